@@ -1,0 +1,53 @@
+# Two commands: `make demo` and `make test`. Both set up all they need in .venv first.
+PYTHON ?= python3
+VENV   ?= .venv
+BIN    := $(VENV)/bin
+# Debian packages: to make an environment, and what the tests compile with.
+SETUP_PACKAGES := python3-venv
+TEST_PACKAGES  := gcc g++ libc6-dev
+
+.PHONY: demo test lint generated bench clean
+.DELETE_ON_ERROR:
+
+demo: $(VENV)/ready
+	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/python examples/moving_pose/demo.py
+
+test: $(VENV)/ready-to-test
+	$(MAKE) --no-print-directory lint
+	$(BIN)/python -m pytest -n auto
+
+lint: $(VENV)/ready-to-test
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+generated: $(VENV)/ready  ## regenerate the committed output
+	$(BIN)/shmgen generate
+
+bench: $(VENV)/ready-to-test
+	$(BIN)/python benchmarks/run.py
+
+clean:
+	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis
+
+$(VENV)/ready: pyproject.toml
+	@$(call debian,$(PYTHON) -c 'import ensurepip',$(SETUP_PACKAGES))
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
+	@touch $@
+
+$(VENV)/ready-to-test: $(VENV)/ready
+	@$(call debian,command -v gcc && command -v g++,$(TEST_PACKAGES))
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test]'
+	@touch $@
+
+# $(call debian,CHECK,PACKAGES): installs PACKAGES if CHECK fails and we are root, else names them.
+define debian
+if ! ( $(1) ) >/dev/null 2>&1; then \
+    if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+        apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq $(2); \
+    else \
+        echo "needed here: $(2)   (sudo apt-get install $(2))" >&2; exit 1; \
+    fi; \
+fi
+endef

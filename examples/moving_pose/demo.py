@@ -1,0 +1,48 @@
+"""Generates geometry_msgs/Pose, then lets two processes exchange a moving pose through one shared region."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+HERE = Path(__file__).parent
+TOPIC = "/shmgen_demo/pose"
+
+
+def main() -> int:
+    """Exit status of the reader: 0 when every pose it was promised has crossed."""
+    shmgen = shutil.which("shmgen")
+    if shmgen is None:
+        sys.exit("shmgen is not installed here: `make demo` does that, or `pip install shmgen`")
+    with tempfile.TemporaryDirectory() as folder:
+        step(f"shmgen generate geometry_msgs/Pose sensor_msgs/Imu  (into {folder})")
+        generate = [shmgen, "generate", "geometry_msgs/Pose", "sensor_msgs/Imu", "--quiet", "--output", folder]
+        subprocess.run(generate, check=True)
+        for file in sorted(path.relative_to(folder) for path in Path(folder).rglob("*pose*") if path.is_file()):
+            print(f"   {file}")
+        for file in sorted(path.relative_to(folder) for path in Path(folder).rglob("*_Pose*") if path.is_file()):
+            print(f"   {file}")
+
+        step("shmgen show geometry_msgs/Pose")
+        subprocess.run([shmgen, "show", "geometry_msgs/Pose"], check=True)
+
+        step(f"two processes, one region: {TOPIC}")
+        python = [sys.executable]
+        environment = {"PYTHONPATH": f"{folder}/python", "PYTHONUNBUFFERED": "1"}
+        reader = subprocess.Popen([*python, str(HERE / "reader.py"), TOPIC], env=environment)
+        writer = subprocess.Popen([*python, str(HERE / "robot.py"), TOPIC], env=environment)
+        status = reader.wait(timeout=60)
+        writer.terminate()
+        writer.wait(timeout=10)
+    return status
+
+
+def step(text: str) -> None:
+    print(f"\n$ {text}" if text.startswith("shmgen") else f"\n-- {text}", flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

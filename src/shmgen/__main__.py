@@ -1,0 +1,5 @@
+"""`python -m shmgen`."""
+
+from shmgen.cli import main
+
+main()

@@ -1,0 +1,155 @@
+"""Turns a Schema into one where every string and sequence has a bound, by the user's words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+
+from shmgen.diagnostics import Report, Span
+from shmgen.model import Array, Element, Field, Message, Ref, Schema, Sequence, String, TypeName
+
+DEFAULT_STRING = 80
+"""CODESYS's own default, STRING = STRING(80)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bound:
+    """One line of `[bounds]` or `[strings]`: the number, and where it was written."""
+
+    value: int
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """`[strings]` and `[bounds]` of shmgen.toml.
+
+    Keys are `package/Message.field`, `package/Message` or `package`; the most specific wins, and a bound in
+    the definition wins over all of them.
+    """
+
+    strings: Mapping[str, Bound]
+    sequences: Mapping[str, Bound]
+    default_string: int = DEFAULT_STRING
+
+
+def apply(schema: Schema, bounds: Bounds, report: Report) -> Schema:
+    """The same messages, all bounded. Raises Rejected: SHM101 unbounded, SHM103 bound twice, SHM502 no such field."""
+    _check_keys(schema, bounds, report)
+    messages = tuple(
+        replace(message, fields=tuple(_bounded(field, message.name, bounds) for field in message.fields))
+        for message in schema.messages
+    )
+    paths = _paths(schema)
+    for message in messages:
+        for field in message.fields:
+            if isinstance(field.type, Sequence) and field.type.capacity is None:
+                key = f"{message.name.short}.{field.name}"
+                report.error(
+                    "SHM101",
+                    "unbounded sequence has no fixed size",
+                    field.span,
+                    field=f"{paths[message.name]}.{field.name}",
+                    hint=f"write `{field.written[:-2]}[<=N] {field.name}`, "
+                    f'or set "{key}" = N under [bounds] in shmgen.toml',
+                )
+    report.stop_if_any()
+    return replace(schema, messages=messages)
+
+
+def unbounded(schema: Schema, bounds: Bounds) -> dict[TypeName, tuple[str, ...]]:
+    """For each message the keys that [bounds] still lacks for it and for what it holds, each once."""
+    missing: dict[TypeName, tuple[str, ...]] = {}
+    for message in schema.messages:  # dependencies first
+        keys: dict[str, None] = {}
+        for field in message.fields:
+            bounded = _bounded(field, message.name, bounds).type
+            if isinstance(bounded, Sequence) and bounded.capacity is None:
+                keys[f"{message.name.short}.{field.name}"] = None
+            nested = _element(bounded)
+            if isinstance(nested, Ref):
+                keys |= dict.fromkeys(missing[nested.name])
+        missing[message.name] = tuple(keys)
+    return missing
+
+
+def _bounded(field: Field, message: TypeName, bounds: Bounds) -> Field:
+    def element(type_: Element) -> Element:
+        if isinstance(type_, String) and type_.capacity is None:
+            configured = _most_specific(bounds.strings, message, field.name)
+            return replace(type_, capacity=configured.value if configured else bounds.default_string)
+        return type_
+
+    match field.type:
+        case Array(inner, length):
+            return replace(field, type=Array(element(inner), length))
+        case Sequence(inner, None):
+            configured = _most_specific(bounds.sequences, message, field.name)
+            return replace(field, type=Sequence(element(inner), configured.value if configured else None))
+        case Sequence(inner, capacity):
+            return replace(field, type=Sequence(element(inner), capacity))
+        case inner:
+            return replace(field, type=element(inner))
+
+
+def _most_specific(table: Mapping[str, Bound], message: TypeName, field: str) -> Bound | None:
+    for key in (f"{message.short}.{field}", message.short, message.package):
+        if key in table:
+            return table[key]
+    return None
+
+
+def _check_keys(schema: Schema, bounds: Bounds, report: Report) -> None:
+    """A key that names a field of a message at hand must find it, and find it without a bound of its own."""
+    by_name = {message.name.short: message for message in schema.messages}
+    for section, table in (("bounds", bounds.sequences), ("strings", bounds.strings)):
+        for key, bound in table.items():
+            owner, dot, name = key.partition(".")
+            if dot and owner in by_name:
+                _check_field_key(by_name[owner], name, section, bound, report)
+
+
+def _check_field_key(message: Message, name: str, section: str, bound: Bound, report: Report) -> None:
+    field = next((field for field in message.fields if field.name == name), None)
+    if field is None:
+        close = get_close_matches(name, [field.name for field in message.fields], n=1)
+        report.error(
+            "SHM502",
+            f"{message.name.short} has no field {name}",
+            bound.span,
+            hint=f"did you mean {close[0]}?" if close else f"`shmgen show {message.name.short}` lists its fields",
+        )
+    elif section == "bounds" and not isinstance(field.type, Sequence):
+        report.error("SHM502", f"{message.name.short}.{name} is no sequence, but {field.written}", bound.span)
+    elif section == "strings" and not isinstance(_element(field.type), String):
+        report.error("SHM502", f"{message.name.short}.{name} is no string, but {field.written}", bound.span)
+    else:
+        bounded = field.type if section == "bounds" else _element(field.type)
+        assert isinstance(bounded, Sequence | String)
+        if bounded.capacity is not None and bounded.capacity != bound.value:
+            report.error(
+                "SHM103",
+                f"{message.name.short}.{name} is bounded to {bounded.capacity} by its definition ({field.written})",
+                bound.span,
+                hint="remove this line, or change the definition",
+            )
+
+
+def _element(type_: object) -> object:
+    return type_.element if isinstance(type_, Array | Sequence) else type_
+
+
+def _paths(schema: Schema) -> dict[TypeName, str]:
+    """How each message is reached from one the user named: `demo_msgs/Robot.arm.joints[]`."""
+    by_name = {message.name: message for message in schema.messages}
+    paths = {name: name.short for name in sorted(schema.requested)}
+    queue = list(paths)
+    for name in queue:  # grows while it is walked: breadth first, so the shortest path wins
+        for field in by_name[name].fields:
+            nested = _element(field.type)
+            if isinstance(nested, Ref) and nested.name not in paths:
+                many = "[]" if isinstance(field.type, Array | Sequence) else ""
+                paths[nested.name] = f"{paths[name]}.{field.name}{many}"
+                queue.append(nested.name)
+    return {name: paths.get(name, name.short) for name in by_name}

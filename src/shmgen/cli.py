@@ -1,0 +1,190 @@
+"""Turns a command line into calls of the pipeline, and its answers into text, files and exit codes."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from shmgen import __version__, drift, pipeline
+from shmgen import config as configuration
+from shmgen.config import TARGETS, Config
+from shmgen.diagnostics import CODES, Diagnostic, Rejected, Report, Span
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def main() -> None:
+    """The `shmgen` command. Exit 0 clean, 1 diagnostics, 2 wrong usage."""
+    try:
+        cli(standalone_mode=True)
+    except Rejected as rejected:
+        _complain(rejected.diagnostics)
+        sys.exit(1)
+    except Exception as error:
+        if os.environ.get("SHMGEN_DEBUG"):
+            raise
+        hint = "this is a fault of shmgen, not of your input: run again with SHMGEN_DEBUG=1 and report what it prints"
+        _complain([Diagnostic("SHM901", f"{type(error).__name__}: {error}", Span("shmgen"), hint=hint)])
+        sys.exit(1)
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(__version__, "-V", "--version")
+def cli() -> None:
+    """Shared-memory bridge code between a CODESYS softPLC and ROS, from ROS message definitions.
+
+    \b
+    shmgen list                          what there is
+    shmgen show geometry_msgs/Pose       where its bytes go
+    shmgen generate geometry_msgs/Pose   Python, Structured Text and C that agree on them
+    """  # noqa: D301 click's own sign
+
+
+def _where(command: F) -> F:
+    """The options that say where things are."""
+    for option in (
+        click.option(
+            "-c",
+            "--config",
+            "config_file",
+            type=click.Path(path_type=Path),
+            help="Configuration file.  [default: shmgen.toml or pyproject.toml in this folder, if there]",
+        ),
+        click.option(
+            "-I",
+            "--include",
+            type=click.Path(path_type=Path),
+            multiple=True,
+            help="Folder to look for message packages in, before all others; may be repeated.",
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+@cli.command()
+@click.argument("messages", nargs=-1, metavar="[TYPE|PACKAGE|FILE]...")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("generated"),
+    show_default=True,
+    help="Folder for the files.",
+)
+@click.option("-t", "--target", multiple=True, type=click.Choice(TARGETS), help="Only this target; may be repeated.")
+@click.option("-q", "--quiet", is_flag=True, help="Print nothing but diagnostics.")
+@_where
+def generate(
+    messages: tuple[str, ...],
+    output: Path,
+    target: tuple[str, ...],
+    quiet: bool,
+    config_file: Path | None,
+    include: tuple[Path, ...],
+) -> None:
+    """Write the bindings of messages: geometry_msgs/Pose, geometry_msgs (all of it), path/to/Foo.msg.
+
+    With names, they join what the output folder already holds; without, the folder becomes what shmgen.toml
+    lists. Files are replaced whole, only where they differ; after an error none is touched.
+    """
+    from shmgen.write import write
+
+    config = _config(config_file, include)
+    if target:
+        config = replace(config, targets=target)
+    lock = _lock(output)
+    requests = [*messages, *lock.requested] if messages else [*config.messages, *(t.type for t in config.topics)]
+    if not requests:
+        hint = 'name one, `shmgen generate geometry_msgs/Pose`, or list them in shmgen.toml: messages = ["..."]'
+        raise Rejected([Diagnostic("SHM504", "no messages to generate", Span("command line"), hint=hint)])
+    texts = pipeline.generate(config, dict.fromkeys(requests))
+    leftovers = sorted(set(lock.files or ()) - set(texts))
+    written = write(output, texts, leftovers, last=drift.LOCK)
+    if not quiet:
+        removed = f", {len(written.removed)} removed" if written.removed else ""
+        click.echo(f"{output}: {len(written.changed)} files written, {len(written.unchanged)} unchanged{removed}")
+        for path in written.changed:
+            click.echo(f"  {output / path}")
+
+
+@cli.command()
+@click.argument("type_name", metavar="TYPE")
+@click.option("--json", "as_json", is_flag=True, help="For machines.")
+@click.option("--svg", "as_svg", is_flag=True, help="A drawing of the memory map.")
+@_where
+def show(type_name: str, as_json: bool, as_svg: bool, config_file: Path | None, include: tuple[Path, ...]) -> None:
+    """Where the bytes of a message go: offset, size, ROS type, IEC type, comment."""
+    from shmgen import show
+
+    layouts = pipeline.lay_out(_config(config_file, include), [type_name])
+    for layout in [layout for layout in layouts.values() if layout.requested]:
+        if as_svg:
+            from shmgen import memory_map
+            from shmgen.render import render
+
+            click.echo("".join(render([memory_map.plan(layout, layouts)]).values()), nl=False)
+        else:
+            click.echo((show.as_json if as_json else show.table)(layout, layouts), nl=False)
+
+
+@cli.command()
+@_where
+def types(config_file: Path | None, include: tuple[Path, ...]) -> None:
+    """The table of types in force, between ROS, IEC 61131-3 and C."""
+    from shmgen import show
+
+    click.echo(show.type_table(_config(config_file, include).types), nl=False)
+
+
+@cli.command("list")
+@click.argument("package", required=False)
+@click.option("--json", "as_json", is_flag=True, help="For machines.")
+@_where
+def list_(package: str | None, as_json: bool, config_file: Path | None, include: tuple[Path, ...]) -> None:
+    """What can be generated, with its size, and the fields that still need a bound."""
+    from shmgen import show
+
+    click.echo(show.inventory(pipeline.inventory(_config(config_file, include), package), as_json), nl=False)
+
+
+@cli.command()
+@click.argument("code", type=click.Choice(list(CODES), case_sensitive=False))
+def explain(code: str) -> None:
+    """What a diagnostic means and how to mend it."""
+    installed = Path(__file__).parent / "diagnostics.md"
+    text = (installed if installed.is_file() else Path(__file__).parents[2] / "docs" / "diagnostics.md").read_text()
+    section = text.partition(f"## {code}")[2].partition("\n## ")[0]
+    click.echo(f"{code}{section.rstrip()}")
+
+
+def _config(file: Path | None, include: Iterable[Path]) -> Config:
+    found = file or configuration.find(Path.cwd())
+    config = configuration.load(found, str(found if file else found.name), Report()) if found else Config(Path.cwd())
+    return replace(config, path=(*(folder.absolute() for folder in include), *config.path))
+
+
+def _lock(output: Path) -> drift.Lock:
+    """What a former run left in the folder, nothing where there was none. Raises Rejected: SHM401."""
+    file = output / drift.LOCK
+    if not file.is_file():
+        return drift.Lock()
+    report = Report()
+    lock = drift.read(file.read_text(encoding="utf-8", errors="replace"), str(file), report)
+    report.stop_if_any()
+    return lock
+
+
+def _complain(diagnostics: Iterable[Diagnostic]) -> None:
+    for diagnostic in diagnostics:
+        first, _, rest = str(diagnostic).partition("\n")
+        where, mark, message = first.partition(": error[")
+        click.echo(click.style(where, bold=True) + click.style(mark + message, fg="red"), err=True)
+        if rest:
+            click.echo(rest, err=True)

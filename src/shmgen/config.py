@@ -1,0 +1,257 @@
+"""Turns shmgen.toml (or `[tool.shmgen]` in pyproject.toml) into a Config, with the line of whatever is wrong."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+from shmgen.bounds import DEFAULT_STRING, Bound, Bounds
+from shmgen.diagnostics import Report, Span
+from shmgen.model import TypeOptions
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+FILE_NAME = "shmgen.toml"
+TARGETS = ("python", "st", "c")
+SOURCES = ("jazzy", "humble", "noetic", "kilted", "iron", "galactic", "foxy")
+MAX_REGION = 16 * 2**20
+"""Bytes; more than any sane topic, less than what a forgotten bound makes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """One `[[topics]]` entry: `depth` is how many samples a slow reader can still fetch."""
+
+    topic: str
+    type: str
+    direction: str
+    depth: int
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
+class Config:
+    """The user's words; `root` is the folder that relative paths start from."""
+
+    root: Path
+    messages: tuple[str, ...] = ()
+    source: str = "jazzy"
+    path: tuple[Path, ...] = ()
+    targets: tuple[str, ...] = TARGETS
+    package: str = "shm_msgs"
+    max_region: int = MAX_REGION
+    types: TypeOptions = field(default_factory=TypeOptions)
+    bounds: Bounds = field(default_factory=lambda: Bounds({}, {}))
+    topics: tuple[Topic, ...] = ()
+
+
+def find(start: Path) -> Path | None:
+    """The configuration file in force in folder `start`, if there is one."""
+    if (start / FILE_NAME).is_file():
+        return start / FILE_NAME
+    project = start / "pyproject.toml"
+    if project.is_file() and b"[tool.shmgen" in project.read_bytes():
+        return project
+    return None
+
+
+def load(path: Path, shown: str, report: Report) -> Config:
+    """Reads `path`, called `shown` in diagnostics. Raises Rejected: SHM001, 002, 501, 502, 503."""
+    text = _read(path, shown, report)
+    try:
+        document = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        report.error("SHM503", _without_position(error), _toml_error_span(shown, text, error))
+        report.stop_if_any()
+    prefix = "tool.shmgen" if path.name == "pyproject.toml" else ""
+    data = document.get("tool", {}).get("shmgen", {}) if prefix else document
+    config = _Reader(_positions(text, prefix, shown), Span(shown), report).config(data, path.parent)
+    report.stop_if_any()
+    return config
+
+
+@dataclass(frozen=True, slots=True)
+class _Reader:
+    """Takes the parsed document apart; every complaint carries the line it is about."""
+
+    positions: Mapping[tuple[str, str], Span]
+    file: Span
+    report: Report
+
+    def config(self, data: dict[str, Any], root: Path) -> Config:
+        known = ("messages", "source", "path", "targets", "package", "max_region")
+        self.keys("", data, (*known, "types", "strings", "bounds", "topics"))
+        types, strings, bounds = (self.table(data, name) for name in ("types", "strings", "bounds"))
+        self.keys("types", types, ("bool", "time"))
+        return Config(
+            root=root,
+            messages=self.texts("messages", data, ()),
+            source=self.choice("", "source", data, SOURCES, "jazzy"),
+            path=tuple(root / folder for folder in self.texts("path", data, ())),
+            targets=self.texts("targets", data, TARGETS, TARGETS),
+            package=self.package(data),
+            max_region=self.number("", "max_region", data, MAX_REGION),
+            types=TypeOptions(
+                bool=self.choice("types", "bool", types, ("USINT", "BOOL"), "USINT"),  # type: ignore[arg-type]
+                time=self.choice("types", "time", types, ("TIME", "LTIME", "struct"), "TIME"),  # type: ignore[arg-type]
+                encoding=self.choice("strings", "encoding", strings, ("utf-8", "latin-1"), "utf-8"),  # type: ignore[arg-type]
+                overflow=self.choice("strings", "overflow", strings, ("error", "truncate"), "error"),  # type: ignore[arg-type]
+            ),
+            bounds=Bounds(
+                strings=self.bound_table("strings", strings, ("default", "encoding", "overflow")),
+                sequences=self.bound_table("bounds", bounds, ()),
+                default_string=self.number("strings", "default", strings, DEFAULT_STRING),
+            ),
+            topics=self.topics(data),
+        )
+
+    def topics(self, data: dict[str, Any]) -> tuple[Topic, ...]:
+        entries = data.get("topics", [])
+        if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+            self.wrong("", "topics", "topics is a list of tables: write [[topics]]")
+            return ()
+        topics: list[Topic] = []
+        for index, entry in enumerate(entries):
+            section = f"topics.{index}"
+            self.keys(section, entry, ("topic", "type", "direction", "depth"))
+            for key in ("topic", "type"):
+                if not isinstance(entry.get(key), str):
+                    self.report.error("SHM502", f'a [[topics]] entry needs {key} = "..."', self.span(section, ""))
+            direction = self.choice(section, "direction", entry, ("to_plc", "from_plc"), "to_plc")
+            depth = self.number(section, "depth", entry, 1)
+            span = self.span(section, "topic")
+            topics.append(Topic(str(entry.get("topic")), str(entry.get("type")), direction, depth, span))
+            if any(topic.topic == entry.get("topic") for topic in topics[:-1]):
+                self.report.error("SHM502", f"topic {entry.get('topic')} is listed twice", span)
+        return tuple(topics)
+
+    def bound_table(self, section: str, data: dict[str, Any], options: tuple[str, ...]) -> dict[str, Bound]:
+        table: dict[str, Bound] = {}
+        for key in data:
+            if key in options:
+                continue
+            if not _BOUND_KEY.fullmatch(key):
+                self.report.error(
+                    "SHM501",
+                    f"unknown key {key} in [{section}]",
+                    self.span(section, key),
+                    hint='a key here is "package/Message.field", "package/Message" or "package"'
+                    + (f", or one of {', '.join(options)}" if options else ""),
+                )
+            else:
+                table[key] = Bound(self.number(section, key, data, 1), self.span(section, key))
+        return table
+
+    def package(self, data: dict[str, Any]) -> str:
+        name = data.get("package", "shm_msgs")
+        if not (isinstance(name, str) and name.isascii() and name.isidentifier()):
+            self.wrong("", "package", 'package is the name of a Python package, such as "shm_msgs"')
+            return "shm_msgs"
+        return name
+
+    def keys(self, section: str, data: dict[str, Any], allowed: tuple[str, ...]) -> None:
+        place = f" in [{section.partition('.')[0]}]" if section else ""
+        for key in data:
+            if key not in allowed:
+                close = get_close_matches(key, allowed, n=1)
+                hint = f"did you mean {close[0]}?" if close else f"known keys{place}: {', '.join(allowed)}"
+                self.report.error("SHM501", f"unknown key {key}{place}", self.span(section, key), hint=hint)
+
+    def table(self, data: dict[str, Any], key: str) -> dict[str, Any]:
+        value = data.get(key, {})
+        if not isinstance(value, dict):
+            self.wrong("", key, f"{key} is a table: write [{key}]")
+            return {}
+        return value
+
+    def texts(
+        self, key: str, data: dict[str, Any], default: tuple[str, ...], choices: tuple[str, ...] = ()
+    ) -> tuple[str, ...]:
+        value = data.get(key, list(default))
+        if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
+            self.wrong("", key, f'{key} is a list of strings, such as ["{choices[0] if choices else "..."}"]')
+            return default
+        for item in value:
+            if choices and item not in choices:
+                self.wrong("", key, f'"{item}" is not one of {", ".join(choices)}')
+        return tuple(value)
+
+    def choice(self, section: str, key: str, data: dict[str, Any], choices: tuple[str, ...], default: str) -> str:
+        value = data.get(key, default)
+        if value not in choices:
+            self.wrong(section, key, f"{key} is one of {', '.join(choices)}, not {value!r}")
+            return default
+        return str(value)
+
+    def number(self, section: str, key: str, data: dict[str, Any], default: int) -> int:
+        value = data.get(key, default)
+        if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value < 2**31:
+            self.wrong(section, key, f"{key} is a whole number from 1 to {2**31 - 1}, not {value!r}")
+            return default
+        return value
+
+    def wrong(self, section: str, key: str, message: str) -> None:
+        self.report.error("SHM502", message, self.span(section, key))
+
+    def span(self, section: str, key: str) -> Span:
+        return self.positions.get((section, key)) or self.positions.get((section, ""), self.file)
+
+
+_BOUND_KEY = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*(\.[A-Za-z]\w*)?)?")
+_HEADER = re.compile(r"\s*(\[\[?)\s*([^\]#]+?)\s*\]")
+_KEY = re.compile(r"""\s*("[^"]*"|'[^']*'|[A-Za-z0-9_-]+)\s*[=.]""")
+
+
+def _positions(text: str, prefix: str, shown: str) -> dict[tuple[str, str], Span]:
+    """Where each (section, key) stands; TOML libraries tell no positions. Entry n of [[topics]] is `topics.n`."""
+    positions: dict[tuple[str, str], Span] = {}
+    section, entries = "", 0
+    for number, line in enumerate(text.splitlines(), start=1):
+        if header := _HEADER.match(line):
+            section = re.sub(r"\s*\.\s*", ".", header[2])
+            section = section.removeprefix(prefix).lstrip(".") if section.startswith(prefix) else f"other {section}"
+            if header[1] == "[[":
+                section, entries = f"{section}.{entries}", entries + 1
+            positions.setdefault((section, ""), _span(shown, number, line, header.start(2), header.end(2)))
+        elif key := _KEY.match(line):
+            positions.setdefault((section, key[1].strip("\"'")), _span(shown, number, line, key.start(1), key.end(1)))
+    return positions
+
+
+def _span(shown: str, number: int, line: str, start: int, end: int) -> Span:
+    return Span(shown, number, start + 1, end - start, line)
+
+
+def _read(path: Path, shown: str, report: Report) -> str:
+    try:
+        return path.read_bytes().decode("utf-8")
+    except OSError as error:
+        report.error("SHM001", f"cannot read: {error.strerror}", Span(shown))
+    except UnicodeDecodeError as error:
+        line = error.object.count(b"\n", 0, error.start) + 1
+        column = error.start - error.object.rfind(b"\n", 0, error.start)
+        report.error("SHM002", "not UTF-8", Span(shown, line, column), hint="save the file as UTF-8")
+    report.stop_if_any()
+    raise AssertionError
+
+
+_AT = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
+
+
+def _without_position(error: Exception) -> str:
+    return _AT.sub("", str(error)).lower()
+
+
+def _toml_error_span(shown: str, text: str, error: Exception) -> Span:
+    lines = text.splitlines() or [""]
+    found = _AT.search(str(error))
+    line, column = (int(found[1]), int(found[2])) if found and found[1] else (len(lines), len(lines[-1]) + 1)
+    return Span(shown, line, column, 1, lines[line - 1] if line <= len(lines) else "")

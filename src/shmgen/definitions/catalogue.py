@@ -1,0 +1,46 @@
+"""What folders and the built-in store have in common: packages of definitions, found but not read yet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeAlias
+
+from shmgen.definitions.parser import SECTIONS
+from shmgen.model import TypeName
+
+
+@dataclass(frozen=True, slots=True)
+class Definition:
+    """A file still to be read, or its text. `path` is what diagnostics print, `origin` what generated files print."""
+
+    name: TypeName
+    path: str
+    origin: str
+    content: Path | str
+
+    @property
+    def messages(self) -> tuple[TypeName, ...]:
+        """Those it will turn out to hold."""
+        package, kind, name = self.name.package, self.name.kind, self.name.name
+        return tuple(TypeName(package, kind, name + ending) for ending in SECTIONS[kind])
+
+
+@dataclass(frozen=True, slots=True)
+class Package:
+    """`place` is for people; `definitions` maps the name of each message to the definition that holds it."""
+
+    name: str
+    place: str
+    definitions: Mapping[TypeName, Definition] = field(hash=False)
+
+
+Catalogue: TypeAlias = Mapping[str, tuple[Package, ...]]
+"""Name -> packages of that name; more than one is a mistake, if it is used."""
+
+
+def package_of(name: str, place: str, definitions: list[Definition]) -> Package:
+    """A package that knows its messages, sorted."""
+    held = {message: definition for definition in definitions for message in definition.messages}
+    return Package(name, place, dict(sorted(held.items())))

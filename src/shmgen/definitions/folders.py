@@ -1,0 +1,152 @@
+"""Turns folders of packages into a Catalogue.
+
+A package is a folder with a package.xml, or with definitions in msg/, srv/ or action/. Folders above packages are
+searched to any depth, in order of name; COLCON_IGNORE, AMENT_IGNORE or CATKIN_IGNORE takes a folder out.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+from shmgen.definitions.catalogue import Catalogue, Definition, Package, package_of
+from shmgen.definitions.parser import SECTIONS
+from shmgen.diagnostics import Report, Span
+from shmgen.model import TypeName
+
+LARGEST_FILE = 2**19
+"""Bytes. The largest definition known to us, px4_msgs/VehicleCommand, has 24 KiB."""
+
+
+def catalogue(folder: Path, relative_to: Path, report: Report) -> Catalogue:
+    """Every package in and below `folder`. SHM001 where there is no such folder."""
+    if not folder.is_dir():
+        report.error("SHM001", "no such folder", Span(_shorten(folder, relative_to)), hint="correct `path`, or -I")
+        return {}
+    found: dict[str, tuple[Package, ...]] = {}
+    for package in _packages(folder, relative_to):
+        found[package.name] = (*found.get(package.name, ()), package)
+    return found
+
+
+def package_around(file: Path, relative_to: Path) -> Package | None:
+    """The package that a definition given by its path belongs to; that file alone, if it lies in no package."""
+    folder = Path(os.path.abspath(file)).parent
+    kind = file.suffix.removeprefix(".")
+    root = folder.parent if folder.name in SECTIONS else folder
+    name = _name(root)
+    if name is None:
+        return None
+    package = _package(root, name, relative_to)
+    given = _definition(file, TypeName(name, kind, file.stem), relative_to)
+    siblings = {} if folder.name in SECTIONS else _loose(folder, name, relative_to)
+    held = {**siblings, **package.definitions, **dict.fromkeys(given.messages, given)}
+    return Package(name, package.place, held)
+
+
+def read(definition: Definition, report: Report) -> str | None:
+    """The text, without a byte order mark; None with SHM001 or SHM002 in the report."""
+    if isinstance(definition.content, str):
+        return definition.content
+    nowhere = Span(definition.path)
+    try:
+        if not definition.content.is_file():
+            report.error("SHM001", "no such file", nowhere)
+            return None
+        with definition.content.open("rb") as file:
+            data = file.read(LARGEST_FILE + 1)
+    except OSError as error:
+        report.error("SHM001", f"cannot read: {error.strerror}", nowhere)
+        return None
+    if len(data) > LARGEST_FILE:
+        report.error("SHM001", f"larger than {LARGEST_FILE // 1024} KiB, so hardly a definition", nowhere)
+        return None
+    try:
+        return data.decode().removeprefix("\N{ZERO WIDTH NO-BREAK SPACE}")
+    except UnicodeDecodeError as error:
+        before = data[: error.start].decode()
+        line = before.count("\n") + 1
+        column = len(before) - before.rfind("\n")
+        culprit = f"byte 0x{data[error.start]:02X} is not UTF-8"
+        report.error("SHM002", culprit, Span(definition.path, line, column, 1), hint="save the file as UTF-8")
+        return None
+
+
+_IGNORED = ("COLCON_IGNORE", "AMENT_IGNORE", "CATKIN_IGNORE")
+_PACKAGE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+_NAME_IN_XML = re.compile(rb"<name\s*>\s*([A-Za-z0-9_-]+)\s*</name\s*>")
+_COMMENT_IN_XML = re.compile(rb"<!--.*?-->", re.DOTALL)
+
+
+def _packages(folder: Path, relative_to: Path) -> list[Package]:
+    """Depth first, without recursion; a folder reached twice over links counts once."""
+    found: list[Package] = []
+    seen: set[tuple[int, int]] = set()
+    waiting = [folder]
+    while waiting:
+        here = waiting.pop()
+        try:
+            status = here.stat()
+            entries = sorted(here.iterdir())
+        except OSError:
+            continue
+        names = {entry.name for entry in entries}
+        if (status.st_dev, status.st_ino) in seen or not names.isdisjoint(_IGNORED):
+            continue
+        seen.add((status.st_dev, status.st_ino))
+        if "package.xml" in names or any(_files(here / kind, kind) for kind in SECTIONS if kind in names):
+            name = _name(here)
+            if name is not None:
+                found.append(_package(here, name, relative_to))
+            continue
+        waiting += [entry for entry in reversed(entries) if not entry.name.startswith(".") and entry.is_dir()]
+    return found
+
+
+def _package(root: Path, name: str, relative_to: Path) -> Package:
+    definitions = [
+        _definition(file, TypeName(name, kind, file.stem), relative_to)
+        for kind in SECTIONS
+        for file in _files(root / kind, kind)
+    ]
+    return package_of(name, _shorten(root, relative_to), definitions)
+
+
+def _loose(folder: Path, name: str, relative_to: Path) -> dict[TypeName, Definition]:
+    """The .msg files next to each other in a folder that is no msg/."""
+    definitions = [_definition(file, TypeName(name, "msg", file.stem), relative_to) for file in _files(folder, "msg")]
+    return {message: definition for definition in definitions for message in definition.messages}
+
+
+def _files(folder: Path, kind: str) -> list[Path]:
+    try:
+        return sorted(file for file in folder.iterdir() if file.suffix == f".{kind}")
+    except OSError:
+        return []
+
+
+def _definition(file: Path, name: TypeName, relative_to: Path) -> Definition:
+    shortened = _shorten(file, relative_to)
+    # Generated files print the origin, so it must be the same on every machine.
+    origin = shortened if not os.path.isabs(shortened) else f"{name.package}/{name.kind}/{file.name}"
+    return Definition(name, shortened, origin, file)
+
+
+def _shorten(path: Path, relative_to: Path) -> str:
+    """Relative where that needs no `..`, else as it was given but absolute."""
+    absolute, start = os.path.abspath(path), os.path.abspath(relative_to)
+    return os.path.relpath(absolute, start) if Path(absolute).is_relative_to(start) else absolute
+
+
+def _name(root: Path) -> str | None:
+    """As package.xml says, else the folder's own; None where that cannot be a package's name."""
+    name = root.name or Path(os.path.abspath(root)).name
+    try:
+        with (root / "package.xml").open("rb") as file:
+            manifest = _COMMENT_IN_XML.sub(b"", file.read(LARGEST_FILE))
+        said = _NAME_IN_XML.search(manifest)
+        name = said[1].decode() if said else name
+    except OSError:
+        pass
+    return name if _PACKAGE_NAME.fullmatch(name) else None

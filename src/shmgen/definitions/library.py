@@ -1,0 +1,103 @@
+"""Turns names into messages: looks in the folders first, then in the built-in store, and reads each file once."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from shmgen.definitions import store
+from shmgen.definitions.catalogue import Catalogue, Definition, Package
+from shmgen.definitions.folders import catalogue, read
+from shmgen.definitions.parser import Source, parse
+from shmgen.diagnostics import Report, Span
+from shmgen.model import Message, TypeName
+
+
+@dataclass(frozen=True, slots=True)
+class Sources:
+    """Where to look, in this order: the folders of `path`, then the built-in store called `source`.
+
+    `relative_to` is the folder that origins and spans are printed relative to.
+    """
+
+    path: tuple[Path, ...] = ()
+    source: str = "jazzy"
+    relative_to: Path = Path()
+
+
+@dataclass(slots=True)
+class Library:
+    """A package is taken whole from the first place that has it, as ROS overlays do."""
+
+    sources: Sources
+    report: Report
+    folders: Sequence[Catalogue]
+    given: dict[str, Package] = field(default_factory=dict)
+    built_in: Catalogue | None = None
+    _read: dict[Definition, dict[TypeName, Message]] = field(default_factory=dict)
+
+    def package(self, name: str) -> Package | None:
+        """Reports SHM505 where one place has two of that name."""
+        if name in self.given:
+            return self.given[name]
+        packages = next((found[name] for found in self.folders if name in found), None)
+        packages = packages or self._store().get(name)
+        if packages is None:
+            return None
+        if len(packages) > 1:
+            places = " and ".join(package.place for package in packages)
+            hint = "put a COLCON_IGNORE into the one that is not meant"
+            self.report.error("SHM505", f"package {name} is in {places}", Span(packages[0].place), hint=hint)
+        return packages[0]
+
+    def add(self, package: Package) -> None:
+        """One that a file given by its path belongs to; it goes before all others. SHM505 as above."""
+        before = self.given.get(package.name, package)
+        if before.place != package.place:
+            places = f"{before.place} and {package.place}"
+            hint = "ask for them in two runs, or name the folders apart"
+            self.report.error("SHM505", f"package {package.name} is in {places}", Span(package.place), hint=hint)
+        merged = {**before.definitions, **package.definitions}
+        self.given[package.name] = Package(package.name, package.place, merged)
+
+    def message(self, name: TypeName) -> Message | None:
+        """One of the definitions of its package; None if its file cannot be used, which the report then says."""
+        package = self.package(name.package)
+        assert package is not None
+        definition = package.definitions[name]
+        if definition not in self._read:
+            text = read(definition, self.report)
+            source = Source(definition.name, text or "", definition.path, definition.origin)
+            parsed = () if text is None else parse(source, store.dialect(self.sources.source), self.report)
+            self._read[definition] = {message.name: message for message in parsed}
+        return self._read[definition].get(name)
+
+    def known(self) -> list[TypeName]:
+        """All that could be asked for, sorted."""
+        packages = dict(self._store())
+        for found in reversed(self.folders):
+            packages |= found
+        packages |= {name: (package,) for name, package in self.given.items()}
+        return sorted({name for found in packages.values() for package in found for name in package.definitions})
+
+    def places(self) -> list[str]:
+        """Where was looked, for people."""
+        return [*map(os.fspath, self.sources.path), f"built-in store {self.sources.source}"]
+
+    def _store(self) -> Catalogue:
+        """Opened only when no folder has the answer."""
+        if self.built_in is None:
+            self.built_in = store.catalogue(self.sources.source)
+        return self.built_in
+
+
+def open_library(sources: Sources, report: Report) -> Library:
+    """Lists the folders, reads nothing. SHM001 for a missing folder, SHM502 for an unknown source; then Rejected."""
+    if sources.source not in store.names():
+        names = ", ".join(store.names())
+        report.error("SHM502", f"no source is called {sources.source!r}", Span("source"), hint=f"choose one of {names}")
+    catalogues = [catalogue(folder, sources.relative_to, report) for folder in sources.path]
+    report.stop_if_any()
+    return Library(sources, report, catalogues)

@@ -1,0 +1,157 @@
+"""Turns what the user asks for into a closed Schema, dependencies first."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterable, Iterator
+from difflib import get_close_matches
+from pathlib import Path
+
+from shmgen.definitions import folders
+from shmgen.definitions.catalogue import Package
+from shmgen.definitions.library import Library, Sources, open_library
+from shmgen.definitions.parser import SECTIONS
+from shmgen.definitions.tokens import shown
+from shmgen.diagnostics import Report, Span
+from shmgen.model import Array, Field, Message, Ref, Schema, Sequence, TypeName
+
+
+def load(requests: Iterable[str], sources: Sources, report: Report) -> Schema:
+    """Reads the messages asked for, and all that they hold.
+
+    A request is `geometry_msgs/Pose`, `geometry_msgs/msg/Pose`, `std_srvs/SetBool` (both halves), `geometry_msgs`
+    (the whole package) or `path/to/Foo.msg`. Raises Rejected with all that is wrong.
+    """
+    library = open_library(sources, report)
+    files: list[str] = []
+    names: list[str] = []
+    for request in requests:
+        (files if Path(request).suffix[1:] in SECTIONS else names).append(request)
+    requested = dict.fromkeys(name for file in files for name in _in_file(Path(file), library))
+    requested |= dict.fromkeys(name for request in names for name in _named(request, library))
+    messages = _closed(requested, library)
+    report.stop_if_any()
+    return Schema(messages, frozenset(requested))
+
+
+def available(sources: Sources) -> list[TypeName]:
+    """All that can be asked for, sorted; nothing is read. Raises Rejected."""
+    return open_library(sources, Report()).known()
+
+
+_REQUEST = re.compile(r"([A-Za-z][A-Za-z0-9_]*)(?:/(?:(msg|srv|action)/)?([A-Za-z][A-Za-z0-9_]*))?")
+_OTHER_LANGUAGES = {
+    "int": "int32",
+    "integer": "int32",
+    "long": "int64",
+    "uint": "uint32",
+    "float": "float32",
+    "double": "float64",
+    "boolean": "bool",
+    "str": "string",
+    "String": "string",
+    "wchar": "uint16",
+}
+_LONGEST_CHAIN_SHOWN = 8
+
+
+def _named(request: str, library: Library) -> list[TypeName]:
+    """The messages a request stands for; none, with a diagnostic, if it stands for nothing."""
+    where = Span(shown(request).strip("`"))
+    parts = _REQUEST.fullmatch(request)
+    if parts is None:
+        hint = "write `package/Name`, `package`, or the path of a .msg, .srv or .action file"
+        library.report.error("SHM004", f"{shown(request)} names no message", where, hint=hint)
+        return []
+    package_name, kind, name = parts.groups()
+    package = library.package(package_name)
+    held = package.definitions if package else {}
+    if name is None:
+        found = list(held)
+    else:
+        found = [held_name for held_name in held if name == held_name.name and kind in (None, held_name.kind)]
+        found = found or [other for other in held if name == held[other].name.name and kind in (None, other.kind)]
+    if not found:
+        wanted = TypeName(package_name, kind or "msg", name or "")
+        hint = _hint(wanted, library, package)
+        what = "message" if name else "package with messages"
+        library.report.error("SHM004", f"no {what} is called {shown(request)}", where, hint=hint)
+    return found
+
+
+def _in_file(file: Path, library: Library) -> list[TypeName]:
+    """Its package goes before all others, so that the file finds those beside it."""
+    package = folders.package_around(file, library.sources.relative_to)
+    if package is None:
+        hint = "rename the folder, or put a package.xml with a <name> into it"
+        library.report.error("SHM202", "the folder's name cannot be a package's", Span(str(file)), hint=hint)
+        return []
+    library.add(package)
+    kind = file.suffix[1:]
+    return [TypeName(package.name, kind, file.stem + ending) for ending in SECTIONS[kind]]
+
+
+def _closed(requested: Iterable[TypeName], library: Library) -> tuple[Message, ...]:
+    """Depth first, with a stack of our own so that no nest is too deep."""
+    done: dict[TypeName, Message] = {}
+    seen: set[TypeName] = set()
+    for root in requested:
+        path: dict[TypeName, tuple[Message, Iterator[tuple[Field, TypeName]]]] = {}
+        entered: TypeName | None = root
+        while entered or path:
+            if entered and entered not in seen:
+                seen.add(entered)
+                if opened := library.message(entered):
+                    path[entered] = opened, _held(opened)
+            entered = None
+            if path:
+                message, held = path[next(reversed(path))]
+                entered = next(
+                    (other for field, other in held if _leads_on(message, field, other, path, library)), None
+                )
+                if entered is None:
+                    del path[message.name]
+                    done[message.name] = message
+    return tuple(done.values())
+
+
+def _held(message: Message) -> Iterator[tuple[Field, TypeName]]:
+    """The messages that its fields hold by value."""
+    for field in message.fields:
+        element = field.type.element if isinstance(field.type, Array | Sequence) else field.type
+        if isinstance(element, Ref):
+            yield field, element.name
+
+
+def _leads_on(message: Message, field: Field, other: TypeName, path: Collection[TypeName], library: Library) -> bool:
+    """Whether `other` can be looked into; if not, the report says why."""
+    where = f"{message.name.short}.{field.name}"
+    if other in path:
+        chain = [name.short for name in path]
+        chain = [*chain[chain.index(other.short) :], other.short]
+        if len(chain) > _LONGEST_CHAIN_SHOWN:
+            chain = [*chain[:4], f"… {len(chain) - 7} more …", *chain[-3:]]
+        hint = "a message cannot hold itself: take one of these fields out"
+        library.report.error("SHM301", f"recursive: {' -> '.join(chain)}", field.span, field=where, hint=hint)
+        return False
+    package = library.package(other.package)
+    if package is None or other not in package.definitions:
+        hint = _hint(other, library, package)
+        library.report.error("SHM004", f"no message is called {shown(other.short)}", field.span, field=where, hint=hint)
+        return False
+    return True
+
+
+def _hint(wanted: TypeName, library: Library, package: Package | None) -> str:
+    """What may have been meant, and where was looked."""
+    known = list(dict.fromkeys(name.short for name in library.known()))
+    if wanted.name in _OTHER_LANGUAGES and package is not None:
+        guesses = [_OTHER_LANGUAGES[wanted.name]]
+    else:
+        guesses = [short for short in known if short.partition("/")[2].lower() == wanted.name.lower()][:3]
+        guesses = guesses or get_close_matches(wanted.short if wanted.name else wanted.package, known, 1, 0.8)
+    lines = [f"did you mean {' or '.join(f'`{guess}`' for guess in guesses)}?"] if guesses else []
+    lines.append(f"looked in {package.place if package else ', '.join(library.places())}")
+    if package is None:
+        lines.append("a folder of other packages is given with -I, or as `path` in shmgen.toml")
+    return "\n".join(lines)

@@ -1,0 +1,136 @@
+"""Turns the message definitions that come with PyPI's rosbags into a Catalogue of .msg texts.
+
+Importing a store of rosbags takes longer than all the rest of a run, so its texts are kept in the user's cache folder.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import zlib
+from collections.abc import Mapping
+from contextlib import suppress
+from importlib import import_module
+from importlib.machinery import PathFinder
+from pathlib import Path
+from typing import Any, cast
+
+from shmgen.definitions.catalogue import Catalogue, Definition, package_of
+from shmgen.definitions.tokens import Dialect
+from shmgen.model import TypeName
+
+ROS1 = frozenset({"noetic"})
+
+
+def names() -> tuple[str, ...]:
+    """`jazzy`, `humble`, `noetic` and whatever else the installed rosbags brings."""
+    stores = (file.stem for folder in _folders() for file in folder.glob("ros[12]_*.py"))
+    return tuple(sorted(store.partition("_")[2] for store in stores))
+
+
+def dialect(source: str) -> Dialect:
+    """How the definitions of a distribution, and those beside it, are written."""
+    return "ros1" if source in ROS1 else "ros2"
+
+
+def catalogue(source: str) -> Catalogue:
+    """All of the store called `source`, one of names()."""
+    packages: dict[str, list[Definition]] = {}
+    for full_name, text in _texts(source).items():
+        name = TypeName(*full_name.split("/"))
+        definition = Definition(name, f"{source}:{full_name}.msg", f"built-in store {source}", text)
+        packages.setdefault(name.package, []).append(definition)
+    place = f"built-in store {source}"
+    return {name: (package_of(name, place, definitions),) for name, definitions in packages.items()}
+
+
+# rosbags.interfaces.Nodetype, by value: importing the enumeration costs as much as reading the cache.
+_BASE, _NAME, _ARRAY, _SEQUENCE = 1, 2, 3, 4
+_FILLER = "structure_needs_at_least_one_member"
+"""How rosidl, and rosbags after it, writes a message without fields."""
+_QUATERNION = "float64 x 0\nfloat64 y 0\nfloat64 z 0\nfloat64 w 1\n"
+"""With the defaults of common_interfaces, which rosbags drops: all zeros is no rotation."""
+
+
+def _texts(source: str) -> dict[str, str]:
+    """Full name -> .msg text, from the cache if it holds exactly what the installed rosbags would give."""
+    cache = _cache_file(source)
+    texts = _cached(cache)
+    if texts is None:
+        module = f"ros{dialect(source)[-1]}_{source}"
+        definitions = import_module(f"rosbags.typesys.stores.{module}").FIELDDEFS
+        texts = {name: _text(name, definitions[name], source) for name in sorted(definitions)}
+        _keep(cache, texts)
+    return texts
+
+
+def _text(name: str, definition: Any, source: str) -> str:
+    if name == "geometry_msgs/msg/Quaternion" and dialect(source) == "ros2":
+        return _QUATERNION
+    constants, fields = definition
+    lines = [f"{type} {constant}={_literal(type, value, source)}\n" for constant, type, value in constants]
+    lines += [f"{_spelled(type, source)} {field}\n" for field, type in fields if field != _FILLER]
+    return "".join(lines)
+
+
+def _literal(type: str, value: object, source: str) -> str:
+    if type not in ("string", "wstring") or dialect(source) == "ros1":
+        return str(value)
+    return '"' + str(value).replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+def _spelled(type: tuple[int, Any], source: str) -> str:
+    node, content = type
+    if node == _BASE:
+        base, capacity = content
+        return f"{base}<={capacity}" if capacity else str(base)
+    if node == _NAME:
+        name = str(content).replace("/msg/", "/")
+        clock = name.removeprefix("builtin_interfaces/").lower()
+        return clock if dialect(source) == "ros1" and clock in ("time", "duration") else name
+    element, length = content
+    if node == _ARRAY:
+        return f"{_spelled(element, source)}[{length}]"
+    assert node == _SEQUENCE, node
+    return f"{_spelled(element, source)}[{f'<={length}' if length else ''}]"
+
+
+def _folders() -> list[Path]:
+    """Where rosbags keeps its stores, found without importing it."""
+    spec = PathFinder.find_spec("rosbags")
+    roots = spec.submodule_search_locations if spec else None
+    return [Path(root, "typesys", "stores") for root in roots or ()]
+
+
+def _cache_file(source: str) -> Path:
+    """Named after what its content follows from: the files of rosbags' stores, and this one."""
+    files = [Path(__file__), *(file for folder in _folders() for file in sorted(folder.glob("*.py")))]
+    state = [(str(file), file.stat().st_size, file.stat().st_mtime_ns) for file in files]
+    key = zlib.crc32(repr(state).encode())
+    base = os.environ.get("XDG_CACHE_HOME", "")
+    if not os.path.isabs(base):  # the XDG base directory specification has such a value ignored
+        base = os.path.join(os.path.expanduser("~"), ".cache")
+    if not os.path.isabs(base):  # no home either: nothing can be read or written there
+        base = os.devnull
+    return Path(base, "shmgen", f"{source}-{key:08x}.json")
+
+
+def _cached(cache: Path) -> dict[str, str] | None:
+    """None if there is no cache, or it is damaged."""
+    try:
+        checksum, _, body = cache.read_bytes().partition(b"\n")
+        return cast("dict[str, str]", json.loads(body)) if int(checksum, 16) == zlib.crc32(body) else None
+    except (OSError, ValueError):
+        return None
+
+
+def _keep(cache: Path, texts: Mapping[str, str]) -> None:
+    """Written whole or not at all; a cache that cannot be written is done without."""
+    body = json.dumps(texts).encode()
+    beside = cache.with_suffix(f".{os.getpid()}")
+    with suppress(OSError):
+        cache.parent.mkdir(parents=True, exist_ok=True)
+        beside.write_bytes(b"%08x\n" % zlib.crc32(body) + body)
+        beside.replace(cache)
+    with suppress(OSError):
+        beside.unlink()

@@ -1,0 +1,94 @@
+"""Turns what is wrong with the user's input into text that says where, why, and what to type next."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+CODES = {
+    "SHM001": "cannot read file",
+    "SHM002": "not UTF-8",
+    "SHM003": "syntax error",
+    "SHM004": "unknown type",
+    "SHM005": "value out of range",
+    "SHM006": "value of the wrong type",
+    "SHM007": "cannot write output",
+    "SHM101": "unbounded sequence",
+    "SHM102": "bad bound",
+    "SHM103": "configured bound exceeds the definition's",
+    "SHM201": "duplicate name",
+    "SHM202": "invalid name",
+    "SHM203": "name clash in a target",
+    "SHM204": "name reserved for the generator",
+    "SHM301": "recursive message",
+    "SHM302": "zero-length array",
+    "SHM303": "message too large",
+    "SHM401": "damaged layout.lock",
+    "SHM501": "unknown key",
+    "SHM502": "bad value",
+    "SHM503": "not TOML",
+    "SHM504": "nothing to generate",
+    "SHM505": "ambiguous package",
+    "SHM901": "internal error",
+}
+"""Code -> title. Each has a section in docs/diagnostics.md and a folder in tests/errors."""
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """A stretch of one line: `line` and `column` from 1 (0 = the whole file), `text` the line without its end."""
+
+    path: str
+    line: int = 0
+    column: int = 0
+    width: int = 0
+    text: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnostic:
+    """One finding. `field` is the path of a nested culprit, `hint` what to type next."""
+
+    code: str
+    message: str
+    span: Span
+    field: str = ""
+    hint: str = ""
+
+    def __str__(self) -> str:
+        where = ":".join(str(part) for part in (self.span.path, self.span.line, self.span.column) if part)
+        lines = [f"{where}: error[{self.code}]: {self.message}"]
+        if self.span.text:
+            text = self.span.text.expandtabs(1)
+            number = f"{self.span.line:>5} | "
+            lines.append(number + text)
+            lines.append("      | " + " " * (self.span.column - 1) + "^" * max(1, self.span.width))
+        if self.field:
+            lines.append(f"  field: {self.field}")
+        lines += [f"  hint: {hint}" for hint in self.hint.splitlines()]
+        return "\n".join(lines)
+
+
+class Rejected(Exception):
+    """The input cannot be used; holds at least one diagnostic."""
+
+    def __init__(self, diagnostics: Iterable[Diagnostic]) -> None:
+        self.diagnostics = tuple(diagnostics)
+        super().__init__("\n".join(map(str, self.diagnostics)))
+
+
+@dataclass(slots=True)
+class Report:
+    """Collects the diagnostics of a stage; `stop_if_any` ends it."""
+
+    diagnostics: list[Diagnostic] = field(default_factory=list)
+
+    def error(self, code: str, message: str, span: Span, *, field: str = "", hint: str = "") -> None:
+        diagnostic = Diagnostic(code, message, span, field, hint)
+        if diagnostic not in self.diagnostics:
+            self.diagnostics.append(diagnostic)
+
+    def stop_if_any(self) -> None:
+        """Raises Rejected with all that was collected."""
+        if self.diagnostics:
+            raise Rejected(self.diagnostics)

@@ -1,0 +1,161 @@
+"""Turns bounded messages into Layouts: the one place where bytes are decided.
+
+Natural alignment, every gap an explicit slot, so that a packed structure is the same on every machine
+and in every compiler (docs/layout.md).
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+
+from shmgen.diagnostics import Report
+from shmgen.model import (
+    Array,
+    Clock,
+    Element,
+    Field,
+    Layout,
+    Layouts,
+    Message,
+    Ref,
+    Role,
+    Scalar,
+    Schema,
+    Sequence,
+    Slot,
+    String,
+    TypeName,
+    TypeOptions,
+    assert_never,
+    text_bytes,
+)
+
+SLOT_HEADER = 16
+"""Bytes before the payload in each slot of a region: stamp, number, reserved (docs/protocol.md)."""
+REGION_HEADER = 192
+SMALLEST_SLOTS = 2
+
+CLOCK = {"TIME": (4, 4), "LTIME": (8, 8), "struct": (8, 4)}
+"""Mode -> size and alignment: a DWORD of ms, a LWORD of ns, or DINT seconds and UDINT nanoseconds."""
+
+
+def lay_out(schema: Schema, options: TypeOptions, max_region: int, report: Report) -> Layouts:
+    """Layouts of all messages, dependencies first.
+
+    `max_region` is in bytes; a message whose smallest region is larger is reported as SHM303.
+    """
+    layouts: dict[TypeName, Layout] = {}
+    for message in schema.messages:
+        layout = _message(message, options, layouts, message.name in schema.requested)
+        layouts[message.name] = layout
+        if layout.requested and region_size(layout.size) > max_region:
+            report.error(
+                "SHM303",
+                f"{message.name.short} needs a region of {region_size(layout.size):,} bytes, more than {max_region:,}",
+                message.span,
+                field=_largest(layout),
+                hint="lower a bound under [bounds] or [strings], or raise max_region in shmgen.toml",
+            )
+    report.stop_if_any()
+    return layouts
+
+
+def region_size(payload: int, slots: int = SMALLEST_SLOTS) -> int:
+    """Bytes of a region: header and slots, rounded up to whole pages of 4096 bytes."""
+    slot = _round_up(SLOT_HEADER + payload, 64)
+    return _round_up(REGION_HEADER + slots * slot, 4096)
+
+
+def canonical_text(layout: Layout, layouts: Mapping[TypeName, Layout]) -> str:
+    """What the digest is taken over: all that gives the bytes their meaning, and nothing else."""
+    lines = [f"shmgen layout 1 {layout.name} size {layout.size} align {layout.align}"]
+    for slot in layout.slots:
+        if slot.role is not Role.PADDING:
+            count = "" if slot.count is None else f"[{slot.count}]"
+            meaning = _meaning(slot.type, layout.options, layouts)
+            lines.append(f"{slot.offset} {slot.size} {slot.role.value} {slot.name} {meaning}{count}")
+    return "\n".join(lines) + "\n"
+
+
+def _message(message: Message, options: TypeOptions, layouts: Mapping[TypeName, Layout], requested: bool) -> Layout:
+    slots: list[Slot] = []
+    offset = 0
+    widest = 1
+    for name, type_, count, role, field in _members(message):
+        size, align = _extent(type_, options, layouts)
+        offset = _pad(slots, offset, align)
+        slot = Slot(name, type_, count, offset, size * (count or 1), align, role, field)
+        slots.append(slot)
+        offset += slot.size
+        widest = max(widest, align)
+    size = _pad(slots, offset, widest)
+    draft = Layout(message, tuple(slots), size, widest, 0, options, requested)
+    digest = hashlib.sha256(canonical_text(draft, layouts).encode()).digest()[:8]
+    return Layout(message, tuple(slots), size, widest, int.from_bytes(digest, "big"), options, requested)
+
+
+_Member = tuple[str, Element, int | None, Role, Field | None]
+
+
+def _members(message: Message) -> list[_Member]:
+    members: list[_Member] = []
+    for field in message.fields:
+        match field.type:
+            case Array(element, length):
+                members.append((field.name, element, length, Role.DATA, field))
+            case Sequence(element, capacity):
+                assert capacity is not None, "bounds come before layout"
+                members.append((f"{field.name}_count", Scalar.UINT32, None, Role.COUNT, field))
+                members.append((field.name, element, capacity, Role.DATA, field))
+            case element:
+                members.append((field.name, element, None, Role.DATA, field))
+    # The name is rosidl's own for the same purpose.
+    return members or [("structure_needs_at_least_one_member", Scalar.UINT8, None, Role.FILLER, None)]
+
+
+def _extent(type_: Element, options: TypeOptions, layouts: Mapping[TypeName, Layout]) -> tuple[int, int]:
+    match type_:
+        case Scalar():
+            return type_.size, type_.size
+        case Clock():
+            return CLOCK[options.time]
+        case String():
+            return text_bytes(type_), 2 if type_.wide else 1
+        case Ref(name):
+            return layouts[name].size, layouts[name].align
+        case _:
+            assert_never(type_)
+
+
+def _meaning(type_: Element, options: TypeOptions, layouts: Mapping[TypeName, Layout]) -> str:
+    match type_:
+        case Scalar.BOOL:
+            return options.bool
+        case Scalar():
+            return type_.iec
+        case Clock():
+            return f"{options.time} {type_.value}"
+        case String(capacity, wide):
+            return f"WSTRING({capacity}) utf-16" if wide else f"STRING({capacity}) {options.encoding}"
+        case Ref(name):
+            return f"{name} {layouts[name].digest:016x}"
+        case _:
+            assert_never(type_)
+
+
+def _pad(slots: list[Slot], offset: int, align: int) -> int:
+    gap = -offset % align
+    if gap:
+        number = sum(slot.role is Role.PADDING for slot in slots)
+        slots.append(Slot(f"_pad{number}", Scalar.UINT8, gap, offset, gap, 1, Role.PADDING))
+    return offset + gap
+
+
+def _largest(layout: Layout) -> str:
+    slot = max(layout.slots, key=lambda slot: slot.size)
+    return f"{layout.name.short}.{slot.name} ({slot.size:,} bytes)"
+
+
+def _round_up(value: int, multiple: int) -> int:
+    return -(-value // multiple) * multiple

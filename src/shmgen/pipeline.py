@@ -1,0 +1,85 @@
+"""The whole tool in one place: definitions, bounds, layout, targets, render, one pure function after another.
+
+.msg .srv .action --definitions--> Schema --bounds--> Schema --layout--> Layouts
+                  --targets--> Outputs --render--> {path: text}
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from shmgen import bounds, definitions, drift, layout
+from shmgen.config import Config
+from shmgen.diagnostics import Report
+from shmgen.model import Layouts, Output, Schema, TypeName
+from shmgen.targets import c, python, st
+
+
+def read(config: Config, requests: Iterable[str]) -> Schema:
+    """The messages asked for and all they hold. Raises Rejected."""
+    sources = definitions.Sources(config.path, config.source, config.root)
+    return definitions.load(requests, sources, Report())
+
+
+def lay_out(config: Config, requests: Iterable[str]) -> Layouts:
+    """The same with every byte in its place. Raises Rejected."""
+    schema = bounds.apply(read(config, requests), config.bounds, Report())
+    return layout.lay_out(schema, config.types, config.max_region, Report())
+
+
+def generate(config: Config, requests: Iterable[str]) -> dict[str, str]:
+    """{path: text} of all targets, and of layout.lock. Raises Rejected."""
+    layouts = lay_out(config, requests)
+    report = Report()
+    outputs = list(_plan(config, layouts, report))
+    report.stop_if_any()
+
+    from shmgen.render import render  # jinja2 takes longer to load than all that is before it
+
+    texts = render(outputs)
+    return texts | {drift.LOCK: drift.write(layouts, texts, _settings(config))}
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One message of the inventory: its size in bytes, or the keys that [bounds] lacks for it."""
+
+    name: TypeName
+    size: int | None
+    unbounded: tuple[str, ...]
+
+
+def inventory(config: Config, package: str | None = None) -> list[Entry]:
+    """Every message in reach, or those of one package. Raises Rejected."""
+    sources = definitions.Sources(config.path, config.source, config.root)
+    names = [name for name in definitions.available(sources) if package in (None, name.package)]
+    requests = [str(name) for name in names] or [str(package)]
+    schema = definitions.load(requests, sources, Report())
+    missing = bounds.unbounded(schema, config.bounds)
+    mappable = tuple(message for message in schema.messages if not missing[message.name])
+    bounded = bounds.apply(Schema(mappable), config.bounds, Report())
+    layouts = layout.lay_out(bounded, config.types, config.max_region, Report())
+    return [Entry(name, layouts[name].size if name in layouts else None, missing[name]) for name in names]
+
+
+def _plan(config: Config, layouts: Layouts, report: Report) -> Iterable[Output]:
+    if "python" in config.targets:
+        yield from python.plan(layouts, report, config.package)
+    if "st" in config.targets:
+        yield from st.plan(layouts, report)
+    if "c" in config.targets:
+        yield from c.plan(layouts, report, config.package)
+
+
+def _settings(config: Config) -> dict[str, object]:
+    """What of the configuration gives the bytes and files their shape, beside the bounds seen in the slots."""
+    return {
+        "source": config.source,
+        "targets": list(config.targets),
+        "package": config.package,
+        "bool": config.types.bool,
+        "time": config.types.time,
+        "encoding": config.types.encoding,
+        "overflow": config.types.overflow,
+    }

@@ -1,0 +1,33 @@
+"""Turns Outputs into {path: text}: the only module that knows jinja2."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from shmgen.model import Output
+
+
+def render(outputs: Iterable[Output]) -> dict[str, str]:
+    """The text of every output, by path, in sorted order."""
+    environment = Environment(
+        loader=FileSystemLoader(template_folder()),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=False,  # targets hand over finished strings; what is printed is not HTML
+    )
+    texts: dict[str, str] = {}
+    for output in outputs:
+        assert output.path not in texts, f"two outputs at {output.path}"
+        texts[output.path] = environment.get_template(output.template).render(view=output.view)
+    return dict(sorted(texts.items()))
+
+
+def template_folder() -> Path:
+    """Beside the package in a wheel; in a checkout the folder at the top level."""
+    installed = Path(__file__).parent / "templates"
+    return installed if installed.is_dir() else Path(__file__).parents[2] / "templates"

@@ -1,0 +1,217 @@
+"""Turns messages into samples of a topic's region, one writer a topic."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import threading
+import time
+from types import TracebackType
+from typing import Any, Generic, NoReturn, TypeVar
+
+from posix_ipc import BusyError
+
+from shmgen.runtime import header as h
+from shmgen.runtime.errors import LockTimeout, RegionInUse, ShmError
+from shmgen.runtime.lock import Lock
+from shmgen.runtime.message import LATE_FROM, Late, Message
+from shmgen.runtime.region import WRITER_LOCK, Region, open_region
+
+M = TypeVar("M", bound=Message)
+P = TypeVar("P", bound="Publisher[Any]")
+
+_PLC_WATCH = 0.1
+"""Seconds within which a PLC that still runs counts its heartbeat up: ten cycles of 10 ms."""
+
+
+class Publisher(Generic[M]):
+    """Publishes one type on one topic. Not for two threads at a time; forked children open their own."""
+
+    __slots__ = ("_acquire", "_clock", "_encode", "_fence", "_heartbeat", "_holder", "_lock", "_map", "_mask", "_quads", "_region", "_release", "_samples", "_scratch", "_scratch_head", "_scratch_message", "_sequence", "_slots", "_words")
+
+    message_type: type[M]
+
+    def __init__(
+        self,
+        topic: str,
+        *,
+        depth: int = 1,
+        lock_timeout: float = 0.01,
+        mode: int = 0o660,
+        group: str | int | None = None,
+    ) -> None:
+        """Opens the region or makes it, and claims it.
+
+        `depth` is how many samples a slow reader can still fetch, the same on both sides. `lock_timeout`,
+        in seconds, is the longest a call waits for the lock. `mode` and `group` are for a region made here.
+        Raises ValueError (topic, depth, lock_timeout), LayoutMismatch, RegionInUse, PermissionDenied,
+        RegionUnusable.
+        """
+        kind = self.message_type
+        size = ctypes.sizeof(kind)
+        ours = h.header_for(kind._type_name_, kind._digest_, size, depth)
+        self._region = region = open_region(topic, ours, mode=mode, group=group)
+        try:
+            self._lock = Lock(region, lock_timeout)
+            _claim(region)
+        except BaseException:
+            region.close()
+            raise
+        # What publish() needs, each one attribute away.
+        self._map, self._words, self._quads = region.map, region.words, region.quads
+        self._acquire, self._release = region.semaphore.acquire, region.semaphore.release
+        self._encode = kind._encode
+        self._slots = region.header.slots
+        self._samples = tuple(region.sample(slot) for slot in range(self._slots))
+        self._scratch = bytearray(h.SLOT_HEADER + size)
+        self._scratch_head = memoryview(self._scratch)[: h.SLOT_HEADER].cast("Q")
+        self._scratch_message = (kind * 1).from_buffer(self._scratch, h.SLOT_HEADER)
+        self._fence = threading.Lock()
+        self._holder = os.getpid() << 32
+        self._clock = time.time_ns
+        self._mask = self._slots - 1
+        self._sequence: int = region.words[h.COMPLETED]
+        self._heartbeat: int = region.words[h.HEARTBEAT]
+
+    def publish(self, message: Any) -> None:
+        """Writes `message`: a `message_type`, or any object with the same attributes.
+
+        Raises ValueRejected, with the path of the field, for a value that does not fit, and LockTimeout
+        where the lock is needed; the region then still holds the former sample.
+        """
+        late: Late = []
+        scratch = self._scratch
+        if type(message) is not self.message_type:
+            encode = self._encode
+            encode(message, scratch, 16, late)
+        elif len(scratch) < LATE_FROM:
+            self._scratch_message[0] = message
+        else:
+            late.append((16, len(scratch) - 16, memoryview(message)))
+        number = self._sequence + 1
+        if number > 0xFFFFFFFF:
+            number = self._slots
+        sample = self._samples[number & self._mask]
+        parts = _parts(sample.start, scratch, late) if late else None
+        clock, head, words, acquire = self._clock, self._scratch_head, self._words, self._acquire
+        head[0] = clock()
+        head[1] = number
+        self._heartbeat = heartbeat = self._heartbeat + 1 & 0xFFFFFFFF
+        try:
+            acquire(0)
+            inside = True
+        except BusyError:
+            inside = self._without_lock()
+        try:
+            if inside:
+                self._quads[19] = heartbeat | self._holder
+                words[42] = words[42] + 1 & 0xFFFFFFFF
+            else:
+                words[38] = heartbeat
+            words[32] = number
+            if parts is None:
+                self._map[sample] = scratch
+            else:
+                self._copy(parts)
+            words[33] = number
+            self._sequence = number
+        finally:
+            if inside:
+                words[39] = 0
+                release = self._release
+                release()
+
+    def heartbeat(self) -> None:
+        """Tells readers that the writer lives, without a sample."""
+        self._heartbeat = self._heartbeat + 1 & 0xFFFFFFFF
+        self._words[h.HEARTBEAT] = self._heartbeat
+
+    def close(self) -> None:
+        """Gives the topic free for another writer; the region and its last sample stay."""
+        self._acquire = _closed
+        self._region.close()
+
+    @property
+    def topic(self) -> str:
+        """As given."""
+        return self._region.topic
+
+    @property
+    def sequence(self) -> int:
+        """Number of the newest sample, 0 = none yet; after 2**32 - 1 comes the number of slots."""
+        return self._sequence
+
+    @property
+    def lock_misses(self) -> int:
+        """How often the lock was not free in time."""
+        return self._lock.misses
+
+    def __enter__(self: P) -> P:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _copy(self, parts: list[tuple[slice, memoryview]]) -> None:
+        # memcpy may use streaming stores, which pass earlier ones even on x86-64; a locked instruction,
+        # such as taking any mutex, keeps them behind `begun`.
+        with self._fence:
+            pass
+        for where, what in parts:
+            self._map[where] = what
+
+    def _without_lock(self) -> bool:
+        if self._lock.wait():
+            return True
+        if not self._lock.keeps_order:
+            raise LockTimeout(
+                f"{self.topic}: the lock was not free within {self._lock.timeout} s, held by process "
+                f"{self._words[h.LOCK_HOLDER]}; nothing was published. See `shmgen doctor`"
+            )
+        return False
+
+
+def _parts(start: int, scratch: bytearray, late: Late) -> list[tuple[slice, memoryview]]:
+    """The sample as copies to make: the late arrays, and scratch where none of them has its room."""
+    view = memoryview(scratch)
+    parts: list[tuple[slice, memoryview]] = []
+    done = 0
+    for offset, room, data in late:
+        if offset > done:
+            parts.append((slice(start + done, start + offset), view[done:offset]))
+        if data.nbytes:
+            parts.append((slice(start + offset, start + offset + data.nbytes), data))
+        done = offset + room
+    if done < len(scratch):
+        parts.append((slice(start + done, start + len(scratch)), view[done:]))
+    return parts
+
+
+def _claim(region: Region) -> None:
+    claimed = region.lock_byte(WRITER_LOCK)
+    writer = region.words[h.WRITER]
+    if not claimed:
+        raise RegionInUse(
+            f"{region.topic}: process {writer} publishes already; one writer a topic: stop that one first"
+        )
+    if writer == h.PLC and _beats(region):
+        raise RegionInUse(
+            f"{region.topic}: a PLC publishes already; one writer a topic: stop its publisher block first"
+        )
+    region.words[h.WRITER] = os.getpid()
+
+
+def _beats(region: Region) -> bool:
+    before = region.words[h.HEARTBEAT]
+    deadline = time.monotonic() + _PLC_WATCH
+    while time.monotonic() < deadline:
+        if region.words[h.HEARTBEAT] != before:
+            return True
+        time.sleep(0.002)
+    return False
+
+
+def _closed(_timeout: float = 0) -> NoReturn:
+    raise ShmError("this publisher is closed")

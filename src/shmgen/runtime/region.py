@@ -1,0 +1,250 @@
+"""Turns a topic into its mapped region and semaphore, made or found in either order (ABI 1)."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import grp
+import io
+import mmap
+import os
+import pwd
+import struct
+import time
+from contextlib import suppress
+
+import posix_ipc
+
+from shmgen.runtime import header as h
+from shmgen.runtime.errors import LayoutMismatch, PermissionDenied, RegionMissing, RegionUnusable
+from shmgen.runtime.names import region_file, region_name, semaphore_file
+
+WRITER_LOCK = 0
+"""The byte under a record lock as long as somebody publishes."""
+REPAIR_LOCK = 1
+"""The byte under a record lock while the header is written (and, later, while a lock is healed)."""
+
+_PATIENCE = 0.1
+"""Seconds to wait for a peer that is between two system calls; after that it is taken to be dead."""
+_ATTEMPTS = 10
+_FLOCK = struct.Struct("hhqqi4x")
+
+
+class Region:
+    """One topic's shared memory: `map` for copies, `words` and `quads` for single stores of 4 and 8 bytes."""
+
+    __slots__ = ("_file", "header", "map", "name", "quads", "semaphore", "topic", "words")
+
+    def __init__(
+        self, topic: str, file: io.FileIO, map: mmap.mmap, header: h.Header, semaphore: posix_ipc.Semaphore
+    ) -> None:
+        self.topic = topic
+        self.name = region_name(topic)
+        self.header = header
+        self.map = map
+        self.words = memoryview(map).cast("I")
+        self.quads = memoryview(map).cast("Q")
+        self.semaphore = semaphore
+        self._file = file
+
+    def lock_byte(self, byte: int) -> bool:
+        """Tries for a record lock; it goes with the descriptor, also by SIGKILL."""
+        return _lock_byte(self._file.fileno(), byte)
+
+    def payload(self, number: int) -> slice:
+        """Where sample `number` lies, without the 16 bytes before it."""
+        start = self.sample(number).start + h.SLOT_HEADER
+        return slice(start, start + self.header.payload_size)
+
+    def sample(self, number: int) -> slice:
+        """Where sample `number` lies, its 16 bytes first."""
+        start = h.HEADER_SIZE + number % self.header.slots * self.header.slot_size
+        return slice(start, start + h.SLOT_HEADER + self.header.payload_size)
+
+    def close(self) -> None:
+        """Lets go of everything; the region stays for the peer."""
+        self.words.release()
+        self.quads.release()
+        self.map.close()
+        self._file.close()
+        with suppress(posix_ipc.ExistentialError):
+            self.semaphore.close()
+
+
+def open_region(topic: str, ours: h.Header, *, mode: int = 0o660, group: str | int | None = None) -> Region:
+    """Opens the topic's region and semaphore, or makes what is missing with `mode` and `group`.
+
+    `ours` is the header expected there. Raises ValueError for an impossible topic, LayoutMismatch,
+    PermissionDenied and RegionUnusable.
+    """
+    name = region_name(topic)
+    gid = _group_id(group)
+    file = _open_memory(name, ours.size, mode, gid)
+    try:
+        _await_size(file, name, ours.size)
+        _check(topic, ours, _peek(file.fileno()))
+        map = mmap.mmap(file.fileno(), ours.size)
+        _complete_header(file.fileno(), map, ours)
+        _check(topic, ours, _peek(file.fileno()))
+        return Region(topic, file, map, ours, _open_semaphore(name, mode, gid))
+    except BaseException:
+        file.close()
+        raise
+
+
+def read_header(name: str) -> h.Header:
+    """The header of the region `name` (`robot.pose`), whatever its type; `magic` tells whether it is one of ours.
+
+    Raises RegionMissing and PermissionDenied.
+    """
+    try:
+        memory = posix_ipc.SharedMemory("/" + name, read_only=True)
+    except posix_ipc.ExistentialError:
+        raise RegionMissing(f"{region_file(name)} does not exist: start a publisher or a subscriber of it") from None
+    except posix_ipc.PermissionsError:
+        raise _denied(region_file(name)) from None
+    try:
+        return _peek(memory.fd)
+    finally:
+        memory.close_fd()
+
+
+def _open_memory(name: str, size: int, mode: int, gid: int | None) -> io.FileIO:
+    path = region_file(name)
+    for _ in range(_ATTEMPTS):
+        try:
+            # Without O_CREAT: `fs.protected_regular` refuses that for another user's file, even to root.
+            with suppress(posix_ipc.ExistentialError):
+                return io.FileIO(posix_ipc.SharedMemory("/" + name).fd, "r+b")
+            with suppress(posix_ipc.ExistentialError):
+                made = io.FileIO(posix_ipc.SharedMemory("/" + name, posix_ipc.O_CREX, mode=mode).fd, "r+b")
+                _give(made.fileno(), path, mode, gid)
+                _allocate(made, path, size)
+                return made
+        except posix_ipc.PermissionsError:
+            raise _denied(path) from None
+    raise RegionUnusable(f"{path} keeps appearing and vanishing: something removes it; stop that and start again")
+
+
+def _open_semaphore(name: str, mode: int, gid: int | None) -> posix_ipc.Semaphore:
+    path = semaphore_file(name)
+    for _ in range(_ATTEMPTS):
+        try:
+            with suppress(posix_ipc.ExistentialError):
+                return posix_ipc.Semaphore("/" + name)
+            with suppress(posix_ipc.ExistentialError):
+                made = posix_ipc.Semaphore("/" + name, posix_ipc.O_CREX, mode=mode, initial_value=1)
+                _give(path, path, mode, gid)
+                return made
+        except posix_ipc.PermissionsError:
+            raise _denied(path) from None
+    raise RegionUnusable(f"{path} keeps appearing and vanishing: something removes it; stop that and start again")
+
+
+def _await_size(file: io.FileIO, name: str, size: int) -> None:
+    """Between shm_open and ftruncate of its maker an object has no bytes; who died there is stood in for."""
+    deadline = time.monotonic() + _PATIENCE
+    while os.fstat(file.fileno()).st_size == 0:
+        if time.monotonic() > deadline:
+            _allocate(file, region_file(name), size)
+            return
+        time.sleep(0.001)
+
+
+def _allocate(file: io.FileIO, path: str, size: int) -> None:
+    """As ftruncate, and takes the memory now: a full /dev/shm is an error here, not SIGBUS at the first store."""
+    try:
+        os.posix_fallocate(file.fileno(), 0, size)
+    except OSError as error:
+        file.close()
+        if error.errno != errno.ENOSPC:
+            raise
+        raise RegionUnusable(f"{path}: no room for {size} bytes; see `df /dev/shm` (docker: `--shm-size`)") from None
+
+
+def _complete_header(fd: int, map: mmap.mmap, ours: h.Header) -> None:
+    """Whoever finds no magic writes the header, magic last; the record lock lets one Python do it at a time."""
+    deadline = time.monotonic() + _PATIENCE
+    while not (locked := _lock_byte(fd, REPAIR_LOCK)) and time.monotonic() < deadline:
+        time.sleep(0.001)
+    if _peek(fd).magic == 0:
+        data = h.pack(ours)
+        after_writer = 4 * h.WRITER + 4
+        map[4 : 4 * h.WRITER] = data[4 : 4 * h.WRITER]
+        map[after_writer : len(data)] = data[after_writer:]
+        with memoryview(map) as view, view.cast("I") as words:
+            words[0] = h.MAGIC
+    if locked:
+        fcntl.fcntl(fd, fcntl.F_OFD_SETLK, _FLOCK.pack(fcntl.F_UNLCK, os.SEEK_SET, REPAIR_LOCK, 1, 0))
+
+
+def _check(topic: str, ours: h.Header, theirs: h.Header) -> None:
+    if theirs.magic == 0 and theirs.size == ours.size:
+        return
+    if theirs.fixed == ours.fixed:
+        return
+    name = region_name(topic)
+    if theirs.digest == ours.digest and theirs.slots != ours.slots:
+        advice = "the depth differs: configure the same depth on both sides"
+    else:
+        advice = "generate both sides from the same definitions and options"
+    raise LayoutMismatch(
+        f"{topic}: {region_file(name)} holds another layout\n"
+        f"  there: {theirs}\n"
+        f"  here:  {ours}\n"
+        f"  {advice}; if the region is a leftover, remove it: `shmgen clean {topic}`"
+    )
+
+
+def _peek(fd: int) -> h.Header:
+    return h.unpack(os.pread(fd, h.HEADER_SIZE, 0), os.fstat(fd).st_size)
+
+
+def _lock_byte(fd: int, byte: int) -> bool:
+    try:
+        fcntl.fcntl(fd, fcntl.F_OFD_SETLK, _FLOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, byte, 1, 0))
+    except OSError as error:
+        if error.errno not in (errno.EAGAIN, errno.EACCES):
+            raise
+        return False
+    return True
+
+
+def _give(file: int | str, path: str, mode: int, gid: int | None) -> None:
+    """Sets group and mode after the creation, where the umask has no say."""
+    try:
+        if gid is not None:
+            os.chown(file, -1, gid)
+        os.chmod(file, mode)
+    except PermissionError:
+        raise PermissionDenied(
+            f"{path}: cannot be given to group {gid}; join the group (`usermod -aG`) or leave `group` out"
+        ) from None
+
+
+def _group_id(group: str | int | None) -> int | None:
+    if not isinstance(group, str):
+        return group
+    try:
+        return grp.getgrnam(group).gr_gid
+    except KeyError:
+        raise PermissionDenied(f"there is no group {group!r} here: `groupadd {group}` makes it") from None
+
+
+def _denied(path: str) -> PermissionDenied:
+    try:
+        status = os.stat(path)
+    except OSError:
+        return PermissionDenied(f"{path} cannot be made: see the permissions of /dev/shm")
+    with suppress(KeyError):
+        owner = pwd.getpwuid(status.st_uid).pw_name
+        group = grp.getgrgid(status.st_gid).gr_name
+        return PermissionDenied(
+            f"{path} belongs to {owner}:{group} with mode {status.st_mode & 0o7777:o}, and this is user "
+            f"{os.geteuid()}: join the group (`usermod -aG {group} USER`), or let the owner open it with another "
+            "group and mode"
+        )
+    return PermissionDenied(
+        f"{path} belongs to {status.st_uid}:{status.st_gid} with mode {status.st_mode & 0o7777:o}, and this is "
+        f"user {os.geteuid()}: let the owner open it with a group and mode that include this user"
+    )

@@ -1,0 +1,213 @@
+"""Turns the samples of a topic's region into messages."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import time
+from types import TracebackType
+from typing import Any, Generic, TypeVar
+
+from posix_ipc import BusyError
+
+from shmgen.runtime import header as h
+from shmgen.runtime.lock import Lock
+from shmgen.runtime.message import Message
+from shmgen.runtime.region import open_region
+
+M = TypeVar("M", bound=Message)
+S = TypeVar("S", bound="Subscriber[Any]")
+
+_TRIES = 8
+"""How often a sample overwritten while it was copied is given up for a newer one in one call."""
+_LOCKED_OUT = b""
+"""Instead of a sample, which is never empty: the lock is needed here and was not free in time."""
+_POLL_FIRST = 50e-6
+_POLL_LAST = 1e-3
+"""Seconds between two looks of wait()."""
+
+
+class Subscriber(Generic[M]):
+    """Reads one type from one topic. Not for two threads at a time; forked children open their own."""
+
+    message_type: type[M]
+
+    def __init__(
+        self,
+        topic: str,
+        *,
+        depth: int = 1,
+        lock_timeout: float = 0.01,
+        mode: int = 0o660,
+        group: str | int | None = None,
+    ) -> None:
+        """Opens the region, or makes it when the writer comes later; parameters and errors as for a publisher.
+
+        The newest sample that is there already counts as unread, the ones before it do not.
+        """
+        kind = self.message_type
+        ours = h.header_for(kind._type_name_, kind._digest_, ctypes.sizeof(kind), depth)
+        self._region = region = open_region(topic, ours, mode=mode, group=group)
+        try:
+            self._lock = Lock(region, lock_timeout)
+        except BaseException:
+            region.close()
+            raise
+        self._map, self._words, self._quads = region.map, region.words, region.quads
+        self._acquire, self._release = region.semaphore.acquire, region.semaphore.release
+        self._make = kind.from_buffer_copy
+        self._decode = kind._decode
+        self._slots = region.header.slots
+        self._payloads = tuple(region.payload(slot) for slot in range(self._slots))
+        self._pid = os.getpid()
+        self._last = max(0, self._words[h.COMPLETED] - 1)
+        self._stamp: int | None = None
+        self._missed = 0
+
+    def read(self) -> M | None:
+        """The newest sample, or None if it has been read already (or cannot be had now)."""
+        if self._words[h.COMPLETED] == self._last:
+            return None
+        data = self._newest()
+        return self._make(data) if data else None
+
+    def read_into(self, message: Any) -> bool:
+        """As read(), but fills `message`, a `message_type` or any object with the same attributes; True if new."""
+        if self._words[h.COMPLETED] == self._last:
+            return False
+        data = self._newest()
+        if not data:
+            return False
+        if type(message) is self.message_type:
+            ctypes.memmove(ctypes.addressof(message), data, len(data))
+        else:
+            self._decode(data, 0, message)
+        return True
+
+    def read_all(self) -> list[M]:
+        """Every unread sample that is still there, the oldest first."""
+        samples: list[M] = []
+        for _ in range(_TRIES):
+            newest = self._words[h.COMPLETED]
+            if newest in (0, self._last):
+                break
+            unread = _steps(self._last, newest, self._slots)
+            first = max(1, unread - self._slots + 1)
+            start = self._last
+            for step in range(first, unread + 1):
+                number = _after(start, step, self._slots)
+                data = self._copy(number)
+                if data == _LOCKED_OUT:
+                    return samples
+                if data is not None:
+                    samples.append(self._make(data))
+            if samples:
+                break
+        return samples
+
+    def wait(self, timeout: float) -> M | None:
+        """The newest sample as soon as there is a new one, or None after `timeout` seconds."""
+        deadline = time.monotonic() + timeout
+        pause = _POLL_FIRST
+        while (message := self.read()) is None:
+            left = deadline - time.monotonic()
+            if left <= 0:
+                return None
+            time.sleep(min(pause, left))
+            pause = min(2 * pause, _POLL_LAST)
+        return message
+
+    def close(self) -> None:
+        """Lets go of the region, which stays as it is."""
+        self._region.close()
+
+    @property
+    def topic(self) -> str:
+        """As given."""
+        return self._region.topic
+
+    @property
+    def sequence(self) -> int:
+        """Number of the newest sample read, 0 = none yet; after 2**32 - 1 comes the number of slots."""
+        return 0 if self._stamp is None else self._last
+
+    @property
+    def missed(self) -> int:
+        """Samples that came and went unread: what was read and what was missed add up to what was written."""
+        return self._missed
+
+    @property
+    def lock_misses(self) -> int:
+        """How often the lock was not free in time."""
+        return self._lock.misses
+
+    @property
+    def age(self) -> float | None:
+        """Seconds since the newest sample read was written, by the wall clock; None without one or its stamp."""
+        return (time.time_ns() - self._stamp) / 1e9 if self._stamp else None
+
+    def __enter__(self: S) -> S:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _newest(self) -> bytes | None:
+        for _ in range(_TRIES):
+            number = self._words[h.COMPLETED]
+            if number in (0, self._last):
+                return None
+            data = self._copy(number)
+            if data is not None:
+                return data
+        return None
+
+    def _copy(self, number: int) -> bytes | None:
+        """The payload of sample `number`, None if it was overwritten, or _LOCKED_OUT."""
+        slot = number % self._slots
+        payload = self._payloads[slot]
+        words = self._words
+        try:
+            self._acquire(0)
+            inside = True
+        except BusyError:
+            inside = self._lock.wait()
+            if not inside and not self._lock.keeps_order:
+                return _LOCKED_OUT
+        try:
+            if inside:
+                words[h.LOCK_HOLDER] = self._pid
+                words[h.LOCK_COUNT] = words[h.LOCK_COUNT] + 1 & 0xFFFFFFFF
+            stamp = self._quads[payload.start // 8 - 2]
+            found = words[payload.start // 4 - 2]
+            data: bytes = self._map[payload]
+            # Looked at after the copy: a writer says what it is about to overwrite before it does.
+            begun = words[h.BEGUN]
+        finally:
+            if inside:
+                words[h.LOCK_HOLDER] = 0
+                self._release()
+        if found != number or begun - number & 0xFFFFFFFF >= self._slots:
+            return None
+        self._note(number, stamp)
+        return data
+
+    def _note(self, number: int, stamp: int) -> None:
+        skipped = _steps(self._last, number, self._slots) - 1
+        # A region begun anew counts from 1 again; what lies between the two numbers was never written.
+        if skipped < 2**31:
+            self._missed += skipped
+        self._last = number
+        self._stamp = stamp
+
+
+def _steps(older: int, newer: int, slots: int) -> int:
+    """How many samples later `newer` was written: the numbers 0 .. slots - 1 do not come again."""
+    return newer - older if newer >= older else newer - older + 2**32 - slots
+
+
+def _after(number: int, steps: int, slots: int) -> int:
+    number += steps
+    return number if number <= h.LAST else number - 2**32 + slots

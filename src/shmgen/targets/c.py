@@ -1,0 +1,194 @@
+"""Turns Layouts into C headers, for C11 and C++17, that assert every offset and size at compile time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from shmgen.diagnostics import Report
+from shmgen.model import (
+    Clock,
+    Constant,
+    Element,
+    Layout,
+    Layouts,
+    Output,
+    Ref,
+    Role,
+    Scalar,
+    Slot,
+    String,
+    TypeName,
+    TypeOptions,
+    assert_never,
+    ros_type,
+)
+from shmgen.targets.naming import c_member, file_stem
+
+_TYPES = {
+    Scalar.BOOL: "uint8_t",
+    Scalar.FLOAT32: "float",
+    Scalar.FLOAT64: "double",
+}
+_CLOCKS = {"TIME": "uint32_t", "LTIME": "uint64_t", "struct": "shmgen_seconds"}
+_CLOCK_UNITS = {"TIME": "ms", "LTIME": "ns", "struct": "s and ns"}
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """`double x[3];` with its offset, size and comment."""
+
+    declaration: str
+    name: str
+    offset: str
+    size: str
+    comment: str
+
+
+@dataclass(frozen=True, slots=True)
+class Define:
+    name: str
+    value: str
+    comment: str
+
+
+@dataclass(frozen=True, slots=True)
+class Header:
+    """One message; all strings finished."""
+
+    title: str
+    origin: str
+    guard: str
+    includes: tuple[str, ...]
+    doc: tuple[str, ...]
+    struct: str
+    size: str
+    digest: str
+    defines: tuple[Define, ...]
+    members: tuple[Member, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Common:
+    """What all headers share: packing, the asserts, the region's own header."""
+
+    guard: str
+
+
+def plan(layouts: Layouts, report: Report, package: str = "shm_msgs") -> Iterator[Output]:
+    """`c/<package>/<ros package>/msg/pose.h` for each message, and `c/<package>/shmgen.h`."""
+    yield Output(f"c/{package}/shmgen.h", "c/shmgen.h.j2", Common(f"{package.upper()}_SHMGEN_H"))
+    seen: dict[str, Layout] = {}
+    for name, layout in layouts.items():
+        path = _path(name, package)
+        if path in seen:
+            report.error(
+                "SHM203",
+                f"{name.short} and {seen[path].name.short} both become {path}",
+                layout.message.span,
+                hint="rename one of the messages",
+            )
+            continue
+        seen[path] = layout
+        yield Output(f"c/{path}", "c/message.h.j2", _header(layout, package))
+
+
+def struct_name(name: TypeName) -> str:
+    return f"shm_{name.package}_{name.name}"
+
+
+def _path(name: TypeName, package: str) -> str:
+    return f"{package}/{name.package}/{name.kind}/{file_stem(name)}.h"
+
+
+def _header(layout: Layout, package: str) -> Header:
+    struct = struct_name(layout.name)
+    return Header(
+        title=str(layout.name),
+        origin=_in_comment(layout.message.origin),
+        guard=_path(layout.name, package).upper().replace("/", "_").replace(".", "_"),
+        includes=(f"{package}/shmgen.h", *sorted(_path(name, package) for name in layout.dependencies)),
+        doc=tuple(_in_comment(layout.message.doc).splitlines()),
+        struct=struct,
+        size=str(layout.size),
+        digest=f"{layout.digest:016x}",
+        defines=tuple(
+            Define(f"{struct}_{constant.name}", _literal(constant), _in_comment(constant.doc.partition("\n")[0]))
+            for constant in layout.message.constants
+        ),
+        members=tuple(_member(slot, layout) for slot in layout.slots),
+    )
+
+
+def _member(slot: Slot, layout: Layout) -> Member:
+    name = c_member(slot.name)
+    many = "" if slot.count is None else f"[{slot.count}]"
+    tail = f"[{(slot.type.capacity or 0) + 1}]" if isinstance(slot.type, String) else ""
+    base = c_element(slot.type, layout.options)
+    return Member(f"{base} {name}{many}{tail};", name, str(slot.offset), str(slot.size), _comment(slot, layout))
+
+
+def c_element(type_: Element, options: TypeOptions) -> str:
+    """The C type of one element; a string's is that of a character."""
+    match type_:
+        case Scalar():
+            return _TYPES.get(type_, f"{type_.value}_t")
+        case Clock():
+            return _CLOCKS[options.time]
+        case String(_, wide):
+            return "uint16_t" if wide else "char"
+        case Ref(name):
+            return struct_name(name)
+        case _:
+            assert_never(type_)
+
+
+def _comment(slot: Slot, layout: Layout) -> str:
+    """Offset, what it is in ROS, unit, and the first line of its comment."""
+    match slot.role:
+        case Role.PADDING:
+            return f"{slot.offset}"
+        case Role.FILLER:
+            return f"{slot.offset}: the message has no fields"
+        case Role.COUNT:
+            return f"{slot.offset}: how many of the next are valid"
+        case Role.DATA:
+            assert slot.field is not None
+            unit = f" [{slot.field.unit}]" if slot.field.unit else ""
+            if isinstance(slot.type, Clock) and not unit:
+                unit = f" [{_CLOCK_UNITS[layout.options.time]}]"
+            doc = slot.field.doc.partition("\n")[0]
+            text = f"{slot.offset}: {ros_type(slot.field.type)}{unit}" + (f", {doc}" if doc else "")
+            return _in_comment(text)
+        case _:
+            assert_never(slot.role)
+
+
+def _in_comment(text: str) -> str:
+    """Text that can neither end the comment it stands in nor begin another."""
+    printable = "".join(char if char == "\n" or char.isprintable() else " " for char in text)
+    return printable.replace("*/", "* /").replace("/*", "/ *").rstrip()
+
+
+def _literal(constant: Constant) -> str:
+    value = constant.value
+    match constant.type:
+        case String(_, wide):
+            return ("u" if wide else "") + _quoted(str(value))
+        case Scalar.FLOAT32 | Scalar.FLOAT64:
+            number = float(value)
+            text = {"inf": "1.0 / 0.0", "-inf": "-1.0 / 0.0", "nan": "0.0 / 0.0"}.get(repr(number), repr(number))
+            return f"(({_TYPES[constant.type]})({text}))"
+        case Scalar() as scalar:
+            number = int(value)
+            suffix = "ULL" if scalar is Scalar.UINT64 else "LL" if scalar.size > 4 or number < -(2**31) + 1 else ""
+            text = f"{number}{suffix}" if number > -(2**63) else f"{number + 1}{suffix} - 1"
+            return f"(({_TYPES.get(scalar, f'{scalar.value}_t')})({text}))"
+        case _:
+            assert_never(constant.type)
+
+
+def _quoted(text: str) -> str:
+    """A C string literal: UTF-8 bytes, all but plain ASCII as three octal digits (`?` too, against trigraphs)."""
+    plain = set(range(0x20, 0x7F)) - set(b'"\\?')
+    return '"' + "".join(chr(byte) if byte in plain else f"\\{byte:03o}" for byte in text.encode()) + '"'

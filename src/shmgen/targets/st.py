@@ -1,0 +1,255 @@
+"""Turns layouts into Structured Text for CODESYS: a DUT, a list of constants and a pair of blocks for each message.
+
+What is common to all topics (`st/shmgen/`) is written by hand and carries no holes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from shmgen.diagnostics import Report, Span
+from shmgen.model import (
+    Clock,
+    Layout,
+    Layouts,
+    Output,
+    Role,
+    Scalar,
+    Slot,
+    String,
+    TypeName,
+    Value,
+    assert_never,
+)
+from shmgen.targets import naming
+from shmgen.targets.st_text import WIDTH, ascii_text, comment_lines, literal, text_length
+
+_COMMON = ("E_ShmError", "E_ShmState", "ST_ShmHeader", "ST_ShmSlot", "FB_ShmRegion")
+_WIDEST_COLUMN = 56
+"""Where comments begin at the latest; a longer declaration pushes only its own."""
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A declaration with the comment beside it, and the comment lines that stand above it."""
+
+    text: str
+    above: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Dut:
+    """A structure; `doc` are comment lines."""
+
+    name: str
+    doc: tuple[str, ...]
+    members: tuple[Line, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Gvl:
+    """A list of constants, the generator's and the message's."""
+
+    name: str
+    title: str
+    generated: tuple[Line, ...]
+    has_constants: bool
+    constants: tuple[Line, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """A publisher or a subscriber; the last three are names in `gvl`."""
+
+    name: str
+    title: str
+    dut: str
+    gvl: str
+    type_name: str = naming.GVL_TYPE_NAME
+    digest: str = naming.GVL_DIGEST
+    size: str = naming.GVL_SIZE
+
+
+def plan(layouts: Layouts, report: Report) -> Iterator[Output]:
+    """`st/<package>/` one POU a file, and `st/shmgen/`. Reports SHM005, SHM203 and SHM204."""
+    struct_time = any(layout.options.time == "struct" for layout in layouts.values())
+    for name in (*_COMMON, naming.ST_TIME) if struct_time else _COMMON:
+        yield Output(f"st/shmgen/{name}.st", f"st/{name}.st.j2", None)
+    _check_types(layouts, report)
+    for layout in layouts.values():
+        naming.check_members(layout, naming.STRUCTURED_TEXT, report)
+        own = tuple(declaration.name for declaration in _generated(layout))
+        naming.check_constants(layout, naming.STRUCTURED_TEXT, own, report)
+        yield from _message(layout, report)
+
+
+def _message(layout: Layout, report: Report) -> Iterator[Output]:
+    name = layout.name
+    folder = f"st/{name.package}"
+    dut, gvl, title = naming.st_type(name), naming.gvl(name), str(name)
+    yield Output(f"{folder}/{dut}.st", "st/dut.st.j2", Dut(dut, tuple(_doc(layout)), _members(layout, report)))
+    generated, constants = _aligned(_generated(layout)), _constants(layout, report)
+    yield Output(f"{folder}/{gvl}.st", "st/gvl.st.j2", Gvl(gvl, title, generated, bool(constants), constants))
+    if layout.requested:
+        for block, template in (
+            (naming.publisher_block(name), "publisher"),
+            (naming.subscriber_block(name), "subscriber"),
+        ):
+            yield Output(f"{folder}/{block}.st", f"st/{template}.st.j2", Block(block, title, dut, gvl))
+
+
+def _check_types(layouts: Layouts, report: Report) -> None:
+    seen: dict[str, TypeName] = {naming.ST_TIME.upper(): TypeName("shmgen", "msg", "Time")}
+    for name, layout in layouts.items():
+        other = seen.setdefault(naming.st_type(name).upper(), name)
+        if other is not name:
+            report.error(
+                "SHM203",
+                f"{other} and {name} are both `{naming.st_type(name)}` in Structured Text, which ignores case",
+                layout.message.span,
+                hint='rename one of them, or leave "st" out of `targets` in shmgen.toml',
+            )
+
+
+def _doc(layout: Layout) -> Iterator[str]:
+    yield f"// {layout.name}: {layout.size} bytes, layout digest 16#{layout.digest:016X}"
+    yield f"// Made by shmgen from {ascii_text(layout.message.origin)}; changes made here are lost."
+    if layout.message.doc:
+        yield "//"
+        yield from comment_lines(layout.message.doc)
+
+
+@dataclass(frozen=True, slots=True)
+class _Declaration:
+    """`name : type := value;` with its comment, before it is lined up with its neighbours."""
+
+    name: str
+    type: str
+    value: str | None = None
+    comment: str = ""
+
+    def code(self, name_width: int) -> str:
+        value = "" if self.value is None else f" := {self.value}"
+        return f"{self.name:<{name_width}} : {self.type}{value};"
+
+
+def _aligned(declarations: Sequence[_Declaration]) -> tuple[Line, ...]:
+    """Colons and short comments in columns; a comment of several lines, or too long a one, goes above."""
+    name_width = max((len(declaration.name) for declaration in declarations), default=0)
+    rows = [(declaration.code(name_width), comment_lines(declaration.comment)) for declaration in declarations]
+    fitting = [code for code, lines in rows if _fits(code, lines)]
+    column = max((len(code) for code in fitting if len(code) <= _WIDEST_COLUMN), default=0)
+    return tuple(
+        Line(f"{code:<{column}}  {lines[0]}") if _fits(code, lines) else Line(code, tuple(lines))
+        for code, lines in rows
+    )
+
+
+def _fits(code: str, lines: list[str]) -> bool:
+    return len(lines) == 1 and max(len(code), _WIDEST_COLUMN) + len(lines[0]) <= WIDTH
+
+
+# --- DUT ----------------------------------------------------------------------------------------------
+
+
+def _members(layout: Layout, report: Report) -> tuple[Line, ...]:
+    return _aligned([_member(slot, layout, report) for slot in layout.slots])
+
+
+def _member(slot: Slot, layout: Layout, report: Report) -> _Declaration:
+    name, type_ = naming.st_member(slot.name), naming.iec_type(slot, layout.options)
+    match slot.role:
+        case Role.PADDING:
+            return _Declaration(name, type_)
+        case Role.FILLER:
+            return _Declaration(name, type_, comment="the message has no fields")
+        case Role.COUNT:
+            assert slot.field is not None
+            return _Declaration(name, type_, comment=f"how many of {naming.st_member(slot.field.name)} are valid")
+        case Role.DATA:
+            return _Declaration(name, type_, _initial(slot, layout, report), _comment(slot, layout))
+        case _:
+            assert_never(slot.role)
+
+
+def _initial(slot: Slot, layout: Layout, report: Report) -> str | None:
+    field = slot.field
+    assert field is not None
+    if field.default is None or isinstance(field.default, tuple) or not isinstance(slot.type, Scalar | String):
+        return None
+    return _literal(field.default, slot.type, _Where(layout, field.name, field.span), report)
+
+
+def _comment(slot: Slot, layout: Layout) -> str:
+    """The comment of the definition, the unit unless it stands there, and a default that no initialiser gives."""
+    field = slot.field
+    assert field is not None
+    parts = [field.doc] if field.doc else []
+    if field.unit and f"[{field.unit}]" not in field.doc:
+        parts.append(f"[{field.unit}]")
+    lines = [" ".join(parts)] if parts else []
+    if isinstance(slot.type, Clock) and layout.options.time == "TIME":
+        lines.append("ms, those of the ROS time modulo 2**32" if slot.type is Clock.TIME else "ms")
+    default = field.default
+    if isinstance(default, tuple) or (isinstance(default, float) and not math.isfinite(default)):
+        lines.append(f"default: {list(default) if isinstance(default, tuple) else default}")
+    return "\n".join(lines)
+
+
+# --- Constants ----------------------------------------------------------------------------------------
+
+
+def _generated(layout: Layout) -> tuple[_Declaration, ...]:
+    name = str(layout.name)
+    return (
+        _Declaration(naming.GVL_TYPE_NAME, f"STRING({len(name)})", f"'{name}'"),
+        _Declaration(naming.GVL_SIZE, "UDINT", str(layout.size), "bytes of one message"),
+        _Declaration(naming.GVL_DIGEST, "LWORD", f"16#{layout.digest:016X}", "of the layout"),
+    )
+
+
+def _constants(layout: Layout, report: Report) -> tuple[Line, ...]:
+    """What has no literal (an infinity) stays as a comment at the end."""
+    lines: list[Line] = []
+    declarations = []
+    for constant in layout.message.constants:
+        type_ = constant.type
+        if isinstance(type_, String):
+            length = text_length(str(constant.value), type_, layout.options)
+            type_ = String(max(1, length), type_.wide)  # STRING(0) is none
+        value = _literal(constant.value, type_, _Where(layout, constant.name, constant.span), report)
+        name = naming.st_member(constant.name)
+        if value is None:
+            lines.append(Line(f"// {name} = {ascii_text(str(constant.value))} has no literal in Structured Text"))
+        else:
+            spelled = naming.iec_element(type_, layout.options)
+            declarations.append(_Declaration(name, spelled, value, constant.doc))
+    return (*_aligned(declarations), *lines)
+
+
+class _Where(NamedTuple):
+    """Whose value it is, for a diagnostic."""
+
+    layout: Layout
+    name: str
+    span: Span
+
+
+def _literal(value: Value, type_: Scalar | String, where: _Where, report: Report) -> str | None:
+    options = where.layout.options
+    path = f"{where.layout.name.short}.{where.name}"
+    if isinstance(type_, String) and type_.capacity is not None:
+        length = text_length(str(value), type_, options)
+        if length > type_.capacity:
+            message = f"the value has {length} characters, more than the {type_.capacity} of its type"
+            report.error("SHM005", message, where.span, field=path, hint="raise its bound under [strings]")
+            return None
+    try:
+        return literal(value, type_, options)
+    except UnicodeEncodeError:
+        message = f"the value has characters that {options.encoding} does not know"
+        report.error("SHM005", message, where.span, field=path, hint='set `encoding = "utf-8"` under [strings]')
+        return None

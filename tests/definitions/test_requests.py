@@ -1,0 +1,304 @@
+"""What a user may ask for, where it is looked for, and what is said when it is not there."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from shmgen.definitions import Sources, available, load
+from shmgen.diagnostics import Rejected, Report
+from shmgen.model import Schema
+
+
+@pytest.fixture(autouse=True)
+def _cache(monkeypatch, tmp_path_factory):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "cache"))
+
+
+def write(root: Path, files: dict[str, str | bytes]) -> None:
+    for name, text in files.items():
+        file = root / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(text if isinstance(text, bytes) else text.encode())
+
+
+def from_folder(root: Path, *requests: str, source: str = "jazzy") -> Schema:
+    return load(requests, Sources((root,), source, root), Report())
+
+
+def names(schema: Schema) -> list[str]:
+    return [str(message.name) for message in schema.messages]
+
+
+def refusal(root: Path, *requests: str, **options: str) -> str:
+    with pytest.raises(Rejected) as caught:
+        from_folder(root, *requests, **options)
+    return str(caught.value)
+
+
+DEMO = {
+    "demo_msgs/msg/Robot.msg": "Arm arm\nArm[2] arms\ngeometry_msgs/Point at",
+    "demo_msgs/msg/Arm.msg": "string name",
+    "demo_msgs/srv/Move.srv": "Arm arm\n---\nbool done",
+    "demo_msgs/srv/Arm.srv": "---",
+    "demo_msgs/action/Go.action": "---\n---\nRobot robot",
+}
+ROBOT = ["demo_msgs/msg/Arm", "geometry_msgs/msg/Point", "demo_msgs/msg/Robot"]
+
+
+@pytest.mark.parametrize(
+    ("request_", "requested"),
+    [
+        ("demo_msgs/Robot", ["demo_msgs/msg/Robot"]),
+        ("demo_msgs/msg/Robot", ["demo_msgs/msg/Robot"]),
+        ("demo_msgs/Arm", ["demo_msgs/msg/Arm"]),
+        ("demo_msgs/srv/Arm", ["demo_msgs/srv/Arm_Request", "demo_msgs/srv/Arm_Response"]),
+        ("demo_msgs/Move", ["demo_msgs/srv/Move_Request", "demo_msgs/srv/Move_Response"]),
+        ("demo_msgs/srv/Move_Request", ["demo_msgs/srv/Move_Request"]),
+        ("demo_msgs/Go_Goal", ["demo_msgs/action/Go_Goal"]),
+    ],
+)
+def test_requests(tmp_path, request_, requested):
+    write(tmp_path, DEMO)
+    schema = from_folder(tmp_path, request_)
+    assert sorted(map(str, schema.requested)) == requested
+    assert set(requested) <= set(names(schema))
+
+
+def test_dependencies_come_first_and_each_once(tmp_path):
+    write(tmp_path, DEMO)
+    assert names(from_folder(tmp_path, "demo_msgs/Robot", "demo_msgs/Arm", "demo_msgs/Robot")) == ROBOT
+
+
+def test_a_package_is_all_its_messages(tmp_path):
+    write(tmp_path, DEMO)
+    schema = from_folder(tmp_path, "demo_msgs")
+    assert len(schema.requested) == 9
+    assert len(schema.messages) == 10
+
+
+def test_a_file_finds_those_beside_it(tmp_path, monkeypatch):
+    write(tmp_path, DEMO)
+    monkeypatch.chdir(tmp_path / "demo_msgs" / "msg")
+    schema = load(["Robot.msg"], Sources(), Report())
+    assert names(schema) == ROBOT
+    assert schema.messages[2].span.path == "Robot.msg"
+
+
+def test_a_loose_file_belongs_to_its_folder(tmp_path):
+    write(tmp_path, {"demo/Robot.msg": "Arm arm", "demo/Arm.msg": "int8 a", "demo/Move.srv": "Arm arm\n---"})
+    schema = load([str(tmp_path / "demo/Robot.msg"), str(tmp_path / "demo/Move.srv")], Sources(), Report())
+    assert names(schema) == ["demo/msg/Arm", "demo/msg/Robot", "demo/srv/Move_Request", "demo/srv/Move_Response"]
+
+
+def test_origins_are_the_same_on_every_machine(tmp_path):
+    write(tmp_path, DEMO)
+    inside = from_folder(tmp_path, "demo_msgs/Robot")
+    assert [message.origin for message in inside.messages] == [
+        "demo_msgs/msg/Arm.msg",
+        "built-in store jazzy",
+        "demo_msgs/msg/Robot.msg",
+    ]
+    outside = load(["demo_msgs/Arm"], Sources((tmp_path,), "jazzy", tmp_path / "elsewhere"), Report())
+    assert outside.messages[0].origin == "demo_msgs/msg/Arm.msg"
+    assert outside.messages[0].span.path == str(tmp_path / "demo_msgs/msg/Arm.msg")
+
+
+def test_the_first_folder_that_has_a_package_has_it_all(tmp_path):
+    write(tmp_path, {"one/geometry_msgs/msg/Point.msg": "int8 a", "two/geometry_msgs/msg/Point.msg": "int8 b"})
+    sources = Sources((tmp_path / "one", tmp_path / "two"), "jazzy", tmp_path)
+    (point,) = load(["geometry_msgs/Point"], sources, Report()).messages
+    assert point.fields[0].name == "a"
+    with pytest.raises(Rejected, match=r"geometry_msgs/Pose[\s\S]*looked in one/geometry_msgs$"):
+        load(["geometry_msgs/Pose"], sources, Report())
+
+
+MANIFEST = "<package>\n<!-- <name>no</name> -->\n<name> {} </name></package>"
+
+
+def test_where_packages_are_found(tmp_path):
+    write(
+        tmp_path,
+        {
+            "src/deep/er/renamed/package.xml": MANIFEST.format("real_msgs"),
+            "src/deep/er/renamed/msg/A.msg": "",
+            "src/deep/er/renamed/nested/msg/No.msg": "",
+            "src/plain_msgs/msg/B.msg": "",
+            "src/plain_msgs/msg/notes.txt": "",
+            "src/broken/package.xml": b"\xff<name",
+            "src/broken/srv/C.srv": "---",
+            "src/action/code.py": "",
+            "src/action/inner_msgs/msg/D.msg": "",
+            "src/.hidden/x/msg/No.msg": "",
+            "src/no-package/msg/No.msg": "",
+            **{f"src/no_{tool}/{tool}_IGNORE": "" for tool in ("COLCON", "AMENT", "CATKIN")},
+            **{f"src/no_{tool}/x/msg/No.msg": "" for tool in ("COLCON", "AMENT", "CATKIN")},
+            "src/ignored/COLCON_IGNORE": "",
+            "src/ignored/package.xml": MANIFEST.format("ignored"),
+            "src/ignored/msg/No.msg": "",
+        },
+    )
+    (tmp_path / "src" / "deep" / "loop").symlink_to(tmp_path / "src")
+    (tmp_path / "src" / "again").symlink_to(tmp_path / "src" / "plain_msgs")
+    built_in = set(available(Sources()))
+    found = [str(name) for name in available(Sources((tmp_path,), "jazzy", tmp_path)) if name not in built_in]
+    assert found == [
+        "again/msg/B",
+        "broken/srv/C_Request",
+        "broken/srv/C_Response",
+        "inner_msgs/msg/D",
+        "real_msgs/msg/A",
+    ]
+
+
+def test_a_package_folder_itself_is_a_path(tmp_path):
+    write(tmp_path, {"pkg/package.xml": MANIFEST.format("real_msgs"), "pkg/msg/A.msg": "int8 a"})
+    assert names(from_folder(tmp_path / "pkg", "real_msgs/A")) == ["real_msgs/msg/A"]
+    assert from_folder(tmp_path / "pkg", "real_msgs/A").messages[0].origin == "msg/A.msg"
+
+
+def test_two_packages_of_one_name(tmp_path):
+    write(tmp_path, {"a/x_msgs/msg/A.msg": "", "b/x_msgs/msg/A.msg": "", "c_msgs/msg/C.msg": "int8 c"})
+    assert "SHM505" in refusal(tmp_path, "x_msgs/A")
+    assert names(from_folder(tmp_path, "c_msgs")) == ["c_msgs/msg/C"]
+    with pytest.raises(Rejected, match="SHM505"):
+        load([str(tmp_path / f"{place}/x_msgs/msg/A.msg") for place in "ab"], Sources(), Report())
+
+
+@pytest.mark.parametrize(
+    ("request_", "says"),
+    [
+        (
+            "geometry_msgs/Pos",
+            ["error[SHM004]", "did you mean `geometry_msgs/Pose`?", "looked in built-in store jazzy"],
+        ),
+        ("geometry_msgs/pose", ["did you mean `geometry_msgs/Pose`?"]),
+        ("geometry_msgs/srv/Pose", ["no message"]),
+        ("nav_msgs/Pose", ["did you mean `geometry_msgs/Pose`?"]),
+        ("geometry_msg", ["no package"]),
+        ("geometry_msgs/msg", ["no message is called `geometry_msgs/msg`"]),
+        ("my_msgs/Thing", ["looked in ., built-in store jazzy", "with -I"]),
+        ("../../etc/passwd", ["names no message"]),
+        ("", ["names no message"]),
+        ("a\x1b[2Jb", ["a\ufffd[2Jb"]),
+        ("nowhere/msg/Foo.msg", ["nowhere/msg/Foo.msg: error[SHM001]"]),
+        ("1nowhere/Foo.msg", ["1nowhere/Foo.msg: error[SHM202]"]),
+    ],
+)
+def test_requests_that_name_nothing(tmp_path, monkeypatch, request_, says):
+    monkeypatch.chdir(tmp_path)
+    said = refusal(Path(), request_)
+    for words in says:
+        assert words in said
+
+
+def test_a_field_of_unknown_type(tmp_path):
+    write(tmp_path, {"x_msgs/msg/A.msg": "Point at\n  x_msgs/B[] b\nHeader header\ndouble d"})
+    assert refusal(tmp_path, "x_msgs/A").split("\n") == [
+        "x_msgs/msg/A.msg:1:1: error[SHM004]: no message is called `x_msgs/Point`",
+        "    1 | Point at",
+        "      | ^^^^^",
+        "  field: x_msgs/A.at",
+        "  hint: did you mean `geometry_msgs/Point`?",
+        "  hint: looked in x_msgs",
+        "x_msgs/msg/A.msg:2:3: error[SHM004]: no message is called `x_msgs/B`",
+        "    2 |   x_msgs/B[] b",
+        "      |   ^^^^^^^^^^",
+        "  field: x_msgs/A.b",
+        "  hint: did you mean `x_msgs/A`?",
+        "  hint: looked in x_msgs",
+        "x_msgs/msg/A.msg:3:1: error[SHM004]: no message is called `x_msgs/Header`",
+        "    3 | Header header",
+        "      | ^^^^^^",
+        "  field: x_msgs/A.header",
+        "  hint: did you mean `std_msgs/Header`?",
+        "  hint: looked in x_msgs",
+        "x_msgs/msg/A.msg:4:1: error[SHM004]: no message is called `x_msgs/double`",
+        "    4 | double d",
+        "      | ^^^^^^",
+        "  field: x_msgs/A.d",
+        "  hint: did you mean `float64`?",
+        "  hint: looked in x_msgs",
+    ]
+
+
+def test_recursion_is_told_with_its_chain(tmp_path):
+    write(
+        tmp_path,
+        {
+            "x_msgs/msg/A.msg": "int8 a\nB[] b",
+            "x_msgs/msg/B.msg": "C c\nB self",
+            "x_msgs/msg/C.msg": "A back",
+        },
+    )
+    said = refusal(tmp_path, "x_msgs")
+    assert "x_msgs/msg/C.msg:1:1: error[SHM301]: recursive: x_msgs/A -> x_msgs/B -> x_msgs/C -> x_msgs/A" in said
+    assert "x_msgs/msg/B.msg:2:1: error[SHM301]: recursive: x_msgs/B -> x_msgs/B" in said
+    assert said.count("SHM301") == 2
+
+
+def test_a_deep_nest_is_no_recursion(tmp_path):
+    write(tmp_path, {f"x_msgs/msg/M{n}.msg": f"M{n + 1} next" for n in range(2000)})
+    write(tmp_path, {"x_msgs/msg/M2000.msg": "int8 end"})
+    assert names(from_folder(tmp_path, "x_msgs/M0")) == [f"x_msgs/msg/M{n}" for n in range(2000, -1, -1)]
+    write(tmp_path, {"x_msgs/msg/M2000.msg": "M0 end"})
+    said = refusal(tmp_path, "x_msgs/M0")
+    assert "SHM301" in said
+    assert len(said) < 500
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (b"int8 a\nint8 \xc3\xa4\xff b", "A.msg:2:7: error[SHM002]: byte 0xFF is not UTF-8"),
+        ("int8 a".encode("utf-16"), "A.msg:1:1: error[SHM002]"),
+        (b"int8 a\n" * 2_000_000, "A.msg: error[SHM001]: larger than 512 KiB"),
+        (b"int8 a\n" * 70_000, "SHM201"),
+        (b"x" * 500_000, "SHM003"),
+        (b"\x00" * 500_000, "SHM003"),
+    ],
+    ids=["latin-1", "utf-16", "14 MB", "duplicates", "one line", "zeros"],
+)
+def test_hostile_files(tmp_path, content, says):
+    write(tmp_path, {"x_msgs/msg/A.msg": content})
+    said = refusal(tmp_path, "x_msgs/A")
+    assert says in said
+    assert len(said) < 5000
+
+
+def test_a_byte_order_mark_is_no_part_of_the_text(tmp_path):
+    write(tmp_path, {"x_msgs/msg/A.msg": b"\xef\xbb\xbfint8 a\r\n"})
+    (message,) = from_folder(tmp_path, "x_msgs").messages
+    assert (message.text, message.fields[0].span.column) == ("int8 a\n", 1)
+
+
+def test_files_that_are_none(tmp_path):
+    write(tmp_path, {"x_msgs/msg/A.msg": "", "x_msgs/msg/small.msg": ""})
+    os.mkfifo(tmp_path / "x_msgs/msg/Pipe.msg")
+    (tmp_path / "x_msgs/msg/Folder.msg").mkdir()
+    (tmp_path / "x_msgs/msg/Dangling.msg").symlink_to(tmp_path / "nothing")
+    said = refusal(tmp_path, "x_msgs")
+    assert [line for line in said.split("\n") if "error" in line] == [
+        "x_msgs/msg/Dangling.msg: error[SHM001]: no such file",
+        "x_msgs/msg/Folder.msg: error[SHM001]: no such file",
+        "x_msgs/msg/Pipe.msg: error[SHM001]: no such file",
+        "x_msgs/msg/small.msg: error[SHM202]: `small` is not a message name",
+    ]
+
+
+def test_wrong_sources(tmp_path):
+    with pytest.raises(Rejected) as caught:
+        load(["std_msgs/Bool"], Sources((tmp_path / "missing",), "jazy", tmp_path), Report())
+    said = str(caught.value)
+    assert "missing: error[SHM001]: no such folder" in said
+    assert "SHM502" in said
+    assert "humble, iron, jazzy" in said
+
+
+def test_ros1_folders_are_read_as_ros1(tmp_path):
+    write(tmp_path, {"x_msgs/msg/a_1.msg": "Header header\nbyte B\ntime t"})
+    schema = from_folder(tmp_path, "x_msgs/a_1", source="noetic")
+    assert names(schema) == ["std_msgs/msg/Header", "x_msgs/msg/a_1"]
+    assert "noetic" in refusal(tmp_path, "x_msgs/a_1").replace("SHM202", "noetic")

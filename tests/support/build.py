@@ -1,0 +1,65 @@
+"""Short ways from messages to layouts, files on disk, imported classes and compiled headers."""
+
+from __future__ import annotations
+
+import importlib
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from shmgen import bounds, layout
+from shmgen.diagnostics import Report
+from shmgen.model import Layouts, Schema, TypeName, TypeOptions
+from shmgen.render import render
+
+MAX_REGION = 2**26
+
+
+def layouts_of(schema: Schema, options: TypeOptions | None = None) -> Layouts:
+    bounded = bounds.apply(schema, bounds.Bounds({}, {}), Report())
+    return layout.lay_out(bounded, options or TypeOptions(), MAX_REGION, Report())
+
+
+def texts_of(layouts: Layouts, target: ModuleType, package: str) -> dict[str, str]:
+    """What `target` (targets.python or targets.c) prints."""
+    report = Report()
+    texts = render(target.plan(layouts, report, package))
+    report.stop_if_any()
+    return texts
+
+
+def put(texts: Mapping[str, str], folder: Path) -> None:
+    for path, text in texts.items():
+        file = folder / path
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text)
+
+
+def module(folder: Path, package: str, name: TypeName) -> ModuleType:
+    """Where the classes of a message are, of a package written below `folder`/python."""
+    root = str(folder / "python")
+    if root not in sys.path:
+        sys.path.insert(0, root)
+    importlib.invalidate_caches()
+    return importlib.import_module(f"{package}.{name.package}.{name.kind}")
+
+
+def classes(folder: Path, package: str, name: TypeName) -> tuple[Any, Any, Any]:
+    """The structure, its publisher and its subscriber."""
+    found = module(folder, package, name)
+    return tuple(getattr(found, name.name + role) for role in ("", "Publisher", "Subscriber"))  # type: ignore[return-value]
+
+
+def compile_headers(folder: Path, language: str = "c") -> None:
+    """All headers below `folder`/c in one translation unit; a failed assert is a failed compile."""
+    headers = sorted(path.relative_to(folder / "c") for path in (folder / "c").rglob("*.h"))
+    source = "".join(f'#include "{header}"\n' for header in headers) + "int main(void) { return 0; }\n"
+    standard = {"c": "-std=c11", "c++": "-std=c++17"}[language]
+    command = ["gcc", f"-x{language}", standard, "-Wall", "-Wextra", "-Wpadded", "-Werror", "-pedantic"]
+    result = subprocess.run(
+        [*command, f"-I{folder / 'c'}", "-fsyntax-only", "-"], input=source, capture_output=True, text=True
+    )
+    assert result.returncode == 0, result.stderr[:4000]

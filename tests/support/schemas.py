@@ -1,0 +1,118 @@
+"""Random schemas and random values for them: what property tests draw from."""
+
+from __future__ import annotations
+
+import random
+import string
+import time
+from types import SimpleNamespace
+from typing import Any
+
+from hypothesis import strategies as st
+
+from shmgen.diagnostics import Span
+from shmgen.model import (
+    Array,
+    Clock,
+    Field,
+    FieldType,
+    Layout,
+    Layouts,
+    Message,
+    Ref,
+    Role,
+    Scalar,
+    Schema,
+    Sequence,
+    Slot,
+    String,
+    TypeName,
+    ros_type,
+)
+
+SPAN = Span("random.msg")
+
+
+@st.composite
+def schemas(draw: st.DrawFn) -> Schema:
+    """One to five messages; each may hold the ones before it."""
+    messages: list[Message] = []
+    for number in range(draw(st.integers(1, 5))):
+        name = TypeName("random_msgs", "msg", f"Random{number}")
+        types = draw(st.lists(field_types([message.name for message in messages]), max_size=8))
+        fields = tuple(
+            Field(f"f{index}_{draw(st.sampled_from(('x', 'type', 'class')))}", type_, ros_type(type_), SPAN)
+            for index, type_ in enumerate(types)
+        )
+        messages.append(Message(name, fields, (), SPAN, "random", ""))
+    return Schema(tuple(messages), frozenset(message.name for message in messages))
+
+
+def field_types(known: list[TypeName]) -> st.SearchStrategy[FieldType]:
+    elements: st.SearchStrategy[Any] = st.one_of(
+        st.sampled_from(Scalar),
+        st.sampled_from(Clock),
+        st.builds(String, st.integers(1, 20), st.booleans()),
+        *([st.sampled_from(known).map(Ref)] if known else []),
+    )
+    return st.one_of(
+        elements,
+        st.builds(Array, elements, st.integers(1, 5)),
+        st.builds(Sequence, elements, st.integers(1, 5)),
+    )
+
+
+def random_message(layout: Layout, layouts: Layouts, seed: random.Random) -> SimpleNamespace:
+    """An object with the ROS attributes, as rclpy would hand it over, every field at random."""
+    message = SimpleNamespace()
+    for slot in layout.slots:
+        if slot.role is Role.DATA:
+            setattr(message, slot.name, _random_field(slot, layouts, layout, seed))
+    return message
+
+
+def _random_field(slot: Slot, layouts: Layouts, layout: Layout, seed: random.Random) -> Any:
+    if slot.count is None:
+        return _random_element(slot, layouts, layout, seed)
+    assert slot.field is not None
+    count = slot.count if isinstance(slot.field.type, Array) else seed.randint(0, slot.count)
+    if slot.size > 10_000 and isinstance(slot.type, Scalar) and slot.type is Scalar.UINT8:
+        return seed.randbytes(count)
+    return [_random_element(slot, layouts, layout, seed) for _ in range(count)]
+
+
+def _random_element(slot: Slot, layouts: Layouts, layout: Layout, seed: random.Random) -> Any:
+    match slot.type:
+        case Scalar.BOOL:
+            return seed.random() < 0.5
+        case Scalar.FLOAT32:
+            return float(seed.randint(-(2**23), 2**23)) / 8
+        case Scalar.FLOAT64:
+            return seed.uniform(-1e9, 1e9)
+        case Scalar() as scalar:
+            assert scalar.range is not None
+            return seed.choice([seed.randint(*scalar.range), *scalar.range])
+        case Clock.TIME:
+            return SimpleNamespace(
+                sec=int(time.time()) + seed.randint(-(10**6), 10**6), nanosec=seed.randint(0, 999) * 10**6
+            )
+        case Clock.DURATION:
+            return SimpleNamespace(sec=seed.randint(0, 4_000_000), nanosec=seed.randint(0, 999) * 10**6)
+        case String(capacity, _):
+            assert capacity is not None
+            return "".join(seed.choices(string.ascii_letters + string.punctuation, k=seed.randint(0, capacity)))
+        case Ref(name):
+            return random_message(layouts[name], layouts, seed)
+
+
+def plain(value: Any) -> Any:
+    """A message of whatever kind as dicts, lists and numbers, to compare with."""
+    if hasattr(value, "sec") and hasattr(value, "nanosec"):
+        return {"sec": value.sec, "nanosec": value.nanosec}
+    if hasattr(value, "_names_"):
+        return {name: plain(getattr(value, name)) for name in value._names_}
+    if isinstance(value, SimpleNamespace):
+        return {name: plain(item) for name, item in vars(value).items()}
+    if isinstance(value, (str, bool, int, float)):
+        return value
+    return [plain(item) for item in value]

@@ -1,0 +1,135 @@
+from __future__ import annotations
+
+import keyword
+
+import pytest
+
+from shmgen.diagnostics import Report, Span
+from shmgen.model import Field, FieldType, Layout, Message, Scalar, Schema, Sequence, TypeName, ros_type
+from shmgen.targets import naming
+
+from ..support.build import layouts_of
+
+POSE = TypeName("geometry_msgs", "msg", "Pose")
+
+
+@pytest.mark.parametrize(
+    ("name", "safe"),
+    [
+        ("position", "position"),
+        ("step", "step_"),
+        ("Type", "Type_"),
+        ("TRUE", "TRUE_"),
+        ("DELETE", "DELETE_"),
+        ("udint_to_real", "udint_to_real_"),
+        ("to_string", "to_string_"),
+        ("to_base", "to_base"),
+        ("steps", "steps"),
+        ("a__b", "a_b"),
+        ("__new", "_new"),
+        ("end___if", "end_if_"),
+    ],
+)
+def test_structured_text_members(name: str, safe: str) -> None:
+    assert naming.st_member(name) == safe
+
+
+def test_every_word_the_design_names_is_escaped() -> None:
+    words = """type time action task function step transition dt array at read_only program configuration resource
+        interval priority string bool byte log true false add delete on var end_var and or not xor mod to of by
+        real lreal lword ulint usint wstring ltime date tod limit max min sel mux sizeof adr pointer reference
+        struct union class method property interface this super null ref_to using namespace persistent retain"""
+    for word in words.split():
+        assert naming.st_member(word) == word + "_"
+
+
+def test_python_words_are_those_of_the_running_python() -> None:
+    assert set(keyword.kwlist) <= naming.PYTHON_RESERVED
+    assert [naming.python_member(name) for name in ("from", "match", "self", "type")] == [
+        "from_",
+        "match",
+        "self_",
+        "type",
+    ]
+
+
+def test_c_words() -> None:
+    assert [naming.c_member(name) for name in ("default", "linux", "xor", "value")] == [
+        "default_",
+        "linux_",
+        "xor_",
+        "value",
+    ]
+
+
+def test_names_of_a_message() -> None:
+    assert naming.st_type(POSE) == "ST_geometry_msgs_Pose"
+    assert naming.gvl(POSE) == "GVL_geometry_msgs_Pose"
+    assert naming.publisher_block(POSE) == "FB_geometry_msgs_Pose_Publisher"
+    assert naming.subscriber_block(POSE) == "FB_geometry_msgs_Pose_Subscriber"
+    assert naming.st_type(TypeName("std_srvs", "srv", "SetBool_Request")) == "ST_std_srvs_SetBool_Request"
+    assert naming.st_type(TypeName("odd__pkg_", "msg", "_X")) == "ST_odd_pkg_X"
+
+
+@pytest.mark.parametrize(
+    ("name", "stem"),
+    [
+        ("Pose", "pose"),
+        ("JointState", "joint_state"),
+        ("Point32", "point32"),
+        ("TFMessage", "tf_message"),
+        ("UInt8MultiArray", "u_int8_multi_array"),
+        ("SetBool_Request", "set_bool_request"),
+        ("NavSatFix", "nav_sat_fix"),
+        ("CANFrame", "can_frame"),
+    ],
+)
+def test_file_stems(name: str, stem: str) -> None:
+    assert naming.file_stem(TypeName("any", "msg", name)) == stem
+
+
+def message(**fields: FieldType) -> Layout:
+    made = tuple(
+        Field(name, type_, ros_type(type_), Span("demo.msg", line))
+        for line, (name, type_) in enumerate(fields.items(), 1)
+    )
+    name = TypeName("demo", "msg", "Demo")
+    schema = Schema((Message(name, made, (), Span("demo.msg"), "demo.msg", ""),), frozenset({name}))
+    return layouts_of(schema)[name]
+
+
+def codes(layout: Layout, target: naming.Target) -> list[tuple[str, int]]:
+    report = Report()
+    naming.check_members(layout, target, report)
+    return [(diagnostic.code, diagnostic.span.line) for diagnostic in report.diagnostics]
+
+
+def test_names_equal_up_to_case_clash_where_case_is_ignored() -> None:
+    layout = message(Gain=Scalar.UINT8, gain=Scalar.UINT8)
+    assert codes(layout, naming.STRUCTURED_TEXT) == [("SHM203", 2)]
+    assert codes(layout, naming.PYTHON) == codes(layout, naming.C) == []
+
+
+def test_an_escaped_name_that_meets_another_clashes() -> None:
+    assert codes(message(step_=Scalar.UINT8, step=Scalar.UINT8), naming.STRUCTURED_TEXT) == [("SHM203", 2)]
+    assert codes(message(a_b=Scalar.UINT8, a__b=Scalar.UINT8), naming.STRUCTURED_TEXT) == [("SHM203", 2)]
+    assert codes(message(**{"from": Scalar.UINT8, "from_": Scalar.UINT8}), naming.PYTHON) == [("SHM203", 2)]
+    assert codes(message(**{"int": Scalar.UINT8, "int_": Scalar.UINT8}), naming.C) == [("SHM203", 2)]
+
+
+@pytest.mark.parametrize("target", [naming.STRUCTURED_TEXT, naming.PYTHON, naming.C])
+def test_names_of_the_generator_are_its_own(target: naming.Target) -> None:
+    tail = Sequence(Scalar.UINT8, 4)
+    assert codes(message(tail=tail, tail_count=Scalar.UINT8), target) == [("SHM204", 2)]
+    assert codes(message(tail_count=Scalar.UINT8, tail=tail), target) == [("SHM204", 1)]
+    assert codes(message(a=Scalar.UINT8, b=Scalar.UINT64, _pad0=Scalar.UINT8), target) == [("SHM204", 3)]
+    assert codes(message(a=Scalar.UINT8, b=Scalar.UINT64, _pad9=Scalar.UINT8), target) == []
+
+
+def test_the_clash_says_why_and_what_to_do() -> None:
+    report = Report()
+    naming.check_members(message(step_=Scalar.UINT8, step=Scalar.UINT8), naming.STRUCTURED_TEXT, report)
+    (text,) = map(str, report.diagnostics)
+    assert "`step_` and `step` are one name in Structured Text: `step` becomes `step_`" in text
+    assert "field: demo/Demo.step\n" in text
+    assert 'leave "st" out of `targets`' in text

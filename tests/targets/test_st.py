@@ -1,0 +1,480 @@
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from shmgen import bounds, definitions, layout
+from shmgen.diagnostics import Report
+from shmgen.model import Layout, Layouts, Scalar, String, TypeName, TypeOptions
+from shmgen.render import render
+from shmgen.runtime import header
+from shmgen.targets import st
+from shmgen.targets.st_text import ascii_text, comment_lines, literal
+
+blark = pytest.importorskip("blark")
+
+MESSAGES = {
+    "Point": "# Where, in `(x, y, z)`.\nfloat64 x  # [m]\nfloat64 y\nfloat64 z\n",
+    "Tagged": "uint8 CAR=1\nuint8 car_count=2\nstring GREETING='it is $5 (* or // more'\nint64 LEAST=-9223372036854775808\n"
+    "float32 SMALL=1e-7\nPoint where\nstring<=10 name 'none'\nbool on true\nint16 level -3\n",
+    "Everything": "bool flag\nint8 a\nint16 b\nuint16 c\nint32 d\nuint32 e\nint64 f\nuint64 g\nfloat32 h\nfloat64 i\n"
+    "string text\nwstring<=5 wide\nstring<=7[3] names\nPoint[2] corners\nTagged[<=4] tags\nuint8[<=3] blob\n"
+    "builtin_interfaces/Time stamp\nbuiltin_interfaces/Duration wait\nfloat64[2] pair [1.5, 2.5]\n",
+    "Empty": "",
+    "Reserved": "uint8 type\nuint8 time\nuint8 action\nuint8 task\nuint8 function\nuint8 step\nuint8 transition\n"
+    "uint8 dt\nuint8 array\nuint8 at\nuint8 read_only\nuint8 program\nuint8 by\nuint8 end_if\nuint8 r\nuint8 x\n"
+    "uint8 ADD=1\nuint8 DELETE=2\nuint8 ON=3\nuint8 TRUE=4\n",
+}
+DEMO = {name: TypeName("demo_msgs", "msg", name) for name in MESSAGES}
+
+SIZES = {
+    **dict.fromkeys(("BOOL", "BYTE", "SINT", "USINT"), 1),
+    **dict.fromkeys(("INT", "UINT"), 2),
+    **dict.fromkeys(("DINT", "UDINT", "REAL", "TIME", "DWORD"), 4),
+    **dict.fromkeys(("LINT", "ULINT", "LREAL", "LTIME", "LWORD"), 8),
+}
+
+
+def lay_out(
+    folder: Path, messages: Mapping[str, str], options: TypeOptions | None = None, source: str = "jazzy"
+) -> Layouts:
+    for name, text in messages.items():
+        package, _, message = name.rpartition("/")
+        file = folder / (package or "demo_msgs") / "msg" / f"{message}.msg"
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text, encoding="utf-8")
+    packages = sorted({name.rpartition("/")[0] or "demo_msgs" for name in messages})
+    sources = definitions.Sources((folder,), source, folder)
+    schema = bounds.apply(definitions.load(packages, sources, Report()), bounds.Bounds({}, {}), Report())
+    return layout.lay_out(schema, options or TypeOptions(), 2**26, Report())
+
+
+def texts_of(layouts: Layouts) -> dict[str, str]:
+    report = Report()
+    texts = render(st.plan(layouts, report))
+    report.stop_if_any()
+    return texts
+
+
+def codes_of(layouts: Layouts) -> list[str]:
+    report = Report()
+    list(st.plan(layouts, report))
+    return [diagnostic.code for diagnostic in report.diagnostics]
+
+
+def parse(text: str) -> list[Any]:
+    return list(blark.parse_source_code(text).transform().items)
+
+
+def members(text: str) -> list[tuple[str, str]]:
+    """Names and spelled types of a structure or a list, as blark reads them."""
+    (found,) = parse(text)
+    declared = found.declaration.declarations if hasattr(found, "declaration") else found.items
+    pairs = []
+    for item in declared:
+        names = item.variables if hasattr(item, "variables") else item.spec.variables
+        pairs += [(str(getattr(name, "variable", name)), str(item.init)) for name in names]
+    return pairs
+
+
+def size_of(type_: str, structures: Mapping[str, list[tuple[str, str]]]) -> int:
+    """Bytes of a packed type, by the rules of CODESYS and nothing of ours."""
+    type_ = type_.partition(" :=")[0]
+    if array := re.fullmatch(r"ARRAY *\[0\.\.(\d+)\] OF (.+)", type_):
+        return (int(array[1]) + 1) * size_of(array[2], structures)
+    if string := re.fullmatch(r"(W?)STRING\((\d+)\)", type_):
+        return (int(string[2]) + 1) * (2 if string[1] else 1)
+    if type_ in SIZES:
+        return SIZES[type_]
+    return sum(size_of(member, structures) for _, member in structures[type_])
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> Layouts:
+    return lay_out(tmp_path_factory.mktemp("demo"), MESSAGES)
+
+
+@pytest.fixture(scope="module")
+def texts(demo: Layouts) -> dict[str, str]:
+    return texts_of(demo)
+
+
+@pytest.fixture(scope="module")
+def parsed(texts: dict[str, str]) -> dict[str, list[Any]]:
+    return {path: parse(text) for path, text in texts.items()}
+
+
+def structures_of(texts: Mapping[str, str]) -> dict[str, list[tuple[str, str]]]:
+    return {Path(path).stem: members(text) for path, text in texts.items() if Path(path).name.startswith("ST_")}
+
+
+# --- what is written ----------------------------------------------------------------------------------
+
+
+def test_a_file_holds_the_object_of_its_name(parsed: dict[str, list[Any]]) -> None:
+    for path, items in parsed.items():
+        stem = Path(path).stem
+        first, *methods = items
+        match stem.partition("_")[0]:
+            case "GVL":
+                assert type(first).__name__ == "GlobalVariableDeclarations"
+            case "FB":
+                assert str(first.name) == stem
+                assert {type(method).__name__ for method in methods} == {"Method"}
+                continue
+            case _:
+                assert str(first.declaration.name) == stem
+        assert not methods, path
+
+
+def test_blocks_only_for_messages_the_user_named(tmp_path: Path) -> None:
+    lay_out(tmp_path, MESSAGES)
+    sources = definitions.Sources((tmp_path,), "jazzy", tmp_path)
+    schema = definitions.load(["demo_msgs/Tagged"], sources, Report())
+    layouts = layout.lay_out(bounds.apply(schema, bounds.Bounds({}, {}), Report()), TypeOptions(), 2**26, Report())
+    assert sorted(path for path in texts_of(layouts) if "/demo_msgs/" in path) == [
+        "st/demo_msgs/FB_demo_msgs_Tagged_Publisher.st",
+        "st/demo_msgs/FB_demo_msgs_Tagged_Subscriber.st",
+        "st/demo_msgs/GVL_demo_msgs_Point.st",
+        "st/demo_msgs/GVL_demo_msgs_Tagged.st",
+        "st/demo_msgs/ST_demo_msgs_Point.st",
+        "st/demo_msgs/ST_demo_msgs_Tagged.st",
+    ]
+
+
+def test_a_structure_as_a_user_reads_it(texts: dict[str, str], demo: Layouts) -> None:
+    digest = demo[DEMO["Tagged"]].digest
+    assert texts["st/demo_msgs/ST_demo_msgs_Tagged.st"] == (
+        f"// demo_msgs/msg/Tagged: 40 bytes, layout digest 16#{digest:016X}\n"
+        "// Made by shmgen from demo_msgs/msg/Tagged.msg; changes made here are lost.\n"
+        "{attribute 'pack_mode' := '1'}\n"
+        "TYPE ST_demo_msgs_Tagged :\n"
+        "STRUCT\n"
+        "    where : ST_demo_msgs_Point;\n"
+        "    name  : STRING(10) := 'none';\n"
+        "    on_   : USINT := 1;\n"
+        "    level : INT := -3;\n"
+        "    _pad0 : ARRAY[0..1] OF USINT;\n"
+        "END_STRUCT\n"
+        "END_TYPE\n"
+    )
+
+
+def test_constants_as_a_user_reads_them(texts: dict[str, str], demo: Layouts) -> None:
+    digest = demo[DEMO["Tagged"]].digest
+    assert texts["st/demo_msgs/GVL_demo_msgs_Tagged.st"] == (
+        "// GVL_demo_msgs_Tagged: constants of demo_msgs/msg/Tagged\n"
+        "{attribute 'qualified_only'}\n"
+        "VAR_GLOBAL CONSTANT\n"
+        "    SHM_TYPE_NAME : STRING(20) := 'demo_msgs/msg/Tagged';\n"
+        "    SHM_SIZE      : UDINT := 40;                   // bytes of one message\n"
+        f"    SHM_DIGEST    : LWORD := 16#{digest:016X};  // of the layout\n"
+        "\n"
+        "    CAR       : USINT := 1;\n"
+        "    car_count : USINT := 2;\n"
+        "    GREETING  : STRING(23) := 'it is $$5 (* or // more';\n"
+        "    LEAST     : LINT := -9223372036854775807 - 1;\n"
+        "    SMALL     : REAL := 1.0E-07;\n"
+        "END_VAR\n"
+    )
+
+
+def test_a_message_without_constants_leaves_no_gap(texts: dict[str, str]) -> None:
+    assert "\n\n" not in texts["st/demo_msgs/GVL_demo_msgs_Empty.st"]
+
+
+# --- bytes --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("options", [TypeOptions(), TypeOptions("BOOL", "LTIME"), TypeOptions("BOOL", "struct")])
+def test_what_blark_reads_lies_where_the_layout_says(tmp_path: Path, options: TypeOptions) -> None:
+    layouts = lay_out(tmp_path, MESSAGES, options)
+    structures = structures_of({path: text for path, text in texts_of(layouts).items() if "/ST_" in path})
+    for name, laid_out in layouts.items():
+        found = structures[f"ST_{name.package}_{name.name}"]
+        sizes = [size_of(type_, structures) for _, type_ in found]
+        offsets = [0, *itertools.accumulate(sizes)]
+        assert [slot.name for slot in laid_out.slots] == [member.removesuffix("_") for member, _ in found]
+        assert [(slot.offset, slot.size) for slot in laid_out.slots] == list(zip(offsets, sizes, strict=False))
+        assert offsets[-1] == laid_out.size
+
+
+def test_types_are_spelled_as_in_the_table(texts: dict[str, str]) -> None:
+    found = dict(members(texts["st/demo_msgs/ST_demo_msgs_Everything.st"]))
+    assert {name: type_ for name, type_ in found.items() if "_pad" not in name} == {
+        "flag": "USINT", "a": "SINT", "b": "INT", "c": "UINT", "d": "DINT", "e": "UDINT", "f": "LINT", "g": "ULINT",
+        "h": "REAL", "i": "LREAL", "text": "STRING(80)", "wide": "WSTRING(5)", "names": "ARRAY [0..2] OF STRING(7)",
+        "corners": "ARRAY [0..1] OF ST_demo_msgs_Point", "tags_count": "UDINT",
+        "tags": "ARRAY [0..3] OF ST_demo_msgs_Tagged", "blob_count": "UDINT", "blob": "ARRAY [0..2] OF USINT",
+        "stamp": "TIME", "wait": "TIME", "pair": "ARRAY [0..1] OF LREAL",
+    }  # fmt: skip
+
+
+def test_every_structure_is_packed_and_every_constant_qualified(texts: dict[str, str]) -> None:
+    for path, text in texts.items():
+        lines = text.splitlines()
+        if "/demo_msgs/ST_" in path:
+            assert lines[next(n for n, line in enumerate(lines) if line.startswith("TYPE ")) - 1] == (
+                "{attribute 'pack_mode' := '1'}"
+            )
+        if "/GVL_" in path:
+            assert "{attribute 'qualified_only'}" in lines
+
+
+def test_the_region_header_is_that_of_the_runtime(texts: dict[str, str]) -> None:
+    found = members(texts["st/shmgen/ST_ShmHeader.st"])
+    sizes = [size_of(type_, {}) for _, type_ in found]
+    offsets = dict(zip((name for name, _ in found), itertools.accumulate([0, *sizes]), strict=False))
+    assert sum(sizes) == header.HEADER_SIZE
+    assert all(offset % min(size, 8) == 0 for offset, size in zip(offsets.values(), sizes, strict=True) if size <= 8)
+    words = {
+        "udiWriter": header.WRITER,
+        "udiBegun": header.BEGUN,
+        "udiCompleted": header.COMPLETED,
+        "udiHeartbeat": header.HEARTBEAT,
+        "udiLockHolder": header.LOCK_HOLDER,
+        "udiLockCount": header.LOCK_COUNT,
+    }
+    assert {name: offsets[name] for name in words} == {name: 4 * word for name, word in words.items()}
+    packed = header.pack(header.header_for("a/msg/B", 0x1122334455667788, 56, 1))
+    given = [offsets[name] for name in ("dwMagic", "uiAbi", "lwDigest", "udiPayloadSize", "udiSlots", "abyTypeName")]
+    assert [packed[offset] for offset in given] == [0x53, 1, 0x88, 56, 2, ord("a")]
+    assert sum(size_of(type_, {}) for _, type_ in members(texts["st/shmgen/ST_ShmSlot.st"])) == header.SLOT_HEADER
+
+
+def test_the_common_block_knows_the_numbers_of_the_runtime(texts: dict[str, str]) -> None:
+    text = texts["st/shmgen/FB_ShmRegion.st"]
+    for name, value in {
+        "MAGIC": f"16#{header.MAGIC:08X}",
+        "ABI": str(header.ABI),
+        "HEADER_SIZE": str(header.HEADER_SIZE),
+        "SLOT_HEADER": str(header.SLOT_HEADER),
+        "PAGE": str(header.PAGE),
+        "PLC": f"16#{header.PLC:08X}",
+    }.items():
+        assert re.search(rf"^    {name} +: \w+ +:= {value};", text, re.MULTILINE), name
+
+
+# --- names and clashes --------------------------------------------------------------------------------
+
+
+def test_reserved_words_get_an_underscore(texts: dict[str, str]) -> None:
+    assert [name for name, _ in members(texts["st/demo_msgs/ST_demo_msgs_Reserved.st"])] == [
+        "type_", "time_", "action_", "task_", "function_", "step_", "transition_", "dt_", "array_", "at_", "read_only_",
+        "program_", "by_", "end_if_", "r_", "x",
+    ]  # fmt: skip
+    assert [name for name, _ in members(texts["st/demo_msgs/GVL_demo_msgs_Reserved.st"])][3:] == [
+        "ADD_", "DELETE_", "ON_", "TRUE_",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("messages", "codes"),
+    [
+        ({"A": "uint8 gain\nuint8 Gain\n"}, ["SHM203"]),
+        ({"A": "uint8 step\nuint8 step_\n"}, ["SHM203"]),
+        ({"A": "uint8 a__b\nuint8 a_b\n"}, ["SHM203"]),
+        ({"A": "uint8 X=1\nuint8 x=2\n"}, ["SHM203"]),
+        ({"A": "uint8 SHM_SIZE=1\n"}, ["SHM204"]),
+        ({"A": "uint8 shm_digest=1\n"}, ["SHM204"]),
+        ({"A": "uint8 structure_needs_at_least_one_member\n"}, []),
+        ({"A": "uint8 points\nuint8 POINTS=1\n"}, []),
+        ({"a_b/C": "uint8 x\n", "a/b_C": "uint8 x\n"}, ["SHM203"]),
+        ({"shmgen/Time": "uint8 x\n"}, ["SHM203"]),
+    ],
+)
+def test_clashes(tmp_path: Path, messages: dict[str, str], codes: list[str]) -> None:
+    assert codes_of(lay_out(tmp_path, messages, source="noetic")) == codes
+
+
+def test_a_default_must_fit_its_string(tmp_path: Path) -> None:
+    layouts = lay_out(
+        tmp_path, {"A": 'wstring w "\u00e4\U0001f600"\nstring s "\u20ac"\n'}, TypeOptions(encoding="latin-1")
+    )
+    assert codes_of(layouts) == ["SHM005"]
+
+
+# --- comments and literals ----------------------------------------------------------------------------
+
+HOSTILE = [
+    "*)",
+    "(* open",
+    "(*) both",
+    "// twice",
+    "{{ view.name }} {% if %}",
+    "{attribute 'pack_mode' := '8'}",
+    "it's $' and \" and '",
+    "a: LREAL; END_STRUCT",
+    "café ≠ ½ µm → ±3° \u200b 🤖",
+    "bell \a and \x0b tab \x0c form\x85next\u2028line",
+]
+
+
+@pytest.mark.parametrize("hostile", HOSTILE)
+def test_comments_stay_comments(tmp_path: Path, hostile: str) -> None:
+    lines = [line for line in hostile.replace("\x85", "\x0b").replace("\u2028", "\x0b").split("\n") if line]
+    doc = "".join(f"# {line}\n" for line in lines)
+    messages = {"A": f"{doc}\n{doc}uint8 x  # {lines[0]}\n{doc}uint8 C=1  # {lines[0]}\n"}
+    texts = texts_of(lay_out(tmp_path, messages))
+    for stem, names in (
+        ("ST_demo_msgs_A", ["x"]),
+        ("GVL_demo_msgs_A", [*map("SHM_{}".format, ("TYPE_NAME", "SIZE", "DIGEST")), "C"]),
+    ):
+        text = texts[f"st/demo_msgs/{stem}.st"]
+        assert text.isascii()
+        assert text.replace("\n", "").isprintable()
+        assert [name for name, _ in members(text)] == names
+        bare = re.sub(r"//.*", "", text)
+        assert "(*" not in text
+        assert "*)" not in text
+        assert not set(re.findall(r"\w+", bare)) & set(re.findall(r"[^\W\d]{4,}", hostile)) - {
+            "attribute",
+            "pack_mode",
+            "LREAL",
+            "END_STRUCT",
+        }
+
+
+@pytest.mark.parametrize(
+    ("text", "ascii"),
+    [
+        ("m/s²", "m/s2"),
+        ("±3 °C, 5 µm", "+/-3 degC, 5 um"),
+        ("Müller, naïve", "Muller, naive"),
+        ("a ≠ b ≤ c – d", "a <> b <= c - d"),
+        ("½ “x”…", '1/2 "x"...'),
+        ("α 機", "<U+03B1> <U+6A5F>"),
+        ("(*)", "( * )"),
+        ("tab\there", "tab here"),
+        ("a\u0338b", "a<U+0338>b"),
+    ],
+)
+def test_ascii(text: str, ascii: str) -> None:
+    assert ascii_text(text) == ascii
+
+
+def test_a_long_line_is_folded_and_short_ones_stay() -> None:
+    lines = comment_lines("word " * 40 + "\n\n  indented\n" + "x" * 150)
+    assert lines[2:] == ["//", "//   indented", "// " + "x" * 150]
+    assert max(map(len, lines[:2])) <= 103
+
+
+@pytest.mark.parametrize(
+    ("value", "type_", "text"),
+    [
+        (True, Scalar.BOOL, "1"),
+        (-128, Scalar.INT8, "-128"),
+        (2**64 - 1, Scalar.UINT64, "18446744073709551615"),
+        (-(2**63), Scalar.INT64, "-9223372036854775807 - 1"),
+        (1.0, Scalar.FLOAT64, "1.0"),
+        (-1.5e300, Scalar.FLOAT64, "-1.5E+300"),
+        (1e-05, Scalar.FLOAT64, "1.0E-05"),
+        (3, Scalar.FLOAT32, "3.0"),
+        (float("inf"), Scalar.FLOAT32, None),
+        (float("nan"), Scalar.FLOAT64, None),
+        ("it's $1", String(), "'it$'s $$1'"),
+        ('ä\n"', String(), "'$C3$A4$0A\"'"),
+        ('ä\n"\U0001f600', String(wide=True), '"$00E4$000A$"$D83D$DE00"'),
+        ("", String(), "''"),
+    ],
+)
+def test_literals(value: Any, type_: Scalar | String, text: str | None) -> None:
+    assert literal(value, type_, TypeOptions()) == text
+
+
+def test_a_bool_is_spelled_as_its_type() -> None:
+    assert [literal(value, Scalar.BOOL, TypeOptions("BOOL")) for value in (True, False)] == ["TRUE", "FALSE"]
+
+
+# --- blocks -------------------------------------------------------------------------------------------
+
+
+def interface(block: Any) -> dict[str, dict[str, str]]:
+    """Section -> name -> type."""
+    found: dict[str, dict[str, str]] = {}
+    for section in block.declarations:
+        names = found.setdefault(type(section).__name__, {})
+        for item in section.items:
+            names |= {str(getattr(name, "variable", name)): str(item.init) for name in item.variables}
+    return found
+
+
+def test_the_pair_has_the_interface_that_is_documented(parsed: dict[str, list[Any]]) -> None:
+    publisher = interface(parsed["st/demo_msgs/FB_demo_msgs_Point_Publisher.st"][0])
+    subscriber = interface(parsed["st/demo_msgs/FB_demo_msgs_Point_Subscriber.st"][0])
+    assert publisher["InputDeclarations"] == {
+        "xEnable": "BOOL",
+        "sTopic": "STRING(80)",
+        "xSend": "BOOL := TRUE",
+        "Msg": "ST_demo_msgs_Point",
+        "udiDepth": "UDINT := 1",
+    }
+    assert list(publisher["OutputDeclarations"]) == [
+        "xSent", "xBusy", "xError", "eErrorID", "udiSequence", "udiLockMisses",
+    ]  # fmt: skip
+    assert list(subscriber["InputDeclarations"]) == ["xEnable", "sTopic", "tTimeout", "xNewest", "udiDepth"]
+    assert subscriber["OutputDeclarations"]["Msg"] == "ST_demo_msgs_Point"
+    assert list(subscriber["OutputDeclarations"]) == [
+        "xValid", "xNewData", "xBusy", "xError", "eErrorID", "Msg", "udiSequence", "udiMissed", "udiLockMisses",
+        "xStale",
+    ]  # fmt: skip
+
+
+def test_no_pointer_crosses_an_interface(parsed: dict[str, list[Any]]) -> None:
+    for path, (block, *_) in parsed.items():
+        if "/FB_demo" in path:
+            sides = interface(block)
+            for section in ("InputDeclarations", "OutputDeclarations"):
+                assert not [type_ for type_ in sides[section].values() if "POINTER" in type_ or "REFERENCE" in type_]
+
+
+def test_what_begins_ends_in_the_same_call(texts: dict[str, str]) -> None:
+    """No RETURN anywhere, so nothing leaves between the lock and its release."""
+    for path, text in texts.items():
+        code = re.sub(r"//.*", "", text)
+        assert "RETURN" not in code
+        for side in ("Read", "Write"):
+            assert len(re.findall(rf"\.Begin{side}\(", code)) == len(re.findall(rf"\.End{side}\(", code)), path
+
+
+def test_every_error_is_used_and_declared(texts: dict[str, str]) -> None:
+    declared = {name for name, _ in re.findall(r"^    (\w+) +:= (\d+)", texts["st/shmgen/E_ShmError.st"], re.MULTILINE)}
+    used = {name for text in texts.values() for name in re.findall(r"E_ShmError\.(\w+)", text)}
+    assert used == declared
+
+
+# --- every file ---------------------------------------------------------------------------------------
+
+
+def test_text_is_plain(texts: dict[str, str]) -> None:
+    for path, text in texts.items():
+        assert text.isascii(), path
+        assert text.endswith("\n"), path
+        assert not text.endswith("\n\n"), path
+        assert not re.search(r"[\t\r]|[ ]$", text, re.MULTILINE), path
+
+
+def test_two_runs_give_the_same_bytes(texts: dict[str, str], tmp_path: Path) -> None:
+    assert texts_of(lay_out(tmp_path, MESSAGES)) == texts
+
+
+def test_the_time_structure_comes_only_when_it_is_needed(tmp_path: Path, texts: dict[str, str]) -> None:
+    path = "st/shmgen/ST_shmgen_Time.st"
+    assert path not in texts
+    text = texts_of(lay_out(tmp_path, MESSAGES, TypeOptions(time="struct")))[path]
+    assert members(text) == [("diSec", "DINT"), ("udiNanosec", "UDINT")]
+    assert "{attribute 'pack_mode' := '1'}\nTYPE" in text
+
+
+def digests(layouts: Iterable[Layout]) -> set[str]:
+    return {f"16#{laid_out.digest:016X}" for laid_out in layouts}
+
+
+def test_the_digest_is_that_of_the_layout(texts: dict[str, str], demo: Layouts) -> None:
+    found = {found for path, text in texts.items() if "/GVL_" in path for found in re.findall(r"LWORD := (\S+);", text)}
+    assert found == digests(demo.values())

@@ -1,0 +1,127 @@
+"""Who may import whom, what a template may hold, and that codes, docs and error folders are one set."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from jinja2 import Environment, nodes
+
+from shmgen.diagnostics import CODES
+
+from .conftest import REPOSITORY
+
+SOURCE = REPOSITORY / "src" / "shmgen"
+TEMPLATES = sorted((REPOSITORY / "templates").rglob("*.j2"))
+
+# Stage -> what of shmgen it may import. `model` and `diagnostics` are the words all stages share.
+WORDS = {"diagnostics", "model"}
+ARROWS = {
+    "diagnostics": set(),
+    "model": {"diagnostics"},
+    "definitions": WORDS | {"definitions"},
+    "bounds": WORDS,
+    "layout": WORDS,
+    "drift": WORDS,
+    "targets": WORDS | {"targets"},
+    "config": WORDS | {"bounds"},
+    "render": {"model"},
+    "write": {"diagnostics"},
+    "pipeline": WORDS | {"definitions", "bounds", "layout", "drift", "targets", "config", "render"},
+    "show": WORDS | {"layout", "pipeline", "targets"},
+    "memory_map": WORDS | {"show"},
+    "cli": WORDS | {"", "config", "drift", "pipeline", "show", "memory_map", "render", "write"},
+    "runtime": {"runtime"},
+    "__init__": set(),
+    "__main__": {"cli"},
+}
+ONLY_IN = {
+    "click": "cli",
+    "jinja2": "render",
+    "rosbags": "definitions",
+    "rosidl_parser": "definitions",
+    "posix_ipc": "runtime",
+}
+
+
+def stage(path: Path) -> str:
+    return path.relative_to(SOURCE).parts[0].removesuffix(".py")
+
+
+def imports(path: Path) -> set[str]:
+    """Dotted names of all modules a file imports, wherever in it."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            assert node.module
+            found |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return found
+
+
+@pytest.mark.parametrize("path", sorted(SOURCE.rglob("*.py")), ids=lambda path: str(path.relative_to(SOURCE)))
+def test_imports_follow_the_arrows(path: Path) -> None:
+    for name in imports(path):
+        first, _, rest = name.partition(".")
+        if first == "shmgen":
+            other = rest.partition(".")[0]
+            other = "" if other.startswith("__") else other
+            assert other in ARROWS[stage(path)], f"{stage(path)} imports {name}"
+        elif first in ONLY_IN:
+            assert stage(path) == ONLY_IN[first], f"{stage(path)} imports {name}"
+
+
+def test_runtime_loads_only_the_standard_library_and_posix_ipc() -> None:
+    code = "import sys, shmgen.runtime; print(*sorted({name.partition('.')[0] for name in sys.modules}))"
+    loaded = subprocess.run(
+        [sys.executable, "-I", "-c", code], check=True, capture_output=True, text=True
+    ).stdout.split()
+    bare = subprocess.run(
+        [sys.executable, "-I", "-c", code.replace(", shmgen.runtime", "")], check=True, capture_output=True, text=True
+    ).stdout.split()
+    foreign = set(loaded) - set(bare) - set(sys.stdlib_module_names)
+    assert foreign == {"shmgen", "posix_ipc"}
+
+
+ALLOWED = (
+    nodes.Template,
+    nodes.Output,
+    nodes.TemplateData,
+    nodes.Name,
+    nodes.Getattr,
+    nodes.For,
+    nodes.If,
+    nodes.Include,
+    nodes.Const,
+)
+
+
+@pytest.mark.parametrize("path", TEMPLATES, ids=lambda path: str(path.relative_to(REPOSITORY / "templates")))
+def test_templates_hold_text_and_holes_only(path: Path) -> None:
+    tree = Environment().parse(path.read_text())
+    for node in tree.find_all(nodes.Node):
+        assert isinstance(node, ALLOWED), f"{path.name}:{node.lineno}: {type(node).__name__}"
+        if isinstance(node, nodes.If):
+            assert isinstance(node.test, nodes.Name | nodes.Getattr), (
+                f"{path.name}:{node.lineno}: a condition is a name"
+            )
+        if isinstance(node, nodes.Const):
+            assert isinstance(node.value, str), f"{path.name}:{node.lineno}: only a template's name is a constant"
+
+
+def test_codes_docs_and_error_folders_are_the_same_set() -> None:
+    documented = re.findall(r"^## (SHM\d{3}) (.+)$", (REPOSITORY / "docs" / "diagnostics.md").read_text(), re.MULTILINE)
+    assert dict(documented) == CODES
+    shown = {folder.name.partition("_")[0] for folder in (REPOSITORY / "tests" / "errors").iterdir() if folder.is_dir()}
+    assert shown == set(CODES)
+
+
+def test_no_file_outgrows_a_head() -> None:
+    for path in SOURCE.rglob("*.py"):
+        assert len(path.read_text().splitlines()) <= 400, path

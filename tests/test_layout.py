@@ -1,0 +1,168 @@
+"""Bytes: slots tile, and Layout = ctypes = gcc, over random schemas."""
+
+from __future__ import annotations
+
+import ctypes
+import itertools
+import random
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from shmgen.diagnostics import Span
+from shmgen.layout import canonical_text, region_size
+from shmgen.model import (
+    Array,
+    Field,
+    Layout,
+    Layouts,
+    Message,
+    Ref,
+    Role,
+    Scalar,
+    Schema,
+    String,
+    TypeName,
+    TypeOptions,
+)
+from shmgen.targets import c, python
+
+from .support.build import classes, compile_headers, layouts_of, put, texts_of
+from .support.schemas import plain, random_message, schemas
+
+OPTIONS = st.builds(
+    TypeOptions,
+    bool=st.sampled_from(("USINT", "BOOL")),
+    time=st.sampled_from(("TIME", "LTIME", "struct")),
+    encoding=st.sampled_from(("utf-8", "latin-1")),
+)
+NUMBER = itertools.count()
+
+
+def one(*fields: tuple[str, object]) -> Layout:
+    span = Span("one.msg")
+    name = TypeName("one_msgs", "msg", "One")
+    made = tuple(Field(field, type_, "", span) for field, type_ in fields)  # type: ignore[arg-type]
+    return layouts_of(Schema((Message(name, made, (), span, "", ""),), frozenset({name})))[name]
+
+
+@given(schemas(), OPTIONS)
+def test_slots_tile_the_message(schema: Schema, options: TypeOptions) -> None:
+    for layout in layouts_of(schema, options).values():
+        end = 0
+        for slot in layout.slots:
+            assert slot.offset == end
+            assert slot.offset % slot.align == 0
+            end += slot.size
+        assert end == layout.size
+        assert layout.size % layout.align == 0
+        assert layout.size > 0
+        assert sum(slot.size for slot in layout.slots if slot.role is Role.PADDING) < 8 * len(layout.slots)
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(schemas(), OPTIONS, st.integers())
+def test_ctypes_agrees_and_values_survive(tmp_path: Path, schema: Schema, options: TypeOptions, seed: int) -> None:
+    layouts = layouts_of(schema, options)
+    package = f"random{next(NUMBER)}"
+    put(texts_of(layouts, python, package), tmp_path)
+    for name, layout in layouts.items():
+        kind, _, _ = classes(tmp_path, package, name)
+        assert_same_bytes(kind, layout)
+        message = random_message(layout, layouts, random.Random(seed))
+        buffer = bytearray(layout.size)
+        late: list[tuple[int, int, memoryview]] = []
+        kind._encode(message, buffer, 0, late)
+        assert plain(kind.from_buffer_copy(buffer)) == plain(message)
+        rebuilt = kind(**{field: getattr(message, field) for field in plain_fields(layout)})
+        assert {field: plain(getattr(rebuilt, field)) for field in plain_fields(layout)} == {
+            field: plain(getattr(message, field)) for field in plain_fields(layout)
+        }
+
+
+def plain_fields(layout: Layout) -> list[str]:
+    """Those that can be set from foreign objects: a nested ctypes structure takes only its own kind."""
+    data = [slot for slot in layout.slots if slot.role is Role.DATA]
+    return [slot.name for slot in data if slot.count is not None or not isinstance(slot.type, Ref)]
+
+
+def assert_same_bytes(kind: type[ctypes.Structure], layout: Layout) -> None:
+    assert ctypes.sizeof(kind) == layout.size
+    fields = [getattr(kind, entry[0]) for entry in kind._fields_]
+    assert [(field.offset, field.size) for field in fields] == [(slot.offset, slot.size) for slot in layout.slots]
+
+
+def test_gcc_agrees_with_random_schemas(tmp_path: Path) -> None:
+    """One compile for many schemas: a compiler inside a shrinking loop takes minutes for one failure."""
+    made: list[tuple[Layouts, str]] = []
+
+    @settings(max_examples=40, database=None, derandomize=True)
+    @given(schemas(), OPTIONS)
+    def collect(schema: Schema, options: TypeOptions) -> None:
+        made.append((layouts_of(schema, options), f"random_c{len(made)}"))
+
+    collect()
+    for layouts, package in made:
+        texts = texts_of(layouts, c, package)
+        put({path: in_its_own_namespace(text, package) for path, text in texts.items()}, tmp_path)
+    for language in ("c", "c++"):
+        compile_headers(tmp_path, language)
+
+
+def in_its_own_namespace(text: str, package: str) -> str:
+    """Every example has the same message names; one translation unit needs others. The common header stays one."""
+    return text.replace("random_msgs_", f"{package}_").replace(f"{package}/shmgen.h", "random_c0/shmgen.h")
+
+
+def test_pose_is_where_the_paper_has_it() -> None:
+    from shmgen import pipeline
+    from shmgen.config import Config
+
+    layouts = pipeline.lay_out(Config(Path.cwd()), ["geometry_msgs/Pose"])
+    layout = layouts[TypeName("geometry_msgs", "msg", "Pose")]
+    assert layout.size == 56
+    position, orientation = (layouts[name] for name in layout.dependencies)
+    assert [slot.offset for slot in layout.slots] == [0, 24]
+    assert [slot.offset for slot in position.slots] == [0, 8, 16]
+    assert [slot.offset + 24 for slot in orientation.slots] == [24, 32, 40, 48]
+
+
+def test_erratum_of_table_1() -> None:
+    """The paper prints uint16 as UDINT and uint32 as UINT; in IEC 61131-3 UINT has 16 bits and UDINT 32."""
+    assert (Scalar.UINT16.iec, Scalar.UINT16.size) == ("UINT", 2)
+    assert (Scalar.UINT32.iec, Scalar.UINT32.size) == ("UDINT", 4)
+
+
+@pytest.mark.parametrize(
+    ("payload", "slots", "size"),
+    [(56, 2, 4096), (1, 2, 4096), (1888, 2, 4096), (1889, 2, 8192), (2**20, 2, 2_101_248), (56, 64, 12288)],
+)
+def test_a_region_is_whole_pages(payload: int, slots: int, size: int) -> None:
+    assert region_size(payload, slots) == size
+
+
+BASE = (("a", Scalar.UINT8), ("b", Scalar.FLOAT64), ("c", String(10)))
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        (("b", Scalar.FLOAT64), ("a", Scalar.UINT8), ("c", String(10))),
+        (("a", Scalar.INT8), ("b", Scalar.FLOAT64), ("c", String(10))),
+        (("a", Scalar.UINT8), ("b", Scalar.FLOAT64), ("c", String(11))),
+        (("a", Scalar.UINT8), ("b", Scalar.FLOAT64), ("d", String(10))),
+        (("a", Scalar.UINT8), ("b", Array(Scalar.FLOAT64, 1)), ("c", String(10))),
+    ],
+)
+def test_digest_changes_with_the_layout(changed: tuple[tuple[str, object], ...]) -> None:
+    assert one(*changed).digest != one(*BASE).digest
+
+
+@given(schemas(), schemas())
+def test_equal_digest_means_equal_layout(one: Schema, other: Schema) -> None:
+    first, second = layouts_of(one), layouts_of(other)
+    for name in first.keys() & second.keys():
+        same = canonical_text(first[name], first) == canonical_text(second[name], second)
+        assert same == (first[name].digest == second[name].digest)
