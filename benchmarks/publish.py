@@ -33,19 +33,19 @@ MIB = 1 << 20
 
 class Point(runtime.Message):
     _pack_ = 1
-    _fields_ = [(name, ctypes.c_double) for name in ("x", "y", "z")]
+    _fields_ = [(name, ctypes.c_double) for name in ("x", "y", "z")]  # noqa: RUF012
     _names_ = ("x", "y", "z")
 
 
 class Quaternion(runtime.Message):
     _pack_ = 1
-    _fields_ = [(name, ctypes.c_double) for name in ("x", "y", "z", "w")]
+    _fields_ = [(name, ctypes.c_double) for name in ("x", "y", "z", "w")]  # noqa: RUF012
     _names_ = ("x", "y", "z", "w")
 
 
 class Pose(runtime.Message):
     _pack_ = 1
-    _fields_ = [("position", Point), ("orientation", Quaternion)]
+    _fields_ = [("position", Point), ("orientation", Quaternion)]  # noqa: RUF012
     _type_name_ = "geometry_msgs/msg/Pose"
     _digest_ = 0x0123456789ABCDEF
     _names_ = ("position", "orientation")
@@ -64,7 +64,7 @@ class Pose(runtime.Message):
 
 class Image(runtime.Message):
     _pack_ = 1
-    _fields_ = [("data", ctypes.c_uint8 * MIB)]
+    _fields_ = [("data", ctypes.c_uint8 * MIB)]  # noqa: RUF012
     _type_name_ = "benchmark/msg/Image"
     _digest_ = 0xFEDCBA9876543210
     _names_ = ("data",)
@@ -113,7 +113,7 @@ def _pose(topic: str, hand_topic: str) -> None:
     scratch, place = bytearray(56), slice(256, 312)
     acquire, release = semaphore.acquire, semaphore.release
 
-    def by_hand() -> None:
+    def by_hand(message: Any) -> None:
         acquire(0.01)
         position = message.position
         orientation = message.orientation
@@ -125,7 +125,7 @@ def _pose(topic: str, hand_topic: str) -> None:
 
     naive = Pose.from_buffer(map, 256)
 
-    def assigned() -> None:
+    def assigned(message: Any) -> None:
         with semaphore:
             naive.position.x = message.position.x
             naive.position.y = message.position.y
@@ -137,14 +137,14 @@ def _pose(topic: str, hand_topic: str) -> None:
 
     words = memoryview(map).cast("I")
 
-    def look() -> int:
-        return words[33]
+    def look(word: int) -> int:
+        return words[word]
 
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber, PoseSubscriber(topic) as idle:
         publisher.publish(message)
         idle.read()
 
-        def exchange() -> None:
+        def exchange(message: Any) -> None:
             publisher.publish(message)
             subscriber.read()
 
@@ -152,14 +152,14 @@ def _pose(topic: str, hand_topic: str) -> None:
             "Publish a Pose (56 bytes)",
             20_000,
             {
-                "bounded lock + pack_into + slice, by hand": by_hand,
-                "ctypes assignment under `with semaphore`": assigned,
-                "publish(any object)": lambda: publisher.publish(message),
-                "publish(Pose)": lambda: publisher.publish(ours),
-                "publish(any object) + read()": exchange,
+                "bounded lock + pack_into + slice, by hand": (by_hand, message),
+                "ctypes assignment under `with semaphore`": (assigned, message),
+                "publish(any object)": (publisher.publish, message),
+                "publish(Pose)": (publisher.publish, ours),
+                "publish(any object) + read()": (exchange, message),
             },
         )
-        _table("Nothing new", 50_000, {"a look at one word": look, "read()": idle.read})
+        _table("Nothing new", 50_000, {"a look at one word": (look, 33), "read()": (lambda _: idle.read(), None)})
 
 
 def _image(topic: str, hand_topic: str) -> None:
@@ -169,14 +169,13 @@ def _image(topic: str, hand_topic: str) -> None:
     places = [slice(256, 256 + MIB), slice(256 + MIB + 64, 256 + 2 * MIB + 64)]
     turn = [0]
 
-    def copy() -> None:
+    def copy(data: bytearray) -> None:
         turn[0] ^= 1
         map[places[turn[0]]] = data
 
     with ImagePublisher(topic) as publisher, ImageSubscriber(topic) as subscriber:
 
-        def read_new() -> None:
-            publisher.heartbeat()
+        def read_new(_: None) -> None:
             subscriber._last -= 1
             subscriber.read()
 
@@ -184,15 +183,15 @@ def _image(topic: str, hand_topic: str) -> None:
             "Publish 1 MiB of uint8",
             40,
             {
-                "copy into two mapped slots in turn (memcpy)": copy,
-                "publish(any object with a bytearray)": lambda: publisher.publish(message),
-                "publish(Image)": lambda: publisher.publish(ours),
+                "copy into two mapped slots in turn (memcpy)": (copy, data),
+                "publish(any object with a bytearray)": (publisher.publish, message),
+                "publish(Image)": (publisher.publish, ours),
             },
         )
         _table(
             "Read 1 MiB of uint8",
             40,
-            {"copy out to bytes": lambda: map[places[0]], "read()": read_new},
+            {"copy out to bytes": (map.__getitem__, places[0]), "read()": (read_new, None)},
         )
 
 
@@ -205,14 +204,14 @@ def _by_hand(topic: str, size: int) -> tuple[mmap.mmap, posix_ipc.Semaphore]:
     return map, semaphore
 
 
-def _table(title: str, calls: int, work: dict[str, Callable[[], Any]]) -> None:
-    """Prints a row for each work; the first is the floor."""
+def _table(title: str, calls: int, work: dict[str, tuple[Callable[[Any], Any], Any]]) -> None:
+    """Prints a row for each work, a function and its argument; the first is the floor."""
     times: dict[str, list[float]] = {name: [] for name in work}
     for _ in range(ROUNDS):
-        for name, call in work.items():
+        for name, (call, argument) in work.items():
             start = time.perf_counter_ns()
             for _ in range(calls):
-                call()
+                call(argument)
             times[name].append((time.perf_counter_ns() - start) / calls)
     print(f"\n{title:<48}{'ns':>12}{'ratio':>8}")
     floor = times[next(iter(work))]

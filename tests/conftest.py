@@ -24,7 +24,7 @@ def corpus() -> Path:
 @pytest.fixture
 def topic() -> Iterator[str]:
     """A topic nobody else uses; its region and semaphores are removed afterwards."""
-    name = f"shmgen_test/{uuid.uuid4().hex}"
+    name = f"shmgen_test/t{uuid.uuid4().hex}"
     yield f"/{name}"
     for file in Path("/dev/shm").glob(f"*{name.replace('/', '.')}*"):
         file.unlink()

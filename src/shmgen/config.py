@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import keyword
 import re
 import sys
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ else:
 
 FILE_NAME = "shmgen.toml"
 TARGETS = ("python", "st", "c")
-SOURCES = ("jazzy", "humble", "noetic", "kilted", "iron", "galactic", "foxy")
+SOURCES = ("jazzy", "humble", "noetic", "kilted", "lyrical", "iron", "galactic", "foxy", "eloquent", "dashing")
 MAX_REGION = 16 * 2**20
 """Bytes; more than any sane topic, less than what a forgotten bound makes."""
 
@@ -39,7 +40,10 @@ class Topic:
 
 @dataclass(frozen=True, slots=True)
 class Config:
-    """The user's words; `root` is the folder that relative paths start from."""
+    """The user's words; `root` is the folder that relative paths start from.
+
+    `places` says where each of `messages`, and the type of each topic, is written.
+    """
 
     root: Path
     messages: tuple[str, ...] = ()
@@ -51,6 +55,7 @@ class Config:
     types: TypeOptions = field(default_factory=TypeOptions)
     bounds: Bounds = field(default_factory=lambda: Bounds({}, {}))
     topics: tuple[Topic, ...] = ()
+    places: Mapping[str, Span] = field(default_factory=dict)
 
 
 def find(start: Path) -> Path | None:
@@ -69,13 +74,25 @@ def load(path: Path, shown: str, report: Report) -> Config:
     try:
         document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        report.error("SHM503", _without_position(error), _toml_error_span(shown, text, error))
+        span = _toml_error_span(shown, text, error)
+        report.error("SHM503", _without_position(error), span, hint=_missing_quotes(span.text))
         report.stop_if_any()
     prefix = "tool.shmgen" if path.name == "pyproject.toml" else ""
-    data = document.get("tool", {}).get("shmgen", {}) if prefix else document
-    config = _Reader(_positions(text, prefix, shown), Span(shown), report).config(data, path.parent)
+    reader = _Reader(_positions(text, prefix, shown), Span(shown), report)
+    data = reader.table(reader.table(document, "tool"), "shmgen") if prefix else document
+    config = reader.config(data, path.parent)
     report.stop_if_any()
-    return config
+    return replace(config, places=quoted(text, shown, {*config.messages, *(topic.type for topic in config.topics)}))
+
+
+def quoted(text: str, shown: str, words: Collection[str]) -> dict[str, Span]:
+    """Where each of `words` first stands in quotes in a TOML document, of those that do."""
+    places: dict[str, Span] = {}
+    for number, line in enumerate(text.split("\n"), start=1):
+        for found in _QUOTED.finditer(line):
+            if found[1] in words:
+                places.setdefault(found[1], _span(shown, number, line, found.start(1), found.end(1)))
+    return places
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,8 +140,10 @@ class _Reader:
             section = f"topics.{index}"
             self.keys(section, entry, ("topic", "type", "direction", "depth"))
             for key in ("topic", "type"):
-                if not isinstance(entry.get(key), str):
+                if key not in entry:
                     self.report.error("SHM502", f'a [[topics]] entry needs {key} = "..."', self.span(section, ""))
+                elif not isinstance(entry[key], str):
+                    self.wrong(section, key, f"{key} is a string, not {entry[key]!r}")
             direction = self.choice(section, "direction", entry, ("to_plc", "from_plc"), "to_plc")
             depth = self.number(section, "depth", entry, 1)
             span = self.span(section, "topic")
@@ -136,24 +155,26 @@ class _Reader:
     def bound_table(self, section: str, data: dict[str, Any], options: tuple[str, ...]) -> dict[str, Bound]:
         table: dict[str, Bound] = {}
         for key in data:
+            close = get_close_matches(key, options, n=1, cutoff=0.8)
             if key in options:
                 continue
-            if not _BOUND_KEY.fullmatch(key):
-                self.report.error(
-                    "SHM501",
-                    f"unknown key {key} in [{section}]",
-                    self.span(section, key),
-                    hint='a key here is "package/Message.field", "package/Message" or "package"'
-                    + (f", or one of {', '.join(options)}" if options else ""),
-                )
+            if isinstance(data[key], dict):
+                hint = 'a key with a slash or a dot stands in quotes: "package/Message.field" = 8'
+                self.report.error("SHM502", f"{key} is a number, not a table", self.span(section, key), hint=hint)
+            elif close or not _BOUND_KEY.fullmatch(key):
+                hint = 'a key here is "package/Message.field", "package/Message" or "package"'
+                hint += f", or one of {', '.join(options)}" if options else ""
+                hint = f"did you mean {close[0]}?" if close else hint
+                self.report.error("SHM501", f"unknown key {key} in [{section}]", self.span(section, key), hint=hint)
             else:
                 table[key] = Bound(self.number(section, key, data, 1), self.span(section, key))
         return table
 
     def package(self, data: dict[str, Any]) -> str:
         name = data.get("package", "shm_msgs")
-        if not (isinstance(name, str) and name.isascii() and name.isidentifier()):
-            self.wrong("", "package", 'package is the name of a Python package, such as "shm_msgs"')
+        usable = isinstance(name, str) and name.isascii() and name.isidentifier() and not keyword.iskeyword(name)
+        if not usable or name == "shmgen":  # the generated package imports that one
+            self.wrong("", "package", f'package names the Python package to make, such as "shm_msgs", not {name!r}')
             return "shm_msgs"
         return name
 
@@ -163,6 +184,8 @@ class _Reader:
             if key not in allowed:
                 close = get_close_matches(key, allowed, n=1)
                 hint = f"did you mean {close[0]}?" if close else f"known keys{place}: {', '.join(allowed)}"
+                if not section and key in _HOMES:
+                    hint = f"it belongs under [{_HOMES[key]}]"
                 self.report.error("SHM501", f"unknown key {key}{place}", self.span(section, key), hint=hint)
 
     def table(self, data: dict[str, Any], key: str) -> dict[str, Any]:
@@ -179,6 +202,8 @@ class _Reader:
         if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
             self.wrong("", key, f'{key} is a list of strings, such as ["{choices[0] if choices else "..."}"]')
             return default
+        if choices and not value:
+            self.wrong("", key, f"{key} is empty: leave it out, or name some of {', '.join(choices)}")
         for item in value:
             if choices and item not in choices:
                 self.wrong("", key, f'"{item}" is not one of {", ".join(choices)}')
@@ -202,19 +227,23 @@ class _Reader:
         self.report.error("SHM502", message, self.span(section, key))
 
     def span(self, section: str, key: str) -> Span:
-        return self.positions.get((section, key)) or self.positions.get((section, ""), self.file)
+        """Of the key; if it is in an inline table or a dotted key, of what holds it."""
+        places = ((section, key), (section, ""), ("", section), (key, ""))
+        return next((self.positions[place] for place in places if place in self.positions), self.file)
 
 
 _BOUND_KEY = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*(\.[A-Za-z]\w*)?)?")
 _HEADER = re.compile(r"\s*(\[\[?)\s*([^\]#]+?)\s*\]")
 _KEY = re.compile(r"""\s*("[^"]*"|'[^']*'|[A-Za-z0-9_-]+)\s*[=.]""")
+_QUOTED = re.compile(r"""["']([^"']+)["']""")
+_HOMES = {"bool": "types", "time": "types", "default": "strings", "encoding": "strings", "overflow": "strings"}
 
 
 def _positions(text: str, prefix: str, shown: str) -> dict[tuple[str, str], Span]:
     """Where each (section, key) stands; TOML libraries tell no positions. Entry n of [[topics]] is `topics.n`."""
     positions: dict[tuple[str, str], Span] = {}
     section, entries = "", 0
-    for number, line in enumerate(text.splitlines(), start=1):
+    for number, line in enumerate(text.split("\n"), start=1):
         if header := _HEADER.match(line):
             section = re.sub(r"\s*\.\s*", ".", header[2])
             section = section.removeprefix(prefix).lstrip(".") if section.startswith(prefix) else f"other {section}"
@@ -227,31 +256,44 @@ def _positions(text: str, prefix: str, shown: str) -> dict[tuple[str, str], Span
 
 
 def _span(shown: str, number: int, line: str, start: int, end: int) -> Span:
-    return Span(shown, number, start + 1, end - start, line)
+    return Span(shown, number, start + 1, end - start, line.rstrip("\r"))
 
 
 def _read(path: Path, shown: str, report: Report) -> str:
     try:
-        return path.read_bytes().decode("utf-8")
+        return path.read_bytes().decode("utf-8").removeprefix("\N{ZERO WIDTH NO-BREAK SPACE}")
     except OSError as error:
-        report.error("SHM001", f"cannot read: {error.strerror}", Span(shown))
+        report.error("SHM001", f"cannot read: {error.strerror}", Span(shown), hint="correct -c")
     except UnicodeDecodeError as error:
         line = error.object.count(b"\n", 0, error.start) + 1
         column = error.start - error.object.rfind(b"\n", 0, error.start)
-        report.error("SHM002", "not UTF-8", Span(shown, line, column), hint="save the file as UTF-8")
+        culprit = f"byte 0x{error.object[error.start]:02X} is not UTF-8"
+        report.error("SHM002", culprit, Span(shown, line, column), hint="save the file as UTF-8")
     report.stop_if_any()
     raise AssertionError
 
 
 _AT = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
+_BARE_KEY = re.compile(r"\s*([\w-]+(?:/[\w.-]+)+)\s*=")
+_BARE_VALUE = re.compile(r"(\s*[\w-]+\s*=\s*)([A-Za-z][\w/.-]*)\s*(#.*)?")
 
 
 def _without_position(error: Exception) -> str:
-    return _AT.sub("", str(error)).lower()
+    text = _AT.sub("", str(error))
+    return text[:1].lower() + text[1:]
+
+
+def _missing_quotes(line: str) -> str:
+    """The mistake most often made: a message's name as a key, or a word as a value, without quotes."""
+    if key := _BARE_KEY.match(line):
+        return f'a key with a slash stands in quotes: "{key[1]}" = 8'
+    if value := _BARE_VALUE.fullmatch(line):
+        return f'a word stands in quotes: {value[1].strip()} "{value[2]}"'
+    return ""
 
 
 def _toml_error_span(shown: str, text: str, error: Exception) -> Span:
-    lines = text.splitlines() or [""]
+    lines = text.split("\n")
     found = _AT.search(str(error))
     line, column = (int(found[1]), int(found[2])) if found and found[1] else (len(lines), len(lines[-1]) + 1)
-    return Span(shown, line, column, 1, lines[line - 1] if line <= len(lines) else "")
+    return Span(shown, line, column, 1, lines[line - 1].rstrip("\r") if line <= len(lines) else "")

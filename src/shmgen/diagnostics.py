@@ -23,6 +23,7 @@ CODES = {
     "SHM301": "recursive message",
     "SHM302": "zero-length array",
     "SHM303": "message too large",
+    "SHM304": "nested too deeply",
     "SHM401": "damaged layout.lock",
     "SHM501": "unknown key",
     "SHM502": "bad value",

@@ -35,6 +35,8 @@ SLOT_HEADER = 16
 """Bytes before the payload in each slot of a region: stamp, number, reserved (docs/protocol.md)."""
 REGION_HEADER = 192
 SMALLEST_SLOTS = 2
+DEEPEST = 50
+"""Messages within messages; the deepest of ROS's own has 7."""
 
 CLOCK = {"TIME": (4, 4), "LTIME": (8, 8), "struct": (8, 4)}
 """Mode -> size and alignment: a DWORD of ms, a LWORD of ns, or DINT seconds and UDINT nanoseconds."""
@@ -43,12 +45,17 @@ CLOCK = {"TIME": (4, 4), "LTIME": (8, 8), "struct": (8, 4)}
 def lay_out(schema: Schema, options: TypeOptions, max_region: int, report: Report) -> Layouts:
     """Layouts of all messages, dependencies first.
 
-    `max_region` is in bytes; a message whose smallest region is larger is reported as SHM303.
+    `max_region` is in bytes; a message whose smallest region is larger is reported as SHM303,
+    one that nests too deeply as SHM304; then Rejected.
     """
     layouts: dict[TypeName, Layout] = {}
+    depths: dict[TypeName, int] = {}
     for message in schema.messages:
         layout = _message(message, options, layouts, message.name in schema.requested)
         layouts[message.name] = layout
+        depths[message.name] = 1 + max((depths[name] for name in layout.dependencies), default=0)
+        if depths[message.name] == DEEPEST + 1:
+            report.error("SHM304", f"{message.name.short} nests messages more than {DEEPEST} deep", message.span)
         if layout.requested and region_size(layout.size) > max_region:
             report.error(
                 "SHM303",

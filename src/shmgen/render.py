@@ -5,19 +5,22 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import Environment, FileSystemBytecodeCache, FileSystemLoader, StrictUndefined
 
+from shmgen import cache
 from shmgen.model import Output
 
 
 def render(outputs: Iterable[Output]) -> dict[str, str]:
     """The text of every output, by path, in sorted order."""
+    kept = cache.folder()
     environment = Environment(
         loader=FileSystemLoader(template_folder()),
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
+        bytecode_cache=FileSystemBytecodeCache(str(kept)) if kept else None,
         autoescape=False,  # targets hand over finished strings; what is printed is not HTML
     )
     texts: dict[str, str] = {}

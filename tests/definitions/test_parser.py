@@ -103,7 +103,7 @@ VALUES = [
     (r"string x 'it\'s'", "it's"),
     (r'string x "a\\b\n\q"', "a\\b\n\\q"),
     ('string x "  "', "  "),
-    ('wstring<=3 x "äöü"', "äöü"),
+    ('wstring<=3 x "€€€"', "€€€"),
     ("int32[3] x [1, 2,0x3]", (1, 2, 3)),
     ("int32[] x []", ()),
     ("int32[<=3] x [ 1 ]  # one", (1,)),
@@ -169,6 +169,7 @@ WRONG = [
     ("ros2", "uint8 x " + "9" * 5000, "SHM005", 9, 5000),
     ("ros2", 'string<=2 x "abc"', "SHM005", 13, 5),
     ("ros2", 'string<=2 x "é€"', "SHM005", 13, 4),
+    ("ros2", 'wstring<=1 x "\U0001f600"', "SHM005", 14, 3),
     ("ros2", "int8[2] x [1, 300]", "SHM005", 15, 3),
     ("ros2", "int8 x 1.5", "SHM006", 8, 3),
     ("ros2", "uint8 X=one", "SHM006", 9, 3),
@@ -187,6 +188,7 @@ WRONG = [
     ("ros2", "string<=-1 x", "SHM102", 9, 2),
     ("ros2", "string<=x x", "SHM102", 9, 1),
     ("ros2", "int32[<=0] x", "SHM102", 9, 1),
+    ("ros2", "int32[<=] x", "SHM102", 9, 0),
     ("ros2", "int32[-1] x", "SHM102", 7, 2),
     ("ros2", "int32[N] x", "SHM102", 7, 1),
     ("ros2", "int32[4294967296] x", "SHM102", 7, 10),
@@ -332,6 +334,7 @@ def test_comments_become_documentation():
         ("int8 a # behind", "", "behind"),
         ("# all\n\n## one\n#\n# two\nint8 a #", "all", "one\n\ntwo"),
         ("int8 a\n   # indented, below no comment", "", ""),
+        ("int8 a # behind\n# above the next\nint8 b", "", "behind"),
     ],
 )
 def test_whose_comment_it_is(text, of_message, of_field):

@@ -183,6 +183,7 @@ def test_two_packages_of_one_name(tmp_path):
         ("../../etc/passwd", ["names no message"]),
         ("", ["names no message"]),
         ("a\x1b[2Jb", ["a\ufffd[2Jb"]),
+        ("a\x00b.msg", ["names no message"]),
         ("nowhere/msg/Foo.msg", ["nowhere/msg/Foo.msg: error[SHM001]"]),
         ("1nowhere/Foo.msg", ["1nowhere/Foo.msg: error[SHM202]"]),
     ],
@@ -252,7 +253,7 @@ def test_a_deep_nest_is_no_recursion(tmp_path):
 @pytest.mark.parametrize(
     ("content", "says"),
     [
-        (b"int8 a\nint8 \xc3\xa4\xff b", "A.msg:2:7: error[SHM002]: byte 0xFF is not UTF-8"),
+        (b"int8 a\n\nint8 \xc3\xa4\xff b", "A.msg:3:7: error[SHM002]: byte 0xFF is not UTF-8"),
         ("int8 a".encode("utf-16"), "A.msg:1:1: error[SHM002]"),
         (b"int8 a\n" * 2_000_000, "A.msg: error[SHM001]: larger than 512 KiB"),
         (b"int8 a\n" * 70_000, "SHM201"),
@@ -286,6 +287,13 @@ def test_files_that_are_none(tmp_path):
         "x_msgs/msg/Pipe.msg: error[SHM001]: no such file",
         "x_msgs/msg/small.msg: error[SHM202]: `small` is not a message name",
     ]
+
+
+def test_file_names_that_are_no_text(tmp_path):
+    folder = tmp_path / "x_msgs" / "msg"
+    folder.mkdir(parents=True)
+    Path(os.fsdecode(bytes(folder) + b"/A\xff\n\x1b.msg")).write_text("")
+    assert "x_msgs/msg/A\ufffd\ufffd\ufffd.msg: error[SHM202]" in refusal(tmp_path, "x_msgs")
 
 
 def test_wrong_sources(tmp_path):

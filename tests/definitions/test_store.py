@@ -47,7 +47,7 @@ def test_what_is_restated():
     quaternion, empty, header = schema.messages
     assert [field.default for field in quaternion.fields] == [0.0, 0.0, 0.0, 1.0]
     assert empty.fields == ()
-    assert header.fields[0].type is Clock.TIME
+    assert (header.fields[0].type, header.fields[0].written) == (Clock.TIME, "builtin_interfaces/Time")
     assert quaternion.span.path == "jazzy:geometry_msgs/msg/Quaternion.msg"
     assert quaternion.origin == "built-in store jazzy"
     assert "float64 w 1\n" in quaternion.text
@@ -75,12 +75,22 @@ def test_the_cache_gives_the_same_and_is_made_once(cache):
     assert file.stat().st_mtime_ns == before
 
 
-@pytest.mark.parametrize("damage", [b"", b"junk", b"00000000\n{}", b"\xff\xfe\n[]"])
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda whole: b"",
+        lambda whole: b"\xff\xfe\n[]",
+        lambda whole: b"00000000\n{}",
+        lambda whole: whole[:-100],
+        lambda whole: whole.replace(b"float64", b"float32", 1),
+    ],
+    ids=["empty", "junk", "another", "cut", "altered"],
+)
 def test_a_damaged_cache_is_replaced(cache, damage):
     first = everything("jazzy")
     (file,) = cache.iterdir()
     whole = file.read_bytes()
-    file.write_bytes(damage or whole[:-100])
+    file.write_bytes(damage(whole))
     assert everything("jazzy") == first
     assert file.read_bytes() == whole
     assert list(cache.iterdir()) == [file]

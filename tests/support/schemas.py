@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import random
 import string
 import time
@@ -111,8 +112,12 @@ def plain(value: Any) -> Any:
         return {"sec": value.sec, "nanosec": value.nanosec}
     if hasattr(value, "_names_"):
         return {name: plain(getattr(value, name)) for name in value._names_}
+    if dataclasses.is_dataclass(value):
+        names = [field.name for field in dataclasses.fields(value)]  # rosbags: fields, constants, its own, the filler
+        fields = [name for name in names if name[0].islower() and name != "structure_needs_at_least_one_member"]
+        return {name: plain(getattr(value, name)) for name in fields}
     if isinstance(value, SimpleNamespace):
         return {name: plain(item) for name, item in vars(value).items()}
     if isinstance(value, (str, bool, int, float)):
         return value
-    return [plain(item) for item in value]
+    return value.tolist() if hasattr(value, "tolist") else [plain(item) for item in value]

@@ -114,7 +114,7 @@ def test_an_escaped_name_that_meets_another_clashes() -> None:
     assert codes(message(step_=Scalar.UINT8, step=Scalar.UINT8), naming.STRUCTURED_TEXT) == [("SHM203", 2)]
     assert codes(message(a_b=Scalar.UINT8, a__b=Scalar.UINT8), naming.STRUCTURED_TEXT) == [("SHM203", 2)]
     assert codes(message(**{"from": Scalar.UINT8, "from_": Scalar.UINT8}), naming.PYTHON) == [("SHM203", 2)]
-    assert codes(message(**{"int": Scalar.UINT8, "int_": Scalar.UINT8}), naming.C) == [("SHM203", 2)]
+    assert codes(message(int=Scalar.UINT8, int_=Scalar.UINT8), naming.C) == [("SHM203", 2)]
 
 
 @pytest.mark.parametrize("target", [naming.STRUCTURED_TEXT, naming.PYTHON, naming.C])

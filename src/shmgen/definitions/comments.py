@@ -44,7 +44,7 @@ def unit_of(doc: str) -> tuple[str, str]:
 
 
 # A letter, degree, percent or micro sign first: `[0, 1]`, `[3]`, `[-1]` are no units, nor is `name[i]`.
-_UNIT = re.compile(r"(?:^|[ \t])\[([A-Za-z°µμΩ%(][^\s\[\],:=_]{0,30}(?: per [a-z]{1,10})?)\]", re.MULTILINE)
+_UNIT = re.compile(r"[ \t]?(?<!\w)\[([A-Za-z°µμΩ%(][^\s\[\],:=_]{0,30}(?: per [a-z]{1,10})?)\]")
 
 
 def _top(lines: Sequence[str]) -> tuple[str, int]:

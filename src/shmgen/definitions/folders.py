@@ -134,9 +134,10 @@ def _definition(file: Path, name: TypeName, relative_to: Path) -> Definition:
 
 
 def _shorten(path: Path, relative_to: Path) -> str:
-    """Relative where that needs no `..`, else as it was given but absolute."""
+    """Relative where that needs no `..`, else absolute; on one line, whatever is in the name."""
     absolute, start = os.path.abspath(path), os.path.abspath(relative_to)
-    return os.path.relpath(absolute, start) if Path(absolute).is_relative_to(start) else absolute
+    text = os.path.relpath(absolute, start) if Path(absolute).is_relative_to(start) else absolute
+    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
 
 
 def _name(root: Path) -> str | None:

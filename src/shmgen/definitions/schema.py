@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable, Iterator
-from difflib import get_close_matches
 from pathlib import Path
 
 from shmgen.definitions import folders
@@ -26,7 +25,7 @@ def load(requests: Iterable[str], sources: Sources, report: Report) -> Schema:
     files: list[str] = []
     names: list[str] = []
     for request in requests:
-        (files if Path(request).suffix[1:] in SECTIONS else names).append(request)
+        (files if request.isprintable() and Path(request).suffix[1:] in SECTIONS else names).append(request)
     requested = dict.fromkeys(name for file in files for name in _in_file(Path(file), library))
     requested |= dict.fromkeys(name for request in names for name in _named(request, library))
     messages = _closed(requested, library)
@@ -144,6 +143,8 @@ def _leads_on(message: Message, field: Field, other: TypeName, path: Collection[
 
 def _hint(wanted: TypeName, library: Library, package: Package | None) -> str:
     """What may have been meant, and where was looked."""
+    from difflib import get_close_matches  # slow to load, and needed only where something is wrong
+
     known = list(dict.fromkeys(name.short for name in library.known()))
     if wanted.name in _OTHER_LANGUAGES and package is not None:
         guesses = [_OTHER_LANGUAGES[wanted.name]]

@@ -15,6 +15,7 @@ from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import Any, cast
 
+from shmgen import cache
 from shmgen.definitions.catalogue import Catalogue, Definition, package_of
 from shmgen.definitions.tokens import Dialect
 from shmgen.model import TypeName
@@ -54,13 +55,13 @@ _QUATERNION = "float64 x 0\nfloat64 y 0\nfloat64 z 0\nfloat64 w 1\n"
 
 def _texts(source: str) -> dict[str, str]:
     """Full name -> .msg text, from the cache if it holds exactly what the installed rosbags would give."""
-    cache = _cache_file(source)
-    texts = _cached(cache)
+    kept = _cache_file(source)
+    texts = _cached(kept)
     if texts is None:
         module = f"ros{dialect(source)[-1]}_{source}"
         definitions = import_module(f"rosbags.typesys.stores.{module}").FIELDDEFS
         texts = {name: _text(name, definitions[name], source) for name in sorted(definitions)}
-        _keep(cache, texts)
+        _keep(kept, texts)
     return texts
 
 
@@ -107,30 +108,24 @@ def _cache_file(source: str) -> Path:
     files = [Path(__file__), *(file for folder in _folders() for file in sorted(folder.glob("*.py")))]
     state = [(str(file), file.stat().st_size, file.stat().st_mtime_ns) for file in files]
     key = zlib.crc32(repr(state).encode())
-    base = os.environ.get("XDG_CACHE_HOME", "")
-    if not os.path.isabs(base):  # the XDG base directory specification has such a value ignored
-        base = os.path.join(os.path.expanduser("~"), ".cache")
-    if not os.path.isabs(base):  # no home either: nothing can be read or written there
-        base = os.devnull
-    return Path(base, "shmgen", f"{source}-{key:08x}.json")
+    return Path(cache.folder() or os.devnull, f"{source}-{key:08x}.json")
 
 
-def _cached(cache: Path) -> dict[str, str] | None:
+def _cached(file: Path) -> dict[str, str] | None:
     """None if there is no cache, or it is damaged."""
     try:
-        checksum, _, body = cache.read_bytes().partition(b"\n")
+        checksum, _, body = file.read_bytes().partition(b"\n")
         return cast("dict[str, str]", json.loads(body)) if int(checksum, 16) == zlib.crc32(body) else None
     except (OSError, ValueError):
         return None
 
 
-def _keep(cache: Path, texts: Mapping[str, str]) -> None:
+def _keep(file: Path, texts: Mapping[str, str]) -> None:
     """Written whole or not at all; a cache that cannot be written is done without."""
     body = json.dumps(texts).encode()
-    beside = cache.with_suffix(f".{os.getpid()}")
+    beside = file.with_suffix(f".{os.getpid()}")
     with suppress(OSError):
-        cache.parent.mkdir(parents=True, exist_ok=True)
         beside.write_bytes(b"%08x\n" % zlib.crc32(body) + body)
-        beside.replace(cache)
+        beside.replace(file)
     with suppress(OSError):
         beside.unlink()

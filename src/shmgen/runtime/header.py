@@ -25,8 +25,6 @@ COMPLETED = 132 // 4
 HEARTBEAT = 152 // 4
 LOCK_HOLDER = 156 // 4
 LOCK_COUNT = 168 // 4
-HEARTBEAT_AND_HOLDER = 152 // 8
-"""Both words in one store of eight bytes."""
 
 _FIXED = struct.Struct("<IHHQIIII64s")
 _MOVING = struct.Struct("<II16xIIIII")

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import os
-import time
-
-import posix_ipc
 
 from shmgen.runtime import header as h
 from shmgen.runtime.region import Region
@@ -36,19 +33,8 @@ class Lock:
         is taken to be stuck, and waiting again would cost the limit each time for nothing.
         """
         count = self._region.words[h.LOCK_COUNT]
-        if count != self._stuck_at and self._acquire():
+        if count != self._stuck_at and self._region.semaphore.acquire(True, self.timeout):
             return True
         self._stuck_at = count
         self.misses += 1
         return False
-
-    def _acquire(self) -> bool:
-        deadline = time.monotonic() + self.timeout
-        while True:
-            try:
-                self._region.semaphore.acquire(max(0.0, deadline - time.monotonic()))
-            except posix_ipc.BusyError:
-                return False
-            except posix_ipc.SignalError:
-                continue
-            return True

@@ -45,7 +45,7 @@ class Message(ctypes.LittleEndianStructure):
         raise NotImplementedError
 
     @staticmethod
-    def _decode(data: bytes, at: int, message: Any) -> None:
+    def _decode(data: bytes | bytearray, at: int, message: Any) -> None:
         """Generated: fills `message` with the bytes from `at` on."""
         raise NotImplementedError
 

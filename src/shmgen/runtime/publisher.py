@@ -9,8 +9,6 @@ import time
 from types import TracebackType
 from typing import Any, Generic, NoReturn, TypeVar
 
-from posix_ipc import BusyError
-
 from shmgen.runtime import header as h
 from shmgen.runtime.errors import LockTimeout, RegionInUse, ShmError
 from shmgen.runtime.lock import Lock
@@ -26,8 +24,6 @@ _PLC_WATCH = 0.1
 
 class Publisher(Generic[M]):
     """Publishes one type on one topic. Not for two threads at a time; forked children open their own."""
-
-    __slots__ = ("_acquire", "_clock", "_encode", "_fence", "_heartbeat", "_holder", "_lock", "_map", "_mask", "_quads", "_region", "_release", "_samples", "_scratch", "_scratch_head", "_scratch_message", "_sequence", "_slots", "_words")
 
     message_type: type[M]
 
@@ -57,21 +53,26 @@ class Publisher(Generic[M]):
         except BaseException:
             region.close()
             raise
-        # What publish() needs, each one attribute away.
-        self._map, self._words, self._quads = region.map, region.words, region.quads
-        self._acquire, self._release = region.semaphore.acquire, region.semaphore.release
-        self._encode = kind._encode
-        self._slots = region.header.slots
-        self._samples = tuple(region.sample(slot) for slot in range(self._slots))
         self._scratch = bytearray(h.SLOT_HEADER + size)
-        self._scratch_head = memoryview(self._scratch)[: h.SLOT_HEADER].cast("Q")
-        self._scratch_message = (kind * 1).from_buffer(self._scratch, h.SLOT_HEADER)
-        self._fence = threading.Lock()
-        self._holder = os.getpid() << 32
-        self._clock = time.time_ns
-        self._mask = self._slots - 1
         self._sequence: int = region.words[h.COMPLETED]
         self._heartbeat: int = region.words[h.HEARTBEAT]
+        self._fence = threading.Lock()
+        # What publish() needs, in one look.
+        self._hot: tuple[Any, ...] = (
+            kind,
+            kind._encode,
+            self._scratch,
+            memoryview(self._scratch)[: h.SLOT_HEADER].cast("Q"),
+            time.time_ns,
+            tuple(region.sample(slot) for slot in range(region.header.slots)),
+            region.header.slots,
+            region.map,
+            region.words,
+            region.semaphore.acquire,
+            region.semaphore.release,
+            os.getpid(),
+        )
+        self._scratch_message = (kind * 1).from_buffer(self._scratch, h.SLOT_HEADER)
 
     def publish(self, message: Any) -> None:
         """Writes `message`: a `message_type`, or any object with the same attributes.
@@ -79,10 +80,9 @@ class Publisher(Generic[M]):
         Raises ValueRejected, with the path of the field, for a value that does not fit, and LockTimeout
         where the lock is needed; the region then still holds the former sample.
         """
+        kind, encode, scratch, head, clock, samples, slots, map, words, acquire, release, pid = self._hot
         late: Late = []
-        scratch = self._scratch
-        if type(message) is not self.message_type:
-            encode = self._encode
+        if type(message) is not kind:
             encode(message, scratch, 16, late)
         elif len(scratch) < LATE_FROM:
             self._scratch_message[0] = message
@@ -90,45 +90,42 @@ class Publisher(Generic[M]):
             late.append((16, len(scratch) - 16, memoryview(message)))
         number = self._sequence + 1
         if number > 0xFFFFFFFF:
-            number = self._slots
-        sample = self._samples[number & self._mask]
+            number = slots
+        sample = samples[number & slots - 1]
         parts = _parts(sample.start, scratch, late) if late else None
-        clock, head, words, acquire = self._clock, self._scratch_head, self._words, self._acquire
         head[0] = clock()
         head[1] = number
-        self._heartbeat = heartbeat = self._heartbeat + 1 & 0xFFFFFFFF
+        # A comparison costs less than a mask of 32 bits, which Python holds in two digits.
+        beat = self._heartbeat + 1 if self._heartbeat != 0xFFFFFFFF else 0
+        inside = acquire(False) or self._wait()
         try:
-            acquire(0)
-            inside = True
-        except BusyError:
-            inside = self._without_lock()
-        try:
+            # Words of header.py by number: looking the names up would cost as much as a store.
+            words[38] = beat
             if inside:
-                self._quads[19] = heartbeat | self._holder
-                words[42] = words[42] + 1 & 0xFFFFFFFF
-            else:
-                words[38] = heartbeat
+                words[39] = pid
+                count = words[42]
+                words[42] = count + 1 if count != 0xFFFFFFFF else 0
             words[32] = number
             if parts is None:
-                self._map[sample] = scratch
+                map[sample] = scratch
             else:
                 self._copy(parts)
             words[33] = number
             self._sequence = number
+            self._heartbeat = beat
         finally:
             if inside:
                 words[39] = 0
-                release = self._release
                 release()
 
     def heartbeat(self) -> None:
         """Tells readers that the writer lives, without a sample."""
         self._heartbeat = self._heartbeat + 1 & 0xFFFFFFFF
-        self._words[h.HEARTBEAT] = self._heartbeat
+        self._region.words[h.HEARTBEAT] = self._heartbeat
 
     def close(self) -> None:
         """Gives the topic free for another writer; the region and its last sample stay."""
-        self._acquire = _closed
+        self._hot = (Message, _closed, *self._hot[2:])
         self._region.close()
 
     @property
@@ -160,15 +157,15 @@ class Publisher(Generic[M]):
         with self._fence:
             pass
         for where, what in parts:
-            self._map[where] = what
+            self._region.map[where] = what
 
-    def _without_lock(self) -> bool:
+    def _wait(self) -> bool:
         if self._lock.wait():
             return True
         if not self._lock.keeps_order:
             raise LockTimeout(
                 f"{self.topic}: the lock was not free within {self._lock.timeout} s, held by process "
-                f"{self._words[h.LOCK_HOLDER]}; nothing was published. See `shmgen doctor`"
+                f"{self._region.words[h.LOCK_HOLDER]}; nothing was published. See `shmgen doctor`"
             )
         return False
 
@@ -213,5 +210,5 @@ def _beats(region: Region) -> bool:
     return False
 
 
-def _closed(_timeout: float = 0) -> NoReturn:
+def _closed(*_: object) -> NoReturn:
     raise ShmError("this publisher is closed")

@@ -5,14 +5,13 @@ from __future__ import annotations
 import ctypes
 import os
 import time
+from collections.abc import Callable
 from types import TracebackType
 from typing import Any, Generic, TypeVar
 
-from posix_ipc import BusyError
-
 from shmgen.runtime import header as h
 from shmgen.runtime.lock import Lock
-from shmgen.runtime.message import Message
+from shmgen.runtime.message import LATE_FROM, Message
 from shmgen.runtime.region import open_region
 
 M = TypeVar("M", bound=Message)
@@ -22,6 +21,8 @@ _TRIES = 8
 """How often a sample overwritten while it was copied is given up for a newer one in one call."""
 _LOCKED_OUT = b""
 """Instead of a sample, which is never empty: the lock is needed here and was not free in time."""
+_ANEW = 2**31
+"""So many samples cannot have come since the last look: the region was begun anew and counts from 1 again."""
 _POLL_FIRST = 50e-6
 _POLL_LAST = 1e-3
 """Seconds between two looks of wait()."""
@@ -53,13 +54,23 @@ class Subscriber(Generic[M]):
         except BaseException:
             region.close()
             raise
-        self._map, self._words, self._quads = region.map, region.words, region.quads
-        self._acquire, self._release = region.semaphore.acquire, region.semaphore.release
-        self._make = kind.from_buffer_copy
-        self._decode = kind._decode
+        size = region.header.payload_size
+        self._words = region.words
         self._slots = region.header.slots
-        self._payloads = tuple(region.payload(slot) for slot in range(self._slots))
-        self._pid = os.getpid()
+        # Long payloads are copied once, into memory that the message then lies in.
+        self._long = size >= LATE_FROM
+        self._make: Callable[[Any], M] = kind.from_buffer if self._long else kind.from_buffer_copy
+        self._decode = kind._decode
+        # What _copy() needs, in one look.
+        self._hot = (
+            tuple(region.payload(slot) for slot in range(self._slots)),
+            region.map,
+            region.words,
+            region.quads,
+            region.semaphore.acquire,
+            region.semaphore.release,
+            os.getpid(),
+        )
         self._last = max(0, self._words[h.COMPLETED] - 1)
         self._stamp: int | None = None
         self._missed = 0
@@ -79,7 +90,7 @@ class Subscriber(Generic[M]):
         if not data:
             return False
         if type(message) is self.message_type:
-            ctypes.memmove(ctypes.addressof(message), data, len(data))
+            ctypes.pointer(message)[0] = self._make(data)
         else:
             self._decode(data, 0, message)
         return True
@@ -92,6 +103,8 @@ class Subscriber(Generic[M]):
             if newest in (0, self._last):
                 break
             unread = _steps(self._last, newest, self._slots)
+            if unread >= _ANEW:
+                self._last, unread = newest - 1, 1
             first = max(1, unread - self._slots + 1)
             start = self._last
             for step in range(first, unread + 1):
@@ -154,7 +167,7 @@ class Subscriber(Generic[M]):
     ) -> None:
         self.close()
 
-    def _newest(self) -> bytes | None:
+    def _newest(self) -> bytes | bytearray | None:
         for _ in range(_TRIES):
             number = self._words[h.COMPLETED]
             if number in (0, self._last):
@@ -164,43 +177,36 @@ class Subscriber(Generic[M]):
                 return data
         return None
 
-    def _copy(self, number: int) -> bytes | None:
+    def _copy(self, number: int) -> bytes | bytearray | None:
         """The payload of sample `number`, None if it was overwritten, or _LOCKED_OUT."""
-        slot = number % self._slots
-        payload = self._payloads[slot]
-        words = self._words
-        try:
-            self._acquire(0)
-            inside = True
-        except BusyError:
-            inside = self._lock.wait()
-            if not inside and not self._lock.keeps_order:
-                return _LOCKED_OUT
+        payloads, map, words, quads, acquire, release, pid = self._hot
+        slots = self._slots
+        payload = payloads[number & slots - 1]
+        inside = acquire(False) or self._lock.wait()
+        if not (inside or self._lock.keeps_order):
+            return _LOCKED_OUT
         try:
             if inside:
-                words[h.LOCK_HOLDER] = self._pid
-                words[h.LOCK_COUNT] = words[h.LOCK_COUNT] + 1 & 0xFFFFFFFF
-            stamp = self._quads[payload.start // 8 - 2]
+                words[h.LOCK_HOLDER] = pid
+                count = words[h.LOCK_COUNT]
+                words[h.LOCK_COUNT] = count + 1 if count != h.LAST else 0
+            stamp = quads[payload.start // 8 - 2]
             found = words[payload.start // 4 - 2]
-            data: bytes = self._map[payload]
+            data = bytearray(memoryview(map)[payload]) if self._long else map[payload]
             # Looked at after the copy: a writer says what it is about to overwrite before it does.
             begun = words[h.BEGUN]
         finally:
             if inside:
                 words[h.LOCK_HOLDER] = 0
-                self._release()
-        if found != number or begun - number & 0xFFFFFFFF >= self._slots:
+                release()
+        if found != number or begun - number & 0xFFFFFFFF >= slots:
             return None
-        self._note(number, stamp)
-        return data
-
-    def _note(self, number: int, stamp: int) -> None:
-        skipped = _steps(self._last, number, self._slots) - 1
-        # A region begun anew counts from 1 again; what lies between the two numbers was never written.
-        if skipped < 2**31:
+        skipped = _steps(self._last, number, slots) - 1
+        if 0 < skipped < _ANEW:
             self._missed += skipped
         self._last = number
         self._stamp = stamp
+        return data
 
 
 def _steps(older: int, newer: int, slots: int) -> int:

@@ -152,7 +152,7 @@ def clocks(
 
 
 def from_clocks(data: bytes, code: str, decode: Callable[..., Time | Duration], like: Any = ()) -> list[Any]:
-    """The times in `data`, of the kind the list `like` holds; `decode` is a `time_from_` or `duration_from_` function."""
+    """The times in `data`, of the kind the list `like` holds; `decode` is one of the `..._from_...`."""
     ours = [decode(*row) for row in struct.iter_unpack("<" + code, data)]
     kind = type(like[0]) if len(like) else Time
     if kind in (Time, Duration):

@@ -68,16 +68,9 @@ class Header:
     members: tuple[Member, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Common:
-    """What all headers share: packing, the asserts, the region's own header."""
-
-    guard: str
-
-
 def plan(layouts: Layouts, report: Report, package: str = "shm_msgs") -> Iterator[Output]:
     """`c/<package>/<ros package>/msg/pose.h` for each message, and `c/<package>/shmgen.h`."""
-    yield Output(f"c/{package}/shmgen.h", "c/shmgen.h.j2", Common(f"{package.upper()}_SHMGEN_H"))
+    yield Output(f"c/{package}/shmgen.h", "c/shmgen.h.j2", None)
     seen: dict[str, Layout] = {}
     for name, layout in layouts.items():
         path = _path(name, package)

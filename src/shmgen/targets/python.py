@@ -137,7 +137,7 @@ def _check_classes(layouts: list[Layout], report: Report) -> None:
 
 
 def _module(layout: Layout, layouts: Layouts) -> Module:
-    names = _imported_names(layout)
+    names = _imported_names(layout, layouts)
     made = codec.Codec(layouts, names)
     made.message(layout)
     structs = [f"_STRUCT{index if len(made.runs) > 1 else ''}" for index in range(len(made.runs))]
@@ -179,15 +179,25 @@ def _module(layout: Layout, layouts: Layouts) -> Module:
     )
 
 
-def _imported_names(layout: Layout) -> dict[TypeName, str]:
+def _imported_names(layout: Layout, layouts: Layouts) -> dict[TypeName, str]:
     """The bare class name, with its package before it where two would be the same."""
     taken = {class_name(layout.name)}
     names: dict[TypeName, str] = {}
-    for name in layout.dependencies:
+    for name in dict.fromkeys((*layout.dependencies, *_array_elements(layout, layouts))):
         bare = class_name(name)
         names[name] = f"{name.package}_{bare}" if bare in taken else bare
         taken.add(names[name])
     return names
+
+
+def _array_elements(layout: Layout, layouts: Layouts) -> Iterator[TypeName]:
+    """Messages in arrays, those of nested messages too: their own classes encode them."""
+    for slot in layout.slots:
+        if isinstance(slot.type, Ref):
+            if slot.count is None:
+                yield from _array_elements(layouts[slot.type.name], layouts)
+            else:
+                yield slot.type.name
 
 
 def _imports(layout: Layout, names: dict[TypeName, str], packs: bool, stores: bool, converts: bool) -> Iterator[str]:

@@ -1,0 +1,84 @@
+"""Topics of a test's own, removed after it, and processes that end with it."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import subprocess
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+import posix_ipc
+import pytest
+
+from shmgen.runtime import region_name
+
+HERE = Path(__file__).parent
+numbers = itertools.count()
+
+
+@pytest.fixture
+def topic():
+    name = f"/shmgen_test_{os.getpid()}/t{next(numbers)}"
+    yield name
+    for unlink in (posix_ipc.unlink_shared_memory, posix_ipc.unlink_semaphore):
+        with suppress(posix_ipc.ExistentialError):
+            unlink("/" + region_name(name))
+
+
+@pytest.fixture
+def file(topic):
+    return Path("/dev/shm") / region_name(topic)
+
+
+@pytest.fixture
+def semaphore_file(topic):
+    return Path("/dev/shm") / f"sem.{region_name(topic)}"
+
+
+class Other:
+    """A second process doing one of the works in runtime_messages.py."""
+
+    def __init__(self, *arguments: object) -> None:
+        command = [sys.executable, str(HERE / "runtime_messages.py"), *map(str, arguments)]
+        self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        assert self.hear() == "ready"
+
+    def tell(self, line: object) -> None:
+        self.process.stdin.write(f"{line}\n")
+        self.process.stdin.flush()
+
+    def hear(self) -> str:
+        return self.process.stdout.readline().strip()
+
+    def ask(self, line: object) -> str:
+        self.tell(line)
+        return self.hear()
+
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.wait()
+
+    def end(self) -> None:
+        self.process.stdin.close()
+        self.process.wait(10)
+
+    def close(self) -> None:
+        self.kill()
+        self.process.stdout.close()
+        with suppress(BrokenPipeError):
+            self.process.stdin.close()
+
+
+@pytest.fixture
+def other():
+    made = []
+
+    def start(*arguments):
+        made.append(Other(*arguments))
+        return made[-1]
+
+    yield start
+    for process in made:
+        process.close()

@@ -1,0 +1,340 @@
+"""The region: its name, its bytes, who makes it, who is refused."""
+
+from __future__ import annotations
+
+import os
+import struct
+import subprocess
+import sys
+import time
+
+import posix_ipc
+import pytest
+from runtime_messages import Pose, PosePublisher, PoseSubscriber, Scan, ScanSubscriber, pose
+
+from shmgen import runtime
+from shmgen.runtime import header as h
+from shmgen.runtime.region import open_region
+
+
+@pytest.mark.parametrize(
+    ("topic", "name"),
+    [("/robot/pose", "robot.pose"), ("pose", "pose"), ("/a/b_2/C", "a.b_2.C"), ("/sem", "sem"), ("/_x", "_x")],
+)
+def test_region_name(topic, name):
+    assert runtime.region_name(topic) == name
+
+
+@pytest.mark.parametrize(
+    ("topic", "reason"),
+    [
+        ("", "nothing stands"),
+        ("/", "nothing stands"),
+        ("/a//b", "nothing stands"),
+        ("/a/", "nothing stands"),
+        ("/a.b", "'a.b' is not made of"),
+        ("/1a", "'1a' is not made of"),
+        ("/a b", "'a b' is not made of"),
+        ("/grün", "'grün' is not made of"),
+        ("~/pose", "stands for a node's name"),
+        ("/sem/robot", "are semaphores"),
+        ("/" + "a" * 246, "246 characters"),
+    ],
+)
+def test_bad_topics_say_why(topic, reason):
+    with pytest.raises(ValueError, match=reason):
+        runtime.region_name(topic)
+
+
+def test_header_bytes(topic, file):
+    with PosePublisher(topic, depth=3) as publisher:
+        for x in (1.0, 2.0):
+            publisher.publish(pose(x))
+        before = time.time_ns()
+        publisher.publish(pose(3.0))
+        publisher.heartbeat()
+        data = file.read_bytes()
+    assert len(data) == 4096
+    assert struct.unpack_from("<IHHQIIII", data) == (
+        *(0x474D4853, 1, 192, 0x0123456789ABCDEF),
+        *(56, 128, os.getpid(), 4),
+    )
+    assert data[:4] == b"SHMG"[::1] or data[:4] == struct.pack("<I", 0x474D4853)
+    assert data[32:96] == b"geometry_msgs/msg/Pose".ljust(64, b"\0")
+    assert data[96:128] == bytes(32)
+    assert struct.unpack_from("<II", data, 128) == (3, 3)
+    assert data[136:152] == bytes(16)
+    # heartbeat of three samples and one without; nobody inside; three entered the lock
+    assert struct.unpack_from("<IIIII", data, 152) == (4, 0, 0, 0, 3)
+    assert data[172:192] == bytes(20)
+    for number in (1, 2, 3):
+        stamp, found, zero, *payload = struct.unpack_from("<QII7d", data, 192 + number * 128)
+        assert (found, zero, payload) == (number, 0, [float(number)] * 7)
+        assert before - 10**9 < stamp < before + 10**9
+    assert data[192 : 192 + 128] == bytes(128)
+
+
+@pytest.mark.parametrize(("depth", "slots"), [(1, 2), (2, 4), (3, 4), (4, 8), (16, 32)])
+def test_slots_are_the_power_of_two_above_depth(topic, depth, slots):
+    with PoseSubscriber(topic, depth=depth):
+        found = runtime.read_header(runtime.region_name(topic))
+    assert (found.slots, found.size) == (slots, -(-(192 + slots * 128) // 4096) * 4096)
+
+
+@pytest.mark.parametrize("depth", [0, -1, 65536])
+def test_impossible_depth(topic, file, depth):
+    with pytest.raises(ValueError, match="from 1 to 65535"):
+        PosePublisher(topic, depth=depth)
+    assert not file.exists()
+
+
+@pytest.mark.parametrize("timeout", [-1, float("nan"), 61])
+def test_impossible_lock_timeout(topic, timeout):
+    with pytest.raises(ValueError, match="lock_timeout"):
+        PoseSubscriber(topic, lock_timeout=timeout)
+
+
+def test_long_type_names_keep_their_nul():
+    assert h.pack(h.header_for("p/msg/" + "N" * 90, 1, 8, 1))[32:96] == b"p/msg/" + b"N" * 57 + b"\0"
+
+
+def test_read_header(topic):
+    with pytest.raises(runtime.RegionMissing, match="does not exist"):
+        runtime.read_header(runtime.region_name(topic))
+    with PosePublisher(topic) as publisher:
+        publisher.publish(pose(1.0))
+        found = runtime.read_header(runtime.region_name(topic))
+    assert (found.type_name, found.digest, found.completed) == (Pose._type_name_, Pose._digest_, 1)
+    assert (found.begun, found.heartbeat, found.lock_count, found.writer) == (1, 1, 1, os.getpid())
+
+
+def test_nobody_removes_on_exit(topic, file, semaphore_file, other):
+    reader = other("read", topic)
+    with PosePublisher(topic) as publisher:
+        publisher.publish(pose(7.0))
+    reader.end()
+    assert file.exists()
+    assert semaphore_file.exists()
+    with PoseSubscriber(topic) as late:
+        assert late.read().position.x == 7.0
+
+
+def change(file, offset, data):
+    with file.open("r+b") as opened:
+        opened.seek(offset)
+        opened.write(data)
+
+
+@pytest.mark.parametrize(
+    ("offset", "data", "word"),
+    [
+        (0, b"\xef\xbe\xad\xde", "magic 16#DEADBEEF"),
+        (4, b"\2\0", "ABI 2"),
+        (6, b"\0\1", ""),
+        (8, b"\1", "digest 16#0123456789ABCD01"),
+        (16, b"\x40", "64 bytes"),
+        (20, b"\xc0", "slots of 192 bytes"),
+        (28, b"\4", "the depth differs"),
+        (32, b"G", "Geometry_msgs/msg/Pose"),
+    ],
+)
+@pytest.mark.parametrize("side", [PosePublisher, PoseSubscriber])
+def test_mismatch_is_refused_and_leaves_every_byte(topic, file, semaphore_file, side, offset, data, word):
+    PosePublisher(topic).close()
+    change(file, offset, data)
+    semaphore_file.unlink()
+    before = file.read_bytes()
+    with pytest.raises(runtime.LayoutMismatch) as caught:
+        side(topic)
+    text = str(caught.value)
+    assert word in text
+    assert "here:  geometry_msgs/msg/Pose, 56 bytes, digest 16#0123456789ABCDEF" in text
+    assert str(file) in text
+    assert f"shmgen clean {topic}" in text
+    assert file.read_bytes() == before
+    assert not semaphore_file.exists()
+
+
+def test_mismatch_of_size_and_type(topic, file):
+    PosePublisher(topic).close()
+    before = file.read_bytes()
+    with pytest.raises(runtime.LayoutMismatch, match="there: geometry_msgs/msg/Pose, 56 bytes, digest"):
+        ScanSubscriber(topic)
+    with file.open("r+b") as opened:
+        opened.truncate(8192)
+    with pytest.raises(runtime.LayoutMismatch, match="8192 bytes in all"):
+        PosePublisher(topic)
+    assert file.read_bytes() == before + bytes(4096)
+    with file.open("r+b") as opened:
+        opened.truncate(100)
+    with pytest.raises(runtime.LayoutMismatch, match="100 bytes in all"):
+        PosePublisher(topic)
+
+
+def test_a_region_without_magic_is_completed(topic, file):
+    """A peer was killed between making the region and writing the header, or has only made it."""
+    PosePublisher(topic).close()
+    change(file, 0, bytes(192))
+    change(file, 128, struct.pack("<II", 9, 9))
+    with PoseSubscriber(topic):
+        data = file.read_bytes()
+    assert data[:96] == h.pack(h.header_for(Pose._type_name_, Pose._digest_, 56, 1))
+    assert struct.unpack_from("<II", data, 128) == (9, 9)
+
+
+def test_an_object_without_bytes_is_waited_for_and_then_taken_over(topic, file):
+    file.touch(mode=0o600)
+    with PosePublisher(topic) as publisher:
+        publisher.publish(pose(1.0))
+        assert file.stat().st_size == 4096
+
+
+def test_second_writer_is_refused_also_in_another_process(topic, other):
+    with PosePublisher(topic):
+        with pytest.raises(runtime.RegionInUse, match=f"process {os.getpid()} publishes already"):
+            PosePublisher(topic)
+    writer = other("publish", topic)
+    with pytest.raises(runtime.RegionInUse, match=f"process {writer.process.pid} publishes already"):
+        PosePublisher(topic)
+    writer.kill()
+    PosePublisher(topic).close()
+
+
+def test_a_refused_writer_does_not_free_the_claim(topic):
+    with PosePublisher(topic):
+        for _ in range(2):
+            with pytest.raises(runtime.RegionInUse):
+                PosePublisher(topic)
+        PoseSubscriber(topic).close()
+        with pytest.raises(runtime.RegionInUse):
+            PosePublisher(topic)
+
+
+def test_a_plc_whose_heartbeat_moves_is_a_writer(topic):
+    beat = """if True:
+        import itertools, sys, time
+        from runtime_messages import PoseSubscriber
+        with PoseSubscriber(sys.argv[1]) as plc:
+            plc._region.words[6] = 0xFFFFFFFF
+            for count in itertools.count():
+                plc._region.words[38] = count & 0xFFFF
+                if count == 3: print("ready", flush=True)
+                time.sleep(0.01)
+    """
+    where = os.path.dirname(__file__)
+    with subprocess.Popen([sys.executable, "-c", beat, topic], cwd=where, stdout=subprocess.PIPE) as plc:
+        assert plc.stdout.readline() == b"ready\n"
+        with pytest.raises(runtime.RegionInUse, match="a PLC publishes already"):
+            PosePublisher(topic)
+        plc.kill()
+    with PosePublisher(topic):
+        assert runtime.read_header(runtime.region_name(topic)).writer == os.getpid()
+
+
+@pytest.mark.parametrize("mode", [0o660, 0o600, 0o666])
+def test_mode_whatever_the_umask(topic, file, semaphore_file, mode):
+    umask = os.umask(0o077)
+    try:
+        PosePublisher(topic, **({} if mode == 0o660 else {"mode": mode})).close()
+    finally:
+        os.umask(umask)
+    assert file.stat().st_mode & 0o777 == mode
+    assert semaphore_file.stat().st_mode & 0o777 == mode
+
+
+def test_group(topic, file, semaphore_file):
+    gid = os.getgroups()[-1] if os.getgroups() else os.getegid()
+    PosePublisher(topic, group=gid).close()
+    assert (file.stat().st_gid, semaphore_file.stat().st_gid) == (gid, gid)
+    with pytest.raises(runtime.PermissionDenied, match="groupadd no_such_group"):
+        PosePublisher(topic, group="no_such_group")
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="needs root, to become somebody else")
+def test_no_permission_says_whose_it_is(topic, file, semaphore_file):
+    PosePublisher(topic, mode=0o600).close()
+    code = """if True:
+        import os, sys
+        from runtime_messages import PosePublisher
+        from shmgen import runtime
+        os.setgroups([]); os.setgid(65534); os.setuid(65534)
+        for call in (lambda: PosePublisher(sys.argv[1]), lambda: runtime.read_header(runtime.region_name(sys.argv[1]))):
+            try:
+                call()
+            except runtime.PermissionDenied as error:
+                print(error)
+    """
+    command = [sys.executable, "-c", code, topic]
+    run = lambda: subprocess.run(command, cwd=os.path.dirname(__file__), capture_output=True, text=True)  # noqa: E731
+    said = run()
+    if "Permission denied" in said.stderr:
+        pytest.skip("another user cannot read this checkout")
+    assert said.stdout.count(f"{file} belongs to root:root with mode 600") == 2, said
+    file.chmod(0o666)
+    assert f"{semaphore_file} belongs to root:root with mode 600" in run().stdout
+
+
+def test_semaphore_starts_free_and_is_left_free(topic):
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+        semaphore = posix_ipc.Semaphore("/" + runtime.region_name(topic))
+        assert semaphore.value == 1
+        publisher.publish(pose(1.0))
+        subscriber.read()
+        assert semaphore.value == 1
+        semaphore.close()
+
+
+def test_many_openers_at_once_agree(topic, other):
+    readers = [other("read", topic) for _ in range(3)]
+    with PosePublisher(topic) as publisher:
+        publisher.publish(pose(5.0))
+        assert [reader.ask("go") for reader in readers] == ["5.0"] * 3
+
+
+def test_closing_twice_and_using_closed(topic):
+    publisher, subscriber = PosePublisher(topic), PoseSubscriber(topic)
+    for side in (publisher, subscriber, publisher, subscriber):
+        side.close()
+    for message in (pose(1.0), Pose()):
+        with pytest.raises(runtime.ShmError, match="closed"):
+            publisher.publish(message)
+    with pytest.raises(ValueError, match="released"):
+        subscriber.read()
+
+
+def test_an_abandoned_publisher_frees_the_claim(topic):
+    with pytest.warns(ResourceWarning):
+        PosePublisher(topic)
+        import gc
+
+        gc.collect()
+    PosePublisher(topic).close()
+
+
+def test_import_is_light():
+    code = "import sys, shmgen.runtime; print(*sorted(sys.modules))"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    top = {name.partition(".")[0] for name in loaded}
+    assert not top & {"jinja2", "click", "rosbags", "numpy", "multiprocessing", "tomli", "blark"}
+    assert {name for name in loaded if name.startswith("shmgen")} <= {"shmgen", *runtime_modules()}
+
+
+def runtime_modules():
+    folder = os.path.dirname(runtime.__file__)
+    return {"shmgen.runtime"} | {f"shmgen.runtime.{name[:-3]}" for name in os.listdir(folder)}
+
+
+def test_layout_of_slots():
+    header = h.header_for(Scan._type_name_, Scan._digest_, 100, 1)
+    assert (header.slot_size, header.slots, header.size) == (128, 2, 4096)
+
+
+def test_open_region_leaves_no_descriptor_behind_when_refused(topic):
+    PosePublisher(topic).close()
+    before = len(os.listdir("/proc/self/fd"))
+    for _ in range(5):
+        with pytest.raises(runtime.LayoutMismatch):
+            open_region(topic, h.header_for("a/msg/B", 1, 8, 1))
+        with PosePublisher(topic), pytest.raises(runtime.RegionInUse):
+            PosePublisher(topic)
+    assert len(os.listdir("/proc/self/fd")) == before

@@ -1,0 +1,127 @@
+"""The whole Jazzy store: generated, imported, compiled, and every message through a real region and back."""
+
+from __future__ import annotations
+
+import dataclasses
+import random
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy
+import pytest
+from rosbags.typesys import Stores, get_typestore
+
+from shmgen import pipeline
+from shmgen.bounds import Bound, Bounds
+from shmgen.config import Config
+from shmgen.diagnostics import Span
+from shmgen.model import Clock, Layout, Layouts, Ref, Role, Scalar, Slot, TypeName
+
+from .support.build import classes, compile_headers, put
+from .support.schemas import plain, random_message
+from .test_layout import assert_same_bytes
+
+PACKAGE = "shm_jazzy"
+UNBOUNDED = 64
+"""Messages of the store that need a bound; the other 98 of 162 do not."""
+
+
+@pytest.fixture(scope="module")
+def bounded() -> Config:
+    """Every sequence bounded to 3, each package by one line."""
+    plain = Config(Path.cwd())
+    packages = {entry.name.package for entry in pipeline.inventory(plain)}
+    bounds = Bounds({}, {package: Bound(3, Span("shmgen.toml")) for package in packages})
+    return dataclasses.replace(plain, bounds=bounds, package=PACKAGE)
+
+
+@pytest.fixture(scope="module")
+def store(bounded: Config, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Layouts]:
+    """All of it on disk, and its layouts."""
+    folder = tmp_path_factory.mktemp("store")
+    names = [str(entry.name) for entry in pipeline.inventory(bounded)]
+    put(pipeline.generate(bounded, names), folder)
+    return folder, pipeline.lay_out(bounded, names)
+
+
+def test_list_says_what_stops_each_message() -> None:
+    entries = pipeline.inventory(Config(Path.cwd()))
+    stopped = [entry for entry in entries if entry.size is None]
+    assert (len(entries), len(stopped)) == (162, UNBOUNDED)
+    assert all(entry.unbounded for entry in stopped)
+    assert all(not entry.unbounded for entry in entries if entry.size is not None)
+    (joint_state,) = [entry for entry in entries if entry.name.short == "sensor_msgs/JointState"]
+    assert joint_state.unbounded[0] == "sensor_msgs/JointState.name"
+
+
+def test_with_bounds_none_is_left(bounded: Config) -> None:
+    assert [entry for entry in pipeline.inventory(bounded) if entry.size is None] == []
+
+
+def test_all_of_it_is_the_same_in_ctypes(store: tuple[Path, Layouts]) -> None:
+    folder, layouts = store
+    assert len(layouts) == 162
+    for name, layout in layouts.items():
+        assert_same_bytes(classes(folder, PACKAGE, name)[0], layout)
+
+
+@pytest.mark.parametrize("language", ["c", "c++"])
+def test_all_of_it_compiles(store: tuple[Path, Layouts], language: str) -> None:
+    compile_headers(store[0], language)
+
+
+def test_every_message_crosses_a_region(store: tuple[Path, Layouts], topic: str) -> None:
+    folder, layouts = store
+    types = get_typestore(Stores.ROS2_JAZZY).types
+    for number, (name, layout) in enumerate(layouts.items()):
+        message = random_message(layout, layouts, random.Random(str(name)))
+        wanted = plain(message)
+        foreign = as_rosbags(message, layout, layouts, types)
+        assert crossed(folder, name, f"{topic}/m{number}", foreign) == wanted, name
+
+
+def as_rosbags(message: Any, layout: Layout, layouts: Layouts, types: Mapping[str, Any]) -> Any:
+    """The same as a dataclass of rosbags: no default constructor, numbers in ndarrays."""
+    stamps = {
+        Clock.TIME: types["builtin_interfaces/msg/Time"],
+        Clock.DURATION: types["builtin_interfaces/msg/Duration"],
+    }
+
+    def converted(slot: Slot, value: Any) -> Any:
+        match slot.type:
+            case Clock():
+                return stamps[slot.type](sec=value.sec, nanosec=value.nanosec)
+            case Ref(name):
+                return as_rosbags(value, layouts[name], layouts, types)
+            case _:
+                return value
+
+    fields: dict[str, Any] = {}
+    for slot in layout.slots:
+        if slot.role is Role.DATA:
+            value = getattr(message, slot.name)
+            if slot.count is None:
+                fields[slot.name] = converted(slot, value)
+            elif isinstance(slot.type, Scalar):
+                fields[slot.name] = numpy.array(value, dtype=slot.type.value)
+            else:
+                fields[slot.name] = [converted(slot, item) for item in value]
+    return types[str(layout.name)](**fields)
+
+
+def crossed(folder: Path, name: TypeName, topic: str, message: Any) -> Any:
+    """What a subscriber sees of a foreign object, and then of our own structure, read and read_into."""
+    kind, publisher_kind, subscriber_kind = classes(folder, PACKAGE, name)
+    with publisher_kind(topic) as publisher, subscriber_kind(topic) as subscriber:
+        publisher.publish(message)
+        read = subscriber.read()
+        publisher.publish(read)
+        again = kind()
+        assert subscriber.read_into(again)
+        assert again == read
+        assert not subscriber.read_into(again)
+        publisher.publish(read)
+        assert subscriber.read_into(message)  # the foreign object itself, filled in place
+        assert plain(message) == plain(read)
+        return plain(read)
