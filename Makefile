@@ -22,7 +22,8 @@ lint: $(VENV)/ready-to-test
 	$(BIN)/mypy
 
 generated: $(VENV)/ready  ## regenerate the committed output
-	$(BIN)/shmgen generate
+	$(BIN)/shmgen generate --quiet
+	$(BIN)/shmgen show sensor_msgs/BatteryState --svg > docs/memory_map.svg
 
 bench: $(VENV)/ready-to-test
 	$(BIN)/python benchmarks/run.py

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -21,6 +22,10 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 def main() -> None:
     """The `shmgen` command. Exit 0 clean, 1 diagnostics, 2 wrong usage."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(
+            errors="replace"
+        )  # a comment's sign that the terminal does not know is no reason to stop
     try:
         cli(standalone_mode=True)
     except Rejected as rejected:
@@ -78,7 +83,13 @@ def _where(command: F) -> F:
     show_default=True,
     help="Folder for the files.",
 )
-@click.option("-t", "--target", multiple=True, type=click.Choice(TARGETS), help="Only this target; may be repeated.")
+@click.option(
+    "-t",
+    "--target",
+    multiple=True,
+    type=click.Choice(TARGETS),
+    help="Only this target, and the others' files removed; may be repeated.",
+)
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing but diagnostics.")
 @_where
 def generate(
@@ -99,12 +110,12 @@ def generate(
     config = _config(config_file, include)
     if target:
         config = replace(config, targets=target)
-    lock = _lock(output)
-    requests = [*messages, *lock.requested] if messages else [*config.messages, *(t.type for t in config.topics)]
-    if not requests:
-        hint = 'name one, `shmgen generate geometry_msgs/Pose`, or list them in shmgen.toml: messages = ["..."]'
-        raise Rejected([Diagnostic("SHM504", "no messages to generate", Span("command line"), hint=hint)])
-    texts = pipeline.generate(config, dict.fromkeys(requests))
+    lock, formerly = _lock(output)
+    if messages:
+        hint = f"a former run was asked for it: say again where it is, or delete {output} to start afresh"
+        texts = _generated(config, [*messages, *lock.requested], formerly, hint)
+    else:
+        texts = _generated(config, [*config.messages, *(topic.type for topic in config.topics)], config.places)
     leftovers = sorted(set(lock.files or ()) - set(texts))
     written = write(output, texts, leftovers, last=drift.LOCK)
     if not quiet:
@@ -123,15 +134,22 @@ def show(type_name: str, as_json: bool, as_svg: bool, config_file: Path | None, 
     """Where the bytes of a message go: offset, size, ROS type, IEC type, comment."""
     from shmgen import show
 
+    if as_json and as_svg:
+        raise click.UsageError("--json or --svg, not both.")
     layouts = pipeline.lay_out(_config(config_file, include), [type_name])
-    for layout in [layout for layout in layouts.values() if layout.requested]:
-        if as_svg:
-            from shmgen import memory_map
-            from shmgen.render import render
+    shown = [layout for layout in layouts.values() if layout.requested]
+    if as_json:
+        click.echo(show.as_json(shown, layouts), nl=False)
+    elif as_svg:
+        from shmgen import memory_map
+        from shmgen.render import render
 
-            click.echo("".join(render([memory_map.plan(layout, layouts)]).values()), nl=False)
-        else:
-            click.echo((show.as_json if as_json else show.table)(layout, layouts), nl=False)
+        if len(shown) > 1:
+            raise click.UsageError(f"--svg draws one message: {', '.join(str(layout.name) for layout in shown)}")
+        for drawing in render([memory_map.plan(shown[0], layouts)]).values():
+            click.echo(drawing.encode(), nl=False)
+    else:
+        click.echo("\n".join(show.table(layout, layouts) for layout in shown), nl=False)
 
 
 @cli.command()
@@ -159,7 +177,8 @@ def list_(package: str | None, as_json: bool, config_file: Path | None, include:
 def explain(code: str) -> None:
     """What a diagnostic means and how to mend it."""
     installed = Path(__file__).parent / "diagnostics.md"
-    text = (installed if installed.is_file() else Path(__file__).parents[2] / "docs" / "diagnostics.md").read_text()
+    document = installed if installed.is_file() else Path(__file__).parents[2] / "docs" / "diagnostics.md"
+    text = document.read_text(encoding="utf-8")
     section = text.partition(f"## {code}")[2].partition("\n## ")[0]
     click.echo(f"{code}{section.rstrip()}")
 
@@ -170,15 +189,32 @@ def _config(file: Path | None, include: Iterable[Path]) -> Config:
     return replace(config, path=(*(folder.absolute() for folder in include), *config.path))
 
 
-def _lock(output: Path) -> drift.Lock:
-    """What a former run left in the folder, nothing where there was none. Raises Rejected: SHM401."""
+def _generated(config: Config, requests: list[str], places: Mapping[str, Span], hint: str = "") -> dict[str, str]:
+    """{path: text} of all targets. What is wrong with a request is told at the place where it was written."""
+    if not requests:
+        hint = 'name one, `shmgen generate geometry_msgs/Pose`, or list them in shmgen.toml: messages = ["..."]'
+        raise Rejected([Diagnostic("SHM504", "no messages to generate", Span("command line"), hint=hint)])
+    try:
+        return pipeline.generate(config, dict.fromkeys(requests))
+    except Rejected as rejected:
+        raise Rejected(
+            replace(found, span=places[found.span.path], hint=f"{found.hint}\n{hint}".strip())
+            if found.span.path in places
+            else found
+            for found in rejected.diagnostics
+        ) from rejected
+
+
+def _lock(output: Path) -> tuple[drift.Lock, dict[str, Span]]:
+    """What a former run left in the folder, and where each of its requests stands there. Raises Rejected: SHM401."""
     file = output / drift.LOCK
     if not file.is_file():
-        return drift.Lock()
+        return drift.Lock(), {}
     report = Report()
-    lock = drift.read(file.read_text(encoding="utf-8", errors="replace"), str(file), report)
+    text = file.read_text(encoding="utf-8", errors="replace")
+    lock = drift.read(text, str(file), report)
     report.stop_if_any()
-    return lock
+    return lock, configuration.quoted(text, str(file), lock.requested)
 
 
 def _complain(diagnostics: Iterable[Diagnostic]) -> None:

@@ -79,7 +79,7 @@ def load(path: Path, shown: str, report: Report) -> Config:
         report.stop_if_any()
     prefix = "tool.shmgen" if path.name == "pyproject.toml" else ""
     reader = _Reader(_positions(text, prefix, shown), Span(shown), report)
-    data = reader.table(reader.table(document, "tool"), "shmgen") if prefix else document
+    data = reader.table(reader.table(document, "tool"), "shmgen", "tool.shmgen") if prefix else document
     config = reader.config(data, path.parent)
     report.stop_if_any()
     return replace(config, places=quoted(text, shown, {*config.messages, *(topic.type for topic in config.topics)}))
@@ -110,7 +110,7 @@ class _Reader:
         self.keys("types", types, ("bool", "time"))
         return Config(
             root=root,
-            messages=self.texts("messages", data, ()),
+            messages=tuple(_from(root, message) for message in self.texts("messages", data, ())),
             source=self.choice("", "source", data, SOURCES, "jazzy"),
             path=tuple(root / folder for folder in self.texts("path", data, ())),
             targets=self.texts("targets", data, TARGETS, TARGETS),
@@ -173,10 +173,10 @@ class _Reader:
     def package(self, data: dict[str, Any]) -> str:
         name = data.get("package", "shm_msgs")
         usable = isinstance(name, str) and name.isascii() and name.isidentifier() and not keyword.iskeyword(name)
-        if not usable or name == "shmgen":  # the generated package imports that one
+        if not usable or name == "shmgen":  # that one is imported by what is generated
             self.wrong("", "package", f'package names the Python package to make, such as "shm_msgs", not {name!r}')
             return "shm_msgs"
-        return name
+        return str(name)
 
     def keys(self, section: str, data: dict[str, Any], allowed: tuple[str, ...]) -> None:
         place = f" in [{section.partition('.')[0]}]" if section else ""
@@ -188,10 +188,10 @@ class _Reader:
                     hint = f"it belongs under [{_HOMES[key]}]"
                 self.report.error("SHM501", f"unknown key {key}{place}", self.span(section, key), hint=hint)
 
-    def table(self, data: dict[str, Any], key: str) -> dict[str, Any]:
+    def table(self, data: dict[str, Any], key: str, header: str = "") -> dict[str, Any]:
         value = data.get(key, {})
         if not isinstance(value, dict):
-            self.wrong("", key, f"{key} is a table: write [{key}]")
+            self.wrong("", key, f"{key} is a table: write [{header or key}]")
             return {}
         return value
 
@@ -255,6 +255,10 @@ def _positions(text: str, prefix: str, shown: str) -> dict[tuple[str, str], Span
     return positions
 
 
+def _from(root: Path, message: str) -> str:
+    return str(root / message) if message.endswith((".msg", ".srv", ".action")) else message
+
+
 def _span(shown: str, number: int, line: str, start: int, end: int) -> Span:
     return Span(shown, number, start + 1, end - start, line.rstrip("\r"))
 
@@ -263,12 +267,14 @@ def _read(path: Path, shown: str, report: Report) -> str:
     try:
         return path.read_bytes().decode("utf-8").removeprefix("\N{ZERO WIDTH NO-BREAK SPACE}")
     except OSError as error:
-        report.error("SHM001", f"cannot read: {error.strerror}", Span(shown), hint="correct -c")
+        report.error(
+            "SHM001", f"cannot read: {error.strerror}", Span(shown), hint="give a file that can be read with -c"
+        )
     except UnicodeDecodeError as error:
-        line = error.object.count(b"\n", 0, error.start) + 1
-        column = error.start - error.object.rfind(b"\n", 0, error.start)
+        before = error.object[: error.start].decode()
+        place = Span(shown, before.count("\n") + 1, len(before) - before.rfind("\n"))
         culprit = f"byte 0x{error.object[error.start]:02X} is not UTF-8"
-        report.error("SHM002", culprit, Span(shown, line, column), hint="save the file as UTF-8")
+        report.error("SHM002", culprit, place, hint="save the file as UTF-8")
     report.stop_if_any()
     raise AssertionError
 

@@ -53,6 +53,7 @@ def lay_out(schema: Schema, options: TypeOptions, max_region: int, report: Repor
     for message in schema.messages:
         layout = _message(message, options, layouts, message.name in schema.requested)
         layouts[message.name] = layout
+        _check_texts(message, options, report)
         depths[message.name] = 1 + max((depths[name] for name in layout.dependencies), default=0)
         if depths[message.name] == DEEPEST + 1:
             report.error("SHM304", f"{message.name.short} nests messages more than {DEEPEST} deep", message.span)
@@ -100,6 +101,29 @@ def _message(message: Message, options: TypeOptions, layouts: Mapping[TypeName, 
     draft = Layout(message, tuple(slots), size, widest, 0, options, requested)
     digest = hashlib.sha256(canonical_text(draft, layouts).encode()).digest()[:8]
     return Layout(message, tuple(slots), size, widest, int.from_bytes(digest, "big"), options, requested)
+
+
+def _check_texts(message: Message, options: TypeOptions, report: Report) -> None:
+    """A default or constant must fit the capacity and encoding that the configuration gave its string."""
+    for declared in (*message.fields, *message.constants):
+        value = declared.default if isinstance(declared, Field) else declared.value
+        type_ = declared.type.element if isinstance(declared.type, Array | Sequence) else declared.type
+        for text in value if isinstance(value, tuple) else (value,):
+            if not isinstance(text, str) or not isinstance(type_, String):
+                continue
+            encoding, unit = ("utf-16-le", 2) if type_.wide else (options.encoding, 1)
+            path = f"{message.name.short}.{declared.name}"
+            try:
+                length = len(text.encode(encoding)) // unit
+            except UnicodeEncodeError:
+                hint = 'set encoding = "utf-8" under [strings] in shmgen.toml'
+                report.error(
+                    "SHM005", f"{text!r} cannot be written in {encoding}", declared.span, field=path, hint=hint
+                )
+                continue
+            if type_.capacity is not None and length > type_.capacity:
+                hint = f'set "{path}" = {length} under [strings] in shmgen.toml'
+                report.error("SHM005", f"{text!r} is longer than its bound", declared.span, field=path, hint=hint)
 
 
 _Member = tuple[str, Element, int | None, Role, Field | None]

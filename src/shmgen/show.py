@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 
 from shmgen.layout import CLOCK, region_size
@@ -56,17 +56,20 @@ def table(layout: Layout, layouts: Layouts) -> str:
     return "\n".join(text) + "\n"
 
 
-def as_json(layout: Layout, layouts: Layouts) -> str:
-    """The same for machines; offsets and sizes in bytes."""
-    data = {
-        "type": str(layout.name),
-        "origin": layout.message.origin,
-        "size": layout.size,
-        "align": layout.align,
-        "digest": f"{layout.digest:016x}",
-        "region_size": region_size(layout.size),
-        "slots": [asdict(row) for row in rows(layout, layouts)],
-    }
+def as_json(shown: Iterable[Layout], layouts: Layouts) -> str:
+    """The same of one or more messages for machines, always a list; offsets and sizes in bytes."""
+    data = [
+        {
+            "type": str(layout.name),
+            "origin": layout.message.origin,
+            "size": layout.size,
+            "align": layout.align,
+            "digest": f"{layout.digest:016x}",
+            "region_size": region_size(layout.size),
+            "slots": [asdict(row) for row in rows(layout, layouts)],
+        }
+        for layout in shown
+    ]
     return json.dumps(data, indent=2) + "\n"
 
 

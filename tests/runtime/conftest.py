@@ -1,30 +1,17 @@
-"""Topics of a test's own, removed after it, and processes that end with it."""
+"""The files of a topic, and second processes that end with the test."""
 
 from __future__ import annotations
 
-import itertools
-import os
 import subprocess
 import sys
 from contextlib import suppress
 from pathlib import Path
 
-import posix_ipc
 import pytest
 
 from shmgen.runtime import region_name
 
 HERE = Path(__file__).parent
-numbers = itertools.count()
-
-
-@pytest.fixture
-def topic():
-    name = f"/shmgen_test_{os.getpid()}/t{next(numbers)}"
-    yield name
-    for unlink in (posix_ipc.unlink_shared_memory, posix_ipc.unlink_semaphore):
-        with suppress(posix_ipc.ExistentialError):
-            unlink("/" + region_name(name))
 
 
 @pytest.fixture
@@ -38,10 +25,10 @@ def semaphore_file(topic):
 
 
 class Other:
-    """A second process doing one of the works in runtime_messages.py."""
+    """A second process doing one of the works in messages.py."""
 
     def __init__(self, *arguments: object) -> None:
-        command = [sys.executable, str(HERE / "runtime_messages.py"), *map(str, arguments)]
+        command = [sys.executable, str(HERE / "messages.py"), *map(str, arguments)]
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         assert self.hear() == "ready"
 

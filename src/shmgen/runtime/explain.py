@@ -66,7 +66,6 @@ def _check_integer(value: Any, code: str, path: str) -> None:
 def _check_float(value: Any, code: str, path: str) -> None:
     try:
         struct.pack("<" + code, value)
-    except OverflowError:
-        raise OutOfRange(path, f"{value!r:.40} is too large for {_NAMES[code]}") from None
-    except struct.error:
-        raise OutOfRange(path, f"{value!r:.40} is {type(value).__name__}, not {_NAMES[code]}") from None
+    except (OverflowError, struct.error):
+        fault = "too large for" if isinstance(value, (int, float)) else f"{type(value).__name__}, not"
+        raise OutOfRange(path, f"{value!r:.40} is {fault} {_NAMES[code]}") from None

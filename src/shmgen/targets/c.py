@@ -23,7 +23,7 @@ from shmgen.model import (
     assert_never,
     ros_type,
 )
-from shmgen.targets.naming import c_member, file_stem
+from shmgen.targets.naming import C, c_member, check_members, file_stem
 
 _TYPES = {
     Scalar.BOOL: "uint8_t",
@@ -83,6 +83,7 @@ def plan(layouts: Layouts, report: Report, package: str = "shm_msgs") -> Iterato
             )
             continue
         seen[path] = layout
+        check_members(layout, C, report)
         yield Output(f"c/{path}", "c/message.h.j2", _header(layout, package))
 
 

@@ -25,7 +25,7 @@ from shmgen.model import (
     ros_type,
 )
 from shmgen.targets import python_codec as codec
-from shmgen.targets.naming import file_stem, python_member
+from shmgen.targets.naming import PYTHON, check_constants, check_members, file_stem, python_member
 
 CTYPES = {
     Scalar.BOOL: "c_bool",
@@ -100,6 +100,9 @@ def plan(layouts: Layouts, report: Report, package: str = "shm_msgs") -> Iterato
         folder = f"{root}/{ros_package}/{kind}"
         members = [layouts[name] for name in names]
         _check_classes(members, report)
+        for layout in members:
+            check_members(layout, PYTHON, report)
+            check_constants(layout, PYTHON, (), report)
         yield Output(f"{folder}/__init__.py", "python/package.py.j2", _package(ros_package, kind, members))
         for layout in members:
             yield Output(f"{folder}/_{file_stem(layout.name)}.py", "python/message.py.j2", _module(layout, layouts))
@@ -227,7 +230,7 @@ def _is_shown(slot: Slot) -> bool:
 def _stored_name(slot: Slot) -> str:
     if slot.role is Role.DATA:
         return ("_" if _is_shown(slot) else "") + python_member(slot.name)
-    return slot.name if slot.role is Role.PADDING else f"_{slot.name}"
+    return f"_{slot.name}"  # with two underscores for padding: `_pad0` may be how a string `pad0` is stored
 
 
 def _ctype(slot: Slot, options: TypeOptions, names: dict[TypeName, str]) -> str:

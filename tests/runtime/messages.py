@@ -126,9 +126,7 @@ class ScanSubscriber(runtime.Subscriber[Scan]):
 
 def pose(x: float) -> SimpleNamespace:
     """A foreign message, of one number in each field, so that a torn copy shows."""
-    return SimpleNamespace(
-        position=SimpleNamespace(x=x, y=x, z=x), orientation=SimpleNamespace(x=x, y=x, z=x, w=x)
-    )
+    return SimpleNamespace(position=SimpleNamespace(x=x, y=x, z=x), orientation=SimpleNamespace(x=x, y=x, z=x, w=x))
 
 
 def whole(message: Pose) -> bool:

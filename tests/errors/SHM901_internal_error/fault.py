@@ -1,0 +1,9 @@
+"""Plants a fault in shmgen and runs it: a region's size is None."""
+
+import sys
+
+from shmgen import cli, layout
+
+layout.region_size = None  # type: ignore[assignment]
+sys.argv = ["shmgen", "generate", "std_msgs/Bool"]
+cli.main()

@@ -1,0 +1,500 @@
+"""Publisher and subscriber: what goes in comes out, in order, and what is lost is counted."""
+
+from __future__ import annotations
+
+import array
+import struct
+import time
+from types import SimpleNamespace
+
+import pytest
+
+from shmgen import runtime
+from shmgen.runtime import header as h
+from shmgen.runtime.subscriber import _after, _steps
+
+from .messages import (
+    LONG,
+    Point,
+    Pose,
+    PosePublisher,
+    PoseSubscriber,
+    Quaternion,
+    Scan,
+    ScanPublisher,
+    ScanSubscriber,
+    pose,
+    whole,
+)
+
+
+def renumber(publisher, begun, completed):
+    """As if `completed` samples had been written; the newest is there again under its new number."""
+    words = publisher._region.words
+    words[h.BEGUN], words[h.COMPLETED] = begun, completed
+    place = publisher._region.sample(completed).start // 4
+    words[place + 2] = completed
+    publisher._sequence = completed
+
+
+def numbers(messages):
+    return [message.position.x for message in messages]
+
+
+# --- two processes -------------------------------------------------------------------------------
+
+
+def test_reader_first(topic, other):
+    reader = other("read", topic)
+    with PosePublisher(topic) as publisher:
+        for x in (1.5, -2.5):
+            publisher.publish(pose(x))
+            assert reader.ask("go") == str(x)
+
+
+def test_writer_first(topic, other):
+    writer = other("publish", topic)
+    assert writer.ask(1.0) == "1"
+    assert writer.ask(2.0) == "2"
+    with PoseSubscriber(topic) as subscriber:
+        assert subscriber.read().position.x == 2.0
+        assert subscriber.read() is None
+        assert (subscriber.sequence, subscriber.missed) == (2, 0)
+        assert writer.ask(3.0) == "3"
+        assert subscriber.read().position.x == 3.0
+
+
+def test_a_killed_writer_leaves_its_last_sample_and_the_next_goes_on(topic, other):
+    writer = other("flood", topic)
+    with PoseSubscriber(topic) as subscriber, PoseSubscriber(topic) as second:
+        subscriber.wait(5)
+        writer.kill()
+        subscriber.read()
+        assert whole(second.read())
+        with PosePublisher(topic) as publisher:
+            before = publisher.sequence
+            assert before == subscriber.sequence or subscriber.read() is None
+            publisher.publish(pose(-1.0))
+            assert publisher.sequence == before + 1
+            assert subscriber.read().position.x == -1.0
+
+
+def test_nothing_torn_and_everything_counted_under_a_flood(topic, other):
+    """The reader does not take the lock for long enough to slow the writer, which goes on without it."""
+    with PoseSubscriber(topic, depth=4, lock_timeout=0) as subscriber:
+        other("flood", topic, 4)
+        read = 0
+        last = 0.0
+        end = time.monotonic() + 1.0
+        while time.monotonic() < end:
+            for message in subscriber.read_all():
+                assert whole(message)
+                assert message.position.x > last
+                last = message.position.x
+                read += 1
+        assert read > 10
+        # The flood's own number says how many there were.
+        assert read + subscriber.missed == last == subscriber.sequence
+
+
+# --- reading -------------------------------------------------------------------------------------
+
+
+def test_any_object_and_the_class_itself(topic):
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+        assert subscriber.read() is None
+        publisher.publish(pose(1.0))
+        assert subscriber.read() == Pose(position=Point(x=1, y=1, z=1), orientation=Quaternion(x=1, y=1, z=1, w=1))
+        ours = Pose(position=Point(x=0.25))
+        publisher.publish(ours)
+        ours.position.x = 99.0
+        assert subscriber.read() == Pose(position=Point(x=0.25))
+        target = pose(0.0)
+        assert not subscriber.read_into(target)
+        publisher.publish(pose(4.0))
+        assert subscriber.read_into(target)
+        assert target == pose(4.0)
+        publisher.publish(pose(5.0))
+        again = Pose()
+        assert subscriber.read_into(again)
+        assert again.position.x == 5.0
+        publisher.publish(pose(6.0))
+        assert again.position.x == 5.0
+
+
+def test_what_was_read_is_the_readers_own(topic):
+    with ScanPublisher(topic) as publisher, ScanSubscriber(topic) as subscriber:
+        publisher.publish(scan(1))
+        first = subscriber.read()
+        for id in (2, 3, 4):
+            publisher.publish(scan(id))
+        assert first.id == 1
+        first.id = 77
+        assert subscriber.read().id == 4
+
+
+def test_late_subscriber_gets_the_newest_only(topic):
+    with PosePublisher(topic, depth=4) as publisher:
+        for x in range(6):
+            publisher.publish(pose(x))
+        with PoseSubscriber(topic, depth=4) as one, PoseSubscriber(topic, depth=4) as two:
+            assert numbers(one.read_all()) == [5.0]
+            assert two.read().position.x == 5.0
+            assert one.missed == two.missed == 0
+            publisher.publish(pose(6))
+            assert numbers(one.read_all()) == [6.0]
+            assert one.read_all() == []
+
+
+@pytest.mark.parametrize(("depth", "written"), [(4, 3), (4, 8), (4, 9), (4, 30), (1, 1), (1, 5), (16, 10)])
+def test_read_all_in_order_and_misses_exact(topic, depth, written):
+    with PosePublisher(topic, depth=depth) as publisher, PoseSubscriber(topic, depth=depth) as subscriber:
+        slots = publisher._region.header.slots
+        for round in range(3):
+            for x in range(written):
+                publisher.publish(pose(round * written + x))
+            there = min(written, slots)
+            end = (round + 1) * written
+            assert numbers(subscriber.read_all()) == [float(x) for x in range(end - there, end)]
+            assert subscriber.missed == (round + 1) * (written - there)
+
+
+def test_a_sample_being_overwritten_is_not_there(topic):
+    """A writer stopped, or killed, after saying what it overwrites: the oldest is gone, the newest is not."""
+    with PosePublisher(topic, depth=2) as publisher, PoseSubscriber(topic, depth=2) as subscriber:
+        for x in range(1, 5):
+            publisher.publish(pose(x))
+        publisher._region.words[h.BEGUN] = 5
+        assert numbers(subscriber.read_all()) == [2.0, 3.0, 4.0]
+        assert subscriber.missed == 1
+        publisher.publish(pose(5))
+        assert numbers(subscriber.read_all()) == [5.0]
+
+
+def test_the_number_in_the_slot_counts_too(topic):
+    """A peer that began before us may have copied half a sample: its number is another one."""
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+        publisher.publish(pose(1))
+        place = publisher._region.sample(1).start // 4 + 2
+        publisher._region.words[place] = 3
+        assert subscriber.read() is None
+        assert subscriber.read_all() == []
+        assert subscriber.sequence == 0
+        publisher._region.words[place] = 1
+        assert subscriber.read().position.x == 1.0
+
+
+def test_read_counts_what_it_skips(topic):
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+        for x in range(5):
+            publisher.publish(pose(x))
+        assert subscriber.read().position.x == 4.0
+        assert subscriber.missed == 4
+
+
+# --- numbers -------------------------------------------------------------------------------------
+
+
+def test_after_the_last_number_comes_that_of_slots(topic):
+    with PosePublisher(topic, depth=2) as publisher, PoseSubscriber(topic, depth=2) as subscriber:
+        publisher.publish(pose(0))
+        renumber(publisher, 0xFFFFFFFE, 0xFFFFFFFE)
+        subscriber._last = 0xFFFFFFFD
+        for x, number in enumerate((0xFFFFFFFF, 4, 5, 6)):
+            publisher.publish(pose(x))
+            assert publisher.sequence == number
+            assert subscriber.read().position.x == x
+            assert subscriber.sequence == number
+        # The sample before the turn was read over, those after it one by one.
+        assert subscriber.missed == 1
+
+
+def test_misses_across_the_last_number(topic):
+    with PosePublisher(topic, depth=2) as publisher, PoseSubscriber(topic, depth=2) as subscriber:
+        publisher.publish(pose(0))
+        renumber(publisher, 0xFFFFFFFE, 0xFFFFFFFE)
+        subscriber._last = 0xFFFFFFFE
+        for x in range(3):
+            publisher.publish(pose(x))
+        # By the rule (begun - s) modulo 2**32 < slots nothing from before the turn is accepted any more.
+        assert numbers(subscriber.read_all()) == [1.0, 2.0]
+        assert subscriber.missed == 1
+
+
+@pytest.mark.parametrize(
+    ("older", "newer", "steps"),
+    [(0, 1, 1), (5, 9, 4), (0xFFFFFFFF, 4, 1), (0xFFFFFFFE, 4, 2), (0xFFFFFFFE, 7, 5), (7, 7, 0)],
+)
+def test_steps_between_numbers(older, newer, steps):
+    assert _steps(older, newer, 4) == steps
+    assert _after(older, steps, 4) == newer
+
+
+@pytest.mark.parametrize("way", ["read", "read_all"])
+def test_a_region_begun_anew(topic, way):
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+        for x in range(9):
+            publisher.publish(pose(x))
+        subscriber.read()
+        missed = subscriber.missed
+        publisher._region.words[h.BEGUN] = publisher._region.words[h.COMPLETED] = publisher._sequence = 0
+        publisher.publish(pose(50))
+        got = subscriber.read() if way == "read" else subscriber.read_all()[0]
+        assert got.position.x == 50.0
+        assert (subscriber.sequence, subscriber.missed) == (1, missed)
+
+
+def test_counters_turn_at_32_bits(topic):
+    with PosePublisher(topic) as first:
+        first._region.words[h.HEARTBEAT] = first._region.words[h.LOCK_COUNT] = 0xFFFFFFFE
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+        for x in range(2):
+            publisher.publish(pose(x))
+            subscriber.read()
+        publisher.heartbeat()
+        words = publisher._region.words
+        assert (words[h.HEARTBEAT], words[h.LOCK_COUNT]) == (1, 2)
+        publisher._heartbeat = 0xFFFFFFFF
+        publisher.heartbeat()
+        assert words[h.HEARTBEAT] == 0
+
+
+def test_the_next_writer_goes_on_counting(topic):
+    for expected in (1, 2, 3):
+        with PosePublisher(topic) as publisher:
+            publisher.publish(pose(expected))
+            assert (publisher.sequence, publisher._region.words[h.HEARTBEAT]) == (expected, expected)
+
+
+# --- time ----------------------------------------------------------------------------------------
+
+
+def test_age(topic):
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+        assert subscriber.age is None
+        publisher.publish(pose(1))
+        assert subscriber.age is None
+        subscriber.read()
+        assert 0 <= subscriber.age < 5
+        stamp = publisher._region.sample(1).start // 8
+        publisher._region.quads[stamp] -= 60 * 10**9
+        subscriber._last = 0
+        subscriber.read()
+        assert 60 <= subscriber.age < 65
+        publisher._region.quads[stamp] = 0
+        subscriber._last = 0
+        subscriber.read()
+        assert subscriber.age is None
+
+
+def test_wait(topic, other):
+    writer = other("publish", topic)
+    with PoseSubscriber(topic) as subscriber:
+        before = time.monotonic()
+        assert subscriber.wait(0.05) is None
+        assert time.monotonic() - before >= 0.05
+        assert subscriber.wait(0) is None
+        writer.tell(3.0)
+        assert subscriber.wait(5).position.x == 3.0
+
+
+# --- the lock ------------------------------------------------------------------------------------
+
+
+def test_a_held_lock_does_not_stop_anybody(topic, other):
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+        publisher.publish(pose(1))
+        holder = other("hold", topic)
+        count = publisher._region.words[h.LOCK_COUNT]
+        for x in range(2, 30):
+            publisher.publish(pose(x))
+            assert subscriber.read().position.x == x
+        assert publisher.lock_misses == subscriber.lock_misses == 28
+        assert publisher._region.words[h.LOCK_COUNT] == count
+        assert publisher._region.words[h.LOCK_HOLDER] == 0
+        holder.end()
+        publisher.publish(pose(99))
+        assert subscriber.read().position.x == 99.0
+        assert publisher.lock_misses == subscriber.lock_misses == 28
+        assert publisher._region.words[h.LOCK_COUNT] == count + 2
+
+
+class Waits:
+    """The region's semaphore, noting how long each wait for it was to be."""
+
+    def __init__(self, semaphore):
+        self.semaphore = semaphore
+        self.noted = []
+
+    def acquire(self, block, timeout):
+        self.noted.append(timeout)
+        return self.semaphore.acquire(block, timeout)
+
+
+def test_a_stuck_lock_is_waited_for_once(topic, other):
+    with PosePublisher(topic, lock_timeout=0.02) as publisher:
+        region = publisher._region
+        region.semaphore = waits = Waits(region.semaphore)
+        publisher.publish(pose(0))
+        holder = other("hold", topic)
+        assert waits.noted == []
+        for x in range(20):
+            publisher.publish(pose(x))
+        assert waits.noted == [0.02]
+        # Somebody got in: it is not stuck, and worth waiting for again.
+        region.words[h.LOCK_COUNT] += 1
+        for x in range(20):
+            publisher.publish(pose(x))
+        assert waits.noted == [0.02, 0.02]
+        assert publisher.lock_misses == 40
+        holder.end()
+        publisher.publish(pose(1))
+        assert publisher.lock_misses == 40
+
+
+def test_where_stores_pass_each_other_the_lock_is_needed(topic, file, other):
+    with PosePublisher(topic, depth=4) as publisher, PoseSubscriber(topic, depth=4) as subscriber:
+        publisher._lock.keeps_order = subscriber._lock.keeps_order = False
+        publisher.publish(pose(1))
+        publisher.publish(pose(2))
+        holder = other("hold", topic, 4)
+        before = file.read_bytes()
+        with pytest.raises(runtime.LockTimeout, match=topic):
+            publisher.publish(pose(3))
+        assert subscriber.read() is None
+        assert subscriber.read_all() == []
+        assert subscriber.sequence == 0
+        assert file.read_bytes() == before
+        holder.end()
+        publisher.publish(pose(3))
+        assert publisher.sequence == 3
+        assert numbers(subscriber.read_all()) == [1.0, 2.0, 3.0]
+        assert subscriber.missed == 0
+
+
+def test_who_is_inside_stands_in_the_header(topic):
+    """Seen by a message whose copy looks at the header meanwhile."""
+    seen = []
+    with PosePublisher(topic) as publisher:
+        words = publisher._region.words
+
+        class Spy:
+            def __setitem__(self, where, data):
+                seen.append((words[h.LOCK_HOLDER], words[h.BEGUN], words[h.COMPLETED], words[h.HEARTBEAT]))
+                publisher._region.map[where] = data
+
+        hot = list(publisher._hot)
+        hot[7] = Spy()
+        publisher._hot = tuple(hot)
+        publisher.publish(pose(1))
+        publisher.publish(pose(2))
+    pid = runtime.read_header(runtime.region_name(topic)).writer
+    assert seen == [(pid, 1, 0, 1), (pid, 2, 1, 2)]
+
+
+# --- values that do not fit, and long arrays -----------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "path"),
+    [("position", SimpleNamespace(x=0.0, y="one", z=0.0), "position.y"), ("orientation", None, "orientation.x")],
+)
+def test_a_rejected_value_leaves_the_former_sample(topic, file, field, value, path):
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+        publisher.publish(pose(1))
+        before = file.read_bytes()
+        bad = pose(2)
+        setattr(bad, field, value)
+        with pytest.raises(runtime.ValueRejected) as caught:
+            publisher.publish(bad)
+        assert caught.value.path == path
+        assert file.read_bytes() == before
+        assert subscriber.read().position.x == 1.0
+        publisher.publish(pose(3))
+        assert subscriber.read() == Pose(position=Point(x=3, y=3, z=3), orientation=Quaternion(x=3, y=3, z=3, w=3))
+
+
+def scan(id, count=LONG, name="laser"):
+    ranges = array.array("d", [float(id)] * LONG)
+    return SimpleNamespace(id=id, ranges=ranges, data=bytes([id % 256]) * count, name=name)
+
+
+def test_long_arrays_go_late_and_leave_the_rest_of_their_room(topic):
+    with ScanPublisher(topic) as publisher, ScanSubscriber(topic) as subscriber:
+        for id, count, name in ((1, LONG, "a"), (2, 10, "bc"), (3, 5, ""), (4, 0, "x" * 16), (5, LONG, "é")):
+            publisher.publish(scan(id, count, name))
+            target = SimpleNamespace(id=0, ranges=[], data=b"", name="")
+            assert subscriber.read_into(target)
+            assert (target.id, target.name, target.data) == (id, name, bytes([id]) * count)
+            assert target.ranges == [float(id)] * LONG
+        publisher.publish(scan(6, 3, "n"))
+        message = subscriber.wait(0)
+        # Slot 0 last held sample 4, which had no data, and before it sample 2 with ten bytes.
+        assert bytes(message.data)[:12] == b"\6\6\6" + b"\2" * 7 + b"\0\0"
+
+
+def test_a_late_array_that_does_not_fit(topic, file):
+    with ScanPublisher(topic) as publisher:
+        publisher.publish(scan(1))
+        before = file.read_bytes()
+        for bad, path in (
+            (scan(2, LONG + 1), "data"),
+            (scan(2, name="x" * 17), "name"),
+            (scan(2**32), "id"),
+            (SimpleNamespace(id=2, ranges=[0.0] * (LONG - 1) + ["x"], data=b"", name=""), f"ranges[{LONG - 1}]"),
+            (SimpleNamespace(id=2, data=b"", name=""), "ranges"),
+        ):
+            with pytest.raises(runtime.ValueRejected) as caught:
+                publisher.publish(bad)
+            assert caught.value.path == path
+            assert file.read_bytes() == before
+        data = bytearray(5)
+        publisher.publish(SimpleNamespace(id=2, ranges=[0.0] * LONG, data=data, name=""))
+        data.append(1)  # no view of it is left
+
+
+def test_a_long_structure_goes_as_it_is(topic):
+    ours = Scan(id=9, name="whole")
+    with ScanPublisher(topic) as publisher, ScanSubscriber(topic) as subscriber:
+        publisher.publish(ours)
+        message = subscriber.read()
+        assert bytes(message) == bytes(ours)
+        publisher.publish(ours)
+        target = Scan()
+        assert subscriber.read_into(target)
+        assert bytes(target) == bytes(ours)
+        place = publisher._region.sample(2).start
+        assert struct.unpack_from("<II", publisher._region.map, place + 8) == (2, 0)
+
+
+# --- the messages themselves ---------------------------------------------------------------------
+
+
+def test_message_defaults_names_and_text():
+    assert repr(Pose(position=Point(x=1.5))) == (
+        "Pose(position=Point(x=1.5, y=0.0, z=0.0), orientation=Quaternion(x=0.0, y=0.0, z=0.0, w=1.0))"
+    )
+    with pytest.raises(TypeError, match="Pose has no field 'velocity'; it has position, orientation"):
+        Pose(velocity=1)
+    with pytest.raises(runtime.OutOfRange, match="id: 1099511627781"):
+        Scan(id=2**40 + 5)
+    assert Scan(id=7, name="n") == Scan(id=7, name="n") != Scan(id=8, name="n")
+    assert Point() != Quaternion()
+    with pytest.raises(TypeError, match="unhashable"):
+        hash(Point())
+
+
+def test_long_arrays_are_shown_short_and_compared_by_value():
+    class Many(runtime.Message):
+        import ctypes
+
+        _pack_ = 1
+        _fields_ = [("data", ctypes.c_uint8 * 100)]  # noqa: RUF012
+        _names_ = ("data",)
+
+    text = repr(Many())
+    assert text == f"Many(data=[{'0, ' * 32}... 100 in all])"
+    one, two = Many(), Many()
+    assert one == two
+    two.data[99] = 1
+    assert one != two

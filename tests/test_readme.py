@@ -1,0 +1,62 @@
+"""Every command in README.md and docs/, executed; what it prints is what the page shows."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from .conftest import REPOSITORY
+
+PAGES = [REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").glob("*.md"))]
+BLOCK = re.compile(r"^```(console|python|toml)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if "```console" in page.read_text()], ids=lambda page: page.name)
+def test_commands_print_what_the_page_shows(page: Path, tmp_path: Path) -> None:
+    """In order, in one folder. A Python block becomes example.py, a TOML block shmgen.toml for what follows."""
+    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "COLUMNS": "100"}
+    for language, text in BLOCK.findall(page.read_text()):
+        if language != "console":
+            (tmp_path / {"python": "example.py", "toml": "shmgen.toml"}[language]).write_text(text)
+            continue
+        for command, shown in re.findall(r"^\$ (.*)\n((?:(?!\$ ).*\n)*)", text, re.MULTILINE):
+            result = subprocess.run(
+                command,
+                shell=True,
+                cwd=tmp_path,
+                env=environment,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                text=True,
+                check=False,
+            )
+            assert re.fullmatch(pattern(shown), result.stdout), f"$ {command}\n{result.stdout}"
+    for file in Path("/dev/shm").glob("*robot.*"):
+        file.unlink()
+
+
+def pattern(shown: str) -> str:
+    """What was printed, where a line `...` stands for any number of lines."""
+    return "".join("(?:.*\n)*" if line == "...\n" else re.escape(line) for line in shown.splitlines(keepends=True))
+
+
+def test_make_demo() -> None:
+    result = subprocess.run(["make", "demo"], cwd=REPOSITORY, capture_output=True, text=True, check=False, timeout=300)
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert "400 poses crossed" in result.stdout
+
+
+def test_the_readme_names_no_other_make_target() -> None:
+    """`make test` is what runs this; all others would need a test here."""
+    assert set(re.findall(r"make (\w+)", PAGES[0].read_text())) == {"demo", "test"}
+
+
+def test_links_lead_somewhere() -> None:
+    for page in [*PAGES, REPOSITORY / "CONTRIBUTING.md", REPOSITORY / "CHANGELOG.md"]:
+        for link in re.findall(r"\]\(([^)#:]+)\)", page.read_text()):
+            assert (page.parent / link).exists(), f"{page.name}: {link}"
