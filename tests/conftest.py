@@ -28,3 +28,13 @@ def topic() -> Iterator[str]:
     yield f"/{name}"
     for file in Path("/dev/shm").glob(f"*{name.replace('/', '.')}*"):
         file.unlink()
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--update-golden", action="store_true", help="write what is expected anew, then look at the diff")
+
+
+@pytest.fixture(scope="session")
+def update_golden(request: pytest.FixtureRequest) -> bool:
+    """Whether tests/cases and tests/errors take what they get for what they want."""
+    return bool(request.config.getoption("--update-golden"))

@@ -46,13 +46,14 @@ def apply(schema: Schema, bounds: Bounds, report: Report) -> Schema:
         for field in message.fields:
             if isinstance(field.type, Sequence) and field.type.capacity is None:
                 key = f"{message.name.short}.{field.name}"
+                built_in = message.origin.startswith("built-in")  # nobody can write into that
+                change = "" if built_in else f"write `{field.written[:-2]}[<=N] {field.name}`, or "
                 report.error(
                     "SHM101",
                     "unbounded sequence has no fixed size",
                     field.span,
                     field=f"{paths[message.name]}.{field.name}",
-                    hint=f"write `{field.written[:-2]}[<=N] {field.name}`, "
-                    f'or set "{key}" = N under [bounds] in shmgen.toml',
+                    hint=f'{change}set "{key}" = N under [bounds] in shmgen.toml',
                 )
     report.stop_if_any()
     return replace(schema, messages=messages)

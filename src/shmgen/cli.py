@@ -112,7 +112,7 @@ def generate(
         config = replace(config, targets=target)
     lock, formerly = _lock(output)
     if messages:
-        hint = f"a former run was asked for it: say again where it is, or delete {output} to start afresh"
+        hint = f"a former run was asked for it: say again where it is, or delete {output}/ to start afresh"
         texts = _generated(config, [*messages, *lock.requested], formerly, hint)
     else:
         texts = _generated(config, [*config.messages, *(topic.type for topic in config.topics)], config.places)

@@ -212,7 +212,9 @@ class _Reader:
     def choice(self, section: str, key: str, data: dict[str, Any], choices: tuple[str, ...], default: str) -> str:
         value = data.get(key, default)
         if value not in choices:
-            self.wrong(section, key, f"{key} is one of {', '.join(choices)}, not {value!r}")
+            close = get_close_matches(str(value), choices, n=1)
+            hint = f"did you mean {close[0]}?" if close else ""
+            self.wrong(section, key, f"{key} is one of {', '.join(choices)}, not {value!r}", hint)
             return default
         return str(value)
 
@@ -223,8 +225,8 @@ class _Reader:
             return default
         return value
 
-    def wrong(self, section: str, key: str, message: str) -> None:
-        self.report.error("SHM502", message, self.span(section, key))
+    def wrong(self, section: str, key: str, message: str, hint: str = "") -> None:
+        self.report.error("SHM502", message, self.span(section, key), hint=hint)
 
     def span(self, section: str, key: str) -> Span:
         """Of the key; if it is in an inline table or a dotted key, of what holds it."""

@@ -15,7 +15,7 @@ CODES = {
     "SHM007": "cannot write output",
     "SHM101": "unbounded sequence",
     "SHM102": "bad bound",
-    "SHM103": "configured bound exceeds the definition's",
+    "SHM103": "bound already in the definition",
     "SHM201": "duplicate name",
     "SHM202": "invalid name",
     "SHM203": "name clash in a target",
@@ -44,6 +44,11 @@ class Span:
     column: int = 0
     width: int = 0
     text: str = ""
+
+    def at(self, word: str) -> Span:
+        """Of `word` where it follows in the same line; of a type, that of the name declared with it."""
+        start = self.text.find(word, self.column - 1 + self.width)
+        return self if start < 0 else Span(self.path, self.line, start + 1, len(word), self.text)
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +95,7 @@ class Report:
             self.diagnostics.append(diagnostic)
 
     def stop_if_any(self) -> None:
-        """Raises Rejected with all that was collected."""
-        if self.diagnostics:
-            raise Rejected(self.diagnostics)
+        """Raises Rejected with all that was collected, file by file, from top to bottom."""
+        files = list(dict.fromkeys(found.span.path for found in self.diagnostics))
+        if files:
+            raise Rejected(sorted(self.diagnostics, key=lambda found: (files.index(found.span.path), found.span.line)))

@@ -13,6 +13,7 @@ from shmgen.diagnostics import Report
 from shmgen.model import (
     Array,
     Clock,
+    Constant,
     Element,
     Field,
     Layout,
@@ -56,13 +57,16 @@ def lay_out(schema: Schema, options: TypeOptions, max_region: int, report: Repor
         _check_texts(message, options, report)
         depths[message.name] = 1 + max((depths[name] for name in layout.dependencies), default=0)
         if depths[message.name] == DEEPEST + 1:
-            report.error("SHM304", f"{message.name.short} nests messages more than {DEEPEST} deep", message.span)
+            hint = "put the innermost fields further out"
+            reason = f"{message.name.short} nests messages more than {DEEPEST} deep"
+            report.error("SHM304", reason, message.span, hint=hint)
         if layout.requested and region_size(layout.size) > max_region:
+            largest = max(layout.slots, key=lambda slot: slot.size)
             report.error(
                 "SHM303",
                 f"{message.name.short} needs a region of {region_size(layout.size):,} bytes, more than {max_region:,}",
-                message.span,
-                field=_largest(layout),
+                largest.field.span if largest.field else message.span,
+                field=f"{message.name.short}.{largest.name} ({largest.size:,} bytes)",
                 hint="lower a bound under [bounds] or [strings], or raise max_region in shmgen.toml",
             )
     report.stop_if_any()
@@ -105,7 +109,8 @@ def _message(message: Message, options: TypeOptions, layouts: Mapping[TypeName, 
 
 def _check_texts(message: Message, options: TypeOptions, report: Report) -> None:
     """A default or constant must fit the capacity and encoding that the configuration gave its string."""
-    for declared in (*message.fields, *message.constants):
+    declarations: tuple[Field | Constant, ...] = (*message.fields, *message.constants)
+    for declared in declarations:
         value = declared.default if isinstance(declared, Field) else declared.value
         type_ = declared.type.element if isinstance(declared.type, Array | Sequence) else declared.type
         for text in value if isinstance(value, tuple) else (value,):
@@ -181,11 +186,6 @@ def _pad(slots: list[Slot], offset: int, align: int) -> int:
         number = sum(slot.role is Role.PADDING for slot in slots)
         slots.append(Slot(f"_pad{number}", Scalar.UINT8, gap, offset, gap, 1, Role.PADDING))
     return offset + gap
-
-
-def _largest(layout: Layout) -> str:
-    slot = max(layout.slots, key=lambda slot: slot.size)
-    return f"{layout.name.short}.{slot.name} ({slot.size:,} bytes)"
 
 
 def _round_up(value: int, multiple: int) -> int:

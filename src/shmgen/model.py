@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Literal, NoReturn, TypeAlias
+from typing import Literal, NamedTuple, NoReturn, TypeAlias
 
 from shmgen.diagnostics import Span
 
@@ -91,8 +91,7 @@ class String:
     wide: bool = False
 
 
-@dataclass(frozen=True, slots=True, order=True)
-class TypeName:
+class TypeName(NamedTuple):
     """`geometry_msgs/msg/Pose`; the halves of a service are `std_srvs/srv/SetBool_Request` and `_Response`."""
 
     package: str

@@ -283,8 +283,8 @@ def test_files_that_are_none(tmp_path):
     said = refusal(tmp_path, "x_msgs")
     assert [line for line in said.split("\n") if "error" in line] == [
         "x_msgs/msg/Dangling.msg: error[SHM001]: no such file",
-        "x_msgs/msg/Folder.msg: error[SHM001]: no such file",
-        "x_msgs/msg/Pipe.msg: error[SHM001]: no such file",
+        "x_msgs/msg/Folder.msg: error[SHM001]: not a file",
+        "x_msgs/msg/Pipe.msg: error[SHM001]: not a file",
         "x_msgs/msg/small.msg: error[SHM202]: `small` is not a message name",
     ]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import mmap
 import os
 import struct
 import subprocess
@@ -14,7 +15,7 @@ import pytest
 
 from shmgen import runtime
 from shmgen.runtime import header as h
-from shmgen.runtime.region import open_region
+from shmgen.runtime.region import _complete_header, open_region
 
 from .messages import Pose, PosePublisher, PoseSubscriber, Scan, ScanSubscriber, pose
 
@@ -184,6 +185,16 @@ def test_a_region_without_magic_is_completed(topic, file):
     assert struct.unpack_from("<II", data, 128) == (9, 9)
 
 
+def test_a_header_completed_meanwhile_is_not_written_again(topic, file):
+    """Two makers of different types at once: the second finds the magic of the first, and refuses."""
+    PosePublisher(topic).close()
+    before = file.read_bytes()
+    with file.open("r+b") as opened:
+        other = h.header_for("other_msgs/msg/Pose", 77, 56, 1)
+        _complete_header(opened.fileno(), mmap.mmap(opened.fileno(), 4096), other)
+    assert file.read_bytes() == before
+
+
 def test_an_object_without_bytes_is_waited_for_and_then_taken_over(topic, file):
     file.touch(mode=0o600)
     with PosePublisher(topic) as publisher:
@@ -224,10 +235,12 @@ def test_a_plc_whose_heartbeat_moves_is_a_writer(topic):
     """
     where = os.path.dirname(__file__)
     with subprocess.Popen([sys.executable, "-c", beat, topic], cwd=where, stdout=subprocess.PIPE) as plc:
-        assert plc.stdout.readline() == b"ready\n"
-        with pytest.raises(runtime.RegionInUse, match="a PLC publishes already"):
-            PosePublisher(topic)
-        plc.kill()
+        try:
+            assert plc.stdout.readline() == b"ready\n"
+            with pytest.raises(runtime.RegionInUse, match="a PLC publishes already"):
+                PosePublisher(topic)
+        finally:
+            plc.kill()
     with PosePublisher(topic):
         assert runtime.read_header(runtime.region_name(topic)).writer == os.getpid()
 

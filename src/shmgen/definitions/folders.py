@@ -22,7 +22,7 @@ LARGEST_FILE = 2**19
 def catalogue(folder: Path, relative_to: Path, report: Report) -> Catalogue:
     """Every package in and below `folder`. SHM001 where there is no such folder."""
     if not folder.is_dir():
-        report.error("SHM001", "no such folder", Span(_shorten(folder, relative_to)), hint="correct `path`, or -I")
+        report.error("SHM001", "no such folder", Span(shorten(folder, relative_to)), hint="correct `path`, or -I")
         return {}
     found: dict[str, tuple[Package, ...]] = {}
     for package in _packages(folder, relative_to):
@@ -52,7 +52,8 @@ def read(definition: Definition, report: Report) -> str | None:
     nowhere = Span(definition.path)
     try:
         if not definition.content.is_file():
-            report.error("SHM001", "no such file", nowhere)
+            what = "not a file" if definition.content.exists() else "no such file"
+            report.error("SHM001", what, nowhere)
             return None
         with definition.content.open("rb") as file:
             data = file.read(LARGEST_FILE + 1)
@@ -110,7 +111,7 @@ def _package(root: Path, name: str, relative_to: Path) -> Package:
         for kind in SECTIONS
         for file in _files(root / kind, kind)
     ]
-    return package_of(name, _shorten(root, relative_to), definitions)
+    return package_of(name, shorten(root, relative_to), definitions)
 
 
 def _loose(folder: Path, name: str, relative_to: Path) -> dict[TypeName, Definition]:
@@ -127,13 +128,13 @@ def _files(folder: Path, kind: str) -> list[Path]:
 
 
 def _definition(file: Path, name: TypeName, relative_to: Path) -> Definition:
-    shortened = _shorten(file, relative_to)
+    shortened = shorten(file, relative_to)
     # Generated files print the origin, so it must be the same on every machine.
     origin = shortened if not os.path.isabs(shortened) else f"{name.package}/{name.kind}/{file.name}"
     return Definition(name, shortened, origin, file)
 
 
-def _shorten(path: Path, relative_to: Path) -> str:
+def shorten(path: Path, relative_to: Path) -> str:
     """Relative where that needs no `..`, else absolute; on one line, whatever is in the name."""
     absolute, start = os.path.abspath(path), os.path.abspath(relative_to)
     text = os.path.relpath(absolute, start) if Path(absolute).is_relative_to(start) else absolute

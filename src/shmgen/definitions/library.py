@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from shmgen.definitions import store
 from shmgen.definitions.catalogue import Catalogue, Definition, Package
-from shmgen.definitions.folders import catalogue, read
+from shmgen.definitions.folders import catalogue, read, shorten
 from shmgen.definitions.parser import Source, parse
 from shmgen.diagnostics import Report, Span
 from shmgen.model import Message, TypeName
@@ -84,7 +83,8 @@ class Library:
 
     def places(self) -> list[str]:
         """Where was looked, for people."""
-        return [*map(os.fspath, self.sources.path), f"built-in store {self.sources.source}"]
+        folders = [shorten(folder, self.sources.relative_to) for folder in self.sources.path]
+        return [*folders, f"built-in store {self.sources.source}"]
 
     def _store(self) -> Catalogue:
         """Opened only when no folder has the answer."""

@@ -62,7 +62,7 @@ def parse(source: Source, dialect: Dialect, report: Report) -> tuple[Message, ..
 
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f]")
 _SEPARATOR = re.compile(r"---+[ \t]*(?:#.*)?")
-_DECLARATION = re.compile(r"[ \t]*(?P<type>[^ \t#]+)(?:[ \t]+(?P<name>[^ \t#=]+))?[ \t]*(?P<rest>.*)")
+_DECLARATION = re.compile(r"[ \t]*(?P<type>[^ \t#=][^ \t#]*)(?:[ \t]+(?P<name>[^ \t#=]+))?[ \t]*(?P<rest>.*)")
 # The patterns of rosidl_adapter/parser.py and genmsg/names.py, restated so that none can backtrack.
 _LOWER = re.compile(r"[a-z](?:_?[a-z0-9])*")
 _UPPER = re.compile(r"[A-Z](?:_?[A-Z0-9])*")

@@ -130,7 +130,7 @@ def check_members(layout: Layout, target: Target, report: Report) -> None:
         _Named(
             slot.name,
             "" if slot.role is Role.DATA else f"{slot.role.value} member",
-            slot.field.span if slot.field else layout.message.span,
+            slot.field.span.at(slot.field.name) if slot.field else layout.message.span,
         )
         for slot in layout.slots
     ]

@@ -1,0 +1,118 @@
+"""Times whole commands: one message against a bare Python start, the whole store against rosidl's C generator.
+
+Both sides of a ratio are run in turn, and the medians are compared. Without Debian's rosidl-generator-c-cpp the second
+part says so and is left out.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from shmgen.definitions import store
+
+RUNS = 11
+SHMGEN = [str(Path(sys.executable).parent / "shmgen")]
+ROSIDL = Path("/usr/libexec/rosidl/rosidl_generator_c")
+DEBIAN_PYTHON = "/usr/bin/python3"
+
+
+def main() -> None:
+    environment = {key: value for key, value in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"}
+    with tempfile.TemporaryDirectory() as folder:
+        one_message(Path(folder), environment)
+        whole_store(Path(folder), environment)
+
+
+def one_message(folder: Path, environment: dict[str, str]) -> None:
+    bare = [sys.executable, "-c", "pass"]
+    generate = [*SHMGEN, "generate", "geometry_msgs/Pose", "--quiet", "--output", str(folder / "pose")]
+    run(generate, environment)
+    floors, ours = [], []
+    for _ in range(RUNS):
+        floors.append(run(bare, environment))
+        ours.append(run(generate, environment))
+    floor, mine = statistics.median(floors), statistics.median(ours)
+    print(f"bare python start            {floor * 1e3:8.1f} ms   1")
+    print(f"shmgen generate, one message {mine * 1e3:8.1f} ms   {mine / floor:.1f}x (wanted: at most 12x)")
+
+
+def whole_store(folder: Path, environment: dict[str, str]) -> None:
+    packages = store.catalogue("jazzy")
+    messages = {
+        str(name): str(one.content) for (found,) in packages.values() for name, one in found.definitions.items()
+    }
+    bounds = "".join(f"{package} = 4\n" for package in packages)
+    names = json.dumps(sorted(packages))
+    (folder / "shmgen.toml").write_text(f'messages = {names}\ntargets = ["c"]\n[bounds]\n{bounds}')
+    alone = [*SHMGEN, "generate", "--quiet", "-c", str(folder / "shmgen.toml"), "--output"]
+    mine = statistics.median(run([*alone, str(folder / f"c{index}")], environment) for index in range(3))
+    (folder / "shmgen.toml").write_text(f"messages = {names}\n[bounds]\n{bounds}")
+    everything = statistics.median(run([*alone, str(folder / f"all{index}")], environment) for index in range(3))
+    count = len(messages)
+    print(f"shmgen, C alone              {mine / count * 1e3:8.2f} ms a message, {count} messages")
+    print(f"shmgen, all targets          {everything / count * 1e3:8.2f} ms a message")
+    if not ROSIDL.exists():
+        print("rosidl's C generator is not installed (apt-get install rosidl-generator-c-cpp python3-rosidl)")
+        return
+    theirs = rosidl(folder, messages, environment)
+    print(
+        f"rosidl C generator           {theirs / count * 1e3:8.2f} ms a message   "
+        f"{theirs / everything:.0f}x all our targets, {theirs / mine:.0f}x our C (wanted: at least 20x)"
+    )
+
+
+def rosidl(folder: Path, messages: dict[str, str], environment: dict[str, str]) -> float:
+    """Seconds in all for rosidl's C generator, a process a package as its CMake does; conversion to .idl not counted."""
+    total = 0.0
+    for package in sorted({name.partition("/")[0] for name in messages}):
+        source = folder / "rosidl" / package
+        (source / "msg").mkdir(parents=True)
+        (source / "package.xml").write_text(
+            f"<package format='3'><name>{package}</name><version>0.0.0</version><description/>"
+            "<maintainer email='a@b.c'>a</maintainer><license>Apache-2.0</license></package>"
+        )
+        own = [name.rpartition("/")[2] for name in messages if name.startswith(f"{package}/")]
+        for name in own:
+            (source / "msg" / f"{name}.msg").write_text(messages[f"{package}/msg/{name}"])
+        convert = (
+            "import sys, pathlib; from rosidl_adapter.msg import convert_msg_to_idl\n"
+            "for name in sys.argv[3:]: convert_msg_to_idl(pathlib.Path(sys.argv[1]), sys.argv[2],"
+            " pathlib.Path('msg', name + '.msg'), pathlib.Path(sys.argv[1], 'msg'))"
+        )
+        run([DEBIAN_PYTHON, "-c", convert, str(source), package, *own], environment)
+        arguments = source / "arguments.json"
+        arguments.write_text(
+            json.dumps(
+                {
+                    "package_name": package,
+                    "output_dir": str(source / "out"),
+                    "template_dir": "/usr/share/rosidl_generator_c/resource",
+                    "idl_tuples": [f"{source}:msg/{name}.idl" for name in own],
+                    "ros_interface_dependencies": [],
+                    "target_dependencies": [],
+                }
+            )
+        )
+        total += run([DEBIAN_PYTHON, str(ROSIDL), "--generator-arguments-file", str(arguments)], environment)
+    return total
+
+
+def run(command: Sequence[str], environment: dict[str, str]) -> float:
+    """Seconds from start to end of a process that must succeed."""
+    start = time.perf_counter()
+    result = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    if result.returncode != 0:
+        sys.exit(f"{' '.join(command)}\n{result.stdout}{result.stderr}")
+    return time.perf_counter() - start
+
+
+if __name__ == "__main__":
+    main()
