@@ -40,7 +40,7 @@ def test_error(case: Path, tmp_path: Path, update_golden: bool) -> None:
 
 def test_examples_of_the_docs_are_real() -> None:
     docs = (REPOSITORY / "docs" / "diagnostics.md").read_text(encoding="utf-8")
-    examples = re.findall(r"^```\n(\S+: error\[.+?)^```$", docs, re.MULTILINE | re.DOTALL)
+    examples = re.findall(r"^```\n([^\n`]+: error\[.+?)^```$", docs, re.MULTILINE | re.DOTALL)
     assert len(examples) == len(CODES)
     said = "".join((case / "expected.txt").read_text(encoding="utf-8") for case in CASES)
     assert [example for example in examples if example not in said] == []

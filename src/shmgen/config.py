@@ -21,10 +21,14 @@ else:
     import tomli as tomllib
 
 FILE_NAME = "shmgen.toml"
-TARGETS = ("python", "st", "c")
+TARGETS = ("python", "st", "plcopen", "c")
 SOURCES = ("jazzy", "humble", "noetic", "kilted", "lyrical", "iron", "galactic", "foxy", "eloquent", "dashing")
 MAX_REGION = 16 * 2**20
 """Bytes; more than any sane topic, less than what a forgotten bound makes."""
+TASK_INTERVAL = 10
+"""Milliseconds between two calls of the generated PROGRAM."""
+MAX_DEPTH = 65535
+"""MAX_DEPTH of FB_ShmRegion."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +56,7 @@ class Config:
     targets: tuple[str, ...] = TARGETS
     package: str = "shm_msgs"
     max_region: int = MAX_REGION
+    task_interval: int = TASK_INTERVAL
     types: TypeOptions = field(default_factory=TypeOptions)
     bounds: Bounds = field(default_factory=lambda: Bounds({}, {}))
     topics: tuple[Topic, ...] = ()
@@ -104,7 +109,7 @@ class _Reader:
     report: Report
 
     def config(self, data: dict[str, Any], root: Path) -> Config:
-        known = ("messages", "source", "path", "targets", "package", "max_region")
+        known = ("messages", "source", "path", "targets", "package", "max_region", "task_interval")
         self.keys("", data, (*known, "types", "strings", "bounds", "topics"))
         types, strings, bounds = (self.table(data, name) for name in ("types", "strings", "bounds"))
         self.keys("types", types, ("bool", "time"))
@@ -116,6 +121,7 @@ class _Reader:
             targets=self.texts("targets", data, TARGETS, TARGETS),
             package=self.package(data),
             max_region=self.number("", "max_region", data, MAX_REGION),
+            task_interval=self.number("", "task_interval", data, TASK_INTERVAL),
             types=TypeOptions(
                 bool=self.choice("types", "bool", types, ("USINT", "BOOL"), "USINT"),  # type: ignore[arg-type]
                 time=self.choice("types", "time", types, ("TIME", "LTIME", "struct"), "TIME"),  # type: ignore[arg-type]
@@ -145,8 +151,10 @@ class _Reader:
                 elif not isinstance(entry[key], str):
                     self.wrong(section, key, f"{key} is a string, not {entry[key]!r}")
             direction = self.choice(section, "direction", entry, ("to_plc", "from_plc"), "to_plc")
-            depth = self.number(section, "depth", entry, 1)
+            depth = self.number(section, "depth", entry, 1, MAX_DEPTH)
             span = self.span(section, "topic")
+            if isinstance(entry.get("topic"), str) and (why := _not_a_topic(entry["topic"])):
+                self.wrong(section, "topic", f"topic {entry['topic']} {why}")
             topics.append(Topic(str(entry.get("topic")), str(entry.get("type")), direction, depth, span))
             if any(topic.topic == entry.get("topic") for topic in topics[:-1]):
                 self.report.error("SHM502", f"topic {entry.get('topic')} is listed twice", span)
@@ -218,10 +226,10 @@ class _Reader:
             return default
         return str(value)
 
-    def number(self, section: str, key: str, data: dict[str, Any], default: int) -> int:
+    def number(self, section: str, key: str, data: dict[str, Any], default: int, most: int = 2**31 - 1) -> int:
         value = data.get(key, default)
-        if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value < 2**31:
-            self.wrong(section, key, f"{key} is a whole number from 1 to {2**31 - 1}, not {value!r}")
+        if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= most:
+            self.wrong(section, key, f"{key} is a whole number from 1 to {most}, not {value!r}")
             return default
         return value
 
@@ -232,6 +240,20 @@ class _Reader:
         """Of the key; if it is in an inline table or a dotted key, of what holds it."""
         places = ((section, key), (section, ""), ("", section), (key, ""))
         return next((self.positions[place] for place in places if place in self.positions), self.file)
+
+
+_LONGEST_TOPIC = 74
+"""MAX_NAME of FB_ShmRegion: its STRING(80) less `-event`."""
+
+
+def _not_a_topic(name: str) -> str:
+    """Why it cannot be a topic of a PLC, or nothing."""
+    bare = name.removeprefix("/")
+    if not re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", bare, re.ASCII):
+        return "is not made of letters, digits and _ between single slashes, no digit first"
+    if len(bare) > _LONGEST_TOPIC:
+        return f"has {len(bare)} characters, more than the {_LONGEST_TOPIC} of a STRING(80) and its suffix"
+    return "begins with sem/, where Linux keeps the semaphores" if bare.startswith("sem/") else ""
 
 
 _BOUND_KEY = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*(\.[A-Za-z]\w*)?)?")

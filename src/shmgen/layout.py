@@ -36,6 +36,7 @@ SLOT_HEADER = 16
 """Bytes before the payload in each slot of a region: stamp, number, reserved (docs/protocol.md)."""
 REGION_HEADER = 192
 SMALLEST_SLOTS = 2
+LONGEST_NAME = 63
 DEEPEST = 50
 """Messages within messages; the deepest of ROS's own has 7."""
 
@@ -55,6 +56,10 @@ def lay_out(schema: Schema, options: TypeOptions, max_region: int, report: Repor
         layout = _message(message, options, layouts, message.name in schema.requested)
         layouts[message.name] = layout
         _check_texts(message, options, report)
+        if len(str(message.name)) > LONGEST_NAME:
+            report.error(
+                "SHM202", f"{message.name} is longer than the {LONGEST_NAME} bytes a region has for it", message.span
+            )
         depths[message.name] = 1 + max((depths[name] for name in layout.dependencies), default=0)
         if depths[message.name] == DEEPEST + 1:
             hint = "put the innermost fields further out"

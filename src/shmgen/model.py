@@ -269,6 +269,17 @@ Layouts: TypeAlias = Mapping[TypeName, Layout]
 """Dependencies first."""
 
 
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """A message under a ROS name; `to_plc` says who reads it. `depth` is how many samples a slow reader can still fetch."""
+
+    name: str
+    type: TypeName
+    to_plc: bool
+    depth: int
+    span: Span
+
+
 def text_bytes(string: String) -> int:
     """Bytes a bounded string takes with its terminating NUL: STRING(n) n+1, WSTRING(n) 2(n+1)."""
     assert string.capacity is not None, "bounds come before layout"

@@ -48,5 +48,6 @@ def inside(folder: Path) -> Iterator[None]:
 def tree(folder: Path) -> dict[str, bytes | None]:
     """Every file with its content and every folder with None, by path."""
     return {
-        str(path.relative_to(folder)): None if path.is_dir() else path.read_bytes() for path in sorted(folder.rglob("*"))
+        str(path.relative_to(folder)): None if path.is_dir() else path.read_bytes()
+        for path in sorted(folder.rglob("*"))
     }

@@ -46,7 +46,7 @@ def numbers(
     return data
 
 
-def from_numbers(data: bytes | memoryview, typecode: str, like: Any) -> Any:
+def from_numbers(data: bytes | bytearray | memoryview, typecode: str, like: Any) -> Any:
     """The numbers in `data` as what the message's attribute now is: bytes, list, tuple, array.array or ndarray.
 
     Anything else, such as None, gets an array.array, or a list of bool.
@@ -101,7 +101,7 @@ def each(
 
 
 def each_back(
-    data: bytes,
+    data: bytes | bytearray,
     at: int,
     item_size: int,
     count: int,
@@ -188,7 +188,7 @@ def _name(typecode: str) -> str:
     return "bool" if kind == "?" else f"{_NAMES[kind]}{8 * array.array(typecode).itemsize}"
 
 
-def _unpacked(data: bytes | memoryview, typecode: str) -> tuple[Any, ...]:
+def _unpacked(data: bytes | bytearray | memoryview, typecode: str) -> tuple[Any, ...]:
     return struct.unpack(f"<{len(data) // struct.calcsize('<' + typecode)}{typecode}", data)
 
 

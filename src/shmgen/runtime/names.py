@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 _LONGEST = 245
-"""NAME_MAX (255) less `sem.` before and `.event` after the name."""
+"""NAME_MAX (255) less `sem.` before and `-event` after the name."""
 
 
 def region_name(topic: str) -> str:

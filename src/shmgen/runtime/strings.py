@@ -50,7 +50,7 @@ def wide_text_cut(value: str, capacity: int, path: str) -> bytes:
     return data if len(data) <= 2 * capacity else data[: 2 * capacity].decode("utf-16-le", "ignore").encode("utf-16-le")
 
 
-def from_text(data: bytes) -> str:
+def from_text(data: bytes | bytearray) -> str:
     """Up to the first NUL; what follows is stale by CODESYS's own rule. Not UTF-8: latin-1, which loses nothing."""
     data = data.partition(b"\0")[0]
     try:
@@ -59,12 +59,12 @@ def from_text(data: bytes) -> str:
         return data.decode("latin-1")
 
 
-def from_latin1(data: bytes) -> str:
+def from_latin1(data: bytes | bytearray) -> str:
     """Up to the first NUL."""
     return data.partition(b"\0")[0].decode("latin-1")
 
 
-def from_wide(data: bytes) -> str:
+def from_wide(data: bytes | bytearray) -> str:
     """Up to the first NUL unit; half a surrogate pair becomes U+FFFD."""
     return data.decode("utf-16-le", "replace").partition("\0")[0]
 
@@ -90,7 +90,7 @@ def texts(
     return b"".join(row.ljust(item_size, b"\0") for row in rows)
 
 
-def from_texts(data: bytes, decode: Callable[[bytes], str], item_size: int) -> list[str]:
+def from_texts(data: bytes | bytearray, decode: Callable[[bytes | bytearray], str], item_size: int) -> list[str]:
     """The strings in `data`, one in each `item_size` bytes; `decode` is one of the functions above."""
     return [decode(data[at : at + item_size]) for at in range(0, len(data), item_size)]
 

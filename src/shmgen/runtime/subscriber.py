@@ -199,7 +199,7 @@ class Subscriber(Generic[M]):
             if inside:
                 words[h.LOCK_HOLDER] = 0
                 release()
-        if found != number or begun - number & 0xFFFFFFFF >= slots:
+        if found != number or _steps(number, begun, slots) >= slots:
             return None
         skipped = _steps(self._last, number, slots) - 1
         if 0 < skipped < _ANEW:

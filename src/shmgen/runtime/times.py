@@ -151,7 +151,9 @@ def clocks(
     return b"".join(pack(*row) if isinstance(row, tuple) else pack(row) for row in rows)
 
 
-def from_clocks(data: bytes, code: str, decode: Callable[..., Time | Duration], like: Any = ()) -> list[Any]:
+def from_clocks(
+    data: bytes | bytearray, code: str, decode: Callable[..., Time | Duration], like: Any = ()
+) -> list[Any]:
     """The times in `data`, of the kind the list `like` holds; `decode` is one of the `..._from_...`."""
     ours = [decode(*row) for row in struct.iter_unpack("<" + code, data)]
     kind = type(like[0]) if len(like) else Time

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from shmgen.runtime.arrays import boolean, count, each, each_back, from_numbers, numbers
+from shmgen.runtime.arrays import boolean, check_count, count, each, each_back, from_numbers, numbers
 from shmgen.runtime.explain import ENCODE_ERRORS, explain
 from shmgen.runtime.strings import (
     from_latin1,
@@ -42,6 +42,7 @@ __all__ = [
     "Duration",
     "Time",
     "boolean",
+    "check_count",
     "clock_size",
     "clocks",
     "count",

@@ -107,7 +107,11 @@ def _header(layout: Layout, package: str) -> Header:
         size=str(layout.size),
         digest=f"{layout.digest:016x}",
         defines=tuple(
-            Define(f"{struct}_{constant.name}", _literal(constant), _in_comment(constant.doc.partition("\n")[0]))
+            Define(
+                f"{struct}_{constant.name}",
+                _literal(constant, layout.options),
+                _in_comment(constant.doc.partition("\n")[0]),
+            )
             for constant in layout.message.constants
         ),
         members=tuple(_member(slot, layout) for slot in layout.slots),
@@ -164,11 +168,11 @@ def _in_comment(text: str) -> str:
     return printable.replace("*/", "* /").replace("/*", "/ *").rstrip()
 
 
-def _literal(constant: Constant) -> str:
+def _literal(constant: Constant, options: TypeOptions) -> str:
     value = constant.value
     match constant.type:
         case String(_, wide):
-            return ("u" if wide else "") + _quoted(str(value))
+            return _quoted_wide(str(value)) if wide else _quoted(str(value).encode(options.encoding))
         case Scalar.FLOAT32 | Scalar.FLOAT64:
             number = float(value)
             text = {"inf": "1.0 / 0.0", "-inf": "-1.0 / 0.0", "nan": "0.0 / 0.0"}.get(repr(number), repr(number))
@@ -182,7 +186,21 @@ def _literal(constant: Constant) -> str:
             assert_never(constant.type)
 
 
-def _quoted(text: str) -> str:
-    """A C string literal: UTF-8 bytes, all but plain ASCII as three octal digits (`?` too, against trigraphs)."""
-    plain = set(range(0x20, 0x7F)) - set(b'"\\?')
-    return '"' + "".join(chr(byte) if byte in plain else f"\\{byte:03o}" for byte in text.encode()) + '"'
+_PLAIN = set(range(0x20, 0x7F)) - set(b'"\\?')
+"""`?` is none, against trigraphs."""
+
+
+def _quoted(text: bytes) -> str:
+    """A C string literal: all but plain ASCII as three octal digits."""
+    return '"' + "".join(chr(byte) if byte in _PLAIN else f"\\{byte:03o}" for byte in text) + '"'
+
+
+def _quoted_wide(text: str) -> str:
+    """A char16_t literal. Octal below U+00A0, where the standards have no universal character names."""
+    return 'u"' + "".join(_wide(ord(char)) for char in text) + '"'
+
+
+def _wide(code: int) -> str:
+    if code in _PLAIN:
+        return chr(code)
+    return f"\\{code:03o}" if code < 0xA0 else f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"

@@ -72,6 +72,11 @@ def subscriber_block(name: TypeName) -> str:
     return _st("FB", name) + "_Subscriber"
 
 
+def st_topic(name: str) -> str:
+    """The block of a topic in the list of them: `/robot/pose` -> `robot_pose`."""
+    return st_member(name.removeprefix("/").replace("/", "_"))
+
+
 def iec_type(slot: Slot, options: TypeOptions) -> str:
     """The type of a member as Structured Text spells it: `ARRAY[0..35] OF LREAL`."""
     element = iec_element(slot.type, options)
@@ -120,6 +125,9 @@ GVL_SIZE = "SHM_SIZE"
 GVL_DIGEST = "SHM_DIGEST"
 GVL_TYPE_NAME = "SHM_TYPE_NAME"
 """The generator's own constants beside those of the message."""
+GVL_TOPICS = "GVL_Ros"
+PRG_TOPICS = "PRG_Ros"
+"""The list with a block for each topic, and the program that calls them."""
 ST_TIME = "ST_shmgen_Time"
 """A ROS time or duration where `time = "struct"`."""
 

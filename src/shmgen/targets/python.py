@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import groupby
@@ -40,6 +41,8 @@ CTYPES = {
     Scalar.FLOAT32: "c_float",
     Scalar.FLOAT64: "c_double",
 }
+_RUFF_WIDTH = 88
+"""Characters; what ruff and black allow a line unless they are told otherwise."""
 _CLOCK_CTYPES = {"TIME": "ctypes.c_uint32", "LTIME": "ctypes.c_uint64", "struct": "ctypes.c_uint32 * 2"}
 
 
@@ -83,7 +86,7 @@ class Package:
     """An `__init__.py` that lifts the classes of its modules."""
 
     title: str
-    imports: tuple[Row, ...]
+    imports: tuple[str, ...]
     names: tuple[str, ...]
 
 
@@ -109,9 +112,10 @@ def plan(layouts: Layouts, report: Report, package: str = "shm_msgs") -> Iterato
 
 
 def _package(ros_package: str, kind: str, layouts: list[Layout]) -> Package:
-    imports = tuple(Row(f"_{file_stem(layout.name)}", ", ".join(_classes(layout))) for layout in layouts)
-    names = tuple(sorted(name for layout in layouts for name in _classes(layout)))
-    return Package(f"Messages of {ros_package}/{kind} in shared memory", imports, names)
+    modules = {f"._{file_stem(layout.name)}": _classes(layout) for layout in layouts}
+    imports = tuple(line for module in sorted(modules, key=_sorted_by) for line in _import(module, modules[module]))
+    names = sorted((name for names in modules.values() for name in names), key=_sorted_by)
+    return Package(f"Messages of {ros_package}/{kind} in shared memory", imports, tuple(names))
 
 
 def _classes(layout: Layout) -> list[str]:
@@ -211,15 +215,27 @@ def _imports(layout: Layout, names: dict[TypeName, str], packs: bool, stores: bo
     yield from ("import typing", "", "from shmgen import runtime")
     if converts:
         yield "from shmgen.runtime import values"
-    lines = []
+    modules = {}
     for name, imported in names.items():
         near = (name.package, name.kind) == (layout.name.package, layout.name.kind)
         module = f"._{file_stem(name)}" if near else f"...{name.package}.{name.kind}._{file_stem(name)}"
         bare = class_name(name)
-        lines.append(f"from {module} import {bare}" + ("" if bare == imported else f" as {imported}"))
-    if lines:
+        modules[module] = bare if bare == imported else f"{bare} as {imported}"
+    if modules:
         yield ""
-        yield from sorted(lines, key=lambda line: (not line.startswith("from ..."), line))
+    for module in sorted(modules, key=lambda module: (not module.startswith("..."), _sorted_by(module))):
+        yield from _import(module, [modules[module]])
+
+
+def _import(module: str, names: list[str]) -> list[str]:
+    line = f"from {module} import {', '.join(names)}"
+    return [line] if len(line) <= _RUFF_WIDTH else [f"from {module} import (", *(f"    {name}," for name in names), ")"]
+
+
+def _sorted_by(name: str) -> tuple[bool, bool, list[tuple[bool, int, str]]]:
+    """As ruff sorts modules and `__all__`: constants, classes, the rest, and 8 before 16."""
+    parts = [(part.isdigit(), int(part) if part.isdigit() else 0, part) for part in re.split(r"(\d+)", name) if part]
+    return not name.isupper(), not name[0].isupper(), parts
 
 
 def _is_shown(slot: Slot) -> bool:
@@ -347,7 +363,7 @@ def _default_lines(layout: Layout, layouts: Layouts) -> Iterator[str]:
 def _literal(value: Default) -> str:
     match value:
         case tuple():
-            return "(" + "".join(f"{_literal(item)}, " for item in value).rstrip() + ")"
+            return "(" + ", ".join(map(_literal, value)) + (",)" if len(value) == 1 else ")")
         case str():
             return '"' + value.encode("unicode_escape").decode("ascii").replace('"', '\\"') + '"'
         case float() if value != value or value in (float("inf"), float("-inf")):

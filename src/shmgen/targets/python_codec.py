@@ -138,9 +138,11 @@ class Codec:
         variable = self._local(path)
         count: str = str(slot.count)
         if leaf.count_at is not None:
-            unit = 1 if isinstance(slot.type, Ref) else item
             count = self._local(f"{path}_count")
-            length = f"len({variable})" if unit == 1 else f"len({variable}) // {item}"
+            if isinstance(slot.type, Ref):
+                length = f'values.check_count({variable}, "{path}", None, {slot.count})'
+            else:
+                length = f"len({variable})" if item == 1 else f"len({variable}) // {item}"
             self._pack(leaf.count_at, 4, ["I"], length, [count])
             self.decoded.append(f'{count} = values.count({count}, {slot.count}, "{path}")')
         self.rows.append((path, ""))

@@ -59,7 +59,7 @@ class PoseStamped(runtime.Message):
         self.pose._set_defaults()
 
     @staticmethod
-    def _encode(message: typing.Any, into: bytearray, at: int, late: runtime.Late) -> None:
+    def _encode(message: typing.Any, into: bytearray | memoryview, at: int, late: runtime.Late) -> None:
         try:
             header = message.header
             pose = message.pose
@@ -82,7 +82,7 @@ class PoseStamped(runtime.Message):
             values.explain(message, _ROWS, error)
 
     @staticmethod
-    def _decode(data: bytes, at: int, message: typing.Any) -> None:
+    def _decode(data: bytes | bytearray, at: int, message: typing.Any) -> None:
         header = message.header
         pose = message.pose
         pose_position = pose.position

@@ -52,7 +52,7 @@ class Twist(runtime.Message):
     angular: Vector3
 
     @staticmethod
-    def _encode(message: typing.Any, into: bytearray, at: int, late: runtime.Late) -> None:
+    def _encode(message: typing.Any, into: bytearray | memoryview, at: int, late: runtime.Late) -> None:
         try:
             linear = message.linear
             angular = message.angular
@@ -70,7 +70,7 @@ class Twist(runtime.Message):
             values.explain(message, _ROWS, error)
 
     @staticmethod
-    def _decode(data: bytes, at: int, message: typing.Any) -> None:
+    def _decode(data: bytes | bytearray, at: int, message: typing.Any) -> None:
         linear = message.linear
         angular = message.angular
         (

@@ -185,7 +185,7 @@ class BatteryState(runtime.Message):
     serial_number = runtime.Text(289, 81, 80, values.text, values.from_text)
 
     @staticmethod
-    def _encode(message: typing.Any, into: bytearray, at: int, late: runtime.Late) -> None:
+    def _encode(message: typing.Any, into: bytearray | memoryview, at: int, late: runtime.Late) -> None:
         try:
             header = message.header
             cell_voltage = values.numbers(message.cell_voltage, "f", 4, "cell_voltage", at_most=16)
@@ -217,7 +217,7 @@ class BatteryState(runtime.Message):
             values.explain(message, _ROWS, error)
 
     @staticmethod
-    def _decode(data: bytes, at: int, message: typing.Any) -> None:
+    def _decode(data: bytes | bytearray, at: int, message: typing.Any) -> None:
         header = message.header
         (
             header_stamp,

@@ -93,7 +93,7 @@ class Imu(runtime.Message):
         self.orientation._set_defaults()
 
     @staticmethod
-    def _encode(message: typing.Any, into: bytearray, at: int, late: runtime.Late) -> None:
+    def _encode(message: typing.Any, into: bytearray | memoryview, at: int, late: runtime.Late) -> None:
         try:
             header = message.header
             orientation = message.orientation
@@ -125,7 +125,7 @@ class Imu(runtime.Message):
             values.explain(message, _ROWS, error)
 
     @staticmethod
-    def _decode(data: bytes, at: int, message: typing.Any) -> None:
+    def _decode(data: bytes | bytearray, at: int, message: typing.Any) -> None:
         header = message.header
         orientation = message.orientation
         angular_velocity = message.angular_velocity

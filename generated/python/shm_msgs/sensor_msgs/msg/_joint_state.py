@@ -76,7 +76,7 @@ class JointState(runtime.Message):
     effort = runtime.Elements(840, ctypes.c_double, 8, count_at=832)
 
     @staticmethod
-    def _encode(message: typing.Any, into: bytearray, at: int, late: runtime.Late) -> None:
+    def _encode(message: typing.Any, into: bytearray | memoryview, at: int, late: runtime.Late) -> None:
         try:
             header = message.header
             name = values.texts(message.name, values.text, 80, 81, "name", at_most=8)
@@ -105,7 +105,7 @@ class JointState(runtime.Message):
             values.explain(message, _ROWS, error)
 
     @staticmethod
-    def _decode(data: bytes, at: int, message: typing.Any) -> None:
+    def _decode(data: bytes | bytearray, at: int, message: typing.Any) -> None:
         header = message.header
         (
             header_stamp,

@@ -41,7 +41,7 @@ class Bool(runtime.Message):
     data: bool
 
     @staticmethod
-    def _encode(message: typing.Any, into: bytearray, at: int, late: runtime.Late) -> None:
+    def _encode(message: typing.Any, into: bytearray | memoryview, at: int, late: runtime.Late) -> None:
         try:
             _STRUCT.pack_into(
                 into,
@@ -52,7 +52,7 @@ class Bool(runtime.Message):
             values.explain(message, _ROWS, error)
 
     @staticmethod
-    def _decode(data: bytes, at: int, message: typing.Any) -> None:
+    def _decode(data: bytes | bytearray, at: int, message: typing.Any) -> None:
         (message.data,) = _STRUCT.unpack_from(data, at)
 
 

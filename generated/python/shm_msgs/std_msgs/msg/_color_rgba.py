@@ -59,7 +59,7 @@ class ColorRGBA(runtime.Message):
     a: float
 
     @staticmethod
-    def _encode(message: typing.Any, into: bytearray, at: int, late: runtime.Late) -> None:
+    def _encode(message: typing.Any, into: bytearray | memoryview, at: int, late: runtime.Late) -> None:
         try:
             _STRUCT.pack_into(
                 into,
@@ -73,7 +73,7 @@ class ColorRGBA(runtime.Message):
             values.explain(message, _ROWS, error)
 
     @staticmethod
-    def _decode(data: bytes, at: int, message: typing.Any) -> None:
+    def _decode(data: bytes | bytearray, at: int, message: typing.Any) -> None:
         (
             message.r,
             message.g,

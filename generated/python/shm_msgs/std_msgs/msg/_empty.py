@@ -26,11 +26,11 @@ class Empty(runtime.Message):
     )
 
     @staticmethod
-    def _encode(message: typing.Any, into: bytearray, at: int, late: runtime.Late) -> None:
+    def _encode(message: typing.Any, into: bytearray | memoryview, at: int, late: runtime.Late) -> None:
         pass
 
     @staticmethod
-    def _decode(data: bytes, at: int, message: typing.Any) -> None:
+    def _decode(data: bytes | bytearray, at: int, message: typing.Any) -> None:
         pass
 
 

@@ -41,7 +41,7 @@ class String(runtime.Message):
     data = runtime.Text(0, 81, 80, values.text, values.from_text)
 
     @staticmethod
-    def _encode(message: typing.Any, into: bytearray, at: int, late: runtime.Late) -> None:
+    def _encode(message: typing.Any, into: bytearray | memoryview, at: int, late: runtime.Late) -> None:
         try:
             _STRUCT.pack_into(
                 into,
@@ -52,7 +52,7 @@ class String(runtime.Message):
             values.explain(message, _ROWS, error)
 
     @staticmethod
-    def _decode(data: bytes, at: int, message: typing.Any) -> None:
+    def _decode(data: bytes | bytearray, at: int, message: typing.Any) -> None:
         (data_,) = _STRUCT.unpack_from(data, at)
         message.data = values.from_text(data_)
 

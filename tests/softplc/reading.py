@@ -1,0 +1,170 @@
+"""Turns Structured Text into blark's trees, one for each TYPE, VAR_GLOBAL, block, program and method.
+
+blark needs a quarter of a millisecond for each character (it is an Earley parser), so comments and idle blanks go
+first, names of the user's are numbered, and what then is the same text is parsed once: a thousand generated
+Publishers differ in nothing but names.
+"""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import functools
+import multiprocessing
+import os
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import PurePath
+from typing import Any
+
+import blark
+from lark.exceptions import LarkError
+
+
+class Unsupported(Exception):
+    """A construct that the translator does not do exactly, and therefore not at all."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """One object: `stem` is that of its file, `attributes` are the pragmas before it, `tree` is blark's."""
+
+    file: str
+    attributes: Mapping[str, str]
+    tree: Any
+
+    @property
+    def stem(self) -> str:
+        return PurePath(self.file).stem
+
+
+def read(files: Mapping[str, str]) -> list[Source]:
+    """All objects of all files, in their order. Raises Unsupported for what is no declaration or cannot be parsed."""
+    pieces = [piece for file, text in files.items() for piece in _pieces(file, text)]
+    declared = {match[1].upper() for piece in pieces if (match := _DECLARED.match(piece.text))}
+    numbered = [_numbered(piece, declared | {PurePath(piece.file).stem.upper()}) for piece in pieces]
+    trees = _parse_all(dict.fromkeys(text for text, _ in numbered))
+    sources = []
+    for piece, (text, names) in zip(pieces, numbered, strict=True):
+        tree = trees[text]
+        if isinstance(tree, str):
+            raise Unsupported(f"{piece.file}:{piece.line}: {tree}")
+        sources.append(Source(piece.file, piece.attributes, _named(tree, names)))
+    return sources
+
+
+@dataclass
+class _Piece:
+    """The text of one object, without comments."""
+
+    file: str
+    line: int
+    text: str
+    attributes: dict[str, str] = field(default_factory=dict)
+
+
+_ENDS = {
+    "TYPE": "END_TYPE",
+    "VAR_GLOBAL": "END_VAR",
+    "FUNCTION_BLOCK": "END_FUNCTION_BLOCK",
+    "PROGRAM": "END_PROGRAM",
+    "METHOD": "END_METHOD",
+}
+_DECLARED = re.compile(r"(?:TYPE|FUNCTION_BLOCK|PROGRAM)\s+(\w+)", re.IGNORECASE)
+_TOKEN = re.compile(
+    r"""(?P<comment>//[^\n]*|\(\*.*?\*\))|(?P<pragma>\{[^}]*\})|(?P<blank>\s+)"""
+    r"""|(?P<word>[A-Za-z_]\w*)|(?P<text>'(?:\$.|[^'$])*'|"(?:\$.|[^"$])*")|(?P<other>\d\w*|.)""",
+    re.DOTALL,
+)
+_ATTRIBUTE = re.compile(r"\{\s*attribute\s+'([\w-]+)'(?:\s*:=\s*'([^']*)')?\s*\}", re.IGNORECASE)
+_TIGHT = frozenset("()[];,:")
+
+
+def _pieces(file: str, text: str) -> Iterator[_Piece]:
+    attributes: dict[str, str] = {}
+    piece, end, line, spaced = None, "", 1, False
+    for token in _TOKEN.finditer(text):
+        word = token[0]
+        match token.lastgroup:
+            case "comment" | "blank":
+                spaced = True
+            case "pragma":
+                attribute = _ATTRIBUTE.fullmatch(word)
+                if attribute is None or piece is not None:
+                    raise Unsupported(f"{file}:{line}: the pragma {word}")
+                attributes[attribute[1].lower()] = attribute[2] or ""
+            case kind if piece is not None:
+                tight = not spaced or word in _TIGHT or piece.text[-1] in _TIGHT
+                piece.text += word if tight else f" {word}"
+                spaced = False
+                if kind == "word" and word.upper() == end:
+                    yield piece
+                    piece, attributes = None, {}
+            case "word" if word.upper() in _ENDS:
+                piece, end, spaced = _Piece(file, line, word, attributes), _ENDS[word.upper()], False
+            case _:
+                raise Unsupported(f"{file}:{line}: {word} outside of TYPE, VAR_GLOBAL, a block, a program or a method")
+        line += word.count("\n")
+    if piece is not None:
+        raise Unsupported(f"{file}:{piece.line}: {piece.text.split()[0]} without {end}")
+
+
+def _numbered(piece: _Piece, declared: Iterable[str]) -> tuple[str, dict[str, str]]:
+    """The text with the user's own types numbered in order of appearance, and number -> name."""
+    numbers: dict[str, str] = {}
+
+    def number(token: re.Match[str]) -> str:
+        word = token[0]
+        if token.lastgroup != "word" or word.upper() not in declared:
+            return word
+        return numbers.setdefault(word.upper(), f"Name{len(numbers)}x")
+
+    text = _TOKEN.sub(number, piece.text)
+    return text, {number: name for name, number in numbers.items()}
+
+
+def _parse_all(texts: Iterable[str]) -> dict[str, Any]:
+    """Trees by text; many are shared among processes, which are spawned because a test runner has threads."""
+    texts = list(texts)
+    if sum(map(len, texts)) < 20_000:
+        return {text: _parse(text) for text in texts}
+    texts.sort(key=len, reverse=True)
+    with ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn")) as pool:
+        return dict(zip(texts, pool.map(_parse, texts, chunksize=4), strict=True))
+
+
+@functools.cache
+def _parse(text: str) -> Any:
+    """blark's tree, or what it says against the text."""
+    try:
+        (item,) = blark.parse_source_code(text).transform().items
+    except LarkError as error:
+        return f"blark cannot read it: {str(error).splitlines()[0]}"
+    return _bare(item)
+
+
+def _bare(node: Any) -> Any:
+    """Without positions, which would refer to the shortened text."""
+    if isinstance(node, list):
+        return [_bare(item) for item in node]
+    if dataclasses.is_dataclass(node) and not isinstance(node, type):
+        bare = copy.copy(node)
+        for name, value in vars(node).items():
+            object.__setattr__(bare, name, None if name == "meta" else _bare(value))
+        return bare
+    return str(node) if isinstance(node, str) else node
+
+
+def _named(node: Any, names: Mapping[str, str]) -> Any:
+    if isinstance(node, list):
+        return [_named(item, names) for item in node]
+    if isinstance(node, str):
+        return ".".join(names.get(part, part) for part in node.split(".")) if "Name" in node else node
+    if dataclasses.is_dataclass(node) and not isinstance(node, type):
+        named = copy.copy(node)
+        for name, value in vars(node).items():
+            object.__setattr__(named, name, _named(value, names))
+        return named
+    return node

@@ -1,0 +1,77 @@
+"""Each folder of tests/cases: definitions, their shmgen.toml, and byte for byte what is generated from them."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from shmgen import config, pipeline
+from shmgen.diagnostics import Report
+
+from .conftest import REPOSITORY
+from .support.build import compile_headers, put
+
+CASES = sorted(path for path in (REPOSITORY / "tests" / "cases").iterdir() if path.is_dir())
+
+each_case = pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+
+
+@each_case
+def test_generated_is_as_expected(case: Path, update_golden: bool) -> None:
+    texts = {path: text for path, text in generated(case).items() if case.name == "pose" or not is_common(path)}
+    expected = case / "expected"
+    if update_golden:
+        shutil.rmtree(expected, ignore_errors=True)
+        put(texts, expected)
+    files = {str(path.relative_to(expected)): path for path in expected.rglob("*") if path.is_file()}
+    assert sorted(files) == sorted(texts)
+    for path, text in texts.items():
+        assert files[path].read_bytes().decode() == text, f"{case.name}: {path}"
+
+
+@each_case
+def test_structured_text_is_ascii_with_lf(case: Path) -> None:
+    texts = {path: text for path, text in generated(case).items() if path.endswith(".st")}
+    assert texts
+    for path, text in texts.items():
+        assert text.isascii(), path
+        assert "\r" not in text, path
+        assert text.endswith("\n"), path
+
+
+@each_case
+@pytest.mark.parametrize("language", ["c", "c++"])
+def test_headers_compile(case: Path, language: str, tmp_path: Path) -> None:
+    put(generated(case), tmp_path)
+    compile_headers(tmp_path, language)
+
+
+def test_python_passes_ruff_and_mypy(tmp_path: Path) -> None:
+    for case in CASES:
+        put({path: text for path, text in generated(case).items() if path.startswith("python/")}, tmp_path)
+    packages = sorted((tmp_path / "python").iterdir())
+    assert len(packages) == len(CASES)
+    checked("ruff", "check", "--isolated", "--no-cache", str(tmp_path))
+    checked("mypy", "--strict", "--config-file=", f"--cache-dir={tmp_path}/cache", *map(str, packages))
+
+
+def generated(case: Path) -> dict[str, str]:
+    settings = config.load(case / "shmgen.toml", "shmgen.toml", Report())
+    return pipeline.generate(settings, settings.messages)
+
+
+def is_common(path: str) -> bool:
+    return path.startswith("st/shmgen/") and "ST_shmgen_Time" not in path
+
+
+def checked(*command: str) -> None:
+    environment = {**os.environ, "MYPYPATH": str(REPOSITORY / "src")}
+    done = subprocess.run(
+        [sys.executable, "-m", *command], capture_output=True, text=True, check=False, env=environment
+    )
+    assert done.returncode == 0, (done.stdout + done.stderr)[-4000:]
