@@ -4,7 +4,10 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 # Debian packages: to make an environment, and what the tests compile with.
 SETUP_PACKAGES := python3-venv
-TEST_PACKAGES  := gcc g++ libc6-dev
+TEST_PACKAGES  := gcc g++ libc6-dev qemu-user \
+                  gcc-i686-linux-gnu gcc-arm-linux-gnueabihf gcc-aarch64-linux-gnu \
+                  libc6-dev-i386-cross libc6-dev-armhf-cross libc6-dev-arm64-cross
+TEST_TOOLS     := gcc g++ i686-linux-gnu-gcc arm-linux-gnueabihf-gcc aarch64-linux-gnu-gcc qemu-i386 qemu-arm qemu-aarch64
 
 .PHONY: demo test lint generated bench clean
 .DELETE_ON_ERROR:
@@ -38,7 +41,7 @@ $(VENV)/ready: pyproject.toml
 	@touch $@
 
 $(VENV)/ready-to-test: $(VENV)/ready
-	@$(call debian,command -v gcc && command -v g++,$(TEST_PACKAGES))
+	@$(call debian,for tool in $(TEST_TOOLS); do command -v $$tool || exit 1; done,$(TEST_PACKAGES))
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test]'
 	@touch $@
 

@@ -20,7 +20,9 @@ Encode = Callable[[Any, int, str], bytes]
 class Text:
     """STRING(capacity) or WSTRING(capacity) in `size` bytes, as str."""
 
-    def __init__(self, offset: int, size: int, capacity: int, encode: Encode, decode: Callable[[bytes], str]) -> None:
+    def __init__(
+        self, offset: int, size: int, capacity: int, encode: Encode, decode: Callable[[bytes | bytearray], str]
+    ) -> None:
         self.offset, self.size, self.capacity = offset, size, capacity
         self.encode, self.decode = encode, decode
 
@@ -92,7 +94,7 @@ class Texts:
         capacity: int,
         length: int,
         encode: Encode,
-        decode: Callable[[bytes], str],
+        decode: Callable[[bytes | bytearray], str],
         count_at: int | None = None,
     ) -> None:
         self.offset, self.item_size, self.capacity, self.length = offset, item_size, capacity, length

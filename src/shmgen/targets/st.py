@@ -1,5 +1,7 @@
 """Turns layouts into Structured Text for CODESYS: a DUT, a list of constants and a pair of blocks for each message.
 
+The topics of shmgen.toml get a block each and a program that calls them.
+
 What is common to all topics (`st/shmgen/`) is written by hand and carries no holes.
 """
 
@@ -20,11 +22,12 @@ from shmgen.model import (
     Scalar,
     Slot,
     String,
+    Topic,
     TypeName,
     Value,
     assert_never,
 )
-from shmgen.targets import naming
+from shmgen.targets import naming, st_topics
 from shmgen.targets.st_text import WIDTH, ascii_text, comment_lines, literal, text_length
 
 _COMMON = ("E_ShmError", "E_ShmState", "ST_ShmHeader", "ST_ShmSlot", "FB_ShmRegion")
@@ -73,8 +76,8 @@ class Block:
     size: str = naming.GVL_SIZE
 
 
-def plan(layouts: Layouts, report: Report) -> Iterator[Output]:
-    """`st/<package>/` one POU a file, and `st/shmgen/`. Reports SHM005, SHM203 and SHM204."""
+def plan(layouts: Layouts, report: Report, topics: Sequence[Topic] = ()) -> Iterator[Output]:
+    """`st/<package>/` one POU a file, `st/shmgen/`, and what calls the topics. Reports SHM005, SHM203 and SHM204."""
     struct_time = any(layout.options.time == "struct" for layout in layouts.values())
     for name in (*_COMMON, naming.ST_TIME) if struct_time else _COMMON:
         yield Output(f"st/shmgen/{name}.st", f"st/{name}.st.j2", None)
@@ -84,6 +87,7 @@ def plan(layouts: Layouts, report: Report) -> Iterator[Output]:
         own = tuple(declaration.name for declaration in _generated(layout))
         naming.check_constants(layout, naming.STRUCTURED_TEXT, own, report)
         yield from _message(layout, report)
+    yield from st_topics.plan(topics, report)
 
 
 def _message(layout: Layout, report: Report) -> Iterator[Output]:

@@ -13,20 +13,24 @@ _ROWS = ()
 
 
 class Empty(runtime.Message):
-    """demo_msgs/Empty."""
+    """demo_msgs/Empty.
+    """
 
     _pack_ = 1
-    _fields_ = (("_structure_needs_at_least_one_member", ctypes.c_uint8),)
+    _fields_ = (
+        ("_structure_needs_at_least_one_member", ctypes.c_uint8),
+    )
     _type_name_ = "demo_msgs/msg/Empty"
     _digest_ = 0x80B16EE3B84037CC
-    _names_ = ()
+    _names_ = (
+    )
 
     @staticmethod
-    def _encode(message: typing.Any, into: bytearray, at: int, late: runtime.Late) -> None:
+    def _encode(message: typing.Any, into: bytearray | memoryview, at: int, late: runtime.Late) -> None:
         pass
 
     @staticmethod
-    def _decode(data: bytes, at: int, message: typing.Any) -> None:
+    def _decode(data: bytes | bytearray, at: int, message: typing.Any) -> None:
         pass
 
 

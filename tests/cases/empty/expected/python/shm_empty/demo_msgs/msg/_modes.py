@@ -11,7 +11,9 @@ from shmgen.runtime import values
 
 from ._empty import Empty
 
-_ROWS = (("none", ""),)
+_ROWS = (
+    ("none", ""),
+)
 
 
 class Modes(runtime.Message):
@@ -28,17 +30,21 @@ class Modes(runtime.Message):
     """
 
     _pack_ = 1
-    _fields_ = (("_none", Empty * 2),)
+    _fields_ = (
+        ("_none", Empty * 2),
+    )
     _type_name_ = "demo_msgs/msg/Modes"
     _digest_ = 0x73D9BB1875B0B5D2
-    _names_ = ("none",)
+    _names_ = (
+        "none",
+    )
 
     AUTO: typing.ClassVar[int] = 1
 
     none = runtime.Elements(0, Empty, 2)
 
     @staticmethod
-    def _encode(message: typing.Any, into: bytearray, at: int, late: runtime.Late) -> None:
+    def _encode(message: typing.Any, into: bytearray | memoryview, at: int, late: runtime.Late) -> None:
         try:
             none = message.none
             values.each(none, Empty._encode, into, at, 1, "none", late, exactly=2)
@@ -46,7 +52,7 @@ class Modes(runtime.Message):
             values.explain(message, _ROWS, error)
 
     @staticmethod
-    def _decode(data: bytes, at: int, message: typing.Any) -> None:
+    def _decode(data: bytes | bytearray, at: int, message: typing.Any) -> None:
         message.none = values.each_back(data, at, 1, 2, Empty, message.none)
 
 

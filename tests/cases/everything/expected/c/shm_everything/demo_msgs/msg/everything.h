@@ -27,7 +27,7 @@ extern "C" {
 #define shm_demo_msgs_Everything_PI ((double)(3.141592653589793))
 #define shm_demo_msgs_Everything_WHOLE ((double)(2.0))
 #define shm_demo_msgs_Everything_GREETING "hello, # world"
-#define shm_demo_msgs_Everything_WIDE u"Gr\303\274\303\237e"
+#define shm_demo_msgs_Everything_WIDE u"Gr\u00fc\u00dfe"
 
 /*
  * Everything that a message can hold.
@@ -36,7 +36,7 @@ extern "C" {
  * A second paragraph.
  */
 typedef struct SHMGEN_PACKED shm_demo_msgs_Everything {
-    uint8_t flag; /* 0: bool, Scalars, each with the widest after the narrowest, so that there are gaps. */
+    uint8_t flag; /* 0: bool */
     uint8_t raw; /* 1: uint8 */
     uint8_t letter; /* 2: uint8 */
     int8_t i8; /* 3: int8, a default and a comment */
@@ -54,19 +54,19 @@ typedef struct SHMGEN_PACKED shm_demo_msgs_Everything {
     uint8_t _pad3[4]; /* 44 */
     double f64; /* 48: float64 */
     double angle; /* 56: float64 [rad], A comment above, */
-    char label[11]; /* 64: string<=10, Text. */
+    char label[11]; /* 64: string<=10 */
     char short_[8]; /* 75: string<=7 */
     uint8_t _pad4[1]; /* 83 */
     uint16_t wide[6]; /* 84: wstring<=5 */
     char text[25]; /* 96: string<=24 */
     uint8_t _pad5[7]; /* 121 */
-    double vector[3]; /* 128: float64[3], Arrays. */
+    double vector[3]; /* 128: float64[3] */
     uint8_t bytes[4]; /* 152: uint8[4] */
     char names[2][4]; /* 156: string<=3[2] */
     shm_demo_msgs_Point corners[2]; /* 164: demo_msgs/Point[2] */
     uint32_t stamps[2]; /* 196: time[2] [ms] */
     uint32_t flags_count; /* 204: how many of the next are valid */
-    uint8_t flags[3]; /* 208: bool[<=3], Sequences. */
+    uint8_t flags[3]; /* 208: bool[<=3] */
     uint8_t _pad6[1]; /* 211 */
     uint32_t samples_count; /* 212: how many of the next are valid */
     int16_t samples[5]; /* 216: int16[<=5] */
@@ -81,7 +81,7 @@ typedef struct SHMGEN_PACKED shm_demo_msgs_Everything {
     uint32_t times[2]; /* 296: time[<=2] [ms] */
     uint32_t waits_count; /* 304: how many of the next are valid */
     uint32_t waits[2]; /* 308: duration[<=2] [ms] */
-    shm_demo_msgs_Point where; /* 316: demo_msgs/Point, Others. */
+    shm_demo_msgs_Point where; /* 316: demo_msgs/Point */
     uint32_t stamp; /* 332: time [ms] */
     uint32_t wait; /* 336: duration [ms] */
     uint8_t _pad8[4]; /* 340 */

@@ -58,7 +58,7 @@ class Everything(runtime.Message):
     The second line of its comment.
 
     Fields:
-        flag (bool): Scalars, each with the widest after the narrowest, so that there are gaps.
+        flag (bool)
         raw (uint8)
         letter (uint8)
         i8 (int8): a default and a comment
@@ -72,23 +72,23 @@ class Everything(runtime.Message):
         f32 (float32) [m/s]: a unit
         f64 (float64)
         angle (float64) [rad]: A comment above,
-        label (string<=10): Text.
+        label (string<=10)
         short (string<=7)
         wide (wstring<=5)
         text (string<=24)
-        vector (float64[3]): Arrays.
+        vector (float64[3])
         bytes (uint8[4])
         names (string<=3[2])
         corners (demo_msgs/Point[2])
         stamps (time[2])
-        flags (bool[<=3]): Sequences.
+        flags (bool[<=3])
         samples (int16[<=5])
         words (string<=3[<=2])
         wides (wstring<=2[<=2])
         path (demo_msgs/Point[<=2])
         times (time[<=2])
         waits (duration[<=2])
-        where (demo_msgs/Point): Others.
+        where (demo_msgs/Point)
         stamp (time)
         wait (duration)
 
@@ -115,6 +115,7 @@ class Everything(runtime.Message):
         wstring WIDE="Grüße"
 
         # Scalars, each with the widest after the narrowest, so that there are gaps.
+
         bool    flag true
         byte    raw
         char    letter 65
@@ -133,12 +134,14 @@ class Everything(runtime.Message):
         float64 angle           # and one beside.
 
         # Text.
+
         string     label "none"
         string<=7  short
         wstring<=5 wide "añ"
         string     text
 
         # Arrays.
+
         float64[3]    vector [1.0, 0.0, -1.0]
         uint8[4]      bytes
         string<=3[2]  names ["a", "b"]
@@ -146,6 +149,7 @@ class Everything(runtime.Message):
         builtin_interfaces/Time[2] stamps
 
         # Sequences.
+
         bool[<=3]          flags
         int16[]            samples
         string<=3[<=2]     words
@@ -155,6 +159,7 @@ class Everything(runtime.Message):
         builtin_interfaces/Duration[<=2] waits
 
         # Others.
+
         Point                       where
         builtin_interfaces/Time     stamp
         builtin_interfaces/Duration wait
@@ -310,15 +315,8 @@ class Everything(runtime.Message):
         self.f64 = 1e-09
         self.label = "none"
         self.wide = "a\xf1"
-        self.vector = (
-            1.0,
-            0.0,
-            -1.0,
-        )
-        self.names = (
-            "a",
-            "b",
-        )
+        self.vector = (1.0, 0.0, -1.0)
+        self.names = ("a", "b")
         for element in self.corners:
             element._set_defaults()
         for element in self.path:
@@ -326,7 +324,7 @@ class Everything(runtime.Message):
         self.where._set_defaults()
 
     @staticmethod
-    def _encode(message: typing.Any, into: bytearray, at: int, late: runtime.Late) -> None:
+    def _encode(message: typing.Any, into: bytearray | memoryview, at: int, late: runtime.Late) -> None:
         try:
             where = message.where
             vector = values.numbers(message.vector, "d", 8, "vector", exactly=3)
@@ -367,7 +365,7 @@ class Everything(runtime.Message):
                 len(samples) // 2,
                 len(words) // 4,
                 len(wides) // 6,
-                len(path),
+                values.check_count(path, "path", None, 2),
                 len(times) // 4,
                 len(waits) // 4,
                 where.x,
@@ -393,7 +391,7 @@ class Everything(runtime.Message):
             values.explain(message, _ROWS, error)
 
     @staticmethod
-    def _decode(data: bytes, at: int, message: typing.Any) -> None:
+    def _decode(data: bytes | bytearray, at: int, message: typing.Any) -> None:
         where = message.where
         (
             message.flag,
@@ -435,9 +433,7 @@ class Everything(runtime.Message):
         message.bytes = values.from_numbers(data[at + 152 : at + 156], "B", message.bytes)
         message.names = values.from_texts(data[at + 156 : at + 164], values.from_text, 4)
         message.corners = values.each_back(data, at + 164, 16, 2, Point, message.corners)
-        message.stamps = values.from_clocks(
-            data[at + 196 : at + 204], "I", values.time_from_milliseconds, message.stamps
-        )
+        message.stamps = values.from_clocks(data[at + 196 : at + 204], "I", values.time_from_milliseconds, message.stamps)
         flags_count = values.count(flags_count, 3, "flags")
         message.flags = values.from_numbers(data[at + 208 : at + 208 + 1 * flags_count], "?", message.flags)
         samples_count = values.count(samples_count, 5, "samples")
@@ -449,13 +445,9 @@ class Everything(runtime.Message):
         path_count = values.count(path_count, 2, "path")
         message.path = values.each_back(data, at + 260, 16, path_count, Point, message.path)
         times_count = values.count(times_count, 2, "times")
-        message.times = values.from_clocks(
-            data[at + 296 : at + 296 + 4 * times_count], "I", values.time_from_milliseconds, message.times
-        )
+        message.times = values.from_clocks(data[at + 296 : at + 296 + 4 * times_count], "I", values.time_from_milliseconds, message.times)
         waits_count = values.count(waits_count, 2, "waits")
-        message.waits = values.from_clocks(
-            data[at + 308 : at + 308 + 4 * waits_count], "I", values.duration_from_milliseconds, message.waits
-        )
+        message.waits = values.from_clocks(data[at + 308 : at + 308 + 4 * waits_count], "I", values.duration_from_milliseconds, message.waits)
         where_weights_count = values.count(where_weights_count, 2, "where.weights")
         where.weights = values.from_numbers(data[at + 328 : at + 328 + 2 * where_weights_count], "H", where.weights)
         values.set_clock(message.stamp, values.time_from_milliseconds(stamp))

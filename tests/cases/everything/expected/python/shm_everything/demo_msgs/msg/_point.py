@@ -59,7 +59,7 @@ class Point(runtime.Message):
         self.x = 1.5
 
     @staticmethod
-    def _encode(message: typing.Any, into: bytearray, at: int, late: runtime.Late) -> None:
+    def _encode(message: typing.Any, into: bytearray | memoryview, at: int, late: runtime.Late) -> None:
         try:
             weights = values.numbers(message.weights, "H", 2, "weights", at_most=2)
             _STRUCT.pack_into(
@@ -74,7 +74,7 @@ class Point(runtime.Message):
             values.explain(message, _ROWS, error)
 
     @staticmethod
-    def _decode(data: bytes, at: int, message: typing.Any) -> None:
+    def _decode(data: bytes | bytearray, at: int, message: typing.Any) -> None:
         (
             message.x,
             message.y,

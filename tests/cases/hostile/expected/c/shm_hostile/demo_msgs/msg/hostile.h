@@ -16,7 +16,7 @@ extern "C" {
 #define shm_demo_msgs_Hostile_QUOTES "$N \042it's\042 \134 */ *) {{ x }} \077\077/ %s"
 #define shm_demo_msgs_Hostile_LINES "one\012two\011tabs\015return"
 #define shm_demo_msgs_Hostile_SIGNS "\302\265\302\260\342\202\254\360\237\244\226"
-#define shm_demo_msgs_Hostile_WIDE u"\042\302\265\342\202\254\360\237\244\226$"
+#define shm_demo_msgs_Hostile_WIDE u"\042\u00b5\u20ac\U0001f916$"
 #define shm_demo_msgs_Hostile_NOTHING ""
 
 /*

@@ -88,10 +88,10 @@ class Hostile(runtime.Message):
         "s",
     )
 
-    QUOTES: typing.ClassVar[str] = '$N "it\'s" \\ */ *) {{ x }} ??/ %s'
+    QUOTES: typing.ClassVar[str] = "$N \"it's\" \\ */ *) {{ x }} ??/ %s"
     LINES: typing.ClassVar[str] = "one\ntwo\ttabs\rreturn"
     SIGNS: typing.ClassVar[str] = "\xb5\xb0\u20ac\U0001f916"
-    WIDE: typing.ClassVar[str] = '"\xb5\u20ac\U0001f916$'
+    WIDE: typing.ClassVar[str] = "\"\xb5\u20ac\U0001f916$"
     NOTHING: typing.ClassVar[str] = ""
 
     a: int
@@ -110,7 +110,7 @@ class Hostile(runtime.Message):
         self.s = "\"\\ $' */"
 
     @staticmethod
-    def _encode(message: typing.Any, into: bytearray, at: int, late: runtime.Late) -> None:
+    def _encode(message: typing.Any, into: bytearray | memoryview, at: int, late: runtime.Late) -> None:
         try:
             _STRUCT.pack_into(
                 into,
@@ -129,7 +129,7 @@ class Hostile(runtime.Message):
             values.explain(message, _ROWS, error)
 
     @staticmethod
-    def _decode(data: bytes, at: int, message: typing.Any) -> None:
+    def _decode(data: bytes | bytearray, at: int, message: typing.Any) -> None:
         (
             message.a,
             message.b,

@@ -66,7 +66,7 @@ class stamped_Value(runtime.Message):
         "Level__x",
     )
 
-    GREETING: typing.ClassVar[str] = 'say "hello" # all of it'
+    GREETING: typing.ClassVar[str] = "say \"hello\" # all of it"
     LOW: typing.ClassVar[int] = -1
     HIGH: typing.ClassVar[int] = 255
 
@@ -78,7 +78,7 @@ class stamped_Value(runtime.Message):
     Took = runtime.Clocks(48, "Q", 2, values.duration_nanoseconds, values.duration_from_nanoseconds)
 
     @staticmethod
-    def _encode(message: typing.Any, into: bytearray, at: int, late: runtime.Late) -> None:
+    def _encode(message: typing.Any, into: bytearray | memoryview, at: int, late: runtime.Late) -> None:
         try:
             header = message.header
             Took = values.clocks(message.Took, "Q", values.duration_nanoseconds, "Took", exactly=2)
@@ -97,7 +97,7 @@ class stamped_Value(runtime.Message):
             values.explain(message, _ROWS, error)
 
     @staticmethod
-    def _decode(data: bytes, at: int, message: typing.Any) -> None:
+    def _decode(data: bytes | bytearray, at: int, message: typing.Any) -> None:
         header = message.header
         (
             header.seq,

@@ -12,7 +12,9 @@ from shmgen import runtime
 from shmgen.runtime import values
 
 _STRUCT = struct.Struct("<?")
-_ROWS = (("hard", "?"),)
+_ROWS = (
+    ("hard", "?"),
+)
 
 
 class Reset_Request(runtime.Message):
@@ -27,15 +29,19 @@ class Reset_Request(runtime.Message):
     """
 
     _pack_ = 1
-    _fields_ = (("hard", ctypes.c_bool),)
+    _fields_ = (
+        ("hard", ctypes.c_bool),
+    )
     _type_name_ = "demo_msgs/srv/Reset_Request"
     _digest_ = 0x4B7588B9AE8A72A9
-    _names_ = ("hard",)
+    _names_ = (
+        "hard",
+    )
 
     hard: bool
 
     @staticmethod
-    def _encode(message: typing.Any, into: bytearray, at: int, late: runtime.Late) -> None:
+    def _encode(message: typing.Any, into: bytearray | memoryview, at: int, late: runtime.Late) -> None:
         try:
             _STRUCT.pack_into(
                 into,
@@ -46,7 +52,7 @@ class Reset_Request(runtime.Message):
             values.explain(message, _ROWS, error)
 
     @staticmethod
-    def _decode(data: bytes, at: int, message: typing.Any) -> None:
+    def _decode(data: bytes | bytearray, at: int, message: typing.Any) -> None:
         (message.hard,) = _STRUCT.unpack_from(data, at)
 
 

@@ -48,7 +48,7 @@ class Reset_Response(runtime.Message):
     message = runtime.Text(1, 81, 80, values.text, values.from_text)
 
     @staticmethod
-    def _encode(message: typing.Any, into: bytearray, at: int, late: runtime.Late) -> None:
+    def _encode(message: typing.Any, into: bytearray | memoryview, at: int, late: runtime.Late) -> None:
         try:
             _STRUCT.pack_into(
                 into,
@@ -60,7 +60,7 @@ class Reset_Response(runtime.Message):
             values.explain(message, _ROWS, error)
 
     @staticmethod
-    def _decode(data: bytes, at: int, message: typing.Any) -> None:
+    def _decode(data: bytes | bytearray, at: int, message: typing.Any) -> None:
         (
             message.success,
             message_,

@@ -14,7 +14,7 @@ extern "C" {
 #define shmgen_type_name_shm_demo_msgs_Status "demo_msgs/msg/Status"
 #define shmgen_digest_shm_demo_msgs_Status UINT64_C(0xbdd29caa4bdfb245)
 #define shm_demo_msgs_Status_ON ((uint8_t)(1))
-#define shm_demo_msgs_Status_NAME "T\303\274r"
+#define shm_demo_msgs_Status_NAME "T\374r"
 
 typedef struct SHMGEN_PACKED shm_demo_msgs_Status {
     uint8_t ready; /* 0: bool */

@@ -77,20 +77,15 @@ class Status(runtime.Message):
     name = runtime.Text(3, 11, 10, values.text_latin1_cut, values.from_latin1)
     parts = runtime.Texts(20, 4, 3, 2, values.text_latin1_cut, values.from_latin1, count_at=16)
     stamp = runtime.Clock(28, "iI", values.seconds_nanoseconds, values.time_from_seconds_nanoseconds)
-    waits = runtime.Clocks(
-        40, "iI", 2, values.seconds_nanoseconds, values.duration_from_seconds_nanoseconds, count_at=36
-    )
+    waits = runtime.Clocks(40, "iI", 2, values.seconds_nanoseconds, values.duration_from_seconds_nanoseconds, count_at=36)
 
     def _set_defaults(self) -> None:
         self.ready = True
-        self.doors = (
-            True,
-            False,
-        )
+        self.doors = (True, False)
         self.name = "T\xfcr"
 
     @staticmethod
-    def _encode(message: typing.Any, into: bytearray, at: int, late: runtime.Late) -> None:
+    def _encode(message: typing.Any, into: bytearray | memoryview, at: int, late: runtime.Late) -> None:
         try:
             doors = values.numbers(message.doors, "?", 1, "doors", exactly=2)
             parts = values.texts(message.parts, values.text_latin1_cut, 3, 4, "parts", at_most=2)
@@ -111,7 +106,7 @@ class Status(runtime.Message):
             values.explain(message, _ROWS, error)
 
     @staticmethod
-    def _decode(data: bytes, at: int, message: typing.Any) -> None:
+    def _decode(data: bytes | bytearray, at: int, message: typing.Any) -> None:
         (
             message.ready,
             name,
@@ -126,9 +121,7 @@ class Status(runtime.Message):
         message.parts = values.from_texts(data[at + 20 : at + 20 + 4 * parts_count], values.from_latin1, 4)
         values.set_clock(message.stamp, values.time_from_seconds_nanoseconds(stamp, stamp_))
         waits_count = values.count(waits_count, 2, "waits")
-        message.waits = values.from_clocks(
-            data[at + 40 : at + 40 + 8 * waits_count], "iI", values.duration_from_seconds_nanoseconds, message.waits
-        )
+        message.waits = values.from_clocks(data[at + 40 : at + 40 + 8 * waits_count], "iI", values.duration_from_seconds_nanoseconds, message.waits)
 
 
 class StatusPublisher(runtime.Publisher[Status]):

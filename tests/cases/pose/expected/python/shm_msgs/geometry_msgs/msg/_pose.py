@@ -57,7 +57,7 @@ class Pose(runtime.Message):
         self.orientation._set_defaults()
 
     @staticmethod
-    def _encode(message: typing.Any, into: bytearray, at: int, late: runtime.Late) -> None:
+    def _encode(message: typing.Any, into: bytearray | memoryview, at: int, late: runtime.Late) -> None:
         try:
             position = message.position
             orientation = message.orientation
@@ -76,7 +76,7 @@ class Pose(runtime.Message):
             values.explain(message, _ROWS, error)
 
     @staticmethod
-    def _decode(data: bytes, at: int, message: typing.Any) -> None:
+    def _decode(data: bytes | bytearray, at: int, message: typing.Any) -> None:
         position = message.position
         orientation = message.orientation
         (

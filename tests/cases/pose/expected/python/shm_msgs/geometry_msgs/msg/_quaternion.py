@@ -65,7 +65,7 @@ class Quaternion(runtime.Message):
         self.w = 1.0
 
     @staticmethod
-    def _encode(message: typing.Any, into: bytearray, at: int, late: runtime.Late) -> None:
+    def _encode(message: typing.Any, into: bytearray | memoryview, at: int, late: runtime.Late) -> None:
         try:
             _STRUCT.pack_into(
                 into,
@@ -79,7 +79,7 @@ class Quaternion(runtime.Message):
             values.explain(message, _ROWS, error)
 
     @staticmethod
-    def _decode(data: bytes, at: int, message: typing.Any) -> None:
+    def _decode(data: bytes | bytearray, at: int, message: typing.Any) -> None:
         (
             message.x,
             message.y,

@@ -93,7 +93,7 @@ class Time(runtime.Message):
     step = runtime.Elements(28, ctypes.c_uint8, 2, count_at=24)
 
     @staticmethod
-    def _encode(message: typing.Any, into: bytearray, at: int, late: runtime.Late) -> None:
+    def _encode(message: typing.Any, into: bytearray | memoryview, at: int, late: runtime.Late) -> None:
         try:
             log = message.log
             array = values.numbers(message.array, "B", 1, "array", exactly=2)
@@ -127,7 +127,7 @@ class Time(runtime.Message):
             values.explain(message, _ROWS, error)
 
     @staticmethod
-    def _decode(data: bytes, at: int, message: typing.Any) -> None:
+    def _decode(data: bytes | bytearray, at: int, message: typing.Any) -> None:
         log = message.log
         (
             log.class_,

@@ -1,0 +1,62 @@
+"""Turns topics into the list of their blocks and the program that calls them: `st/GVL_Ros.st` and `st/PRG_Ros.st`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from shmgen.diagnostics import Report
+from shmgen.model import Output, Topic
+from shmgen.targets import naming
+
+
+@dataclass(frozen=True, slots=True)
+class Instance:
+    """The block of one topic; `declaration` is lined up with its neighbours, `topic` a literal."""
+
+    name: str
+    declaration: str
+    topic: str
+    depth: str
+
+
+@dataclass(frozen=True, slots=True)
+class Topics:
+    """Both files; `gvl` and `program` are their names."""
+
+    instances: tuple[Instance, ...]
+    gvl: str = naming.GVL_TOPICS
+    program: str = naming.PRG_TOPICS
+
+
+def plan(topics: Sequence[Topic], report: Report) -> Iterator[Output]:
+    """Nothing where there are no topics. Reports SHM203."""
+    _check_names(topics, report)
+    if topics:
+        view = Topics(tuple(_instances(topics)))
+        yield Output(f"st/{naming.GVL_TOPICS}.st", "st/topics.st.j2", view)
+        yield Output(f"st/{naming.PRG_TOPICS}.st", "st/program.st.j2", view)
+
+
+def _instances(topics: Sequence[Topic]) -> Iterator[Instance]:
+    """What comes to the PLC goes first, so that a program has it in the order it works: read, then write."""
+    ordered = sorted(topics, key=lambda topic: not topic.to_plc)
+    width = max(len(naming.st_topic(topic.name)) for topic in topics)
+    for topic in ordered:
+        name = naming.st_topic(topic.name)
+        block = naming.subscriber_block(topic.type) if topic.to_plc else naming.publisher_block(topic.type)
+        yield Instance(name, f"{name:<{width}} : {block};  // {topic.name}", f"'{topic.name}'", str(topic.depth))
+
+
+def _check_names(topics: Sequence[Topic], report: Report) -> None:
+    seen: dict[str, Topic] = {}
+    for topic in topics:
+        name = naming.st_topic(topic.name)
+        other = seen.setdefault(name.upper(), topic)
+        if other is not topic:
+            report.error(
+                "SHM203",
+                f"topics {other.name} and {topic.name} are both `{name}` in Structured Text, which ignores case",
+                topic.span,
+                hint='rename one of them, or leave "st" and "plcopen" out of `targets` in shmgen.toml',
+            )

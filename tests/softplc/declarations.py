@@ -1,0 +1,278 @@
+"""Turns blark's trees into what is declared: types, lists of variables, blocks with their methods."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
+
+from blark import transform as b
+
+from tests.softplc.reading import Source, Unsupported
+
+ELEMENTARY = (
+    "BOOL", "BYTE", "WORD", "DWORD", "LWORD", "SINT", "INT", "DINT", "LINT", "USINT", "UINT", "UDINT", "ULINT",
+    "REAL", "LREAL", "TIME", "LTIME",
+)  # fmt: skip
+_ALIASES = {"__UXINT": "ULINT", "__XWORD": "LWORD", "RTS_IEC_RESULT": "UDINT", "RTS_IEC_HANDLE": "LWORD"}
+"""As in a 64-bit runtime; a handle is as large as a pointer."""
+
+
+@dataclass(frozen=True)
+class Elementary:
+    name: str
+
+
+@dataclass(frozen=True)
+class Text:
+    """STRING(length) or WSTRING(length)."""
+
+    length: int
+    wide: bool
+
+
+@dataclass(frozen=True)
+class Named:
+    """A structure, an enumeration or a block; the name in capitals."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class Pointer:
+    to: Type
+
+
+@dataclass(frozen=True)
+class Array:
+    first: int
+    last: int
+    of: Type
+
+
+Type: TypeAlias = "Elementary | Text | Named | Pointer | Array"
+
+
+@dataclass(frozen=True)
+class Variable:
+    """`section` is input, output, local or constant; `initial` is a tree, or None."""
+
+    name: str
+    type: Type
+    section: str
+    initial: Any
+
+
+@dataclass(frozen=True)
+class Structure:
+    """`pack` in bytes: no member is aligned to more."""
+
+    name: str
+    pack: int
+    members: tuple[Variable, ...]
+
+
+@dataclass(frozen=True)
+class Enumeration:
+    """`values` are names and trees; a tree is None where the value is one more than the last."""
+
+    name: str
+    base: Elementary
+    values: tuple[tuple[str, Any], ...]
+    initial: str
+
+
+@dataclass(frozen=True)
+class Globals:
+    """A qualified list."""
+
+    name: str
+    constant: bool
+    variables: tuple[Variable, ...]
+
+
+@dataclass(frozen=True)
+class Method:
+    name: str
+    private: bool
+    result: Type | None
+    variables: tuple[Variable, ...]
+    body: Any
+
+    @property
+    def parameters(self) -> tuple[Variable, ...]:
+        return tuple(variable for variable in self.variables if variable.section in ("input", "output"))
+
+
+@dataclass(frozen=True)
+class Block:
+    """A FUNCTION_BLOCK or a PROGRAM."""
+
+    name: str
+    variables: tuple[Variable, ...]
+    body: Any
+    methods: dict[str, Method] = field(default_factory=dict)
+
+
+Declaration: TypeAlias = "Structure | Enumeration | Globals | Block"
+
+
+def declared(sources: Iterable[Source]) -> dict[str, Declaration]:
+    """By name in capitals, in the order of the files. Raises Unsupported."""
+    found: dict[str, Declaration] = {}
+    block: Block | None = None
+    for source in sources:
+        try:
+            if isinstance(source.tree, b.Method):
+                if block is None:
+                    raise Unsupported("a METHOD without a FUNCTION_BLOCK before it")
+                method = _method(source.tree)
+                if method.name in block.methods:
+                    raise Unsupported(f"a second METHOD {method.name}")
+                block.methods[method.name] = method
+                continue
+            made = _declaration(source)
+        except Unsupported as error:
+            raise Unsupported(f"{source.file}: {error}") from None
+        if made.name in found:
+            raise Unsupported(f"{source.file}: a second {made.name}")
+        found[made.name] = made
+        block = made if isinstance(made, Block) else None
+    return found
+
+
+def _declaration(source: Source) -> Declaration:
+    match source.tree:
+        case b.DataTypeDeclaration(declaration=b.StructureTypeDeclaration() as tree):
+            _no(tree.extends, "EXTENDS")
+            _known(source, "pack_mode")
+            members = tuple(item for element in tree.declarations for item in _variables(element, "local"))
+            return Structure(tree.name.upper(), int(source.attributes.get("pack_mode", "8")), members)
+        case b.DataTypeDeclaration(declaration=b.EnumeratedTypeDeclaration() as tree):
+            _known(source, "qualified_only", "strict")
+            if not {"qualified_only", "strict"} <= source.attributes.keys():
+                raise Unsupported(f"the enumeration {tree.name} without 'qualified_only' and 'strict'")
+            return _enumeration(tree)
+        case b.GlobalVariableDeclarations() as tree:
+            _known(source, "qualified_only")
+            if "qualified_only" not in source.attributes:
+                raise Unsupported("VAR_GLOBAL without 'qualified_only'")
+            constant = _constant(tree)
+            items = tuple(item for element in tree.items for item in _variables(element, "local"))
+            return Globals(source.stem.upper(), constant, items)
+        case b.FunctionBlock() | b.Program() as tree:
+            _known(source)
+            for word in ("extends", "implements", "access"):
+                _no(getattr(tree, word, None), word.upper())
+            return Block(tree.name.upper(), tuple(_sections(tree)), tree.body)
+        case b.DataTypeDeclaration(declaration=tree) | tree:
+            raise Unsupported(type(tree).__name__)
+
+
+def _enumeration(tree: b.EnumeratedTypeDeclaration) -> Enumeration:
+    spec = tree.init.spec
+    if not spec.values or spec.type_name is None:
+        raise Unsupported(f"the enumeration {tree.name} without a base type")
+    values = tuple((str(value.name).upper(), value.value) for value in spec.values)
+    initial = values[0][0] if tree.init.value is None else str(tree.init.value.name).upper()
+    base = _elementary(str(spec.type_name))
+    if not isinstance(base, Elementary):
+        raise Unsupported(f"the enumeration {tree.name} on {spec.type_name}")
+    return Enumeration(tree.name.upper(), base, values, initial)
+
+
+def _method(tree: b.Method) -> Method:
+    access = (tree.access.name or "").upper() if tree.access else "PUBLIC"
+    if access not in ("PUBLIC", "PRIVATE"):
+        raise Unsupported(f"METHOD {access}")
+    result = None if tree.return_type is None else type_of(tree.return_type.spec)
+    variables = tuple(_sections(tree))
+    if any(variable.section == "constant" for variable in variables):
+        raise Unsupported("VAR CONSTANT in a method")
+    return Method(str(tree.name).upper(), access == "PRIVATE", result, variables, tree.body)
+
+
+_SECTIONS = {b.InputDeclarations: "input", b.OutputDeclarations: "output", b.VariableDeclarations: "local"}
+
+
+def _sections(tree: Any) -> Iterator[Variable]:
+    for block in tree.declarations or ():
+        section = _SECTIONS.get(type(block))
+        if section is None:
+            raise Unsupported(type(block).__name__)
+        if _constant(block):
+            section = "constant"
+        for element in block.items:
+            yield from _variables(element, section)
+
+
+def _constant(block: Any) -> bool:
+    attributes = str(block.attrs.name).upper() if block.attrs else "NONE"
+    if attributes not in ("NONE", "CONSTANT"):
+        raise Unsupported(f"VAR {attributes}")
+    return attributes == "CONSTANT"
+
+
+def _variables(element: Any, section: str) -> Iterator[Variable]:
+    names = element.spec.variables if isinstance(element, b.GlobalVariableDeclaration) else element.variables
+    kind = element.init
+    initial = getattr(kind, "value", None)
+    if not isinstance(kind, b.TypeInitialization | b.ArrayTypeInitialization | b.StringTypeInitialization):
+        raise Unsupported(f"a variable by {type(kind).__name__}")
+    if isinstance(initial, b.ArrayInitialization | b.StructureInitialization):
+        raise Unsupported(type(initial).__name__)
+    type_ = type_of(kind.spec)
+    for declared in names:
+        variable = getattr(declared, "variable", declared)
+        _no(getattr(declared, "location", None), "AT")
+        yield Variable(str(getattr(variable, "name", variable)).upper(), type_, section, initial)
+
+
+def type_of(spec: Any) -> Type:
+    """The type that a declaration spells. Raises Unsupported."""
+    match spec:
+        case b.SimpleSpecification(type=str() as name):
+            return _elementary(name)
+        case b.SimpleSpecification(type=inner) | b.StringTypeInitialization(spec=inner):
+            return type_of(inner)
+        case b.StringTypeSpecification():
+            length = 80 if spec.length is None else _number(spec.length.length)
+            return Text(length, str(spec.type_name).upper() == "WSTRING")
+        case b.ArraySpecification():
+            type_ = type_of(spec.type)
+            for subrange in reversed(spec.subranges):
+                type_ = Array(_number(subrange.start), _number(subrange.stop), type_)
+            return type_
+        case b.IndirectSimpleSpecification(type=inner) | b.DataType(type_name=inner):
+            depth = spec.indirection.pointer_depth if spec.indirection else 0
+            if spec.indirection and spec.indirection.reference:
+                raise Unsupported("REFERENCE TO")
+            type_ = _elementary(inner) if isinstance(inner, str) else type_of(inner)
+            for _ in range(depth):
+                type_ = Pointer(type_)
+            return type_
+        case _:
+            raise Unsupported(f"the type {type(spec).__name__}")
+
+
+def _elementary(name: str) -> Type:
+    name = _ALIASES.get(name.upper(), name.upper())
+    return Elementary(name) if name in ELEMENTARY else Named(name)
+
+
+def _number(tree: Any) -> int:
+    if isinstance(tree, b.ParenthesizedExpression):
+        return _number(tree.expr)
+    if type(tree) is not b.Integer:
+        raise Unsupported("a length or a bound that is no decimal number")
+    return int(str(tree.value).replace("_", ""))
+
+
+def _no(value: Any, word: str) -> None:
+    if value:
+        raise Unsupported(word)
+
+
+def _known(source: Source, *names: str) -> None:
+    for name in source.attributes.keys() - set(names):
+        raise Unsupported(f"the attribute '{name}'")

@@ -1,0 +1,130 @@
+"""One layout on four machines: the C headers compiled by Debian's cross compilers and run, under qemu where need be."""
+
+from __future__ import annotations
+
+import dataclasses
+import random
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from shmgen import pipeline
+from shmgen.config import Config, load
+from shmgen.diagnostics import Report
+from shmgen.model import Layouts, TypeName
+from shmgen.targets.c import struct_name
+
+from .conftest import REPOSITORY
+from .support.build import classes, put
+from .support.schemas import random_message
+
+MACHINES = {
+    "x86-64": ("gcc", ()),
+    "i386": ("i686-linux-gnu-gcc", ("qemu-i386",)),
+    "armhf": ("arm-linux-gnueabihf-gcc", ("qemu-arm",)),
+    "aarch64": ("aarch64-linux-gnu-gcc", ("qemu-aarch64",)),
+}
+IMU = TypeName("sensor_msgs", "msg", "Imu")
+
+
+@pytest.fixture(params=MACHINES)
+def machine(request: pytest.FixtureRequest) -> tuple[str, tuple[str, ...]]:
+    compiler, emulator = MACHINES[request.param]
+    for tool in (compiler, *emulator):
+        if shutil.which(tool) is None:
+            pytest.skip(f"{tool} is not installed")
+    return compiler, emulator
+
+
+@pytest.fixture(scope="module")
+def config() -> Config:
+    """What generated/ holds: the committed set."""
+    return load(REPOSITORY / "shmgen.toml", "shmgen.toml", Report())
+
+
+@pytest.fixture(scope="module")
+def layouts(config: Config) -> Layouts:
+    return pipeline.lay_out(config, config.messages)
+
+
+def program(layouts: Layouts) -> str:
+    """Prints size and offsets of everything, then the last and an inner member of an Imu that it gets on stdin."""
+    lines = ["#include <stdio.h>"]
+    lines += [f'#include "{path}"' for path in ("shm_msgs/sensor_msgs/msg/imu.h",)]
+    lines += [f'#include "{path}"' for path in headers()]
+    lines += ["int main(void) {", f"    static {struct_name(IMU)} imu;"]
+    lines += ["    if (fread(&imu, 1, sizeof imu, stdin) != sizeof imu) return 1;"]
+    for name, layout in layouts.items():
+        struct = struct_name(name)
+        lines.append(f'    printf("{name} %u\\n", (unsigned)sizeof({struct}));')
+        for slot in layout.slots:
+            lines.append(f'    printf("{name}.{slot.name} %u\\n", (unsigned)offsetof({struct}, {slot.name}));')
+    lines += [
+        '    printf("%s %.17g %.17g\\n",',
+        "        imu.header.frame_id, imu.orientation.w, imu.linear_acceleration_covariance[8]);",
+        "    return 0;",
+        "}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def headers() -> list[str]:
+    root = REPOSITORY / "generated" / "c"
+    return sorted(str(path.relative_to(root)) for path in root.rglob("*.h"))
+
+
+def compiled(compiler: str, source: str, include: Path, target: Path) -> subprocess.CompletedProcess[str]:
+    command = [compiler, "-static", "-std=c11", "-Wall", "-Wextra", "-Werror", f"-I{include}", "-xc", "-", "-o", target]
+    return subprocess.run(command, input=source, text=True, capture_output=True, check=False)
+
+
+def test_one_layout(machine: tuple[str, tuple[str, ...]], config: Config, layouts: Layouts, tmp_path: Path) -> None:
+    compiler, emulator = machine
+    binary = tmp_path / "layout"
+    result = compiled(compiler, program(layouts), REPOSITORY / "generated" / "c", binary)
+    assert result.returncode == 0, result.stderr
+    package = f"shm_{compiler.partition('-')[0]}"
+    texts = pipeline.generate(dataclasses.replace(config, package=package, targets=("python",)), config.messages)
+    put(texts, tmp_path)
+    kind, _, _ = classes(tmp_path, package, IMU)
+    message = random_message(layouts[IMU], layouts, random.Random(4))
+    payload = bytearray(layouts[IMU].size)
+    kind._encode(message, payload, 0, [])
+    run = subprocess.run([*emulator, binary], input=bytes(payload), capture_output=True, check=True)
+    *printed, values = run.stdout.decode().splitlines()
+    wanted = []
+    for name, layout in layouts.items():
+        wanted.append(f"{name} {layout.size}")
+        wanted += [f"{name}.{slot.name} {slot.offset}" for slot in layout.slots]
+    assert printed == wanted
+    frame, orientation, covariance = values.rsplit(" ", 2)
+    assert frame == message.header.frame_id
+    assert (float(orientation), float(covariance)) == (
+        message.orientation.w,
+        message.linear_acceleration_covariance[8],
+    )
+
+
+@pytest.mark.parametrize("fault", ["no padding", "no packing, no padding"])
+def test_i386_needs_the_padding_and_the_packing(fault: str, layouts: Layouts, tmp_path: Path) -> None:
+    """What the headers protect from: i386 aligns double to 4, so a compiler's own layout is another one there."""
+    if shutil.which("i686-linux-gnu-gcc") is None:
+        pytest.skip("i686-linux-gnu-gcc is not installed")
+    for path in headers():
+        text = (REPOSITORY / "generated" / "c" / path).read_text()
+        text = re.sub(r"^.*\b_pad\d+\b.*\n", "", text, flags=re.MULTILINE)
+        if fault.startswith("no packing"):
+            text = text.replace("#define SHMGEN_PACKED __attribute__((packed))", "#define SHMGEN_PACKED")
+        put({path: text}, tmp_path)
+    result = compiled("i686-linux-gnu-gcc", program_without_padding(layouts), tmp_path, tmp_path / "layout")
+    assert "static assertion failed" in result.stderr
+    if fault.startswith("no packing"):  # and x86-64 would never have shown it
+        result = compiled("gcc", program_without_padding(layouts), tmp_path, tmp_path / "layout")
+        assert result.returncode == 0, result.stderr
+
+
+def program_without_padding(layouts: Layouts) -> str:
+    return "\n".join(line for line in program(layouts).splitlines() if "_pad" not in line) + "\n"
