@@ -35,23 +35,23 @@ clean:
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
 $(VENV)/ready: pyproject.toml
-	@$(call debian,$(PYTHON) -c 'import ensurepip',$(SETUP_PACKAGES))
+	@$(call debian,$(PYTHON) -c 'import ensurepip',$(SETUP_PACKAGES),exit 1)
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
 	@touch $@
 
 $(VENV)/ready-to-test: $(VENV)/ready
-	@$(call debian,for tool in $(TEST_TOOLS); do command -v $$tool || exit 1; done,$(TEST_PACKAGES))
+	@$(call debian,for tool in $(TEST_TOOLS); do command -v $$tool || exit 1; done,$(TEST_PACKAGES),echo 'tests that need them are skipped' >&2)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test]'
 	@touch $@
 
-# $(call debian,CHECK,PACKAGES): installs PACKAGES if CHECK fails and we are root, else names them.
+# $(call debian,CHECK,PACKAGES,ELSE): if CHECK fails, installs PACKAGES when we are root, else names them and does ELSE.
 define debian
 if ! ( $(1) ) >/dev/null 2>&1; then \
     if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
         apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq $(2); \
     else \
-        echo "needed here: $(2)   (sudo apt-get install $(2))" >&2; exit 1; \
+        echo "missing here: sudo apt-get install $(2)" >&2; $(3); \
     fi; \
 fi
 endef

@@ -8,6 +8,8 @@ import sys
 import tempfile
 from pathlib import Path
 
+import posix_ipc
+
 HERE = Path(__file__).parent
 TOPIC = "/shmgen_demo/pose"
 
@@ -37,7 +39,15 @@ def main() -> int:
         status = reader.wait(timeout=60)
         writer.terminate()
         writer.wait(timeout=10)
+    forget(TOPIC)
     return status
+
+
+def forget(topic: str) -> None:
+    """Removes the region, which neither side did: here both are known to have ended."""
+    name = "/" + topic.strip("/").replace("/", ".")
+    posix_ipc.unlink_shared_memory(name)
+    posix_ipc.unlink_semaphore(name)
 
 
 def step(text: str) -> None:

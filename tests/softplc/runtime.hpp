@@ -134,9 +134,6 @@ template <int N, int M, class C> void set(Text<N, C> &left, const Text<M, C> &ri
     for (; at < N && at < M && right.units[at] != 0; ++at) left.units[at] = right.units[at];
     left.units[at] = 0;
 }
-template <int N, class C> void set(Text<N, C> &left, const Text<N, C> &right) {
-    set<N, N + 0, C>(left, right);
-}
 
 template <class T, class R> T initial(const R &value) {
     T made{};
