@@ -19,7 +19,7 @@ BLOCK = re.compile(r"^```(console|python|toml)\n(.*?)^```$", re.MULTILINE | re.D
 @pytest.mark.parametrize(
     "page", [page for page in PAGES if "```console" in page.read_text()], ids=lambda page: page.name
 )
-def test_commands_print_what_the_page_shows(page: Path, tmp_path: Path) -> None:
+def test_commands_print_what_the_page_shows(page: Path, tmp_path: Path, update_golden: bool) -> None:
     """In order, in one folder. A Python block becomes example.py, a TOML block shmgen.toml for what follows."""
     environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "COLUMNS": "100"}
     for language, text in BLOCK.findall(page.read_text()):
@@ -37,7 +37,10 @@ def test_commands_print_what_the_page_shows(page: Path, tmp_path: Path) -> None:
                 text=True,
                 check=False,
             )
-            assert re.fullmatch(pattern(shown), result.stdout), f"$ {command}\n{result.stdout}"
+            if update_golden and "...\n" not in shown:
+                page.write_text(page.read_text().replace(f"$ {command}\n{shown}", f"$ {command}\n{result.stdout}"))
+            else:
+                assert re.fullmatch(pattern(shown), result.stdout), f"$ {command}\n{result.stdout}"
     for file in Path("/dev/shm").glob("*robot.*"):
         file.unlink()
 

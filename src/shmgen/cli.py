@@ -112,10 +112,10 @@ def generate(
         config = replace(config, targets=target)
     lock, formerly = _lock(output)
     if messages:
-        hint = f"a former run was asked for it: say again where it is, or delete {output}/ to start afresh"
-        texts = _generated(config, [*messages, *lock.requested], formerly, hint)
+        requests = [*messages, *lock.requested]
     else:
-        texts = _generated(config, [*config.messages, *(topic.type for topic in config.topics)], config.places)
+        requests, formerly = [*config.messages, *(topic.type for topic in config.topics)], {}
+    texts = _generated(config, requests, formerly, output)
     leftovers = sorted(set(lock.files or ()) - set(texts))
     written = write(output, texts, leftovers, last=drift.LOCK)
     if not quiet:
@@ -189,7 +189,7 @@ def _config(file: Path | None, include: Iterable[Path]) -> Config:
     return replace(config, path=(*(folder.absolute() for folder in include), *config.path))
 
 
-def _generated(config: Config, requests: list[str], places: Mapping[str, Span], hint: str = "") -> dict[str, str]:
+def _generated(config: Config, requests: list[str], formerly: Mapping[str, Span], output: Path) -> dict[str, str]:
     """{path: text} of all targets. What is wrong with a request is told at the place where it was written."""
     if not requests:
         hint = 'name one, `shmgen generate geometry_msgs/Pose`, or list them in shmgen.toml: messages = ["..."]'
@@ -197,12 +197,17 @@ def _generated(config: Config, requests: list[str], places: Mapping[str, Span], 
     try:
         return pipeline.generate(config, dict.fromkeys(requests))
     except Rejected as rejected:
-        raise Rejected(
-            replace(found, span=places[found.span.path], hint=f"{found.hint}\n{hint}".strip())
-            if found.span.path in places
-            else found
-            for found in rejected.diagnostics
-        ) from rejected
+        raise Rejected(_placed(found, config.places, formerly, output) for found in rejected.diagnostics) from rejected
+
+
+def _placed(found: Diagnostic, written: Mapping[str, Span], formerly: Mapping[str, Span], output: Path) -> Diagnostic:
+    request = found.span.path
+    if request in written:
+        return replace(found, span=written[request])
+    if request in formerly:
+        hint = f"a former run was asked for it: say again where it is, or delete {output}/ to start afresh"
+        return replace(found, span=formerly[request], hint=f"{found.hint}\n{hint}")
+    return found
 
 
 def _lock(output: Path) -> tuple[drift.Lock, dict[str, Span]]:

@@ -155,6 +155,8 @@ class _Reader:
             span = self.span(section, "topic")
             if isinstance(entry.get("topic"), str) and (why := _not_a_topic(entry["topic"])):
                 self.wrong(section, "topic", f"topic {entry['topic']} {why}")
+            if isinstance(entry.get("type"), str) and not _MESSAGE.fullmatch(entry["type"]):
+                self.wrong(section, "type", f"type {entry['type']} names no message: write package/Name")
             topics.append(Topic(str(entry.get("topic")), str(entry.get("type")), direction, depth, span))
             if any(topic.topic == entry.get("topic") for topic in topics[:-1]):
                 self.report.error("SHM502", f"topic {entry.get('topic')} is listed twice", span)
@@ -238,11 +240,12 @@ class _Reader:
 
     def span(self, section: str, key: str) -> Span:
         """Of the key; if it is in an inline table or a dotted key, of what holds it."""
-        places = ((section, key), (section, ""), ("", section), (key, ""))
+        places = ((section, key), (f"{section}.{key}".lstrip("."), ""), (section, ""), ("", section))
         return next((self.positions[place] for place in places if place in self.positions), self.file)
 
 
-_LONGEST_TOPIC = 74
+_MESSAGE = re.compile(r"[A-Za-z]\w*/((msg|srv|action)/)?[A-Za-z]\w*", re.ASCII)
+LONGEST_TOPIC = 74
 """MAX_NAME of FB_ShmRegion: its STRING(80) less `-event`."""
 
 
@@ -251,8 +254,8 @@ def _not_a_topic(name: str) -> str:
     bare = name.removeprefix("/")
     if not re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", bare, re.ASCII):
         return "is not made of letters, digits and _ between single slashes, no digit first"
-    if len(bare) > _LONGEST_TOPIC:
-        return f"has {len(bare)} characters, more than the {_LONGEST_TOPIC} of a STRING(80) and its suffix"
+    if len(bare) > LONGEST_TOPIC:
+        return f"has {len(bare)} characters, more than the {LONGEST_TOPIC} of a STRING(80) and its suffix"
     return "begins with sem/, where Linux keeps the semaphores" if bare.startswith("sem/") else ""
 
 

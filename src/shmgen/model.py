@@ -271,7 +271,7 @@ Layouts: TypeAlias = Mapping[TypeName, Layout]
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """A message under a ROS name; `to_plc` says who reads it. `depth` is how many samples a slow reader can still fetch."""
+    """A message under a ROS name; `to_plc` says who reads, `depth` how many samples a slow reader can still fetch."""
 
     name: str
     type: TypeName

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from shmgen import bounds, definitions, drift, layout
 from shmgen.config import Config
 from shmgen.diagnostics import Report
-from shmgen.model import Layouts, Output, Schema, TypeName
-from shmgen.targets import c, python, st
+from shmgen.model import Layouts, Output, Schema, Topic, TypeName
+from shmgen.targets import c, plcopen, python, st
 
 
 def read(config: Config, requests: Iterable[str]) -> Schema:
@@ -29,8 +29,8 @@ def lay_out(config: Config, requests: Iterable[str]) -> Layouts:
 
 
 def generate(config: Config, requests: Iterable[str]) -> dict[str, str]:
-    """{path: text} of all targets, and of layout.lock. Raises Rejected."""
-    layouts = lay_out(config, requests)
+    """{path: text} of all targets, and of layout.lock; the types of topics come along. Raises Rejected."""
+    layouts = lay_out(config, dict.fromkeys([*requests, *(topic.type for topic in config.topics)]))
     report = Report()
     outputs = list(_plan(config, layouts, report))
     report.stop_if_any()
@@ -38,6 +38,11 @@ def generate(config: Config, requests: Iterable[str]) -> dict[str, str]:
     from shmgen.render import render  # jinja2 takes longer to load than all that is before it
 
     texts = render(outputs)
+    code = {path: text for path, text in texts.items() if path.startswith("st/")}
+    if "plcopen" in config.targets:
+        texts |= render(plcopen.plan(code, config.task_interval))
+    if "st" not in config.targets:
+        texts = {path: text for path, text in texts.items() if path not in code}
     return texts | {drift.LOCK: drift.write(layouts, texts, _settings(config))}
 
 
@@ -66,10 +71,23 @@ def inventory(config: Config, package: str | None = None) -> list[Entry]:
 def _plan(config: Config, layouts: Layouts, report: Report) -> Iterable[Output]:
     if "python" in config.targets:
         yield from python.plan(layouts, report, config.package)
-    if "st" in config.targets:
-        yield from st.plan(layouts, report)
+    if "st" in config.targets or "plcopen" in config.targets:  # the latter holds the texts of the former
+        yield from st.plan(layouts, report, tuple(_topics(config, layouts, report)))
     if "c" in config.targets:
         yield from c.plan(layouts, report, config.package)
+
+
+def _topics(config: Config, layouts: Layouts, report: Report) -> Iterable[Topic]:
+    """With their types found. Reports SHM502."""
+    for topic in config.topics:
+        found = next((name for name in layouts if topic.type in (str(name), name.short)), None)
+        if found:
+            yield Topic(topic.topic, found, topic.direction == "to_plc", topic.depth, topic.span)
+        else:  # the layouts hold every type asked for, so this one came as its parts
+            parts = [name.short for name in layouts if f"{name.package}/{name.name.rpartition('_')[0]}" == topic.type]
+            span = config.places.get(topic.type, topic.span)
+            message = f"{topic.type} is several messages, and a topic carries one"
+            report.error("SHM502", message, span, hint=f"write {' or '.join(parts)}")
 
 
 def _settings(config: Config) -> dict[str, object]:
@@ -82,4 +100,6 @@ def _settings(config: Config) -> dict[str, object]:
         "time": config.types.time,
         "encoding": config.types.encoding,
         "overflow": config.types.overflow,
+        "topics": [f"{topic.direction} {topic.topic} {topic.type} depth {topic.depth}" for topic in config.topics],
+        "task_interval": config.task_interval,
     }

@@ -8,49 +8,11 @@ from typing import Any, TypeAlias
 
 from blark import transform as b
 
+from tests.softplc.iec import ELEMENTARY, Array, Elementary, Named, Pointer, Text, Type
 from tests.softplc.reading import Source, Unsupported
 
-ELEMENTARY = (
-    "BOOL", "BYTE", "WORD", "DWORD", "LWORD", "SINT", "INT", "DINT", "LINT", "USINT", "UINT", "UDINT", "ULINT",
-    "REAL", "LREAL", "TIME", "LTIME",
-)  # fmt: skip
 _ALIASES = {"__UXINT": "ULINT", "__XWORD": "LWORD", "RTS_IEC_RESULT": "UDINT", "RTS_IEC_HANDLE": "LWORD"}
 """As in a 64-bit runtime; a handle is as large as a pointer."""
-
-
-@dataclass(frozen=True)
-class Elementary:
-    name: str
-
-
-@dataclass(frozen=True)
-class Text:
-    """STRING(length) or WSTRING(length)."""
-
-    length: int
-    wide: bool
-
-
-@dataclass(frozen=True)
-class Named:
-    """A structure, an enumeration or a block; the name in capitals."""
-
-    name: str
-
-
-@dataclass(frozen=True)
-class Pointer:
-    to: Type
-
-
-@dataclass(frozen=True)
-class Array:
-    first: int
-    last: int
-    of: Type
-
-
-Type: TypeAlias = "Elementary | Text | Named | Pointer | Array"
 
 
 @dataclass(frozen=True)

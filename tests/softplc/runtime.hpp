@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <cstring>
 #include <limits>
+#include <new>
 #include <type_traits>
 
 #include "shim.h"
@@ -329,6 +330,11 @@ template <class To, class From> To converted(From from) {
     else return static_cast<To>(from);
 }
 
+template <class From, class T> From as_given(T value) {
+    if constexpr (std::is_same_v<From, T>) return value;
+    else return as<From>(value);
+}
+
 inline TIME IEC_TIME() { return {shim_now()}; }
 
 // The system libraries; the types are those of the documents, so that ADR of a UDINT is no `POINTER TO __UXINT`.
@@ -370,3 +376,11 @@ struct Entry {  // a block's body, where method is empty, or a method
     const char *(*call)(void *self, void *parameters);
 };
 template <class T> void make(void *where) { new (where) T(); }
+template <class F> const char *guarded(F call) {
+    try {
+        call();
+        return nullptr;
+    } catch (const Trap &trap) {
+        return trap.reason;
+    }
+}

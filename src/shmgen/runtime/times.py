@@ -119,12 +119,15 @@ time_from_seconds_nanoseconds = Time
 duration_from_seconds_nanoseconds = Duration
 
 
-def set_clock(target: Any, clock: Time | Duration) -> None:
-    """Sets a foreign stamp in place: `sec` and `nanosec` (ROS 2) or `secs` and `nsecs` (ROS 1)."""
+def set_clock(target: Any, clock: Time | Duration) -> Any:
+    """A foreign stamp set in place: `sec` and `nanosec` (ROS 2) or `secs` and `nsecs` (ROS 1). Our own is replaced."""
+    if isinstance(target, (Time, Duration)):
+        return clock
     if hasattr(target, "sec"):
         target.sec, target.nanosec = clock
     else:
         target.secs, target.nsecs = clock
+    return target
 
 
 def clock_size(code: str) -> int:

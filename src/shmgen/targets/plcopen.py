@@ -19,6 +19,8 @@ from shmgen.targets import naming, st_source
 LIBRARIES = (("SysShm", "SysShm"), ("SysSemProcess", "SysSemProcess"), ("SysTypes Interfaces", "SysTypes"))
 """Title and namespace of the libraries that FB_ShmRegion uses."""
 TASK = "RosTask"
+PRIORITY = "10"
+"""0 is the highest of CODESYS, 31 the lowest; a new project's own task has 1, and control goes before talk."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +114,7 @@ class Project:
     seconds: str
     milliseconds: str
     task: str = TASK
+    priority: str = PRIORITY
     program: str = naming.PRG_TOPICS
 
 
@@ -143,9 +146,7 @@ def _data_type(found: st_source.DataType) -> DataType:
 
 def _list(found: st_source.GlobalList) -> GlobalList:
     section = found.variables
-    return GlobalList(
-        _head(found.name, found.head, found.text), _bool(section.constant), _variables(section.variables)
-    )
+    return GlobalList(_head(found.name, found.head, found.text), _bool(section.constant), _variables(section.variables))
 
 
 _KINDS = {"FUNCTION_BLOCK": "functionBlock", "PROGRAM": "program", "METHOD": ""}
@@ -188,9 +189,7 @@ def _variables(found: Iterable[st_source.Variable]) -> tuple[Variable, ...]:
     )
 
 
-_ELEMENTARY = frozenset(
-    "BOOL BYTE WORD DWORD LWORD SINT INT DINT LINT USINT UINT UDINT ULINT REAL LREAL TIME".split()
-)
+_ELEMENTARY = re.compile("BOOL|BYTE|[DL]?WORD|U?[SDL]?INT|L?REAL|TIME")
 """Those with an element of their own in TC6 2.01; LTIME and CODESYS's own are `derived`."""
 _STRING = re.compile(r"(W?STRING)\((\d+)\)")
 _ARRAY = re.compile(r"ARRAY\[(\d+)\.\.(\d+)\] OF (.+)")
@@ -205,7 +204,7 @@ def _type(spelled: str) -> str:
         return f"<pointer><baseType>{_type(spelled.removeprefix('POINTER TO '))}</baseType></pointer>"
     if string := _STRING.fullmatch(spelled):
         return f'<{string[1].lower()} length="{string[2]}" />'
-    if spelled in _ELEMENTARY:
+    if _ELEMENTARY.fullmatch(spelled):
         return f"<{spelled} />"
     assert re.fullmatch(r"\w+", spelled), f"not a type: {spelled}"
     return f'<derived name="{spelled}" />'
@@ -219,4 +218,4 @@ def _text(text: str) -> str:
     """For an element or an attribute. XML 1.0 has no way to write most control characters; Structured Text has none."""
     assert text.isascii(), "generated Structured Text is ASCII"
     assert text.replace("\n", "").isprintable(), "and has no control characters"
-    return html.escape(text)
+    return html.escape(text, quote=False).replace('"', "&quot;")

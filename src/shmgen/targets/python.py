@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from dataclasses import dataclass
 from itertools import groupby
 
@@ -41,6 +41,7 @@ CTYPES = {
     Scalar.FLOAT32: "c_float",
     Scalar.FLOAT64: "c_double",
 }
+_USED_IN_CLASS = codec.MODULES | {"bool", "bytearray", "bytes", "float", "int", "memoryview", "staticmethod", "str"}
 _RUFF_WIDTH = 88
 """Characters; what ruff and black allow a line unless they are told otherwise."""
 _CLOCK_CTYPES = {"TIME": "ctypes.c_uint32", "LTIME": "ctypes.c_uint64", "struct": "ctypes.c_uint32 * 2"}
@@ -75,6 +76,7 @@ class Module:
     constants: tuple[Row, ...]
     plain: tuple[Row, ...]
     shown: tuple[Row, ...]
+    hiding: tuple[str, ...]
     encode: tuple[str, ...]
     decode: tuple[str, ...]
     defaults: tuple[str, ...]
@@ -155,10 +157,12 @@ def _module(layout: Layout, layouts: Layouts) -> Module:
     plain = [slot for slot in data if not _is_shown(slot)]
     encode = tuple(_encode_lines(made, structs))
     fields = tuple(Row(_stored_name(slot), _ctype(slot, layout.options, names)) for slot in layout.slots)
-    descriptors = tuple(
+    descriptors = [
         Row(python_member(slot.name), value=_descriptor(slot, layout.options, names, counts.get(slot.name)))
         for slot in shown
-    )
+    ]
+    annotations = [Row(python_member(slot.name), _annotation(slot.type, names)) for slot in plain]
+    used = _USED_IN_CLASS | set(names.values())
     uses_ctypes = any("ctypes." in row.type + row.value for row in (*fields, *descriptors))
     return Module(
         title=str(layout.name),
@@ -177,13 +181,23 @@ def _module(layout: Layout, layouts: Layouts) -> Module:
         constants=tuple(
             Row(python_member(c.name), type(c.value).__name__, _literal(c.value)) for c in message.constants
         ),
-        plain=tuple(Row(python_member(slot.name), _annotation(slot.type, names)) for slot in plain),
-        shown=descriptors,
+        plain=tuple(row for row in annotations if row.name not in used),
+        shown=tuple(row for row in descriptors if row.name not in used),
+        hiding=tuple(_hiding(annotations, descriptors, used)),
         encode=encode,
         decode=tuple(_decode_lines(made, structs)),
         defaults=tuple(_default_lines(layout, layouts)),
         requested=layout.requested,
     )
+
+
+def _hiding(annotations: list[Row], descriptors: list[Row], used: Set[str]) -> Iterator[str]:
+    """Fields named like something the class body uses: last, in one assignment, and `int` after what is one."""
+    hidden = [row for row in descriptors if row.name in used]
+    if hidden:
+        yield f"{', '.join(row.name for row in hidden)} = {', '.join(row.value for row in hidden)}"
+    annotated = [row for row in annotations if row.name in used]
+    yield from (f"{row.name}: {row.type}" for row in sorted(annotated, key=lambda row: row.name in ("float", "int")))
 
 
 def _imported_names(layout: Layout, layouts: Layouts) -> dict[TypeName, str]:

@@ -44,7 +44,7 @@ TYPECODES = {
     Scalar.FLOAT64: "d",
 }
 CLOCK_CODES = {"TIME": "I", "LTIME": "Q", "struct": "iI"}
-_MODULES = ("ctypes", "runtime", "struct", "typing", "values")
+MODULES = frozenset({"ctypes", "runtime", "struct", "typing", "values"})
 _CLOCK_UNITS = {"TIME": "milliseconds", "LTIME": "nanoseconds", "struct": "seconds_nanoseconds"}
 
 
@@ -84,7 +84,7 @@ class Codec:
     after: list[str] = field(default_factory=list)
     decoded: list[str] = field(default_factory=list)
     rows: list[tuple[str, str]] = field(default_factory=list)
-    names: set[str] = field(default_factory=lambda: {"message", "into", "at", "late", "data", *_MODULES})
+    names: set[str] = field(default_factory=lambda: {"message", "into", "at", "late", "data", "error", "len", *MODULES})
 
     def message(self, layout: Layout, base: int = 0, owner: str = "message", prefix: str = "") -> None:
         """Walks the slots of a message that begins at byte `base` and is held by the variable `owner`."""
@@ -128,7 +128,7 @@ class Codec:
                 encoded = f'{splat}{clock_in(type_, leaf.options)}({value}, "{path}")'
                 self._pack(leaf.offset, leaf.slot.size, codes, encoded, raws)
                 decoded = f"{clock_out(type_, leaf.options)}({', '.join(raws)})"
-                self.decoded.append(f"values.set_clock({value}, {decoded})")
+                self.decoded.append(f"{value} = values.set_clock({value}, {decoded})")
                 self.rows.append((path, ""))
             case _:
                 assert_never(type_)
@@ -214,7 +214,7 @@ class Codec:
     def _local(self, path: str) -> str:
         """A variable for a field's path. ROS names never end with an underscore, so ours may."""
         name = python_member(path.replace(".", "_"))
-        while name in self.names:
+        while name in self.names or name in self.class_names.values():
             name += "_"
         self.names.add(name)
         return name

@@ -89,12 +89,14 @@ def read(name: str, text: str) -> DataType | GlobalList | Unit:
 _ATTRIBUTE = re.compile(r"\{attribute '(\w+)'(?: := '([^']*)')?\}")
 _STRINGS = r"""'(?:[^'$]|\$.)*'|"(?:[^"$]|\$.)*\""""
 _COMMENT = r"(?: *//(?P<comment>.*))?"
-_VARIABLE = re.compile(rf" *(?P<name>\w+) *: *(?P<type>[^:;]+?)(?: *:= *(?P<value>(?:{_STRINGS}|[^;'\"])+))?;{_COMMENT}")
+_VALUE = rf"(?:{_STRINGS}|[^;'\"])+"
+_VARIABLE = re.compile(rf" *(?P<name>\w+) *: *(?P<type>[^:;]+?)(?: *:= *(?P<value>{_VALUE}))?;{_COMMENT}")
 _ENUM_NAME = re.compile(rf" *(?P<name>\w+) *(?P<type>)(?::= *(?P<value>\w+))?,?{_COMMENT}")
 _ENUM_END = re.compile(r"\) (?P<base>\w+)(?: := (?P<initial>\w+))?;")
 _UNIT = re.compile(
     r"(?P<keyword>FUNCTION_BLOCK|PROGRAM|METHOD)(?: (?P<access>PUBLIC|PRIVATE))? (?P<name>\w+)(?: : (?P<returns>.+))?"
 )
+_SECTION = re.compile(r"VAR(_INPUT|_OUTPUT)?( CONSTANT)?")
 
 
 def _head(lines: list[str]) -> tuple[Head, list[str]]:
@@ -145,7 +147,7 @@ def _units(lines: list[str]) -> Iterator[Unit]:
         keyword, access, name, returns = found.group("keyword", "access", "name", "returns")
         end = rest.index(f"END_{keyword}")
         sections, start = [], 1
-        while rest[start].startswith("VAR"):
+        while _SECTION.fullmatch(rest[start]):
             sections.append(_section(rest[start:]))
             start = rest.index("END_VAR", start) + 1
         declaration = "\n".join(lines[: len(lines) - len(rest) + start])

@@ -39,13 +39,13 @@ def plan(topics: Sequence[Topic], report: Report) -> Iterator[Output]:
 
 
 def _instances(topics: Sequence[Topic]) -> Iterator[Instance]:
-    """What comes to the PLC goes first, so that a program has it in the order it works: read, then write."""
-    ordered = sorted(topics, key=lambda topic: not topic.to_plc)
-    width = max(len(naming.st_topic(topic.name)) for topic in topics)
-    for topic in ordered:
-        name = naming.st_topic(topic.name)
-        block = naming.subscriber_block(topic.type) if topic.to_plc else naming.publisher_block(topic.type)
-        yield Instance(name, f"{name:<{width}} : {block};  // {topic.name}", f"'{topic.name}'", str(topic.depth))
+    """What comes to the PLC first."""
+    names = [naming.st_topic(topic.name) for topic in topics]
+    blocks = [naming.subscriber_block(it.type) if it.to_plc else naming.publisher_block(it.type) for it in topics]
+    width, column = max(map(len, names)), max(map(len, blocks)) + 1
+    for topic, name, block in sorted(zip(topics, names, blocks, strict=True), key=lambda found: not found[0].to_plc):
+        declaration = f"{name:<{width}} : {block + ';':<{column}}  // {topic.name}, {topic.type}"
+        yield Instance(name, declaration, f"'{topic.name}'", str(topic.depth))
 
 
 def _check_names(topics: Sequence[Topic], report: Report) -> None:

@@ -98,7 +98,7 @@ class PoseStamped(runtime.Message):
             pose_orientation.z,
             pose_orientation.w,
         ) = _STRUCT.unpack_from(data, at)
-        values.set_clock(header.stamp, values.time_from_milliseconds(header_stamp))
+        header.stamp = values.set_clock(header.stamp, values.time_from_milliseconds(header_stamp))
         header.frame_id = values.from_text(header_frame_id)
 
 

@@ -238,7 +238,7 @@ class BatteryState(runtime.Message):
             location,
             serial_number,
         ) = _STRUCT.unpack_from(data, at)
-        values.set_clock(header.stamp, values.time_from_milliseconds(header_stamp))
+        header.stamp = values.set_clock(header.stamp, values.time_from_milliseconds(header_stamp))
         header.frame_id = values.from_text(header_frame_id)
         cell_voltage_count = values.count(cell_voltage_count, 16, "cell_voltage")
         message.cell_voltage = values.from_numbers(data[at + 76 : at + 76 + 4 * cell_voltage_count], "f", message.cell_voltage)

@@ -144,7 +144,7 @@ class Imu(runtime.Message):
             linear_acceleration.y,
             linear_acceleration.z,
         ) = _STRUCT.unpack_from(data, at)
-        values.set_clock(header.stamp, values.time_from_milliseconds(header_stamp))
+        header.stamp = values.set_clock(header.stamp, values.time_from_milliseconds(header_stamp))
         header.frame_id = values.from_text(header_frame_id)
         message.orientation_covariance = values.from_numbers(data[at + 72 : at + 144], "d", message.orientation_covariance)
         message.angular_velocity_covariance = values.from_numbers(data[at + 168 : at + 240], "d", message.angular_velocity_covariance)

@@ -117,7 +117,7 @@ class JointState(runtime.Message):
             velocity_count,
             effort_count,
         ) = _STRUCT1.unpack_from(data, at + 692)
-        values.set_clock(header.stamp, values.time_from_milliseconds(header_stamp))
+        header.stamp = values.set_clock(header.stamp, values.time_from_milliseconds(header_stamp))
         header.frame_id = values.from_text(header_frame_id)
         name_count = values.count(name_count, 8, "name")
         message.name = values.from_texts(data[at + 44 : at + 44 + 81 * name_count], values.from_text, 81)

@@ -65,7 +65,7 @@ class Header(runtime.Message):
             stamp,
             frame_id,
         ) = _STRUCT.unpack_from(data, at)
-        values.set_clock(message.stamp, values.time_from_milliseconds(stamp))
+        message.stamp = values.set_clock(message.stamp, values.time_from_milliseconds(stamp))
         message.frame_id = values.from_text(frame_id)
 
 

@@ -291,7 +291,6 @@ class Everything(runtime.Message):
     wide = runtime.Text(84, 12, 5, values.wide_text, values.from_wide)
     text = runtime.Text(96, 25, 24, values.text, values.from_text)
     vector = runtime.Elements(128, ctypes.c_double, 3)
-    bytes = runtime.Elements(152, ctypes.c_uint8, 4)
     names = runtime.Texts(156, 4, 3, 2, values.text, values.from_text)
     corners = runtime.Elements(164, Point, 2)
     stamps = runtime.Clocks(196, "I", 2, values.milliseconds, values.time_from_milliseconds)
@@ -450,8 +449,11 @@ class Everything(runtime.Message):
         message.waits = values.from_clocks(data[at + 308 : at + 308 + 4 * waits_count], "I", values.duration_from_milliseconds, message.waits)
         where_weights_count = values.count(where_weights_count, 2, "where.weights")
         where.weights = values.from_numbers(data[at + 328 : at + 328 + 2 * where_weights_count], "H", where.weights)
-        values.set_clock(message.stamp, values.time_from_milliseconds(stamp))
-        values.set_clock(message.wait, values.duration_from_milliseconds(wait))
+        message.stamp = values.set_clock(message.stamp, values.time_from_milliseconds(stamp))
+        message.wait = values.set_clock(message.wait, values.duration_from_milliseconds(wait))
+
+    # Last, because these names hide what is used above.
+    bytes = runtime.Elements(152, ctypes.c_uint8, 4)
 
 
 class EverythingPublisher(runtime.Publisher[Everything]):

@@ -107,9 +107,9 @@ class stamped_Value(runtime.Message):
             message.raw,
             message.Level__x,
         ) = _STRUCT.unpack_from(data, at)
-        values.set_clock(header.stamp, values.time_from_nanoseconds(header_stamp))
+        header.stamp = values.set_clock(header.stamp, values.time_from_nanoseconds(header_stamp))
         header.frame_id = values.from_text(header_frame_id)
-        values.set_clock(message.readAt, values.time_from_nanoseconds(readAt))
+        message.readAt = values.set_clock(message.readAt, values.time_from_nanoseconds(readAt))
         message.Took = values.from_clocks(data[at + 48 : at + 64], "Q", values.duration_from_nanoseconds, message.Took)
 
 

@@ -75,5 +75,5 @@ class Header(runtime.Message):
             stamp,
             frame_id,
         ) = _STRUCT.unpack_from(data, at)
-        values.set_clock(message.stamp, values.time_from_nanoseconds(stamp))
+        message.stamp = values.set_clock(message.stamp, values.time_from_nanoseconds(stamp))
         message.frame_id = values.from_text(frame_id)

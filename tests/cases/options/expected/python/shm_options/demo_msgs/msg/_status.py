@@ -119,7 +119,7 @@ class Status(runtime.Message):
         message.name = values.from_latin1(name)
         parts_count = values.count(parts_count, 2, "parts")
         message.parts = values.from_texts(data[at + 20 : at + 20 + 4 * parts_count], values.from_latin1, 4)
-        values.set_clock(message.stamp, values.time_from_seconds_nanoseconds(stamp, stamp_))
+        message.stamp = values.set_clock(message.stamp, values.time_from_seconds_nanoseconds(stamp, stamp_))
         waits_count = values.count(waits_count, 2, "waits")
         message.waits = values.from_clocks(data[at + 40 : at + 40 + 8 * waits_count], "iI", values.duration_from_seconds_nanoseconds, message.waits)
 

@@ -1,0 +1,59 @@
+"""Turns Structured Text into a shared library, by way of C++ and g++, and loads it."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import subprocess
+import tempfile
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from tests.softplc.plc import Plc
+from tests.softplc.translate import Translation, translate
+
+_HERE = Path(__file__).parent
+_FLAGS = ("-O0", "-Wall", "-Werror", "-fPIC", f"-I{_HERE}")
+_CPP = ("g++", "-std=gnu++17", "-Wno-invalid-offsetof", "-Wno-address-of-packed-member")
+
+
+def compile_st(files: Mapping[str, str], folder: Path | None = None) -> Plc:
+    """The PLC that `files` describe, ready to run: {path: text}, one object or more in each.
+
+    The stem of a path names a variable list, as in the IDEs; everything else names itself. `folder` is where the
+    library stays for other processes (see task.py). Raises Unsupported for a construct that is not translated, and
+    CompileError for what does not compile, such as an undeclared name or a wrong type.
+    """
+    made = translate(files)
+    if folder is not None:
+        return Plc.load(_library(made, folder))
+    with tempfile.TemporaryDirectory(prefix="softplc") as temporary:
+        return Plc.load(_library(made, Path(temporary)))
+
+
+class CompileError(Exception):
+    """What g++ says against the translated text."""
+
+
+def _library(made: Translation, folder: Path) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "types.hpp").write_text(made.header)
+    jobs = [["gcc", "-std=gnu11", *_FLAGS, "-c", str(_HERE / "shim.c"), "-o", str(folder / "shim.o")]]
+    for number, unit in enumerate(made.units):
+        source = folder / f"unit{number}.cpp"
+        source.write_text(unit)
+        jobs.append([*_CPP, *_FLAGS, f"-I{folder}", "-c", str(source), "-o", str(source.with_suffix(".o"))])
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        list(pool.map(_run, jobs))
+    library = folder / "plc.so"
+    _run(["g++", "-shared", "-o", str(library), *(job[-1] for job in jobs), "-pthread", "-lrt"])
+    description = (made.types, made.enumerations, len(made.units))
+    library.with_suffix(".pickle").write_bytes(pickle.dumps(description))
+    return library
+
+
+def _run(command: list[str]) -> None:
+    done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode:
+        raise CompileError(done.stderr[:6000])

@@ -1,0 +1,244 @@
+"""Turns a compiled PLC into objects: blocks one can call, variables one can read and write by their names."""
+
+from __future__ import annotations
+
+import ctypes
+import pickle
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from tests.softplc.iec import Array, Elementary, Named, Pointer, Text, Type
+
+_ELEMENTARY = {
+    "BOOL": ctypes.c_uint8, "BYTE": ctypes.c_uint8, "WORD": ctypes.c_uint16, "DWORD": ctypes.c_uint32,
+    "LWORD": ctypes.c_uint64, "SINT": ctypes.c_int8, "INT": ctypes.c_int16, "DINT": ctypes.c_int32,
+    "LINT": ctypes.c_int64, "USINT": ctypes.c_uint8, "UINT": ctypes.c_uint16, "UDINT": ctypes.c_uint32,
+    "ULINT": ctypes.c_uint64, "REAL": ctypes.c_float, "LREAL": ctypes.c_double, "TIME": ctypes.c_uint32,
+    "LTIME": ctypes.c_uint64,
+}  # fmt: skip
+_CALL = ctypes.CFUNCTYPE(ctypes.c_char_p, ctypes.c_void_p, ctypes.c_void_p)
+_MAKE = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
+
+
+class Trap(Exception):
+    """What would have stopped a PLC: an index outside its bounds, a null pointer, a division by zero."""
+
+
+class _Member(ctypes.Structure):
+    _fields_ = (("owner", ctypes.c_char_p), ("name", ctypes.c_char_p), ("offset", ctypes.c_uint64),
+                ("size", ctypes.c_uint64))  # fmt: skip
+
+
+class _Kind(ctypes.Structure):
+    _fields_ = (("name", ctypes.c_char_p), ("size", ctypes.c_uint64), ("make", _MAKE), ("place", ctypes.c_void_p))
+
+
+class _Entry(ctypes.Structure):
+    _fields_ = (("block", ctypes.c_char_p), ("method", ctypes.c_char_p), ("call", _CALL))
+
+
+class Plc:
+    """A loaded library. Its clock, its semaphores' birth and its failures are set here; see shim.h."""
+
+    def __init__(self, library: ctypes.CDLL, description: tuple[Any, Any, int]) -> None:
+        self.library = library
+        self.types: Mapping[str, Mapping[str, Type]]
+        self.enumerations: Mapping[str, Elementary]
+        self.types, self.enumerations, units = description
+        self.offsets: dict[str, dict[str, tuple[int, int]]] = {}
+        self.sizes: dict[str, int] = {}
+        self._kinds: dict[str, _Kind] = {}
+        self._calls: dict[tuple[str, str], Any] = {}
+        for unit in range(units):
+            for member in self._table(_Member, f"members_{unit}"):
+                self.offsets.setdefault(member.owner.decode(), {})[member.name.decode()] = member.offset, member.size
+            for kind in self._table(_Kind, f"kinds_{unit}"):
+                self._kinds[kind.name.decode()] = kind
+                self.sizes[kind.name.decode()] = kind.size
+            for entry in self._table(_Entry, f"entries_{unit}"):
+                self._calls[entry.block.decode(), entry.method.decode()] = entry.call
+
+    @classmethod
+    def load(cls, path: Path) -> Plc:
+        """What build.compile_st left in its folder."""
+        return cls(ctypes.CDLL(str(path)), pickle.loads(path.with_suffix(".pickle").read_bytes()))
+
+    def block(self, name: str) -> Block:
+        """A new instance of a FUNCTION_BLOCK, or a PROGRAM, with its initial values."""
+        return Block(self, name.upper())
+
+    def globals(self, name: str) -> View:
+        """A variable list."""
+        return View(self, name.upper(), self._kinds[name.upper()].place)
+
+    def make(self, name: str) -> Any:
+        """Memory with the initial values of a structure, a block or a method's parameters."""
+        kind = self._kinds[name]
+        memory = (ctypes.c_uint64 * (kind.size // 8 + 1))()
+        kind.make(ctypes.addressof(memory))
+        return memory
+
+    def call(self, block: str, method: str, self_: int, parameters: int) -> None:
+        """Raises Trap."""
+        reason = self._calls[block, method](self_, parameters)
+        if reason:
+            raise Trap(f"{block}.{method}: {reason.decode()}".replace(".:", ":"))
+
+    def born(self, value: int) -> None:
+        """Semaphores made from now on begin at 0 or at 1."""
+        self.library.shim_sem_born(value)
+
+    def round_sizes(self, rounded: bool) -> None:
+        """Whether sizes of shared memory are compared exactly, or rounded up to pages first."""
+        self.library.shim_shm_round(int(rounded))
+
+    def fail(self, function: str, result: int) -> None:
+        """Lets the next calls of a system function give `result`; 0 ends that."""
+        self.library.shim_fail(function.encode(), ctypes.c_uint32(result))
+
+    def set_clock(self, ms: int) -> None:
+        """Stops the clock of TIME() there."""
+        self.library.shim_set_now(ctypes.c_uint32(ms))
+
+    @property
+    def waits(self) -> int:
+        """How often a semaphore was entered with a time limit other than 0."""
+        return int(self.library.shim_waits())
+
+    def _table(self, row: Any, name: str) -> list[Any]:
+        rows = []
+        address = ctypes.addressof(ctypes.c_char.in_dll(self.library, name))
+        while (found := row.from_address(address)) and getattr(found, row._fields_[0][0]):
+            rows.append(found)
+            address += ctypes.sizeof(row)
+        return rows
+
+
+class View:
+    """The variables of a structure, a block or a list, as attributes; case does not matter.
+
+    BOOL is bool, a number int or float, TIME int in ms, STRING str, an enumeration the name of its value, a pointer
+    the address, an array a list-like, a structure a View.
+    """
+
+    def __init__(self, plc: Plc, name: str, address: int) -> None:
+        self.__dict__.update(_plc=plc, _name=name, _address=address)
+
+    def __getattr__(self, name: str) -> Any:
+        type_, address = self._find(name)
+        return _get(self._plc, type_, address)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        type_, address = self._find(name)
+        _set(self._plc, type_, address, value)
+
+    def bytes(self) -> bytes:
+        """All of it as it lies in memory."""
+        return ctypes.string_at(self._address, self._plc.sizes[self._name])
+
+    def _find(self, name: str) -> tuple[Type, int]:
+        types = self._plc.types[self._name]
+        if name.upper() not in types:
+            raise AttributeError(f"{self._name} has no {name}; it has {', '.join(types)}")
+        return types[name.upper()], self._address + self._plc.offsets[self._name][name.upper()][0]
+
+
+class Block(View):
+    """An instance of a FUNCTION_BLOCK or a PROGRAM: call it for one cycle."""
+
+    def __init__(self, plc: Plc, name: str) -> None:
+        memory = plc.make(name)
+        super().__init__(plc, name, ctypes.addressof(memory))
+        self.__dict__["_memory"] = memory
+
+    def __call__(self, **inputs: Any) -> Block:
+        for name, value in inputs.items():
+            setattr(self, name, value)
+        self._plc.call(self._name, "", self._address, 0)
+        return self
+
+    def method(self, name: str, **inputs: Any) -> Any:
+        """What the method returns; None if it returns nothing."""
+        memory = self._plc.make(f"{self._name}.{name.upper()}")
+        parameters = View(self._plc, f"{self._name}.{name.upper()}", ctypes.addressof(memory))
+        for given, value in inputs.items():
+            setattr(parameters, given, value)
+        self._plc.call(self._name, name.upper(), self._address, ctypes.addressof(memory))
+        return getattr(parameters, name) if name.upper() in self._plc.types[parameters._name] else None
+
+
+class Elements:
+    """An array, by its own indices."""
+
+    def __init__(self, plc: Plc, type_: Array, address: int) -> None:
+        self._plc, self._type, self._address = plc, type_, address
+
+    def __len__(self) -> int:
+        return self._type.last - self._type.first + 1
+
+    def __getitem__(self, index: int) -> Any:
+        return _get(self._plc, self._type.of, self._at(index))
+
+    def __setitem__(self, index: int, value: Any) -> None:
+        _set(self._plc, self._type.of, self._at(index), value)
+
+    def __iter__(self) -> Any:
+        return (self[index] for index in range(self._type.first, self._type.last + 1))
+
+    def _at(self, index: int) -> int:
+        if not self._type.first <= index <= self._type.last:
+            raise IndexError(index)
+        return self._address + (index - self._type.first) * size_of(self._plc, self._type.of)
+
+
+def size_of(plc: Plc, type_: Type) -> int:
+    """Bytes; those of a structure as compiled."""
+    match type_:
+        case Elementary(name):
+            return ctypes.sizeof(_ELEMENTARY[name])
+        case Text(length, wide):
+            return (length + 1) * (2 if wide else 1)
+        case Pointer():
+            return 8
+        case Array(first, last, of):
+            return (last - first + 1) * size_of(plc, of)
+        case Named(name) if name in plc.enumerations:
+            return size_of(plc, plc.enumerations[name])
+        case Named(name):
+            return plc.sizes[name]
+
+
+def _get(plc: Plc, type_: Type, address: int) -> Any:
+    match type_:
+        case Elementary(name):
+            value = _ELEMENTARY[name].from_address(address).value
+            return bool(value) if name == "BOOL" else value
+        case Text(length, wide):
+            data = ctypes.string_at(address, size_of(plc, type_))
+            if wide:
+                return data.decode("utf-16-le", "replace").partition("\0")[0]
+            return data.partition(b"\0")[0].decode()
+        case Pointer():
+            return ctypes.c_uint64.from_address(address).value
+        case Array():
+            return Elements(plc, type_, address)
+        case Named(name) if name in plc.enumerations:
+            number = _get(plc, plc.enumerations[name], address)
+            return next((value for value, (found, _) in plc.offsets[name].items() if found == number), number)
+        case Named(name):
+            return View(plc, name, address)
+
+
+def _set(plc: Plc, type_: Type, address: int, value: Any) -> None:
+    match type_:
+        case Elementary(name):
+            _ELEMENTARY[name].from_address(address).value = value
+        case Text(length, wide):
+            data = value.encode("utf-16-le") if wide else value.encode()
+            assert len(data) <= length * (2 if wide else 1), f"{value!r} is longer than {type_}"
+            ctypes.memmove(address, data + b"\0\0"[: 2 if wide else 1], len(data) + (2 if wide else 1))
+        case Named(name) if name in plc.enumerations:
+            _set(plc, plc.enumerations[name], address, plc.offsets[name][value][0])
+        case _:
+            raise TypeError(f"set the parts of {type_} one by one")

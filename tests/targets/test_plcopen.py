@@ -1,0 +1,378 @@
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from shmgen import config, pipeline
+from shmgen.diagnostics import Report
+
+from ..conftest import SHARED
+from .test_st import members, parse
+
+etree = pytest.importorskip("lxml.etree")
+pytest.importorskip("blark")
+
+PLC = "{http://www.plcopen.org/xml/tc6_0201}"
+XHTML = "{http://www.w3.org/1999/xhtml}xhtml"
+CODESYS = "http://www.3s-software.com/plcopenxml/"
+
+HOSTILE = "]]> </xhtml></pou> &amp; &#0; <!-- \"quoted\" 'single' {attribute 'x'} <?pi?> \u0394\U0001f916"
+MESSAGES = {
+    "Point": "float64 x  # [m]\nfloat64 y\n",
+    "Everything": f"# {HOSTILE}\nuint8 LEAST=0\nstring SIGN='a < b && c > \"d\" // ;'\nint64 LOW=-9223372036854775808\n"
+    f"\nbool flag true  # {HOSTILE}\nint8 a\nuint16 b\nint64 c\nuint64 d\nfloat32 e 1.5\nfloat64[3] f\n"
+    "string<=12 text '<&;//:= \\'\"'\nwstring<=5 wide \"]]>;\"\nstring<=7[<=2] names\nPoint[2] corners\n"
+    "builtin_interfaces/Time stamp\n",
+    "Empty": "",
+}
+TOML = """\
+path = ["msgs"]
+messages = ["demo_msgs"]
+task_interval = 25
+[[topics]]
+topic = "/robot/everything"
+type = "demo_msgs/Everything"
+depth = 3
+[[topics]]
+topic = "/robot/point"
+type = "demo_msgs/Point"
+direction = "from_plc"
+"""
+
+
+def generate(folder: Path, options: str = "") -> dict[str, str]:
+    (folder / "msgs" / "demo_msgs" / "msg").mkdir(parents=True, exist_ok=True)
+    for name, text in MESSAGES.items():
+        (folder / "msgs" / "demo_msgs" / "msg" / f"{name}.msg").write_text(text, encoding="utf-8")
+    (folder / "shmgen.toml").write_text(TOML + options)
+    loaded = config.load(folder / "shmgen.toml", "shmgen.toml", Report())
+    return pipeline.generate(loaded, loaded.messages)
+
+
+@pytest.fixture(scope="module")
+def texts(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    return generate(tmp_path_factory.mktemp("plcopen"))
+
+
+@pytest.fixture(scope="module")
+def project(texts: dict[str, str]) -> Any:
+    return etree.fromstring(texts["plcopen/shmgen.xml"].encode())
+
+
+@pytest.fixture(scope="module")
+def files(texts: dict[str, str]) -> dict[str, str]:
+    """The Structured Text by the name of its object."""
+    return {Path(path).stem: text for path, text in texts.items() if path.startswith("st/")}
+
+
+@pytest.fixture(scope="module")
+def objects(project: Any) -> dict[str, Any]:
+    """Everything that an import brings, by name."""
+    return {item.get("name"): item for tag in ("dataType", "globalVars", "pou") for item in project.iter(PLC + tag)}
+
+
+def data(item: Any, name: str) -> list[Any]:
+    """What CODESYS keeps in addData under `name`, of `item` itself and not of what is in it."""
+    return item.findall(f"{PLC}addData/{PLC}data[@name='{CODESYS}{name}']/*")
+
+
+def plain(item: Any) -> str:
+    return str(item.findtext(f"{PLC}InterfaceAsPlainText/{XHTML}") or data(item, "interfaceasplaintext")[0][0].text)
+
+
+def body(item: Any) -> str:
+    return item.findtext(f"{PLC}body/{PLC}ST/{XHTML}") or ""
+
+
+# --- the format ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("options", ["", '[types]\nbool = "BOOL"\ntime = "LTIME"\n', '[types]\ntime = "struct"\n'])
+def test_it_is_valid(tmp_path: Path, options: str) -> None:
+    file = SHARED / "schemas" / "tc6_xml_v201.xsd"
+    if not file.is_file():
+        pytest.skip(f"no schema of PLCopen at {file}")
+    schema = etree.XMLSchema(etree.parse(file))
+    schema.assertValid(etree.fromstring(generate(tmp_path, options)["plcopen/shmgen.xml"].encode()))
+
+
+def test_plcopen_of_pypi_reads_it(texts: dict[str, str], files: dict[str, str]) -> None:
+    plcopen = pytest.importorskip("plcopen")
+    parsers = pytest.importorskip("xsdata.formats.dataclass.parsers")
+    read = parsers.XmlParser().from_bytes(texts["plcopen/shmgen.xml"].encode(), plcopen.Project)
+    names = [item.name for item in (*read.types.data_types.data_type, *read.types.pous.pou)]
+    assert sorted(names) == sorted(name for name in files if not name.startswith("GVL"))
+    blocks = {pou.name: pou for pou in read.types.pous.pou}
+    inputs = blocks["FB_demo_msgs_Point_Publisher"].interface.input_vars[0].variable
+    assert [variable.name for variable in inputs] == ["xEnable", "sTopic", "xSend", "Msg", "udiDepth"]
+    (task,) = read.instances.configurations.configuration[0].resource[0].task
+    assert (task.name, task.interval, task.pou_instance[0].name) == ("RosTask", "PT0.025S", "PRG_Ros")
+
+
+def test_nothing_in_it_changes_by_itself(texts: dict[str, str], tmp_path: Path) -> None:
+    xml = texts["plcopen/shmgen.xml"]
+    assert generate(tmp_path)["plcopen/shmgen.xml"] == xml
+    assert "ObjectId" not in xml
+    assert set(re.findall(r"\d{4}-\d\d-\d\d", xml)) == {"2000-01-01"}
+    assert xml.isascii()
+
+
+# --- what it holds ------------------------------------------------------------------------------------
+
+
+def test_every_object_is_in_it_once(project: Any, files: dict[str, str]) -> None:
+    found = [item.get("name") for tag in ("dataType", "globalVars", "pou") for item in project.iter(PLC + tag)]
+    assert sorted(found) == sorted(files)
+
+
+def test_plain_text_is_the_text_of_the_files(objects: dict[str, Any], files: dict[str, str]) -> None:
+    """Line for line, but for blank ones and for the END_ that an IDE does not store."""
+    for name, text in files.items():
+        item = objects[name]
+        if item.tag != PLC + "pou":
+            assert plain(item) + "\n" == text
+            continue
+        keyword = "PROGRAM" if item.get("pouType") == "program" else "FUNCTION_BLOCK"
+        lines = [*plain(item).split("\n"), *body(item).split("\n"), f"END_{keyword}"]
+        for method in data(item, "method"):
+            lines += [*plain(method).split("\n"), *body(method).split("\n"), "END_METHOD"]
+        assert [line for line in lines if line] == [line for line in text.split("\n") if line], name
+
+
+def test_a_declaration_ends_where_the_code_begins(objects: dict[str, Any]) -> None:
+    block = objects["FB_demo_msgs_Point_Subscriber"]
+    assert plain(block).startswith("// Reads demo_msgs/msg/Point from one topic.")
+    assert plain(block).endswith("END_VAR")
+    assert body(block).startswith("xNewData := FALSE;")
+    methods = {method.get("name"): method for method in data(block, "method")}
+    assert list(methods) == ["Init", "Read"]
+    assert plain(methods["Read"]).split("\n")[-4:] == [
+        "METHOD PUBLIC Read : BOOL",
+        "VAR",
+        "    pMsg : POINTER TO ST_demo_msgs_Point;",
+        "END_VAR",
+    ]
+    assert body(methods["Read"]).startswith("pMsg := _fbRegion.BeginRead")
+    assert body(objects["FB_ShmRegion"]) == ""
+    unlock = next(method for method in data(objects["FB_ShmRegion"], "method") if method.get("name") == "Unlock")
+    assert plain(unlock).split("\n")[-1] == "METHOD PRIVATE Unlock"
+
+
+def spelled(item: Any) -> str:
+    """A type as Structured Text spells it."""
+    tag = item.tag.removeprefix(PLC)
+    match tag:
+        case "array":
+            (dimension,) = item.findall(f"{PLC}dimension")
+            inner = spelled(item.find(f"{PLC}baseType")[0])
+            return f"ARRAY [{dimension.get('lower')}..{dimension.get('upper')}] OF {inner}"
+        case "pointer":
+            return f"POINTER TO {spelled(item.find(f'{PLC}baseType')[0])}"
+        case "string" | "wstring":
+            return f"{tag.upper()}({item.get('length')})"
+        case "derived":
+            return str(item.get("name"))
+        case _:
+            return str(tag)
+
+
+def declared(section: Any) -> list[tuple[str, str]]:
+    """Names and spelled types with their initial values."""
+    pairs = []
+    for variable in section.findall(f"{PLC}variable"):
+        value = variable.find(f"{PLC}initialValue/{PLC}simpleValue")
+        initial = "" if value is None else f" := {value.get('value')}"
+        pairs.append((variable.get("name"), spelled(variable.find(f"{PLC}type")[0]) + initial))
+    return pairs
+
+
+SECTIONS = {
+    "InputDeclarations": "inputVars",
+    "OutputDeclarations": "outputVars",
+    "VariableDeclarations": "localVars",
+    "IncompleteLocatedVariableDeclarations": "localVars",  # blark's word for an empty VAR
+}
+
+
+def test_the_structured_declarations_are_what_blark_reads(objects: dict[str, Any], files: dict[str, str]) -> None:
+    for name, text in files.items():
+        item = objects[name]
+        if item.tag == PLC + "globalVars":
+            assert declared(item) == members(text)
+        elif item.tag == PLC + "pou":
+            unit, *methods = parse(text)
+            for read, stored in zip([unit, *methods], [item, *data(item, "method")], strict=True):
+                sections = stored.find(f"{PLC}interface").findall("*")
+                sections = [section for section in sections if section.tag.endswith("Vars")]
+                assert [section.tag for section in sections] == [
+                    PLC + SECTIONS[type(section).__name__] for section in read.declarations
+                ]
+                for section, lists in zip(read.declarations, sections, strict=True):
+                    expected = [
+                        # blark writes T#1s its own way
+                        (str(getattr(name, "variable", name)), str(item.init).replace("TIME#1S", "T#1s"))
+                        for item in section.items
+                        for name in item.variables
+                    ]
+                    assert declared(lists) == expected, f"{name}.{stored.get('name')}"
+                    assert lists.get("constant") == str(bool(section.attrs)).lower()
+                returns = stored.find(f"{PLC}interface/{PLC}returnType")
+                assert (None if returns is None else spelled(returns[0])) == (
+                    str(read.return_type) if getattr(read, "return_type", None) else None
+                )
+        elif (struct := item.find(f"{PLC}baseType/{PLC}struct")) is not None:
+            assert declared(struct) == members(text)
+
+
+def test_enumerations_keep_their_base_and_their_numbers(objects: dict[str, Any], files: dict[str, str]) -> None:
+    for name in ("E_ShmError", "E_ShmState"):
+        enum = objects[name].find(f"{PLC}baseType/{PLC}enum")
+        found = [(value.get("name"), value.get("value")) for value in enum.iter(PLC + "value")]
+        assert found == re.findall(r"^    (\w+) +:= (\d+)", files[name], re.MULTILINE)
+        assert spelled(enum.find(f"{PLC}baseType")[0]) == "UDINT"
+        first = objects[name].find(f"{PLC}initialValue/{PLC}simpleValue").get("value")
+        assert first == found[0][0]
+
+
+def test_attributes(objects: dict[str, Any], files: dict[str, str]) -> None:
+    for name, item in objects.items():
+        (attributes,) = data(item, "attributes")
+        found = [(attribute.get("Name"), attribute.get("Value")) for attribute in attributes]
+        given = re.findall(r"^\{attribute '(\w+)'(?: := '(\w*)')?\}$", files[name], re.MULTILINE)
+        assert found == given, name
+    assert [tuple(a.attrib.values()) for a in data(objects["ST_ShmHeader"], "attributes")[0]] == [("pack_mode", "8")]
+
+
+def test_what_is_private_stays_so(objects: dict[str, Any], files: dict[str, str]) -> None:
+    methods = data(objects["FB_ShmRegion"], "method")
+    private = [method.get("name") for method in methods if data(method.find(f"{PLC}interface"), "accessmodifiers")]
+    assert private == re.findall(r"^METHOD PRIVATE (\w+)", files["FB_ShmRegion"], re.MULTILINE)
+
+
+def test_libraries_are_those_that_the_block_names(project: Any, files: dict[str, str]) -> None:
+    (libraries,) = data(project, "libraries")
+    titles = [library.get("Name").partition(",")[0] for library in libraries]
+    assert f"// Libraries: {', '.join(titles)}." in files["FB_ShmRegion"]
+
+
+def test_hostile_comments_stay_where_they_are(objects: dict[str, Any], project: Any) -> None:
+    everything = objects["ST_demo_msgs_Everything"]
+    spelled_in_ascii = HOSTILE.replace("\u0394", "<U+0394>").replace("\U0001f916", "<U+1F916>")
+    (documented,) = everything.findall(f"{PLC}documentation/{XHTML}")
+    assert documented.text.split("\n")[-1] == spelled_in_ascii
+    assert not len(documented)
+    flag = everything.find(f".//{PLC}variable[@name='flag']/{PLC}documentation/{XHTML}")
+    assert (flag.text, len(flag)) == (spelled_in_ascii, 0)
+    assert not list(project.iter(etree.Comment, etree.ProcessingInstruction))
+    text = everything.find(f".//{PLC}variable[@name='text']/{PLC}initialValue/{PLC}simpleValue")
+    assert text.get("value") == "'<&;//:= $'\"'"
+    sign = objects["GVL_demo_msgs_Everything"].find(f".//{PLC}variable[@name='SIGN']//{PLC}simpleValue")
+    assert sign.get("value") == "'a < b && c > \"d\" // ;'"
+
+
+# --- the script ---------------------------------------------------------------------------------------
+
+
+def test_the_script_is_python_2_7(texts: dict[str, str]) -> None:
+    parso = pytest.importorskip("parso")
+    if parso.__version__ >= "0.8":
+        pytest.skip(f"parso {parso.__version__} has no grammar of Python 2.7; 0.7.1 is the last")
+    grammar = parso.load_grammar(version="2.7")
+    code = texts["plcopen/import_shmgen.py"]
+    assert [issue.message for issue in grammar.iter_errors(grammar.parse(code))] == []
+    assert code.isascii()
+    newer = grammar.parse('say(f"{text}")\n')
+    assert list(grammar.iter_errors(newer)), "the check can fail"
+
+
+class Ide:
+    """What the script needs of the IDE, to the letter of its documentation and no further: a stand-in, not CODESYS."""
+
+    def __init__(self, present: list[str], missing_libraries: bool = False, task: bool = False) -> None:
+        self.objects, self.calls, self.messages = present, [], []
+        self.libraries = ["#Standard, 3.5.18.0 (System)", "SysShm, 3.5.8.0 (System)"]
+        self.missing_libraries = missing_libraries
+        self.task = task
+
+    def run(self, script: Path) -> None:
+        scope = {
+            "__file__": str(script),
+            "ImportReporter": object,
+            "ConflictResolve": SimpleNamespace(Replace="Replace", Skip="Skip", Copy="Copy"),
+            "Severity": SimpleNamespace(Error="Error", Warning="Warning", Information="Information"),
+            "system": SimpleNamespace(write_message=lambda severity, text: self.messages.append((severity, text))),
+            "projects": SimpleNamespace(primary=SimpleNamespace(active_application=self)),
+        }
+        exec(compile(script.read_text(), str(script), "exec"), scope)
+
+    def import_xml(self, reporter: Any, path: str, import_folder_structure: bool) -> None:
+        root = etree.parse(path).getroot()
+        names = [item.get("name") for tag in ("dataType", "globalVars", "pou") for item in root.iter(PLC + tag)]
+        for name in [*names, "Device"]:
+            found = SimpleNamespace(get_name=lambda name=name: name)
+            if reporter.aborting or (name in self.objects and reporter.resolve_conflict(found) == "Skip"):
+                reporter.skipped(name)
+            elif name in self.objects:
+                self.calls.append(f"replace {name}")
+                reporter.replaced(found)
+            else:
+                self.objects.append(name)
+                reporter.added(found)
+
+    def get_library_manager(self) -> Any:
+        return SimpleNamespace(get_libraries=lambda recursive: self.libraries, add_library=self.add_library)
+
+    def add_library(self, name: str) -> None:
+        if self.missing_libraries:
+            raise RuntimeError("not installed")
+        self.libraries.append(name)
+
+    def get_children(self, recursive: bool) -> list[Any]:
+        settings = SimpleNamespace(is_task=False, is_task_configuration=True, create_task=self.create_task)
+        ours = SimpleNamespace(is_task=True, is_task_configuration=False, get_name=lambda: "RosTask")
+        return [settings, ours] if self.task else [settings]
+
+    def create_task(self, name: str) -> Any:
+        self.calls.append(f"task {name}")
+        return SimpleNamespace(pous=SimpleNamespace(add=lambda program: self.calls.append(f"call {program}")))
+
+
+@pytest.fixture
+def script(texts: dict[str, str], tmp_path: Path) -> Path:
+    for name in ("shmgen.xml", "import_shmgen.py"):
+        (tmp_path / name).write_text(texts[f"plcopen/{name}"])
+    return tmp_path / "import_shmgen.py"
+
+
+def test_the_script_imports_replaces_and_leaves_the_rest_alone(script: Path, files: dict[str, str]) -> None:
+    ide = Ide(present=["Device", "ST_demo_msgs_Point"])
+    ide.run(script)
+    assert ide.calls == ["replace ST_demo_msgs_Point", "task RosTask", "call PRG_Ros"]
+    assert ide.libraries[2:] == ["SysSemProcess, * (System)", "SysTypes Interfaces, * (System)"]
+    assert ide.messages[-1] == (
+        "Information",
+        f"shmgen: {len(files) - 1} objects added, 1 replaced, 1 skipped, 0 errors",
+    )
+    again = Ide(ide.objects, task=True)
+    again.run(script)
+    assert sorted(again.calls) == sorted(f"replace {name}" for name in files)
+
+
+def test_the_script_says_what_is_left_to_do(script: Path) -> None:
+    ide = Ide(present=[], missing_libraries=True)
+    ide.run(script)
+    assert ("Warning", "shmgen: add SysSemProcess, * (System) in the Library Manager by hand: not installed") in (
+        ide.messages
+    )
+
+
+def test_without_topics_the_script_knows_no_task(tmp_path: Path) -> None:
+    (tmp_path / "shmgen.toml").write_text("")
+    loaded = config.load(tmp_path / "shmgen.toml", "shmgen.toml", Report())
+    code = pipeline.generate(loaded, ["std_msgs/Bool"])["plcopen/import_shmgen.py"]
+    assert "task" not in code.lower()
+    compile(code, "import_shmgen.py", "exec")

@@ -1,0 +1,156 @@
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from shmgen import config, pipeline
+from shmgen.diagnostics import Diagnostic, Rejected, Report
+
+from ..conftest import REPOSITORY
+
+blark = pytest.importorskip("blark")
+
+POSE_AND_STATE = """\
+task_interval = 4
+
+[[topics]]
+topic = "/conveyor/state"
+type = "std_msgs/Float64"
+direction = "from_plc"
+depth = 4
+
+[[topics]]
+topic = "/robot/pose"
+type = "geometry_msgs/msg/Pose"
+"""
+
+
+def generate(folder: Path, text: str, *messages: str) -> dict[str, str]:
+    (folder / "shmgen.toml").write_text(text)
+    return pipeline.generate(config.load(folder / "shmgen.toml", "shmgen.toml", Report()), messages)
+
+
+def refusal(folder: Path, text: str) -> list[Diagnostic]:
+    with pytest.raises(Rejected) as rejected:
+        generate(folder, text)
+    return list(rejected.value.diagnostics)
+
+
+def topic(name: str, type_: str = "std_msgs/Bool", more: str = "") -> str:
+    return f'[[topics]]\ntopic = "{name}"\ntype = "{type_}"\n{more}\n'
+
+
+def parse(text: str) -> Any:
+    (found,) = blark.parse_source_code(text).transform().items
+    return found
+
+
+@pytest.fixture(scope="module")
+def texts(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    return generate(tmp_path_factory.mktemp("topics"), POSE_AND_STATE)
+
+
+def test_as_a_user_reads_it(texts: dict[str, str]) -> None:
+    assert texts["st/GVL_Ros.st"] == (
+        "// A block for each topic of shmgen.toml. PRG_Ros calls them; programs of your own read and write their Msg.\n"
+        "// Made by shmgen; changes made here are lost.\n"
+        "{attribute 'qualified_only'}\n"
+        "VAR_GLOBAL\n"
+        "    robot_pose     : FB_geometry_msgs_Pose_Subscriber;  // /robot/pose, geometry_msgs/msg/Pose\n"
+        "    conveyor_state : FB_std_msgs_Float64_Publisher;     // /conveyor/state, std_msgs/msg/Float64\n"
+        "END_VAR\n"
+    )
+    assert texts["st/PRG_Ros.st"].partition("PROGRAM ")[2] == (
+        "PRG_Ros\n"
+        "VAR\n"
+        "END_VAR\n"
+        "\n"
+        "GVL_Ros.robot_pose(\n"
+        "    xEnable := TRUE,\n"
+        "    sTopic := '/robot/pose',\n"
+        "    udiDepth := 1);\n"
+        "GVL_Ros.conveyor_state(\n"
+        "    xEnable := TRUE,\n"
+        "    sTopic := '/conveyor/state',\n"
+        "    udiDepth := 4);\n"
+        "\n"
+        "END_PROGRAM\n"
+    )
+
+
+def test_blark_reads_it_and_every_block_is_there_and_called_once(texts: dict[str, str]) -> None:
+    items = parse(texts["st/GVL_Ros.st"]).items
+    declared = {str(name): str(item.init) for item in items for name in item.spec.variables}
+    program = parse(texts["st/PRG_Ros.st"])
+    assert str(program.name) == "PRG_Ros"
+    called = [str(statement) for statement in program.body.statements]
+    assert [call.partition("(")[0] for call in called] == [f"GVL_Ros.{name}" for name in declared]
+    for block in declared.values():
+        assert any(path.endswith(f"/{block}.st") for path in texts), block
+
+
+def test_the_task_calls_the_program(texts: dict[str, str]) -> None:
+    xml = texts["plcopen/shmgen.xml"]
+    assert re.findall(r"<task [^>]*>", xml) == ['<task name="RosTask" interval="PT0.004S" priority="10">']
+    assert re.findall(r'<pouInstance name="(\w+)"', xml) == ["PRG_Ros"]
+    assert 'INTERVAL = "t#4ms"' in texts["plcopen/import_shmgen.py"]
+
+
+def test_without_topics_there_is_none_of_it(tmp_path: Path) -> None:
+    texts = generate(tmp_path, "", "std_msgs/Bool")
+    assert not any("Ros" in text for path, text in texts.items() if path.startswith(("st/", "plcopen/")))
+
+
+def test_plcopen_alone_holds_the_code_without_its_files(tmp_path: Path, texts: dict[str, str]) -> None:
+    alone = generate(tmp_path, 'targets = ["plcopen"]\n' + POSE_AND_STATE)
+    assert sorted(alone) == ["layout.lock", "plcopen/import_shmgen.py", "plcopen/shmgen.xml"]
+    assert alone["plcopen/shmgen.xml"] == texts["plcopen/shmgen.xml"]
+
+
+def test_types_of_topics_come_along(tmp_path: Path) -> None:
+    texts = generate(tmp_path, topic("/a"), "std_msgs/Int8")
+    assert {"st/std_msgs/FB_std_msgs_Bool_Subscriber.st", "st/std_msgs/FB_std_msgs_Int8_Subscriber.st"} <= set(texts)
+
+
+@pytest.mark.parametrize(
+    ("name", "identifier"),
+    [("/robot/pose", "robot_pose"), ("step", "step_"), ("/a__b/c_", "a_b_c_"), ("/_x", "_x"), ("/TYPE", "TYPE_")],
+)
+def test_identifiers(tmp_path: Path, name: str, identifier: str) -> None:
+    texts = generate(tmp_path, topic(name))
+    assert f"    {identifier} : FB_std_msgs_Bool_Subscriber;" in texts["st/GVL_Ros.st"]
+    assert f"sTopic := '{name}'" in texts["st/PRG_Ros.st"]
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "line", "words"),
+    [
+        (topic("/robot/pose") + topic("/robot_pose"), "SHM203", 6, "both `robot_pose`"),
+        (topic("/step") + topic("/Step_"), "SHM203", 6, "ignores case"),
+        (topic("/a/"), "SHM502", 2, "single slashes"),
+        (topic("/a b"), "SHM502", 2, "letters"),
+        (topic("/\u00e4"), "SHM502", 2, "letters"),
+        (topic("/a/1b"), "SHM502", 2, "no digit first"),
+        (topic("/sem/a"), "SHM502", 2, "semaphores"),
+        (topic("/" + 75 * "a"), "SHM502", 2, "75 characters"),
+        (topic("/a", "std_msgs"), "SHM502", 3, "names no message"),
+        (topic("/a", "std_srvs/SetBool"), "SHM502", 3, "is several messages"),
+        (topic("/a", more="depth = 65536"), "SHM502", 4, "from 1 to 65535"),
+        ("task_interval = 0\n" + topic("/a"), "SHM502", 1, "task_interval is a whole number"),
+    ],
+)
+def test_refusals(tmp_path: Path, text: str, code: str, line: int, words: str) -> None:
+    (tmp_path / "std_srvs" / "srv").mkdir(parents=True)
+    (tmp_path / "std_srvs" / "srv" / "SetBool.srv").write_text("bool data\n---\nbool success\n")
+    (found,) = refusal(tmp_path, text.replace("[[topics]]", 'path = ["."]\n[[topics]]', 1) if "srv" in text else text)
+    assert (found.code, found.span.line - ("srv" in text)) == (code, line), str(found)
+    assert words in found.message
+
+
+def test_the_limits_are_those_of_the_block() -> None:
+    block = (REPOSITORY / "templates" / "st" / "FB_ShmRegion.st.j2").read_text()
+    limits = dict(re.findall(r"^    (MAX_\w+) +: \w+ := (\d+);", block, re.MULTILINE))
+    assert limits == {"MAX_DEPTH": str(config.MAX_DEPTH), "MAX_NAME": str(config.LONGEST_TOPIC)}
