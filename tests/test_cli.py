@@ -179,7 +179,7 @@ def test_a_failed_run_leaves_everything(folder: Path) -> None:
 
 
 def spoilt(folder: Path) -> Path:
-    (folder / "generated/layout.lock").write_text("version = 2\n")
+    (folder / "generated/layout.lock").write_text(lock(folder).replace("version = 1", "version = 2"))
     return folder
 
 

@@ -2,7 +2,7 @@
 """Imports shmgen.xml, which lies beside this script, into the active application of the project open in CODESYS.
 
 Tools > Scripting > Execute Script File. What an earlier import brought is replaced; nothing else is touched.
-Then the libraries are added where they are missing. The script saves nothing.
+Then the libraries and the task are added where they are missing. The script saves nothing.
 
 For the ScriptEngine of the IDE, which is IronPython 2.7.
 """
@@ -20,6 +20,10 @@ LIBRARIES = (
     "SysSemProcess, * (System)",
     "SysTypes Interfaces, * (System)",
 )
+TASK = "RosTask"
+PROGRAM = "PRG_Ros"
+INTERVAL = "t#10ms"
+PRIORITY = "10"
 
 
 def say(severity, text):
@@ -77,6 +81,19 @@ def add_libraries(application):
                 say(Severity.Warning, "add " + library + " in the Library Manager by hand: " + str(error))
 
 
+def add_task(application):
+    """One that is there stays as it is: it may call programs of the user by now."""
+    objects = application.get_children(True)
+    if any(found.is_task and found.get_name() == TASK for found in objects):
+        return
+    settings = [found for found in objects if found.is_task_configuration]
+    task = (settings[0] if settings else application.create_task_configuration()).create_task(TASK)
+    task.pous.add(PROGRAM)
+    task.interval = INTERVAL
+    task.priority = PRIORITY
+    say(Severity.Information, "task " + TASK + " added, which calls " + PROGRAM + "; add your own program after it")
+
+
 def main():
     project = projects.primary
     application = project.active_application if project else None
@@ -85,7 +102,7 @@ def main():
         return
     reporter = Reporter(names_in(FILE))
     application.import_xml(reporter, FILE, False)
-    for step in (add_libraries,):
+    for step in (add_libraries, add_task):
         try:
             step(application)
         except Exception as error:

@@ -23,9 +23,8 @@ F = TypeVar("F", bound=Callable[..., Any])
 def main() -> None:
     """The `shmgen` command. Exit 0 clean, 1 diagnostics, 2 wrong usage."""
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(
-            errors="replace"
-        )  # a comment's sign that the terminal does not know is no reason to stop
+        # A sign in a comment that the terminal does not know is no reason to stop.
+        sys.stdout.reconfigure(errors="replace")
     try:
         cli(standalone_mode=True)
     except Rejected as rejected:

@@ -1,8 +1,8 @@
 """Turns Structured Text into blark's trees, one for each TYPE, VAR_GLOBAL, block, program and method.
 
 blark needs a quarter of a millisecond for each character (it is an Earley parser), so comments and idle blanks go
-first, names of the user's are numbered, and what then is the same text is parsed once: a thousand generated
-Publishers differ in nothing but names.
+first, names, strings and numbers are replaced by others of their kind, and what then is the same text is parsed once:
+a thousand generated Publishers differ in nothing else.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from pathlib import PurePath
 from typing import Any
 
 import blark
+from blark import transform as b
 from lark.exceptions import LarkError
 
 
@@ -43,15 +44,15 @@ class Source:
 def read(files: Mapping[str, str]) -> list[Source]:
     """All objects of all files, in their order. Raises Unsupported for what is no declaration or cannot be parsed."""
     pieces = [piece for file, text in files.items() for piece in _pieces(file, text)]
-    declared = {match[1].upper() for piece in pieces if (match := _DECLARED.match(piece.text))}
-    numbered = [_numbered(piece, declared | {PurePath(piece.file).stem.upper()}) for piece in pieces]
-    trees = _parse_all(dict.fromkeys(text for text, _ in numbered))
+    parts = [[_numbered(part) for part in _parts(piece.text)] for piece in pieces]
+    trees = _parse_all(dict.fromkeys(text for numbered in parts for text, _ in numbered))
     sources = []
-    for piece, (text, names) in zip(pieces, numbered, strict=True):
-        tree = trees[text]
-        if isinstance(tree, str):
-            raise Unsupported(f"{piece.file}:{piece.line}: {tree}")
-        sources.append(Source(piece.file, piece.attributes, _named(tree, names)))
+    for piece, numbered in zip(pieces, parts, strict=True):
+        for text, _ in numbered:
+            if isinstance(trees[text], str):
+                raise Unsupported(f"{piece.file}:{piece.line}: {trees[text]}")
+        tree = _joined([_named(trees[text], names) for text, names in numbered])
+        sources.append(Source(piece.file, piece.attributes, tree))
     return sources
 
 
@@ -72,10 +73,11 @@ _ENDS = {
     "PROGRAM": "END_PROGRAM",
     "METHOD": "END_METHOD",
 }
-_DECLARED = re.compile(r"(?:TYPE|FUNCTION_BLOCK|PROGRAM)\s+(\w+)", re.IGNORECASE)
+_LIST = re.compile(r"(TYPE \w+:STRUCT |VAR_GLOBAL (?:CONSTANT )?)(.*;)(END_STRUCT END_TYPE|END_VAR)", re.IGNORECASE)
 _TOKEN = re.compile(
     r"""(?P<comment>//[^\n]*|\(\*.*?\*\))|(?P<pragma>\{[^}]*\})|(?P<blank>\s+)"""
-    r"""|(?P<word>[A-Za-z_]\w*)|(?P<text>'(?:\$.|[^'$])*'|"(?:\$.|[^"$])*")|(?P<other>\d\w*|.)""",
+    r"""|(?P<word>[A-Za-z_]\w*)|(?P<text>'(?:\$.|[^'$])*'|"(?:\$.|[^"$])*")"""
+    r"""|(?P<based>16\#[0-9A-Fa-f_]+)|(?P<real>\d+\.\d+([eE][+-]?\d+)?)|(?P<number>(?<![\#\w.])\d+(?![\#\w]|\.\d))|(?P<other>\d\w*|.)""",
     re.DOTALL,
 )
 _ATTRIBUTE = re.compile(r"\{\s*attribute\s+'([\w-]+)'(?:\s*:=\s*'([^']*)')?\s*\}", re.IGNORECASE)
@@ -111,18 +113,55 @@ def _pieces(file: str, text: str) -> Iterator[_Piece]:
         raise Unsupported(f"{file}:{piece.line}: {piece.text.split()[0]} without {end}")
 
 
-def _numbered(piece: _Piece, declared: Iterable[str]) -> tuple[str, dict[str, str]]:
-    """The text with the user's own types numbered in order of appearance, and number -> name."""
-    numbers: dict[str, str] = {}
+def _parts(text: str) -> Iterator[str]:
+    """Each member of a long list as a list of its own: there are not many different ones."""
+    found = _LIST.fullmatch(text)
+    if found is None:
+        yield text
+        return
+    head, members, tail = found.groups()
+    start = 0
+    for token in _TOKEN.finditer(members):
+        if token[0] == ";":
+            yield head + members[start : token.end()] + tail
+            start = token.end()
 
-    def number(token: re.Match[str]) -> str:
-        word = token[0]
-        if token.lastgroup != "word" or word.upper() not in declared:
-            return word
-        return numbers.setdefault(word.upper(), f"Name{len(numbers)}x")
 
-    text = _TOKEN.sub(number, piece.text)
-    return text, {number: name for name, number in numbers.items()}
+def _joined(trees: list[Any]) -> Any:
+    """The opposite of _parts."""
+    first, *others = trees
+    for other in others:
+        if isinstance(first, b.GlobalVariableDeclarations):
+            first.items.extend(other.items)
+        else:
+            first.declaration.declarations.extend(other.declaration.declarations)
+    return first
+
+
+def _numbered(text: str) -> tuple[str, dict[str, str]]:
+    """The text with names, strings and numbers counted through, each as another of its kind, and what they stand for.
+
+    Names are words before a colon, and words with a small letter in them, which no word of the language has here.
+    """
+    given: dict[str, str] = {}
+
+    def placeholder(token: re.Match[str]) -> str:
+        word, number = token[0], len(given)
+        match token.lastgroup:
+            case "word" if word.upper() != word:
+                given[f"Name{number}x"] = word
+            case "text":
+                given[f"{word[0]}Text{number}{word[0]}"] = word
+            case "based":
+                given[f"ABCDEF{number}"] = word[3:]
+                return f"16#ABCDEF{number}"
+            case "number":
+                given[f"7770{number}"] = word
+            case _:
+                return word
+        return next(reversed(given))
+
+    return _TOKEN.sub(placeholder, text), given
 
 
 def _parse_all(texts: Iterable[str]) -> dict[str, Any]:
@@ -161,7 +200,9 @@ def _named(node: Any, names: Mapping[str, str]) -> Any:
     if isinstance(node, list):
         return [_named(item, names) for item in node]
     if isinstance(node, str):
-        return ".".join(names.get(part, part) for part in node.split(".")) if "Name" in node else node
+        if node in names or "Name" not in node:
+            return names.get(node) or ("-" + names[node[1:]] if node[1:] in names and node[0] == "-" else node)
+        return ".".join(names.get(part, part) for part in node.split("."))
     if dataclasses.is_dataclass(node) and not isinstance(node, type):
         named = copy.copy(node)
         for name, value in vars(node).items():

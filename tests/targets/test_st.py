@@ -16,6 +16,8 @@ from shmgen.runtime import header
 from shmgen.targets import st
 from shmgen.targets.st_text import ascii_text, comment_lines, literal
 
+from ..conftest import REPOSITORY
+
 blark = pytest.importorskip("blark")
 
 MESSAGES = {
@@ -472,3 +474,39 @@ def digests(layouts: Iterable[Layout]) -> set[str]:
 def test_the_digest_is_that_of_the_layout(texts: dict[str, str], demo: Layouts) -> None:
     found = {found for path, text in texts.items() if "/GVL_" in path for found in re.findall(r"LWORD := (\S+);", text)}
     assert found == digests(demo.values())
+
+
+def test_the_pair_can_be_used_from_ladder_diagrams(parsed: dict[str, list[Any]], texts: dict[str, str]) -> None:
+    """LD, FBD and CFC have no word for an address, and a VAR_IN_OUT cannot be left open."""
+    plain = re.compile(r"(ARRAY \[0\.\.\d+\] OF )?([A-Z]+(\(\d+\))?|ST_\w+|E_ShmError)( := .+)?")
+    for path, (block, *_) in ((path, items) for path, items in parsed.items() if "/FB_demo_msgs" in path):
+        assert not block.extends
+        assert not block.implements
+        found = interface(block)
+        assert list(found)[:2] == ["InputDeclarations", "OutputDeclarations"], path
+        assert set(found) <= {"InputDeclarations", "OutputDeclarations", "VariableDeclarations"}, path
+        for name, type_ in (found["InputDeclarations"] | found["OutputDeclarations"]).items():
+            assert plain.fullmatch(type_), f"{path}: {name} : {type_}"
+    for name, structure in structures_of({path: text for path, text in texts.items() if "/demo_msgs/" in path}).items():
+        assert all(plain.fullmatch(type_) for _, type_ in structure), name
+
+
+# --- docs ---------------------------------------------------------------------------------------------
+
+
+def test_every_error_is_explained_and_no_other(texts: dict[str, str]) -> None:
+    page = (REPOSITORY / "docs" / "codesys.md").read_text()
+    section = page.partition("## eErrorID")[2].partition("\n## ")[0]
+    explained = re.findall(r"^\| `([A-Z_]+)` \| \S.+ \|$", section, re.MULTILINE)
+    (enum,) = parse(texts["st/shmgen/E_ShmError.st"])
+    assert explained == [str(value.name) for value in enum.declaration.init.spec.values]
+
+
+def test_every_input_and_output_is_explained(parsed: dict[str, list[Any]]) -> None:
+    page = (REPOSITORY / "docs" / "structured-text.md").read_text().partition("## The blocks")[2].partition("\n## ")[0]
+    for role, table in zip(("Subscriber", "Publisher"), page.split("| Publisher |"), strict=True):
+        found = interface(parsed[f"st/demo_msgs/FB_demo_msgs_Point_{role}.st"][0])
+        for section, word in (("InputDeclarations", "in"), ("OutputDeclarations", "out")):
+            rows = re.findall(rf"^\| {word} \| (.+?) \|", table, re.MULTILINE)
+            named = [name for row in rows for name in re.findall(r"`(\w+)", row)]
+            assert sorted(named) == sorted(found[section]), f"{role} {word}"

@@ -3,57 +3,28 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Set
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import groupby
 
 from shmgen.diagnostics import Report
-from shmgen.model import (
-    Clock,
-    Default,
-    Element,
-    Layout,
-    Layouts,
-    Output,
-    Ref,
-    Role,
-    Scalar,
-    Slot,
-    String,
-    TypeName,
-    TypeOptions,
-    assert_never,
-    ros_type,
-)
+from shmgen.model import Layout, Layouts, Output, Ref, Role, TypeName
 from shmgen.targets import python_codec as codec
 from shmgen.targets.naming import PYTHON, check_constants, check_members, file_stem, python_member
+from shmgen.targets.python_members import (
+    USED_IN_CLASS,
+    Row,
+    annotation,
+    ctype,
+    descriptor,
+    hiding,
+    is_shown,
+    stored_name,
+)
+from shmgen.targets.python_text import documentation, in_docstring, literal
 
-CTYPES = {
-    Scalar.BOOL: "c_bool",
-    Scalar.INT8: "c_int8",
-    Scalar.UINT8: "c_uint8",
-    Scalar.INT16: "c_int16",
-    Scalar.UINT16: "c_uint16",
-    Scalar.INT32: "c_int32",
-    Scalar.UINT32: "c_uint32",
-    Scalar.INT64: "c_int64",
-    Scalar.UINT64: "c_uint64",
-    Scalar.FLOAT32: "c_float",
-    Scalar.FLOAT64: "c_double",
-}
-_USED_IN_CLASS = codec.MODULES | {"bool", "bytearray", "bytes", "float", "int", "memoryview", "staticmethod", "str"}
 _RUFF_WIDTH = 88
 """Characters; what ruff and black allow a line unless they are told otherwise."""
-_CLOCK_CTYPES = {"TIME": "ctypes.c_uint32", "LTIME": "ctypes.c_uint64", "struct": "ctypes.c_uint32 * 2"}
-
-
-@dataclass(frozen=True, slots=True)
-class Row:
-    """`name: type = value`, as much of it as the place that prints it needs."""
-
-    name: str
-    type: str = ""
-    value: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,20 +124,20 @@ def _module(layout: Layout, layouts: Layouts) -> Module:
     message = layout.message
     data = [slot for slot in layout.slots if slot.role is Role.DATA]
     counts = {slot.name.removesuffix("_count"): slot.offset for slot in layout.slots if slot.role is Role.COUNT}
-    shown = [slot for slot in data if _is_shown(slot)]
-    plain = [slot for slot in data if not _is_shown(slot)]
-    encode = tuple(_encode_lines(made, structs))
-    fields = tuple(Row(_stored_name(slot), _ctype(slot, layout.options, names)) for slot in layout.slots)
+    shown = [slot for slot in data if is_shown(slot)]
+    plain = [slot for slot in data if not is_shown(slot)]
+    encode = tuple(made.encode_lines(structs))
+    fields = tuple(Row(stored_name(slot), ctype(slot, layout.options, names)) for slot in layout.slots)
     descriptors = [
-        Row(python_member(slot.name), value=_descriptor(slot, layout.options, names, counts.get(slot.name)))
+        Row(python_member(slot.name), value=descriptor(slot, layout.options, names, counts.get(slot.name)))
         for slot in shown
     ]
-    annotations = [Row(python_member(slot.name), _annotation(slot.type, names)) for slot in plain]
-    used = _USED_IN_CLASS | set(names.values())
+    annotations = [Row(python_member(slot.name), annotation(slot.type, names)) for slot in plain]
+    used = USED_IN_CLASS | set(names.values())
     uses_ctypes = any("ctypes." in row.type + row.value for row in (*fields, *descriptors))
     return Module(
         title=str(layout.name),
-        origin=_in_docstring(message.origin),
+        origin=in_docstring(message.origin),
         size=f"{layout.size:,}",
         digest=f"{layout.digest:016x}",
         digest_literal=f"0x{layout.digest:016X}",
@@ -174,30 +145,21 @@ def _module(layout: Layout, layouts: Layouts) -> Module:
         class_name=class_name(layout.name),
         structs=tuple(Row(name, value=run.format) for name, run in zip(structs, made.runs, strict=True)),
         rows=tuple(Row(path, code) for path, code in made.rows),
-        summary=_in_docstring(message.doc.partition("\n")[0]) or f"{layout.name.short}.",
-        doc=tuple(_documentation(layout)),
+        summary=in_docstring(message.doc.partition("\n")[0]) or f"{layout.name.short}.",
+        doc=tuple(documentation(message)),
         fields=fields,
         names=tuple(python_member(slot.name) for slot in data),
         constants=tuple(
-            Row(python_member(c.name), type(c.value).__name__, _literal(c.value)) for c in message.constants
+            Row(python_member(c.name), type(c.value).__name__, literal(c.value)) for c in message.constants
         ),
         plain=tuple(row for row in annotations if row.name not in used),
         shown=tuple(row for row in descriptors if row.name not in used),
-        hiding=tuple(_hiding(annotations, descriptors, used)),
+        hiding=tuple(hiding(annotations, descriptors, used)),
         encode=encode,
-        decode=tuple(_decode_lines(made, structs)),
+        decode=tuple(made.decode_lines(structs)),
         defaults=tuple(_default_lines(layout, layouts)),
         requested=layout.requested,
     )
-
-
-def _hiding(annotations: list[Row], descriptors: list[Row], used: Set[str]) -> Iterator[str]:
-    """Fields named like something the class body uses: last, in one assignment, and `int` after what is one."""
-    hidden = [row for row in descriptors if row.name in used]
-    if hidden:
-        yield f"{', '.join(row.name for row in hidden)} = {', '.join(row.value for row in hidden)}"
-    annotated = [row for row in annotations if row.name in used]
-    yield from (f"{row.name}: {row.type}" for row in sorted(annotated, key=lambda row: row.name in ("float", "int")))
 
 
 def _imported_names(layout: Layout, layouts: Layouts) -> dict[TypeName, str]:
@@ -252,135 +214,15 @@ def _sorted_by(name: str) -> tuple[bool, bool, list[tuple[bool, int, str]]]:
     return not name.isupper(), not name[0].isupper(), parts
 
 
-def _is_shown(slot: Slot) -> bool:
-    """Whether the class shows the member otherwise than ctypes does: arrays, text and times."""
-    return slot.count is not None or not isinstance(slot.type, Scalar | Ref)
-
-
-def _stored_name(slot: Slot) -> str:
-    if slot.role is Role.DATA:
-        return ("_" if _is_shown(slot) else "") + python_member(slot.name)
-    return f"_{slot.name}"  # with two underscores for padding: `_pad0` may be how a string `pad0` is stored
-
-
-def _ctype(slot: Slot, options: TypeOptions, names: dict[TypeName, str]) -> str:
-    many = "" if slot.count is None else f" * {slot.count}"
-    return _element_ctype(slot.type, options, names) + many
-
-
-def _element_ctype(type_: Element, options: TypeOptions, names: dict[TypeName, str]) -> str:
-    match type_:
-        case Scalar():
-            return f"ctypes.{CTYPES[type_]}"
-        case Clock():
-            return _CLOCK_CTYPES[options.time]
-        case String(capacity, wide):
-            return f"ctypes.{'c_uint16' if wide else 'c_char'} * {(capacity or 0) + 1}"
-        case Ref(name):
-            return names[name]
-        case _:
-            assert_never(type_)
-
-
-def _annotation(type_: Element, names: dict[TypeName, str]) -> str:
-    match type_:
-        case Scalar():
-            return "bool" if type_ is Scalar.BOOL else "float" if type_.is_float else "int"
-        case Ref(name):
-            return names[name]
-        case Clock() | String():
-            raise AssertionError("shown by a descriptor")
-        case _:
-            assert_never(type_)
-
-
-def _descriptor(slot: Slot, options: TypeOptions, names: dict[TypeName, str], count_at: int | None) -> str:
-    counted = "" if count_at is None else f", count_at={count_at}"
-    match slot.type:
-        case String(capacity, _):
-            ways = f"{codec.text_in(slot.type, options)}, {codec.text_out(slot.type, options)}"
-            if slot.count is None:
-                return f"runtime.Text({slot.offset}, {slot.size}, {capacity}, {ways})"
-            return f"runtime.Texts({slot.offset}, {slot.element_size}, {capacity}, {slot.count}, {ways}{counted})"
-        case Clock():
-            code = f'"{codec.CLOCK_CODES[options.time]}"'
-            ways = f"{codec.clock_in(slot.type, options)}, {codec.clock_out(slot.type, options)}"
-            if slot.count is None:
-                return f"runtime.Clock({slot.offset}, {code}, {ways})"
-            return f"runtime.Clocks({slot.offset}, {code}, {slot.count}, {ways}{counted})"
-        case Scalar() | Ref():
-            kind = _element_ctype(slot.type, options, names)
-            return f"runtime.Elements({slot.offset}, {kind}, {slot.count}{counted})"
-        case _:
-            assert_never(slot.type)
-
-
-def _documentation(layout: Layout) -> Iterator[str]:
-    """The rest of the comment's first paragraph, the fields with shape, bound and unit, and the definition."""
-    yield from _in_docstring(layout.message.doc).partition("\n\n")[0].split("\n")[1:]
-    fields = layout.message.fields
-    if fields:
-        yield from ("", "Fields:")
-    for field in fields:
-        unit = f" [{field.unit}]" if field.unit else ""
-        doc = _in_docstring(field.doc.partition("\n")[0])
-        yield f"    {field.name} ({ros_type(field.type)}){unit}" + (f": {doc}" if doc else "")
-    text = _in_docstring(layout.message.text).strip("\n")
-    if text.strip():
-        yield from ("", "Definition::", "")
-        yield from (f"    {line}".rstrip() for line in text.split("\n"))
-
-
-def _in_docstring(text: str) -> str:
-    """Text that cannot end the docstring it stands in, nor begin an escape."""
-    cleaned = "".join(char if char == "\n" or char.isprintable() else " " for char in text)
-    return cleaned.replace("\\", "\\\\").replace('"', '\\"' if '"""' in cleaned or cleaned.endswith('"') else '"')
-
-
-def _encode_lines(made: codec.Codec, structs: list[str]) -> Iterator[str]:
-    yield from made.locals
-    yield from made.before
-    for name, run in zip(structs, made.runs, strict=True):
-        yield from _exploded(f"{name}.pack_into(", ["into", codec.place(run.offset), *run.values], ")")
-    yield from made.after
-
-
-def _decode_lines(made: codec.Codec, structs: list[str]) -> Iterator[str]:
-    yield from made.locals
-    for name, run in zip(structs, made.runs, strict=True):
-        end = f") = {name}.unpack_from(data, {codec.place(run.offset)})"
-        if len(run.targets) == 1:
-            yield f"({run.targets[0]},{end}"
-        else:
-            yield from _exploded("(", run.targets, end)
-    yield from made.decoded
-
-
-def _exploded(start: str, items: list[str], end: str) -> list[str]:
-    return [start, *(f"    {item}," for item in items), end]
-
-
 def _default_lines(layout: Layout, layouts: Layouts) -> Iterator[str]:
     for slot in layout.slots:
         if slot.role is not Role.DATA or slot.field is None:
             continue
         member = f"self.{python_member(slot.name)}"
         if slot.field.default is not None:
-            yield f"{member} = {_literal(slot.field.default)}"
+            yield f"{member} = {literal(slot.field.default)}"
         elif isinstance(slot.type, Ref) and any(_default_lines(layouts[slot.type.name], layouts)):
             if slot.count is None:
                 yield f"{member}._set_defaults()"
             else:
                 yield from (f"for element in {member}:", "    element._set_defaults()")
-
-
-def _literal(value: Default) -> str:
-    match value:
-        case tuple():
-            return "(" + ", ".join(map(_literal, value)) + (",)" if len(value) == 1 else ")")
-        case str():
-            return '"' + value.encode("unicode_escape").decode("ascii").replace('"', '\\"') + '"'
-        case float() if value != value or value in (float("inf"), float("-inf")):
-            return f'float("{value}")'
-        case _:
-            return repr(value)

@@ -7,7 +7,7 @@ cost more than a second Struct (over 512 bytes), a second one begins.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
 
@@ -106,6 +106,23 @@ class Codec:
                 self.message(self.layouts[slot.type.name], leaf.offset, inner, f"{leaf.path}.")
             else:
                 self._single(leaf, slot.type)
+
+    def encode_lines(self, structs: Sequence[str]) -> Iterator[str]:
+        """`structs` are the names of the precompiled Structs, one for each run."""
+        yield from (*self.locals, *self.before)
+        for name, run in zip(structs, self.runs, strict=True):
+            yield from _exploded(f"{name}.pack_into(", ["into", place(run.offset), *run.values], ")")
+        yield from self.after
+
+    def decode_lines(self, structs: Sequence[str]) -> Iterator[str]:
+        yield from self.locals
+        for name, run in zip(structs, self.runs, strict=True):
+            end = f") = {name}.unpack_from(data, {place(run.offset)})"
+            if len(run.targets) == 1:
+                yield f"({run.targets[0]},{end}"
+            else:
+                yield from _exploded("(", run.targets, end)
+        yield from self.decoded
 
     def _single(self, leaf: _Leaf, type_: Scalar | String | Clock) -> None:
         value, path = leaf.value, leaf.path
@@ -239,6 +256,10 @@ class _Leaf:
 def place(offset: int) -> str:
     """`at + 24`, and plain `at` for 0."""
     return f"at + {offset}" if offset else "at"
+
+
+def _exploded(start: str, items: list[str], end: str) -> list[str]:
+    return [start, *(f"    {item}," for item in items), end]
 
 
 def text_in(string: String, options: TypeOptions) -> str:

@@ -1,0 +1,45 @@
+"""Turns the options that say where things are into a Config: what all commands share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from shmgen import config as configuration
+from shmgen.config import Config
+from shmgen.diagnostics import Report
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def where(command: F) -> F:
+    """The options that say where things are: `config_file` and `include`."""
+    for option in (
+        click.option(
+            "-c",
+            "--config",
+            "config_file",
+            type=click.Path(path_type=Path),
+            help="Configuration file.  [default: shmgen.toml or pyproject.toml in this folder, if there]",
+        ),
+        click.option(
+            "-I",
+            "--include",
+            type=click.Path(path_type=Path),
+            multiple=True,
+            help="Folder to look for message packages in, before all others; may be repeated.",
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+def load(file: Path | None, include: Iterable[Path]) -> Config:
+    """The configuration in force. Raises Rejected."""
+    found = file or configuration.find(Path.cwd())
+    config = configuration.load(found, str(found if file else found.name), Report()) if found else Config(Path.cwd())
+    return replace(config, path=(*(folder.absolute() for folder in include), *config.path))
