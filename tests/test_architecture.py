@@ -35,17 +35,21 @@ ARROWS = {
     "pipeline": WORDS | {"definitions", "bounds", "layout", "drift", "targets", "config", "render"},
     "show": WORDS | {"layout", "pipeline", "targets"},
     "memory_map": WORDS | {"show"},
-    "cli": WORDS | {"", "config", "drift", "pipeline", "show", "memory_map", "render", "write"},
+    "options": WORDS | {"config"},
+    "cli": WORDS | {"", "config", "drift", "live_cli", "memory_map", "options", "pipeline", "render", "show", "write"},
+    "live_cli": {"options", "runtime", "tools"},
+    "tools": WORDS | {"bounds", "config", "pipeline", "runtime", "targets", "tools"},
     "runtime": {"runtime"},
     "__init__": set(),
     "__main__": {"cli"},
 }
 ONLY_IN = {
-    "click": "cli",
-    "jinja2": "render",
-    "rosbags": "definitions",
-    "rosidl_parser": "definitions",
-    "posix_ipc": "runtime",
+    "click": {"cli", "live_cli", "options"},
+    "jinja2": {"render"},
+    "rosbags": {"definitions"},
+    "rosidl_parser": {"definitions"},
+    "posix_ipc": {"runtime"},
+    "ruamel": {"tools"},
 }
 
 
@@ -75,7 +79,7 @@ def test_imports_follow_the_arrows(path: Path) -> None:
             other = "" if other.startswith("__") else other
             assert other in ARROWS[stage(path)], f"{stage(path)} imports {name}"
         elif first in ONLY_IN:
-            assert stage(path) == ONLY_IN[first], f"{stage(path)} imports {name}"
+            assert stage(path) in ONLY_IN[first], f"{stage(path)} imports {name}"
 
 
 def test_runtime_loads_only_the_standard_library_and_posix_ipc() -> None:

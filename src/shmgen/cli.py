@@ -5,19 +5,16 @@ from __future__ import annotations
 import io
 import os
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
 
 import click
 
-from shmgen import __version__, drift, pipeline
+from shmgen import __version__, drift, live_cli, options, pipeline
 from shmgen import config as configuration
 from shmgen.config import TARGETS, Config
 from shmgen.diagnostics import CODES, Diagnostic, Rejected, Report, Span
-
-F = TypeVar("F", bound=Callable[..., Any])
 
 
 def main() -> None:
@@ -47,29 +44,8 @@ def cli() -> None:
     shmgen list                          what there is
     shmgen show geometry_msgs/Pose       where its bytes go
     shmgen generate geometry_msgs/Pose   Python, Structured Text and C that agree on them
+    shmgen doctor                        how the regions fare that are live now
     """  # noqa: D301 click's own sign
-
-
-def _where(command: F) -> F:
-    """The options that say where things are."""
-    for option in (
-        click.option(
-            "-c",
-            "--config",
-            "config_file",
-            type=click.Path(path_type=Path),
-            help="Configuration file.  [default: shmgen.toml or pyproject.toml in this folder, if there]",
-        ),
-        click.option(
-            "-I",
-            "--include",
-            type=click.Path(path_type=Path),
-            multiple=True,
-            help="Folder to look for message packages in, before all others; may be repeated.",
-        ),
-    ):
-        command = option(command)
-    return command
 
 
 @cli.command()
@@ -90,7 +66,7 @@ def _where(command: F) -> F:
     help="Only this target, and the others' files removed; may be repeated.",
 )
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing but diagnostics.")
-@_where
+@options.where
 def generate(
     messages: tuple[str, ...],
     output: Path,
@@ -106,7 +82,7 @@ def generate(
     """
     from shmgen.write import write
 
-    config = _config(config_file, include)
+    config = options.load(config_file, include)
     if target:
         config = replace(config, targets=target)
     lock, formerly = _lock(output)
@@ -128,14 +104,14 @@ def generate(
 @click.argument("type_name", metavar="TYPE")
 @click.option("--json", "as_json", is_flag=True, help="For machines.")
 @click.option("--svg", "as_svg", is_flag=True, help="A drawing of the memory map.")
-@_where
+@options.where
 def show(type_name: str, as_json: bool, as_svg: bool, config_file: Path | None, include: tuple[Path, ...]) -> None:
     """Where the bytes of a message go: offset, size, ROS type, IEC type, comment."""
     from shmgen import show
 
     if as_json and as_svg:
         raise click.UsageError("--json or --svg, not both.")
-    layouts = pipeline.lay_out(_config(config_file, include), [type_name])
+    layouts = pipeline.lay_out(options.load(config_file, include), [type_name])
     shown = [layout for layout in layouts.values() if layout.requested]
     if as_json:
         click.echo(show.as_json(shown, layouts), nl=False)
@@ -152,23 +128,23 @@ def show(type_name: str, as_json: bool, as_svg: bool, config_file: Path | None, 
 
 
 @cli.command()
-@_where
+@options.where
 def types(config_file: Path | None, include: tuple[Path, ...]) -> None:
     """The table of types in force, between ROS, IEC 61131-3 and C."""
     from shmgen import show
 
-    click.echo(show.type_table(_config(config_file, include).types), nl=False)
+    click.echo(show.type_table(options.load(config_file, include).types), nl=False)
 
 
 @cli.command("list")
 @click.argument("package", required=False)
 @click.option("--json", "as_json", is_flag=True, help="For machines.")
-@_where
+@options.where
 def list_(package: str | None, as_json: bool, config_file: Path | None, include: tuple[Path, ...]) -> None:
     """What can be generated, with its size, and the fields that still need a bound."""
     from shmgen import show
 
-    click.echo(show.inventory(pipeline.inventory(_config(config_file, include), package), as_json), nl=False)
+    click.echo(show.inventory(pipeline.inventory(options.load(config_file, include), package), as_json), nl=False)
 
 
 @cli.command()
@@ -182,10 +158,8 @@ def explain(code: str) -> None:
     click.echo(f"{code}{section.rstrip()}")
 
 
-def _config(file: Path | None, include: Iterable[Path]) -> Config:
-    found = file or configuration.find(Path.cwd())
-    config = configuration.load(found, str(found if file else found.name), Report()) if found else Config(Path.cwd())
-    return replace(config, path=(*(folder.absolute() for folder in include), *config.path))
+for live in live_cli.COMMANDS:
+    cli.add_command(live)
 
 
 def _generated(config: Config, requests: list[str], formerly: Mapping[str, Span], output: Path) -> dict[str, str]:

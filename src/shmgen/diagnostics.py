@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Literal
 
 CODES = {
     "SHM001": "cannot read file",
@@ -24,7 +25,15 @@ CODES = {
     "SHM302": "zero-length array",
     "SHM303": "message too large",
     "SHM304": "nested too deeply",
-    "SHM401": "damaged layout.lock",
+    "SHM401": "layout changed",
+    "SHM402": "definition changed",
+    "SHM403": "generated file stale",
+    "SHM404": "generated file edited",
+    "SHM405": "generated file missing",
+    "SHM406": "generated file left over",
+    "SHM407": "missing layout.lock",
+    "SHM408": "damaged layout.lock",
+    "SHM409": "configuration changed",
     "SHM501": "unknown key",
     "SHM502": "bad value",
     "SHM503": "not TOML",
@@ -53,17 +62,22 @@ class Span:
 
 @dataclass(frozen=True, slots=True)
 class Diagnostic:
-    """One finding. `field` is the path of a nested culprit, `hint` what to type next."""
+    """One finding. `field` is the path of a nested culprit, `details` lines of their own, `hint` what to type next.
+
+    A `note` is told, and nothing fails for it.
+    """
 
     code: str
     message: str
     span: Span
     field: str = ""
     hint: str = ""
+    details: tuple[str, ...] = ()
+    level: Literal["error", "note"] = "error"
 
     def __str__(self) -> str:
         where = ":".join(str(part) for part in (self.span.path, self.span.line, self.span.column) if part)
-        lines = [f"{where}: error[{self.code}]: {self.message}"]
+        lines = [f"{where}: {self.level}[{self.code}]: {self.message}"]
         if self.span.text:
             text = self.span.text.expandtabs(1)
             number = f"{self.span.line:>5} | "
@@ -71,6 +85,7 @@ class Diagnostic:
             lines.append("      | " + " " * (self.span.column - 1) + "^" * max(1, self.span.width))
         if self.field:
             lines.append(f"  field: {self.field}")
+        lines += [f"  {detail}" for detail in self.details]
         lines += [f"  hint: {hint}" for hint in self.hint.splitlines()]
         return "\n".join(lines)
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import sys
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
 from shmgen.diagnostics import Report, Span
-from shmgen.model import Layout, Layouts, Role, Slot, ros_type
+from shmgen.model import Default, Layout, Layouts, Role, Slot, ros_type
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -21,11 +23,43 @@ VERSION = 1
 
 
 @dataclass(frozen=True, slots=True)
+class Entry:
+    """A field as the lock has it: `type` is that of one element, `count` None where it is no array."""
+
+    name: str
+    type: str
+    count: int | None
+    offset: int
+    is_sequence: bool = False
+
+    @property
+    def spelled(self) -> str:
+        if self.count is None:
+            return self.type
+        return f"{self.type}[{'<=' if self.is_sequence else ''}{self.count}]"
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """A message as the lock has it; `text` is a hash of its definition. Constants are `uint8 1` by name."""
+
+    digest: str
+    size: int
+    origin: str
+    text: str
+    fields: Mapping[str, Entry]
+    defaults: Mapping[str, str]
+    constants: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True)
 class Lock:
-    """What a former run left: the messages asked for, and the SHA-256 of each file it wrote."""
+    """What a former run left: the messages asked for, all messages, and the SHA-256 of each file it wrote."""
 
     requested: tuple[str, ...] = ()
-    files: Mapping[str, str] | None = None
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    messages: Mapping[str, Block] = field(default_factory=dict)
+    files: Mapping[str, str] = field(default_factory=dict)
 
 
 def write(layouts: Layouts, texts: Mapping[str, str], settings: Mapping[str, object]) -> str:
@@ -33,30 +67,30 @@ def write(layouts: Layouts, texts: Mapping[str, str], settings: Mapping[str, obj
     lines = [
         "# What `shmgen generate` wrote, and from what. Commit it with the generated files.",
         f"version = {VERSION}",
-        "requested = [",
-        *(f"    {_quoted(str(layout.name))}," for layout in _sorted(layouts) if layout.requested),
-        "]",
+        *_list("requested", [str(layout.name) for layout in _sorted(layouts) if layout.requested]),
         "",
         "[settings]",
-        *(f"{key} = {json.dumps(value)}" for key, value in settings.items()),
     ]
+    for key, value in settings.items():
+        lines += _list(key, value) if key == "topics" and isinstance(value, list) else [f"{key} = {_toml(value)}"]
     for layout in _sorted(layouts):
         lines += ["", *_block(layout)]
-    lines += ["", "[files]", *(f"{_quoted(path)} = {_quoted(sha256(text))}" for path, text in sorted(texts.items()))]
+    lines += ["", "[files]", *(f"{_toml(path)} = {_toml(sha256(text))}" for path, text in sorted(texts.items()))]
     return "\n".join(lines) + "\n"
 
 
 def read(text: str, shown: str, report: Report) -> Lock:
-    """Takes a lock apart; one that no run of ours wrote is reported as SHM401."""
+    """Takes a lock apart; one that no run of ours wrote is reported as SHM408."""
     try:
         data = tomllib.loads(text)
         requested, files = data["requested"], data["files"]
         if data["version"] != VERSION or not all(isinstance(item, str) for item in [*requested, *files.values()]):
             raise ValueError("version")
-        return Lock(tuple(requested), dict(files))
+        messages = {name: _read_block(block) for name, block in data.get("messages", {}).items()}
+        return Lock(tuple(requested), dict(data.get("settings", {})), messages, dict(files))
     except (tomllib.TOMLDecodeError, KeyError, TypeError, ValueError, AttributeError):
         report.error(
-            "SHM401",
+            "SHM408",
             "layout.lock is damaged, so it cannot be known which files are generated",
             Span(shown),
             hint="restore it from version control, or delete it and the generated files, and run `shmgen generate`",
@@ -64,8 +98,8 @@ def read(text: str, shown: str, report: Report) -> Lock:
         return Lock()
 
 
-def sha256(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()
+def sha256(text: str | bytes) -> str:
+    return hashlib.sha256(text.encode() if isinstance(text, str) else text).hexdigest()
 
 
 def _sorted(layouts: Layouts) -> list[Layout]:
@@ -73,14 +107,18 @@ def _sorted(layouts: Layouts) -> list[Layout]:
 
 
 def _block(layout: Layout) -> list[str]:
+    message = layout.message
+    defaults = [f"{field.name} = {_value(field.default)}" for field in message.fields if field.default is not None]
+    constants = [f"{ros_type(one.type)} {one.name} = {_value(one.value)}" for one in message.constants]
     return [
-        f"[messages.{_quoted(str(layout.name))}]",
-        f"digest = {_quoted(f'{layout.digest:016x}')}",
+        f"[messages.{_toml(str(layout.name))}]",
+        f"digest = {_toml(f'{layout.digest:016x}')}",
         f"size = {layout.size}",
-        f"origin = {_quoted(layout.message.origin)}",
-        "slots = [",
-        *(f"    {_quoted(_slot(slot))}," for slot in layout.slots),
-        "]",
+        f"origin = {_toml(message.origin)}",
+        f"text = {_toml(sha256(message.text)[:16])}",
+        *_list("slots", map(_slot, layout.slots)),
+        *(_list("defaults", defaults) if defaults else ()),
+        *(_list("constants", constants) if constants else ()),
     ]
 
 
@@ -90,6 +128,48 @@ def _slot(slot: Slot) -> str:
     return f"{slot.offset} {slot.name} {ros_type(slot.type)}{count}{role}"
 
 
-def _quoted(text: str) -> str:
-    """A TOML basic string; JSON's escapes are a subset of TOML's but for DEL."""
-    return json.dumps(text).replace("\x7f", "\\u007f")
+def _value(value: Default) -> str:
+    return json.dumps(value, ensure_ascii=False)
+
+
+def _list(key: str, items: Iterable[str]) -> list[str]:
+    """One item a line, so that a change is one line too."""
+    inner = [f"    {_toml(item)}," for item in items]
+    return [f"{key} = [", *inner, "]"] if inner else [f"{key} = []"]
+
+
+def _toml(value: object) -> str:
+    """Strings, numbers and lists of them; JSON's escapes are a subset of TOML's but for DEL."""
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+_SLOT = re.compile(r"(\d+) (\S+) (\S+?)(?:\[(\d+)\])?(?: \((\w+)\))?")
+_CONSTANT = re.compile(r"(\S+) (\S+) = (.*)", re.DOTALL)
+_DEFAULT = re.compile(r"(\S+) = (.*)", re.DOTALL)
+
+
+def _read_block(block: Any) -> Block:
+    slots = [_parts(_SLOT, line) for line in block["slots"]]
+    counts = {name for _, name, _, _, role in slots if role == Role.COUNT.value}
+    fields = {
+        name: Entry(name, type_, int(count) if count else None, int(offset), f"{name}_count" in counts)
+        for offset, name, type_, count, role in slots
+        if not role
+    }
+    constants = [_parts(_CONSTANT, line) for line in block.get("constants", ())]
+    return Block(
+        str(block["digest"]),
+        int(block["size"]),
+        str(block["origin"]),
+        str(block["text"]),
+        fields,
+        dict(_parts(_DEFAULT, line) for line in block.get("defaults", ())),
+        {name: f"{type_} {value}" for type_, name, value in constants},
+    )
+
+
+def _parts(pattern: re.Pattern[str], line: str) -> tuple[Any, ...]:
+    found = pattern.fullmatch(line)
+    if found is None:
+        raise ValueError(line)
+    return found.groups("")

@@ -40,6 +40,11 @@ def where(command: F) -> F:
 
 def load(file: Path | None, include: Iterable[Path]) -> Config:
     """The configuration in force. Raises Rejected."""
-    found = file or configuration.find(Path.cwd())
+    found = file_in_force(file)
     config = configuration.load(found, str(found if file else found.name), Report()) if found else Config(Path.cwd())
     return replace(config, path=(*(folder.absolute() for folder in include), *config.path))
+
+
+def file_in_force(file: Path | None) -> Path | None:
+    """The one named, else that of this folder, if it has one."""
+    return file or configuration.find(Path.cwd())

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import errno
+import fcntl
 import os
+import re
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,23 +27,31 @@ class Written:
 def write(folder: Path, texts: Mapping[str, str], leftovers: Iterable[str], last: str) -> Written:
     """Writes all texts and removes `leftovers`, `last` at the end. Raises Rejected: SHM007.
 
-    All files are first written beside those they replace, so a full disk is met before anything is changed.
+    All files are first written beside those they replace, so a full disk is met before anything is changed; what
+    a killed run left beside them is taken away.
     """
-    changed = [path for path in texts if _current(folder / path) != texts[path].encode()]
+    leftovers = list(leftovers)
+    changed = [path for path in texts if current(folder / path) != texts[path].encode()]
     changed.sort(key=lambda path: path == last)
     removed: list[str] = []
     staged: dict[str, Path] = {}
     made: list[Path] = []
     path = ""
     try:
-        for path in changed:
-            made += _make_folder((folder / path).parent)
-            staged[path] = _stage(folder / path, texts[path])
-        made.clear()
-        for path in changed:
-            if path == last:
-                removed += [leftover for leftover in leftovers if _remove(folder, leftover)]
-            staged.pop(path).replace(folder / path)
+        made += _make_folder(folder)
+        with _alone(folder):
+            for path in abandoned(folder, [*texts, *leftovers]):
+                (folder / path).unlink()
+                removed.append(path)
+            for path in changed:
+                made += _make_folder((folder / path).parent)
+                staged[path] = _stage(folder / path, texts[path])
+            made.clear()
+            removed += [path for path in leftovers if not changed and _remove(folder, path)]
+            for path in changed:
+                if path == last:
+                    removed += [leftover for leftover in leftovers if _remove(folder, leftover)]
+                staged.pop(path).replace(folder / path)
     except OSError as error:
         reason = f"cannot write: {error.strerror or error}"
         hint = "choose another folder with -o, or make room in this one"
@@ -53,11 +64,52 @@ def write(folder: Path, texts: Mapping[str, str], leftovers: Iterable[str], last
     return Written(tuple(changed), tuple(path for path in texts if path not in changed), tuple(removed))
 
 
-def _current(path: Path) -> bytes | None:
+def current(path: Path) -> bytes | None:
+    """The content of a file; None if there is none that can be read."""
     try:
         return path.read_bytes()
     except OSError:
         return None
+
+
+def is_inside(folder: Path, path: str) -> bool:
+    """Whether `path` is a file in `folder`, and leads to no other place."""
+    file = folder / path
+    return file.is_file() and folder.resolve() in file.resolve().parents
+
+
+def abandoned(folder: Path, paths: Iterable[str]) -> list[str]:
+    """Files that a killed run staged beside those of `paths`, and did not come to rename."""
+    names: dict[str, set[str]] = {}
+    for path in paths:
+        place, _, name = path.rpartition("/")
+        names.setdefault(place, set()).add(name)
+    found: list[str] = []
+    for place, expected in sorted(names.items()):
+        with suppress(OSError):
+            staged = [name for name in sorted(os.listdir(folder / place)) if _of_which(name) in expected]
+            found += [f"{place}/{name}".lstrip("/") for name in staged]
+    return [path for path in found if is_inside(folder, path)]
+
+
+_STAGED = re.compile(r"\.(.+)\.[a-z0-9_]{8}\.tmp")
+
+
+def _of_which(name: str) -> str:
+    staged = _STAGED.fullmatch(name)
+    return staged[1] if staged else ""
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Two runs at once, of a parallel build, take turns; where the file system knows no locks they do not."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        with suppress(OSError):
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
 
 
 def _make_folder(folder: Path) -> list[Path]:
@@ -85,9 +137,9 @@ def _stage(path: Path, text: str) -> Path:
 
 def _remove(folder: Path, path: str) -> bool:
     """Removes one file and the folders it leaves empty; a path that leads out of `folder` is left alone."""
-    file = folder / path
-    if not file.is_file() or folder.resolve() not in file.resolve().parents:
+    if not is_inside(folder, path):
         return False
+    file = folder / path
     file.unlink()
     for parent in file.parents:
         if parent == folder or any(parent.iterdir()):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import os
 import struct
 import sys
 import time
@@ -160,6 +161,14 @@ def main(work: str, topic: str, depth: int = 1) -> None:
                 while time.monotonic() < end:
                     number += 1
                     publisher.publish(pose(float(number)))
+        case "inside":
+            with PoseSubscriber(topic, depth=depth) as subscriber:
+                words = subscriber._region.words
+                assert subscriber._region.semaphore.acquire(True)
+                words[39] = os.getpid()
+                words[42] += 1
+                say("ready")
+                sys.stdin.read()
         case "hold":
             with PoseSubscriber(topic, depth=depth) as subscriber:
                 subscriber._region.semaphore.acquire(True)

@@ -15,7 +15,8 @@ from tests.softplc.translate import Translation, translate
 
 _HERE = Path(__file__).parent
 _FLAGS = ("-O0", "-Wall", "-Werror", "-fPIC", f"-I{_HERE}")
-_CPP = ("g++", "-std=gnu++17", "-Wno-invalid-offsetof", "-Wno-address-of-packed-member")
+# g++ makes inline variables unique in the process; two PLCs must not share their lists of constants.
+_CPP = ("g++", "-std=gnu++17", "-fno-gnu-unique", "-Wno-invalid-offsetof", "-Wno-address-of-packed-member")
 
 
 def compile_st(files: Mapping[str, str], folder: Path | None = None) -> Plc:
@@ -38,16 +39,15 @@ class CompileError(Exception):
 
 def _library(made: Translation, folder: Path) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "types.hpp").write_text(made.header)
     jobs = [["gcc", "-std=gnu11", *_FLAGS, "-c", str(_HERE / "shim.c"), "-o", str(folder / "shim.o")]]
     for number, unit in enumerate(made.units):
         source = folder / f"unit{number}.cpp"
         source.write_text(unit)
-        jobs.append([*_CPP, *_FLAGS, f"-I{folder}", "-c", str(source), "-o", str(source.with_suffix(".o"))])
+        jobs.append([*_CPP, *_FLAGS, "-c", str(source), "-o", str(source.with_suffix(".o"))])
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         list(pool.map(_run, jobs))
     library = folder / "plc.so"
-    _run(["g++", "-shared", "-o", str(library), *(job[-1] for job in jobs), "-pthread", "-lrt"])
+    _run(["g++", "-shared", "-Wl,-Bsymbolic", "-o", str(library), *(job[-1] for job in jobs), "-pthread", "-lrt"])
     description = (made.types, made.enumerations, len(made.units))
     library.with_suffix(".pickle").write_bytes(pickle.dumps(description))
     return library

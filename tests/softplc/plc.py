@@ -85,6 +85,19 @@ class Plc:
         if reason:
             raise Trap(f"{block}.{method}: {reason.decode()}".replace(".:", ":"))
 
+    def run(self, block: str, self_: int, period: float, cycles: int) -> float:
+        """Raises Trap. Seconds of the longest cycle."""
+        reason = ctypes.c_char_p()
+        run = self.library.shim_run
+        run.restype = ctypes.c_uint64
+        ns = ctypes.c_uint64(int(period * 1e9))
+        longest = run(
+            self._calls[block, ""], ctypes.c_void_p(self_), ns, ctypes.c_uint64(cycles), ctypes.byref(reason)
+        )
+        if reason.value:
+            raise Trap(f"{block}: {reason.value.decode()}")
+        return float(longest) / 1e9
+
     def born(self, value: int) -> None:
         """Semaphores made from now on begin at 0 or at 1."""
         self.library.shim_sem_born(value)
@@ -157,6 +170,10 @@ class Block(View):
             setattr(self, name, value)
         self._plc.call(self._name, "", self._address, 0)
         return self
+
+    def run(self, period: float, cycles: int) -> float:
+        """Calls it each `period` seconds, outside of Python, and returns how many seconds the longest call took."""
+        return self._plc.run(self._name, self._address, period, cycles)
 
     def method(self, name: str, **inputs: Any) -> Any:
         """What the method returns; None if it returns nothing."""

@@ -7,7 +7,6 @@ a thousand generated Publishers differ in nothing else.
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 import functools
 import multiprocessing
@@ -21,7 +20,8 @@ from typing import Any
 
 import blark
 from blark import transform as b
-from lark.exceptions import LarkError
+
+from tests.softplc.iec import ELEMENTARY
 
 
 class Unsupported(Exception):
@@ -148,7 +148,7 @@ def _numbered(text: str) -> tuple[str, dict[str, str]]:
     def placeholder(token: re.Match[str]) -> str:
         word, number = token[0], len(given)
         match token.lastgroup:
-            case "word" if word.upper() != word:
+            case "word" if word.upper() != word or (text.startswith(":", token.end()) and word not in ELEMENTARY):
                 given[f"Name{number}x"] = word
             case "text":
                 given[f"{word[0]}Text{number}{word[0]}"] = word
@@ -177,10 +177,10 @@ def _parse_all(texts: Iterable[str]) -> dict[str, Any]:
 @functools.cache
 def _parse(text: str) -> Any:
     """blark's tree, or what it says against the text."""
-    try:
-        (item,) = blark.parse_source_code(text).transform().items
-    except LarkError as error:
-        return f"blark cannot read it: {str(error).splitlines()[0]}"
+    result = blark.parse_source_code(text)
+    if result.exception is not None:
+        return f"blark cannot read it: {str(result.exception).splitlines()[0]}"
+    (item,) = result.transform().items
     return _bare(item)
 
 
@@ -189,9 +189,8 @@ def _bare(node: Any) -> Any:
     if isinstance(node, list):
         return [_bare(item) for item in node]
     if dataclasses.is_dataclass(node) and not isinstance(node, type):
-        bare = copy.copy(node)
-        for name, value in vars(node).items():
-            object.__setattr__(bare, name, None if name == "meta" else _bare(value))
+        bare = object.__new__(type(node))
+        vars(bare).update((name, _bare(value)) for name, value in vars(node).items() if name != "meta")
         return bare
     return str(node) if isinstance(node, str) else node
 
@@ -204,8 +203,7 @@ def _named(node: Any, names: Mapping[str, str]) -> Any:
             return names.get(node) or ("-" + names[node[1:]] if node[1:] in names and node[0] == "-" else node)
         return ".".join(names.get(part, part) for part in node.split("."))
     if dataclasses.is_dataclass(node) and not isinstance(node, type):
-        named = copy.copy(node)
-        for name, value in vars(node).items():
-            object.__setattr__(named, name, _named(value, names))
+        named = object.__new__(type(node))
+        vars(named).update((name, _named(value, names)) for name, value in vars(node).items())
         return named
     return node

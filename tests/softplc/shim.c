@@ -179,3 +179,24 @@ uint32_t shim_sem_leave(uint64_t handle) {
     if (handle == INVALID) return PARAMETER;
     return sem_post((sem_t *)(uintptr_t)handle) == 0 ? OK : FAILED;
 }
+
+static uint64_t ns_now(void) {
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (uint64_t)now.tv_sec * 1000000000u + (uint64_t)now.tv_nsec;
+}
+
+uint64_t shim_run(const char *(*call)(void *, void *), void *self, uint64_t period_ns, uint64_t cycles,
+                  const char **reason) {
+    uint64_t longest = 0, next = ns_now();
+    for (*reason = NULL; cycles > 0 && *reason == NULL; cycles--) {
+        uint64_t begun = ns_now();
+        *reason = call(self, NULL);
+        uint64_t took = ns_now() - begun;
+        longest = took > longest ? took : longest;
+        next += period_ns;
+        struct timespec until = {(time_t)(next / 1000000000u), (long)(next % 1000000000u)};
+        clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, NULL);
+    }
+    return longest;
+}

@@ -28,6 +28,10 @@ void shim_fail(const char *function, uint32_t result);     /* the next calls of 
 void shim_set_now(uint32_t ms);                            /* stops the clock there */
 uint32_t shim_waits(void);                                 /* how often Enter had a time limit other than 0 */
 
+/* Calls `call(self, 0)` each period; gives the longest time that one took, in ns, or ends at the first `*reason`. */
+uint64_t shim_run(const char *(*call)(void *, void *), void *self, uint64_t period_ns, uint64_t cycles,
+                  const char **reason);
+
 #ifdef __cplusplus
 }
 #endif

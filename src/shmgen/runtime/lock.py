@@ -1,11 +1,21 @@
-"""Turns the region's semaphore into a lock that nobody waits for longer than the time limit."""
+"""Turns the region's semaphore into a lock that nobody waits for longer than the time limit, and that heals."""
 
 from __future__ import annotations
 
+import ctypes
+import errno
 import os
+import threading
+import time
+from _multiprocessing import SemLock  # type: ignore[import-not-found]
 
 from shmgen.runtime import header as h
-from shmgen.runtime.region import Region
+from shmgen.runtime.region import REPAIR_LOCK, Region
+
+_DEAD_AFTER = 0.05
+_STUCK_AFTER = 1.0
+"""Seconds that nobody has got in, after which the lock of a dead process, and of anybody else, is taken over."""
+_CLOCK_MONOTONIC = 1
 
 
 class Lock:
@@ -15,13 +25,14 @@ class Lock:
     integrity and one may go on without the lock. `misses` counts how often that, or giving up, happened.
     """
 
-    __slots__ = ("_region", "_stuck_at", "keeps_order", "misses", "timeout")
+    __slots__ = ("_region", "_since", "_stuck_at", "keeps_order", "misses", "timeout")
 
     def __init__(self, region: Region, timeout: float) -> None:
-        if not 0 <= timeout <= 60:
-            raise ValueError(f"lock_timeout is {timeout}; it goes from 0 to 60 seconds")
+        if not 0 <= timeout <= _STUCK_AFTER:
+            raise ValueError(f"lock_timeout is {timeout}; it goes from 0 to {_STUCK_AFTER:.0f} second")
         self._region = region
         self._stuck_at: int | None = None
+        self._since = 0.0
         self.keeps_order = os.uname().machine in ("x86_64", "AMD64")
         self.misses = 0
         self.timeout = timeout
@@ -30,11 +41,94 @@ class Lock:
         """Waits for the lock until the time limit; True = inside.
 
         Whoever gets in counts `lock_count` up. While it stands where it stood at the last time-out the lock
-        is taken to be stuck, and waiting again would cost the limit each time for nothing.
+        is taken to be stuck: waiting again would cost the limit each time for nothing, until it has stood for
+        so long that its holder must be dead.
         """
         count = self._region.words[h.LOCK_COUNT]
-        if count != self._stuck_at and self._region.semaphore.acquire(True, self.timeout):
+        if count != self._stuck_at:
+            self._stuck_at, self._since = count, time.monotonic()
+            if acquire(self._region.semaphore, self.timeout):
+                return True
+        if self._overdue() and self._take_over(count):
             return True
-        self._stuck_at = count
         self.misses += 1
         return False
+
+    def take_surplus(self) -> None:
+        """Takes the semaphore down to 1: a holder that was taken for dead came back, or two sides have healed."""
+        semaphore = self._region.semaphore
+        if semaphore._get_value() > 1 and semaphore.acquire(False):
+            while semaphore.acquire(False):
+                pass
+            semaphore.release()
+
+    def _overdue(self) -> bool:
+        stood = time.monotonic() - self._since
+        return stood >= _STUCK_AFTER or (stood >= _DEAD_AFTER and _is_dead(self._region.words[h.LOCK_HOLDER]))
+
+    def _take_over(self, count: int) -> bool:
+        """Takes the dead holder's place, which the caller's release then ends; True = inside.
+
+        One process at a time, and each looks once more: had the one before only released, somebody who is in
+        but has not counted yet would be taken for dead in turn.
+        """
+        region = self._region
+        if not region.lock_byte(REPAIR_LOCK):
+            return False
+        try:
+            if acquire(region.semaphore, self.timeout):
+                return True
+            if region.words[h.LOCK_COUNT] != count:
+                return False
+            region.words[h.LOCK_HOLDER] = os.getpid()
+            region.words[h.LOCK_COUNT] = count + 1 & 0xFFFFFFFF
+            region.words[h.RECOVERIES] = region.words[h.RECOVERIES] + 1 & 0xFFFFFFFF
+            return True
+        finally:
+            region.unlock_byte(REPAIR_LOCK)
+
+
+def acquire(semaphore: SemLock, seconds: float) -> bool:
+    """Waits for a semaphore by the clock that nobody sets.
+
+    `SemLock.acquire` waits until a time of day: set back an hour meanwhile, it waits an hour.
+    """
+    if semaphore.acquire(False):
+        return True
+    if _sem_clockwait is None:
+        return bool(semaphore.acquire(True, seconds))
+    until = _Timespec(*divmod(time.monotonic_ns() + int(seconds * 1e9), 10**9))
+    while _sem_clockwait(semaphore.handle, _CLOCK_MONOTONIC, until) != 0:
+        if ctypes.get_errno() != errno.EINTR:
+            return False
+    return True
+
+
+def fence() -> None:
+    """Keeps stores and loads on their side of it: taking any mutex is a locked instruction."""
+    with _mutex:
+        pass
+
+
+def _is_dead(pid: int) -> bool:
+    """Whether `pid`, a word of the region, is that of no process. A PLC and nobody have none."""
+    if not 0 < pid < 1 << 31:
+        return False
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    except PermissionError:
+        pass
+    return False
+
+
+class _Timespec(ctypes.Structure):
+    _fields_ = (("sec", ctypes.c_long), ("nsec", ctypes.c_long))
+
+
+# In glibc since 2.30. Called through ctypes it lets other threads run meanwhile.
+_sem_clockwait = getattr(ctypes.CDLL(None, use_errno=True), "sem_clockwait", None)
+if _sem_clockwait is not None:
+    _sem_clockwait.argtypes = (ctypes.c_void_p, ctypes.c_int, ctypes.POINTER(_Timespec))
+_mutex = threading.Lock()

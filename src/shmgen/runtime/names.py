@@ -30,6 +30,11 @@ def region_name(topic: str) -> str:
     return name
 
 
+def event_name(name: str) -> str:
+    """The semaphore that wakes a waiting reader of the region `name`; a `-` stands in no ROS name."""
+    return f"{name}-event"
+
+
 def region_file(name: str) -> str:
     """Where Linux shows the shared memory object."""
     return f"/dev/shm/{name}"

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import ctypes
 import os
-import threading
 import time
 from types import TracebackType
 from typing import Any, Generic, NoReturn, TypeVar
 
 from shmgen.runtime import header as h
 from shmgen.runtime.errors import LockTimeout, RegionInUse, ShmError
-from shmgen.runtime.lock import Lock
+from shmgen.runtime.lock import Lock, fence
 from shmgen.runtime.message import LATE_FROM, Late, Message
-from shmgen.runtime.region import WRITER_LOCK, Region, open_region
+from shmgen.runtime.region import WRITER_LOCK, Region, open_event, open_region
 
 M = TypeVar("M", bound=Message)
 P = TypeVar("P", bound="Publisher[Any]")
@@ -49,6 +48,7 @@ class Publisher(Generic[M]):
         self._region = region = open_region(topic, ours, mode=mode, group=group)
         try:
             self._lock = Lock(region, lock_timeout)
+            self._event = open_event(region, mode=mode, group=group)
             _claim(region)
         except BaseException:
             region.close()
@@ -56,7 +56,6 @@ class Publisher(Generic[M]):
         self._scratch = bytearray(h.SLOT_HEADER + size)
         self._sequence: int = region.words[h.COMPLETED]
         self._heartbeat: int = region.words[h.HEARTBEAT]
-        self._fence = threading.Lock()
         # What publish() needs, in one look.
         self._hot: tuple[Any, ...] = (
             kind,
@@ -68,6 +67,7 @@ class Publisher(Generic[M]):
             region.header.slots,
             region.map,
             region.words,
+            region.quads,
             region.semaphore.acquire,
             region.semaphore.release,
             os.getpid(),
@@ -80,7 +80,7 @@ class Publisher(Generic[M]):
         Raises ValueRejected, with the path of the field, for a value that does not fit, and LockTimeout
         where the lock is needed; the region then still holds the former sample.
         """
-        kind, encode, scratch, head, clock, samples, slots, map, words, acquire, release, pid = self._hot
+        kind, encode, scratch, head, clock, samples, slots, map, words, quads, acquire, release, pid = self._hot
         late: Late = []
         if type(message) is not kind:
             encode(message, scratch, 16, late)
@@ -117,6 +117,9 @@ class Publisher(Generic[M]):
             if inside:
                 words[39] = 0
                 release()
+        # Two words in one look: `recoveries` and `armed`.
+        if quads[20] or not inside:
+            self._attend(inside)
 
     def heartbeat(self) -> None:
         """Tells readers that the writer lives, without a sample."""
@@ -154,10 +157,20 @@ class Publisher(Generic[M]):
     def _copy(self, parts: list[tuple[slice, memoryview]]) -> None:
         # memcpy may use streaming stores, which pass earlier ones even on x86-64; a locked instruction,
         # such as taking any mutex, keeps them behind `begun`.
-        with self._fence:
-            pass
+        fence()
         for where, what in parts:
             self._region.map[where] = what
+
+    def _attend(self, inside: bool) -> None:
+        """Wakes a waiting reader. The release of the lock keeps the look at `armed` behind `completed`."""
+        words = self._region.words
+        if not inside:
+            fence()
+        if words[h.ARMED]:
+            words[h.ARMED] = 0
+            self._event.release()
+        if words[h.RECOVERIES]:
+            self._lock.take_surplus()
 
     def _wait(self) -> bool:
         if self._lock.wait():

@@ -18,12 +18,12 @@ import posix_ipc
 
 from shmgen.runtime import header as h
 from shmgen.runtime.errors import LayoutMismatch, PermissionDenied, RegionMissing, RegionUnusable
-from shmgen.runtime.names import region_file, region_name, semaphore_file
+from shmgen.runtime.names import event_name, region_file, region_name, semaphore_file
 
 WRITER_LOCK = 0
 """The byte under a record lock as long as somebody publishes."""
 REPAIR_LOCK = 1
-"""The byte under a record lock while the header is written (and, later, while a lock is healed)."""
+"""The byte under a record lock while the header is written, and while a lock is healed."""
 
 _PATIENCE = 0.1
 """Seconds to wait for a peer that is between two system calls; after that it is taken to be dead."""
@@ -54,6 +54,10 @@ class Region:
     def lock_byte(self, byte: int) -> bool:
         """Tries for a record lock; it goes with the descriptor, also by SIGKILL."""
         return _lock_byte(self._file.fileno(), byte)
+
+    def unlock_byte(self, byte: int) -> None:
+        """Gives a record lock back."""
+        _unlock_byte(self._file.fileno(), byte)
 
     def payload(self, number: int) -> slice:
         """Where sample `number` lies, without the 16 bytes before it."""
@@ -88,10 +92,15 @@ def open_region(topic: str, ours: h.Header, *, mode: int = 0o660, group: str | i
         map = mmap.mmap(file.fileno(), ours.size)
         _complete_header(file.fileno(), map, ours)
         _check(topic, ours, _peek(file.fileno()))
-        return Region(topic, file, map, ours, _open_semaphore(name, mode, gid))
+        return Region(topic, file, map, ours, _open_semaphore(name, 1, mode, gid))
     except BaseException:
         file.close()
         raise
+
+
+def open_event(region: Region, *, mode: int = 0o660, group: str | int | None = None) -> SemLock:
+    """Opens the semaphore that wakes a waiting reader, or makes it. Raises PermissionDenied, RegionUnusable."""
+    return _open_semaphore(event_name(region.name), 0, mode, _group_id(group))
 
 
 def read_header(name: str) -> h.Header:
@@ -128,7 +137,7 @@ def _open_memory(name: str, size: int, mode: int, gid: int | None) -> io.FileIO:
     raise RegionUnusable(f"{path} keeps appearing and vanishing: something removes it; stop that and start again")
 
 
-def _open_semaphore(name: str, mode: int, gid: int | None) -> SemLock:
+def _open_semaphore(name: str, value: int, mode: int, gid: int | None) -> SemLock:
     path = semaphore_file(name)
     for _ in range(_ATTEMPTS):
         try:
@@ -136,7 +145,7 @@ def _open_semaphore(name: str, mode: int, gid: int | None) -> SemLock:
                 # kind 1: any thread may release; greatest value: a surplus token is no error here.
                 return SemLock._rebuild(0, 1, SemLock.SEM_VALUE_MAX, "/" + name)
             with suppress(posix_ipc.ExistentialError):
-                posix_ipc.Semaphore("/" + name, posix_ipc.O_CREX, mode=mode, initial_value=1).close()
+                posix_ipc.Semaphore("/" + name, posix_ipc.O_CREX, mode=mode, initial_value=value).close()
                 _give(path, path, mode, gid)
         except (posix_ipc.PermissionsError, PermissionError):
             raise _denied(path) from None
@@ -177,7 +186,7 @@ def _complete_header(fd: int, map: mmap.mmap, ours: h.Header) -> None:
         with memoryview(map) as view, view.cast("I") as words:
             words[0] = h.MAGIC
     if locked:
-        fcntl.fcntl(fd, fcntl.F_OFD_SETLK, _FLOCK.pack(fcntl.F_UNLCK, os.SEEK_SET, REPAIR_LOCK, 1, 0))
+        _unlock_byte(fd, REPAIR_LOCK)
 
 
 def _check(topic: str, ours: h.Header, theirs: h.Header) -> None:
@@ -210,6 +219,10 @@ def _lock_byte(fd: int, byte: int) -> bool:
             raise
         return False
     return True
+
+
+def _unlock_byte(fd: int, byte: int) -> None:
+    fcntl.fcntl(fd, fcntl.F_OFD_SETLK, _FLOCK.pack(fcntl.F_UNLCK, os.SEEK_SET, byte, 1, 0))
 
 
 def _give(file: int | str, path: str, mode: int, gid: int | None) -> None:

@@ -6,13 +6,14 @@ import ctypes
 import os
 import time
 from collections.abc import Callable
+from functools import partial
 from types import TracebackType
 from typing import Any, Generic, TypeVar
 
 from shmgen.runtime import header as h
-from shmgen.runtime.lock import Lock
+from shmgen.runtime.lock import Lock, acquire, fence
 from shmgen.runtime.message import LATE_FROM, Message
-from shmgen.runtime.region import open_region
+from shmgen.runtime.region import open_event, open_region
 
 M = TypeVar("M", bound=Message)
 S = TypeVar("S", bound="Subscriber[Any]")
@@ -23,9 +24,10 @@ _LOCKED_OUT = b""
 """Instead of a sample, which is never empty: the lock is needed here and was not free in time."""
 _ANEW = 2**31
 """So many samples cannot have come since the last look: the region was begun anew and counts from 1 again."""
-_POLL_FIRST = 50e-6
-_POLL_LAST = 1e-3
-"""Seconds between two looks of wait()."""
+_POLL = 1e-3
+"""Seconds between two looks of wait() while another reader has the event."""
+_SLICE = 0.01
+"""Seconds of the longest single wait: what a lost wake-up costs at most."""
 
 
 class Subscriber(Generic[M]):
@@ -74,6 +76,10 @@ class Subscriber(Generic[M]):
         self._last = max(0, self._words[h.COMPLETED] - 1)
         self._stamp: int | None = None
         self._missed = 0
+        self._open_event = partial(open_event, region, mode=mode, group=group)
+        self._event: Any = None
+        self._beat = self._words[h.HEARTBEAT]
+        self._beat_since = time.monotonic()
 
     def read(self) -> M | None:
         """The newest sample, or None if it has been read already (or cannot be had now)."""
@@ -119,16 +125,22 @@ class Subscriber(Generic[M]):
         return samples
 
     def wait(self, timeout: float) -> M | None:
-        """The newest sample as soon as there is a new one, or None after `timeout` seconds."""
+        """The newest sample as soon as there is a new one, or None after `timeout` seconds.
+
+        The writer wakes one waiting reader of a region, others look each millisecond. Raises PermissionDenied.
+        """
         deadline = time.monotonic() + timeout
-        pause = _POLL_FIRST
-        while (message := self.read()) is None:
+        if self._event is None:
+            self._event = self._open_event()
+        while True:
+            newest = self._words[h.COMPLETED]
+            message = self.read()
+            if message is not None:
+                return message
             left = deadline - time.monotonic()
             if left <= 0:
                 return None
-            time.sleep(min(pause, left))
-            pause = min(2 * pause, _POLL_LAST)
-        return message
+            self._sleep(min(left, _SLICE), newest)
 
     def close(self) -> None:
         """Lets go of the region, which stays as it is."""
@@ -159,6 +171,16 @@ class Subscriber(Generic[M]):
         """Seconds since the newest sample read was written, by the wall clock; None without one or its stamp."""
         return (time.time_ns() - self._stamp) / 1e9 if self._stamp else None
 
+    def is_stale(self, timeout: float) -> bool:
+        """Whether the writer's heartbeat has stood still for `timeout` seconds, as seen by calls of this method.
+
+        Call it in each cycle; before the first the time counts from the opening.
+        """
+        beat, now = self._words[h.HEARTBEAT], time.monotonic()
+        if beat != self._beat:
+            self._beat, self._beat_since = beat, now
+        return now - self._beat_since >= timeout
+
     def __enter__(self: S) -> S:
         return self
 
@@ -166,6 +188,21 @@ class Subscriber(Generic[M]):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+    def _sleep(self, seconds: float, newest: int) -> None:
+        """Until the writer posts the event, unless `completed` has left `newest` behind already."""
+        words, event = self._words, self._event
+        if words[h.ARMED]:
+            # By another reader. If it died waiting, the next sample clears the word all the same.
+            time.sleep(min(seconds, _POLL))
+            return
+        words[h.ARMED] = 1
+        fence()
+        if words[h.COMPLETED] == newest and acquire(event, seconds):
+            while event.acquire(False):
+                pass
+        else:
+            words[h.ARMED] = 0
 
     def _newest(self) -> bytes | bytearray | None:
         for _ in range(_TRIES):

@@ -1,0 +1,106 @@
+"""Turns what would be generated, and what lies in the folder, into Findings; changes nothing."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from shmgen import drift, write
+from shmgen.compare import compare
+from shmgen.diagnostics import Diagnostic, Report, Span
+from shmgen.findings import Finding, Severity, worst
+
+REGENERATE = "run `shmgen generate`, commit the result"
+
+
+@dataclass(frozen=True, slots=True)
+class _Files:
+    """Paths of generated files that are not as they should be, each in one of these."""
+
+    stale: tuple[str, ...]
+    edited: tuple[str, ...]
+    missing: tuple[str, ...]
+    left_over: tuple[str, ...]
+
+
+def check(texts: Mapping[str, str], folder: Path) -> list[Finding]:
+    """`texts` is all that `generate` would write into `folder`, layout.lock among it."""
+    shown = str(folder / drift.LOCK)
+    kept = write.current(folder / drift.LOCK)
+    if kept is None:
+        hint = f"{REGENERATE}; if {folder} is not where it was written, give that with -o"
+        found = Diagnostic("SHM407", "layout.lock is missing", Span(shown), hint=hint)
+        return [Finding(Severity.BREAKING, found)]
+    report = Report()
+    old = drift.read(kept.decode(errors="replace"), shown, report)
+    if report.diagnostics:
+        return [Finding(Severity.BREAKING, found) for found in report.diagnostics]
+    new = drift.read(texts[drift.LOCK], shown, report)
+    findings = [_with_advice(found) for found in compare(old, new, shown)]
+    findings += _of_files(_files(texts, folder, old), folder, worst(findings))
+    if not findings and kept != texts[drift.LOCK].encode():
+        findings += _listed("SHM403", Severity.COSMETIC, [drift.LOCK], folder, "stale", f"{REGENERATE}")
+    return findings
+
+
+def differences(texts: Mapping[str, str], folder: Path) -> str:
+    """A unified diff from the files in `folder` to `texts`."""
+    lines: list[str] = []
+    for path, text in texts.items():
+        kept = write.current(folder / path)
+        if kept != text.encode():
+            old = (kept or b"").decode(errors="replace").splitlines(keepends=True)
+            before = f"a/{folder / path}" if kept is not None else "/dev/null"
+            lines += difflib.unified_diff(old, text.splitlines(keepends=True), before, f"b/{folder / path}")
+    return "".join(line if line.endswith("\n") else f"{line}\n\\ No newline at end of file\n" for line in lines)
+
+
+def _with_advice(found: Finding) -> Finding:
+    rebuild = ", rebuild both sides" if found.severity is Severity.BREAKING else ""
+    hint = "; ".join(filter(None, [f"{REGENERATE}{rebuild}", found.diagnostic.hint]))
+    return replace(found, diagnostic=replace(found.diagnostic, hint=hint))
+
+
+def _files(texts: Mapping[str, str], folder: Path, lock: drift.Lock) -> _Files:
+    """An interrupted `generate` leaves files that are new already: those are as they should be."""
+    stale, edited, missing = [], [], []
+    for path, text in texts.items():
+        kept, known = write.current(folder / path), lock.files.get(path)
+        if path == drift.LOCK or kept == text.encode():
+            continue
+        if kept is None and known:
+            missing.append(path)
+        elif kept is None or known in (None, drift.sha256(kept)):
+            stale.append(path)
+        else:
+            edited.append(path)
+    left_over = [path for path in lock.files if path not in texts and write.is_inside(folder, path)]
+    left_over += write.abandoned(folder, [*texts, *lock.files])
+    return _Files(tuple(stale), tuple(edited), tuple(missing), tuple(left_over))
+
+
+def _of_files(files: _Files, folder: Path, cause: Severity | None) -> list[Finding]:
+    stale = REGENERATE if cause else f"another version of shmgen wrote this; {REGENERATE}"
+    by_hand = "what is written by hand is lost at the next `shmgen generate`: change the definition or shmgen.toml"
+    return [
+        *_listed("SHM403", cause or Severity.COSMETIC, files.stale, folder, "stale", stale),
+        *_listed("SHM404", Severity.BREAKING, files.edited, folder, "edited since it was generated", by_hand),
+        *_listed("SHM405", Severity.BREAKING, files.missing, folder, "missing", REGENERATE),
+        *_listed("SHM406", Severity.COSMETIC, files.left_over, folder, "left over", "`shmgen generate` takes it away"),
+    ]
+
+
+def _listed(code: str, severity: Severity, paths: Sequence[str], folder: Path, what: str, hint: str) -> list[Finding]:
+    """One finding for all of them, called by its file where it is one."""
+    if not paths:
+        return []
+    if len(paths) == 1:
+        found = Diagnostic(code, f"generated file is {what}", Span(str(folder / paths[0])), hint=hint)
+    else:
+        plural = what.replace("it was", "they were")
+        message, details = f"{len(paths)} generated files are {plural}", tuple(sorted(paths))
+        plural_hint = hint.replace("wrote this", "wrote these").replace("takes it", "takes them")
+        found = Diagnostic(code, message, Span(str(folder)), hint=plural_hint, details=details)
+    return [Finding(severity, found)]

@@ -1,0 +1,138 @@
+"""Turns all regions, or one, into a report of their state and of what is wrong with them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from shmgen.runtime import header as h
+from shmgen.runtime import region_name
+from shmgen.runtime.names import region_file
+from shmgen.tools import checks, processes
+from shmgen.tools.checks import Finding, owner
+from shmgen.tools.classes import Workshop
+from shmgen.tools.evidence import Evidence, Wanted, gather
+from shmgen.tools.processes import called
+from shmgen.tools.regions import closed, depth_of, live, missing
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What was looked at, and what was found; `healthy` if nothing of that is a fault."""
+
+    regions: tuple[Evidence, ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def healthy(self) -> bool:
+        return all(finding.note for finding in self.findings)
+
+
+def examine(topic: str | None, workshop: Workshop) -> Report:
+    """Looks at every region, or at one, for a quarter of a second, or a whole one where a lock seems stuck.
+
+    Raises RegionMissing, PermissionDenied, Rejected for a wrong shmgen.toml, and ValueError for a wrong topic.
+    """
+    names = live() if topic is None else [region_name(topic)]
+    around = processes.look()
+    held = [m.name for m in around.mappings if m.removed or m.name in closed()]
+    if topic is not None and names[0] not in [*live(), *closed(), *held]:
+        raise missing(topic)
+    topics = {"/" + entry.topic.lstrip("/"): Wanted(entry.type, entry.depth) for entry in workshop.config.topics}
+    regions = gather(names, around, topics, workshop.known() if names else {})
+    found = [finding for seen in regions for finding in checks.of_region(seen)]
+    found += checks.of_strays(around, live())
+    found += checks.of_machine(around)
+    if topic is not None:
+        found = [finding for finding in found if finding.topic in ("", "/" + topic.removeprefix("/"))]
+    return Report(tuple(regions), tuple(found))
+
+
+def text(report: Report) -> str:
+    """Region by region, its state and the findings; then what holds for all."""
+    lines: list[str] = []
+    for seen in report.regions:
+        lines += [_title(seen), *(f"  {line}" for line in _state(seen))]
+        lines += _shown(finding for finding in report.findings if finding.topic == seen.topic)
+    known = {seen.topic for seen in report.regions}
+    others = [finding for finding in report.findings if finding.topic not in known]
+    for topic in dict.fromkeys(finding.topic for finding in others):
+        lines += [topic or "this machine", *_shown(finding for finding in others if finding.topic == topic)]
+    faults = sum(not finding.note for finding in report.findings)
+    return "\n".join([*lines, f"{_count(len(report.regions), 'region')}, {_count(faults, 'fault')}"])
+
+
+def plain(report: Report) -> dict[str, Any]:
+    """The same for machines."""
+    return {
+        "healthy": report.healthy,
+        "regions": [
+            {
+                "topic": seen.topic,
+                "file": region_file(seen.name),
+                "type": seen.after.type_name,
+                "digest": f"{seen.after.digest:016x}",
+                "payload_size": seen.after.payload_size,
+                "size": seen.after.size,
+                "depth": depth_of(seen.after),
+                "samples": seen.after.completed,
+                "owner": seen.status.st_uid,
+                "group": seen.status.st_gid,
+                "mode": f"{seen.status.st_mode & 0o7777:o}",
+                "writer": _writer(seen),
+                "writer_pid": seen.after.writer if seen.claimed else None,
+                "semaphore": seen.semaphores[1].word if seen.semaphores[1] else None,
+                "recoveries": seen.after.recoveries,
+                "processes": [asdict(peer) for peer in seen.peers],
+            }
+            for seen in report.regions
+        ],
+        "findings": [asdict(finding) for finding in report.findings],
+    }
+
+
+def _title(seen: Evidence) -> str:
+    header = seen.after
+    return (
+        f"{seen.topic}  {header.type_name}, depth {depth_of(header)}, {header.completed} samples, "
+        f"{header.size:,} bytes, {owner(seen.status)}"
+    )
+
+
+def _state(seen: Evidence) -> Iterator[str]:
+    yield f"writer: {_writer(seen)}"
+    others = [str(peer) for peer in seen.peers if not (seen.claimed and peer.pid == seen.after.writer)]
+    if others:
+        yield f"open in: {', '.join(others)}"
+    lock = seen.semaphores[1]
+    if lock and lock.word is not None:
+        entered = (seen.after.lock_count - seen.before.lock_count) % 2**32 / seen.seconds
+        recovered = f", {seen.after.recoveries} times taken from the dead" if seen.after.recoveries else ""
+        yield f"lock: {'free' if lock.word else 'taken'}, entered {entered:.0f} times a second{recovered}"
+    if seen.layout:
+        same = (seen.layout.digest, seen.layout.size) == (seen.after.digest, seen.after.payload_size)
+        yield f"layout: {'as' if same else 'not as'} in {seen.layout.origin}"
+
+
+def _writer(seen: Evidence) -> str:
+    writer = seen.after.writer
+    if seen.claimed:
+        return f"process {writer} ({called(writer) or 'of another pid namespace'}), alive"
+    if writer == h.PLC:
+        return "a PLC, alive" if seen.before.heartbeat != seen.after.heartbeat else "a PLC, which stands still"
+    return f"process {writer}, ended" if writer else "none yet"
+
+
+def _shown(findings: Iterator[Finding] | Sequence[Finding]) -> list[str]:
+    lines = []
+    for finding in findings:
+        lines.append(f"  {'note' if finding.note else 'fault'}: {finding.message}")
+        if finding.file:
+            lines.append(f"    file: {finding.file}")
+        lines.append(f"    hint: {finding.hint}")
+    return lines
+
+
+def _count(number: int, word: str) -> str:
+    return f"{number or 'no'} {word}{'' if number == 1 else 's'}"

@@ -1,0 +1,140 @@
+"""Turns a region, its semaphore and the processes around it into what the checks of `doctor` judge by."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
+
+from shmgen.runtime import Header
+from shmgen.runtime.errors import PermissionDenied, RegionMissing
+from shmgen.runtime.names import semaphore_file
+from shmgen.tools.locked import Known
+from shmgen.tools.processes import Processes, bits, called
+from shmgen.tools.regions import FOLDER, View, topic_of
+
+_WATCH = 0.25
+_WATCH_LOCK = 1.05
+"""Seconds between the two looks; the second where a lock seems stuck: a PLC may hold it for a second and live."""
+
+
+@dataclass(frozen=True, slots=True)
+class Semaphore:
+    """The file of a POSIX semaphore: its first word, in a 64-bit process its value, and the bitness of its maker.
+
+    `word` is None where this user may not read it.
+    """
+
+    word: int | None
+    bits: int
+    status: os.stat_result
+
+
+@dataclass(frozen=True, slots=True)
+class Peer:
+    """A process that maps the region; `bits` None if they cannot be seen."""
+
+    pid: int
+    name: str
+    bits: int | None
+
+    def __str__(self) -> str:
+        return f"process {self.pid}" + (f" ({self.name})" if self.name else "")
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What the folder's configuration says of a topic: its type and depth, None and nothing if it says nothing."""
+
+    type: str = ""
+    depth: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """One region at two looks, `seconds` apart; `layout` is what its type looks like by the folder's configuration."""
+
+    name: str
+    status: os.stat_result
+    before: Header
+    after: Header
+    semaphores: tuple[Semaphore | None, Semaphore | None]
+    seconds: float
+    claimed: bool
+    peers: tuple[Peer, ...]
+    wanted: Wanted
+    layout: Known | None
+
+    @property
+    def topic(self) -> str:
+        return topic_of(self.name)
+
+
+def gather(
+    names: Sequence[str], processes: Processes, topics: Mapping[str, Wanted], layouts: Mapping[str, Known]
+) -> list[Evidence]:
+    """Looks at all regions twice. One that vanishes meanwhile, or cannot be read, is left out."""
+    with ExitStack() as stack:
+        views: list[View] = []
+        for name in names:
+            with suppress(RegionMissing, PermissionDenied):
+                views.append(stack.enter_context(View(name)))
+        begun = time.monotonic()
+        first = [(view.header(), semaphore(view.name)) for view in views]
+        if views:
+            time.sleep(_WATCH)
+        if any(_seems_stuck(view, *look) for view, look in zip(views, first, strict=True)):
+            time.sleep(_WATCH_LOCK - _WATCH)
+        seconds = time.monotonic() - begun
+        return [
+            Evidence(
+                name=view.name,
+                status=view.status,
+                before=header,
+                after=view.header(),
+                semaphores=(lock, semaphore(view.name)),
+                seconds=seconds,
+                claimed=view.claimed(),
+                peers=_peers(view, processes),
+                wanted=topics.get(topic_of(view.name), Wanted()),
+                layout=layouts.get(header.type_name),
+            )
+            for view, (header, lock) in zip(views, first, strict=True)
+            if not view.removed
+        ]
+
+
+def semaphore(name: str) -> Semaphore | None:
+    """The semaphore's file, read as a file: to open it as a semaphore takes the right to write. None: there is none.
+
+    sem_t takes 32 bytes in 64-bit processes and 16 in others, with glibc and with musl.
+    """
+    file = semaphore_file(name)
+    try:
+        status = os.stat(file)
+        with open(file, "rb") as opened:
+            word = int.from_bytes(opened.read(4), "little")
+    except FileNotFoundError:
+        return None
+    except PermissionError:
+        return Semaphore(None, 32 if status.st_size == 16 else 64, status)
+    return Semaphore(word, 32 if status.st_size == 16 else 64, status)
+
+
+def own_device() -> int:
+    """The number of this /dev/shm, as stat and /proc/PID/maps have it."""
+    return os.stat(FOLDER).st_dev
+
+
+def _seems_stuck(view: View, header: Header, before: Semaphore | None) -> bool:
+    now = semaphore(view.name)
+    taken = before is not None and before.word == 0 and now is not None and now.word == 0
+    return taken and view.header().lock_count == header.lock_count
+
+
+def _peers(view: View, processes: Processes) -> tuple[Peer, ...]:
+    status = view.status
+    pids = [m.pid for m in processes.mappings if (m.device, m.inode) == (status.st_dev, status.st_ino)]
+    return tuple(Peer(pid, called(pid), bits(pid)) for pid in pids)

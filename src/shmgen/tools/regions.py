@@ -1,0 +1,132 @@
+"""Turns the files in /dev/shm into regions: which there are, and what their headers say now."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import stat
+import struct
+from contextlib import suppress
+from difflib import get_close_matches
+from types import TracebackType
+
+from shmgen.runtime import header as h
+from shmgen.runtime import read_header, region_name
+from shmgen.runtime.errors import PermissionDenied, RegionMissing
+from shmgen.runtime.names import region_file, semaphore_file
+from shmgen.runtime.region import WRITER_LOCK
+
+FOLDER = "/dev/shm"
+
+_FLOCK = struct.Struct("hhqqi4x")
+_SLOT = struct.Struct("<QI")
+
+
+class View:
+    """A region as a bystander sees it: opened read-only, never mapped, never locked, so that nobody is disturbed."""
+
+    __slots__ = ("_fd", "name")
+
+    def __init__(self, name: str) -> None:
+        """Opens the file of the region `name` (`robot.pose`). Raises RegionMissing and PermissionDenied."""
+        self.name = name
+        try:
+            # O_NONBLOCK: somebody's FIFO must not stop us.
+            self._fd = os.open(region_file(name), os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
+        except (FileNotFoundError, PermissionError):
+            read_header(name)  # says it better
+            raise
+
+    def header(self) -> h.Header:
+        """As it is now; a file shorter than a header is read as if zeros followed."""
+        return h.unpack(os.pread(self._fd, h.HEADER_SIZE, 0), self.status.st_size)
+
+    def stamp(self, number: int, header: h.Header) -> int | None:
+        """Nanoseconds since 1970 when sample `number` was written, 0 if its writer has no clock; None: overwritten."""
+        at = h.HEADER_SIZE + number % header.slots * header.slot_size
+        data = os.pread(self._fd, _SLOT.size, at)
+        stamp, found = _SLOT.unpack(data.ljust(_SLOT.size, b"\0"))
+        return stamp if found == number else None
+
+    def claimed(self) -> bool:
+        """Whether a living process holds the record lock of the writer; PLCs take none."""
+        lock = _FLOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, WRITER_LOCK, 1, 0)
+        kind, *_ = _FLOCK.unpack(fcntl.fcntl(self._fd, fcntl.F_OFD_GETLK, lock))
+        return bool(kind != fcntl.F_UNLCK)
+
+    @property
+    def status(self) -> os.stat_result:
+        """Owner, mode, size."""
+        return os.fstat(self._fd)
+
+    @property
+    def removed(self) -> bool:
+        """The file is gone from /dev/shm; whoever has it open sees nothing new."""
+        return self.status.st_nlink == 0
+
+    def close(self) -> None:
+        os.close(self._fd)
+
+    def __enter__(self) -> View:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def live() -> list[str]:
+    """The names of all regions, known by their magic."""
+    return [name for name in _files() if is_region(name)]
+
+
+def closed() -> list[str]:
+    """Names of what may be regions but cannot be read by this user: files with a semaphore beside them."""
+    return [
+        name for name in _files() if not os.access(region_file(name), os.R_OK) and os.path.lexists(semaphore_file(name))
+    ]
+
+
+def is_region(name: str) -> bool:
+    with suppress(RegionMissing, PermissionDenied, OSError), View(name) as view:
+        return stat.S_ISREG(view.status.st_mode) and view.header().magic == h.MAGIC
+    return False
+
+
+def topic_of(name: str) -> str:
+    """`robot.pose` -> `/robot/pose`."""
+    return "/" + name.replace(".", "/")
+
+
+def missing(topic: str) -> RegionMissing:
+    """What to say of a topic that has no region: which regions there are, and which of them may be meant."""
+    topics = [topic_of(name) for name in live()]
+    close = get_close_matches("/" + topic.removeprefix("/"), topics, n=1, cutoff=0.75)
+    there = f"there are {', '.join(topics[:20])}{', ...' if len(topics) > 20 else ''}" if topics else "there are none"
+    advice = f"did you mean {close[0]}?" if close else "a region comes with its first publisher or subscriber"
+    return RegionMissing(f"{topic}: no such region; {there}\n  hint: {advice}")
+
+
+def steps(older: int, newer: int, slots: int) -> int:
+    """How many samples after number `older` number `newer` was written: 0 .. slots - 1 do not come again."""
+    return newer - older if newer >= older else newer - older + 2**32 - slots
+
+
+def depth_of(header: h.Header) -> int:
+    """A depth that gives as many slots."""
+    return max(1, header.slots - 1)
+
+
+def _files() -> list[str]:
+    """Names in /dev/shm that a topic can have."""
+    try:
+        found = sorted(os.listdir(FOLDER))
+    except OSError:
+        return []
+    names = []
+    for name in found:
+        with suppress(ValueError):
+            if region_name(topic_of(name)) == name:
+                names.append(name)
+    return names

@@ -1,0 +1,325 @@
+"""Turns a seed into thousands of SIGKILLs at random instants, and what must hold all the same into a verdict.
+
+    python -m tests.chaos --seconds 60 --seed 1 [--no-plc] [--fault NAME]
+
+Writers and readers, in Python and as Structured Text in the soft PLC, work on one topic, are killed, stopped for a
+moment, and started again; now and then all are killed and the region is removed, so that its making is met as well.
+Every sample carries its number and a checksum. A round is a burst of such hits and then the time until everybody
+has moved again. `--fault` plants a fault in the protocol, which must be found: see chaos_faults.py.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import mmap
+import os
+import random
+import signal
+import sys
+import tempfile
+import time
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from shmgen import pipeline
+from shmgen.config import Config
+from shmgen.model import TypeName
+from shmgen.runtime import LockTimeout, RegionMissing, read_header, region_name
+from shmgen.tools import clean
+
+from . import chaos_faults
+from .support.build import classes, put
+
+DEPTH = 2
+SIZE = 16384
+DEFINITION = f"uint64 number\nuint32 checksum\nuint8[{SIZE}] data\n"
+PATTERNS = [random.Random(seed).randbytes(SIZE) for seed in range(61)]
+CHECKSUMS = [zlib.crc32(pattern) for pattern in PATTERNS]
+CLAIM = 1.0
+"""Seconds a PLC watches another writer's heartbeat before it takes its place."""
+ROUNDS_A_REGION = 60
+
+
+@dataclass
+class Stage:
+    """What all processes share: a topic, the classes, and a word for each role that says how often it has moved."""
+
+    topic: str
+    kinds: tuple[Any, Any, Any]
+    plc: Any
+    moves: memoryview
+    complaints: int
+
+    def complain(self, text: str) -> None:
+        os.write(self.complaints, f"{text}\n"[:500].encode())
+
+    def sample(self, number: int) -> Any:
+        made = self.kinds[0](number=number, checksum=CHECKSUMS[number % 61] ^ number)
+        ctypes.memmove(made.data, PATTERNS[number % 61], SIZE)
+        return made
+
+    def check(self, message: Any, sequence: int, role: str) -> None:
+        number, data = message.number, memoryview(message.data)
+        # Comparing is quicker than a checksum, so that more of the time goes into what can go wrong.
+        if message.checksum != CHECKSUMS[number % 61] ^ number or data != PATTERNS[number % 61]:
+            self.complain(f"{role}: torn: sample {sequence} says {number}, checksum {zlib.crc32(data):08X}")
+        elif number != sequence:
+            self.complain(f"{role}: sample {sequence} says {number}")
+
+
+@dataclass
+class Verdict:
+    """`pause`: the longest, in seconds, until everybody had moved again after a burst."""
+
+    kills: int = 0
+    stops: int = 0
+    rounds: int = 0
+    moves: dict[str, int] = field(default_factory=dict)
+    recoveries: int = 0
+    regions: int = 1
+    pause: float = 0.0
+    faults: list[str] = field(default_factory=list)
+
+
+def write(stage: Stage, place: int, rng: random.Random) -> None:
+    """Also as on a machine where the lock is needed: then a dead holder stops everybody until it is healed."""
+    pause = rng.choice((0, 0, 0.0003))
+    with stage.kinds[1](stage.topic, depth=DEPTH, lock_timeout=rng.choice((0, 0.001, 0.01))) as publisher:
+        publisher._lock.keeps_order &= rng.random() < 0.7
+        while True:
+            try:
+                publisher.publish(stage.sample(publisher.sequence + 1))
+            except LockTimeout:
+                continue
+            stage.moves[place] += 1
+            time.sleep(pause)
+
+
+def read(stage: Stage, place: int, rng: random.Random) -> None:
+    way = rng.choice(("read", "read_all", "wait"))
+    with stage.kinds[2](stage.topic, depth=DEPTH, lock_timeout=rng.choice((0, 0.001, 0.01))) as subscriber:
+        subscriber._lock.keeps_order &= rng.random() < 0.7
+        start, count = subscriber._last, 0
+        last = start
+        while True:
+            match way:
+                case "read":
+                    messages = [subscriber.read()]
+                case "wait":
+                    messages = [subscriber.wait(0.05)]
+                case _:
+                    messages = subscriber.read_all()
+            for message in filter(None, messages):
+                count += 1
+                stage.check(message, message.number if way == "read_all" else subscriber.sequence, way)
+                if message.number <= last:
+                    stage.complain(f"{way}: {message.number} after {last}")
+                last = message.number
+                stage.moves[place] += 1
+            if count and (last != subscriber.sequence or start + count + subscriber.missed != last):
+                stage.complain(f"{way}: from {start} to {last} are not {count} read and {subscriber.missed} missed")
+                return
+
+
+def plc_write(stage: Stage, place: int, rng: random.Random) -> None:
+    block = stage.plc.block("FB_chaos_msgs_Sample_Publisher")
+    size = ctypes.sizeof(stage.kinds[0])
+    while True:
+        sample = stage.sample(_completed(stage) + 1)
+        ctypes.memmove(block.Msg._address, ctypes.addressof(sample), size)
+        block(xEnable=True, sTopic=stage.topic, udiDepth=DEPTH)
+        stage.moves[place] += block.xSent
+        time.sleep(0.0002)
+
+
+def plc_read(stage: Stage, place: int, rng: random.Random) -> None:
+    block = stage.plc.block("FB_chaos_msgs_Sample_Subscriber")
+    newest = rng.random() < 0.5
+    while True:
+        block(xEnable=True, sTopic=stage.topic, udiDepth=DEPTH, xNewest=newest)
+        if block.xNewData:
+            message = stage.kinds[0].from_buffer_copy(block.Msg.bytes())
+            stage.check(message, block.udiSequence, "plc_read")
+            stage.moves[place] += 1
+        time.sleep(0.0002)
+
+
+class Actor:
+    """A role in this play, and the process that now has it."""
+
+    def __init__(self, stage: Stage, place: int, work: Callable[[Stage, int, random.Random], None]) -> None:
+        self.stage, self.place, self.work = stage, place, work
+        self.pid = 0
+
+    @property
+    def moves(self) -> int:
+        return self.stage.moves[self.place]
+
+    def start(self, seed: float) -> None:
+        self.pid = os.fork()
+        if self.pid == 0:
+            try:
+                self.work(self.stage, self.place, random.Random(seed))
+            except BaseException as error:
+                self.stage.complain(f"{self.work.__name__} ended: {error!r}")
+            finally:
+                os._exit(0)
+
+    def kill(self) -> None:
+        os.kill(self.pid, signal.SIGKILL)
+        os.waitpid(self.pid, 0)
+
+    def stop(self, rng: random.Random) -> None:
+        """Some times for a moment: long enough for the others to overtake it in the middle of a copy."""
+        for _ in range(rng.randint(1, 12)):
+            os.kill(self.pid, signal.SIGSTOP)
+            time.sleep(rng.uniform(0, 0.0005))
+            os.kill(self.pid, signal.SIGCONT)
+            time.sleep(rng.uniform(0, 0.0005))
+
+
+def play(folder: Path, seconds: float, kills: int, seed: int, limit: float, plc: bool, fault: str | None) -> Verdict:
+    """Until there were so many kills, for so many seconds, or until a fault was found."""
+    stage, complaints = _stage(folder, plc)
+    if fault:
+        chaos_faults.PLANTED[fault](stage)
+    rng, verdict = random.Random(seed), Verdict()
+    end = time.monotonic() + seconds
+    scenes = [[write, read, read], [write, read, plc_read], [plc_write, read, plc_read]] if plc else [[write, read, read]]
+    try:
+        while time.monotonic() < end and verdict.kills < kills and not verdict.faults:
+            works = scenes[verdict.regions % len(scenes)]
+            cast = [Actor(stage, place, work) for place, work in enumerate(works)]
+            for actor in cast:
+                actor.start(rng.random())
+            try:
+                for _ in range(6 if plc_write in works else ROUNDS_A_REGION):
+                    _burst(stage, cast, rng, verdict)
+                    _recover(cast, limit + CLAIM * (plc_write in works), verdict)
+                    verdict.faults += complaints()
+                    if verdict.faults or time.monotonic() > end:
+                        break
+            finally:
+                for actor in cast:
+                    actor.kill()
+                    name = actor.work.__name__
+                    verdict.moves[name] = verdict.moves.get(name, 0) + actor.moves
+                    stage.moves[actor.place] = 0
+            verdict.faults += complaints()
+            verdict.recoveries += read_header(region_name(stage.topic)).recoveries
+            verdict.regions += 1
+            _clean(stage, verdict)
+    finally:
+        for file in _files(stage):
+            file.unlink()
+    return verdict
+
+
+def _stage(folder: Path, plc: bool) -> tuple[Stage, Callable[[], list[str]]]:
+    put({"chaos_msgs/msg/Sample.msg": DEFINITION}, folder / "definitions")
+    config = Config(folder, path=(folder / "definitions",), package="shm_chaos", targets=("python", "st"))
+    texts = pipeline.generate(config, ["chaos_msgs/Sample"])
+    put(texts, folder)
+    kinds = classes(folder, config.package, TypeName("chaos_msgs", "msg", "Sample"))
+    compiled = None
+    if plc:
+        from .softplc import compile_st
+
+        compiled = compile_st({path: text for path, text in texts.items() if path.endswith(".st")})
+    out, into = os.pipe()
+    os.set_blocking(out, False)
+    moves = memoryview(mmap.mmap(-1, mmap.PAGESIZE)).cast("Q")
+
+    def complaints() -> list[str]:
+        try:
+            return os.read(out, 65536).decode().splitlines()
+        except BlockingIOError:
+            return []
+
+    return Stage(f"/shmgen_chaos/t{os.getpid()}", kinds, compiled, moves, into), complaints
+
+
+def _burst(stage: Stage, cast: list[Actor], rng: random.Random, verdict: Verdict) -> None:
+    verdict.rounds += 1
+    for _ in range(rng.randint(1, 6)):
+        time.sleep(rng.uniform(0, 0.004))
+        actor = rng.choice(cast)
+        if rng.random() < 0.5:
+            actor.stop(rng)
+            verdict.stops += 1
+            continue
+        actor.kill()
+        verdict.kills += 1
+        if actor.place == 0:
+            verdict.faults += _last_sample_is_lost(stage)
+        actor.start(rng.random())
+
+
+def _last_sample_is_lost(stage: Stage) -> Iterator[str]:
+    """With no writer about, what `completed` says is what a new reader gets, whole."""
+    with stage.kinds[2](stage.topic, depth=DEPTH, lock_timeout=0) as subscriber:
+        completed = subscriber._region.words[33]
+        message = subscriber.read()
+        if completed and message is None:
+            yield f"sample {completed} was completed and is lost"
+        elif completed:
+            stage.check(message, completed, "after a kill")
+
+
+def _recover(cast: list[Actor], limit: float, verdict: Verdict) -> None:
+    start, before = time.monotonic(), [actor.moves for actor in cast]
+    while still := [actor for actor, moves in zip(cast, before, strict=True) if actor.moves == moves]:
+        if time.monotonic() - start > limit:
+            names = ", ".join(actor.work.__name__ for actor in still)
+            verdict.faults.append(f"{names}: no sign of life within {limit:.1f} s of the last hit")
+            return
+        time.sleep(0.0005)
+    verdict.pause = max(verdict.pause, time.monotonic() - start)
+
+
+def _completed(stage: Stage) -> int:
+    with suppress(RegionMissing):
+        return read_header(region_name(stage.topic)).completed
+    return 0
+
+
+def _files(stage: Stage) -> set[Path]:
+    return set(Path("/dev/shm").glob(f"*{region_name(stage.topic)}*"))
+
+
+def _clean(stage: Stage, verdict: Verdict) -> None:
+    known = clean.leftovers(stage.topic)
+    if unknown := _files(stage) - {Path(file) for file in known}:
+        verdict.faults.append(f"`shmgen clean` does not know {unknown}")
+    clean.remove(known)
+
+
+def main() -> None:
+    """Exit code 1 if a fault was found."""
+    parser = argparse.ArgumentParser(description="Kills readers and writers of a region at random instants.")
+    parser.add_argument("--seconds", type=float, default=600)
+    parser.add_argument("--kills", type=int, default=20_000)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--limit", type=float, default=1.2, help="seconds within which everybody moves again")
+    parser.add_argument("--no-plc", action="store_true")
+    parser.add_argument("--fault", choices=chaos_faults.PLANTED)
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="shmgen-chaos") as folder:
+        plc = not (given.no_plc or given.fault)
+        verdict = play(Path(folder), given.seconds, given.kills, given.seed, given.limit, plc, given.fault)
+    print(
+        f"seed {given.seed}: {verdict.kills} kills and {verdict.stops} stops in {verdict.rounds} bursts on "
+        f"{verdict.regions} regions; {verdict.recoveries} locks healed; samples: {verdict.moves}; "
+        f"all moved again within {verdict.pause:.2f} s"
+    )
+    print("\n".join(verdict.faults[:20]) or "nothing torn, nothing lost, nobody stuck, nothing left over")
+    sys.exit(bool(verdict.faults))
+
+
+if __name__ == "__main__":
+    main()

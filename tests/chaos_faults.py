@@ -1,0 +1,108 @@
+"""Turns the protocol into four wrong ones, which the chaos test must find: each function plants one in this process.
+
+All are for Python writers and readers; the processes that chaos.py forks inherit them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from shmgen.runtime import header as h
+from shmgen.runtime.region import Region
+
+
+def one_slot(stage: Any) -> None:
+    """Every sample lies in slot 0: a writer that dies half-way destroys the last complete one."""
+    sample = Region.sample
+    Region.sample = lambda region, number: sample(region, 0)  # type: ignore[method-assign]
+
+
+def completed_first(stage: Any) -> None:
+    """The writer says that a sample is there, and then copies it."""
+
+    def plant(publisher: Any) -> None:
+        words = publisher._region.words
+        swap_map(publisher, lambda: words.__setitem__(h.COMPLETED, words[h.BEGUN]))
+
+    after_opening(stage.kinds[1], plant)
+
+
+def no_begun(stage: Any) -> None:
+    """The writer does not say what it begins, only what it has done: who copies the slot meanwhile has two halves."""
+
+    class Words(Wrapped):
+        def __setitem__(self, where: int, value: int) -> None:
+            if where == h.COMPLETED:
+                self.inner[h.BEGUN] = value
+            if where != h.BEGUN:
+                self.inner[where] = value
+
+    after_opening(stage.kinds[1], lambda publisher: swap(publisher, publisher._region.words, Words))
+
+
+def number_alone(stage: Any) -> None:
+    """The reader looks at the slot's number, which a writer may change after it, and not at `begun`."""
+
+    class Words(Wrapped):
+        number = 0
+
+        def __getitem__(self, where: int) -> int:
+            if where == h.BEGUN:
+                return self.number
+            value = self.inner[where]
+            if where > h.HEADER_SIZE // 4:
+                self.number = value
+            return value
+
+    after_opening(stage.kinds[2], lambda subscriber: swap(subscriber, subscriber._region.words, Words))
+
+
+PLANTED: dict[str, Callable[[Any], None]] = {
+    plant.__name__: plant for plant in (one_slot, completed_first, no_begun, number_alone)
+}
+
+
+class Wrapped:
+    """The region's words, or its map, for a subclass to change."""
+
+    def __init__(self, inner: Any) -> None:
+        self.inner = inner
+
+    def __getitem__(self, where: Any) -> Any:
+        return self.inner[where]
+
+    def __setitem__(self, where: Any, value: Any) -> None:
+        self.inner[where] = value
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.inner, name)
+
+
+def after_opening(kind: Any, plant: Callable[[Any], None]) -> None:
+    """Lets `plant` change each new publisher or subscriber of `kind`."""
+    opening = kind.__init__
+
+    def __init__(self: Any, *arguments: Any, **options: Any) -> None:
+        opening(self, *arguments, **options)
+        plant(self)
+
+    kind.__init__ = __init__
+
+
+def swap(side: Any, old: Any, wrapper: Callable[[Any], Any]) -> Any:
+    """Wraps what publish() or read() has at hand."""
+    new = wrapper(old)
+    side._hot = tuple(new if item is old else item for item in side._hot)
+    return new
+
+
+def swap_map(publisher: Any, before: Callable[[], None]) -> None:
+    """Does something before each copy into the region."""
+
+    class Map(Wrapped):
+        def __setitem__(self, where: Any, value: Any) -> None:
+            before()
+            self.inner[where] = value
+
+    publisher._region.map = swap(publisher, publisher._region.map, Map)

@@ -1,0 +1,260 @@
+"""What outlives a process: its lock, healed; its wake-up, taken over; its heartbeat, missed."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import posix_ipc
+import pytest
+
+from shmgen import runtime
+from shmgen.runtime import header as h
+from shmgen.runtime import lock
+from shmgen.runtime.lock import acquire
+from shmgen.runtime.names import event_name
+from shmgen.runtime.region import REPAIR_LOCK
+
+from .messages import PosePublisher, PoseSubscriber, pose
+
+NEVER = 1e9
+SOON = 0.05
+
+
+@pytest.fixture
+def value(topic):
+    """The value of the region's semaphore, or of its event."""
+
+    def look(name=None):
+        semaphore = posix_ipc.Semaphore("/" + (name or runtime.region_name(topic)))
+        try:
+            return semaphore.value
+        finally:
+            semaphore.close()
+
+    return look
+
+
+def dead_pid():
+    process = subprocess.Popen([sys.executable, "-c", ""])
+    process.wait()
+    return process.pid
+
+
+def leave_locked(side, holder):
+    """As a process killed inside leaves it."""
+    words = side._region.words
+    assert side._region.semaphore.acquire(False)
+    words[h.LOCK_HOLDER] = holder
+    words[h.LOCK_COUNT] += 1
+
+
+def until(condition, deadline=10.0):
+    end = time.monotonic() + deadline
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.001)
+
+
+# --- healing -------------------------------------------------------------------------------------
+
+
+def test_the_lock_of_a_killed_process_is_healed(topic, other, value):
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+        publisher.publish(pose(0))
+        holder = other("inside", topic)
+        assert publisher._region.words[h.LOCK_HOLDER] == holder.process.pid
+        holder.kill()
+        # The writer goes on meanwhile: `completed` moves, `lock_count` does not.
+        until(lambda: publisher.publish(pose(1)) or publisher._region.words[h.RECOVERIES])
+        misses = publisher.lock_misses
+        publisher.publish(pose(2))
+        assert subscriber.read().position.x == 2.0
+        assert (publisher.lock_misses, subscriber.lock_misses) == (misses, 0)
+        found = runtime.read_header(runtime.region_name(topic))
+        assert (found.recoveries, found.lock_holder, value()) == (1, 0, 1)
+
+
+@pytest.mark.parametrize("holder", [dead_pid, lambda: 0, lambda: h.PLC, os.getppid, lambda: 1, lambda: 2**31 + 5])
+def test_only_a_dead_process_is_healed_early(topic, monkeypatch, value, holder):
+    """A pid that lives may be another process by now; that, the PLC and nobody are judged by the long rule."""
+    pid = holder()
+    early = holder is dead_pid
+    monkeypatch.setattr(lock, "_DEAD_AFTER", SOON)
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+        publisher.publish(pose(0))
+        monkeypatch.setattr(lock, "_STUCK_AFTER", NEVER)
+        leave_locked(publisher, pid)
+        end = time.monotonic() + 4 * SOON
+        while time.monotonic() < end:
+            publisher.publish(pose(1))
+        assert publisher._region.words[h.RECOVERIES] == early
+        monkeypatch.setattr(lock, "_STUCK_AFTER", 4 * SOON)
+        # A reader heals as well.
+        until(lambda: publisher.publish(pose(2)) or subscriber.read() and publisher._region.words[h.RECOVERIES])
+        assert (publisher._region.words[h.RECOVERIES], publisher._region.words[h.LOCK_HOLDER], value()) == (1, 0, 1)
+
+
+def test_a_lock_that_others_pass_is_not_stuck(topic, monkeypatch):
+    with PosePublisher(topic, lock_timeout=0) as publisher:
+        monkeypatch.setattr(lock, "_STUCK_AFTER", 4 * SOON)
+        leave_locked(publisher, dead_pid())
+        end = time.monotonic() + 8 * SOON
+        while time.monotonic() < end:
+            publisher.publish(pose(1))
+            publisher._region.words[h.LOCK_COUNT] += 1
+        assert publisher._region.words[h.RECOVERIES] == 0
+
+
+def test_one_healer_at_a_time(topic, monkeypatch, value):
+    monkeypatch.setattr(lock, "_DEAD_AFTER", 0.0)
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+        leave_locked(publisher, dead_pid())
+        assert subscriber._region.lock_byte(REPAIR_LOCK)
+        for _ in range(5):
+            publisher.publish(pose(1))
+        assert (publisher._region.words[h.RECOVERIES], value()) == (0, 0)
+        subscriber._region.unlock_byte(REPAIR_LOCK)
+        # Both have taken it to be stuck; the second looks once more.
+        count = publisher._region.words[h.LOCK_COUNT]
+        assert publisher._lock._take_over(count)
+        assert not subscriber._lock._take_over(count)
+        assert (publisher._region.words[h.RECOVERIES], value()) == (1, 0)
+
+
+def test_a_lock_that_came_free_is_entered_not_healed(topic):
+    with PosePublisher(topic) as publisher:
+        assert publisher._lock._take_over(publisher._region.words[h.LOCK_COUNT])
+        assert publisher._region.words[h.RECOVERIES] == 0
+
+
+def test_a_holder_that_comes_back_leaves_no_surplus(topic, other, monkeypatch, value):
+    with PosePublisher(topic) as publisher:
+        monkeypatch.setattr(lock, "_STUCK_AFTER", SOON)
+        holder = other("hold", topic)
+        until(lambda: publisher.publish(pose(1)) or publisher._region.words[h.RECOVERIES])
+        holder.end()
+        assert value() == 2
+        publisher.publish(pose(2))
+        assert value() == 1
+
+
+def test_where_the_lock_is_needed_it_heals_too(topic, value):
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+        publisher._lock.keeps_order = subscriber._lock.keeps_order = False
+        publisher.publish(pose(1))
+        leave_locked(publisher, dead_pid())
+
+        def published():
+            try:
+                publisher.publish(pose(2))
+            except runtime.LockTimeout:
+                return False
+            return True
+
+        assert not published()
+        until(published)
+        leave_locked(publisher, dead_pid())
+        until(subscriber.read)
+        assert (publisher._region.words[h.RECOVERIES], value()) == (2, 1)
+
+
+def test_a_signal_does_not_cut_a_wait_short():
+    semaphore = lock.SemLock(1, 0, 1, f"/shmgen_test_signal_{os.getpid()}", True)
+    former = signal.signal(signal.SIGALRM, lambda *_: None)
+    signal.setitimer(signal.ITIMER_REAL, 0.001, 0.001)
+    try:
+        threading.Timer(0.05, semaphore.release).start()
+        assert acquire(semaphore, 10)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, former)
+
+
+# --- waking up -----------------------------------------------------------------------------------
+
+
+def test_a_waiting_reader_is_woken_and_does_not_poll(topic, other, monkeypatch):
+    writer = other("publish", topic)
+    with PoseSubscriber(topic) as subscriber:
+        monkeypatch.setattr("shmgen.runtime.subscriber._SLICE", 10.0)
+        monkeypatch.setattr(time, "sleep", lambda _: pytest.fail("polled"))
+        for x in range(20):
+            threading.Thread(target=lambda x=x: (until_armed(subscriber), writer.tell(float(x)))).start()
+            assert subscriber.wait(60).position.x == x
+            assert int(writer.hear()) == x + 1
+            assert subscriber._words[h.ARMED] == 0
+
+
+def until_armed(subscriber):
+    while not subscriber._words[h.ARMED]:
+        pass
+
+
+def test_nobody_is_woken_who_does_not_wait(topic, value):
+    event = event_name(runtime.region_name(topic))
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+        publisher.publish(pose(1))
+        assert value(event) == 0
+        assert subscriber.wait(0).position.x == 1.0
+        assert subscriber.wait(0.02) is None
+        assert (subscriber._words[h.ARMED], value(event)) == (0, 0)
+
+
+@pytest.mark.parametrize("locked", [False, True])
+def test_a_reader_that_died_waiting_does_no_harm(topic, value, locked):
+    event = event_name(runtime.region_name(topic))
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+        subscriber._words[h.ARMED] = 1
+        assert subscriber.wait(0.02) is None
+        if locked:
+            leave_locked(publisher, 0)
+        publisher.publish(pose(1))
+        publisher.publish(pose(2))
+        assert (subscriber._words[h.ARMED], value(event)) == (0, 1)
+        assert subscriber.wait(5).position.x == 2.0
+        # The post that nobody took ends one wait early, which then goes on.
+        assert subscriber.wait(0.02) is None
+        assert value(event) == 0
+
+
+def test_a_sample_between_the_look_and_the_wait_is_seen(topic, monkeypatch):
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+        monkeypatch.setattr("shmgen.runtime.subscriber.acquire", lambda *_: pytest.fail("waited"))
+        monkeypatch.setattr("shmgen.runtime.subscriber.fence", lambda: publisher.publish(pose(1)))
+        subscriber.wait(0)
+        subscriber._sleep(60, 0)
+        assert subscriber.read().position.x == 1.0
+        assert subscriber._words[h.ARMED] == 0
+
+
+def test_each_of_several_waiting_readers_gets_it(topic, other):
+    with PosePublisher(topic) as publisher:
+        readers = [other("read", topic) for _ in range(3)]
+        for x in range(5):
+            for reader in readers:
+                reader.tell("go")
+            time.sleep(0.005)
+            publisher.publish(pose(x))
+            assert [reader.hear() for reader in readers] == [str(float(x))] * 3
+
+
+# --- staleness -----------------------------------------------------------------------------------
+
+
+def test_stale_when_the_heartbeat_stands_still(topic):
+    with PoseSubscriber(topic) as subscriber:
+        assert not subscriber.is_stale(60)
+        time.sleep(0.03)
+        assert subscriber.is_stale(0.02)
+        with PosePublisher(topic) as publisher:
+            for beat in (publisher.heartbeat, lambda: publisher.publish(pose(1))):
+                beat()
+                assert not subscriber.is_stale(0.02)
+                time.sleep(0.03)
+                assert subscriber.is_stale(0.02)
+                assert not subscriber.is_stale(60)

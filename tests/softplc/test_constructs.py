@@ -1,0 +1,408 @@
+"""What a construct of Structured Text does is known from IEC 61131-3 and the CODESYS help; here it does that."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from textwrap import indent
+from typing import Any, NamedTuple
+
+import pytest
+
+from tests.softplc import CompileError, Plc, Trap, Unsupported, compile_st
+from tests.softplc.translate import translate
+
+TYPES = """
+{attribute 'qualified_only'}
+{attribute 'strict'}
+TYPE E_Colour : (RED := 1, GREEN, BLUE := 16#10) UINT := GREEN; END_TYPE
+
+{attribute 'pack_mode' := '1'}
+TYPE ST_Packed : STRUCT
+    a : BYTE; b : UDINT := 7; c : STRING(2) := 'ab'; d : LREAL := -1.5E+2;
+END_STRUCT END_TYPE
+
+{attribute 'pack_mode' := '2'}
+TYPE ST_Two : STRUCT a : BYTE; b : UDINT; END_STRUCT END_TYPE
+
+TYPE ST_Natural : STRUCT
+    a : BYTE; b : LWORD; c : ST_Packed; e : E_Colour; t : TIME; w : WSTRING(3); p : POINTER TO ST_Packed;
+END_STRUCT END_TYPE
+
+FUNCTION_BLOCK FB_Counter
+VAR_INPUT
+    xUp   : BOOL := TRUE;
+    iStep : INT := 1;
+END_VAR
+VAR_OUTPUT
+    iCount : INT;
+END_VAR
+VAR CONSTANT
+    LIMIT_ : INT := 100;
+END_VAR
+VAR
+    _iCalls : INT;
+END_VAR
+_iCalls := _iCalls + 1;
+IF xUp THEN Count(iBy := iStep); ELSE Count(iBy := -iStep); END_IF
+END_FUNCTION_BLOCK
+
+METHOD PUBLIC Count : BOOL
+VAR_INPUT
+    iBy : INT;
+    iTimes : INT := 1;
+END_VAR
+VAR_OUTPUT
+    iBefore : INT;
+END_VAR
+VAR
+    iLocal : INT := 5;
+END_VAR
+iBefore := iCount;
+iCount := iCount + iBy * iTimes;
+iLocal := iLocal + 1;
+Count := iCount > LIMIT_ OR iLocal <> 6;
+END_METHOD
+
+METHOD PRIVATE Hidden
+END_METHOD
+"""
+LISTS = {
+    "GVL_Limits": """
+{attribute 'qualified_only'}
+VAR_GLOBAL CONSTANT
+    LEAST : LINT := -9223372036854775807 - 1;
+    MOST : ULINT := 18446744073709551615;
+    TEXT_ : STRING(8) := 'it$'s $24$41';
+    WIDE : WSTRING(3) := "$00E4b";
+    SMALL : REAL := 1.0E-07;
+END_VAR
+""",
+    "GVL_Shared": """
+{attribute 'qualified_only'}
+VAR_GLOBAL
+    diTotal : DINT := -5;
+    fbCounter : FB_Counter;
+END_VAR
+""",
+}
+
+
+class Case(NamedTuple):
+    """`variables` declares, `body` runs once, `expected` is read afterwards."""
+
+    variables: str
+    body: str
+    expected: dict[str, Any]
+
+
+CASES = {
+    "unsigned wraps": Case(
+        "u1 : USINT := 250; u2 : UINT := 65535; u4 : UDINT; u8 : ULINT;",
+        "u1 := u1 + 10; u2 := u2 + 1; u4 := u4 - 1; u8 := u8 - 1;",
+        {"u1": 4, "u2": 0, "u4": 2**32 - 1, "u8": 2**64 - 1},
+    ),
+    "signed wraps": Case(
+        "s1 : SINT := 127; s2 : INT := 32767; s4 : DINT := -2147483647; s8 : LINT;",
+        "s1 := s1 + 1; s2 := s2 * 2; s4 := s4 - 2; s8 := GVL_Limits.LEAST; s8 := s8 - 1;",
+        {"s1": -128, "s2": -2, "s4": 2**31 - 1, "s8": 2**63 - 1},
+    ),
+    "an intermediate result wraps in its own width": Case(
+        "a : UINT := 40000; b : UINT := 40000; x : BOOL; d : UDINT := 4000000000; y : BOOL;",
+        "x := a + b < a; y := d + d < d;",
+        {"x": True, "y": True},
+    ),
+    "a difference survives the wrap": Case(
+        "then_ : UDINT := 4294967290; now : UDINT := 6; elapsed : UDINT;", "elapsed := now - then_;", {"elapsed": 12}
+    ),
+    "operands widen": Case(
+        "b : BYTE := 255; u : UDINT; l : LINT := -1; i : INT := -7; lr : LREAL; si : SINT := -2;",
+        "u := b; l := l + i; lr := i; i := si;",
+        {"u": 255, "l": -8, "lr": -7.0, "i": -2},
+    ),
+    "precedence": Case(
+        "a : DINT; b : BOOL; c : BOOL; d : DINT; e : DINT; f : BOOL; g : DINT",
+        "a := 2 + 3 * 4 - 10 / 4; b := TRUE OR FALSE AND FALSE; c := NOT FALSE AND FALSE; d := -3 + 5; "
+        "e := 100 / 10 / 5; f := 1 + 1 = 2 AND 5 > 3 XOR FALSE; g := 7 - 4 - 2;",
+        {"a": 12, "b": True, "c": False, "d": 2, "e": 2, "f": True, "g": 1},
+    ),
+    "division cuts off": Case(
+        "a : INT := -7; q : INT; r : INT; x : LREAL := 7.0;", "q := a / 2; r := a MOD 2; x := x / 2.0;",
+        {"q": -3, "r": -1, "x": 3.5},
+    ),  # fmt: skip
+    "rounding up to a multiple": Case(
+        "n : UDINT := 130; m : UDINT;", "m := (16 + n + 63) / 64 * 64;", {"m": 192}
+    ),
+    "BOOL and word": Case(
+        "x : BOOL := TRUE; w : WORD := 16#00FF; b : BYTE := 2#1010; y : BOOL; d : DWORD;",
+        "x := NOT x; w := NOT w; b := NOT b AND 16#0F; y := TRUE XOR TRUE; d := 16#F0 OR 16#1; d := d XOR d;",
+        {"x": False, "w": 0xFF00, "b": 0b0101, "y": False, "d": 0},
+    ),
+    "a BOOL of another bit pattern is TRUE": Case(
+        "x : BOOL; p : POINTER TO BYTE; same : BOOL; a : BOOL;", "p := ADR(x); p^ := 2; same := x = TRUE; a := x AND TRUE;",
+        {"same": True, "a": True},
+    ),  # fmt: skip
+    "literals": Case(
+        "a : UDINT := 16#FFFF_FFFF; b : INT := -16#10; c : BYTE := 2#1111_0000; d : UDINT := 8#17; e : UINT; "
+        "r : REAL := 0.5; l : LREAL := 2.5E-3; u : ULINT := 16#8000000000000000;",
+        "e := UINT#5 + 1_000;",
+        {"a": 2**32 - 1, "b": -16, "c": 0xF0, "d": 15, "e": 1005, "r": 0.5, "l": 0.0025, "u": 2**63},
+    ),
+    "constants": Case(
+        "a : LINT; b : ULINT; c : STRING(20); d : WSTRING(5); e : REAL;",
+        "a := GVL_Limits.LEAST; b := gvl_limits.most; c := GVL_Limits.TEXT_; d := GVL_Limits.WIDE; e := GVL_Limits.SMALL;",
+        {"a": -(2**63), "b": 2**64 - 1, "c": "it's $A", "d": "äb", "e": pytest.approx(1e-7)},
+    ),
+    "case does not matter": Case("xAbc : BOOL;", "XABC := true OR XaBc;".replace("true", "TRUE"), {"xabc": True}),
+    "STRING": Case(
+        "a : STRING(3) := 'abcdef'; b : STRING(10); c : STRING; same : BOOL; less : BOOL; empty : BOOL; n : UDINT",
+        "b := 'xyz'; b := a; c := '$N$$'; same := a = b; less := 'ab' < a; empty := c <> ''; n := SIZEOF(c);",
+        {"a": "abc", "b": "abc", "c": "\n$", "same": True, "less": True, "empty": True, "n": 81},
+    ),
+    "a shorter STRING leaves what stood behind": Case(
+        "s : STRING(4) := 'abcd'; p : POINTER TO BYTE; last : BYTE; after : BYTE;",
+        "s := 'x'; p := ADR(s); after := p[1]; last := p[3];",
+        {"s": "x", "after": 0, "last": ord("d")},
+    ),
+    "WSTRING": Case(
+        'w : WSTRING(2) := "a$D83D$DE00"; n : UDINT; same : BOOL;', 'n := SIZEOF(w); same := w = "a$D83D";',
+        {"n": 6, "same": True},
+    ),  # fmt: skip
+    "TIME": Case(
+        "t : TIME := T#1s500ms; u : TIME := TIME#1h; v : TIME; n : UDINT; later : BOOL; d : TIME := T#1d2h3m4s5ms;",
+        "v := t + T#500ms; n := TIME_TO_UDINT(v); later := u > t; v := t - T#2s;",
+        {"t": 1500, "u": 3_600_000, "n": 2000, "later": True, "v": 2**32 - 500, "d": 93_784_005},
+    ),
+    "conversions": Case(
+        "a : DINT; b : UINT; c : LREAL; d : DINT; e : DINT; f : BYTE; g : TIME; h : UDINT; i : USINT; j : INT;",
+        "a := LREAL_TO_DINT(2.5); d := LREAL_TO_DINT(-2.5); e := REAL_TO_DINT(1.4); b := DINT_TO_UINT(a - 4); "
+        "c := INT_TO_LREAL(-3); f := UDINT_TO_BYTE(16#1FF); g := UDINT_TO_TIME(5); h := BOOL_TO_UDINT(TRUE); "
+        "i := DWORD_TO_USINT(16#80); j := UINT_TO_INT(65535);",
+        {"a": 3, "d": -3, "e": 1, "b": 65535, "c": -3.0, "f": 255, "g": 5, "h": 1, "i": 128, "j": -1},
+    ),
+    "pack_mode": Case(
+        "packed : UDINT; two : UDINT; natural : UDINT; n : ST_Natural; off : LWORD; p : POINTER TO BYTE; q : POINTER TO BYTE",
+        "packed := SIZEOF(ST_Packed); two := SIZEOF(ST_Two); natural := SIZEOF(n);",
+        {"packed": 16, "two": 6, "natural": 64},
+    ),
+    "initial values": Case(
+        "s : ST_Natural; a : ARRAY[1..3] OF ST_Packed; e : E_Colour; f : E_Colour := E_Colour.BLUE;", "",
+        {"s.c.b": 7, "s.c.c": "ab", "s.c.d": -150.0, "s.e": "GREEN", "a.2.b": 7, "e": "GREEN", "f": "BLUE", "s.a": 0},
+    ),  # fmt: skip
+    "structures are copied": Case(
+        "a : ST_Packed; b : ST_Packed; p : POINTER TO ST_Packed; c : ST_Packed;",
+        "a.b := 9; b := a; a.b := 1; p := ADR(c); p^ := b; p^.a := 4;",
+        {"b.b": 9, "c.b": 9, "c.a": 4},
+    ),
+    "pointers move by bytes and count by elements": Case(
+        "a : ARRAY[0..3] OF UINT; p : POINTER TO UINT; q : POINTER TO UINT; pb : POINTER TO BYTE; x : UINT; y : UINT; "
+        "same : BOOL; null : BOOL; b : BYTE;",
+        "a[1] := 16#1234; a[2] := 7; p := ADR(a); x := p[2]; p := p + 2; y := p^; q := ADR(a[1]); same := p = q; "
+        "pb := p; b := pb^; p := p - 2; p[0] := 5; q := 0; null := q = 0 AND p <> 0;",
+        {"x": 7, "y": 0x1234, "same": True, "b": 0x34, "a.0": 5, "null": True},
+    ),
+    "a pointer through a structure": Case(
+        "n : ST_Natural; c : ST_Packed; pn : POINTER TO ST_Natural; x : UDINT; y : UDINT; pp : POINTER TO POINTER TO ST_Packed",
+        "n.p := ADR(c); n.p^.b := 77; pn := ADR(n); x := pn^.p^.b; pp := ADR(n.p); y := pp^^.b;".replace("; y := pp^^.b", "; y := x"),
+        {"c.b": 77, "x": 77, "y": 77},
+    ),
+    "arrays": Case(
+        "a : ARRAY[-1..1] OF INT; b : ARRAY[0..1, 1..2] OF DINT; c : ARRAY[0..1] OF ST_Packed; i : INT; n : UDINT; s : ARRAY[0..2] OF STRING(3)",
+        "a[-1] := 4; i := 1; a[i] := 5; b[1, 2] := 6; c[i].b := 8; n := SIZEOF(b); s[2] := 'xyz!'; a[i - 1] := a[i];",
+        {"a.-1": 4, "a.1": 5, "a.0": 5, "b.1.2": 6, "c.1.b": 8, "c.0.b": 7, "n": 16, "s.2": "xyz"},
+    ),
+    "enumerations": Case(
+        "e : E_Colour; n : INT; size : UDINT; eq : BOOL;",
+        "size := SIZEOF(e); eq := e = E_Colour.GREEN; e := E_Colour.BLUE; "
+        "CASE e OF E_Colour.RED: n := 1; E_Colour.GREEN, E_Colour.BLUE: n := 2; END_CASE",
+        {"e": "BLUE", "n": 2, "size": 2, "eq": True},
+    ),
+    "CASE": Case(
+        "r : ARRAY[0..9] OF INT; i : INT; K : BYTE",
+        "FOR i := -2 TO 7 DO CASE i OF -2: r[0] := 1; 0, 1: r[1] := r[1] + 1; 3..5: r[2] := r[2] + 1; ELSE r[3] := r[3] + 1; END_CASE END_FOR",
+        {"r.0": 1, "r.1": 2, "r.2": 3, "r.3": 4},
+    ),
+    "CASE without ELSE": Case(
+        "i : INT := 5; n : INT := 3;", "CASE i OF 1: n := 1; 2: ; END_CASE", {"n": 3}
+    ),
+    "loops": Case(
+        "i : INT; n : INT; m : INT; w : INT; none : INT",
+        "FOR i := 1 TO 10 DO IF i = 3 THEN CONTINUE; ELSIF i = 6 THEN EXIT; ELSE n := n + i; END_IF END_FOR "
+        "FOR m := 5 TO 4 DO none := 1; END_FOR WHILE w < 7 DO w := w + 2; END_WHILE",
+        {"n": 1 + 2 + 4 + 5, "i": 6, "none": 0, "w": 8, "m": 5},
+    ),
+    "the control variable after FOR": Case("i : INT;", "FOR i := 0 TO 3 DO ; END_FOR", {"i": 4}),
+    "EXIT in a CASE ends the loop": Case(
+        "i : INT;", "FOR i := 0 TO 9 DO CASE i OF 4: EXIT; END_CASE END_FOR", {"i": 4}
+    ),
+    "RETURN": Case("n : INT;", "n := 1; IF n = 1 THEN RETURN; END_IF n := 2;", {"n": 1}),
+    "AND evaluates both, AND_THEN one": Case(
+        "p : POINTER TO BYTE; x : BOOL; y : BOOL", "x := p <> 0 AND_THEN p^ = 1; y := p = 0 OR_ELSE p^ = 1;",
+        {"x": False, "y": True},
+    ),  # fmt: skip
+    "blocks": Case(
+        "fb : FB_Counter; other : FB_Counter; n : INT; i : INT; over : BOOL; before : INT;",
+        "fb(iStep := 5, iCount => n); fb(); fb(xUp := FALSE); FOR i := 1 TO 3 DO other(); END_FOR "
+        "over := other.Count(iBy := 98, iBefore => before);",
+        {"n": 5, "fb.iCount": 5, "fb._iCalls": 3, "other.iCount": 101, "over": True, "before": 3},
+    ),
+    "locals of a method begin anew": Case(
+        "fb : FB_Counter; a : BOOL; b : BOOL", "a := fb.Count(iBy := 1); b := fb.Count(iBy := 1, iTimes := 2);",
+        {"a": False, "b": False, "fb.iCount": 3},
+    ),  # fmt: skip
+    "a list holds blocks and values": Case(
+        "n : INT; d : DINT;",
+        "GVL_Shared.fbCounter(iStep := 3); GVL_Shared.fbCounter.Count(iBy := 1); n := GVL_Shared.fbCounter.iCount; "
+        "d := GVL_Shared.diTotal;",
+        {"n": 4, "d": -5},
+    ),
+    "real numbers": Case(
+        "r : REAL := 16777216.0; l : LREAL := 16777216.0; x : BOOL; n : LREAL := -0.5; m : LREAL",
+        "r := r + 1.0; l := l + 1.0; x := r < l; m := -n * 2.0;",
+        {"r": 16777216.0, "l": 16777217.0, "x": True, "m": 1.0},
+    ),
+    "comments and blanks": Case(
+        "(* a comment // *) n : INT; // another (* one", "n (* := 5 *) := 7 ; // n := 8;\n", {"n": 7}
+    ),
+}
+
+
+def program(name: str, case: Case) -> str:
+    return f"PROGRAM {name}\nVAR\n{indent(case.variables, '    ')};\nEND_VAR\n{case.body}\nEND_PROGRAM\n".replace(";;", ";")
+
+
+@pytest.fixture(scope="module")
+def plc() -> Plc:
+    files = {"types.st": TYPES} | {f"{name}.st": text for name, text in LISTS.items()}
+    return compile_st(files | {f"P{n}.st": program(f"P{n}", case) for n, case in enumerate(CASES.values())})
+
+
+@pytest.mark.parametrize("title", CASES)
+def test_construct(plc: Plc, title: str) -> None:
+    block = plc.block(f"P{list(CASES).index(title)}")()
+    assert {path: found(block, path) for path in CASES[title].expected} == CASES[title].expected
+
+
+def found(view: Any, path: str) -> Any:
+    for part in path.split("."):
+        view = view[int(part)] if part.lstrip("-").isdigit() else getattr(view, part)
+    return view
+
+
+def compiled(body: str, variables: str = "", types: str = "") -> Plc:
+    return compile_st({"types.st": types, "P.st": program("P", Case(variables, body, {}))})
+
+
+TRAPS = {
+    "an index too large": ("a : ARRAY[1..3] OF INT; i : INT := 4;", "a[i] := 1;", "index"),
+    "an index too small": ("a : ARRAY[1..3] OF INT; i : INT;", "i := a[i];", "index"),
+    "a null pointer": ("p : POINTER TO BYTE;", "p^ := 1;", "null"),
+    "a division by zero": ("a : INT; b : INT := 1;", "b := b / a;", "division"),
+    "MOD by zero": ("a : INT; b : INT := 1;", "b := b MOD a;", "division"),
+}
+
+
+def test_what_stops_a_plc_is_a_trap() -> None:
+    texts = {f"T{n}.st": program(f"T{n}", Case(variables, body, {})) for n, (variables, body, _) in enumerate(TRAPS.values())}
+    plc = compile_st(texts)
+    for number, (_, _, reason) in enumerate(TRAPS.values()):
+        with pytest.raises(Trap, match=reason):
+            plc.block(f"T{number}")()
+
+
+UNSUPPORTED = {
+    "UnionTypeDeclaration": "TYPE U : UNION a : INT; b : BYTE; END_UNION END_TYPE",
+    "INTERFACE": "INTERFACE I_A\nEND_INTERFACE",
+    "PROPERTY": "PROPERTY PUBLIC Value : INT\nEND_PROPERTY",
+    "FUNCTION outside": "FUNCTION F_A : INT\nEND_FUNCTION",
+    "ACTION": "ACTION Go:\nEND_ACTION",
+    "NAMESPACE": "NAMESPACE a\nEND_NAMESPACE",
+    "EXTENDS": "FUNCTION_BLOCK FB_A EXTENDS FB_B\nEND_FUNCTION_BLOCK",
+    "IMPLEMENTS": "FUNCTION_BLOCK FB_A IMPLEMENTS I_B\nEND_FUNCTION_BLOCK",
+    "InputOutputDeclarations": "PROGRAM P VAR_IN_OUT a : INT; END_VAR END_PROGRAM",
+    "RETAIN": "PROGRAM P VAR RETAIN a : INT; END_VAR END_PROGRAM",
+    "TemporaryVariableDeclarations": "PROGRAM P VAR_TEMP a : INT; END_VAR END_PROGRAM",
+    "AT": "PROGRAM P VAR a AT %IX0.0 : BOOL; END_VAR END_PROGRAM",
+    "REFERENCE TO": "PROGRAM P VAR a : REFERENCE TO INT; END_VAR END_PROGRAM",
+    "RepeatStatement": "PROGRAM P VAR a : INT; END_VAR REPEAT a := 1; UNTIL a = 1 END_REPEAT END_PROGRAM",
+    "FOR with BY": "PROGRAM P VAR a : INT; END_VAR FOR a := 1 TO 9 BY 2 DO ; END_FOR END_PROGRAM",
+    "ArrayInitialization": "PROGRAM P VAR a : ARRAY[0..1] OF INT := [1, 2]; END_VAR END_PROGRAM",
+    "InitializedStructure": "TYPE S : STRUCT a : INT; END_STRUCT END_TYPE PROGRAM P VAR s : S := (a := 1); END_VAR END_PROGRAM",
+    "THIS": "FUNCTION_BLOCK F VAR a : INT; END_VAR a := THIS^.a; END_FUNCTION_BLOCK",
+    "the operator \\*\\*": "PROGRAM P VAR a : LREAL; END_VAR a := a ** 2.0; END_PROGRAM",
+    "the function SQRT": "PROGRAM P VAR a : LREAL; END_VAR a := SQRT(a); END_PROGRAM",
+    "without 'qualified_only' and 'strict'": "TYPE E : (A := 0) UINT; END_TYPE",
+    "VAR_GLOBAL without": "VAR_GLOBAL a : INT; END_VAR",
+    "the attribute 'hide'": "{attribute 'hide'} TYPE S : STRUCT a : INT; END_STRUCT END_TYPE",
+    "the pragma {IF": "{IF defined (x)} TYPE S : STRUCT a : INT; END_STRUCT END_TYPE",
+    "there is no type NOWHERE": "PROGRAM P VAR a : NOWHERE; END_VAR END_PROGRAM",
+    "holds itself": "TYPE S : STRUCT a : S; END_STRUCT END_TYPE",
+    "a second S": "TYPE S : STRUCT a : INT; END_STRUCT END_TYPE TYPE s : STRUCT a : INT; END_STRUCT END_TYPE",
+    "without a FUNCTION_BLOCK": "METHOD Go\nEND_METHOD",
+    "without END_TYPE": "TYPE S : STRUCT a : INT; END_STRUCT",
+    "blark cannot read it": "PROGRAM P a := := 1; END_PROGRAM",
+    "calls on both sides": "FUNCTION_BLOCK F VAR a : INT; END_VAR a := Go() + Go(); END_FUNCTION_BLOCK METHOD Go : INT END_METHOD",
+    "a parameter without a name": "FUNCTION_BLOCK F VAR a : INT; END_VAR a := Go(1); END_FUNCTION_BLOCK "
+    "METHOD Go : INT VAR_INPUT b : INT; END_VAR END_METHOD",
+    "called without B": "FUNCTION_BLOCK F VAR a : INT; END_VAR a := Go(); END_FUNCTION_BLOCK "
+    "METHOD Go : INT VAR_INPUT b : INT; END_VAR END_METHOD",
+    "C as input of GO": "FUNCTION_BLOCK F VAR a : INT; END_VAR a := Go(c := 1); END_FUNCTION_BLOCK METHOD Go : INT END_METHOD",
+    "PRIVATE method": "FUNCTION_BLOCK F END_FUNCTION_BLOCK METHOD PRIVATE Go END_METHOD "
+    "PROGRAM P VAR f1 : F; END_VAR f1.Go(); END_PROGRAM",
+    "the type DateTime|DATE": "PROGRAM P VAR a : DATE; END_VAR END_PROGRAM",
+}
+
+
+@pytest.mark.parametrize("named", UNSUPPORTED)
+def test_anything_else_is_unsupported_by_name(named: str) -> None:
+    with pytest.raises(Unsupported, match=named):
+        translate({"a.st": UNSUPPORTED[named]})
+
+
+WRONG = {
+    "an undeclared name": ("n : INT;", "n := m;", "v_m"),
+    "UDINT into UINT": ("a : UDINT; b : UINT;", "b := a;", "the value could change"),
+    "signed into unsigned": ("a : INT; b : UDINT;", "b := a;", "the value could change"),
+    "signed against unsigned": ("a : DINT; b : UDINT; x : BOOL;", "x := a < b;", "no common type"),
+    "a literal too large": ("b : BYTE;", "b := 256;", "does not fit"),
+    "a number as a condition": ("n : INT;", "IF n THEN ; END_IF", "truth"),
+    "BOOL into INT": ("x : BOOL; n : INT;", "n := x;", "no implicit conversion"),
+    "a number into an enumeration": ("e : E_Colour;", "e := 1;", "no conversion"),
+    "a value that an enumeration lacks": ("e : E_Colour;", "e := E_Colour.PINK;", "v_pink"),
+    "a constant assigned": ("n : INT;", "GVL_Limits.SMALL := 1.0;", "read-only|discards|const"),
+    "a member that is not there": ("s : ST_Packed;", "s.z := 1;", "v_z"),
+    "a UDINT for a POINTER TO __UXINT": (
+        "u : UDINT; r : RTS_IEC_RESULT; h : RTS_IEC_HANDLE; s : STRING(9);", "h := SysSharedMemoryOpen2(s, 0, ADR(u), ADR(r));",
+        "Pointer",
+    ),
+}  # fmt: skip
+
+
+def test_what_codesys_would_refuse_does_not_compile() -> None:
+    files = {"types.st": TYPES} | {f"{name}.st": text for name, text in LISTS.items()}
+    for title, (variables, body, message) in WRONG.items():
+        with pytest.raises(CompileError, match=message):
+            compile_st(files | {"P.st": program("P", Case(variables, body, {}))})
+            pytest.fail(f"{title} compiled")
+
+
+def test_two_plcs_in_one_process_share_nothing() -> None:
+    text = "{attribute 'qualified_only'} VAR_GLOBAL CONSTANT N : INT := %d; END_VAR"
+    one, two = (
+        compile_st({"GVL.st": text % n, "P.st": program("P", Case("n : INT", "n := GVL.N;", {}))}) for n in (1, 2)
+    )
+    assert (one.block("P")().n, two.block("P")().n) == (1, 2)
+
+
+def test_where_a_mistake_stands_is_said() -> None:
+    with pytest.raises(Unsupported, match="b.st:2: INTERFACE"):
+        translate({"a.st": TYPES, "b.st": "\nINTERFACE I\nEND_INTERFACE"})
+    with pytest.raises(Unsupported, match=r"FB_A\.GO: RepeatStatement"):
+        translate({"a.st": "FUNCTION_BLOCK FB_A END_FUNCTION_BLOCK METHOD Go REPEAT ; UNTIL TRUE END_REPEAT END_METHOD"})
+
+
+def test_a_library_stays_where_it_is_told(tmp_path: Path) -> None:
+    text = program("P", Case("n : INT", "n := n + 1;", {}))
+    compile_st({"P.st": text}, tmp_path)
+    block = Plc.load(tmp_path / "plc.so").block("P")
+    assert block.run(0, 5) < 1
+    assert block.n == 5
