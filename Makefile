@@ -9,11 +9,16 @@ TEST_PACKAGES  := gcc g++ libc6-dev qemu-user \
                   libc6-dev-i386-cross libc6-dev-armhf-cross libc6-dev-arm64-cross
 TEST_TOOLS     := gcc g++ i686-linux-gnu-gcc arm-linux-gnueabihf-gcc aarch64-linux-gnu-gcc qemu-i386 qemu-arm qemu-aarch64
 
-.PHONY: demo test lint generated bench clean
+# The extra `bench`, one by one: who cannot be had here is left out.
+PEERS := iceoryx2 cyclonedds eclipse-zenoh pyzmq asyncua pymodbus
+
+.PHONY: demo test lint generated chaos load bench clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/ready
-	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/python examples/moving_pose/demo.py
+	@$(call debian,command -v g++,g++,echo 'without g++ the PLC side is left out' >&2)
+	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/python \
+	    $$(command -v g++ >/dev/null && echo examples/softplc_echo/demo.py || echo examples/moving_pose/demo.py)
 
 test: $(VENV)/ready-to-test
 	$(MAKE) --no-print-directory lint
@@ -28,7 +33,14 @@ generated: $(VENV)/ready  ## regenerate the committed output
 	$(BIN)/shmgen generate --quiet
 	$(BIN)/shmgen show sensor_msgs/BatteryState --svg > docs/memory_map.svg
 
+chaos: $(VENV)/ready-to-test  ## 20,000 kills, at most ten minutes
+	$(BIN)/python -m tests.chaos
+
+load: $(VENV)/ready-to-test  ## 64 topics at 1 kHz for a minute
+	$(BIN)/python -m tests.load
+
 bench: $(VENV)/ready-to-test
+	for peer in $(PEERS); do $(BIN)/python -m pip install --quiet --disable-pip-version-check $$peer || echo "$$peer: left out"; done
 	$(BIN)/python benchmarks/run.py
 
 clean:
@@ -37,7 +49,7 @@ clean:
 $(VENV)/ready: pyproject.toml
 	@$(call debian,$(PYTHON) -c 'import ensurepip',$(SETUP_PACKAGES),exit 1)
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[demo]'
 	@touch $@
 
 $(VENV)/ready-to-test: $(VENV)/ready

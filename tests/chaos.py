@@ -35,8 +35,8 @@ from shmgen.tools import clean
 from . import chaos_faults
 from .support.build import classes, put
 
-DEPTH = 2
-SIZE = 16384
+DEPTHS = (1, 4)
+SIZE = 32768
 DEFINITION = f"uint64 number\nuint32 checksum\nuint8[{SIZE}] data\n"
 PATTERNS = [random.Random(seed).randbytes(SIZE) for seed in range(61)]
 CHECKSUMS = [zlib.crc32(pattern) for pattern in PATTERNS]
@@ -54,6 +54,7 @@ class Stage:
     plc: Any
     moves: memoryview
     complaints: int
+    depth: int = 1
 
     def complain(self, text: str) -> None:
         os.write(self.complaints, f"{text}\n"[:500].encode())
@@ -89,7 +90,7 @@ class Verdict:
 def write(stage: Stage, place: int, rng: random.Random) -> None:
     """Also as on a machine where the lock is needed: then a dead holder stops everybody until it is healed."""
     pause = rng.choice((0, 0, 0.0003))
-    with stage.kinds[1](stage.topic, depth=DEPTH, lock_timeout=rng.choice((0, 0.001, 0.01))) as publisher:
+    with stage.kinds[1](stage.topic, depth=stage.depth, lock_timeout=rng.choice((0, 0, 0.001, 0.01))) as publisher:
         publisher._lock.keeps_order &= rng.random() < 0.7
         while True:
             try:
@@ -102,7 +103,7 @@ def write(stage: Stage, place: int, rng: random.Random) -> None:
 
 def read(stage: Stage, place: int, rng: random.Random) -> None:
     way = rng.choice(("read", "read_all", "wait"))
-    with stage.kinds[2](stage.topic, depth=DEPTH, lock_timeout=rng.choice((0, 0.001, 0.01))) as subscriber:
+    with stage.kinds[2](stage.topic, depth=stage.depth, lock_timeout=rng.choice((0, 0, 0.001, 0.01))) as subscriber:
         subscriber._lock.keeps_order &= rng.random() < 0.7
         start, count = subscriber._last, 0
         last = start
@@ -132,7 +133,7 @@ def plc_write(stage: Stage, place: int, rng: random.Random) -> None:
     while True:
         sample = stage.sample(_completed(stage) + 1)
         ctypes.memmove(block.Msg._address, ctypes.addressof(sample), size)
-        block(xEnable=True, sTopic=stage.topic, udiDepth=DEPTH)
+        block(xEnable=True, sTopic=stage.topic, udiDepth=stage.depth)
         stage.moves[place] += block.xSent
         time.sleep(0.0002)
 
@@ -141,7 +142,7 @@ def plc_read(stage: Stage, place: int, rng: random.Random) -> None:
     block = stage.plc.block("FB_chaos_msgs_Sample_Subscriber")
     newest = rng.random() < 0.5
     while True:
-        block(xEnable=True, sTopic=stage.topic, udiDepth=DEPTH, xNewest=newest)
+        block(xEnable=True, sTopic=stage.topic, udiDepth=stage.depth, xNewest=newest)
         if block.xNewData:
             message = stage.kinds[0].from_buffer_copy(block.Msg.bytes())
             stage.check(message, block.udiSequence, "plc_read")
@@ -171,16 +172,11 @@ class Actor:
                 os._exit(0)
 
     def kill(self) -> None:
-        os.kill(self.pid, signal.SIGKILL)
+        self.signal(signal.SIGKILL)
         os.waitpid(self.pid, 0)
 
-    def stop(self, rng: random.Random) -> None:
-        """Some times for a moment: long enough for the others to overtake it in the middle of a copy."""
-        for _ in range(rng.randint(1, 12)):
-            os.kill(self.pid, signal.SIGSTOP)
-            time.sleep(rng.uniform(0, 0.0005))
-            os.kill(self.pid, signal.SIGCONT)
-            time.sleep(rng.uniform(0, 0.0005))
+    def signal(self, number: signal.Signals) -> None:
+        os.kill(self.pid, number)
 
 
 def play(folder: Path, seconds: float, kills: int, seed: int, limit: float, plc: bool, fault: str | None) -> Verdict:
@@ -193,6 +189,7 @@ def play(folder: Path, seconds: float, kills: int, seed: int, limit: float, plc:
     scenes = [[write, read, read], [write, read, plc_read], [plc_write, read, plc_read]] if plc else [[write, read, read]]
     try:
         while time.monotonic() < end and verdict.kills < kills and not verdict.faults:
+            stage.depth = DEPTHS[verdict.regions % 2]
             works = scenes[verdict.regions % len(scenes)]
             cast = [Actor(stage, place, work) for place, work in enumerate(works)]
             for actor in cast:
@@ -250,8 +247,9 @@ def _burst(stage: Stage, cast: list[Actor], rng: random.Random, verdict: Verdict
         time.sleep(rng.uniform(0, 0.004))
         actor = rng.choice(cast)
         if rng.random() < 0.5:
-            actor.stop(rng)
-            verdict.stops += 1
+            for _ in range(rng.randint(1, 10)):
+                _overtake(*rng.sample(cast, 2), rng)
+                verdict.stops += 1
             continue
         actor.kill()
         verdict.kills += 1
@@ -260,9 +258,21 @@ def _burst(stage: Stage, cast: list[Actor], rng: random.Random, verdict: Verdict
         actor.start(rng.random())
 
 
+def _overtake(one: Actor, other: Actor, rng: random.Random) -> None:
+    """Stops one for some microseconds, which the other goes on for, and then lets it meet the other half-way."""
+    one.signal(signal.SIGSTOP)
+    end = time.perf_counter() + rng.uniform(0, 0.0002)
+    while time.perf_counter() < end:
+        pass
+    other.signal(signal.SIGSTOP)
+    one.signal(signal.SIGCONT)
+    time.sleep(0.0002)
+    other.signal(signal.SIGCONT)
+
+
 def _last_sample_is_lost(stage: Stage) -> Iterator[str]:
     """With no writer about, what `completed` says is what a new reader gets, whole."""
-    with stage.kinds[2](stage.topic, depth=DEPTH, lock_timeout=0) as subscriber:
+    with stage.kinds[2](stage.topic, depth=stage.depth, lock_timeout=0) as subscriber:
         completed = subscriber._region.words[33]
         message = subscriber.read()
         if completed and message is None:

@@ -29,12 +29,10 @@ def completed_first(stage: Any) -> None:
 
 
 def no_begun(stage: Any) -> None:
-    """The writer does not say what it begins, only what it has done: who copies the slot meanwhile has two halves."""
+    """The writer does not say what it begins."""
 
     class Words(Wrapped):
         def __setitem__(self, where: int, value: int) -> None:
-            if where == h.COMPLETED:
-                self.inner[h.BEGUN] = value
             if where != h.BEGUN:
                 self.inner[where] = value
 

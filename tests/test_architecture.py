@@ -36,15 +36,26 @@ ARROWS = {
     "show": WORDS | {"layout", "pipeline", "targets"},
     "memory_map": WORDS | {"show"},
     "options": WORDS | {"config"},
-    "cli": WORDS | {"", "config", "drift", "live_cli", "memory_map", "options", "pipeline", "render", "show", "write"},
+    "asked": WORDS | {"config", "drift", "pipeline"},
+    "findings": {"diagnostics"},
+    "compare": {"diagnostics", "drift", "findings"},
+    "check": {"compare", "diagnostics", "drift", "findings", "write"},
+    "revisions": {"diagnostics", "drift"},
+    "start": {"config", "definitions", "diagnostics", "pipeline"},
+    "verdict": {"cache"},
+    "drift_cli": WORDS
+    | {"asked", "check", "compare", "config", "findings", "options", "revisions", "start", "verdict"},
+    "cli": WORDS
+    | {"", "asked", "config", "drift", "drift_cli", "live_cli", "memory_map", "options", "pipeline", "render", "show"}
+    | {"write"},
     "live_cli": {"options", "runtime", "tools"},
     "tools": WORDS | {"bounds", "config", "pipeline", "runtime", "targets", "tools"},
     "runtime": {"runtime"},
     "__init__": set(),
-    "__main__": {"cli"},
+    "__main__": {"cli", "verdict"},
 }
 ONLY_IN = {
-    "click": {"cli", "live_cli", "options"},
+    "click": {"cli", "drift_cli", "live_cli", "options"},
     "jinja2": {"render"},
     "rosbags": {"definitions"},
     "rosidl_parser": {"definitions"},

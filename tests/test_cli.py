@@ -175,7 +175,7 @@ def test_a_failed_run_leaves_everything(folder: Path) -> None:
     write(folder, {"msgs/demo_msgs/msg/Robot.msg": "Arm arm\nfloat32[] speed\n"})
     assert "SHM101" in failed(folder, "generate -I msgs demo_msgs/Robot")
     assert "SHM004" in failed(folder, "generate geometry_msgs/Nothing")
-    assert "SHM401" in failed(spoilt(folder), "generate std_msgs/Bool")
+    assert "SHM408" in failed(spoilt(folder), "generate std_msgs/Bool")
 
 
 def spoilt(folder: Path) -> Path:

@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 
 import posix_ipc
@@ -47,7 +48,9 @@ def forget(topic: str) -> None:
     """Removes the region, which neither side did: here both are known to have ended."""
     name = "/" + topic.strip("/").replace("/", ".")
     posix_ipc.unlink_shared_memory(name)
-    posix_ipc.unlink_semaphore(name)
+    for semaphore in (name, f"{name}-event"):
+        with suppress(posix_ipc.ExistentialError):
+            posix_ipc.unlink_semaphore(semaphore)
 
 
 def step(text: str) -> None:

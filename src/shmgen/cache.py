@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 
 
-def folder() -> Path | None:
+def folder() -> str | None:
     """`$XDG_CACHE_HOME/shmgen`, made if need be; None where nothing can be kept.
 
     As the XDG base directory specification says, a value that is not absolute is ignored.
@@ -16,9 +15,9 @@ def folder() -> Path | None:
         base = os.path.join(os.path.expanduser("~"), ".cache")
     if not os.path.isabs(base):
         return None
-    path = Path(base, "shmgen")
+    path = os.path.join(base, "shmgen")
     try:
-        path.mkdir(mode=0o700, parents=True, exist_ok=True)
+        os.makedirs(path, mode=0o700, exist_ok=True)
     except OSError:
         return None
     return path if os.access(path, os.W_OK) else None

@@ -12,7 +12,8 @@ from shmgen.compare import compare
 from shmgen.diagnostics import Diagnostic, Report, Span
 from shmgen.findings import Finding, Severity, worst
 
-REGENERATE = "run `shmgen generate`, commit the result"
+REGENERATE = "run `shmgen generate` and commit the result"
+REBUILD = "run `shmgen generate`, commit the result, rebuild both sides"
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +42,7 @@ def check(texts: Mapping[str, str], folder: Path) -> list[Finding]:
     findings = [_with_advice(found) for found in compare(old, new, shown)]
     findings += _of_files(_files(texts, folder, old), folder, worst(findings))
     if not findings and kept != texts[drift.LOCK].encode():
-        findings += _listed("SHM403", Severity.COSMETIC, [drift.LOCK], folder, "stale", f"{REGENERATE}")
+        findings += _listed("SHM403", Severity.COSMETIC, [drift.LOCK], folder, ("is stale", ""), REGENERATE)
     return findings
 
 
@@ -58,8 +59,8 @@ def differences(texts: Mapping[str, str], folder: Path) -> str:
 
 
 def _with_advice(found: Finding) -> Finding:
-    rebuild = ", rebuild both sides" if found.severity is Severity.BREAKING else ""
-    hint = "; ".join(filter(None, [f"{REGENERATE}{rebuild}", found.diagnostic.hint]))
+    advice = REBUILD if found.severity is Severity.BREAKING else REGENERATE
+    hint = "; ".join(filter(None, [advice, found.diagnostic.hint]))
     return replace(found, diagnostic=replace(found.diagnostic, hint=hint))
 
 
@@ -82,25 +83,25 @@ def _files(texts: Mapping[str, str], folder: Path, lock: drift.Lock) -> _Files:
 
 
 def _of_files(files: _Files, folder: Path, cause: Severity | None) -> list[Finding]:
-    stale = REGENERATE if cause else f"another version of shmgen wrote this; {REGENERATE}"
-    by_hand = "what is written by hand is lost at the next `shmgen generate`: change the definition or shmgen.toml"
+    stale = "" if cause else f"another version of shmgen wrote this; {REGENERATE}"
+    by_hand = "it is lost at the next `shmgen generate`: change the definition or shmgen.toml instead"
     return [
-        *_listed("SHM403", cause or Severity.COSMETIC, files.stale, folder, "stale", stale),
-        *_listed("SHM404", Severity.BREAKING, files.edited, folder, "edited since it was generated", by_hand),
-        *_listed("SHM405", Severity.BREAKING, files.missing, folder, "missing", REGENERATE),
-        *_listed("SHM406", Severity.COSMETIC, files.left_over, folder, "left over", "`shmgen generate` takes it away"),
+        *_listed("SHM403", cause or Severity.COSMETIC, files.stale, folder, ("is stale", "are stale"), stale),
+        *_listed("SHM404", Severity.BREAKING, files.edited, folder, ("was edited", "were edited"), by_hand),
+        *_listed("SHM405", Severity.BREAKING, files.missing, folder, ("is missing", "are missing"), REGENERATE),
+        *_listed("SHM406", Severity.COSMETIC, files.left_over, folder, ("is left over", "are left over"), REGENERATE),
     ]
 
 
-def _listed(code: str, severity: Severity, paths: Sequence[str], folder: Path, what: str, hint: str) -> list[Finding]:
+def _listed(
+    code: str, severity: Severity, paths: Sequence[str], folder: Path, what: tuple[str, str], hint: str
+) -> list[Finding]:
     """One finding for all of them, called by its file where it is one."""
     if not paths:
         return []
     if len(paths) == 1:
-        found = Diagnostic(code, f"generated file is {what}", Span(str(folder / paths[0])), hint=hint)
+        found = Diagnostic(code, f"generated file {what[0]}", Span(str(folder / paths[0])), hint=hint)
     else:
-        plural = what.replace("it was", "they were")
-        message, details = f"{len(paths)} generated files are {plural}", tuple(sorted(paths))
-        plural_hint = hint.replace("wrote this", "wrote these").replace("takes it", "takes them")
-        found = Diagnostic(code, message, Span(str(folder)), hint=plural_hint, details=details)
+        message = f"{len(paths)} generated files {what[1]}"
+        found = Diagnostic(code, message, Span(str(folder)), hint=hint, details=tuple(sorted(paths)))
     return [Finding(severity, found)]

@@ -5,16 +5,14 @@ from __future__ import annotations
 import io
 import os
 import sys
-from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import click
 
-from shmgen import __version__, drift, live_cli, options, pipeline
-from shmgen import config as configuration
-from shmgen.config import TARGETS, Config
-from shmgen.diagnostics import CODES, Diagnostic, Rejected, Report, Span
+from shmgen import __version__, asked, drift, drift_cli, live_cli, options, pipeline
+from shmgen.config import TARGETS
+from shmgen.diagnostics import CODES, Diagnostic, Rejected, Span
 
 
 def main() -> None:
@@ -25,13 +23,13 @@ def main() -> None:
     try:
         cli(standalone_mode=True)
     except Rejected as rejected:
-        _complain(rejected.diagnostics)
+        options.complain(rejected.diagnostics)
         sys.exit(1)
     except Exception as error:
         if os.environ.get("SHMGEN_DEBUG"):
             raise
         hint = "this is a fault of shmgen, not of your input: run again with SHMGEN_DEBUG=1 and report what it prints"
-        _complain([Diagnostic("SHM901", f"{type(error).__name__}: {error}", Span("shmgen"), hint=hint)])
+        options.complain([Diagnostic("SHM901", f"{type(error).__name__}: {error}", Span("shmgen"), hint=hint)])
         sys.exit(1)
 
 
@@ -85,13 +83,13 @@ def generate(
     config = options.load(config_file, include)
     if target:
         config = replace(config, targets=target)
-    lock, formerly = _lock(output)
+    lock, formerly = asked.former(output)
     if messages:
         requests = [*messages, *lock.requested]
     else:
-        requests, formerly = [*config.messages, *(topic.type for topic in config.topics)], {}
-    texts = _generated(config, requests, formerly, output)
-    leftovers = sorted(set(lock.files or ()) - set(texts))
+        requests, formerly = asked.configured(config), {}
+    texts = asked.texts(config, requests, formerly, output)
+    leftovers = sorted(set(lock.files) - set(texts))
     written = write(output, texts, leftovers, last=drift.LOCK)
     if not quiet:
         removed = f", {len(written.removed)} removed" if written.removed else ""
@@ -158,47 +156,5 @@ def explain(code: str) -> None:
     click.echo(f"{code}{section.rstrip()}")
 
 
-for live in live_cli.COMMANDS:
-    cli.add_command(live)
-
-
-def _generated(config: Config, requests: list[str], formerly: Mapping[str, Span], output: Path) -> dict[str, str]:
-    """{path: text} of all targets. What is wrong with a request is told at the place where it was written."""
-    if not requests:
-        hint = 'name one, `shmgen generate geometry_msgs/Pose`, or list them in shmgen.toml: messages = ["..."]'
-        raise Rejected([Diagnostic("SHM504", "no messages to generate", Span("command line"), hint=hint)])
-    try:
-        return pipeline.generate(config, dict.fromkeys(requests))
-    except Rejected as rejected:
-        raise Rejected(_placed(found, config.places, formerly, output) for found in rejected.diagnostics) from rejected
-
-
-def _placed(found: Diagnostic, written: Mapping[str, Span], formerly: Mapping[str, Span], output: Path) -> Diagnostic:
-    request = found.span.path
-    if request in written:
-        return replace(found, span=written[request])
-    if request in formerly:
-        hint = f"a former run was asked for it: say again where it is, or delete {output}/ to start afresh"
-        return replace(found, span=formerly[request], hint=f"{found.hint}\n{hint}")
-    return found
-
-
-def _lock(output: Path) -> tuple[drift.Lock, dict[str, Span]]:
-    """What a former run left in the folder, and where each of its requests stands there. Raises Rejected: SHM401."""
-    file = output / drift.LOCK
-    if not file.is_file():
-        return drift.Lock(), {}
-    report = Report()
-    text = file.read_text(encoding="utf-8", errors="replace")
-    lock = drift.read(text, str(file), report)
-    report.stop_if_any()
-    return lock, configuration.quoted(text, str(file), lock.requested)
-
-
-def _complain(diagnostics: Iterable[Diagnostic]) -> None:
-    for diagnostic in diagnostics:
-        first, _, rest = str(diagnostic).partition("\n")
-        where, mark, message = first.partition(": error[")
-        click.echo(click.style(where, bold=True) + click.style(mark + message, fg="red"), err=True)
-        if rest:
-            click.echo(rest, err=True)
+for command in (*drift_cli.COMMANDS, *live_cli.COMMANDS):
+    cli.add_command(command)

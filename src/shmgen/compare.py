@@ -45,10 +45,10 @@ def _same_layout(name: str, before: Block, after: Block, old: Lock, new: Lock, s
         return _finding("SHM401", Severity.BREAKING, f"{short} is only a part of others now", shown, (), origin)
     if (name in old.requested) < (name in new.requested):
         return _finding("SHM402", Severity.COMPATIBLE, f"{short} is asked for now", shown, (), origin)
-    if changes := _values(before, after):
+    if changes := (*_fields(before, after, old, new), *_values(before, after)):
         message = f"{short} changed, its layout did not"
         return _finding("SHM402", Severity.COMPATIBLE, message, shown, changes, origin)
-    if before.text != after.text:
+    if before.text != after.text and before.text:
         change = Change("text", ("text",), "comments, spacing or order of constants changed")
         message = f"{short} changed, its layout did not"
         return _finding("SHM402", Severity.COMPATIBLE, message, shown, (change,), origin)
@@ -125,7 +125,8 @@ def _values(before: Block, after: Block) -> tuple[Change, ...]:
         elif now is None:
             changes.append(Change(name, ("constant",), f"constant vanished, was {was}"))
         elif was != now:
-            changes.append(Change(name, ("constant",), f"constant {was} -> {now}"))
+            same = now.removeprefix(f"{was.partition(' ')[0]} ")  # the type need not be said twice
+            changes.append(Change(name, ("constant",), f"constant {was} -> {same}"))
     for name in {**before.defaults, **after.defaults}:
         was, now = before.defaults.get(name, "none"), after.defaults.get(name, "none")
         if was != now and name in before.fields and name in after.fields:
@@ -192,7 +193,7 @@ def _capacity(type_: str) -> str:
 
 
 def _encoding(type_: str, settings: Mapping[str, object]) -> object:
-    """What the settings make of it: `bool` is USINT or BOOL, `time` TIME, LTIME or a struct, `string` utf-8 or latin-1."""
+    """What the settings make of it: of `bool` USINT or BOOL, of `time` TIME or LTIME, of `string` utf-8 or latin-1."""
     keys = {"bool": "bool", "time": "time", "duration": "time", "string": "encoding"}
     return settings.get(keys.get(_bare(type_), ""))
 

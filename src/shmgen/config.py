@@ -55,6 +55,7 @@ class Config:
     path: tuple[Path, ...] = ()
     targets: tuple[str, ...] = TARGETS
     package: str = "shm_msgs"
+    distribution: str = ""
     max_region: int = MAX_REGION
     task_interval: int = TASK_INTERVAL
     types: TypeOptions = field(default_factory=TypeOptions)
@@ -109,7 +110,7 @@ class _Reader:
     report: Report
 
     def config(self, data: dict[str, Any], root: Path) -> Config:
-        known = ("messages", "source", "path", "targets", "package", "max_region", "task_interval")
+        known = ("messages", "source", "path", "targets", "package", "distribution", "max_region", "task_interval")
         self.keys("", data, (*known, "types", "strings", "bounds", "topics"))
         types, strings, bounds = (self.table(data, name) for name in ("types", "strings", "bounds"))
         self.keys("types", types, ("bool", "time"))
@@ -120,6 +121,7 @@ class _Reader:
             path=tuple(root / folder for folder in self.texts("path", data, ())),
             targets=self.texts("targets", data, TARGETS, TARGETS),
             package=self.package(data),
+            distribution=self.distribution(data),
             max_region=self.number("", "max_region", data, MAX_REGION),
             task_interval=self.number("", "task_interval", data, TASK_INTERVAL),
             types=TypeOptions(
@@ -188,6 +190,13 @@ class _Reader:
             return "shm_msgs"
         return str(name)
 
+    def distribution(self, data: dict[str, Any]) -> str:
+        value = data.get("distribution", "")
+        if isinstance(value, str) and (not value or _DISTRIBUTION.fullmatch(value)):
+            return value
+        self.wrong("", "distribution", f'distribution is a name and a version, such as "robot-shm 1.2.0", not {value!r}')
+        return ""
+
     def keys(self, section: str, data: dict[str, Any], allowed: tuple[str, ...]) -> None:
         place = f" in [{section.partition('.')[0]}]" if section else ""
         for key in data:
@@ -244,6 +253,8 @@ class _Reader:
         return next((self.positions[place] for place in places if place in self.positions), self.file)
 
 
+_DISTRIBUTION = re.compile(r"[A-Za-z0-9]([A-Za-z0-9._-]*[A-Za-z0-9])? [0-9]+(\.[0-9]+)*((a|b|rc|\.post|\.dev)[0-9]+)?")
+"""Names of PEP 508 and the common versions of PEP 440."""
 _MESSAGE = re.compile(r"[A-Za-z]\w*/((msg|srv|action)/)?[A-Za-z]\w*", re.ASCII)
 LONGEST_TOPIC = 74
 """MAX_NAME of FB_ShmRegion: its STRING(80) less `-event`."""

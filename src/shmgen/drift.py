@@ -161,7 +161,7 @@ def _read_block(block: Any) -> Block:
         str(block["digest"]),
         int(block["size"]),
         str(block["origin"]),
-        str(block["text"]),
+        str(block.get("text", "")),
         fields,
         dict(_parts(_DEFAULT, line) for line in block.get("defaults", ())),
         {name: f"{type_} {value}" for type_, name, value in constants},

@@ -92,7 +92,7 @@ def as_annotations(findings: Iterable[Finding], fail_on: Severity) -> str:
         places = {"file": found.origin or diagnostic.span.path, "title": f"{diagnostic.code} {diagnostic.message}"}
         if diagnostic.span.line and not found.origin:
             places |= {"line": str(diagnostic.span.line), "col": str(diagnostic.span.column or 1)}
-        body = "\n".join([*(detail.strip() for detail in diagnostic.details), diagnostic.field, diagnostic.hint]).strip()
+        body = "\n".join(filter(None, [*diagnostic.details, diagnostic.field, diagnostic.hint]))
         where = ",".join(f"{key}={_property(value)}" for key, value in places.items())
         lines.append(f"::{level} {where}::{_data(body or diagnostic.message)}\n")
     return "".join(lines)

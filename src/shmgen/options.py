@@ -11,7 +11,7 @@ import click
 
 from shmgen import config as configuration
 from shmgen.config import Config
-from shmgen.diagnostics import Report
+from shmgen.diagnostics import Diagnostic, Report
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -48,3 +48,14 @@ def load(file: Path | None, include: Iterable[Path]) -> Config:
 def file_in_force(file: Path | None) -> Path | None:
     """The one named, else that of this folder, if it has one."""
     return file or configuration.find(Path.cwd())
+
+
+def complain(diagnostics: Iterable[Diagnostic], *, to_stderr: bool = True) -> None:
+    """Prints them, in colour on a terminal."""
+    for diagnostic in diagnostics:
+        first, _, rest = str(diagnostic).partition("\n")
+        where, mark, message = first.partition(f": {diagnostic.level}[")
+        colour = "red" if diagnostic.level == "error" else "cyan"
+        click.echo(click.style(where, bold=True) + click.style(mark + message, fg=colour), err=to_stderr)
+        if rest:
+            click.echo(rest, err=to_stderr)

@@ -13,7 +13,7 @@ from shmgen import bounds, definitions, drift, layout
 from shmgen.config import Config
 from shmgen.diagnostics import Report
 from shmgen.model import Layouts, Output, Schema, Topic, TypeName
-from shmgen.targets import c, plcopen, python, st
+from shmgen.targets import c, plcopen, python, python_project, st
 
 
 def read(config: Config, requests: Iterable[str]) -> Schema:
@@ -71,6 +71,8 @@ def inventory(config: Config, package: str | None = None) -> list[Entry]:
 def _plan(config: Config, layouts: Layouts, report: Report) -> Iterable[Output]:
     if "python" in config.targets:
         yield from python.plan(layouts, report, config.package)
+        if config.distribution:
+            yield python_project.plan(config.distribution, config.package)
     if "st" in config.targets or "plcopen" in config.targets:  # the latter holds the texts of the former
         yield from st.plan(layouts, report, tuple(_topics(config, layouts, report)))
     if "c" in config.targets:
@@ -96,6 +98,7 @@ def _settings(config: Config) -> dict[str, object]:
         "source": config.source,
         "targets": list(config.targets),
         "package": config.package,
+        **({"distribution": config.distribution} if config.distribution else {}),
         "bool": config.types.bool,
         "time": config.types.time,
         "encoding": config.types.encoding,

@@ -20,7 +20,7 @@ def render(outputs: Iterable[Output]) -> dict[str, str]:
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
-        bytecode_cache=FileSystemBytecodeCache(str(kept)) if kept else None,
+        bytecode_cache=FileSystemBytecodeCache(kept) if kept else None,
         autoescape=False,  # targets hand over finished strings; what is printed is not HTML
     )
     texts: dict[str, str] = {}

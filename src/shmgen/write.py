@@ -47,7 +47,6 @@ def write(folder: Path, texts: Mapping[str, str], leftovers: Iterable[str], last
                 made += _make_folder((folder / path).parent)
                 staged[path] = _stage(folder / path, texts[path])
             made.clear()
-            removed += [path for path in leftovers if not changed and _remove(folder, path)]
             for path in changed:
                 if path == last:
                     removed += [leftover for leftover in leftovers if _remove(folder, leftover)]

@@ -95,7 +95,7 @@ def test_only_a_dead_process_is_healed_early(topic, monkeypatch, value, holder):
         assert publisher._region.words[h.RECOVERIES] == early
         monkeypatch.setattr(lock, "_STUCK_AFTER", 4 * SOON)
         # A reader heals as well.
-        until(lambda: publisher.publish(pose(2)) or subscriber.read() and publisher._region.words[h.RECOVERIES])
+        until(lambda: publisher.publish(pose(2)) or (subscriber.read() and publisher._region.words[h.RECOVERIES]))
         assert (publisher._region.words[h.RECOVERIES], publisher._region.words[h.LOCK_HOLDER], value()) == (1, 0, 1)
 
 

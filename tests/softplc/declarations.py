@@ -159,6 +159,8 @@ _SECTIONS = {b.InputDeclarations: "input", b.OutputDeclarations: "output", b.Var
 
 def _sections(tree: Any) -> Iterator[Variable]:
     for block in tree.declarations or ():
+        if isinstance(block, b.IncompleteLocatedVariableDeclarations) and not block.items:
+            continue  # what blark calls an empty VAR
         section = _SECTIONS.get(type(block))
         if section is None:
             raise Unsupported(type(block).__name__)
@@ -225,6 +227,8 @@ def _elementary(name: str) -> Type:
 def _number(tree: Any) -> int:
     if isinstance(tree, b.ParenthesizedExpression):
         return _number(tree.expr)
+    if isinstance(tree, b.UnaryOperation) and str(tree.op) == "-":
+        return -_number(tree.expr)
     if type(tree) is not b.Integer:
         raise Unsupported("a length or a bound that is no decimal number")
     return int(str(tree.value).replace("_", ""))

@@ -195,9 +195,7 @@ class Scope:
         steps += [f"set({self.path(value)}, self.{variable(name)});" for name, value in outputs.items()]
         return f"{{ {' '.join(steps)} }}"
 
-    def given(
-        self, called: str, known: Iterable[Variable], given: list[Any]
-    ) -> tuple[dict[str, Any], dict[str, Any]]:
+    def given(self, called: str, known: Iterable[Variable], given: list[Any]) -> tuple[dict[str, Any], dict[str, Any]]:
         """Values by the names of inputs and of outputs."""
         sections = {one.name: one.section for one in known}
         found: dict[str, dict[str, Any]] = {"input": {}, "output": {}}

@@ -9,6 +9,8 @@ ELEMENTARY = (
     "BOOL", "BYTE", "WORD", "DWORD", "LWORD", "SINT", "INT", "DINT", "LINT", "USINT", "UINT", "UDINT", "ULINT",
     "REAL", "LREAL", "TIME", "LTIME",
 )  # fmt: skip
+
+
 @dataclass(frozen=True)
 class Elementary:
     name: str

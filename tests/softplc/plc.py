@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import pickle
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +38,10 @@ class _Entry(ctypes.Structure):
     _fields_ = (("block", ctypes.c_char_p), ("method", ctypes.c_char_p), ("call", _CALL))
 
 
+class _Program(ctypes.Structure):
+    _fields_ = (("call", _CALL), ("self", ctypes.c_void_p))
+
+
 class Plc:
     """A loaded library. Its clock, its semaphores' birth and its failures are set here; see shim.h."""
 
@@ -66,11 +70,21 @@ class Plc:
 
     def block(self, name: str) -> Block:
         """A new instance of a FUNCTION_BLOCK, or a PROGRAM, with its initial values."""
-        return Block(self, name.upper())
+        memory = self.make(name.upper())
+        return Block(self, name.upper(), ctypes.addressof(memory), memory)
+
+    def structure(self, name: str) -> View:
+        """A new variable of a structure, with its initial values."""
+        memory = self.make(name.upper())
+        return View(self, name.upper(), ctypes.addressof(memory), memory)
 
     def globals(self, name: str) -> View:
         """A variable list."""
         return View(self, name.upper(), self._kinds[name.upper()].place)
+
+    def runs(self, name: str) -> bool:
+        """Whether it is a block."""
+        return (name, "") in self._calls
 
     def make(self, name: str) -> Any:
         """Memory with the initial values of a structure, a block or a method's parameters."""
@@ -85,17 +99,19 @@ class Plc:
         if reason:
             raise Trap(f"{block}.{method}: {reason.decode()}".replace(".:", ":"))
 
-    def run(self, block: str, self_: int, period: float, cycles: int) -> float:
-        """Raises Trap. Seconds of the longest cycle."""
+    def run(self, blocks: Sequence[Block], period: float, cycles: int) -> float:
+        """Calls them one after the other each `period` seconds, as a task does its programs, outside of Python.
+
+        Returns how many seconds the longest cycle took. Raises Trap.
+        """
+        programs = (_Program * len(blocks))(*((self._calls[block._name, ""], block._address) for block in blocks))
         reason = ctypes.c_char_p()
         run = self.library.shim_run
         run.restype = ctypes.c_uint64
-        ns = ctypes.c_uint64(int(period * 1e9))
-        longest = run(
-            self._calls[block, ""], ctypes.c_void_p(self_), ns, ctypes.c_uint64(cycles), ctypes.byref(reason)
-        )
+        count, ns = ctypes.c_uint64(len(blocks)), ctypes.c_uint64(int(period * 1e9))
+        longest = run(programs, count, ns, ctypes.c_uint64(cycles), ctypes.byref(reason))
         if reason.value:
-            raise Trap(f"{block}: {reason.value.decode()}")
+            raise Trap(reason.value.decode())
         return float(longest) / 1e9
 
     def born(self, value: int) -> None:
@@ -132,11 +148,11 @@ class View:
     """The variables of a structure, a block or a list, as attributes; case does not matter.
 
     BOOL is bool, a number int or float, TIME int in ms, STRING str, an enumeration the name of its value, a pointer
-    the address, an array a list-like, a structure a View.
+    the address, an array a list-like, a structure a View, a block a Block.
     """
 
-    def __init__(self, plc: Plc, name: str, address: int) -> None:
-        self.__dict__.update(_plc=plc, _name=name, _address=address)
+    def __init__(self, plc: Plc, name: str, address: int, memory: Any = None) -> None:
+        self.__dict__.update(_plc=plc, _name=name, _address=address, _memory=memory)  # the memory lives as long
 
     def __getattr__(self, name: str) -> Any:
         type_, address = self._find(name)
@@ -160,11 +176,6 @@ class View:
 class Block(View):
     """An instance of a FUNCTION_BLOCK or a PROGRAM: call it for one cycle."""
 
-    def __init__(self, plc: Plc, name: str) -> None:
-        memory = plc.make(name)
-        super().__init__(plc, name, ctypes.addressof(memory))
-        self.__dict__["_memory"] = memory
-
     def __call__(self, **inputs: Any) -> Block:
         for name, value in inputs.items():
             setattr(self, name, value)
@@ -173,7 +184,7 @@ class Block(View):
 
     def run(self, period: float, cycles: int) -> float:
         """Calls it each `period` seconds, outside of Python, and returns how many seconds the longest call took."""
-        return self._plc.run(self._name, self._address, period, cycles)
+        return self._plc.run([self], period, cycles)
 
     def method(self, name: str, **inputs: Any) -> Any:
         """What the method returns; None if it returns nothing."""
@@ -244,7 +255,7 @@ def _get(plc: Plc, type_: Type, address: int) -> Any:
             number = _get(plc, plc.enumerations[name], address)
             return next((value for value, (found, _) in plc.offsets[name].items() if found == number), number)
         case Named(name):
-            return View(plc, name, address)
+            return (Block if plc.runs(name) else View)(plc, name, address)
 
 
 def _set(plc: Plc, type_: Type, address: int, value: Any) -> None:

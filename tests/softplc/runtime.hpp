@@ -188,6 +188,26 @@ struct Modulo {
     }
 };
 
+template <class T> inline constexpr bool has_bits = is_integer<T> || std::is_same_v<T, __int128>;
+struct And {
+    template <class T> static constexpr T of(T a, T b) {
+        static_assert(has_bits<T>, "AND is for BOOL and integers");
+        return static_cast<T>(a & b);
+    }
+};
+struct Or {
+    template <class T> static constexpr T of(T a, T b) {
+        static_assert(has_bits<T>, "OR is for BOOL and integers");
+        return static_cast<T>(a | b);
+    }
+};
+struct Xor {
+    template <class T> static constexpr T of(T a, T b) {
+        static_assert(has_bits<T>, "XOR is for BOOL and integers");
+        return static_cast<T>(a ^ b);
+    }
+};
+
 template <class Operation, class A, class B> constexpr auto combined(A a, B b) {
     if constexpr (is_literal<A> && is_literal<B>) return Integer<Operation::of(A::value, B::value)>{};
     else {
@@ -234,21 +254,9 @@ inline BOOL both(BOOL a, BOOL b) { return BOOL((a.byte != 0) & (b.byte != 0)); }
 inline BOOL either(BOOL a, BOOL b) { return BOOL((a.byte != 0) | (b.byte != 0)); }
 inline BOOL differ(BOOL a, BOOL b) { return BOOL((a.byte != 0) ^ (b.byte != 0)); }
 inline BOOL inverse(BOOL a) { return BOOL(a.byte == 0); }
-template <class A, class B> constexpr auto both(A a, B b) {
-    using T = common_t<A, B>;
-    static_assert(is_integer<T>, "AND is for BOOL and integers");
-    return static_cast<T>(as<T>(a) & as<T>(b));
-}
-template <class A, class B> constexpr auto either(A a, B b) {
-    using T = common_t<A, B>;
-    static_assert(is_integer<T>, "OR is for BOOL and integers");
-    return static_cast<T>(as<T>(a) | as<T>(b));
-}
-template <class A, class B> constexpr auto differ(A a, B b) {
-    using T = common_t<A, B>;
-    static_assert(is_integer<T>, "XOR is for BOOL and integers");
-    return static_cast<T>(as<T>(a) ^ as<T>(b));
-}
+template <class A, class B> constexpr auto both(A a, B b) { return combined<And>(a, b); }
+template <class A, class B> constexpr auto either(A a, B b) { return combined<Or>(a, b); }
+template <class A, class B> constexpr auto differ(A a, B b) { return combined<Xor>(a, b); }
 template <class A> constexpr A inverse(A a) {
     static_assert(is_integer<A>, "NOT is for BOOL and integers");
     return static_cast<A>(~a);

@@ -186,12 +186,13 @@ static uint64_t ns_now(void) {
     return (uint64_t)now.tv_sec * 1000000000u + (uint64_t)now.tv_nsec;
 }
 
-uint64_t shim_run(const char *(*call)(void *, void *), void *self, uint64_t period_ns, uint64_t cycles,
+uint64_t shim_run(const shim_program *programs, uint64_t count, uint64_t period_ns, uint64_t cycles,
                   const char **reason) {
     uint64_t longest = 0, next = ns_now();
     for (*reason = NULL; cycles > 0 && *reason == NULL; cycles--) {
         uint64_t begun = ns_now();
-        *reason = call(self, NULL);
+        for (uint64_t index = 0; index < count && *reason == NULL; index++)
+            *reason = programs[index].call(programs[index].self, NULL);
         uint64_t took = ns_now() - begun;
         longest = took > longest ? took : longest;
         next += period_ns;

@@ -29,7 +29,11 @@ void shim_set_now(uint32_t ms);                            /* stops the clock th
 uint32_t shim_waits(void);                                 /* how often Enter had a time limit other than 0 */
 
 /* Calls `call(self, 0)` each period; gives the longest time that one took, in ns, or ends at the first `*reason`. */
-uint64_t shim_run(const char *(*call)(void *, void *), void *self, uint64_t period_ns, uint64_t cycles,
+typedef struct shim_program {
+    const char *(*call)(void *, void *);
+    void *self;
+} shim_program;
+uint64_t shim_run(const shim_program *programs, uint64_t count, uint64_t period_ns, uint64_t cycles,
                   const char **reason);
 
 #ifdef __cplusplus

@@ -1,6 +1,6 @@
-"""Turns a library of compile_st into a process that runs one block in a cycle, as a task of a PLC does.
+"""Turns a library of compile_st into a process that runs its programs in a cycle, as a task of a PLC does.
 
-    python -m tests.softplc.task FOLDER/plc.so PRG_Main --period 0.001 [--set xEnable=true ...]
+    python -m tests.softplc.task FOLDER/plc.so PRG_Ros PRG_Own --period 0.001 [--set xEnable=true ...]
 
 Prints `running` after the first cycle. Ends when it is killed.
 """
@@ -18,22 +18,22 @@ def main() -> None:
     """Reads the command line."""
     parser = argparse.ArgumentParser()
     parser.add_argument("library", type=Path)
-    parser.add_argument("block")
+    parser.add_argument("programs", nargs="+", help="or blocks, in the order of their calls")
     parser.add_argument("--period", type=float, default=0.001, help="seconds")
-    parser.add_argument("--set", nargs="*", default=[], help='inputs, values as in JSON: xEnable=true sTopic=\'"/a"\'')
+    parser.add_argument("--set", nargs="*", default=[], help="inputs, values as in JSON: xEnable=true sTopic='\"/a\"'")
     arguments = parser.parse_args()
-    run(Plc.load(arguments.library), arguments.block, arguments.period, arguments.set)
+    run(Plc.load(arguments.library), arguments.programs, arguments.period, arguments.set)
 
 
-def run(plc: Plc, name: str, period: float, settings: list[str]) -> None:
-    """For ever."""
-    block = plc.block(name)
+def run(plc: Plc, names: list[str], period: float, settings: list[str]) -> None:
+    """For ever. `settings` are inputs of the first."""
+    blocks = [plc.block(name) for name in names]
     for setting in settings:
         variable, _, value = setting.partition("=")
-        setattr(block, variable, json.loads(value))
-    block()
+        setattr(blocks[0], variable, json.loads(value))
+    plc.run(blocks, period, 1)
     print("running", flush=True)
-    block.run(period, 2**63)
+    plc.run(blocks, period, 2**63)
 
 
 if __name__ == "__main__":

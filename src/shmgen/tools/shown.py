@@ -89,7 +89,13 @@ def _text(value: str) -> str:
         return value
     if value.isprintable():
         return "'" + value.replace("'", "''") + "'"
-    return json.dumps(value)
+    return f'"{"".join(map(_escaped, value))}"'
+
+
+def _escaped(sign: str) -> str:
+    if sign.isprintable() and sign not in '"\\':
+        return sign
+    return json.dumps(sign)[1:-1] if ord(sign) < 0x10000 else f"\\U{ord(sign):08x}"
 
 
 def _spelled(tree: Any) -> Any:

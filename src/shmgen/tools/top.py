@@ -84,14 +84,15 @@ def ordered(rows: Sequence[Row], column: str, reverse: bool) -> list[Row]:
 def table(rows: Sequence[Row], sorted_by: str = "", width: int | None = None) -> list[str]:
     """Lines of aligned columns, the titles first; the column sorted by carries a `*`.
 
-    To fit `width` the widest texts lose their ends, for the numbers are what one looks for.
+    To fit `width` the texts lose their ends, the topic last, for the numbers are what one looks for.
     """
     titles = [f"{name.upper()}{'*' if name == sorted_by else ''}" for name in COLUMNS]
     cells = [titles, *([_cell(name, getattr(row, name)) for name in COLUMNS] for row in rows)]
     widths = [max(len(line[column]) for line in cells) for column in range(len(COLUMNS))]
-    texts = [COLUMNS.index(name) for name in _TEXTS]
     while width is not None and sum(widths) + 2 * len(widths) - 2 > width:
-        widest = max(texts, key=lambda column: widths[column])
+        topic, *others = (COLUMNS.index(name) for name in _TEXTS)
+        widest = max(others, key=lambda column: widths[column])
+        widest = widest if widths[widest] > _NARROWEST else topic
         if widths[widest] <= _NARROWEST:
             break
         widths[widest] -= 1

@@ -1,0 +1,167 @@
+"""Turns a paced stream between two processes into the age of its samples and the reader's CPU, ours beside others.
+
+    python benchmarks/latency.py [--rounds 5] [--seconds 1] [--only shmgen,UDP]
+
+A sample carries the time when it was handed over; its age is taken when the receiver holds it as a message of its
+own, in microseconds, at 1 kHz (1 MiB: 100 Hz). The sender sleeps between two samples, as one with a cycle does. Rounds
+are interleaved; the figure is the median over the rounds of each round's median, the ratio is to shmgen in the same
+mode, round by round.
+Targets: event at most 1.3 x the age of an event by hand and under 2 % of a core; a Pose ahead of every peer.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.metadata
+import importlib.util
+import os
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from peers import WAYS, networks, remove
+
+HERE = Path(__file__).parent
+MODES = ("spin", "event", "poll")
+SIZES = {56: 1000, 320: 1000, 1 << 20: 100}
+POLLED = ("shmgen", "by hand, Python")
+WOKEN_ONLY = ("Modbus TCP (pymodbus)", "OPC UA (asyncua)")
+LARGEST = {"Modbus TCP (pymodbus)": 240, "cyclonedds": 1 << 16}
+"""Bytes: 123 registers are the most of one Modbus write; Python lists make a mebibyte of DDS octets a matter of 0.1 s."""
+WARM_UP = 0.3
+
+
+def main() -> None:
+    """Prints a table for each size."""
+    parser = argparse.ArgumentParser(description="One-way latency and CPU of a paced stream.")
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--seconds", type=float, default=1)
+    parser.add_argument("--only", default="")
+    parser.add_argument("--child", nargs=5, metavar=("ROLE", "WAY", "MODE", "SIZE", "NAME"))
+    given = parser.parse_args()
+    if given.child:
+        role, way, mode, size, name = given.child
+        child(role, way, mode, int(size), name, given.seconds)
+        return
+    versions, ways = _present(given.only.split(",") if given.only else [])
+    print(f"Python {sys.version.split()[0]}, {os.uname().machine}, {os.cpu_count()} cores; {', '.join(versions)}")
+    with tempfile.TemporaryDirectory() as folder:
+        floor = Path(folder, "floor")
+        subprocess.run(["gcc", "-O2", "-pthread", "-o", floor, HERE / "peers" / "floor.c"], check=True)
+        for size, rate in SIZES.items():
+            _table(size, rate, ways, floor, given.rounds, given.seconds)
+
+
+def child(role: str, way: str, mode: str, size: int, name: str, seconds: float) -> None:
+    """One end of a stream. The receiver prints its median age [ns], its 99th percentile, CPU [%] and how many came."""
+    if role == "send":
+        send = WAYS[way](role, mode, size, name)
+        due = time.monotonic()
+        while True:
+            due = max(due + 1 / SIZES[size], time.monotonic())
+            time.sleep(due - time.monotonic())
+            send(time.monotonic_ns())
+    receive = WAYS[way](role, mode, size, name)
+    print("ready", flush=True)
+    ages: list[int] = []
+    end = time.monotonic() + 10
+    while receive() is None and time.monotonic() < end:
+        pass
+    end = time.monotonic() + WARM_UP
+    while time.monotonic() < end:
+        receive()
+    began, used, end = time.monotonic(), _cpu(), time.monotonic() + seconds
+    while time.monotonic() < end:
+        stamp = receive()
+        if stamp is not None:
+            ages.append(time.monotonic_ns() - stamp)
+    cpu = 100 * (_cpu() - used) / (time.monotonic() - began)
+    ages.sort()
+    if ages:
+        print(statistics.median(ages), ages[len(ages) * 99 // 100], cpu, len(ages), flush=True)
+    os._exit(0)
+
+
+def _table(size: int, rate: int, ways: list[str], floor: Path, rounds: int, seconds: float) -> None:
+    rows = [(way, mode) for mode in MODES for way in ["C", *ways] if _fits(way, mode, size)]
+    found: dict[tuple[str, str], list[list[float]]] = {row: [] for row in rows}
+    for number in range(rounds):
+        for way, mode in rows:
+            if way == "C":
+                found[way, mode].append(_floor(floor, mode, size, rate, seconds))
+            else:
+                found[way, mode].append(_measured(way, mode, size, f"shmgen_latency_{os.getpid()}_{number}", seconds))
+    print(f"\n{size} bytes at {rate} Hz{'':<24}{'p50 us':>10}{'p99 us':>10}{'CPU %':>8}{'ratio':>8}{'samples':>9}")
+    for (way, mode), results in found.items():
+        here = [one for one in results if one]
+        if not here:
+            print(f"  {mode:<6}{way:<34}{'nothing came':>12}")
+            continue
+        ours = found["shmgen", mode]
+        ratio = statistics.median(one[0] / base[0] for one, base in zip(results, ours, strict=True) if one and base)
+        p50, p99, cpu, count = (statistics.median(column) for column in zip(*here, strict=True))
+        print(f"  {mode:<6}{way:<34}{p50 / 1000:>10.1f}{p99 / 1000:>10.1f}{cpu:>8.1f}{ratio:>8.2f}{count:>9.0f}")
+
+
+def _fits(way: str, mode: str, size: int) -> bool:
+    if way == "C":
+        return mode != "poll"
+    return (
+        size <= LARGEST.get(way, size)
+        and (mode != "poll" or way in POLLED)
+        and (mode == "event" or way not in WOKEN_ONLY)
+    )
+
+
+def _measured(way: str, mode: str, size: int, name: str, seconds: float) -> list[float]:
+    """Empty if nothing came."""
+    command = [sys.executable, __file__, "--seconds", str(seconds), "--child"]
+    ends = [way, mode, str(size), name]
+    with subprocess.Popen([*command, "receive", *ends], stdout=subprocess.PIPE, text=True) as receiver:
+        assert receiver.stdout
+        try:
+            if receiver.stdout.readline().strip() != "ready":
+                return []
+            with subprocess.Popen([*command, "send", *ends], stderr=subprocess.DEVNULL) as sender:
+                try:
+                    return [float(word) for word in receiver.stdout.readline().split()]
+                finally:
+                    sender.kill()
+        finally:
+            receiver.kill()
+            remove(name)
+
+
+def _floor(floor: Path, mode: str, size: int, rate: int, seconds: float) -> list[float]:
+    command = [str(floor), mode, str(size), str(rate), str(seconds)]
+    *ages, cpu = map(float, subprocess.run(command, capture_output=True, text=True, check=True).stdout.split())
+    ages.sort()
+    return [statistics.median(ages), ages[len(ages) * 99 // 100], cpu, len(ages)]
+
+
+def _present(only: list[str]) -> tuple[list[str], list[str]]:
+    """Names and versions of what is measured and of what is left out, and the ways."""
+    versions, ways = [], []
+    for way in WAYS:
+        if only and way not in only and way != "shmgen":
+            continue
+        package = networks.PACKAGES.get(way)
+        try:
+            versions += [f"{package} {importlib.metadata.version(package)}"] if package else []
+            ways.append(way)
+        except importlib.metadata.PackageNotFoundError:
+            versions.append(f"{package} left out (not installed)")
+    return versions, ways
+
+
+def _cpu() -> float:
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    return used.ru_utime + used.ru_stime
+
+
+if __name__ == "__main__":
+    main()

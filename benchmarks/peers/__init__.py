@@ -1,0 +1,179 @@
+"""Turns each way to send bytes between two processes into a pair of functions: send(ns) and receive() -> ns or None.
+
+A way is `way(role, mode, size, name)`; it gives the one function that `role` ("send" or "receive") needs, for a
+message of `size` bytes that begins with a time in nanoseconds. `mode` is how the receiver waits: "spin" returns None
+at once, "event" sleeps until there is something, "poll" sleeps a millisecond between two looks.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import mmap
+import os
+import socket
+import struct
+import time
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import posix_ipc
+from publish import Pose, PosePublisher, PoseSubscriber
+
+from shmgen import runtime
+from shmgen.runtime import values
+
+from . import networks
+
+STAMP = struct.Struct("<Q")
+POSE = struct.Struct("<7d")
+
+
+def shmgen(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
+    """As generated: 56 bytes are a Pose from and into objects, more are a stamp and an array."""
+    publisher, subscriber = (PosePublisher, PoseSubscriber) if size == 56 else _block(size)
+    topic = f"/{name}"
+    if role == "send":
+        writer = publisher(topic)
+        if size == 56:
+            position, turn = SimpleNamespace(x=0.0, y=2.0, z=3.0), SimpleNamespace(x=0.0, y=0.0, z=0.0, w=1.0)
+            message: Any = SimpleNamespace(position=position, orientation=turn)
+
+            def send_pose(stamp: int) -> None:
+                position.x = float(stamp)
+                writer.publish(message)
+
+            return send_pose
+        message = SimpleNamespace(stamp=0, data=bytes(size - 8))
+
+        def send(stamp: int) -> None:
+            message.stamp = stamp
+            writer.publish(message)
+
+        return send
+    reader = subscriber(topic)
+    look = {"spin": reader.read, "event": lambda: reader.wait(1), "poll": lambda: time.sleep(0.001) or reader.read()}
+    read = look[mode]
+
+    def receive() -> int | None:
+        message = read()
+        if message is None:
+            return None
+        return int(message.position.x) if size == 56 else message.stamp
+
+    return receive
+
+
+def by_hand(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
+    """What one would write in Python for exactly this: two slots, a word, and a semaphore posted for each sample."""
+    size_of = 4096 + 2 * size
+    memory = posix_ipc.SharedMemory("/" + name, posix_ipc.O_CREAT, size=size_of)
+    event = posix_ipc.Semaphore(f"/{name}-event", posix_ipc.O_CREAT, initial_value=0)
+    map = mmap.mmap(memory.fd, size_of)
+    words = memoryview(map).cast("I")
+    places = [slice(4096 + slot * size, 4096 + (slot + 1) * size) for slot in (0, 1)]
+    if role == "send":
+        scratch = bytearray(size)
+        number = 0
+
+        def send(stamp: int) -> None:
+            nonlocal number
+            number += 1
+            if size == 56:
+                POSE.pack_into(scratch, 0, float(stamp), 2.0, 3.0, 0.0, 0.0, 0.0, 1.0)
+            else:
+                STAMP.pack_into(scratch, 0, stamp)
+            map[places[number & 1]] = scratch
+            words[0] = number
+            if mode == "event":
+                event.release()
+
+        return send
+    last = 0
+
+    def receive() -> int | None:
+        nonlocal last
+        if mode == "event":
+            event.acquire(1)
+        elif mode == "poll":
+            time.sleep(0.001)
+        number = words[0]
+        if number == last:
+            return None
+        last = number
+        data = map[places[number & 1]]
+        return int(POSE.unpack(data)[0]) if size == 56 else STAMP.unpack_from(data)[0]
+
+    return receive
+
+
+def udp(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
+    """The loopback; more than 32 KiB go in pieces, the last one counts."""
+    piece = min(size, 32768)
+    port = 20000 + sum(name.encode()) * 31 % 20000
+    plug = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    if role == "send":
+        plug.connect(("127.0.0.1", port))
+        rest = bytes(piece - 8)
+
+        def send(stamp: int) -> None:
+            data = STAMP.pack(stamp) + rest
+            for _ in range(size // piece):
+                plug.send(data)
+
+        return send
+    plug.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 << 20)
+    plug.bind(("127.0.0.1", port))
+    plug.settimeout(1 if mode == "event" else 0)
+    got, stamp_of = 0, -1
+
+    def receive() -> int | None:
+        nonlocal got, stamp_of
+        try:
+            (stamp,) = STAMP.unpack_from(plug.recv(piece))
+        except OSError:
+            return None
+        got = got + 1 if stamp == stamp_of else 1
+        stamp_of = stamp
+        return stamp if got == size // piece else None
+
+    return receive
+
+
+WAYS: dict[str, Callable[..., Callable[..., Any]]] = {
+    "shmgen": shmgen,
+    "by hand, Python": by_hand,
+    "UDP": udp,
+    **networks.WAYS,
+}
+
+
+def _block(size: int) -> tuple[Any, Any]:
+    """A publisher and a subscriber of `uint64 stamp, uint8[size - 8] data`, as generated."""
+    late = size - 8 >= runtime.LATE_FROM
+
+    def encode(message: Any, into: bytearray, at: int, later: runtime.Late) -> None:
+        data = values.numbers(message.data, "B", 1, "data", exactly=size - 8)
+        STAMP.pack_into(into, at, message.stamp)
+        if late:
+            later.append((at + 8, size - 8, data))
+        else:
+            into[at + 8 : at + size] = data
+
+    fields = [("stamp", ctypes.c_uint64), ("data", ctypes.c_uint8 * (size - 8))]
+    body = {
+        "_pack_": 1,
+        "_fields_": fields,
+        "_type_name_": "benchmark/msg/Block",
+        "_digest_": size,
+        "_encode": staticmethod(encode),
+    }
+    kind = type("Block", (runtime.Message,), body)
+    return tuple(type("Side", (side,), {"message_type": kind}) for side in (runtime.Publisher, runtime.Subscriber))
+
+
+def remove(name: str) -> None:
+    """What a run leaves in /dev/shm."""
+    for file in os.listdir("/dev/shm"):
+        if name in file:
+            os.unlink(f"/dev/shm/{file}")

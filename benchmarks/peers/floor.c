@@ -1,0 +1,75 @@
+/* The floor in C: two slots and a word in shared memory, the reader spinning on it or waiting for a semaphore.
+ *
+ *   floor spin|event SIZE RATE SECONDS      prints "age CPU" of each sample received, ns and then percent of a core
+ */
+#define _GNU_SOURCE
+#include <semaphore.h>
+#include <stdatomic.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <time.h>
+#include <unistd.h>
+
+struct shared {
+    _Atomic uint32_t completed;
+    _Atomic uint32_t stop;
+    sem_t event;
+    uint64_t slots[];
+};
+
+static uint64_t now(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return t.tv_sec * 1000000000ull + t.tv_nsec;
+}
+
+int main(int count, char **arguments)
+{
+    if (count != 5)
+        return 2;
+    int event = !strcmp(arguments[1], "event");
+    size_t size = strtoul(arguments[2], 0, 10);
+    double rate = atof(arguments[3]), seconds = atof(arguments[4]);
+    struct shared *shared = mmap(0, sizeof *shared + 2 * size, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+    sem_init(&shared->event, 1, 0);
+    uint64_t *own = calloc(1, size);
+    if (fork() == 0) {
+        uint64_t period = 1e9 / rate, due = now();
+        for (uint32_t number = 1; number <= seconds * rate; number++) {
+            due += period;
+            struct timespec until = {due / 1000000000, due % 1000000000};
+            clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, 0);
+            own[0] = now();
+            memcpy((char *)shared->slots + number % 2 * size, own, size);
+            atomic_store(&shared->completed, number);
+            if (event)
+                sem_post(&shared->event);
+        }
+        atomic_store(&shared->stop, 1);
+        sem_post(&shared->event);
+        _exit(0);
+    }
+    uint64_t began = now();
+    for (uint32_t last = 0; !atomic_load(&shared->stop);) {
+        if (event)
+            sem_wait(&shared->event);
+        uint32_t number = atomic_load(&shared->completed);
+        if (number == last)
+            continue;
+        memcpy(own, (char *)shared->slots + number % 2 * size, size);
+        printf("%lu\n", (unsigned long)(now() - own[0]));
+        last = number;
+    }
+    struct rusage used;
+    getrusage(RUSAGE_SELF, &used);
+    double busy = used.ru_utime.tv_sec + used.ru_stime.tv_sec + (used.ru_utime.tv_usec + used.ru_stime.tv_usec) / 1e6;
+    printf("%f\n", busy / ((now() - began) / 1e9) * 100);
+    wait(0);
+    return 0;
+}

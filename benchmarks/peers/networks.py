@@ -1,0 +1,256 @@
+"""Turns peers from PyPI into ways to send bytes, as peers/__init__.py says; each is imported only where it is used."""
+
+from __future__ import annotations
+
+import asyncio
+import ctypes
+import struct
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+STAMP = struct.Struct("<Q")
+
+
+def iceoryx2(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
+    """A slice of bytes; in event mode its own event service wakes the receiver."""
+    import iceoryx2 as iox
+
+    iox.set_log_level(iox.LogLevel.Fatal)
+    node = iox.NodeBuilder.new().create(iox.ServiceType.Ipc)
+    service = node.service_builder(iox.ServiceName.new(name)).publish_subscribe(iox.Slice[ctypes.c_uint8])
+    service = service.open_or_create()
+    event = node.service_builder(iox.ServiceName.new(name)).event().open_or_create()
+    if role == "send":
+        publisher = service.publisher_builder().initial_max_slice_len(size).create()
+        notifier = event.notifier_builder().create()
+        data = bytearray(size)
+        source = (ctypes.c_char * size).from_buffer(data)
+
+        def send(stamp: int) -> None:
+            STAMP.pack_into(data, 0, stamp)
+            sample = publisher.loan_slice_uninit(size)
+            ctypes.memmove(sample.payload().as_ptr(), source, size)
+            sample.assume_init().send()
+            if mode == "event":
+                notifier.notify()
+
+        send.keep = node  # type: ignore[attr-defined]
+        return send
+    subscriber = service.subscriber_builder().create()
+    listener = event.listener_builder().create()
+
+    def receive() -> int | None:
+        if mode == "event":
+            listener.blocking_wait()
+        sample = subscriber.receive()
+        if sample is None:
+            return None
+        data = ctypes.string_at(sample.payload().as_ptr(), size)
+        sample.delete()
+        return STAMP.unpack_from(data)[0]
+
+    receive.keep = node  # type: ignore[attr-defined]
+    return receive
+
+
+def cyclonedds(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
+    """A sequence of octets, best effort, keep last 1."""
+    from dataclasses import dataclass
+
+    from cyclonedds.core import GuardCondition, ReadCondition, SampleState, ViewState, WaitSet  # noqa: F401
+    from cyclonedds.domain import DomainParticipant
+    from cyclonedds.idl import IdlStruct
+    from cyclonedds.idl.types import sequence, uint8
+    from cyclonedds.pub import DataWriter
+    from cyclonedds.qos import Policy, Qos
+    from cyclonedds.sub import DataReader
+    from cyclonedds.topic import Topic
+    from cyclonedds.util import duration
+
+    Sample = dataclass(type("Sample", (IdlStruct,), {"__annotations__": {"data": sequence[uint8]}, "__module__": __name__}))
+    participant = DomainParticipant()
+    topic = Topic(participant, name, Sample, qos=Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(1)))
+    if role == "send":
+        writer = DataWriter(participant, topic)
+        rest = bytes(size - 8)
+        return lambda stamp: writer.write(Sample(data=STAMP.pack(stamp) + rest))
+    reader = DataReader(participant, topic)
+    waiter = WaitSet(participant)
+    waiter.attach(ReadCondition(reader, ViewState.Any | SampleState.NotRead))
+
+    def receive() -> int | None:
+        if mode == "event":
+            waiter.wait(duration(seconds=1))
+        for sample in reader.take(1):
+            return STAMP.unpack_from(bytes(sample.data[:8]))[0]
+        return None
+
+    return receive
+
+
+def zenoh(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
+    """Two peers that find each other on the loopback; its own thread receives."""
+    import zenoh as z
+
+    session = z.open(z.Config())
+    if role == "send":
+        publisher = session.declare_publisher(name)
+        rest = bytes(size - 8)
+
+        def send(stamp: int) -> None:
+            publisher.put(STAMP.pack(stamp) + rest)
+
+        send.keep = session  # type: ignore[attr-defined]
+        return send
+    subscriber = session.declare_subscriber(name, z.handlers.FifoChannel(16))
+
+    def receive() -> int | None:
+        sample = subscriber.recv() if mode == "event" else subscriber.try_recv()
+        return STAMP.unpack_from(sample.payload.to_bytes())[0] if sample is not None else None
+
+    receive.keep = session  # type: ignore[attr-defined]
+    return receive
+
+
+def pyzmq(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
+    """PUSH and PULL over a Unix socket."""
+    import zmq
+
+    context = zmq.Context()
+    if role == "send":
+        plug = context.socket(zmq.PUSH)
+        plug.connect(f"ipc://@{name}")
+        rest = bytes(size - 8)
+        return lambda stamp: plug.send(STAMP.pack(stamp) + rest)
+    plug = context.socket(zmq.PULL)
+    plug.bind(f"ipc://@{name}")
+    plug.setsockopt(zmq.RCVTIMEO, 1000)
+    flags = 0 if mode == "event" else zmq.NOBLOCK
+
+    def receive() -> int | None:
+        try:
+            return STAMP.unpack_from(plug.recv(flags))[0]
+        except zmq.Again:
+            return None
+
+    return receive
+
+
+def modbus(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
+    """The sender writes holding registers over TCP; the receiver is the server, told of each write."""
+    from pymodbus import client
+
+    port = 40000 + sum(name.encode()) * 31 % 20000
+    if role == "send":
+        plug = client.ModbusTcpClient("127.0.0.1", port=port)
+        end = time.monotonic() + 10
+        while not plug.connect() and time.monotonic() < end:
+            time.sleep(0.05)
+        rest = [0] * (size // 2 - 4)
+        return lambda stamp: plug.write_registers(0, [*struct.unpack(">4H", struct.pack(">Q", stamp)), *rest])
+    return _modbus_server(port, size)
+
+
+def _modbus_server(port: int, size: int) -> Callable[[], int | None]:
+    from pymodbus.server import StartTcpServer
+    from pymodbus.simulator import DataType, SimData, SimDevice
+
+    arrived = threading.Event()
+    stamps: list[int] = []
+
+    async def action(code: int, start: int, *rest: Any) -> None:
+        written = rest[-1]
+        if written:
+            stamps.append(struct.unpack(">Q", struct.pack(">4H", *written[:4]))[0])
+            arrived.set()
+
+    registers = SimData(0, values=[0] * (size // 2), datatype=DataType.REGISTERS)
+    device = SimDevice(1, simdata=[registers], action=action)
+    threading.Thread(
+        target=StartTcpServer, kwargs={"context": device, "address": ("127.0.0.1", port)}, daemon=True
+    ).start()
+
+    def receive() -> int | None:
+        arrived.wait(1)
+        arrived.clear()
+        return stamps.pop(0) if stamps else None
+
+    return receive
+
+
+def opcua(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
+    """The sender writes a byte string into the server's variable; the server is the receiver, told of each write."""
+    from asyncua import Client, Server, ua
+
+    url = f"opc.tcp://127.0.0.1:{40000 + sum(name.encode()) * 37 % 20000}"
+    loop = asyncio.new_event_loop()
+    threading.Thread(target=loop.run_forever, daemon=True).start()
+
+    def run(work: Any) -> Any:
+        return asyncio.run_coroutine_threadsafe(work, loop).result(20)
+
+    if role == "send":
+        client = Client(url)
+        end = time.monotonic() + 10
+        while time.monotonic() < end:
+            try:
+                run(client.connect())
+                break
+            except OSError:
+                time.sleep(0.1)
+        variable = client.get_node(ua.NodeId("sample", 2))
+        rest = bytes(size - 8)
+        return lambda stamp: run(
+            variable.write_attribute(
+                ua.AttributeIds.Value, ua.DataValue(ua.Variant(STAMP.pack(stamp) + rest, ua.VariantType.ByteString))
+            )
+        )
+    arrived = threading.Event()
+    stamps: list[int] = []
+
+    async def serve() -> Any:
+        server = Server()
+        await server.init()
+        server.set_endpoint(url)
+        await server.register_namespace("benchmark")
+        variable = await server.nodes.objects.add_variable(
+            ua.NodeId("sample", 2), "sample", bytes(size), ua.VariantType.ByteString
+        )
+        await variable.set_writable()
+
+        def written(node: Any, value: Any) -> None:
+            stamps.append(STAMP.unpack_from(value.Value.Value)[0])
+            arrived.set()
+
+        server.subscribe_server_callback  # noqa: B018
+        server.iserver.aspace.add_datachange_callback(
+            variable.nodeid, ua.AttributeIds.Value, lambda handle, value, *_: written(handle, value)
+        )
+        await server.start()
+        return server
+
+    server = run(serve())
+
+    def receive() -> int | None:
+        arrived.wait(1)
+        arrived.clear()
+        return stamps.pop(0) if stamps else None
+
+    receive.keep = server  # type: ignore[attr-defined]
+    return receive
+
+
+WAYS: dict[str, Callable[..., Callable[..., Any]]] = {
+    "iceoryx2": iceoryx2,
+    "cyclonedds": cyclonedds,
+    "eclipse-zenoh": zenoh,
+    "pyzmq": pyzmq,
+    "Modbus TCP (pymodbus)": modbus,
+    "OPC UA (asyncua)": opcua,
+}
+PACKAGES = {name: name for name in ("iceoryx2", "cyclonedds", "eclipse-zenoh", "pyzmq")} | {
+    "Modbus TCP (pymodbus)": "pymodbus",
+    "OPC UA (asyncua)": "asyncua",
+}

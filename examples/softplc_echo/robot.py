@@ -1,0 +1,50 @@
+"""A robot that walks up to the belt and away again, and prints what the conveyor makes of it."""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+import time
+
+from shm_msgs.conveyor_msgs.msg import ConveyorState, ConveyorStateSubscriber
+from shm_msgs.geometry_msgs.msg import Point, Pose, PosePublisher
+
+FARTHEST = 2.5  # m from the belt
+WALK = 4.0  # s, there and back
+PERIOD = 0.01  # s between two poses
+SHOWN = 0.25  # s between two lines
+MODES = {ConveyorState.STOPPED: "stopped", ConveyorState.SLOW: "slow", ConveyorState.RUNNING: "running"}
+
+
+def main(poses: str, states: str) -> int:
+    """Walks once there and back; 0 if the PLC followed: it stopped, it ran, and it saw nearly every pose."""
+    seen: set[str] = set()
+    state = None
+    print(f"   the robot is process {os.getpid()}; its distance, and what the PLC says of the belt")
+    with PosePublisher(poses) as publisher, ConveyorStateSubscriber(states) as subscriber:
+        start = time.monotonic()
+        shown = -1
+        sent = 0
+        while (now := time.monotonic() - start) < WALK:
+            x = FARTHEST * (1 + math.cos(2 * math.pi * now / WALK)) / 2
+            publisher.publish(Pose(position=Point(x=x)))
+            sent += 1
+            time.sleep(PERIOD)
+            state = subscriber.read() or state
+            if state is not None and now > 0.1:
+                seen.add(MODES[state.mode])
+                if int(now / SHOWN) > shown:
+                    shown = int(now / SHOWN)
+                    belt = "=" * round(20 * state.speed)
+                    print(
+                        f"   robot at {x:4.2f} m   belt {MODES[state.mode]:<8}{state.speed:4.2f} m/s  {belt}",
+                        flush=True,
+                    )
+    received = state.poses if state else 0
+    print(f"   {sent} poses sent, {received} received by the PLC")
+    return 0 if seen == set(MODES.values()) and received > 0.9 * sent else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))

@@ -1,0 +1,20 @@
+"""Turns the name and version of a distribution into the pyproject.toml that makes the generated Python installable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from shmgen.model import Output
+
+
+@dataclass(frozen=True, slots=True)
+class Project:
+    name: str
+    version: str
+    package: str
+
+
+def plan(distribution: str, package: str) -> Output:
+    """`python/pyproject.toml`; `distribution` is such as `robot-shm 1.2.0`."""
+    name, _, version = distribution.partition(" ")
+    return Output("python/pyproject.toml", "python/pyproject.toml.j2", Project(name, version, package))

@@ -1,0 +1,13 @@
+"""Deletes a generated header."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+
+def generate() -> None:
+    subprocess.run([sys.executable, "-m", "shmgen", "generate", "--quiet"], check=True)
+
+
+generate()
+Path("generated/c/shm_msgs/demo_msgs/msg/joint_state.h").unlink()

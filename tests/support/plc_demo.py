@@ -1,0 +1,97 @@
+"""A demo message generated for both sides, the PLC's compiled, and short ways to look into its region."""
+
+from __future__ import annotations
+
+import mmap
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from shmgen import pipeline
+from shmgen.config import Config
+from shmgen.model import Layouts
+from shmgen.runtime import header
+from shmgen.runtime.names import region_file, region_name
+from tests.softplc import Block, Plc, compile_st
+
+from .build import module, put
+
+PACKAGE = "shm_plc_demo"
+MESSAGES = {
+    "Inner": "int16 k 7\nfloat64 v 1.25\n",
+    "Demo": 'uint32 a\nstring<=9 label "hey"\nInner inner\nint32[<=3] tail\nuint32 b\n',
+    "Other": "uint32 a\nuint32 b\n",
+}
+
+
+@dataclass(frozen=True)
+class Demo:
+    """`python` has Demo, DemoPublisher, DemoSubscriber; `library` is for processes of their own."""
+
+    texts: Mapping[str, str]
+    python: ModuleType
+    plc: Plc
+    library: Path
+
+    def publisher(self, topic: str, **inputs: Any) -> Block:
+        return self._block("FB_demo_msgs_Demo_Publisher", topic, inputs)
+
+    def subscriber(self, topic: str, **inputs: Any) -> Block:
+        return self._block("FB_demo_msgs_Demo_Subscriber", topic, inputs)
+
+    def message(self, a: int) -> Any:
+        """One that shows when its halves come from two samples."""
+        return self.python.Demo(a=a, b=2 * a, label=f"x{a % 1000}", tail=[a, -a])
+
+    def _block(self, name: str, topic: str, inputs: dict[str, Any]) -> Block:
+        block = self.plc.block(name)
+        for name, value in {"xEnable": True, "sTopic": topic, **inputs}.items():
+            setattr(block, name, value)
+        return block
+
+
+def make(folder: Path) -> Demo:
+    """Generates, compiles and loads it."""
+    texts, layouts = generated(folder, "demo_msgs/Demo", "demo_msgs/Other")
+    plc = compile_st({path: text for path, text in texts.items() if path.endswith(".st")}, folder / "plc")
+    return Demo(texts, module(folder, PACKAGE, list(layouts)[0]), plc, folder / "plc" / "plc.so")
+
+
+def generated(folder: Path, *messages: str) -> tuple[dict[str, str], Layouts]:
+    """All texts of some messages, and their layouts; their Python is put into `folder`."""
+    put({f"demo_msgs/msg/{name}.msg": text for name, text in MESSAGES.items()}, folder)
+    config = Config(folder, source="jazzy", path=(folder,), package=PACKAGE)
+    texts = pipeline.generate(config, messages)
+    put({path: text for path, text in texts.items() if path.startswith("python/")}, folder)
+    return texts, pipeline.lay_out(config, messages)
+
+
+class Memory:
+    """The bytes of a topic's region, and its header's words by their names."""
+
+    WORDS = {
+        "magic": 0, "slots": 7, "writer": header.WRITER, "begun": header.BEGUN, "completed": header.COMPLETED,
+        "heartbeat": header.HEARTBEAT, "lock_holder": header.LOCK_HOLDER, "recoveries": 40, "armed": 41,
+        "lock_count": header.LOCK_COUNT,
+    }  # fmt: skip
+
+    def __init__(self, topic: str) -> None:
+        file = os.open(region_file(region_name(topic)), os.O_RDWR)
+        self._map = mmap.mmap(file, 0)
+        os.close(file)
+        self._words = memoryview(self._map).cast("I")
+
+    def __getitem__(self, name: str) -> int:
+        return self._words[self.WORDS[name]]
+
+    def __setitem__(self, name: str, value: int) -> None:
+        self._words[self.WORDS[name]] = value
+
+    def poke(self, offset: int, data: bytes) -> None:
+        self._map[offset : offset + len(data)] = data
+
+    def bytes(self) -> bytes:
+        return self._map[:]

@@ -1,0 +1,30 @@
+"""The chaos test, short; `make chaos` is the long one."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from .chaos_faults import PLANTED
+from .conftest import REPOSITORY
+
+
+def play(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "tests.chaos", *arguments]
+    return subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, check=False)
+
+
+def test_killed_at_any_instant_nothing_is_torn_lost_or_stuck() -> None:
+    """The limit is wide here, where other tests take the processors; `make chaos` holds 1.2 s."""
+    result = play("--seconds", "15", "--limit", "10")
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert "nothing torn, nothing lost, nobody stuck, nothing left over" in result.stdout
+
+
+@pytest.mark.parametrize("fault", PLANTED)
+def test_a_planted_fault_is_found(fault: str) -> None:
+    result = play("--seconds", "120", "--fault", fault)
+    assert result.returncode == 1, result.stdout + result.stderr
+    assert "Traceback" not in result.stderr, result.stderr

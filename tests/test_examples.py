@@ -1,0 +1,33 @@
+"""Every example runs, and leaves nothing behind."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from .conftest import REPOSITORY
+
+SAYS = {
+    "moving_pose": "400 poses crossed, 0 missed",
+    "softplc_echo": "received by the PLC",
+}
+
+
+def test_all_examples_are_here() -> None:
+    assert {path.parent.name for path in (REPOSITORY / "examples").glob("*/demo.py")} == set(SAYS)
+
+
+@pytest.mark.parametrize("example", SAYS)
+def test_example(example: str) -> None:
+    before = set(Path("/dev/shm").iterdir())
+    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    command = [sys.executable, REPOSITORY / "examples" / example / "demo.py"]
+    result = subprocess.run(command, env=environment, capture_output=True, text=True, check=False, timeout=240)
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert SAYS[example] in result.stdout
+    left = {path for path in set(Path("/dev/shm").iterdir()) - before if "shmgen_test" not in path.name}
+    assert not left

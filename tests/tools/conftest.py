@@ -1,0 +1,80 @@
+"""The command in a folder of its own, and real processes around a region."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from shmgen.runtime import region_name
+
+from ..support.command import run
+
+REPOSITORY = Path(__file__).parents[2]
+
+PEER = """
+import os, sys
+sys.path.insert(0, {repository!r})
+from tests.runtime.messages import PosePublisher, PoseSubscriber, pose
+from shmgen.runtime import header as h
+{work}
+print("ready", flush=True)
+sys.stdin.read()
+"""
+
+
+@pytest.fixture
+def shmgen(tmp_path):
+    """`shmgen arguments…` in an empty folder, in this process."""
+    return lambda *arguments: run([str(argument) for argument in arguments], tmp_path)
+
+
+@pytest.fixture
+def started(tmp_path):
+    """`shmgen arguments…` in the same folder as a process of its own, that ends with the test."""
+    processes = []
+
+    def start(*arguments):
+        command = [sys.executable, "-m", "shmgen", *map(str, arguments)]
+        processes.append(
+            subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        )
+        return processes[-1]
+
+    yield start
+    for process in processes:
+        process.kill()
+        process.communicate()
+
+
+@pytest.fixture
+def peer():
+    """A process that does some lines of Python and then waits, with what it opened still open."""
+    processes = []
+
+    def start(work, *before):
+        code = PEER.format(repository=str(REPOSITORY), work=work)
+        processes.append(
+            subprocess.Popen(
+                [*before, sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+            )
+        )
+        assert processes[-1].stdout.readline() == "ready\n"
+        return processes[-1]
+
+    yield start
+    for process in processes:
+        process.kill()
+        process.communicate()
+
+
+@pytest.fixture
+def file(topic):
+    return Path("/dev/shm") / region_name(topic)
+
+
+@pytest.fixture
+def semaphore(topic):
+    return Path("/dev/shm") / f"sem.{region_name(topic)}"

@@ -1,0 +1,260 @@
+"""`shmgen doctor`: each thing that can be wrong is made wrong, by real processes, and found."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+from contextlib import contextmanager
+from pathlib import Path
+
+import posix_ipc
+import pytest
+
+from shmgen.runtime import region_name
+
+from ..support.command import run
+
+PUBLISHER = "publisher = PosePublisher({topic!r}); publisher.publish(pose(1.0))"
+root_only = pytest.mark.skipif(os.geteuid() != 0, reason="makes another user, or another /dev/shm")
+
+
+def faults(result):
+    return [finding for finding in json.loads(result.stdout)["findings"] if not finding["note"]]
+
+
+def examined(shmgen, topic):
+    """The one fault that is to be found."""
+    result = shmgen("doctor", topic, "--json")
+    assert result.code == 1
+    (fault,) = faults(result)
+    assert fault["topic"] == topic
+    assert fault["hint"]
+    return fault
+
+
+def test_a_healthy_region(topic, shmgen, peer):
+    writer = peer(PUBLISHER.format(topic=topic))
+    result = shmgen("doctor", topic)
+    assert (result.code, result.stderr) == (0, "")
+    lines = result.stdout.splitlines()
+    assert lines[0].startswith(f"{topic}  geometry_msgs/msg/Pose, depth 1, 1 samples, 4,096 bytes, ")
+    assert lines[1].startswith(f"  writer: process {writer.pid} (")
+    assert lines[1].endswith("), alive")
+    assert lines[2] == "  lock: free, entered 0 times a second"
+    assert lines[-1] == "1 region, no faults"
+
+    (region,) = json.loads(shmgen("doctor", topic, "--json").stdout)["regions"]
+    assert (region["topic"], region["writer_pid"], region["semaphore"]) == (topic, writer.pid, 1)
+    assert region["processes"] == [{"pid": writer.pid, "name": region["processes"][0]["name"], "bits": 64}]
+
+
+def test_a_writer_that_ended_is_no_fault(topic, shmgen, peer):
+    peer(PUBLISHER.format(topic=topic) + "; publisher.close()").kill()
+    result = shmgen("doctor", topic)
+    assert result.code == 0
+    assert ", ended\n" in result.stdout
+
+
+def test_a_writer_killed_at_work(topic, shmgen, peer):
+    writer = peer(PUBLISHER.format(topic=topic) + "; publisher._region.words[h.BEGUN] = 2")
+    assert "ended while" not in shmgen("doctor", topic).stdout
+    writer.kill()
+    writer.wait()
+    result = shmgen("doctor", topic)
+    assert f"note: process {writer.pid} ended while it wrote sample 2; sample 1 is whole" in result.stdout
+    assert result.code == 0
+
+
+def test_a_lock_whose_holder_was_killed(topic, semaphore, shmgen, peer):
+    inside = "; publisher._region.semaphore.acquire(); publisher._region.words[h.LOCK_HOLDER] = os.getpid()"
+    holder = peer(PUBLISHER.format(topic=topic) + inside)
+    fault = examined(shmgen, topic)
+    assert f"its lock is held by process {holder.pid} (" in fault["message"]
+    holder.kill()
+    holder.wait()
+    fault = examined(shmgen, topic)
+    assert f"held by process {holder.pid}, which is dead, and nobody has got in for 1." in fault["message"]
+    assert (fault["file"], fault["process"]) == (str(semaphore), holder.pid)
+
+
+def test_a_lock_in_use_is_no_fault(topic, shmgen, peer):
+    busy = """
+import threading, time
+def work():
+    while True:
+        publisher._region.semaphore.acquire()
+        publisher._region.words[h.LOCK_COUNT] += 1
+        time.sleep(0.02)
+        publisher._region.semaphore.release()
+threading.Thread(target=work, daemon=True).start()
+"""
+    peer(PUBLISHER.format(topic=topic) + busy)
+    assert shmgen("doctor", topic).code == 0
+
+
+def test_a_surplus_token(topic, semaphore, shmgen, peer):
+    peer(PUBLISHER.format(topic=topic) + "; publisher._region.semaphore.release()")
+    fault = examined(shmgen, topic)
+    assert "its semaphore is 2" in fault["message"]
+    assert fault["file"] == str(semaphore)
+
+
+def test_a_semaphore_that_is_missing_and_one_that_came_in_its_place(topic, semaphore, shmgen, peer):
+    writer = peer(PUBLISHER.format(topic=topic))
+    semaphore.unlink()
+    fault = examined(shmgen, topic)
+    assert "its semaphore is missing" in fault["message"]
+    assert fault["hint"] == f"restart process {writer.pid}"
+    posix_ipc.Semaphore("/" + region_name(topic), posix_ipc.O_CREX, mode=0o660, initial_value=1).close()
+    semaphore.chmod(0o660)
+    fault = examined(shmgen, topic)
+    assert "locks with a semaphore that was removed" in fault["message"]
+    assert fault["process"] == writer.pid
+
+
+def test_another_layout_than_that_of_the_folder(topic, tmp_path, shmgen):
+    small = '[strings]\n"std_msgs/String.data" = 20\n'
+    (tmp_path / "shmgen.toml").write_text('messages = ["std_msgs/String"]\n' + small)
+    assert shmgen("pub", topic, "std_msgs/String", "--once").code == 0
+    result = shmgen("doctor", topic)
+    assert (result.code, "layout: as in shmgen.toml" in result.stdout) == (0, True)
+
+    (tmp_path / "shmgen.toml").write_text('messages = ["std_msgs/String"]\n')
+    fault = examined(shmgen, topic)
+    assert "another layout of std_msgs/msg/String than this folder" in fault["message"]
+    assert "21 bytes there" in fault["message"]
+    assert "81 bytes, by shmgen.toml" in fault["message"]
+
+    (tmp_path / "shmgen.toml").write_text(small)
+    shmgen("generate", "std_msgs/String", "-q")
+    assert "layout: as in generated/layout.lock" in shmgen("doctor", topic).stdout
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        ('type = "std_msgs/String"\ndepth = 4', "it has 2 slots, and depth = 4 in shmgen.toml takes 8"),
+        ('type = "std_msgs/Bool"', "it holds std_msgs/msg/String, and shmgen.toml says std_msgs/Bool"),
+    ],
+)
+def test_another_depth_or_type_than_configured(entry, message, topic, tmp_path, shmgen):
+    assert shmgen("pub", topic, "std_msgs/String", "--once").code == 0
+    (tmp_path / "shmgen.toml").write_text(f'[[topics]]\ntopic = "{topic}"\n{entry}\n')
+    assert examined(shmgen, topic)["message"] == message
+
+
+def test_a_file_cut_short_and_one_of_another_version(topic, file, shmgen):
+    shmgen("pub", topic, "std_msgs/String", "--once")
+    with file.open("r+b") as opened:
+        opened.truncate(300)
+    assert "need 448" in examined(shmgen, topic)["message"]
+    with file.open("r+b") as opened:
+        opened.truncate(4096)
+        opened.seek(4)
+        opened.write(b"\2")
+    assert "another version of shmgen: ABI 2" in examined(shmgen, topic)["message"]
+
+
+def test_a_semaphore_with_other_permissions(topic, semaphore, shmgen):
+    shmgen("pub", topic, "std_msgs/String", "--once")
+    semaphore.chmod(0o600)
+    fault = examined(shmgen, topic)
+    assert "not all can lock who can read" in fault["message"]
+    subprocess.run(fault["hint"].strip("`"), shell=True, check=True)
+    assert shmgen("doctor", topic).code == 0
+
+
+def test_a_process_that_holds_on_to_a_removed_region(topic, file, shmgen, peer):
+    writer = peer(PUBLISHER.format(topic=topic))
+    file.unlink()
+    fault = examined(shmgen, topic)
+    assert "still holds a region that was removed" in fault["message"]
+    assert (fault["process"], fault["hint"]) == (writer.pid, f"restart process {writer.pid}")
+    writer.kill()
+    writer.wait()
+    assert "no such region" in shmgen("doctor", topic).stderr
+
+
+@root_only
+@pytest.mark.skipif(not shutil.which("unshare"), reason="no unshare")
+def test_a_container_with_a_dev_shm_of_its_own(topic, shmgen, peer):
+    own = ["unshare", "-m", "sh", "-c", 'mount -t tmpfs tmpfs /dev/shm && exec "$@"', "sh"]
+    if subprocess.run([*own, "true"], capture_output=True).returncode:
+        pytest.skip("no namespaces here")
+    peer(PUBLISHER.format(topic=topic))
+    inside = peer(PUBLISHER.format(topic=topic), *own)
+    fault = examined(shmgen, topic)
+    assert "in a /dev/shm of its own, so neither side sees the other" in fault["message"]
+    assert fault["process"] == inside.pid
+
+
+@pytest.mark.skipif(not shutil.which("i686-linux-gnu-gcc"), reason="no 32-bit compiler")
+def test_a_process_of_other_bitness(topic, file, tmp_path, shmgen, peer):
+    (tmp_path / "small.c").write_text(
+        "#include <fcntl.h>\n#include <stdio.h>\n#include <sys/mman.h>\n"
+        "int main(int n, char **v) {\n"
+        "  mmap(0, 4096, PROT_READ, MAP_SHARED, open(v[1], O_RDONLY), 0);\n"
+        '  puts("ready"); fflush(stdout); return getchar() == 0;\n}\n'
+    )
+    program = str(tmp_path / "small")
+    subprocess.run(["i686-linux-gnu-gcc", "-static", "-o", program, program + ".c"], check=True)
+    peer(PUBLISHER.format(topic=topic))
+    with subprocess.Popen([program, file], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as small:
+        if small.stdout.readline() != "ready\n":
+            pytest.skip("this kernel runs no 32-bit programs")
+        fault = examined(shmgen, topic)
+    assert f"process {small.pid} (small" in fault["message"]
+    assert "has 32 bits" in fault["message"]
+    assert fault["process"] == small.pid
+
+
+@contextmanager
+def nobody():
+    """This process as another user; what it needs is imported by then."""
+    groups = os.getgroups()
+    os.setgroups([])
+    os.setresgid(65534, 65534, 0)
+    os.setresuid(65534, 65534, 0)
+    try:
+        yield
+    finally:
+        os.setresuid(0, 0, 0)
+        os.setresgid(0, 0, 0)
+        os.setgroups(groups)
+
+
+@root_only
+def test_as_a_user_who_may_not(topic, file, shmgen):
+    shmgen("pub", topic, "std_msgs/String", "--once")
+    assert shmgen("doctor", topic).code == 0
+    with nobody():
+        result = run(["doctor", topic, "--json"], Path("/"))
+        refused = run(["clean", topic], Path("/"))
+    (fault,) = faults(result)
+    assert result.code == 1
+    assert fault["file"] == str(file)
+    assert "this user cannot read it" in fault["message"]
+    assert "usermod -aG root" in fault["hint"]
+    assert refused.code == 1
+    assert f"{file} belongs to root:root with mode 660" in refused.stderr
+
+
+def test_a_topic_that_is_not_there(topic, shmgen):
+    shmgen("pub", topic, "std_msgs/String", "--once")
+    result = shmgen("doctor", topic[:-1])
+    assert (result.code, result.stdout) == (1, "")
+    assert result.stderr.endswith(f"  hint: did you mean {topic}?\n")
+
+
+def test_all_regions_and_nothing_else(topic, file, shmgen):
+    shmgen("pub", topic, "std_msgs/String", "--once")
+    foreign = Path(f"{file}_foreign")
+    foreign.write_bytes(b"somebody's" * 100)
+    pipe = Path(f"{file}_pipe")
+    os.mkfifo(pipe)
+    topics = [region["topic"] for region in json.loads(shmgen("doctor", "--json").stdout)["regions"]]
+    assert topic in topics
+    assert topic + "_foreign" not in topics
+    assert topic + "_pipe" not in topics

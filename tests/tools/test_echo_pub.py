@@ -1,0 +1,231 @@
+"""`shmgen echo` and `shmgen pub`: text in, samples, the same text out."""
+
+from __future__ import annotations
+
+import json
+import random
+import signal
+import time
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from ruamel.yaml import YAML
+
+from shmgen.runtime import header
+from shmgen.targets import python
+from shmgen.tools import given as typed
+from shmgen.tools import shown
+
+from ..support import build, schemas
+
+POSE = """position:
+  x: 1.0
+  y: 0.0
+  z: 0.0
+orientation:
+  x: 0.0
+  y: 0.0
+  z: 0.0
+  w: 1.0
+---
+"""
+
+
+def published(shmgen, topic, *arguments):
+    result = shmgen("pub", topic, *arguments, "--once")
+    assert (result.code, result.stderr) == (0, "")
+    assert result.stdout.startswith("publishing #1: ")
+
+
+def rejected(shmgen, topic, *arguments):
+    result = shmgen("pub", topic, *arguments, "--once")
+    assert (result.code, result.stdout) == (1, "")
+    assert not list(Path("/dev/shm").glob(f"*{topic.replace('/', '.')[1:]}*"))
+    return result.stderr
+
+
+@pytest.mark.parametrize("text", ["{position: {x: 1}}", '{"position": {"x": 1.0}}', "position:\n  x: 1e0"])
+def test_yaml_and_json(text, topic, shmgen):
+    published(shmgen, topic, "geometry_msgs/Pose", text)
+    result = shmgen("echo", topic, "--once")
+    assert (result.code, result.stdout, result.stderr) == (0, POSE, "")
+
+
+def test_defaults_and_now(topic, shmgen):
+    before = time.time()
+    published(shmgen, topic, "geometry_msgs/msg/PoseStamped", "header: {stamp: now, frame_id: 'yes'}")
+    result = shmgen("echo", topic, "--once")
+    message = YAML(typ="safe", pure=True).load(result.stdout.removesuffix("---\n"))
+    assert before - 1 < message["header"]["stamp"]["sec"] < time.time() + 1
+    assert message["header"]["frame_id"] == "yes"
+    assert "frame_id: 'yes'\n" in result.stdout
+    published(shmgen, topic, "geometry_msgs/PoseStamped")
+
+
+@pytest.mark.parametrize(
+    ("type_name", "text", "complaint"),
+    [
+        (
+            "geometry_msgs/Pose",
+            "{positon: {}}",
+            "positon: no such field in geometry_msgs/msg/Pose; did you mean position?",
+        ),
+        ("geometry_msgs/Pose", "{position: {w: 1}}", "position.w: no such field"),
+        ("geometry_msgs/Pose", "{position: 3}", "position: 3 is int, not the fields of"),
+        ("geometry_msgs/Pose", "{position: {x: far}}", "position.x: 'far' is str, not float64"),
+        ("std_msgs/Int32", "{data: 3000000000}", "data: 3000000000; int32 goes from"),
+        ("std_msgs/Bool", "{data: 'false'}", "data: 'false' is no bool"),
+        ("std_msgs/String", "{data: " + 81 * "x" + "}", "data: 81 bytes of UTF-8, capacity 80"),
+        ("std_msgs/Header", "{stamp: {secs: 1}}", "stamp.secs: no such field in a time; did you mean sec?"),
+        ("std_msgs/Header", "{stamp: later}", "stamp: 'later' is str, not the fields of a time"),
+        ("sensor_msgs/Imu", "{orientation_covariance: [1, 2]}", "orientation_covariance: 2 elements"),
+        ("std_msgs/String", "{data: [", "line 1, column "),
+        ("std_msgs/Strin", "{}", "no message is called `std_msgs/Strin`"),
+        ("std_srvs/SetBool", "{}", "std_srvs/SetBool is 2 messages, and a topic carries one"),
+    ],
+)
+def test_complaints_name_the_field_and_touch_nothing(type_name, text, complaint, topic, shmgen):
+    assert complaint in rejected(shmgen, topic, type_name, text)
+
+
+def test_errors_within_arrays_have_an_index(topic, tmp_path, shmgen):
+    (tmp_path / "shmgen.toml").write_text('[bounds]\n"geometry_msgs/Polygon" = 4\n')
+    complaint = rejected(shmgen, topic, "geometry_msgs/Polygon", "points: [{x: 1}, {x: 2, y: a}]")
+    assert "points[1].y: 'a' is str, not float32" in complaint
+    published(shmgen, topic, "geometry_msgs/Polygon", "points: [{x: 1}, {x: 2, y: 3}]")
+    assert shmgen("echo", topic, "--once").stdout == (
+        "points:\n- x: 1.0\n  y: 0.0\n  z: 0.0\n- x: 2.0\n  y: 3.0\n  z: 0.0\n---\n"
+    )
+
+
+def test_arrays_are_shortened_and_say_so(topic, shmgen):
+    published(shmgen, topic, "sensor_msgs/Imu", json.dumps({"orientation_covariance": list(range(9))}))
+    assert (
+        "orientation_covariance: [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0]\n"
+        in shmgen("echo", topic, "--once").stdout
+    )
+    published(shmgen, topic + "b", "geometry_msgs/PoseWithCovariance")
+    short, full = (shmgen("echo", topic + "b", "--once", *more).stdout for more in ((), ("--full",)))
+    assert ", 0.0, '... 36 in all']\n" in short
+    assert full.count("0.0, ") == 35
+    assert len(json.loads(shmgen("echo", topic + "b", "--once", "--json").stdout)["covariance"]) == 36
+
+
+def test_the_layout_is_found_by_its_digest(topic, tmp_path, shmgen):
+    """Bounds of shmgen.toml, then of layout.lock; with neither, both digests and what to do."""
+    toml = tmp_path / "shmgen.toml"
+    toml.write_text('[bounds]\n"sensor_msgs/JointState" = 3\n[strings]\n"sensor_msgs/JointState.name" = 7\n')
+    published(shmgen, topic, "sensor_msgs/JointState", "{name: [a, b], position: [1, 2]}")
+    text = shmgen("echo", topic, "--once").stdout
+    assert "name: [a, b]\nposition: [1.0, 2.0]\nvelocity: []\n" in text
+
+    shmgen("generate", "sensor_msgs/JointState", "-q")
+    toml.rename(tmp_path / "other.toml")
+    assert shmgen("echo", topic, "--once").stdout == text
+    published(shmgen, topic, "sensor_msgs/JointState", "{name: [c]}")
+
+    (tmp_path / "generated" / "layout.lock").unlink()
+    toml.write_text('[bounds]\n"sensor_msgs/JointState" = 5\n')
+    result = shmgen("echo", topic, "--once")
+    assert (result.code, result.stdout) == (1, "")
+    there = header.unpack(Path(f"/dev/shm/{topic[1:].replace('/', '.')}").read_bytes(), 0)
+    assert f"there: digest 16#{there.digest:016X}\n" in result.stderr
+    assert "here:  digest 16#" in result.stderr
+    assert "by shmgen.toml" in result.stderr
+    assert "-c" in result.stderr
+    assert shmgen("echo", topic, "--once", "-c", "other.toml").code == 0
+
+
+def test_own_messages(topic, tmp_path, shmgen):
+    folder = tmp_path / "msgs" / "demo_msgs" / "msg"
+    folder.mkdir(parents=True)
+    (folder / "Robot.msg").write_text("int32 from\nduration pause\ntime[2] stamps\nstring<=5[<=2] names\n")
+    data = {
+        "from": 3,
+        "pause": {"sec": 1, "nanosec": 5_000_000},
+        "stamps": [{"sec": 5, "nanosec": 0}] * 2,
+        "names": ["a"],
+    }
+    published(shmgen, topic, "demo_msgs/Robot", json.dumps(data), "-I", "msgs")
+    echoed = json.loads(shmgen("echo", topic, "--once", "--json", "-I", "msgs").stdout)
+    assert (echoed["from"], echoed["pause"], echoed["names"]) == (3, data["pause"], ["a"])
+    unknown = shmgen("echo", topic, "--once")
+    assert unknown.code == 1
+    assert "no message is called `demo_msgs/msg/Robot`" in unknown.stderr
+
+
+def test_echo_waits_for_a_region_and_for_the_next_one(topic, shmgen, started):
+    echo = started("echo", topic, "-n", "2", "--json")
+    assert echo.stderr.readline().startswith(f"{topic}: no such region; ")
+    shmgen("pub", topic, "std_msgs/Int32", "{data: 1}", "--once")
+    assert json.loads(echo.stdout.readline()) == {"data": 1}
+    shmgen("clean", topic, "--force")
+    while "waiting for a new one" not in echo.stderr.readline():
+        pass
+    shmgen("pub", topic, "std_msgs/Bool", "{data: true}", "--once")
+    assert json.loads(echo.stdout.readline()) == {"data": True}
+    assert echo.wait(10) == 0
+
+
+def test_pub_counts_at_its_rate_and_echo_gets_each(topic, tmp_path, shmgen, started):
+    (tmp_path / "shmgen.toml").write_text(f'[[topics]]\ntopic = "{topic}"\ntype = "std_msgs/Int32"\ndepth = 16\n')
+    shmgen("pub", topic, "std_msgs/Int32", "--once")
+    echo = started("echo", topic, "-n", "21", "--json")
+    assert echo.stdout.readline() == '{"data": 0}\n'
+    begun = time.monotonic()
+    assert len(shmgen("pub", topic, "std_msgs/Int32", "{data: 7}", "-r", "100", "-n", "20").stdout.splitlines()) == 20
+    assert time.monotonic() - begun > 0.19
+    stdout, stderr = echo.communicate(timeout=10)
+    assert stdout == '{"data": 7}\n' * 20
+    assert "overwritten" not in stderr
+
+
+def test_ctrl_c_ends_well(topic, shmgen, started):
+    pub = started("pub", topic, "std_msgs/Int32", "-r", "50")
+    assert pub.stdout.readline()
+    echo, hz, top = started("echo", topic), started("hz", topic), started("top", "-d", "0.2")
+    for process in (echo, hz, top, pub):
+        assert process.stdout.readline()
+        process.send_signal(signal.SIGINT)
+        _, stderr = process.communicate(timeout=10)
+        assert (process.returncode, stderr) == (0, "")
+
+
+def test_a_second_writer_and_a_time_limit(topic, shmgen, started):
+    pub = started("pub", topic, "std_msgs/Int32", "-r", "50")
+    assert pub.stdout.readline()
+    result = shmgen("pub", topic, "std_msgs/Int32", "--once")
+    assert result.code == 1
+    assert f"process {pub.pid} publishes already" in result.stderr
+    silent = shmgen("echo", topic + "x", "--timeout", "0.1")
+    assert silent.code == 1
+    assert f"error: {topic}x: no region within 0.1 s; see `shmgen doctor {topic}x`\n" in silent.stderr
+    pub.send_signal(signal.SIGINT)
+    pub.wait(10)
+    assert "no sample within 0.1 s" in shmgen("echo", topic, "--timeout", "0.1").stderr
+
+
+@given(text=st.text(max_size=20))
+@settings(max_examples=200, deadline=None)
+def test_any_text_is_yaml(text):
+    line = f"data: {shown._text(text)}\n"
+    assert YAML(typ="safe", pure=True).load(line) == {"data": text}
+
+
+class TestAnyMessage:
+    @given(schema=schemas.schemas(), seed=st.integers(0, 2**32))
+    @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+    def test_out_and_in_again(self, schema, seed, tmp_path_factory):
+        """YAML and JSON of a random message, typed in again, give the message."""
+        folder = tmp_path_factory.mktemp("any")
+        layouts = build.layouts_of(schema)
+        package = f"any_{folder.name}"
+        build.put(build.texts_of(layouts, python, package), folder)
+        for layout in layouts.values():
+            kind, _, _ = build.classes(folder, package, layout.name)
+            original = schemas.random_message(layout, layouts, random.Random(seed))
+            message = typed.build(kind, schemas.plain(original))
+            for text in (shown.yaml(message, None), shown.as_json(message)):
+                assert typed.build(kind, typed.parse(text)) == message, text

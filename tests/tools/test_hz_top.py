@@ -1,0 +1,163 @@
+"""`shmgen hz` and `shmgen top`: what they count, and a screen driven through a pseudo-terminal."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import re
+import select
+import subprocess
+import sys
+import termios
+import time
+
+from shmgen.tools import hz, top
+
+from ..runtime.messages import PosePublisher, pose
+
+
+def test_hz_of_a_steady_writer(topic, shmgen, started):
+    pub = started("pub", topic, "std_msgs/Int32", "-r", "100")
+    assert pub.stdout.readline()
+    result = shmgen("hz", topic, "-n", "2", "--json")
+    assert (result.code, result.stderr) == (0, "")
+    for report in map(json.loads, result.stdout.splitlines()):
+        assert 90 < report["rate"] < 110
+        assert report["shortest"] <= 0.0101
+        assert report["longest"] >= 0.0099
+        assert 0 <= report["deviation"] < 0.02
+    assert shmgen("hz", topic, "-n", "1").stdout.startswith("average rate: ")
+
+
+def test_hz_counts_what_it_cannot_see(topic):
+    """Bursts of five into two slots: two are seen, the others count in the rate and as missed."""
+    notes = []
+    with PosePublisher(topic) as publisher:
+        publisher.publish(pose(0.0))
+        view = hz.appeared(topic, 1, notes.append)
+        with view:
+            last = 1
+            for number in range(2, 32, 5):
+                for _ in range(5):
+                    publisher.publish(pose(1.0))
+                found, newest = hz._since(view, last)
+                assert [seen for seen, _ in found] == [number + 3, number + 4]
+                assert newest == last + 5
+                last = newest
+    assert notes == []
+
+
+def test_rate_of_numbers_and_times():
+    seen = hz.deque([(1, 10.0), (2, 10.1), (4, 10.3), (5, 10.5)])
+    rate = hz._rate(seen, 1, 2)
+    assert rate.rate == 4 / 0.5
+    assert (round(rate.shortest, 9), round(rate.longest, 9)) == (0.1, 0.2)
+    assert (rate.window, rate.missed) == (4, 1)
+    assert round(rate.deviation, 9) == 0.05
+    assert hz._rate(hz.deque([(1, 10.0)]), 0, 2) is None
+    across = hz.deque([(2**32 - 1, 10.0), (2, 11.0)])  # after the greatest number comes that of the slots
+    assert hz._rate(across, 0, 2).rate == 1.0
+
+
+def rows_of(text, topic):
+    return [line.split() for line in text.splitlines() if line.startswith(topic + " ")]
+
+
+def test_top_in_a_pipe(topic, shmgen, started):
+    pub = started("pub", topic, "std_msgs/Int32", "-r", "100")
+    assert pub.stdout.readline()
+    result = shmgen("top", "-n", "2", "-d", "0.5")
+    assert (result.code, result.stderr) == (0, "")
+    assert "\x1b" not in result.stdout
+    assert result.stdout.startswith("TOPIC ")
+    rows = rows_of(result.stdout, topic)
+    assert len(rows) == 2
+    for row in rows:
+        assert row[1:3] == ["std_msgs/msg/Int32", str(pub.pid)]
+    (row,) = [row for row in json.loads(shmgen("top", "--once", "--json").stdout) if row["topic"] == topic]
+    assert 80 < row["rate"] < 120
+    assert 0 <= row["age"] < 0.5
+    assert (row["depth"], row["recoveries"]) == (1, 0)
+    pub.kill()
+    pub.wait()
+    (row,) = rows_of(shmgen("top", "--once", "-d", "0.2").stdout, topic)
+    assert row[2] == "gone"
+
+
+def row(topic, rate):
+    return top.Row(topic, "demo_msgs/msg/Long", "42 a long name", 1, rate, 1.0, 0.0, 0)
+
+
+def test_order_and_width():
+    rows = [row("/b", 1.0), row("/a", 5.0), row("/c", None)]
+    assert [found.topic for found in top.ordered(rows, "topic", False)] == ["/a", "/b", "/c"]
+    assert [found.topic for found in top.ordered(rows, "rate", False)] == ["/a", "/b", "/c"]
+    assert [found.topic for found in top.ordered(rows, "rate", True)] == ["/b", "/a", "/c"]
+    wide = max(map(len, top.table(rows)))
+    assert max(map(len, top.table(rows, width=wide - 10))) == wide - 10
+    assert "5.0/s" in top.table(rows, width=20)[2]
+
+
+class Terminal:
+    """`shmgen top` on a terminal of 100 by 20."""
+
+    def __init__(self, folder):
+        self.leader, follower = pty.openpty()
+        termios.tcsetwinsize(follower, (20, 100)) if hasattr(termios, "tcsetwinsize") else None
+        self.before = termios.tcgetattr(follower)
+        self.follower = follower
+        environment = {**os.environ, "TERM": "xterm", "COLUMNS": "100", "LINES": "20"}
+        command = [sys.executable, "-m", "shmgen", "top", "-d", "0.2"]
+        self.process = subprocess.Popen(
+            command, stdin=follower, stdout=follower, stderr=follower, cwd=folder, env=environment
+        )
+        self.shown = ""
+
+    def until(self, pattern):
+        self.shown = ""
+        deadline = time.monotonic() + 20
+        while not re.search(pattern, self.shown, re.DOTALL):
+            assert time.monotonic() < deadline, self.shown
+            if select.select([self.leader], [], [], 0.2)[0]:
+                self.shown += os.read(self.leader, 65536).decode()
+
+    def press(self, keys):
+        os.write(self.leader, keys.encode())
+
+    def close(self):
+        self.process.kill()
+        self.process.wait()
+        os.close(self.leader)
+        os.close(self.follower)
+
+
+def test_top_on_a_terminal(topic, tmp_path):
+    with PosePublisher(topic) as publisher:
+        publisher.publish(pose(1.0))
+        terminal = Terminal(tmp_path)
+        try:
+            terminal.until(r"\x1b\[\?1049h.*TOPIC\*.*/shmgen_test/t")
+            terminal.press("s\x1b[A")
+            terminal.until(r"TYPE\*")
+            terminal.press("ss")
+            terminal.until(r"DEPTH\*")
+            terminal.press("rq")
+            terminal.until(r"\x1b\[\?25h\x1b\[\?1049l$")
+            assert terminal.process.wait(10) == 0
+            assert termios.tcgetattr(terminal.follower) == terminal.before
+        finally:
+            terminal.close()
+
+
+def test_top_gives_the_terminal_back_when_it_is_told_to_end(tmp_path):
+    terminal = Terminal(tmp_path)
+    try:
+        terminal.until(r"TOPIC\*")
+        assert termios.tcgetattr(terminal.follower) != terminal.before
+        terminal.process.terminate()
+        terminal.until(r"\x1b\[\?1049l$")
+        assert terminal.process.wait(10) == 143
+        assert termios.tcgetattr(terminal.follower) == terminal.before
+    finally:
+        terminal.close()
