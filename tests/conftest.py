@@ -5,8 +5,12 @@ from __future__ import annotations
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
+
+if TYPE_CHECKING:
+    from tests.support.plc_demo import Clock, Demo
 
 REPOSITORY = Path(__file__).parents[1]
 SHARED = REPOSITORY.parent / "shared"
@@ -38,3 +42,33 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def update_golden(request: pytest.FixtureRequest) -> bool:
     """Whether tests/cases and tests/errors take what they get for what they want."""
     return bool(request.config.getoption("--update-golden"))
+
+
+@pytest.fixture(scope="session")
+def compiled_demo(tmp_path_factory: pytest.TempPathFactory) -> Demo:
+    from tests.support.plc_demo import make  # what translates is slow to import, and few tests need it
+
+    return make(tmp_path_factory.mktemp("plc_demo"))
+
+
+@pytest.fixture
+def clock(compiled_demo: Demo) -> Clock:
+    from tests.support.plc_demo import Clock
+
+    return Clock(compiled_demo.plc)
+
+
+@pytest.fixture
+def demo(compiled_demo: Demo, clock: Clock) -> Iterator[Demo]:
+    """A PLC as it comes; that no block ever waited for a semaphore is true of every test."""
+    compiled_demo.plc.born(1)
+    compiled_demo.plc.round_sizes(False)
+    compiled_demo.plc.fail("", 0)
+    yield compiled_demo
+    assert compiled_demo.plc.waits == 0
+
+
+@pytest.fixture(params=["exact", "rounded"])
+def sizes(request: pytest.FixtureRequest, demo: Demo) -> None:
+    """Both ways a runtime may compare the sizes of shared memory."""
+    demo.plc.round_sizes(request.param == "rounded")

@@ -21,7 +21,7 @@ def test_all_examples_are_here() -> None:
     assert {path.parent.name for path in (REPOSITORY / "examples").glob("*/demo.py")} == set(SAYS)
 
 
-@pytest.mark.parametrize("example", SAYS)
+@pytest.mark.parametrize("example", sorted(set(SAYS) - {"softplc_echo"}))  # that one is `make demo`, see test_readme.py
 def test_example(example: str) -> None:
     before = set(Path("/dev/shm").iterdir())
     environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}

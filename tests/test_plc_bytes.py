@@ -57,7 +57,7 @@ def test_every_message(
         assert_compiled_as_laid_out(proof.plc, name, layout)
     for place, name, layout in messages:
         kinds = classes(proof.folder, proof.package, name)
-        assert_same_defaults(proof.plc, name, kinds[0])
+        assert_same_defaults(proof.plc, layout, kinds[0])
         message = random_message(layout, proof.layouts, random.Random(str(name)))
         echoed, data = echo(proof.plc, name, kinds, f"{topic}/{place}", message)
         assert plain(echoed) == plain(message), name
@@ -101,8 +101,13 @@ def assert_compiled_as_laid_out(plc: Plc, name: TypeName, layout: Layout) -> Non
             assert element == iec.Elementary(IEC[slot.type]), f"{name}.{slot.name}"
 
 
-def assert_same_defaults(plc: Plc, name: TypeName, kind: Any) -> None:
-    assert plain(kind.from_buffer_copy(plc.structure(naming.st_type(name)).bytes())) == plain(kind()), name
+def assert_same_defaults(plc: Plc, layout: Layout, kind: Any) -> None:
+    """All but those of whole arrays, which ST has as a comment only."""
+    fresh = plain(kind.from_buffer_copy(plc.structure(naming.st_type(layout.name)).bytes()))
+    expected = plain(kind())
+    for field in layout.message.fields:
+        if not isinstance(field.default, tuple):
+            assert fresh[field.name] == expected[field.name], f"{layout.name}.{field.name}"
 
 
 def echoes(layouts: Layouts) -> dict[str, str]:

@@ -18,7 +18,7 @@ import posix_ipc
 
 HERE = Path(__file__).parent
 REPOSITORY = HERE.parents[1]
-POSES, STATES = "/robot/pose", "/conveyor/state"
+POSES, STATES = "/cell/pose", "/cell/conveyor"
 
 
 def main() -> int:

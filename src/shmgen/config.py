@@ -194,7 +194,8 @@ class _Reader:
         value = data.get("distribution", "")
         if isinstance(value, str) and (not value or _DISTRIBUTION.fullmatch(value)):
             return value
-        self.wrong("", "distribution", f'distribution is a name and a version, such as "robot-shm 1.2.0", not {value!r}')
+        example = '"robot-shm 1.2.0"'
+        self.wrong("", "distribution", f"distribution is a name and a version, such as {example}, not {value!r}")
         return ""
 
     def keys(self, section: str, data: dict[str, Any], allowed: tuple[str, ...]) -> None:

@@ -1,7 +1,7 @@
 """Remembers that a check found nothing, and everything it looked at, so that the same check need not be made again.
 
-Loads next to nothing, as most of a short run is Python reading modules. What is remembered is in the user's cache folder;
-a byte changed anywhere that the check looked at, or a file more or less, and it is made in full.
+Loads next to nothing, as most of a short run is Python reading modules. What is remembered is in the user's cache
+folder; a byte changed anywhere that the check looked at, or a file more or less, and it is made in full.
 """
 
 from __future__ import annotations

@@ -242,7 +242,7 @@ def _get(plc: Plc, type_: Type, address: int) -> Any:
         case Elementary(name):
             value = _ELEMENTARY[name].from_address(address).value
             return bool(value) if name == "BOOL" else value
-        case Text(length, wide):
+        case Text(wide=wide):
             data = ctypes.string_at(address, size_of(plc, type_))
             if wide:
                 return data.decode("utf-16-le", "replace").partition("\0")[0]

@@ -77,7 +77,8 @@ _LIST = re.compile(r"(TYPE \w+:STRUCT |VAR_GLOBAL (?:CONSTANT )?)(.*;)(END_STRUC
 _TOKEN = re.compile(
     r"""(?P<comment>//[^\n]*|\(\*.*?\*\))|(?P<pragma>\{[^}]*\})|(?P<blank>\s+)"""
     r"""|(?P<word>[A-Za-z_]\w*)|(?P<text>'(?:\$.|[^'$])*'|"(?:\$.|[^"$])*")"""
-    r"""|(?P<based>16\#[0-9A-Fa-f_]+)|(?P<real>\d+\.\d+([eE][+-]?\d+)?)|(?P<number>(?<![\#\w.])\d+(?![\#\w]|\.\d))|(?P<other>\d\w*|.)""",
+    r"""|(?P<based>16\#[0-9A-Fa-f_]+)|(?P<real>\d+\.\d+([eE][+-]?\d+)?)"""
+    r"""|(?P<number>(?<![\#\w.])\d+(?![\#\w]|\.\d))|(?P<other>\d\w*|.)""",
     re.DOTALL,
 )
 _ATTRIBUTE = re.compile(r"\{\s*attribute\s+'([\w-]+)'(?:\s*:=\s*'([^']*)')?\s*\}", re.IGNORECASE)

@@ -3,88 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from textwrap import indent
 from typing import Any, NamedTuple
 
 import pytest
 
-from tests.softplc import CompileError, Plc, Trap, Unsupported, compile_st
-from tests.softplc.translate import translate
-
-TYPES = """
-{attribute 'qualified_only'}
-{attribute 'strict'}
-TYPE E_Colour : (RED := 1, GREEN, BLUE := 16#10) UINT := GREEN; END_TYPE
-
-{attribute 'pack_mode' := '1'}
-TYPE ST_Packed : STRUCT
-    a : BYTE; b : UDINT := 7; c : STRING(2) := 'ab'; d : LREAL := -1.5E+2;
-END_STRUCT END_TYPE
-
-{attribute 'pack_mode' := '2'}
-TYPE ST_Two : STRUCT a : BYTE; b : UDINT; END_STRUCT END_TYPE
-
-TYPE ST_Natural : STRUCT
-    a : BYTE; b : LWORD; c : ST_Packed; e : E_Colour; t : TIME; w : WSTRING(3); p : POINTER TO ST_Packed;
-END_STRUCT END_TYPE
-
-FUNCTION_BLOCK FB_Counter
-VAR_INPUT
-    xUp   : BOOL := TRUE;
-    iStep : INT := 1;
-END_VAR
-VAR_OUTPUT
-    iCount : INT;
-END_VAR
-VAR CONSTANT
-    LIMIT_ : INT := 100;
-END_VAR
-VAR
-    _iCalls : INT;
-END_VAR
-_iCalls := _iCalls + 1;
-IF xUp THEN Count(iBy := iStep); ELSE Count(iBy := -iStep); END_IF
-END_FUNCTION_BLOCK
-
-METHOD PUBLIC Count : BOOL
-VAR_INPUT
-    iBy : INT;
-    iTimes : INT := 1;
-END_VAR
-VAR_OUTPUT
-    iBefore : INT;
-END_VAR
-VAR
-    iLocal : INT := 5;
-END_VAR
-iBefore := iCount;
-iCount := iCount + iBy * iTimes;
-iLocal := iLocal + 1;
-Count := iCount > LIMIT_ OR iLocal <> 6;
-END_METHOD
-
-METHOD PRIVATE Hidden
-END_METHOD
-"""
-LISTS = {
-    "GVL_Limits": """
-{attribute 'qualified_only'}
-VAR_GLOBAL CONSTANT
-    LEAST : LINT := -9223372036854775807 - 1;
-    MOST : ULINT := 18446744073709551615;
-    TEXT_ : STRING(8) := 'it$'s $24$41';
-    WIDE : WSTRING(3) := "$00E4b";
-    SMALL : REAL := 1.0E-07;
-END_VAR
-""",
-    "GVL_Shared": """
-{attribute 'qualified_only'}
-VAR_GLOBAL
-    diTotal : DINT := -5;
-    fbCounter : FB_Counter;
-END_VAR
-""",
-}
+from tests.softplc import Plc, compile_st
+from tests.softplc.objects_for_tests import FILES, program
 
 
 class Case(NamedTuple):
@@ -129,7 +53,7 @@ CASES = {
         "a : INT := -7; q : INT; r : INT; x : LREAL := 7.0;",
         "q := a / 2; r := a MOD 2; x := x / 2.0;",
         {"q": -3, "r": -1, "x": 3.5},
-    ),  # fmt: skip
+    ),
     "rounding up to a multiple": Case("n : UDINT := 130; m : UDINT;", "m := (16 + n + 63) / 64 * 64;", {"m": 192}),
     "BOOL and word": Case(
         "x : BOOL := TRUE; w : WORD := 16#00FF; b : BYTE := 2#1010; y : BOOL; d : DWORD;",
@@ -140,7 +64,7 @@ CASES = {
         "x : BOOL; p : POINTER TO BYTE; same : BOOL; a : BOOL;",
         "p := ADR(x); p^ := 2; same := x = TRUE; a := x AND TRUE;",
         {"same": True, "a": True},
-    ),  # fmt: skip
+    ),
     "literals": Case(
         "a : UDINT := 16#FFFF_FFFF; b : INT := -16#10; c : BYTE := 2#1111_0000; d : UDINT := 8#17; e : UINT; "
         "r : REAL := 0.5; l : LREAL := 2.5E-3; u : ULINT := 16#8000000000000000;",
@@ -149,7 +73,8 @@ CASES = {
     ),
     "constants": Case(
         "a : LINT; b : ULINT; c : STRING(20); d : WSTRING(5); e : REAL;",
-        "a := GVL_Limits.LEAST; b := gvl_limits.most; c := GVL_Limits.TEXT_; d := GVL_Limits.WIDE; e := GVL_Limits.SMALL;",
+        "a := GVL_Limits.LEAST; b := gvl_limits.most; c := GVL_Limits.TEXT_; "
+        "d := GVL_Limits.WIDE; e := GVL_Limits.SMALL;",
         {"a": -(2**63), "b": 2**64 - 1, "c": "it's $A", "d": "äb", "e": pytest.approx(1e-7)},
     ),
     "case does not matter": Case(
@@ -169,7 +94,7 @@ CASES = {
         'w : WSTRING(2) := "a$D83D$DE00"; n : UDINT; same : BOOL;',
         'n := SIZEOF(w); same := w = "a$D83D";',
         {"n": 6, "same": True},
-    ),  # fmt: skip
+    ),
     "TIME": Case(
         "t : TIME := T#1s500ms; u : TIME := TIME#1h; v : TIME; n : UDINT; later : BOOL; d : TIME := T#1d2h3m4s5ms;",
         "v := t + T#500ms; n := TIME_TO_UDINT(v); later := u > t; v := t - T#2s;",
@@ -183,7 +108,7 @@ CASES = {
         {"a": 3, "d": -3, "e": 1, "b": 65535, "c": -3.0, "f": 255, "g": 5, "h": 1, "i": 128, "j": -1},
     ),
     "pack_mode": Case(
-        "packed : UDINT; two : UDINT; natural : UDINT; n : ST_Natural; off : LWORD; p : POINTER TO BYTE; q : POINTER TO BYTE",
+        "packed : UDINT; two : UDINT; natural : UDINT; n : ST_Natural;",
         "packed := SIZEOF(ST_Packed); two := SIZEOF(ST_Two); natural := SIZEOF(n);",
         {"packed": 16, "two": 6, "natural": 56},
     ),
@@ -191,7 +116,7 @@ CASES = {
         "s : ST_Natural; a : ARRAY[1..3] OF ST_Packed; e : E_Colour; f : E_Colour := E_Colour.BLUE;",
         "",
         {"s.c.b": 7, "s.c.c": "ab", "s.c.d": -150.0, "s.e": "GREEN", "a.2.b": 7, "e": "GREEN", "f": "BLUE", "s.a": 0},
-    ),  # fmt: skip
+    ),
     "structures are copied": Case(
         "a : ST_Packed; b : ST_Packed; p : POINTER TO ST_Packed; c : ST_Packed;",
         "a.b := 9; b := a; a.b := 1; p := ADR(c); p^ := b; p^.a := 4;",
@@ -205,14 +130,14 @@ CASES = {
         {"x": 7, "y": 0x1234, "same": True, "b": 0x34, "a.0": 5, "null": True},
     ),
     "a pointer through a structure": Case(
-        "n : ST_Natural; c : ST_Packed; pn : POINTER TO ST_Natural; x : UDINT; y : UDINT; pp : POINTER TO POINTER TO ST_Packed",
-        "n.p := ADR(c); n.p^.b := 77; pn := ADR(n); x := pn^.p^.b; pp := ADR(n.p); y := pp[0].b;".replace(
-            "pp[0].b", "x"
-        ),
-        {"c.b": 77, "x": 77, "y": 77},
+        "n : ST_Natural; c : ST_Packed; pn : POINTER TO ST_Natural; x : UDINT; p : POINTER TO ST_Packed; "
+        "pp : POINTER TO POINTER TO ST_Packed; same : BOOL;",
+        "n.p := ADR(c); n.p^.b := 77; pn := ADR(n); x := pn^.p^.b; pp := ADR(n.p); p := pp^; same := p = n.p;",
+        {"c.b": 77, "x": 77, "same": True},
     ),
     "arrays": Case(
-        "a : ARRAY[-1..1] OF INT; b : ARRAY[0..1, 1..2] OF DINT; c : ARRAY[0..1] OF ST_Packed; i : INT; n : UDINT; s : ARRAY[0..2] OF STRING(3)",
+        "a : ARRAY[-1..1] OF INT; b : ARRAY[0..1, 1..2] OF DINT; c : ARRAY[0..1] OF ST_Packed; "
+        "i : INT; n : UDINT; s : ARRAY[0..2] OF STRING(3)",
         "a[-1] := 4; i := 1; a[i] := 5; b[1, 2] := 6; c[i].b := 8; n := SIZEOF(b); s[2] := 'xyz!'; a[i - 1] := a[i];",
         {"a.-1": 4, "a.1": 5, "a.0": 5, "b.1.2": 6, "c.1.b": 8, "c.0.b": 7, "n": 16, "s.2": "xyz"},
     ),
@@ -224,7 +149,8 @@ CASES = {
     ),
     "CASE": Case(
         "r : ARRAY[0..9] OF INT; i : INT; K : BYTE",
-        "FOR i := -2 TO 7 DO CASE i OF -2: r[0] := 1; 0, 1: r[1] := r[1] + 1; 3..5: r[2] := r[2] + 1; ELSE r[3] := r[3] + 1; END_CASE END_FOR",
+        "FOR i := -2 TO 7 DO CASE i OF -2: r[0] := 1; 0, 1: r[1] := r[1] + 1; "
+        "3..5: r[2] := r[2] + 1; ELSE r[3] := r[3] + 1; END_CASE END_FOR",
         {"r.0": 1, "r.1": 2, "r.2": 3, "r.3": 4},
     ),
     "CASE without ELSE": Case("i : INT := 5; n : INT := 3;", "CASE i OF 1: n := 1; 2: ; END_CASE", {"n": 3}),
@@ -243,7 +169,7 @@ CASES = {
         "p : POINTER TO BYTE; x : BOOL; y : BOOL",
         "x := p <> 0 AND_THEN p^ = 1; y := p = 0 OR_ELSE p^ = 1;",
         {"x": False, "y": True},
-    ),  # fmt: skip
+    ),
     "blocks": Case(
         "fb : FB_Counter; other : FB_Counter; n : INT; i : INT; over : BOOL; before : INT;",
         "fb(iStep := 5, iCount => n); fb(); fb(xUp := FALSE); FOR i := 1 TO 3 DO other(); END_FOR "
@@ -254,7 +180,7 @@ CASES = {
         "fb : FB_Counter; a : BOOL; b : BOOL",
         "a := fb.Count(iBy := 1); b := fb.Count(iBy := 1, iTimes := 2);",
         {"a": False, "b": False, "fb.iCount": 3},
-    ),  # fmt: skip
+    ),
     "a list holds blocks and values": Case(
         "n : INT; d : DINT;",
         "GVL_Shared.fbCounter(iStep := 3); GVL_Shared.fbCounter.Count(iBy := 1); n := GVL_Shared.fbCounter.iCount; "
@@ -272,16 +198,10 @@ CASES = {
 }
 
 
-def program(name: str, case: Case) -> str:
-    return f"PROGRAM {name}\nVAR\n{indent(case.variables, '    ')};\nEND_VAR\n{case.body}\nEND_PROGRAM\n".replace(
-        ";;", ";"
-    )
-
-
 @pytest.fixture(scope="module")
 def plc() -> Plc:
-    files = {"types.st": TYPES} | {f"{name}.st": text for name, text in LISTS.items()}
-    return compile_st(files | {f"P{n}.st": program(f"P{n}", case) for n, case in enumerate(CASES.values())})
+    texts = (program(f"P{n}", case.variables, case.body) for n, case in enumerate(CASES.values()))
+    return compile_st(FILES | {f"P{n}.st": text for n, text in enumerate(texts)})
 
 
 @pytest.mark.parametrize("title", CASES)
@@ -296,123 +216,14 @@ def found(view: Any, path: str) -> Any:
     return view
 
 
-def compiled(body: str, variables: str = "", types: str = "") -> Plc:
-    return compile_st({"types.st": types, "P.st": program("P", Case(variables, body, {}))})
-
-
-TRAPS = {
-    "an index too large": ("a : ARRAY[1..3] OF INT; i : INT := 4;", "a[i] := 1;", "index"),
-    "an index too small": ("a : ARRAY[1..3] OF INT; i : INT;", "i := a[i];", "index"),
-    "a null pointer": ("p : POINTER TO BYTE;", "p^ := 1;", "null"),
-    "a division by zero": ("a : INT; b : INT := 1;", "b := b / a;", "division"),
-    "MOD by zero": ("a : INT; b : INT := 1;", "b := b MOD a;", "division"),
-}
-
-
-def test_what_stops_a_plc_is_a_trap() -> None:
-    texts = {
-        f"T{n}.st": program(f"T{n}", Case(variables, body, {})) for n, (variables, body, _) in enumerate(TRAPS.values())
-    }
-    plc = compile_st(texts)
-    for number, (_, _, reason) in enumerate(TRAPS.values()):
-        with pytest.raises(Trap, match=reason):
-            plc.block(f"T{number}")()
-
-
-UNSUPPORTED = {
-    "UnionTypeDeclaration": "TYPE U : UNION a : INT; b : BYTE; END_UNION END_TYPE",
-    "INTERFACE": "INTERFACE I_A\nEND_INTERFACE",
-    "PROPERTY": "PROPERTY PUBLIC Value : INT\nEND_PROPERTY",
-    "FUNCTION outside": "FUNCTION F_A : INT\nEND_FUNCTION",
-    "ACTION": "ACTION Go:\nEND_ACTION",
-    "NAMESPACE": "NAMESPACE a\nEND_NAMESPACE",
-    "EXTENDS": "FUNCTION_BLOCK FB_A EXTENDS FB_B\nEND_FUNCTION_BLOCK",
-    "IMPLEMENTS": "FUNCTION_BLOCK FB_A IMPLEMENTS I_B\nEND_FUNCTION_BLOCK",
-    "InputOutputDeclarations": "PROGRAM P VAR_IN_OUT a : INT; END_VAR END_PROGRAM",
-    "RETAIN": "PROGRAM P VAR RETAIN a : INT; END_VAR END_PROGRAM",
-    "TemporaryVariableDeclarations": "PROGRAM P VAR_TEMP a : INT; END_VAR END_PROGRAM",
-    "LocatedVariableDeclarations": "PROGRAM P VAR a AT %IX0.0 : BOOL; END_VAR END_PROGRAM",
-    "REFERENCE TO": "PROGRAM P VAR a : REFERENCE TO INT; END_VAR END_PROGRAM",
-    "RepeatStatement": "PROGRAM P VAR a : INT; END_VAR REPEAT a := 1; UNTIL a = 1 END_REPEAT END_PROGRAM",
-    "FOR with BY": "PROGRAM P VAR a : INT; END_VAR FOR a := 1 TO 9 BY 2 DO ; END_FOR END_PROGRAM",
-    "ArrayInitialization": "PROGRAM P VAR a : ARRAY[0..1] OF INT := [1, 2]; END_VAR END_PROGRAM",
-    "InitializedStructure": "TYPE S : STRUCT a : INT; END_STRUCT END_TYPE PROGRAM P VAR s : S := (a := 1); END_VAR END_PROGRAM",
-    "THIS": "FUNCTION_BLOCK F VAR a : INT; END_VAR a := THIS^.a; END_FUNCTION_BLOCK",
-    "the function SQRT": "PROGRAM P VAR a : LREAL; END_VAR a := SQRT(a); END_PROGRAM",
-    "without 'qualified_only' and 'strict'": "TYPE E : (A := 0) UINT; END_TYPE",
-    "VAR_GLOBAL without": "VAR_GLOBAL a : INT; END_VAR",
-    "the attribute 'hide'": "{attribute 'hide'} TYPE S : STRUCT a : INT; END_STRUCT END_TYPE",
-    "the pragma {IF": "{IF defined (x)} TYPE S : STRUCT a : INT; END_STRUCT END_TYPE",
-    "there is no type NOWHERE": "PROGRAM P VAR a : NOWHERE; END_VAR END_PROGRAM",
-    "holds itself": "TYPE S : STRUCT a : S; END_STRUCT END_TYPE",
-    "a second S": "TYPE S : STRUCT a : INT; END_STRUCT END_TYPE TYPE s : STRUCT a : INT; END_STRUCT END_TYPE",
-    "without a FUNCTION_BLOCK": "METHOD Go\nEND_METHOD",
-    "without END_TYPE": "TYPE S : STRUCT a : INT; END_STRUCT",
-    "blark cannot read it": "PROGRAM P a := := 1; END_PROGRAM",
-    "calls on both sides": "FUNCTION_BLOCK F VAR a : INT; END_VAR a := Go() + Go(); END_FUNCTION_BLOCK METHOD Go : INT END_METHOD",
-    "a parameter without a name": "FUNCTION_BLOCK F VAR a : INT; END_VAR a := Go(1); END_FUNCTION_BLOCK "
-    "METHOD Go : INT VAR_INPUT b : INT; END_VAR END_METHOD",
-    "called without B": "FUNCTION_BLOCK F VAR a : INT; END_VAR a := Go(); END_FUNCTION_BLOCK "
-    "METHOD Go : INT VAR_INPUT b : INT; END_VAR END_METHOD",
-    "C as input of GO": "FUNCTION_BLOCK F VAR a : INT; END_VAR a := Go(c := 1); END_FUNCTION_BLOCK METHOD Go : INT END_METHOD",
-    "PRIVATE method": "FUNCTION_BLOCK F END_FUNCTION_BLOCK METHOD PRIVATE Go END_METHOD "
-    "PROGRAM P VAR f1 : F; END_VAR f1.Go(); END_PROGRAM",
-    "the type DateTime|DATE": "PROGRAM P VAR a : DATE; END_VAR END_PROGRAM",
-}
-
-
-@pytest.mark.parametrize("named", UNSUPPORTED)
-def test_anything_else_is_unsupported_by_name(named: str) -> None:
-    with pytest.raises(Unsupported, match=named):
-        translate({"a.st": UNSUPPORTED[named]})
-
-
-WRONG = {
-    "an undeclared name": ("n : INT;", "n := m;", "v_m"),
-    "UDINT into UINT": ("a : UDINT; b : UINT;", "b := a;", "the value could change"),
-    "signed into unsigned": ("a : INT; b : UDINT;", "b := a;", "the value could change"),
-    "signed against unsigned": ("a : DINT; b : UDINT; x : BOOL;", "x := a < b;", "no common type"),
-    "a literal too large": ("b : BYTE;", "b := 256;", "does not fit"),
-    "a number as a condition": ("n : INT;", "IF n THEN ; END_IF", "truth"),
-    "BOOL into INT": ("x : BOOL; n : INT;", "n := x;", "no implicit conversion"),
-    "a number into an enumeration": ("e : E_Colour;", "e := 1;", "no conversion"),
-    "a value that an enumeration lacks": ("e : E_Colour;", "e := E_Colour.PINK;", "v_pink"),
-    "a constant assigned": ("n : INT;", "GVL_Limits.SMALL := 1.0;", "read-only|discards|const"),
-    "a member that is not there": ("s : ST_Packed;", "s.z := 1;", "v_z"),
-    "a UDINT for a POINTER TO __UXINT": (
-        "u : UDINT; r : RTS_IEC_RESULT; h : RTS_IEC_HANDLE; s : STRING(9);", "h := SysSharedMemoryOpen2(s, 0, ADR(u), ADR(r));",
-        "Pointer",
-    ),
-}  # fmt: skip
-
-
-def test_what_codesys_would_refuse_does_not_compile() -> None:
-    files = {"types.st": TYPES} | {f"{name}.st": text for name, text in LISTS.items()}
-    for title, (variables, body, message) in WRONG.items():
-        with pytest.raises(CompileError, match=message):
-            compile_st(files | {"P.st": program("P", Case(variables, body, {}))})
-            pytest.fail(f"{title} compiled")
-
-
 def test_two_plcs_in_one_process_share_nothing() -> None:
     text = "{attribute 'qualified_only'} VAR_GLOBAL CONSTANT N : INT := %d; END_VAR"
-    one, two = (
-        compile_st({"GVL.st": text % n, "P.st": program("P", Case("n : INT", "n := GVL.N;", {}))}) for n in (1, 2)
-    )
+    one, two = (compile_st({"GVL.st": text % n, "P.st": program("P", "n : INT", "n := GVL.N;")}) for n in (1, 2))
     assert (one.block("P")().n, two.block("P")().n) == (1, 2)
 
 
-def test_where_a_mistake_stands_is_said() -> None:
-    with pytest.raises(Unsupported, match="b.st:2: INTERFACE"):
-        translate({"a.st": TYPES, "b.st": "\nINTERFACE I\nEND_INTERFACE"})
-    with pytest.raises(Unsupported, match=r"FB_A\.GO: RepeatStatement"):
-        translate(
-            {"a.st": "FUNCTION_BLOCK FB_A END_FUNCTION_BLOCK METHOD Go REPEAT ; UNTIL TRUE END_REPEAT END_METHOD"}
-        )
-
-
 def test_a_library_stays_where_it_is_told(tmp_path: Path) -> None:
-    text = program("P", Case("n : INT", "n := n + 1;", {}))
+    text = program("P", "n : INT", "n := n + 1;")
     compile_st({"P.st": text}, tmp_path)
     block = Plc.load(tmp_path / "plc.so").block("P")
     assert block.run(0, 5) < 1

@@ -8,7 +8,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, ClassVar
+
+import posix_ipc
 
 from shmgen import pipeline
 from shmgen.config import Config
@@ -25,6 +27,10 @@ MESSAGES = {
     "Demo": 'uint32 a\nstring<=9 label "hey"\nInner inner\nint32[<=3] tail\nuint32 b\n',
     "Other": "uint32 a\nuint32 b\n",
 }
+
+
+RETRY, CLAIM, HEAL = 500, 1000, 1000
+"""Milliseconds after which the blocks open again, take a topic over, free a lock."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +63,7 @@ def make(folder: Path) -> Demo:
     """Generates, compiles and loads it."""
     texts, layouts = generated(folder, "demo_msgs/Demo", "demo_msgs/Other")
     plc = compile_st({path: text for path, text in texts.items() if path.endswith(".st")}, folder / "plc")
-    return Demo(texts, module(folder, PACKAGE, list(layouts)[0]), plc, folder / "plc" / "plc.so")
+    return Demo(texts, module(folder, PACKAGE, next(iter(layouts))), plc, folder / "plc" / "plc.so")
 
 
 def generated(folder: Path, *messages: str) -> tuple[dict[str, str], Layouts]:
@@ -69,10 +75,26 @@ def generated(folder: Path, *messages: str) -> tuple[dict[str, str], Layouts]:
     return texts, pipeline.lay_out(config, messages)
 
 
+class Clock:
+    """That of the PLC; it begins just before it wraps round."""
+
+    def __init__(self, plc: Plc) -> None:
+        self._plc, self._now = plc, 2**32 - 700
+        self.add(0)
+
+    def add(self, ms: int) -> None:
+        self._now = (self._now + ms) % 2**32
+        self._plc.set_clock(self._now)
+
+
+def semaphore(topic: str, suffix: str = "") -> posix_ipc.Semaphore:
+    return posix_ipc.Semaphore(f"/{region_name(topic)}{suffix}")
+
+
 class Memory:
     """The bytes of a topic's region, and its header's words by their names."""
 
-    WORDS = {
+    WORDS: ClassVar = {
         "magic": 0, "slots": 7, "writer": header.WRITER, "begun": header.BEGUN, "completed": header.COMPLETED,
         "heartbeat": header.HEARTBEAT, "lock_holder": header.LOCK_HOLDER, "recoveries": 40, "armed": 41,
         "lock_count": header.LOCK_COUNT,

@@ -157,7 +157,7 @@ def _semaphore(seen: Evidence) -> Iterator[Finding]:
         yield Finding(seen.topic, message, hint, file, note=not peers)
     elif before and min(before.word or 0, now.word or 0) > 1 and now.bits == 64:
         message = f"its semaphore is {now.word}, so that as many get in at a time"
-        yield Finding(seen.topic, message, "the next publisher or subscriber that finds it locked takes it down", file)
+        yield Finding(seen.topic, message, "the next publisher or subscriber that starts takes it down to 1", file)
 
 
 def _lock(seen: Evidence) -> Iterator[Finding]:

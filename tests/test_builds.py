@@ -1,0 +1,94 @@
+"""Generation as a step of a build: the CMake function, and the generated Python as a package of its own."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import time
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from .conftest import REPOSITORY
+from .support.command import run
+from .test_check import ARM, ROBOT, SETTINGS, write
+
+CMAKE = """cmake_minimum_required(VERSION 3.16)
+project(robot_shm C)
+find_package(shmgen REQUIRED)
+shmgen_generate(robot_messages INCLUDE interfaces/share INSTALL)
+add_executable(size size.c)
+target_link_libraries(size PRIVATE robot_messages)
+"""
+SIZE = """#include <stdio.h>
+#include "shm_msgs/demo_msgs/msg/robot.h"
+int main(void) { printf("%zu\\n", sizeof(shm_demo_msgs_Robot)); return 0; }
+"""
+
+
+@pytest.mark.skipif(shutil.which("cmake") is None, reason="no cmake")
+def test_cmake_generates_when_a_definition_changes(tmp_path: Path) -> None:
+    """From an installed interface package, as it lies below share/, and one beside CMakeLists.txt."""
+    source, build = tmp_path / "source", tmp_path / "build"
+    write(
+        source,
+        {
+            "CMakeLists.txt": CMAKE,
+            "size.c": SIZE,
+            "shmgen.toml": SETTINGS.replace('["c"]', '["c", "python"]').replace("demo_msgs/Robot", "demo_msgs"),
+            "msgs/other_msgs/msg/Other.msg": "int8 a\n",
+            "interfaces/share/demo_msgs/package.xml": "<package><name>demo_msgs</name></package>",
+            "interfaces/share/demo_msgs/msg/Robot.msg": ROBOT,
+            "interfaces/share/demo_msgs/msg/Arm.msg": ARM,
+        },
+    )
+    bin = tmp_path / "bin"
+    bin.mkdir()
+    (bin / "shmgen").write_text(f'#!/bin/sh\nexec {sys.executable} -m shmgen "$@"\n')
+    (bin / "shmgen").chmod(0o755)
+    environment = {**os.environ, "PATH": f"{bin}:{os.environ['PATH']}"}
+
+    def cmake(*arguments: object) -> str:
+        command = ["cmake", *map(str, arguments)]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout
+
+    def size() -> int:
+        return int(subprocess.run([build / "size"], capture_output=True, check=True).stdout)
+
+    install = tmp_path / "installed"
+    where = [f"-Dshmgen_DIR={REPOSITORY / 'cmake'}", f"-DCMAKE_INSTALL_PREFIX={install}"]
+    cmake("-S", source, "-B", build, *where)
+    assert "shmgen generate robot_messages" in cmake("--build", build)
+    before = size()
+    assert "shmgen generate" not in cmake("--build", build)
+    time.sleep(1.1)  # the clock of make may count in seconds
+    write(source, {"interfaces/share/demo_msgs/msg/Arm.msg": ARM + "float64 last\n"})
+    assert "shmgen generate robot_messages" in cmake("--build", build)
+    assert size() > before
+    cmake("--install", build)
+    assert (install / "include/shm_msgs/demo_msgs/msg/robot.h").is_file()
+    assert (install / "share/robot_shm/shmgen/python/shm_msgs/demo_msgs/msg/_robot.py").is_file()
+    assert not (source / "generated").exists()
+
+
+def test_generated_python_is_a_package_of_its_own(tmp_path: Path) -> None:
+    pytest.importorskip("hatchling")
+    write(tmp_path, {"shmgen.toml": 'messages = ["std_msgs/Bool"]\ndistribution = "robot-shm 1.2.0"\n'})
+    assert run(["generate", "-q"], tmp_path).code == 0
+    assert run(["check"], tmp_path).code == 0
+    project = tmp_path / "generated/python"
+    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path / "wheels")]
+    subprocess.run(command, cwd=project, check=True, capture_output=True)
+    (wheel,) = (tmp_path / "wheels").iterdir()
+    assert wheel.name == "robot_shm-1.2.0-py3-none-any.whl"
+    held = zipfile.ZipFile(wheel).namelist()
+    assert {"shm_msgs/py.typed", "shm_msgs/std_msgs/msg/_bool.py"} <= set(held)
+    environment = {**os.environ, "PYTHONPATH": f"{wheel}:{REPOSITORY / 'src'}"}
+    code = "from shm_msgs.std_msgs.msg import Bool, BoolPublisher; print(Bool(data=True))"
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
+    assert (done.stdout, done.stderr) == ("Bool(data=True)\n", "")
