@@ -13,13 +13,13 @@ from __future__ import annotations
 
 import argparse
 import importlib.metadata
-import importlib.util
 import os
 import resource
 import statistics
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from pathlib import Path
 
@@ -33,6 +33,7 @@ WOKEN_ONLY = ("Modbus TCP (pymodbus)", "OPC UA (asyncua)")
 LARGEST = {"Modbus TCP (pymodbus)": 240, "cyclonedds": 1 << 16}
 """Bytes: 123 registers are the most of one Modbus write; Python lists make a mebibyte of DDS octets a matter of 0.1 s."""
 WARM_UP = 0.3
+_PATIENCE = 12
 
 
 def main() -> None:
@@ -62,8 +63,9 @@ def child(role: str, way: str, mode: str, size: int, name: str, seconds: float) 
         send = WAYS[way](role, mode, size, name)
         due = time.monotonic()
         while True:
-            due = max(due + 1 / SIZES[size], time.monotonic())
-            time.sleep(due - time.monotonic())
+            now = time.monotonic()
+            due = max(due + 1 / SIZES[size], now)
+            time.sleep(due - now)
             send(time.monotonic_ns())
     receive = WAYS[way](role, mode, size, name)
     print("ready", flush=True)
@@ -90,19 +92,19 @@ def _table(size: int, rate: int, ways: list[str], floor: Path, rounds: int, seco
     rows = [(way, mode) for mode in MODES for way in ["C", *ways] if _fits(way, mode, size)]
     found: dict[tuple[str, str], list[list[float]]] = {row: [] for row in rows}
     for number in range(rounds):
-        for way, mode in rows:
+        for row, (way, mode) in enumerate(rows):
             if way == "C":
                 found[way, mode].append(_floor(floor, mode, size, rate, seconds))
             else:
-                found[way, mode].append(_measured(way, mode, size, f"shmgen_latency_{os.getpid()}_{number}", seconds))
+                found[way, mode].append(_measured(way, mode, size, f"shmgen_latency_{os.getpid()}_{number}_{row}", seconds))
     print(f"\n{size} bytes at {rate} Hz{'':<24}{'p50 us':>10}{'p99 us':>10}{'CPU %':>8}{'ratio':>8}{'samples':>9}")
     for (way, mode), results in found.items():
         here = [one for one in results if one]
         if not here:
             print(f"  {mode:<6}{way:<34}{'nothing came':>12}")
             continue
-        ours = found["shmgen", mode]
-        ratio = statistics.median(one[0] / base[0] for one, base in zip(results, ours, strict=True) if one and base)
+        pairs = zip(results, found["shmgen", mode], strict=True)
+        ratio = statistics.median([one[0] / base[0] for one, base in pairs if one and base] or [float("nan")])
         p50, p99, cpu, count = (statistics.median(column) for column in zip(*here, strict=True))
         print(f"  {mode:<6}{way:<34}{p50 / 1000:>10.1f}{p99 / 1000:>10.1f}{cpu:>8.1f}{ratio:>8.2f}{count:>9.0f}")
 
@@ -119,10 +121,13 @@ def _fits(way: str, mode: str, size: int) -> bool:
 
 def _measured(way: str, mode: str, size: int, name: str, seconds: float) -> list[float]:
     """Empty if nothing came."""
-    command = [sys.executable, __file__, "--seconds", str(seconds), "--child"]
+    command = [sys.executable, str(HERE / "latency.py"), "--seconds", str(seconds), "--child"]
     ends = [way, mode, str(size), name]
     with subprocess.Popen([*command, "receive", *ends], stdout=subprocess.PIPE, text=True) as receiver:
         assert receiver.stdout
+        # Who waits for ever, because its sender is gone, is told so.
+        patience = threading.Timer(_PATIENCE + seconds, receiver.kill)
+        patience.start()
         try:
             if receiver.stdout.readline().strip() != "ready":
                 return []
@@ -132,6 +137,7 @@ def _measured(way: str, mode: str, size: int, name: str, seconds: float) -> list
                 finally:
                     sender.kill()
         finally:
+            patience.cancel()
             receiver.kill()
             remove(name)
 

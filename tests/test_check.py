@@ -126,7 +126,9 @@ def test_github_shows_it_at_the_definition(folder: Path) -> None:
     first, *_ = check(folder, "--format github").stdout.splitlines()
     title = "title=SHM401 layout of demo_msgs/Robot changed"
     assert first.startswith(f"::error file=msgs/demo_msgs/msg/Robot.msg,{title}::velocity   renamed from speed%0A")
-    write(folder, {"msgs/demo_msgs/msg/Robot.msg": "float64[] speed  # 100%, all: yes\n"})
+    write(folder, {"msgs/demo_msgs/msg/Robot.msg": f'string LOAD="100%"\n{ROBOT}'})
+    assert '::LOAD   constant appeared, string "100%25"%0A' in check(folder, "--format github").stdout
+    write(folder, {"msgs/demo_msgs/msg/Robot.msg": "float64[] speed\n"})
     result = check(folder, "--format github")
     place = "file=msgs/demo_msgs/msg/Robot.msg,title=SHM101 unbounded sequence has no fixed size,line=1,col=1"
     assert result.stdout.startswith(f"::error {place}::demo_msgs/Robot.speed%0A")

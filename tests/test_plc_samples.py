@@ -117,11 +117,12 @@ def test_numbers_wrap_round(demo: Demo, topic: str) -> None:
         assert (subscriber.read().a, subscriber.sequence) == (0, 4)
 
 
-def test_the_wrap_loses_what_lies_before_it_and_says_so(demo: Demo, topic: str) -> None:
-    """By the rule of the protocol: (begun - number) modulo 2**32 is no longer below the number of slots."""
+@pytest.mark.parametrize("before", range(6))
+def test_no_sample_is_lost_or_miscounted_across_the_turn_of_the_numbers(demo: Demo, topic: str, before: int) -> None:
+    """The numbers 0 to slots - 1 do not come again: neither side takes them for samples. Slots are 8 here."""
     with demo.python.DemoPublisher(topic, depth=4):
         memory = Memory(topic)
-        memory["begun"] = memory["completed"] = 0xFFFFFFFC
+        memory["begun"] = memory["completed"] = 0xFFFFFFFF - before
     with (
         demo.python.DemoPublisher(topic, depth=4) as publisher,
         demo.python.DemoSubscriber(topic, depth=4) as subscriber,
@@ -129,9 +130,15 @@ def test_the_wrap_loses_what_lies_before_it_and_says_so(demo: Demo, topic: str) 
         publisher.publish(demo.message(1))
         block = demo.subscriber(topic, xNewest=False, udiDepth=4)
         assert drained(block) == [sample.a for sample in subscriber.read_all()] == [1]
+        never_written = subscriber.missed  # the sample that `completed` was set to
         for number in range(2, 6):
             publisher.publish(demo.message(number))
-        assert (drained(block), block.udiMissed, block.udiSequence) == ([5], 3, 9)
+        assert drained(block) == [sample.a for sample in subscriber.read_all()] == [2, 3, 4, 5]
+        assert (block.udiMissed, subscriber.missed - never_written) == (0, 0)
+        for number in range(6, 17):
+            publisher.publish(demo.message(number))
+        assert drained(block) == [sample.a for sample in subscriber.read_all()] == list(range(9, 17))
+        assert (block.udiMissed, subscriber.missed - never_written) == (3, 3)
 
 
 def test_a_sample_overwritten_while_it_is_read_is_thrown_away(demo: Demo, topic: str) -> None:

@@ -41,8 +41,9 @@ def test_commands_print_what_the_page_shows(page: Path, tmp_path: Path, update_g
                 page.write_text(page.read_text().replace(f"$ {command}\n{shown}", f"$ {command}\n{result.stdout}"))
             else:
                 assert re.fullmatch(pattern(shown), result.stdout), f"$ {command}\n{result.stdout}"
-    for file in Path("/dev/shm").glob("*robot.*"):
-        file.unlink()
+    for topic in set(re.findall(r"(?:Publisher|Subscriber)\(\"/([\w/]+)", page.read_text())):
+        for file in Path("/dev/shm").glob(f"*{topic.replace('/', '.')}*"):
+            file.unlink()
 
 
 def pattern(shown: str) -> str:

@@ -14,6 +14,7 @@ import socket
 import struct
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from types import SimpleNamespace
 from typing import Any
 
@@ -36,11 +37,10 @@ def shmgen(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
     if role == "send":
         writer = publisher(topic)
         if size == 56:
-            position, turn = SimpleNamespace(x=0.0, y=2.0, z=3.0), SimpleNamespace(x=0.0, y=0.0, z=0.0, w=1.0)
-            message: Any = SimpleNamespace(position=position, orientation=turn)
+            message = _pose()
 
             def send_pose(stamp: int) -> None:
-                position.x = float(stamp)
+                message.position.x = float(stamp)
                 writer.publish(message)
 
             return send_pose
@@ -65,27 +65,34 @@ def shmgen(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
 
 
 def by_hand(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
-    """What one would write in Python for exactly this: two slots, a word, and a semaphore posted for each sample."""
+    """What one would write in Python for exactly this: a lock, two slots, a word, an event posted to who waits."""
     size_of = 4096 + 2 * size
     memory = posix_ipc.SharedMemory("/" + name, posix_ipc.O_CREAT, size=size_of)
+    lock = posix_ipc.Semaphore("/" + name, posix_ipc.O_CREAT, initial_value=1)
     event = posix_ipc.Semaphore(f"/{name}-event", posix_ipc.O_CREAT, initial_value=0)
     map = mmap.mmap(memory.fd, size_of)
     words = memoryview(map).cast("I")
     places = [slice(4096 + slot * size, 4096 + (slot + 1) * size) for slot in (0, 1)]
     if role == "send":
         scratch = bytearray(size)
+        message = _pose()
         number = 0
 
         def send(stamp: int) -> None:
             nonlocal number
             number += 1
             if size == 56:
-                POSE.pack_into(scratch, 0, float(stamp), 2.0, 3.0, 0.0, 0.0, 0.0, 1.0)
+                p, q = message.position, message.orientation
+                p.x = float(stamp)
+                POSE.pack_into(scratch, 0, p.x, p.y, p.z, q.x, q.y, q.z, q.w)
             else:
                 STAMP.pack_into(scratch, 0, stamp)
+            lock.acquire(0.01)
             map[places[number & 1]] = scratch
             words[0] = number
-            if mode == "event":
+            lock.release()
+            if words[1]:
+                words[1] = 0
                 event.release()
 
         return send
@@ -93,16 +100,21 @@ def by_hand(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
 
     def receive() -> int | None:
         nonlocal last
-        if mode == "event":
-            event.acquire(1)
-        elif mode == "poll":
+        if mode == "poll":
             time.sleep(0.001)
+        elif mode == "event" and words[0] == last:
+            words[1] = 1
+            if words[0] == last:
+                with suppress(posix_ipc.BusyError):
+                    event.acquire(0.01)
         number = words[0]
         if number == last:
             return None
         last = number
+        lock.acquire(0.01)
         data = map[places[number & 1]]
-        return int(POSE.unpack(data)[0]) if size == 56 else STAMP.unpack_from(data)[0]
+        lock.release()
+        return int(Pose.from_buffer_copy(data).position.x) if size == 56 else STAMP.unpack_from(data)[0]
 
     return receive
 
@@ -146,6 +158,11 @@ WAYS: dict[str, Callable[..., Callable[..., Any]]] = {
     "UDP": udp,
     **networks.WAYS,
 }
+
+
+def _pose() -> Any:
+    turn = SimpleNamespace(x=0.0, y=0.0, z=0.0, w=1.0)
+    return SimpleNamespace(position=SimpleNamespace(x=0.0, y=2.0, z=3.0), orientation=turn)
 
 
 def _block(size: int) -> tuple[Any, Any]:

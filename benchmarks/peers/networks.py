@@ -83,9 +83,8 @@ def cyclonedds(role: str, mode: str, size: int, name: str) -> Callable[..., Any]
     def receive() -> int | None:
         if mode == "event":
             waiter.wait(duration(seconds=1))
-        for sample in reader.take(1):
-            return STAMP.unpack_from(bytes(sample.data[:8]))[0]
-        return None
+        taken = [sample for sample in reader.take(1) if isinstance(sample, Sample)]
+        return STAMP.unpack_from(bytes(taken[0].data[:8]))[0] if taken else None
 
     return receive
 

@@ -97,7 +97,7 @@ def check(
             click.echo(checking.differences(texts, output), nl=False)
         sys.exit((worst(findings) or 0) >= severity)
     messages = sum(line.startswith("[messages.") for line in texts["layout.lock"].splitlines())
-    said = f"{output}: up to date, {messages} messages in {len(texts)} files"
+    said = f"{output}: up to date, {messages} message{'s' * (messages != 1)} in {len(texts)} files"
     if form == "text":
         click.echo(said)
         _remember(said, config, config_file, [os.path.join(output, path) for path in texts], began)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -34,17 +35,20 @@ def shmgen(tmp_path):
 @pytest.fixture
 def started(tmp_path):
     """`shmgen arguments…` in the same folder as a process of its own, that ends with the test."""
-    processes = []
+    processes, limits = [], []
 
     def start(*arguments):
         command = [sys.executable, "-m", "shmgen", *map(str, arguments)]
         processes.append(
             subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         )
+        limits.append(threading.Timer(30, processes[-1].kill))  # so that what never comes is a failure, not a hang
+        limits[-1].start()
         return processes[-1]
 
     yield start
-    for process in processes:
+    for process, limit in zip(processes, limits, strict=True):
+        limit.cancel()
         process.kill()
         process.communicate()
 

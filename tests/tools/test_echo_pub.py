@@ -167,8 +167,7 @@ def test_echo_waits_for_a_region_and_for_the_next_one(topic, shmgen, started):
     shmgen("pub", topic, "std_msgs/Int32", "{data: 1}", "--once")
     assert json.loads(echo.stdout.readline()) == {"data": 1}
     shmgen("clean", topic, "--force")
-    while "waiting for a new one" not in echo.stderr.readline():
-        pass
+    assert any("waiting for a new one" in line for line in echo.stderr)
     shmgen("pub", topic, "std_msgs/Bool", "{data: true}", "--once")
     assert json.loads(echo.stdout.readline()) == {"data": True}
     assert echo.wait(10) == 0

@@ -93,8 +93,6 @@ def acquire(semaphore: SemLock, seconds: float) -> bool:
 
     `SemLock.acquire` waits until a time of day: set back an hour meanwhile, it waits an hour.
     """
-    if semaphore.acquire(False):
-        return True
     if _sem_clockwait is None:
         return bool(semaphore.acquire(True, seconds))
     until = _Timespec(*divmod(time.monotonic_ns() + int(seconds * 1e9), 10**9))

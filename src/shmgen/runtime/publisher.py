@@ -119,7 +119,7 @@ class Publisher(Generic[M]):
                 release()
         # Two words in one look: `recoveries` and `armed`.
         if quads[20] or not inside:
-            self._attend(inside)
+            self._attend(words, inside)
 
     def heartbeat(self) -> None:
         """Tells readers that the writer lives, without a sample."""
@@ -161,9 +161,8 @@ class Publisher(Generic[M]):
         for where, what in parts:
             self._region.map[where] = what
 
-    def _attend(self, inside: bool) -> None:
+    def _attend(self, words: memoryview, inside: bool) -> None:
         """Wakes a waiting reader. The release of the lock keeps the look at `armed` behind `completed`."""
-        words = self._region.words
         if not inside:
             fence()
         if words[h.ARMED]:

@@ -198,11 +198,12 @@ class Subscriber(Generic[M]):
             return
         words[h.ARMED] = 1
         fence()
-        if words[h.COMPLETED] == newest and acquire(event, seconds):
+        if words[h.COMPLETED] != newest or not acquire(event, seconds):
+            words[h.ARMED] = 0
+        elif words[h.COMPLETED] == newest:
+            # Posted for a sample that was read without it, or for a reader that died.
             while event.acquire(False):
                 pass
-        else:
-            words[h.ARMED] = 0
 
     def _newest(self) -> bytes | bytearray | None:
         for _ in range(_TRIES):

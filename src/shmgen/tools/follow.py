@@ -32,7 +32,7 @@ def samples(topic: str, workshop: Workshop, timeout: float | None, tell: Tell) -
             with subscriber(kind, topic, depth_of(header)) as reader:
                 heard = time.monotonic()
                 try:
-                    while True:
+                    while not view.removed:
                         got = reader.read_all()
                         yield from got
                         if got:
