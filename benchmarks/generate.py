@@ -70,7 +70,7 @@ def whole_store(folder: Path, environment: dict[str, str]) -> None:
 
 
 def rosidl(folder: Path, messages: dict[str, str], environment: dict[str, str]) -> float:
-    """Seconds in all for rosidl's C generator, a process a package as its CMake does; without the conversion to .idl."""
+    """Seconds in all for rosidl's C generator, a process a package as in its CMake; conversion to .idl apart."""
     total = 0.0
     for package in sorted({name.partition("/")[0] for name in messages}):
         source = folder / "rosidl" / package

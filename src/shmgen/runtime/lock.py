@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import errno
 import os
 import threading
 import time
@@ -95,9 +94,11 @@ def acquire(semaphore: SemLock, seconds: float) -> bool:
     """
     if _sem_clockwait is None:
         return bool(semaphore.acquire(True, seconds))
-    until = _Timespec(*divmod(time.monotonic_ns() + int(seconds * 1e9), 10**9))
-    while _sem_clockwait(semaphore.handle, _CLOCK_MONOTONIC, until) != 0:
-        if ctypes.get_errno() != errno.EINTR:
+    end = time.monotonic_ns() + int(seconds * 1e9)
+    until = _Timespec(*divmod(end, 10**9))
+    # errno is not asked for, which costs a microsecond: before the end it can only have been a signal.
+    while _sem_clockwait(semaphore.handle, _CLOCK_MONOTONIC, until):
+        if time.monotonic_ns() >= end:
             return False
     return True
 
@@ -126,7 +127,7 @@ class _Timespec(ctypes.Structure):
 
 
 # In glibc since 2.30. Called through ctypes it lets other threads run meanwhile.
-_sem_clockwait = getattr(ctypes.CDLL(None, use_errno=True), "sem_clockwait", None)
+_sem_clockwait = getattr(ctypes.CDLL(None), "sem_clockwait", None)
 if _sem_clockwait is not None:
     _sem_clockwait.argtypes = (ctypes.c_void_p, ctypes.c_int, ctypes.POINTER(_Timespec))
 _mutex = threading.Lock()

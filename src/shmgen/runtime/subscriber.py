@@ -134,9 +134,8 @@ class Subscriber(Generic[M]):
             self._event = self._open_event()
         while True:
             newest = self._words[h.COMPLETED]
-            message = self.read()
-            if message is not None:
-                return message
+            if newest not in (0, self._last) and (data := self._copy(newest)):
+                return self._make(data)
             left = deadline - time.monotonic()
             if left <= 0:
                 return None
