@@ -22,6 +22,7 @@ import tempfile
 import threading
 import time
 from pathlib import Path
+from subprocess import DEVNULL
 
 from peers import WAYS, networks, remove
 
@@ -31,7 +32,7 @@ SIZES = {56: 1000, 320: 1000, 1 << 20: 100}
 POLLED = ("shmgen", "by hand, Python")
 WOKEN_ONLY = ("Modbus TCP (pymodbus)", "OPC UA (asyncua)")
 LARGEST = {"Modbus TCP (pymodbus)": 240, "cyclonedds": 1 << 16}
-"""Bytes: 123 registers are the most of one Modbus write; Python lists make a mebibyte of DDS octets a matter of 0.1 s."""
+"""Bytes: 123 registers are the most of one Modbus write; a mebibyte of DDS octets goes through a Python list."""
 WARM_UP = 0.3
 _PATIENCE = 12
 
@@ -96,7 +97,8 @@ def _table(size: int, rate: int, ways: list[str], floor: Path, rounds: int, seco
             if way == "C":
                 found[way, mode].append(_floor(floor, mode, size, rate, seconds))
             else:
-                found[way, mode].append(_measured(way, mode, size, f"shmgen_latency_{os.getpid()}_{number}_{row}", seconds))
+                name = f"shmgen_latency_{os.getpid()}_{number}_{row}"
+                found[way, mode].append(_measured(way, mode, size, name, seconds))
     print(f"\n{size} bytes at {rate} Hz{'':<24}{'p50 us':>10}{'p99 us':>10}{'CPU %':>8}{'ratio':>8}{'samples':>9}")
     for (way, mode), results in found.items():
         here = [one for one in results if one]
@@ -123,7 +125,7 @@ def _measured(way: str, mode: str, size: int, name: str, seconds: float) -> list
     """Empty if nothing came."""
     command = [sys.executable, str(HERE / "latency.py"), "--seconds", str(seconds), "--child"]
     ends = [way, mode, str(size), name]
-    with subprocess.Popen([*command, "receive", *ends], stdout=subprocess.PIPE, text=True) as receiver:
+    with subprocess.Popen([*command, "receive", *ends], stdout=subprocess.PIPE, stderr=DEVNULL, text=True) as receiver:
         assert receiver.stdout
         # Who waits for ever, because its sender is gone, is told so.
         patience = threading.Timer(_PATIENCE + seconds, receiver.kill)
@@ -131,7 +133,7 @@ def _measured(way: str, mode: str, size: int, name: str, seconds: float) -> list
         try:
             if receiver.stdout.readline().strip() != "ready":
                 return []
-            with subprocess.Popen([*command, "send", *ends], stderr=subprocess.DEVNULL) as sender:
+            with subprocess.Popen([*command, "send", *ends], stderr=DEVNULL) as sender:
                 try:
                     return [float(word) for word in receiver.stdout.readline().split()]
                 finally:

@@ -186,7 +186,9 @@ def play(folder: Path, seconds: float, kills: int, seed: int, limit: float, plc:
         chaos_faults.PLANTED[fault](stage)
     rng, verdict = random.Random(seed), Verdict()
     end = time.monotonic() + seconds
-    scenes = [[write, read, read], [write, read, plc_read], [plc_write, read, plc_read]] if plc else [[write, read, read]]
+    scenes = [[write, read, read]]
+    if plc:
+        scenes += [[write, read, plc_read], [plc_write, read, plc_read]]
     try:
         while time.monotonic() < end and verdict.kills < kills and not verdict.faults:
             stage.depth = DEPTHS[verdict.regions % 2]

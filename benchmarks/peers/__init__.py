@@ -11,7 +11,6 @@ import ctypes
 import mmap
 import os
 import socket
-import struct
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -19,15 +18,13 @@ from types import SimpleNamespace
 from typing import Any
 
 import posix_ipc
-from publish import Pose, PosePublisher, PoseSubscriber
+from publish import PosePublisher, PoseSubscriber
 
 from shmgen import runtime
 from shmgen.runtime import values
 
 from . import networks
-
-STAMP = struct.Struct("<Q")
-POSE = struct.Struct("<7d")
+from .payload import POSE, STAMP, decoder, encoder, pose
 
 
 def shmgen(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
@@ -37,7 +34,7 @@ def shmgen(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
     if role == "send":
         writer = publisher(topic)
         if size == 56:
-            message = _pose()
+            message = pose()
 
             def send_pose(stamp: int) -> None:
                 message.position.x = float(stamp)
@@ -75,7 +72,7 @@ def by_hand(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
     places = [slice(4096 + slot * size, 4096 + (slot + 1) * size) for slot in (0, 1)]
     if role == "send":
         scratch = bytearray(size)
-        message = _pose()
+        message = pose()
         number = 0
 
         def send(stamp: int) -> None:
@@ -96,6 +93,7 @@ def by_hand(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
                 event.release()
 
         return send
+    decode = decoder(size)
     last = 0
 
     def receive() -> int | None:
@@ -114,7 +112,7 @@ def by_hand(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
         lock.acquire(0.01)
         data = map[places[number & 1]]
         lock.release()
-        return int(Pose.from_buffer_copy(data).position.x) if size == 56 else STAMP.unpack_from(data)[0]
+        return decode(data)
 
     return receive
 
@@ -126,10 +124,10 @@ def udp(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
     plug = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     if role == "send":
         plug.connect(("127.0.0.1", port))
-        rest = bytes(piece - 8)
+        encode = encoder(piece)
 
         def send(stamp: int) -> None:
-            data = STAMP.pack(stamp) + rest
+            data = encode(stamp)
             for _ in range(size // piece):
                 plug.send(data)
 
@@ -137,12 +135,13 @@ def udp(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
     plug.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 << 20)
     plug.bind(("127.0.0.1", port))
     plug.settimeout(1 if mode == "event" else 0)
+    decode = decoder(piece)
     got, stamp_of = 0, -1
 
     def receive() -> int | None:
         nonlocal got, stamp_of
         try:
-            (stamp,) = STAMP.unpack_from(plug.recv(piece))
+            stamp = decode(plug.recv(piece))
         except OSError:
             return None
         got = got + 1 if stamp == stamp_of else 1
@@ -158,11 +157,6 @@ WAYS: dict[str, Callable[..., Callable[..., Any]]] = {
     "UDP": udp,
     **networks.WAYS,
 }
-
-
-def _pose() -> Any:
-    turn = SimpleNamespace(x=0.0, y=0.0, z=0.0, w=1.0)
-    return SimpleNamespace(position=SimpleNamespace(x=0.0, y=2.0, z=3.0), orientation=turn)
 
 
 def _block(size: int) -> tuple[Any, Any]:

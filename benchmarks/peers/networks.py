@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-STAMP = struct.Struct("<Q")
+from .payload import decoder, encoder
 
 
 def iceoryx2(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
@@ -25,13 +25,11 @@ def iceoryx2(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
     if role == "send":
         publisher = service.publisher_builder().initial_max_slice_len(size).create()
         notifier = event.notifier_builder().create()
-        data = bytearray(size)
-        source = (ctypes.c_char * size).from_buffer(data)
+        encode = encoder(size)
 
         def send(stamp: int) -> None:
-            STAMP.pack_into(data, 0, stamp)
             sample = publisher.loan_slice_uninit(size)
-            ctypes.memmove(sample.payload().as_ptr(), source, size)
+            ctypes.memmove(sample.payload().as_ptr(), encode(stamp), size)
             sample.assume_init().send()
             if mode == "event":
                 notifier.notify()
@@ -40,6 +38,7 @@ def iceoryx2(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
         return send
     subscriber = service.subscriber_builder().create()
     listener = event.listener_builder().create()
+    decode = decoder(size)
 
     def receive() -> int | None:
         if mode == "event":
@@ -49,7 +48,7 @@ def iceoryx2(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
             return None
         data = ctypes.string_at(sample.payload().as_ptr(), size)
         sample.delete()
-        return STAMP.unpack_from(data)[0]
+        return decode(data)
 
     receive.keep = node  # type: ignore[attr-defined]
     return receive
@@ -59,7 +58,7 @@ def cyclonedds(role: str, mode: str, size: int, name: str) -> Callable[..., Any]
     """A sequence of octets, best effort, keep last 1."""
     from dataclasses import dataclass
 
-    from cyclonedds.core import GuardCondition, ReadCondition, SampleState, ViewState, WaitSet  # noqa: F401
+    from cyclonedds.core import ReadCondition, SampleState, ViewState, WaitSet
     from cyclonedds.domain import DomainParticipant
     from cyclonedds.idl import IdlStruct
     from cyclonedds.idl.types import sequence, uint8
@@ -69,14 +68,16 @@ def cyclonedds(role: str, mode: str, size: int, name: str) -> Callable[..., Any]
     from cyclonedds.topic import Topic
     from cyclonedds.util import duration
 
-    Sample = dataclass(type("Sample", (IdlStruct,), {"__annotations__": {"data": sequence[uint8]}, "__module__": __name__}))
+    body = {"__annotations__": {"data": sequence[uint8]}, "__module__": __name__}
+    Sample = dataclass(type("Sample", (IdlStruct,), body))
     participant = DomainParticipant()
     topic = Topic(participant, name, Sample, qos=Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(1)))
     if role == "send":
         writer = DataWriter(participant, topic)
-        rest = bytes(size - 8)
-        return lambda stamp: writer.write(Sample(data=STAMP.pack(stamp) + rest))
+        encode = encoder(size)
+        return lambda stamp: writer.write(Sample(data=encode(stamp)))
     reader = DataReader(participant, topic)
+    decode = decoder(size)
     waiter = WaitSet(participant)
     waiter.attach(ReadCondition(reader, ViewState.Any | SampleState.NotRead))
 
@@ -84,7 +85,7 @@ def cyclonedds(role: str, mode: str, size: int, name: str) -> Callable[..., Any]
         if mode == "event":
             waiter.wait(duration(seconds=1))
         taken = [sample for sample in reader.take(1) if isinstance(sample, Sample)]
-        return STAMP.unpack_from(bytes(taken[0].data[:8]))[0] if taken else None
+        return decode(bytes(taken[0].data)) if taken else None
 
     return receive
 
@@ -96,18 +97,19 @@ def zenoh(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
     session = z.open(z.Config())
     if role == "send":
         publisher = session.declare_publisher(name)
-        rest = bytes(size - 8)
+        encode = encoder(size)
 
         def send(stamp: int) -> None:
-            publisher.put(STAMP.pack(stamp) + rest)
+            publisher.put(encode(stamp))
 
         send.keep = session  # type: ignore[attr-defined]
         return send
     subscriber = session.declare_subscriber(name, z.handlers.FifoChannel(16))
+    decode = decoder(size)
 
     def receive() -> int | None:
         sample = subscriber.recv() if mode == "event" else subscriber.try_recv()
-        return STAMP.unpack_from(sample.payload.to_bytes())[0] if sample is not None else None
+        return decode(sample.payload.to_bytes()) if sample is not None else None
 
     receive.keep = session  # type: ignore[attr-defined]
     return receive
@@ -121,16 +123,17 @@ def pyzmq(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
     if role == "send":
         plug = context.socket(zmq.PUSH)
         plug.connect(f"ipc://@{name}")
-        rest = bytes(size - 8)
-        return lambda stamp: plug.send(STAMP.pack(stamp) + rest)
+        encode = encoder(size)
+        return lambda stamp: plug.send(encode(stamp))
     plug = context.socket(zmq.PULL)
     plug.bind(f"ipc://@{name}")
     plug.setsockopt(zmq.RCVTIMEO, 1000)
+    decode = decoder(size)
     flags = 0 if mode == "event" else zmq.NOBLOCK
 
     def receive() -> int | None:
         try:
-            return STAMP.unpack_from(plug.recv(flags))[0]
+            return decode(plug.recv(flags))
         except zmq.Again:
             return None
 
@@ -147,8 +150,8 @@ def modbus(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
         end = time.monotonic() + 10
         while not plug.connect() and time.monotonic() < end:
             time.sleep(0.05)
-        rest = [0] * (size // 2 - 4)
-        return lambda stamp: plug.write_registers(0, [*struct.unpack(">4H", struct.pack(">Q", stamp)), *rest])
+        encode, registers = encoder(size), struct.Struct(f">{size // 2}H")
+        return lambda stamp: plug.write_registers(0, list(registers.unpack(encode(stamp))))
     return _modbus_server(port, size)
 
 
@@ -158,11 +161,12 @@ def _modbus_server(port: int, size: int) -> Callable[[], int | None]:
 
     arrived = threading.Event()
     stamps: list[int] = []
+    decode, words = decoder(size), struct.Struct(f">{size // 2}H")
 
     async def action(code: int, start: int, *rest: Any) -> None:
         written = rest[-1]
         if written:
-            stamps.append(struct.unpack(">Q", struct.pack(">4H", *written[:4]))[0])
+            stamps.append(decode(words.pack(*written)))
             arrived.set()
 
     registers = SimData(0, values=[0] * (size // 2), datatype=DataType.REGISTERS)
@@ -200,14 +204,15 @@ def opcua(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
             except OSError:
                 time.sleep(0.1)
         variable = client.get_node(ua.NodeId("sample", 2))
-        rest = bytes(size - 8)
+        encode = encoder(size)
         return lambda stamp: run(
             variable.write_attribute(
-                ua.AttributeIds.Value, ua.DataValue(ua.Variant(STAMP.pack(stamp) + rest, ua.VariantType.ByteString))
+                ua.AttributeIds.Value, ua.DataValue(ua.Variant(encode(stamp), ua.VariantType.ByteString))
             )
         )
     arrived = threading.Event()
     stamps: list[int] = []
+    decode = decoder(size)
 
     async def serve() -> Any:
         server = Server()
@@ -219,14 +224,11 @@ def opcua(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
         )
         await variable.set_writable()
 
-        def written(node: Any, value: Any) -> None:
-            stamps.append(STAMP.unpack_from(value.Value.Value)[0])
+        async def written(_: Any, value: Any) -> None:
+            stamps.append(decode(value.Value.Value))
             arrived.set()
 
-        server.subscribe_server_callback  # noqa: B018
-        server.iserver.aspace.add_datachange_callback(
-            variable.nodeid, ua.AttributeIds.Value, lambda handle, value, *_: written(handle, value)
-        )
+        server.iserver.aspace.add_datachange_callback(variable.nodeid, ua.AttributeIds.Value, written)
         await server.start()
         return server
 

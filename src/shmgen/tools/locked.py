@@ -37,9 +37,10 @@ class Known:
 def read(file: Path) -> dict[str, Any]:
     """The lock as TOML has it; empty if there is none, or if it is damaged, which `shmgen generate` will tell."""
     try:
-        return tomllib.loads(file.read_text(encoding="utf-8"))
+        document: dict[str, Any] = tomllib.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
+    return document
 
 
 def layouts(lock: dict[str, Any], origin: str) -> dict[str, Known]:
