@@ -55,7 +55,7 @@ def lay_out(schema: Schema, options: TypeOptions, max_region: int, report: Repor
     for message in schema.messages:
         layout = _message(message, options, layouts, message.name in schema.requested)
         layouts[message.name] = layout
-        _check_texts(message, options, report)
+        _check_values(message, options, report)
         if len(str(message.name)) > LONGEST_NAME:
             report.error(
                 "SHM202", f"{message.name} is longer than the {LONGEST_NAME} bytes a region has for it", message.span
@@ -112,28 +112,36 @@ def _message(message: Message, options: TypeOptions, layouts: Mapping[TypeName, 
     return Layout(message, tuple(slots), size, widest, int.from_bytes(digest, "big"), options, requested)
 
 
-def _check_texts(message: Message, options: TypeOptions, report: Report) -> None:
-    """A default or constant must fit the capacity and encoding that the configuration gave its string."""
+def _check_values(message: Message, options: TypeOptions, report: Report) -> None:
+    """Defaults and constants must fit the bounds and the encoding that the configuration gave."""
     declarations: tuple[Field | Constant, ...] = (*message.fields, *message.constants)
     for declared in declarations:
         value = declared.default if isinstance(declared, Field) else declared.value
-        type_ = declared.type.element if isinstance(declared.type, Array | Sequence) else declared.type
-        for text in value if isinstance(value, tuple) else (value,):
-            if not isinstance(text, str) or not isinstance(type_, String):
-                continue
-            encoding, unit = ("utf-16-le", 2) if type_.wide else (options.encoding, 1)
-            path = f"{message.name.short}.{declared.name}"
-            try:
-                length = len(text.encode(encoding)) // unit
-            except UnicodeEncodeError:
-                hint = 'set encoding = "utf-8" under [strings] in shmgen.toml'
-                report.error(
-                    "SHM005", f"{text!r} cannot be written in {encoding}", declared.span, field=path, hint=hint
-                )
-                continue
-            if type_.capacity is not None and length > type_.capacity:
-                hint = f'set "{path}" = {length} under [strings] in shmgen.toml'
-                report.error("SHM005", f"{text!r} is longer than its bound", declared.span, field=path, hint=hint)
+        path = f"{message.name.short}.{declared.name}"
+        values = value if isinstance(value, tuple) else (value,)
+        room = declared.type.capacity if isinstance(declared.type, Sequence) else None
+        if room is not None and isinstance(value, tuple) and len(value) > room:
+            fault = f"the default has {len(value)} elements, the bound is {room}"
+            hint = f'set "{path}" = {len(value)} under [bounds] in shmgen.toml'
+            report.error("SHM005", fault, declared.span, field=path, hint=hint)
+        element = declared.type.element if isinstance(declared.type, Array | Sequence) else declared.type
+        for text in values:
+            if isinstance(text, str) and isinstance(element, String):
+                fault, hint = _misfit(text, element, options, path)
+                if fault:
+                    report.error("SHM005", fault, declared.span, field=path, hint=hint)
+
+
+def _misfit(text: str, string: String, options: TypeOptions, path: str) -> tuple[str, str]:
+    """What is wrong with a text, and the hint; empty if nothing is."""
+    encoding, unit = ("utf-16-le", 2) if string.wide else (options.encoding, 1)
+    try:
+        length = len(text.encode(encoding)) // unit
+    except UnicodeEncodeError:
+        return f"{text!r} cannot be written in {encoding}", 'set encoding = "utf-8" under [strings] in shmgen.toml'
+    if string.capacity is not None and length > string.capacity:
+        return f"{text!r} is longer than its bound", f'set "{path}" = {length} under [strings] in shmgen.toml'
+    return "", ""
 
 
 _Member = tuple[str, Element, int | None, Role, Field | None]

@@ -10,9 +10,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
-from shmgen.diagnostics import Report, Span
+from shmgen.diagnostics import Report
 from shmgen.model import (
     Clock,
     Layout,
@@ -24,7 +23,6 @@ from shmgen.model import (
     String,
     Topic,
     TypeName,
-    Value,
     assert_never,
 )
 from shmgen.targets import naming, st_topics
@@ -77,7 +75,7 @@ class Block:
 
 
 def plan(layouts: Layouts, report: Report, topics: Sequence[Topic] = ()) -> Iterator[Output]:
-    """`st/<package>/` one POU a file, `st/shmgen/`, and what calls the topics. Reports SHM005, SHM203 and SHM204."""
+    """`st/<package>/` one POU a file, `st/shmgen/`, and what calls the topics. Reports SHM203 and SHM204."""
     struct_time = any(layout.options.time == "struct" for layout in layouts.values())
     for name in (*_COMMON, naming.ST_TIME) if struct_time else _COMMON:
         yield Output(f"st/shmgen/{name}.st", f"st/{name}.st.j2", None)
@@ -86,16 +84,16 @@ def plan(layouts: Layouts, report: Report, topics: Sequence[Topic] = ()) -> Iter
         naming.check_members(layout, naming.STRUCTURED_TEXT, report)
         own = tuple(declaration.name for declaration in _generated(layout))
         naming.check_constants(layout, naming.STRUCTURED_TEXT, own, report)
-        yield from _message(layout, report)
+        yield from _message(layout)
     yield from st_topics.plan(topics, report)
 
 
-def _message(layout: Layout, report: Report) -> Iterator[Output]:
+def _message(layout: Layout) -> Iterator[Output]:
     name = layout.name
     folder = f"st/{name.package}"
     dut, gvl, title = naming.st_type(name), naming.gvl(name), str(name)
-    yield Output(f"{folder}/{dut}.st", "st/dut.st.j2", Dut(dut, tuple(_doc(layout)), _members(layout, report)))
-    generated, constants = _aligned(_generated(layout)), _constants(layout, report)
+    yield Output(f"{folder}/{dut}.st", "st/dut.st.j2", Dut(dut, tuple(_doc(layout)), _members(layout)))
+    generated, constants = _aligned(_generated(layout)), _constants(layout)
     yield Output(f"{folder}/{gvl}.st", "st/gvl.st.j2", Gvl(gvl, title, generated, bool(constants), constants))
     if layout.requested:
         for block, template in (
@@ -159,11 +157,11 @@ def _fits(code: str, lines: list[str]) -> bool:
 # --- DUT ----------------------------------------------------------------------------------------------
 
 
-def _members(layout: Layout, report: Report) -> tuple[Line, ...]:
-    return _aligned([_member(slot, layout, report) for slot in layout.slots])
+def _members(layout: Layout) -> tuple[Line, ...]:
+    return _aligned([_member(slot, layout) for slot in layout.slots])
 
 
-def _member(slot: Slot, layout: Layout, report: Report) -> _Declaration:
+def _member(slot: Slot, layout: Layout) -> _Declaration:
     name, type_ = naming.st_member(slot.name), naming.iec_type(slot, layout.options)
     match slot.role:
         case Role.PADDING:
@@ -174,17 +172,17 @@ def _member(slot: Slot, layout: Layout, report: Report) -> _Declaration:
             assert slot.field is not None
             return _Declaration(name, type_, comment=f"how many of {naming.st_member(slot.field.name)} are valid")
         case Role.DATA:
-            return _Declaration(name, type_, _initial(slot, layout, report), _comment(slot, layout))
+            return _Declaration(name, type_, _initial(slot, layout), _comment(slot, layout))
         case _:
             assert_never(slot.role)
 
 
-def _initial(slot: Slot, layout: Layout, report: Report) -> str | None:
+def _initial(slot: Slot, layout: Layout) -> str | None:
     field = slot.field
     assert field is not None
     if field.default is None or isinstance(field.default, tuple) or not isinstance(slot.type, Scalar | String):
         return None
-    return _literal(field.default, slot.type, _Where(layout, field.name, field.span), report)
+    return literal(field.default, slot.type, layout.options)
 
 
 def _comment(slot: Slot, layout: Layout) -> str:
@@ -215,7 +213,7 @@ def _generated(layout: Layout) -> tuple[_Declaration, ...]:
     )
 
 
-def _constants(layout: Layout, report: Report) -> tuple[Line, ...]:
+def _constants(layout: Layout) -> tuple[Line, ...]:
     """What has no literal (an infinity) stays as a comment at the end."""
     lines: list[Line] = []
     declarations = []
@@ -224,7 +222,7 @@ def _constants(layout: Layout, report: Report) -> tuple[Line, ...]:
         if isinstance(type_, String):
             length = text_length(str(constant.value), type_, layout.options)
             type_ = String(max(1, length), type_.wide)  # STRING(0) is none
-        value = _literal(constant.value, type_, _Where(layout, constant.name, constant.span), report)
+        value = literal(constant.value, type_, layout.options)
         name = naming.st_member(constant.name)
         if value is None:
             lines.append(Line(f"// {name} = {ascii_text(str(constant.value))} has no literal in Structured Text"))
@@ -232,28 +230,3 @@ def _constants(layout: Layout, report: Report) -> tuple[Line, ...]:
             spelled = naming.iec_element(type_, layout.options)
             declarations.append(_Declaration(name, spelled, value, constant.doc))
     return (*_aligned(declarations), *lines)
-
-
-class _Where(NamedTuple):
-    """Whose value it is, for a diagnostic."""
-
-    layout: Layout
-    name: str
-    span: Span
-
-
-def _literal(value: Value, type_: Scalar | String, where: _Where, report: Report) -> str | None:
-    options = where.layout.options
-    path = f"{where.layout.name.short}.{where.name}"
-    if isinstance(type_, String) and type_.capacity is not None:
-        length = text_length(str(value), type_, options)
-        if length > type_.capacity:
-            message = f"the value has {length} characters, more than the {type_.capacity} of its type"
-            report.error("SHM005", message, where.span, field=path, hint="raise its bound under [strings]")
-            return None
-    try:
-        return literal(value, type_, options)
-    except UnicodeEncodeError:
-        message = f"the value has characters that {options.encoding} does not know"
-        report.error("SHM005", message, where.span, field=path, hint='set `encoding = "utf-8"` under [strings]')
-        return None
