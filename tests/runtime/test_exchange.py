@@ -245,6 +245,13 @@ def test_a_region_begun_anew(topic, way):
         assert (subscriber.sequence, subscriber.missed) == (1, missed)
 
 
+def test_a_region_begun_anew_and_still_empty(topic):
+    with PoseSubscriber(topic) as subscriber:
+        subscriber._last = 5
+        assert subscriber.read() is None
+        assert subscriber.wait(0.01) is None
+
+
 def test_counters_turn_at_32_bits(topic):
     with PosePublisher(topic) as first:
         first._region.words[h.HEARTBEAT] = first._region.words[h.LOCK_COUNT] = 0xFFFFFFFE

@@ -64,7 +64,7 @@ class Publisher(Generic[M]):
             memoryview(self._scratch)[: h.SLOT_HEADER].cast("Q"),
             time.time_ns,
             tuple(region.sample(slot) for slot in range(region.header.slots)),
-            region.header.slots,
+            region.header.slots - 1,
             region.map,
             region.words,
             region.quads,
@@ -80,7 +80,7 @@ class Publisher(Generic[M]):
         Raises ValueRejected, with the path of the field, for a value that does not fit, and LockTimeout
         where the lock is needed; the region then still holds the former sample.
         """
-        kind, encode, scratch, head, clock, samples, slots, map, words, quads, acquire, release, pid = self._hot
+        kind, encode, scratch, head, clock, samples, mask, map, words, quads, acquire, release, pid = self._hot
         late: Late = []
         if type(message) is not kind:
             encode(message, scratch, 16, late)
@@ -90,13 +90,14 @@ class Publisher(Generic[M]):
             late.append((16, len(scratch) - 16, memoryview(message)))
         number = self._sequence + 1
         if number > 0xFFFFFFFF:
-            number = slots
-        sample = samples[number & slots - 1]
+            number = mask + 1
+        sample = samples[number & mask]
         parts = _parts(sample.start, scratch, late) if late else None
         head[0] = clock()
         head[1] = number
         # A comparison costs less than a mask of 32 bits, which Python holds in two digits.
-        beat = self._heartbeat + 1 if self._heartbeat != 0xFFFFFFFF else 0
+        beat = self._heartbeat
+        beat = beat + 1 if beat != 0xFFFFFFFF else 0
         inside = acquire(False) or self._wait()
         try:
             # Words of header.py by number: looking the names up would cost as much as a store.

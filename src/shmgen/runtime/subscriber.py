@@ -189,20 +189,19 @@ class Subscriber(Generic[M]):
         self.close()
 
     def _sleep(self, seconds: float, newest: int) -> None:
-        """Until the writer posts the event, unless `completed` has left `newest` behind already."""
-        words, event = self._words, self._event
+        """Until the writer posts the event, unless `completed` has left `newest` behind already.
+
+        A post for a sample that was read without it, or for a reader that died, ends one wait early.
+        """
+        words = self._words
         if words[h.ARMED]:
             # By another reader. If it died waiting, the next sample clears the word all the same.
             time.sleep(min(seconds, _POLL))
             return
         words[h.ARMED] = 1
         fence()
-        if words[h.COMPLETED] != newest or not acquire(event, seconds):
+        if words[h.COMPLETED] != newest or not acquire(self._event, seconds):
             words[h.ARMED] = 0
-        elif words[h.COMPLETED] == newest:
-            # Posted for a sample that was read without it, or for a reader that died.
-            while event.acquire(False):
-                pass
 
     def _newest(self) -> bytes | bytearray | None:
         for _ in range(_TRIES):
