@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 
-from shmgen.diagnostics import Report, Span
+from shmgen.diagnostics import Report, Span, closest
 from shmgen.model import Array, Element, Field, Message, Ref, Schema, Sequence, String, TypeName
 
 DEFAULT_STRING = 80
@@ -114,12 +113,12 @@ def _check_keys(schema: Schema, bounds: Bounds, report: Report) -> None:
 def _check_field_key(message: Message, name: str, section: str, bound: Bound, report: Report) -> None:
     field = next((field for field in message.fields if field.name == name), None)
     if field is None:
-        close = get_close_matches(name, [field.name for field in message.fields], n=1)
+        close = closest(name, [field.name for field in message.fields])
         report.error(
             "SHM502",
             f"{message.name.short} has no field {name}",
             bound.span,
-            hint=f"did you mean {close[0]}?" if close else f"`shmgen show {message.name.short}` lists its fields",
+            hint=f"did you mean {close}?" if close else f"`shmgen show {message.name.short}` lists its fields",
         )
     elif section == "bounds" and not isinstance(field.type, Sequence):
         report.error("SHM502", f"{message.name.short}.{name} is no sequence, but {field.written}", bound.span)

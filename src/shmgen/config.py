@@ -7,12 +7,11 @@ import re
 import sys
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 from shmgen.bounds import DEFAULT_STRING, Bound, Bounds
-from shmgen.diagnostics import Report, Span
+from shmgen.diagnostics import Report, Span, closest
 from shmgen.model import TypeOptions
 
 if sys.version_info >= (3, 11):
@@ -167,16 +166,16 @@ class _Reader:
     def bound_table(self, section: str, data: dict[str, Any], options: tuple[str, ...]) -> dict[str, Bound]:
         table: dict[str, Bound] = {}
         for key in data:
-            close = get_close_matches(key, options, n=1, cutoff=0.8)
             if key in options:
                 continue
+            close = closest(key, options, 0.8)
             if isinstance(data[key], dict):
                 hint = 'a key with a slash or a dot stands in quotes: "package/Message.field" = 8'
                 self.report.error("SHM502", f"{key} is a number, not a table", self.span(section, key), hint=hint)
             elif close or not _BOUND_KEY.fullmatch(key):
                 hint = 'a key here is "package/Message.field", "package/Message" or "package"'
                 hint += f", or one of {', '.join(options)}" if options else ""
-                hint = f"did you mean {close[0]}?" if close else hint
+                hint = f"did you mean {close}?" if close else hint
                 self.report.error("SHM501", f"unknown key {key} in [{section}]", self.span(section, key), hint=hint)
             else:
                 table[key] = Bound(self.number(section, key, data, 1), self.span(section, key))
@@ -202,8 +201,8 @@ class _Reader:
         place = f" in [{section.partition('.')[0]}]" if section else ""
         for key in data:
             if key not in allowed:
-                close = get_close_matches(key, allowed, n=1)
-                hint = f"did you mean {close[0]}?" if close else f"known keys{place}: {', '.join(allowed)}"
+                close = closest(key, allowed)
+                hint = f"did you mean {close}?" if close else f"known keys{place}: {', '.join(allowed)}"
                 if not section and key in _HOMES:
                     hint = f"it belongs under [{_HOMES[key]}]"
                 self.report.error("SHM501", f"unknown key {key}{place}", self.span(section, key), hint=hint)
@@ -232,8 +231,8 @@ class _Reader:
     def choice(self, section: str, key: str, data: dict[str, Any], choices: tuple[str, ...], default: str) -> str:
         value = data.get(key, default)
         if value not in choices:
-            close = get_close_matches(str(value), choices, n=1)
-            hint = f"did you mean {close[0]}?" if close else ""
+            close = closest(str(value), choices)
+            hint = f"did you mean {close}?" if close else ""
             self.wrong(section, key, f"{key} is one of {', '.join(choices)}, not {value!r}", hint)
             return default
         return str(value)

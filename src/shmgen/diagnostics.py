@@ -114,3 +114,10 @@ class Report:
         files = list(dict.fromkeys(found.span.path for found in self.diagnostics))
         if files:
             raise Rejected(sorted(self.diagnostics, key=lambda found: (files.index(found.span.path), found.span.line)))
+
+
+def closest(word: str, known: Iterable[str], cutoff: float = 0.6) -> str:
+    """The one of `known` that was probably meant, or nothing."""
+    from difflib import get_close_matches  # slow to load, and needed only where something is wrong
+
+    return next(iter(get_close_matches(word, list(known), n=1, cutoff=cutoff)), "")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -13,8 +14,17 @@ from shmgen.model import Output
 
 def render(outputs: Iterable[Output]) -> dict[str, str]:
     """The text of every output, by path, in sorted order."""
+    texts: dict[str, str] = {}
+    for output in outputs:
+        assert output.path not in texts, f"two outputs at {output.path}"
+        texts[output.path] = _environment().get_template(output.template).render(view=output.view)
+    return dict(sorted(texts.items()))
+
+
+@functools.cache
+def _environment() -> Environment:
     kept = cache.folder()
-    environment = Environment(
+    return Environment(
         loader=FileSystemLoader(template_folder()),
         undefined=StrictUndefined,
         trim_blocks=True,
@@ -23,11 +33,6 @@ def render(outputs: Iterable[Output]) -> dict[str, str]:
         bytecode_cache=FileSystemBytecodeCache(kept) if kept else None,
         autoescape=False,  # targets hand over finished strings; what is printed is not HTML
     )
-    texts: dict[str, str] = {}
-    for output in outputs:
-        assert output.path not in texts, f"two outputs at {output.path}"
-        texts[output.path] = environment.get_template(output.template).render(view=output.view)
-    return dict(sorted(texts.items()))
 
 
 def template_folder() -> Path:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from shmgen.diagnostics import Report
 from shmgen.model import (
@@ -34,8 +34,7 @@ _CLOCKS = {"TIME": "uint32_t", "LTIME": "uint64_t", "struct": "shmgen_seconds"}
 _CLOCK_UNITS = {"TIME": "ms", "LTIME": "ns", "struct": "s and ns"}
 
 
-@dataclass(frozen=True, slots=True)
-class Member:
+class Member(NamedTuple):
     """`double x[3];` with its offset, size and comment."""
 
     declaration: str
@@ -45,15 +44,13 @@ class Member:
     comment: str
 
 
-@dataclass(frozen=True, slots=True)
-class Define:
+class Define(NamedTuple):
     name: str
     value: str
     comment: str
 
 
-@dataclass(frozen=True, slots=True)
-class Header:
+class Header(NamedTuple):
     """One message; all strings finished."""
 
     title: str

@@ -10,8 +10,8 @@ from __future__ import annotations
 import html
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import PurePosixPath
+from typing import NamedTuple
 
 from shmgen.model import Output
 from shmgen.targets import naming, st_source
@@ -23,8 +23,7 @@ PRIORITY = "10"
 """0 is the highest of CODESYS, 31 the lowest; a new project's own task has 1, and control goes before talk."""
 
 
-@dataclass(frozen=True, slots=True)
-class Variable:
+class Variable(NamedTuple):
     """`type` is a piece of XML, as PLCopen spells types."""
 
     name: str
@@ -35,8 +34,7 @@ class Variable:
     comment: str
 
 
-@dataclass(frozen=True, slots=True)
-class Section:
+class Section(NamedTuple):
     """`tag` is inputVars and so on."""
 
     tag: str
@@ -44,14 +42,12 @@ class Section:
     variables: tuple[Variable, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Attribute:
+class Attribute(NamedTuple):
     name: str
     value: str
 
 
-@dataclass(frozen=True, slots=True)
-class Head:
+class Head(NamedTuple):
     """What all objects have; `text` is the declaration in Structured Text."""
 
     name: str
@@ -60,8 +56,7 @@ class Head:
     text: str
 
 
-@dataclass(frozen=True, slots=True)
-class DataType:
+class DataType(NamedTuple):
     """A structure, or an enumeration over the type `base`."""
 
     head: Head
@@ -71,8 +66,7 @@ class DataType:
     initial: str
 
 
-@dataclass(frozen=True, slots=True)
-class GlobalList:
+class GlobalList(NamedTuple):
     """A list of global variables or constants."""
 
     head: Head
@@ -80,8 +74,7 @@ class GlobalList:
     variables: tuple[Variable, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Unit:
+class Unit(NamedTuple):
     """A block, a program, or a method, which has no `kind` and no methods."""
 
     head: Head
@@ -94,16 +87,14 @@ class Unit:
     methods: tuple[Unit, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Library:
+class Library(NamedTuple):
     """`name` as the library manager shows it."""
 
     name: str
     namespace: str
 
 
-@dataclass(frozen=True, slots=True)
-class Project:
+class Project(NamedTuple):
     """The XML file and the script; the interval in seconds for PLCopen, in milliseconds for CODESYS."""
 
     data_types: tuple[DataType, ...]

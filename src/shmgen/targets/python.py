@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import groupby
+from typing import NamedTuple
 
 from shmgen.diagnostics import Report
 from shmgen.model import Layout, Layouts, Output, Ref, Role, TypeName
@@ -27,8 +27,7 @@ _RUFF_WIDTH = 88
 """Characters; what ruff and black allow a line unless they are told otherwise."""
 
 
-@dataclass(frozen=True, slots=True)
-class Module:
+class Module(NamedTuple):
     """One message; all strings finished, `encode` and `decode` one statement line each."""
 
     title: str
@@ -54,8 +53,7 @@ class Module:
     requested: bool
 
 
-@dataclass(frozen=True, slots=True)
-class Package:
+class Package(NamedTuple):
     """An `__init__.py` that lifts the classes of its modules."""
 
     title: str

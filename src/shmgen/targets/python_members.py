@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Set
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from shmgen.model import Clock, Element, Ref, Role, Scalar, Slot, String, TypeName, TypeOptions, assert_never
 from shmgen.targets import python_codec as codec
@@ -27,8 +27,7 @@ USED_IN_CLASS = codec.MODULES | {"bool", "bytearray", "bytes", "float", "int", "
 """What the body of a class refers to, and a field must not hide before."""
 
 
-@dataclass(frozen=True, slots=True)
-class Row:
+class Row(NamedTuple):
     """`name: type = value`, as much of it as the place that prints it needs."""
 
     name: str

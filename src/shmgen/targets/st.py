@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from shmgen.diagnostics import Report
 from shmgen.model import (
@@ -33,16 +33,14 @@ _WIDEST_COLUMN = 56
 """Where comments begin at the latest; a longer declaration pushes only its own."""
 
 
-@dataclass(frozen=True, slots=True)
-class Line:
+class Line(NamedTuple):
     """A declaration with the comment beside it, and the comment lines that stand above it."""
 
     text: str
     above: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class Dut:
+class Dut(NamedTuple):
     """A structure; `doc` are comment lines."""
 
     name: str
@@ -50,8 +48,7 @@ class Dut:
     members: tuple[Line, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Gvl:
+class Gvl(NamedTuple):
     """A list of constants, the generator's and the message's."""
 
     name: str
@@ -61,8 +58,7 @@ class Gvl:
     constants: tuple[Line, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Block:
+class Block(NamedTuple):
     """A publisher or a subscriber; the last three are names in `gvl`."""
 
     name: str
@@ -124,8 +120,7 @@ def _doc(layout: Layout) -> Iterator[str]:
         yield from comment_lines(layout.message.doc)
 
 
-@dataclass(frozen=True, slots=True)
-class _Declaration:
+class _Declaration(NamedTuple):
     """`name : type := value;` with its comment, before it is lined up with its neighbours."""
 
     name: str

@@ -7,12 +7,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
 from itertools import dropwhile
+from typing import NamedTuple
 
 
-@dataclass(frozen=True, slots=True)
-class Variable:
+class Variable(NamedTuple):
     """`name : type := value;`, a member of a structure, or a name of an enumeration, which has no type."""
 
     name: str
@@ -21,8 +20,7 @@ class Variable:
     comment: str
 
 
-@dataclass(frozen=True, slots=True)
-class Variables:
+class Variables(NamedTuple):
     """One section; `keyword` is VAR, VAR_INPUT, VAR_OUTPUT or VAR_GLOBAL."""
 
     keyword: str
@@ -30,16 +28,14 @@ class Variables:
     variables: tuple[Variable, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Head:
+class Head(NamedTuple):
     """What stands above an object: its comment, and the attributes with their values."""
 
     comment: str
     attributes: tuple[tuple[str, str], ...]
 
 
-@dataclass(frozen=True, slots=True)
-class DataType:
+class DataType(NamedTuple):
     """A structure, or an enumeration over the type `base`; `text` is all of it."""
 
     name: str
@@ -50,8 +46,7 @@ class DataType:
     text: str
 
 
-@dataclass(frozen=True, slots=True)
-class GlobalList:
+class GlobalList(NamedTuple):
     """`text` is all of it."""
 
     name: str
@@ -60,8 +55,7 @@ class GlobalList:
     text: str
 
 
-@dataclass(frozen=True, slots=True)
-class Unit:
+class Unit(NamedTuple):
     """A FUNCTION_BLOCK, PROGRAM or METHOD. Its text is `declaration`, `body`, and END_ with `keyword`."""
 
     keyword: str
@@ -83,7 +77,7 @@ def read(name: str, text: str) -> DataType | GlobalList | Unit:
     if lines[0].startswith("VAR_GLOBAL"):
         return GlobalList(name, head, _section(lines), text.rstrip("\n"))
     units = list(_units(text.splitlines()))
-    return replace(units[0], methods=tuple(units[1:]))
+    return units[0]._replace(methods=tuple(units[1:]))
 
 
 _ATTRIBUTE = re.compile(r"\{attribute '(\w+)'(?: := '([^']*)')?\}")

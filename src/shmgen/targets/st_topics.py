@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from shmgen.diagnostics import Report
 from shmgen.model import Output, Topic
 from shmgen.targets import naming
 
 
-@dataclass(frozen=True, slots=True)
-class Instance:
+class Instance(NamedTuple):
     """The block of one topic; `declaration` is lined up with its neighbours, `topic` a literal."""
 
     name: str
@@ -20,8 +19,7 @@ class Instance:
     depth: str
 
 
-@dataclass(frozen=True, slots=True)
-class Topics:
+class Topics(NamedTuple):
     """Both files; `gvl` and `program` are their names."""
 
     instances: tuple[Instance, ...]
