@@ -18,8 +18,7 @@ from shmgen.targets import c, plcopen, python, python_project, st
 
 def read(config: Config, requests: Iterable[str]) -> Schema:
     """The messages asked for and all they hold. Raises Rejected."""
-    sources = definitions.Sources(config.path, config.source, config.root)
-    return definitions.load(requests, sources, Report())
+    return definitions.load(requests, _sources(config), Report())
 
 
 def lay_out(config: Config, requests: Iterable[str]) -> Layouts:
@@ -57,7 +56,7 @@ class Entry:
 
 def inventory(config: Config, package: str | None = None) -> list[Entry]:
     """Every message in reach, or those of one package. Raises Rejected."""
-    sources = definitions.Sources(config.path, config.source, config.root)
+    sources = _sources(config)
     names = [name for name in definitions.available(sources) if package in (None, name.package)]
     requests = [str(name) for name in names] or [str(package)]
     schema = definitions.load(requests, sources, Report())
@@ -66,6 +65,10 @@ def inventory(config: Config, package: str | None = None) -> list[Entry]:
     bounded = bounds.apply(Schema(mappable), config.bounds, Report())
     layouts = layout.lay_out(bounded, config.types, config.max_region, Report())
     return [Entry(name, layouts[name].size if name in layouts else None, missing[name]) for name in names]
+
+
+def _sources(config: Config) -> definitions.Sources:
+    return definitions.Sources(config.path, config.source, config.root)
 
 
 def _plan(config: Config, layouts: Layouts, report: Report) -> Iterable[Output]:

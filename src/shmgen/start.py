@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -87,9 +88,7 @@ def _text(packages: list[str], places: list[str], source: str, missing: list[str
     return "\n".join(lines) + "\n"
 
 
-def _told(found: object, missing: object) -> str:
-    assert isinstance(found, dict)
-    assert isinstance(missing, dict)
+def _told(found: Collection[str], missing: Collection[str]) -> str:
     if not found:
         return "no message package is in this folder: name messages in shmgen.toml, `shmgen list` prints what there is"
     lines = "1 line waits" if len(missing) == 1 else f"{len(missing)} lines wait"

@@ -12,7 +12,7 @@ import pytest
 from shmgen import runtime
 from shmgen.runtime import header as h
 from shmgen.runtime import lock
-from shmgen.runtime.subscriber import _after, _steps
+from shmgen.runtime.subscriber import _after
 
 from .messages import (
     LONG,
@@ -227,7 +227,7 @@ def test_misses_across_the_last_number(topic):
     [(0, 1, 1), (5, 9, 4), (0xFFFFFFFF, 4, 1), (0xFFFFFFFE, 4, 2), (0xFFFFFFFE, 7, 5), (7, 7, 0)],
 )
 def test_steps_between_numbers(older, newer, steps):
-    assert _steps(older, newer, 4) == steps
+    assert h.steps(older, newer, 4) == steps
     assert _after(older, steps, 4) == newer
 
 

@@ -11,7 +11,7 @@ from shmgen.definitions.catalogue import Package
 from shmgen.definitions.library import Library, Sources, open_library
 from shmgen.definitions.parser import SECTIONS
 from shmgen.definitions.tokens import shown
-from shmgen.diagnostics import Report, Span
+from shmgen.diagnostics import Report, Span, closest
 from shmgen.model import Array, Field, Message, Ref, Schema, Sequence, TypeName
 
 
@@ -143,14 +143,13 @@ def _leads_on(message: Message, field: Field, other: TypeName, path: Collection[
 
 def _hint(wanted: TypeName, library: Library, package: Package | None) -> str:
     """What may have been meant, and where was looked."""
-    from difflib import get_close_matches  # slow to load, and needed only where something is wrong
-
     known = list(dict.fromkeys(name.short for name in library.known()))
     if wanted.name in _OTHER_LANGUAGES and package is not None:
         guesses = [_OTHER_LANGUAGES[wanted.name]]
     else:
         guesses = [short for short in known if short.partition("/")[2].lower() == wanted.name.lower()][:3]
-        guesses = guesses or get_close_matches(wanted.short if wanted.name else wanted.package, known, 1, 0.8)
+        close = closest(wanted.short if wanted.name else wanted.package, known, 0.8)
+        guesses = guesses or ([close] if close else [])
     lines = [f"did you mean {' or '.join(f'`{guess}`' for guess in guesses)}?"] if guesses else []
     lines.append(f"looked in {package.place if package else ', '.join(library.places())}")
     if package is None:

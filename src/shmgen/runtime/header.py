@@ -98,5 +98,10 @@ def unpack(data: bytes, size: int) -> Header:
     return Header(*fields)
 
 
+def steps(older: int, newer: int, slots: int) -> int:
+    """How many samples later number `newer` was written than `older`: 0 .. slots - 1 do not come again."""
+    return newer - older if newer >= older else newer - older + 2**32 - slots
+
+
 def _round_up(size: int, step: int) -> int:
     return -(-size // step) * step

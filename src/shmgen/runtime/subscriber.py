@@ -108,7 +108,7 @@ class Subscriber(Generic[M]):
             newest = self._words[h.COMPLETED]
             if newest in (0, self._last):
                 break
-            unread = _steps(self._last, newest, self._slots)
+            unread = h.steps(self._last, newest, self._slots)
             if unread >= _ANEW:
                 self._last, unread = newest - 1, 1
             first = max(1, unread - self._slots + 1)
@@ -235,19 +235,14 @@ class Subscriber(Generic[M]):
             if inside:
                 words[h.LOCK_HOLDER] = 0
                 release()
-        if found != number or _steps(number, begun, slots) >= slots:
+        if found != number or h.steps(number, begun, slots) >= slots:
             return None
-        skipped = _steps(self._last, number, slots) - 1
+        skipped = h.steps(self._last, number, slots) - 1
         if 0 < skipped < _ANEW:
             self._missed += skipped
         self._last = number
         self._stamp = stamp
         return data
-
-
-def _steps(older: int, newer: int, slots: int) -> int:
-    """How many samples later `newer` was written: the numbers 0 .. slots - 1 do not come again."""
-    return newer - older if newer >= older else newer - older + 2**32 - slots
 
 
 def _after(number: int, steps: int, slots: int) -> int:

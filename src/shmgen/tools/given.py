@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import time
-from difflib import get_close_matches
 from types import SimpleNamespace
 from typing import Any
 
+from shmgen.diagnostics import closest
 from shmgen.runtime import Clock, Clocks, Elements, Message, OutOfRange, Time, values
 from shmgen.targets.naming import python_member
 from shmgen.tools.shown import ros_name
@@ -101,7 +101,7 @@ def _fields(data: Any, known: tuple[str, ...] | list[str], path: str, owner: str
         raise OutOfRange(path, f"{data!r:.40} is {type(data).__name__}, not the fields of {owner}: {', '.join(known)}")
     for name in data:
         if name not in known:
-            close = get_close_matches(str(name), known, n=1)
-            hint = f"did you mean {close[0]}?" if close else f"it has {', '.join(known) or 'no fields'}"
+            close = closest(str(name), known)
+            hint = f"did you mean {close}?" if close else f"it has {', '.join(known) or 'no fields'}"
             raise OutOfRange(f"{path}.{name}" if path else str(name), f"no such field in {owner}; {hint}")
     return data

@@ -7,9 +7,9 @@ import os
 import stat
 import struct
 from contextlib import suppress
-from difflib import get_close_matches
 from types import TracebackType
 
+from shmgen.diagnostics import closest
 from shmgen.runtime import header as h
 from shmgen.runtime import read_header, region_name
 from shmgen.runtime.errors import PermissionDenied, RegionMissing
@@ -102,15 +102,10 @@ def topic_of(name: str) -> str:
 def missing(topic: str) -> RegionMissing:
     """What to say of a topic that has no region: which regions there are, and which of them may be meant."""
     topics = [topic_of(name) for name in live()]
-    close = get_close_matches("/" + topic.removeprefix("/"), topics, n=1, cutoff=0.75)
+    close = closest("/" + topic.removeprefix("/"), topics, 0.75)
     there = f"there are {', '.join(topics[:20])}{', ...' if len(topics) > 20 else ''}" if topics else "there are none"
-    advice = f"did you mean {close[0]}?" if close else "a region comes with its first publisher or subscriber"
+    advice = f"did you mean {close}?" if close else "a region comes with its first publisher or subscriber"
     return RegionMissing(f"{topic}: no such region; {there}\n  hint: {advice}")
-
-
-def steps(older: int, newer: int, slots: int) -> int:
-    """How many samples after number `older` number `newer` was written: 0 .. slots - 1 do not come again."""
-    return newer - older if newer >= older else newer - older + 2**32 - slots
 
 
 def depth_of(header: h.Header) -> int:
