@@ -6,8 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from shmgen import config as configuration
-from shmgen import drift, pipeline
+from shmgen import config_reader, drift, pipeline
 from shmgen.config import Config
 from shmgen.diagnostics import Diagnostic, Rejected, Report, Span
 
@@ -26,7 +25,7 @@ def former(output: Path) -> tuple[drift.Lock, dict[str, Span]]:
     text = file.read_text(encoding="utf-8", errors="replace")
     lock = drift.read(text, str(file), report)
     report.stop_if_any()
-    return lock, configuration.quoted(text, str(file), lock.requested)
+    return lock, config_reader.quoted(text, str(file), lock.requested)
 
 
 def texts(config: Config, requests: Iterable[str], formerly: Mapping[str, Span], output: Path) -> dict[str, str]:
