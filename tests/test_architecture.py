@@ -50,6 +50,7 @@ ARROWS = {
     | {"", "asked", "config", "drift", "drift_cli", "live_cli", "memory_map", "options", "pipeline", "render", "show"}
     | {"write"},
     "live_cli": {"options", "runtime", "tools"},
+    "bridge": WORDS | {"bridge", "config", "pipeline", "runtime", "tools"},
     "tools": WORDS | {"bounds", "config", "pipeline", "runtime", "targets", "tools"},
     "runtime": {"runtime"},
     "__init__": set(),
@@ -62,6 +63,9 @@ ONLY_IN = {
     "rosidl_parser": {"definitions"},
     "posix_ipc": {"runtime"},
     "ruamel": {"tools"},
+    "rospy": {"bridge"},
+    "rclpy": {"bridge"},
+    "cyclonedds": {"bridge"},
 }
 
 

@@ -1,0 +1,129 @@
+"""What the bridge asks of a ROS: the one small interface that ros1, ros2 and dds are behind.
+
+A backend is a module with `connect(node) -> Backend`. It knows nothing of regions; what it hands over and takes
+are messages with ROS's attributes, whatever their class. All calls may come from any thread.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol
+
+from shmgen.model import Message, TypeName
+from shmgen.runtime import Time
+
+QUEUE = 1000
+"""Messages a queue of a ROS holds at least: a second of a topic at 1 kHz, as long as Python may stand still."""
+
+
+class BackendMissing(Exception):
+    """What the backend is made of is not installed; the text says what to install."""
+
+
+class NoAnswer(Exception):
+    """A service call that ended without an answer; the text says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Node:
+    """Who the bridge is in the graph. `domain` is DDS's, None = what ROS_DOMAIN_ID says.
+
+    `tell` takes a line for whoever watches the bridge. `stopping` is true as soon as the bridge is to end: a
+    `connect` that waits for a peer gives up then.
+    """
+
+    name: str
+    domain: int | None
+    tell: Callable[[str], None]
+    stopping: Callable[[], bool]
+
+
+@dataclass(frozen=True, slots=True)
+class Wire:
+    """One topic as ROS sees it. `messages` are its definitions as written, dependencies first, its own type last.
+
+    What is unbounded there is unbounded in ROS, whatever shmgen.toml bounds it to. `latch` keeps the newest message
+    for late subscribers (ROS 2: transient local). `depth` is the region's.
+    """
+
+    topic: str
+    messages: tuple[Message, ...]
+    qos: Literal["reliable", "best_effort"] = "reliable"
+    latch: bool = False
+    depth: int = 1
+
+    @property
+    def type(self) -> TypeName:
+        return self.messages[-1].name
+
+    @property
+    def queue(self) -> int:
+        """How many messages may wait in ROS."""
+        return max(self.depth, QUEUE)
+
+
+@dataclass(frozen=True, slots=True)
+class ServiceWire:
+    """One service as ROS sees it; `request` and `response` as `Wire.messages`."""
+
+    service: str
+    request: tuple[Message, ...]
+    response: tuple[Message, ...]
+
+    @property
+    def type(self) -> TypeName:
+        """`std_srvs/srv/SetBool`."""
+        return self.request[-1].name._replace(name=self.request[-1].name.name.removesuffix("_Request"))
+
+
+@dataclass(frozen=True, slots=True)
+class Outlet:
+    """A ROS publisher. `new()` makes an empty message, `send(message)` publishes one that `new` made.
+
+    Lists in it may hold any objects with the attributes of the element's type, such as those of our own classes.
+    `send` neither waits for subscribers nor raises for want of them.
+    """
+
+    new: Callable[[], Any]
+    send: Callable[[Any], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Caller:
+    """A ROS service client. `new()` makes an empty request; `call(request, timeout in seconds)` gives the response.
+
+    `call` raises NoAnswer: no server, no answer in time, or the server failed.
+    """
+
+    new: Callable[[], Any]
+    call: Callable[[Any, float], Any]
+
+
+Answer = Callable[[Any, Any], None]
+"""Fills the (request, response) of a service; raises NoAnswer, and the ROS client then hears so if its ROS can tell."""
+
+
+class Backend(Protocol):
+    """A node in a ROS graph."""
+
+    def publisher(self, wire: Wire) -> Outlet:
+        """Advertises the topic. Raises ValueError for a type that this ROS has otherwise or not at all."""
+
+    def subscribe(self, wire: Wire, callback: Callable[[Any], None]) -> Callable[[], Any]:
+        """Calls `callback` with each message, in order; gives what makes an empty one. Raises as publisher()."""
+
+    def serve(self, wire: ServiceWire, answer: Answer) -> None:
+        """Offers the service; `answer` is called in a thread where it may wait. Raises as publisher()."""
+
+    def client(self, wire: ServiceWire) -> Caller:
+        """Prepares calls of the service, which need not be there yet. Raises as publisher()."""
+
+    def now(self) -> Time:
+        """The clock of the ROS: the wall's, or a simulation's."""
+
+    def alive(self) -> bool:
+        """False once ROS itself has told the node to end."""
+
+    def close(self) -> None:
+        """Leaves the graph, within half a second, whatever the peers do."""
