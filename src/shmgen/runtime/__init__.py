@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from shmgen.runtime import values
+from shmgen.runtime.cutting import CuttingMessage
 from shmgen.runtime.errors import (
     CountExceeded,
     LayoutMismatch,
@@ -30,6 +31,7 @@ __all__ = [
     "Clock",
     "Clocks",
     "CountExceeded",
+    "CuttingMessage",
     "Duration",
     "Elements",
     "Header",

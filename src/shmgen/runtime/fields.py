@@ -97,7 +97,7 @@ class Texts:
         decode: Callable[[bytes | bytearray], str],
         count_at: int | None = None,
     ) -> None:
-        self.offset, self.item_size, self.capacity, self.length = offset, item_size, capacity, length
+        self.offset, self.size, self.capacity, self.length = offset, item_size, capacity, length
         self.encode, self.decode, self.count_at = encode, decode, count_at
 
     def __set_name__(self, owner: type, name: str) -> None:
@@ -105,13 +105,13 @@ class Texts:
 
     def __get__(self, structure: ctypes.Structure, owner: type) -> list[str]:
         count = _count(structure, self.count_at, self.length, self.name)
-        return values.from_texts(_load(structure, self.offset, self.item_size * count), self.decode, self.item_size)
+        return values.from_texts(_load(structure, self.offset, self.size * count), self.decode, self.size)
 
     def __set__(self, structure: ctypes.Structure, value: Iterable[str]) -> None:
         rule = _rule(self.count_at, self.length)
-        data = values.texts(value, self.encode, self.capacity, self.item_size, self.name, **rule)
+        data = values.texts(value, self.encode, self.capacity, self.size, self.name, **rule)
         _store(structure, self.offset, data)
-        _set_count(structure, self.count_at, len(data) // self.item_size)
+        _set_count(structure, self.count_at, len(data) // self.size)
 
 
 class Clocks:

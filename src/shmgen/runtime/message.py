@@ -10,6 +10,9 @@ from shmgen.runtime.errors import OutOfRange
 Late: TypeAlias = "list[tuple[int, int, memoryview]]"
 """Arrays that are copied straight into the slot: (offset in scratch, bytes reserved there, the bytes), by offset."""
 
+CUT = (0, 0, memoryview(b""))
+"""Among the late arrays: a text was cut."""
+
 LATE_FROM = 4096
 """Bytes of capacity from which an array goes late; below that a copy more costs less than another slice."""
 

@@ -9,9 +9,10 @@ from types import TracebackType
 from typing import Any, Generic, NoReturn, TypeVar
 
 from shmgen.runtime import header as h
+from shmgen.runtime.cutting import CuttingMessage
 from shmgen.runtime.errors import LockTimeout, RegionInUse, ShmError
 from shmgen.runtime.lock import Lock, fence
-from shmgen.runtime.message import LATE_FROM, Late, Message
+from shmgen.runtime.message import CUT, LATE_FROM, Late, Message
 from shmgen.runtime.region import WRITER_LOCK, Region, open_event, open_region
 
 M = TypeVar("M", bound=Message)
@@ -56,10 +57,12 @@ class Publisher(Generic[M]):
         self._scratch = bytearray(h.SLOT_HEADER + size)
         self._sequence: int = region.words[h.COMPLETED]
         self._heartbeat: int = region.words[h.HEARTBEAT]
-        # What publish() needs, in one look.
+        self._truncations = 0
+        cuts = issubclass(kind, CuttingMessage)
+        # What publish() needs, in one look. No message is of the type None: those that count their cuts are encoded.
         self._hot: tuple[Any, ...] = (
-            kind,
-            kind._encode,
+            None if cuts else kind,
+            kind._encode_counted if cuts else kind._encode,
             self._scratch,
             memoryview(self._scratch)[: h.SLOT_HEADER].cast("Q"),
             time.time_ns,
@@ -92,7 +95,7 @@ class Publisher(Generic[M]):
         if number > 0xFFFFFFFF:
             number = mask + 1
         sample = samples[number & mask]
-        parts = _parts(sample.start, scratch, late) if late else None
+        parts = self._parts(sample.start, late) if late else None
         head[0] = clock()
         head[1] = number
         # A comparison costs less than a mask of 32 bits, which Python holds in two digits.
@@ -147,6 +150,11 @@ class Publisher(Generic[M]):
         """How often the lock was not free in time."""
         return self._lock.misses
 
+    @property
+    def truncations(self) -> int:
+        """How many texts publish() has cut; always 0 unless `overflow = "truncate"` in shmgen.toml."""
+        return self._truncations
+
     def __enter__(self: P) -> P:
         return self
 
@@ -154,6 +162,25 @@ class Publisher(Generic[M]):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+    def _parts(self, start: int, late: Late) -> list[tuple[slice, memoryview]] | None:
+        """The sample as copies to make: the late arrays, and scratch where none of them has its room."""
+        arrays = [found for found in late if found is not CUT]
+        self._truncations += len(late) - len(arrays)
+        if not arrays:
+            return None
+        view = memoryview(self._scratch)
+        parts: list[tuple[slice, memoryview]] = []
+        done = 0
+        for offset, room, data in arrays:
+            if offset > done:
+                parts.append((slice(start + done, start + offset), view[done:offset]))
+            if data.nbytes:
+                parts.append((slice(start + offset, start + offset + data.nbytes), data))
+            done = offset + room
+        if done < len(view):
+            parts.append((slice(start + done, start + len(view)), view[done:]))
+        return parts
 
     def _copy(self, parts: list[tuple[slice, memoryview]]) -> None:
         # memcpy may use streaming stores, which pass earlier ones even on x86-64; a locked instruction,
@@ -181,22 +208,6 @@ class Publisher(Generic[M]):
                 f"{self._region.words[h.LOCK_HOLDER]}; nothing was published. See `shmgen doctor`"
             )
         return False
-
-
-def _parts(start: int, scratch: bytearray, late: Late) -> list[tuple[slice, memoryview]]:
-    """The sample as copies to make: the late arrays, and scratch where none of them has its room."""
-    view = memoryview(scratch)
-    parts: list[tuple[slice, memoryview]] = []
-    done = 0
-    for offset, room, data in late:
-        if offset > done:
-            parts.append((slice(start + done, start + offset), view[done:offset]))
-        if data.nbytes:
-            parts.append((slice(start + offset, start + offset + data.nbytes), data))
-        done = offset + room
-    if done < len(scratch):
-        parts.append((slice(start + done, start + len(scratch)), view[done:]))
-    return parts
 
 
 def _claim(region: Region) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 from shmgen.runtime.arrays import check_count
 from shmgen.runtime.errors import OutOfRange, StringTooLong
+from shmgen.runtime.message import CUT, Late
 
 
 def text(value: str, capacity: int, path: str) -> bytes:
@@ -17,10 +18,10 @@ def text(value: str, capacity: int, path: str) -> bytes:
     return data
 
 
-def text_cut(value: str, capacity: int, path: str) -> bytes:
-    """As text(), but cuts what does not fit, before the code point that would be torn."""
+def text_cut(value: str, capacity: int, path: str, late: Late | None = None) -> bytes:
+    """As text(), but cuts what does not fit, before the code point that would be torn, and says so in `late`."""
     data = _encoded(value, "utf-8", path)
-    return data if len(data) <= capacity else data[:capacity].decode(errors="ignore").encode()
+    return data if len(data) <= capacity else _cut(data[:capacity].decode(errors="ignore").encode(), late)
 
 
 def text_latin1(value: str, capacity: int, path: str) -> bytes:
@@ -31,9 +32,10 @@ def text_latin1(value: str, capacity: int, path: str) -> bytes:
     return data
 
 
-def text_latin1_cut(value: str, capacity: int, path: str) -> bytes:
-    """As text_latin1(), but cuts what does not fit."""
-    return _encoded(value, "latin-1", path)[:capacity]
+def text_latin1_cut(value: str, capacity: int, path: str, late: Late | None = None) -> bytes:
+    """As text_latin1(), but cuts what does not fit, and says so in `late`."""
+    data = _encoded(value, "latin-1", path)
+    return data if len(data) <= capacity else _cut(data[:capacity], late)
 
 
 def wide_text(value: str, capacity: int, path: str) -> bytes:
@@ -44,10 +46,12 @@ def wide_text(value: str, capacity: int, path: str) -> bytes:
     return data
 
 
-def wide_text_cut(value: str, capacity: int, path: str) -> bytes:
-    """As wide_text(), but cuts what does not fit, before a pair that would be torn."""
+def wide_text_cut(value: str, capacity: int, path: str, late: Late | None = None) -> bytes:
+    """As wide_text(), but cuts what does not fit, before a pair that would be torn, and says so in `late`."""
     data = _encoded(value, "utf-16-le", path)
-    return data if len(data) <= 2 * capacity else data[: 2 * capacity].decode("utf-16-le", "ignore").encode("utf-16-le")
+    if len(data) <= 2 * capacity:
+        return data
+    return _cut(data[: 2 * capacity].decode("utf-16-le", "ignore").encode("utf-16-le"), late)
 
 
 def from_text(data: bytes | bytearray) -> str:
@@ -71,22 +75,23 @@ def from_wide(data: bytes | bytearray) -> str:
 
 def texts(
     values: Iterable[str],
-    encode: Callable[[str, int, str], bytes],
+    encode: Callable[..., bytes],
     capacity: int,
     item_size: int,
     path: str,
-    *,
+    *cut: Late,
     exactly: int | None = None,
     at_most: int | None = None,
 ) -> bytes:
     """An array of strings, each NUL-padded to `item_size`; their number is the length by `item_size`.
 
-    `encode` is one of the functions above. Raises CountExceeded and what `encode` raises.
+    `encode` is one of the functions above, and `cut` what it is given behind the path.
+    Raises CountExceeded and what `encode` raises.
     """
     if isinstance(values, (str, bytes)):
         raise OutOfRange(path, f"{type(values).__name__} where a sequence of strings is wanted")
     check_count(values, path, exactly, at_most)
-    rows = (encode(value, capacity, f"{path}[{index}]") for index, value in enumerate(values))
+    rows = (encode(value, capacity, f"{path}[{index}]", *cut) for index, value in enumerate(values))
     return b"".join(row.ljust(item_size, b"\0") for row in rows)
 
 
@@ -104,6 +109,12 @@ def _encoded(value: Any, encoding: str, path: str) -> bytes:
         return value.encode(encoding)
     except UnicodeEncodeError as error:
         raise OutOfRange(path, f"{value[error.start]!r} at {error.start} has no {encoding} encoding") from None
+
+
+def _cut(kept: bytes, late: Late | None) -> bytes:
+    if late is not None:
+        late.append(CUT)
+    return kept
 
 
 def _too_long(path: str, length: int, capacity: int, unit: str) -> StringTooLong:

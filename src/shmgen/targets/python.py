@@ -37,6 +37,7 @@ class Module(NamedTuple):
     digest_literal: str
     imports: tuple[str, ...]
     class_name: str
+    base: str
     structs: tuple[Row, ...]
     rows: tuple[Row, ...]
     summary: str
@@ -141,6 +142,7 @@ def _module(layout: Layout, layouts: Layouts) -> Module:
         digest_literal=f"0x{layout.digest:016X}",
         imports=tuple(_imports(layout, names, bool(structs), uses_ctypes, bool(encode or shown))),
         class_name=class_name(layout.name),
+        base="runtime.CuttingMessage" if codec.cuts(layout, layouts) else "runtime.Message",
         structs=tuple(Row(name, value=run.format) for name, run in zip(structs, made.runs, strict=True)),
         rows=tuple(Row(path, code) for path, code in made.rows),
         summary=in_docstring(message.doc.partition("\n")[0]) or f"{layout.name.short}.",

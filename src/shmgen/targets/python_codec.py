@@ -134,7 +134,7 @@ class Codec:
                 self.rows.append((path, code))
             case String(capacity, _):
                 raw = self._local(path)
-                encoded = f'{text_in(type_, leaf.options)}({value}, {capacity}, "{path}")'
+                encoded = f'{text_in(type_, leaf.options)}({value}, {capacity}, "{path}"{leaf.cut})'
                 self._pack(leaf.offset, leaf.slot.size, [f"{leaf.slot.size}s"], encoded, [raw])
                 self.decoded.append(f"{value} = {text_out(type_, leaf.options)}({raw})")
                 self.rows.append((path, ""))
@@ -184,7 +184,7 @@ class Codec:
                 return f'values.numbers({value}, "{TYPECODES[type_]}", {item}, "{path}", {leaf.rule})'
             case String(capacity, _):
                 encode = text_in(type_, leaf.options)
-                return f'values.texts({value}, {encode}, {capacity}, {item}, "{path}", {leaf.rule})'
+                return f'values.texts({value}, {encode}, {capacity}, {item}, "{path}"{leaf.cut}, {leaf.rule})'
             case Clock():
                 convert, code = clock_in(type_, leaf.options), CLOCK_CODES[leaf.options.time]
                 return f'values.clocks({value}, "{code}", {convert}, "{path}", {leaf.rule})'
@@ -252,10 +252,22 @@ class _Leaf:
     def rule(self) -> str:
         return f"{'exactly' if self.count_at is None else 'at_most'}={self.slot.count}"
 
+    @property
+    def cut(self) -> str:
+        return ", late" if self.options.overflow == "truncate" else ""
+
 
 def place(offset: int) -> str:
     """`at + 24`, and plain `at` for 0."""
     return f"at + {offset}" if offset else "at"
+
+
+def cuts(layout: Layout, layouts: Layouts) -> bool:
+    """Whether a text that does not fit, here or further in, is cut."""
+    return layout.options.overflow == "truncate" and any(
+        cuts(layouts[slot.type.name], layouts) if isinstance(slot.type, Ref) else isinstance(slot.type, String)
+        for slot in layout.slots
+    )
 
 
 def _exploded(start: str, items: list[str], end: str) -> list[str]:

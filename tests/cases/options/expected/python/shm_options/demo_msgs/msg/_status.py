@@ -22,7 +22,7 @@ _ROWS = (
 )
 
 
-class Status(runtime.Message):
+class Status(runtime.CuttingMessage):
     """demo_msgs/Status.
 
     Fields:
@@ -88,13 +88,13 @@ class Status(runtime.Message):
     def _encode(message: typing.Any, into: bytearray | memoryview, at: int, late: runtime.Late) -> None:
         try:
             doors = values.numbers(message.doors, "?", 1, "doors", exactly=2)
-            parts = values.texts(message.parts, values.text_latin1_cut, 3, 4, "parts", at_most=2)
+            parts = values.texts(message.parts, values.text_latin1_cut, 3, 4, "parts", late, at_most=2)
             waits = values.clocks(message.waits, "iI", values.seconds_nanoseconds, "waits", at_most=2)
             _STRUCT.pack_into(
                 into,
                 at,
                 values.boolean(message.ready, "ready"),
-                values.text_latin1_cut(message.name, 10, "name"),
+                values.text_latin1_cut(message.name, 10, "name", late),
                 len(parts) // 4,
                 *values.seconds_nanoseconds(message.stamp, "stamp"),
                 len(waits) // 8,
