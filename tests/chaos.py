@@ -30,7 +30,7 @@ from shmgen import pipeline
 from shmgen.config import Config
 from shmgen.model import TypeName
 from shmgen.runtime import LockTimeout, RegionMissing, read_header, region_name
-from shmgen.tools import clean
+from shmgen.tools import clean, processes, unfinished
 
 from . import chaos_faults
 from .support.build import classes, put
@@ -83,6 +83,7 @@ class Verdict:
     moves: dict[str, int] = field(default_factory=dict)
     recoveries: int = 0
     regions: int = 1
+    half_made: int = 0
     pause: float = 0.0
     faults: list[str] = field(default_factory=list)
 
@@ -185,6 +186,7 @@ def play(folder: Path, seconds: float, kills: int, seed: int, limit: float, plc:
     if fault:
         chaos_faults.PLANTED[fault](stage)
     rng, verdict = random.Random(seed), Verdict()
+    before = _half_made()
     end = time.monotonic() + seconds
     scenes = [[write, read, read]]
     if plc:
@@ -216,6 +218,7 @@ def play(folder: Path, seconds: float, kills: int, seed: int, limit: float, plc:
     finally:
         for file in _files(stage):
             file.unlink()
+    _clean_half_made(before, verdict)
     return verdict
 
 
@@ -311,6 +314,27 @@ def _clean(stage: Stage, verdict: Verdict) -> None:
     clean.remove(known)
 
 
+def _half_made() -> set[Path]:
+    """What may be semaphores under the name that the C library makes them under."""
+    return set(Path("/dev/shm").glob("sem.??????"))
+
+
+def _clean_half_made(before: set[Path], verdict: Verdict) -> None:
+    """What is still there when all are dead must be known as a leftover, or by its name."""
+    if not (left := _half_made() - before):
+        return
+    time.sleep(unfinished.AGE + 0.1)
+    left &= _half_made()
+    known = {Path(file) for file in unfinished.semaphores(processes.look())}
+    for file in left - known:
+        with suppress(RegionMissing, ValueError):
+            known |= {Path(file) for file in clean.leftovers(file.name.removeprefix("sem."))}
+    verdict.half_made = len(left)
+    if unknown := left - known:
+        verdict.faults.append(f"`shmgen clean` does not know {unknown}")
+    clean.remove([str(file) for file in left])
+
+
 def main() -> None:
     """Exit code 1 if a fault was found."""
     parser = argparse.ArgumentParser(description="Kills readers and writers of a region at random instants.")
@@ -326,8 +350,8 @@ def main() -> None:
         verdict = play(Path(folder), given.seconds, given.kills, given.seed, given.limit, plc, given.fault)
     print(
         f"seed {given.seed}: {verdict.kills} kills and {verdict.stops} stops in {verdict.rounds} bursts on "
-        f"{verdict.regions} regions; {verdict.recoveries} locks healed; samples: {verdict.moves}; "
-        f"all moved again within {verdict.pause:.2f} s"
+        f"{verdict.regions} regions; {verdict.recoveries} locks healed, {verdict.half_made} semaphores half made; "
+        f"samples: {verdict.moves}; all moved again within {verdict.pause:.2f} s"
     )
     print("\n".join(verdict.faults[:20]) or "nothing torn, nothing lost, nobody stuck, nothing left over")
     sys.exit(bool(verdict.faults))

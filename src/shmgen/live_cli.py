@@ -80,36 +80,47 @@ def doctor(topic: str | None, as_json: bool, config_file: Path | None, include: 
 
 @click.command()
 @click.argument("topics", nargs=-1, metavar="[TOPIC]...", shell_complete=_topics)
-@click.option("--all", "everything", is_flag=True, help="Every region there is, known by its magic.")
+@click.option("--all", "everything", is_flag=True, help="Every region there is, and semaphores half made.")
 @click.option("--force", is_flag=True, help="Also what is in use: the processes then hold on to what nobody else sees.")
 @click.option("--dry-run", is_flag=True, help="Only say what would be removed.")
 @_polite
 def clean(topics: tuple[str, ...], everything: bool, force: bool, dry_run: bool) -> None:
     """Remove regions and their semaphores from /dev/shm.
 
-    Not while a writer lives or a process has the region open. Exit 1 if one had to stay.
+    With --all also what a process left that was killed while it made a semaphore. Not while a writer lives or
+    a process has the region open. Exit 1 if one had to stay.
     """
     from shmgen.runtime import ShmError
     from shmgen.tools import clean as tool
-    from shmgen.tools import processes, regions
+    from shmgen.tools import processes, regions, unfinished
 
     if everything == bool(topics):
         raise click.UsageError("Name topics, or --all; `shmgen doctor` lists what there is.")
     around = processes.look()
+
+    def leftovers(topic: str) -> list[str]:
+        files = tool.leftovers(topic)
+        if not force and (why := tool.in_use(topic, around)):
+            hint = f"stop it first; `shmgen clean --force {topic}` removes the files under its feet"
+            raise ShmError(f"{topic}: {why}\n  hint: {hint}")
+        return files
+
+    chosen = [regions.topic_of(name) for name in regions.live()] if everything else topics
+    finds = [functools.partial(leftovers, topic) for topic in chosen]
+    if everything:
+        finds.append(functools.partial(unfinished.semaphores, around))
     stays = False
-    for topic in [regions.topic_of(name) for name in regions.live()] if everything else topics:
+    for find in finds:
         try:
-            files = tool.leftovers(topic)
-            if not force and (why := tool.in_use(topic, around)):
-                hint = f"stop it first; `shmgen clean --force {topic}` removes the files under its feet"
-                raise ShmError(f"{topic}: {why}\n  hint: {hint}")
+            files = find()
             if not dry_run:
                 tool.remove(files)
         except ShmError as error:
             _complain(str(error))
             stays = True
         else:
-            click.echo("\n".join(f"{'would remove' if dry_run else 'removed'} {file}" for file in files))
+            for file in files:
+                click.echo(f"{'would remove' if dry_run else 'removed'} {file}")
     sys.exit(1 if stays else 0)
 
 

@@ -116,8 +116,80 @@ def test_what_makers_left_that_died_early(topic, file, semaphore, shmgen):
     assert files_of(file) == []
 
 
-def test_all_means_all_of_ours(shmgen, tmp_path):
-    """In a /dev/shm of its own, for other tests have regions too."""
+OWN = ["unshare", "-m", "sh", "-c", 'mount -t tmpfs tmpfs /dev/shm && exec "$@"', "sh"]
+
+
+def in_own_shm(script):
+    """What a script prints with a /dev/shm of its own, for other tests have regions too."""
+    command = [*OWN, sys.executable, "-c", script]
+    result = subprocess.run(command, cwd=Path(__file__).parents[2], capture_output=True, text=True, check=False)
+    if result.stderr.startswith(("mount", "unshare")):
+        pytest.skip("no namespaces here")
+    return result
+
+
+@pytest.mark.skipif(os.uname().machine != "x86_64", reason="numbers of system calls")
+def test_all_means_also_a_semaphore_whose_maker_was_killed():
+    """The kernel kills a process as it gives its semaphore the right name, and as it takes the first name away."""
+    script = """
+import ctypes, mmap, os, sys, time
+from pathlib import Path
+from tests.support.command import run
+from shmgen.tools import unfinished
+
+def killed_at(call):
+    pid = os.fork()
+    if pid == 0:
+        import posix_ipc
+        # Load the number of the system call; kill if it is that one; allow.
+        code = [(0x20, 0, 0, 0), (0x15, 0, 1, call), (0x06, 0, 0, 0x80000000), (0x06, 0, 0, 0x7FFF0000)]
+        packed = b"".join(ctypes.string_at(ctypes.byref(Step(*step)), 8) for step in code)
+        program = Program(4, ctypes.cast(ctypes.create_string_buffer(packed), ctypes.c_void_p))
+        libc = ctypes.CDLL(None, use_errno=True)
+        assert libc.prctl(38, 1, 0, 0, 0) == 0 and libc.prctl(22, 2, ctypes.byref(program)) == 0
+        posix_ipc.Semaphore("/made", posix_ipc.O_CREX, mode=0o660, initial_value=1)
+        os._exit(0)
+    return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+
+class Step(ctypes.Structure):
+    _fields_ = [("code", ctypes.c_ushort), ("jt", ctypes.c_ubyte), ("jf", ctypes.c_ubyte), ("k", ctypes.c_uint)]
+
+class Program(ctypes.Structure):
+    _fields_ = [("len", ctypes.c_ushort), ("filter", ctypes.c_void_p)]
+
+LINK, UNLINK = 86, 87
+assert (killed_at(LINK), killed_at(UNLINK)) == (-31, -31)
+left = sorted(os.listdir("/dev/shm"))
+assert len(left) == 3 and "sem.made" in left, left
+shm = Path("/dev/shm")
+# Chance must not make a word of them; and what looks alike and is used, young or of a region stays.
+for file, name in zip([shm / name for name in left if name != "sem.made"], ("sem.aB3dEf", "sem.7hIjKl")):
+    file.rename(shm / name)
+for name in ("sem.uSeD01", "sem.oPeN01", "sem.rEgI0n", "rEgI0n", "sem.camera", "sem.sIz3e1"):
+    (shm / name).write_bytes(bytes(32 + (name == "sem.sIz3e1")))
+with open(shm / "sem.uSeD01", "r+b") as used:
+    map = mmap.mmap(used.fileno(), 32)
+opened = open(shm / "sem.oPeN01")
+print(run(["clean", "--all", "--dry-run"], Path("/")).stdout, end="")
+time.sleep(unfinished.AGE)
+(shm / "sem.y0UnGx").write_bytes(bytes(32))
+print(run(["doctor"], Path("/")).stdout)
+print(run(["clean", "--all"], Path("/")).stdout)
+print(*sorted(os.listdir("/dev/shm")))
+"""
+    result = in_own_shm(script)
+    assert result.returncode == 0, result.stderr
+    named = [line.split()[-1] for line in result.stdout.splitlines() if line.startswith("    file: /dev/shm/sem")]
+    removed = [line.split()[-1] for line in result.stdout.splitlines() if line.startswith("removed")]
+    assert named == removed == ["/dev/shm/sem.7hIjKl", "/dev/shm/sem.aB3dEf"]
+    assert "would remove" not in result.stdout
+    assert "note: somebody was killed while making a semaphore" in result.stdout
+    assert result.stdout.splitlines()[-1].split() == [
+        "rEgI0n", "sem.camera", "sem.made", "sem.oPeN01", "sem.rEgI0n", "sem.sIz3e1", "sem.uSeD01", "sem.y0UnGx",
+    ]  # fmt: skip
+
+
+def test_all_means_all_of_ours():
     script = """
 import os, sys
 from tests.runtime.messages import PosePublisher
@@ -131,13 +203,7 @@ try:
 finally:
     print(*sorted(os.listdir("/dev/shm")))
 """
-    own = ["unshare", "-m", "sh", "-c", 'mount -t tmpfs tmpfs /dev/shm && exec "$@"', "sh"]
-    repository = Path(__file__).parents[2]
-    result = subprocess.run(
-        [*own, sys.executable, "-c", script], cwd=repository, capture_output=True, text=True, check=False
-    )
-    if result.stderr.startswith(("mount", "unshare")):
-        pytest.skip("no namespaces here")
+    result = in_own_shm(script)
     assert result.returncode == 1
     *removed, left = result.stdout.splitlines()
     assert {"removed /dev/shm/sem.a", "removed /dev/shm/a"} <= set(removed)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from shmgen.runtime import header as h
 from shmgen.runtime.names import region_file, semaphore_file
+from shmgen.tools import unfinished
 from shmgen.tools.evidence import Evidence, own_device, semaphore
 from shmgen.tools.processes import Processes, alive, called
 from shmgen.tools.regions import closed, topic_of
@@ -63,6 +64,9 @@ def of_machine(processes: Processes) -> Iterator[Finding]:
     """What holds for all regions: this container's /dev/shm, the kernel's rules, and what cannot be seen."""
     for name in closed():
         yield Finding(topic_of(name), "this may be a region, but this user cannot read it", *_join(region_file(name)))
+    for file in unfinished.semaphores(processes):
+        message = "somebody was killed while making a semaphore; nothing uses this file"
+        yield Finding("", message, f"`rm {file}`; `shmgen clean --all` removes it too", file, note=True)
     size = os.statvfs("/dev/shm")
     total, free = size.f_blocks * size.f_frsize, size.f_bavail * size.f_frsize
     if free < total // 20:

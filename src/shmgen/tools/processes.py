@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 
 from shmgen.runtime import header as h
@@ -64,6 +65,19 @@ def look() -> Processes:
         except OSError:  # it ended meanwhile
             continue
     return Processes(tuple(mappings.values()), hidden)
+
+
+def has_open(status: os.stat_result) -> bool:
+    """Whether a process this user may look into has a descriptor of the file."""
+    wanted = (status.st_dev, status.st_ino)
+    for pid in _pids():
+        with suppress(OSError):
+            for descriptor in os.listdir(f"/proc/{pid}/fd"):
+                with suppress(OSError):
+                    found = os.stat(f"/proc/{pid}/fd/{descriptor}")
+                    if (found.st_dev, found.st_ino) == wanted:
+                        return True
+    return False
 
 
 def alive(pid: int) -> bool:
