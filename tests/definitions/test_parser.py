@@ -342,9 +342,22 @@ def test_whose_comment_it_is(text, of_message, of_field):
     assert (found.doc, found.fields[0].doc) == (of_message, of_field)
 
 
-@pytest.mark.parametrize("unit", ["m", "m/s^2", "°C", "%", "kg-m^2", "(meters/second)^2", "deg per second"])
+@pytest.mark.parametrize("unit", ["m", "m/s^2", "°C", "%", "kg-m^2", "(meters/second)^2", "deg per second", "-"])
 def test_units(unit):
     assert only_field(f"int8 a # about [{unit}] it").unit == unit
+
+
+def test_a_unit_may_touch_its_word():
+    field = only_field("float32 bearing # Bearing angle[rad], from north")
+    assert (field.doc, field.unit) == ("Bearing angle, from north", "rad")
+
+
+@pytest.mark.parametrize(
+    "text", ["name[i]", "m[k]", "[3]", "[-1]", "[0, 1]", "[0-1]", "[1..255]", "[A_B]", "[]", "[a b]"]
+)
+def test_no_units(text):
+    field = only_field(f"int8 a # {text}")
+    assert (field.doc, field.unit) == (text, "")
 
 
 @pytest.mark.parametrize(

@@ -43,8 +43,9 @@ def unit_of(doc: str) -> tuple[str, str]:
     return "\n".join(lines).strip(), units.pop()
 
 
-# A letter, degree, percent or micro sign first: `[0, 1]`, `[3]`, `[-1]` are no units, nor is `name[i]`.
-_UNIT = re.compile(r"[ \t]?(?<!\w)\[([A-Za-z°µμΩ%(][^\s\[\],:=_]{0,30}(?: per [a-z]{1,10})?)\]")
+# A letter, degree, percent or micro sign first: `[0, 1]`, `[3]`, `[0-1]` are no units. `name[i]` has an index, and
+# `[-]` stands where a unit would: of no dimension.
+_UNIT = re.compile(r"[ \t]?\[((?![ijkn]\])[A-Za-z°µμΩ%(][^\s\[\],:=_]{0,30}(?: per [a-z]{1,10})?|-)\]")
 
 
 def _top(lines: Sequence[str]) -> tuple[str, int]:
