@@ -1,0 +1,103 @@
+"""What demos of a whole cell share: the generated code, the PLC side of it as a process, nothing left behind.
+
+The PLC here is a stand-in for tests and demos (tests/softplc), not a PLC: it compiles the Structured Text, generated
+and written by hand, by way of C++, and calls it as a task would.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from shmgen import config
+from shmgen.diagnostics import Report
+from shmgen.runtime.names import region_name
+
+REPOSITORY = Path(__file__).parents[1]
+
+
+class Cell:
+    """One machine: code generated from `here`/shmgen.toml into `folder`, and processes that all end with it."""
+
+    def __init__(self, here: Path, folder: Path, processes: ExitStack) -> None:
+        self.here, self.folder, self._processes = here, folder, processes
+        self.environment = {**os.environ, "PYTHONPATH": f"{folder}/python", "PYTHONUNBUFFERED": "1"}
+
+    def generate(self) -> None:
+        """Writes what shmgen.toml asks for."""
+        self.shmgen("generate", "--quiet", "--output", self.folder)
+
+    def shmgen(self, command: str, *arguments: str | Path) -> None:
+        """Runs a command of shmgen with the cell's configuration and shows it."""
+        print("\n$ shmgen", command, *(word for word in arguments if word not in ("--output", self.folder)), flush=True)
+        subprocess.run([_shmgen(), command, *arguments, "-c", self.here / "shmgen.toml"], check=True)
+
+    def start_plc(self, *programs: str) -> None:
+        """Compiles PRG_Ros and `programs`, files of `here`, and calls them every millisecond from now on."""
+        sys.path.insert(0, str(REPOSITORY))
+        from tests.softplc import compile_st
+
+        sources = [*(self.folder / "st").rglob("*.st"), *(self.here / f"{name}.st" for name in programs)]
+        compile_st({path.name: path.read_text() for path in sources}, self.folder / "plc")
+        task = ["-m", "tests.softplc.task", self.folder / "plc" / "plc.so", "PRG_Ros", *programs]
+        self.start("PLC", *task, "--period", "0.001", ready="running", cwd=REPOSITORY)
+
+    def start(self, name: str, *arguments: str | Path, ready: str, cwd: Path | None = None) -> subprocess.Popen[str]:
+        """A Python process that lasts as long as the cell, once it has printed a line that holds `ready`."""
+        process = subprocess.Popen(
+            [sys.executable, *arguments], cwd=cwd, env=self.environment, stdout=subprocess.PIPE, text=True
+        )
+        self._processes.callback(_end, process)
+        assert process.stdout
+        for line in process.stdout:
+            print(f"   {name} (process {process.pid}): {line.strip()}", flush=True)
+            if ready in line:
+                return process
+        raise SystemExit(f"{name} ended before it was ready")
+
+    def run(self, script: str, *arguments: str, timeout: float = 60) -> int:
+        """Runs a file of `here` to its end; its exit status."""
+        command = [sys.executable, self.here / script, *arguments]
+        return subprocess.run(command, env=self.environment, timeout=timeout, check=False).returncode
+
+
+@contextmanager
+def cell(here: Path) -> Iterator[Cell]:
+    """A cell for the example in folder `here`; with it end its processes and its regions."""
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            with ExitStack() as processes:
+                yield Cell(here, Path(folder), processes)
+        finally:
+            _clean(here / "shmgen.toml")
+
+
+def _clean(configuration: Path) -> None:
+    """Removes the regions of the topics, which no side does by itself: here all are known to have ended."""
+    report = Report()
+    topics = [topic.topic for topic in config.load(configuration, configuration.name, report).topics]
+    there = [topic for topic in topics if os.path.exists("/dev/shm/" + region_name(topic))]
+    if there:
+        subprocess.run([_shmgen(), "clean", *there], stdout=subprocess.DEVNULL, check=True)
+
+
+def _shmgen() -> str:
+    found = shutil.which("shmgen")
+    if found is None:
+        sys.exit("shmgen is not installed here: `make demo` does that")
+    return found
+
+
+def _end(process: subprocess.Popen[str]) -> None:
+    process.terminate()
+    try:
+        process.wait(5)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
