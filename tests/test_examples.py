@@ -12,7 +12,7 @@ import pytest
 from .conftest import REPOSITORY
 
 SAYS = {
-    "moving_pose": "400 poses crossed, 0 missed",
+    "moving_pose": "400 poses crossed",
     "softplc_echo": "received by the PLC",
 }
 
