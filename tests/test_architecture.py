@@ -30,7 +30,8 @@ ARROWS = {
     "drift": WORDS,
     "targets": WORDS | {"targets"},
     "config_reader": {"diagnostics"},
-    "config": WORDS | {"bounds", "config_reader"},
+    "config_bridge": {"config_reader"},
+    "config": WORDS | {"bounds", "config_bridge", "config_reader"},
     "render": {"model", "cache"},
     "write": {"diagnostics"},
     "pipeline": WORDS | {"definitions", "bounds", "layout", "drift", "targets", "config", "render"},
@@ -47,17 +48,31 @@ ARROWS = {
     "drift_cli": WORDS
     | {"asked", "check", "compare", "config", "findings", "options", "revisions", "start", "verdict"},
     "cli": WORDS
-    | {"", "asked", "config", "drift", "drift_cli", "live_cli", "memory_map", "options", "pipeline", "render", "show"}
+    | {
+        "",
+        "asked",
+        "bridge_cli",
+        "config",
+        "drift",
+        "drift_cli",
+        "live_cli",
+        "memory_map",
+        "options",
+        "pipeline",
+        "render",
+        "show",
+    }
     | {"write"},
+    "bridge_cli": {"bridge", "config_bridge", "options", "runtime"},
     "live_cli": {"options", "runtime", "tools"},
-    "bridge": WORDS | {"bridge", "config", "pipeline", "runtime", "tools"},
+    "bridge": WORDS | {"bridge", "config", "pipeline", "runtime", "targets", "tools"},
     "tools": WORDS | {"bounds", "config", "pipeline", "runtime", "targets", "tools"},
     "runtime": {"runtime"},
     "__init__": set(),
     "__main__": {"cli", "verdict"},
 }
 ONLY_IN = {
-    "click": {"cli", "drift_cli", "live_cli", "options"},
+    "click": {"bridge_cli", "cli", "drift_cli", "live_cli", "options"},
     "jinja2": {"render"},
     "rosbags": {"definitions"},
     "rosidl_parser": {"definitions"},

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import click
 
-from shmgen import __version__, asked, drift, drift_cli, live_cli, options, pipeline
+from shmgen import __version__, asked, bridge_cli, drift, drift_cli, live_cli, options, pipeline
 from shmgen.config import TARGETS
 from shmgen.diagnostics import CODES, Diagnostic, Rejected, Span
 
@@ -42,6 +42,7 @@ def cli() -> None:
     shmgen list                          what there is
     shmgen show geometry_msgs/Pose       where its bytes go
     shmgen generate geometry_msgs/Pose   Python, Structured Text and C that agree on them
+    shmgen bridge                        topics of ROS to regions and back
     shmgen doctor                        how the regions fare that are live now
     """  # noqa: D301 click's own sign
 
@@ -156,5 +157,5 @@ def explain(code: str) -> None:
     click.echo(f"{code}{section.rstrip()}")
 
 
-for command in (*drift_cli.COMMANDS, *live_cli.COMMANDS):
+for command in (*drift_cli.COMMANDS, *bridge_cli.COMMANDS, *live_cli.COMMANDS):
     cli.add_command(command)

@@ -9,8 +9,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from shmgen import config_reader
+from shmgen import config_bridge, config_reader
 from shmgen.bounds import DEFAULT_STRING, Bound, Bounds
+from shmgen.config_bridge import CARRYING, Bridge, Carrying
 from shmgen.config_reader import Reader
 from shmgen.diagnostics import Report, Span, closest
 from shmgen.model import TypeOptions
@@ -28,13 +29,14 @@ MAX_DEPTH = 65535
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """One `[[topics]]` entry: `depth` is how many samples a slow reader can still fetch."""
+    """One `[[topics]]` entry: `depth` is how many samples a slow reader can still fetch, `carried` the rest."""
 
     topic: str
     type: str
     direction: str
     depth: int
     span: Span
+    carried: Carrying = field(default_factory=Carrying)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +58,7 @@ class Config:
     types: TypeOptions = field(default_factory=TypeOptions)
     bounds: Bounds = field(default_factory=lambda: Bounds({}, {}))
     topics: tuple[Topic, ...] = ()
+    bridge: Bridge = field(default_factory=Bridge)
     places: Mapping[str, Span] = field(default_factory=dict)
 
 
@@ -86,7 +89,7 @@ class _Sections:
 
     def config(self, data: dict[str, Any], root: Path) -> Config:
         known = ("messages", "source", "path", "targets", "package", "distribution", "max_region", "task_interval")
-        self.read.keys("", data, (*known, "types", "strings", "bounds", "topics"))
+        self.read.keys("", data, (*known, "types", "strings", "bounds", "topics", "bridge"))
         types, strings, bounds = (self.read.table(data, name) for name in ("types", "strings", "bounds"))
         self.read.keys("types", types, ("bool", "time"))
         return Config(
@@ -111,6 +114,7 @@ class _Sections:
                 default_string=self.read.number("strings", "default", strings, DEFAULT_STRING),
             ),
             topics=self.topics(data),
+            bridge=config_bridge.bridge(self.read, self.read.table(data, "bridge")),
         )
 
     def topics(self, data: dict[str, Any]) -> tuple[Topic, ...]:
@@ -121,7 +125,7 @@ class _Sections:
         topics: list[Topic] = []
         for index, entry in enumerate(entries):
             section = f"topics.{index}"
-            self.read.keys(section, entry, ("topic", "type", "direction", "depth"))
+            self.read.keys(section, entry, ("topic", "type", "direction", "depth", *CARRYING))
             for key in ("topic", "type"):
                 if key not in entry:
                     self.read.report.error(
@@ -136,7 +140,8 @@ class _Sections:
                 self.read.wrong(section, "topic", f"topic {entry['topic']} {why}")
             if isinstance(entry.get("type"), str) and not _MESSAGE.fullmatch(entry["type"]):
                 self.read.wrong(section, "type", f"type {entry['type']} names no message: write package/Name")
-            topics.append(Topic(str(entry.get("topic")), str(entry.get("type")), direction, depth, span))
+            carried = config_bridge.carrying(self.read, section, entry, direction)
+            topics.append(Topic(str(entry.get("topic")), str(entry.get("type")), direction, depth, span, carried))
             if any(topic.topic == entry.get("topic") for topic in topics[:-1]):
                 self.read.report.error("SHM502", f"topic {entry.get('topic')} is listed twice", span)
         return tuple(topics)

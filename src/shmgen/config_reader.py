@@ -91,6 +91,24 @@ class Reader:
             return default
         return value
 
+    def real(
+        self, section: str, key: str, data: dict[str, Any], default: float | None, least: float, most: float, unit: str
+    ) -> float | None:
+        value = data.get(key, default)
+        if value is None:
+            return None
+        if not isinstance(value, int | float) or isinstance(value, bool) or not least <= value <= most:
+            self.wrong(section, key, f"{key} is a number of {unit} from {least:g} to {most:g}, not {value!r}")
+            return default
+        return float(value)
+
+    def flag(self, section: str, key: str, data: dict[str, Any], default: bool) -> bool:
+        value = data.get(key, default)
+        if not isinstance(value, bool):
+            self.wrong(section, key, f"{key} is true or false, not {value!r}")
+            return default
+        return value
+
     def wrong(self, section: str, key: str, message: str, hint: str = "") -> None:
         self.report.error("SHM502", message, self.span(section, key), hint=hint)
 

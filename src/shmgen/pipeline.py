@@ -45,6 +45,19 @@ def generate(config: Config, requests: Iterable[str]) -> dict[str, str]:
     return texts | {drift.LOCK: drift.write(layouts, texts, _settings(config))}
 
 
+def topics(config: Config, layouts: Layouts, report: Report) -> Iterable[Topic]:
+    """Those of the configuration with their types found among `layouts`. Reports SHM502."""
+    for topic in config.topics:
+        found = next((name for name in layouts if topic.type in (str(name), name.short)), None)
+        if found:
+            yield Topic(topic.topic, found, topic.direction == "to_plc", topic.depth, topic.span)
+        else:  # the layouts hold every type asked for, so this one came as its parts
+            parts = [name.short for name in layouts if f"{name.package}/{name.name.rpartition('_')[0]}" == topic.type]
+            span = config.places.get(topic.type, topic.span)
+            message = f"{topic.type} is several messages, and a topic carries one"
+            report.error("SHM502", message, span, hint=f"write {' or '.join(parts)}")
+
+
 @dataclass(frozen=True, slots=True)
 class Entry:
     """One message of the inventory: its size in bytes, or the keys that [bounds] lacks for it."""
@@ -77,22 +90,9 @@ def _plan(config: Config, layouts: Layouts, report: Report) -> Iterable[Output]:
         if config.distribution:
             yield python_project.plan(config.distribution, config.package)
     if "st" in config.targets or "plcopen" in config.targets:  # the latter holds the texts of the former
-        yield from st.plan(layouts, report, tuple(_topics(config, layouts, report)))
+        yield from st.plan(layouts, report, tuple(topics(config, layouts, report)))
     if "c" in config.targets:
         yield from c.plan(layouts, report, config.package)
-
-
-def _topics(config: Config, layouts: Layouts, report: Report) -> Iterable[Topic]:
-    """With their types found. Reports SHM502."""
-    for topic in config.topics:
-        found = next((name for name in layouts if topic.type in (str(name), name.short)), None)
-        if found:
-            yield Topic(topic.topic, found, topic.direction == "to_plc", topic.depth, topic.span)
-        else:  # the layouts hold every type asked for, so this one came as its parts
-            parts = [name.short for name in layouts if f"{name.package}/{name.name.rpartition('_')[0]}" == topic.type]
-            span = config.places.get(topic.type, topic.span)
-            message = f"{topic.type} is several messages, and a topic carries one"
-            report.error("SHM502", message, span, hint=f"write {' or '.join(parts)}")
 
 
 def _settings(config: Config) -> dict[str, object]:

@@ -1,7 +1,8 @@
 """What the bridge asks of a ROS: the one small interface that ros1, ros2 and dds are behind.
 
-A backend is a module with `connect(node) -> Backend`. It knows nothing of regions; what it hands over and takes
-are messages with ROS's attributes, whatever their class. All calls may come from any thread.
+A backend is a module with `connect(node) -> Backend | None`, None if `node.stopping()` came true before there was a
+graph to join; it raises BackendMissing. It knows nothing of regions; what it hands over and takes are messages with
+ROS's attributes, whatever their class. All calls may come from any thread.
 """
 
 from __future__ import annotations
@@ -29,14 +30,15 @@ class NoAnswer(Exception):
 class Node:
     """Who the bridge is in the graph. `domain` is DDS's, None = what ROS_DOMAIN_ID says.
 
-    `tell` takes a line for whoever watches the bridge. `stopping` is true as soon as the bridge is to end: a
-    `connect` that waits for a peer gives up then.
+    `tell` takes a line for whoever watches the bridge. `stopping` is true as soon as the bridge is to end.
+    `arguments` are ROS's own of the command line, such as `__name:=x` or `--ros-args -r __node:=x`.
     """
 
     name: str
     domain: int | None
     tell: Callable[[str], None]
     stopping: Callable[[], bool]
+    arguments: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -124,6 +124,21 @@ class Subscriber(Generic[M]):
                 break
         return samples
 
+    def ready(self, timeout: float) -> bool:
+        """Whether there is an unread sample, as soon as there is one or after `timeout` seconds; reads nothing.
+
+        Sleeps as wait() does. Raises PermissionDenied.
+        """
+        deadline = time.monotonic() + timeout
+        if self._event is None:
+            self._event = self._open_event()
+        while (newest := self._words[h.COMPLETED]) in (0, self._last):
+            left = deadline - time.monotonic()
+            if left <= 0:
+                return False
+            self._sleep(min(left, _SLICE), newest)
+        return True
+
     def wait(self, timeout: float) -> M | None:
         """The newest sample as soon as there is a new one, or None after `timeout` seconds.
 

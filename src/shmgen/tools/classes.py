@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -43,7 +43,7 @@ class Workshop:
                 rejected = rejected or error
                 continue
             if digest in (None, layout.digest):
-                return _class(config, layout)
+                return generated(config, [request])[str(layout.name)]
             tried.append(locked.Known(layout.digest, layout.size, origin))
         if tried:
             raise _mismatch(request, digest, tried)
@@ -65,6 +65,32 @@ class Workshop:
             yield locked.settings(lock, self.config), str(self.lock)
 
 
+def generated(config: Config, requests: Iterable[str]) -> dict[str, type[Message]]:
+    """The classes of `requests` and all they hold, by `geometry_msgs/msg/Pose`. Raises Rejected.
+
+    Generates the package into a folder that lasts as long as it takes to import it.
+    """
+    texts = pipeline.generate(replace(config, targets=("python",), topics=(), package=_PACKAGE), requests)
+    with tempfile.TemporaryDirectory(prefix="shmgen-") as folder:
+        for path, text in texts.items():
+            file = Path(folder, path)
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(text, encoding="utf-8")
+        sys.path.insert(0, f"{folder}/python")
+        try:
+            importlib.invalidate_caches()
+            packages = [Path(path).parent for path in texts if path.endswith("/__init__.py")]
+            names = [".".join(package.parts[1:]) for package in packages]
+            modules = [importlib.import_module(name) for name in names]
+        finally:
+            sys.path.remove(f"{folder}/python")
+            for name in [name for name in sys.modules if name.partition(".")[0] == _PACKAGE]:
+                del sys.modules[name]
+    items = [item for module in modules for item in vars(module).values()]
+    kinds = [item for item in items if isinstance(item, type) and issubclass(item, Message) and item is not Message]
+    return {kind._type_name_: kind for kind in kinds}
+
+
 def subscriber(kind: type[Message], topic: str, depth: int) -> Subscriber[Message]:
     """Opens the topic's region for reading. Raises what a Subscriber raises."""
     made: type[Subscriber[Message]] = type("LiveSubscriber", (Subscriber,), {"message_type": kind})
@@ -83,30 +109,6 @@ def _one(config: Config, request: str) -> Layout:
         names = ", ".join(str(layout.name) for layout in found[:10])
         raise ValueError(f"{request} is {len(found)} messages, and a topic carries one: {names}")
     return found[0]
-
-
-def _class(config: Config, layout: Layout) -> type[Message]:
-    """Generates the package into a folder that lasts as long as it takes to import it."""
-    config = replace(config, targets=("python",), topics=(), package=_PACKAGE)
-    texts = pipeline.generate(config, [str(layout.name)])
-    with tempfile.TemporaryDirectory(prefix="shmgen-") as folder:
-        for path, text in texts.items():
-            file = Path(folder, path)
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_text(text, encoding="utf-8")
-        sys.path.insert(0, f"{folder}/python")
-        try:
-            importlib.invalidate_caches()
-            module = importlib.import_module(f"{_PACKAGE}.{layout.name.package}.{layout.name.kind}")
-        finally:
-            sys.path.remove(f"{folder}/python")
-            for name in [name for name in sys.modules if name.partition(".")[0] == _PACKAGE]:
-                del sys.modules[name]
-    return next(
-        item
-        for item in vars(module).values()
-        if isinstance(item, type) and issubclass(item, Message) and item._type_name_ == str(layout.name)
-    )
 
 
 def _mismatch(request: str, digest: int | None, tried: list[locked.Known]) -> LayoutMismatch:

@@ -1,0 +1,56 @@
+"""Turns what becomes of each message of a topic into numbers, and what is wrong with some of them into few lines."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+_QUIET = 5.0
+"""Seconds between two complaints about one topic: a thousand messages a second may all be wrong."""
+
+
+@dataclass(slots=True)
+class Counters:
+    """Messages since the bridge began.
+
+    `passed` crossed, `truncated` of them cut; `rejected` did not fit; `thinned` were left out for `rate`; `missed`
+    were overwritten in the region before they could be read, or came while there was none. `newest` is when the
+    last one came, by the monotonic clock; `complaint` says what was wrong with the last that was.
+    """
+
+    topic: str
+    tell: Callable[[str], None]
+    passed: int = 0
+    rejected: int = 0
+    truncated: int = 0
+    thinned: int = 0
+    missed: int = 0
+    newest: float | None = None
+    complaint: str = ""
+    _told: float = float("-inf")
+    _held: int = 0
+
+    @property
+    def age(self) -> float | None:
+        """Seconds since the newest message came."""
+        return None if self.newest is None else time.monotonic() - self.newest
+
+    def came(self) -> None:
+        self.newest = time.monotonic()
+
+    def complain(self, text: str) -> None:
+        """Tells it, unless the topic has been complained about within the last seconds."""
+        self.complaint = text
+        now = time.monotonic()
+        if now - self._told < _QUIET:
+            self._held += 1
+            return
+        more = f" (and {self._held} such complaints before)" if self._held else ""
+        self._told, self._held = now, 0
+        self.tell(f"{self.topic}: {text}{more}")
+
+    def __str__(self) -> str:
+        named = {name: getattr(self, name) for name in ("rejected", "truncated", "thinned", "missed")}
+        others = "".join(f", {number} {name}" for name, number in named.items() if number)
+        return f"{self.passed} passed{others}"

@@ -1,0 +1,75 @@
+"""Turns the counters of all topics into a diagnostic_msgs/DiagnosticArray, with the levels of REP 107."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from types import SimpleNamespace
+from typing import Any
+
+from shmgen.bridge.counters import Counters
+from shmgen.bridge.from_plc import FromPlc
+from shmgen.bridge.to_plc import ToPlc
+from shmgen.runtime import Time, region_name
+from shmgen.runtime.values import set_clock
+
+OK, WARN, ERROR, STALE = 0, 1, 2, 3
+"""Constants of diagnostic_msgs/DiagnosticStatus."""
+
+Side = ToPlc | FromPlc
+
+
+class Reporter:
+    """Remembers what it said last, for a rate and a rejection are of the time between two reports."""
+
+    def __init__(self, node: str) -> None:
+        self._node = node
+        self._before: dict[str, tuple[int, int, float]] = {}
+
+    def fill(self, message: Any, sides: Iterable[Side], now: Time) -> None:
+        """Into an empty DiagnosticArray of any ROS."""
+        message.header.stamp = set_clock(message.header.stamp, now)
+        message.status = [self.status(side) for side in sides]
+
+    def status(self, side: Side) -> SimpleNamespace:
+        """One DiagnosticStatus."""
+        counters = side.counters
+        wrong = counters.rejected + counters.truncated + counters.missed
+        now = time.monotonic()
+        passed, faults, since = self._before.get(counters.topic, (0, 0, now))
+        self._before[counters.topic] = (counters.passed, wrong, now)
+        rate = (counters.passed - passed) / (now - since) if now > since else 0.0
+        level, text = _judged(side, wrong - faults, rate)
+        shown = {
+            "direction": side.route.topic.direction,
+            "type": side.route.wire.type.short,
+            "region": f"/dev/shm/{region_name(counters.topic)}",
+            "rate [Hz]": f"{rate:.1f}",
+            "passed": counters.passed,
+            "rejected": counters.rejected,
+            "truncated": counters.truncated,
+            "thinned": counters.thinned,
+            "missed": counters.missed,
+            "lock misses": side.lock_misses,
+            "age [s]": "-" if counters.age is None else f"{counters.age:.3f}",
+            "last complaint": counters.complaint or "-",
+        }
+        return SimpleNamespace(
+            level=level,
+            name=f"{self._node}: {counters.topic}",
+            message=text,
+            hardware_id="",
+            values=[SimpleNamespace(key=key, value=str(value)) for key, value in shown.items()],
+        )
+
+
+def _judged(side: Side, faults: int, rate: float) -> tuple[int, str]:
+    counters: Counters = side.counters
+    if not side.is_open:
+        return ERROR, counters.complaint.partition("\n")[0] or "no region"
+    if side.is_stale():
+        what = "no message from ROS" if side.route.to_plc else "the PLC's heartbeat stands still"
+        return STALE, f"{what} for {side.route.topic.carried.stale:g} s or more"
+    if faults:
+        return WARN, counters.complaint.partition("\n")[0] or f"{faults} messages missed"
+    return OK, f"{rate:.1f} Hz"

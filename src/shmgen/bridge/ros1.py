@@ -1,0 +1,161 @@
+"""The bridge's ROS 1: topics and services by rospy, and a node that outlives its master."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+import rosgraph
+import rospy
+from rospy.impl import registration
+
+from shmgen.bridge import ros1_types as types
+from shmgen.bridge.backend import Answer, Caller, NoAnswer, Node, Outlet, ServiceWire, Wire
+from shmgen.runtime import Time
+
+_WATCH = 0.5
+"""Seconds between two looks at the master."""
+_REACH = 0.5
+"""Seconds within which a master's port answers."""
+
+
+def connect(node: Node) -> Ros1 | None:
+    """Joins the graph of ROS_MASTER_URI as soon as there is one."""
+    if not _await_master(node):
+        return None
+    threading.Thread(target=_watch_master, args=(node,), daemon=True).start()
+    rospy.init_node(node.name, argv=list(node.arguments), disable_signals=True, disable_rosout=True)
+    return None if node.stopping() else Ros1()
+
+
+class Ros1:
+    """A Backend; rospy knows one node a process."""
+
+    def publisher(self, wire: Wire) -> Outlet:
+        kind = types.message(wire.messages)
+        made = rospy.Publisher(wire.topic, kind, queue_size=wire.queue, latch=wire.latch, tcp_nodelay=True)
+        return Outlet(kind, made.publish)
+
+    def subscribe(self, wire: Wire, callback: Callable[[Any], None]) -> Callable[[], Any]:
+        kind = types.message(wire.messages)
+        # Without a queue_size rospy hands over every message that a socket brought.
+        rospy.Subscriber(wire.topic, kind, callback, tcp_nodelay=True)
+        return kind  # type: ignore[no-any-return]
+
+    def serve(self, wire: ServiceWire, answer: Answer) -> None:
+        kind = types.service(wire)
+
+        def handle(request: Any) -> Any:
+            response = kind._response_class()
+            try:
+                answer(request, response)
+            except NoAnswer as error:
+                raise rospy.ServiceException(str(error)) from None
+            return response
+
+        rospy.Service(wire.service, kind, handle)
+
+    def client(self, wire: ServiceWire) -> Caller:
+        kind = types.service(wire)
+
+        def call(request: Any, timeout: float) -> Any:
+            return _within(timeout, lambda: rospy.ServiceProxy(wire.service, kind)(request), wire.service)
+
+        return Caller(kind._request_class, call)
+
+    def now(self) -> Time:
+        stamp = rospy.Time.now()
+        return Time(stamp.secs, stamp.nsecs)
+
+    def alive(self) -> bool:
+        return not rospy.is_shutdown()
+
+    def close(self) -> None:
+        rospy.signal_shutdown("the bridge ends")
+
+
+def _within(seconds: float, call: Callable[[], Any], name: str) -> Any:
+    """Calls of rospy have no time limit, so one that nobody answers is left to its own thread."""
+    result: list[Any] = []
+    failure: list[Exception] = []
+
+    def run() -> None:
+        try:
+            result.append(call())
+        except Exception as error:
+            failure.append(error)
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    thread.join(seconds)
+    if result:
+        return result[0]
+    raise NoAnswer(str(failure[0]) if failure else f"{name}: no answer within {seconds:g} s")
+
+
+def _await_master(node: Node) -> bool:
+    """False if the bridge is to stop before there is one."""
+    told = False
+    while not node.stopping():
+        if _reachable():
+            return True
+        if not told:
+            node.tell(f"no ROS master at {rosgraph.get_master_uri()} (ROS_MASTER_URI); waiting for one")
+            told = True
+        time.sleep(0.1)
+    return False
+
+
+def _watch_master(node: Node) -> None:
+    """Registers everything again with a master that does not know this node: rospy itself never does."""
+    away = False
+    due = 0.0
+    while not rospy.is_shutdown():
+        time.sleep(0.05)
+        if node.stopping() and not rospy.core.is_initialized():
+            rospy.signal_shutdown("the bridge ends")  # or init_node would wait for its master for ever
+        if time.monotonic() < due or not rospy.core.is_initialized() or node.stopping():
+            continue
+        due = time.monotonic() + _WATCH
+        if not _reachable():
+            if not away:
+                node.tell("the ROS master is away; what is connected stays so")
+            away = True
+            continue
+        with suppress(OSError):  # it went away in between
+            if not _known():
+                node.tell("the ROS master does not know this node; registering again")
+                _register()
+            away = False
+
+
+def _known() -> bool:
+    try:
+        rosgraph.Master(rospy.get_name()).lookupNode(rospy.get_name())
+    except rosgraph.MasterError:
+        return False
+    return True
+
+
+def _register() -> None:
+    topics, listeners = registration.get_topic_manager(), registration.get_registration_listeners()
+    for name, type_name in topics.get_publications():
+        listeners.notify_added(name, type_name, registration.Registration.PUB)
+    for name, type_name in topics.get_subscriptions():
+        listeners.notify_added(name, type_name, registration.Registration.SUB)
+    for name, uri in registration.get_service_manager().get_services():
+        listeners.notify_added(name, uri, registration.Registration.SRV)
+
+
+def _reachable() -> bool:
+    """Whether something listens there; unlike a call to the master this has a time limit."""
+    host, port = rosgraph.network.parse_http_host_and_port(rosgraph.get_master_uri())
+    try:
+        socket.create_connection((host, port), _REACH).close()
+    except OSError:
+        return False
+    return True

@@ -1,0 +1,70 @@
+"""Turns definitions into the classes of genpy: the installed ones, else made at run time, so that no catkin is needed.
+
+Either way the md5 sums are genmsg's own, so that ROS 1 compares them as always.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import genmsg
+import genpy
+from genmsg.gentools import compute_md5
+from genpy.dynamic import generate_dynamic
+
+from shmgen.bridge.backend import ServiceWire
+from shmgen.model import Message
+
+_RULE = "\n" + "=" * 80 + "\n"
+"""What stands between the definitions in a connection header and in a bag."""
+
+
+def message(messages: tuple[Message, ...]) -> Any:
+    """The class of the last of `messages`. Raises ValueError where genmsg cannot read its definition."""
+    wanted = messages[-1].name.short
+    return genpy.message.get_message_class(wanted) or _made(wanted, messages)
+
+
+def service(wire: ServiceWire) -> Any:
+    """The class of the service, as rospy wants it. Raises ValueError as message()."""
+    name = wire.type.short
+    if installed := genpy.message.get_service_class(name):
+        return installed
+    request, response = (
+        _made(f"{name}{half}", messages) for half, messages in (("Request", wire.request), ("Response", wire.response))
+    )
+    return SimpleNamespace(
+        _type=name, _md5sum=_service_md5(wire), _request_class=request, _response_class=response, __name__=name
+    )
+
+
+def _made(name: str, messages: tuple[Message, ...]) -> Any:
+    *held, own = messages
+    text = _RULE.join([own.text, *(f"MSG: {message.name.short}\n{_definition(message)}" for message in held)])
+    try:
+        return generate_dynamic(name, text)[name]
+    except (genmsg.InvalidMsgSpec, genmsg.MsgNotFound, genpy.MessageException, KeyError) as error:
+        raise _unreadable(own, error) from None
+
+
+def _definition(message: Message) -> str:
+    """ROS 1's own where it is installed: its Header has a `seq`, and the md5 sum of what holds one counts that."""
+    installed = genpy.message.get_message_class(message.name.short)
+    return str(installed._full_text.partition(_RULE)[0]) if installed else message.text
+
+
+def _service_md5(wire: ServiceWire) -> str:
+    context = genmsg.MsgContext.create_default()
+    for message in (*wire.request[:-1], *wire.response[:-1]):
+        name = message.name.short
+        context.register(name, genmsg.msg_loader.load_msg_from_string(context, _definition(message), name))
+    text = f"{wire.request[-1].text}\n---\n{wire.response[-1].text}"
+    return str(compute_md5(context, genmsg.msg_loader.load_srv_from_string(context, text, wire.type.short)))
+
+
+def _unreadable(message: Message, error: Exception) -> ValueError:
+    hint = 'ROS 1 knows no bounds, defaults or wstring in a definition: write it without, and set source = "noetic"'
+    return ValueError(
+        f"{message.name.short}: ROS 1 cannot read {message.origin}: {error or type(error).__name__}\n  hint: {hint}"
+    )

@@ -1,0 +1,127 @@
+"""Turns the messages of a ROS topic into samples of its region."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any
+
+from shmgen.bridge.counters import Counters
+from shmgen.bridge.cut import cut
+from shmgen.bridge.plan import Route
+from shmgen.runtime import CountExceeded, Message, Publisher, ShmError, StringTooLong, ValueRejected, region_name
+from shmgen.tools.classes import publisher
+from shmgen.tools.regions import View
+
+
+class ToPlc:
+    """`take` is the callback of the ROS topic; `tick` is to be called ten times a second."""
+
+    def __init__(self, route: Route, counters: Counters, stopping: threading.Event) -> None:
+        """Opens the region. Raises what a Publisher raises."""
+        self.route = route
+        self.counters = counters
+        self._stopping = stopping
+        self._lock = threading.Lock()
+        self._waiting: Any = None
+        self._came = threading.Event()
+        self._publisher: Publisher[Message] | None = None
+        self._open()
+
+    def start(self) -> None:
+        """Begins to pass on what a `rate` holds back."""
+        if self.route.topic.carried.rate:
+            threading.Thread(target=self._paced, args=(1 / self.route.topic.carried.rate,), daemon=True).start()
+
+    def take(self, message: Any) -> None:
+        """From any thread."""
+        self.counters.came()
+        if self.route.topic.carried.rate is None:
+            with self._lock:
+                self._publish(message)
+            return
+        with self._lock:
+            self.counters.thinned += self._waiting is not None
+            self._waiting = message
+        self._came.set()
+
+    def tick(self) -> None:
+        """Shows the PLC that the bridge lives, unless ROS has fallen silent for longer than `stale`."""
+        with self._lock:
+            try:
+                if self._publisher is None or self._view.removed:
+                    self._close()
+                    self._open()
+            except (ShmError, OSError) as error:
+                self.counters.complain(str(error))
+                return
+            if self._publisher and not self.is_stale():
+                self._publisher.heartbeat()
+
+    def is_stale(self) -> bool:
+        """Whether no message has come for `stale` seconds."""
+        limit = self.route.topic.carried.stale
+        age = self.counters.age
+        return limit is not None and (age is None or age > limit)
+
+    @property
+    def is_open(self) -> bool:
+        return self._publisher is not None
+
+    @property
+    def lock_misses(self) -> int:
+        return self._publisher.lock_misses if self._publisher else 0
+
+    def close(self) -> None:
+        """Gives the region to another writer."""
+        with self._lock:
+            self._close()
+
+    def _paced(self, period: float) -> None:
+        """The newest message when its turn comes, so that the last of a burst is not lost for ever."""
+        due = 0.0
+        while not self._stopping.wait(max(0.0, due - time.monotonic())):
+            if not self._came.wait(0.1):
+                continue
+            with self._lock:
+                self._came.clear()
+                message, self._waiting = self._waiting, None
+                due = time.monotonic() + period
+                self._publish(message)
+
+    def _publish(self, message: Any) -> None:
+        counters = self.counters
+        if self._publisher is None:
+            counters.missed += 1
+            return
+        try:
+            self._put(self._publisher, message)
+            counters.passed += 1
+        except ValueRejected as error:
+            counters.rejected += 1
+            counters.complain(f"rejected: {error}")
+        except ShmError as error:
+            counters.missed += 1
+            counters.complain(str(error))
+
+    def _put(self, region: Publisher[Message], message: Any) -> None:
+        try:
+            region.publish(message)
+        except (StringTooLong, CountExceeded) as error:
+            if self.route.topic.carried.overflow != "truncate":
+                raise
+            cut(message, self.route.layouts[self.route.wire.type], self.route.layouts)
+            region.publish(message)
+            self.counters.truncated += 1
+            self.counters.complain(f"truncated: {error}")
+
+    def _open(self) -> None:
+        topic = self.route.topic
+        self._publisher = publisher(self.route.kind, topic.topic, topic.depth)
+        self._view = View(region_name(topic.topic))
+
+    def _close(self) -> None:
+        if self._publisher:
+            self._publisher.close()
+            self._publisher = None
+            self._view.close()
