@@ -8,8 +8,9 @@ TEST_PACKAGES  := gcc g++ libc6-dev qemu-user \
                   gcc-i686-linux-gnu gcc-arm-linux-gnueabihf gcc-aarch64-linux-gnu \
                   libc6-dev-i386-cross libc6-dev-armhf-cross libc6-dev-arm64-cross
 TEST_TOOLS     := gcc g++ i686-linux-gnu-gcc arm-linux-gnueabihf-gcc aarch64-linux-gnu-gcc qemu-i386 qemu-arm qemu-aarch64
-# What ROS itself reads definitions with; tests compare with it.
-REFERENCES := python3-rosidl python3-genmsg
+# What ROS itself reads definitions with, and Debian's ROS 1; tests compare with them.
+REFERENCES := python3-rosidl python3-genmsg ros-std-msgs ros-geometry-msgs ros-sensor-msgs ros-nav-msgs \
+              ros-diagnostic-msgs ros-actionlib-msgs
 
 # The extra `bench`, one by one: who cannot be had here is left out.
 PEERS := iceoryx2 cyclonedds eclipse-zenoh pyzmq asyncua pymodbus
@@ -56,7 +57,7 @@ $(VENV)/ready: pyproject.toml
 
 $(VENV)/ready-to-test: $(VENV)/ready
 	@$(call debian,for tool in $(TEST_TOOLS); do command -v $$tool || exit 1; done,$(TEST_PACKAGES),echo 'tests that need them are skipped' >&2)
-	@$(call debian,/usr/bin/python3 -c 'import rosidl_parser.parser; import genmsg',$(REFERENCES),echo 'tests that compare with them are skipped' >&2) \
+	@$(call debian,/usr/bin/python3 -c 'import rosidl_parser.parser; import genmsg' && ls -d /usr/share/actionlib_msgs,$(REFERENCES),echo 'tests that compare with them are skipped' >&2) \
 	    || echo 'not to be had here: $(REFERENCES); tests that compare with them are skipped' >&2
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test]'
 	@touch $@

@@ -1,6 +1,7 @@
 """Each folder of tests/errors: a user's mistake, what he typed, and what he is told.
 
-`command` is what he typed, `expected.txt` what goes to stderr, `inputs.py` makes what would be too many files.
+`command` is what he typed, `expected.txt` what goes to stderr, `inputs.py` makes what would be too many files,
+`environment` holds variables of his shell.
 """
 
 from __future__ import annotations
@@ -23,9 +24,13 @@ CASES = sorted(path for path in (REPOSITORY / "tests" / "errors").iterdir() if p
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
-def test_error(case: Path, tmp_path: Path, update_golden: bool) -> None:
+def test_error(case: Path, tmp_path: Path, update_golden: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "work"
-    shutil.copytree(case, folder, ignore=shutil.ignore_patterns("command", "expected.txt", "__pycache__"))
+    ignored = shutil.ignore_patterns("command", "environment", "expected.txt", "__pycache__")
+    shutil.copytree(case, folder, ignore=ignored)
+    if (case / "environment").is_file():
+        for variable in (case / "environment").read_text().splitlines():
+            monkeypatch.setenv(*variable.split("=", 1))
     if (folder / "inputs.py").is_file():
         typed(["python", "inputs.py"], folder)
     before = tree(folder)

@@ -45,8 +45,7 @@ def apply(schema: Schema, bounds: Bounds, report: Report) -> Schema:
         for field in message.fields:
             if isinstance(field.type, Sequence) and field.type.capacity is None:
                 key = f"{message.name.short}.{field.name}"
-                built_in = message.origin.startswith("built-in")  # nobody can write into that
-                change = "" if built_in else f"write `{field.written[:-2]}[<=N] {field.name}`, or "
+                change = "" if _is_foreign(message) else f"write `{field.written[:-2]}[<=N] {field.name}`, or "
                 report.error(
                     "SHM101",
                     "unbounded sequence has no fixed size",
@@ -56,6 +55,11 @@ def apply(schema: Schema, bounds: Bounds, report: Report) -> Schema:
                 )
     report.stop_if_any()
     return replace(schema, messages=messages)
+
+
+def _is_foreign(message: Message) -> bool:
+    """Nobody can write into the built-in store, and hardly anybody into an installed ROS."""
+    return message.origin.startswith("built-in") or message.origin.endswith((" of ROS 1", " of ROS 2"))
 
 
 def unbounded(schema: Schema, bounds: Bounds) -> dict[TypeName, tuple[str, ...]]:

@@ -18,7 +18,7 @@ from shmgen.model import TypeOptions
 
 FILE_NAME = "shmgen.toml"
 TARGETS = ("python", "st", "plcopen", "c")
-SOURCES = ("jazzy", "humble", "noetic", "kilted", "lyrical", "iron", "galactic", "foxy", "eloquent", "dashing")
+SOURCES = ("jazzy", "humble", "noetic", "kilted", "lyrical", "iron", "galactic", "foxy", "eloquent", "dashing", "env")
 MAX_REGION = 16 * 2**20
 """Bytes; more than any sane topic, less than what a forgotten bound makes."""
 TASK_INTERVAL = 10

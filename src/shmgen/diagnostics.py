@@ -39,6 +39,7 @@ CODES = {
     "SHM503": "not TOML",
     "SHM504": "nothing to generate",
     "SHM505": "ambiguous package",
+    "SHM506": "no ROS in the environment",
     "SHM901": "internal error",
 }
 """Code -> title. Each has a section in docs/diagnostics.md and a folder in tests/errors."""

@@ -163,7 +163,8 @@ def _tell(findings: Sequence[Finding], form: str, fail_on: Severity, *, to_stder
 
 
 def _remember(said: str, config: Config, config_file: Path | None, files: list[str], began: int) -> None:
-    """A definition given by its path may lie anywhere, so then nothing is remembered."""
-    if not any(message.endswith((".msg", ".srv", ".action")) for message in config.messages):
+    """Definitions given by their paths, or of a sourced ROS, may lie anywhere, so then nothing is remembered."""
+    anywhere = config.source == "env" or any(Path(message).suffix for message in config.messages)
+    if not anywhere:
         configurations = [str(config_file)] if config_file else ["shmgen.toml", "pyproject.toml"]
         verdict.remember(sys.argv[1:], said, map(str, config.path), [*configurations, *files], began)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 
 from shmgen.layout import CLOCK, region_size
-from shmgen.model import Clock, Layout, Layouts, Ref, Role, Scalar, Slot, TypeOptions, ros_type
+from shmgen.model import Clock, Layout, Layouts, Message, Ref, Role, Scalar, Slot, TypeOptions, ros_type
 from shmgen.pipeline import Entry
 from shmgen.targets.c import c_element
 from shmgen.targets.naming import iec_element, iec_type
@@ -46,6 +47,7 @@ def table(layout: Layout, layouts: Layouts) -> str:
     text = [
         f"{layout.name}: {layout.size:,} bytes, alignment {layout.align}, digest {layout.digest:016x}",
         f"from {layout.message.origin}; a region of depth 1 takes {region_size(layout.size):,} bytes",
+        *_place(layout.message),
         "",
     ]
     for offset, size, ros, iec, name, remark in [head, *lines]:
@@ -119,6 +121,11 @@ def _standing(entry: Entry) -> str:
         return f"{entry.size:>9,} bytes"
     more = f" and {len(entry.unbounded) - _KEYS_SHOWN} more" if len(entry.unbounded) > _KEYS_SHOWN else ""
     return "needs a bound for " + ", ".join(entry.unbounded[:_KEYS_SHOWN]) + more
+
+
+def _place(message: Message) -> list[str]:
+    """Where a definition from outside the project lies on this machine; its origin does not say."""
+    return [f"read from {message.span.path}"] if os.path.isabs(message.span.path) else []
 
 
 def _rows(layout: Layout, layouts: Layouts, base: int, depth: int, prefix: str) -> Iterator[Row]:

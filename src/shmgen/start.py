@@ -60,7 +60,7 @@ def begin(folder: Path) -> Beginning:
     report.stop_if_any()
     places = sorted({_parent(package.place) for packages in found.values() for package in packages})
     places = [place for place in places if not any(_is_above(other, place) for other in places)]
-    source = "noetic" if any(_is_catkin(folder / packages[0].place) for packages in found.values()) else "jazzy"
+    source = "noetic" if any(packages[0].dialect == "ros1" for packages in found.values()) else "jazzy"
     config = Config(folder, source=source, path=tuple(folder / place for place in places))
     missing: dict[str, None] = {}
     for name in sorted(found):
@@ -108,11 +108,3 @@ def _parent(place: str) -> str:
 
 def _is_above(other: str, place: str) -> bool:
     return other != place and Path(other) in Path(place).parents
-
-
-def _is_catkin(package: Path) -> bool:
-    """ROS 1, as REP 140 has it: only there is catkin the build tool."""
-    try:
-        return b"catkin</buildtool_depend>" in (package / "package.xml").read_bytes()
-    except OSError:
-        return False

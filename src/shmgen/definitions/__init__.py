@@ -1,7 +1,8 @@
 """Turns what the user asks for into a closed Schema: finds definitions, reads them, follows what they hold.
 
-schema asks library for messages; library looks in folders, then in the store; parser reads what was found.
-Another place (a sourced ROS) is another function that returns a Catalogue; another language (.idl) another parser.
+schema asks library for messages; library looks in folders, then in the environment or the store; parser reads .msg,
+.srv and .action, idl reads .idl. Another place is another function that returns a Catalogue, another language another
+parser.
 """
 
 from shmgen.definitions.library import Sources

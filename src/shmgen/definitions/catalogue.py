@@ -1,4 +1,4 @@
-"""What folders and the built-in store have in common: packages of definitions, found but not read yet."""
+"""What folders, a sourced ROS and the store have in common: packages of definitions, found but not read yet."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from shmgen.definitions.parser import SECTIONS
+from shmgen.definitions.tokens import Dialect
 from shmgen.model import TypeName
 
 
@@ -29,18 +30,22 @@ class Definition:
 
 @dataclass(frozen=True, slots=True)
 class Package:
-    """`place` is for people; `definitions` maps the name of each message to the definition that holds it."""
+    """`place` is for people; `definitions` maps the name of each message to the definition that holds it.
+
+    `dialect` is None where nothing but the source, as a whole, can tell.
+    """
 
     name: str
     place: str
     definitions: Mapping[TypeName, Definition] = field(hash=False)
+    dialect: Dialect | None = None
 
 
 Catalogue: TypeAlias = Mapping[str, tuple[Package, ...]]
 """Name -> packages of that name; more than one is a mistake, if it is used."""
 
 
-def package_of(name: str, place: str, definitions: list[Definition]) -> Package:
+def package_of(name: str, place: str, definitions: list[Definition], dialect: Dialect | None = None) -> Package:
     """A package that knows its messages, sorted."""
     held = {message: definition for definition in definitions for message in definition.messages}
-    return Package(name, place, dict(sorted(held.items())))
+    return Package(name, place, dict(sorted(held.items())), dialect)

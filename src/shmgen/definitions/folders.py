@@ -1,7 +1,8 @@
 """Turns folders of packages into a Catalogue.
 
 A package is a folder with a package.xml, or with definitions in msg/, srv/ or action/. Folders above packages are
-searched to any depth, in order of name; COLCON_IGNORE, AMENT_IGNORE or CATKIN_IGNORE takes a folder out.
+searched to any depth, in order of name; COLCON_IGNORE, AMENT_IGNORE or CATKIN_IGNORE takes a folder out, and
+rospack_nosubdirs all that is below it.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from pathlib import Path
 
 from shmgen.definitions.catalogue import Catalogue, Definition, Package, package_of
 from shmgen.definitions.parser import SECTIONS
+from shmgen.definitions.tokens import Dialect
 from shmgen.diagnostics import Report, Span
 from shmgen.model import TypeName
 
@@ -35,14 +37,14 @@ def package_around(file: Path, relative_to: Path) -> Package | None:
     folder = Path(os.path.abspath(file)).parent
     kind = file.suffix.removeprefix(".")
     root = folder.parent if folder.name in SECTIONS else folder
-    name = _name(root)
-    if name is None:
+    package = _package(root, relative_to)
+    if package is None:
         return None
-    package = _package(root, name, relative_to)
+    name = package.name
     given = _definition(file, TypeName(name, kind, file.stem), relative_to)
     siblings = {} if folder.name in SECTIONS else _loose(folder, name, relative_to)
     held = {**siblings, **package.definitions, **dict.fromkeys(given.messages, given)}
-    return Package(name, package.place, held)
+    return Package(name, package.place, held, package.dialect)
 
 
 def read(definition: Definition, report: Report) -> str | None:
@@ -77,7 +79,7 @@ def read(definition: Definition, report: Report) -> str | None:
 _IGNORED = ("COLCON_IGNORE", "AMENT_IGNORE", "CATKIN_IGNORE")
 _PACKAGE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _NAME_IN_XML = re.compile(rb"<name\s*>\s*([A-Za-z0-9_-]+)\s*</name\s*>")
-_COMMENT_IN_XML = re.compile(rb"<!--.*?-->", re.DOTALL)
+_BUILD_TOOL = re.compile(rb"<(?:buildtool_depend|build_type)\b[^<>]*>\s*([A-Za-z0-9_-]+)")
 
 
 def _packages(folder: Path, relative_to: Path) -> list[Package]:
@@ -97,21 +99,29 @@ def _packages(folder: Path, relative_to: Path) -> list[Package]:
             continue
         seen.add((status.st_dev, status.st_ino))
         if "package.xml" in names or any(_files(here / kind, kind) for kind in SECTIONS if kind in names):
-            name = _name(here)
-            if name is not None:
-                found.append(_package(here, name, relative_to))
+            package = _package(here, relative_to)
+            if package is not None:
+                found.append(package)
+            continue
+        if "rospack_nosubdirs" in names:
             continue
         waiting += [entry for entry in reversed(entries) if not entry.name.startswith(".") and entry.is_dir()]
     return found
 
 
-def _package(root: Path, name: str, relative_to: Path) -> Package:
+def _package(root: Path, relative_to: Path) -> Package | None:
+    """None where neither package.xml nor the folder's own name can be a package's."""
+    manifest = _manifest(root)
+    said = _NAME_IN_XML.search(manifest)
+    name = said[1].decode() if said else root.name or Path(os.path.abspath(root)).name
+    if not _PACKAGE_NAME.fullmatch(name):
+        return None
     definitions = [
         _definition(file, TypeName(name, kind, file.stem), relative_to)
         for kind in SECTIONS
         for file in _files(root / kind, kind)
     ]
-    return package_of(name, shorten(root, relative_to), definitions)
+    return package_of(name, shorten(root, relative_to), definitions, _dialect(manifest))
 
 
 def _loose(folder: Path, name: str, relative_to: Path) -> dict[TypeName, Definition]:
@@ -141,14 +151,19 @@ def shorten(path: Path, relative_to: Path) -> str:
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
 
 
-def _name(root: Path) -> str | None:
-    """As package.xml says, else the folder's own; None where that cannot be a package's name."""
-    name = root.name or Path(os.path.abspath(root)).name
+def _manifest(root: Path) -> bytes:
+    """package.xml without its comments; empty where there is none."""
     try:
         with (root / "package.xml").open("rb") as file:
-            manifest = _COMMENT_IN_XML.sub(b"", file.read(LARGEST_FILE))
-        said = _NAME_IN_XML.search(manifest)
-        name = said[1].decode() if said else name
+            first, *others = file.read(LARGEST_FILE).split(b"<!--")
     except OSError:
-        pass
-    return name if _PACKAGE_NAME.fullmatch(name) else None
+        return b""
+    return first + b"".join(other.partition(b"-->")[2] for other in others)
+
+
+def _dialect(manifest: bytes) -> Dialect | None:
+    """By the build tool: catkin is that of ROS 1, ament that of ROS 2. None where neither is named, or both."""
+    tools = {tool.partition(b"_")[0] for tool in _BUILD_TOOL.findall(manifest)}
+    if (b"catkin" in tools) == (not tools.isdisjoint((b"ament", b"rosidl"))):
+        return None
+    return "ros1" if b"catkin" in tools else "ros2"

@@ -1,15 +1,17 @@
-"""Turns names into messages: looks in the folders first, then in the built-in store, and reads each file once."""
+"""Turns names into messages: looks in the folders, then in the sourced ROS or the store; reads each file once."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from shmgen.definitions import store
+from shmgen.definitions import environment, store
 from shmgen.definitions.catalogue import Catalogue, Definition, Package
 from shmgen.definitions.folders import catalogue, read, shorten
 from shmgen.definitions.parser import Source, parse
+from shmgen.definitions.tokens import Dialect
 from shmgen.diagnostics import Report, Span
 from shmgen.model import Message, TypeName
 
@@ -17,6 +19,8 @@ from shmgen.model import Message, TypeName
 @dataclass(frozen=True, slots=True)
 class Sources:
     """Where to look, in this order: the folders of `path`, then the built-in store called `source`.
+
+    `source` is "env" for the ROS that is sourced in this shell, instead of a store.
 
     `relative_to` is the folder that origins and spans are printed relative to.
     """
@@ -34,7 +38,7 @@ class Library:
     report: Report
     folders: Sequence[Catalogue]
     given: dict[str, Package] = field(default_factory=dict)
-    built_in: Catalogue | None = None
+    beyond: Catalogue | None = None
     _read: dict[Definition, dict[TypeName, Message]] = field(default_factory=dict)
 
     def package(self, name: str) -> Package | None:
@@ -42,7 +46,7 @@ class Library:
         if name in self.given:
             return self.given[name]
         packages = next((found[name] for found in self.folders if name in found), None)
-        packages = packages or self._store().get(name)
+        packages = packages or self._beyond().get(name)
         if packages is None:
             return None
         if len(packages) > 1:
@@ -59,7 +63,7 @@ class Library:
             hint = "ask for them in two runs, or name the folders apart"
             self.report.error("SHM505", f"package {package.name} is in {places}", Span(package.place), hint=hint)
         merged = {**before.definitions, **package.definitions}
-        self.given[package.name] = Package(package.name, package.place, merged)
+        self.given[package.name] = Package(package.name, package.place, merged, package.dialect)
 
     def message(self, name: TypeName) -> Message | None:
         """One of the definitions of its package; None if its file cannot be used, which the report then says."""
@@ -69,13 +73,13 @@ class Library:
         if definition not in self._read:
             text = read(definition, self.report)
             source = Source(definition.name, text or "", definition.path, definition.origin)
-            parsed = () if text is None else parse(source, store.dialect(self.sources.source), self.report)
+            parsed = () if text is None else parse(source, package.dialect or self._dialect(), self.report)
             self._read[definition] = {message.name: message for message in parsed}
         return self._read[definition].get(name)
 
     def known(self) -> list[TypeName]:
         """All that could be asked for, sorted."""
-        packages = dict(self._store())
+        packages = dict(self._beyond())
         for found in reversed(self.folders):
             packages |= found
         packages |= {name: (package,) for name, package in self.given.items()}
@@ -84,19 +88,30 @@ class Library:
     def places(self) -> list[str]:
         """Where was looked, for people."""
         folders = [shorten(folder, self.sources.relative_to) for folder in self.sources.path]
-        return [*folders, f"built-in store {self.sources.source}"]
+        if self.sources.source != "env":
+            return [*folders, f"built-in store {self.sources.source}"]
+        return [*folders, *(shorten(place, self.sources.relative_to) for place in environment.places(os.environ))]
 
-    def _store(self) -> Catalogue:
-        """Opened only when no folder has the answer."""
-        if self.built_in is None:
-            self.built_in = store.catalogue(self.sources.source)
-        return self.built_in
+    def _dialect(self) -> Dialect:
+        """Of a package that does not say."""
+        if self.sources.source == "env":
+            return environment.dialect(os.environ)
+        return store.dialect(self.sources.source)
+
+    def _beyond(self) -> Catalogue:
+        """Opened only when no folder has the answer. Raises Rejected: SHM506."""
+        if self.beyond is None:
+            is_env = self.sources.source == "env"
+            self.beyond = (
+                environment.catalogue(os.environ, self.report) if is_env else store.catalogue(self.sources.source)
+            )
+        return self.beyond
 
 
 def open_library(sources: Sources, report: Report) -> Library:
     """Lists the folders, reads nothing. SHM001 for a missing folder, SHM502 for an unknown source; then Rejected."""
-    if sources.source not in store.names():
-        names = ", ".join(store.names())
+    if sources.source not in ("env", *store.names()):
+        names = ", ".join(("env", *store.names()))
         report.error("SHM502", f"no source is called {sources.source!r}", Span("source"), hint=f"choose one of {names}")
     catalogues = [catalogue(folder, sources.relative_to, report) for folder in sources.path]
     report.stop_if_any()
