@@ -48,6 +48,7 @@ def one(*fields: tuple[str, object]) -> Layout:
     return layouts_of(Schema((Message(name, made, (), span, "", ""),), frozenset({name})))[name]
 
 
+@settings(suppress_health_check=[HealthCheck.too_slow])  # the machine may be busy
 @given(schemas(), OPTIONS)
 def test_slots_tile_the_message(schema: Schema, options: TypeOptions) -> None:
     for layout in layouts_of(schema, options).values():

@@ -12,9 +12,9 @@ from shmgen.model import Layouts, TypeName
 
 from .softplc import CompileError, compile_st
 from .support.build import classes
+from .support.plc_bytes import assert_compiled_as_laid_out, assert_same_defaults, echo, echoes
 from .support.plc_demo import PACKAGE, generated
 from .support.schemas import plain, random_message
-from .test_plc_bytes import assert_compiled_as_laid_out, assert_same_defaults, echo, echoes
 
 DEMO = TypeName("demo_msgs", "msg", "Demo")
 

@@ -28,6 +28,7 @@ from shmgen.model import (
     Slot,
     String,
     TypeName,
+    TypeOptions,
     ros_type,
 )
 
@@ -93,17 +94,66 @@ def _random_element(slot: Slot, layouts: Layouts, layout: Layout, seed: random.R
         case Scalar() as scalar:
             assert scalar.range is not None
             return seed.choice([seed.randint(*scalar.range), *scalar.range])
-        case Clock.TIME:
-            return SimpleNamespace(
-                sec=int(time.time()) + seed.randint(-(10**6), 10**6), nanosec=seed.randint(0, 999) * 10**6
-            )
-        case Clock.DURATION:
-            return SimpleNamespace(sec=seed.randint(0, 4_000_000), nanosec=seed.randint(0, 999) * 10**6)
-        case String(capacity, _):
-            assert capacity is not None
-            return "".join(seed.choices(string.ascii_letters + string.punctuation, k=seed.randint(0, capacity)))
+        case Clock():
+            return _random_clock(slot.type, layout.options, seed)
+        case String():
+            return _random_text(slot.type, layout.options, seed)
         case Ref(name):
             return random_message(layouts[name], layouts, seed)
+
+
+def _random_clock(clock: Clock, options: TypeOptions, seed: random.Random) -> Any:
+    """As far as it goes in the type that it travels as."""
+    if options.time == "TIME":
+        around = int(time.time()) + seed.randint(-(10**6), 10**6)
+        second = around if clock is Clock.TIME else seed.randint(0, 4_000_000)
+        return SimpleNamespace(sec=second, nanosec=seed.randint(0, 999) * 10**6)
+    least, most = (0, 18_446_744_072) if options.time == "LTIME" else (-(2**31), 2**31 - 1)
+    second = seed.choice([least, most, seed.randint(least, most)])
+    return SimpleNamespace(sec=second, nanosec=seed.choice([0, 999_999_999, seed.randint(0, 999_999_999)]))
+
+
+ASCII = string.ascii_letters + string.punctuation
+BEYOND_ASCII = {"utf-8": "\xe9\N{SNOWMAN}\N{GRINNING FACE}", "latin-1": "\xe9\xdf\xff"}
+
+
+def _random_text(type_: String, options: TypeOptions, seed: random.Random) -> str:
+    """One that fits, or with `overflow = "truncate"` one that may be up to twice too long."""
+    assert type_.capacity is not None
+    beyond = BEYOND_ASCII["utf-8" if type_.wide else options.encoding]
+    room = seed.randint(0, type_.capacity * (1 if options.overflow == "error" else 2))
+    text = "".join(seed.choices(ASCII + 8 * beyond, k=room))
+    return text if options.overflow == "truncate" else cut(text, type_, options)
+
+
+def cut(text: str, type_: String, options: TypeOptions) -> str:
+    """As much of it as fits, character by character."""
+    encoding, unit = ("utf-16-le", 2) if type_.wide else (options.encoding, 1)
+    assert type_.capacity is not None
+    while len(text.encode(encoding)) > type_.capacity * unit:
+        text = text[:-1]
+    return text
+
+
+def arriving(message: Any, layout: Layout, layouts: Layouts) -> Any:
+    """What of a message is left when texts were cut."""
+
+    def element(slot: Slot, value: Any) -> Any:
+        match slot.type:
+            case String():
+                return cut(value, slot.type, layout.options)
+            case Ref(name):
+                return arriving(value, layouts[name], layouts)
+            case _:
+                return value
+
+    made = SimpleNamespace(**vars(message))
+    for slot in layout.slots:
+        if slot.role is Role.DATA and isinstance(slot.type, String | Ref):
+            value = getattr(message, slot.name)
+            value = element(slot, value) if slot.count is None else [element(slot, item) for item in value]
+            setattr(made, slot.name, value)
+    return made
 
 
 def plain(value: Any) -> Any:

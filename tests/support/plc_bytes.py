@@ -1,0 +1,262 @@
+"""A distribution generated, compiled and loaded on all sides: messages from Python through ST and back, and into C."""
+
+from __future__ import annotations
+
+import ctypes
+import random
+import subprocess
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from shmgen import definitions, pipeline
+from shmgen.config import Config
+from shmgen.model import Array, Clock, Layout, Layouts, Ref, Role, Scalar, Slot, String, TypeName, TypeOptions
+from shmgen.targets import naming
+from shmgen.targets.c import struct_name
+from tests.definitions.test_corpus import REJECTED
+from tests.softplc import Plc, compile_st, iec
+
+from .build import classes, put
+from .schemas import arriving, plain, random_message
+
+
+@dataclass(frozen=True)
+class Proof:
+    """One distribution, generated, compiled and loaded."""
+
+    folder: Path
+    package: str
+    layouts: Layouts
+    plc: Plc
+    c: ctypes.CDLL
+
+    def requested(self) -> Iterator[tuple[str, TypeName, Layout]]:
+        for number, (name, layout) in enumerate(self.layouts.items()):
+            if layout.requested:
+                yield f"m{number}", name, layout
+
+
+def corpus_names(config: Config) -> list[str]:
+    """All of a distribution of the corpus that can be mapped, by its `path`."""
+    sources = definitions.Sources(config.path, config.source, config.root)
+    packages = {path.name for path in config.path[0].iterdir()}
+    names = [str(name) for name in definitions.available(sources) if name.package in packages]
+    return [name for name in names if config.source == "noetic" or name not in REJECTED]
+
+
+def make(config: Config, names: list[str], folder: Path) -> Proof:
+    """The messages generated into `folder`, the PLC with an echo for each of them, and C that prints them."""
+    texts = pipeline.generate(config, names)
+    layouts = pipeline.lay_out(config, names)
+    put(texts, folder)
+    st = {path: text for path, text in texts.items() if path.endswith(".st")}
+    c = read_back(folder, config.package, layouts)
+    return Proof(folder, config.package, layouts, compile_st(st | echoes(layouts)), c)
+
+
+def prove(proof: Proof, topic: str) -> None:
+    """Layouts, defaults, and a random message of each type, field by field."""
+    for name, layout in proof.layouts.items():
+        assert_compiled_as_laid_out(proof.plc, name, layout)
+    for place, name, layout in proof.requested():
+        kinds = classes(proof.folder, proof.package, name)
+        assert_same_defaults(proof.plc, layout, proof.layouts, kinds[0])
+        message = random_message(layout, proof.layouts, random.Random(str(name)))
+        expected = arriving(message, layout, proof.layouts)
+        echoed, data = echo(proof.plc, name, kinds, f"{topic}/{place}", message)
+        assert plain(echoed) == plain(expected), name
+        assert seen_by_c(proof.c, layout, data) == leaves(expected, layout, proof.layouts), name
+
+
+IEC = {
+    Scalar.INT8: "SINT", Scalar.UINT8: "USINT", Scalar.INT16: "INT", Scalar.UINT16: "UINT", Scalar.INT32: "DINT",
+    Scalar.UINT32: "UDINT", Scalar.INT64: "LINT", Scalar.UINT64: "ULINT", Scalar.FLOAT32: "REAL",
+    Scalar.FLOAT64: "LREAL",
+}  # fmt: skip
+"""Bytes that only pass through show no wrong sign, so the types are looked at too."""
+
+
+def iec_type(type_: Scalar | Clock | String, options: TypeOptions) -> iec.Type:
+    match type_:
+        case Scalar.BOOL:
+            return iec.Elementary(options.bool)
+        case Scalar():
+            return iec.Elementary(IEC[type_])
+        case Clock():
+            return iec.Named("ST_SHMGEN_TIME") if options.time == "struct" else iec.Elementary(options.time)
+        case String(capacity, wide):
+            assert capacity is not None
+            return iec.Text(capacity, wide)
+
+
+def assert_compiled_as_laid_out(plc: Plc, name: TypeName, layout: Layout) -> None:
+    structure = naming.st_type(name).upper()
+    expected = {naming.st_member(slot.name).upper(): (slot.offset, slot.size) for slot in layout.slots}
+    assert plc.offsets[structure] == expected, name
+    assert plc.sizes[structure] == layout.size, name
+    for slot in layout.slots:
+        type_ = plc.types[structure][naming.st_member(slot.name).upper()]
+        element = type_.of if isinstance(type_, iec.Array) else type_
+        if not isinstance(slot.type, Ref):
+            assert element == iec_type(slot.type, layout.options), f"{name}.{slot.name}"
+
+
+def assert_same_defaults(plc: Plc, layout: Layout, layouts: Layouts, kind: Any) -> None:
+    """All but those of whole arrays, which ST has as a comment only."""
+    fresh = plain(kind.from_buffer_copy(plc.structure(naming.st_type(layout.name)).bytes()))
+    expected = plain(kind())
+    for slot in layout.slots:
+        if slot.role is Role.DATA and not array_default(slot, layouts):
+            assert fresh[slot.name] == expected[slot.name], f"{layout.name}.{slot.name}"
+
+
+def array_default(slot: Slot, layouts: Layouts) -> bool:
+    held = layouts[slot.type.name].slots if isinstance(slot.type, Ref) else ()
+    own = slot.field is not None and isinstance(slot.field.default, tuple)
+    return own or any(array_default(inner, layouts) for inner in held)
+
+
+def echoes(layouts: Layouts) -> dict[str, str]:
+    """For each message a block, in ST, that sends back whatever comes."""
+    texts = {}
+    for name, layout in layouts.items():
+        if layout.requested:
+            block = f"{naming.st_type(name)}_Echo"
+            texts[f"{block}.st"] = (
+                f"FUNCTION_BLOCK {block}\n"
+                "VAR_INPUT\n    sFrom : STRING(80);\n    sTo : STRING(80);\nEND_VAR\n"
+                "VAR\n"
+                f"    fbIn : {naming.subscriber_block(name)};\n"
+                f"    fbOut : {naming.publisher_block(name)};\n"
+                "END_VAR\n"
+                "fbIn(xEnable := TRUE, sTopic := sFrom);\n"
+                "fbOut(xEnable := TRUE, sTopic := sTo, xSend := fbIn.xNewData, Msg := fbIn.Msg);\n"
+                "END_FUNCTION_BLOCK\n"
+            )
+    return texts
+
+
+def echo(plc: Plc, name: TypeName, kinds: tuple[Any, Any, Any], topic: str, message: Any) -> tuple[Any, bytes]:
+    """What Python reads of the answer, and the answer's bytes."""
+    _, publisher_kind, subscriber_kind = kinds
+    with publisher_kind(f"{topic}/to") as publisher, subscriber_kind(f"{topic}/from") as subscriber:
+        publisher.publish(message)
+        block = plc.block(f"{naming.st_type(name)}_Echo")(sFrom=f"{topic}/to", sTo=f"{topic}/from")
+        assert (block.fbIn.eErrorID, block.fbOut.eErrorID) == ("NO_ERROR", "NO_ERROR"), name
+        answer = subscriber.read()
+        assert answer is not None, name
+        return answer, bytes(answer)
+
+
+# --- the C header -------------------------------------------------------------------------------------
+
+C_HEAD = """
+#include <stdio.h>
+static char *out, *end;
+static void s(long long v) { out += snprintf(out, end - out, "%lld\\n", v); }
+static void u(unsigned long long v) { out += snprintf(out, end - out, "%llu\\n", v); }
+static void f(float v) { out += snprintf(out, end - out, "f%.9g\\n", v); }
+static void d(double v) { out += snprintf(out, end - out, "d%.17g\\n", v); }
+static void t(shmgen_seconds v) { out += snprintf(out, end - out, "%d s %u ns\\n", v.sec, v.nanosec); }
+#define show(v) _Generic((v), shmgen_seconds: t, int8_t: s, int16_t: s, int32_t: s, int64_t: s, \\
+    uint8_t: u, uint16_t: u, uint32_t: u, uint64_t: u, float: f, double: d)(v)
+static void text(const char *v) { out += snprintf(out, end - out, "%s\\n", v); }
+static void wide(const uint16_t *v) { while (*v) u(*v++); out += snprintf(out, end - out, "\\n"); }
+static void begin(char *to, unsigned room) { out = to; end = to + room; *out = 0; }
+"""
+
+
+def read_back(folder: Path, package: str, layouts: Layouts) -> ctypes.CDLL:
+    """A library with a function for each message that prints what it sees through the generated header."""
+    headers = sorted(path.relative_to(folder / "c") for path in (folder / "c").rglob("*.h"))
+    lines = [f'#include "{header}"' for header in headers] + [C_HEAD]
+    for name, layout in layouts.items():
+        struct = struct_name(name)
+        lines.append(f"static void show_{struct}(const {struct} *m) {{ (void)m;")
+        lines += [line for slot in layout.slots for line in c_lines(slot)]
+        lines.append(f"}}\nvoid print_{struct}(const void *m, char *to, unsigned room) {{")
+        lines.append(f"begin(to, room); show_{struct}(m); }}")
+    library = folder / "read_back.so"
+    command = [
+        "gcc",
+        "-std=gnu11",
+        "-O0",
+        "-Wall",
+        "-Wno-unused-function",
+        "-Wno-address-of-packed-member",
+        "-Werror",
+        "-fPIC",
+        "-shared",
+    ]
+    command += [f"-I{folder / 'c'}", "-xc", "-", "-o", str(library)]
+    done = subprocess.run(command, input="\n".join(lines), capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[:4000]
+    return ctypes.CDLL(str(library))
+
+
+def c_lines(slot: Slot) -> Iterator[str]:
+    member = f"m->{naming.c_member(slot.name)}"
+    if slot.role is Role.COUNT:
+        yield f"show({member});"
+    if slot.role is not Role.DATA:
+        return
+    index = "" if slot.count is None else "[i]"
+    match slot.type:
+        case String(_, wide):
+            line = f"{'wide' if wide else 'text'}({member}{index});"
+        case Ref(name):
+            line = f"show_{struct_name(name)}(&{member}{index});"
+        case _:
+            line = f"show({member}{index});"
+    yield line if slot.count is None else f"for (unsigned i = 0; i < {c_count(slot)}; i++) {line}"
+
+
+def c_count(slot: Slot) -> str:
+    assert slot.field is not None
+    return str(slot.count) if isinstance(slot.field.type, Array) else f"m->{naming.c_member(slot.name + '_count')}"
+
+
+def seen_by_c(library: ctypes.CDLL, layout: Layout, data: bytes) -> list[str]:
+    room = 64 * len(data) + 4096
+    buffer = ctypes.create_string_buffer(room)
+    library[f"print_{struct_name(layout.name)}"](data, buffer, room)
+    return buffer.value.decode(layout.options.encoding).splitlines()
+
+
+def leaves(message: Any, layout: Layout, layouts: Layouts) -> list[str]:
+    """What C must print for `message`, by its values and the definition alone."""
+    lines: list[str] = []
+    for slot in layout.slots:
+        if slot.role is not Role.DATA:
+            continue
+        value = getattr(message, slot.name)
+        assert slot.field is not None
+        if slot.count is not None and not isinstance(slot.field.type, Array):
+            lines.append(str(len(value)))
+        for item in [value] if slot.count is None else value:
+            lines += leaf(item, slot, layout.options, layouts)
+    return lines
+
+
+def leaf(value: Any, slot: Slot, options: TypeOptions, layouts: Mapping[TypeName, Layout]) -> list[str]:
+    match slot.type:
+        case Ref(name):
+            return leaves(value, layouts[name], layouts)
+        case Clock() if options.time == "struct":
+            return [f"{value.sec} s {value.nanosec} ns"]
+        case Clock():
+            nanoseconds = value.sec * 10**9 + value.nanosec
+            return [str(nanoseconds if options.time == "LTIME" else nanoseconds // 10**6 % 2**32)]
+        case Scalar.FLOAT32:
+            return [f"f{value:.9g}"]
+        case Scalar.FLOAT64:
+            return [f"d{value:.17g}"]
+        case String(_, True):
+            units = value.encode("utf-16-le")
+            return [*(str(int.from_bytes(units[at : at + 2], "little")) for at in range(0, len(units), 2)), ""]
+        case String():
+            return [value]
+        case _:
+            return [str(int(value))]
