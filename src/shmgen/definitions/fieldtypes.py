@@ -16,6 +16,8 @@ def read_type(written: Token, package: str, dialect: Dialect) -> FieldType:
     spelled = _SPELLED.fullmatch(written.text)
     if spelled is None:
         hint = "an array has one dimension: write `T[N]`, `T[<=N]` or `T[]`" if "[" in written.text else ""
+        if written.text.count("[") > written.text.count("]"):
+            hint = "a type is one word, without blanks: `T[N]`, `T[<=N]` or `T[]`"
         raise written.wrong("SHM003", f"{shown(written.text)} is not a type", hint)
     if dialect == "ros1" and "<=" in written.text:
         raise written.wrong("SHM102", "ROS 1 has no bounds", "write it without `<=`, and set it under [bounds]")
@@ -69,7 +71,8 @@ def _element(written: Token, base: str, package: str, dialect: Dialect) -> Eleme
 def _bound(number: Token, if_zero: str) -> int:
     """1 to LARGEST_BOUND."""
     if not re.fullmatch(r"[+-]?[0-9]+", number.text):
-        raise number.wrong("SHM102", f"the bound {shown(number.text)} is not a whole number")
+        hint = "" if number.text else "a type is one word, without blanks: `string<=10`, `T[<=10]`"
+        raise number.wrong("SHM102", f"the bound {shown(number.text)} is not a whole number", hint)
     value = int(number.text) if len(number.text) <= 20 else LARGEST_BOUND + 1
     if value == 0:
         raise number.wrong(if_zero, "zero elements leave nothing to share", "give at least 1, or leave the field out")

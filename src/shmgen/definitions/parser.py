@@ -140,8 +140,8 @@ def _declaration(line: Line, match: re.Match[str], package: str, dialect: Dialec
     name = Token(line, match.start("name"), match["name"])
     rest = Token(line, match.start("rest"), match["rest"].rstrip(" \t"))
     is_constant = rest.text.startswith("=")
-    _check_name(name, is_constant, dialect)
     type = read_type(written, package, dialect)
+    _check_name(name, is_constant, dialect)
     value: Default | None = None
     if is_constant:
         _check_constant(written, type)
@@ -164,7 +164,9 @@ def _check_name(name: Token, is_constant: bool, dialect: Dialect) -> None:
         letters = "capitals" if is_constant else "small letters"
         rule = f"{letters}, digits and single underscores, a letter first and no underscore last"
     hint = f"ROS {dialect[-1]} asks for {rule}"
-    if is_constant and _LOWER.fullmatch(name.text):
+    if "[" in name.text:
+        hint = "the brackets belong to the type, without a blank: `T[N] name`"
+    elif is_constant and _LOWER.fullmatch(name.text):
         hint += "\na default is written without `=`"
     elif dialect == "ros2" and _WORD.fullmatch(name.text):
         hint += '\nif this is a ROS 1 definition, set source = "noetic"'

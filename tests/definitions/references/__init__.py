@@ -13,6 +13,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Sequence
+from importlib import metadata
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -183,14 +184,13 @@ def plain(type_: str, dialect: Dialect) -> str:
 def _run(script: str, argument: str, definitions: Sequence[Definition], dialect: Dialect) -> list[Answer]:
     python = interpreter(script)
     assert python, f"no Python here that could run {script}"
-    environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")}
     done = subprocess.run(
         [python, str(HERE / script), argument],
         input=json.dumps(definitions),
         capture_output=True,
         text=True,
         check=True,
-        env=environment,
+        env=_clean(),
     )
     return [_answer(answer, dialect) for answer in json.loads(done.stdout)]
 
@@ -214,12 +214,28 @@ def _refused(classes: list[str]) -> Refused:
 
 
 @functools.cache
+def versions() -> dict[str, str]:
+    """Of those that are here."""
+    found = {"rosbags": metadata.version("rosbags")}
+    for script, packages in {"by_rosidl.py": ("rosidl_adapter", "rosidl_parser"), "by_genmsg.py": ("genmsg",)}.items():
+        if python := interpreter(script):
+            ask = f"from importlib.metadata import version; print(*map(version, {packages!r}))"
+            done = subprocess.run([python, "-c", ask], capture_output=True, text=True, check=True, env=_clean())
+            found |= dict(zip(packages, done.stdout.split(), strict=True))
+    return found
+
+
+def _clean() -> dict[str, str]:
+    """The environment without what it says to Python: theirs is another one."""
+    return {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+
+
+@functools.cache
 def interpreter(script: str) -> str | None:
     """A Python that has the packages `script` imports: Debian's, mostly."""
     module = {"by_rosidl.py": "rosidl_parser.parser, rosidl_adapter.resource", "by_genmsg.py": "genmsg"}[script]
     for python in (sys.executable, "/usr/bin/python3"):
-        with_nothing = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
-        done = subprocess.run([python, "-c", f"import {module}"], capture_output=True, check=False, env=with_nothing)
+        done = subprocess.run([python, "-c", f"import {module}"], capture_output=True, check=False, env=_clean())
         if done.returncode == 0:
             return python
     return None
