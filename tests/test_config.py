@@ -10,7 +10,7 @@ import pytest
 
 from shmgen import config
 from shmgen.bounds import Bound
-from shmgen.config import Config, Topic
+from shmgen.config import Action, Config, Service, Topic
 from shmgen.diagnostics import Diagnostic, Rejected, Report, Span
 from shmgen.model import TypeOptions
 
@@ -85,6 +85,18 @@ def test_topics(tmp_path: Path) -> None:
     )
 
 
+def test_services_and_actions(tmp_path: Path) -> None:
+    text = '[[services]]\nservice = "/a"\ntype = "std_srvs/SetBool"\n[[actions]]\naction = "/b"\ntype = "arm/Move"\n'
+    text += '[[services]]\nservice = "/c"\ntype = "std_srvs/Trigger"\nserver = "ros"\ntimeout = 3\n'
+    loaded = load(tmp_path, text)
+    assert loaded.services == (
+        Service("/a", "std_srvs/SetBool", "plc", 1.0, Span("shmgen.toml", 2, 1, 7, 'service = "/a"')),
+        Service("/c", "std_srvs/Trigger", "ros", 3.0, Span("shmgen.toml", 8, 1, 7, 'service = "/c"')),
+    )
+    assert loaded.actions == (Action("/b", "arm/Move", "plc", Span("shmgen.toml", 5, 1, 6, 'action = "/b"')),)
+    assert loaded.types_used == ("std_srvs/SetBool", "std_srvs/Trigger", "arm/Move")
+
+
 def test_paths_start_at_the_folder_of_the_file(tmp_path: Path) -> None:
     loaded = load(tmp_path, 'path = ["msgs", "/opt/msgs"]\nmessages = ["msgs/Robot.msg", "a/B"]')
     assert loaded.path == (tmp_path / "msgs", Path("/opt/msgs"))
@@ -141,6 +153,15 @@ def test_requests_remember_their_places(tmp_path: Path) -> None:
         ("[[topics]]\ntype = 'a/B'\ntopic = '/a'\ndeep = 3", "SHM501", 4, 1, 4, "did you mean depth?"),
         ("[[topics]]\ntype = 'a/B'\ntopic = '/a'\ndirection = ''", "SHM502", 4, 1, 9, "to_plc, from_plc"),
         ("[[topics]]\ntype = 'a/B'\ntopic = '/a'\ndepth = 0", "SHM502", 4, 1, 5, "not 0"),
+        ("[services]\nservice = '/a'", "SHM502", 1, 2, 8, "[[services]]"),
+        ("[[services]]\ntype = 'a/B'", "SHM502", 1, 3, 8, 'service = "..."'),
+        ("[[services]]\nservice = '/a'\ntype = 'a/B'\nserver = 'me'", "SHM502", 4, 1, 6, "plc, ros"),
+        ("[[services]]\nservice = '/a'\ntype = 'a/B'\ntimeout = 0", "SHM502", 4, 1, 7, "from 0.001 to 86400"),
+        ("[[services]]\nservice = '/a'\ntype = 'a/B'\ntimout = 1", "SHM501", 4, 1, 6, "did you mean timeout?"),
+        ("[[services]]\nservice = '/a-b'\ntype = 'a/B'", "SHM502", 2, 1, 7, "letters, digits and _"),
+        (f"[[services]]\nservice = '/{66 * 'a'}'\ntype = 'a/B'", "SHM502", 2, 1, 7, "more than the 65"),
+        ("[[actions]]\naction = '/a'\ntype = 'B'", "SHM502", 3, 1, 4, "names no action"),
+        ("[[actions]]\naction = '/a'\ntype = 'a/B'\ntimeout = 1", "SHM501", 4, 1, 7, "unknown key timeout"),
         ("messages = [", "SHM503", 1, 13, 1, ""),
         ("a = 1\na = 2", "SHM503", 2, 6, 1, "overwrite"),
         ("[types]\ntime = LTIME", "SHM503", 2, 8, 1, 'time = "LTIME"'),
@@ -163,8 +184,8 @@ def test_each_mistake_has_its_place(
 
 
 def test_a_topic_listed_twice(tmp_path: Path) -> None:
-    entry = "[[topics]]\ntopic = '/a'\ntype = 'a/B'\n"
-    (found,) = refusal(tmp_path, 2 * entry)
+    entry = "[[topics]]\ntopic = 'a'\ntype = 'a/B'\n"
+    (found,) = refusal(tmp_path, entry + entry.replace("'a'", "'/a'"))
     assert (found.code, found.span.line, found.message) == ("SHM502", 5, "topic /a is listed twice")
 
 

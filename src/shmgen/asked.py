@@ -13,7 +13,7 @@ from shmgen.diagnostics import Diagnostic, Rejected, Report, Span
 
 def configured(config: Config) -> list[str]:
     """What shmgen.toml lists."""
-    return [*config.messages, *(topic.type for topic in config.topics)]
+    return [*config.messages, *config.types_used]
 
 
 def former(output: Path) -> tuple[drift.Lock, dict[str, Span]]:

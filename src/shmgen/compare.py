@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 from shmgen.diagnostics import Diagnostic, Span
-from shmgen.drift import Block, Entry, Lock
+from shmgen.drift import LISTS, Block, Entry, Lock
 from shmgen.findings import Change, Finding, Severity
 
 SIZE = "size"
@@ -135,24 +135,28 @@ def _values(before: Block, after: Block) -> tuple[Change, ...]:
 
 
 def _settings(old: Mapping[str, object], new: Mapping[str, object], shown: str) -> Finding | None:
-    tables = [{**settings, **_topics(settings)} for settings in (old, new)]
+    tables = [{**settings, **_listed(settings)} for settings in (old, new)]
     changes: list[Change] = []
     severity = Severity.COMPATIBLE
     for key in {**tables[0], **tables[1]}:
         was, now = (_setting(table.get(key)) for table in tables)
-        if key == "topics" or was == now:
+        if key in LISTS or was == now:
             continue
         changes.append(Change(key, ("setting",), f"{was} -> {now}"))
-        if key.startswith("topic ") and was != "none":
+        if " " in key and was != "none":
             severity = Severity.BREAKING
     return _finding("SHM409", severity, "the configuration changed", shown, tuple(changes), "") if changes else None
 
 
-def _topics(settings: Mapping[str, object]) -> dict[str, str]:
-    """`topic /robot/pose` -> `to_plc geometry_msgs/Pose depth 1`."""
-    lines = settings.get("topics", [])
-    parts = [str(line).split(maxsplit=2) for line in lines] if isinstance(lines, list) else []
-    return {f"topic {part[1]}": f"{part[0]} {part[2]}" for part in parts if len(part) == 3}
+def _listed(settings: Mapping[str, object]) -> dict[str, str]:
+    """`topic /robot/pose` -> `to_plc geometry_msgs/Pose depth 1`, `service /cell/start` -> `plc std_srvs/SetBool`."""
+    listed: dict[str, str] = {}
+    for key in LISTS:
+        lines = settings.get(key, [])
+        parts = [str(line).split(maxsplit=2) for line in lines] if isinstance(lines, list) else []
+        kind = key.removesuffix("s")
+        listed |= {f"{kind} {part[1]}": f"{part[0]} {part[2]}" for part in parts if len(part) == 3}
+    return listed
 
 
 def _setting(value: object) -> str:

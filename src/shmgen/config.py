@@ -9,9 +9,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from shmgen import config_bridge, config_reader
+from shmgen import config_bridge, config_entries, config_reader
 from shmgen.bounds import DEFAULT_STRING, Bound, Bounds
-from shmgen.config_bridge import CARRYING, Bridge, Carrying
+from shmgen.config_bridge import Bridge
+from shmgen.config_entries import Action, Service, Topic
 from shmgen.config_reader import Reader
 from shmgen.diagnostics import Report, Span, closest
 from shmgen.model import TypeOptions
@@ -23,27 +24,13 @@ MAX_REGION = 16 * 2**20
 """Bytes; more than any sane topic, less than what a forgotten bound makes."""
 TASK_INTERVAL = 10
 """Milliseconds between two calls of the generated PROGRAM."""
-MAX_DEPTH = 65535
-"""MAX_DEPTH of FB_ShmRegion."""
-
-
-@dataclass(frozen=True, slots=True)
-class Topic:
-    """One `[[topics]]` entry: `depth` is how many samples a slow reader can still fetch, `carried` the rest."""
-
-    topic: str
-    type: str
-    direction: str
-    depth: int
-    span: Span
-    carried: Carrying = field(default_factory=Carrying)
 
 
 @dataclass(frozen=True, slots=True)
 class Config:
     """The user's words; `root` is the folder that relative paths start from.
 
-    `places` says where each of `messages`, and the type of each topic, is written.
+    `places` says where each of `messages`, and of `types_used`, is written.
     """
 
     root: Path
@@ -58,8 +45,16 @@ class Config:
     types: TypeOptions = field(default_factory=TypeOptions)
     bounds: Bounds = field(default_factory=lambda: Bounds({}, {}))
     topics: tuple[Topic, ...] = ()
+    services: tuple[Service, ...] = ()
+    actions: tuple[Action, ...] = ()
     bridge: Bridge = field(default_factory=Bridge)
     places: Mapping[str, Span] = field(default_factory=dict)
+
+    @property
+    def types_used(self) -> tuple[str, ...]:
+        """The types of topics, services and actions, each once."""
+        entries: tuple[Topic | Service | Action, ...] = (*self.topics, *self.services, *self.actions)
+        return tuple(dict.fromkeys(entry.type for entry in entries))
 
 
 def find(start: Path) -> Path | None:
@@ -78,7 +73,7 @@ def load(path: Path, shown: str, report: Report) -> Config:
     data, reader = config_reader.read(path, shown, prefix, report)
     config = _Sections(reader).config(data, path.parent)
     report.stop_if_any()
-    return replace(config, places=reader.quoted({*config.messages, *(topic.type for topic in config.topics)}))
+    return replace(config, places=reader.quoted({*config.messages, *config.types_used}))
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +84,8 @@ class _Sections:
 
     def config(self, data: dict[str, Any], root: Path) -> Config:
         known = ("messages", "source", "path", "targets", "package", "distribution", "max_region", "task_interval")
-        self.read.keys("", data, (*known, "types", "strings", "bounds", "topics", "bridge"))
+        lists = ("topics", "services", "actions")
+        self.read.keys("", data, (*known, "types", "strings", "bounds", *lists, "bridge"))
         types, strings, bounds = (self.read.table(data, name) for name in ("types", "strings", "bounds"))
         self.read.keys("types", types, ("bool", "time"))
         return Config(
@@ -113,38 +109,11 @@ class _Sections:
                 sequences=self.bound_table("bounds", bounds, ()),
                 default_string=self.read.number("strings", "default", strings, DEFAULT_STRING),
             ),
-            topics=self.topics(data),
+            topics=config_entries.topics(self.read, data),
+            services=config_entries.services(self.read, data),
+            actions=config_entries.actions(self.read, data),
             bridge=config_bridge.bridge(self.read, self.read.table(data, "bridge")),
         )
-
-    def topics(self, data: dict[str, Any]) -> tuple[Topic, ...]:
-        entries = data.get("topics", [])
-        if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
-            self.read.wrong("", "topics", "topics is a list of tables: write [[topics]]")
-            return ()
-        topics: list[Topic] = []
-        for index, entry in enumerate(entries):
-            section = f"topics.{index}"
-            self.read.keys(section, entry, ("topic", "type", "direction", "depth", *CARRYING))
-            for key in ("topic", "type"):
-                if key not in entry:
-                    self.read.report.error(
-                        "SHM502", f'a [[topics]] entry needs {key} = "..."', self.read.span(section, "")
-                    )
-                elif not isinstance(entry[key], str):
-                    self.read.wrong(section, key, f"{key} is a string, not {entry[key]!r}")
-            direction = self.read.choice(section, "direction", entry, ("to_plc", "from_plc"), "to_plc")
-            depth = self.read.number(section, "depth", entry, 1, MAX_DEPTH)
-            span = self.read.span(section, "topic")
-            if isinstance(entry.get("topic"), str) and (why := _not_a_topic(entry["topic"])):
-                self.read.wrong(section, "topic", f"topic {entry['topic']} {why}")
-            if isinstance(entry.get("type"), str) and not _MESSAGE.fullmatch(entry["type"]):
-                self.read.wrong(section, "type", f"type {entry['type']} names no message: write package/Name")
-            carried = config_bridge.carrying(self.read, section, entry, direction)
-            topics.append(Topic(str(entry.get("topic")), str(entry.get("type")), direction, depth, span, carried))
-            if any(topic.topic == entry.get("topic") for topic in topics[:-1]):
-                self.read.report.error("SHM502", f"topic {entry.get('topic')} is listed twice", span)
-        return tuple(topics)
 
     def bound_table(self, section: str, data: dict[str, Any], options: tuple[str, ...]) -> dict[str, Bound]:
         table: dict[str, Bound] = {}
@@ -189,21 +158,6 @@ class _Sections:
 
 _DISTRIBUTION = re.compile(r"[A-Za-z0-9]([A-Za-z0-9._-]*[A-Za-z0-9])? [0-9]+(\.[0-9]+)*((a|b|rc|\.post|\.dev)[0-9]+)?")
 """Names of PEP 508 and the common versions of PEP 440."""
-_MESSAGE = re.compile(r"[A-Za-z]\w*/((msg|srv|action)/)?[A-Za-z]\w*", re.ASCII)
-LONGEST_TOPIC = 74
-"""MAX_NAME of FB_ShmRegion: its STRING(80) less `-event`."""
-
-
-def _not_a_topic(name: str) -> str:
-    """Why it cannot be a topic of a PLC, or nothing."""
-    bare = name.removeprefix("/")
-    if not re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", bare, re.ASCII):
-        return "is not made of letters, digits and _ between single slashes, no digit first"
-    if len(bare) > LONGEST_TOPIC:
-        return f"has {len(bare)} characters, more than the {LONGEST_TOPIC} of a STRING(80) and its suffix"
-    return "begins with sem/, where Linux keeps the semaphores" if bare.startswith("sem/") else ""
-
-
 _BOUND_KEY = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*(\.[A-Za-z]\w*)?)?")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+from collections import Counter
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -141,13 +142,14 @@ _HOMES = {"bool": "types", "time": "types", "default": "strings", "encoding": "s
 def _positions(text: str, prefix: str, shown: str) -> dict[tuple[str, str], Span]:
     """Where each (section, key) stands; TOML libraries tell no positions. Entry n of [[topics]] is `topics.n`."""
     positions: dict[tuple[str, str], Span] = {}
-    section, entries = "", 0
+    section, entries = "", Counter[str]()
     for number, line in enumerate(text.split("\n"), start=1):
         if header := _HEADER.match(line):
             section = re.sub(r"\s*\.\s*", ".", header[2])
             section = section.removeprefix(prefix).lstrip(".") if section.startswith(prefix) else f"other {section}"
             if header[1] == "[[":
-                section, entries = f"{section}.{entries}", entries + 1
+                entries[section] += 1
+                section = f"{section}.{entries[section] - 1}"
             positions.setdefault((section, ""), _span(shown, number, line, header.start(2), header.end(2)))
         elif key := _KEY.match(line):
             positions.setdefault((section, key[1].strip("\"'")), _span(shown, number, line, key.start(1), key.end(1)))

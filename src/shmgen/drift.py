@@ -20,6 +20,8 @@ else:
 
 LOCK = "layout.lock"
 VERSION = 1
+LISTS = ("topics", "services", "actions")
+"""Settings with a line for each item."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +74,7 @@ def write(layouts: Layouts, texts: Mapping[str, str], settings: Mapping[str, obj
         "[settings]",
     ]
     for key, value in settings.items():
-        lines += _list(key, value) if key == "topics" and isinstance(value, list) else [f"{key} = {_toml(value)}"]
+        lines += _list(key, value) if key in LISTS and isinstance(value, list) else [f"{key} = {_toml(value)}"]
     for layout in _sorted(layouts):
         lines += ["", *_block(layout)]
     lines += ["", "[files]", *(f"{_toml(path)} = {_toml(sha256(text))}" for path, text in sorted(texts.items()))]

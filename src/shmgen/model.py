@@ -92,7 +92,10 @@ class String:
 
 
 class TypeName(NamedTuple):
-    """`geometry_msgs/msg/Pose`; the halves of a service are `std_srvs/srv/SetBool_Request` and `_Response`."""
+    """`geometry_msgs/msg/Pose`; the halves of a service are `std_srvs/srv/SetBool_Request` and `_Response`.
+
+    A service or an action itself, `std_srvs/srv/SetBool`, has a name too; only its parts are messages.
+    """
 
     package: str
     kind: str
@@ -105,6 +108,10 @@ class TypeName(NamedTuple):
     def short(self) -> str:
         """As users write it: `geometry_msgs/Pose`."""
         return f"{self.package}/{self.name}"
+
+    def part(self, ending: str) -> TypeName:
+        """A message of a service or action: "_Request" -> `std_srvs/srv/SetBool_Request`."""
+        return self._replace(name=self.name + ending)
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,6 +284,27 @@ class Topic:
     type: TypeName
     to_plc: bool
     depth: int
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
+class Service:
+    """A service (std_srvs/srv/SetBool) under a ROS name; `on_plc` says who serves, `timeout` is in seconds."""
+
+    name: str
+    type: TypeName
+    on_plc: bool
+    timeout: float
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
+class Action:
+    """An action (control_msgs/action/GripperCommand) under a ROS name; `on_plc` says who serves."""
+
+    name: str
+    type: TypeName
+    on_plc: bool
     span: Span
 
 

@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from shmgen import bounds, definitions, drift, layout
+from shmgen import bounds, config_entries, definitions, drift, layout
 from shmgen.config import Config
 from shmgen.diagnostics import Report
-from shmgen.model import Layouts, Output, Schema, Topic, TypeName
-from shmgen.targets import c, plcopen, python, python_project, st
+from shmgen.model import Action, Layouts, Output, Schema, Service, Topic, TypeName
+from shmgen.targets import c, interfaces, plcopen, python, python_project, st
 
 
 def read(config: Config, requests: Iterable[str]) -> Schema:
@@ -28,8 +28,8 @@ def lay_out(config: Config, requests: Iterable[str]) -> Layouts:
 
 
 def generate(config: Config, requests: Iterable[str]) -> dict[str, str]:
-    """{path: text} of all targets, and of layout.lock; the types of topics come along. Raises Rejected."""
-    layouts = lay_out(config, dict.fromkeys([*requests, *(topic.type for topic in config.topics)]))
+    """{path: text} of all targets, and of layout.lock; what the configuration uses comes along. Raises Rejected."""
+    layouts = lay_out(config, dict.fromkeys([*requests, *config.types_used]))
     report = Report()
     outputs = list(_plan(config, layouts, report))
     report.stop_if_any()
@@ -52,10 +52,31 @@ def topics(config: Config, layouts: Layouts, report: Report) -> Iterable[Topic]:
         if found:
             yield Topic(topic.topic, found, topic.direction == "to_plc", topic.depth, topic.span)
         else:  # the layouts hold every type asked for, so this one came as its parts
-            parts = [name.short for name in layouts if f"{name.package}/{name.name.rpartition('_')[0]}" == topic.type]
-            span = config.places.get(topic.type, topic.span)
             message = f"{topic.type} is several messages, and a topic carries one"
-            report.error("SHM502", message, span, hint=f"write {' or '.join(parts)}")
+            span = config.places.get(topic.type, topic.span)
+            report.error("SHM502", message, span, hint="list a service under [[services]], an action under [[actions]]")
+
+
+def services(config: Config, layouts: Layouts, report: Report) -> Iterable[Service]:
+    """As topics()."""
+    known = {found.short: found for found in interfaces.services(layouts)}
+    for service in config.services:
+        if found := known.get(service.type.replace("/srv/", "/")):
+            yield Service(service.service, found, service.server == "plc", service.timeout, service.span)
+        else:
+            span = config.places.get(service.type, service.span)
+            report.error("SHM502", f"{service.type} is no service", span, hint="name a .srv file: package/srv/Name")
+
+
+def actions(config: Config, layouts: Layouts, report: Report) -> Iterable[Action]:
+    """As topics()."""
+    known = {found.short: found for found in interfaces.actions(layouts)}
+    for action in config.actions:
+        if found := known.get(action.type.replace("/action/", "/")):
+            yield Action(action.action, found, action.server == "plc", action.span)
+        else:
+            span = config.places.get(action.type, action.span)
+            report.error("SHM502", f"{action.type} is no action", span, hint="name a .action file: package/action/Name")
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +111,10 @@ def _plan(config: Config, layouts: Layouts, report: Report) -> Iterable[Output]:
         if config.distribution:
             yield python_project.plan(config.distribution, config.package)
     if "st" in config.targets or "plcopen" in config.targets:  # the latter holds the texts of the former
-        yield from st.plan(layouts, report, tuple(topics(config, layouts, report)))
+        carried = tuple(topics(config, layouts, report))
+        called = tuple(services(config, layouts, report))
+        acted = tuple(actions(config, layouts, report))
+        yield from st.plan(layouts, report, carried, called, acted)
     if "c" in config.targets:
         yield from c.plan(layouts, report, config.package)
 
@@ -107,5 +131,12 @@ def _settings(config: Config) -> dict[str, object]:
         "encoding": config.types.encoding,
         "overflow": config.types.overflow,
         "topics": [f"{topic.direction} {topic.topic} {topic.type} depth {topic.depth}" for topic in config.topics],
+        **({"services": [_spelled(it.service, it) for it in config.services]} if config.services else {}),
+        **({"actions": [_spelled(it.action, it) for it in config.actions]} if config.actions else {}),
         "task_interval": config.task_interval,
     }
+
+
+def _spelled(name: str, entry: config_entries.Service | config_entries.Action) -> str:
+    """One line of layout.lock, the server first. A timeout is the bridge's, and shapes nothing here."""
+    return f"{entry.server} {name} {entry.type}"

@@ -54,8 +54,8 @@ ROBOT = ["demo_msgs/msg/Arm", "geometry_msgs/msg/Point", "demo_msgs/msg/Robot"]
         ("demo_msgs/Robot", ["demo_msgs/msg/Robot"]),
         ("demo_msgs/msg/Robot", ["demo_msgs/msg/Robot"]),
         ("demo_msgs/Arm", ["demo_msgs/msg/Arm"]),
-        ("demo_msgs/srv/Arm", ["demo_msgs/srv/Arm_Request", "demo_msgs/srv/Arm_Response"]),
-        ("demo_msgs/Move", ["demo_msgs/srv/Move_Request", "demo_msgs/srv/Move_Response"]),
+        ("demo_msgs/srv/Arm", [f"demo_msgs/srv/Arm_{part}" for part in ("Reply", "Request", "Response")]),
+        ("demo_msgs/Move", [f"demo_msgs/srv/Move_{part}" for part in ("Reply", "Request", "Response")]),
         ("demo_msgs/srv/Move_Request", ["demo_msgs/srv/Move_Request"]),
         ("demo_msgs/Go_Goal", ["demo_msgs/action/Go_Goal"]),
     ],
@@ -75,8 +75,8 @@ def test_dependencies_come_first_and_each_once(tmp_path):
 def test_a_package_is_all_its_messages(tmp_path):
     write(tmp_path, DEMO)
     schema = from_folder(tmp_path, "demo_msgs")
-    assert len(schema.requested) == 9
-    assert len(schema.messages) == 10
+    assert len(schema.requested) == 14
+    assert len(schema.messages) == 15
 
 
 def test_a_file_finds_those_beside_it(tmp_path, monkeypatch):
@@ -90,7 +90,8 @@ def test_a_file_finds_those_beside_it(tmp_path, monkeypatch):
 def test_a_loose_file_belongs_to_its_folder(tmp_path):
     write(tmp_path, {"demo/Robot.msg": "Arm arm", "demo/Arm.msg": "int8 a", "demo/Move.srv": "Arm arm\n---"})
     schema = load([str(tmp_path / "demo/Robot.msg"), str(tmp_path / "demo/Move.srv")], Sources(), Report())
-    assert names(schema) == ["demo/msg/Arm", "demo/msg/Robot", "demo/srv/Move_Request", "demo/srv/Move_Response"]
+    parts = [f"demo/srv/Move_{part}" for part in ("Request", "Response", "Reply")]
+    assert names(schema) == ["demo/msg/Arm", "demo/msg/Robot", *parts]
 
 
 def test_origins_are_the_same_on_every_machine(tmp_path):
@@ -146,6 +147,7 @@ def test_where_packages_are_found(tmp_path):
     found = [str(name) for name in available(Sources((tmp_path,), "jazzy", tmp_path)) if name not in built_in]
     assert found == [
         "again/msg/B",
+        "broken/srv/C_Reply",
         "broken/srv/C_Request",
         "broken/srv/C_Response",
         "inner_msgs/msg/D",

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from shmgen import config, pipeline
+from shmgen import config, config_entries, pipeline
 from shmgen.diagnostics import Diagnostic, Rejected, Report
 
 from ..conftest import REPOSITORY
@@ -153,4 +153,22 @@ def test_refusals(tmp_path: Path, text: str, code: str, line: int, words: str) -
 def test_the_limits_are_those_of_the_block() -> None:
     block = (REPOSITORY / "templates" / "st" / "FB_ShmRegion.st.j2").read_text()
     limits = dict(re.findall(r"^    (MAX_\w+) +: \w+ := (\d+);", block, re.MULTILINE))
-    assert limits == {"MAX_DEPTH": str(config.MAX_DEPTH), "MAX_NAME": str(config.LONGEST_TOPIC)}
+    assert limits == {"MAX_DEPTH": str(config_entries.MAX_DEPTH), "MAX_NAME": str(config_entries.LONGEST_TOPIC)}
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "words"),
+    [
+        ("[[services]]\nservice = '/a'\ntype = 'cell_msgs/Move'", 3, "cell_msgs/Move is no service"),
+        ("[[actions]]\naction = '/a'\ntype = 'cell_msgs/Start'", 3, "cell_msgs/Start is no action"),
+        ("[[services]]\nservice = '/a'\ntype = 'cell_msgs/Start_Request'", 3, "is no service"),
+        ("[[services]]\nservice = '/a'\ntype = 'cell_msgs/Go'", 3, "no message is called `cell_msgs/Go`"),
+    ],
+)
+def test_a_type_that_is_none(tmp_path: Path, text: str, line: int, words: str) -> None:
+    for path, definition in {"srv/Start.srv": "---\n", "action/Move.action": "---\n---\n"}.items():
+        (tmp_path / "cell_msgs" / path).parent.mkdir(parents=True)
+        (tmp_path / "cell_msgs" / path).write_text(definition)
+    (found,) = refusal(tmp_path, 'path = ["."]\n' + text)
+    assert words in found.message
+    assert found.span.line in (line + 1, 0), str(found)

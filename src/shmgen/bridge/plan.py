@@ -6,10 +6,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from shmgen import config as configuration
 from shmgen import pipeline
 from shmgen.bridge.backend import Wire
 from shmgen.config import Config
+from shmgen.config_entries import Topic
 from shmgen.diagnostics import Report
 from shmgen.model import Array, Clock, FieldType, Layouts, Ref, Schema, Sequence, TypeName
 from shmgen.model import Message as Definition
@@ -24,7 +24,7 @@ _HEADER = "std_msgs/Header"
 class Route:
     """A topic both ways of looking at it. `stamp` are the attributes that lead to its time stamp, if it has one."""
 
-    topic: configuration.Topic
+    topic: Topic
     wire: Wire
     kind: type[Message]
     layouts: Layouts

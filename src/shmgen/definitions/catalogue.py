@@ -9,6 +9,7 @@ from typing import TypeAlias
 
 from shmgen.definitions.parser import SECTIONS
 from shmgen.definitions.tokens import Dialect
+from shmgen.definitions.wrappers import WRAPPERS
 from shmgen.model import TypeName
 
 
@@ -23,9 +24,8 @@ class Definition:
 
     @property
     def messages(self) -> tuple[TypeName, ...]:
-        """Those it will turn out to hold."""
-        package, kind, name = self.name.package, self.name.kind, self.name.name
-        return tuple(TypeName(package, kind, name + ending) for ending in SECTIONS[kind])
+        """Those it will turn out to hold, and those that are made for it."""
+        return tuple(self.name.part(ending) for ending in (*SECTIONS[self.name.kind], *WRAPPERS[self.name.kind]))
 
 
 @dataclass(frozen=True, slots=True)

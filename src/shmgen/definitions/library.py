@@ -12,6 +12,7 @@ from shmgen.definitions.catalogue import Catalogue, Definition, Package
 from shmgen.definitions.folders import catalogue, read, shorten
 from shmgen.definitions.parser import Source, parse
 from shmgen.definitions.tokens import Dialect
+from shmgen.definitions.wrappers import wrappers
 from shmgen.diagnostics import Report, Span
 from shmgen.model import Message, TypeName
 
@@ -74,7 +75,8 @@ class Library:
             text = read(definition, self.report)
             source = Source(definition.name, text or "", definition.path, definition.origin)
             parsed = () if text is None else parse(source, package.dialect or self._dialect(), self.report)
-            self._read[definition] = {message.name: message for message in parsed}
+            made = wrappers(definition.name, definition.path, definition.origin) if parsed else ()
+            self._read[definition] = {message.name: message for message in (*parsed, *made)}
         return self._read[definition].get(name)
 
     def known(self) -> list[TypeName]:

@@ -87,7 +87,7 @@ def _in_file(file: Path, library: Library) -> list[TypeName]:
         return []
     library.add(package)
     kind = file.suffix[1:]
-    return [TypeName(package.name, kind, file.stem + ending) for ending in SECTIONS[kind]]
+    return list(package.definitions[TypeName(package.name, kind, file.stem + SECTIONS[kind][0])].messages)
 
 
 def _closed(requested: Iterable[TypeName], library: Library) -> tuple[Message, ...]:

@@ -13,12 +13,14 @@ from typing import NamedTuple
 
 from shmgen.diagnostics import Report
 from shmgen.model import (
+    Action,
     Clock,
     Layout,
     Layouts,
     Output,
     Role,
     Scalar,
+    Service,
     Slot,
     String,
     Topic,
@@ -70,7 +72,13 @@ class Block(NamedTuple):
     size: str = naming.GVL_SIZE
 
 
-def plan(layouts: Layouts, report: Report, topics: Sequence[Topic] = ()) -> Iterator[Output]:
+def plan(
+    layouts: Layouts,
+    report: Report,
+    topics: Sequence[Topic] = (),
+    services: Sequence[Service] = (),
+    actions: Sequence[Action] = (),
+) -> Iterator[Output]:
     """`st/<package>/` one POU a file, `st/shmgen/`, and what calls the topics. Reports SHM203 and SHM204."""
     struct_time = any(layout.options.time == "struct" for layout in layouts.values())
     for name in (*_COMMON, naming.ST_TIME) if struct_time else _COMMON:

@@ -53,7 +53,7 @@ class Workshop:
     def known(self) -> dict[str, locked.Known]:
         """The layouts of all messages that shmgen.toml and layout.lock name; the former counts. Raises Rejected."""
         lock = locked.layouts(locked.read(self.lock), str(self.lock)) if self.lock else {}
-        named = dict.fromkeys([*self.config.messages, *(topic.type for topic in self.config.topics)])
+        named = dict.fromkeys([*self.config.messages, *self.config.types_used])
         layouts = pipeline.lay_out(self.config, named) if named else {}
         return lock | {
             str(layout.name): locked.Known(layout.digest, layout.size, self.name) for layout in layouts.values()

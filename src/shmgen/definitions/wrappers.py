@@ -1,0 +1,91 @@
+"""Turns the parts of a .srv or .action into the messages that carry them with the number of their call or goal.
+
+What a request or a goal needs beside itself is the number of its sample, so only what goes with such a number is
+wrapped. How they are used: docs/protocol.md, "Services" and "Actions".
+"""
+
+from __future__ import annotations
+
+from shmgen.diagnostics import Span
+from shmgen.model import Constant, Field, FieldType, Message, Ref, Scalar, TypeName, ros_type
+
+WRAPPERS = {"msg": (), "srv": ("_Reply",), "action": ("_Command", "_Progress", "_Outcome")}
+"""Kind -> the endings of the messages that are made for such a file."""
+
+
+def wrappers(definition: TypeName, path: str, origin: str) -> tuple[Message, ...]:
+    """The messages made for `definition` (std_srvs/srv/SetBool), whose file diagnostics call `path`."""
+    place = Span(path)
+    if definition.kind == "srv":
+        return (_reply(definition, place, origin),)
+    if definition.kind == "action":
+        return tuple(make(definition, place, origin) for make in (_command, _progress, _outcome))
+    return ()
+
+
+def _reply(service: TypeName, place: Span, origin: str) -> Message:
+    fields = (
+        _field("call", Scalar.UINT32, place, "number of the request that this answers"),
+        _field("status", Scalar.UINT8, place, "DONE or FAILED"),
+        _part(service, "response", place, "of no meaning where the call FAILED"),
+    )
+    constants = (_constant("DONE", Scalar.UINT8, 1, place), _constant("FAILED", Scalar.UINT8, 2, place))
+    return _message(service, "_Reply", f"Answer to a call of {service.short}.", fields, constants, place, origin)
+
+
+def _command(action: TypeName, place: Span, origin: str) -> Message:
+    fields = (
+        _field("cancel", Scalar.UINT32, place, "number of the goal to cancel; 0: this is a goal itself"),
+        _part(action, "goal", place, "its number is that of the sample"),
+    )
+    return _message(action, "_Command", f"A goal of {action.short}, or a cancel.", fields, (), place, origin)
+
+
+def _progress(action: TypeName, place: Span, origin: str) -> Message:
+    fields = (
+        _field("goal", Scalar.UINT32, place, "number of the goal"),
+        _field("status", Scalar.INT8, place, "ACCEPTED, EXECUTING or CANCELING"),
+        _part(action, "feedback", place, "of no meaning while the goal is only ACCEPTED"),
+    )
+    # action_msgs/msg/GoalStatus has the same numbers; so have those of _outcome, but for REJECTED.
+    statuses = {"ACCEPTED": 1, "EXECUTING": 2, "CANCELING": 3}
+    constants = tuple(_constant(name, Scalar.INT8, value, place) for name, value in statuses.items())
+    return _message(action, "_Progress", f"How far a goal of {action.short} is.", fields, constants, place, origin)
+
+
+def _outcome(action: TypeName, place: Span, origin: str) -> Message:
+    fields = (
+        _field("goal", Scalar.UINT32, place, "number of the goal that has ended"),
+        _field("status", Scalar.INT8, place, "SUCCEEDED, CANCELED, ABORTED or REJECTED"),
+        _part(action, "result", place, "of no meaning where the goal was REJECTED"),
+    )
+    statuses = {"SUCCEEDED": 4, "CANCELED": 5, "ABORTED": 6, "REJECTED": -1}
+    constants = tuple(_constant(name, Scalar.INT8, value, place) for name, value in statuses.items())
+    return _message(action, "_Outcome", f"How a goal of {action.short} ended.", fields, constants, place, origin)
+
+
+def _field(name: str, type: FieldType, place: Span, doc: str) -> Field:
+    return Field(name, type, ros_type(type), place, doc)
+
+
+def _part(definition: TypeName, name: str, place: Span, doc: str) -> Field:
+    """A field that holds the part of its name: `response` holds SetBool_Response."""
+    return _field(name, Ref(definition.part(f"_{name.capitalize()}")), place, doc)
+
+
+def _constant(name: str, type: Scalar, value: int, place: Span) -> Constant:
+    return Constant(name, type, value, place)
+
+
+def _message(
+    definition: TypeName,
+    ending: str,
+    doc: str,
+    fields: tuple[Field, ...],
+    constants: tuple[Constant, ...],
+    place: Span,
+    origin: str,
+) -> Message:
+    lines = [f"{constant.type.value} {constant.name}={constant.value}" for constant in constants]  # type: ignore[union-attr]
+    lines += [f"{field.written} {field.name}" for field in fields]
+    return Message(definition.part(ending), fields, constants, place, origin, "\n".join(lines), doc)

@@ -1,0 +1,63 @@
+"""The messages that shmgen makes for a .srv or .action, whatever dialect it is written in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from shmgen import config, pipeline
+from shmgen.diagnostics import Rejected
+from shmgen.model import Layouts, TypeName
+from shmgen.targets import interfaces
+
+
+def lay_out(root: Path, *requests: str, source: str = "jazzy") -> Layouts:
+    texts = {
+        "srv/Start.srv": "bool on\n---\nint16 result\n",
+        "action/Move.action": "float64 to\n---\n---\nint8 percent\n",
+    }
+    for path, text in texts.items():
+        (root / "cell_msgs" / path).parent.mkdir(parents=True, exist_ok=True)
+        (root / "cell_msgs" / path).write_text(text)
+    return pipeline.lay_out(config.Config(root, path=(root,), source=source), requests)
+
+
+@pytest.mark.parametrize("source", ["jazzy", "noetic"])
+def test_the_bytes_of_the_wrappers(tmp_path: Path, source: str) -> None:
+    layouts = lay_out(tmp_path, "cell_msgs", source=source)
+    members = {
+        name.name: [f"{slot.offset} {slot.name}" for slot in layouts[name].slots if slot.name[0] != "_"]
+        for name in layouts
+    }
+    assert members["Start_Reply"] == ["0 call", "4 status", "6 response"]
+    assert members["Move_Command"] == ["0 cancel", "8 goal"]
+    assert members["Move_Progress"] == ["0 goal", "4 status", "5 feedback"]
+    assert members["Move_Outcome"] == ["0 goal", "4 status", "5 result"]
+    assert all(layout.requested for layout in layouts.values())
+
+
+def test_a_service_is_whole_only_with_all_its_parts(tmp_path: Path) -> None:
+    start, move = TypeName("cell_msgs", "srv", "Start"), TypeName("cell_msgs", "action", "Move")
+    assert list(interfaces.services(lay_out(tmp_path, "cell_msgs/Start"))) == [start]
+    assert list(interfaces.actions(lay_out(tmp_path, "cell_msgs/action/Move"))) == [move]
+    parts = lay_out(tmp_path, "cell_msgs/Start_Reply", "cell_msgs/Move_Outcome", "cell_msgs/Move_Progress")
+    assert {name.name for name in parts} >= {"Start_Reply", "Start_Response", "Move_Outcome", "Move_Result"}
+    assert not [*interfaces.services(parts), *interfaces.actions(parts)]
+
+
+def test_a_changed_response_changes_the_reply(tmp_path: Path) -> None:
+    reply = TypeName("cell_msgs", "srv", "Start_Reply")
+    before = lay_out(tmp_path, "cell_msgs/Start")[reply]
+    (tmp_path / "cell_msgs/srv/Stop.srv").write_text("bool on\n---\nuint16 result\n")
+    after = lay_out(tmp_path, "cell_msgs/Stop")[reply._replace(name="Stop_Reply")]
+    assert before.size == after.size
+    assert before.digest != after.digest
+
+
+def test_a_broken_service_has_no_wrapper(tmp_path: Path) -> None:
+    (tmp_path / "cell_msgs" / "srv").mkdir(parents=True)
+    (tmp_path / "cell_msgs" / "srv" / "Bad.srv").write_text("bool on\n")
+    with pytest.raises(Rejected) as caught:
+        lay_out(tmp_path, "cell_msgs/Bad")
+    assert [found.code for found in caught.value.diagnostics] == ["SHM003"]
