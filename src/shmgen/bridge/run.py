@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterable
@@ -156,7 +157,7 @@ def _leave(backend: Backend) -> None:
     thread.start()
     thread.join(_FAREWELL)
     if thread.is_alive():  # nor may it hold up the end of the process
-        last_resort = threading.Timer(_FAREWELL / 2, os._exit, [1])
+        last_resort = threading.Timer(_FAREWELL / 2, os._exit, [int(sys.exc_info()[0] is not None)])
         last_resort.daemon = True
         last_resort.start()
 

@@ -1,0 +1,267 @@
+"""Topics of a real ROS 1 through the bridge, the regions and a PLC's program, and back."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from ruamel.yaml import YAML
+
+from shmgen import pipeline
+from shmgen.config import load
+from shmgen.diagnostics import Report
+from shmgen.tools.classes import generated, publisher
+from tests.softplc import compile_st
+
+from ..conftest import REPOSITORY
+from ..support.ros1 import LIMIT, Graph, Peer, wait_for
+
+STATUS = """
+std_msgs/Header header
+uint8 RUNNING=2
+uint8 mode
+string[] lines
+Part[] parts
+duration took
+"""
+PART = "string name\nfloat32[3] size\n"
+
+THROUGH = """
+source = "noetic"
+path = ["msgs"]
+task_interval = 1
+
+[bounds]
+sensor_msgs = 4
+cell_msgs = 4
+
+[[topics]]
+topic = "{space}/pose"
+type = "geometry_msgs/PoseStamped"
+
+[[topics]]
+topic = "{space}/pose_back"
+type = "geometry_msgs/PoseStamped"
+direction = "from_plc"
+
+[[topics]]
+topic = "{space}/joints"
+type = "sensor_msgs/JointState"
+depth = 8
+
+[[topics]]
+topic = "{space}/joints_back"
+type = "sensor_msgs/JointState"
+direction = "from_plc"
+depth = 8
+
+[[topics]]
+topic = "{space}/status"
+type = "cell_msgs/Status"
+
+[[topics]]
+topic = "{space}/status_back"
+type = "cell_msgs/Status"
+direction = "from_plc"
+"""
+
+PROGRAM = """
+PROGRAM PRG_Echo
+GVL_Ros.{name}_pose_back.xSend := GVL_Ros.{name}_pose.xNewData;
+GVL_Ros.{name}_pose_back.Msg := GVL_Ros.{name}_pose.Msg;
+GVL_Ros.{name}_pose_back.Msg.pose.position.x := GVL_Ros.{name}_pose.Msg.pose.position.x + 1.0;
+GVL_Ros.{name}_joints.xNewest := FALSE;
+GVL_Ros.{name}_joints_back.xSend := GVL_Ros.{name}_joints.xNewData;
+GVL_Ros.{name}_joints_back.Msg := GVL_Ros.{name}_joints.Msg;
+GVL_Ros.{name}_status_back.xSend := GVL_Ros.{name}_status.xNewData;
+GVL_Ros.{name}_status_back.Msg := GVL_Ros.{name}_status.Msg;
+END_PROGRAM
+"""
+
+
+class Softplc:
+    """A process that runs the program each millisecond, as a task does."""
+
+    def __init__(self, folder: Path, space: str) -> None:
+        config = load(folder / "shmgen.toml", "shmgen.toml", Report())
+        texts = {path: text for path, text in pipeline.generate(config, []).items() if path.endswith(".st")}
+        compile_st({**texts, "PRG_Echo.st": PROGRAM.format(name=space.strip("/"))}, folder / "plc")
+        self.command = [sys.executable, "-m", "tests.softplc.task", folder / "plc" / "plc.so", "PRG_Ros", "PRG_Echo"]
+        self.start()
+
+    def start(self) -> None:
+        self.process = subprocess.Popen(self.command, cwd=REPOSITORY, stdout=subprocess.PIPE, text=True)
+        assert self.process.stdout
+        assert self.process.stdout.readline() == "running\n"
+
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.communicate()
+
+
+@pytest.fixture
+def plc(graph: Graph, space: str) -> Iterator[Softplc]:
+    """Runs PROGRAM over the topics of THROUGH."""
+    graph.generate("cell_msgs", {"msg/Status.msg": STATUS, "msg/Part.msg": PART})
+    (graph.folder / "shmgen.toml").write_text(THROUGH.format(space=space))
+    made = Softplc(graph.folder, space)
+    yield made
+    made.kill()
+
+
+def test_through_a_plc_and_back(graph: Graph, plc: Softplc, space: str) -> None:
+    """Then the master, the bridge and the PLC die one after the other, and each time data flows again by itself."""
+    bridge = graph.bridge()
+
+    # The commands of ros_comm, and the installed class of genpy.
+    echo = graph.command("rostopic", "echo", "-n", "1", f"{space}/pose_back")
+    values = "{header: {frame_id: map}, pose: {position: {x: 1.5, y: -2}, orientation: {w: 1}}}"
+    pub = graph.command("rostopic", "pub", "-r", "20", f"{space}/pose", "geometry_msgs/PoseStamped", values)
+    shown = YAML(typ="safe").load(echo.communicate(timeout=LIMIT)[0].partition("---")[0])
+    pub.kill()
+    assert shown["pose"]["position"] == {"x": 2.5, "y": -2, "z": 0}
+    assert shown["pose"]["orientation"] == {"x": 0, "y": 0, "z": 0, "w": 1}
+    assert shown["header"]["frame_id"] == "map"
+    assert abs(shown["header"]["stamp"]["secs"] - time.time()) < LIMIT  # it was 0, which the bridge does not pass on
+
+    # Strings, sequences, times, and a message of our own that only the peer has a module for.
+    peer = graph.peer()
+    for name, kind in (("joints", "sensor_msgs/JointState"), ("status", "cell_msgs/Status")):
+        peer.ask(do="subscribe", topic=f"{space}/{name}_back", type=kind)
+        peer.ask(do="advertise", topic=f"{space}/{name}", type=kind)
+        assert peer.ask(do="connected", topic=f"{space}/{name}")
+    header = {"seq": 1, "stamp": {"secs": int(time.time()), "nsecs": 250_000_000}, "frame_id": "cell"}
+    status = {
+        "header": header,
+        "mode": 2,
+        "lines": ["", "Grüße"],
+        "parts": [{"name": "a", "size": [1.0, 2.5, -3.0]}, {"name": "b", "size": [0.0, 0.0, 0.0]}],
+        "took": {"secs": 3, "nsecs": 4_000_000},
+    }
+    assert through(peer, space, "status", [status]) == [status]
+    empty = {**status, "lines": [], "parts": [], "mode": 0}
+    assert through(peer, space, "status", [empty]) == [{**empty, "header": {**header, "seq": 2}}]
+
+    # Each message of a burst, as many as `depth` lets wait for a cycle.
+    burst = [
+        {"header": {**header, "seq": n}, "name": ["a"], "position": [float(n)], "velocity": [], "effort": []}
+        for n in range(1, 9)
+    ]
+    assert through(peer, space, "joints", burst) == burst
+
+    def flows() -> bool:
+        peer.ask(do="forget", topic=f"{space}/joints_back")
+        peer.ask(do="publish", topic=f"{space}/joints", messages=[{"name": ["again"]}])
+        return any(
+            one["name"] == ["again"] for one in peer.ask(do="take", topic=f"{space}/joints_back", count=1, timeout=0.5)
+        )
+
+    graph.stop_master()
+    bridge.said("the ROS master is away")
+    assert flows(), "what is connected stays connected"
+    graph.start_master()
+    bridge.said("registering again")
+    peer = graph.peer()  # one that knows nothing but the new master
+    peer.ask(do="subscribe", topic=f"{space}/joints_back", type="sensor_msgs/JointState")
+    peer.ask(do="advertise", topic=f"{space}/joints", type="sensor_msgs/JointState")
+    wait_for(flows, "a message by way of the new master")
+
+    bridge.kill()
+    graph.bridge()
+    wait_for(flows, "a message by way of the new bridge")
+
+    plc.kill()
+    plc.start()
+    wait_for(flows, "a message by way of the new PLC")
+
+
+STOPS_WITHIN = 2.0
+"""Seconds, on a machine that is busy with other tests; alone it takes 0.6."""
+
+LATCHED = """
+source = "noetic"
+[bridge]
+diagnostics = 0.2
+node = "cell_bridge"
+[strings]
+"std_msgs/String.data" = 8
+[[topics]]
+topic = "{space}/word"
+type = "std_msgs/String"
+[[topics]]
+topic = "{space}/state"
+type = "std_msgs/String"
+direction = "from_plc"
+latch = true
+"""
+
+
+def test_without_a_master(graph: Graph, space: str) -> None:
+    """The bridge waits for one, ends at once when told, and ends as well after its master has gone."""
+    graph.stop_master()
+    bridge = graph.bridge(LATCHED.format(space=space), ready=False)
+    bridge.said(f"no ROS master at http://127.0.0.1:{graph.port} .* waiting for one")
+    assert bridge.stop(signal.SIGTERM) < STOPS_WITHIN
+
+    bridge = graph.bridge(ready=False)
+    bridge.said("waiting for one")
+    graph.start_master()
+    bridge.said("running")
+    graph.stop_master()
+    bridge.said("the ROS master is away")
+    assert bridge.stop(signal.SIGINT) < STOPS_WITHIN
+
+
+def test_diagnostics_latch_and_counters(graph: Graph, space: str) -> None:
+    bridge = graph.bridge(LATCHED.format(space=space))
+    bridge.said(rf"{space}/word +-> PLC  std_msgs/String  /dev/shm/{space[1:]}.word")
+    kind = generated(load(graph.folder / "shmgen.toml", "shmgen.toml", Report()), ["std_msgs/String"])
+    peer = graph.peer()
+    with publisher(kind["std_msgs/msg/String"], f"{space}/state", 1) as plc:
+        plc.publish(SimpleNamespace(data="ready"))
+        peer.ask(do="advertise", topic=f"{space}/word", type="std_msgs/String")
+        assert peer.ask(do="connected", topic=f"{space}/word")
+        peer.ask(do="publish", topic=f"{space}/word", messages=[{"data": "go"}, *[{"data": "much too long"}] * 3])
+        bridge.said("rejected: data: 13 bytes of UTF-8, capacity 8")
+        peer.ask(do="subscribe", topic=f"{space}/state", type="std_msgs/String")  # after it was published
+        assert peer.ask(do="take", topic=f"{space}/state", count=1) == [{"data": "ready"}]
+    bridge.process.send_signal(signal.SIGUSR1)
+    bridge.said("/word   1 passed, 3 rejected")
+
+    peer.ask(do="subscribe", topic="/diagnostics", type="diagnostic_msgs/DiagnosticArray")
+    array = peer.ask(do="take", topic="/diagnostics", count=1)[0]
+    assert abs(array["header"]["stamp"]["secs"] - time.time()) < LIMIT
+    word, state = array["status"]
+    assert (word["name"], state["name"]) == (f"cell_bridge: {space}/word", f"cell_bridge: {space}/state")
+    shown = {value["key"]: value["value"] for value in word["values"]}
+    assert (shown["passed"], shown["rejected"], shown["type"]) == ("1", "3", "std_msgs/String")
+    assert "data: 13 bytes" in shown["last complaint"]
+    assert bridge.stop(signal.SIGTERM) < STOPS_WITHIN
+    bridge.said("/state  1 passed")
+
+
+def test_a_definition_of_another_ros_is_told(graph: Graph, space: str) -> None:
+    topic = f'[[topics]]\ntopic = "{space}/info"\ntype = '
+    bounds = "[bounds]\nsensor_msgs = 5\n"
+    bridge = graph.bridge(f'source = "jazzy"\n{bounds}{topic}"sensor_msgs/CameraInfo"', ready=False)
+    bridge.said("error: .*/info: sensor_msgs/CameraInfo of this ROS is not the one that shmgen knows: .*'d'")
+    bridge.said('hint: set source = "..." in shmgen.toml')
+    file = graph.folder / "cell_msgs" / "msg" / "Two.msg"
+    file.parent.mkdir(parents=True)
+    file.write_text("string<=5 word\n")
+    other = graph.bridge(f'path = ["."]\n{topic.replace("info", "two")}"cell_msgs/Two"', ready=False)
+    other.said("error: cell_msgs/Two: ROS 1 cannot read cell_msgs/msg/Two.msg")
+    assert (bridge.process.wait(LIMIT), other.process.wait(LIMIT)) == (1, 1)
+
+
+def through(peer: Peer, space: str, name: str, messages: list[Any]) -> Any:
+    """What comes back."""
+    peer.ask(do="publish", topic=f"{space}/{name}", messages=messages)
+    return peer.ask(do="take", topic=f"{space}/{name}_back", count=len(messages))

@@ -1,0 +1,189 @@
+"""A real ROS 1 on loopback: rosmaster on a port of its own, bridges, rospy peers, and the commands of ros_comm.
+
+Debian's packages belong to /usr/bin/python3, so `make` has an environment of that Python at .venv/ros1, with shmgen's
+needs beside the system's packages. Without it these tests are skipped.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ..conftest import REPOSITORY
+
+LIMIT = 30.0
+"""Seconds after which something that should have come has not."""
+
+
+def python() -> Path:
+    """One that has rospy and what shmgen needs."""
+    own = REPOSITORY / ".venv" / "ros1" / "bin" / "python"
+    for found in (own, Path(sys.executable)):
+        if found.exists() and not subprocess.call([found, "-c", "import rospy, click"], stderr=subprocess.DEVNULL):
+            return found
+    pytest.skip("no rospy: `make test` as root installs Debian's packages and makes .venv/ros1")
+
+
+class Graph:
+    """A master that can die and return, in a folder for logs and shmgen.toml; `modules` are for peers alone."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.python = python()
+        self.port = free_port()
+        self.modules = folder / "modules"
+        self.processes: list[subprocess.Popen[str]] = []
+        self.master = self.start_master()
+
+    def start_master(self) -> subprocess.Popen[str]:
+        code = f"import rosmaster; rosmaster.rosmaster_main(['rosmaster', '--core', '-p', '{self.port}'])"
+        self.master = self.start([self.python, "-c", code])
+        wait_for(lambda: _answers(self.port), "the master")
+        return self.master
+
+    def stop_master(self) -> None:
+        self.master.kill()
+        self.master.wait()
+
+    def bridge(self, config: str = "", *arguments: str, ready: bool = True) -> Bridge:
+        """`shmgen bridge` in the folder."""
+        if config:
+            (self.folder / "shmgen.toml").write_text(config)
+        command = [self.python, "-m", "shmgen", "bridge", "--backend", "ros1", *arguments]
+        bridge = Bridge(self.start(command, {"PYTHONPATH": str(REPOSITORY / "src")}, stderr=subprocess.STDOUT))
+        if ready:
+            bridge.said("running")
+        return bridge
+
+    def peer(self) -> Peer:
+        return Peer(self.start([self.python, REPOSITORY / "tests" / "bridge" / "peer.py"], self.seen, stdin=-1))
+
+    def command(self, *words: str) -> subprocess.Popen[str]:
+        """`rostopic …`, `rosservice …`."""
+        tool, *arguments = words
+        code = f"import sys, {tool}; sys.argv[0] = '{tool}'; {tool}.{tool}main()"
+        return self.start([self.python, "-c", code, *arguments], self.seen)
+
+    @property
+    def seen(self) -> dict[str, str]:
+        return {"PYTHONPATH": str(self.modules)}
+
+    def start(self, command: list[Any], more: Mapping[str, str] | None = None, **streams: Any) -> Any:
+        environment = {name: value for name, value in os.environ.items() if not name.startswith(("ROS", "PYTHON"))}
+        environment |= {
+            "ROS_MASTER_URI": f"http://127.0.0.1:{self.port}",
+            "ROS_IP": "127.0.0.1",
+            "ROS_HOME": str(self.folder / "ros"),
+            "PYTHONUNBUFFERED": "1",
+            "PYTHONWARNINGS": "ignore",
+            **(more or {}),
+        }
+        with (self.folder / "log").open("a") as log:
+            settings = {"cwd": self.folder, "env": environment, "stdout": subprocess.PIPE, "stderr": log, "text": True}
+            process = subprocess.Popen([str(word) for word in command], **(settings | streams))
+        self.processes.append(process)
+        return process
+
+    def generate(self, package: str, files: Mapping[str, str]) -> None:
+        """What catkin would build of .msg and .srv files, by genpy itself, for peers alone."""
+        code = """
+import sys, genpy.generator, genpy.generate_initpy
+package, folder, out = sys.argv[1:4]
+for kind, make in (("msg", genpy.generator.MsgGenerator), ("srv", genpy.generator.SrvGenerator)):
+    files = [file for file in sys.argv[4:] if file.endswith("." + kind)]
+    if files:
+        path = {package: [folder + "/msg"], "std_msgs": ["/usr/share/std_msgs/msg"]}
+        assert not make().generate_messages(package, files, f"{out}/{package}/{kind}", path)
+        genpy.generate_initpy.write_modules(f"{out}/{package}/{kind}")
+genpy.generate_initpy.write_modules(f"{out}/{package}")
+"""
+        folder = self.folder / "msgs" / package
+        for name, text in files.items():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_text(text)
+        (self.modules / package).mkdir(parents=True)
+        command = [self.python, "-c", code, package, folder, self.modules, *(str(folder / name) for name in files)]
+        subprocess.run(command, check=True)
+
+    def close(self) -> None:
+        for process in self.processes:
+            process.kill()
+        for process in self.processes:
+            process.communicate()
+
+
+class Bridge:
+    """A process of `shmgen bridge`, and the lines that it says."""
+
+    def __init__(self, process: subprocess.Popen[str]) -> None:
+        self.process = process
+        self.lines: list[str] = []
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def said(self, pattern: str, times: int = 1) -> str:
+        """The first line with it, as soon as there are so many."""
+
+        def found() -> list[str]:
+            return [line for line in list(self.lines) if re.search(pattern, line)]
+
+        wait_for(lambda: len(found()) >= times, f"{pattern!r}", lambda: "".join(self.lines))
+        return found()[0]
+
+    def stop(self, number: int) -> float:
+        """How many seconds it took to end after the signal; that it ended well is true of every test."""
+        begun = time.monotonic()
+        self.process.send_signal(number)
+        assert self.process.wait(LIMIT) == 0, "".join(self.lines)
+        return time.monotonic() - begun
+
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.wait()
+
+    def _read(self) -> None:
+        assert self.process.stdout
+        for line in self.process.stdout:
+            self.lines.append(line)
+
+
+class Peer:
+    """tests/bridge/peer.py: a node that does what it is told."""
+
+    def __init__(self, process: subprocess.Popen[str]) -> None:
+        self.process = process
+
+    def ask(self, **command: Any) -> Any:
+        assert self.process.stdin
+        assert self.process.stdout
+        self.process.stdin.write(json.dumps(command) + "\n")
+        self.process.stdin.flush()
+        return json.loads(self.process.stdout.readline() or '"the peer has died"')
+
+
+def wait_for(condition: Any, what: str, more: Any = lambda: "") -> None:
+    deadline = time.monotonic() + LIMIT
+    while not condition():
+        assert time.monotonic() < deadline, f"{what} did not come within {LIMIT} s\n{more()}"
+        time.sleep(0.02)
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def _answers(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
