@@ -11,6 +11,9 @@ TEST_TOOLS     := gcc g++ i686-linux-gnu-gcc arm-linux-gnueabihf-gcc aarch64-lin
 # What ROS itself reads definitions with, and Debian's ROS 1; tests compare with them.
 REFERENCES := python3-rosidl python3-genmsg ros-std-msgs ros-geometry-msgs ros-sensor-msgs ros-nav-msgs \
               ros-diagnostic-msgs ros-actionlib-msgs
+# ROS 1 for the bridge's tests: rospy belongs to Debian's own Python, so .venv/ros1 is made of that one.
+ROS1 := python3-rospy python3-rosmaster python3-roslaunch python3-rostopic python3-rosservice \
+        python3-std-msgs python3-geometry-msgs python3-sensor-msgs python3-std-srvs python3-diagnostic-msgs
 
 # The extra `bench`, one by one: who cannot be had here is left out.
 PEERS := iceoryx2 cyclonedds eclipse-zenoh pyzmq asyncua pymodbus
@@ -59,6 +62,12 @@ $(VENV)/ready-to-test: $(VENV)/ready
 	@$(call debian,for tool in $(TEST_TOOLS); do command -v $$tool || exit 1; done,$(TEST_PACKAGES),echo 'tests that need them are skipped' >&2)
 	@$(call debian,/usr/bin/python3 -c 'import rosidl_parser.parser; import genmsg' && ls -d /usr/share/actionlib_msgs,$(REFERENCES),echo 'tests that compare with them are skipped' >&2) \
 	    || echo 'not to be had here: $(REFERENCES); tests that compare with them are skipped' >&2
+	@$(call debian,/usr/bin/python3 -c 'import rospy; import rosmaster; import rostopic; import rosservice',$(ROS1),echo 'tests that need ROS 1 are skipped' >&2) \
+	    || echo 'not to be had here: $(ROS1); tests that need ROS 1 are skipped' >&2
+	@if /usr/bin/python3 -c 'import rospy' 2>/dev/null; then \
+	    test -x $(VENV)/ros1/bin/python || /usr/bin/python3 -m venv --system-site-packages $(VENV)/ros1; \
+	    $(VENV)/ros1/bin/python -m pip install --quiet --disable-pip-version-check --editable .; \
+	fi
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test]'
 	@touch $@
 
