@@ -40,8 +40,6 @@ SIZE = 32768
 DEFINITION = f"uint64 number\nuint32 checksum\nuint8[{SIZE}] data\n"
 PATTERNS = [random.Random(seed).randbytes(SIZE) for seed in range(61)]
 CHECKSUMS = [zlib.crc32(pattern) for pattern in PATTERNS]
-CLAIM = 1.0
-"""Seconds a PLC watches another writer's heartbeat before it takes its place."""
 ROUNDS_A_REGION = 60
 
 
@@ -201,7 +199,7 @@ def play(folder: Path, seconds: float, kills: int, seed: int, limit: float, plc:
             try:
                 for _ in range(6 if plc_write in works else ROUNDS_A_REGION):
                     _burst(stage, cast, rng, verdict)
-                    _recover(cast, limit + CLAIM * (plc_write in works), verdict)
+                    _recover(cast, limit, verdict)
                     verdict.faults += complaints()
                     if verdict.faults or time.monotonic() > end:
                         break

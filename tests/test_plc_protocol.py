@@ -240,6 +240,36 @@ def test_a_writer_whose_heartbeat_stands_is_gone(demo: Demo, clock: Clock, topic
     assert second().xSent
 
 
+def test_a_lock_left_by_the_writer_before_is_freed_while_the_topic_is_watched(
+    demo: Demo, clock: Clock, topic: str
+) -> None:
+    demo.publisher(topic)()
+    lock, memory = semaphore(topic), Memory(topic)
+    lock.acquire(0)
+    block = demo.publisher(topic)()
+    assert block.xBusy
+    block()
+    clock.add(CLAIM)
+    assert (block().xSent, memory["recoveries"], lock.value) == (False, 1, 1)
+    assert (block().xSent, block.udiLockMisses) == (True, 1)
+
+
+def test_a_writer_on_standby_takes_over_a_second_after_the_last_sign_of_life(
+    demo: Demo, clock: Clock, topic: str
+) -> None:
+    with demo.python.DemoPublisher(topic) as publisher:
+        block = demo.publisher(topic)()
+        for _ in range(5):
+            publisher.publish(demo.message(1))
+            assert (block().eErrorID, block.xBusy, block.xSent) == ("WRITER_IN_USE", False, False)
+            clock.add(CLAIM - 1)
+        assert not block().xSent
+    clock.add(1)
+    assert (block().xSent, block.eErrorID, block.udiLockMisses) == (True, "NO_ERROR", 0)
+    assert Memory(topic)["lock_count"] > 5 + 1  # it has tried the lock, and given it back
+    assert semaphore(topic).value == 1
+
+
 def test_the_plc_gives_way_to_python(demo: Demo, topic: str) -> None:
     with demo.python.DemoPublisher(topic) as publisher:
         block = demo.publisher(topic)()

@@ -99,6 +99,21 @@ def test_only_a_dead_process_is_healed_early(topic, monkeypatch, value, holder):
         assert (publisher._region.words[h.RECOVERIES], publisher._region.words[h.LOCK_HOLDER], value()) == (1, 0, 1)
 
 
+def test_a_lock_is_watched_from_the_opening_on_only_if_it_is_not_free(topic, monkeypatch):
+    monkeypatch.setattr(lock, "_STUCK_AFTER", 4 * SOON)
+    for stuck in (True, False):
+        with PoseSubscriber(topic) as holder:
+            if stuck:
+                leave_locked(holder, 0)
+            with PosePublisher(topic) as publisher:
+                time.sleep(5 * SOON)
+                if not stuck:
+                    leave_locked(holder, 0)
+                publisher.publish(pose(1))
+                assert publisher._region.words[h.RECOVERIES] == 1
+                assert publisher.lock_misses == (not stuck)
+
+
 def test_a_lock_that_others_pass_is_not_stuck(topic, monkeypatch):
     with PosePublisher(topic, lock_timeout=0) as publisher:
         monkeypatch.setattr(lock, "_STUCK_AFTER", 4 * SOON)

@@ -24,14 +24,16 @@ class Lock:
     integrity and one may go on without the lock. `misses` counts how often that, or giving up, happened.
     """
 
-    __slots__ = ("_region", "_since", "_stuck_at", "keeps_order", "misses", "timeout")
+    __slots__ = ("_count", "_region", "_since", "_waited", "keeps_order", "misses", "timeout")
 
     def __init__(self, region: Region, timeout: float) -> None:
         if not 0 <= timeout <= _STUCK_AFTER:
             raise ValueError(f"lock_timeout is {timeout}; it goes from 0 to {_STUCK_AFTER:.0f} second")
         self._region = region
-        self._stuck_at: int | None = None
-        self._since = 0.0
+        # What is held while we open may be stuck: its time runs beside that in which a writer makes sure of its claim.
+        self._count: int | None = region.words[h.LOCK_COUNT] if region.semaphore._is_zero() else None
+        self._since = time.monotonic()
+        self._waited = False
         self.keeps_order = os.uname().machine in ("x86_64", "AMD64")
         self.misses = 0
         self.timeout = timeout
@@ -44,8 +46,10 @@ class Lock:
         so long that its holder must be dead.
         """
         count = self._region.words[h.LOCK_COUNT]
-        if count != self._stuck_at:
-            self._stuck_at, self._since = count, time.monotonic()
+        if count != self._count:
+            self._count, self._since, self._waited = count, time.monotonic(), False
+        if not self._waited:
+            self._waited = True
             if acquire(self._region.semaphore, self.timeout):
                 return True
         if self._overdue() and self._take_over(count):
