@@ -24,12 +24,16 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def _polite(command: F) -> F:
-    """Ctrl-C ends a command as `ros2 topic` does, exit 0; an error is a sentence, exit 1."""
+    """Ctrl-C ends a command as `ros2 topic` does, exit 0; an error is a sentence, exit 1.
+
+    `kill` ends it in order too, exit 143, so that no lock is left taken.
+    """
 
     @functools.wraps(command)
     def run(*arguments: Any, **keywords: Any) -> Any:
         from shmgen.runtime import ShmError
 
+        former = signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
         try:
             return command(*arguments, **keywords)
         except KeyboardInterrupt:
@@ -39,6 +43,8 @@ def _polite(command: F) -> F:
             raise
         except (ShmError, ValueError, OSError) as error:
             _fail(str(error))
+        finally:
+            signal.signal(signal.SIGTERM, former)
 
     return run  # type: ignore[return-value]
 

@@ -233,3 +233,13 @@ class TestAnyMessage:
             message = typed.build(kind, schemas.plain(original))
             for text in (shown.yaml(message, None), shown.as_json(message)):
                 assert typed.build(kind, typed.parse(text)) == message, text
+
+
+def test_kill_ends_in_order(topic, started, shmgen):
+    """So that the lock is not left taken, whatever pub was about."""
+    for _ in range(3):
+        pub = started("pub", topic, "std_msgs/Int32", "-r", "10000")
+        assert pub.stdout.readline()
+        pub.terminate()
+        assert pub.wait(10) == 143
+    assert shmgen("doctor", topic).code == 0
