@@ -75,7 +75,7 @@ ARROWS = {
 ONLY_IN = {
     "click": {"bridge_cli", "cli", "drift_cli", "live_cli", "options"},
     "jinja2": {"render"},
-    "rosbags": {"definitions"},
+    "rosbags": {"bridge", "definitions"},
     "rosidl_parser": {"definitions"},
     "posix_ipc": {"runtime"},
     "ruamel": {"tools"},

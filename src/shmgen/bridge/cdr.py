@@ -1,0 +1,194 @@
+"""Turns messages into the bytes ROS 2 sends of them (XCDR1 of OMG's DDS-XTypes, little-endian) and back.
+
+rosbags does it: it compiles a codec for each type, and its messages bear the names that ROS's have in Python.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from shmgen.model import (
+    Array,
+    Clock,
+    Element,
+    Field,
+    FieldType,
+    Message,
+    Ref,
+    Scalar,
+    Sequence,
+    String,
+    TypeName,
+    assert_never,
+    ros_type,
+)
+
+TIMES = {
+    Clock.TIME: TypeName("builtin_interfaces", "msg", "Time"),
+    Clock.DURATION: TypeName("builtin_interfaces", "msg", "Duration"),
+}
+FILLER = "structure_needs_at_least_one_member"
+"""The uint8 that ROS 2 gives a message without fields, since IDL knows no empty structure."""
+
+
+@dataclass(frozen=True, slots=True)
+class Codec:
+    """`new()` makes an empty message; `encode` and `decode` have the four bytes of encapsulation in front.
+
+    `decode` raises ValueError for bytes that are no such message. `type_hash` is that of REP 2016, `RIHS01_…`.
+    """
+
+    new: Callable[[], Any]
+    encode: Callable[[Any], bytes]
+    decode: Callable[[bytes], Any]
+    type_hash: str
+
+
+def codec(messages: tuple[Message, ...]) -> Codec:
+    """For the last of `messages`, which hold all it refers to. Raises ValueError for a `wstring`."""
+    from rosbags.serde import SerdeError
+    from rosbags.typesys.store import Typestore
+
+    _refuse_wide(messages)
+    store, written = Typestore(), Typestore()
+    store.register(_definitions(messages, as_written=False))
+    written.fielddefs.update(_definitions(messages, as_written=True))  # all that a hash is made from
+    top = messages[-1].name
+    known = {message.name: message for message in messages}
+    foreign = any(_has_numbers_in_elements(field.type, known) for message in messages for field in message.fields)
+
+    def encode(message: Any) -> bytes:
+        if foreign:
+            message = _converted(message, Ref(top), known, store.types)
+        return bytes(store.serialize_cdr(message, str(top), little_endian=True))
+
+    def decode(data: bytes) -> Any:
+        try:
+            return store.deserialize_cdr(data, str(top))
+        except SerdeError as error:
+            raise ValueError(str(error)) from error
+
+    return Codec(lambda: _empty(Ref(top), known, store.types), encode, decode, written.hash_rihs01(str(top)))
+
+
+def _refuse_wide(messages: tuple[Message, ...]) -> None:
+    for message in messages:
+        for field in message.fields:
+            if isinstance(type_ := _element(field.type), String) and type_.wide:
+                raise ValueError(
+                    f"{message.name.short}.{field.name}: no {ros_type(field.type)} through DDS, since Cyclone's Python "
+                    "does not know it, and the middlewares of ROS 2 differ in how they send it; use string"
+                )
+
+
+def _definitions(messages: tuple[Message, ...], *, as_written: bool) -> dict[str, Any]:
+    """As rosbags wants them. `as_written` tells `byte` and `char` from uint8, which matters to the hash alone."""
+    from rosbags.interfaces import Nodetype
+
+    def element(type_: Element, field: Field) -> Any:
+        match type_:
+            case Scalar():
+                word = field.written.partition("[")[0]
+                spelled = word if as_written and word in ("byte", "char") else type_.value
+                return Nodetype.BASE, (spelled, 0)
+            case Clock():
+                return Nodetype.NAME, str(TIMES[type_])
+            case String(capacity, _):
+                return Nodetype.BASE, ("string", capacity or 0)
+            case Ref(name):
+                return Nodetype.NAME, str(name)
+            case _:
+                assert_never(type_)
+
+    def described(field: Field) -> Any:
+        match field.type:
+            case Array(type_, length):
+                return Nodetype.ARRAY, (element(type_, field), length)
+            case Sequence(type_, capacity):
+                return Nodetype.SEQUENCE, (element(type_, field), capacity or 0)
+            case type_:
+                return element(type_, field)
+
+    filler = [(FILLER, (Nodetype.BASE, ("uint8", 0)))]
+    seconds = [("sec", (Nodetype.BASE, ("int32", 0))), ("nanosec", (Nodetype.BASE, ("uint32", 0)))]
+    return {str(name): ([], list(seconds)) for name in TIMES.values()} | {
+        str(message.name): ([], [(field.name, described(field)) for field in message.fields] or filler)
+        for message in messages
+    }
+
+
+def _has_numbers_in_elements(type_: FieldType, known: Mapping[TypeName, Message]) -> bool:
+    """Whether it is a list of messages with arrays of numbers, which rosbags takes as ndarray only."""
+    if not isinstance(type_, (Array, Sequence)) or not isinstance(type_.element, Ref):
+        return False
+    return _has_numbers(type_.element, known)
+
+
+def _has_numbers(type_: FieldType, known: Mapping[TypeName, Message]) -> bool:
+    match type_:
+        case Ref(name):
+            return any(_has_numbers(field.type, known) for field in known[name].fields)
+        case Array(element) | Sequence(element):
+            return isinstance(element, Scalar) or _has_numbers(element, known)
+        case _:
+            return False
+
+
+def _converted(value: Any, type_: FieldType, known: Mapping[TypeName, Message], kinds: Mapping[str, Any]) -> Any:
+    """An object with ROS's attributes, or a list of such, as rosbags's own class with ndarrays in it."""
+    match type_:
+        case Ref(name):
+            kind, fields = kinds[str(name)], known[name].fields
+            if not fields:
+                return kind(0)
+            members = (name for name in kind.__dataclass_fields__ if name != "__msgtype__")
+            return kind(
+                *(
+                    _converted(getattr(value, member), field.type, known, kinds)
+                    for member, field in zip(members, fields, strict=True)
+                )
+            )
+        case Array(Scalar() as scalar) | Sequence(Scalar() as scalar):
+            return _numbers(value, scalar)
+        case Array(Ref() as element) | Sequence(Ref() as element):
+            return [_converted(item, element, known, kinds) for item in value]
+        case _:
+            return value
+
+
+def _numbers(value: Any, scalar: Scalar) -> Any:
+    import numpy
+
+    if isinstance(value, (bytes, bytearray)):
+        return numpy.frombuffer(value, dtype=scalar.value)
+    return numpy.asarray(value, dtype=scalar.value)
+
+
+def _empty(type_: FieldType, known: Mapping[TypeName, Message], kinds: Mapping[str, Any]) -> Any:
+    match type_:
+        case Scalar.BOOL:
+            return False
+        case Scalar():
+            return 0.0 if type_.is_float else 0
+        case Clock():
+            return kinds[str(TIMES[type_])](0, 0)
+        case String():
+            return ""
+        case Ref(name):
+            return kinds[str(name)](*[_empty(field.type, known, kinds) for field in known[name].fields] or [0])
+        case Array(Scalar() as scalar, length):
+            return _numbers([0] * length, scalar)
+        case Array(element, length):
+            return [_empty(element, known, kinds) for _ in range(length)]
+        case Sequence(Scalar() as scalar):
+            return _numbers([], scalar)
+        case Sequence():
+            return []
+        case _:
+            assert_never(type_)
+
+
+def _element(type_: FieldType) -> Element:
+    return type_.element if isinstance(type_, (Array, Sequence)) else type_

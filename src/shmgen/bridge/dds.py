@@ -1,0 +1,100 @@
+"""Turns topics and services into those of a ROS 2 graph without ROS: Cyclone DDS, with ROS 2's names on the wire.
+
+Source: rmw_cyclonedds, whose names, QoS, type hashes and services these are.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from typing import Any
+
+from cyclonedds.core import DDSException
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.qos import Policy, Qos
+
+from shmgen.bridge import dds_services
+from shmgen.bridge.backend import Answer, Caller, Node, Outlet, ServiceWire, Wire
+from shmgen.bridge.cdr import Codec, codec
+from shmgen.bridge.dds_ends import Ends, quality, send
+from shmgen.bridge.dds_types import structure, topic_name
+from shmgen.runtime import Time
+
+_LAST_DOMAIN = 232
+"""Those above have no UDP ports left (DDSI-RTPS 2.5, 9.6.2)."""
+_NOT_LOOKED_AT = ("ROS_LOCALHOST_ONLY", "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_STATIC_PEERS")
+
+
+def connect(node: Node) -> Graph:
+    """Joins the domain. Raises ValueError for a domain that cannot be, and where there is no network."""
+    domain = _domain(node.domain)
+    for name in _NOT_LOOKED_AT:
+        if os.environ.get(name):
+            node.tell(f"dds: {name} is not looked at here; CYCLONEDDS_URI is")
+    if node.arguments:
+        node.tell(f"dds: there is no ROS here to take {' '.join(node.arguments)}")
+    try:
+        participant = DomainParticipant(domain, Qos(Policy.EntityName(node.name)))
+    except DDSException as error:
+        raise ValueError(f"dds: cannot join domain {domain}: {error}") from error
+    return Graph(Ends(participant, node.tell))
+
+
+class Graph:
+    """A `Backend`. In `ros2 topic info -v` its name is `_CREATED_BY_BARE_DDS_APP_`."""
+
+    def __init__(self, ends: Ends) -> None:
+        self._ends = ends
+
+    def publisher(self, wire: Wire) -> Outlet:
+        """Advertises the topic. Raises ValueError for a type with a `wstring`.
+
+        What `send` raises beside that: TimeoutError where a reliable subscriber is too far behind.
+        """
+        made = codec(wire.messages)
+        writer = self._ends.writer(topic_name(wire.topic), structure(wire.messages), _quality(wire, made))
+        return Outlet(made.new, lambda message: send(writer, made.encode(message)))
+
+    def subscribe(self, wire: Wire, callback: Callable[[Any], None]) -> Callable[[], Any]:
+        """Calls `callback` in a thread of the topic's own. Raises as publisher()."""
+        made = codec(wire.messages)
+        name = topic_name(wire.topic)
+        reader = self._ends.reader(name, structure(wire.messages), _quality(wire, made))
+        self._ends.listen(reader, lambda sample: callback(made.decode(sample.cdr)), name)
+        return made.new
+
+    def serve(self, wire: ServiceWire, answer: Answer) -> None:
+        """For clients on rmw_cyclonedds. Raises as publisher()."""
+        dds_services.serve(self._ends, wire, answer)
+
+    def client(self, wire: ServiceWire) -> Caller:
+        """For servers on rmw_cyclonedds. Raises as publisher()."""
+        return dds_services.client(self._ends, wire)
+
+    def now(self) -> Time:
+        """The wall's clock."""
+        return Time(*divmod(time.time_ns(), 10**9))
+
+    def alive(self) -> bool:
+        """Always: nobody in DDS tells a node to end."""
+        return True
+
+    def close(self) -> None:
+        """Leaves the domain."""
+        self._ends.close()
+
+
+def _domain(configured: int | None) -> int:
+    text = os.environ.get("ROS_DOMAIN_ID", "").strip() if configured is None else str(configured)
+    if not text:
+        return 0
+    if not text.isdecimal() or int(text) > _LAST_DOMAIN:
+        raise ValueError(
+            f"dds: a domain is a number from 0 to {_LAST_DOMAIN}, not {text!r} (ROS_DOMAIN_ID, shmgen.toml)"
+        )
+    return int(text)
+
+
+def _quality(wire: Wire, made: Codec) -> Qos:
+    return quality(wire.qos, wire.latch, wire.queue, f"typehash={made.type_hash};")

@@ -1,0 +1,137 @@
+"""Turns names, types and QoS into Cyclone's readers and writers, each reader with a thread of its own.
+
+A thread that waits costs less than Cyclone's listener, for which Python makes a thread state at each message.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any, Literal
+
+from cyclonedds.core import (
+    DDSException,
+    GuardCondition,
+    InstanceState,
+    Listener,
+    ReadCondition,
+    SampleState,
+    ViewState,
+    WaitSet,
+)
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.internal import InvalidSample
+from cyclonedds.pub import DataWriter
+from cyclonedds.qos import Policy, Qos
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+
+from shmgen.bridge.dds_types import sample
+
+_PATIENCE = 10_000_000
+"""Nanoseconds a writer waits for a reliable reader that does not keep up; then the message is dropped."""
+_AT_ONCE = 64
+"""Samples taken from a reader in one go."""
+_FAREWELL = 0.4
+"""Seconds that all threads together get to finish what they are at."""
+_COMPLAIN = 10.0
+"""Seconds from one line about what a peer sends to the next."""
+_FOREVER = 2**63 - 1
+_ANY = SampleState.Any | ViewState.Any | InstanceState.Any
+_POLICIES = {2: "durability", 4: "deadline", 8: "liveliness", 11: "reliability", 23: "data representation"}
+"""By dds_qos_policy_id_t, those of ROS 2 that can stand between two ends."""
+
+
+def quality(reliability: Literal["reliable", "best_effort"], latch: bool, queue: int, user_data: str) -> Qos:
+    """As rmw_cyclonedds sets it, but for the time a writer may be held up, which is for ever there."""
+    reliable = Policy.Reliability.Reliable(_PATIENCE)
+    policies = [
+        reliable if reliability == "reliable" else Policy.Reliability.BestEffort,
+        Policy.History.KeepLast(queue),
+        Policy.DataRepresentation(use_cdrv0_representation=True),
+        Policy.Userdata(user_data.encode()),
+    ]
+    if latch:
+        newest = Policy.DurabilityService(
+            cleanup_delay=0,
+            history=Policy.History.KeepLast(1),
+            max_samples=-1,
+            max_instances=-1,
+            max_samples_per_instance=-1,
+        )
+        policies += [Policy.Durability.TransientLocal, newest]
+    return Qos(*policies)
+
+
+class Ends:
+    """The readers and writers of one participant."""
+
+    def __init__(self, participant: DomainParticipant, tell: Callable[[str], None]) -> None:
+        self.tell = tell
+        self._participant = participant
+        self._stop = GuardCondition(participant)
+        self._threads: list[threading.Thread] = []
+
+    def writer(self, topic: str, kind: type[Any], qos: Qos) -> DataWriter:
+        """Of the structure `kind`."""
+        return DataWriter(self._participant, Topic(self._participant, topic, kind), qos, self._watch(topic, "offer"))
+
+    def reader(self, topic: str, kind: type[Any], qos: Qos) -> DataReader:
+        """Of the structure `kind`; what it takes are objects with `cdr`."""
+        without_service = qos - Qos(qos[Policy.DurabilityService]) if Policy.DurabilityService in qos else qos
+        return DataReader(
+            self._participant, Topic(self._participant, topic, kind), without_service, self._watch(topic, "ask for")
+        )
+
+    def listen(self, reader: DataReader, callback: Callable[[Any], None], name: str) -> None:
+        """Calls `callback` with each sample, in order, in a thread of its own. What it raises is told, not often."""
+        thread = threading.Thread(target=self._run, args=(reader, callback, name), name=name, daemon=True)
+        self._threads.append(thread)
+        thread.start()
+
+    def close(self) -> None:
+        """Deletes all; for the peers they are gone at once."""
+        with suppress(DDSException):
+            self._stop.set(True)
+        deadline = time.monotonic() + _FAREWELL
+        for thread in self._threads:
+            thread.join(max(0.0, deadline - time.monotonic()))
+        self._participant.__del__()  # there is no other way in Cyclone's Python; what is in it goes with it
+
+    def _run(self, reader: DataReader, callback: Callable[[Any], None], name: str) -> None:
+        waiting = WaitSet(self._participant)
+        waiting.attach(ReadCondition(reader, _ANY))
+        waiting.attach(self._stop)
+        complained = -_COMPLAIN
+        with suppress(DDSException):  # deleted while a callback took its time
+            while not self._stop.read():
+                waiting.wait(_FOREVER)
+                for taken in reader.take(_AT_ONCE):
+                    try:
+                        if not isinstance(taken, InvalidSample):  # a writer that went
+                            callback(taken)
+                    except Exception as error:  # one message is not worth the topic
+                        if time.monotonic() - complained >= _COMPLAIN:
+                            complained = time.monotonic()
+                            self.tell(f"{name}: {type(error).__name__}: {error}")
+
+    def _watch(self, name: str, verb: str) -> Listener:
+        def told(entity: Any, status: Any) -> None:
+            policy = _POLICIES.get(status.last_policy_id, f"policy {status.last_policy_id}")
+            self.tell(f"{name}: a peer does not match the {policy} that we {verb}; nothing passes between the two")
+
+        if verb == "offer":
+            return Listener(on_offered_incompatible_qos=told)
+        return Listener(on_requested_incompatible_qos=told)
+
+
+def send(writer: DataWriter, cdr: bytes) -> None:
+    """Raises TimeoutError, and drops the message, where a reliable reader is too far behind."""
+    try:
+        writer.write(sample(writer.data_type, cdr))
+    except DDSException as error:
+        if error.code == DDSException.DDS_RETCODE_TIMEOUT:
+            raise TimeoutError("a reliable subscriber does not keep up; dropped") from None
+        raise

@@ -1,0 +1,129 @@
+"""Turns services of ROS 2 into two topics, request and reply, as rmw_cyclonedds does.
+
+Before each request and its reply go 16 bytes that say whose they are. rmw_fastrtps says it in the inline QoS
+instead, which Cyclone's Python cannot set: its clients and servers are not reached.
+"""
+
+from __future__ import annotations
+
+import itertools
+import queue
+import struct
+import time
+import uuid
+from contextlib import suppress
+from typing import Any
+
+from cyclonedds.pub import DataWriter
+from cyclonedds.qos import Policy, Qos
+from cyclonedds.sub import DataReader
+
+from shmgen.bridge.backend import QUEUE, Answer, Caller, NoAnswer, ServiceWire
+from shmgen.bridge.cdr import Codec, codec
+from shmgen.bridge.dds_ends import Ends, quality, send
+from shmgen.bridge.dds_types import CALL, reply_name, request_name, structure
+
+_CALL = struct.Struct("<Qq")
+"""Whose call, and which: CALL as bytes. Its 16 keep the alignment of what follows."""
+_ENCAPSULATION = 4
+_REPLY_READER = 0.1
+"""Seconds a reply waits until its client's reader is known here; rmw_cyclonedds waits as long."""
+_LOOK = 0.01
+
+
+def serve(ends: Ends, wire: ServiceWire, answer: Answer) -> None:
+    """Calls `answer` in the thread of the service, request after request. Raises ValueError for a `wstring`."""
+    request, response = codec(wire.request), codec(wire.response)
+    us = _identity("serviceid")
+    requests = ends.reader(request_name(wire.service), structure(wire.request, before=CALL), _quality(us, request))
+    replies = ends.writer(reply_name(wire.service), structure(wire.response, before=CALL), _quality(us, response))
+
+    def answered(sample: Any) -> None:
+        call, asked = _split(sample.cdr)
+        message = response.new()
+        try:
+            answer(request.decode(asked), message)
+        except NoAnswer as error:  # ROS 2 has no word for it: the client waits in vain
+            ends.tell(f"{wire.service}: no answer: {error}")
+            return
+        _await_reader(requests, replies, sample.sample_info.publication_handle)
+        send(replies, _joined(call, response.encode(message)))
+
+    ends.listen(requests, answered, wire.service)
+
+
+def client(ends: Ends, wire: ServiceWire) -> Caller:
+    """Raises ValueError for a `wstring`."""
+    request, response = codec(wire.request), codec(wire.response)
+    us = _identity("clientid")
+    requests = ends.writer(request_name(wire.service), structure(wire.request, before=CALL), _quality(us, request))
+    replies = ends.reader(reply_name(wire.service), structure(wire.response, before=CALL), _quality(us, response))
+    guid = requests.get_instance_handle() & (2**64 - 1)
+    numbers = itertools.count(1)
+    waiting: dict[int, queue.SimpleQueue[bytes]] = {}
+
+    def replied(sample: Any) -> None:
+        (whose, number), answer = _split(sample.cdr)
+        if whose == guid and (caller := waiting.get(number)):
+            caller.put(answer)
+
+    def call(message: Any, timeout: float) -> Any:
+        deadline = time.monotonic() + timeout
+        while not (requests.get_matched_subscriptions() and replies.get_matched_publications()):
+            if time.monotonic() >= deadline:
+                raise NoAnswer(f"{wire.service}: no server within {timeout} s")
+            time.sleep(_LOOK)
+        number = next(numbers)
+        waiting[number] = queue.SimpleQueue()
+        try:
+            send(requests, _joined((guid, number), request.encode(message)))
+            answer = waiting[number].get(timeout=max(0.0, deadline - time.monotonic()))
+        except (queue.Empty, TimeoutError):
+            raise NoAnswer(f"{wire.service}: no answer within {timeout} s") from None
+        finally:
+            del waiting[number]
+        return response.decode(answer)
+
+    ends.listen(replies, replied, wire.service)
+    return Caller(request.new, call)
+
+
+def _identity(role: str) -> str:
+    """By which rmw_cyclonedds tells which reader and which writer belong together."""
+    return f"{role}={'.'.join(f'{byte:x}' for byte in uuid.uuid4().bytes)};"
+
+
+def _quality(identity: str, made: Codec) -> Qos:
+    return quality("reliable", False, QUEUE, f"{identity}typehash={made.type_hash};")
+
+
+def _split(cdr: bytes) -> tuple[tuple[int, int], bytes]:
+    """The call, and the message without it. Raises ValueError for another byte order than ours."""
+    if cdr[1] != 1:
+        raise ValueError("a call from a big-endian machine")
+    start = _ENCAPSULATION + _CALL.size
+    return _CALL.unpack_from(cdr, _ENCAPSULATION), cdr[:_ENCAPSULATION] + cdr[start:]
+
+
+def _joined(call: tuple[int, int], cdr: bytes) -> bytes:
+    return cdr[:_ENCAPSULATION] + _CALL.pack(*call) + cdr[_ENCAPSULATION:]
+
+
+def _await_reader(requests: DataReader, replies: DataWriter, client: int) -> None:
+    """A client whose writer we know may have a reader that we do not know yet, and that the reply would miss."""
+    deadline = time.monotonic() + _REPLY_READER
+    endpoint = requests.get_matched_publication_data(client)
+    theirs = _client_id(endpoint)
+    while theirs and time.monotonic() < deadline:
+        for handle in replies.get_matched_subscriptions():
+            if _client_id(replies.get_matched_subscription_data(handle)) == theirs:
+                return
+        time.sleep(_LOOK)
+
+
+def _client_id(endpoint: Any) -> str:
+    data = b""
+    with suppress(AttributeError, KeyError):  # gone meanwhile, or without user data
+        data = endpoint.qos[Policy.Userdata].data
+    found = [word for word in data.decode(errors="replace").split(";") if word.startswith("clientid=")]
+    return found[0] if found else ""

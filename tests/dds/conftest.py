@@ -1,0 +1,96 @@
+"""What the tests of DDS share: a domain of their own on loopback, and the peers."""
+
+from __future__ import annotations
+
+import os
+import time
+import zlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("cyclonedds", reason="no cyclonedds for this Python")
+
+from shmgen import pipeline
+from shmgen.bridge import dds
+from shmgen.bridge.backend import Node, Wire
+from shmgen.bridge.plan import closure
+from shmgen.config import Config
+from shmgen.model import Schema
+
+from . import peers
+
+TYPES = (
+    "diagnostic_msgs/DiagnosticArray",
+    "geometry_msgs/Pose",
+    "geometry_msgs/PoseStamped",
+    "sensor_msgs/BatteryState",
+    "sensor_msgs/Imu",
+    "sensor_msgs/JointState",
+    "shape_msgs/SolidPrimitive",
+    "std_msgs/ByteMultiArray",
+    "std_msgs/Empty",
+    "std_msgs/String",
+    "trajectory_msgs/JointTrajectory",
+)
+"""Those the peers know: nested, stamped, with strings, arrays, bounded and unbounded sequences of all of these."""
+
+
+@pytest.fixture(scope="session")
+def schema() -> Schema:
+    return pipeline.read(Config(Path.cwd()), TYPES)
+
+
+@pytest.fixture(scope="session")
+def domain(testrun_uid: str, worker_id: str) -> int:
+    """One for each worker, out of those whose ports Linux gives to nobody else."""
+    number = int(worker_id.removeprefix("gw")) if worker_id.startswith("gw") else 0
+    return 1 + (zlib.crc32(testrun_uid.encode()) + number) % 100
+
+
+@pytest.fixture(autouse=True)
+def _loopback(monkeypatch: pytest.MonkeyPatch, domain: int) -> None:
+    monkeypatch.setenv("CYCLONEDDS_URI", peers.LOOPBACK)
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+
+
+@pytest.fixture
+def told() -> list[str]:
+    """What the backend tells whoever watches."""
+    return []
+
+
+@pytest.fixture
+def graph(told: list[str]) -> Iterator[dds.Graph]:
+    """Our node in the domain."""
+    made = dds.connect(Node("shmgen_test", None, told.append, lambda: False))
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope="session", params=["fast", "cyclone"])
+def peer(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, schema: Schema) -> Path:
+    """A program that is not ours, built once for all workers."""
+    if tool := peers.missing(request.param):
+        pytest.skip(f"no {tool} to build a peer with")
+    shared = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        shared = shared.parent
+    topics = [message.name for message in schema.messages if message.name in schema.requested]
+    return peers.build(request.param, shared / "dds_peers", schema.messages, topics)
+
+
+def wire(schema: Schema, topic: str, request: str, **how: Any) -> Wire:
+    """The topic as the bridge would describe it to the backend."""
+    name = next(message.name for message in schema.messages if message.name.short == request)
+    return Wire(topic, closure(schema, name), **how)
+
+
+def until(true: Callable[[], Any], seconds: float = 10) -> None:
+    """Returns as soon as `true()` is, asked ten times a second."""
+    deadline = time.monotonic() + seconds
+    while not true():
+        assert time.monotonic() < deadline, f"not within {seconds} s"
+        time.sleep(0.1)

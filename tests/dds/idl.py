@@ -1,0 +1,62 @@
+"""Turns message definitions into IDL with ROS 2's names, for peers that are compiled from it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from shmgen.model import Array, Clock, Element, Field, Message, Ref, Scalar, Sequence, String
+
+SPELLED = {
+    Scalar.BOOL: "boolean",
+    Scalar.INT8: "octet",
+    Scalar.UINT8: "octet",
+    Scalar.INT16: "short",
+    Scalar.UINT16: "unsigned short",
+    Scalar.INT32: "long",
+    Scalar.UINT32: "unsigned long",
+    Scalar.INT64: "long long",
+    Scalar.UINT64: "unsigned long long",
+    Scalar.FLOAT32: "float",
+    Scalar.FLOAT64: "double",
+}
+"""As rosidl_generator_dds_idl spells them."""
+TIMES = {Clock.TIME: "Time_", Clock.DURATION: "Duration_"}
+
+
+def idl(messages: Iterable[Message]) -> str:
+    """All in one file; dependencies come first."""
+    parts = [
+        _struct("builtin_interfaces", "msg", name, ["long sec_;", "unsigned long nanosec_;"]) for name in TIMES.values()
+    ]
+    for message in messages:
+        members = [_member(field) for field in message.fields] or ["octet structure_needs_at_least_one_member_;"]
+        parts.append(_struct(message.name.package, message.name.kind, f"{message.name.name}_", members))
+    return "\n".join(parts)
+
+
+def _struct(package: str, kind: str, name: str, members: list[str]) -> str:
+    body = "\n".join(f"  {member}" for member in members)
+    return f"module {package} {{ module {kind} {{ module dds_ {{\nstruct {name} {{\n{body}\n}};\n}}; }}; }};\n"
+
+
+def _member(field: Field) -> str:
+    match field.type:
+        case Array(element, length):
+            return f"{_element(element, field)} {field.name}_[{length}];"
+        case Sequence(element, capacity):
+            bound = f", {capacity}" if capacity else ""
+            return f"sequence<{_element(element, field)}{bound}> {field.name}_;"
+        case type_:
+            return f"{_element(type_, field)} {field.name}_;"
+
+
+def _element(type_: Element, field: Field) -> str:
+    match type_:
+        case Scalar():
+            return "char" if field.written.startswith("char") else SPELLED[type_]
+        case Clock():
+            return f"builtin_interfaces::msg::dds_::{TIMES[type_]}"
+        case String(capacity, _):
+            return f"string<{capacity}>" if capacity else "string"
+        case Ref(name):
+            return f"{name.package}::{name.kind}::dds_::{name.name}_"

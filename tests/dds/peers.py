@@ -1,0 +1,85 @@
+"""Turns message definitions into two programs that are not ours: on Fast DDS and on Cyclone's C library."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import shutil
+import subprocess
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from shmgen.bridge.dds_types import type_name
+from shmgen.model import Message, TypeName
+
+from .idl import idl
+
+HERE = Path(__file__).parent
+LOOPBACK = """<CycloneDDS><Domain Id="any">
+  <General><AllowMulticast>false</AllowMulticast><Interfaces><NetworkInterface name="lo"/></Interfaces></General>
+  <Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>9</MaxAutoParticipantIndex>
+    <Peers><Peer address="127.0.0.1"/></Peers></Discovery>
+</Domain></CycloneDDS>"""
+"""Cyclone's configuration: no other machine hears the tests, and none is heard."""
+NEEDS = {"fast": ("fastddsgen", "g++"), "cyclone": ("idlc", "gcc")}
+
+
+def missing(maker: str) -> str:
+    """What the program cannot be built for want of, or nothing."""
+    return next((tool for tool in NEEDS[maker] if not shutil.which(tool)), "")
+
+
+def build(maker: str, folder: Path, messages: Sequence[Message], topics: Sequence[TypeName]) -> Path:
+    """The program, which is built but once however many ask for it at the same time."""
+    folder.mkdir(parents=True, exist_ok=True)
+    program = folder / f"{maker}_peer"
+    with (folder / f"{maker}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not program.exists():
+            made = folder / maker
+            made.mkdir(exist_ok=True)
+            (made / "peer.idl").write_text(idl(messages))
+            {"fast": _fast, "cyclone": _cyclone}[maker](made, topics)
+            (made / "peer").rename(program)
+    return program
+
+
+def _fast(folder: Path, topics: Sequence[TypeName]) -> None:
+    _run(folder, "fastddsgen", "-cs", "-replace", "-d", str(folder), "peer.idl")
+    types = ", ".join(f"new {type_name(name)}PubSubType()" for name in topics)
+    sources = ["peer.cxx", "peerPubSubTypes.cxx", str(HERE / "fast_peer.cpp")]
+    flags = ["-O0", "-w", "-I.", f"-DPEER_TYPES={types}", "-lfastrtps", "-lfastcdr"]
+    _run(folder, "g++", "-o", "peer", *sources, *flags)
+
+
+def _cyclone(folder: Path, topics: Sequence[TypeName]) -> None:
+    _run(folder, "idlc", "-x", "final", "peer.idl")
+    types = ", ".join(f"&{type_name(name).replace('::', '_')}_desc" for name in topics)
+    flags = ["-O0", "-w", "-I.", f"-DPEER_TYPES={types}", "-lddsc"]
+    _run(folder, "gcc", "-o", "peer", "peer.c", str(HERE / "cyclone_peer.c"), *flags)
+
+
+def _run(folder: Path, *command: str) -> None:
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, f"{command}: {done.stdout[-3000:]}{done.stderr[-3000:]}"
+
+
+@contextmanager
+def running(program: Path, *words: object) -> Iterator[subprocess.Popen[str]]:
+    """The peer, ready; it is gone afterwards."""
+    environment = {**os.environ, "CYCLONEDDS_URI": LOOPBACK}
+    with subprocess.Popen(
+        [str(program), *map(str, words)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env=environment,
+    ) as process:
+        try:
+            assert process.stdout
+            line = process.stdout.readline()
+            assert line == "ready\n", f"{line!r}, then {process.wait(5)}"
+            yield process
+        finally:
+            process.kill()

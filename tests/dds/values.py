@@ -1,0 +1,52 @@
+"""Random messages as the bridge makes them: out of the bytes of a region, into what the backend gave."""
+
+from __future__ import annotations
+
+import ctypes
+import dataclasses
+import random
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from shmgen import pipeline
+from shmgen.bounds import Bound, Bounds
+from shmgen.config import Config
+from shmgen.diagnostics import Span
+from shmgen.model import Layouts, TypeName
+from shmgen.runtime import Message
+from shmgen.tools.classes import generated
+
+from ..support.schemas import random_message
+
+
+class Values(NamedTuple):
+    """Layouts with every sequence bounded to 3, and the classes made from them, by `geometry_msgs/msg/Pose`."""
+
+    layouts: Layouts
+    kinds: dict[str, type[Message]]
+
+    def fill(self, name: TypeName, message: Any, seed: object) -> Any:
+        """`message`, an empty one of that type, with every field at random."""
+        layout, kind = self.layouts[name], self.kinds[str(name)]
+        room = bytearray(ctypes.sizeof(kind))
+        late: list[Any] = []
+        kind._encode(random_message(layout, self.layouts, random.Random(str(seed))), room, 0, late)
+        for offset, _, data in late:
+            room[offset : offset + len(data)] = data
+        kind._decode(bytes(room), 0, message)
+        return message
+
+
+def values(requests: Iterable[str]) -> Values:
+    requests = list(requests)
+    config = bounded(requests)
+    return Values(pipeline.lay_out(config, requests), generated(config, requests))
+
+
+def bounded(requests: Iterable[str]) -> Config:
+    """A configuration that bounds every sequence in reach to 3, each package by one line."""
+    plain = Config(Path.cwd())
+    packages = {message.name.package for message in pipeline.read(plain, requests).messages}
+    bound = Bound(3, Span("shmgen.toml"))
+    return dataclasses.replace(plain, bounds=Bounds({}, dict.fromkeys(packages, bound)), package="shm_dds")
