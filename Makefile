@@ -14,6 +14,8 @@ REFERENCES := python3-rosidl python3-genmsg ros-std-msgs ros-geometry-msgs ros-s
 # ROS 1 for the bridge's tests: rospy belongs to Debian's own Python, so .venv/ros1 is made of that one.
 ROS1 := python3-rospy python3-rosmaster python3-roslaunch python3-rostopic python3-rosservice \
         python3-std-msgs python3-geometry-msgs python3-sensor-msgs python3-std-srvs python3-diagnostic-msgs
+# DDS that is not ours, for the tests of the backend dds: Fast DDS, and Cyclone's C library.
+DDS  := g++ libfastrtps-dev fastddsgen cyclonedds-dev cyclonedds-tools
 
 # The extra `bench`, one by one: who cannot be had here is left out.
 PEERS := iceoryx2 cyclonedds eclipse-zenoh pyzmq asyncua pymodbus
@@ -64,6 +66,8 @@ $(VENV)/ready-to-test: $(VENV)/ready
 	    || echo 'not to be had here: $(REFERENCES); tests that compare with them are skipped' >&2
 	@$(call debian,/usr/bin/python3 -c 'import rospy; import rosmaster; import rostopic; import rosservice',$(ROS1),echo 'tests that need ROS 1 are skipped' >&2) \
 	    || echo 'not to be had here: $(ROS1); tests that need ROS 1 are skipped' >&2
+	@$(call debian,command -v fastddsgen && command -v idlc,$(DDS),echo 'tests with peers on DDS are skipped' >&2) \
+	    || echo 'not to be had here: $(DDS); tests with peers on DDS are skipped' >&2
 	@if /usr/bin/python3 -c 'import rospy' 2>/dev/null; then \
 	    test -x $(VENV)/ros1/bin/python || /usr/bin/python3 -m venv --system-site-packages $(VENV)/ros1; \
 	    $(VENV)/ros1/bin/python -m pip install --quiet --disable-pip-version-check --editable .; \
