@@ -332,17 +332,41 @@ def test_list(folder: Path) -> None:
         f"demo_msgs/Robot  needs a bound for {some}",
         "",
         "1 of 3 can be generated.",
-        'The others need lines under [bounds] in shmgen.toml, such as "demo_msgs/Robot.arms0" = 8',
+        'Lines under [bounds] in shmgen.toml are wanted, such as "demo_msgs/Robot.arms0" = 8',
     ]
     write(folder, {"shmgen.toml": "[bounds]\ndemo_msgs = 2\n"})
     assert done(folder, "list -I msgs demo_msgs").endswith("3 of 3 can be generated.\n")
 
 
+def test_list_says_what_generate_would_say(folder: Path) -> None:
+    write(folder, {"msgs/demo_msgs/msg/Twice.msg": "float64 a\nfloat64 A\n", "shmgen.toml": 'source = "noetic"\n'})
+    write(folder, {"msgs/demo_msgs/msg/Holds.msg": "Twice[2] twice\n"})
+    write(folder, {"msgs/demo_msgs/msg/Large.msg": "float64[3000000] a\nTwice b\n"})
+    twice = "SHM203 demo_msgs/Twice.A: `a` and `A` are one name in Structured Text, which ignores case"
+    large = "demo_msgs/Large needs a region of 48,001,024 bytes, more than 16,777,216"
+    assert done(folder, "list -I msgs demo_msgs").splitlines() == [
+        "demo_msgs/Arm           81 bytes",
+        f"demo_msgs/Holds  {twice}",
+        f"demo_msgs/Large  SHM303 demo_msgs/Large.a (24,000,000 bytes): {large}; {twice}",
+        "demo_msgs/Robot         96 bytes",
+        f"demo_msgs/Twice  {twice}",
+        "",
+        "2 of 5 can be generated.",
+        "More is said by `shmgen explain SHM203` and `shmgen explain SHM303`",
+    ]
+    held = json.loads(done(folder, "list -I msgs demo_msgs --json"))[1]
+    assert (held["size"], [fault["code"] for fault in held["faults"]]) == (32, ["SHM203"])
+    for name in ("Holds", "Large", "Twice"):
+        assert shmgen(folder, f"generate -I msgs demo_msgs/{name}").code == 1
+    write(folder, {"shmgen.toml": 'source = "noetic"\ntargets = ["python", "c"]\nmax_region = 50000000\n'})
+    assert "5 of 5" in done(folder, "list -I msgs demo_msgs")
+
+
 def test_list_json_has_a_stable_shape(folder: Path) -> None:
     write(folder, {"msgs/demo_msgs/msg/Robot.msg": "Arm[] arms\n"})
     assert json.loads(done(folder, "list -I msgs demo_msgs --json")) == [
-        {"type": "demo_msgs/msg/Arm", "size": 81, "unbounded": []},
-        {"type": "demo_msgs/msg/Robot", "size": None, "unbounded": ["demo_msgs/Robot.arms"]},
+        {"type": "demo_msgs/msg/Arm", "size": 81, "unbounded": [], "faults": []},
+        {"type": "demo_msgs/msg/Robot", "size": None, "unbounded": ["demo_msgs/Robot.arms"], "faults": []},
     ]
 
 

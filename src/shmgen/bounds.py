@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 from shmgen.diagnostics import Report, Span, closest
@@ -33,9 +33,12 @@ class Bounds:
     default_string: int = DEFAULT_STRING
 
 
-def apply(schema: Schema, bounds: Bounds, report: Report) -> Schema:
-    """The same messages, all bounded. Raises Rejected: SHM101 unbounded, SHM103 bound twice, SHM502 no such field."""
-    _check_keys(schema, bounds, report)
+def apply(schema: Schema, bounds: Bounds, report: Report, in_reach: Callable[[], Iterable[TypeName]] = tuple) -> Schema:
+    """The same messages, all bounded. Raises Rejected: SHM101 unbounded, SHM103 bound twice, SHM502 no such field.
+
+    `in_reach` lists all messages there are, for keys that none at hand answers to; SHM502 if none of those does.
+    """
+    _check_keys(schema, bounds, in_reach, report)
     messages = tuple(
         replace(message, fields=tuple(_bounded(field, message.name, bounds) for field in message.fields))
         for message in schema.messages
@@ -104,14 +107,40 @@ def _most_specific(table: Mapping[str, Bound], message: TypeName, field: str) ->
     return None
 
 
-def _check_keys(schema: Schema, bounds: Bounds, report: Report) -> None:
-    """A key that names a field of a message at hand must find it, and find it without a bound of its own."""
-    by_name = {message.name.short: message for message in schema.messages}
+def _check_keys(schema: Schema, bounds: Bounds, in_reach: Callable[[], Iterable[TypeName]], report: Report) -> None:
+    """A key must name something that exists, and a field of a message at hand must be without a bound of its own."""
+    at_hand = {message.name.short: message for message in schema.messages}
+    packages = {message.name.package for message in schema.messages}
+    elsewhere: dict[str, Bound] = {}
     for section, table in (("bounds", bounds.sequences), ("strings", bounds.strings)):
         for key, bound in table.items():
             owner, dot, name = key.partition(".")
-            if dot and owner in by_name:
-                _check_field_key(by_name[owner], name, section, bound, report)
+            if owner not in at_hand and owner not in packages:
+                elsewhere[owner] = bound
+            elif dot and owner in at_hand:
+                _check_field_key(at_hand[owner], name, section, bound, report)
+    if elsewhere:
+        _check_owners(elsewhere, packages, in_reach(), report)
+
+
+def _check_owners(
+    owners: Mapping[str, Bound], at_hand: Collection[str], in_reach: Iterable[TypeName], report: Report
+) -> None:
+    """Packages and messages that are not part of this run must at least be there."""
+    messages = {name.short for name in in_reach}
+    packages = {name.partition("/")[0] for name in messages}
+    for owner, bound in owners.items() if messages else ():
+        package, slash, _ = owner.partition("/")
+        # A file that was asked for by its path is of a package that is not in reach otherwise.
+        if owner in packages or owner in messages or (slash and package in set(at_hand) - packages):
+            continue
+        kind, known = ("message", messages) if slash and package in packages else ("package", {*packages, *at_hand})
+        name = owner if kind == "message" else package
+        close = closest(name, known, 0.8)
+        hint = (
+            f"did you mean {close}?" if close else f"`shmgen list{f' {package}' if slash else ''}` prints what there is"
+        )
+        report.error("SHM502", f"there is no {kind} {name}", bound.span, hint=hint)
 
 
 def _check_field_key(message: Message, name: str, section: str, bound: Bound, report: Report) -> None:

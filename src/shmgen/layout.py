@@ -30,6 +30,7 @@ from shmgen.model import (
     TypeOptions,
     assert_never,
     text_bytes,
+    text_length,
 )
 
 SLOT_HEADER = 16
@@ -65,17 +66,23 @@ def lay_out(schema: Schema, options: TypeOptions, max_region: int, report: Repor
             hint = "put the innermost fields further out"
             reason = f"{message.name.short} nests messages more than {DEEPEST} deep"
             report.error("SHM304", reason, message.span, hint=hint)
-        if layout.requested and region_size(layout.size) > max_region:
-            largest = max(layout.slots, key=lambda slot: slot.size)
-            report.error(
-                "SHM303",
-                f"{message.name.short} needs a region of {region_size(layout.size):,} bytes, more than {max_region:,}",
-                largest.field.span if largest.field else message.span,
-                field=f"{message.name.short}.{largest.name} ({largest.size:,} bytes)",
-                hint="lower a bound under [bounds] or [strings], or raise max_region in shmgen.toml",
-            )
+        if layout.requested:
+            check_size(layout, max_region, report)
     report.stop_if_any()
     return layouts
+
+
+def check_size(layout: Layout, max_region: int, report: Report) -> None:
+    """SHM303 for a message whose smallest region has more than `max_region` bytes."""
+    if region_size(layout.size) > max_region:
+        largest = max(layout.slots, key=lambda slot: slot.size)
+        report.error(
+            "SHM303",
+            f"{layout.name.short} needs a region of {region_size(layout.size):,} bytes, more than {max_region:,}",
+            largest.field.span if largest.field else layout.message.span,
+            field=f"{layout.name.short}.{largest.name} ({largest.size:,} bytes)",
+            hint="lower a bound under [bounds] or [strings], or raise max_region in shmgen.toml",
+        )
 
 
 def region_size(payload: int, slots: int = SMALLEST_SLOTS) -> int:
@@ -134,11 +141,13 @@ def _check_values(message: Message, options: TypeOptions, report: Report) -> Non
 
 def _misfit(text: str, string: String, options: TypeOptions, path: str) -> tuple[str, str]:
     """What is wrong with a text, and the hint; empty if nothing is."""
-    encoding, unit = ("utf-16-le", 2) if string.wide else (options.encoding, 1)
     try:
-        length = len(text.encode(encoding)) // unit
-    except UnicodeEncodeError:
-        return f"{text!r} cannot be written in {encoding}", 'set encoding = "utf-8" under [strings] in shmgen.toml'
+        length = text_length(text, string, options.encoding)
+    except UnicodeEncodeError as error:
+        return (
+            f"{text!r} cannot be written in {error.encoding}",
+            'set encoding = "utf-8" under [strings] in shmgen.toml',
+        )
     if string.capacity is not None and length > string.capacity:
         return f"{text!r} is longer than its bound", f'set "{path}" = {length} under [strings] in shmgen.toml'
     return "", ""

@@ -314,6 +314,11 @@ def text_bytes(string: String) -> int:
     return (string.capacity + 1) * (2 if string.wide else 1)
 
 
+def text_length(text: str, string: String, encoding: str) -> int:
+    """As a capacity counts: bytes in `encoding`, of a wstring UTF-16 code units. Raises UnicodeEncodeError."""
+    return len(text.encode("utf-16-le")) // 2 if string.wide else len(text.encode(encoding))
+
+
 # --- Output: text to be -----------------------------------------------------------------------------
 
 

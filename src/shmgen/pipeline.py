@@ -6,12 +6,13 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from shmgen import bounds, config_entries, definitions, drift, layout
 from shmgen.config import Config
-from shmgen.diagnostics import Report
+from shmgen.diagnostics import Diagnostic, Report
 from shmgen.model import Action, Layouts, Output, Schema, Service, Topic, TypeName
 from shmgen.targets import c, interfaces, plcopen, python, python_project, st
 
@@ -23,7 +24,8 @@ def read(config: Config, requests: Iterable[str]) -> Schema:
 
 def lay_out(config: Config, requests: Iterable[str]) -> Layouts:
     """The same with every byte in its place. Raises Rejected."""
-    schema = bounds.apply(read(config, requests), config.bounds, Report())
+    in_reach = lambda: definitions.available(_sources(config))  # noqa: E731 only where a key asks for it
+    schema = bounds.apply(read(config, requests), config.bounds, Report(), in_reach)
     return layout.lay_out(schema, config.types, config.max_region, Report())
 
 
@@ -81,11 +83,15 @@ def actions(config: Config, layouts: Layouts, report: Report) -> Iterable[Action
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One message of the inventory: its size in bytes, or the keys that [bounds] lacks for it."""
+    """One message of the inventory: its size in bytes, or the keys that [bounds] lacks for it.
+
+    `faults` are what else `generate` would say against it.
+    """
 
     name: TypeName
     size: int | None
     unbounded: tuple[str, ...]
+    faults: tuple[Diagnostic, ...] = ()
 
 
 def inventory(config: Config, package: str | None = None) -> list[Entry]:
@@ -98,7 +104,25 @@ def inventory(config: Config, package: str | None = None) -> list[Entry]:
     mappable = tuple(message for message in schema.messages if not missing[message.name])
     bounded = bounds.apply(Schema(mappable), config.bounds, Report())
     layouts = layout.lay_out(bounded, config.types, config.max_region, Report())
-    return [Entry(name, layouts[name].size if name in layouts else None, missing[name]) for name in names]
+    faults = _faults(config, layouts)
+    return [
+        Entry(name, layouts[name].size, (), faults[name]) if name in layouts else Entry(name, None, missing[name])
+        for name in names
+    ]
+
+
+def _faults(config: Config, layouts: Layouts) -> dict[TypeName, tuple[Diagnostic, ...]]:
+    """What stops each message, or one that it holds: its region is too large, or its names do not fit the targets."""
+    report = Report()
+    deque(_plan(replace(config, topics=()), layouts, report), maxlen=0)  # planned for what it reports
+    faults: dict[TypeName, tuple[Diagnostic, ...]] = {}
+    for name, laid_out in layouts.items():
+        size = Report()
+        layout.check_size(laid_out, config.max_region, size)
+        own = [found for found in report.diagnostics if found.span.path == laid_out.message.span.path]
+        held = [found for inner in laid_out.dependencies for found in faults[inner] if found.code != "SHM303"]
+        faults[name] = tuple(dict.fromkeys([*size.diagnostics, *own, *held]))
+    return faults
 
 
 def _sources(config: Config) -> definitions.Sources:

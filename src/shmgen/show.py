@@ -101,15 +101,26 @@ def type_table(options: TypeOptions) -> str:
 def inventory(entries: list[Entry], machine: bool) -> str:
     """What can be generated, and what each other message still needs; `machine` gives JSON."""
     if machine:
-        data = [{"type": str(entry.name), "size": entry.size, "unbounded": entry.unbounded} for entry in entries]
+        data = [
+            {
+                "type": str(entry.name),
+                "size": entry.size,
+                "unbounded": entry.unbounded,
+                "faults": [{"code": fault.code, "message": fault.message} for fault in entry.faults],
+            }
+            for entry in entries
+        ]
         return json.dumps(data, indent=2) + "\n"
     width = max((len(entry.name.short) for entry in entries), default=0)
     lines = [f"{entry.name.short:<{width}}  {_standing(entry)}" for entry in entries]
-    ready = sum(entry.size is not None for entry in entries)
+    ready = sum(entry.size is not None and not entry.faults for entry in entries)
     lines += ["", f"{ready} of {len(entries)} can be generated."]
     stopped = [key for entry in entries for key in entry.unbounded]
     if stopped:
-        lines.append(f'The others need lines under [bounds] in shmgen.toml, such as "{stopped[0]}" = 8')
+        lines.append(f'Lines under [bounds] in shmgen.toml are wanted, such as "{stopped[0]}" = 8')
+    codes = sorted({fault.code for entry in entries for fault in entry.faults})
+    if codes:
+        lines.append("More is said by " + " and ".join(f"`shmgen explain {code}`" for code in codes))
     return "\n".join(lines) + "\n"
 
 
@@ -117,6 +128,8 @@ _KEYS_SHOWN = 3
 
 
 def _standing(entry: Entry) -> str:
+    if entry.faults:
+        return "; ".join(f"{fault.code} {fault.field}: {fault.message}" for fault in entry.faults)
     if entry.size is not None:
         return f"{entry.size:>9,} bytes"
     more = f" and {len(entry.unbounded) - _KEYS_SHOWN} more" if len(entry.unbounded) > _KEYS_SHOWN else ""

@@ -132,4 +132,4 @@ def test_the_clash_says_why_and_what_to_do() -> None:
     (text,) = map(str, report.diagnostics)
     assert "`step_` and `step` are one name in Structured Text: `step` becomes `step_`" in text
     assert "field: demo/Demo.step\n" in text
-    assert 'leave "st" out of `targets`' in text
+    assert 'leave "st" and "plcopen" out of `targets`' in text

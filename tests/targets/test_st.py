@@ -287,7 +287,7 @@ def test_reserved_words_get_an_underscore(texts: dict[str, str]) -> None:
         ({"A": "uint8 structure_needs_at_least_one_member\n"}, []),
         ({"A": "uint8 points\nuint8 POINTS=1\n"}, []),
         ({"a_b/C": "uint8 x\n", "a/b_C": "uint8 x\n"}, ["SHM203"]),
-        ({"shmgen/Time": "uint8 x\n"}, ["SHM203"]),
+        ({"shmgen/Time": "uint8 x\n"}, ["SHM204"]),
     ],
 )
 def test_clashes(tmp_path: Path, messages: dict[str, str], codes: list[str]) -> None:

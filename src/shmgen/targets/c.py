@@ -23,7 +23,7 @@ from shmgen.model import (
     assert_never,
     ros_type,
 )
-from shmgen.targets.naming import C, c_member, check_members, file_stem
+from shmgen.targets.naming import C, c_member, check_members, check_messages, file_stem
 
 _TYPES = {
     Scalar.BOOL: "uint8_t",
@@ -68,20 +68,10 @@ class Header(NamedTuple):
 def plan(layouts: Layouts, report: Report, package: str = "shm_msgs") -> Iterator[Output]:
     """`c/<package>/<ros package>/msg/pose.h` for each message, and `c/<package>/shmgen.h`."""
     yield Output(f"c/{package}/shmgen.h", "c/shmgen.h.j2", None)
-    seen: dict[str, Layout] = {}
+    check_messages(layouts.values(), "file", lambda layout: [_path(layout.name, package)], C, report)
     for name, layout in layouts.items():
-        path = _path(name, package)
-        if path in seen:
-            report.error(
-                "SHM203",
-                f"{name.short} and {seen[path].name.short} both become {path}",
-                layout.message.span,
-                hint="rename one of the messages",
-            )
-            continue
-        seen[path] = layout
         check_members(layout, C, report)
-        yield Output(f"c/{path}", "c/message.h.j2", _header(layout, package))
+        yield Output(f"c/{_path(name, package)}", "c/message.h.j2", _header(layout, package))
 
 
 def struct_name(name: TypeName) -> str:

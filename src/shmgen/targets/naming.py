@@ -14,7 +14,7 @@ Where the word lists come from:
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterable
 from typing import NamedTuple
 
 from shmgen.diagnostics import Report, Span
@@ -107,17 +107,22 @@ def file_stem(name: TypeName) -> str:
 
 
 class Target(NamedTuple):
-    """What a target does to a name; `key` is its name in shmgen.toml, `fold` maps names it takes for one."""
+    """What a target does to a name; `keys` are its names in shmgen.toml, `fold` maps names it takes for one."""
 
     title: str
-    key: str
+    keys: tuple[str, ...]
     escape: Callable[[str], str]
     fold: Callable[[str], str]
 
+    @property
+    def way_out(self) -> str:
+        keys = " and ".join(f'"{key}"' for key in self.keys)
+        return f"rename one of them, or leave {keys} out of `targets` in shmgen.toml"
 
-STRUCTURED_TEXT = Target("Structured Text", "st", st_member, str.upper)
-PYTHON = Target("Python", "python", python_member, str)
-C = Target("C", "c", c_member, str)
+
+STRUCTURED_TEXT = Target("Structured Text", ("st", "plcopen"), st_member, str.upper)
+PYTHON = Target("Python", ("python",), python_member, str)
+C = Target("C", ("c",), c_member, str)
 
 STRUCTURE_FILLER = "structure_needs_at_least_one_member"
 """The single member of a message without fields, named as rosidl names it."""
@@ -152,6 +157,32 @@ def check_constants(layout: Layout, target: Target, own: tuple[str, ...], report
     _check(layout.name, made + named, target, report)
 
 
+def check_messages(
+    layouts: Iterable[Layout],
+    what: str,
+    made_of: Callable[[Layout], Iterable[str]],
+    target: Target,
+    report: Report,
+    own: Collection[str] = (),
+) -> None:
+    """Reports messages that become one `what` ("class", "file") in `target` (SHM203), or one of our `own` (SHM204)."""
+    seen: dict[str, Layout] = {}
+    for layout in layouts:
+        for made in made_of(layout):
+            if target.fold(made) in map(target.fold, own):
+                fault = f"{layout.name} becomes the {what} `{made}`, which shmgen adds in {target.title}"
+                report.error("SHM204", fault, layout.message.span, hint="rename the message")
+            other = seen.setdefault(target.fold(made), layout)
+            if other is not layout:
+                case = "" if made in made_of(other) else ", which ignores case"
+                report.error(
+                    "SHM203",
+                    f"{other.name} and {layout.name} both become the {what} `{made}` in {target.title}{case}",
+                    layout.message.span,
+                    hint=target.way_out,
+                )
+
+
 class _Named(NamedTuple):
     """A name; `role` says what the generator has it for, and is empty where it is the user's."""
 
@@ -182,7 +213,7 @@ def _check(message: TypeName, names: list[_Named], target: Target, report: Repor
                 f"`{other.name}` and `{named.name}` are one name in {target.title}" + _why(other, named, target),
                 named.span,
                 field=f"{message.short}.{named.name}",
-                hint=f'rename one of them, or leave "{target.key}" out of `targets` in shmgen.toml',
+                hint=target.way_out,
             )
 
 

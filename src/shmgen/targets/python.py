@@ -10,7 +10,7 @@ from typing import NamedTuple
 from shmgen.diagnostics import Report
 from shmgen.model import Layout, Layouts, Output, Ref, Role, TypeName
 from shmgen.targets import python_codec as codec
-from shmgen.targets.naming import PYTHON, check_constants, check_members, file_stem, python_member
+from shmgen.targets.naming import PYTHON, check_constants, check_members, check_messages, file_stem, python_member
 from shmgen.targets.python_members import (
     USED_IN_CLASS,
     Row,
@@ -74,7 +74,8 @@ def plan(layouts: Layouts, report: Report, package: str = "shm_msgs") -> Iterato
     for (ros_package, kind), names in groupby(sorted(layouts), key=folder_of):
         folder = f"{root}/{ros_package}/{kind}"
         members = [layouts[name] for name in names]
-        _check_classes(members, report)
+        check_messages(members, "class", _classes, PYTHON, report)
+        check_messages(members, "file", lambda layout: [f"_{file_stem(layout.name)}.py"], PYTHON, report)
         for layout in members:
             check_members(layout, PYTHON, report)
             check_constants(layout, PYTHON, (), report)
@@ -97,22 +98,6 @@ def _classes(layout: Layout) -> list[str]:
 
 def class_name(name: TypeName) -> str:
     return python_member(name.name)
-
-
-def _check_classes(layouts: list[Layout], report: Report) -> None:
-    """A type called PosePublisher beside Pose, or two files equal up to case, would overwrite each other."""
-    for what, names_of in (("class", _classes), ("file", lambda layout: [file_stem(layout.name)])):
-        seen: dict[str, Layout] = {}
-        for layout in layouts:
-            for name in names_of(layout):
-                if name in seen:
-                    report.error(
-                        "SHM203",
-                        f"{layout.name.short} and {seen[name].name.short} both become the Python {what} {name}",
-                        layout.message.span,
-                        hint="rename one of the messages",
-                    )
-                seen.setdefault(name, layout)
 
 
 def _module(layout: Layout, layouts: Layouts) -> Module:

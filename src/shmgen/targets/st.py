@@ -24,11 +24,11 @@ from shmgen.model import (
     Slot,
     String,
     Topic,
-    TypeName,
     assert_never,
+    text_length,
 )
 from shmgen.targets import naming, st_topics
-from shmgen.targets.st_text import WIDTH, ascii_text, comment_lines, literal, text_length
+from shmgen.targets.st_text import WIDTH, ascii_text, comment_lines, literal
 
 _COMMON = ("E_ShmError", "E_ShmState", "ST_ShmHeader", "ST_ShmSlot", "FB_ShmRegion")
 _WIDEST_COLUMN = 56
@@ -83,7 +83,8 @@ def plan(
     struct_time = any(layout.options.time == "struct" for layout in layouts.values())
     for name in (*_COMMON, naming.ST_TIME) if struct_time else _COMMON:
         yield Output(f"st/shmgen/{name}.st", f"st/{name}.st.j2", None)
-    _check_types(layouts, report)
+    type_of = lambda layout: [naming.st_type(layout.name)]  # noqa: E731
+    naming.check_messages(layouts.values(), "type", type_of, naming.STRUCTURED_TEXT, report, [naming.ST_TIME])
     for layout in layouts.values():
         naming.check_members(layout, naming.STRUCTURED_TEXT, report)
         own = tuple(declaration.name for declaration in _generated(layout))
@@ -105,19 +106,6 @@ def _message(layout: Layout) -> Iterator[Output]:
             (naming.subscriber_block(name), "subscriber"),
         ):
             yield Output(f"{folder}/{block}.st", f"st/{template}.st.j2", Block(block, title, dut, gvl))
-
-
-def _check_types(layouts: Layouts, report: Report) -> None:
-    seen: dict[str, TypeName] = {naming.ST_TIME.upper(): TypeName("shmgen", "msg", "Time")}
-    for name, layout in layouts.items():
-        other = seen.setdefault(naming.st_type(name).upper(), name)
-        if other is not name:
-            report.error(
-                "SHM203",
-                f"{other} and {name} are both `{naming.st_type(name)}` in Structured Text, which ignores case",
-                layout.message.span,
-                hint='rename one of them, or leave "st" out of `targets` in shmgen.toml',
-            )
 
 
 def _doc(layout: Layout) -> Iterator[str]:
@@ -223,7 +211,7 @@ def _constants(layout: Layout) -> tuple[Line, ...]:
     for constant in layout.message.constants:
         type_ = constant.type
         if isinstance(type_, String):
-            length = text_length(str(constant.value), type_, layout.options)
+            length = text_length(str(constant.value), type_, layout.options.encoding)
             type_ = String(max(1, length), type_.wide)  # STRING(0) is none
         value = literal(constant.value, type_, layout.options)
         name = naming.st_member(constant.name)

@@ -51,13 +51,6 @@ def literal(value: Value, type_: Scalar | String, options: TypeOptions) -> str |
             assert_never(type_)
 
 
-def text_length(text: str, type_: String, options: TypeOptions) -> int:
-    """Characters as STRING(n) counts them, bytes; for WSTRING(n) UTF-16 code units."""
-    if type_.wide:
-        return len(text.encode("utf-16-le", "replace")) // 2
-    return len(text.encode(options.encoding, "replace"))
-
-
 def _fold(line: str) -> list[str]:
     if len(line) <= _COMMENT_WIDTH:
         return [line]

@@ -56,5 +56,5 @@ def _check_names(topics: Sequence[Topic], report: Report) -> None:
                 "SHM203",
                 f"topics {other.name} and {topic.name} are both `{name}` in Structured Text, which ignores case",
                 topic.span,
-                hint='rename one of them, or leave "st" and "plcopen" out of `targets` in shmgen.toml',
+                hint=naming.STRUCTURED_TEXT.way_out,
             )
