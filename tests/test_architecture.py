@@ -81,6 +81,8 @@ ONLY_IN = {
     "ruamel": {"tools"},
     "rospy": {"bridge"},
     "rclpy": {"bridge"},
+    "rosidl_runtime_py": {"bridge"},
+    "genpy": {"bridge"},
     "cyclonedds": {"bridge"},
 }
 

@@ -1,0 +1,75 @@
+"""Which backend it is, why, and what to install where there is none."""
+
+from __future__ import annotations
+
+import importlib.util
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from shmgen.bridge import choice
+from shmgen.bridge.backend import BackendMissing
+
+from ..conftest import REPOSITORY
+
+
+@pytest.fixture
+def installed(monkeypatch: pytest.MonkeyPatch) -> set[str]:
+    """What can be imported, as far as backends ask."""
+    names: set[str] = set()
+    monkeypatch.delenv("ROS_VERSION", raising=False)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: name if name in names else None)
+    return names
+
+
+@pytest.mark.parametrize(
+    ("version", "there", "chosen"),
+    [
+        (None, {"rospy"}, ("ros1", "rospy is installed")),
+        (None, {"rospy", "rclpy", "cyclonedds"}, ("ros2", "rclpy is installed")),
+        (None, {"cyclonedds"}, ("dds", "cyclonedds is installed")),
+        ("1", {"rospy", "rclpy"}, ("ros1", "ROS_VERSION is 1")),
+        ("2", set(), ("ros2", "ROS_VERSION is 2")),
+    ],
+)
+def test_by_itself(
+    installed: set[str], monkeypatch: pytest.MonkeyPatch, version: str | None, there: set[str], chosen: tuple[str, str]
+) -> None:
+    installed |= there
+    if version:
+        monkeypatch.setenv("ROS_VERSION", version)
+    assert choice.chosen("auto") == chosen
+
+
+def test_as_told(installed: set[str]) -> None:
+    assert choice.chosen("dds") == ("dds", "as told")
+
+
+@pytest.mark.parametrize("backend", ["ros1", "ros2", "dds"])
+def test_a_missing_one_says_what_to_install(installed: set[str], backend: str) -> None:
+    with pytest.raises(BackendMissing, match=f"backend {backend}: .* is missing: .*(apt-get|source|pip) "):
+        choice.module(backend)
+
+
+def test_none_at_all(installed: set[str]) -> None:
+    with pytest.raises(BackendMissing, match=r"one of these is needed\n  ros1: .*\n  ros2: .*\n  dds: "):
+        choice.chosen("auto")
+
+
+def test_the_command_says_so(tmp_path: Path) -> None:
+    """In a Python without any of them."""
+    (tmp_path / "shmgen.toml").write_text('[[topics]]\ntopic = "/a"\ntype = "std_msgs/Bool"\n')
+    hide = "import sys; sys.modules['rclpy'] = None; from shmgen.__main__ import main; main()"
+    command = [sys.executable, "-c", hide, "bridge", "--backend", "ros2"]
+    environment = {"PYTHONPATH": str(REPOSITORY / "src"), "PATH": ""}
+    result = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert (result.returncode, result.stdout) == (1, "")
+    assert result.stderr.startswith("error: backend ros2: rclpy is missing: `source /opt/ros/jazzy/setup.bash`")
+    (tmp_path / "shmgen.toml").write_text("")
+    result = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert (result.returncode, result.stderr.splitlines()[-1]) == (
+        2,
+        "Error: shmgen.toml lists no topics; each [[topics]] is one that the bridge carries.",
+    )

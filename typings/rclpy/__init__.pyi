@@ -1,0 +1,13 @@
+# What the bridge uses of rclpy, for mypy: it cannot be installed from PyPI.
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+def init(
+    *,
+    args: list[str] | None = ...,
+    domain_id: int | None = ...,
+    signal_handler_options: SignalHandlerOptions | None = ...,
+) -> None: ...
+def create_node(node_name: str) -> Node: ...
+def ok() -> bool: ...
+def try_shutdown() -> None: ...
