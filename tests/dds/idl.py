@@ -42,18 +42,18 @@ def _struct(package: str, kind: str, name: str, members: list[str]) -> str:
 def _member(field: Field) -> str:
     match field.type:
         case Array(element, length):
-            return f"{_element(element, field)} {field.name}_[{length}];"
+            return f"{_element(element)} {field.name}_[{length}];"
         case Sequence(element, capacity):
             bound = f", {capacity}" if capacity else ""
-            return f"sequence<{_element(element, field)}{bound}> {field.name}_;"
+            return f"sequence<{_element(element)}{bound}> {field.name}_;"
         case type_:
-            return f"{_element(type_, field)} {field.name}_;"
+            return f"{_element(type_)} {field.name}_;"
 
 
-def _element(type_: Element, field: Field) -> str:
+def _element(type_: Element) -> str:
     match type_:
         case Scalar():
-            return "char" if field.written.startswith("char") else SPELLED[type_]
+            return SPELLED[type_]
         case Clock():
             return f"builtin_interfaces::msg::dds_::{TIMES[type_]}"
         case String(capacity, _):

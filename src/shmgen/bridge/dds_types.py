@@ -91,23 +91,23 @@ def _made(name: TypeName, fields: Mapping[str, Any]) -> type[Any]:
 def _typed(field: Field, made: Mapping[TypeName, type[Any]]) -> Any:
     match field.type:
         case Array(element, length):
-            return types.array[_element(element, field, made), length]
+            return types.array[_element(element, made), length]
         case Sequence(element, capacity) if capacity and capacity <= _LARGEST_BOUND:
-            return types.sequence[_element(element, field, made), capacity]
+            return types.sequence[_element(element, made), capacity]
         case Sequence(element, _):
-            return types.sequence[_element(element, field, made)]
+            return types.sequence[_element(element, made)]
         case Scalar() | Clock() | String() | Ref() as type_:
-            return _element(type_, field, made)
+            return _element(type_, made)
         case _:
             assert_never(field.type)
 
 
-def _element(type_: Element, field: Field, made: Mapping[TypeName, type[Any]]) -> Any:
+def _element(type_: Element, made: Mapping[TypeName, type[Any]]) -> Any:
     match type_:
         case Scalar.BOOL:
             return bool
-        case Scalar.INT8 | Scalar.UINT8:  # rosidl_generator_dds_idl knows octets and characters only
-            return types.char if field.written.startswith("char") else types.byte
+        case Scalar.INT8 | Scalar.UINT8:  # octets all, as rosidl_generator_dds_idl has them
+            return types.byte
         case Scalar():
             return getattr(types, type_.value)
         case Clock():
