@@ -13,6 +13,7 @@ from pathlib import Path
 from shmgen.bridge.dds_types import type_name
 from shmgen.model import Message, TypeName
 
+from ..support.ros1 import Bridge
 from .idl import idl
 
 HERE = Path(__file__).parent
@@ -66,20 +67,14 @@ def _run(folder: Path, *command: str) -> None:
 
 
 @contextmanager
-def running(program: Path, *words: object) -> Iterator[subprocess.Popen[str]]:
+def running(program: Path, *words: object) -> Iterator[Bridge]:
     """The peer, ready; it is gone afterwards."""
     environment = {**os.environ, "CYCLONEDDS_URI": LOOPBACK}
-    with subprocess.Popen(
-        [str(program), *map(str, words)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-        env=environment,
-    ) as process:
+    command = [str(program), *map(str, words)]
+    with subprocess.Popen(command, stdin=-1, stdout=-1, stderr=-2, text=True, env=environment) as process:
+        peer = Bridge(process)
         try:
-            assert process.stdout
-            line = process.stdout.readline()
-            assert line == "ready\n", f"{line!r}, then {process.wait(5)}"
-            yield process
+            peer.said("ready")
+            yield peer
         finally:
             process.kill()
