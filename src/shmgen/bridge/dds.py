@@ -90,9 +90,8 @@ def _domain(configured: int | None) -> int:
     if not text:
         return 0
     if not text.isdecimal() or int(text) > _LAST_DOMAIN:
-        raise ValueError(
-            f"dds: a domain is a number from 0 to {_LAST_DOMAIN}, not {text!r} (ROS_DOMAIN_ID, shmgen.toml)"
-        )
+        where = "ROS_DOMAIN_ID" if configured is None else "shmgen.toml"
+        raise ValueError(f"dds: a domain is a number from 0 to {_LAST_DOMAIN}, not {text!r} as {where} says")
     return int(text)
 
 

@@ -1,0 +1,126 @@
+"""Our node in the domain: how it joins, how it leaves, and what peers do that it cannot help."""
+
+from __future__ import annotations
+
+import threading
+import time
+from queue import Queue
+from typing import Any
+
+import pytest
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.idl import make_idl_struct
+from cyclonedds.pub import DataWriter
+from cyclonedds.qos import Policy, Qos
+from cyclonedds.topic import Topic
+
+from shmgen.bridge import dds
+from shmgen.bridge.backend import Node
+from shmgen.model import Schema
+
+from .conftest import until, wire
+
+
+def joined(domain: int | None, told: list[str], arguments: tuple[str, ...] = ()) -> dds.Graph:
+    return dds.connect(Node("shmgen_test", domain, told.append, lambda: False, arguments))
+
+
+@pytest.mark.parametrize("text", ["x", "-1", "233", "1.5"])
+def test_no_such_domain(monkeypatch: pytest.MonkeyPatch, told: list[str], text: str) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", text)
+    with pytest.raises(ValueError, match=f"from 0 to 232, not '{text}' as ROS_DOMAIN_ID says"):
+        joined(None, told)
+
+
+def test_no_network(monkeypatch: pytest.MonkeyPatch, told: list[str], domain: int) -> None:
+    nowhere = '<CycloneDDS><Domain><General><Interfaces><NetworkInterface name="nowhere0"/></Interfaces></General>'
+    monkeypatch.setenv("CYCLONEDDS_URI", f"{nowhere}</Domain></CycloneDDS>")
+    with pytest.raises(ValueError, match=f"cannot join domain {domain + 100}"):
+        joined(domain + 100, told)
+
+
+def test_what_is_not_looked_at_is_told(monkeypatch: pytest.MonkeyPatch, told: list[str]) -> None:
+    monkeypatch.setenv("ROS_LOCALHOST_ONLY", "1")
+    joined(None, told, ("--ros-args", "-r", "__node:=x")).close()
+    assert told == [
+        "dds: ROS_LOCALHOST_ONLY is not looked at here; CYCLONEDDS_URI is",
+        "dds: there is no ROS here to take --ros-args -r __node:=x",
+    ]
+
+
+def test_domains_are_apart(graph: dds.Graph, domain: int, schema: Schema, topic: str, told: list[str]) -> None:
+    there = wire(schema, topic, "std_msgs/String")
+    other = joined(domain % 100 + 1 if domain != 100 else 50, told)
+    came: list[Any] = []
+    other.subscribe(there, came.append)
+    outlet = graph.publisher(there)
+    for _ in range(5):
+        outlet.send(outlet.new())
+        time.sleep(0.1)
+    other.close()
+    assert came == []
+
+
+def test_leaving_takes_no_time_and_no_thread_stays(
+    graph: dds.Graph, schema: Schema, topic: str, told: list[str]
+) -> None:
+    there = wire(schema, topic, "std_msgs/String")
+    outlet = graph.publisher(there)
+    other = joined(None, told)
+    before = threading.active_count()
+    came: Queue[Any] = Queue()
+    for _ in range(10):
+        other.subscribe(there, came.put)
+    until(lambda: outlet.send(outlet.new()) or came.qsize() >= 10)
+    assert threading.active_count() == before + 10
+    begun = time.monotonic()
+    other.close()
+    assert time.monotonic() - begun < 0.5
+    assert threading.active_count() == before
+    outlet.send(outlet.new())  # nobody listens; nobody minds
+
+
+def test_a_callback_that_waits_does_not_hold_up_the_end(
+    graph: dds.Graph, schema: Schema, topic: str, told: list[str]
+) -> None:
+    there = wire(schema, topic, "std_msgs/String")
+    outlet = graph.publisher(there)
+    other = joined(None, told)
+    inside, go = threading.Event(), threading.Event()
+    other.subscribe(there, lambda message: (inside.set(), go.wait(10)))
+    until(lambda: outlet.send(outlet.new()) or inside.is_set())
+    begun = time.monotonic()
+    other.close()
+    assert time.monotonic() - begun < 0.6
+    go.set()
+
+
+def test_what_a_callback_raises_is_told_once(graph: dds.Graph, schema: Schema, topic: str, told: list[str]) -> None:
+    there = wire(schema, topic, "std_msgs/String")
+    came: Queue[Any] = Queue()
+
+    def callback(message: Any) -> None:
+        came.put(message)
+        raise RuntimeError("of ours")
+
+    graph.subscribe(there, callback)
+    outlet = graph.publisher(there)
+    until(lambda: outlet.send(outlet.new()) or came.qsize() >= 3)
+    assert told == [f"rt{topic}: RuntimeError: of ours"]
+
+
+def test_text_that_is_no_utf8(graph: dds.Graph, domain: int, schema: Schema, topic: str, told: list[str]) -> None:
+    """As a Latin-1 peer sends it: told, and the next message passes."""
+    came: Queue[Any] = Queue()
+    graph.subscribe(wire(schema, topic, "std_msgs/String"), came.put)
+    kind: Any = make_idl_struct("String", "std_msgs::msg::dds_::String_", {"data_": str})
+    participant = DomainParticipant(domain)
+    reliable = Qos(Policy.Reliability.Reliable(10**9), Policy.History.KeepLast(10))
+    writer = DataWriter(participant, Topic(participant, f"rt{topic}", kind), reliable)
+    kind.serialize = lambda self, **_: bytes.fromhex("00010000 02000000") + self.data_.encode("latin-1") + b"\0"
+    until(writer.get_matched_subscriptions)
+    for text in "üa":
+        writer.write(kind(text))
+    assert came.get(timeout=5).data == "a"
+    assert len(told) == 1
+    assert "ValueError: Could not deserialize 'std_msgs/msg/String'" in told[0]

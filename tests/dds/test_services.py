@@ -1,0 +1,124 @@
+"""Services as rmw_cyclonedds has them, against ends that are made of plain topics."""
+
+from __future__ import annotations
+
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.idl import make_idl_struct, types
+from cyclonedds.pub import DataWriter
+from cyclonedds.qos import Policy, Qos
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+
+from shmgen import pipeline
+from shmgen.bridge import dds
+from shmgen.bridge.backend import NoAnswer, ServiceWire
+from shmgen.config import Config
+
+from .conftest import until
+
+SERVICE = "int64 number\nstring word\n---\nbool success\nstring message\n"
+NAMES = ("Ask_Request", "Ask_Response")
+HEAD = {"client_guid_": types.uint64, "sequence_number_": types.int64}
+REQUEST = make_idl_struct("Q", "cell_msgs::srv::dds_::Ask_Request_", {**HEAD, "number_": types.int64, "word_": str})
+REPLY = make_idl_struct("A", "cell_msgs::srv::dds_::Ask_Response_", {**HEAD, "success_": bool, "message_": str})
+"""After serdata.cpp of rmw_cyclonedds: 16 bytes of header, then the message."""
+
+
+@pytest.fixture
+def wire(tmp_path: Path, topic: str) -> ServiceWire:
+    file = tmp_path / "cell_msgs" / "srv" / "Ask.srv"
+    file.parent.mkdir(parents=True)
+    file.write_text(SERVICE)
+    messages = pipeline.read(Config(Path.cwd(), path=(tmp_path,)), ["cell_msgs/Ask"]).messages
+    request, response = ([message for message in messages if message.name.name == name] for name in NAMES)
+    return ServiceWire(topic, tuple(request), tuple(response))
+
+
+class Theirs:
+    """The other end of the service: a reader of one topic, a writer of the other."""
+
+    def __init__(self, domain: int, service: str, role: str) -> None:
+        serves = role == "serviceid"
+        self.participant = DomainParticipant(domain)
+        request = Topic(self.participant, f"rq{service}Request", REQUEST)
+        reply = Topic(self.participant, f"rr{service}Reply", REPLY)
+        policies = [Policy.Reliability.Reliable(10**9), Policy.History.KeepLast(10)]
+        qos = Qos(*policies, Policy.Userdata(f"{role}=1.a.ff;".encode()))
+        self.reader = DataReader(self.participant, request if serves else reply, qos)
+        self.writer = DataWriter(self.participant, reply if serves else request, qos)
+
+    def matched(self) -> bool:
+        return bool(self.writer.get_matched_subscriptions() and self.reader.get_matched_publications())
+
+
+def test_serve(graph: dds.Graph, domain: int, wire: ServiceWire) -> None:
+    def answer(request: Any, response: Any) -> None:
+        if request.number < 0:
+            raise NoAnswer("the PLC is in stop")
+        response.success, response.message = True, f"{request.word} {request.number}"
+
+    graph.serve(wire, answer)
+    client = Theirs(domain, wire.service, "clientid")
+    until(client.matched)
+    client.writer.write(REQUEST(2**63 + 1, 7, -1, "lost"))
+    client.writer.write(REQUEST(2**63 + 1, 8, 2**40, "grün"))
+    reply = client.reader.take_one(timeout=5 * 10**9)
+    assert reply == REPLY(2**63 + 1, 8, True, f"grün {2**40}")
+
+
+def test_a_failure_is_told(graph: dds.Graph, domain: int, wire: ServiceWire, told: list[str]) -> None:
+    def answer(request: Any, response: Any) -> None:
+        raise NoAnswer("the PLC is in stop")
+
+    graph.serve(wire, answer)
+    client = Theirs(domain, wire.service, "clientid")
+    until(client.matched)
+    client.writer.write(REQUEST(1, 1, 1, ""))
+    until(lambda: told)
+    assert told == [f"{wire.service}: no answer: the PLC is in stop"]
+
+
+def test_call(graph: dds.Graph, domain: int, wire: ServiceWire) -> None:
+    caller = graph.client(wire)
+    server = Theirs(domain, wire.service, "serviceid")
+
+    def serve() -> None:
+        for _ in range(3):
+            asked = server.reader.take_one(timeout=5 * 10**9)
+            head = asked.client_guid_, asked.sequence_number_
+            server.writer.write(REPLY(head[0] ^ 1, head[1], False, "for another client"))
+            server.writer.write(REPLY(head[0], head[1] + 1, False, "for another call"))
+            server.writer.write(REPLY(*head, True, asked.word_ * asked.number_))
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    for number in (1, 2, 3):
+        request = caller.new()
+        request.number, request.word = number, "a"
+        response = caller.call(request, 5.0)
+        assert (response.success, response.message) == (True, "a" * number)
+    thread.join()
+
+
+@pytest.mark.parametrize("there", [False, True], ids=["no server", "no answer"])
+def test_no_answer(graph: dds.Graph, domain: int, wire: ServiceWire, there: bool) -> None:
+    caller = graph.client(wire)
+    server = Theirs(domain, wire.service, "serviceid") if there else None
+    begun = time.monotonic()
+    with pytest.raises(NoAnswer, match="no answer within 1.0 s" if server else "no server within 1.0 s"):
+        caller.call(caller.new(), 1.0)
+    assert 0.9 < time.monotonic() - begun < 5
+
+
+def test_we_call_ourselves(graph: dds.Graph, wire: ServiceWire) -> None:
+    graph.serve(wire, lambda request, response: setattr(response, "message", request.word))
+    caller = graph.client(wire)
+    request = caller.new()
+    request.word = "echo"
+    assert caller.call(request, 5.0).message == "echo"

@@ -1,0 +1,102 @@
+"""What DDS is told of a type, and its bytes: by values from elsewhere, not by going there and back."""
+
+from __future__ import annotations
+
+import ctypes
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from shmgen import pipeline
+from shmgen.bridge import cdr, dds_types
+from shmgen.config import Config
+from shmgen.model import Message, TypeName
+
+HASHES = {
+    "builtin_interfaces/Time": "b106235e25a4c5ed35098aa0a61a3ee9c9b18d197f398b0e4206cea9acf9c197",
+    "rosgraph_msgs/Clock": "692f7a66e93a3c83e71765d033b60349ba68023a8c689a79e48078bcb5c58564",
+    "sensor_msgs/Range": "b42b62562e93cbfe9d42b82fe5994dfa3d63d7d5c90a317981703f7388adff3a",
+    "std_msgs/Empty": "20b625256f32d5dbc0d04fee44f43c41e51c70d3502f84b4a08e7a9c26a96312",
+    "std_msgs/String": "df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18",
+}
+"""As Jazzy itself computes them."""
+
+
+def messages(request: str, folder: Path | None = None) -> tuple[Message, ...]:
+    config = Config(Path.cwd(), path=(folder,) if folder else ())
+    return pipeline.read(config, [request]).messages
+
+
+@pytest.mark.parametrize(("request_", "hash_"), HASHES.items())
+def test_type_hash(request_: str, hash_: str) -> None:
+    assert cdr.codec(messages(request_)).type_hash == f"RIHS01_{hash_}"
+
+
+def test_names() -> None:
+    assert (
+        dds_types.type_name(TypeName("std_srvs", "srv", "SetBool_Request")) == "std_srvs::srv::dds_::SetBool_Request_"
+    )
+    assert dds_types.topic_name("/robot/pose") == "rt/robot/pose"
+    assert dds_types.request_name("/robot/stop") == "rq/robot/stopRequest"
+    assert dds_types.reply_name("/robot/stop") == "rr/robot/stopReply"
+
+
+def test_bytes_of_a_header() -> None:
+    """Counted by hand: encapsulation, seconds, nanoseconds, five characters of text with their NUL."""
+    codec = cdr.codec(messages("std_msgs/Header"))
+    header = codec.new()
+    header.stamp.sec, header.stamp.nanosec, header.frame_id = -1, 2, "mäp"
+    wire = "00010000 ffffffff 02000000 05000000 6dc3a47000"
+    assert codec.encode(header) == bytes.fromhex(wire)
+    assert codec.decode(bytes.fromhex(wire)) == header
+
+
+@pytest.mark.parametrize("bytes_", [b"", bytes(4), bytes.fromhex("00010000 ffffffff 02000000 05000000 6dc3")])
+def test_bytes_cut_short(bytes_: bytes) -> None:
+    with pytest.raises(ValueError, match=r"Header|encapsulation|string length"):
+        cdr.codec(messages("std_msgs/Header")).decode(bytes_)
+
+
+@pytest.mark.parametrize("positions", [[1.5, -2.0], (ctypes.c_double * 2)(1.5, -2.0), (1.5, -2.0)])
+def test_elements_may_be_of_any_class(positions: Any) -> None:
+    codec = cdr.codec(messages("trajectory_msgs/JointTrajectory"))
+    trajectory = codec.new()
+    nothing: list[float] = []
+    trajectory.points = [
+        SimpleNamespace(
+            positions=positions,
+            velocities=nothing,
+            accelerations=nothing,
+            effort=nothing,
+            time_from_start=SimpleNamespace(sec=1, nanosec=5),
+        )
+    ]
+    (point,) = codec.decode(codec.encode(trajectory)).points
+    assert list(point.positions) == [1.5, -2.0]
+    assert (point.time_from_start.sec, point.time_from_start.nanosec) == (1, 5)
+
+
+@pytest.mark.parametrize("field", ["wstring word", "wstring<=5[3] word", "wstring[] word"])
+def test_no_wide_strings(tmp_path: Path, field: str) -> None:
+    file = tmp_path / "cell_msgs" / "msg" / "Wide.msg"
+    file.parent.mkdir(parents=True)
+    file.write_text(field)
+    with pytest.raises(ValueError, match=r"cell_msgs/Wide\.word: no wstring.* through DDS"):
+        cdr.codec(messages("cell_msgs/Wide", tmp_path))
+
+
+def test_a_large_bound_and_awkward_names(tmp_path: Path) -> None:
+    file = tmp_path / "cell_msgs" / "msg" / "Odd.msg"
+    file.parent.mkdir(parents=True)
+    file.write_text("uint8[<=100000] data\nfloat64 from\nbyte[2] class\nchar c\nstring<=4 s\nbool[<=3] flags\n")
+    definitions = messages("cell_msgs/Odd", tmp_path)
+    kind = dds_types.structure(definitions)
+    kind.__idl__.populate()
+    kind.__idl__.fill_type_data()
+    codec = cdr.codec(definitions)
+    odd = codec.new()
+    odd.from_ = 1.25
+    again = codec.decode(codec.encode(odd))
+    assert (again.from_, list(again.class_), again.c) == (1.25, [0, 0], 0)
