@@ -20,6 +20,12 @@ from shmgen.diagnostics import Report
 from shmgen.runtime.names import region_name
 
 REPOSITORY = Path(__file__).parents[1]
+LOOPBACK = (
+    "<CycloneDDS><Domain><General><Interfaces>"
+    '<NetworkInterface name="lo" multicast="true"/>'
+    "</Interfaces></General></Domain></CycloneDDS>"
+)
+"""DDS of a demo stays on this machine, unless CYCLONEDDS_URI says otherwise."""
 
 
 class Cell:
@@ -27,7 +33,8 @@ class Cell:
 
     def __init__(self, here: Path, folder: Path, processes: ExitStack) -> None:
         self.here, self.folder, self._processes = here, folder, processes
-        self.environment = {**os.environ, "PYTHONPATH": f"{folder}/python", "PYTHONUNBUFFERED": "1"}
+        path = os.pathsep.join(filter(None, [f"{folder}/python", os.environ.get("PYTHONPATH")]))
+        self.environment = {"CYCLONEDDS_URI": LOOPBACK} | os.environ | {"PYTHONPATH": path, "PYTHONUNBUFFERED": "1"}
 
     def generate(self) -> None:
         """Writes what shmgen.toml asks for."""
@@ -47,6 +54,12 @@ class Cell:
         compile_st({path.name: path.read_text() for path in sources}, self.folder / "plc")
         task = ["-m", "tests.softplc.task", self.folder / "plc" / "plc.so", "PRG_Ros", *programs]
         self.start("PLC", *task, "--period", "0.001", ready="running", cwd=REPOSITORY)
+
+    def start_bridge(self, backend: str) -> None:
+        """Topics of ROS to and from the regions, from now on."""
+        self.start(
+            "bridge", "-m", "shmgen", "bridge", "--backend", backend, "-c", self.here / "shmgen.toml", ready="running"
+        )
 
     def start(self, name: str, *arguments: str | Path, ready: str, cwd: Path | None = None) -> subprocess.Popen[str]:
         """A Python process that lasts as long as the cell, once it has printed a line that holds `ready`."""

@@ -40,7 +40,7 @@ _COMPLAIN = 10.0
 """Seconds from one line about what a peer sends to the next."""
 _FOREVER = 2**63 - 1
 _ANY = SampleState.Any | ViewState.Any | InstanceState.Any
-_POLICIES = {2: "durability", 4: "deadline", 8: "liveliness", 11: "reliability", 23: "data representation"}
+_POLICIES = {2: "durability", 4: "deadline", 8: "liveliness", 11: "reliability", 23: "data representation", 24: "type"}
 """By dds_qos_policy_id_t, those of ROS 2 that can stand between two ends."""
 
 

@@ -1,0 +1,24 @@
+"""A machine that finishes its job tells a mobile manipulator: PLC, region, bridge, DDS, robot, and back."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE.parent))
+
+from stage import cell  # noqa: E402
+
+
+def main() -> int:
+    """Exit status of the robot."""
+    with cell(HERE) as here:
+        here.generate()
+        here.start_plc("PRG_Machine")
+        here.start_bridge("dds")
+        return here.run("robot.py")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,74 @@
+"""A mobile manipulator on its own side of the network: waits for a finished part, drives there, takes it, three times.
+
+Speaks DDS as a ROS 2 node does, under ROS 2's names, and knows nothing of shared memory or PLCs. With ROS 2 installed
+it would be a node of rclpy; here PyPI's cyclonedds is enough.
+"""
+
+import os
+import sys
+import time
+from dataclasses import dataclass
+
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.idl import IdlStruct
+from cyclonedds.idl.types import byte, float32, uint32
+from cyclonedds.pub import DataWriter
+from cyclonedds.qos import Policy, Qos
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+
+WAITING, DRIVING, TAKING = 0, 1, 2
+FINISHED = 2
+PARTS = 3
+XCDR1 = Policy.DataRepresentation(use_cdrv0_representation=True)  # ROS 2 asks for it and offers nothing else
+RELIABLE = Qos(XCDR1, Policy.Reliability.Reliable(1_000_000_000), Policy.History.KeepLast(10))
+KEPT = Qos(
+    XCDR1, Policy.Reliability.Reliable(1_000_000_000), Policy.Durability.TransientLocal, Policy.History.KeepLast(1)
+)
+
+
+@dataclass
+class MachineState(IdlStruct, typename="machine_msgs::msg::dds_::MachineState_"):
+    """machine_msgs/MachineState."""
+
+    state_: byte  # rosidl declares uint8 to DDS as octet
+    part_: uint32
+    progress_: float32
+
+
+@dataclass
+class TenderState(IdlStruct, typename="machine_msgs::msg::dds_::TenderState_"):
+    """machine_msgs/TenderState."""
+
+    state_: byte  # rosidl declares uint8 to DDS as octet
+    taken_: uint32
+
+
+def main(seconds: float = 45.0) -> int:
+    """0 once three parts have been taken and the machine has begun the fourth."""
+    node = DomainParticipant(int(os.environ.get("ROS_DOMAIN_ID", "0")))
+    machine = DataReader(node, Topic(node, "rt/machine/state", MachineState), qos=KEPT)
+    tender = DataWriter(node, Topic(node, "rt/machine/tender", TenderState), qos=RELIABLE)
+    taken, doing, since = 0, WAITING, time.monotonic()
+    deadline = since + seconds
+    while time.monotonic() < deadline:
+        for state in machine.take(100):
+            if state.part_ > PARTS:
+                print(f"   machine works on part {state.part_}: {PARTS} parts taken", flush=True)
+                return 0
+            if doing == WAITING and state.state_ == FINISHED and state.part_ != taken:
+                print(f"   machine: part {state.part_} is finished       robot: on my way", flush=True)
+                doing, since, wanted = DRIVING, time.monotonic(), state.part_
+        if doing == DRIVING and time.monotonic() - since > 0.4:
+            doing, since = TAKING, time.monotonic()
+        elif doing == TAKING and time.monotonic() - since > 0.2:
+            doing, taken = WAITING, wanted
+            print(f"                                       robot: part {taken} is taken", flush=True)
+        tender.write(TenderState(doing, taken))
+        time.sleep(0.02)
+    print(f"only {taken} parts in {seconds} s", file=sys.stderr)
+    return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
