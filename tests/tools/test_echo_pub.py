@@ -153,7 +153,7 @@ def test_own_messages(topic, tmp_path, shmgen):
     (folder.parent / "srv").mkdir()
     (folder.parent / "srv" / "Go.srv").write_text("int32 there\n---\n")
     assert (
-        "demo_msgs/Go is 2 messages, and a topic carries one"
+        "demo_msgs/Go is 3 messages, and a topic carries one"
         in shmgen("pub", topic, "demo_msgs/Go", "-I", "msgs").stderr
     )
     unknown = shmgen("echo", topic, "--once")

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from shmgen.runtime import values
+from shmgen.runtime.action_client import ActionClient
+from shmgen.runtime.action_server import ActionServer, ServedGoal
+from shmgen.runtime.client import ServiceClient
 from shmgen.runtime.cutting import CuttingMessage
 from shmgen.runtime.errors import (
+    CallFailed,
+    CallTimeout,
     CountExceeded,
     LayoutMismatch,
     LockTimeout,
+    NoServer,
     OutOfRange,
     PermissionDenied,
     RegionInUse,
@@ -23,11 +29,17 @@ from shmgen.runtime.message import LATE_FROM, Late, Message
 from shmgen.runtime.names import region_name
 from shmgen.runtime.publisher import Publisher
 from shmgen.runtime.region import read_header
+from shmgen.runtime.server import Call, ServiceServer
 from shmgen.runtime.subscriber import Subscriber
 from shmgen.runtime.times import Duration, Time
 
 __all__ = [
     "LATE_FROM",
+    "ActionClient",
+    "ActionServer",
+    "Call",
+    "CallFailed",
+    "CallTimeout",
     "Clock",
     "Clocks",
     "CountExceeded",
@@ -39,12 +51,16 @@ __all__ = [
     "LayoutMismatch",
     "LockTimeout",
     "Message",
+    "NoServer",
     "OutOfRange",
     "PermissionDenied",
     "Publisher",
     "RegionInUse",
     "RegionMissing",
     "RegionUnusable",
+    "ServedGoal",
+    "ServiceClient",
+    "ServiceServer",
     "ShmError",
     "StringTooLong",
     "Subscriber",

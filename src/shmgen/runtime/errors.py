@@ -35,6 +35,18 @@ class PermissionDenied(ShmError):
     """The operating system refuses access to the region, its semaphore or the wanted group."""
 
 
+class CallTimeout(ShmError):
+    """A call was not answered in time. The server may still be at it; nobody hears its answer."""
+
+
+class NoServer(CallTimeout):
+    """Nobody served in time, so the call was not even sent."""
+
+
+class CallFailed(ShmError):
+    """The server has answered that the call failed."""
+
+
 class ValueRejected(ShmError, ValueError):
     """A value that the message cannot carry. `path` is its field, as in `points[3].x`; `reason` the rest."""
 

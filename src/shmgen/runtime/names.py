@@ -1,19 +1,22 @@
-"""Turns a topic into the name of its region."""
+"""Turns a topic, or a half of a service or action, into the name of its region."""
 
 from __future__ import annotations
 
+HALVES = ("request", "response", "goal", "feedback", "result")
+"""What stands behind the `-` in the regions of a service or action."""
 _LONGEST = 245
 """NAME_MAX (255) less `sem.` before and `-event` after the name."""
 
 
 def region_name(topic: str) -> str:
-    """`/robot/pose` -> `robot.pose`: the shared memory object and the semaphore of the topic.
+    """`/robot/pose` -> `robot.pose`, `/cell/start-request` -> `cell.start-request`: the object and its semaphore.
 
     The leading slash may be left out. Raises ValueError, with the reason, for anything that is not a
-    full ROS name (letters, digits and `_` between slashes, no digit first).
+    full ROS name (letters, digits and `_` between slashes, no digit first) with one of HALVES behind it or none.
     """
-    parts = topic.removeprefix("/").split("/")
-    name = ".".join(parts)
+    full, dash, half = topic.removeprefix("/").partition("-")
+    parts = full.split("/")
+    name = ".".join(parts) + dash + half
     if topic.startswith("~"):
         raise ValueError(f"topic {topic!r}: `~` stands for a node's name; write the name out")
     if not all(parts):
@@ -23,6 +26,8 @@ def region_name(topic: str) -> str:
             raise ValueError(
                 f"topic {topic!r}: {part!r} is not made of letters, digits and `_`, starting with no digit"
             )
+    if dash and half not in HALVES:
+        raise ValueError(f"topic {topic!r}: a `-` stands only before {', '.join(HALVES)}, in services and actions")
     if parts[0] == "sem" and len(parts) > 1:
         raise ValueError(f"topic {topic!r}: files /dev/shm/sem.* are semaphores; choose another first part than `sem`")
     if len(name) > _LONGEST:
@@ -31,7 +36,7 @@ def region_name(topic: str) -> str:
 
 
 def event_name(name: str) -> str:
-    """The semaphore that wakes a waiting reader of the region `name`; a `-` stands in no ROS name."""
+    """The semaphore that wakes a waiting reader of the region `name`; no region has such a name."""
     return f"{name}-event"
 
 

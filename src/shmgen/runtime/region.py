@@ -59,6 +59,12 @@ class Region:
         """Gives a record lock back."""
         _unlock_byte(self._file.fileno(), byte)
 
+    def byte_is_locked(self, byte: int) -> bool:
+        """Whether somebody else holds that record lock."""
+        asked = _FLOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, byte, 1, 0)
+        kind, *_ = _FLOCK.unpack(fcntl.fcntl(self._file.fileno(), fcntl.F_OFD_GETLK, asked))
+        return bool(kind != fcntl.F_UNLCK)
+
     def payload(self, number: int) -> slice:
         """Where sample `number` lies, without the 16 bytes before it."""
         start = self.sample(number).start + h.SLOT_HEADER

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from itertools import groupby
 from typing import NamedTuple
@@ -10,6 +9,7 @@ from typing import NamedTuple
 from shmgen.diagnostics import Report
 from shmgen.model import Layout, Layouts, Output, Ref, Role, TypeName
 from shmgen.targets import python_codec as codec
+from shmgen.targets import python_interfaces
 from shmgen.targets.naming import PYTHON, check_constants, check_members, check_messages, file_stem, python_member
 from shmgen.targets.python_members import (
     USED_IN_CLASS,
@@ -21,10 +21,7 @@ from shmgen.targets.python_members import (
     is_shown,
     stored_name,
 )
-from shmgen.targets.python_text import documentation, in_docstring, literal
-
-_RUFF_WIDTH = 88
-"""Characters; what ruff and black allow a line unless they are told otherwise."""
+from shmgen.targets.python_text import documentation, import_lines, in_docstring, literal, sort_key
 
 
 class Module(NamedTuple):
@@ -82,12 +79,14 @@ def plan(layouts: Layouts, report: Report, package: str = "shm_msgs") -> Iterato
         yield Output(f"{folder}/__init__.py", "python/package.py.j2", _package(ros_package, kind, members))
         for layout in members:
             yield Output(f"{folder}/_{file_stem(layout.name)}.py", "python/message.py.j2", _module(layout, layouts))
+    yield from python_interfaces.plan(layouts, root)
 
 
 def _package(ros_package: str, kind: str, layouts: list[Layout]) -> Package:
     modules = {f"._{file_stem(layout.name)}": _classes(layout) for layout in layouts}
-    imports = tuple(line for module in sorted(modules, key=_sorted_by) for line in _import(module, modules[module]))
-    names = sorted((name for names in modules.values() for name in names), key=_sorted_by)
+    modules |= python_interfaces.classes({layout.name: layout for layout in layouts})
+    imports = tuple(line for module in sorted(modules, key=sort_key) for line in import_lines(module, modules[module]))
+    names = sorted((name for names in modules.values() for name in names), key=sort_key)
     return Package(f"Messages of {ros_package}/{kind} in shared memory", imports, tuple(names))
 
 
@@ -184,19 +183,8 @@ def _imports(layout: Layout, names: dict[TypeName, str], packs: bool, stores: bo
         modules[module] = bare if bare == imported else f"{bare} as {imported}"
     if modules:
         yield ""
-    for module in sorted(modules, key=lambda module: (not module.startswith("..."), _sorted_by(module))):
-        yield from _import(module, [modules[module]])
-
-
-def _import(module: str, names: list[str]) -> list[str]:
-    line = f"from {module} import {', '.join(names)}"
-    return [line] if len(line) <= _RUFF_WIDTH else [f"from {module} import (", *(f"    {name}," for name in names), ")"]
-
-
-def _sorted_by(name: str) -> tuple[bool, bool, list[tuple[bool, int, str]]]:
-    """As ruff sorts modules and `__all__`: constants, classes, the rest, and 8 before 16."""
-    parts = [(part.isdigit(), int(part) if part.isdigit() else 0, part) for part in re.split(r"(\d+)", name) if part]
-    return not name.isupper(), not name[0].isupper(), parts
+    for module in sorted(modules, key=lambda module: (not module.startswith("..."), sort_key(module))):
+        yield from import_lines(module, [modules[module]])
 
 
 def _default_lines(layout: Layout, layouts: Layouts) -> Iterator[str]:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
 
 from shmgen.model import Default, Message, ros_type
+
+_RUFF_WIDTH = 88
+"""Characters; what ruff and black allow a line unless they are told otherwise."""
 
 
 def documentation(message: Message) -> Iterator[str]:
@@ -39,3 +43,15 @@ def literal(value: Default) -> str:
             return f'float("{value}")'
         case _:
             return repr(value)
+
+
+def import_lines(module: str, names: Sequence[str]) -> list[str]:
+    """As ruff and black break it."""
+    line = f"from {module} import {', '.join(names)}"
+    return [line] if len(line) <= _RUFF_WIDTH else [f"from {module} import (", *(f"    {name}," for name in names), ")"]
+
+
+def sort_key(name: str) -> tuple[bool, bool, list[tuple[bool, int, str]]]:
+    """As ruff sorts modules and `__all__`: constants, classes, the rest, and 8 before 16."""
+    parts = [(part.isdigit(), int(part) if part.isdigit() else 0, part) for part in re.split(r"(\d+)", name) if part]
+    return not name.isupper(), not name[0].isupper(), parts

@@ -11,8 +11,11 @@ from ._reset_response import (
     Reset_ResponsePublisher,
     Reset_ResponseSubscriber,
 )
+from ._reset_service import ResetClient, ResetServer
 
 __all__ = [
+    "ResetClient",
+    "ResetServer",
     "Reset_Reply",
     "Reset_ReplyPublisher",
     "Reset_ReplySubscriber",

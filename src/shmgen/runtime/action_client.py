@@ -1,0 +1,118 @@
+"""Turns goals of an action into commands in shared memory, and progress and outcome into feedback and results."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from types import SimpleNamespace, TracebackType
+from typing import Any, Generic, TypeVar
+
+from shmgen.runtime.calls import Caller
+from shmgen.runtime.errors import CallTimeout, NoServer
+from shmgen.runtime.message import Message
+from shmgen.runtime.publisher import Publisher
+from shmgen.runtime.subscriber import Subscriber
+
+Goal = TypeVar("Goal", bound=Message)
+Feedback = TypeVar("Feedback", bound=Message)
+Outcome = TypeVar("Outcome", bound=Message)
+C = TypeVar("C", bound="ActionClient[Any, Any, Any]")
+
+
+class ActionClient(Generic[Goal, Feedback, Outcome]):
+    """Sends goals to one action, one at a time. Not for two threads at a time; forked children open their own."""
+
+    command_publisher: type[Publisher[Any]]
+    progress_subscriber: type[Subscriber[Any]]
+    outcome_subscriber: type[Subscriber[Outcome]]
+
+    def __init__(
+        self, action: str, *, lock_timeout: float = 0.01, mode: int = 0o660, group: str | int | None = None
+    ) -> None:
+        """Opens the action's regions or makes them; parameters and errors as for a ServiceClient."""
+        options: dict[str, Any] = {"lock_timeout": lock_timeout, "mode": mode, "group": group}
+        with ExitStack() as opened:
+            questions = opened.enter_context(self.command_publisher(f"{action}-goal", **options))
+            answers = opened.enter_context(self.outcome_subscriber(f"{action}-result", **options))
+            self._progress = opened.enter_context(self.progress_subscriber(f"{action}-feedback", **options))
+            opened.pop_all()
+        self._command: Any = self.command_publisher.message_type
+        self._caller: Caller[Any, Outcome] = Caller(questions, answers, "goal")
+        self._action = action
+        self._status = 0
+        self._feedback: Feedback | None = None
+
+    def send_goal(self, goal: Any, timeout: float) -> int:
+        """Waits `timeout` seconds for a server, sends `goal` (any object with its attributes), returns its number.
+
+        A goal that still runs is given up: its server is told to cancel it by the newer one. Raises NoServer, and
+        nothing was sent; ValueRejected; LockTimeout.
+        """
+        if not self._caller.wait_for_server(timeout):
+            raise NoServer(f"{self._action}: nobody served within {timeout:g} s; nothing was sent")
+        self._status, self._feedback = 0, None
+        return self._caller.ask(SimpleNamespace(cancel=0, goal=goal))
+
+    def feedback(self) -> Feedback | None:
+        """The newest feedback on the goal, or None if it has been read already."""
+        self._look()
+        feedback, self._feedback = self._feedback, None
+        return feedback
+
+    @property
+    def status(self) -> int:
+        """ACCEPTED, EXECUTING or CANCELING of the progress, as of action_msgs/GoalStatus; 0 = not taken yet."""
+        self._look()
+        return self._status
+
+    def poll(self) -> Outcome | None:
+        """How the goal ended, once, or None if it has not yet: `status` and `result`."""
+        return self._caller.poll()
+
+    def result(self, timeout: float) -> Outcome:
+        """Waits for the end of the goal. Raises CallTimeout after `timeout` seconds; the goal then goes on."""
+        number = self._caller.number
+        if not number:
+            raise CallTimeout(f"{self._action}: no goal is under way")
+        outcome = self._caller.wait(timeout)
+        if outcome is None:
+            raise CallTimeout(f"{self._action}: goal {number} has not ended within {timeout:g} s")
+        return outcome
+
+    def cancel(self) -> None:
+        """Asks the server to cancel the goal; result() then says how it ended. Without a goal it does nothing."""
+        if self._caller.number:
+            self._caller.tell(self._command(cancel=self._caller.number))
+
+    def server_is_ready(self) -> bool:
+        """Whether somebody serves now. Takes up to 0.1 s where a PLC served and may have stopped."""
+        return self._caller.server_is_ready()
+
+    def wait_for_server(self, timeout: float) -> bool:
+        """Whether somebody serves, as soon as somebody does or after `timeout` seconds."""
+        return self._caller.wait_for_server(timeout)
+
+    def close(self) -> None:
+        """Gives the action free for another client; the regions stay, and a goal goes on."""
+        self._caller.close()
+        self._progress.close()
+
+    @property
+    def action(self) -> str:
+        """As given."""
+        return self._action
+
+    def __enter__(self: C) -> C:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _look(self) -> None:
+        """Takes the newest progress over if it is the goal's."""
+        progress = self._progress.read()
+        if progress is not None and self._caller.number and progress.goal == self._caller.number:
+            self._status = progress.status
+            if progress.status != progress.ACCEPTED:
+                self._feedback = progress.feedback

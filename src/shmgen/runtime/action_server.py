@@ -1,0 +1,175 @@
+"""Turns commands in shared memory into goals for Python to work on, and their ends into outcomes."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from types import SimpleNamespace, TracebackType
+from typing import Any, Generic, TypeVar
+
+from shmgen.runtime.calls import Callee, log_exception, passed_over, until
+from shmgen.runtime.message import Message
+from shmgen.runtime.publisher import Publisher
+from shmgen.runtime.subscriber import Subscriber
+
+Goal = TypeVar("Goal", bound=Message)
+S = TypeVar("S", bound="ActionServer[Any]")
+
+
+class ServedGoal(Generic[Goal]):
+    """A goal that a server works on, with the words of rclpy's goal handle.
+
+    What its methods send goes nowhere, and they say False, once the goal has ended or a newer one has come. They
+    raise ValueRejected for a value that does not fit, and LockTimeout.
+    """
+
+    def __init__(self, server: ActionServer[Goal], number: int, request: Goal) -> None:
+        self.number = number
+        self.request = request
+        self._server = server
+
+    @property
+    def is_cancel_requested(self) -> bool:
+        """Whether the client has asked to cancel it, or sent a newer goal. Looking shows that the server lives."""
+        return self._server._unwanted(self.number)
+
+    def accept(self) -> bool:
+        """Tells the client that the goal has been taken."""
+        return self._server._accept(self.number)
+
+    def publish_feedback(self, feedback: Any) -> bool:
+        """Sends how far it is: the action's feedback, or any object with its attributes."""
+        return self._server._publish_feedback(self.number, feedback)
+
+    def succeed(self, result: Any) -> bool:
+        """Ends the goal as SUCCEEDED."""
+        return self._server._end(self.number, "SUCCEEDED", result)
+
+    def abort(self, result: Any = None) -> bool:
+        """Ends the goal as ABORTED, with a result or without."""
+        return self._server._end(self.number, "ABORTED", result)
+
+    def canceled(self, result: Any = None) -> bool:
+        """Ends the goal as CANCELED, with a result or without."""
+        return self._server._end(self.number, "CANCELED", result)
+
+    def reject(self) -> bool:
+        """Ends the goal as REJECTED."""
+        return self._server._end(self.number, "REJECTED", None)
+
+
+class ActionServer(Generic[Goal]):
+    """Serves one action, one goal at a time. Not for two threads at a time; forked children open their own."""
+
+    command_subscriber: type[Subscriber[Any]]
+    progress_publisher: type[Publisher[Any]]
+    outcome_publisher: type[Publisher[Any]]
+
+    def __init__(
+        self, action: str, *, lock_timeout: float = 0.01, mode: int = 0o660, group: str | int | None = None
+    ) -> None:
+        """Opens the action's regions or makes them; parameters, errors and old goals as for a ServiceServer."""
+        options: dict[str, Any] = {"lock_timeout": lock_timeout, "mode": mode, "group": group}
+        with ExitStack() as opened:
+            questions = opened.enter_context(self.command_subscriber(f"{action}-goal", **options))
+            passed_over(questions)
+            self._progress = opened.enter_context(self.progress_publisher(f"{action}-feedback", **options))
+            answers = opened.enter_context(self.outcome_publisher(f"{action}-result", **options))
+            opened.pop_all()
+        self._callee = Callee(questions, answers)
+        self._kinds: Any = self.progress_publisher.message_type, self.outcome_publisher.message_type
+        self._waiting: ServedGoal[Goal] | None = None
+        self._is_unwanted = False
+        self._action = action
+
+    def serve(self, handler: Callable[[ServedGoal[Goal]], None], timeout: float | None = None) -> None:
+        """Accepts each goal and calls `handler(goal)`, which ends it: goal.succeed, goal.abort or goal.canceled.
+
+        Ends after `timeout` seconds, or never. A goal that the handler leaves without an end is ABORTED; so is one in
+        which it raises an exception, which goes to the log `shmgen`; what is no Exception ends serve().
+        """
+        for goal in until(timeout, self.wait):
+            try:
+                goal.accept()
+                handler(goal)
+            except Exception:
+                log_exception(f"{self._action}: goal {goal.number} aborted")
+            finally:
+                goal.abort()
+
+    def take(self) -> ServedGoal[Goal] | None:
+        """The newest goal not taken yet, or None. The one before it, if it has not ended, nobody waits for any more."""
+        return self.wait(0.0)
+
+    def wait(self, timeout: float) -> ServedGoal[Goal] | None:
+        """The newest goal as soon as there is one, or None after `timeout` seconds."""
+        deadline = time.monotonic() + timeout
+        while self._waiting is None:
+            left = max(0.0, deadline - time.monotonic())
+            self._look(left)
+            if not left:
+                break
+        goal, self._waiting = self._waiting, None
+        return goal
+
+    def close(self) -> None:
+        """Gives the action free for another server; the regions stay."""
+        self._callee.close()
+        self._progress.close()
+
+    @property
+    def action(self) -> str:
+        """As given."""
+        return self._action
+
+    def __enter__(self: S) -> S:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _look(self, timeout: float = 0.0) -> None:
+        """Takes one command. The number of the callee is that of the newest goal known."""
+        taken = self._callee.take(timeout)
+        if taken is None:
+            return
+        number, command = taken
+        if not command.cancel:
+            self._callee.begin(number)
+            self._is_unwanted = False
+            self._waiting = ServedGoal(self, number, command.goal)
+        elif command.cancel == self._callee.number and not self._waiting:
+            self._is_unwanted = True
+        else:  # nobody has taken that goal: it waits here, or its cancel has overwritten it
+            self._callee.begin(command.cancel)
+            self._waiting = None
+            self._end(command.cancel, "CANCELED", None)
+
+    def _unwanted(self, number: int) -> bool:
+        self._look()
+        return self._is_unwanted or not self._callee.awaits(number)
+
+    def _accept(self, number: int) -> bool:
+        progress, _ = self._kinds
+        return self._publish(number, progress(goal=number, status=progress.ACCEPTED))
+
+    def _publish_feedback(self, number: int, feedback: Any) -> bool:
+        progress, _ = self._kinds
+        status = progress.CANCELING if self._is_unwanted else progress.EXECUTING
+        return self._publish(number, SimpleNamespace(goal=number, status=status, feedback=feedback))
+
+    def _publish(self, number: int, progress: Any) -> bool:
+        if not self._callee.awaits(number):
+            return False
+        self._progress.publish(progress)
+        return True
+
+    def _end(self, number: int, status: str, result: Any) -> bool:
+        _, outcome = self._kinds
+        value = getattr(outcome, status)
+        if result is None:
+            return self._callee.answer(number, outcome(goal=number, status=value))
+        return self._callee.answer(number, SimpleNamespace(goal=number, status=value, result=result))

@@ -1,0 +1,181 @@
+"""Turns two regions into questions and their answers: what clients and servers of services and of actions share.
+
+A question has the number of its sample, and an answer carries the number of its question. So a late answer, to a call
+given up or to a former client, is known from its number, and a restarted server knows by the position of the samples
+what was asked before its time (docs/protocol.md, "Services").
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from math import inf
+from typing import Any, Generic, TypeVar
+
+from shmgen.runtime import header as h
+from shmgen.runtime.message import Message
+from shmgen.runtime.publisher import Publisher
+from shmgen.runtime.region import WRITER_LOCK
+from shmgen.runtime.subscriber import Subscriber
+
+Q = TypeVar("Q", bound=Message)
+A = TypeVar("A", bound=Message)
+T = TypeVar("T")
+
+_LOOK = 2e-3
+"""Seconds between two looks for a server."""
+_PLC_WATCH = 0.1
+"""Seconds within which a PLC that runs counts its heartbeat up: ten cycles of 10 ms."""
+_FRESH = 1.0
+"""Seconds for which a heartbeat seen to move counts."""
+_LONGEST_WAIT = 1.0
+_HEARTBEAT = 0.05
+"""Seconds between two signs of life of a server that waits."""
+
+
+class Caller(Generic[Q, A]):
+    """The asking end. `number` is that of the question not answered yet, 0 = none.
+
+    `key` is the name of the field that holds the number in an answer.
+    """
+
+    def __init__(self, questions: Publisher[Q], answers: Subscriber[A], key: str) -> None:
+        self.number = 0
+        self._questions = questions
+        self._answers = answers
+        self._key = key
+        self._beat = -1
+        self._looked = 0.0
+
+    def ask(self, question: Any) -> int:
+        """Sends a question and gives the one before up; returns its number. Raises as Publisher.publish."""
+        self.number = 0
+        self._answers.read()  # what is there answers nothing that is still to come
+        self.tell(question)
+        self.number = self._questions.sequence
+        return self.number
+
+    def tell(self, message: Any) -> None:
+        """Sends what asks for no answer. Raises as Publisher.publish."""
+        self._questions.publish(message)
+
+    def poll(self) -> A | None:
+        """The answer, once. Answers come in the order of their questions, so the newest is enough."""
+        return self._own(self._answers.read())
+
+    def wait(self, timeout: float) -> A | None:
+        """The answer as soon as it comes, or None after `timeout` seconds."""
+        deadline = time.monotonic() + timeout
+        while self.number:
+            left = max(0.0, deadline - time.monotonic())
+            if answer := self._own(self._answers.wait(left)):
+                return answer
+            if not left:
+                break
+        return None
+
+    def server_is_ready(self) -> bool:
+        """Whether somebody serves now. Takes up to 0.1 s where a PLC served and may have stopped."""
+        return self.wait_for_server(_PLC_WATCH if self._answers._words[h.WRITER] == h.PLC else 0.0)
+
+    def wait_for_server(self, timeout: float) -> bool:
+        """Whether somebody serves, as soon as somebody does or after `timeout` seconds."""
+        deadline = time.monotonic() + timeout
+        while not self._server_lives():
+            left = deadline - time.monotonic()
+            if left <= 0:
+                return False
+            time.sleep(min(_LOOK, left))
+        return True
+
+    def close(self) -> None:
+        self.number = 0
+        self._questions.close()
+        self._answers.close()
+
+    def _own(self, answer: A | None) -> A | None:
+        if answer is None or not self.number or getattr(answer, self._key) != self.number:
+            return None
+        self.number = 0
+        return answer
+
+    def _server_lives(self) -> bool:
+        """A process holds its record lock; a PLC can only be seen to count."""
+        if self._answers._region.byte_is_locked(WRITER_LOCK):
+            return True
+        words, now = self._answers._words, time.monotonic()
+        before, self._beat = self._beat, words[h.HEARTBEAT]
+        known, self._looked = now - self._looked < _FRESH, now
+        return bool(words[h.WRITER] == h.PLC and known and self._beat != before)
+
+
+class Callee(Generic[Q, A]):
+    """The answering end. `number` is that of the question begun last, 0 = none: no other can be answered."""
+
+    def __init__(self, questions: Subscriber[Q], answers: Publisher[A]) -> None:
+        """`questions` holds nothing unread: see `passed_over`."""
+        self.number = 0
+        self._questions = questions
+        self._answers = answers
+        self._is_open = False
+
+    def take(self, timeout: float) -> tuple[int, Q] | None:
+        """The newest question with its number, once, as soon as there is one, or None after `timeout` seconds.
+
+        Tells the other side that it lives.
+        """
+        deadline = time.monotonic() + timeout
+        while True:
+            self._answers.heartbeat()
+            left = max(0.0, deadline - time.monotonic())
+            question = self._questions.wait(min(left, _HEARTBEAT)) if left else self._questions.read()
+            if question is not None:
+                return self._questions.sequence, question
+            if not left:
+                return None
+
+    def begin(self, number: int) -> None:
+        """From now on this question waits for its answer, and no other."""
+        self.number = number
+        self._is_open = True
+
+    def awaits(self, number: int) -> bool:
+        """Whether that question still waits for its answer."""
+        return self._is_open and number == self.number
+
+    def answer(self, number: int, answer: Any) -> bool:
+        """False, and nothing sent, if that question waits no more. Raises as Publisher.publish."""
+        if not self.awaits(number):
+            return False
+        self._answers.publish(answer)
+        self._is_open = False
+        return True
+
+    def close(self) -> None:
+        self._questions.close()
+        self._answers.close()
+
+
+def until(timeout: float | None, wait: Callable[[float], T | None]) -> Iterator[T]:
+    """What `wait` gives, for `timeout` seconds or for ever."""
+    deadline = inf if timeout is None else time.monotonic() + timeout
+    while (left := deadline - time.monotonic()) > 0:
+        found = wait(min(left, _LONGEST_WAIT))
+        if found is not None:
+            yield found
+
+
+def log_exception(text: str) -> None:
+    """Into the log `shmgen`, with the traceback of the exception that is being handled."""
+    import logging  # takes longer to load than the rest of the runtime
+
+    logging.getLogger("shmgen").exception(text)
+
+
+def passed_over(questions: Subscriber[Q]) -> Subscriber[Q]:
+    """With what lies there taken for read: whether a server before this one has done it nobody knows.
+
+    Comes before the claim that shows clients a server, so that no call is lost between the two.
+    """
+    questions.read()
+    return questions

@@ -1,0 +1,116 @@
+"""Turns calls of a service into requests in shared memory, and replies into responses."""
+
+from __future__ import annotations
+
+import threading
+import time
+from contextlib import ExitStack
+from types import TracebackType
+from typing import Any, Generic, TypeVar
+
+from shmgen.runtime.calls import Caller
+from shmgen.runtime.errors import CallFailed, CallTimeout, NoServer
+from shmgen.runtime.message import Message
+from shmgen.runtime.publisher import Publisher
+from shmgen.runtime.subscriber import Subscriber
+
+Request = TypeVar("Request", bound=Message)
+Response = TypeVar("Response", bound=Message)
+C = TypeVar("C", bound="ServiceClient[Any, Any]")
+
+
+class ServiceClient(Generic[Request, Response]):
+    """Calls one service, one call at a time; threads may share it, forked children open their own."""
+
+    request_publisher: type[Publisher[Request]]
+    reply_subscriber: type[Subscriber[Any]]
+
+    def __init__(
+        self, service: str, *, lock_timeout: float = 0.01, mode: int = 0o660, group: str | int | None = None
+    ) -> None:
+        """Opens the service's regions or makes them; one client a service. Whether there is a server does not matter.
+
+        `lock_timeout` (seconds), `mode` and `group` as for a Publisher, and its errors: ValueError, LayoutMismatch,
+        RegionInUse, PermissionDenied, RegionUnusable.
+        """
+        options: dict[str, Any] = {"lock_timeout": lock_timeout, "mode": mode, "group": group}
+        with ExitStack() as opened:
+            questions = opened.enter_context(self.request_publisher(f"{service}-request", **options))
+            answers = opened.enter_context(self.reply_subscriber(f"{service}-response", **options))
+            opened.pop_all()
+        self._caller = Caller(questions, answers, "call")
+        self._one_at_a_time = threading.RLock()
+        self._service = service
+
+    def call(self, request: Any, timeout: float) -> Response:
+        """Waits for a server, sends `request` (any object with its attributes) and waits for the response.
+
+        All within `timeout` seconds. Raises NoServer, and nothing was sent; CallTimeout, and the server may still do
+        it; CallFailed; ValueRejected for a value that does not fit; LockTimeout.
+        """
+        deadline = time.monotonic() + timeout
+        if not self._one_at_a_time.acquire(timeout=max(0.0, timeout)):
+            raise CallTimeout(f"{self._service}: another thread's call took all of the {timeout:g} s")
+        try:
+            if not self._caller.wait_for_server(deadline - time.monotonic()):
+                raise NoServer(f"{self._service}: nobody served within {timeout:g} s; nothing was sent")
+            number = self._caller.ask(request)
+            reply = self._caller.wait(deadline - time.monotonic())
+            if reply is None:
+                self._caller.number = 0
+                raise CallTimeout(f"{self._service}: call {number} was not answered within {timeout:g} s")
+            return self._response(reply)
+        finally:
+            self._one_at_a_time.release()
+
+    def send(self, request: Any) -> int:
+        """Sends `request`, whether there is a server or not, and returns the call's number; then poll().
+
+        A call that still runs is given up. Raises ValueRejected and LockTimeout.
+        """
+        with self._one_at_a_time:
+            return self._caller.ask(request)
+
+    def poll(self) -> Response | None:
+        """The response to what send() sent, once, or None if it is not there yet. Raises CallFailed."""
+        with self._one_at_a_time:
+            reply = self._caller.poll()
+            return None if reply is None else self._response(reply)
+
+    def cancel(self) -> None:
+        """Gives up what send() sent, on this side only: the server may do it, its answer is passed over."""
+        with self._one_at_a_time:
+            self._caller.number = 0
+
+    def server_is_ready(self) -> bool:
+        """Whether somebody serves now. Takes up to 0.1 s where a PLC served and may have stopped."""
+        with self._one_at_a_time:
+            return self._caller.server_is_ready()
+
+    def wait_for_server(self, timeout: float) -> bool:
+        """Whether somebody serves, as soon as somebody does or after `timeout` seconds."""
+        with self._one_at_a_time:
+            return self._caller.wait_for_server(timeout)
+
+    def close(self) -> None:
+        """Gives the service free for another client; the regions stay."""
+        self._caller.close()
+
+    @property
+    def service(self) -> str:
+        """As given."""
+        return self._service
+
+    def __enter__(self: C) -> C:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _response(self, reply: Any) -> Response:
+        if reply.status != reply.DONE:
+            raise CallFailed(f"{self._service}: the server says that call {reply.call} failed")
+        response: Response = reply.response
+        return response

@@ -1,0 +1,108 @@
+"""Turns requests in shared memory into calls for Python to answer, and responses into replies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from types import SimpleNamespace, TracebackType
+from typing import Any, Generic, NamedTuple, TypeVar
+
+from shmgen.runtime.calls import Callee, log_exception, passed_over, until
+from shmgen.runtime.message import Message
+from shmgen.runtime.publisher import Publisher
+from shmgen.runtime.subscriber import Subscriber
+
+Request = TypeVar("Request", bound=Message)
+S = TypeVar("S", bound="ServiceServer[Any]")
+
+
+class Call(NamedTuple):
+    """What a server has to answer; `number` counts the requests of the service."""
+
+    number: int
+    request: Any
+
+
+class ServiceServer(Generic[Request]):
+    """Serves one service, one call at a time. Not for two threads at a time; forked children open their own."""
+
+    request_subscriber: type[Subscriber[Request]]
+    reply_publisher: type[Publisher[Any]]
+
+    def __init__(
+        self, service: str, *, lock_timeout: float = 0.01, mode: int = 0o660, group: str | int | None = None
+    ) -> None:
+        """Opens the service's regions or makes them; one server a service. A request that is there already is old.
+
+        `lock_timeout` (seconds), `mode` and `group` as for a Publisher, and its errors: ValueError, LayoutMismatch,
+        RegionInUse, PermissionDenied, RegionUnusable.
+        """
+        options: dict[str, Any] = {"lock_timeout": lock_timeout, "mode": mode, "group": group}
+        with ExitStack() as opened:
+            questions = opened.enter_context(self.request_subscriber(f"{service}-request", **options))
+            passed_over(questions)
+            answers = opened.enter_context(self.reply_publisher(f"{service}-response", **options))
+            opened.pop_all()
+        self._callee = Callee(questions, answers)
+        self._reply: Any = self.reply_publisher.message_type
+        self._service = service
+
+    def serve(self, handler: Callable[[Request], Any], timeout: float | None = None) -> None:
+        """Answers each request with what `handler(request)` returns: a response, or any object with its attributes.
+
+        Ends after `timeout` seconds, or never. An exception in the handler, or a response that does not fit, makes
+        that call FAILED and goes to the log `shmgen`; what is no Exception (KeyboardInterrupt) ends serve().
+        """
+        for call in until(timeout, self.wait):
+            try:
+                self.reply(call, handler(call.request))
+            except BaseException as error:
+                self.fail(call)
+                if not isinstance(error, Exception):
+                    raise
+                log_exception(f"{self._service}: call {call.number} failed")
+
+    def take(self) -> Call | None:
+        """The newest request not taken yet, or None. Take or wait often: it shows a PLC that the server lives."""
+        return self.wait(0.0)
+
+    def wait(self, timeout: float) -> Call | None:
+        """The newest request as soon as there is a new one, or None after `timeout` seconds.
+
+        A request before it that was not taken is dropped: its client has given it up.
+        """
+        taken = self._callee.take(timeout)
+        if taken is None:
+            return None
+        self._callee.begin(taken[0])
+        return Call(*taken)
+
+    def reply(self, call: Call, response: Any) -> bool:
+        """Answers; False if it was answered, or a newer call has been taken: then nobody waits for this one.
+
+        Raises ValueRejected, with the path of the field, and LockTimeout; the call then still waits.
+        """
+        return self._callee.answer(
+            call.number, SimpleNamespace(call=call.number, status=self._reply.DONE, response=response)
+        )
+
+    def fail(self, call: Call) -> bool:
+        """Tells the client that the call failed; False as in reply(). Raises LockTimeout."""
+        return self._callee.answer(call.number, self._reply(call=call.number, status=self._reply.FAILED))
+
+    def close(self) -> None:
+        """Gives the service free for another server; the regions stay."""
+        self._callee.close()
+
+    @property
+    def service(self) -> str:
+        """As given."""
+        return self._service
+
+    def __enter__(self: S) -> S:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

@@ -1,0 +1,1 @@
+"""Services and actions of tests/cases/service, between real processes."""

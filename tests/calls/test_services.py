@@ -1,0 +1,371 @@
+"""A service between processes: every call ends in its own reply, a failure, or a timeout, whoever dies meanwhile."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from types import SimpleNamespace
+
+import pytest
+from shm_service.cell_msgs.action import Move_CommandPublisher
+from shm_service.cell_msgs.srv import (
+    Start_ReplyPublisher,
+    Start_Request,
+    Start_RequestPublisher,
+    Start_RequestSubscriber,
+    Start_Response,
+    StartClient,
+    StartServer,
+)
+
+from shmgen import runtime
+from shmgen.runtime import header as h
+
+SERVE = """
+with StartServer({topic!r}) as server:
+    said("ready")
+    server.serve(lambda request: Start_Response(success=request.on, batch=2 * request.batch, message="batch"))
+"""
+TAKE = """
+with StartServer({topic!r}) as server:
+    said("ready")
+    said(server.wait(20).request.batch)
+    time.sleep(20)
+"""
+
+
+def answer(request):
+    return Start_Response(success=request.on, batch=2 * request.batch)
+
+
+def request(batch=1):
+    return Start_Request(on=True, batch=batch)
+
+
+def test_a_call_between_two_processes(topic, peer):
+    peer(SERVE.format(topic=topic))
+    with StartClient(topic) as client:
+        response = client.call(Start_Request(on=True, batch=21), timeout=10)
+        assert response == Start_Response(success=True, batch=42, message="batch")
+        assert type(response) is Start_Response
+        assert [client.call(request(n), timeout=10).batch for n in range(50)] == list(range(0, 100, 2))
+
+
+def test_any_object_with_the_attributes_is_a_request_and_a_response(topic):
+    with StartServer(topic) as server, StartClient(topic) as client:
+        number = client.send(SimpleNamespace(on=True, batch=5))
+        call = server.take()
+        assert (call.number, call.request.batch) == (number, 5)
+        assert server.reply(call, SimpleNamespace(success=True, batch=6, message="yes"))
+        assert client.poll() == Start_Response(success=True, batch=6, message="yes")
+        assert client.poll() is None
+
+
+def test_a_value_that_does_not_fit_is_refused_with_its_path(topic):
+    with StartServer(topic) as server, StartClient(topic) as client:
+        with pytest.raises(runtime.ValueRejected, match="batch"):
+            client.send(SimpleNamespace(on=True, batch=-1))
+        assert server.take() is None
+        client.send(request())
+        call = server.take()
+        with pytest.raises(runtime.StringTooLong, match=r"response\.message"):
+            server.reply(call, SimpleNamespace(success=True, batch=1, message="x" * 41))
+        assert client.poll() is None
+        assert server.reply(call, Start_Response(batch=3))
+        assert client.poll().batch == 3
+
+
+def test_a_call_is_answered_once(topic):
+    with StartServer(topic) as server, StartClient(topic) as client:
+        client.send(request())
+        call = server.take()
+        assert server.reply(call, Start_Response(batch=1))
+        assert not server.reply(call, Start_Response(batch=2))
+        assert not server.fail(call)
+        assert client.poll().batch == 1
+
+
+# --- failures ------------------------------------------------------------------------------------
+
+
+def test_a_handler_that_raises_fails_its_call_and_the_server_goes_on(topic, caplog):
+    def handler(request):
+        if request.batch == 1:
+            raise OSError("jammed")
+        return SimpleNamespace(success=True, batch=2, message="x" * 41) if request.batch == 2 else answer(request)
+
+    with StartServer(topic) as server, StartClient(topic) as client, caplog.at_level(logging.ERROR, "shmgen"):
+        thread = threading.Thread(target=server.serve, args=(handler, 2.0))
+        thread.start()
+        for batch in (1, 2):
+            with pytest.raises(runtime.CallFailed, match=rf"{topic}: the server says that call {batch} failed"):
+                client.call(request(batch), timeout=10)
+        assert client.call(request(3), timeout=10).batch == 6
+        thread.join()
+    assert "jammed" in caplog.text
+    assert "response.message: 41 bytes" in caplog.text
+
+
+def test_an_interrupted_handler_fails_its_call_and_ends_the_server(topic):
+    def handler(request):
+        raise KeyboardInterrupt
+
+    with StartServer(topic) as server, StartClient(topic) as client:
+        client.send(request())
+        with pytest.raises(KeyboardInterrupt):
+            server.serve(handler, timeout=5)
+        with pytest.raises(runtime.CallFailed):
+            client.poll()
+
+
+def test_without_a_server_nothing_is_sent(topic):
+    with StartClient(topic) as client, Start_RequestSubscriber(f"{topic}-request") as bystander:
+        begin = time.monotonic()
+        with pytest.raises(runtime.NoServer, match="nothing was sent"):
+            client.call(request(), timeout=0.2)
+        assert 0.2 <= time.monotonic() - begin < 2
+        assert not client.server_is_ready()
+        assert bystander.read() is None
+        with StartServer(topic):
+            assert client.server_is_ready()
+        assert not client.server_is_ready()
+
+
+def test_a_call_waits_for_a_server_that_comes(topic, peer):
+    with StartClient(topic) as client:
+        responses = []
+        thread = threading.Thread(target=lambda: responses.append(client.call(request(4), timeout=20)))
+        thread.start()
+        peer(SERVE.format(topic=topic))
+        thread.join()
+        assert responses[0].batch == 8
+
+
+def test_time_runs_out(topic):
+    with StartServer(topic), StartClient(topic) as client:
+        begin = time.monotonic()
+        with pytest.raises(runtime.CallTimeout, match=r"call 1 was not answered within 0\.1 s"):
+            client.call(request(), timeout=0.1)
+        assert 0.1 <= time.monotonic() - begin < 2
+
+
+# --- what is late, or old ------------------------------------------------------------------------
+
+
+def test_a_late_reply_is_passed_over(topic):
+    with StartServer(topic) as server, StartClient(topic) as client:
+        client.send(request(1))
+        late = server.take()
+        client.cancel()
+        assert server.reply(late, answer(late.request))
+        assert client.poll() is None
+        client.send(request(2))
+        assert client.poll() is None
+        call = server.take()
+        assert server.reply(call, answer(call.request))
+        assert client.poll().batch == 4
+
+
+def test_a_reply_that_comes_between_two_calls_is_not_taken_for_the_second(topic):
+    with StartServer(topic) as server, StartClient(topic) as client:
+        client.send(request(1))
+        late = server.take()
+        client.send(request(2))
+        assert server.reply(late, answer(late.request))
+        assert client.poll() is None
+        assert server.take().request.batch == 2
+
+
+def test_a_request_overwritten_before_it_was_taken_is_dropped(topic):
+    with StartServer(topic) as server, StartClient(topic) as client:
+        client.send(request(1))
+        client.send(request(2))
+        assert server.take().request.batch == 2
+        assert server.take() is None
+
+
+def test_an_older_call_cannot_be_answered_after_a_newer_was_taken(topic):
+    with StartServer(topic) as server, StartClient(topic) as client:
+        client.send(request(1))
+        old = server.take()
+        client.send(request(2))
+        new = server.take()
+        assert server.reply(new, answer(new.request))
+        assert not server.reply(old, answer(old.request))
+        assert client.poll().batch == 4
+
+
+def test_a_restarted_server_answers_no_old_call(topic, peer):
+    first = peer(TAKE.format(topic=topic))
+    with StartClient(topic) as client:
+        client.send(request(7))
+        assert first.hear() == "7"
+        first.kill()
+        with StartServer(topic) as server:
+            assert server.take() is None
+            assert client.poll() is None
+            client.send(request(8))
+            call = server.take()
+            assert server.reply(call, answer(call.request))
+            assert client.poll().batch == 16
+
+
+def test_a_call_in_the_midst_of_which_the_server_is_killed_times_out_and_the_next_is_served(topic, peer):
+    first = peer(TAKE.format(topic=topic))
+    with StartClient(topic) as client:
+        failures = []
+
+        def call():
+            try:
+                client.call(request(7), timeout=1.0)
+            except runtime.CallTimeout as error:
+                failures.append(error)
+
+        thread = threading.Thread(target=call)
+        thread.start()
+        assert first.hear() == "7"
+        first.kill()
+        peer(SERVE.format(topic=topic))
+        thread.join()
+        assert type(failures[0]) is runtime.CallTimeout
+        assert client.call(request(9), timeout=10).batch == 18
+
+
+def test_a_client_after_a_killed_one_goes_on_with_new_numbers(topic, peer):
+    first = peer(f"""
+client = StartClient({topic!r})
+said("ready")
+client.wait_for_server(20)
+said(client.send(Start_Request(on=True, batch=7)))
+time.sleep(20)
+""")
+    with StartServer(topic) as server:
+        number = int(first.hear())
+        old = server.wait(10)
+        first.kill()
+        with StartClient(topic) as client:
+            assert client.send(request(8)) == number + 1
+            assert server.reply(old, answer(old.request))
+            assert client.poll() is None
+            call = server.take()
+            server.reply(call, answer(call.request))
+            assert client.poll().batch == 16
+
+
+def test_a_reply_of_former_times_with_the_same_number_is_passed_over(topic):
+    """As after `shmgen clean` of the request's region alone: the numbers begin anew."""
+    with Start_ReplyPublisher(f"{topic}-response") as former:
+        former.publish(SimpleNamespace(call=1, status=1, response=Start_Response(batch=99)))
+    with StartClient(topic) as client:
+        assert client.send(request()) == 1
+        assert client.poll() is None
+
+
+# --- who may ---------------------------------------------------------------------------------------
+
+
+def test_one_client_and_one_server_a_service(topic):
+    with StartClient(topic), StartServer(topic):
+        with pytest.raises(runtime.RegionInUse, match=f"{topic}-request"):
+            StartClient(topic)
+        with pytest.raises(runtime.RegionInUse, match=f"{topic}-response"):
+            StartServer(topic)
+    StartClient(topic).close()
+    StartServer(topic).close()
+
+
+def test_a_refused_server_leaves_the_call_to_the_other(topic):
+    with StartServer(topic) as server, StartClient(topic) as client:
+        client.send(request(3))
+        with pytest.raises(runtime.RegionInUse):
+            StartServer(topic)
+        assert server.take().request.batch == 3
+
+
+def test_another_type_is_refused(topic):
+    with (
+        Move_CommandPublisher(f"{topic}-response"),
+        pytest.raises(runtime.LayoutMismatch, match="cell_msgs/action/Move_Command"),
+    ):
+        StartClient(topic)
+    Start_RequestPublisher(f"{topic}-request").close()  # the client has let go of it
+
+
+@pytest.mark.parametrize("name", ["/a b", "", "/cell//start", "~/start", "/a-request"])
+def test_names_that_are_none(name):
+    for kind in (StartClient, StartServer):
+        with pytest.raises(ValueError, match="topic"):
+            kind(name)
+
+
+@pytest.mark.parametrize("name", ["/a-", "/a-event", "/a-request-response", "/-request", "/a-request/b"])
+def test_a_dash_stands_only_before_a_half(name):
+    with pytest.raises(ValueError, match="topic"):
+        runtime.region_name(name)
+
+
+# --- threads and PLCs --------------------------------------------------------------------------------
+
+
+def test_threads_share_a_client(topic, peer):
+    peer(SERVE.format(topic=topic))
+    with StartClient(topic) as client:
+        wrong = []
+
+        def work(first):
+            for batch in range(first, first + 50):
+                found = client.call(request(batch), timeout=20).batch
+                if found != 2 * batch:
+                    wrong.append((batch, found))
+
+        threads = [threading.Thread(target=work, args=(1000 * number,)) for number in range(4)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert not wrong
+
+
+def test_a_thread_waits_for_the_call_of_another_no_longer_than_its_time(topic):
+    with StartServer(topic), StartClient(topic) as client:
+
+        def unanswered():
+            with pytest.raises(runtime.CallTimeout):
+                client.call(request(), timeout=1.0)
+
+        thread = threading.Thread(target=unanswered)
+        thread.start()
+        time.sleep(0.1)
+        with pytest.raises(runtime.CallTimeout, match="another thread"):
+            client.call(request(), timeout=0.05)
+        thread.join()
+
+
+def test_a_plc_serves_while_its_heartbeat_moves(topic):
+    with StartClient(topic) as client:
+        words = client._caller._answers._words
+        words[h.WRITER], words[h.HEARTBEAT] = h.PLC, 5
+        assert not client.server_is_ready()
+        stop = threading.Event()
+
+        def cycle():
+            while not stop.wait(0.01):
+                words[h.HEARTBEAT] += 1
+
+        thread = threading.Thread(target=cycle)
+        thread.start()
+        assert client.server_is_ready()
+        assert client.wait_for_server(1.0)
+        time.sleep(0.05)
+        stop.set()
+        thread.join()
+        assert client.wait_for_server(0.0)  # it has counted since the last look
+        assert not client.server_is_ready()
+
+
+def test_a_server_that_waits_shows_that_it_lives(topic):
+    with StartServer(topic) as server, StartClient(topic) as client:
+        before = client._caller._answers._words[h.HEARTBEAT]
+        assert server.wait(0.3) is None
+        assert client._caller._answers._words[h.HEARTBEAT] - before >= 3
