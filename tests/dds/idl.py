@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from shmgen.model import Array, Clock, Element, Field, Message, Ref, Scalar, Sequence, String
+from shmgen.model import Array, Clock, Element, Field, Message, Ref, Scalar, Sequence, String, TypeName
 
 SPELLED = {
     Scalar.BOOL: "boolean",
@@ -34,6 +34,11 @@ def idl(messages: Iterable[Message]) -> str:
     return "\n".join(parts)
 
 
+def scoped(name: TypeName) -> str:
+    """As ROS 2 calls the type in DDS."""
+    return f"{name.package}::{name.kind}::dds_::{name.name}_"
+
+
 def _struct(package: str, kind: str, name: str, members: list[str]) -> str:
     body = "\n".join(f"  {member}" for member in members)
     return f"module {package} {{ module {kind} {{ module dds_ {{\nstruct {name} {{\n{body}\n}};\n}}; }}; }};\n"
@@ -59,4 +64,4 @@ def _element(type_: Element) -> str:
         case String(capacity, _):
             return f"string<{capacity}>" if capacity else "string"
         case Ref(name):
-            return f"{name.package}::{name.kind}::dds_::{name.name}_"
+            return scoped(name)

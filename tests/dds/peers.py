@@ -10,11 +10,10 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from shmgen.bridge.dds_types import type_name
 from shmgen.model import Message, TypeName
 
 from ..support.ros1 import Bridge
-from .idl import idl
+from .idl import idl, scoped
 
 HERE = Path(__file__).parent
 LOOPBACK = """<CycloneDDS><Domain Id="any">
@@ -48,7 +47,7 @@ def build(maker: str, folder: Path, messages: Sequence[Message], topics: Sequenc
 
 def _fast(folder: Path, topics: Sequence[TypeName]) -> None:
     _run(folder, "fastddsgen", "-cs", "-replace", "-d", str(folder), "peer.idl")
-    types = ", ".join(f"new {type_name(name)}PubSubType()" for name in topics)
+    types = ", ".join(f"new {scoped(name)}PubSubType()" for name in topics)
     sources = ["peer.cxx", "peerPubSubTypes.cxx", str(HERE / "fast_peer.cpp")]
     flags = ["-O0", "-w", "-I.", f"-DPEER_TYPES={types}", "-lfastrtps", "-lfastcdr"]
     _run(folder, "g++", "-o", "peer", *sources, *flags)
@@ -56,7 +55,7 @@ def _fast(folder: Path, topics: Sequence[TypeName]) -> None:
 
 def _cyclone(folder: Path, topics: Sequence[TypeName]) -> None:
     _run(folder, "idlc", "-x", "final", "peer.idl")
-    types = ", ".join(f"&{type_name(name).replace('::', '_')}_desc" for name in topics)
+    types = ", ".join(f"&{scoped(name).replace('::', '_')}_desc" for name in topics)
     flags = ["-O0", "-w", "-I.", f"-DPEER_TYPES={types}", "-lddsc"]
     _run(folder, "gcc", "-o", "peer", "peer.c", str(HERE / "cyclone_peer.c"), *flags)
 
