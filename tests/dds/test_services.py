@@ -41,15 +41,18 @@ def wire(tmp_path: Path, topic: str) -> ServiceWire:
 
 
 class Theirs:
-    """The other end of the service: a reader of one topic, a writer of the other."""
+    """The other end of the service: a reader of one topic, a writer of the other.
 
-    def __init__(self, domain: int, service: str, role: str) -> None:
+    Where it is not `known` it has nothing in its user data, as one on rmw_fastrtps.
+    """
+
+    def __init__(self, domain: int, service: str, role: str, known: bool = True) -> None:
         serves = role == "serviceid"
         self.participant = DomainParticipant(domain)
         request = Topic(self.participant, f"rq{service}Request", REQUEST)
         reply = Topic(self.participant, f"rr{service}Reply", REPLY)
         policies = [Policy.Reliability.Reliable(10**9), Policy.History.KeepLast(10)]
-        qos = Qos(*policies, Policy.Userdata(f"{role}=1.a.ff;".encode()))
+        qos = Qos(*policies, *([Policy.Userdata(f"{role}=1.a.ff;".encode())] if known else []))
         self.reader = DataReader(self.participant, request if serves else reply, qos)
         self.writer = DataWriter(self.participant, reply if serves else request, qos)
 
@@ -122,3 +125,23 @@ def test_we_call_ourselves(graph: dds.Graph, wire: ServiceWire) -> None:
     request = caller.new()
     request.word = "echo"
     assert caller.call(request, 5.0).message == "echo"
+
+
+def test_a_client_of_another_middleware_does_not_reach_the_plc(
+    graph: dds.Graph, domain: int, wire: ServiceWire, told: list[str]
+) -> None:
+    graph.serve(wire, lambda request, response: told.append("answered"))
+    client = Theirs(domain, wire.service, "clientid", known=False)
+    until(client.matched)
+    client.writer.write(REQUEST(1, 1, 1, ""))
+    until(lambda: told)
+    assert told == [f"{wire.service}: a client that is not on rmw_cyclonedds; not answered"]
+
+
+def test_a_server_of_another_middleware_is_not_asked(graph: dds.Graph, domain: int, wire: ServiceWire) -> None:
+    caller = graph.client(wire)
+    server = Theirs(domain, wire.service, "serviceid", known=False)
+    until(server.matched)
+    with pytest.raises(NoAnswer, match="a server that is not on rmw_cyclonedds; not asked"):
+        caller.call(caller.new(), 1.0)
+    assert not server.reader.take(1)

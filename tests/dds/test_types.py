@@ -51,6 +51,8 @@ def test_bytes_of_a_header() -> None:
     wire = "00010000 ffffffff 02000000 05000000 6dc3a47000"
     assert codec.encode(header) == bytes.fromhex(wire)
     assert codec.decode(bytes.fromhex(wire)) == header
+    big_endian = "00000000 ffffffff 00000002 00000005 6dc3a47000"
+    assert codec.decode(bytes.fromhex(big_endian)) == header
 
 
 @pytest.mark.parametrize("bytes_", [b"", bytes(4), bytes.fromhex("00010000 ffffffff 02000000 05000000 6dc3")])

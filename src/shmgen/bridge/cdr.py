@@ -77,10 +77,8 @@ def _refuse_wide(messages: tuple[Message, ...]) -> None:
     for message in messages:
         for field in message.fields:
             if isinstance(type_ := _element(field.type), String) and type_.wide:
-                raise ValueError(
-                    f"{message.name.short}.{field.name}: no {ros_type(field.type)} through DDS, since Cyclone's Python "
-                    "does not know it, and the middlewares of ROS 2 differ in how they send it; use string"
-                )
+                where, what = f"{message.name.short}.{field.name}", ros_type(field.type)
+                raise ValueError(f"{where}: no {what} through DDS: Cyclone's Python does not know it; use string")
 
 
 def _definitions(messages: tuple[Message, ...], *, as_written: bool) -> dict[str, Any]:

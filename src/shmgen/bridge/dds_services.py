@@ -1,7 +1,8 @@
 """Turns services of ROS 2 into two topics, request and reply, as rmw_cyclonedds does.
 
 Before each request and its reply go 16 bytes that say whose they are. rmw_fastrtps says it in the inline QoS
-instead, which Cyclone's Python cannot set: its clients and servers are not reached.
+instead, which Cyclone does not let us set: its clients and servers are not reached. They would take those 16 bytes
+for a message, and we theirs for the 16; so nothing passes between us and an end that has no identity in its user data.
 """
 
 from __future__ import annotations
@@ -16,7 +17,6 @@ from typing import Any
 
 from cyclonedds.pub import DataWriter
 from cyclonedds.qos import Policy, Qos
-from cyclonedds.sub import DataReader
 
 from shmgen.bridge.backend import QUEUE, Answer, Caller, NoAnswer, ServiceWire
 from shmgen.bridge.cdr import Codec, codec
@@ -39,6 +39,10 @@ def serve(ends: Ends, wire: ServiceWire, answer: Answer) -> None:
     replies = ends.writer(reply_name(wire.service), structure(wire.response, before=CALL), _quality(us, response))
 
     def answered(sample: Any) -> None:
+        theirs = _identity_of(requests.get_matched_publication_data(sample.sample_info.publication_handle), "clientid")
+        if not theirs:
+            ends.tell(f"{wire.service}: a client that is not on rmw_cyclonedds; not answered")
+            return
         call, asked = _split(sample.cdr)
         message = response.new()
         try:
@@ -46,7 +50,7 @@ def serve(ends: Ends, wire: ServiceWire, answer: Answer) -> None:
         except NoAnswer as error:  # ROS 2 has no word for it: the client waits in vain
             ends.tell(f"{wire.service}: no answer: {error}")
             return
-        _await_reader(requests, replies, sample.sample_info.publication_handle)
+        _await_reader(replies, theirs)
         send(replies, _joined(call, response.encode(message)))
 
     ends.listen(requests, answered, wire.service)
@@ -69,10 +73,12 @@ def client(ends: Ends, wire: ServiceWire) -> Caller:
 
     def call(message: Any, timeout: float) -> Any:
         deadline = time.monotonic() + timeout
-        while not (requests.get_matched_subscriptions() and replies.get_matched_publications()):
+        while not (servers := _readers(requests, "serviceid")) or not replies.get_matched_publications():
             if time.monotonic() >= deadline:
                 raise NoAnswer(f"{wire.service}: no server within {timeout} s")
             time.sleep(_LOOK)
+        if not all(servers):
+            raise NoAnswer(f"{wire.service}: a server that is not on rmw_cyclonedds; not asked")
         number = next(numbers)
         waiting[number] = queue.SimpleQueue()
         try:
@@ -109,21 +115,22 @@ def _joined(call: tuple[int, int], cdr: bytes) -> bytes:
     return cdr[:_ENCAPSULATION] + _CALL.pack(*call) + cdr[_ENCAPSULATION:]
 
 
-def _await_reader(requests: DataReader, replies: DataWriter, client: int) -> None:
+def _await_reader(replies: DataWriter, client: str) -> None:
     """A client whose writer we know may have a reader that we do not know yet, and that the reply would miss."""
     deadline = time.monotonic() + _REPLY_READER
-    endpoint = requests.get_matched_publication_data(client)
-    theirs = _client_id(endpoint)
-    while theirs and time.monotonic() < deadline:
-        for handle in replies.get_matched_subscriptions():
-            if _client_id(replies.get_matched_subscription_data(handle)) == theirs:
-                return
+    while client not in _readers(replies, "clientid") and time.monotonic() < deadline:
         time.sleep(_LOOK)
 
 
-def _client_id(endpoint: Any) -> str:
+def _readers(writer: DataWriter, role: str) -> list[str]:
+    """The identities of those who read what we write, empty where one has none."""
+    handles = writer.get_matched_subscriptions()
+    return [_identity_of(writer.get_matched_subscription_data(handle), role) for handle in handles]
+
+
+def _identity_of(endpoint: Any, role: str) -> str:
     data = b""
     with suppress(AttributeError, KeyError):  # gone meanwhile, or without user data
         data = endpoint.qos[Policy.Userdata].data
-    found = [word for word in data.decode(errors="replace").split(";") if word.startswith("clientid=")]
-    return found[0] if found else ""
+    words = data.decode(errors="replace").split(";")
+    return next((word for word in words if word.startswith(f"{role}=")), "")
