@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
+    from tests.support.plc_calls import Calls
     from tests.support.plc_demo import Clock, Demo
 
 REPOSITORY = Path(__file__).parents[1]
@@ -66,6 +67,24 @@ def demo(compiled_demo: Demo, clock: Clock) -> Iterator[Demo]:
     compiled_demo.plc.fail("", 0)
     yield compiled_demo
     assert compiled_demo.plc.waits == 0
+
+
+@pytest.fixture(scope="session")
+def compiled_calls(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Calls:
+    """Made by the first of the workers that asks for it."""
+    from tests.support.plc_calls import open_or_make
+
+    folder = tmp_path_factory.getbasetemp()
+    return open_or_make((folder if worker_id == "master" else folder.parent) / "plc_calls")
+
+
+@pytest.fixture
+def calls(compiled_calls: Calls) -> Iterator[Calls]:
+    """A PLC that never waited for a semaphore; its clock stands still at 0 but for what a test adds to it."""
+    compiled_calls.plc.fail("", 0)
+    compiled_calls.plc.set_clock(0)
+    yield compiled_calls
+    assert compiled_calls.plc.waits == 0
 
 
 @pytest.fixture(params=["exact", "rounded"])

@@ -100,8 +100,8 @@ class Memory:
         "lock_count": header.LOCK_COUNT,
     }  # fmt: skip
 
-    def __init__(self, topic: str) -> None:
-        file = os.open(region_file(region_name(topic)), os.O_RDWR)
+    def __init__(self, topic: str, suffix: str = "") -> None:
+        file = os.open(region_file(region_name(topic) + suffix), os.O_RDWR)
         self._map = mmap.mmap(file, 0)
         os.close(file)
         self._words = memoryview(self._map).cast("I")

@@ -42,13 +42,35 @@ depth = 3
 topic = "/robot/point"
 type = "demo_msgs/Point"
 direction = "from_plc"
+[[services]]
+service = "/cell/start"
+type = "demo_msgs/Start"
+[[services]]
+service = "/robot/stop"
+type = "demo_msgs/srv/Start"
+server = "ros"
+[[actions]]
+action = "/cell/move"
+type = "demo_msgs/Move"
+[[actions]]
+action = "/robot/move"
+type = "demo_msgs/action/Move"
+server = "ros"
 """
+CALLS = {
+    "srv/Start.srv": "string<=8 order\n---\nbool success\n",
+    "action/Move.action": "float64 x\n---\nfloat64 x\n---\nfloat64 x\n",
+}
 
 
 def generate(folder: Path, options: str = "") -> dict[str, str]:
     (folder / "msgs" / "demo_msgs" / "msg").mkdir(parents=True, exist_ok=True)
     for name, text in MESSAGES.items():
         (folder / "msgs" / "demo_msgs" / "msg" / f"{name}.msg").write_text(text, encoding="utf-8")
+    for path, text in CALLS.items():
+        file = folder / "msgs" / "demo_msgs" / path
+        file.parent.mkdir(exist_ok=True)
+        file.write_text(text)
     (folder / "shmgen.toml").write_text(TOML + options)
     loaded = config.load(folder / "shmgen.toml", "shmgen.toml", Report())
     return pipeline.generate(loaded, loaded.messages)
@@ -223,7 +245,7 @@ def test_the_structured_declarations_are_what_blark_reads(objects: dict[str, Any
                 for section, lists in zip(read.declarations, sections, strict=True):
                     expected = [
                         # blark writes T#1s its own way
-                        (str(getattr(name, "variable", name)), str(item.init).replace("TIME#1S", "T#1s"))
+                        (str(getattr(name, "variable", name)), re.sub(r"TIME#(\d+)S", r"T#\1s", str(item.init)))
                         for item in section.items
                         for name in item.variables
                     ]

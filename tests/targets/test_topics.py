@@ -43,6 +43,10 @@ def topic(name: str, type_: str = "std_msgs/Bool", more: str = "") -> str:
     return f'[[topics]]\ntopic = "{name}"\ntype = "{type_}"\n{more}\n'
 
 
+def service(name: str) -> str:
+    return f'[[services]]\nservice = "{name}"\ntype = "std_srvs/SetBool"\n'
+
+
 def parse(text: str) -> Any:
     (found,) = blark.parse_source_code(text).transform().items
     return found
@@ -55,7 +59,8 @@ def texts(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
 
 def test_as_a_user_reads_it(texts: dict[str, str]) -> None:
     assert texts["st/GVL_Ros.st"] == (
-        "// A block for each topic of shmgen.toml. PRG_Ros calls them; programs of your own read and write their Msg.\n"
+        "// A block for each topic, service and action of shmgen.toml. PRG_Ros calls them; programs of your own\n"
+        "// read and write what they carry.\n"
         "// Made by shmgen; changes made here are lost.\n"
         "{attribute 'qualified_only'}\n"
         "VAR_GLOBAL\n"
@@ -90,6 +95,61 @@ def test_blark_reads_it_and_every_block_is_there_and_called_once(texts: dict[str
     assert [call.partition("(")[0] for call in called] == [f"GVL_Ros.{name}" for name in declared]
     for block in declared.values():
         assert any(path.endswith(f"/{block}.st") for path in texts), block
+
+
+SERVICES = """\
+path = ["."]
+
+[[services]]
+service = "/robot/stop"
+type = "cell_msgs/Start"
+server = "ros"
+
+[[services]]
+service = "/cell/start"
+type = "cell_msgs/srv/Start"
+
+[[actions]]
+action = "/robot/move"
+type = "cell_msgs/Move"
+server = "ros"
+
+[[actions]]
+action = "/cell/move"
+type = "cell_msgs/Move"
+"""
+
+
+def test_services_and_actions_as_a_user_reads_them(tmp_path: Path) -> None:
+    for kind, name, text in (("srv", "Start", "---\nbool on\n"), ("action", "Move", "bool on\n---\n---\n")):
+        file = tmp_path / "cell_msgs" / kind / f"{name}.{kind}"
+        file.parent.mkdir(parents=True)
+        file.write_text(text)
+    texts = generate(tmp_path, SERVICES + topic("/robot/pose", "geometry_msgs/Pose"))
+    assert texts["st/GVL_Ros.st"].partition("VAR_GLOBAL\n")[2] == (
+        "    robot_pose : FB_geometry_msgs_Pose_Subscriber;  // /robot/pose, geometry_msgs/msg/Pose\n"
+        "    cell_start : FB_cell_msgs_Start_Server;         // /cell/start, cell_msgs/srv/Start\n"
+        "    cell_move  : FB_cell_msgs_Move_ActionServer;    // /cell/move, cell_msgs/action/Move\n"
+        "    robot_stop : FB_cell_msgs_Start_Client;         // /robot/stop, cell_msgs/srv/Start\n"
+        "    robot_move : FB_cell_msgs_Move_ActionClient;    // /robot/move, cell_msgs/action/Move\n"
+        "END_VAR\n"
+    )
+    for call in (
+        "GVL_Ros.cell_start(\n    xEnable := TRUE,\n    sService := '/cell/start');\n",
+        "GVL_Ros.robot_move(\n    xEnable := TRUE,\n    sAction := '/robot/move');\n",
+    ):
+        assert call in texts["st/PRG_Ros.st"]
+    blocks = {Path(path).stem for path in texts if Path(path).stem.startswith("FB_cell")}
+    assert blocks == {
+        "FB_cell_msgs_Start_Client",
+        "FB_cell_msgs_Start_Server",
+        "FB_cell_msgs_Move_ActionClient",
+        "FB_cell_msgs_Move_ActionServer",
+    }, "what travels in a call needs no publisher and no subscriber of its own"
+
+
+def test_without_services_their_common_blocks_are_not_there(texts: dict[str, str]) -> None:
+    assert not any("FB_ShmCaller" in path or "FB_ShmServer" in path for path in texts)
 
 
 def test_the_task_calls_the_program(texts: dict[str, str]) -> None:
@@ -130,6 +190,8 @@ def test_identifiers(tmp_path: Path, name: str, identifier: str) -> None:
     [
         (topic("/robot/pose") + topic("/robot_pose"), "SHM203", 6, "both `robot_pose`"),
         (topic("/step") + topic("/Step_"), "SHM203", 6, "ignores case"),
+        (topic("/a/b") + service("/a_b"), "SHM203", 6, "topic /a/b and service /a_b are both `a_b`"),
+        (service("/" + 66 * "a"), "SHM502", 2, "66 characters, more than the 65"),
         (topic("/a/"), "SHM502", 2, "single slashes"),
         (topic("/a b"), "SHM502", 2, "letters"),
         (topic("/\u00e4"), "SHM502", 2, "letters"),
@@ -145,7 +207,7 @@ def test_identifiers(tmp_path: Path, name: str, identifier: str) -> None:
 def test_refusals(tmp_path: Path, text: str, code: str, line: int, words: str) -> None:
     (tmp_path / "std_srvs" / "srv").mkdir(parents=True)
     (tmp_path / "std_srvs" / "srv" / "SetBool.srv").write_text("bool data\n---\nbool success\n")
-    (found,) = refusal(tmp_path, text.replace("[[topics]]", 'path = ["."]\n[[topics]]', 1) if "srv" in text else text)
+    (found,) = refusal(tmp_path, 'path = ["."]\n' + text if "srv" in text else text)
     assert (found.code, found.span.line - ("srv" in text)) == (code, line), str(found)
     assert words in found.message
 

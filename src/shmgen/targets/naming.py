@@ -72,6 +72,26 @@ def subscriber_block(name: TypeName) -> str:
     return _st("FB", name) + "_Subscriber"
 
 
+def client_block(name: TypeName) -> str:
+    """`FB_std_srvs_SetBool_Client`."""
+    return _st("FB", name) + "_Client"
+
+
+def server_block(name: TypeName) -> str:
+    """`FB_std_srvs_SetBool_Server`."""
+    return _st("FB", name) + "_Server"
+
+
+def action_client_block(name: TypeName) -> str:
+    """`FB_example_interfaces_Fibonacci_ActionClient`."""
+    return _st("FB", name) + "_ActionClient"
+
+
+def action_server_block(name: TypeName) -> str:
+    """`FB_example_interfaces_Fibonacci_ActionServer`."""
+    return _st("FB", name) + "_ActionServer"
+
+
 def st_topic(name: str) -> str:
     """The block of a topic in the list of them: `/robot/pose` -> `robot_pose`."""
     return st_member(name.removeprefix("/").replace("/", "_"))

@@ -1,8 +1,7 @@
 """Turns layouts into Structured Text for CODESYS: a DUT, a list of constants and a pair of blocks for each message.
 
-The topics of shmgen.toml get a block each and a program that calls them.
-
-What is common to all topics (`st/shmgen/`) is written by hand and carries no holes.
+Services and actions get such a pair too (st_calls.py), and what shmgen.toml lists a block each and a program that calls
+them (st_topics.py). What is common to all (`st/shmgen/`) is written by hand and carries no holes.
 """
 
 from __future__ import annotations
@@ -24,10 +23,11 @@ from shmgen.model import (
     Slot,
     String,
     Topic,
+    TypeName,
     assert_never,
     text_length,
 )
-from shmgen.targets import naming, st_topics
+from shmgen.targets import naming, st_calls, st_topics
 from shmgen.targets.st_text import WIDTH, ascii_text, comment_lines, literal
 
 _COMMON = ("E_ShmError", "E_ShmState", "ST_ShmHeader", "ST_ShmSlot", "FB_ShmRegion")
@@ -79,18 +79,22 @@ def plan(
     services: Sequence[Service] = (),
     actions: Sequence[Action] = (),
 ) -> Iterator[Output]:
-    """`st/<package>/` one POU a file, `st/shmgen/`, and what calls the topics. Reports SHM203 and SHM204."""
+    """`st/<package>/` one POU a file, `st/shmgen/`, and what calls the blocks. Reports SHM203 and SHM204."""
     struct_time = any(layout.options.time == "struct" for layout in layouts.values())
     for name in (*_COMMON, naming.ST_TIME) if struct_time else _COMMON:
         yield Output(f"st/shmgen/{name}.st", f"st/{name}.st.j2", None)
     type_of = lambda layout: [naming.st_type(layout.name)]  # noqa: E731
     naming.check_messages(layouts.values(), "type", type_of, naming.STRUCTURED_TEXT, report, [naming.ST_TIME])
+    calls = st_calls.parts(layouts) - {topic.type for topic in topics}
     for layout in layouts.values():
         naming.check_members(layout, naming.STRUCTURED_TEXT, report)
         own = tuple(declaration.name for declaration in _generated(layout))
         naming.check_constants(layout, naming.STRUCTURED_TEXT, own, report)
         yield from _message(layout)
-    yield from st_topics.plan(topics, report)
+        if layout.requested and layout.name not in calls:
+            yield from _pair(layout.name)
+    yield from st_calls.plan(layouts)
+    yield from st_topics.plan(topics, services, actions, report)
 
 
 def _message(layout: Layout) -> Iterator[Output]:
@@ -100,12 +104,15 @@ def _message(layout: Layout) -> Iterator[Output]:
     yield Output(f"{folder}/{dut}.st", "st/dut.st.j2", Dut(dut, tuple(_doc(layout)), _members(layout)))
     generated, constants = _aligned(_generated(layout)), _constants(layout)
     yield Output(f"{folder}/{gvl}.st", "st/gvl.st.j2", Gvl(gvl, title, generated, bool(constants), constants))
-    if layout.requested:
-        for block, template in (
-            (naming.publisher_block(name), "publisher"),
-            (naming.subscriber_block(name), "subscriber"),
-        ):
-            yield Output(f"{folder}/{block}.st", f"st/{template}.st.j2", Block(block, title, dut, gvl))
+
+
+def _pair(name: TypeName) -> Iterator[Output]:
+    for block, template in (
+        (naming.publisher_block(name), "publisher"),
+        (naming.subscriber_block(name), "subscriber"),
+    ):
+        view = Block(block, str(name), naming.st_type(name), naming.gvl(name))
+        yield Output(f"st/{name.package}/{block}.st", f"st/{template}.st.j2", view)
 
 
 def _doc(layout: Layout) -> Iterator[str]:

@@ -1,0 +1,212 @@
+"""A service and an action generated for both sides, the PLC's compiled, and faulty copies of its blocks beside them."""
+
+from __future__ import annotations
+
+import fcntl
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from shmgen import pipeline
+from shmgen.config import Config
+from tests.softplc import Block, Plc, compile_st
+
+from .build import put
+
+PACKAGE = "shm_plc_calls"
+DEFINITIONS = {
+    "calls_msgs/srv/Ask.srv": "uint64 question\nuint32 cycles\nbool fail\n---\nuint64 answer\nuint64[16] copies\n",
+    "calls_msgs/action/Count.action": "uint32 target\nuint32 stride 1\n---\nuint32 reached\n---\nuint32 position\n",
+}
+FAULTS = {
+    "any_reply": ("FB_ShmCaller", " AND udiAnswered = udiCall;", ";"),
+    "old_replies": ("FB_ShmCaller", "        _fbReply.Skip();", "        ;"),
+    "old_calls": ("FB_ShmServer", "    _fbRequest.Skip();", "    ;"),
+    "early_end": (
+        "FB_ShmServer",
+        "xIdle := xReady AND NOT xExecute AND iJob = 0;",
+        "xIdle := xReady AND NOT xExecute;",
+    ),
+}
+"""A block, what stands in it, and what a wrong one has instead."""
+PROGRAMS = {
+    # Answers a question after so many cycles. Wired as a block of a user's own would be, xExecute to xExecute.
+    "FB_Answer": """
+        FUNCTION_BLOCK FB_Answer
+        VAR_INPUT
+            xExecute : BOOL;
+            Request  : ST_calls_msgs_Ask_Request;
+        END_VAR
+        VAR_OUTPUT
+            xDone    : BOOL;
+            xError   : BOOL;
+            Response : ST_calls_msgs_Ask_Response;
+        END_VAR
+        VAR
+            _udiCycles : UDINT;
+            _uiIndex   : UINT;
+        END_VAR
+        xDone := FALSE;
+        xError := FALSE;
+        IF NOT xExecute THEN
+            _udiCycles := 0;
+        ELSIF _udiCycles < Request.cycles THEN
+            _udiCycles := _udiCycles + 1;
+        ELSE
+            xDone := Request.fail = 0;
+            xError := NOT xDone;
+            Response.answer := 3 * Request.question + 1;
+            FOR _uiIndex := 0 TO 15 DO
+                Response.copies[_uiIndex] := Response.answer;
+            END_FOR
+        END_IF
+        END_FUNCTION_BLOCK
+        """,
+    "PRG_Answer": """
+        PROGRAM PRG_Answer
+        VAR_INPUT
+            sService : STRING(80);
+        END_VAR
+        VAR
+            fbServer : FB_calls_msgs_Ask_Server;
+            fbAnswer : FB_Answer;
+        END_VAR
+        fbServer(
+            xEnable := TRUE,
+            sService := sService,
+            xDone := fbAnswer.xDone,
+            xFailed := fbAnswer.xError,
+            Response := fbAnswer.Response);
+        fbAnswer(xExecute := fbServer.xExecute, Request := fbServer.Request);
+        END_PROGRAM
+        """,
+    # Asks again and again and looks at every answer.
+    "PRG_Ask": """
+        PROGRAM PRG_Ask
+        VAR_INPUT
+            sService : STRING(80);
+            udiCycles : UDINT;
+            tTimeout : TIME := T#1s;
+        END_VAR
+        VAR_OUTPUT
+            udiRight : UDINT;
+            udiWrong : UDINT;
+            udiTimeouts : UDINT;
+            udiOther : UDINT;
+        END_VAR
+        VAR
+            fbClient : FB_calls_msgs_Ask_Client;
+            xExecute : BOOL;
+            ulQuestion : ULINT;
+        END_VAR
+        fbClient(xEnable := TRUE, sService := sService, xExecute := xExecute, tTimeout := tTimeout);
+        IF fbClient.xDone THEN
+            IF fbClient.Response.answer = 3 * ulQuestion + 1 THEN
+                udiRight := udiRight + 1;
+            ELSE
+                udiWrong := udiWrong + 1;
+            END_IF
+        ELSIF fbClient.xError THEN
+            IF fbClient.eErrorID = E_ShmError.CALL_TIMEOUT THEN
+                udiTimeouts := udiTimeouts + 1;
+            ELSE
+                udiOther := udiOther + 1;
+            END_IF
+        END_IF
+        xExecute := NOT (fbClient.xDone OR fbClient.xError);
+        IF NOT xExecute THEN
+            ulQuestion := ulQuestion + 1;
+            fbClient.Request.question := ulQuestion;
+            fbClient.Request.cycles := udiCycles;
+        END_IF
+        END_PROGRAM
+        """,
+    # Counts up to the target, one step a cycle.
+    "PRG_Count": """
+        PROGRAM PRG_Count
+        VAR_INPUT
+            sAction : STRING(80);
+        END_VAR
+        VAR
+            fbServer : FB_calls_msgs_Count_ActionServer;
+            udiAt    : UDINT;
+            xCounts  : BOOL;
+        END_VAR
+        fbServer(
+            xEnable := TRUE,
+            sAction := sAction,
+            xDone := xCounts AND udiAt >= fbServer.Goal.target,
+            xAborted := xCounts AND fbServer.xCancel,
+            xReject := fbServer.xExecute AND fbServer.Goal.stride = 0);
+        xCounts := fbServer.xExecute;
+        IF xCounts THEN
+            udiAt := udiAt + fbServer.Goal.stride;
+        ELSE
+            udiAt := 0;
+        END_IF
+        fbServer.Feedback.position := udiAt;
+        fbServer.Result.reached := udiAt;
+        END_PROGRAM
+        """,
+}
+
+
+@dataclass(frozen=True)
+class Calls:
+    """`folder` has the generated Python in `python/`, and `plc/plc.so` for processes of their own."""
+
+    plc: Plc
+    folder: Path
+
+    def client(self, service: str, fault: str = "", **inputs: Any) -> Block:
+        return self._block("FB_calls_msgs_Ask_Client" + fault, sService=service, **inputs)
+
+    def server(self, service: str, fault: str = "", **inputs: Any) -> Block:
+        return self._block("FB_calls_msgs_Ask_Server" + fault, sService=service, **inputs)
+
+    def action_client(self, action: str, **inputs: Any) -> Block:
+        return self._block("FB_calls_msgs_Count_ActionClient", sAction=action, **inputs)
+
+    def action_server(self, action: str, **inputs: Any) -> Block:
+        return self._block("FB_calls_msgs_Count_ActionServer", sAction=action, **inputs)
+
+    def _block(self, name: str, **inputs: Any) -> Block:
+        block = self.plc.block(name)
+        for name, value in {"xEnable": True, **inputs}.items():
+            setattr(block, name, value)
+        return block
+
+
+def open_or_make(folder: Path) -> Calls:
+    """What make() left in `folder`, or that done now; one process at a time."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (folder / "made").exists():
+            make(folder)
+            (folder / "made").touch()
+    return Calls(Plc.load(folder / "plc" / "plc.so"), folder)
+
+
+def make(folder: Path) -> None:
+    """Generates and compiles it."""
+    put(DEFINITIONS, folder / "definitions")
+    config = Config(folder, path=(folder / "definitions",), package=PACKAGE, targets=("python", "st"))
+    texts = pipeline.generate(config, ["calls_msgs/Ask", "calls_msgs/Count"])
+    put(texts, folder)
+    sources = {path: text for path, text in texts.items() if path.endswith(".st")}
+    compile_st({**sources, **dict(_faulty(sources)), **PROGRAMS}, folder / "plc")
+
+
+def _faulty(sources: Mapping[str, str]) -> Iterator[tuple[str, str]]:
+    """A client or a server for each fault, `FB_calls_msgs_Ask_Client_any_reply` on `FB_ShmCaller_any_reply`."""
+    for fault, (block, right, wrong) in FAULTS.items():
+        assert sources[f"st/shmgen/{block}.st"].count(right) == 1, f"{block} has no longer {right!r}"
+        user = "FB_calls_msgs_Ask_Client" if block == "FB_ShmCaller" else "FB_calls_msgs_Ask_Server"
+        yield (
+            f"{block}_{fault}",
+            sources[f"st/shmgen/{block}.st"].replace(right, wrong).replace(block, f"{block}_{fault}"),
+        )
+        text = sources[f"st/calls_msgs/{user}.st"]
+        yield f"{user}_{fault}", text.replace(user, f"{user}_{fault}").replace(block, f"{block}_{fault}")
