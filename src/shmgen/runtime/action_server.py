@@ -105,10 +105,10 @@ class ActionServer(Generic[Goal]):
     def wait(self, timeout: float) -> ServedGoal[Goal] | None:
         """The newest goal as soon as there is one, or None after `timeout` seconds."""
         deadline = time.monotonic() + timeout
-        while self._waiting is None:
+        while True:
             left = max(0.0, deadline - time.monotonic())
-            self._look(left)
-            if not left:
+            self._look(0.0 if self._waiting else left)
+            if self._waiting or not left:
                 break
         goal, self._waiting = self._waiting, None
         return goal

@@ -1,0 +1,267 @@
+"""An action between processes: goals, feedback, cancels, and ends that nobody takes for those of another goal."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from types import SimpleNamespace
+
+import pytest
+from shm_service.cell_msgs.action import (
+    Move_Feedback,
+    Move_Goal,
+    Move_Outcome,
+    Move_Progress,
+    Move_Result,
+    MoveActionClient,
+    MoveActionServer,
+)
+
+from shmgen import runtime
+
+SERVE = """
+def move(goal):
+    at = 0.0
+    while at < goal.request.position:
+        if goal.is_cancel_requested:
+            goal.canceled(Move_Result(position=at))
+            return
+        at += 1.0
+        goal.publish_feedback(Move_Feedback(position=at))
+        time.sleep(goal.request.speed)
+    goal.succeed(Move_Result(position=at))
+
+with MoveActionServer({topic!r}) as server:
+    said("ready")
+    server.serve(move)
+"""
+TAKE = """
+with MoveActionServer({topic!r}) as server:
+    said("ready")
+    server.wait(20).accept()
+    said("taken")
+    time.sleep(20)
+"""
+
+
+@pytest.fixture
+def pair(topic):
+    with MoveActionServer(topic) as server, MoveActionClient(topic) as client:
+        yield server, client
+
+
+def sent(server, client, position=1.0):
+    client.send_goal(Move_Goal(position=position), timeout=1)
+    return server.take()
+
+
+def test_a_goal_between_two_processes(topic, peer):
+    peer(SERVE.format(topic=topic))
+    with MoveActionClient(topic) as client:
+        client.send_goal(Move_Goal(position=5.0, speed=0.05), timeout=10)
+        seen = []
+        while (outcome := client.poll()) is None:
+            feedback = client.feedback()
+            if feedback:
+                seen.append(feedback.position)
+            time.sleep(0.001)
+        assert outcome == Move_Outcome(goal=1, status=Move_Outcome.SUCCEEDED, result=Move_Result(position=5.0))
+        assert seen == sorted(set(seen))
+        assert set(seen) <= {1.0, 2.0, 3.0, 4.0, 5.0}
+        assert seen
+        client.send_goal(Move_Goal(position=2.0, speed=0.0), timeout=10)
+        assert client.result(10).result.position == 2.0
+
+
+def test_a_cancelled_goal_between_two_processes(topic, peer):
+    peer(SERVE.format(topic=topic))
+    with MoveActionClient(topic) as client:
+        client.send_goal(Move_Goal(position=1e6, speed=0.01), timeout=10)
+        while not client.feedback():
+            time.sleep(0.001)
+        client.cancel()
+        outcome = client.result(10)
+        assert outcome.status == Move_Outcome.CANCELED
+        assert 1 <= outcome.result.position < 1e6
+        client.send_goal(Move_Goal(position=1.0, speed=0.0), timeout=10)
+        assert client.result(10).status == Move_Outcome.SUCCEEDED
+
+
+def test_how_a_goal_goes_through_its_statuses(pair):
+    server, client = pair
+    assert client.status == 0
+    goal = sent(server, client, 3.0)
+    assert goal.request == Move_Goal(position=3.0)
+    assert client.status == 0
+    assert goal.accept()
+    assert client.status == Move_Progress.ACCEPTED
+    assert client.feedback() is None
+    assert goal.publish_feedback(SimpleNamespace(position=1.0))
+    assert client.status == Move_Progress.EXECUTING
+    assert client.feedback() == Move_Feedback(position=1.0)
+    assert client.feedback() is None
+    client.cancel()
+    assert goal.is_cancel_requested
+    assert goal.publish_feedback(Move_Feedback(position=2.0))
+    assert client.status == Move_Progress.CANCELING
+    assert client.poll() is None
+    assert goal.canceled(Move_Result(position=2.0))
+    assert client.poll() == Move_Outcome(goal=1, status=Move_Outcome.CANCELED, result=Move_Result(position=2.0))
+    assert client.poll() is None
+
+
+@pytest.mark.parametrize(("end", "status"), [("abort", "ABORTED"), ("canceled", "CANCELED"), ("reject", "REJECTED")])
+def test_ends_without_a_result(pair, end, status):
+    server, client = pair
+    goal = sent(server, client)
+    assert getattr(goal, end)()
+    assert client.result(1).status == getattr(Move_Outcome, status)
+
+
+def test_a_goal_ends_once(pair):
+    server, client = pair
+    goal = sent(server, client)
+    assert goal.succeed(Move_Result(position=1.0))
+    assert not goal.abort()
+    assert not goal.publish_feedback(Move_Feedback())
+    assert not goal.accept()
+    assert client.result(1).status == Move_Outcome.SUCCEEDED
+
+
+def test_a_result_that_does_not_fit_leaves_the_goal_as_it_is(pair):
+    server, client = pair
+    goal = sent(server, client)
+    with pytest.raises(runtime.ValueRejected, match=r"result\.position"):
+        goal.succeed(SimpleNamespace(position="far"))
+    assert goal.abort()
+    assert client.result(1).status == Move_Outcome.ABORTED
+
+
+def test_what_a_handler_leaves_open_is_aborted(topic, caplog):
+    def handler(goal):
+        if goal.request.position == 2.0:
+            raise OSError("jammed")
+
+    with MoveActionServer(topic) as server, MoveActionClient(topic) as client, caplog.at_level(logging.ERROR, "shmgen"):
+        thread = threading.Thread(target=server.serve, args=(handler, 2.0))
+        thread.start()
+        for position in (1.0, 2.0, 3.0):
+            client.send_goal(Move_Goal(position=position), timeout=10)
+            assert client.result(10).status == Move_Outcome.ABORTED
+        thread.join()
+    assert caplog.text.count("jammed") == 2  # the raise, and its message
+
+
+def test_an_interrupt_aborts_the_goal_and_ends_the_server(pair):
+    server, client = pair
+
+    def handler(goal):
+        raise KeyboardInterrupt
+
+    client.send_goal(Move_Goal(), timeout=1)
+    with pytest.raises(KeyboardInterrupt):
+        server.serve(handler, timeout=5)
+    assert client.result(1).status == Move_Outcome.ABORTED
+
+
+# --- cancels ---------------------------------------------------------------------------------------
+
+
+def test_a_cancel_that_overwrites_its_goal_is_answered(pair):
+    server, client = pair
+    client.send_goal(Move_Goal(), timeout=1)
+    client.cancel()
+    assert server.take() is None
+    assert client.result(1).status == Move_Outcome.CANCELED
+
+
+def test_a_goal_cancelled_while_another_runs_is_answered_and_the_other_is_not_waited_for(pair):
+    server, client = pair
+    first = sent(server, client)
+    client.send_goal(Move_Goal(position=2.0), timeout=1)
+    assert first.is_cancel_requested
+    client.cancel()
+    assert server.take() is None
+    assert client.result(1).status == Move_Outcome.CANCELED
+    assert not first.succeed(Move_Result())
+
+
+def test_a_cancel_that_comes_after_the_end_changes_nothing(pair):
+    server, client = pair
+    goal = sent(server, client)
+    assert goal.succeed(Move_Result(position=1.0))
+    client.cancel()
+    assert server.take() is None
+    assert client.result(1).status == Move_Outcome.SUCCEEDED
+    client.cancel()  # without a goal it does nothing
+    assert server.take() is None
+    assert sent(server, client, 2.0).request.position == 2.0
+
+
+def test_a_newer_goal_takes_the_place_of_the_running_one(pair):
+    server, client = pair
+    first = sent(server, client, 1.0)
+    client.send_goal(Move_Goal(position=2.0), timeout=1)
+    assert first.is_cancel_requested
+    assert not first.publish_feedback(Move_Feedback())
+    assert not first.canceled()
+    second = server.take()
+    assert second.request.position == 2.0
+    assert not second.is_cancel_requested
+    assert second.succeed(Move_Result(position=2.0))
+    assert client.result(1).result.position == 2.0
+
+
+# --- deaths ----------------------------------------------------------------------------------------
+
+
+def test_a_restarted_server_takes_no_old_goal_but_answers_its_cancel(topic, peer):
+    first = peer(TAKE.format(topic=topic))
+    with MoveActionClient(topic) as client:
+        client.send_goal(Move_Goal(position=1.0), timeout=10)
+        assert first.hear() == "taken"
+        first.kill()
+        with MoveActionServer(topic) as server:
+            assert server.take() is None
+            with pytest.raises(runtime.CallTimeout, match="goal 1 has not ended"):
+                client.result(0.05)
+            client.cancel()
+            assert server.take() is None
+            assert client.result(1).status == Move_Outcome.CANCELED
+            assert sent(server, client, 2.0).request.position == 2.0
+
+
+def test_the_client_after_a_killed_one_hears_nothing_of_its_goal(topic, peer):
+    first = peer(f"""
+client = MoveActionClient({topic!r})
+said("ready")
+client.send_goal(Move_Goal(position=1.0), timeout=20)
+time.sleep(20)
+""")
+    with MoveActionServer(topic) as server:
+        old = server.wait(20)
+        first.kill()
+        with MoveActionClient(topic) as client:
+            client.send_goal(Move_Goal(position=2.0), timeout=1)
+            old.publish_feedback(Move_Feedback(position=0.5))
+            old.succeed(Move_Result(position=1.0))
+            assert client.feedback() is None
+            assert client.poll() is None
+            assert server.take().succeed(Move_Result(position=2.0))
+            assert client.poll().result.position == 2.0
+
+
+def test_without_a_server_nothing_is_sent(topic):
+    with MoveActionClient(topic) as client:
+        with pytest.raises(runtime.NoServer):
+            client.send_goal(Move_Goal(), timeout=0.05)
+        with pytest.raises(runtime.CallTimeout, match="no goal"):
+            client.result(1)
+        assert not client.server_is_ready()
+
+
+def test_one_client_and_one_server_an_action(topic, pair):
+    for kind in (MoveActionClient, MoveActionServer):
+        with pytest.raises(runtime.RegionInUse):
+            kind(topic)
