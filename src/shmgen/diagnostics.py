@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Literal
@@ -99,16 +100,27 @@ class Rejected(Exception):
         super().__init__("\n".join(map(str, self.diagnostics)))
 
 
+_MOST_OF_ONE_FILE = 20
+
+
 @dataclass(slots=True)
 class Report:
     """Collects the diagnostics of a stage; `stop_if_any` ends it."""
 
     diagnostics: list[Diagnostic] = field(default_factory=list)
+    _known: set[Diagnostic] = field(default_factory=set)
+    _of_file: Counter[str] = field(default_factory=Counter)
 
     def error(self, code: str, message: str, span: Span, *, field: str = "", hint: str = "") -> None:
         diagnostic = Diagnostic(code, message, span, field, hint)
-        if diagnostic not in self.diagnostics:
+        if diagnostic not in self._known:
+            self._known.add(diagnostic)
+            self._of_file[span.path] += 1
             self.diagnostics.append(diagnostic)
+
+    def is_enough(self, path: str) -> bool:
+        """Whether that file has so much wrong with it that more would help nobody."""
+        return self._of_file[path] >= _MOST_OF_ONE_FILE
 
     def stop_if_any(self) -> None:
         """Raises Rejected with all that was collected, file by file, from top to bottom."""

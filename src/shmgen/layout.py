@@ -7,7 +7,8 @@ and in every compiler (docs/layout.md).
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+import itertools
+from collections.abc import Iterator, Mapping
 
 from shmgen.diagnostics import Report
 from shmgen.model import (
@@ -104,16 +105,17 @@ def canonical_text(layout: Layout, layouts: Mapping[TypeName, Layout]) -> str:
 
 def _message(message: Message, options: TypeOptions, layouts: Mapping[TypeName, Layout], requested: bool) -> Layout:
     slots: list[Slot] = []
+    paddings = itertools.count()
     offset = 0
     widest = 1
     for name, type_, count, role, field in _members(message):
         size, align = _extent(type_, options, layouts)
-        offset = _pad(slots, offset, align)
+        offset = _pad(slots, paddings, offset, align)
         slot = Slot(name, type_, count, offset, size * (count or 1), align, role, field)
         slots.append(slot)
         offset += slot.size
         widest = max(widest, align)
-    size = _pad(slots, offset, widest)
+    size = _pad(slots, paddings, offset, widest)
     draft = Layout(message, tuple(slots), size, widest, 0, options, requested)
     digest = hashlib.sha256(canonical_text(draft, layouts).encode()).digest()[:8]
     return Layout(message, tuple(slots), size, widest, int.from_bytes(digest, "big"), options, requested)
@@ -145,11 +147,11 @@ def _misfit(text: str, string: String, options: TypeOptions, path: str) -> tuple
         length = text_length(text, string, options.encoding)
     except UnicodeEncodeError as error:
         return (
-            f"{text!r} cannot be written in {error.encoding}",
+            f"{text!r:.60} cannot be written in {error.encoding}",
             'set encoding = "utf-8" under [strings] in shmgen.toml',
         )
     if string.capacity is not None and length > string.capacity:
-        return f"{text!r} is longer than its bound", f'set "{path}" = {length} under [strings] in shmgen.toml'
+        return f"{text!r:.60} is longer than its bound", f'set "{path}" = {length} under [strings] in shmgen.toml'
     return "", ""
 
 
@@ -202,11 +204,10 @@ def _meaning(type_: Element, options: TypeOptions, layouts: Mapping[TypeName, La
             assert_never(type_)
 
 
-def _pad(slots: list[Slot], offset: int, align: int) -> int:
+def _pad(slots: list[Slot], numbers: Iterator[int], offset: int, align: int) -> int:
     gap = -offset % align
     if gap:
-        number = sum(slot.role is Role.PADDING for slot in slots)
-        slots.append(Slot(f"_pad{number}", Scalar.UINT8, gap, offset, gap, 1, Role.PADDING))
+        slots.append(Slot(f"_pad{next(numbers)}", Scalar.UINT8, gap, offset, gap, 1, Role.PADDING))
     return offset + gap
 
 

@@ -312,3 +312,10 @@ def test_ros1_folders_are_read_as_ros1(tmp_path):
     schema = from_folder(tmp_path, "x_msgs/a_1", source="noetic")
     assert names(schema) == ["std_msgs/msg/Header", "x_msgs/msg/a_1"]
     assert "noetic" in refusal(tmp_path, "x_msgs/a_1").replace("SHM202", "noetic")
+
+
+def test_a_flood_of_unknown_types_is_told_in_part(tmp_path):
+    """Each costs a search for what was meant: all of them took minutes."""
+    write(tmp_path, {"x_msgs/msg/A.msg": "".join(f"Unknown{n} a{n}\n" for n in range(20_000))})
+    said = refusal(tmp_path, "x_msgs/A")
+    assert said.count("SHM004") == 20

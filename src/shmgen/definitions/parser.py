@@ -70,7 +70,6 @@ _WORD = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _FIELD_NAME = {"ros1": _WORD, "ros2": _LOWER}
 _CONSTANT_NAME = {"ros1": _WORD, "ros2": _UPPER}
 _MESSAGE_NAME = {"ros1": _WORD, "ros2": re.compile(r"[A-Z][A-Za-z0-9]*")}
-_MOST_FINDINGS = 20
 
 
 class _Declaration(NamedTuple):
@@ -108,8 +107,9 @@ def _declarations(lines: list[Line], name: TypeName, dialect: Dialect, report: R
     """Line number -> what is declared there."""
     found: dict[int, _Declaration] = {}
     known: dict[str, int] = {}
-    findings = 0
     for line in lines:
+        if report.is_enough(line.path):
+            break
         word = ""
         try:
             declaration = _DECLARATION.match(line.text)
@@ -125,9 +125,6 @@ def _declarations(lines: list[Line], name: TypeName, dialect: Dialect, report: R
         except Wrong as wrong:
             path = f"{name.short}.{word}" if _WORD.fullmatch(word) else ""
             report.error(wrong.code, wrong.message, wrong.span, field=path, hint=wrong.hint)
-            findings += 1
-            if findings == _MOST_FINDINGS:
-                break
     return found
 
 

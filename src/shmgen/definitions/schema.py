@@ -125,6 +125,8 @@ def _held(message: Message) -> Iterator[tuple[Field, TypeName]]:
 def _leads_on(message: Message, field: Field, other: TypeName, path: Collection[TypeName], library: Library) -> bool:
     """Whether `other` can be looked into; if not, the report says why."""
     where = f"{message.name.short}.{field.name}"
+    if library.report.is_enough(field.span.path):
+        return False
     if other in path:
         chain = [name.short for name in path]
         chain = [*chain[chain.index(other.short) :], other.short]

@@ -216,7 +216,7 @@ def _check(message: TypeName, names: list[_Named], target: Target, report: Repor
     for named in names:
         escaped = target.escape(named.name)
         other = first.setdefault(target.fold(escaped), named)
-        if other is named:
+        if other is named or report.is_enough(named.span.path):
             continue
         theirs, ours = (named, other) if other.role else (other, named)
         if ours.role:
