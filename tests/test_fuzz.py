@@ -20,7 +20,7 @@ FILES = sorted(
 SECONDS = 10
 """Of CPU for one definition; it takes some milliseconds."""
 
-careless = settings(deadline=None, suppress_health_check=list(HealthCheck))
+careless = settings(suppress_health_check=list(HealthCheck))
 
 
 @pytest.fixture(scope="module")

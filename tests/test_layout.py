@@ -48,7 +48,6 @@ def one(*fields: tuple[str, object]) -> Layout:
     return layouts_of(Schema((Message(name, made, (), span, "", ""),), frozenset({name})))[name]
 
 
-@settings(suppress_health_check=[HealthCheck.too_slow])  # the machine may be busy
 @given(schemas(), OPTIONS)
 def test_slots_tile_the_message(schema: Schema, options: TypeOptions) -> None:
     for layout in layouts_of(schema, options).values():
@@ -63,7 +62,7 @@ def test_slots_tile_the_message(schema: Schema, options: TypeOptions) -> None:
         assert sum(slot.size for slot in layout.slots if slot.role is Role.PADDING) < 8 * len(layout.slots)
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(schemas(), OPTIONS, st.integers())
 def test_ctypes_agrees_and_values_survive(tmp_path: Path, schema: Schema, options: TypeOptions, seed: int) -> None:
     layouts = layouts_of(schema, options)
