@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import re
+import signal
+import time
 from pathlib import Path
 from queue import Queue
 from typing import Any
 
+import numpy
 import pytest
 
 from shmgen.bridge import dds
@@ -121,3 +124,27 @@ def assert_said(state: Any) -> None:
     numbers = [len(state.velocity), len(state.effort)]
     shown = [f"{stamp.sec}.{stamp.nanosec:09}", state.header.frame_id, *state.name, *state.position, "|", *numbers]
     assert " ".join(map(str, shown)) == SAID
+
+
+def test_a_reliable_peer_that_stands_still_holds_nobody_up(
+    peer: Path, graph: dds.Graph, domain: int, schema: Schema, topic: str
+) -> None:
+    there, back = (wire(schema, f"{topic}/{name}", "std_msgs/ByteMultiArray") for name in ("there", "back"))
+    came: Queue[Any] = Queue()
+    graph.subscribe(back, came.put)
+    outlet = graph.publisher(there)
+    large = outlet.new()
+    large.data = numpy.zeros(100_000, dtype=numpy.uint8)
+    with running(peer, domain, "reliable", "volatile", *words(there, back)) as program:
+        until(lambda: outlet.send(large) or not came.empty())
+        program.process.send_signal(signal.SIGSTOP)
+        longest = 0.0
+        for _ in range(500):
+            begun = time.monotonic()
+            outlet.send(large)
+            longest = max(longest, time.monotonic() - begun)
+        assert longest < 1  # about 0.1 ms each, and what a busy machine adds
+        program.process.send_signal(signal.SIGCONT)
+        while not came.empty():
+            came.get()
+        until(lambda: outlet.send(large) or not came.empty())

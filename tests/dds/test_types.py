@@ -102,3 +102,11 @@ def test_a_large_bound_and_awkward_names(tmp_path: Path) -> None:
     odd.from_ = 1.25
     again = codec.decode(codec.encode(odd))
     assert (again.from_, list(again.class_), again.c) == (1.25, [0, 0], 0)
+
+
+def test_new_messages_share_nothing() -> None:
+    codec = cdr.codec(messages("sensor_msgs/Imu"))
+    one, other = codec.new(), codec.new()
+    one.orientation_covariance[3] = 1.0
+    one.header.stamp.sec = 1
+    assert (list(other.orientation_covariance), other.header.stamp.sec) == ([0.0] * 9, 0)

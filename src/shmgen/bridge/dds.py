@@ -48,10 +48,7 @@ class Graph:
         self._ends = ends
 
     def publisher(self, wire: Wire) -> Outlet:
-        """Advertises the topic. Raises ValueError for a type with a `wstring`.
-
-        What `send` raises beside that: TimeoutError where a reliable subscriber is too far behind.
-        """
+        """Advertises the topic. Raises ValueError for a type with a `wstring`."""
         made = codec(wire.messages)
         writer = self._ends.writer(topic_name(wire.topic), structure(wire.messages), _quality(wire, made))
         return Outlet(made.new, lambda message: send(writer, made.encode(message)))

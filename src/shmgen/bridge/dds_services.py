@@ -84,7 +84,7 @@ def client(ends: Ends, wire: ServiceWire) -> Caller:
         try:
             send(requests, _joined((guid, number), request.encode(message)))
             answer = waiting[number].get(timeout=max(0.0, deadline - time.monotonic()))
-        except (queue.Empty, TimeoutError):
+        except queue.Empty:
             raise NoAnswer(f"{wire.service}: no answer within {timeout} s") from None
         finally:
             del waiting[number]
