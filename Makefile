@@ -20,7 +20,7 @@ DDS  := g++ libfastrtps-dev fastddsgen cyclonedds-dev cyclonedds-tools
 # The extra `bench`, one by one: who cannot be had here is left out.
 PEERS := iceoryx2 cyclonedds eclipse-zenoh pyzmq asyncua pymodbus
 
-.PHONY: demo test lint generated chaos load fuzz bench clean
+.PHONY: demo test lint generated chaos load load-bridge fuzz bench clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/ready
@@ -46,6 +46,9 @@ chaos: $(VENV)/ready-to-test  ## 20,000 kills, at most ten minutes
 
 load: $(VENV)/ready-to-test  ## 64 topics at 1 kHz for a minute
 	$(BIN)/python -m tests.load
+
+load-bridge: $(VENV)/ready-to-test  ## 10 topics at 100 Hz and one at 1 kHz through ROS 1, for 30 s
+	$(BIN)/python -m tests.load_bridge
 
 fuzz: $(VENV)/ready-to-test  ## five minutes of definitions nobody would write, guided by coverage
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[fuzz]'
