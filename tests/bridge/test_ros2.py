@@ -112,10 +112,8 @@ def test_there_and_back(connected: Any, config: Config, topic: str) -> None:
     assert isinstance(there, ToPlc)
     assert isinstance(back, FromPlc)
     try:
-        outlet = connected.publisher(back.route.wire)
-        assert plan.misfit(back.route.kind, outlet.new()) == ""
-        back.start(outlet, connected.now)
-        assert plan.misfit(there.route.kind, connected.subscribe(there.route.wire, there.take)()) == ""
+        back.join(connected)
+        there.join(connected)
         assert stand_in.init.arguments == (["--ros-args"], 7, "NO")  # type: ignore[attr-defined]
         (subscription,), (made,) = stand_in.subscriptions, stand_in.publishers
         assert (subscription.qos.reliability.name, subscription.qos.durability.name) == ("BEST_EFFORT", "VOLATILE")

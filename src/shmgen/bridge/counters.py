@@ -12,10 +12,11 @@ _QUIET = 5.0
 
 @dataclass(slots=True)
 class Counters:
-    """Messages since the bridge began.
+    """Messages, or calls, since the bridge began.
 
     `passed` crossed, `truncated` of them cut; `rejected` did not fit; `thinned` were left out for `rate`; `missed`
-    were overwritten in the region before they could be read, or came while there was none. `newest` is when the
+    were overwritten in the region before they could be read, or came while there was none; `failed` are calls of a
+    service without an answer. `newest` is when the
     last one came, by the monotonic clock; `complaint` says what was wrong with the last that was.
     """
 
@@ -26,6 +27,7 @@ class Counters:
     truncated: int = 0
     thinned: int = 0
     missed: int = 0
+    failed: int = 0
     newest: float | None = None
     complaint: str = ""
     _told: float = float("-inf")
@@ -51,6 +53,6 @@ class Counters:
         self.tell(f"{self.topic}: {text}{more}")
 
     def __str__(self) -> str:
-        named = {name: getattr(self, name) for name in ("rejected", "truncated", "thinned", "missed")}
+        named = {name: getattr(self, name) for name in ("rejected", "truncated", "thinned", "missed", "failed")}
         others = "".join(f", {number} {name}" for name, number in named.items() if number)
         return f"{self.passed} passed{others}"

@@ -7,16 +7,12 @@ from collections.abc import Iterable
 from types import SimpleNamespace
 from typing import Any
 
-from shmgen.bridge.counters import Counters
-from shmgen.bridge.from_plc import FromPlc
-from shmgen.bridge.to_plc import ToPlc
-from shmgen.runtime import Time, region_name
+from shmgen.bridge.side import Side
+from shmgen.runtime import Time
 from shmgen.runtime.values import set_clock
 
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
 """Constants of diagnostic_msgs/DiagnosticStatus."""
-
-Side = ToPlc | FromPlc
 
 
 class Reporter:
@@ -34,22 +30,23 @@ class Reporter:
     def status(self, side: Side) -> SimpleNamespace:
         """One DiagnosticStatus."""
         counters = side.counters
-        wrong = counters.rejected + counters.truncated + counters.missed
+        wrong = counters.rejected + counters.truncated + counters.missed + counters.failed
         now = time.monotonic()
         passed, faults, since = self._before.get(counters.topic, (0, 0, now))
         self._before[counters.topic] = (counters.passed, wrong, now)
         rate = (counters.passed - passed) / (now - since) if now > since else 0.0
         level, text = _judged(side, wrong - faults, rate)
         shown = {
-            "direction": side.route.topic.direction,
-            "type": side.route.wire.type.short,
-            "region": f"/dev/shm/{region_name(counters.topic)}",
+            "way": side.about.way,
+            "type": side.about.type,
+            "region": side.about.region,
             "rate [Hz]": f"{rate:.1f}",
             "passed": counters.passed,
             "rejected": counters.rejected,
             "truncated": counters.truncated,
             "thinned": counters.thinned,
             "missed": counters.missed,
+            "failed": counters.failed,
             "lock misses": side.lock_misses,
             "age [s]": "-" if counters.age is None else f"{counters.age:.3f}",
             "last complaint": counters.complaint or "-",
@@ -64,12 +61,11 @@ class Reporter:
 
 
 def _judged(side: Side, faults: int, rate: float) -> tuple[int, str]:
-    counters: Counters = side.counters
+    complaint = side.counters.complaint.partition("\n")[0]
     if not side.is_open:
-        return ERROR, counters.complaint.partition("\n")[0] or "no region"
-    if side.is_stale():
-        what = "no message from ROS" if side.route.to_plc else "the PLC's heartbeat stands still"
-        return STALE, f"{what} for {side.route.topic.carried.stale:g} s or more"
+        return ERROR, complaint or "no region"
+    if silence := side.silence():
+        return STALE, silence
     if faults:
-        return WARN, counters.complaint.partition("\n")[0] or f"{faults} messages missed"
+        return WARN, complaint or f"{faults} messages missed"
     return OK, f"{rate:.1f} Hz"

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from shmgen.bridge.backend import Outlet
+from shmgen.bridge import plan
+from shmgen.bridge.backend import Backend
 from shmgen.bridge.counters import Counters
 from shmgen.bridge.plan import Route
-from shmgen.runtime import Message, ShmError, Subscriber, Time, ValueRejected, region_name
+from shmgen.runtime import Message, ShmError, Subscriber, ValueRejected, region_name
 from shmgen.runtime.values import set_clock
 from shmgen.tools.classes import subscriber
 from shmgen.tools.regions import View
@@ -23,11 +23,11 @@ _AGAIN = 0.5
 
 
 class FromPlc:
-    """A thread for each topic, asleep until the PLC wakes it."""
+    """A Side: a thread for each topic, asleep until the PLC wakes it."""
 
     def __init__(self, route: Route, counters: Counters, stopping: threading.Event) -> None:
-        """Opens the region. Raises what a Subscriber raises."""
         self.route = route
+        self.about = plan.about(route)
         self.counters = counters
         self._stopping = stopping
         self._subscriber: Subscriber[Message] | None = None
@@ -38,23 +38,23 @@ class FromPlc:
             # As in ROS: who comes later does not hear what was said before, least of all a command of yesterday.
             self._reader.read()
 
-    def start(self, outlet: Outlet, now: Callable[[], Time]) -> None:
-        """Begins to pass samples on to `outlet`; `now` is the clock for stamps."""
-        self._outlet, self._now = outlet, now
+    def join(self, backend: Backend) -> None:
+        self._outlet, self._now = backend.publisher(self.route.wire), backend.now
+        plan.check(self.route, self._outlet.new())
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
     def tick(self) -> None:
-        """Looks whether the PLC's heartbeat has stood still for `stale` seconds."""
         limit = self.route.topic.carried.stale
         reader = self._subscriber
         if limit is not None and reader is not None:
             with suppress(ValueError):  # closed meanwhile
                 self._stale = reader.is_stale(limit)
 
-    def is_stale(self) -> bool:
-        """What the last tick found."""
-        return self._stale
+    def silence(self) -> str:
+        return (
+            f"the PLC's heartbeat stands still for {self.route.topic.carried.stale:g} s or more" if self._stale else ""
+        )
 
     @property
     def is_open(self) -> bool:
@@ -65,7 +65,6 @@ class FromPlc:
         return self._subscriber.lock_misses if self._subscriber else 0
 
     def close(self) -> None:
-        """Waits for the thread, then lets go of the region."""
         with suppress(AttributeError):  # never started
             self._thread.join(2 * _LOOK)
             if self._thread.is_alive():

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 from shmgen import pipeline
-from shmgen.bridge.backend import Wire
+from shmgen.bridge.backend import ServiceWire, Wire
+from shmgen.bridge.side import About
 from shmgen.config import Config
 from shmgen.config_entries import Topic
 from shmgen.diagnostics import Report
-from shmgen.model import Array, Clock, FieldType, Layouts, Ref, Schema, Sequence, TypeName
+from shmgen.model import Array, Clock, FieldType, Layouts, Ref, Schema, Sequence, Service, TypeName
 from shmgen.model import Message as Definition
-from shmgen.runtime import Message, ValueRejected
+from shmgen.runtime import Message, ValueRejected, region_name
+from shmgen.runtime.names import region_file
 from shmgen.tools.classes import generated
 
 DIAGNOSTICS = "diagnostic_msgs/DiagnosticArray"
@@ -35,8 +37,19 @@ class Route:
         return self.topic.direction == "to_plc"
 
 
+@dataclass(frozen=True, slots=True)
+class ServiceRoute:
+    """A service both ways of looking at it; `kinds` are the classes of its `_Request`, `_Response` and `_Reply`."""
+
+    service: Service
+    wire: ServiceWire
+    kinds: Mapping[str, type[Message]]
+
+
 def routes(config: Config) -> list[Route]:
     """One for each of [[topics]]. Raises Rejected."""
+    if not config.topics:
+        return []
     requests = [topic.type for topic in config.topics]
     layouts = pipeline.lay_out(config, requests)
     report = Report()
@@ -51,6 +64,26 @@ def routes(config: Config) -> list[Route]:
         wire = Wire(topic.topic, messages, topic.carried.qos, topic.carried.latch, topic.depth)
         made.append(Route(topic, wire, kinds[str(typed.type)], layouts, _stamp(messages[-1])))
     return made
+
+
+def services(config: Config) -> list[ServiceRoute]:
+    """One for each of [[services]]. Raises Rejected."""
+    if not config.services:
+        return []
+    requests = [service.type for service in config.services]
+    layouts = pipeline.lay_out(config, requests)
+    report = Report()
+    found = list(pipeline.services(config, layouts, report))
+    report.stop_if_any()
+    schema = pipeline.read(config, requests)
+    kinds = generated(config, requests)
+
+    def route(service: Service) -> ServiceRoute:
+        halves = (closure(schema, service.type.part(part)) for part in ("_Request", "_Response"))
+        parts = {part: kinds[str(service.type.part(part))] for part in ("_Request", "_Response", "_Reply")}
+        return ServiceRoute(service, ServiceWire(service.name, *halves), parts)
+
+    return [route(service) for service in found]
 
 
 def diagnostics(config: Config) -> Wire:
@@ -68,8 +101,22 @@ def closure(schema: Schema, name: TypeName) -> tuple[Definition, ...]:
     return tuple(message for message in schema.messages if message.name in wanted)
 
 
-def misfit(kind: type[Message], message: Any) -> str:
-    """Why `message`, an empty one of a ROS, is not of the definition that `kind` was made from; or nothing."""
+def about(route: Route) -> About:
+    """What the bridge says of it."""
+    way = "-> PLC" if route.to_plc else "<- PLC"
+    return About(route.topic.topic, way, route.wire.type.short, region_file(region_name(route.topic.topic)))
+
+
+def check(route: Route, message: Any) -> None:
+    """Raises ValueError if `message`, an empty one of a ROS, is not of the definition that shmgen knows."""
+    if why := _misfit(route.kind, message):
+        raise ValueError(
+            f"{route.topic.topic}: {route.wire.type.short} of this ROS is not the one that shmgen knows: {why}\n"
+            '  hint: set source = "..." in shmgen.toml to the ROS that runs here, generate, rebuild both sides'
+        )
+
+
+def _misfit(kind: type[Message], message: Any) -> str:
     try:
         room = bytearray(kind())
         kind._encode(message, room, 0, [])

@@ -14,12 +14,13 @@ from types import FrameType
 from shmgen.bridge import choice, plan
 from shmgen.bridge.backend import Backend, Node, Outlet
 from shmgen.bridge.counters import Counters
-from shmgen.bridge.diagnostics import Reporter, Side
+from shmgen.bridge.diagnostics import Reporter
 from shmgen.bridge.from_plc import FromPlc
+from shmgen.bridge.services import PlcCalls, PlcServes
+from shmgen.bridge.side import Side
 from shmgen.bridge.to_plc import ToPlc
 from shmgen.config import Config
 from shmgen.diagnostics import Rejected
-from shmgen.runtime import region_name
 
 TICK = 0.1
 """Seconds from one look at everything to the next; the PLC's blocks take a writer for dead after a second."""
@@ -37,16 +38,18 @@ def run(config: Config, arguments: tuple[str, ...], say: Say, tell: Say) -> None
     stopping = _signals()
     backend_name, why = choice.chosen(config.bridge.backend)
     module = choice.module(backend_name)
-    sides = [_side(route, stopping, tell) for route in plan.routes(config)]
+    sides = _sides(config, stopping, tell)
     try:
-        say(f"{config.bridge.node}: backend {backend_name} ({why}), {len(sides)} topics")
+        carried = f"{len(config.topics)} topics, {len(config.services)} services"
+        say(f"{config.bridge.node}: backend {backend_name} ({why}), {carried}")
         for line in summary(sides):
             say(line)
         node = Node(config.bridge.node, config.bridge.domain, tell, stopping.is_set, arguments)
         backend: Backend | None = module.connect(node)
         if backend is not None:
             try:
-                _wire(backend, sides)
+                for side in sides:
+                    side.join(backend)
                 report = _reports(config, backend, sides, tell)
                 say("running")
                 _watch(backend, sides, report, stopping, tell)
@@ -62,49 +65,30 @@ def run(config: Config, arguments: tuple[str, ...], say: Say, tell: Say) -> None
 
 
 def summary(sides: Iterable[Side]) -> list[str]:
-    """A line for each topic: which way, its type, its region."""
-    rows = [
-        (
-            side.route.topic.topic,
-            "-> PLC" if side.route.to_plc else "<- PLC",
-            side.route.wire.type.short,
-            f"/dev/shm/{region_name(side.route.topic.topic)}",
-        )
-        for side in sides
-    ]
-    return _table(rows)
+    """A line for each: its name, which way, its type, its region."""
+    return _table((side.about.name, side.about.way, side.about.type, side.about.region) for side in sides)
 
 
 def counted(sides: Iterable[Side]) -> list[str]:
-    """A line for each topic: what became of its messages."""
-    return _table((side.route.topic.topic, str(side.counters)) for side in sides)
+    """A line for each: what became of its messages."""
+    return _table((side.about.name, str(side.counters)) for side in sides)
 
 
-def _side(route: plan.Route, stopping: threading.Event, tell: Say) -> Side:
-    counters = Counters(route.topic.topic, tell)
-    return (ToPlc if route.to_plc else FromPlc)(route, counters, stopping)
-
-
-def _wire(backend: Backend, sides: Iterable[Side]) -> None:
-    """Publishers first, so that nothing that comes in has to wait for them."""
-    for side in sides:
-        if isinstance(side, FromPlc):
-            outlet = backend.publisher(side.route.wire)
-            _check(side, outlet.new)
-            side.start(outlet, backend.now)
-    for side in sides:
-        if isinstance(side, ToPlc):
-            side.start()
-            _check(side, backend.subscribe(side.route.wire, side.take))
-
-
-def _check(side: Side, new: Callable[[], object]) -> None:
-    if why := plan.misfit(side.route.kind, new()):
-        short = side.route.wire.type.short
-        raise ValueError(
-            f"{side.route.topic.topic}: {short} of this ROS is not the one that shmgen knows: {why}\n"
-            '  hint: set source = "..." in shmgen.toml to the ROS that runs here, generate, rebuild both sides'
-        )
+def _sides(config: Config, stopping: threading.Event, tell: Say) -> list[Side]:
+    routes, services = plan.routes(config), plan.services(config)
+    sides: list[Side] = []
+    try:
+        for route in routes:
+            counters = Counters(route.topic.topic, tell)
+            sides.append((ToPlc if route.to_plc else FromPlc)(route, counters, stopping))
+        for service in services:
+            counters = Counters(service.service.name, tell)
+            sides.append((PlcServes if service.service.on_plc else PlcCalls)(service, counters, stopping))
+    except BaseException:
+        for side in sides:
+            side.close()
+        raise
+    return sides
 
 
 def _reports(config: Config, backend: Backend, sides: list[Side], tell: Say) -> Callable[[], None]:

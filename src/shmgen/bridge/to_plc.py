@@ -6,6 +6,8 @@ import threading
 import time
 from typing import Any
 
+from shmgen.bridge import plan
+from shmgen.bridge.backend import Backend
 from shmgen.bridge.counters import Counters
 from shmgen.bridge.cut import cut
 from shmgen.bridge.plan import Route
@@ -15,11 +17,11 @@ from shmgen.tools.regions import View
 
 
 class ToPlc:
-    """`take` is the callback of the ROS topic; `tick` is to be called ten times a second."""
+    """A Side; `take` is the callback of the ROS topic."""
 
     def __init__(self, route: Route, counters: Counters, stopping: threading.Event) -> None:
-        """Opens the region. Raises what a Publisher raises."""
         self.route = route
+        self.about = plan.about(route)
         self.counters = counters
         self._stopping = stopping
         self._lock = threading.Lock()
@@ -28,10 +30,10 @@ class ToPlc:
         self._publisher: Publisher[Message] | None = None
         self._open()
 
-    def start(self) -> None:
-        """Begins to pass on what a `rate` holds back."""
+    def join(self, backend: Backend) -> None:
         if self.route.topic.carried.rate:
             threading.Thread(target=self._paced, args=(1 / self.route.topic.carried.rate,), daemon=True).start()
+        plan.check(self.route, backend.subscribe(self.route.wire, self.take)())
 
     def take(self, message: Any) -> None:
         """From any thread."""
@@ -55,14 +57,15 @@ class ToPlc:
             except (ShmError, OSError) as error:
                 self.counters.complain(str(error))
                 return
-            if self._publisher and not self.is_stale():
+            if self._publisher and not self.silence():
                 self._publisher.heartbeat()
 
-    def is_stale(self) -> bool:
-        """Whether no message has come for `stale` seconds."""
+    def silence(self) -> str:
         limit = self.route.topic.carried.stale
         age = self.counters.age
-        return limit is not None and (age is None or age > limit)
+        if limit is None or (age is not None and age <= limit):
+            return ""
+        return f"no message from ROS for {limit:g} s or more"
 
     @property
     def is_open(self) -> bool:
@@ -73,7 +76,6 @@ class ToPlc:
         return self._publisher.lock_misses if self._publisher else 0
 
     def close(self) -> None:
-        """Gives the region to another writer."""
         with self._lock:
             self._close()
 
