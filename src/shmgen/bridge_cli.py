@@ -19,7 +19,7 @@ from shmgen.config_bridge import BACKENDS
 def bridge(
     backend: str | None, ros_arguments: tuple[str, ...], config_file: Path | None, include: tuple[Path, ...]
 ) -> None:
-    """Carry the topics of shmgen.toml between ROS and their regions, until Ctrl-C or SIGTERM.
+    """Carry the topics and services of shmgen.toml between ROS and their regions, until Ctrl-C or SIGTERM.
 
     The backend is ros1 (rospy), ros2 (rclpy) or dds (a ROS 2 graph without ROS, by cyclonedds); by itself it takes
     the ROS whose setup was sourced, else the one installed. SIGUSR1 shows the counters, and so does the end.
@@ -31,8 +31,8 @@ def bridge(
     config = options.load(config_file, include)
     if backend:
         config = replace(config, bridge=replace(config.bridge, backend=backend))
-    if not config.topics:
-        raise click.UsageError("shmgen.toml lists no topics; each [[topics]] is one that the bridge carries.")
+    if not config.topics and not config.services:
+        raise click.UsageError("shmgen.toml lists neither [[topics]] nor [[services]]: there is nothing to carry.")
     try:
         run(config, ros_arguments, _say, _tell)
     except (BackendMissing, ShmError, ValueError, OSError) as error:
