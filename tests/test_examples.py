@@ -11,11 +11,13 @@ from pathlib import Path
 import pytest
 
 from .conftest import REPOSITORY
+from .support import ros1
 
 SAYS = {
     "moving_pose": "400 poses crossed",
     "softplc_echo": "received by the PLC",
     "opcua_gateway": "name = ['shoulder', 'elbow']",
+    "bridge_ros1": "the belt ran at 1.2, 0.6, 0.15, 0 m/s",
     "machine_tending": "machine works on part 4: 3 parts taken",
 }
 ASKS = {"opcua_gateway": ("asyncua", "cyclonedds"), "machine_tending": ("cyclonedds",)}
@@ -29,6 +31,8 @@ def test_all_examples_are_here() -> None:
 def test_example(example: str) -> None:
     for module in ASKS.get(example, ()):
         pytest.importorskip(module, reason=f"no {module} for this Python")
+    if example == "bridge_ros1":
+        ros1.python()  # or skips
     # A domain of DDS for each, for a ROS 2 that may run on this machine is not to see them.
     domain = {"ROS_DOMAIN_ID": str(1 + (os.getpid() + zlib.crc32(example.encode())) % 100)}
     environment = {**os.environ, **domain, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
