@@ -149,12 +149,11 @@ def test_through_a_plc_and_back(graph: Graph, plc: Softplc, space: str) -> None:
     empty = {**status, "lines": [], "parts": [], "mode": 0}
     assert through(peer, space, "status", [empty]) == [{**empty, "header": {**header, "seq": 2}}]
 
-    # Each message of a burst, as many as `depth` lets wait for a cycle.
-    burst = [
-        {"header": {**header, "seq": n}, "name": ["a"], "position": [float(n)], "velocity": [], "effort": []}
-        for n in range(1, 9)
-    ]
-    assert through(peer, space, "joints", burst) == burst
+    # Each message of a burst, as many as `depth` lets wait for a cycle. Again if one is lost: a block that finds the
+    # lock taken sends nothing in that cycle, and PROGRAM does not look.
+    burst = [{"name": ["a"], "position": [float(n)], "velocity": [], "effort": []} for n in range(1, 9)]
+    bursts = ([without(one, "header") for one in through(peer, space, "joints", burst)] for _ in range(5))
+    assert burst in bursts
 
     def flows() -> bool:
         peer.ask(do="forget", topic=f"{space}/joints_back")
@@ -261,7 +260,12 @@ def test_a_definition_of_another_ros_is_told(graph: Graph, space: str) -> None:
     assert (bridge.process.wait(LIMIT), other.process.wait(LIMIT)) == (1, 1)
 
 
+def without(message: dict[str, Any], name: str) -> dict[str, Any]:
+    return {key: value for key, value in message.items() if key != name}
+
+
 def through(peer: Peer, space: str, name: str, messages: list[Any]) -> Any:
-    """What comes back."""
+    """What comes back within five seconds."""
+    peer.ask(do="forget", topic=f"{space}/{name}_back")
     peer.ask(do="publish", topic=f"{space}/{name}", messages=messages)
-    return peer.ask(do="take", topic=f"{space}/{name}_back", count=len(messages))
+    return peer.ask(do="take", topic=f"{space}/{name}_back", count=len(messages), timeout=5.0)
