@@ -12,7 +12,7 @@ from shmgen import config
 from shmgen.bounds import Bound
 from shmgen.config import Action, Config, Service, Topic
 from shmgen.diagnostics import Diagnostic, Rejected, Report, Span
-from shmgen.model import TypeOptions
+from shmgen.model import RegionOptions, TypeOptions
 
 
 def load(folder: Path, text: str | bytes, name: str = "shmgen.toml") -> Config:
@@ -103,6 +103,12 @@ def test_paths_start_at_the_folder_of_the_file(tmp_path: Path) -> None:
     assert loaded.messages == (str(tmp_path / "msgs" / "Robot.msg"), "a/B")
 
 
+def test_regions(tmp_path: Path) -> None:
+    assert load(tmp_path, "").regions == RegionOptions(None, "", "lock")
+    said = '[regions]\nmode = "0666"\ngroup = "plc"\nsync = "sequence"\n'
+    assert load(tmp_path, said).regions == RegionOptions(0o666, "plc", "sequence")
+
+
 def test_requests_remember_their_places(tmp_path: Path) -> None:
     text = 'messages = [\n    "a/B",\n]\n[[topics]]\ntopic = "/t"\ntype = "a/C"\n'
     assert load(tmp_path, text).places == {
@@ -141,6 +147,13 @@ def test_requests_remember_their_places(tmp_path: Path) -> None:
         ("[strings]\ndefault = '80'", "SHM502", 2, 1, 7, "not '80'"),
         ("[strings]\ndefalt = 80", "SHM501", 2, 1, 6, "did you mean default?"),
         ("[strings]\nencoding = 'ascii'", "SHM502", 2, 1, 8, "utf-8, latin-1"),
+        ('[regions]\nmode = "0640"', "SHM502", 2, 1, 4, "not '0640'"),
+        ("[regions]\nmode = 0o660", "SHM502", 2, 1, 4, "in quotes"),
+        ('[regions]\nmode = "0560"', "SHM502", 2, 1, 4, "whoever opens a region"),
+        ("[regions]\ngroup = ''", "SHM502", 2, 1, 5, "the name of one"),
+        ("[regions]\ngroup = 5", "SHM502", 2, 1, 5, "not 5"),
+        ("[regions]\nsync = 'seqence'", "SHM502", 2, 1, 4, "did you mean sequence?"),
+        ("[regions]\nmod = '0660'", "SHM501", 2, 1, 3, "did you mean mode?"),
         ("[bounds]\n'a b' = 1", "SHM501", 2, 1, 5, '"package/Message.field"'),
         ("[bounds]\n'a/B.c.d' = 1", "SHM501", 2, 1, 9, "unknown key"),
         ("[bounds]\n'a/B' = 0", "SHM502", 2, 1, 5, "not 0"),

@@ -15,7 +15,7 @@ from shmgen.config_bridge import Bridge
 from shmgen.config_entries import Action, Service, Topic
 from shmgen.config_reader import Reader
 from shmgen.diagnostics import Report, Span, closest
-from shmgen.model import TypeOptions
+from shmgen.model import RegionOptions, TypeOptions
 
 FILE_NAME = "shmgen.toml"
 TARGETS = ("python", "st", "plcopen", "c")
@@ -47,6 +47,7 @@ class Config:
     topics: tuple[Topic, ...] = ()
     services: tuple[Service, ...] = ()
     actions: tuple[Action, ...] = ()
+    regions: RegionOptions = field(default_factory=RegionOptions)
     bridge: Bridge = field(default_factory=Bridge)
     places: Mapping[str, Span] = field(default_factory=dict)
 
@@ -85,7 +86,7 @@ class _Sections:
     def config(self, data: dict[str, Any], root: Path) -> Config:
         known = ("messages", "source", "path", "targets", "package", "distribution", "max_region", "task_interval")
         lists = ("topics", "services", "actions")
-        self.read.keys("", data, (*known, "types", "strings", "bounds", *lists, "bridge"))
+        self.read.keys("", data, (*known, "types", "strings", "bounds", *lists, "regions", "bridge"))
         types, strings, bounds = (self.read.table(data, name) for name in ("types", "strings", "bounds"))
         self.read.keys("types", types, ("bool", "time"))
         return Config(
@@ -112,8 +113,21 @@ class _Sections:
             topics=config_entries.topics(self.read, data),
             services=config_entries.services(self.read, data),
             actions=config_entries.actions(self.read, data),
+            regions=self.regions(self.read.table(data, "regions")),
             bridge=config_bridge.bridge(self.read, self.read.table(data, "bridge")),
         )
+
+    def regions(self, data: dict[str, Any]) -> RegionOptions:
+        self.read.keys("regions", data, ("mode", "group", "sync"))
+        mode, group = data.get("mode"), data.get("group", "")
+        if mode is not None and not (isinstance(mode, str) and _MODE.fullmatch(mode)):
+            hint = "whoever opens a region needs to read and write it: 0660 is for owner and group, 0666 for all"
+            self.read.wrong("regions", "mode", f"mode is 0600, 0660 or the like, in quotes, not {mode!r}", hint)
+            mode = None
+        if not isinstance(group, str) or (not group and "group" in data):
+            self.read.wrong("regions", "group", f'group is the name of one, such as "plc", not {group!r}')
+        sync = self.read.choice("regions", "sync", data, ("lock", "sequence"), "lock")
+        return RegionOptions(int(mode, 8) if mode else None, str(group), sync)  # type: ignore[arg-type]
 
     def bound_table(self, section: str, data: dict[str, Any], options: tuple[str, ...]) -> dict[str, Bound]:
         table: dict[str, Bound] = {}
@@ -156,6 +170,8 @@ class _Sections:
         return ""
 
 
+_MODE = re.compile(r"0?6[06][06]")
+"""Who may read a region and not write it cannot enter its lock."""
 _DISTRIBUTION = re.compile(r"[A-Za-z0-9]([A-Za-z0-9._-]*[A-Za-z0-9])? [0-9]+(\.[0-9]+)*((a|b|rc|\.post|\.dev)[0-9]+)?")
 """Names of PEP 508 and the common versions of PEP 440."""
 _BOUND_KEY = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*(\.[A-Za-z]\w*)?)?")

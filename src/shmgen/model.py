@@ -220,6 +220,15 @@ class TypeOptions:
     overflow: Literal["error", "truncate"] = "error"
 
 
+@dataclass(frozen=True, slots=True)
+class RegionOptions:
+    """`[regions]` in shmgen.toml: mode and group of the files, None and "" where not said, and what orders access."""
+
+    mode: int | None = None
+    group: str = ""
+    sync: Literal["lock", "sequence"] = "lock"
+
+
 class Role(Enum):
     """DATA carries a field, COUNT says how many elements of the next slot are valid, PADDING is a gap.
 

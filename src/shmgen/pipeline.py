@@ -131,14 +131,14 @@ def _sources(config: Config) -> definitions.Sources:
 
 def _plan(config: Config, layouts: Layouts, report: Report) -> Iterable[Output]:
     if "python" in config.targets:
-        yield from python.plan(layouts, report, config.package)
+        yield from python.plan(layouts, report, config.package, config.regions)
         if config.distribution:
             yield python_project.plan(config.distribution, config.package)
     if "st" in config.targets or "plcopen" in config.targets:  # the latter holds the texts of the former
         carried = tuple(topics(config, layouts, report))
         called = tuple(services(config, layouts, report))
         acted = tuple(actions(config, layouts, report))
-        yield from st.plan(layouts, report, carried, called, acted)
+        yield from st.plan(layouts, report, carried, called, acted, locks=config.regions.sync == "lock")
     if "c" in config.targets:
         yield from c.plan(layouts, report, config.package)
 
@@ -158,7 +158,15 @@ def _settings(config: Config) -> dict[str, object]:
         **({"services": [_spelled(it.service, it) for it in config.services]} if config.services else {}),
         **({"actions": [_spelled(it.action, it) for it in config.actions]} if config.actions else {}),
         "task_interval": config.task_interval,
+        **_regions(config),
     }
+
+
+def _regions(config: Config) -> dict[str, object]:
+    """What is said under [regions]."""
+    mode, group, sync = config.regions.mode, config.regions.group, config.regions.sync
+    said = {"mode": f"{mode:04o}" if mode is not None else "", "group": group, "sync": sync if sync != "lock" else ""}
+    return {key: value for key, value in said.items() if value}
 
 
 def _spelled(name: str, entry: config_entries.Service | config_entries.Action) -> str:

@@ -256,6 +256,44 @@ def test_mode_whatever_the_umask(topic, file, semaphore_file, mode):
     assert semaphore_file.stat().st_mode & 0o777 == mode
 
 
+def test_what_a_killed_maker_left_at_the_umask_is_put_right_if_it_is_asked_for(topic, file, semaphore_file):
+    """Killed between the making of the file and its chmod."""
+    PosePublisher(topic).close()
+    event = semaphore_file.with_name(semaphore_file.name + "-event")
+    files = (file, semaphore_file, event)
+    for left in files:
+        left.chmod(0o640)
+    PosePublisher(topic).close()
+    assert [left.stat().st_mode & 0o777 for left in files] == [0o640] * 3
+    with PoseSubscriber(topic, mode=0o660) as subscriber:
+        subscriber.wait(0)
+    assert [left.stat().st_mode & 0o777 for left in files] == [0o660] * 3
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="makes a file of another user")
+def test_a_file_of_another_user_stays_as_it_is(topic, file):
+    PosePublisher(topic).close()
+    os.chown(file, 65534, -1)
+    PosePublisher(topic, mode=0o666).close()
+    assert file.stat().st_mode & 0o777 == 0o660
+
+
+def test_a_class_says_mode_and_group_and_an_argument_wins(topic, file, semaphore_file):
+    class Configured(Pose):
+        _regions_ = runtime.RegionOptions(mode=0o666, group="no_such_group")
+
+    class ConfiguredPublisher(runtime.Publisher):
+        message_type = Configured
+
+    with pytest.raises(runtime.PermissionDenied, match="groupadd no_such_group"):
+        ConfiguredPublisher(topic)
+    assert not file.exists()
+    ConfiguredPublisher(topic, group=os.getegid()).close()
+    assert [left.stat().st_mode & 0o777 for left in (file, semaphore_file)] == [0o666] * 2
+    ConfiguredPublisher(topic, group=os.getegid(), mode=0o600).close()
+    assert [left.stat().st_mode & 0o777 for left in (file, semaphore_file)] == [0o600] * 2
+
+
 def test_group(topic, file, semaphore_file):
     gid = os.getgroups()[-1] if os.getgroups() else os.getegid()
     PosePublisher(topic, group=gid).close()

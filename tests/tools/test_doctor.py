@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import grp
 import json
 import os
 import shutil
@@ -166,6 +167,37 @@ def test_a_semaphore_with_other_permissions(topic, semaphore, shmgen):
     assert shmgen("doctor", topic).code == 0
 
 
+def test_another_mode_or_group_than_configured(topic, file, semaphore, tmp_path, shmgen):
+    group = grp.getgrgid(os.getegid()).gr_name
+    (tmp_path / "shmgen.toml").write_text(f'[regions]\nmode = "0600"\ngroup = "{group}"\n')
+    shmgen("pub", topic, "std_msgs/String", "--once")
+    assert file.stat().st_mode & 0o777 == 0o600
+    assert shmgen("doctor", topic).code == 0
+    (tmp_path / "shmgen.toml").write_text('[regions]\nmode = "0660"\ngroup = "plc"\n')
+    found = faults(shmgen("doctor", topic, "--json"))
+    assert {finding["file"] for finding in found} == {str(file), str(semaphore), f"{semaphore}-event"}
+    assert [finding["message"] for finding in found][:2] == [
+        'its mode is 0600, and mode = "0660" in shmgen.toml',
+        f'its group is {group}, and group = "plc" in shmgen.toml',
+    ]
+    for finding in found:
+        if "mode" in finding["message"]:
+            subprocess.run(finding["hint"].strip("`"), shell=True, check=True)
+    assert len(faults(shmgen("doctor", topic, "--json"))) == 3
+    assert "groupadd plc" in shmgen("pub", topic, "std_msgs/String", "--once").stderr
+
+
+def test_what_a_umask_has_left_of_a_mode(topic, file, semaphore, shmgen):
+    """As somebody leaves it who is killed between making it and giving it its mode."""
+    shmgen("pub", topic, "std_msgs/String", "--once")
+    for left in (file, semaphore):
+        left.chmod(0o640)
+    result = shmgen("doctor", topic)
+    assert result.code == 0
+    assert result.stdout.count("note: its mode is 0640, so that its group may read it and not write it") == 2
+    assert f"`chmod g+w {semaphore}`" in result.stdout
+
+
 def test_a_process_that_holds_on_to_a_removed_region(topic, file, shmgen, peer):
     writer = peer(PUBLISHER.format(topic=topic))
     file.unlink()
@@ -207,6 +239,7 @@ def test_a_process_of_other_bitness(topic, file, tmp_path, shmgen, peer):
         fault = examined(shmgen, topic)
     assert f"process {small.pid} (small" in fault["message"]
     assert "has 32 bits" in fault["message"]
+    assert 'sync = "sequence" under [regions]' in fault["hint"]
     assert fault["process"] == small.pid
 
 

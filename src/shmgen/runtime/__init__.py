@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from shmgen.runtime import values
+from shmgen.runtime.access import RegionOptions
 from shmgen.runtime.action_client import ActionClient
 from shmgen.runtime.action_server import ActionServer, ServedGoal
 from shmgen.runtime.client import ServiceClient
@@ -57,6 +58,7 @@ __all__ = [
     "Publisher",
     "RegionInUse",
     "RegionMissing",
+    "RegionOptions",
     "RegionUnusable",
     "ServedGoal",
     "ServiceClient",

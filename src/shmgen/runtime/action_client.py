@@ -26,7 +26,7 @@ class ActionClient(Generic[Goal, Feedback, Outcome]):
     outcome_subscriber: type[Subscriber[Outcome]]
 
     def __init__(
-        self, action: str, *, lock_timeout: float = 0.01, mode: int = 0o660, group: str | int | None = None
+        self, action: str, *, lock_timeout: float = 0.01, mode: int | None = None, group: str | int | None = None
     ) -> None:
         """Opens the action's regions or makes them; parameters and errors as for a ServiceClient."""
         options: dict[str, Any] = {"lock_timeout": lock_timeout, "mode": mode, "group": group}

@@ -67,7 +67,7 @@ class ActionServer(Generic[Goal]):
     outcome_publisher: type[Publisher[Any]]
 
     def __init__(
-        self, action: str, *, lock_timeout: float = 0.01, mode: int = 0o660, group: str | int | None = None
+        self, action: str, *, lock_timeout: float = 0.01, mode: int | None = None, group: str | int | None = None
     ) -> None:
         """Opens the action's regions or makes them; parameters, errors and old goals as for a ServiceServer."""
         options: dict[str, Any] = {"lock_timeout": lock_timeout, "mode": mode, "group": group}

@@ -26,7 +26,7 @@ class ServiceClient(Generic[Request, Response]):
     reply_subscriber: type[Subscriber[Any]]
 
     def __init__(
-        self, service: str, *, lock_timeout: float = 0.01, mode: int = 0o660, group: str | int | None = None
+        self, service: str, *, lock_timeout: float = 0.01, mode: int | None = None, group: str | int | None = None
     ) -> None:
         """Opens the service's regions or makes them; one client a service. Whether there is a server does not matter.
 

@@ -9,7 +9,7 @@ import time
 from _multiprocessing import SemLock  # type: ignore[import-not-found]
 
 from shmgen.runtime import header as h
-from shmgen.runtime.region import REPAIR_LOCK, Region
+from shmgen.runtime.region import REPAIR_LOCK, NoSemaphore, Region, keeps_order
 
 _DEAD_AFTER = 0.05
 _STUCK_AFTER = 1.0
@@ -34,7 +34,7 @@ class Lock:
         self._count: int | None = region.words[h.LOCK_COUNT] if region.semaphore._is_zero() else None
         self._since = time.monotonic()
         self._waited = False
-        self.keeps_order = os.uname().machine in ("x86_64", "AMD64")
+        self.keeps_order = keeps_order()
         self.misses = 0
         self.timeout = timeout
 
@@ -45,6 +45,8 @@ class Lock:
         is taken to be stuck: waiting again would cost the limit each time for nothing, until it has stood for
         so long that its holder must be dead.
         """
+        if isinstance(self._region.semaphore, NoSemaphore):
+            return False  # which is no miss
         count = self._region.words[h.LOCK_COUNT]
         if count != self._count:
             self._count, self._since, self._waited = count, time.monotonic(), False

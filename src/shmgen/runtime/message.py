@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 from typing import Any, ClassVar, TypeAlias
 
+from shmgen.runtime.access import RegionOptions
 from shmgen.runtime.errors import OutOfRange
 
 Late: TypeAlias = "list[tuple[int, int, memoryview]]"
@@ -25,6 +26,7 @@ class Message(ctypes.LittleEndianStructure):
     _pack_ = 1
     _type_name_: ClassVar[str]
     _digest_: ClassVar[int]
+    _regions_: ClassVar[RegionOptions] = RegionOptions()
     _names_: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, **fields: Any) -> None:

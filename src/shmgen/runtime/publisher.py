@@ -33,23 +33,24 @@ class Publisher(Generic[M]):
         *,
         depth: int = 1,
         lock_timeout: float = 0.01,
-        mode: int = 0o660,
+        mode: int | None = None,
         group: str | int | None = None,
     ) -> None:
         """Opens the region or makes it, and claims it.
 
         `depth` is how many samples a slow reader can still fetch, the same on both sides. `lock_timeout`,
-        in seconds, is the longest a call waits for the lock. `mode` and `group` are for a region made here.
+        in seconds, is the longest a call waits for the lock. `mode` (0o660) and `group` are for
+        files made here, or found and this user's; left out they are what shmgen.toml said, if it said anything.
         Raises ValueError (topic, depth, lock_timeout), LayoutMismatch, RegionInUse, PermissionDenied,
         RegionUnusable.
         """
         kind = self.message_type
         size = ctypes.sizeof(kind)
         ours = h.header_for(kind._type_name_, kind._digest_, size, depth)
-        self._region = region = open_region(topic, ours, mode=mode, group=group)
+        self._region = region = open_region(topic, ours, kind._regions_.but(mode, group))
         try:
             self._lock = Lock(region, lock_timeout)
-            self._event = open_event(region, mode=mode, group=group)
+            self._event = open_event(region)
             _claim(region)
         except BaseException:
             region.close()

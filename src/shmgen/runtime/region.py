@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import errno
 import fcntl
-import grp
 import io
 import mmap
 import os
-import pwd
 import struct
 import time
 from _multiprocessing import SemLock  # type: ignore[import-not-found]
@@ -17,7 +15,8 @@ from contextlib import suppress
 import posix_ipc
 
 from shmgen.runtime import header as h
-from shmgen.runtime.errors import LayoutMismatch, PermissionDenied, RegionMissing, RegionUnusable
+from shmgen.runtime.access import Access, RegionOptions, access_for, denied
+from shmgen.runtime.errors import LayoutMismatch, RegionMissing, RegionUnusable
 from shmgen.runtime.names import event_name, region_file, region_name, semaphore_file
 
 WRITER_LOCK = 0
@@ -31,6 +30,22 @@ _ATTEMPTS = 10
 _FLOCK = struct.Struct("hhqqi4x")
 
 
+class NoSemaphore:
+    """Stands where a region has no lock: never entered, never posted."""
+
+    def acquire(self, block: bool = False) -> bool:
+        return False
+
+    def release(self) -> None:
+        pass
+
+    def _is_zero(self) -> bool:
+        return False
+
+    def _get_value(self) -> int:
+        return 1
+
+
 class Region:
     """One topic's shared memory: `map` for copies, `words` and `quads` for single loads and stores of 4 and 8 bytes.
 
@@ -39,10 +54,19 @@ class Region:
     whole publish. Unlike `multiprocessing` itself it tracks nothing and removes nothing.
     """
 
-    __slots__ = ("_file", "header", "map", "name", "quads", "semaphore", "topic", "words")
+    __slots__ = ("_file", "header", "map", "name", "options", "quads", "semaphore", "topic", "words")
 
-    def __init__(self, topic: str, file: io.FileIO, map: mmap.mmap, header: h.Header, semaphore: SemLock) -> None:
+    def __init__(
+        self,
+        topic: str,
+        file: io.FileIO,
+        map: mmap.mmap,
+        header: h.Header,
+        semaphore: SemLock | NoSemaphore,
+        options: RegionOptions,
+    ) -> None:
         self.topic = topic
+        self.options = options
         self.name = region_name(topic)
         self.header = header
         self.map = map
@@ -83,30 +107,41 @@ class Region:
         self._file.close()
 
 
-def open_region(topic: str, ours: h.Header, *, mode: int = 0o660, group: str | int | None = None) -> Region:
-    """Opens the topic's region and semaphore, or makes what is missing with `mode` and `group`.
+def open_region(topic: str, ours: h.Header, options: RegionOptions = RegionOptions()) -> Region:  # noqa: B008 a tuple
+    """Opens the topic's region and semaphore, or makes what is missing.
 
     `ours` is the header expected there. Raises ValueError for an impossible topic, LayoutMismatch,
     PermissionDenied and RegionUnusable.
     """
     name = region_name(topic)
-    gid = _group_id(group)
-    file = _open_memory(name, ours.size, mode, gid)
+    if options.sync == "sequence" and not keeps_order():
+        raise RegionUnusable(
+            f'{topic}: sync = "sequence" needs a machine that keeps the order of loads and stores, as x86-64 does; '
+            f'this is {os.uname().machine}: write sync = "lock" into shmgen.toml and generate both sides again'
+        )
+    access = access_for(options)
+    file = _open_memory(name, ours.size, access)
     try:
         _await_size(file, name, ours.size)
         _check(topic, ours, _peek(file.fileno()))
         map = mmap.mmap(file.fileno(), ours.size)
         _complete_header(file.fileno(), map, ours)
         _check(topic, ours, _peek(file.fileno()))
-        return Region(topic, file, map, ours, _open_semaphore(name, 1, mode, gid))
+        return Region(topic, file, map, ours, _open_semaphore(name, 1, options, access), options)
     except BaseException:
         file.close()
         raise
 
 
-def open_event(region: Region, *, mode: int = 0o660, group: str | int | None = None) -> SemLock:
+def open_event(region: Region) -> SemLock | NoSemaphore:
     """Opens the semaphore that wakes a waiting reader, or makes it. Raises PermissionDenied, RegionUnusable."""
-    return _open_semaphore(event_name(region.name), 0, mode, _group_id(group))
+    options = region.options
+    return _open_semaphore(event_name(region.name), 0, options, access_for(options))
+
+
+def keeps_order() -> bool:
+    """Whether loads and stores of this machine keep their order, so that the slots alone carry integrity."""
+    return os.uname().machine in ("x86_64", "AMD64")
 
 
 def read_header(name: str) -> h.Header:
@@ -119,42 +154,48 @@ def read_header(name: str) -> h.Header:
     except posix_ipc.ExistentialError:
         raise RegionMissing(f"{region_file(name)} does not exist: start a publisher or a subscriber of it") from None
     except posix_ipc.PermissionsError:
-        raise _denied(region_file(name)) from None
+        raise denied(region_file(name)) from None
     try:
         return _peek(memory.fd)
     finally:
         memory.close_fd()
 
 
-def _open_memory(name: str, size: int, mode: int, gid: int | None) -> io.FileIO:
+def _open_memory(name: str, size: int, access: Access) -> io.FileIO:
     path = region_file(name)
     for _ in range(_ATTEMPTS):
         try:
             # Without O_CREAT: `fs.protected_regular` refuses that for another user's file, even to root.
             with suppress(posix_ipc.ExistentialError):
-                return io.FileIO(posix_ipc.SharedMemory("/" + name).fd, "r+b")
+                found = io.FileIO(posix_ipc.SharedMemory("/" + name).fd, "r+b")
+                access.mend(found.fileno(), path)
+                return found
             with suppress(posix_ipc.ExistentialError):
-                made = io.FileIO(posix_ipc.SharedMemory("/" + name, posix_ipc.O_CREX, mode=mode).fd, "r+b")
-                _give(made.fileno(), path, mode, gid)
+                made = io.FileIO(posix_ipc.SharedMemory("/" + name, posix_ipc.O_CREX, mode=access.made_mode).fd, "r+b")
+                access.give(made.fileno(), path)
                 _allocate(made, path, size)
                 return made
         except posix_ipc.PermissionsError:
-            raise _denied(path) from None
+            raise denied(path) from None
     raise RegionUnusable(f"{path} keeps appearing and vanishing: something removes it; stop that and start again")
 
 
-def _open_semaphore(name: str, value: int, mode: int, gid: int | None) -> SemLock:
+def _open_semaphore(name: str, value: int, options: RegionOptions, access: Access) -> SemLock | NoSemaphore:
+    if options.sync == "sequence":
+        return NoSemaphore()
     path = semaphore_file(name)
     for _ in range(_ATTEMPTS):
         try:
             with suppress(FileNotFoundError):
                 # kind 1: any thread may release; greatest value: a surplus token is no error here.
-                return SemLock._rebuild(0, 1, SemLock.SEM_VALUE_MAX, "/" + name)
+                found = SemLock._rebuild(0, 1, SemLock.SEM_VALUE_MAX, "/" + name)
+                access.mend(path, path)
+                return found
             with suppress(posix_ipc.ExistentialError):
-                posix_ipc.Semaphore("/" + name, posix_ipc.O_CREX, mode=mode, initial_value=value).close()
-                _give(path, path, mode, gid)
+                posix_ipc.Semaphore("/" + name, posix_ipc.O_CREX, mode=access.made_mode, initial_value=value).close()
+                access.give(path, path)
         except (posix_ipc.PermissionsError, PermissionError):
-            raise _denied(path) from None
+            raise denied(path) from None
     raise RegionUnusable(f"{path} keeps appearing and vanishing: something removes it; stop that and start again")
 
 
@@ -229,43 +270,3 @@ def _lock_byte(fd: int, byte: int) -> bool:
 
 def _unlock_byte(fd: int, byte: int) -> None:
     fcntl.fcntl(fd, fcntl.F_OFD_SETLK, _FLOCK.pack(fcntl.F_UNLCK, os.SEEK_SET, byte, 1, 0))
-
-
-def _give(file: int | str, path: str, mode: int, gid: int | None) -> None:
-    """Sets group and mode after the creation, where the umask has no say."""
-    try:
-        if gid is not None:
-            os.chown(file, -1, gid)
-        os.chmod(file, mode)
-    except PermissionError:
-        raise PermissionDenied(
-            f"{path}: cannot be given to group {gid}; join the group (`usermod -aG`) or leave `group` out"
-        ) from None
-
-
-def _group_id(group: str | int | None) -> int | None:
-    if not isinstance(group, str):
-        return group
-    try:
-        return grp.getgrnam(group).gr_gid
-    except KeyError:
-        raise PermissionDenied(f"there is no group {group!r} here: `groupadd {group}` makes it") from None
-
-
-def _denied(path: str) -> PermissionDenied:
-    try:
-        status = os.stat(path)
-    except OSError:
-        return PermissionDenied(f"{path} cannot be made: see the permissions of /dev/shm")
-    with suppress(KeyError):
-        owner = pwd.getpwuid(status.st_uid).pw_name
-        group = grp.getgrgid(status.st_gid).gr_name
-        return PermissionDenied(
-            f"{path} belongs to {owner}:{group} with mode {status.st_mode & 0o7777:o}, and this is user "
-            f"{os.geteuid()}: join the group (`usermod -aG {group} USER`), or let the owner open it with another "
-            "group and mode"
-        )
-    return PermissionDenied(
-        f"{path} belongs to {status.st_uid}:{status.st_gid} with mode {status.st_mode & 0o7777:o}, and this is "
-        f"user {os.geteuid()}: let the owner open it with a group and mode that include this user"
-    )

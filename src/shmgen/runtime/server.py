@@ -30,7 +30,7 @@ class ServiceServer(Generic[Request]):
     reply_publisher: type[Publisher[Any]]
 
     def __init__(
-        self, service: str, *, lock_timeout: float = 0.01, mode: int = 0o660, group: str | int | None = None
+        self, service: str, *, lock_timeout: float = 0.01, mode: int | None = None, group: str | int | None = None
     ) -> None:
         """Opens the service's regions or makes them; one server a service. A request that is there already is old.
 

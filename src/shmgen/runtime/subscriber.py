@@ -6,7 +6,6 @@ import ctypes
 import os
 import time
 from collections.abc import Callable
-from functools import partial
 from types import TracebackType
 from typing import Any, Generic, TypeVar
 
@@ -41,7 +40,7 @@ class Subscriber(Generic[M]):
         *,
         depth: int = 1,
         lock_timeout: float = 0.01,
-        mode: int = 0o660,
+        mode: int | None = None,
         group: str | int | None = None,
     ) -> None:
         """Opens the region, or makes it when the writer comes later; parameters and errors as for a publisher.
@@ -50,7 +49,7 @@ class Subscriber(Generic[M]):
         """
         kind = self.message_type
         ours = h.header_for(kind._type_name_, kind._digest_, ctypes.sizeof(kind), depth)
-        self._region = region = open_region(topic, ours, mode=mode, group=group)
+        self._region = region = open_region(topic, ours, kind._regions_.but(mode, group))
         try:
             self._lock = Lock(region, lock_timeout)
         except BaseException:
@@ -76,8 +75,8 @@ class Subscriber(Generic[M]):
         self._last = max(0, self._words[h.COMPLETED] - 1)
         self._stamp: int | None = None
         self._missed = 0
-        self._open_event = partial(open_event, region, mode=mode, group=group)
         self._event: Any = None
+        self._polls = region.options.sync == "sequence"
         self._beat = self._words[h.HEARTBEAT]
         self._beat_since = time.monotonic()
 
@@ -131,7 +130,7 @@ class Subscriber(Generic[M]):
         """
         deadline = time.monotonic() + timeout
         if self._event is None:
-            self._event = self._open_event()
+            self._event = open_event(self._region)
         while (newest := self._words[h.COMPLETED]) in (0, self._last):
             left = deadline - time.monotonic()
             if left <= 0:
@@ -146,7 +145,7 @@ class Subscriber(Generic[M]):
         """
         deadline = time.monotonic() + timeout
         if self._event is None:
-            self._event = self._open_event()
+            self._event = open_event(self._region)
         while True:
             newest = self._words[h.COMPLETED]
             if newest not in (0, self._last) and (data := self._copy(newest)):
@@ -209,8 +208,8 @@ class Subscriber(Generic[M]):
         A post for a sample that was read without it, or for a reader that died, ends one wait early.
         """
         words = self._words
-        if words[h.ARMED]:
-            # By another reader. If it died waiting, the next sample clears the word all the same.
+        if self._polls or words[h.ARMED]:
+            # There is no event, or another reader has it. If that died waiting, the next sample clears the word.
             time.sleep(min(seconds, _POLL))
             return
         words[h.ARMED] = 1

@@ -7,7 +7,7 @@ from itertools import groupby
 from typing import NamedTuple
 
 from shmgen.diagnostics import Report
-from shmgen.model import Layout, Layouts, Output, Ref, Role, TypeName
+from shmgen.model import Layout, Layouts, Output, Ref, RegionOptions, Role, TypeName
 from shmgen.targets import python_codec as codec
 from shmgen.targets import python_interfaces
 from shmgen.targets.naming import PYTHON, check_constants, check_members, check_messages, file_stem, python_member
@@ -32,6 +32,7 @@ class Module(NamedTuple):
     size: str
     digest: str
     digest_literal: str
+    regions: str
     imports: tuple[str, ...]
     class_name: str
     base: str
@@ -59,8 +60,11 @@ class Package(NamedTuple):
     names: tuple[str, ...]
 
 
-def plan(layouts: Layouts, report: Report, package: str = "shm_msgs") -> Iterator[Output]:
+def plan(
+    layouts: Layouts, report: Report, package: str = "shm_msgs", regions: RegionOptions | None = None
+) -> Iterator[Output]:
     """`python/<package>/<ros package>/msg/_pose.py` for each message, and the packages above them."""
+    said = _spelled(regions or RegionOptions())
     root = f"python/{package}"
     yield Output(f"{root}/__init__.py", "python/package.py.j2", Package("Messages in shared memory", (), ()))
     yield Output(f"{root}/py.typed", "python/py.typed.j2", None)
@@ -78,7 +82,8 @@ def plan(layouts: Layouts, report: Report, package: str = "shm_msgs") -> Iterato
             check_constants(layout, PYTHON, (), report)
         yield Output(f"{folder}/__init__.py", "python/package.py.j2", _package(ros_package, kind, members))
         for layout in members:
-            yield Output(f"{folder}/_{file_stem(layout.name)}.py", "python/message.py.j2", _module(layout, layouts))
+            view = _module(layout, layouts, said)
+            yield Output(f"{folder}/_{file_stem(layout.name)}.py", "python/message.py.j2", view)
     yield from python_interfaces.plan(layouts, root)
 
 
@@ -99,7 +104,15 @@ def class_name(name: TypeName) -> str:
     return python_member(name.name)
 
 
-def _module(layout: Layout, layouts: Layouts) -> Module:
+def _spelled(regions: RegionOptions) -> str:
+    """The call that makes them; nothing where shmgen.toml says nothing."""
+    said = [] if regions.mode is None else [f"mode=0o{regions.mode:o}"]
+    said += [f"group={literal(regions.group)}"] if regions.group else []
+    said += [f"sync={literal(regions.sync)}"] if regions.sync != "lock" else []
+    return f"runtime.RegionOptions({', '.join(said)})" if said else ""
+
+
+def _module(layout: Layout, layouts: Layouts, regions: str) -> Module:
     names = _imported_names(layout, layouts)
     made = codec.Codec(layouts, names)
     made.message(layout)
@@ -124,6 +137,7 @@ def _module(layout: Layout, layouts: Layouts) -> Module:
         size=f"{layout.size:,}",
         digest=f"{layout.digest:016x}",
         digest_literal=f"0x{layout.digest:016X}",
+        regions=regions,
         imports=tuple(_imports(layout, names, bool(structs), uses_ctypes, bool(encode or shown))),
         class_name=class_name(layout.name),
         base="runtime.CuttingMessage" if codec.cuts(layout, layouts) else "runtime.Message",

@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from shmgen.runtime import header as h
-from shmgen.runtime.names import region_file, semaphore_file
+from shmgen.runtime.names import event_name, region_file, semaphore_file
 from shmgen.tools import unfinished
 from shmgen.tools.evidence import Evidence, own_device, semaphore
 from shmgen.tools.processes import Processes, alive, called
@@ -132,7 +132,12 @@ def _permissions(seen: Evidence) -> Iterator[Finding]:
             seen.topic, f"this user cannot open it for reading and writing: {owner(seen.status)}", *_join(file)
         )
     lock = seen.semaphores[1]
-    if lock and (lock.status.st_gid, lock.status.st_mode & 0o666) != (seen.status.st_gid, seen.status.st_mode & 0o666):
+    yield from _access(seen)
+    if (
+        seen.wanted.regions.mode is None
+        and lock
+        and (lock.status.st_gid, lock.status.st_mode & 0o666) != (seen.status.st_gid, seen.status.st_mode & 0o666)
+    ):
         message = (
             f"the region is {owner(seen.status)}, its semaphore {owner(lock.status)}: not all can lock who can read"
         )
@@ -149,7 +154,27 @@ def _permissions(seen: Evidence) -> Iterator[Finding]:
         yield Finding(seen.topic, message, hint, file, note=True)
 
 
+def _access(seen: Evidence) -> Iterator[Finding]:
+    """Mode and group of each file beside those of [regions]; without a mode there, what a umask has left of one."""
+    mode, group = seen.wanted.regions.mode, seen.wanted.regions.group
+    for file in (region_file(seen.name), *map(semaphore_file, (seen.name, event_name(seen.name)))):
+        with suppress(FileNotFoundError):
+            status = os.stat(file)
+            found = status.st_mode & 0o7777
+            if mode not in (None, found):
+                message = f'its mode is {found:04o}, and mode = "{mode:04o}" in shmgen.toml'
+                yield Finding(seen.topic, message, f"`chmod {mode:04o} {file}`", file)
+            if group and group != _group(status.st_gid):
+                message = f'its group is {_group(status.st_gid)}, and group = "{group}" in shmgen.toml'
+                yield Finding(seen.topic, message, f"`chgrp {group} {file}`", file)
+            if mode is None and found & 0o060 == 0o040:
+                message = f"its mode is {found:04o}, so that its group may read it and not write it; it takes both"
+                yield Finding(seen.topic, message, f"`chmod g+w {file}`", file, note=True)
+
+
 def _semaphore(seen: Evidence) -> Iterator[Finding]:
+    if seen.wanted.regions.sync == "sequence":
+        return
     before, now = seen.semaphores
     file = semaphore_file(seen.name)
     if now is None:
@@ -186,20 +211,17 @@ def _bitness(seen: Evidence) -> Iterator[Finding]:
     lock = seen.semaphores[1]
     maker = lock.bits if lock else None
     kinds = {peer.bits for peer in seen.peers if peer.bits} | ({maker} if maker and seen.peers else set())
-    if len(kinds) > 1:
+    if len(kinds) > 1 and seen.wanted.regions.sync != "sequence":
         shown = ", ".join(f"{peer} has {peer.bits} bits" for peer in seen.peers if peer.bits)
         message = f"a semaphore does not cross bitness: {shown}; the semaphore was made in a {maker}-bit process"
-        hint = "run both sides in the same bitness; until then the lock keeps nobody out, and the slots alone do"
+        hint = 'write sync = "sequence" under [regions] in shmgen.toml, and generate both sides again'
         odd = next((peer.pid for peer in seen.peers if peer.bits == 32), None)
         yield Finding(seen.topic, message, hint, semaphore_file(seen.name), odd)
 
 
 def owner(status: os.stat_result) -> str:
     """`root:robot, mode 660`."""
-    group = str(status.st_gid)
-    with suppress(KeyError):
-        group = grp.getgrgid(status.st_gid).gr_name
-    return f"{_user(status.st_uid)}:{group}, mode {status.st_mode & 0o7777:o}"
+    return f"{_user(status.st_uid)}:{_group(status.st_gid)}, mode {status.st_mode & 0o7777:o}"
 
 
 def _user(uid: int) -> str:
@@ -207,6 +229,13 @@ def _user(uid: int) -> str:
         return pwd.getpwuid(uid).pw_name
     except KeyError:
         return str(uid)
+
+
+def _group(gid: int) -> str:
+    try:
+        return grp.getgrgid(gid).gr_name
+    except KeyError:
+        return str(gid)
 
 
 def _join(file: str) -> tuple[str, str]:

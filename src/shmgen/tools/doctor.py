@@ -39,7 +39,10 @@ def examine(topic: str | None, workshop: Workshop) -> Report:
     held = [m.name for m in around.mappings if m.removed or m.name in closed()]
     if topic is not None and names[0] not in [*live(), *closed(), *held]:
         raise missing(topic)
-    topics = {"/" + entry.topic.lstrip("/"): Wanted(entry.type, entry.depth) for entry in workshop.config.topics}
+    said = workshop.config.regions
+    topics = {"/" + entry.topic.lstrip("/"): Wanted(entry.type, entry.depth, said) for entry in workshop.config.topics}
+    if topic is not None:
+        topics.setdefault("/" + topic.removeprefix("/"), Wanted(regions=said))
     regions = gather(names, around, topics, workshop.known() if names else {})
     found = [finding for seen in regions for finding in checks.of_region(seen)]
     found += checks.of_strays(around, live())

@@ -6,8 +6,9 @@ import os
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from shmgen.model import RegionOptions
 from shmgen.runtime import Header
 from shmgen.runtime.errors import PermissionDenied, RegionMissing
 from shmgen.runtime.names import semaphore_file
@@ -46,10 +47,11 @@ class Peer:
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """What the folder's configuration says of a topic: its type and depth, None and nothing if it says nothing."""
+    """What the folder's configuration says of a topic: None and nothing where it says nothing."""
 
     type: str = ""
     depth: int | None = None
+    regions: RegionOptions = field(default_factory=RegionOptions)
 
 
 @dataclass(frozen=True, slots=True)

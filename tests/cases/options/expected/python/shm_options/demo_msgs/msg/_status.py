@@ -59,6 +59,7 @@ class Status(runtime.CuttingMessage):
     )
     _type_name_ = "demo_msgs/msg/Status"
     _digest_ = 0xBDD29CAA4BDFB245
+    _regions_ = runtime.RegionOptions(mode=0o666, group="plc", sync="sequence")
     _names_ = (
         "ready",
         "doors",
