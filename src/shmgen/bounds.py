@@ -48,7 +48,7 @@ def apply(schema: Schema, bounds: Bounds, report: Report, in_reach: Callable[[],
         for field in message.fields:
             if isinstance(field.type, Sequence) and field.type.capacity is None:
                 key = f"{message.name.short}.{field.name}"
-                change = "" if _is_foreign(message) else f"write `{field.written[:-2]}[<=N] {field.name}`, or "
+                change = "" if _is_foreign(message) else _how_to_bound(field)
                 report.error(
                     "SHM101",
                     "unbounded sequence has no fixed size",
@@ -58,6 +58,13 @@ def apply(schema: Schema, bounds: Bounds, report: Report, in_reach: Callable[[],
                 )
     report.stop_if_any()
     return replace(schema, messages=messages)
+
+
+def _how_to_bound(field: Field) -> str:
+    """In the words of a .msg or of an .idl."""
+    if field.written.endswith("[]"):
+        return f"write `{field.written[:-2]}[<=N] {field.name}`, or "
+    return f"write `{field.written[:-1]}, N> {field.name}`, or " if field.written.endswith(">") else ""
 
 
 def _is_foreign(message: Message) -> bool:

@@ -178,4 +178,4 @@ _BOUND_KEY = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*(\.[A-Za-z]\w*)?)?")
 
 
 def _from(root: Path, message: str) -> str:
-    return str(root / message) if message.endswith((".msg", ".srv", ".action")) else message
+    return str(root / message) if message.endswith((".msg", ".srv", ".action", ".idl")) else message

@@ -15,6 +15,7 @@ CODES = {
     "SHM005": "value out of range",
     "SHM006": "value of the wrong type",
     "SHM007": "cannot write output",
+    "SHM008": "no parser for .idl",
     "SHM101": "unbounded sequence",
     "SHM102": "bad bound",
     "SHM103": "bound already in the definition",

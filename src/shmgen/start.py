@@ -13,7 +13,7 @@ from shmgen.config import Config
 from shmgen.definitions.folders import catalogue
 from shmgen.diagnostics import Report
 
-FILES = r"(^|/)(generated/.*|shmgen\.toml|pyproject\.toml|package\.xml|[^/]+\.(msg|srv|action))$"
+FILES = r"(^|/)(generated/.*|shmgen\.toml|pyproject\.toml|package\.xml|[^/]+\.(msg|srv|action|idl))$"
 """Of a hook: whatever a check looks at. .pre-commit-hooks.yaml has the same."""
 
 HOOK_FILE = ".pre-commit-config.yaml"

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator, Sequence
 _KEPT = 20
 _TICK = 20_000_000
 """Nanoseconds that the time of a file may be behind the clock: two jiffies of the slowest Linux."""
-_SUFFIXES = (".msg", ".srv", ".action")
+_SUFFIXES = (".msg", ".srv", ".action", ".idl")
 _CONTENT, _STATE, _NAMES = "CSN"
 """What of a path counts: the bytes of a file, its size and time, the names in a folder."""
 

@@ -11,6 +11,7 @@ from shmgen.definitions import Sources, load
 from shmgen.diagnostics import Rejected, Report
 from shmgen.model import Array, Ref, Schema, Sequence, String, TypeName
 from tests.conftest import SHARED
+from tests.definitions.test_idl import HAS_ROSIDL
 
 CORPUS = SHARED / "corpus"
 
@@ -23,14 +24,20 @@ FOR_TESTS = {"test_msgs", "test_interface_files", "rosbag2_test_msgdefs", "rosba
 REJECTED = {
     # rosidl_adapter (3.3.1 and the newest) rejects it likewise: a capital in `robot_voltage_48V`.
     "ur_msgs/msg/MasterboardDataMsg": "SHM202",
-    # They hold rosbag2_test_msgdefs/BasicIdl, which exists as .idl only.
-    "rosbag2_test_msgdefs/msg/ComplexMsgDependsOnIdl": "SHM004",
-    "rosbag2_test_msgdefs/srv/ComplexSrvIdl_Request": "SHM004",
-    "rosbag2_test_msgdefs/srv/ComplexSrvIdl_Response": "SHM004",
     # ROS copies test_msgs/BasicTypes from test_interface_files while it builds; the corpus does not.
     "test_msgs/action/NestedMessage_Goal": "SHM004",
     "test_msgs/action/NestedMessage_Result": "SHM004",
     "test_msgs/action/NestedMessage_Feedback": "SHM004",
+}
+
+NEEDS_IDL = {
+    # Of these, or of what they hold, there is only .idl.
+    "rosbag2_test_msgdefs/msg/BasicIdl",
+    "rosbag2_test_msgdefs/msg/ComplexIdl",
+    "rosbag2_test_msgdefs/msg/ComplexMsgDependsOnIdl",
+    "rosbag2_test_msgdefs/srv/ComplexSrvIdl_Request",
+    "rosbag2_test_msgdefs/srv/ComplexSrvIdl_Response",
+    "rosbag2_test_msgdefs/srv/ComplexSrvIdl_Reply",
 }
 
 
@@ -51,7 +58,8 @@ def test_all_is_read_but_for_those_named(distribution):
         for finding in rejection.diagnostics:
             kind = Path(finding.span.path).parts[-2]
             rejected[finding.field.rpartition(".")[0].replace("/", f"/{kind}/")] = finding.code
-    assert rejected == (REJECTED if distribution == "jazzy" else {})
+    without_rosidl = {} if HAS_ROSIDL else {"": "SHM008"}
+    assert rejected == ({**REJECTED, **without_rosidl} if distribution == "jazzy" else {})
 
 
 def classes(schema: Schema) -> dict[tuple[str, str, str], str]:

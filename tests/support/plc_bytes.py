@@ -12,10 +12,11 @@ from typing import Any
 
 from shmgen import definitions, pipeline
 from shmgen.config import Config
+from shmgen.definitions.wrappers import WRAPPERS
 from shmgen.model import Array, Clock, Layout, Layouts, Ref, Role, Scalar, Slot, String, TypeName, TypeOptions
 from shmgen.targets import naming
 from shmgen.targets.c import struct_name
-from tests.definitions.test_corpus import REJECTED
+from tests.definitions.test_corpus import NEEDS_IDL, REJECTED
 from tests.softplc import Plc, compile_st, iec
 
 from .build import classes, put
@@ -39,11 +40,15 @@ class Proof:
 
 
 def corpus_names(config: Config) -> list[str]:
-    """All of a distribution of the corpus that can be mapped, by its `path`."""
+    """All that is written in a distribution of the corpus and can be mapped; with or without rosidl_parser the same."""
     sources = definitions.Sources(config.path, config.source, config.root)
     packages = {path.name for path in config.path[0].iterdir()}
-    names = [str(name) for name in definitions.available(sources) if name.package in packages]
-    return [name for name in names if config.source == "noetic" or name not in REJECTED]
+    left_out = NEEDS_IDL | REJECTED.keys() if config.source != "noetic" else set()
+    return [
+        str(name)
+        for name in definitions.available(sources)
+        if name.package in packages and str(name) not in left_out and not name.name.endswith(WRAPPERS[name.kind])
+    ]
 
 
 def make(config: Config, names: list[str], folder: Path) -> Proof:

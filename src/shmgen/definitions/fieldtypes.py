@@ -23,7 +23,7 @@ def read_type(written: Token, package: str, dialect: Dialect) -> FieldType:
         raise written.wrong("SHM102", "ROS 1 has no bounds", "write it without `<=`, and set it under [bounds]")
     element = _element(written, spelled["base"], package, dialect)
     if spelled["capacity"] is not None:
-        capacity = _bound(written.part(*spelled.span("capacity")), "SHM102")
+        capacity = read_bound(written.part(*spelled.span("capacity")), "SHM102")
         if not isinstance(element, String):
             raise written.wrong("SHM102", f"{shown(spelled['base'])} has no length; only strings are bounded so")
         element = String(capacity, element.wide)
@@ -31,8 +31,21 @@ def read_type(written: Token, package: str, dialect: Dialect) -> FieldType:
         return element
     if spelled["length"] == "" and not spelled["bounded"]:
         return Sequence(element)
-    length = _bound(written.part(*spelled.span("length")), "SHM102" if spelled["bounded"] else "SHM302")
+    length = read_bound(written.part(*spelled.span("length")), "SHM102" if spelled["bounded"] else "SHM302")
     return Sequence(element, length) if spelled["bounded"] else Array(element, length)
+
+
+def read_bound(number: Token, if_zero: str) -> int:
+    """1 to LARGEST_BOUND. Raises Wrong: SHM102, for a zero `if_zero`."""
+    if not re.fullmatch(r"[+-]?[0-9]+", number.text):
+        hint = "" if number.text else "a type is one word, without blanks: `string<=10`, `T[<=10]`"
+        raise number.wrong("SHM102", f"the bound {shown(number.text)} is not a whole number", hint)
+    value = int(number.text) if len(number.text) <= 20 else LARGEST_BOUND + 1
+    if value == 0:
+        raise number.wrong(if_zero, "zero elements leave nothing to share", "give at least 1, or leave the field out")
+    if not 1 <= value <= LARGEST_BOUND:
+        raise number.wrong("SHM102", f"the bound {shown(number.text)} is not in 1..{LARGEST_BOUND}")
+    return value
 
 
 _SPELLED = re.compile(r"(?P<base>[^\[\]<=]+)(?:<=(?P<capacity>[^\[\]]*))?(?:\[(?P<bounded><=)?(?P<length>[^\[\]]*)\])?")
@@ -49,7 +62,7 @@ _ROS2: dict[str, Element] = {
     "duration": Clock.DURATION,
 }
 _ROS1: dict[str, Element] = {name: type for name, type in _ROS2.items() if name != "wstring"} | {"byte": Scalar.INT8}
-_CLOCKS = {"Time": Clock.TIME, "Duration": Clock.DURATION}
+CLOCKS = {"Time": Clock.TIME, "Duration": Clock.DURATION}
 
 
 def _element(written: Token, base: str, package: str, dialect: Dialect) -> Element:
@@ -63,19 +76,6 @@ def _element(written: Token, base: str, package: str, dialect: Dialect) -> Eleme
     if dialect == "ros1" and base == "Header":
         return Ref(TypeName("std_msgs", "msg", "Header"))
     owner = reference["package"] or package
-    if owner == "builtin_interfaces" and name in _CLOCKS:
-        return _CLOCKS[name]
+    if owner == "builtin_interfaces" and name in CLOCKS:
+        return CLOCKS[name]
     return Ref(TypeName(owner, "msg", name))
-
-
-def _bound(number: Token, if_zero: str) -> int:
-    """1 to LARGEST_BOUND."""
-    if not re.fullmatch(r"[+-]?[0-9]+", number.text):
-        hint = "" if number.text else "a type is one word, without blanks: `string<=10`, `T[<=10]`"
-        raise number.wrong("SHM102", f"the bound {shown(number.text)} is not a whole number", hint)
-    value = int(number.text) if len(number.text) <= 20 else LARGEST_BOUND + 1
-    if value == 0:
-        raise number.wrong(if_zero, "zero elements leave nothing to share", "give at least 1, or leave the field out")
-    if not 1 <= value <= LARGEST_BOUND:
-        raise number.wrong("SHM102", f"the bound {shown(number.text)} is not in 1..{LARGEST_BOUND}")
-    return value

@@ -35,7 +35,7 @@ def catalogue(folder: Path, relative_to: Path, report: Report) -> Catalogue:
 def package_around(file: Path, relative_to: Path) -> Package | None:
     """The package that a definition given by its path belongs to; that file alone, if it lies in no package."""
     folder = Path(os.path.abspath(file)).parent
-    kind = file.suffix.removeprefix(".")
+    kind = kind_of(file)
     root = folder.parent if folder.name in SECTIONS else folder
     package = _package(root, relative_to)
     if package is None:
@@ -45,6 +45,12 @@ def package_around(file: Path, relative_to: Path) -> Package | None:
     siblings = {} if folder.name in SECTIONS else _loose(folder, name, relative_to)
     held = {**siblings, **package.definitions, **dict.fromkeys(given.messages, given)}
     return Package(name, package.place, held, package.dialect)
+
+
+def kind_of(file: Path) -> str:
+    """msg, srv or action; of an .idl the folder says it."""
+    folder = Path(os.path.abspath(file)).parent.name
+    return (folder if folder in SECTIONS else "msg") if file.suffix == ".idl" else file.suffix.removeprefix(".")
 
 
 def read(definition: Definition, report: Report) -> str | None:
@@ -131,10 +137,15 @@ def _loose(folder: Path, name: str, relative_to: Path) -> dict[TypeName, Definit
 
 
 def _files(folder: Path, kind: str) -> list[Path]:
+    """The definitions of a kind; of a message that is there twice not the .idl, which ROS has made of the other."""
+    found: dict[str, Path] = {}
     try:
-        return sorted(file for file in folder.iterdir() if file.suffix == f".{kind}")
+        for file in sorted(folder.iterdir()):
+            if file.suffix == f".{kind}" or (file.suffix == ".idl" and file.stem not in found):
+                found[file.stem] = file
     except OSError:
-        return []
+        pass
+    return [found[stem] for stem in sorted(found)]
 
 
 def _definition(file: Path, name: TypeName, relative_to: Path) -> Definition:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from shmgen.definitions import environment, store
+from shmgen.definitions import environment, idl, store
 from shmgen.definitions.catalogue import Catalogue, Definition, Package
 from shmgen.definitions.folders import catalogue, read, shorten
 from shmgen.definitions.parser import Source, parse
@@ -74,7 +74,12 @@ class Library:
         if definition not in self._read:
             text = read(definition, self.report)
             source = Source(definition.name, text or "", definition.path, definition.origin)
-            parsed = () if text is None else parse(source, package.dialect or self._dialect(), self.report)
+            if text is None:
+                parsed: tuple[Message, ...] = ()
+            elif definition.path.endswith(".idl"):
+                parsed = idl.parse(source, self.report)
+            else:
+                parsed = parse(source, package.dialect or self._dialect(), self.report)
             made = wrappers(definition.name, definition.path, definition.origin) if parsed else ()
             self._read[definition] = {message.name: message for message in (*parsed, *made)}
         return self._read[definition].get(name)

@@ -34,13 +34,9 @@ def parse(source: Source, dialect: Dialect, report: Report) -> tuple[Message, ..
 
     SHM003, SHM005, SHM006, SHM102, SHM201, SHM202, SHM302. The first 20 findings of a file are told.
     """
-    text = source.text.replace("\r\n", "\n").replace("\r", "\n")
-    lines = [Line(source.path, number, line) for number, line in enumerate(text.split("\n"), 1)]
-    for line in lines if _CONTROL.search(text) else ():
-        if control := _CONTROL.search(line.text):
-            code = f"U+{ord(control[0]):04X}"
-            report.error("SHM003", f"control character {code}", line.span(control.start(), 1), hint="take it out")
-            return ()
+    lines = lines_of(source, report)
+    if not lines:
+        return ()
     name = source.name
     if not _MESSAGE_NAME[dialect].fullmatch(name.name):
         hint = "name the file in CamelCase: a capital first, then letters and digits"
@@ -58,6 +54,18 @@ def parse(source: Source, dialect: Dialect, report: Report) -> tuple[Message, ..
         _message(lines[start:end], TypeName(name.package, name.kind, name.name + ending), source, dialect, report)
         for start, end, ending in zip(starts, ends, endings, strict=True)
     )
+
+
+def lines_of(source: Source, report: Report) -> list[Line]:
+    """Of the text; none, and SHM003 in the report, where a control character is among them."""
+    text = source.text.replace("\r\n", "\n").replace("\r", "\n")
+    lines = [Line(source.path, number, line) for number, line in enumerate(text.split("\n"), 1)]
+    for line in lines if _CONTROL.search(text) else ():
+        if control := _CONTROL.search(line.text):
+            code = f"U+{ord(control[0]):04X}"
+            report.error("SHM003", f"control character {code}", line.span(control.start(), 1), hint="take it out")
+            return []
+    return lines
 
 
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f]")

@@ -25,7 +25,7 @@ def load(requests: Iterable[str], sources: Sources, report: Report) -> Schema:
     files: list[str] = []
     names: list[str] = []
     for request in requests:
-        (files if request.isprintable() and Path(request).suffix[1:] in SECTIONS else names).append(request)
+        (files if request.isprintable() and Path(request).suffix in _FILES else names).append(request)
     requested = dict.fromkeys(name for file in files for name in _in_file(Path(file), library))
     requested |= dict.fromkeys(name for request in names for name in _named(request, library))
     messages = _closed(requested, library)
@@ -38,6 +38,7 @@ def available(sources: Sources) -> list[TypeName]:
     return open_library(sources, Report()).known()
 
 
+_FILES = (*(f".{kind}" for kind in SECTIONS), ".idl")
 _REQUEST = re.compile(r"([A-Za-z][A-Za-z0-9_]*)(?:/(?:(msg|srv|action)/)?([A-Za-z][A-Za-z0-9_]*))?")
 _OTHER_LANGUAGES = {
     "int": "int32",
@@ -59,7 +60,7 @@ def _named(request: str, library: Library) -> list[TypeName]:
     where = Span(shown(request).strip("`"))
     parts = _REQUEST.fullmatch(request)
     if parts is None:
-        hint = "write `package/Name`, `package`, or the path of a .msg, .srv or .action file"
+        hint = "write `package/Name`, `package`, or the path of a .msg, .srv, .action or .idl file"
         library.report.error("SHM004", f"{shown(request)} names no message", where, hint=hint)
         return []
     package_name, kind, name = parts.groups()
@@ -86,7 +87,7 @@ def _in_file(file: Path, library: Library) -> list[TypeName]:
         library.report.error("SHM202", "the folder's name cannot be a package's", Span(str(file)), hint=hint)
         return []
     library.add(package)
-    kind = file.suffix[1:]
+    kind = folders.kind_of(file)
     return list(package.definitions[TypeName(package.name, kind, file.stem + SECTIONS[kind][0])].messages)
 
 
