@@ -17,7 +17,7 @@ from pathlib import Path
 
 from shmgen import config
 from shmgen.diagnostics import Report
-from shmgen.runtime.names import region_name
+from shmgen.runtime.names import region_file, region_name
 
 REPOSITORY = Path(__file__).parents[1]
 LOOPBACK = (
@@ -92,10 +92,14 @@ def cell(here: Path) -> Iterator[Cell]:
 
 
 def _clean(configuration: Path) -> None:
-    """Removes the regions of the topics, which no side does by itself: here all are known to have ended."""
-    report = Report()
-    topics = [topic.topic for topic in config.load(configuration, configuration.name, report).topics]
-    there = [topic for topic in topics if os.path.exists("/dev/shm/" + region_name(topic))]
+    """Removes the regions of topics and services, which no side does by itself: here all are known to have ended."""
+    said = config.load(configuration, configuration.name, Report())
+    calls = [f"{service.service}-{half}" for service in said.services for half in ("request", "response")]
+    there = [
+        name
+        for name in [*(topic.topic for topic in said.topics), *calls]
+        if Path(region_file(region_name(name))).exists()
+    ]
     if there:
         subprocess.run([_shmgen(), "clean", *there], stdout=subprocess.DEVNULL, check=True)
 

@@ -19,8 +19,9 @@ SAYS = {
     "opcua_gateway": "name = ['shoulder', 'elbow']",
     "bridge_ros1": "the belt ran at 1.2, 0.6, 0.15, 0 m/s",
     "machine_tending": "machine works on part 4: 3 parts taken",
+    "robot_task": "3 tasks done, 1 refused",
 }
-ASKS = {"opcua_gateway": ("asyncua", "cyclonedds"), "machine_tending": ("cyclonedds",)}
+ASKS = {"opcua_gateway": ("asyncua", "cyclonedds"), "machine_tending": ("cyclonedds",), "robot_task": ("cyclonedds",)}
 
 
 def test_all_examples_are_here() -> None:

@@ -53,6 +53,8 @@ def main(seconds: float = 45.0) -> int:
     deadline = since + seconds
     while time.monotonic() < deadline:
         for state in machine.take(100):
+            if not isinstance(state, MachineState):  # the machine has left
+                continue
             if state.part_ > PARTS:
                 print(f"   machine works on part {state.part_}: {PARTS} parts taken", flush=True)
                 return 0

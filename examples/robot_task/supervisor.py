@@ -1,0 +1,32 @@
+"""Shows how far the recipe has come, straight from the region, until its last step is over."""
+
+from __future__ import annotations
+
+import sys
+import time
+
+from shm_msgs.robot_msgs.msg import TaskReportSubscriber
+
+STEPS = 4
+
+
+def main(seconds: float = 45.0) -> int:
+    """0 once three tasks were done and one was refused."""
+    deadline = time.monotonic() + seconds
+    step = 0
+    with TaskReportSubscriber("/robot/report") as reports:
+        while time.monotonic() < deadline:
+            report = reports.wait(timeout=1.0)
+            if report is None or report.entry == step:
+                continue
+            step = report.entry
+            print(f"   PLC: step {step}: {report.message}", flush=True)
+            if step == STEPS:
+                print(f"   PLC: {report.done} tasks done, {report.refused} refused, {report.seconds:.1f} s of motion")
+                return 0 if (report.done, report.refused) == (3, 1) else 1
+    print(f"only {step} of {STEPS} steps in {seconds} s", file=sys.stderr)
+    return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
