@@ -41,7 +41,7 @@ def test_commands_print_what_the_page_shows(page: Path, tmp_path: Path, update_g
                 page.write_text(page.read_text().replace(f"$ {command}\n{shown}", f"$ {command}\n{result.stdout}"))
             else:
                 assert re.fullmatch(pattern(shown), result.stdout), f"$ {command}\n{result.stdout}"
-    for topic in set(re.findall(r"(?:Publisher|Subscriber)\(\"/([\w/]+)", page.read_text())):
+    for topic in set(re.findall(r"(?:Publisher|Subscriber|Client|Server)\(\"/([\w/]+)", page.read_text())):
         for file in Path("/dev/shm").glob(f"*{topic.replace('/', '.')}*"):
             file.unlink()
 

@@ -57,6 +57,10 @@ def _topics(context: click.Context, parameter: click.Parameter, incomplete: str)
     return [topic for topic in topics if topic.startswith("/" + incomplete.removeprefix("/"))]
 
 
+def _services(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[str]:
+    return [topic.removesuffix("-request") for topic in _topics(context, parameter, incomplete) if "-request" in topic]
+
+
 _topic = click.argument("topic", shell_complete=_topics)
 _json = click.option("--json", "as_json", is_flag=True, help="For machines.")
 _count = click.option("-n", "--count", type=click.IntRange(1), help="Stop after so many.")
@@ -111,7 +115,11 @@ def clean(topics: tuple[str, ...], everything: bool, force: bool, dry_run: bool)
             raise ShmError(f"{topic}: {why}\n  hint: {hint}")
         return files
 
-    chosen = [regions.topic_of(name) for name in regions.live()] if everything else topics
+    chosen = (
+        [regions.topic_of(name) for name in regions.live()]
+        if everything
+        else [half for topic in topics for half in regions.meant(topic)]
+    )
     finds = [functools.partial(leftovers, topic) for topic in chosen]
     if everything:
         finds.append(functools.partial(unfinished.semaphores, around))
@@ -198,6 +206,41 @@ def pub(
         click.echo(f"publishing #{number}: {message}")
 
 
+@click.command(context_settings={"ignore_unknown_options": True})
+@click.argument("service", shell_complete=_services)
+@click.argument("type_name", metavar="TYPE")
+@click.argument("values", default="{}", metavar="[VALUES]")
+@click.option("--timeout", type=click.FloatRange(0), default=5.0, show_default=True, help="In seconds, all in all.")
+@_json
+@options.where
+@_polite
+def call(
+    service: str,
+    type_name: str,
+    values: str,
+    timeout: float,
+    as_json: bool,
+    config_file: Path | None,
+    include: tuple[Path, ...],
+) -> None:
+    """Call a service with VALUES, YAML or JSON, and print its response.
+
+    \b
+    shmgen call /cell/start std_srvs/SetBool '{data: true}'
+
+    Waits for a server that is not there yet. One client a service: not while the PLC or a bridge has it open.
+    """  # noqa: D301 click's own sign
+    from shmgen.tools import call as tool
+    from shmgen.tools import given, shown
+
+    request, kind = tool.build(service, type_name, given.parse(values), _workshop(config_file, include))
+    with kind(service) as client:
+        if not as_json:
+            click.echo(f"requesting: {request}")
+        response = client.call(request, timeout)
+        click.echo(shown.as_json(response) if as_json else shown.yaml(response, None), nl=as_json)
+
+
 @click.command()
 @_topic
 @click.option("-w", "--window", type=click.IntRange(2), default=10_000, show_default=True, help="In samples.")
@@ -250,7 +293,7 @@ def top(delay: float, once: bool, count: int | None, as_json: bool) -> None:
             click.echo("\n".join([*tool.table(rows), *([] if shown == number else [""])]))
 
 
-COMMANDS = (doctor, clean, echo, pub, hz, top)
+COMMANDS = (doctor, clean, echo, pub, call, hz, top)
 
 
 def _workshop(file: Path | None, include: tuple[Path, ...]) -> Workshop:

@@ -70,7 +70,9 @@ def generated(config: Config, requests: Iterable[str]) -> dict[str, type[Message
 
     Generates the package into a folder that lasts as long as it takes to import it.
     """
-    texts = pipeline.generate(replace(config, targets=("python",), topics=(), package=_PACKAGE), requests)
+    texts = pipeline.generate(
+        replace(config, targets=("python",), topics=(), services=(), actions=(), package=_PACKAGE), requests
+    )
     with tempfile.TemporaryDirectory(prefix="shmgen-") as folder:
         for path, text in texts.items():
             file = Path(folder, path)

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from shmgen.config import Config
 from shmgen.runtime import header as h
 from shmgen.runtime import region_name
 from shmgen.runtime.names import region_file
@@ -14,7 +15,7 @@ from shmgen.tools.checks import Finding, owner
 from shmgen.tools.classes import Workshop
 from shmgen.tools.evidence import Evidence, Wanted, gather
 from shmgen.tools.processes import called
-from shmgen.tools.regions import closed, depth_of, live, missing
+from shmgen.tools.regions import closed, depth_of, live, meant, missing
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,21 +35,21 @@ def examine(topic: str | None, workshop: Workshop) -> Report:
 
     Raises RegionMissing, PermissionDenied, Rejected for a wrong shmgen.toml, and ValueError for a wrong topic.
     """
-    names = live() if topic is None else [region_name(topic)]
+    asked = None if topic is None else meant(topic)
+    names = live() if asked is None else [region_name(one) for one in asked]
     around = processes.look()
     held = [m.name for m in around.mappings if m.removed or m.name in closed()]
     if topic is not None and names[0] not in [*live(), *closed(), *held]:
         raise missing(topic)
-    said = workshop.config.regions
-    topics = {"/" + entry.topic.lstrip("/"): Wanted(entry.type, entry.depth, said) for entry in workshop.config.topics}
-    if topic is not None:
-        topics.setdefault("/" + topic.removeprefix("/"), Wanted(regions=said))
-    regions = gather(names, around, topics, workshop.known() if names else {})
+    said = Wanted(regions=workshop.config.regions)
+    wanted = dict.fromkeys(map(_full, asked or ()), said) | _wanted(workshop.config)
+    regions = gather(names, around, wanted, workshop.known() if names else {})
     found = [finding for seen in regions for finding in checks.of_region(seen)]
     found += checks.of_strays(around, live())
     found += checks.of_machine(around)
-    if topic is not None:
-        found = [finding for finding in found if finding.topic in ("", "/" + topic.removeprefix("/"))]
+    if asked is not None:
+        about = {"", *map(_full, asked)}
+        found = [finding for finding in found if finding.topic in about]
     return Report(tuple(regions), tuple(found))
 
 
@@ -93,6 +94,22 @@ def plain(report: Report) -> dict[str, Any]:
         ],
         "findings": [asdict(finding) for finding in report.findings],
     }
+
+
+def _wanted(config: Config) -> dict[str, Wanted]:
+    """What the configuration says of each region."""
+    said = [(entry.topic, entry.type, entry.depth) for entry in config.topics]
+    for service in config.services:
+        for half, ending in (("request", "Request"), ("response", "Reply")):
+            said.append((f"{service.service}-{half}", f"{service.type}_{ending}", 1))
+    for action in config.actions:
+        for half, ending in (("goal", "Command"), ("feedback", "Progress"), ("result", "Outcome")):
+            said.append((f"{action.action}-{half}", f"{action.type}_{ending}", 1))
+    return {_full(topic): Wanted(type_name, depth, config.regions) for topic, type_name, depth in said}
+
+
+def _full(topic: str) -> str:
+    return "/" + topic.removeprefix("/")
 
 
 def _title(seen: Evidence) -> str:

@@ -13,7 +13,7 @@ from shmgen.diagnostics import closest
 from shmgen.runtime import header as h
 from shmgen.runtime import read_header, region_name
 from shmgen.runtime.errors import PermissionDenied, RegionMissing
-from shmgen.runtime.names import region_file, semaphore_file
+from shmgen.runtime.names import HALVES, region_file, semaphore_file
 from shmgen.runtime.region import WRITER_LOCK
 
 FOLDER = "/dev/shm"
@@ -99,6 +99,12 @@ def topic_of(name: str) -> str:
     return "/" + name.replace(".", "/")
 
 
+def meant(topic: str) -> list[str]:
+    """The topic itself, or if nothing is called so the halves that there are of a service or action of that name."""
+    halves = [] if "-" in topic or _exists(topic) else [f"{topic}-{half}" for half in HALVES]
+    return [half for half in halves if _exists(half)] or [topic]
+
+
 def missing(topic: str) -> RegionMissing:
     """What to say of a topic that has no region: which regions there are, and which of them may be meant."""
     topics = [topic_of(name) for name in live()]
@@ -111,6 +117,12 @@ def missing(topic: str) -> RegionMissing:
 def depth_of(header: h.Header) -> int:
     """A depth that gives as many slots."""
     return max(1, header.slots - 1)
+
+
+def _exists(topic: str) -> bool:
+    """A region, or what is left of one. Raises ValueError for a wrong name."""
+    name = region_name(topic)
+    return os.path.lexists(region_file(name)) or os.path.lexists(semaphore_file(name))
 
 
 def _files() -> list[str]:

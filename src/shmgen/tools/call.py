@@ -1,0 +1,44 @@
+"""Turns a person's values into one call of a service, and its reply into the response."""
+
+from __future__ import annotations
+
+import re
+from contextlib import suppress
+from typing import Any
+
+from shmgen.runtime import Message, Publisher, ServiceClient, Subscriber, region_name
+from shmgen.runtime.errors import RegionMissing
+from shmgen.tools import given
+from shmgen.tools.classes import Workshop
+from shmgen.tools.regions import View
+
+_TYPE = re.compile(r"([A-Za-z]\w*)/(?:srv/)?([A-Za-z]\w*)", re.ASCII)
+
+
+def build(service: str, type_name: str, data: Any, workshop: Workshop) -> tuple[Message, type[ServiceClient[Any, Any]]]:
+    """The request with the values of `data`, and the class of a client that can call the service with it.
+
+    Raises ValueError and Rejected for a wrong type, LayoutMismatch, and ValueRejected with the path of the field.
+    """
+    parts = _TYPE.fullmatch(type_name)
+    if parts is None:
+        raise ValueError(f"{type_name} names no service: write package/Name")
+    request, reply = (
+        _message(f"{service}-{half}", f"{parts[1]}/srv/{parts[2]}_{ending}", workshop)
+        for half, ending in (("request", "Request"), ("response", "Reply"))
+    )
+    publisher: type[Publisher[Message]] = type("LivePublisher", (Publisher,), {"message_type": request})
+    subscriber: type[Subscriber[Message]] = type("LiveSubscriber", (Subscriber,), {"message_type": reply})
+    client: type[ServiceClient[Any, Any]] = type(
+        "LiveClient", (ServiceClient,), {"request_publisher": publisher, "reply_subscriber": subscriber}
+    )
+    return given.build(request, data), client
+
+
+def _message(topic: str, type_name: str, workshop: Workshop) -> type[Message]:
+    """With the digest of the region, if there is one of that type."""
+    with suppress(RegionMissing), View(region_name(topic)) as view:
+        header = view.header()
+        if header.type_name == type_name:
+            return workshop.message(type_name, header.digest)
+    return workshop.message(type_name)

@@ -1,0 +1,133 @@
+"""`shmgen call`, and the other tools on the regions of a service."""
+
+from __future__ import annotations
+
+import json
+import re
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from shmgen import config
+from shmgen.diagnostics import Report
+from shmgen.runtime import Publisher, ServiceServer, Subscriber
+from shmgen.tools import call as tool
+from shmgen.tools.classes import Workshop
+
+DEFINITION = "bool on\nuint32 batch 7\n---\nbool success\nuint32[<=40] batches\nstring message\n"
+CONFIGURATION = '[strings]\n"cell_msgs/Start_Response.message" = 12\n'
+
+
+@pytest.fixture
+def folder(shmgen, tmp_path):
+    (tmp_path / "cell_msgs" / "srv").mkdir(parents=True)
+    (tmp_path / "cell_msgs" / "srv" / "Start.srv").write_text(DEFINITION)
+    (tmp_path / "shmgen.toml").write_text(f'path = ["."]\n{CONFIGURATION}')
+    return tmp_path
+
+
+@pytest.fixture
+def served(folder, topic):
+    """A server in a thread, for the command in another; it answers as the PLC or a bridge would."""
+    workshop = Workshop(config.load(folder / "shmgen.toml", "shmgen.toml", Report()), "shmgen.toml", None)
+    _, client = tool.build(topic, "cell_msgs/Start", {}, workshop)
+    request, reply = client.request_publisher.message_type, client.reply_subscriber.message_type
+    kinds = {
+        "request_subscriber": type("LiveSubscriber", (Subscriber,), {"message_type": request}),
+        "reply_publisher": type("LivePublisher", (Publisher,), {"message_type": reply}),
+    }
+    stop = threading.Event()
+
+    def handler(request):
+        if not request.on:
+            raise OSError("jammed")
+        return Answer(request.batch)
+
+    def serve():
+        while not stop.is_set():
+            server.serve(handler, 0.1)
+
+    with type("LiveServer", (ServiceServer,), kinds)(topic) as server:
+        thread = threading.Thread(target=serve)
+        thread.start()
+        yield
+        stop.set()
+        thread.join()
+
+
+class Answer:
+    success = True
+    message = "on its way"
+
+    def __init__(self, batch):
+        self.batches = range(batch, batch + 40)
+
+
+def test_a_call(served, shmgen, topic):
+    result = shmgen("call", topic, "cell_msgs/Start", "{on: true}")
+    assert (result.code, result.stderr) == (0, "")
+    lines = result.stdout.splitlines()
+    assert lines[:2] == ["requesting: Start_Request(on=True, batch=7)", "success: true"]
+    assert lines[2].endswith(" 45, 46]")
+    assert lines[3:] == ["message: on its way"]
+    result = shmgen("call", topic, "cell_msgs/srv/Start", '{"on": true, "batch": 1}', "--json")
+    assert json.loads(result.stdout) == {"success": True, "batches": [*range(1, 41)], "message": "on its way"}
+    result = shmgen("call", topic, "cell_msgs/Start")
+    assert (result.code, result.stdout) == (1, "requesting: Start_Request(on=False, batch=7)\n")
+    assert re.fullmatch(rf"error: {topic}: the server says that call 3 failed\n", result.stderr)
+    for half, line in (("request", "batch: 7"), ("response", "status: 2")):
+        assert line in shmgen("echo", f"{topic}-{half}", "--once").stdout
+    whole = shmgen("doctor", topic)
+    assert f"{topic}-request  cell_msgs/srv/Start_Request, depth 1, 3 samples" in whole.stdout
+    assert f"{topic}-response  cell_msgs/srv/Start_Reply, depth 1, 3 samples" in whole.stdout
+    assert "2 regions, no faults" in whole.stdout
+    assert "publishes on it" in shmgen("clean", topic).stderr
+
+
+def test_what_is_wrong_is_told_before_anything_is_opened(folder, shmgen, topic):
+    for arguments, words in (
+        (("cell_msgs/Start", "{batch: many}"), "batch: 'many' is str"),
+        (("cell_msgs/Start", "{off: true}"), "off: no such field in cell_msgs/srv/Start_Request"),
+        (("cell_msgs/Start", "{off"), "neither YAML nor JSON"),
+        (("Start",), "Start names no service: write package/Name"),
+        (("std_msgs/Bool",), "no message is called `std_msgs/srv/Bool_Request`"),
+    ):
+        result = shmgen("call", topic, *arguments)
+        assert result.code == 1
+        assert words in result.stderr
+    assert not list(Path("/dev/shm").glob(f"*{topic[1:].replace('/', '.')}*"))
+
+
+def test_nobody_serves(folder, shmgen, topic):
+    begin = time.monotonic()
+    result = shmgen("call", topic, "cell_msgs/Start", "--timeout", "0.1")
+    assert result.code == 1
+    assert f"{topic}: nobody served within 0.1 s; nothing was sent" in result.stderr
+    assert time.monotonic() - begin < 5
+    region = topic[1:].replace("/", ".")
+    removed = shmgen("clean", topic)
+    assert removed.code == 0
+    ends = ("-request-event", "-request", "-response")
+    files = [f"/dev/shm/sem.{region}{end}" for end in ends]
+    assert set(removed.stdout.split()) - {"removed"} == {*files, *(f"/dev/shm/{region}{end}" for end in ends[1:])}
+    assert not list(Path("/dev/shm").glob(f"*{region}*"))
+
+
+def test_another_layout_is_told_with_both_digests(served, shmgen, topic, folder):
+    (folder / "shmgen.toml").write_text('path = ["."]\n')
+    result = shmgen("call", topic, "cell_msgs/Start", "{on: true}")
+    assert result.code == 1
+    assert "cell_msgs/srv/Start_Reply has another layout in the region than here" in result.stderr
+
+
+def test_doctor_compares_with_the_configuration(folder, shmgen, topic):
+    shmgen("call", topic, "cell_msgs/Start", "--timeout", "0.01")
+    (folder / "other_msgs" / "srv").mkdir(parents=True)
+    (folder / "other_msgs" / "srv" / "Go.srv").write_text("---\n")
+    with (folder / "shmgen.toml").open("a") as file:
+        file.write(f'[[services]]\nservice = "{topic}"\ntype = "other_msgs/Go"\n')
+    result = shmgen("doctor", topic)
+    assert "it holds cell_msgs/srv/Start_Request, and shmgen.toml says other_msgs/Go_Request" in result.stdout
+    assert "it holds cell_msgs/srv/Start_Reply, and shmgen.toml says other_msgs/Go_Reply" in result.stdout
