@@ -4,8 +4,9 @@
 
 Writers and readers, in Python and as Structured Text in the soft PLC, work on one topic, are killed, stopped for a
 moment, and started again; now and then all are killed and the region is removed, so that its making is met as well.
-Every sample carries its number and a checksum. A round is a burst of such hits and then the time until everybody
-has moved again. `--fault` plants a fault in the protocol, which must be found: see chaos_faults.py.
+Every sample carries its number and a checksum. There are small ones, which some of the Python processes copy slowly,
+in two halves, so that others come between, and large ones. A round is a burst of such hits and then the time until
+everybody has moved again. `--fault` plants a fault in the protocol, which must be found: see chaos_faults.py.
 """
 
 from __future__ import annotations
@@ -33,14 +34,19 @@ from shmgen.runtime import LockTimeout, RegionMissing, read_header, region_name
 from shmgen.tools import clean, processes, unfinished
 
 from . import chaos_faults
+from .chaos_faults import Wrapped, swap
 from .support.build import classes, put
 
 DEPTHS = (1, 4)
-SIZE = 32768
-DEFINITION = f"uint64 number\nuint32 checksum\nuint8[{SIZE}] data\n"
-PATTERNS = [random.Random(seed).randbytes(SIZE) for seed in range(61)]
-CHECKSUMS = [zlib.crc32(pattern) for pattern in PATTERNS]
-ROUNDS_A_REGION = 60
+SIZES = {"Small": 2048, "Large": 131072}
+"""Bytes; below and above LATE_FROM, for the runtime copies them in two ways."""
+DEFINITIONS = {
+    f"chaos_msgs/msg/{name}.msg": f"uint64 number\nuint32 checksum\nuint8[{size}] data\n"
+    for name, size in SIZES.items()
+}
+PATTERNS = {name: [random.Random(seed).randbytes(size) for seed in range(61)] for name, size in SIZES.items()}
+CHECKSUMS = {name: [zlib.crc32(pattern) for pattern in patterns] for name, patterns in PATTERNS.items()}
+ROUNDS_A_REGION = 30
 
 
 @dataclass
@@ -48,24 +54,31 @@ class Stage:
     """What all processes share: a topic, the classes, and a word for each role that says how often it has moved."""
 
     topic: str
-    kinds: tuple[Any, Any, Any]
+    classes: dict[str, tuple[Any, Any, Any]]
     plc: Any
     moves: memoryview
     complaints: int
     depth: int = 1
+    kind: str = "Small"
+
+    @property
+    def kinds(self) -> tuple[Any, Any, Any]:
+        """Message, publisher and subscriber."""
+        return self.classes[self.kind]
 
     def complain(self, text: str) -> None:
         os.write(self.complaints, f"{text}\n"[:500].encode())
 
     def sample(self, number: int) -> Any:
-        made = self.kinds[0](number=number, checksum=CHECKSUMS[number % 61] ^ number)
-        ctypes.memmove(made.data, PATTERNS[number % 61], SIZE)
+        made = self.kinds[0](number=number, checksum=CHECKSUMS[self.kind][number % 61] ^ number)
+        ctypes.memmove(made.data, PATTERNS[self.kind][number % 61], SIZES[self.kind])
         return made
 
     def check(self, message: Any, sequence: int, role: str) -> None:
-        number, data = message.number, memoryview(message.data)
+        number, data = message.number, bytes(message.data)
         # Comparing is quicker than a checksum, so that more of the time goes into what can go wrong.
-        if message.checksum != CHECKSUMS[number % 61] ^ number or data != PATTERNS[number % 61]:
+        wanted = CHECKSUMS[self.kind][number % 61] ^ number
+        if message.checksum != wanted or data != PATTERNS[self.kind][number % 61]:
             self.complain(f"{role}: torn: sample {sequence} says {number}, checksum {zlib.crc32(data):08X}")
         elif number != sequence:
             self.complain(f"{role}: sample {sequence} says {number}")
@@ -91,6 +104,7 @@ def write(stage: Stage, place: int, rng: random.Random) -> None:
     pause = rng.choice((0, 0, 0.0003))
     with stage.kinds[1](stage.topic, depth=stage.depth, lock_timeout=rng.choice((0, 0, 0.001, 0.01))) as publisher:
         publisher._lock.keeps_order &= rng.random() < 0.7
+        copy_slowly(publisher, stage, rng)
         while True:
             try:
                 publisher.publish(stage.sample(publisher.sequence + 1))
@@ -104,6 +118,7 @@ def read(stage: Stage, place: int, rng: random.Random) -> None:
     way = rng.choice(("read", "read_all", "wait"))
     with stage.kinds[2](stage.topic, depth=stage.depth, lock_timeout=rng.choice((0, 0, 0.001, 0.01))) as subscriber:
         subscriber._lock.keeps_order &= rng.random() < 0.7
+        copy_slowly(subscriber, stage, rng)
         start, count = subscriber._last, 0
         last = start
         while True:
@@ -126,8 +141,40 @@ def read(stage: Stage, place: int, rng: random.Random) -> None:
                 return
 
 
+def copy_slowly(side: Any, stage: Stage, rng: random.Random) -> None:
+    """Every other publisher and subscriber of small samples, as if memory were slow."""
+    if stage.kind == "Small" and rng.random() < 0.5:
+        swap(side, side._region.map, lambda map: Halves(map, rng))
+
+
+class Halves(Wrapped):
+    """The map of a region, in which a sample is copied in two halves with a pause between them.
+
+    Read from the back and written from the front, so that the two meet.
+    """
+
+    def __init__(self, inner: Any, rng: random.Random) -> None:
+        super().__init__(inner)
+        self.rng = rng
+
+    def __getitem__(self, where: slice) -> bytes:
+        middle = (where.start + where.stop) // 2
+        back = self.inner[middle : where.stop]
+        self.pause()
+        return bytes(self.inner[where.start : middle] + back)
+
+    def __setitem__(self, where: slice, data: bytearray) -> None:
+        half = len(data) // 2
+        self.inner[where.start : where.start + half] = data[:half]
+        self.pause()
+        self.inner[where.start + half : where.stop] = data[half:]
+
+    def pause(self) -> None:
+        time.sleep(self.rng.choice((0, 0, 0.0001, 0.0005)))
+
+
 def plc_write(stage: Stage, place: int, rng: random.Random) -> None:
-    block = stage.plc.block("FB_chaos_msgs_Sample_Publisher")
+    block = stage.plc.block(f"FB_chaos_msgs_{stage.kind}_Publisher")
     size = ctypes.sizeof(stage.kinds[0])
     while True:
         sample = stage.sample(_completed(stage) + 1)
@@ -138,7 +185,7 @@ def plc_write(stage: Stage, place: int, rng: random.Random) -> None:
 
 
 def plc_read(stage: Stage, place: int, rng: random.Random) -> None:
-    block = stage.plc.block("FB_chaos_msgs_Sample_Subscriber")
+    block = stage.plc.block(f"FB_chaos_msgs_{stage.kind}_Subscriber")
     newest = rng.random() < 0.5
     while True:
         block(xEnable=True, sTopic=stage.topic, udiDepth=stage.depth, xNewest=newest)
@@ -192,6 +239,7 @@ def play(folder: Path, seconds: float, kills: int, seed: int, limit: float, plc:
     try:
         while time.monotonic() < end and verdict.kills < kills and not verdict.faults:
             stage.depth = DEPTHS[verdict.regions % 2]
+            stage.kind = tuple(SIZES)[verdict.regions // 2 % 2]
             works = scenes[verdict.regions % len(scenes)]
             cast = [Actor(stage, place, work) for place, work in enumerate(works)]
             for actor in cast:
@@ -221,11 +269,11 @@ def play(folder: Path, seconds: float, kills: int, seed: int, limit: float, plc:
 
 
 def _stage(folder: Path, plc: bool) -> tuple[Stage, Callable[[], list[str]]]:
-    put({"chaos_msgs/msg/Sample.msg": DEFINITION}, folder / "definitions")
+    put(DEFINITIONS, folder / "definitions")
     config = Config(folder, path=(folder / "definitions",), package="shm_chaos", targets=("python", "st"))
-    texts = pipeline.generate(config, ["chaos_msgs/Sample"])
+    texts = pipeline.generate(config, [f"chaos_msgs/{name}" for name in SIZES])
     put(texts, folder)
-    kinds = classes(folder, config.package, TypeName("chaos_msgs", "msg", "Sample"))
+    kinds = {name: classes(folder, config.package, TypeName("chaos_msgs", "msg", name)) for name in SIZES}
     compiled = None
     if plc:
         from .softplc import compile_st

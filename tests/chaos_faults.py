@@ -1,4 +1,4 @@
-"""Turns the protocol into four wrong ones, which the chaos test must find: each function plants one in this process.
+"""Turns the protocol into five wrong ones, which the chaos test must find: each function plants one in this process.
 
 All are for Python writers and readers; the processes that chaos.py forks inherit them.
 """
@@ -10,6 +10,9 @@ from typing import Any
 
 from shmgen.runtime import header as h
 from shmgen.runtime.region import Region
+
+PUBLISHER, SUBSCRIBER = 1, 2
+"""Places in the classes of a message."""
 
 
 def one_slot(stage: Any) -> None:
@@ -25,7 +28,7 @@ def completed_first(stage: Any) -> None:
         words = publisher._region.words
         swap_map(publisher, lambda: words.__setitem__(h.COMPLETED, words[h.BEGUN]))
 
-    after_opening(stage.kinds[1], plant)
+    after_opening(stage, PUBLISHER, plant)
 
 
 def no_begun(stage: Any) -> None:
@@ -36,7 +39,24 @@ def no_begun(stage: Any) -> None:
             if where != h.BEGUN:
                 self.inner[where] = value
 
-    after_opening(stage.kinds[1], lambda publisher: swap(publisher, publisher._region.words, Words))
+    after_opening(stage, PUBLISHER, lambda publisher: swap(publisher, publisher._region.words, Words))
+
+
+def begun_late(stage: Any) -> None:
+    """The writer says what it begins when the copy is made."""
+
+    class Words(Wrapped):
+        number: int | None = None
+
+        def __setitem__(self, where: int, value: int) -> None:
+            if where == h.BEGUN:
+                self.number = value
+                return
+            if where == h.COMPLETED and self.number is not None:
+                self.inner[h.BEGUN] = self.number
+            self.inner[where] = value
+
+    after_opening(stage, PUBLISHER, lambda publisher: swap(publisher, publisher._region.words, Words))
 
 
 def number_alone(stage: Any) -> None:
@@ -53,11 +73,11 @@ def number_alone(stage: Any) -> None:
                 self.number = value
             return value
 
-    after_opening(stage.kinds[2], lambda subscriber: swap(subscriber, subscriber._region.words, Words))
+    after_opening(stage, SUBSCRIBER, lambda subscriber: swap(subscriber, subscriber._region.words, Words))
 
 
 PLANTED: dict[str, Callable[[Any], None]] = {
-    plant.__name__: plant for plant in (one_slot, completed_first, no_begun, number_alone)
+    plant.__name__: plant for plant in (one_slot, completed_first, no_begun, begun_late, number_alone)
 }
 
 
@@ -77,8 +97,13 @@ class Wrapped:
         return getattr(self.inner, name)
 
 
-def after_opening(kind: Any, plant: Callable[[Any], None]) -> None:
-    """Lets `plant` change each new publisher or subscriber of `kind`."""
+def after_opening(stage: Any, which: int, plant: Callable[[Any], None]) -> None:
+    """Lets `plant` change each new publisher, or subscriber."""
+    for kinds in stage.classes.values():
+        _plant(kinds[which], plant)
+
+
+def _plant(kind: Any, plant: Callable[[Any], None]) -> None:
     opening = kind.__init__
 
     def __init__(self: Any, *arguments: Any, **options: Any) -> None:
