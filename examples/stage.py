@@ -74,7 +74,7 @@ class Cell:
                 return process
         raise SystemExit(f"{name} ended before it was ready")
 
-    def run(self, script: str, *arguments: str, timeout: float = 60) -> int:
+    def run(self, script: str, *arguments: str, timeout: float = 120) -> int:
         """Runs a file of `here` to its end; its exit status."""
         command = [sys.executable, self.here / script, *arguments]
         return subprocess.run(command, env=self.environment, timeout=timeout, check=False).returncode

@@ -44,7 +44,7 @@ class TenderState(IdlStruct, typename="machine_msgs::msg::dds_::TenderState_"):
     taken_: uint32
 
 
-def main(seconds: float = 45.0) -> int:
+def main(seconds: float = 90.0) -> int:
     """0 once three parts have been taken and the machine has begun the fourth."""
     node = DomainParticipant(int(os.environ.get("ROS_DOMAIN_ID", "0")))
     machine = DataReader(node, Topic(node, "rt/machine/state", MachineState), qos=KEPT)

@@ -37,7 +37,7 @@ def main() -> int:
         environment = {"PYTHONPATH": f"{folder}/python", "PYTHONUNBUFFERED": "1"}
         reader = subprocess.Popen([*python, str(HERE / "reader.py"), TOPIC], env=environment)
         writer = subprocess.Popen([*python, str(HERE / "robot.py"), TOPIC], env=environment)
-        status = reader.wait(timeout=60)
+        status = reader.wait(timeout=120)
         writer.terminate()
         writer.wait(timeout=10)
     forget(TOPIC)

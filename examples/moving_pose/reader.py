@@ -18,7 +18,7 @@ def main(topic: str) -> int:
     seen: list[Pose] = []
     with PoseSubscriber(topic) as subscriber:
         print(f"   reader is process {os.getpid()}; sample, position [m], yaw [deg], age")
-        deadline = time.monotonic() + 30
+        deadline = time.monotonic() + 90
         while len(seen) < SAMPLES and time.monotonic() < deadline:
             pose = subscriber.wait(timeout=1.0)
             if pose is None:

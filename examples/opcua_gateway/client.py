@@ -14,7 +14,7 @@ from asyncua import Client, ua
 NAMESPACE = "urn:shmgen:examples:opcua_gateway"
 
 
-async def watch(endpoint: str, seconds: float = 20.0) -> int:
+async def watch(endpoint: str, seconds: float = 60.0) -> int:
     """0 once ten poses and the joints have come through."""
     async with Client(endpoint) as client:
         index = await client.get_namespace_index(NAMESPACE)

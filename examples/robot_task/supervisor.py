@@ -10,7 +10,7 @@ from shm_msgs.robot_msgs.msg import TaskReportSubscriber
 STEPS = 4
 
 
-def main(seconds: float = 45.0) -> int:
+def main(seconds: float = 90.0) -> int:
     """0 once three tasks were done and one was refused."""
     deadline = time.monotonic() + seconds
     step = 0
