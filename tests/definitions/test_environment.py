@@ -92,11 +92,26 @@ def test_the_first_prefix_wins(tmp_path, monkeypatch):
 def test_an_index_may_say_anything(tmp_path, monkeypatch):
     prefix = installed(tmp_path / "ros", "a_msgs", {"msg/A.msg": "int8 a"})
     write(tmp_path, {"outside.msg": "int8 stolen", "ros/share/c_msgs/msg/Unlisted.msg": ""})
-    lines = ["msg/../../../../outside.msg", "/etc/passwd.msg", "msg/B.srv", "rng/C.idl", "msg/Gone.msg", "\x00\xff", ""]
+    lines = [
+        "msg/../../../../outside.msg",
+        "/etc/passwd.msg",
+        "msg/B.srv",
+        "rng/C.idl",
+        "msg/Gone.msg",
+        "\x00\xff",
+        "",
+        "msg/OnlyIdl.idl",
+    ]
     write(prefix / INDEX, {"c_msgs": "\n".join(lines), "no package": "msg/D.msg"})
     (prefix / INDEX / "folder").mkdir()
     source(monkeypatch, AMENT_PREFIX_PATH=prefix)
-    assert [str(name) for name in available(ENV)] == ["a_msgs/msg/A", "c_msgs/msg/Gone", "no package/msg/D"]
+    assert [str(name) for name in available(ENV)] == [
+        "a_msgs/msg/A",
+        "c_msgs/msg/Gone",
+        "c_msgs/msg/OnlyIdl",
+        "no package/msg/D",
+    ]
+    assert refusal("c_msgs/OnlyIdl") == f"{prefix}/share/c_msgs/msg/OnlyIdl.idl: error[SHM001]: no such file"
     assert refusal("c_msgs/Gone") == f"{prefix}/share/c_msgs/msg/Gone.msg: error[SHM001]: no such file"
 
 

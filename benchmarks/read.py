@@ -1,0 +1,53 @@
+"""Times the reading of definitions, ours against rosbags': the same .msg files, texts already in memory, medians.
+
+Argument: a folder with <distribution>/<package>/msg/*.msg, a distribution of ROS 1 called noetic. Without one the
+built-in store of Jazzy is read.
+"""
+
+from __future__ import annotations
+
+import statistics
+import sys
+import time
+from pathlib import Path
+
+from rosbags.typesys import get_types_from_msg
+
+from shmgen.definitions import store
+from shmgen.definitions.parser import Source, parse
+from shmgen.diagnostics import Report
+from shmgen.model import TypeName
+
+RUNS = 5
+
+
+def main() -> None:
+    definitions = of_folder(Path(sys.argv[1])) if len(sys.argv) > 1 else of_store()
+    ours, theirs = [], []
+    for _ in range(RUNS):
+        start = time.process_time()
+        for name, text, distribution in definitions:
+            parse(Source(name, text, "", ""), store.dialect(distribution), Report())
+        middle = time.process_time()
+        for name, text, _ in definitions:
+            get_types_from_msg(text, str(name))
+        ours.append(middle - start)
+        theirs.append(time.process_time() - middle)
+    mine, floor = statistics.median(ours), statistics.median(theirs)
+    print(f"rosbags {floor * 1e3:8.1f} ms   1      {len(definitions)} .msg files")
+    print(f"shmgen  {mine * 1e3:8.1f} ms   {mine / floor:.2f}x (wanted: at most 2x), with places, comments and ranges")
+
+
+def of_folder(folder: Path) -> list[tuple[TypeName, str, str]]:
+    files = sorted(folder.glob("*/*/msg/*.msg"))
+    return [(TypeName(file.parts[-3], "msg", file.stem), file.read_text(), file.parts[-4]) for file in files]
+
+
+def of_store() -> list[tuple[TypeName, str, str]]:
+    packages = store.catalogue("jazzy")
+    found = [one for (package,) in packages.values() for one in package.definitions.values()]
+    return [(one.name, str(one.content), "jazzy") for one in found]
+
+
+if __name__ == "__main__":
+    main()
