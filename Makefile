@@ -47,8 +47,9 @@ chaos: $(VENV)/ready-to-test  ## 20,000 kills, at most ten minutes
 load: $(VENV)/ready-to-test  ## 64 topics at 1 kHz for a minute
 	$(BIN)/python -m tests.load
 
-load-bridge: $(VENV)/ready-to-test  ## 10 topics at 100 Hz and one at 1 kHz through ROS 1, for 30 s
-	$(BIN)/python -m tests.load_bridge
+load-bridge: $(VENV)/ready-to-test  ## 10 topics at 100 Hz and one at 1 kHz through ROS 1 and through DDS, for 30 s each
+	$(BIN)/python -m tests.load_bridge --backend ros1
+	$(BIN)/python -m tests.load_bridge --backend dds
 
 fuzz: $(VENV)/ready-to-test  ## five minutes of definitions nobody would write, guided by coverage
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[fuzz]'

@@ -1,8 +1,9 @@
 """Turns 30 seconds of 10 topics at 100 Hz and one at 1 kHz into what got lost, how late it came, and what it cost.
 
-    python -m tests.load_bridge --seconds 30
+    python -m tests.load_bridge --seconds 30 --backend ros1
 
-Twice: once through a plain echo in rospy, then through the bridge, the regions, an echo in Python there, and back.
+Twice: once through a plain echo in rospy, or in cyclonedds with `--backend dds`; then through the bridge, the regions,
+an echo in Python there, and back.
 Exit code 1 if a message neither came nor was counted.
 """
 
@@ -20,8 +21,10 @@ from pathlib import Path
 from typing import Any
 
 from .conftest import REPOSITORY
+from .support.dds import Domain
 from .support.ros1 import Graph
 
+Ros = Graph | Domain
 DEPTH = 255
 """Of each region: a quarter of a second of the fast topic, so that a busy machine has no excuse."""
 RATES = {f"t{number}": 100 for number in range(10)} | {"fast": 1000}
@@ -53,12 +56,14 @@ def main() -> None:
     """Prints a table."""
     parser = argparse.ArgumentParser(description="10 topics at 100 Hz and one at 1 kHz.")
     parser.add_argument("--seconds", type=float, default=30)
-    seconds = parser.parse_args().seconds
+    parser.add_argument("--backend", choices=("ros1", "dds"), default="ros1")
+    arguments = parser.parse_args()
+    seconds = arguments.seconds
     print(f"{'':<22}{'':>8}{'':>6}  {'1 kHz, ms':>16}  {'100 Hz, ms':>16}  CPU of one core")
     print(f"{'there and back':<22}{'sent':>8}{'lost':>6}  {'p50':>8}{'p99':>8}  {'p50':>8}{'p99':>8}")
     lost = 0
     with tempfile.TemporaryDirectory() as folder:
-        graph = Graph(Path(folder))
+        graph = Graph(Path(folder)) if arguments.backend == "ros1" else Domain(Path(folder), 1 + os.getpid() % 100)
         space = f"/load{os.getpid()}"
         try:
             for result in (plain(graph, f"{space}/plain", seconds), bridged(graph, f"{space}/shm", seconds)):
@@ -71,14 +76,14 @@ def main() -> None:
     sys.exit(1 if lost else 0)
 
 
-def plain(graph: Graph, space: str, seconds: float) -> Result:
-    """An echo in rospy."""
+def plain(graph: Ros, space: str, seconds: float) -> Result:
+    """An echo with nothing of ours."""
     echo = peer(graph, "echo", space)
     sent, latencies, cpu = run(graph, space, seconds, {"echo": echo.pid})
-    return Result("rospy echo", sent, latencies, sent - sum(map(len, latencies.values())), cpu)
+    return Result(graph.plain_echo, sent, latencies, sent - sum(map(len, latencies.values())), cpu)
 
 
-def bridged(graph: Graph, space: str, seconds: float) -> Result:
+def bridged(graph: Ros, space: str, seconds: float) -> Result:
     """The bridge, and an echo between the regions, here, that sleeps until it is woken."""
     entries = [
         f'[[topics]]\ntopic = "{space}/{name}{end}"\ntype = "geometry_msgs/PoseStamped"\n'
@@ -86,7 +91,7 @@ def bridged(graph: Graph, space: str, seconds: float) -> Result:
         for name in RATES
         for end, direction in (("", "to_plc"), ("_back", "from_plc"))
     ]
-    bridge = graph.bridge('source = "noetic"\n' + "".join(entries))
+    bridge = graph.bridge(f'source = "{graph.source}"\n' + "".join(entries))
     echo = graph.start(
         [sys.executable, "-m", "tests.load_bridge_echo", graph.folder / "shmgen.toml", space],
         {"PYTHONPATH": f"{REPOSITORY / 'src'}:{REPOSITORY}"},
@@ -100,7 +105,7 @@ def bridged(graph: Graph, space: str, seconds: float) -> Result:
     return Result("bridge, regions, back", sent, latencies, sent - counted - sum(map(len, latencies.values())), cpu)
 
 
-def run(graph: Graph, space: str, seconds: float, watched: dict[str, int]) -> tuple[int, Any, dict[str, float]]:
+def run(graph: Ros, space: str, seconds: float, watched: dict[str, int]) -> tuple[int, Any, dict[str, float]]:
     """How many were sent; what came back; what the watched processes took."""
     sink = peer(graph, "sink", space)
     source = peer(graph, "source", space, str(seconds))
@@ -119,9 +124,8 @@ def run(graph: Graph, space: str, seconds: float, watched: dict[str, int]) -> tu
     return sum(sent.values()), {name: [late for _, late in rows] for name, rows in seen.items()}, cpu
 
 
-def peer(graph: Graph, *arguments: str) -> Any:
-    script = REPOSITORY / "tests" / "bridge" / "load_peer.py"
-    made = graph.start([graph.python, script, *arguments], stdin=subprocess.PIPE)
+def peer(graph: Ros, *arguments: str) -> Any:
+    made = graph.start([graph.python, graph.load_peer, *arguments], stdin=subprocess.PIPE)
     assert made.stdout.readline() in ("ready\n", "connected\n")
     return made
 

@@ -18,6 +18,7 @@ from shmgen.bridge.plan import closure
 from shmgen.config import Config
 from shmgen.model import Schema
 
+from ..support.dds import LOOPBACK, Domain
 from . import peers
 
 if TYPE_CHECKING:
@@ -65,8 +66,16 @@ def domain(testrun_uid: str, worker_id: str) -> int:
 
 @pytest.fixture(autouse=True)
 def _loopback(monkeypatch: pytest.MonkeyPatch, domain: int) -> None:
-    monkeypatch.setenv("CYCLONEDDS_URI", peers.LOOPBACK)
+    monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)
     monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+
+
+@pytest.fixture
+def cell(domain: int, tmp_path: Path) -> Iterator[Domain]:
+    """Where bridges and other processes are."""
+    made = Domain(tmp_path, domain)
+    yield made
+    made.close()
 
 
 @pytest.fixture

@@ -12,16 +12,11 @@ from pathlib import Path
 
 from shmgen.model import Message, TypeName
 
+from ..support.dds import LOOPBACK
 from ..support.ros1 import Bridge
 from .idl import idl, scoped
 
 HERE = Path(__file__).parent
-LOOPBACK = """<CycloneDDS><Domain Id="any">
-  <General><AllowMulticast>false</AllowMulticast><Interfaces><NetworkInterface name="lo"/></Interfaces></General>
-  <Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>9</MaxAutoParticipantIndex>
-    <Peers><Peer address="127.0.0.1"/></Peers></Discovery>
-</Domain></CycloneDDS>"""
-"""Cyclone's configuration: no other machine hears the tests, and none is heard."""
 NEEDS = {"fast": ("fastddsgen", "g++"), "cyclone": ("idlc", "gcc")}
 
 

@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
-import os
 import re
 import signal
-import subprocess
-import sys
-import time
-from collections.abc import Iterator
+import threading
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from shmgen import pipeline
+from shmgen.bridge import dds
+from shmgen.bridge.backend import NoAnswer
 from shmgen.bridge.dds_types import topic_name
+from shmgen.bridge.plan import ServiceRoute, services
 from shmgen.config import load
 from shmgen.diagnostics import Report
+from shmgen.runtime import Publisher, ServiceClient, ServiceServer, Subscriber
 from tests.softplc import compile_st
 
-from ..conftest import REPOSITORY
-from ..support.ros1 import Bridge
+from ..load_bridge import RATES, bridged
+from ..support.dds import Domain
+from ..support.ros1 import LIMIT, Bridge
 from .peers import running
 
 CONFIG = """
@@ -33,13 +36,25 @@ sensor_msgs = 4
 topic = "{topic}/joints"
 type = "sensor_msgs/JointState"
 depth = 8
-qos = "{qos}"
 [[topics]]
 topic = "{topic}/joints_back"
 type = "sensor_msgs/JointState"
 direction = "from_plc"
 depth = 8
-qos = "{qos}"
+"""
+SERVICES = """
+path = ["msgs"]
+[strings]
+default = 16
+[[services]]
+service = "{topic}/start"
+type = "cell_msgs/Start"
+timeout = 2.0
+[[services]]
+service = "{topic}/stop"
+type = "cell_msgs/Start"
+server = "ros"
+timeout = 2.0
 """
 PROGRAM = """
 PROGRAM PRG_Echo
@@ -55,63 +70,93 @@ TYPE = "sensor_msgs::msg::dds_::JointState_"
 
 
 @pytest.fixture
-def library(tmp_path: Path, topic: str) -> Path:
+def library(cell: Domain, topic: str) -> Path:
     """The program over the topics of CONFIG, compiled."""
-    (tmp_path / "shmgen.toml").write_text(CONFIG.format(topic=topic, qos="reliable"))
-    config = load(tmp_path / "shmgen.toml", "shmgen.toml", Report())
+    (cell.folder / "shmgen.toml").write_text(CONFIG.format(topic=topic))
+    config = load(cell.folder / "shmgen.toml", "shmgen.toml", Report())
     texts = {path: text for path, text in pipeline.generate(config, []).items() if path.endswith(".st")}
     name = topic.strip("/").replace("/", "_")
-    compile_st({**texts, "PRG_Echo.st": PROGRAM.format(name=name)}, tmp_path / "plc")
-    return tmp_path / "plc" / "plc.so"
+    compile_st({**texts, "PRG_Echo.st": PROGRAM.format(name=name)}, cell.folder / "plc")
+    return cell.folder / "plc" / "plc.so"
 
 
-@pytest.fixture
-def processes() -> Iterator[list[subprocess.Popen[str]]]:
-    started: list[subprocess.Popen[str]] = []
-    yield started
-    for process in started:
-        process.kill()
-        process.communicate()
-
-
-def test_through_a_plc_and_back(
-    peer: Path, library: Path, domain: int, topic: str, processes: list[subprocess.Popen[str]]
-) -> None:
-    def start(*words: object, ready: str) -> Bridge:
-        environment = {**os.environ, "PYTHONPATH": f"{REPOSITORY / 'src'}:{REPOSITORY}", "PYTHONUNBUFFERED": "1"}
-        command = [sys.executable, "-m", *map(str, words)]
-        process = subprocess.Popen(
-            command, cwd=library.parents[1], env=environment, stdout=-1, stderr=subprocess.STDOUT, text=True
-        )
-        processes.append(process)
-        started = Bridge(process)
-        started.said(ready)
-        return started
-
-    def bridge() -> Bridge:
-        return start("shmgen", "bridge", "--backend", "dds", ready="^running")
-
-    def plc() -> Bridge:
-        return start("tests.softplc.task", library, "PRG_Ros", "PRG_Echo", ready="^running")
+def test_through_a_plc_and_back(peer: Path, cell: Domain, library: Path, domain: int, topic: str) -> None:
+    def start_plc() -> Bridge:
+        made = Bridge(cell.start([cell.python, "-m", "tests.softplc.task", library, "PRG_Ros", "PRG_Echo"]))
+        made.said("^running")
+        return made
 
     tasks = [TYPE, "-", topic_name(f"{topic}/joints")]
     tasks += [TYPE, topic_name(f"{topic}/joints_back"), topic_name(f"{topic}/again")]
-    ours, program = bridge(), plc()
+    bridge, plc = cell.bridge(), start_plc()
     with running(peer, domain, "reliable", "volatile", *tasks) as theirs:
         theirs.said(ANSWER, 3)
 
-        ours.kill()
+        bridge.kill()
         theirs.lines.clear()
-        ours = bridge()
+        bridge = cell.bridge()
         theirs.said(ANSWER, 3)
 
-        program.kill()
+        plc.kill()
         theirs.lines.clear()
-        plc()
+        start_plc()
         theirs.said(ANSWER, 3)
-    time.sleep(0.5)
     with running(peer, domain, "reliable", "volatile", *tasks) as theirs:
         theirs.said(ANSWER, 3)
         assert not [line for line in theirs.lines if line.startswith("took") and not re.match(ANSWER, line)]
-    assert ours.stop(signal.SIGTERM) < 3
-    ours.said("/joints_back +[0-9]+ passed")
+    assert bridge.stop(signal.SIGTERM) < 3
+    bridge.said("/joints_back +[0-9]+ passed")
+
+
+def test_services_both_ways(cell: Domain, graph: dds.Graph, topic: str) -> None:
+    """Python plays the PLC; our backend, in this process, the ends on rmw_cyclonedds."""
+    file = cell.folder / "msgs" / "cell_msgs" / "srv" / "Start.srv"
+    file.parent.mkdir(parents=True)
+    file.write_text("int32 part\nstring word\n---\nbool success\nstring message\n")
+    bridge = cell.bridge(SERVICES.format(topic=topic))
+    served, called = services(load(cell.folder / "shmgen.toml", "shmgen.toml", Report()))
+
+    ends = {
+        "request_subscriber": end(Subscriber, served, "_Request"),
+        "reply_publisher": end(Publisher, served, "_Reply"),
+    }
+    server_kind = type("Server", (ServiceServer,), ends)
+    stop = threading.Event()
+
+    def serve() -> None:
+        with server_kind(served.service.name) as server:
+            while not stop.is_set():
+                server.serve(lambda asked: SimpleNamespace(success=True, message=f"{asked.word} {asked.part}"), 0.05)
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    client = graph.client(served.wire)
+    for part in (1, 2):
+        request = client.new()
+        request.part, request.word = part, "part"
+        assert client.call(request, LIMIT).message == f"part {part}"
+    request.word = "a word that is longer than the bound"
+    with pytest.raises(NoAnswer):
+        client.call(request, 1.0)
+    bridge.said("/start: .*word: 36 bytes of UTF-8, capacity 16")
+    stop.set()
+    thread.join()
+
+    graph.serve(called.wire, lambda asked, answer: setattr(answer, "message", asked.word.upper()))
+    ends = {
+        "request_publisher": end(Publisher, called, "_Request"),
+        "reply_subscriber": end(Subscriber, called, "_Reply"),
+    }
+    with type("Client", (ServiceClient,), ends)(called.service.name) as plc:
+        assert plc.call(SimpleNamespace(part=3, word="stop"), LIMIT).message == "STOP"
+
+
+def end(base: Any, route: ServiceRoute, part: str) -> Any:
+    return type("End", (base,), {"message_type": route.kinds[part]})
+
+
+def test_load(cell: Domain, topic: str) -> None:
+    """The load test of the bridge, short; `make load-bridge` is the long one."""
+    result = bridged(cell, topic, 3)
+    assert result.sent == 3 * sum(RATES.values())
+    assert result.lost == 0

@@ -38,6 +38,10 @@ def python() -> Path:
 class Graph:
     """A master that can die and return, in a folder for logs and shmgen.toml; `modules` are for peers alone."""
 
+    source = "noetic"
+    plain_echo = "rospy echo"
+    load_peer = REPOSITORY / "tests" / "bridge" / "load_peer.py"
+
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.python = python()
