@@ -238,6 +238,18 @@ def test_a_reader_that_died_waiting_does_no_harm(topic, value, locked):
         assert value(event) == 0
 
 
+def test_a_post_too_many_does_not_make_a_reader_poll_for_good(topic, value, monkeypatch):
+    event = event_name(runtime.region_name(topic))
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+        assert subscriber.wait(0.02) is None
+        subscriber._event.release()  # as where a sample came between `armed` and the look at `completed`
+        monkeypatch.setattr(time, "sleep", lambda _: pytest.fail("polled"))
+        assert subscriber.wait(0.02) is None
+        assert (subscriber._words[h.ARMED], value(event)) == (0, 0)
+        publisher.publish(pose(1))
+        assert subscriber.wait(5).position.x == 1.0
+
+
 def test_a_sample_between_the_look_and_the_wait_is_seen(topic, monkeypatch):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         monkeypatch.setattr("shmgen.runtime.subscriber.acquire", lambda *_: pytest.fail("waited"))

@@ -214,8 +214,8 @@ class Subscriber(Generic[M]):
             return
         words[h.ARMED] = 1
         fence()
-        if words[h.COMPLETED] != newest or not acquire(self._event, seconds):
-            words[h.ARMED] = 0
+        if words[h.COMPLETED] != newest or not acquire(self._event, seconds) or words[h.ARMED]:
+            words[h.ARMED] = 0  # still set after a post too many; left so, it would look like another reader's
 
     def _newest(self) -> bytes | bytearray | None:
         for _ in range(_TRIES):
