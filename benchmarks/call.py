@@ -1,0 +1,132 @@
+"""Turns calls of a service between two Python processes into the time of a round trip, beside UDP in the same run.
+
+    python benchmarks/call.py [--rounds 21] [--calls 200]
+
+Both ends wait in the kernel. The floor is the least that a user of UDP would write: a packed request with its number, a
+packed reply, no check of either. Rounds are interleaved; medians of the rounds' medians, in microseconds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import socket
+import statistics
+import struct
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from shmgen import pipeline
+from shmgen.config import Config
+
+SERVICE = "/shmgen_benchmark/call"
+DEFINITION = "int64 a\nint64 b\n---\nint64 sum\n"
+REQUEST = struct.Struct("<Iqq")
+REPLY = struct.Struct("<Iq")
+
+
+def main() -> None:
+    """Prints the table."""
+    parser = argparse.ArgumentParser(description="Round trip of a service call.")
+    parser.add_argument("--rounds", type=int, default=21)
+    parser.add_argument("--calls", type=int, default=200)
+    given = parser.parse_args()
+    classes = generated()
+    served, answered = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)  # one byte each: ready
+    udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    udp.bind(("127.0.0.1", 0))
+    children = [child(lambda: serve(classes, answered)), child(lambda: serve_udp(udp))]
+    try:
+        served.recv(1)
+        with classes.AddClient(SERVICE) as client:
+            ways = {"UDP, by hand": udp_caller(udp.getsockname()), "shmgen": caller(client, classes.Add_Request)}
+            found: dict[str, list[float]] = {way: [] for way in ways}
+            for _ in range(given.rounds):
+                for way, call in ways.items():
+                    found[way].append(round_trip(call, given.calls))
+    finally:
+        for pid in children:
+            os.kill(pid, signal.SIGKILL)
+            os.waitpid(pid, 0)
+        for file in Path("/dev/shm").glob("*shmgen_benchmark.call*"):
+            file.unlink()
+    print(f"Python {sys.version.split()[0]}, {os.uname().machine}, {os.cpu_count()} cores; medians of {given.rounds}")
+    print(f"\n{'A call and its answer':<40}{'us':>8}{'ratio':>8}")
+    floor = found["UDP, by hand"]
+    for way, times in found.items():
+        ratio = statistics.median(one / base for one, base in zip(times, floor, strict=True))
+        print(f"  {way:<38}{statistics.median(times) * 1e6:>8.1f}{ratio:>8.2f}")
+
+
+def generated() -> Any:
+    """The classes of a service, from its definition."""
+    with tempfile.TemporaryDirectory() as folder:
+        definition = Path(folder, "call_msgs", "srv", "Add.srv")
+        definition.parent.mkdir(parents=True)
+        definition.write_text(DEFINITION)
+        config = Config(Path(folder), path=(Path(folder),), targets=("python",), package="shmgen_call")
+        for path, text in pipeline.generate(config, ["call_msgs/Add"]).items():
+            Path(folder, path).parent.mkdir(parents=True, exist_ok=True)
+            Path(folder, path).write_text(text)
+        sys.path.insert(0, f"{folder}/python")
+        from shmgen_call.call_msgs import srv  # type: ignore[import-not-found]
+
+    return srv
+
+
+def child(work: Callable[[], None]) -> int:
+    pid = os.fork()
+    if pid == 0:
+        work()
+        os._exit(0)
+    return pid
+
+
+def serve(classes: Any, ready: socket.socket) -> None:
+    with classes.AddServer(SERVICE) as server:
+        ready.send(b".")
+        server.serve(lambda request: classes.Add_Response(sum=request.a + request.b))
+
+
+def serve_udp(udp: socket.socket) -> None:
+    while True:
+        data, peer = udp.recvfrom(64)
+        number, a, b = REQUEST.unpack(data)
+        udp.sendto(REPLY.pack(number, a + b), peer)
+
+
+def caller(client: Any, request: Any) -> Callable[[int], int]:
+    return lambda number: client.call(request(a=number, b=1), 10.0).sum  # type: ignore[no-any-return]
+
+
+def udp_caller(peer: tuple[str, int]) -> Callable[[int], int]:
+    udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    udp.connect(peer)
+    udp.settimeout(10.0)
+
+    def call(number: int) -> int:
+        udp.send(REQUEST.pack(number, number, 1))
+        _, answer = REPLY.unpack(udp.recv(64))
+        return int(answer)
+
+    return call
+
+
+def round_trip(call: Callable[[int], int], calls: int) -> float:
+    """Median, in seconds."""
+    times = []
+    for number in range(calls):
+        began = time.perf_counter()
+        answer = call(number)
+        times.append(time.perf_counter() - began)
+        assert answer == number + 1
+    return statistics.median(times)
+
+
+if __name__ == "__main__":
+    main()
