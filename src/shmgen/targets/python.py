@@ -100,8 +100,12 @@ def _classes(layout: Layout) -> list[str]:
     return [name, f"{name}Publisher", f"{name}Subscriber"] if layout.requested else [name]
 
 
+_MODULES = frozenset({"ctypes", "runtime", "struct", "typing", "values"})
+"""What a generated module imports; a message of ROS 1 may be called so."""
+
+
 def class_name(name: TypeName) -> str:
-    return python_member(name.name)
+    return python_member(name.name) + ("_" if name.name in _MODULES else "")
 
 
 def _spelled(regions: RegionOptions) -> str:

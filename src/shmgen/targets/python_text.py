@@ -19,8 +19,8 @@ def documentation(message: Message) -> Iterator[str]:
         yield from ("", "Fields:")
     for field in fields:
         unit = f" [{field.unit}]" if field.unit else ""
-        doc = in_docstring(field.doc.partition("\n")[0])
-        yield f"    {field.name} ({ros_type(field.type)}){unit}" + (f": {doc}" if doc else "")
+        doc = field.doc.partition("\n")[0]
+        yield in_docstring(f"    {field.name} ({ros_type(field.type)}){unit}" + (f": {doc}" if doc else ""))
     text = in_docstring(message.text).strip("\n")
     if text.strip():
         yield from ("", "Definition::", "")
