@@ -70,7 +70,20 @@ type = "cell_msgs/Status"
 topic = "{space}/status_back"
 type = "cell_msgs/Status"
 direction = "from_plc"
+
+[[services]]
+service = "{space}/flag"
+type = "std_srvs/SetBool"
+timeout = 5.0
+
+[[services]]
+service = "{space}/ask"
+type = "std_srvs/SetBool"
+server = "ros"
+timeout = 5.0
 """
+SETBOOL = "bool data # e.g. for hardware enabling / disabling\n---\nbool success\nstring message\n"
+"""Of Debian's python3-std-srvs, which has the class and not the definition."""
 
 PROGRAM = """
 PROGRAM PRG_Echo
@@ -82,6 +95,13 @@ GVL_Ros.{name}_joints_back.xSend := GVL_Ros.{name}_joints.xNewData;
 GVL_Ros.{name}_joints_back.Msg := GVL_Ros.{name}_joints.Msg;
 GVL_Ros.{name}_status_back.xSend := GVL_Ros.{name}_status.xNewData;
 GVL_Ros.{name}_status_back.Msg := GVL_Ros.{name}_status.Msg;
+// What ROS asks the PLC, the PLC asks ROS.
+GVL_Ros.{name}_ask.xExecute := GVL_Ros.{name}_flag.xExecute;
+GVL_Ros.{name}_ask.tTimeout := T#5S;
+GVL_Ros.{name}_ask.Request := GVL_Ros.{name}_flag.Request;
+GVL_Ros.{name}_flag.xDone := GVL_Ros.{name}_ask.xDone;
+GVL_Ros.{name}_flag.xFailed := GVL_Ros.{name}_ask.xError;
+GVL_Ros.{name}_flag.Response := GVL_Ros.{name}_ask.Response;
 END_PROGRAM
 """
 
@@ -110,6 +130,9 @@ class Softplc:
 def plc(graph: Graph, space: str) -> Iterator[Softplc]:
     """Runs PROGRAM over the topics of THROUGH."""
     graph.generate("cell_msgs", {"msg/Status.msg": STATUS, "msg/Part.msg": PART})
+    definition = graph.folder / "msgs" / "std_srvs" / "srv" / "SetBool.srv"
+    definition.parent.mkdir(parents=True)
+    definition.write_text(SETBOOL)
     (graph.folder / "shmgen.toml").write_text(THROUGH.format(space=space))
     made = Softplc(graph.folder, space)
     yield made
@@ -154,6 +177,13 @@ def test_through_a_plc_and_back(graph: Graph, plc: Softplc, space: str) -> None:
     burst = [{"name": ["a"], "position": [float(n)], "velocity": [], "effort": []} for n in range(1, 9)]
     bursts = ([without(one, "header") for one in through(peer, space, "joints", burst)] for _ in range(5))
     assert burst in bursts
+
+    # A service that the PLC serves by calling another.
+    answers = [{"success": True, "message": "ja"}, None, {"success": False, "message": "nein"}]
+    peer.ask(do="serve", service=f"{space}/ask", type="std_srvs/SetBool", answers=answers)
+    assert 'success: True\nmessage: "ja"' in called(graph, f"{space}/flag", "data: true")
+    assert "the server says that call 2 failed" in called(graph, f"{space}/flag", "data: true")
+    assert 'success: False\nmessage: "nein"' in called(graph, f"{space}/flag", "data: false")
 
     def flows() -> bool:
         peer.ask(do="forget", topic=f"{space}/joints_back")
@@ -258,6 +288,12 @@ def test_a_definition_of_another_ros_is_told(graph: Graph, space: str) -> None:
     other = graph.bridge(f'path = ["."]\n{topic.replace("info", "two")}"cell_msgs/Two"', ready=False)
     other.said("error: cell_msgs/Two: ROS 1 cannot read cell_msgs/msg/Two.msg")
     assert (bridge.process.wait(LIMIT), other.process.wait(LIMIT)) == (1, 1)
+
+
+def called(graph: Graph, service: str, values: str) -> str:
+    """What `rosservice call` prints, errors included."""
+    printed: str = graph.command("rosservice", "call", service, values).communicate(timeout=LIMIT)[0]
+    return printed + (graph.folder / "log").read_text()
 
 
 def without(message: dict[str, Any], name: str) -> dict[str, Any]:
