@@ -77,8 +77,9 @@ $(VENV)/ready-to-test: $(VENV)/ready
 	@$(call debian,command -v fastddsgen && command -v idlc,$(DDS),echo 'tests with peers on DDS are skipped' >&2) \
 	    || echo 'not to be had here: $(DDS); tests with peers on DDS are skipped' >&2
 	@if /usr/bin/python3 -c 'import rospy' 2>/dev/null; then \
-	    test -x $(VENV)/ros1/bin/python || /usr/bin/python3 -m venv --system-site-packages $(VENV)/ros1; \
-	    $(VENV)/ros1/bin/python -m pip install --quiet --disable-pip-version-check --editable .; \
+	    { test -x $(VENV)/ros1/bin/python || /usr/bin/python3 -m venv --system-site-packages $(VENV)/ros1; } && \
+	    $(VENV)/ros1/bin/python -m pip install --quiet --disable-pip-version-check --editable . \
+	    || echo 'no environment for ROS 1; tests that need it are skipped' >&2; \
 	fi
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test]'
 	@touch $@

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from xmlrpc.client import ServerProxy
 
 import pytest
 from ruamel.yaml import YAML
@@ -249,10 +250,12 @@ def test_without_a_master(graph: Graph, space: str) -> None:
 
 
 def test_diagnostics_latch_and_counters(graph: Graph, space: str) -> None:
-    bridge = graph.bridge(LATCHED.format(space=space))
+    bridge = graph.bridge(LATCHED.format(space=space), "__name:=cell_4")
     bridge.said(rf"{space}/word +-> PLC  std_msgs/String  /dev/shm/{space[1:]}.word")
     kind = generated(load(graph.folder / "shmgen.toml", "shmgen.toml", Report()), ["std_msgs/String"])
     peer = graph.peer()
+    with ServerProxy(f"http://127.0.0.1:{graph.port}") as master:
+        assert master.lookupNode("/test", "/cell_4")[0] == 1  # type: ignore[index]
     with publisher(kind["std_msgs/msg/String"], f"{space}/state", 1) as plc:
         plc.publish(SimpleNamespace(data="ready"))
         peer.ask(do="advertise", topic=f"{space}/word", type="std_msgs/String")

@@ -306,6 +306,19 @@ def test_wait(topic, other):
         assert subscriber.wait(5).position.x == 3.0
 
 
+def test_ready_waits_and_reads_nothing(topic, other):
+    writer = other("publish", topic)
+    with PoseSubscriber(topic) as subscriber:
+        before = time.monotonic()
+        assert not subscriber.ready(0.05)
+        assert time.monotonic() - before >= 0.05
+        writer.tell(3.0)
+        assert subscriber.ready(5)
+        assert subscriber.ready(0)
+        assert numbers(subscriber.read_all()) == [3.0]
+        assert not subscriber.ready(0)
+
+
 # --- the lock ------------------------------------------------------------------------------------
 
 
