@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -150,10 +152,23 @@ def test_both_ways(cell: Cell) -> None:
     assert 'message: "again"' in cell.call("flag", "data: true")
     again.set()
 
+    # Somebody removes the regions, and the PLC makes new ones.
+    time.sleep(0.2)  # the server that was `again` lets go
+    for file in Path("/dev/shm").glob(f"*{cell.space[1:]}.*"):
+        file.unlink()
+    time.sleep(0.5)
+    anew = cell.serve("flag", lambda request: SimpleNamespace(success=True, message="anew"))
+    assert 'message: "anew"' in cell.call("flag", "data: true")
+    anew.set()
+    peer = cell.graph.peer()
+    peer.ask(do="serve", service=f"{cell.space}/fetch", type="cell_msgs/Start", answers=[{"count": 10}])
+    with cell.client("fetch") as plc:
+        assert plc.call(request, LIMIT).count == 10
+
     cell.bridge.stop(15)
-    cell.bridge.said("/flag +2 passed$")
+    cell.bridge.said("/flag +3 passed$")
     cell.bridge.said("/start +1 passed, 1 rejected, 1 failed")
-    cell.bridge.said("/fetch +2 passed, 1 rejected, 2 failed")
+    cell.bridge.said("/fetch +3 passed, 1 rejected, 2 failed")
 
 
 def test_a_plc_that_is_off_costs_its_timeout_and_no_more(cell: Cell) -> None:
