@@ -11,7 +11,7 @@ import pytest
 
 from shmgen import bounds, drift, pipeline
 from shmgen.compare import compare
-from shmgen.config import Config, Topic
+from shmgen.config import Config, Service, Topic
 from shmgen.diagnostics import Report, Span
 from shmgen.findings import Finding, worst
 from shmgen.model import TypeOptions
@@ -110,6 +110,18 @@ SETTINGS = {
         "topic /robot   none -> to_plc demo_msgs/Robot depth 1",
     ),
 }
+
+
+def test_a_service_that_changes_sides_is_told(tmp_path: Path) -> None:
+    (tmp_path / "demo_msgs" / "srv").mkdir(parents=True)
+    (tmp_path / "demo_msgs" / "srv" / "Go.srv").write_text("bool there\n---\n")
+    plc, ros = (Service("/go", "demo_msgs/Go", server, 1.0, Span("")) for server in ("plc", "ros"))
+    old, new, none = (lock(tmp_path, MESSAGES, services=services) for services in ((plc,), (ros,), ()))
+    (found,) = compare(old, new, "layout.lock")
+    assert found.severity.name == "BREAKING"
+    assert found.diagnostic.details == ("service /go   plc demo_msgs/Go -> ros demo_msgs/Go",)
+    found = compare(none, old, "layout.lock")[-1]
+    assert found.diagnostic.details == ("service /go   none -> plc demo_msgs/Go",)
 
 
 @pytest.mark.parametrize(("settings", "severity", "said"), SETTINGS.values(), ids=SETTINGS.keys())
