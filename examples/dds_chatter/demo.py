@@ -1,0 +1,25 @@
+"""A PLC's machine without ROS in a ROS 2 graph: `shmgen bridge --backend dds`, a program, and a talker's words."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE.parent))
+
+from stage import cell  # noqa: E402 it lies beside the examples
+
+
+def main() -> int:
+    """Exit status of the talker."""
+    with cell(HERE) as here:
+        here.generate()
+        print("\nThe PLC: PRG_Listener.st and what was generated, compiled and called every millisecond", flush=True)
+        here.start_plc("PRG_Listener")
+        here.start_bridge("dds")
+        return here.run("talker.py")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
