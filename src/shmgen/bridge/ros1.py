@@ -28,7 +28,11 @@ def connect(node: Node) -> Ros1 | None:
     if not _await_master(node):
         return None
     threading.Thread(target=_watch_master, args=(node,), daemon=True).start()
-    rospy.init_node(node.name, argv=list(node.arguments), disable_signals=True, disable_rosout=True)
+    try:
+        rospy.init_node(node.name, argv=list(node.arguments), disable_signals=True, disable_rosout=True)
+    except rospy.ROSException as error:
+        if not node.stopping():
+            raise ValueError(f"ros1: {error}") from None
     return None if node.stopping() else Ros1()
 
 
