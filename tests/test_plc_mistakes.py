@@ -61,7 +61,7 @@ def prove(folder: Path, st: Mapping[str, str], layouts: Layouts, topic: str) -> 
     for name, layout in layouts.items():
         assert_compiled_as_laid_out(plc, name, layout)
     kinds = classes(folder, PACKAGE, DEMO)
-    assert_same_defaults(plc, layouts[DEMO], layouts, kinds[0])
+    assert_same_defaults(plc, layouts[DEMO], kinds[0])
     for seed in range(3):
         message = random_message(layouts[DEMO], layouts, random.Random(seed))
         answer, _ = echo(plc, DEMO, kinds, f"{topic}/s{seed}", message)

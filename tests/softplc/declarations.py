@@ -17,7 +17,7 @@ _ALIASES = {"__UXINT": "ULINT", "__XWORD": "LWORD", "RTS_IEC_RESULT": "UDINT", "
 
 @dataclass(frozen=True)
 class Variable:
-    """`section` is input, output, local or constant; `initial` is a tree, or None."""
+    """`section` is input, output, local or constant; `initial` is a tree, a list of them for an array, or None."""
 
     name: str
     type: Type
@@ -183,13 +183,30 @@ def _variables(element: Any, section: str) -> Iterator[Variable]:
     initial = getattr(kind, "value", None)
     if not isinstance(kind, b.TypeInitialization | b.ArrayTypeInitialization | b.StringTypeInitialization):
         raise Unsupported(f"a variable by {type(kind).__name__}")
-    if isinstance(initial, b.ArrayInitialization | b.StructureInitialization):
-        raise Unsupported(type(initial).__name__)
     type_ = type_of(kind.spec)
+    if isinstance(initial, b.StructureInitialization):
+        raise Unsupported(type(initial).__name__)
+    if isinstance(initial, b.ArrayInitialization):
+        initial = list(_elements(initial))
+        if not isinstance(type_, Array) or isinstance(type_.of, Array):
+            raise Unsupported("initial values of an array for anything but an array of one dimension")
     for declared in names:
         variable = getattr(declared, "variable", declared)
         _no(getattr(declared, "location", None), "AT")
         yield Variable(str(getattr(variable, "name", variable)).upper(), type_, section, initial)
+
+
+def _elements(initial: b.ArrayInitialization) -> Iterator[Any]:
+    """What blark reads of `[1, -2, 3]` nests behind a sign."""
+    for found in initial.elements:
+        if getattr(found, "count", None) is not None or not isinstance(found, b.ArrayInitialElement):
+            raise Unsupported("initial values that are repeated")
+        if not isinstance(found.element, b.ArrayInitialization):
+            yield found.element
+        elif found.element.brackets:
+            raise Unsupported("an array in the initial values of an array")
+        else:
+            yield from _elements(found.element)
 
 
 def type_of(spec: Any) -> Type:

@@ -122,6 +122,9 @@ def _member(member: Variable, scope: Scope) -> str:
 
 def _initial(member: Variable, scope: Scope) -> str:
     type_ = cpp_type(member.type)
+    if isinstance(member.initial, list):
+        values = ", ".join(map(scope.expression, member.initial))
+        return f"initial_array<{type_}>({values})"
     if member.initial is not None:
         return f"initial<{type_}>({scope.expression(member.initial)})"
     inner = member.type

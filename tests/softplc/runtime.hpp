@@ -142,6 +142,14 @@ template <class T, class R> T initial(const R &value) {
     return made;
 }
 
+template <class T, class... R> T initial_array(const R &...values) {
+    static_assert(sizeof...(values) <= sizeof(T::items) / sizeof(T::items[0]), "more initial values than elements");
+    T made{};
+    long at = 0;
+    (set(made.items[at++], values), ...);
+    return made;
+}
+
 template <int N, class C> constexpr Text<N - 1, C> text(const C (&units)[N]) {
     Text<N - 1, C> made{};
     for (int at = 0; at < N; ++at) made.units[at] = units[at];

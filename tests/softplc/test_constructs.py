@@ -117,6 +117,22 @@ CASES = {
         "",
         {"s.c.b": 7, "s.c.c": "ab", "s.c.d": -150.0, "s.e": "GREEN", "a.2.b": 7, "e": "GREEN", "f": "BLUE", "s.a": 0},
     ),
+    "initial values of arrays": Case(
+        "a : ARRAY[1..3] OF REAL := [1.5, -2.0, 3.0E-1]; b : ARRAY[0..2] OF STRING(3) := ['a,]', 'it$'']; "
+        "c : ARRAY[0..1] OF LINT := [-9223372036854775807 - 1, -1]; d : ARRAY[0..1] OF BOOL := [TRUE];",
+        "",
+        {
+            "a.1": 1.5,
+            "a.2": -2.0,
+            "b.0": "a,]",
+            "b.1": "it'",
+            "b.2": "",
+            "c.0": -(2**63),
+            "c.1": -1,
+            "d.0": True,
+            "d.1": False,
+        },
+    ),
     "structures are copied": Case(
         "a : ST_Packed; b : ST_Packed; p : POINTER TO ST_Packed; c : ST_Packed;",
         "a.b := 9; b := a; a.b := 1; p := ADR(c); p^ := b; p^.a := 4;",

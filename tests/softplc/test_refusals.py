@@ -41,7 +41,8 @@ UNSUPPORTED = {
     "REFERENCE TO": "PROGRAM P VAR a : REFERENCE TO INT; END_VAR END_PROGRAM",
     "RepeatStatement": "PROGRAM P VAR a : INT; END_VAR REPEAT a := 1; UNTIL a = 1 END_REPEAT END_PROGRAM",
     "FOR with BY": "PROGRAM P VAR a : INT; END_VAR FOR a := 1 TO 9 BY 2 DO ; END_FOR END_PROGRAM",
-    "ArrayInitialization": "PROGRAM P VAR a : ARRAY[0..1] OF INT := [1, 2]; END_VAR END_PROGRAM",
+    "initial values that are repeated": "PROGRAM P VAR a : ARRAY[0..1] OF INT := [2(1)]; END_VAR END_PROGRAM",
+    "an array of one dimension": "PROGRAM P VAR a : ARRAY[0..1, 0..1] OF INT := [1, 2]; END_VAR END_PROGRAM",
     "InitializedStructure": "TYPE S : STRUCT a : INT; END_STRUCT END_TYPE "
     "PROGRAM P VAR s : S := (a := 1); END_VAR END_PROGRAM",
     "THIS": "FUNCTION_BLOCK F VAR a : INT; END_VAR a := THIS^.a; END_FUNCTION_BLOCK",

@@ -67,7 +67,7 @@ def prove(proof: Proof, topic: str) -> None:
         assert_compiled_as_laid_out(proof.plc, name, layout)
     for place, name, layout in proof.requested():
         kinds = classes(proof.folder, proof.package, name)
-        assert_same_defaults(proof.plc, layout, proof.layouts, kinds[0])
+        assert_same_defaults(proof.plc, layout, kinds[0])
         message = random_message(layout, proof.layouts, random.Random(str(name)))
         expected = arriving(message, layout, proof.layouts)
         echoed, data = echo(proof.plc, name, kinds, f"{topic}/{place}", message)
@@ -108,19 +108,12 @@ def assert_compiled_as_laid_out(plc: Plc, name: TypeName, layout: Layout) -> Non
             assert element == iec_type(slot.type, layout.options), f"{name}.{slot.name}"
 
 
-def assert_same_defaults(plc: Plc, layout: Layout, layouts: Layouts, kind: Any) -> None:
-    """All but those of whole arrays, which ST has as a comment only."""
+def assert_same_defaults(plc: Plc, layout: Layout, kind: Any) -> None:
     fresh = plain(kind.from_buffer_copy(plc.structure(naming.st_type(layout.name)).bytes()))
     expected = plain(kind())
     for slot in layout.slots:
-        if slot.role is Role.DATA and not array_default(slot, layouts):
+        if slot.role is Role.DATA:
             assert fresh[slot.name] == expected[slot.name], f"{layout.name}.{slot.name}"
-
-
-def array_default(slot: Slot, layouts: Layouts) -> bool:
-    held = layouts[slot.type.name].slots if isinstance(slot.type, Ref) else ()
-    own = slot.field is not None and isinstance(slot.field.default, tuple)
-    return own or any(array_default(inner, layouts) for inner in held)
 
 
 def echoes(layouts: Layouts) -> dict[str, str]:

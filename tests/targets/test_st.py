@@ -213,7 +213,7 @@ def test_types_are_spelled_as_in_the_table(texts: dict[str, str]) -> None:
         "h": "REAL", "i": "LREAL", "text": "STRING(80)", "wide": "WSTRING(5)", "names": "ARRAY [0..2] OF STRING(7)",
         "corners": "ARRAY [0..1] OF ST_demo_msgs_Point", "tags_count": "UDINT",
         "tags": "ARRAY [0..3] OF ST_demo_msgs_Tagged", "blob_count": "UDINT", "blob": "ARRAY [0..2] OF USINT",
-        "stamp": "TIME", "wait": "TIME", "pair": "ARRAY [0..1] OF LREAL",
+        "stamp": "TIME", "wait": "TIME", "pair": "ARRAY [0..1] OF LREAL := [1.5, 2.5]",
     }  # fmt: skip
 
 

@@ -24,12 +24,13 @@ PRIORITY = "10"
 
 
 class Variable(NamedTuple):
-    """`type` is a piece of XML, as PLCopen spells types."""
+    """`type` and `value` are pieces of XML, as PLCopen spells types and values; `number` that of an enumeration."""
 
     name: str
     type: str
     has_value: bool
     value: str
+    number: str
     has_comment: bool
     comment: str
 
@@ -172,6 +173,7 @@ def _variables(found: Iterable[st_source.Variable]) -> tuple[Variable, ...]:
             variable.name,
             _type(variable.type) if variable.type else "",
             bool(variable.value),
+            _value(variable.value),
             _text(variable.value),
             bool(variable.comment),
             _text(variable.comment),
@@ -199,6 +201,17 @@ def _type(spelled: str) -> str:
         return f"<{spelled} />"
     assert re.fullmatch(r"\w+", spelled), f"not a type: {spelled}"
     return f'<derived name="{spelled}" />'
+
+
+_ELEMENT = re.compile(rf"(?:{st_source.STRINGS}|[^,'\"])+")
+
+
+def _value(spelled: str) -> str:
+    """`[1.0, 2.0]` as PLCopen spells it."""
+    if not spelled.startswith("["):
+        return f'<simpleValue value="{_text(spelled)}" />'
+    elements = (found.strip() for found in _ELEMENT.findall(spelled[1:-1]))
+    return f"<arrayValue>{''.join(f'<value>{_value(element)}</value>' for element in elements)}</arrayValue>"
 
 
 def _bool(value: bool) -> str:

@@ -7,7 +7,6 @@ whether regions have a lock.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
@@ -177,22 +176,29 @@ def _member(slot: Slot, layout: Layout) -> _Declaration:
             return _Declaration(name, type_, comment="the message has no fields")
         case Role.COUNT:
             assert slot.field is not None
-            return _Declaration(name, type_, comment=f"how many of {naming.st_member(slot.field.name)} are valid")
+            default = slot.field.default
+            count = str(len(default)) if isinstance(default, tuple) and default else None
+            return _Declaration(name, type_, count, f"how many of {naming.st_member(slot.field.name)} are valid")
         case Role.DATA:
-            return _Declaration(name, type_, _initial(slot, layout), _comment(slot, layout))
+            value = _initial(slot, layout)
+            return _Declaration(name, type_, value, _comment(slot, layout, value is None))
         case _:
             assert_never(slot.role)
 
 
 def _initial(slot: Slot, layout: Layout) -> str | None:
-    field = slot.field
-    assert field is not None
-    if field.default is None or isinstance(field.default, tuple) or not isinstance(slot.type, Scalar | String):
+    """None where the definition has no default, or Structured Text no literal for it."""
+    assert slot.field is not None
+    default = slot.field.default
+    if default is None or default == () or not isinstance(slot.type, Scalar | String):
         return None
-    return literal(field.default, slot.type, layout.options)
+    if not isinstance(default, tuple):
+        return literal(default, slot.type, layout.options)
+    values = [literal(value, slot.type, layout.options) for value in default]
+    return None if None in values else f"[{', '.join(filter(None, values))}]"
 
 
-def _comment(slot: Slot, layout: Layout) -> str:
+def _comment(slot: Slot, layout: Layout, without_value: bool) -> str:
     """The comment of the definition, the unit unless it stands there, and a default that no initialiser gives."""
     field = slot.field
     assert field is not None
@@ -203,7 +209,7 @@ def _comment(slot: Slot, layout: Layout) -> str:
     if isinstance(slot.type, Clock) and layout.options.time == "TIME":
         lines.append("ms, those of the ROS time modulo 2**32" if slot.type is Clock.TIME else "ms")
     default = field.default
-    if isinstance(default, tuple) or (isinstance(default, float) and not math.isfinite(default)):
+    if without_value and default:
         lines.append(f"default: {list(default) if isinstance(default, tuple) else default}")
     return "\n".join(lines)
 

@@ -81,9 +81,9 @@ def read(name: str, text: str) -> DataType | GlobalList | Unit:
 
 
 _ATTRIBUTE = re.compile(r"\{attribute '(\w+)'(?: := '([^']*)')?\}")
-_STRINGS = r"""'(?:[^'$]|\$.)*'|"(?:[^"$]|\$.)*\""""
+STRINGS = r"""'(?:[^'$]|\$.)*'|"(?:[^"$]|\$.)*\""""
 _COMMENT = r"(?: *//(?P<comment>.*))?"
-_VALUE = rf"(?:{_STRINGS}|[^;'\"])+"
+_VALUE = rf"(?:{STRINGS}|[^;'\"])+"
 _VARIABLE = re.compile(rf" *(?P<name>\w+) *: *(?P<type>[^:;]+?)(?: *:= *(?P<value>{_VALUE}))?;{_COMMENT}")
 _ENUM_NAME = re.compile(rf" *(?P<name>\w+) *(?P<type>)(?::= *(?P<value>\w+))?,?{_COMMENT}")
 _ENUM_END = re.compile(r"\) (?P<base>\w+)(?: := (?P<initial>\w+))?;")
