@@ -72,7 +72,6 @@ def test_every_message_of_ros_1_under_the_set_of_the_day(
     name = list(SETS)[datetime.date.today().toordinal() % len(SETS)]
     config, capacities = configured(corpus, "noetic", SETS[name], "shm_noetic_options")
     proof = plc_bytes.make(config, plc_bytes.corpus_names(config), tmp_path_factory.mktemp(name))
-    assert len(list(proof.requested())) == 221
     assert_bounded(proof.layouts, capacities)
     plc_bytes.prove(proof, topic)
 

@@ -68,10 +68,17 @@ class Header(NamedTuple):
 def plan(layouts: Layouts, report: Report, package: str = "shm_msgs") -> Iterator[Output]:
     """`c/<package>/<ros package>/msg/pose.h` for each message, and `c/<package>/shmgen.h`."""
     yield Output(f"c/{package}/shmgen.h", "c/shmgen.h.j2", None)
+    check_messages(layouts.values(), "name", _names, C, report)
     check_messages(layouts.values(), "file", lambda layout: [_path(layout.name, package)], C, report)
     for name, layout in layouts.items():
         check_members(layout, C, report)
         yield Output(f"c/{_path(name, package)}", "c/message.h.j2", _header(layout, package))
+
+
+def _names(layout: Layout) -> list[str]:
+    """What it takes of C's one space for names: its structure, and a macro for each constant."""
+    struct = struct_name(layout.name)
+    return [struct, *(f"{struct}_{constant.name}" for constant in layout.message.constants)]
 
 
 def struct_name(name: TypeName) -> str:

@@ -47,6 +47,11 @@ def python_member(name: str) -> str:
     return name + "_" if name in PYTHON_RESERVED else name
 
 
+def python_class(name: TypeName) -> str:
+    """`Pose`; a ROS 1 message `struct` -> `struct_`, because a module refers to Python's own."""
+    return name.name + "_" if name.name in PYTHON_RESERVED | PYTHON_USED else name.name
+
+
 def c_member(name: str) -> str:
     """A field in a header for C11 and C++17: `default` -> `default_`."""
     return name + "_" if name in C_RESERVED else name
@@ -309,6 +314,17 @@ PYTHON_RESERVED = _words("""
 """)
 """`self` too: a generated method takes the fields as keyword arguments beside it."""
 
+PYTHON_USED = _words("""
+    bool bytearray bytes ctypes float int memoryview runtime staticmethod str struct typing values
+""")
+"""What a generated module refers to by a bare name."""
+
+PYTHON_STORED = _words("""
+    _anonymous_ _align_ _as_parameter_ _b_base_ _b_needsfree_ _cuts _decode _digest_ _encode _encode_counted _fields_
+    _layout_ _names_ _objects _pack_ _regions_ _set_defaults _swappedbytes_ _type_name_
+""")
+"""Attributes that ctypes and the generated classes have for themselves, and that all begin with an underscore."""
+
 C_RESERVED = _words("""
     auto break case char const continue default do double else enum extern float for goto if inline int long
     register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
@@ -318,5 +334,9 @@ C_RESERVED = _words("""
     not not_eq operator or or_eq private protected public reinterpret_cast requires static_cast template this throw
     try typeid typename using virtual wchar_t xor xor_eq
     NULL errno i386 linux noreturn offsetof unix
+    BUFSIZ EOF HUGE_VAL I INFINITY NAN NSIG complex imaginary math_errhandling stderr stdin stdout
+    d_fileno s6_addr s6_addr16 s6_addr32 sa_handler sa_sigaction sched_priority si_addr si_addr_lsb si_arch si_band
+    si_call_addr si_fd si_int si_lower si_overrun si_pid si_pkey si_ptr si_status si_stime si_syscall si_timerid si_uid
+    si_upper si_utime si_value sigev_notify_attributes sigev_notify_function st_atime st_ctime st_mtime
 """)
-"""The last row are macros: `linux` is 1 to gcc unless it is told -std=c11."""
+"""The last rows are macros of gcc (`linux` is 1 unless it is told -std=c11), of C's own headers and of POSIX."""

@@ -10,9 +10,17 @@ from shmgen.diagnostics import Report
 from shmgen.model import Layout, Layouts, Output, Ref, RegionOptions, Role, TypeName
 from shmgen.targets import python_codec as codec
 from shmgen.targets import python_interfaces
-from shmgen.targets.naming import PYTHON, check_constants, check_members, check_messages, file_stem, python_member
+from shmgen.targets.naming import (
+    PYTHON,
+    PYTHON_USED,
+    check_constants,
+    check_members,
+    check_messages,
+    file_stem,
+    python_class,
+    python_member,
+)
 from shmgen.targets.python_members import (
-    USED_IN_CLASS,
     Row,
     annotation,
     ctype,
@@ -70,10 +78,10 @@ def plan(
     yield Output(f"{root}/py.typed", "python/py.typed.j2", None)
     for ros_package in dict.fromkeys(name.package for name in sorted(layouts)):
         title = f"Messages of {ros_package} in shared memory"
-        yield Output(f"{root}/{ros_package}/__init__.py", "python/package.py.j2", Package(title, (), ()))
+        yield Output(f"{root}/{python_member(ros_package)}/__init__.py", "python/package.py.j2", Package(title, (), ()))
     folder_of = lambda name: (name.package, name.kind)  # noqa: E731
     for (ros_package, kind), names in groupby(sorted(layouts), key=folder_of):
-        folder = f"{root}/{ros_package}/{kind}"
+        folder = f"{root}/{python_member(ros_package)}/{kind}"
         members = [layouts[name] for name in names]
         check_messages(members, "class", _classes, PYTHON, report)
         check_messages(members, "file", lambda layout: [f"_{file_stem(layout.name)}.py"], PYTHON, report)
@@ -96,16 +104,8 @@ def _package(ros_package: str, kind: str, layouts: list[Layout]) -> Package:
 
 
 def _classes(layout: Layout) -> list[str]:
-    name = class_name(layout.name)
+    name = python_class(layout.name)
     return [name, f"{name}Publisher", f"{name}Subscriber"] if layout.requested else [name]
-
-
-_MODULES = frozenset({"ctypes", "runtime", "struct", "typing", "values"})
-"""What a generated module imports; a message of ROS 1 may be called so."""
-
-
-def class_name(name: TypeName) -> str:
-    return python_member(name.name) + ("_" if name.name in _MODULES else "")
 
 
 def _spelled(regions: RegionOptions) -> str:
@@ -132,8 +132,9 @@ def _module(layout: Layout, layouts: Layouts, regions: str) -> Module:
         Row(python_member(slot.name), value=descriptor(slot, layout.options, names, counts.get(slot.name)))
         for slot in shown
     ]
+    constants = [Row(python_member(it.name), type(it.value).__name__, literal(it.value)) for it in message.constants]
     annotations = [Row(python_member(slot.name), annotation(slot.type, names)) for slot in plain]
-    used = USED_IN_CLASS | set(names.values())
+    used = PYTHON_USED | set(names.values())
     uses_ctypes = any("ctypes." in row.type + row.value for row in (*fields, *descriptors))
     return Module(
         title=str(layout.name),
@@ -143,7 +144,7 @@ def _module(layout: Layout, layouts: Layouts, regions: str) -> Module:
         digest_literal=f"0x{layout.digest:016X}",
         regions=regions,
         imports=tuple(_imports(layout, names, bool(structs), uses_ctypes, bool(encode or shown))),
-        class_name=class_name(layout.name),
+        class_name=python_class(layout.name),
         base="runtime.CuttingMessage" if codec.cuts(layout, layouts) else "runtime.Message",
         structs=tuple(Row(name, value=run.format) for name, run in zip(structs, made.runs, strict=True)),
         rows=tuple(Row(path, code) for path, code in made.rows),
@@ -151,12 +152,10 @@ def _module(layout: Layout, layouts: Layouts, regions: str) -> Module:
         doc=tuple(documentation(message)),
         fields=fields,
         names=tuple(python_member(slot.name) for slot in data),
-        constants=tuple(
-            Row(python_member(c.name), type(c.value).__name__, literal(c.value)) for c in message.constants
-        ),
+        constants=tuple(row for row in constants if row.name not in used),
         plain=tuple(row for row in annotations if row.name not in used),
         shown=tuple(row for row in descriptors if row.name not in used),
-        hiding=tuple(hiding(annotations, descriptors, used)),
+        hiding=tuple(hiding(annotations, [*constants, *descriptors], used)),
         encode=encode,
         decode=tuple(made.decode_lines(structs)),
         defaults=tuple(_default_lines(layout, layouts)),
@@ -166,10 +165,10 @@ def _module(layout: Layout, layouts: Layouts, regions: str) -> Module:
 
 def _imported_names(layout: Layout, layouts: Layouts) -> dict[TypeName, str]:
     """The bare class name, with its package before it where two would be the same."""
-    taken = {class_name(layout.name)}
+    taken = {python_class(layout.name)}
     names: dict[TypeName, str] = {}
     for name in dict.fromkeys((*layout.dependencies, *_array_elements(layout, layouts))):
-        bare = class_name(name)
+        bare = python_class(name)
         names[name] = f"{name.package}_{bare}" if bare in taken else bare
         taken.add(names[name])
     return names
@@ -196,8 +195,8 @@ def _imports(layout: Layout, names: dict[TypeName, str], packs: bool, stores: bo
     modules = {}
     for name, imported in names.items():
         near = (name.package, name.kind) == (layout.name.package, layout.name.kind)
-        module = f"._{file_stem(name)}" if near else f"...{name.package}.{name.kind}._{file_stem(name)}"
-        bare = class_name(name)
+        module = f"._{file_stem(name)}" if near else f"...{python_member(name.package)}.{name.kind}._{file_stem(name)}"
+        bare = python_class(name)
         modules[module] = bare if bare == imported else f"{bare} as {imported}"
     if modules:
         yield ""

@@ -44,8 +44,12 @@ TYPECODES = {
     Scalar.FLOAT64: "d",
 }
 CLOCK_CODES = {"TIME": "I", "LTIME": "Q", "struct": "iI"}
-MODULES = frozenset({"ctypes", "runtime", "struct", "typing", "values"})
 _CLOCK_UNITS = {"TIME": "milliseconds", "LTIME": "nanoseconds", "struct": "seconds_nanoseconds"}
+
+
+_USED = {"message", "into", "at", "late", "data", "error", "len", "memoryview"}
+_USED |= {"ctypes", "runtime", "struct", "typing", "values"}
+"""What the statements refer to beside the variables they make."""
 
 
 @dataclass(slots=True)
@@ -84,7 +88,7 @@ class Codec:
     after: list[str] = field(default_factory=list)
     decoded: list[str] = field(default_factory=list)
     rows: list[tuple[str, str]] = field(default_factory=list)
-    names: set[str] = field(default_factory=lambda: {"message", "into", "at", "late", "data", "error", "len", *MODULES})
+    names: set[str] = field(default_factory=lambda: set(_USED))
 
     def message(self, layout: Layout, base: int = 0, owner: str = "message", prefix: str = "") -> None:
         """Walks the slots of a message that begins at byte `base` and is held by the variable `owner`."""

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from shmgen.model import Layouts, Output, TypeName
 from shmgen.targets import interfaces
-from shmgen.targets.naming import file_stem
+from shmgen.targets.naming import file_stem, python_member
 from shmgen.targets.python_text import import_lines, in_docstring
 
 
@@ -55,7 +55,7 @@ def classes(layouts: Layouts) -> dict[str, list[str]]:
 
 
 def _path(name: TypeName, root: str) -> str:
-    return f"{root}/{name.package}/{name.kind}/{_module(name)[1:]}.py"
+    return f"{root}/{python_member(name.package)}/{name.kind}/{_module(name)[1:]}.py"
 
 
 def _module(name: TypeName) -> str:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from shmgen.model import Clock, Element, Ref, Role, Scalar, Slot, String, TypeName, TypeOptions, assert_never
 from shmgen.targets import python_codec as codec
-from shmgen.targets.naming import python_member
+from shmgen.targets.naming import PYTHON_STORED, python_member
 
 CTYPES = {
     Scalar.BOOL: "c_bool",
@@ -23,8 +23,6 @@ CTYPES = {
     Scalar.FLOAT64: "c_double",
 }
 _CLOCK_CTYPES = {"TIME": "ctypes.c_uint32", "LTIME": "ctypes.c_uint64", "struct": "ctypes.c_uint32 * 2"}
-USED_IN_CLASS = codec.MODULES | {"bool", "bytearray", "bytes", "float", "int", "memoryview", "staticmethod", "str"}
-"""What the body of a class refers to, and a field must not hide before."""
 
 
 class Row(NamedTuple):
@@ -42,7 +40,8 @@ def is_shown(slot: Slot) -> bool:
 
 def stored_name(slot: Slot) -> str:
     if slot.role is Role.DATA:
-        return ("_" if is_shown(slot) else "") + python_member(slot.name)
+        stored = ("_" if is_shown(slot) else "") + python_member(slot.name)
+        return f"{stored}_stored" if stored in PYTHON_STORED else stored
     return f"_{slot.name}"  # with two underscores for padding: `_pad0` may be how a string `pad0` is stored
 
 
@@ -98,9 +97,9 @@ def descriptor(slot: Slot, options: TypeOptions, names: Mapping[TypeName, str], 
             assert_never(slot.type)
 
 
-def hiding(annotations: list[Row], descriptors: list[Row], used: Set[str]) -> Iterator[str]:
-    """Fields named like something the class body uses: last, in one assignment, and `int` after what is one."""
-    hidden = [row for row in descriptors if row.name in used]
+def hiding(annotations: list[Row], assigned: list[Row], used: Set[str]) -> Iterator[str]:
+    """What is named like something the class body uses: last, in one assignment, and `int` after what is one."""
+    hidden = [row for row in assigned if row.name in used]
     if hidden:
         yield f"{', '.join(row.name for row in hidden)} = {', '.join(row.value for row in hidden)}"
     annotated = [row for row in annotations if row.name in used]
