@@ -62,7 +62,7 @@ def test_slots_tile_the_message(schema: Schema, options: TypeOptions) -> None:
         assert sum(slot.size for slot in layout.slots if slot.role is Role.PADDING) < 8 * len(layout.slots)
 
 
-@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(schemas(), OPTIONS, st.integers())
 def test_ctypes_agrees_and_values_survive(tmp_path: Path, schema: Schema, options: TypeOptions, seed: int) -> None:
     layouts = layouts_of(schema, options)

@@ -7,7 +7,7 @@ import random
 import subprocess
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any
 
 from shmgen import definitions, pipeline
@@ -20,6 +20,7 @@ from tests.definitions.test_corpus import NEEDS_IDL, REJECTED
 from tests.softplc import Plc, compile_st, iec
 
 from .build import classes, put
+from .plcopen import imported
 from .schemas import arriving, plain, random_message
 
 
@@ -57,8 +58,17 @@ def make(config: Config, names: list[str], folder: Path) -> Proof:
     layouts = pipeline.lay_out(config, names)
     put(texts, folder)
     st = {path: text for path, text in texts.items() if path.endswith(".st")}
+    assert_same_in_xml(st, texts["plcopen/shmgen.xml"])
     c = read_back(folder, config.package, layouts)
     return Proof(folder, config.package, layouts, compile_st(st | echoes(layouts)), c)
+
+
+def assert_same_in_xml(files: Mapping[str, str], xml: str) -> None:
+    """Blanks apart, what an IDE imports is what is compiled and run here."""
+    objects = imported(xml)
+    for path, text in files.items():
+        assert objects.pop(PurePath(path).stem).split() == text.split(), path
+    assert objects == {}
 
 
 def prove(proof: Proof, topic: str) -> None:
