@@ -83,6 +83,7 @@ def harmless() -> dict[str, Any]:
 @given(hostile, hostile, units, folders)
 @example("c", "o", 'm"""+exit(1)+"""', "f")
 @example("c\\", "*\\", "m*/", '"""*)')
+@example("*??/", "??/", "m*??/", "??/")
 @settings(careless, max_examples=60)
 def test_comments_units_and_folders(comment: str, other: str, unit: str, within: str) -> None:
     found = code(generated(definition(comment, other, unit), within))

@@ -157,9 +157,9 @@ def _comment(slot: Slot, layout: Layout) -> str:
 
 
 def _in_comment(text: str) -> str:
-    """Text that can neither end the comment it stands in nor begin another."""
+    """Text that can neither end the comment it stands in nor begin another; `??/` is a backslash to C11."""
     printable = "".join(char if char == "\n" or char.isprintable() else " " for char in text)
-    return printable.replace("*/", "* /").replace("/*", "/ *").rstrip()
+    return printable.replace("??/", "? ?/").replace("*/", "* /").replace("/*", "/ *").rstrip()
 
 
 def _literal(constant: Constant, options: TypeOptions) -> str:
