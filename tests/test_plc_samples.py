@@ -94,6 +94,7 @@ def test_each_unread_sample_in_order(demo: Demo, topic: str) -> None:
         for number in range(7, 30):
             publisher.publish(demo.message(number))
         assert (drained(block), block.udiMissed) == (list(range(22, 30)), 15)
+        assert Memory(topic)["missed"] == 15
 
 
 def drained(block: Block) -> list[int]:

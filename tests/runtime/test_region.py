@@ -69,7 +69,7 @@ def test_header_bytes(topic, file):
     assert data[136:152] == bytes(16)
     # heartbeat of three samples and one without; nobody inside; three entered the lock
     assert struct.unpack_from("<IIIII", data, 152) == (4, 0, 0, 0, 3)
-    assert data[172:192] == bytes(20)
+    assert data[172:192] == bytes(20)  # nobody has missed anything; the rest is reserved
     for number in (1, 2, 3):
         stamp, found, zero, *payload = struct.unpack_from("<QII7d", data, 192 + number * 128)
         assert (found, zero, payload) == (number, 0, [float(number)] * 7)

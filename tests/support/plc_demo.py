@@ -97,7 +97,7 @@ class Memory:
     WORDS: ClassVar = {
         "magic": 0, "slots": 7, "writer": header.WRITER, "begun": header.BEGUN, "completed": header.COMPLETED,
         "heartbeat": header.HEARTBEAT, "lock_holder": header.LOCK_HOLDER, "recoveries": 40, "armed": 41,
-        "lock_count": header.LOCK_COUNT,
+        "lock_count": header.LOCK_COUNT, "missed": header.MISSED,
     }  # fmt: skip
 
     def __init__(self, topic: str, suffix: str = "") -> None:

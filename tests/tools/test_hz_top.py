@@ -12,9 +12,10 @@ import sys
 import termios
 import time
 
+from shmgen.runtime import header as h
 from shmgen.tools import hz, top
 
-from ..runtime.messages import PosePublisher, pose
+from ..runtime.messages import PosePublisher, PoseSubscriber, pose
 
 
 def test_hz_of_a_steady_writer(topic, shmgen, started):
@@ -86,7 +87,30 @@ def test_top_in_a_pipe(topic, shmgen, started):
 
 
 def row(topic, rate):
-    return top.Row(topic, "demo_msgs/msg/Long", "42 a long name", 1, rate, 1.0, 0.0, 0)
+    return top.Row(topic, "demo_msgs/msg/Long", "42 a long name", 1, rate, 1.0, 0.0, 0, 0)
+
+
+def test_top_counts_what_readers_missed(topic, shmgen):
+    with PosePublisher(topic, depth=3) as publisher:
+        readers = [PoseSubscriber(topic, depth=3) for _ in range(2)]
+        for x in range(10):
+            publisher.publish(pose(x))
+        assert readers[0].read().position.x == 9.0
+        assert len(readers[1].read_all()) == 4
+        assert [reader.missed for reader in readers] == [9, 6]
+        assert shown(shmgen, topic)["missed"] == 9 + 6
+        publisher._region.words[h.MISSED] = 2**32 - 1
+        publisher.publish(pose(10))
+        publisher.publish(pose(11))
+        for reader in readers:
+            assert reader.read().position.x == 11.0
+            reader.close()
+    assert shown(shmgen, topic)["missed"] == 1
+
+
+def shown(shmgen, topic):
+    rows = json.loads(shmgen("top", "--once", "-d", "0.1", "--json").stdout)
+    return next(row for row in rows if row["topic"] == topic)
 
 
 def test_order_and_width():

@@ -27,9 +27,10 @@ LOCK_HOLDER = 156 // 4
 RECOVERIES = 160 // 4
 ARMED = 164 // 4
 LOCK_COUNT = 168 // 4
+MISSED = 172 // 4
 
 _FIXED = struct.Struct("<IHHQIIII64s")
-_MOVING = struct.Struct("<II16xIIIII")
+_MOVING = struct.Struct("<II16xIIIIII")
 
 
 class Header(NamedTuple):
@@ -52,6 +53,7 @@ class Header(NamedTuple):
     recoveries: int = 0
     armed: int = 0
     lock_count: int = 0
+    missed: int = 0
 
     @property
     def fixed(self) -> tuple[int | str, ...]:

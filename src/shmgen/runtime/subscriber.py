@@ -254,6 +254,8 @@ class Subscriber(Generic[M]):
         skipped = h.steps(self._last, number, slots) - 1
         if 0 < skipped < _ANEW:
             self._missed += skipped
+            # Outside of the lock: of two readers that add at once one may be lost, which a figure for people survives.
+            words[h.MISSED] = words[h.MISSED] + skipped & 0xFFFFFFFF
         self._last = number
         self._stamp = stamp
         return data

@@ -24,7 +24,8 @@ class Row:
     """One region now.
 
     `rate` is in samples a second, `age` the seconds since the newest one; None where it is not known. `lock` is
-    how often a second somebody got inside, None if somebody was inside from the last look to this one.
+    how often a second somebody got inside, None if somebody was inside from the last look to this one. `missed` is
+    how many samples its readers have missed, all together and since there is the region.
     """
 
     topic: str
@@ -34,6 +35,7 @@ class Row:
     rate: float | None
     age: float | None
     lock: float | None
+    missed: int
     recoveries: int
 
     def plain(self) -> dict[str, Any]:
@@ -132,6 +134,7 @@ def _row(view: View, header: h.Header, looks: Sequence[_Look]) -> Row:
         rate=written / seconds if seconds else None,
         age=max(0.0, (time.time_ns() - stamp) / 1e9) if stamp else None,
         lock=None if stuck or not seconds else entered / seconds,
+        missed=header.missed,
         recoveries=header.recoveries,
     )
 
