@@ -334,13 +334,21 @@ def _last_sample_is_lost(stage: Stage) -> Iterator[str]:
 
 def _recover(cast: list[Actor], limit: float, verdict: Verdict) -> None:
     start, before = time.monotonic(), [actor.moves for actor in cast]
+    late = ""
     while still := [actor for actor, moves in zip(cast, before, strict=True) if actor.moves == moves]:
-        if time.monotonic() - start > limit:
-            names = ", ".join(actor.work.__name__ for actor in still)
-            verdict.faults.append(f"{names}: no sign of life within {limit:.1f} s of the last hit")
+        took = time.monotonic() - start
+        if took > limit and not late:
+            late = f"{', '.join(actor.work.__name__ for actor in still)}: no sign of life within {limit:.1f} s of the "
+            with suppress(RegionMissing):
+                late += f"last hit, {read_header(region_name(cast[0].stage.topic))!r}"
+        if took > 5 * limit:
+            verdict.faults.append(f"{late}, nor within {took:.1f}")
             return
         time.sleep(0.0005)
-    verdict.pause = max(verdict.pause, time.monotonic() - start)
+    took = time.monotonic() - start
+    verdict.pause = max(verdict.pause, took)
+    if late:
+        verdict.faults.append(f"{late}; all moved after {took:.2f}")
 
 
 def _completed(stage: Stage) -> int:
