@@ -170,7 +170,9 @@ class Halves(Wrapped):
         self.inner[where.start + half : where.stop] = data[half:]
 
     def pause(self) -> None:
-        time.sleep(self.rng.choice((0, 0, 0.0001, 0.0005)))
+        """Seldom enough that a reader without the lock still gets samples from a writer without it."""
+        if self.rng.random() < 0.3:
+            time.sleep(self.rng.choice((0, 0.0001, 0.0005)))
 
 
 def plc_write(stage: Stage, place: int, rng: random.Random) -> None:
@@ -239,7 +241,7 @@ def play(folder: Path, seconds: float, kills: int, seed: int, limit: float, plc:
     try:
         while time.monotonic() < end and verdict.kills < kills and not verdict.faults:
             stage.depth = DEPTHS[verdict.regions % 2]
-            stage.kind = tuple(SIZES)[verdict.regions // 2 % 2]
+            stage.kind = "Small" if fault else tuple(SIZES)[verdict.regions // 2 % 2]
             works = scenes[verdict.regions % len(scenes)]
             cast = [Actor(stage, place, work) for place, work in enumerate(works)]
             for actor in cast:
