@@ -98,7 +98,9 @@ int main(int count, char **words) {
     offered.reliability().kind = reliable ? RELIABLE_RELIABILITY_QOS : BEST_EFFORT_RELIABILITY_QOS;
     offered.durability().kind = latch ? TRANSIENT_LOCAL_DURABILITY_QOS : VOLATILE_DURABILITY_QOS;
     offered.history().depth = latch ? 1 : 1000;
+    offered.data_sharing().off();  // it leaves files in /dev/shm when the process is killed
     DataReaderQos asked = DATAREADER_QOS_DEFAULT;
+    asked.data_sharing().off();
     asked.reliability().kind = offered.reliability().kind;
     asked.durability().kind = offered.durability().kind;
     asked.history().depth = 1000;
