@@ -11,7 +11,7 @@ from pathlib import Path
 import click
 
 from shmgen import __version__, asked, bridge_cli, drift, drift_cli, live_cli, options, pipeline
-from shmgen.config import TARGETS
+from shmgen.config import EXTRA_TARGETS, TARGETS
 from shmgen.diagnostics import CODES, Diagnostic, Rejected, Span
 
 
@@ -61,7 +61,7 @@ def cli() -> None:
     "-t",
     "--target",
     multiple=True,
-    type=click.Choice(TARGETS),
+    type=click.Choice((*TARGETS, *EXTRA_TARGETS)),
     help="Only this target, and the others' files removed; may be repeated.",
 )
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing but diagnostics.")

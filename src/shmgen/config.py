@@ -19,6 +19,8 @@ from shmgen.model import RegionOptions, TypeOptions
 
 FILE_NAME = "shmgen.toml"
 TARGETS = ("python", "st", "plcopen", "c")
+EXTRA_TARGETS = ("ros1", "ros2")
+"""Written only where they are asked for."""
 SOURCES = ("jazzy", "humble", "noetic", "kilted", "lyrical", "iron", "galactic", "foxy", "eloquent", "dashing", "env")
 MAX_REGION = 16 * 2**20
 """Bytes; more than any sane topic, less than what a forgotten bound makes."""
@@ -30,7 +32,7 @@ TASK_INTERVAL = 10
 class Config:
     """The user's words; `root` is the folder that relative paths start from.
 
-    `places` says where each of `messages`, and of `types_used`, is written.
+    `text` is the file as it is written. `places` says where each of `messages`, and of `types_used`, is written.
     """
 
     root: Path
@@ -40,6 +42,8 @@ class Config:
     targets: tuple[str, ...] = TARGETS
     package: str = "shm_msgs"
     distribution: str = ""
+    ros_package: str = ""
+    text: str = field(default="", compare=False, repr=False)
     max_region: int = MAX_REGION
     task_interval: int = TASK_INTERVAL
     types: TypeOptions = field(default_factory=TypeOptions)
@@ -84,7 +88,17 @@ class _Sections:
     read: Reader
 
     def config(self, data: dict[str, Any], root: Path) -> Config:
-        known = ("messages", "source", "path", "targets", "package", "distribution", "max_region", "task_interval")
+        known = (
+            "messages",
+            "source",
+            "path",
+            "targets",
+            "package",
+            "distribution",
+            "max_region",
+            "task_interval",
+            "ros_package",
+        )
         lists = ("topics", "services", "actions")
         self.read.keys("", data, (*known, "types", "strings", "bounds", *lists, "regions", "bridge"))
         types, strings, bounds = (self.read.table(data, name) for name in ("types", "strings", "bounds"))
@@ -94,9 +108,11 @@ class _Sections:
             messages=tuple(_from(root, message) for message in self.read.texts("messages", data, ())),
             source=self.read.choice("", "source", data, SOURCES, "jazzy"),
             path=tuple(root / folder for folder in self.read.texts("path", data, ())),
-            targets=self.read.texts("targets", data, TARGETS, TARGETS),
+            targets=self.read.texts("targets", data, TARGETS, (*TARGETS, *EXTRA_TARGETS)),
             package=self.package(data),
             distribution=self.distribution(data),
+            ros_package=self.ros_package(data),
+            text=self.read.text,
             max_region=self.read.number("", "max_region", data, MAX_REGION),
             task_interval=self.read.number("", "task_interval", data, TASK_INTERVAL),
             types=TypeOptions(
@@ -161,6 +177,14 @@ class _Sections:
             return "shm_msgs"
         return str(name)
 
+    def ros_package(self, data: dict[str, Any]) -> str:
+        name = data.get("ros_package", "")
+        if isinstance(name, str) and (not name or _ROS_PACKAGE.fullmatch(name)):
+            return name
+        rule = "small letters, digits and single _, a letter first, two characters at least (REP 144)"
+        self.read.wrong("", "ros_package", f"ros_package is made of {rule}, not {name!r}")
+        return ""
+
     def distribution(self, data: dict[str, Any]) -> str:
         value = data.get("distribution", "")
         if isinstance(value, str) and (not value or _DISTRIBUTION.fullmatch(value)):
@@ -172,6 +196,7 @@ class _Sections:
 
 _MODE = re.compile(r"0?6[06][06]")
 """Who may read a region and not write it cannot enter its lock."""
+_ROS_PACKAGE = re.compile(r"[a-z](_?[a-z0-9])+_?")
 _DISTRIBUTION = re.compile(r"[A-Za-z0-9]([A-Za-z0-9._-]*[A-Za-z0-9])? [0-9]+(\.[0-9]+)*((a|b|rc|\.post|\.dev)[0-9]+)?")
 """Names of PEP 508 and the common versions of PEP 440."""
 _BOUND_KEY = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*(\.[A-Za-z]\w*)?)?")

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import click
 
 from shmgen import options, verdict
-from shmgen.config import TARGETS, Config
+from shmgen.config import EXTRA_TARGETS, TARGETS, Config
 from shmgen.diagnostics import Rejected
 from shmgen.findings import Finding, Severity, as_annotations, as_json, summary, worst
 
@@ -55,7 +55,9 @@ def _report(command: F) -> F:
 
 @click.command()
 @_output
-@click.option("-t", "--target", multiple=True, type=click.Choice(TARGETS), help="As given to generate.")
+@click.option(
+    "-t", "--target", multiple=True, type=click.Choice((*TARGETS, *EXTRA_TARGETS)), help="As given to generate."
+)
 @click.option("--diff", "with_diff", is_flag=True, help="Print what generate would change, line by line.")
 @_report
 @options.where

@@ -6,15 +6,16 @@
 
 from __future__ import annotations
 
+import re
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from shmgen import bounds, config_entries, definitions, drift, layout
 from shmgen.config import Config
-from shmgen.diagnostics import Diagnostic, Report
+from shmgen.diagnostics import Diagnostic, Report, Span
 from shmgen.model import Action, Layouts, Output, Schema, Service, Topic, TypeName
-from shmgen.targets import c, interfaces, plcopen, python, python_project, st
+from shmgen.targets import c, interfaces, plcopen, python, python_project, ros_package, st
 
 
 def read(config: Config, requests: Iterable[str]) -> Schema:
@@ -141,6 +142,27 @@ def _plan(config: Config, layouts: Layouts, report: Report) -> Iterable[Output]:
         yield from st.plan(layouts, report, carried, called, acted, locks=config.regions.sync == "lock")
     if "c" in config.targets:
         yield from c.plan(layouts, report, config.package)
+    for ros in ("ros1", "ros2"):
+        if ros in config.targets:
+            yield from _ros_package(ros, config, layouts, report)
+
+
+def _ros_package(ros: str, config: Config, layouts: Layouts, report: Report) -> Iterable[Output]:
+    """Reports SHM504 where there is nothing to carry."""
+    carried = [topic.type for topic in topics(config, layouts, report)]
+    carried += [service.type for service in services(config, layouts, report)]
+    if not carried:
+        hint = "list [[topics]] or [[services]] in shmgen.toml"
+        report.error("SHM504", f"the target {ros} has nothing to carry", Span("shmgen.toml"), hint=hint)
+        return
+    version = config.distribution.partition(" ")[2]
+    package = ros_package.Package(
+        config.ros_package or ros_package.default_name(config.package),
+        version if re.fullmatch(r"\d+\.\d+\.\d+", version) else "0.1.0",
+        config.bridge.node,
+        (),
+    )
+    yield from ros_package.plan(ros, package, config.text, layouts, carried)
 
 
 def _settings(config: Config) -> dict[str, object]:
@@ -150,6 +172,7 @@ def _settings(config: Config) -> dict[str, object]:
         "targets": list(config.targets),
         "package": config.package,
         **({"distribution": config.distribution} if config.distribution else {}),
+        **({"ros_package": config.ros_package} if config.ros_package else {}),
         "bool": config.types.bool,
         "time": config.types.time,
         "encoding": config.types.encoding,

@@ -1,0 +1,155 @@
+"""The ROS packages that `-t ros1` and `-t ros2` write, read by catkin_pkg, roslaunch and setuptools themselves."""
+
+from __future__ import annotations
+
+import ast
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from shmgen.targets.ros_package import default_name
+
+from ..conftest import REPOSITORY
+from ..support.build import put
+from ..support.command import run
+
+SYSTEM_PYTHON = "/usr/bin/python3"
+"""Debian's, which has the ROS tools of Debian's packages."""
+PROJECT = {
+    "shmgen.toml": """# What the cell talks about.
+ros_package = "cell_bridge"
+distribution = "cell-shm 1.2.3"
+path = [
+    "msgs",
+]
+
+[[topics]]
+topic = "/cell/state"
+type = "cell_msgs/State"
+
+[[topics]]
+topic = "/robot/pose"
+type = "geometry_msgs/Pose"
+
+[[services]]
+service = "/cell/start"
+type = "cell_msgs/Start"
+server = "plc"
+""",
+    "msgs/cell_msgs/msg/State.msg": "float64 speed  # [m/s]\nPart[2] parts\nstd_msgs/Header header\n",
+    "msgs/cell_msgs/msg/Part.msg": "string<=8 name\n",
+    "msgs/cell_msgs/srv/Start.srv": "bool go\n---\nbool ok\n",
+}
+
+
+@pytest.fixture
+def project(tmp_path: Path) -> Path:
+    put(PROJECT, tmp_path)
+    result = run(["generate", "-q", "-t", "ros1", "-t", "ros2"], tmp_path)
+    assert result.code == 0, result.stderr
+    return tmp_path
+
+
+def debian(module: str, code: str, *arguments: str, **environment: str) -> str:
+    """What Debian's Python prints; a skip where it lacks the module."""
+    command = [SYSTEM_PYTHON, "-c", f"import {module}\n{code}", *arguments]
+    if not Path(SYSTEM_PYTHON).exists() or subprocess.run([*command[:2], f"import {module}"], check=False).returncode:
+        pytest.skip(f"{SYSTEM_PYTHON} has no {module}")
+    bare = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")}
+    done = subprocess.run(command, env={**bare, **environment}, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize(("ros", "kind", "code"), [("ros1", "catkin", "rospy"), ("ros2", "ament_python", "rclpy")])
+def test_catkin_pkg_takes_the_manifest(ros: str, kind: str, code: str, project: Path) -> None:
+    said = debian(
+        "catkin_pkg.package, sys",
+        "warnings = []\n"
+        "package = catkin_pkg.package.parse_package(sys.argv[1], warnings=warnings)\n"
+        "package.validate(warnings=warnings)\n"
+        "print(package.name, package.version, package.get_build_type(), *warnings)\n"
+        "print(*[depend.name for depend in package.exec_depends])",
+        str(project / "generated" / ros / "cell_bridge"),
+    )
+    first, depends = said.splitlines()
+    assert first == f"cell_bridge 1.2.3 {kind}"
+    assert {code, "cell_msgs", "geometry_msgs"} <= set(depends.split())
+
+
+def test_roslaunch_loads_the_launch_file(project: Path) -> None:
+    folder = project / "generated" / "ros1" / "cell_bridge"
+    said = debian(
+        "roslaunch.config, sys",
+        "loaded = roslaunch.config.load_config_default([sys.argv[1]], None)\n"
+        "for node in loaded.nodes: print(node.package, node.type, node.name, node.args)",
+        str(folder / "launch" / "bridge.launch"),
+        ROS_PACKAGE_PATH=str(folder.parent),
+        ROS_HOME=str(project / "ros_home"),
+    )
+    assert said.splitlines()[-1] == (f"cell_bridge bridge shmgen_bridge -c {folder}/config/shmgen.toml --backend ros1")
+
+
+def test_the_launch_file_of_ros_2_starts_what_setup_installs(project: Path) -> None:
+    folder = project / "generated" / "ros2" / "cell_bridge"
+    tree = ast.parse((folder / "launch" / "bridge.launch.py").read_text())
+    (node,) = [it for it in ast.walk(tree) if isinstance(it, ast.Call) and getattr(it.func, "id", "") == "Node"]
+    said = {it.arg: it.value.value for it in node.keywords if isinstance(it.value, ast.Constant)}
+    assert said == {"package": "cell_bridge", "executable": "bridge", "name": "shmgen_bridge", "output": "screen"}
+    assert '"bridge = " + NAME + ":main"' in (folder / "setup.py").read_text()
+    assert (folder / "config" / "bridge.yaml").read_text().splitlines()[1] == "shmgen_bridge:"
+
+
+def test_setup_installs_it_and_the_bridge_starts_from_there(project: Path) -> None:
+    pytest.importorskip("setuptools")
+    folder, target = project / "generated" / "ros2" / "cell_bridge", project / "install"
+    command = [sys.executable, "setup.py", "-q", "install", f"--root={target}", "--prefix=/", "--single-version-ext"]
+    done = subprocess.run([*command, "--install-lib=/lib"], cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert {str(path.relative_to(target)) for path in (target / "share").rglob("*") if path.is_file()} == {
+        "share/ament_index/resource_index/packages/cell_bridge",
+        "share/cell_bridge/package.xml",
+        "share/cell_bridge/launch/bridge.launch.py",
+        "share/cell_bridge/config/shmgen.toml",
+        "share/cell_bridge/config/bridge.yaml",
+        "share/cell_bridge/config/msgs/cell_msgs/msg/State.msg",
+        "share/cell_bridge/config/msgs/cell_msgs/msg/Part.msg",
+        "share/cell_bridge/config/msgs/cell_msgs/srv/Start.srv",
+    }
+    code = "import cell_bridge; cell_bridge.main()"
+    paths = os.pathsep.join([str(target / "lib"), str(REPOSITORY / "src")])
+    command = [
+        sys.executable,
+        "-c",
+        code,
+        "-c",
+        str(target / "share/cell_bridge/config/shmgen.toml"),
+        "--backend",
+        "no",
+    ]
+    done = subprocess.run(command, env={**os.environ, "PYTHONPATH": paths}, capture_output=True, text=True, check=False)
+    assert "Usage: -c bridge" in done.stderr
+    assert "Invalid value for '--backend'" in done.stderr
+
+
+@pytest.mark.parametrize("ros", ["ros1", "ros2"])
+def test_the_configuration_in_the_package_gives_the_same_bytes(ros: str, project: Path, tmp_path: Path) -> None:
+    config = project / "generated" / ros / "cell_bridge" / "config" / "shmgen.toml"
+    for message in ("cell_msgs/State", "geometry_msgs/Pose", "cell_msgs/Start_Reply"):
+        here, there = run(["show", message], project), run(["show", message, "-c", str(config)], tmp_path)
+        assert (here.code, there.code) == (0, 0), here.stderr + there.stderr
+        assert here.stdout.splitlines()[0] == there.stdout.splitlines()[0]
+
+
+def test_they_are_written_only_where_they_are_asked_for(project: Path) -> None:
+    assert run(["check", "-t", "ros1", "-t", "ros2"], project).code == 0
+    assert run(["generate", "-q"], project).code == 0
+    assert not (project / "generated" / "ros2" / "cell_bridge" / "package.xml").exists()
+
+
+def test_the_name_comes_from_the_package_of_the_classes() -> None:
+    assert default_name("shm_msgs") == "shm_msgs_bridge"
+    assert default_name("Shm__Cell_") == "shm_cell_bridge"
