@@ -41,8 +41,9 @@ generated: $(VENV)/ready  ## regenerate the committed output
 	$(BIN)/shmgen generate --quiet
 	$(BIN)/shmgen show sensor_msgs/BatteryState --svg > docs/memory_map.svg
 
-chaos: $(VENV)/ready-to-test  ## 20,000 kills, at most ten minutes
+chaos: $(VENV)/ready-to-test  ## 20,000 kills, at most ten minutes; then 10,000 calls with a PLC at one end, and at both
 	$(BIN)/python -m tests.chaos
+	$(BIN)/python -m tests.calls.plc_chaos
 
 load: $(VENV)/ready-to-test  ## 64 topics at 1 kHz for a minute
 	$(BIN)/python -m tests.load

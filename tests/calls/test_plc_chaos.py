@@ -1,0 +1,32 @@
+"""The PLC among peers that are killed, short; `make chaos` has ten thousand calls for each scene."""
+
+from __future__ import annotations
+
+import pytest
+
+from ..support.plc_calls import Calls
+from . import plc_chaos
+
+
+@pytest.mark.parametrize(("scene", "seconds"), [("plc_serves", 10.0), ("plc_asks", 5.0), ("plc_alone", 5.0)])
+def test_every_call_ends_and_none_in_the_answer_to_another(
+    compiled_calls: Calls, monkeypatch: pytest.MonkeyPatch, scene: str, seconds: float
+) -> None:
+    """How late a call may end is wide here, where other tests take the processors."""
+    monkeypatch.setattr(plc_chaos, "SLACK", 10.0)
+    verdict = plc_chaos.run(compiled_calls.folder, scene, 10_000, seed=1, longest=seconds)
+    assert not verdict.complaints, verdict
+    assert verdict.ends["r"] > 20, verdict
+    assert verdict.kills.total() >= 2, verdict
+
+
+@pytest.mark.parametrize(
+    ("scene", "fault", "found"),
+    [
+        ("plc_asks", "any_reply", "got the answer to another"),
+        ("plc_serves", "old_calls", "was there before the server"),
+    ],
+)
+def test_a_planted_fault_is_found(compiled_calls: Calls, scene: str, fault: str, found: str) -> None:
+    verdict = plc_chaos.run(compiled_calls.folder, scene, 10**6, seed=1, fault=fault, longest=120.0)
+    assert any(found in complaint for complaint in verdict.complaints), verdict
