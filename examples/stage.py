@@ -46,11 +46,11 @@ class Cell:
         subprocess.run([_shmgen(), command, *arguments, "-c", self.here / "shmgen.toml"], check=True)
 
     def start_plc(self, *programs: str) -> None:
-        """Compiles PRG_Ros and `programs`, files of `here`, and calls them every millisecond from now on."""
+        """Compiles all Structured Text and calls PRG_Ros and `programs`, files of `here`, every millisecond."""
         sys.path.insert(0, str(REPOSITORY))
         from tests.softplc import compile_st
 
-        sources = [*(self.folder / "st").rglob("*.st"), *(self.here / f"{name}.st" for name in programs)]
+        sources = [*(self.folder / "st").rglob("*.st"), *self.here.glob("*.st")]
         compile_st({path.name: path.read_text() for path in sources}, self.folder / "plc")
         task = ["-m", "tests.softplc.task", self.folder / "plc" / "plc.so", "PRG_Ros", *programs]
         self.start("PLC", *task, "--period", "0.001", ready="running", cwd=REPOSITORY)

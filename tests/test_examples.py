@@ -22,6 +22,7 @@ SAYS = {
     "machine_tending": "machine works on part 4: 3 parts taken",
     "robot_task": "3 tasks done, 1 refused",
     "dds_chatter": "the PLC has heard 5",
+    "press_service": "3 made",
 }
 ASKS = {
     "opcua_gateway": ("asyncua", "cyclonedds"),

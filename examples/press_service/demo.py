@@ -1,0 +1,24 @@
+"""A press that serves a call and makes calls itself, both through services in shared memory."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE.parent))
+
+from stage import cell  # noqa: E402
+
+
+def main() -> int:
+    """Exit status of the robot."""
+    with cell(HERE) as here:
+        here.generate()
+        print("\nThe PLC: PRG_Press.st and what was generated, compiled and called every millisecond", flush=True)
+        here.start_plc("PRG_Press")
+        return here.run("robot.py", "/press/run", "/press/unload")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,59 @@
+"""A robot that takes parts out of the press, and a planner that calls the press."""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+
+from shm_msgs.press_msgs.srv import (
+    Run_Request,
+    RunClient,
+    Unload_Request,
+    Unload_Response,
+    UnloadServer,
+)
+
+from shmgen.runtime import CallFailed, CallTimeout
+
+taken: list[int] = []
+is_over = threading.Event()
+
+
+def robot(service: str) -> None:
+    """Until the planner is through."""
+    with UnloadServer(service) as server:
+        while not is_over.is_set():
+            server.serve(unload, timeout=0.1)
+
+
+def unload(request: Unload_Request) -> Unload_Response:
+    taken.append(request.part)
+    return Unload_Response(placed=True)
+
+
+def main(run: str, unloading: str) -> int:
+    """0 if the press did what it was asked for, and said so where it did not."""
+    print(f"   robot and planner are process {os.getpid()}")
+    thread = threading.Thread(target=robot, args=(unloading,))
+    thread.start()
+    with RunClient(run) as client:
+        response = client.call(Run_Request(parts=3, force=25.0), timeout=10)
+        print(f"   3 parts with 25 kN: {response.made} made in {response.seconds:.2f} s, the robot took {taken}")
+        try:
+            client.call(Run_Request(parts=1, force=60.0), timeout=10)
+        except CallFailed as error:
+            print(f"   1 part with 60 kN: {error}")
+        try:
+            client.call(Run_Request(parts=5, force=25.0), timeout=0.03)
+        except CallTimeout as error:
+            print(f"   5 parts within 0.03 s: {error}")
+        late = client.call(Run_Request(parts=2, force=25.0), timeout=10)
+        print(f"   2 parts: {late.made} made; what the press did for the call before is no answer to this one")
+    is_over.set()
+    thread.join()
+    return 0 if response.made == 3 and late.made == 2 and taken == [1, 2, 3, 1, 2, 3, 4, 5, 1, 2] else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))
