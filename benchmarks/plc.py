@@ -17,49 +17,104 @@ import posix_ipc
 
 from shmgen import pipeline
 from shmgen.config import Config
+from shmgen.runtime.names import region_name
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from tests.softplc import Block, compile_st
+from tests.softplc import Block, Plc, compile_st
 
 TOPIC = f"/shmgen_benchmark_{os.getpid()}/plc"
+SERVICE = f"/shmgen_benchmark_{os.getpid()}/call"
+DEFINITION = "geometry_msgs/Pose pose\n---\ngeometry_msgs/Pose pose\n"
+PROGRAM = """
+    PROGRAM PRG_Calls
+    VAR_INPUT
+        sService : STRING(80);
+    END_VAR
+    VAR_OUTPUT
+        udiDone  : UDINT;
+    END_VAR
+    VAR
+        fbServer : FB_bench_msgs_Go_Server;
+        fbClient : FB_bench_msgs_Go_Client;
+    END_VAR
+    fbServer(xEnable := TRUE, sService := sService, xDone := fbServer.xExecute);
+    fbClient(xEnable := TRUE, sService := sService, xExecute := NOT (fbClient.xDone OR fbClient.xError));
+    IF fbClient.xDone THEN
+        udiDone := udiDone + 1;
+    END_IF
+    END_PROGRAM
+    """
+"""A server, and a client that calls it all the time: every few cycles."""
 CYCLES = 2000
+REGIONS = ("_fbRequest", "_fbReply")
 PERIOD = 0.001
 
 
 def main() -> None:
-    """Prints the median of the longest of 2,000 cycles, and the misses counted."""
+    """Prints the longest of 2,000 cycles, and how often the lock was found taken."""
     with tempfile.TemporaryDirectory() as folder:
-        texts = pipeline.generate(Config(Path(folder), targets=("st",)), ["geometry_msgs/Pose"])
-        plc = compile_st({path: text for path, text in texts.items() if path.startswith("st/")})
-    publisher, subscriber = (plc.block(f"FB_geometry_msgs_Pose_{role}") for role in ("Publisher", "Subscriber"))
+        definition = Path(folder) / "bench_msgs" / "srv" / "Go.srv"
+        definition.parent.mkdir(parents=True)
+        definition.write_text(DEFINITION)
+        config = Config(Path(folder), path=(Path(folder),), targets=("st",))
+        texts = pipeline.generate(config, ["geometry_msgs/Pose", "bench_msgs/Go"])
+        sources = {path: text for path, text in texts.items() if path.startswith("st/")}
+        plc = compile_st({**sources, "PRG_Calls": PROGRAM})
+    print(f"{CYCLES} cycles of {PERIOD * 1e3:.0f} ms each; longest call, calls that found the lock taken")
     try:
-        for block in (publisher, subscriber):
-            for _ in range(1200 if block is publisher else 3):  # a writer claims its topic for a second
-                block(xEnable=True, sTopic=TOPIC)
-                time.sleep(PERIOD if not block.xBusy else 0.001)
-        print(f"{CYCLES} cycles of {PERIOD * 1e3:.0f} ms each; longest call, calls that found the lock taken")
-        for name, block in (("publisher", publisher), ("subscriber", subscriber)):
-            report(f"{name}, lock free", block)
-            publisher()  # something to read, so that the subscriber tries the lock
-            semaphore = posix_ipc.Semaphore("/" + TOPIC.strip("/").replace("/", "."))
-            holder = threading.Thread(target=hold, args=(semaphore,))
-            holder.start()
-            time.sleep(0.05)
-            report(f"{name}, Python holds the lock for a second", block)
-            holder.join()
+        topic(plc)
+        service(plc)
     finally:
-        name = "/" + TOPIC.strip("/").replace("/", ".")
-        posix_ipc.unlink_shared_memory(name)
-        for semaphore_name in (name, f"{name}-event"):
-            posix_ipc.unlink_semaphore(semaphore_name)
+        for name in (TOPIC, f"{SERVICE}-request", f"{SERVICE}-response"):
+            region = "/" + region_name(name)
+            posix_ipc.unlink_shared_memory(region)
+            for semaphore_name in (region, f"{region}-event"):
+                posix_ipc.unlink_semaphore(semaphore_name)
+
+
+def topic(plc: Plc) -> None:
+    publisher, subscriber = (plc.block(f"FB_geometry_msgs_Pose_{role}") for role in ("Publisher", "Subscriber"))
+    for block in (publisher, subscriber):
+        for _ in range(1200 if block is publisher else 3):  # a writer claims its topic for a second
+            block(xEnable=True, sTopic=TOPIC)
+            time.sleep(PERIOD if not block.xBusy else 0.001)
+    for name, block in (("publisher", publisher), ("subscriber", subscriber)):
+        report(f"{name}, lock free", block)
+        publisher()  # something to read, so that the subscriber tries the lock
+        with_lock_held(f"{name}, Python holds the lock for a second", block, TOPIC)
+
+
+def service(plc: Plc) -> None:
+    program = plc.block("PRG_Calls")
+    program.sService = SERVICE
+    program.run(PERIOD, 10)  # opens the regions
+    report("client and server, lock free", program)
+    with_lock_held("client and server, Python holds the lock", program, f"{SERVICE}-request")
+    assert program.udiDone > CYCLES // 5
+
+
+def with_lock_held(name: str, block: Block, topic: str) -> None:
+    holder = threading.Thread(target=hold, args=(posix_ipc.Semaphore("/" + region_name(topic)),))
+    holder.start()
+    time.sleep(0.05)
+    report(name, block)
+    holder.join()
 
 
 def report(name: str, block: Block) -> None:
-    before = block.udiLockMisses
+    before = _misses(block)
     cycles = CYCLES if "free" in name else 800
     longest = block.run(PERIOD, cycles)
-    print(f"  {name:<48} {longest * 1e6:8.1f} us   {block.udiLockMisses - before:5} of {cycles}")
+    print(f"  {name:<48} {longest * 1e6:8.1f} us   {_misses(block) - before:5} of {cycles}")
+
+
+def _misses(block: Block) -> int:
+    """Of a program those of all its regions."""
+    if block._name != "PRG_CALLS":
+        return int(block.udiLockMisses)
+    regions = (getattr(side, name) for side in (block.fbClient._fbCaller, block.fbServer._fbServer) for name in REGIONS)
+    return sum(region.udiLockMisses for region in regions)
 
 
 def hold(semaphore: posix_ipc.Semaphore) -> None:
