@@ -86,9 +86,10 @@ def compiled_calls(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> 
 @pytest.fixture
 def calls(compiled_calls: Calls) -> Iterator[Calls]:
     """A PLC that never waited for a semaphore; its clock stands still at 0 but for what a test adds to it."""
-    compiled_calls.plc.fail("", 0)
     compiled_calls.plc.set_clock(0)
     yield compiled_calls
+    compiled_calls.plc.fail("", 0)
+    compiled_calls.plc.run_clock()  # that of other tests runs
     assert compiled_calls.plc.waits == 0
 
 

@@ -53,9 +53,9 @@ def test_example(example: str) -> None:
 
 
 def left_behind(example: str) -> list[Path]:
-    """Regions and semaphores of its own topics; other examples may be running."""
+    """Regions and semaphores of its own topics and services; other examples may be running."""
     texts = [path.read_text() for path in (REPOSITORY / "examples" / example).glob("*.*") if path.suffix != ".md"]
-    topics = {name for text in texts for name in re.findall(r'(?i)^topic = "/(.+)"$', text, re.MULTILINE)}
-    assert topics
-    names = [topic.replace("/", ".") for topic in topics]
+    found = {name for text in texts for name in re.findall(r'(?i)^(?:topic|service) = "/(.+)"$', text, re.MULTILINE)}
+    assert found
+    names = [name.replace("/", ".") for name in found]
     return [path for name in names for path in Path("/dev/shm").glob(f"*{name}*")]

@@ -130,6 +130,10 @@ class Plc:
         """Stops the clock of TIME() there."""
         self.library.shim_set_now(ctypes.c_uint32(ms))
 
+    def run_clock(self) -> None:
+        """Lets the clock of TIME() run again."""
+        self.library.shim_run_now()
+
     @property
     def waits(self) -> int:
         """How often a semaphore was entered with a time limit other than 0."""

@@ -26,6 +26,7 @@ void shim_sem_born(unsigned value);                        /* of semaphores made
 void shim_shm_round(int rounded);                          /* sizes: 0 = exact, 1 = rounded up to pages first */
 void shim_fail(const char *function, uint32_t result);     /* the next calls of it give this result; 0 = no longer */
 void shim_set_now(uint32_t ms);                            /* stops the clock there */
+void shim_run_now(void);                                   /* lets it run again */
 uint32_t shim_waits(void);                                 /* how often Enter had a time limit other than 0 */
 
 /* Calls `call(self, 0)` each period; gives the longest time that one took, in ns, or ends at the first `*reason`. */
