@@ -194,5 +194,6 @@ def test_what_cannot_be_opened(calls: Calls, topic: str, suffix: str) -> None:
     Memory(topic, suffix).poke(8, b"\x99")
     server, client = pair(calls, topic)
     begin(client, 3)
-    assert (server.eErrorID, client.eErrorID) == ("DIGEST_MISMATCH", "DIGEST_MISMATCH")
-    assert (state(client), server.xError) == ("xError", True)
+    assert (server.eErrorID, server.xError, state(client)) == ("DIGEST_MISMATCH", True, "xBusy")
+    calls.plc.set_clock(10_000)
+    assert (state(client()), client.eErrorID) == ("xError", "DIGEST_MISMATCH")

@@ -231,7 +231,10 @@ def test_one_client_and_one_server(calls: Calls, topic: str) -> None:
     for other in others:
         assert other().eErrorID == "WRITER_IN_USE"
     begin(others[1], 1)
-    assert (state(others[1]), others[1].eErrorID, others[0].xError) == ("xError", "WRITER_IN_USE", True)
+    assert (state(others[1]), others[0].xError) == ("xBusy", True)
+    calls.plc.set_clock(1000)
+    server(), client()
+    assert (state(others[1]()), others[1].eErrorID) == ("xError", "WRITER_IN_USE")
 
 
 def test_a_call_waits_until_the_service_is_open(calls: Calls, topic: str) -> None:
@@ -252,7 +255,31 @@ def test_what_cannot_be_opened(calls: Calls, topic: str) -> None:
     client = calls.client(topic)()
     assert (state(client), client.eErrorID) == ("", "DIGEST_MISMATCH")
     begin(client, 1)
-    assert (state(client), client.eErrorID) == ("xError", "DIGEST_MISMATCH")
+    assert state(client) == "xBusy"
+    calls.plc.set_clock(999)
+    assert state(client()) == "xBusy"
+    calls.plc.set_clock(1000)
+    assert (state(client()), client.eErrorID) == ("xError", "DIGEST_MISMATCH")
+
+
+def test_what_can_be_opened_after_all(calls: Calls, topic: str) -> None:
+    server = calls.server(topic)()
+    memory = Memory(topic, "-response")
+    memory["magic"] = 5
+    client = calls.client(topic)()
+    begin(client, 1)
+    memory["magic"] = 0x474D4853
+    calls.plc.set_clock(500)
+    assert (state(client()), client.udiCall) == ("xBusy", 1)
+    server()
+    answer(server, 4)
+    assert state(client()) == "xDone"
+
+
+def test_without_a_time_limit_what_cannot_be_opened_is_told_at_once(calls: Calls, topic: str) -> None:
+    client = calls.client("no name", tTimeout=0)()
+    begin(client, 1)
+    assert (state(client), client.eErrorID) == ("xError", "TOPIC_INVALID")
 
 
 @pytest.mark.parametrize(("length", "error"), [(65, "NO_ERROR"), (66, "TOPIC_TOO_LONG")])
