@@ -55,7 +55,7 @@ def run(number: int, seed: int, fault: str = "", longest: float = LONGEST) -> Ve
     end, due = time.monotonic() + longest, 0.0
     try:
         while sum(verdict.ends.values()) < number and time.monotonic() < end:
-            due = due or time.monotonic() + dice.uniform(0.05, 0.3)
+            due = due or time.monotonic() + dice.uniform(0.02, 0.1)
             time.sleep(0.005)
             _listen(reader, verdict, numbers)
             if time.monotonic() > due:
