@@ -51,7 +51,8 @@ typedef struct SHMGEN_PACKED shmgen_region {
     uint32_t recoveries;   /* how often a dead holder's lock was freed */
     uint32_t armed;        /* a waiting reader sets 1 */
     uint32_t lock_count;   /* counted up by whoever gets in */
-    uint8_t reserved2[20];
+    uint32_t missed;       /* readers add the samples that they missed */
+    uint8_t reserved2[16];
 } shmgen_region;
 
 /* Begins each slot; the message follows. */
@@ -68,6 +69,7 @@ SHMGEN_STATIC_ASSERT(offsetof(shmgen_region, type_name) == 32, "type_name");
 SHMGEN_STATIC_ASSERT(offsetof(shmgen_region, begun) == 128, "begun");
 SHMGEN_STATIC_ASSERT(offsetof(shmgen_region, heartbeat) == 152, "heartbeat");
 SHMGEN_STATIC_ASSERT(offsetof(shmgen_region, lock_count) == 168, "lock_count");
+SHMGEN_STATIC_ASSERT(offsetof(shmgen_region, missed) == 172, "missed");
 
 #ifdef __cplusplus
 }
