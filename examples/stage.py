@@ -7,7 +7,6 @@ and written by hand, by way of C++, and calls it as a task would.
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -20,6 +19,7 @@ from shmgen.diagnostics import Report
 from shmgen.runtime.names import region_file, region_name
 
 REPOSITORY = Path(__file__).parents[1]
+SHMGEN = (sys.executable, "-m", "shmgen")
 LOOPBACK = (
     "<CycloneDDS><Domain><General><Interfaces>"
     '<NetworkInterface name="lo" multicast="true"/>'
@@ -43,7 +43,7 @@ class Cell:
     def shmgen(self, command: str, *arguments: str | Path) -> None:
         """Runs a command of shmgen with the cell's configuration and shows it."""
         print("\n$ shmgen", command, *(word for word in arguments if word not in ("--output", self.folder)), flush=True)
-        subprocess.run([_shmgen(), command, *arguments, "-c", self.here / "shmgen.toml"], check=True)
+        subprocess.run([*SHMGEN, command, *arguments, "-c", self.here / "shmgen.toml"], check=True)
 
     def start_plc(self, *programs: str) -> None:
         """Compiles all Structured Text and calls PRG_Ros and `programs`, files of `here`, every millisecond."""
@@ -101,14 +101,7 @@ def _clean(configuration: Path) -> None:
         if Path(region_file(region_name(name))).exists()
     ]
     if there:
-        subprocess.run([_shmgen(), "clean", *there], stdout=subprocess.DEVNULL, check=True)
-
-
-def _shmgen() -> str:
-    found = shutil.which("shmgen")
-    if found is None:
-        sys.exit("shmgen is not installed here: `make demo` does that")
-    return found
+        subprocess.run([*SHMGEN, "clean", *there], stdout=subprocess.DEVNULL, check=True)
 
 
 def _end(process: subprocess.Popen[str]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -12,17 +11,15 @@ from pathlib import Path
 import posix_ipc
 
 HERE = Path(__file__).parent
+SHMGEN = (sys.executable, "-m", "shmgen")
 TOPIC = "/shmgen_demo/pose"
 
 
 def main() -> int:
     """Exit status of the reader: 0 when every pose it was promised has crossed."""
-    shmgen = shutil.which("shmgen")
-    if shmgen is None:
-        sys.exit("shmgen is not installed here: `make demo` does that, or `pip install shmgen`")
     with tempfile.TemporaryDirectory() as folder:
         step(f"shmgen generate geometry_msgs/Pose sensor_msgs/Imu  (into {folder})")
-        generate = [shmgen, "generate", "geometry_msgs/Pose", "sensor_msgs/Imu", "--quiet", "--output", folder]
+        generate = [*SHMGEN, "generate", "geometry_msgs/Pose", "sensor_msgs/Imu", "--quiet", "--output", folder]
         subprocess.run(generate, check=True)
         for file in sorted(path.relative_to(folder) for path in Path(folder).rglob("*pose*") if path.is_file()):
             print(f"   {file}")
@@ -30,7 +27,7 @@ def main() -> int:
             print(f"   {file}")
 
         step("shmgen show geometry_msgs/Pose")
-        subprocess.run([shmgen, "show", "geometry_msgs/Pose"], check=True)
+        subprocess.run([*SHMGEN, "show", "geometry_msgs/Pose"], check=True)
 
         step(f"two processes, one region: {TOPIC}")
         python = [sys.executable]

@@ -55,6 +55,10 @@ service = "{topic}/stop"
 type = "cell_msgs/Start"
 server = "ros"
 timeout = 2.0
+
+[[actions]]
+action = "{topic}/move"
+type = "cell_msgs/Move"
 """
 PROGRAM = """
 PROGRAM PRG_Echo
@@ -113,7 +117,11 @@ def test_services_both_ways(cell: Domain, graph: dds.Graph, topic: str) -> None:
     file = cell.folder / "msgs" / "cell_msgs" / "srv" / "Start.srv"
     file.parent.mkdir(parents=True)
     file.write_text("int32 part\nstring word\n---\nbool success\nstring message\n")
+    move = cell.folder / "msgs" / "cell_msgs" / "action" / "Move.action"
+    move.parent.mkdir()
+    move.write_text("int32 to\n---\nint32 at\n---\nint32 at\n")
     bridge = cell.bridge(SERVICES.format(topic=topic))
+    bridge.said("/move: the bridge does not carry actions")
     served, called = services(load(cell.folder / "shmgen.toml", "shmgen.toml", Report()))
 
     ends = {

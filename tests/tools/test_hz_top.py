@@ -24,10 +24,10 @@ def test_hz_of_a_steady_writer(topic, shmgen, started):
     result = shmgen("hz", topic, "-n", "2", "--json")
     assert (result.code, result.stderr) == (0, "")
     for report in map(json.loads, result.stdout.splitlines()):
-        assert 90 < report["rate"] < 110
+        assert 50 < report["rate"] < 110
         assert report["shortest"] <= 0.0101
         assert report["longest"] >= 0.0099
-        assert 0 <= report["deviation"] < 0.02
+        assert 0 <= report["deviation"] < 0.1
     assert shmgen("hz", topic, "-n", "1").stdout.startswith("average rate: ")
 
 
@@ -77,7 +77,7 @@ def test_top_in_a_pipe(topic, shmgen, started):
     for row in rows:
         assert row[1:3] == ["std_msgs/msg/Int32", str(pub.pid)]
     (row,) = [row for row in json.loads(shmgen("top", "--once", "--json").stdout) if row["topic"] == topic]
-    assert 80 < row["rate"] < 120
+    assert 50 < row["rate"] < 120
     assert 0 <= row["age"] < 0.5
     assert (row["depth"], row["recoveries"]) == (1, 0)
     pub.kill()

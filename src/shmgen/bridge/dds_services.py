@@ -75,17 +75,17 @@ def client(ends: Ends, wire: ServiceWire) -> Caller:
         deadline = time.monotonic() + timeout
         while not (servers := _readers(requests, "serviceid")) or not replies.get_matched_publications():
             if time.monotonic() >= deadline:
-                raise NoAnswer(f"{wire.service}: no server within {timeout} s")
+                raise NoAnswer(f"no server within {timeout:g} s")
             time.sleep(_LOOK)
         if not all(servers):
-            raise NoAnswer(f"{wire.service}: a server that is not on rmw_cyclonedds; not asked")
+            raise NoAnswer("a server that is not on rmw_cyclonedds; not asked")
         number = next(numbers)
         waiting[number] = queue.SimpleQueue()
         try:
             send(requests, _joined((guid, number), request.encode(message)))
             answer = waiting[number].get(timeout=max(0.0, deadline - time.monotonic()))
         except queue.Empty:
-            raise NoAnswer(f"{wire.service}: no answer within {timeout} s") from None
+            raise NoAnswer(f"no answer within {timeout:g} s") from None
         finally:
             del waiting[number]
         return response.decode(answer)

@@ -67,7 +67,7 @@ class Ros1:
         kind = types.service(wire)
 
         def call(request: Any, timeout: float) -> Any:
-            return _within(timeout, lambda: rospy.ServiceProxy(wire.service, kind)(request), wire.service)
+            return _within(timeout, lambda: rospy.ServiceProxy(wire.service, kind)(request))
 
         return Caller(kind._request_class, call)
 
@@ -82,7 +82,7 @@ class Ros1:
         rospy.signal_shutdown("the bridge ends")
 
 
-def _within(seconds: float, call: Callable[[], Any], name: str) -> Any:
+def _within(seconds: float, call: Callable[[], Any]) -> Any:
     """Calls of rospy have no time limit, so one that nobody answers is left to its own thread."""
     result: list[Any] = []
     failure: list[Exception] = []
@@ -98,7 +98,7 @@ def _within(seconds: float, call: Callable[[], Any], name: str) -> Any:
     thread.join(seconds)
     if result:
         return result[0]
-    raise NoAnswer(str(failure[0]) if failure else f"{name}: no answer within {seconds:g} s")
+    raise NoAnswer(str(failure[0]) if failure else f"no answer within {seconds:g} s")
 
 
 def _await_master(node: Node) -> bool:

@@ -80,13 +80,13 @@ class Ros2:
 
         def call(request: Any, timeout: float) -> Any:
             if not client.wait_for_service(timeout_sec=timeout):
-                raise NoAnswer(f"{wire.service}: no server within {timeout:g} s")
+                raise NoAnswer(f"no server within {timeout:g} s")
             answered = threading.Event()
             future = client.call_async(to_ros(request))
             future.add_done_callback(lambda future: answered.set())
             if not answered.wait(timeout):
                 client.remove_pending_request(future)
-                raise NoAnswer(f"{wire.service}: no answer within {timeout:g} s")
+                raise NoAnswer(f"no answer within {timeout:g} s")
             return take(future.result())
 
         return Caller(types.blank(wire.request), call)

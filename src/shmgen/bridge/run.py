@@ -44,6 +44,8 @@ def run(config: Config, arguments: tuple[str, ...], say: Say, tell: Say) -> None
         say(f"{config.bridge.node}: backend {backend_name} ({why}), {carried}")
         for line in summary(sides):
             say(line)
+        for action in config.actions:
+            tell(f"{action.action}: the bridge does not carry actions")
         node = Node(config.bridge.node, config.bridge.domain, tell, stopping.is_set, arguments)
         backend: Backend | None = module.connect(node)
         if backend is not None:
