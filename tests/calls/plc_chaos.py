@@ -86,6 +86,8 @@ def plc_serve(stage: Stage, dice: random.Random) -> None:
     job = stage.calls.plc.block("FB_Answer")
     old = _newest_call(stage)
     while True:
+        if server.xBusy:  # not open yet: what comes until then is old too
+            old = _newest_call(stage)
         before = server.xExecute
         server(xDone=job.xDone, xFailed=job.xError)
         if server.xExecute and not before:

@@ -20,13 +20,7 @@ def test_every_call_ends_and_none_in_the_answer_to_another(
     assert verdict.kills.total() >= 2, verdict
 
 
-@pytest.mark.parametrize(
-    ("scene", "fault", "found"),
-    [
-        ("plc_asks", "any_reply", "got the answer to another"),
-        ("plc_serves", "old_calls", "was there before the server"),
-    ],
-)
-def test_a_planted_fault_is_found(compiled_calls: Calls, scene: str, fault: str, found: str) -> None:
-    verdict = plc_chaos.run(compiled_calls.folder, scene, 10**6, seed=1, fault=fault, longest=120.0)
-    assert any(found in complaint for complaint in verdict.complaints), verdict
+def test_a_planted_fault_is_found(compiled_calls: Calls) -> None:
+    """A server that answers old calls is found by test_plc_services.py; here it takes its time."""
+    verdict = plc_chaos.run(compiled_calls.folder, "plc_asks", 10**6, seed=1, fault="any_reply", longest=120.0)
+    assert any("got the answer to another" in complaint for complaint in verdict.complaints), verdict
