@@ -40,7 +40,7 @@ def run(config: Config, arguments: tuple[str, ...], say: Say, tell: Say) -> None
     module = choice.module(backend_name)
     sides = _sides(config, stopping, tell)
     try:
-        carried = f"{len(config.topics)} topics, {len(config.services)} services"
+        carried = f"topics: {len(config.topics)}, services: {len(config.services)}"
         say(f"{config.bridge.node}: backend {backend_name} ({why}), {carried}")
         for line in summary(sides):
             say(line)
