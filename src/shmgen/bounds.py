@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 from shmgen.diagnostics import Report, Span, closest
-from shmgen.model import Array, Element, Field, Message, Ref, Schema, Sequence, String, TypeName
+from shmgen.model import Array, Element, Field, Message, Ref, Schema, Sequence, String, TypeName, element_of
 
 DEFAULT_STRING = 80
 """CODESYS's own default, STRING = STRING(80)."""
@@ -81,7 +81,7 @@ def unbounded(schema: Schema, bounds: Bounds) -> dict[TypeName, tuple[str, ...]]
             bounded = _bounded(field, message.name, bounds).type
             if isinstance(bounded, Sequence) and bounded.capacity is None:
                 keys[f"{message.name.short}.{field.name}"] = None
-            nested = _element(bounded)
+            nested = element_of(bounded)
             if isinstance(nested, Ref):
                 keys |= dict.fromkeys(missing[nested.name])
         missing[message.name] = tuple(keys)
@@ -162,10 +162,10 @@ def _check_field_key(message: Message, name: str, section: str, bound: Bound, re
         )
     elif section == "bounds" and not isinstance(field.type, Sequence):
         report.error("SHM502", f"{message.name.short}.{name} is no sequence, but {field.written}", bound.span)
-    elif section == "strings" and not isinstance(_element(field.type), String):
+    elif section == "strings" and not isinstance(element_of(field.type), String):
         report.error("SHM502", f"{message.name.short}.{name} is no string, but {field.written}", bound.span)
     else:
-        bounded = field.type if section == "bounds" else _element(field.type)
+        bounded = field.type if section == "bounds" else element_of(field.type)
         assert isinstance(bounded, Sequence | String)
         if bounded.capacity is not None and bounded.capacity != bound.value:
             report.error(
@@ -176,10 +176,6 @@ def _check_field_key(message: Message, name: str, section: str, bound: Bound, re
             )
 
 
-def _element(type_: object) -> object:
-    return type_.element if isinstance(type_, Array | Sequence) else type_
-
-
 def _paths(schema: Schema) -> dict[TypeName, str]:
     """How each message is reached from one the user named: `demo_msgs/Robot.arm.joints[]`."""
     by_name = {message.name: message for message in schema.messages}
@@ -187,7 +183,7 @@ def _paths(schema: Schema) -> dict[TypeName, str]:
     queue = list(paths)
     for name in queue:  # grows while it is walked: breadth first, so the shortest path wins
         for field in by_name[name].fields:
-            nested = _element(field.type)
+            nested = element_of(field.type)
             if isinstance(nested, Ref) and nested.name not in paths:
                 many = "[]" if isinstance(field.type, Array | Sequence) else ""
                 paths[nested.name] = f"{paths[name]}.{field.name}{many}"

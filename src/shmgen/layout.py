@@ -30,6 +30,7 @@ from shmgen.model import (
     TypeName,
     TypeOptions,
     assert_never,
+    element_of,
     text_bytes,
     text_length,
 )
@@ -133,7 +134,7 @@ def _check_values(message: Message, options: TypeOptions, report: Report) -> Non
             fault = f"the default has {len(value)} elements, the bound is {room}"
             hint = f'set "{path}" = {len(value)} under [bounds] in shmgen.toml'
             report.error("SHM005", fault, declared.span, field=path, hint=hint)
-        element = declared.type.element if isinstance(declared.type, Array | Sequence) else declared.type
+        element = element_of(declared.type)
         for text in values:
             if isinstance(text, str) and isinstance(element, String):
                 fault, hint = _misfit(text, element, options, path)

@@ -143,6 +143,11 @@ class Sequence:
 FieldType: TypeAlias = Element | Array | Sequence
 
 
+def element_of(type_: FieldType) -> Element:
+    """What an array or sequence holds; anything else is its own element."""
+    return type_.element if isinstance(type_, Array | Sequence) else type_
+
+
 def ros_type(type_: FieldType) -> str:
     """As ROS spells it, bounds included: `float64[36]`, `string<=80[<=8]`, `geometry_msgs/Point`, `time`."""
     match type_:

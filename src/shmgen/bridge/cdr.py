@@ -22,6 +22,7 @@ from shmgen.model import (
     String,
     TypeName,
     assert_never,
+    element_of,
     ros_type,
 )
 
@@ -78,7 +79,7 @@ def codec(messages: tuple[Message, ...]) -> Codec:
 def _refuse_wide(messages: tuple[Message, ...]) -> None:
     for message in messages:
         for field in message.fields:
-            if isinstance(type_ := _element(field.type), String) and type_.wide:
+            if isinstance(type_ := element_of(field.type), String) and type_.wide:
                 where, what = f"{message.name.short}.{field.name}", ros_type(field.type)
                 raise ValueError(f"{where}: no {what} through DDS: Cyclone's Python does not know it; use string")
 
@@ -188,7 +189,3 @@ def _empty(type_: FieldType, known: Mapping[TypeName, Message], kinds: Mapping[s
             return []
         case _:
             assert_never(type_)
-
-
-def _element(type_: FieldType) -> Element:
-    return type_.element if isinstance(type_, (Array, Sequence)) else type_

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,7 +12,7 @@ from shmgen.bridge.side import About
 from shmgen.config import Config
 from shmgen.config_entries import Topic
 from shmgen.diagnostics import Report
-from shmgen.model import Array, Clock, FieldType, Layouts, Ref, Schema, Sequence, Service, TypeName
+from shmgen.model import Clock, Layouts, Ref, Schema, Service, TypeName, element_of
 from shmgen.model import Message as Definition
 from shmgen.runtime import Message, ValueRejected, region_name
 from shmgen.runtime.names import region_file
@@ -97,7 +97,8 @@ def closure(schema: Schema, name: TypeName) -> tuple[Definition, ...]:
     wanted = {name}
     for message in reversed(schema.messages):
         if message.name in wanted:
-            wanted |= set(_held(field.type for field in message.fields))
+            held = (element_of(field.type) for field in message.fields)
+            wanted |= {element.name for element in held if isinstance(element, Ref)}
     return tuple(message for message in schema.messages if message.name in wanted)
 
 
@@ -124,13 +125,6 @@ def _misfit(kind: type[Message], message: Any) -> str:
     except (ValueRejected, AttributeError) as error:
         return str(error)
     return ""
-
-
-def _held(types: Iterable[FieldType]) -> Iterable[TypeName]:
-    for type_ in types:
-        element = type_.element if isinstance(type_, Array | Sequence) else type_
-        if isinstance(element, Ref):
-            yield element.name
 
 
 def _stamp(message: Definition) -> tuple[str, ...]:

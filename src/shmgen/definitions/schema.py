@@ -12,7 +12,7 @@ from shmgen.definitions.library import Library, Sources, open_library
 from shmgen.definitions.parser import SECTIONS
 from shmgen.definitions.tokens import shown
 from shmgen.diagnostics import Report, Span, closest
-from shmgen.model import Array, Field, Message, Ref, Schema, Sequence, TypeName
+from shmgen.model import Field, Message, Ref, Schema, TypeName, element_of
 
 
 def load(requests: Iterable[str], sources: Sources, report: Report) -> Schema:
@@ -118,7 +118,7 @@ def _closed(requested: Iterable[TypeName], library: Library) -> tuple[Message, .
 def _held(message: Message) -> Iterator[tuple[Field, TypeName]]:
     """The messages that its fields hold by value."""
     for field in message.fields:
-        element = field.type.element if isinstance(field.type, Array | Sequence) else field.type
+        element = element_of(field.type)
         if isinstance(element, Ref):
             yield field, element.name
 
