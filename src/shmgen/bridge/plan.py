@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 from shmgen import pipeline
 from shmgen.bridge.backend import ServiceWire, Wire
@@ -17,6 +17,8 @@ from shmgen.model import Message as Definition
 from shmgen.runtime import Message, ValueRejected, region_name
 from shmgen.runtime.names import region_file
 from shmgen.tools.classes import generated
+
+F = TypeVar("F")
 
 DIAGNOSTICS = "diagnostic_msgs/DiagnosticArray"
 _HEADER = "std_msgs/Header"
@@ -51,11 +53,7 @@ def routes(config: Config) -> list[Route]:
     if not config.topics:
         return []
     requests = [topic.type for topic in config.topics]
-    layouts = pipeline.lay_out(config, requests)
-    report = Report()
-    found = list(pipeline.topics(config, layouts, report))
-    report.stop_if_any()
-    schema = pipeline.read(config, requests)
+    schema, layouts, found = _found(config, requests, pipeline.topics)
     # Strings are cut by the bridge, which counts it, and not by the classes.
     kinds = generated(replace(config, types=replace(config.types, overflow="error")), requests)
     made = []
@@ -71,11 +69,7 @@ def services(config: Config) -> list[ServiceRoute]:
     if not config.services:
         return []
     requests = [service.type for service in config.services]
-    layouts = pipeline.lay_out(config, requests)
-    report = Report()
-    found = list(pipeline.services(config, layouts, report))
-    report.stop_if_any()
-    schema = pipeline.read(config, requests)
+    schema, _, found = _found(config, requests, pipeline.services)
     kinds = generated(config, requests)
 
     def route(service: Service) -> ServiceRoute:
@@ -115,6 +109,17 @@ def check(route: Route, message: Any) -> None:
             f"{route.topic.topic}: {route.wire.type.short} of this ROS is not the one that shmgen knows: {why}\n"
             '  hint: set source = "..." in shmgen.toml to the ROS that runs here, generate, rebuild both sides'
         )
+
+
+def _found(
+    config: Config, requests: Iterable[str], find: Callable[[Config, Layouts, Report], Iterable[F]]
+) -> tuple[Schema, Layouts, list[F]]:
+    """The definitions as written, their layouts, and what `find` makes of shmgen.toml with them. Raises Rejected."""
+    layouts = pipeline.lay_out(config, requests)
+    report = Report()
+    found = list(find(config, layouts, report))
+    report.stop_if_any()
+    return pipeline.read(config, requests), layouts, found
 
 
 def _misfit(kind: type[Message], message: Any) -> str:
