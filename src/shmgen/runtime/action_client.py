@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from types import SimpleNamespace, TracebackType
+from types import SimpleNamespace
 from typing import Any, Generic, TypeVar
 
 from shmgen.runtime.calls import Caller
+from shmgen.runtime.closing import Closing
 from shmgen.runtime.errors import CallTimeout, NoServer
 from shmgen.runtime.message import Message
 from shmgen.runtime.publisher import Publisher
@@ -15,10 +16,9 @@ from shmgen.runtime.subscriber import Subscriber
 Goal = TypeVar("Goal", bound=Message)
 Feedback = TypeVar("Feedback", bound=Message)
 Outcome = TypeVar("Outcome", bound=Message)
-C = TypeVar("C", bound="ActionClient[Any, Any, Any]")
 
 
-class ActionClient(Generic[Goal, Feedback, Outcome]):
+class ActionClient(Closing, Generic[Goal, Feedback, Outcome]):
     """Sends goals to one action, one at a time. Not for two threads at a time; forked children open their own."""
 
     command_publisher: type[Publisher[Any]]
@@ -100,14 +100,6 @@ class ActionClient(Generic[Goal, Feedback, Outcome]):
     def action(self) -> str:
         """As given."""
         return self._action
-
-    def __enter__(self: C) -> C:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _look(self) -> None:
         """Takes the newest progress over if it is the goal's."""

@@ -5,16 +5,16 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from types import SimpleNamespace, TracebackType
+from types import SimpleNamespace
 from typing import Any, Generic, TypeVar
 
 from shmgen.runtime.calls import Callee, log_exception, passed_over, until
+from shmgen.runtime.closing import Closing
 from shmgen.runtime.message import Message
 from shmgen.runtime.publisher import Publisher
 from shmgen.runtime.subscriber import Subscriber
 
 Goal = TypeVar("Goal", bound=Message)
-S = TypeVar("S", bound="ActionServer[Any]")
 
 
 class ServedGoal(Generic[Goal]):
@@ -59,7 +59,7 @@ class ServedGoal(Generic[Goal]):
         return self._server._end(self.number, "REJECTED", None)
 
 
-class ActionServer(Generic[Goal]):
+class ActionServer(Closing, Generic[Goal]):
     """Serves one action, one goal at a time. Not for two threads at a time; forked children open their own."""
 
     command_subscriber: type[Subscriber[Any]]
@@ -122,14 +122,6 @@ class ActionServer(Generic[Goal]):
     def action(self) -> str:
         """As given."""
         return self._action
-
-    def __enter__(self: S) -> S:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _look(self, timeout: float = 0.0) -> None:
         """Takes one command. The number of the callee is that of the newest goal known."""

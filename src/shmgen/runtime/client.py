@@ -5,10 +5,10 @@ from __future__ import annotations
 import threading
 import time
 from contextlib import ExitStack
-from types import TracebackType
 from typing import Any, Generic, TypeVar
 
 from shmgen.runtime.calls import Caller
+from shmgen.runtime.closing import Closing
 from shmgen.runtime.errors import CallFailed, CallTimeout, NoServer
 from shmgen.runtime.message import Message
 from shmgen.runtime.publisher import Publisher
@@ -16,10 +16,9 @@ from shmgen.runtime.subscriber import Subscriber
 
 Request = TypeVar("Request", bound=Message)
 Response = TypeVar("Response", bound=Message)
-C = TypeVar("C", bound="ServiceClient[Any, Any]")
 
 
-class ServiceClient(Generic[Request, Response]):
+class ServiceClient(Closing, Generic[Request, Response]):
     """Calls one service, one call at a time; threads may share it, forked children open their own."""
 
     request_publisher: type[Publisher[Request]]
@@ -100,14 +99,6 @@ class ServiceClient(Generic[Request, Response]):
     def service(self) -> str:
         """As given."""
         return self._service
-
-    def __enter__(self: C) -> C:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _response(self, reply: Any) -> Response:
         if reply.status != reply.DONE:

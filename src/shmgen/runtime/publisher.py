@@ -5,10 +5,10 @@ from __future__ import annotations
 import ctypes
 import os
 import time
-from types import TracebackType
 from typing import Any, Generic, NoReturn, TypeVar
 
 from shmgen.runtime import header as h
+from shmgen.runtime.closing import Closing
 from shmgen.runtime.cutting import CuttingMessage
 from shmgen.runtime.errors import LockTimeout, RegionInUse, ShmError
 from shmgen.runtime.lock import Lock, fence
@@ -16,13 +16,12 @@ from shmgen.runtime.message import CUT, LATE_FROM, Late, Message
 from shmgen.runtime.region import WRITER_LOCK, Region, open_event, open_region
 
 M = TypeVar("M", bound=Message)
-P = TypeVar("P", bound="Publisher[Any]")
 
 _PLC_WATCH = 0.1
 """Seconds within which a PLC that still runs counts its heartbeat up: ten cycles of 10 ms."""
 
 
-class Publisher(Generic[M]):
+class Publisher(Closing, Generic[M]):
     """Publishes one type on one topic. Not for two threads at a time; forked children open their own."""
 
     message_type: type[M]
@@ -155,14 +154,6 @@ class Publisher(Generic[M]):
     def truncations(self) -> int:
         """How many texts publish() has cut; always 0 unless `overflow = "truncate"` in shmgen.toml."""
         return self._truncations
-
-    def __enter__(self: P) -> P:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _parts(self, start: int, late: Late) -> list[tuple[slice, memoryview]] | None:
         """The sample as copies to make: the late arrays, and scratch where none of them has its room."""

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import ExitStack
-from types import SimpleNamespace, TracebackType
+from types import SimpleNamespace
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from shmgen.runtime.calls import Callee, log_exception, passed_over, until
+from shmgen.runtime.closing import Closing
 from shmgen.runtime.message import Message
 from shmgen.runtime.publisher import Publisher
 from shmgen.runtime.subscriber import Subscriber
 
 Request = TypeVar("Request", bound=Message)
-S = TypeVar("S", bound="ServiceServer[Any]")
 
 
 class Call(NamedTuple):
@@ -23,7 +23,7 @@ class Call(NamedTuple):
     request: Any
 
 
-class ServiceServer(Generic[Request]):
+class ServiceServer(Closing, Generic[Request]):
     """Serves one service, one call at a time. Not for two threads at a time; forked children open their own."""
 
     request_subscriber: type[Subscriber[Request]]
@@ -98,11 +98,3 @@ class ServiceServer(Generic[Request]):
     def service(self) -> str:
         """As given."""
         return self._service
-
-    def __enter__(self: S) -> S:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()

@@ -6,16 +6,15 @@ import ctypes
 import os
 import time
 from collections.abc import Callable
-from types import TracebackType
 from typing import Any, Generic, TypeVar
 
 from shmgen.runtime import header as h
+from shmgen.runtime.closing import Closing
 from shmgen.runtime.lock import Lock, acquire, fence
 from shmgen.runtime.message import LATE_FROM, Message
 from shmgen.runtime.region import open_event, open_region
 
 M = TypeVar("M", bound=Message)
-S = TypeVar("S", bound="Subscriber[Any]")
 
 _TRIES = 8
 """How often a sample overwritten while it was copied is given up for a newer one in one call."""
@@ -29,7 +28,7 @@ _SLICE = 0.01
 """Seconds of the longest single wait: what a lost wake-up costs at most."""
 
 
-class Subscriber(Generic[M]):
+class Subscriber(Closing, Generic[M]):
     """Reads one type from one topic. Not for two threads at a time; forked children open their own."""
 
     message_type: type[M]
@@ -193,14 +192,6 @@ class Subscriber(Generic[M]):
         if beat != self._beat:
             self._beat, self._beat_since = beat, now
         return now - self._beat_since >= timeout
-
-    def __enter__(self: S) -> S:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _sleep(self, seconds: float, newest: int) -> None:
         """Until the writer posts the event, unless `completed` has left `newest` behind already.
