@@ -24,37 +24,12 @@
 #define LAYOUT(p) 1
 #endif
 
-byte mem[WORDS];
+#define ENDS 3
+#include "memory.pml"
+
 byte crashes = CRASHES, stalls = STALLS;
 bit dead[3], stalled[3], busy[3], wrote[3], slow, repair, finished[3];
 byte opened[3];   /* with which layout */
-
-#if defined(TSO) || defined(WEAK)
-chan buffer[3] = [4] of { byte, byte };
-byte own[9], pending[9];
-#define LD(p, a) (pending[(p) * WORDS + (a)] -> own[(p) * WORDS + (a)] : mem[a])
-#define ST(p, a, v) own[(p) * WORDS + (a)] = v; pending[(p) * WORDS + (a)]++; buffer[p]!a,own[(p) * WORDS + (a)]
-#define DRAINED(p) (len(buffer[p]) == 0)
-#define DRAIN(a) mem[a] = v; pending[p * WORDS + a]--; own[p * WORDS + a] = 0; v = 0
-proctype Drain(byte p)
-{
-    byte a, v;
-end:
-    do
-#ifdef WEAK
-    :: atomic { buffer[p]??MAGIC,v -> DRAIN(MAGIC) }
-    :: atomic { buffer[p]??DIGEST,v -> DRAIN(DIGEST) }
-    :: atomic { buffer[p]??SLOTS,v -> DRAIN(SLOTS) }
-#else
-    :: atomic { buffer[p]?a,v -> DRAIN(a); a = 0 }
-#endif
-    od
-}
-#else
-#define LD(p, a) mem[a]
-#define ST(p, a, v) mem[a] = v
-#define DRAINED(p) true
-#endif
 
 #define AT_WORK(p) (busy[p] && !dead[p] && !stalled[p])
 #define DO(p, c) atomic { !dead[p] && !stalled[p] && (c) ->
@@ -159,9 +134,7 @@ proctype Judge()
 
 init {
     atomic {
-#if defined(TSO) || defined(WEAK)
-        run Drain(P); run Drain(Q); run Drain(L);
-#endif
+        START_MEMORY;
         run Python(P); run Plc(); run Fate(); run Judge();
 #ifdef THREE
         run Python(Q)

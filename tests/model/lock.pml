@@ -174,7 +174,7 @@ progress_plc:
        DO(L, true) sem++; inside[L] = 0; gap[L] = 0 }
     :: DO(L, sem == 0 && !(missed[L] && SAME(L))) NOTE(L) }
     :: DO(L, sem == 0 && missed[L] && SAME(L) && !aged[L]) skip }
-    :: DO(L, sem == 0 && missed[L] && SAME(L) && aged[L] && !(GAPS(L) && holder == 0 && noted_holder[L] == 0)) assert(!WRONG(L)); FORGET(L) }
+    :: DO(L, sem == 0 && missed[L] && SAME(L) && aged[L] && !(slow && GAPS(L) && holder == 0 && noted_holder[L] == 0)) assert(!WRONG(L)); FORGET(L) }
        DO(L, true) holder = 0 }
        DO(L, true) recoveries = 1 }
        DO(L, true) sem++ }

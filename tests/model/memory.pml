@@ -1,53 +1,38 @@
-/* Shared words, and the order in which stores reach them.
+/* Shared words, and in which order what is stored reaches them. Whoever includes this has defined WORDS, how many there
+ * are, and ENDS, how many processes.
  *
- * LD and ST are single loads and stores. SC: at once. TSO: each process has a buffer, first in first out, and sees its
- * own stores in it (x86-64). WEAK: as TSO, but what leaves a buffer is in order for each word only (an approximation of
- * ARM from the writers' side; what loads may do out of order is in the reader).
+ * LD and ST are one load and one store of an end. At once (sequential consistency) unless told otherwise:
+ * TSO   each end has a buffer, first in, first out, and sees its own stores in it, as on x86-64;
+ * WEAK  what leaves a buffer keeps its order for each word only: ARM, from the side of who stores. What loads may do out
+ *       of order is said where it matters.
+ * A locked instruction, a release of the lock, and time let a buffer run dry: DRAINED.
  */
-#define WRITER    0
-#define BEGUN     1
-#define COMPLETED 2
-#define BEAT      3
-#define HOLDER    4
-#define COUNT     5
-#define RECOV     6
-#define SLOT0     7  /* number, two halves of the payload; slot 1 after it */
-#define PAIR      13 /* BEGUN and COMPLETED in one store of eight bytes */
-#define WORDS     14
-#define NUMBER(n)  (SLOT0 + 3 * ((n) % 2))
-#define HALF1(n)   (NUMBER(n) + 1)
-#define HALF2(n)   (NUMBER(n) + 2)
-
-#define P 0
-#define L 1
-#define R 2
-
 byte mem[WORDS];
 
 #if defined(TSO) || defined(WEAK)
 #define DEPTH 8
-chan buffer[3] = [DEPTH] of { byte, byte };
-byte own[42], pending[42];
+chan buffer[ENDS] = [DEPTH] of { byte, byte };
+byte own[ENDS * WORDS], pending[ENDS * WORDS];
 
-#define LD(p, a) (pending[(p) * WORDS + (a)] -> own[(p) * WORDS + (a)] : mem[a])
-#define ST(p, a, v) own[(p) * WORDS + (a)] = v; pending[(p) * WORDS + (a)]++; buffer[p]!a,own[(p) * WORDS + (a)]
-#define ST_PAIR(p, v) ST(p, PAIR, v)
+#define AT(p, a) ((p) * WORDS + (a))
+#define LD(p, a) (pending[AT(p, a)] -> own[AT(p, a)] : mem[a])
+#define ST(p, a, v) own[AT(p, a)] = v; pending[AT(p, a)]++; buffer[p]!a,own[AT(p, a)]
 #define ROOM(p) (len(buffer[p]) < DEPTH - 4)
 #define DRAINED(p) (len(buffer[p]) == 0)
 
-#define DRAIN(p, a, v) \
-    if \
-    :: a == PAIR -> mem[BEGUN] = v; mem[COMPLETED] = v \
-    :: else -> mem[a] = v \
-    fi; \
-    pending[(p) * WORDS + a]--; \
-    if \
-    :: pending[(p) * WORDS + a] == 0 -> own[(p) * WORDS + a] = 0 \
-    :: else \
-    fi
+/* BEGUN and COMPLETED in one store of eight bytes; stores to one word keep their order, so it waits for its halves. */
+#ifdef PAIR
+#define ST_PAIR(p, v) ST(p, PAIR, v)
+#define WAITS(p, a) (a == PAIR && pending[AT(p, BEGUN)] + pending[AT(p, COMPLETED)] > 0)
+#define REACHES(a, v) if :: a == PAIR -> mem[BEGUN] = v; mem[COMPLETED] = v :: else -> mem[a] = v fi
+#else
+#define WAITS(p, a) false
+#define REACHES(a, v) mem[a] = v
+#endif
 
-/* Stores to one word keep their order: the pair waits for its halves (after it the lock is released, which waits for all). */
-#define OVERLAPS(p, a) (a == PAIR && pending[(p) * WORDS + BEGUN] + pending[(p) * WORDS + COMPLETED] > 0)
+#define LEAVES(p, a, v) \
+    REACHES(a, v); pending[AT(p, a)]--; \
+    if :: pending[AT(p, a)] == 0 -> own[AT(p, a)] = 0 :: else fi
 
 proctype Drain(byte p)
 {
@@ -57,23 +42,19 @@ end:
 #ifdef WEAK
     :: atomic {
            len(buffer[p]) > 0 ->
+           select(a : 0 .. WORDS - 1);
            if
-           :: a = WRITER :: a = BEGUN :: a = COMPLETED :: a = BEAT :: a = PAIR
-           :: a = NUMBER(0) :: a = HALF1(0) :: a = HALF2(0)
-           :: a = NUMBER(1) :: a = HALF1(1) :: a = HALF2(1)
-           fi;
-           if
-           :: pending[p * WORDS + a] > 0 && !OVERLAPS(p, a) -> buffer[p]??eval(a),v; DRAIN(p, a, v)
+           :: pending[AT(p, a)] > 0 && !WAITS(p, a) -> buffer[p]??eval(a),v; LEAVES(p, a, v)
            :: else
            fi;
-           a = 0; v = 0
-       }
+           a = 0; v = 0 }
 #else
-    :: atomic { buffer[p]?a,v -> DRAIN(p, a, v); a = 0; v = 0 }
+    :: atomic { buffer[p]?a,v -> LEAVES(p, a, v); a = 0; v = 0 }
 #endif
     od
 }
-#define START_MEMORY run Drain(P); run Drain(L)
+#define START_MEMORY a_ = 0; do :: a_ < ENDS -> run Drain(a_); a_++ :: else -> break od; a_ = 0
+byte a_;
 #else
 #define LD(p, a) (mem[a])
 #define ST(p, a, v) mem[a] = v

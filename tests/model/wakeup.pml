@@ -19,35 +19,13 @@
 #define CRASHES 0
 #endif
 
-byte mem[WORDS];
-#ifdef SC
-#define LD(p, a) (mem[a])
-#define ST(p, a, v) mem[a] = v
-#define DRAINED(p) true
-#else   /* TSO; with two words in play a store that passes a store changes nothing but `completed` after `armed` */
-chan buffer[3] = [4] of { byte, byte };
-byte own[6], pending[6];
-#define LD(p, a) (pending[(p) * WORDS + (a)] -> own[(p) * WORDS + (a)] : mem[a])
-#define ST(p, a, v) own[(p) * WORDS + (a)] = v; pending[(p) * WORDS + (a)]++; buffer[p]!a,own[(p) * WORDS + (a)]
-#define DRAINED(p) (len(buffer[p]) == 0)
-proctype Drain(byte p)
-{
-    byte a, v;
-end:
-    do
-    :: atomic {
-           buffer[p]?a,v ->
-           mem[a] = v;
-           pending[p * WORDS + a]--;
-           if
-           :: pending[p * WORDS + a] == 0 -> own[p * WORDS + a] = 0
-           :: else
-           fi;
-           a = 0; v = 0
-       }
-    od
-}
+#define ENDS 3
+#ifdef WEAK
+#define TSO      /* `completed` and `armed` are in play only: what matters is which store waits for which load */
+#undef WEAK
+#define NO_FENCES
 #endif
+#include "memory.pml"
 
 byte event, crashes = CRASHES;
 byte last[3], newest[3];
@@ -65,7 +43,7 @@ proctype Writer()
     do
     :: DO(W, number < SAMPLES) number++; ST(W, COMPLETED, number) }
        /* the release of the lock, or a fence */
-#if !defined(F_NO_FENCE_WRITER) && !defined(WEAK)
+#if !defined(F_NO_FENCE_WRITER) && !defined(NO_FENCES)
        DO(W, DRAINED(W)) skip }
 #endif
        if
@@ -90,7 +68,7 @@ proctype Reader(byte p)
 #ifndef F_NOT_ARMED
           DO(p, true) ST(p, ARMED, 1) }
 #endif
-#if !defined(F_NO_FENCE_READER) && !defined(WEAK)
+#if !defined(F_NO_FENCE_READER) && !defined(NO_FENCES)
           DO(p, DRAINED(p)) skip }
 #endif
           if
@@ -136,9 +114,7 @@ proctype Judge()
 
 init {
     atomic {
-#ifndef SC
-        run Drain(W); run Drain(R); run Drain(S);
-#endif
+        START_MEMORY;
         run Writer(); run Reader(R);
 #ifdef TWO
         run Reader(S);

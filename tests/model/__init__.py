@@ -1,0 +1,1 @@
+"""The protocol in Promela, and what spin has to find in it: nothing, or a planted fault."""

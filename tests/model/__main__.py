@@ -1,0 +1,34 @@
+"""`make model`: goes through all runs, small and large, and prints what came out."""
+
+from __future__ import annotations
+
+import sys
+
+from .runs import FAULTS, HOLDS, LARGE, REMAINS
+from .spin import missing, verify
+
+TIMEOUT = 3600.0
+
+
+def main() -> int:
+    if tools := missing():
+        print(f"not installed: {', '.join(tools)}")
+        return 1
+    wrong = 0
+    for title, runs, sound in (
+        ("holds", HOLDS + LARGE, True),
+        ("planted faults", FAULTS, False),
+        ("known to remain", REMAINS, False),
+    ):
+        print(f"{title}:")
+        for run in runs:
+            verdict = verify(run, TIMEOUT, large=run in LARGE)
+            found = verdict.error or "nothing found"
+            print(f"  {run.id}: {found}, {verdict.states:,} states, {verdict.seconds:.1f} s", flush=True)
+            wrong += sound == bool(verdict.error)
+    print("as it should be" if not wrong else f"{wrong} not as they should be")
+    return bool(wrong)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

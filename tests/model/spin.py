@@ -1,0 +1,78 @@
+"""Turns a model and its settings into what spin says of every state that can come."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+FOLDER = Path(__file__).parent
+TOOLS = ("spin", "cc")
+_TRIED = re.compile(r"^\s*(\d+) states, stored", re.MULTILINE)
+_ERRORS = re.compile(r"errors: (\d+)")
+_SAID = re.compile(r"^pan:1: (.*?) \(at depth", re.MULTILINE)
+
+
+class Run(NamedTuple):
+    """A model with its settings (`TSO`, `STALLS=1`, ...). `for_ever`: looks for cycles without progress."""
+
+    model: str
+    settings: str = ""
+    for_ever: bool = False
+
+    @property
+    def id(self) -> str:
+        return "-".join([self.model, *self.settings.split()])
+
+
+class Verdict(NamedTuple):
+    """What came out: `error` as spin puts it, empty if there is none; distinct states; seconds."""
+
+    error: str
+    states: int
+    seconds: float
+
+
+def missing() -> list[str]:
+    return [tool for tool in TOOLS if shutil.which(tool) is None]
+
+
+def verify(run: Run, timeout: float, large: bool = False) -> Verdict:
+    """Goes through all states, or to the first error; raises if spin could not go through all.
+
+    To optimise a small run takes longer than to run it.
+    """
+    build = ["-O2", "-DCOLLAPSE", "-DMEMLIM=12000"] if large else ["-O0", "-DMEMLIM=2000"]
+    with tempfile.TemporaryDirectory(prefix="shmgen-model-") as name:
+        folder = Path(name)
+        for file in FOLDER.glob("*.pml"):
+            shutil.copy(file, folder)
+        _call(["spin", "-a", *(f"-D{setting}" for setting in run.settings.split()), f"{run.model}.pml"], folder, 60)
+        kind = ["-DNP", "-DNFAIR=3"] if run.for_ever else ["-DSAFETY", "-DNOCLAIM"]
+        _call(["cc", "-w", *build, *kind, "-o", "pan", "pan.c"], folder, 120)
+        began = time.monotonic()
+        search = ["-E", "-m100000", "-w26" if large else "-w22", *(["-l", "-f"] if run.for_ever else [])]
+        said = _call(["./pan", *search], folder, timeout)
+        seconds = time.monotonic() - began
+    errors, states = _ERRORS.search(said), _TRIED.search(said)
+    assert errors, said
+    assert states, said
+    if errors[1] == "0":
+        for obstacle in ("max search depth too small", "out of memory", "aborted"):
+            assert obstacle not in said, f"{run.id}: {said}"
+        return Verdict("", int(states[1]), seconds)
+    error = _SAID.search(said)
+    assert error, said
+    assert "invalid array index" not in said, said
+    return Verdict(error[1], int(states[1]), seconds)
+
+
+def _call(command: list[str], folder: Path, timeout: float) -> str:
+    result = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=timeout, check=False)
+    said = result.stdout + result.stderr
+    assert result.returncode == 0, f"{' '.join(command)}: {said}"
+    return said
