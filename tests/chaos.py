@@ -29,9 +29,10 @@ from typing import Any
 
 from shmgen import pipeline
 from shmgen.config import Config
+from shmgen.live import processes
 from shmgen.model import TypeName
 from shmgen.runtime import LockTimeout, RegionMissing, read_header, region_name
-from shmgen.tools import clean, processes, unfinished
+from shmgen.tools import clean, unfinished
 
 from . import chaos_faults
 from .chaos_faults import Wrapped, swap

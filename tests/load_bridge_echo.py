@@ -13,7 +13,7 @@ from pathlib import Path
 
 from shmgen.config import load
 from shmgen.diagnostics import Report
-from shmgen.tools.classes import generated, publisher, subscriber
+from shmgen.live.classes import generated, publisher, subscriber
 
 TYPE = "geometry_msgs/PoseStamped"
 

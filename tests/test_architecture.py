@@ -18,7 +18,7 @@ from .conftest import REPOSITORY
 SOURCE = REPOSITORY / "src" / "shmgen"
 TEMPLATES = sorted((REPOSITORY / "templates").rglob("*.j2"))
 
-# Stage -> what of shmgen it may import. `model` and `diagnostics` are the words all stages share.
+# Room -> what of shmgen it may import. `model` and `diagnostics` are the words all rooms share.
 WORDS = {"diagnostics", "model"}
 ARROWS = {
     "diagnostics": set(),
@@ -27,53 +27,26 @@ ARROWS = {
     "definitions": WORDS | {"definitions", "cache"},
     "bounds": WORDS,
     "layout": WORDS,
-    "drift": WORDS,
+    "config": WORDS | {"bounds", "config"},
     "targets": WORDS | {"targets"},
-    "config_reader": {"diagnostics"},
-    "config_bridge": {"config_reader"},
-    "config_entries": {"config_bridge", "config_reader", "diagnostics"},
-    "config": WORDS | {"bounds", "config_bridge", "config_entries", "config_reader"},
     "render": {"model", "cache"},
     "write": {"diagnostics"},
-    "pipeline": WORDS | {"definitions", "bounds", "layout", "drift", "targets", "config", "config_entries", "render"},
-    "show": WORDS | {"layout", "pipeline", "targets"},
-    "memory_map": WORDS | {"show"},
-    "options": WORDS | {"config"},
-    "asked": WORDS | {"config", "config_reader", "drift", "pipeline"},
-    "findings": {"diagnostics"},
-    "compare": {"diagnostics", "drift", "findings"},
-    "check": {"compare", "diagnostics", "drift", "findings", "write"},
-    "revisions": {"diagnostics", "drift"},
-    "start": {"config", "definitions", "diagnostics", "pipeline"},
-    "verdict": {"cache"},
-    "drift_cli": WORDS
-    | {"asked", "check", "compare", "config", "findings", "options", "revisions", "start", "verdict"},
-    "cli": WORDS
-    | {
-        "",
-        "asked",
-        "bridge_cli",
-        "config",
-        "drift",
-        "drift_cli",
-        "live_cli",
-        "memory_map",
-        "options",
-        "pipeline",
-        "render",
-        "show",
-    }
-    | {"write"},
-    "bridge_cli": {"bridge", "config_bridge", "options", "runtime"},
-    "live_cli": {"options", "runtime", "tools"},
-    "bridge": WORDS | {"bridge", "config", "config_entries", "pipeline", "runtime", "targets", "tools"},
-    "tools": WORDS | {"bounds", "config", "pipeline", "runtime", "targets", "tools"},
+    "drift": WORDS | {"cache", "drift", "write"},
+    "pipeline": WORDS | {"bounds", "config", "definitions", "drift", "layout", "render", "targets"},
+    "show": WORDS | {"layout", "pipeline", "show", "targets"},
     "runtime": {"runtime"},
+    "live": WORDS | {"bounds", "config", "live", "pipeline", "runtime"},
+    "tools": WORDS | {"config", "live", "runtime", "targets", "tools"},
+    "bridge": WORDS | {"bridge", "config", "live", "pipeline", "runtime", "targets"},
+    "cli": WORDS
+    | {"", "bridge", "cli", "config", "definitions", "drift", "live", "pipeline", "render", "runtime", "show"}
+    | {"", "bridge", "cli", "config", "definitions", "drift", "live", "pipeline", "render", "runtime", "show"}
+    | {"tools", "write"},
     "__init__": set(),
-    "__main__": {"cli", "verdict"},
+    "__main__": {"cli", "drift"},
 }
 ONLY_IN = {
-    "click": {"bridge_cli", "cli", "drift_cli", "live_cli", "options"},
+    "click": {"cli"},
     "jinja2": {"render"},
     "rosbags": {"bridge", "definitions"},
     "rosidl_parser": {"definitions"},

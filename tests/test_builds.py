@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from .conftest import REPOSITORY
+from .drift.test_check import ARM, ROBOT, SETTINGS, write
 from .support.command import run
-from .test_check import ARM, ROBOT, SETTINGS, write
 
 CMAKE = """cmake_minimum_required(VERSION 3.16)
 project(robot_shm C)

@@ -20,9 +20,9 @@ def test_generated_is_up_to_date() -> None:
 
 
 def test_the_pictures_are_up_to_date() -> None:
-    from shmgen import memory_map
     from shmgen.model import TypeName
     from shmgen.render import render
+    from shmgen.show import memory_map
 
     settings = config.load(REPOSITORY / "shmgen.toml", "shmgen.toml", Report())
     name = TypeName("sensor_msgs", "msg", "BatteryState")

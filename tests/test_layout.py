@@ -27,7 +27,8 @@ from shmgen.model import (
     TypeName,
     TypeOptions,
 )
-from shmgen.targets import c, python
+from shmgen.targets.c import target as c
+from shmgen.targets.python import target as python
 
 from .support.build import classes, compile_headers, layouts_of, put, texts_of
 from .support.schemas import plain, random_message, schemas

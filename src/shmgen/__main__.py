@@ -6,15 +6,15 @@ import sys
 def main() -> None:
     """Exit 0 clean, 1 diagnostics, 2 wrong usage."""
     if sys.argv[1:2] == ["check"]:
-        from shmgen import verdict
+        from shmgen.drift import verdict
 
         said = verdict.recall(sys.argv[1:])
         if said is not None:
             print(said, end="")
             return
-    from shmgen import cli
+    from shmgen.cli.main import main as run
 
-    cli.main()
+    run()
 
 
 if __name__ == "__main__":

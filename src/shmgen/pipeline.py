@@ -11,11 +11,18 @@ from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from shmgen import bounds, config_entries, definitions, drift, layout
-from shmgen.config import Config
+from shmgen import bounds, definitions, layout
+from shmgen.config import Config, entries
 from shmgen.diagnostics import Diagnostic, Report, Span
+from shmgen.drift import lockfile
 from shmgen.model import Action, Layouts, Output, Schema, Service, Topic, TypeName
-from shmgen.targets import c, interfaces, plcopen, python, python_project, ros_package, st
+from shmgen.targets import interfaces
+from shmgen.targets.c import target as c
+from shmgen.targets.plcopen import target as plcopen
+from shmgen.targets.python import project
+from shmgen.targets.python import target as python
+from shmgen.targets.ros import target as ros_package
+from shmgen.targets.st import target as st
 
 
 def read(config: Config, requests: Iterable[str]) -> Schema:
@@ -45,7 +52,7 @@ def generate(config: Config, requests: Iterable[str]) -> dict[str, str]:
         texts |= render(plcopen.plan(code, config.task_interval))
     if "st" not in config.targets:
         texts = {path: text for path, text in texts.items() if path not in code}
-    return texts | {drift.LOCK: drift.write(layouts, texts, _settings(config))}
+    return texts | {lockfile.LOCK: lockfile.write(layouts, texts, _settings(config))}
 
 
 def topics(config: Config, layouts: Layouts, report: Report) -> Iterable[Topic]:
@@ -134,7 +141,7 @@ def _plan(config: Config, layouts: Layouts, report: Report) -> Iterable[Output]:
     if "python" in config.targets:
         yield from python.plan(layouts, report, config.package, config.regions)
         if config.distribution:
-            yield python_project.plan(config.distribution, config.package)
+            yield project.plan(config.distribution, config.package)
     if "st" in config.targets or "plcopen" in config.targets:  # the latter holds the texts of the former
         carried = tuple(topics(config, layouts, report))
         called = tuple(services(config, layouts, report))
@@ -192,6 +199,6 @@ def _regions(config: Config) -> dict[str, object]:
     return {key: value for key, value in said.items() if value}
 
 
-def _spelled(name: str, entry: config_entries.Service | config_entries.Action) -> str:
+def _spelled(name: str, entry: entries.Service | entries.Action) -> str:
     """One line of layout.lock, the server first. A timeout is the bridge's, and shapes nothing here."""
     return f"{entry.server} {name} {entry.type}"

@@ -18,7 +18,7 @@ from ruamel.yaml import YAML
 from shmgen import pipeline
 from shmgen.config import load
 from shmgen.diagnostics import Report
-from shmgen.tools.classes import generated, publisher
+from shmgen.live.classes import generated, publisher
 from tests.softplc import compile_st
 
 from ..conftest import REPOSITORY

@@ -21,9 +21,9 @@ from shmgen.bridge.from_plc import FromPlc
 from shmgen.bridge.to_plc import ToPlc
 from shmgen.config import Config, load
 from shmgen.diagnostics import Report
+from shmgen.live.classes import publisher, subscriber
 from shmgen.model import TypeName
 from shmgen.runtime import Time
-from shmgen.tools.classes import publisher, subscriber
 
 from . import rclpy_stand_in as stand_in
 

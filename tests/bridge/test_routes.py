@@ -19,9 +19,9 @@ from shmgen.bridge.from_plc import FromPlc
 from shmgen.bridge.to_plc import ToPlc
 from shmgen.config import load
 from shmgen.diagnostics import Rejected, Report
+from shmgen.live.classes import publisher, subscriber
 from shmgen.runtime import Publisher, RegionInUse, Subscriber, Time, region_name
 from shmgen.runtime.names import region_file
-from shmgen.tools.classes import publisher, subscriber
 
 PATH = """
 std_msgs/Header header

@@ -21,8 +21,8 @@ from shmgen.bridge.backend import Wire
 from shmgen.bridge.dds_types import structure, topic_name
 from shmgen.bridge.plan import closure
 from shmgen.config import Config
+from shmgen.live.classes import publisher, subscriber
 from shmgen.model import Message
-from shmgen.tools.classes import publisher, subscriber
 
 from ..support.schemas import plain, random_message
 from .values import values

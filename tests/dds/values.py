@@ -13,9 +13,9 @@ from shmgen import pipeline
 from shmgen.bounds import Bound, Bounds
 from shmgen.config import Config
 from shmgen.diagnostics import Span
+from shmgen.live.classes import generated
 from shmgen.model import Layouts, TypeName
 from shmgen.runtime import Message
-from shmgen.tools.classes import generated
 
 from ..support.schemas import random_message
 

@@ -15,7 +15,7 @@ from shmgen.config import Config
 from shmgen.definitions.wrappers import WRAPPERS
 from shmgen.model import Array, Clock, Layout, Layouts, Ref, Role, Scalar, Slot, String, TypeName, TypeOptions
 from shmgen.targets import naming
-from shmgen.targets.c import struct_name
+from shmgen.targets.c.target import struct_name
 from tests.definitions.test_corpus import NEEDS_IDL, REJECTED
 from tests.softplc import Plc, compile_st, iec
 

@@ -13,8 +13,8 @@ from shmgen.diagnostics import Rejected, Report
 from shmgen.model import Layout, Layouts, Scalar, String, TypeName, TypeOptions
 from shmgen.render import render
 from shmgen.runtime import header
-from shmgen.targets import st
-from shmgen.targets.st_text import ascii_text, comment_lines, literal
+from shmgen.targets.st import target as st
+from shmgen.targets.st.text import ascii_text, comment_lines, literal
 
 from ..conftest import REPOSITORY
 

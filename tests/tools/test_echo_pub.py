@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from ruamel.yaml import YAML
 
 from shmgen.runtime import header
-from shmgen.targets import python
+from shmgen.targets.python import target as python
 from shmgen.tools import given as typed
 from shmgen.tools import shown
 

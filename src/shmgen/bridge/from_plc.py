@@ -11,10 +11,10 @@ from shmgen.bridge import plan
 from shmgen.bridge.backend import Backend
 from shmgen.bridge.counters import Counters
 from shmgen.bridge.plan import Route
+from shmgen.live.classes import subscriber
+from shmgen.live.regions import View
 from shmgen.runtime import Message, ShmError, Subscriber, ValueRejected, region_name
 from shmgen.runtime.values import set_clock
-from shmgen.tools.classes import subscriber
-from shmgen.tools.regions import View
 
 _LOOK = 0.1
 """Seconds after which a thread that waits for a sample looks whether the bridge is to stop."""

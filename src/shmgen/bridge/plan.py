@@ -10,13 +10,13 @@ from shmgen import pipeline
 from shmgen.bridge.backend import ServiceWire, Wire
 from shmgen.bridge.side import About
 from shmgen.config import Config
-from shmgen.config_entries import Topic
+from shmgen.config.entries import Topic
 from shmgen.diagnostics import Report
+from shmgen.live.classes import generated
 from shmgen.model import Clock, Layouts, Ref, Schema, Service, TypeName, element_of
 from shmgen.model import Message as Definition
 from shmgen.runtime import Message, ValueRejected, region_name
 from shmgen.runtime.names import region_file
-from shmgen.tools.classes import generated
 
 F = TypeVar("F")
 

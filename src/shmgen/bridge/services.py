@@ -10,9 +10,9 @@ from shmgen.bridge.backend import Backend, Caller, NoAnswer
 from shmgen.bridge.counters import Counters
 from shmgen.bridge.plan import ServiceRoute
 from shmgen.bridge.side import About
+from shmgen.live.regions import View
 from shmgen.runtime import Publisher, ServiceClient, ServiceServer, ShmError, Subscriber, ValueRejected, region_name
 from shmgen.runtime.names import region_file
-from shmgen.tools.regions import View
 
 _LOOK = 0.1
 """Seconds after which a thread that waits for a call looks whether the bridge is to stop."""

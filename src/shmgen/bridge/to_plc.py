@@ -11,9 +11,9 @@ from shmgen.bridge.backend import Backend
 from shmgen.bridge.counters import Counters
 from shmgen.bridge.cut import cut
 from shmgen.bridge.plan import Route
+from shmgen.live.classes import publisher
+from shmgen.live.regions import View
 from shmgen.runtime import CountExceeded, Message, Publisher, ShmError, StringTooLong, ValueRejected, region_name
-from shmgen.tools.classes import publisher
-from shmgen.tools.regions import View
 
 
 class ToPlc:

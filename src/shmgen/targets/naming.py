@@ -18,19 +18,7 @@ from collections.abc import Callable, Collection, Iterable
 from typing import NamedTuple
 
 from shmgen.diagnostics import Report, Span
-from shmgen.model import (
-    Clock,
-    Element,
-    Layout,
-    Ref,
-    Role,
-    Scalar,
-    Slot,
-    String,
-    TypeName,
-    TypeOptions,
-    assert_never,
-)
+from shmgen.model import Clock, Element, Layout, Ref, Role, Scalar, Slot, String, TypeName, TypeOptions, assert_never
 
 
 def st_member(name: str) -> str:

@@ -6,11 +6,11 @@ import re
 from contextlib import suppress
 from typing import Any
 
+from shmgen.live.classes import Workshop
+from shmgen.live.regions import View
 from shmgen.runtime import Message, Publisher, ServiceClient, Subscriber, region_name
 from shmgen.runtime.errors import RegionMissing
 from shmgen.tools import given
-from shmgen.tools.classes import Workshop
-from shmgen.tools.regions import View
 
 _TYPE = re.compile(r"([A-Za-z]\w*)/(?:srv/)?([A-Za-z]\w*)", re.ASCII)
 

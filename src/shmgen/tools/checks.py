@@ -9,12 +9,12 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 
+from shmgen.live.processes import Processes, alive, called
+from shmgen.live.regions import closed, topic_of
 from shmgen.runtime import header as h
 from shmgen.runtime.names import event_name, region_file, semaphore_file
 from shmgen.tools import unfinished
 from shmgen.tools.evidence import Evidence, own_device, semaphore
-from shmgen.tools.processes import Processes, alive, called
-from shmgen.tools.regions import closed, topic_of
 
 _ADVICE_CLEAN = "stop both sides, `shmgen clean {topic}`, start them again"
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 import time
 
+from shmgen.live.processes import Processes, called
+from shmgen.live.regions import FOLDER, View, missing
 from shmgen.runtime import header as h
 from shmgen.runtime import region_name
 from shmgen.runtime.errors import PermissionDenied, RegionMissing, RegionUnusable
 from shmgen.runtime.names import event_name, region_file, semaphore_file
-from shmgen.tools.processes import Processes, called
-from shmgen.tools.regions import FOLDER, View, missing
 
 _WATCH = 0.25
 """Seconds within which a PLC that runs counts its heartbeat up, also with a slow task."""

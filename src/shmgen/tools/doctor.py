@@ -7,15 +7,16 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from shmgen.config import Config
+from shmgen.live import processes
+from shmgen.live.classes import Workshop
+from shmgen.live.processes import called
+from shmgen.live.regions import closed, depth_of, live, meant, missing
 from shmgen.runtime import header as h
 from shmgen.runtime import region_name
 from shmgen.runtime.names import region_file
-from shmgen.tools import checks, processes
+from shmgen.tools import checks
 from shmgen.tools.checks import Finding, owner
-from shmgen.tools.classes import Workshop
 from shmgen.tools.evidence import Evidence, Wanted, gather
-from shmgen.tools.processes import called
-from shmgen.tools.regions import closed, depth_of, live, meant, missing
 
 
 @dataclass(frozen=True, slots=True)

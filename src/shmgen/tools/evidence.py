@@ -8,13 +8,13 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 
+from shmgen.live.locked import Known
+from shmgen.live.processes import Processes, bits, called
+from shmgen.live.regions import FOLDER, View, topic_of
 from shmgen.model import RegionOptions
 from shmgen.runtime import Header
 from shmgen.runtime.errors import PermissionDenied, RegionMissing
 from shmgen.runtime.names import semaphore_file
-from shmgen.tools.locked import Known
-from shmgen.tools.processes import Processes, bits, called
-from shmgen.tools.regions import FOLDER, View, topic_of
 
 _WATCH = 0.25
 _WATCH_LOCK = 1.05

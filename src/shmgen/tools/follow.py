@@ -5,11 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Generator
 
+from shmgen.live.classes import Workshop, subscriber
+from shmgen.live.regions import View, depth_of, missing
 from shmgen.runtime import Message, region_name
 from shmgen.runtime import header as h
 from shmgen.runtime.errors import RegionMissing
-from shmgen.tools.classes import Workshop, subscriber
-from shmgen.tools.regions import View, depth_of, missing
 
 POLL = 1e-3
 """Seconds between two looks. A reader that waits would take the wake-up away from the one it is meant for."""

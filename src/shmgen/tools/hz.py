@@ -9,9 +9,9 @@ from collections.abc import Generator
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 
+from shmgen.live.regions import View
 from shmgen.runtime.header import steps
 from shmgen.tools.follow import POLL, Tell, appeared
-from shmgen.tools.regions import View
 
 WINDOW = 10_000
 """Samples looked at, as `ros2 topic hz` has it."""

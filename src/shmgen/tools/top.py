@@ -9,11 +9,11 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from shmgen.live.processes import alive, called
+from shmgen.live.regions import View, depth_of, live, topic_of
 from shmgen.runtime import header as h
 from shmgen.runtime.errors import PermissionDenied, RegionMissing
 from shmgen.runtime.header import steps
-from shmgen.tools.processes import alive, called
-from shmgen.tools.regions import View, depth_of, live, topic_of
 
 _LOOKS = 6
 """Rates are over the last so many looks, so that a slow topic does not flicker between 0 and its rate."""

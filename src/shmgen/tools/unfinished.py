@@ -7,9 +7,9 @@ import re
 import time
 from contextlib import suppress
 
+from shmgen.live.processes import Processes, has_open
+from shmgen.live.regions import FOLDER
 from shmgen.runtime.names import region_file
-from shmgen.tools.processes import Processes, has_open
-from shmgen.tools.regions import FOLDER
 
 AGE = 3.0
 """Seconds; making a semaphore takes microseconds."""

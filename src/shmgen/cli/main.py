@@ -1,0 +1,49 @@
+"""The `shmgen` command: its families of commands, and how an error ends each of them."""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+
+import click
+
+from shmgen import __version__
+from shmgen.cli import bridge, drift, generate, live, options
+from shmgen.diagnostics import Diagnostic, Rejected, Span
+
+
+def main() -> None:
+    """The `shmgen` command. Exit 0 clean, 1 diagnostics, 2 wrong usage."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        # A sign in a comment that the terminal does not know is no reason to stop.
+        sys.stdout.reconfigure(errors="replace")
+    try:
+        cli(standalone_mode=True)
+    except Rejected as rejected:
+        options.complain(rejected.diagnostics)
+        sys.exit(1)
+    except Exception as error:
+        if os.environ.get("SHMGEN_DEBUG"):
+            raise
+        hint = "this is a fault of shmgen, not of your input: run again with SHMGEN_DEBUG=1 and report what it prints"
+        options.complain([Diagnostic("SHM901", f"{type(error).__name__}: {error}", Span("shmgen"), hint=hint)])
+        sys.exit(1)
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(__version__, "-V", "--version")
+def cli() -> None:
+    """Shared-memory bridge code between a CODESYS softPLC and ROS, from ROS message definitions.
+
+    \b
+    shmgen list                          what there is
+    shmgen show geometry_msgs/Pose       where its bytes go
+    shmgen generate geometry_msgs/Pose   Python, Structured Text and C that agree on them
+    shmgen bridge                        topics of ROS to regions and back
+    shmgen doctor                        how the regions fare that are live now
+    """  # noqa: D301 click's own sign
+
+
+for command in (*generate.COMMANDS, *drift.COMMANDS, *bridge.COMMANDS, *live.COMMANDS):
+    cli.add_command(command)
