@@ -61,9 +61,9 @@ HEADER = (
     Word(152, "u32", "heartbeat", "udiHeartbeat", "writer", "counted up in each cycle, with or without data"),
     Word(156, "u32", "lock_holder", "udiLockHolder", "who is inside", "process id; 16#FFFFFFFF = a PLC, 0 = nobody"),
     Word(160, "u32", "recoveries", "udiRecoveries", "who heals", "how often a dead holder's lock was freed"),
-    Word(164, "u32", "armed", "udiArmed", "a waiting reader", "1 = it waits; the writer clears this and posts"),
+    Word(164, "u32", "armed", "udiArmed", "a waiting reader", "1 = a reader waits; the writer clears it and posts"),
     Word(168, "u32", "lock_count", "udiLockCount", "who is inside", "counted up by whoever gets in"),
-    Word(172, "u32", "missed", "udiMissed", "readers", "samples they missed, for people to see"),
+    Word(172, "u32", "missed", "udiMissed", "readers", "samples that readers missed, for people to see"),
 )
 
 SLOT_HEADER = 16
