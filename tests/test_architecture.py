@@ -39,9 +39,8 @@ ARROWS = {
     "tools": WORDS | {"config", "live", "runtime", "targets", "tools"},
     "bridge": WORDS | {"bridge", "config", "live", "pipeline", "runtime", "targets"},
     "cli": WORDS
-    | {"", "bridge", "cli", "config", "definitions", "drift", "live", "pipeline", "render", "runtime", "show"}
-    | {"", "bridge", "cli", "config", "definitions", "drift", "live", "pipeline", "render", "runtime", "show"}
-    | {"tools", "write"},
+    | {"", "bridge", "cache", "cli", "config", "definitions", "drift", "live", "pipeline", "render", "runtime"}
+    | {"show", "tools", "write"},
     "__init__": set(),
     "__main__": {"cli", "drift"},
 }
