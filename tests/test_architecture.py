@@ -35,7 +35,7 @@ ARROWS = {
     "pipeline": WORDS | {"bounds", "config", "definitions", "drift", "layout", "render", "targets"},
     "show": WORDS | {"layout", "pipeline", "show", "targets"},
     "runtime": {"runtime"},
-    "live": WORDS | {"bounds", "config", "live", "pipeline", "runtime"},
+    "live": WORDS | {"bounds", "config", "definitions", "live", "pipeline", "runtime"},
     "tools": WORDS | {"config", "live", "runtime", "targets", "tools"},
     "bridge": WORDS | {"bridge", "config", "live", "pipeline", "runtime", "targets"},
     "cli": WORDS

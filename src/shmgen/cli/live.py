@@ -300,11 +300,13 @@ COMMANDS = (doctor, clean, echo, pub, call, hz, top)
 def _workshop(file: Path | None, include: tuple[Path, ...]) -> Workshop:
     from shmgen.live.classes import Workshop
     from shmgen.live.locked import LOCK
+    from shmgen.live.session import Session
 
     config = options.load(file, include)
     found = options.file_in_force(file)
     lock = Path(os.path.relpath(config.root / LOCK))
-    return Workshop(config, found.name if found else "the defaults, as there is no shmgen.toml here", lock)
+    name = found.name if found else "the defaults, as there is no shmgen.toml here"
+    return Workshop(Session(config, name), lock)
 
 
 def _note(text: str) -> None:

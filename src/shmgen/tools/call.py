@@ -24,8 +24,8 @@ def build(service: str, type_name: str, data: Any, workshop: Workshop) -> tuple[
     if parts is None:
         raise ValueError(f"{type_name} names no service: write package/Name")
     request, reply = (
-        _message(f"{service}-{half}", f"{parts[1]}/srv/{parts[2]}_{ending}", workshop)
-        for half, ending in (("request", "Request"), ("response", "Reply"))
+        _message(f"{service}-{half}", f"{parts[1]}/srv/{parts[2]}", ending, workshop)
+        for half, ending in (("request", "_Request"), ("response", "_Reply"))
     )
     publisher: type[Publisher[Message]] = type("LivePublisher", (Publisher,), {"message_type": request})
     subscriber: type[Subscriber[Message]] = type("LiveSubscriber", (Subscriber,), {"message_type": reply})
@@ -35,10 +35,11 @@ def build(service: str, type_name: str, data: Any, workshop: Workshop) -> tuple[
     return given.build(request, data), client
 
 
-def _message(topic: str, type_name: str, workshop: Workshop) -> type[Message]:
+def _message(topic: str, service: str, ending: str, workshop: Workshop) -> type[Message]:
     """With the digest of the region, if there is one of that type."""
+    type_name = service + ending
     with suppress(RegionMissing), View(region_name(topic)) as view:
         header = view.header()
         if header.type_name == type_name:
-            return workshop.message(type_name, header.digest)
-    return workshop.message(type_name)
+            return workshop.message(type_name, header.digest, service)
+    return workshop.message(type_name, part_of=service)
