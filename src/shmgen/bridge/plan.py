@@ -35,6 +35,15 @@ class Route:
     def to_plc(self) -> bool:
         return self.topic.direction == "to_plc"
 
+    @property
+    def region(self) -> str:
+        return region_name(self.topic.topic)
+
+    @property
+    def about(self) -> About:
+        way = "-> PLC" if self.to_plc else "<- PLC"
+        return About(self.topic.topic, way, self.wire.type.short, region_file(self.region))
+
 
 @dataclass(frozen=True, slots=True)
 class ServiceRoute:
@@ -43,6 +52,16 @@ class ServiceRoute:
     service: Service
     wire: ServiceWire
     kinds: Mapping[str, type[Message]]
+
+    @property
+    def region(self) -> str:
+        """That of the requests."""
+        return f"{region_name(self.service.name)}-request"
+
+    @property
+    def about(self) -> About:
+        way = "PLC serves" if self.service.on_plc else "PLC calls"
+        return About(self.service.name, way, self.service.type.short, region_file(self.region))
 
 
 def routes(session: Session) -> list[Route]:
@@ -91,12 +110,6 @@ def closure(schema: Schema, name: TypeName) -> tuple[Definition, ...]:
             held = (element_of(field.type) for field in message.fields)
             wanted |= {element.name for element in held if isinstance(element, Ref)}
     return tuple(message for message in schema.messages if message.name in wanted)
-
-
-def about(route: Route) -> About:
-    """What the bridge says of it."""
-    way = "-> PLC" if route.to_plc else "<- PLC"
-    return About(route.topic.topic, way, route.wire.type.short, region_file(region_name(route.topic.topic)))
 
 
 def check(route: Route, message: Any) -> None:

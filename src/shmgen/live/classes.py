@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 from shmgen.config import Config
 from shmgen.diagnostics import Rejected
 from shmgen.live import locked
 from shmgen.live.session import Session
-from shmgen.runtime import Message, Publisher, Subscriber
+from shmgen.runtime import Message, Publisher, ServiceClient, ServiceServer, Subscriber
 from shmgen.runtime.errors import LayoutMismatch
 
 
@@ -76,6 +77,24 @@ def publisher(kind: type[Message], topic: str, depth: int) -> Publisher[Message]
     """Opens the topic's region for writing. Raises what a Publisher raises."""
     made: type[Publisher[Message]] = type("LivePublisher", (Publisher,), {"message_type": kind})
     return made(topic, depth=depth)
+
+
+def client(request: type[Message], reply: type[Message]) -> type[ServiceClient[Any, Any]]:
+    """The class that calls a service of these."""
+    ends = {
+        "request_publisher": type("LivePublisher", (Publisher,), {"message_type": request}),
+        "reply_subscriber": type("LiveSubscriber", (Subscriber,), {"message_type": reply}),
+    }
+    return type("LiveClient", (ServiceClient,), ends)
+
+
+def server(request: type[Message], reply: type[Message]) -> type[ServiceServer[Any]]:
+    """The class that serves it."""
+    ends = {
+        "request_subscriber": type("LiveSubscriber", (Subscriber,), {"message_type": request}),
+        "reply_publisher": type("LivePublisher", (Publisher,), {"message_type": reply}),
+    }
+    return type("LiveServer", (ServiceServer,), ends)
 
 
 def _mismatch(request: str, digest: int | None, tried: list[locked.Known]) -> LayoutMismatch:

@@ -6,9 +6,9 @@ import re
 from contextlib import suppress
 from typing import Any
 
-from shmgen.live.classes import Workshop
+from shmgen.live.classes import Workshop, client
 from shmgen.live.regions import View
-from shmgen.runtime import Message, Publisher, ServiceClient, Subscriber, region_name
+from shmgen.runtime import Message, ServiceClient, region_name
 from shmgen.runtime.errors import RegionMissing
 from shmgen.tools import given
 
@@ -27,12 +27,7 @@ def build(service: str, type_name: str, data: Any, workshop: Workshop) -> tuple[
         _message(f"{service}-{half}", f"{parts[1]}/srv/{parts[2]}", ending, workshop)
         for half, ending in (("request", "_Request"), ("response", "_Reply"))
     )
-    publisher: type[Publisher[Message]] = type("LivePublisher", (Publisher,), {"message_type": request})
-    subscriber: type[Subscriber[Message]] = type("LiveSubscriber", (Subscriber,), {"message_type": reply})
-    client: type[ServiceClient[Any, Any]] = type(
-        "LiveClient", (ServiceClient,), {"request_publisher": publisher, "reply_subscriber": subscriber}
-    )
-    return given.build(request, data), client
+    return given.build(request, data), client(request, reply)
 
 
 def _message(topic: str, service: str, ending: str, workshop: Workshop) -> type[Message]:
