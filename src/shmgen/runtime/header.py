@@ -5,6 +5,8 @@ from __future__ import annotations
 import struct
 from typing import NamedTuple
 
+from shmgen.runtime.legible import legible
+
 MAGIC = 0x474D4853
 """`SHMG`, written last: a region without it is still being made."""
 ABI = 1
@@ -95,7 +97,8 @@ def unpack(data: bytes, size: int) -> Header:
     """The header in the first 192 bytes of a region of `size` bytes; fewer bytes are read as if 0 followed."""
     data = data.ljust(HEADER_SIZE, b"\0")
     *numbers, type_name = _FIXED.unpack_from(data)
-    name = type_name.partition(b"\0")[0].decode(errors="replace")
+    # Only ASCII can be a type's name; whatever else a damaged or a foreign header holds must not reach a terminal.
+    name = legible(type_name.partition(b"\0")[0].decode("ascii", errors="backslashreplace"))
     fields = (size, *numbers, name, *_MOVING.unpack_from(data, 128))
     return Header(*fields)
 
