@@ -36,13 +36,12 @@ ARROWS = {
     "pipeline": WORDS | {"bounds", "config", "definitions", "drift", "layout", "render", "targets"},
     "show": WORDS | {"layout", "pipeline", "show", "targets"},
     "runtime": {"abi", "runtime"},
-    "live": WORDS | {"bounds", "config", "live", "pipeline", "runtime"},
+    "live": WORDS | {"bounds", "config", "definitions", "live", "pipeline", "runtime"},
     "tools": WORDS | {"config", "live", "runtime", "targets", "tools"},
     "bridge": WORDS | {"bridge", "config", "live", "pipeline", "runtime", "targets"},
     "cli": WORDS
-    | {"", "bridge", "cli", "config", "definitions", "drift", "live", "pipeline", "render", "runtime", "show"}
-    | {"", "bridge", "cli", "config", "definitions", "drift", "live", "pipeline", "render", "runtime", "show"}
-    | {"tools", "write"},
+    | {"", "bridge", "cache", "cli", "config", "definitions", "drift", "live", "pipeline", "render", "runtime"}
+    | {"show", "tools", "write"},
     "__init__": set(),
     "__main__": {"cli", "drift"},
 }
