@@ -182,7 +182,7 @@ def test_what_belongs_to_a_stranger_is_told_to_root(topic, file, semaphore, shmg
 
 def test_a_process_with_a_name_that_gives_orders(topic, shmgen, started):
     code = PEER.format(repository=str(REPOSITORY), work=PUBLISHER.format(topic=topic))
-    command = [sys.executable, "-c", code, "\x1b[31m\u202e"]
+    command = [sys.executable, "-c", code, "\x1b]0;x\x07\u202e"]
     with subprocess.Popen(command, stdin=-1, stdout=-1) as process:
         process.stdout.readline()
         for tool in (["doctor", topic], ["top", "--once", "-d", "0.1"]):
@@ -194,7 +194,7 @@ def test_names_of_other_files_are_not_shown(topic, shmgen, peer):
     """A process may map a file of any name, and remove it."""
     holder = peer(f"""
 import mmap
-with open("/dev/shm/{region_name(topic)}\\x1b[31m", "w+b") as opened:
+with open("/dev/shm/{region_name(topic)}\\u202e\\x07", "w+b") as opened:
     opened.write({h.pack(h.header_for("a/msg/B", 1, 8, 1)).ljust(4096, bytes(1))!r}); opened.flush()
     kept = mmap.mmap(opened.fileno(), 4096)
 os.unlink(opened.name)
