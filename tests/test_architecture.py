@@ -21,28 +21,28 @@ TEMPLATES = sorted((REPOSITORY / "templates").rglob("*.j2"))
 # Room -> what of shmgen it may import. `model` and `diagnostics` are the words all rooms share.
 WORDS = {"diagnostics", "model"}
 ARROWS = {
+    "abi": set(),
     "diagnostics": set(),
     "model": {"diagnostics"},
     "cache": set(),
     "definitions": WORDS | {"definitions", "cache"},
     "bounds": WORDS,
-    "layout": WORDS,
-    "config": WORDS | {"bounds", "config"},
-    "targets": WORDS | {"targets"},
+    "layout": WORDS | {"abi"},
+    "config": WORDS | {"abi", "bounds", "config"},
+    "targets": WORDS | {"abi", "targets"},
     "render": {"model", "cache"},
     "write": {"diagnostics"},
     "type_hash": {"model"},
     "drift": WORDS | {"cache", "drift", "type_hash", "write"},
     "pipeline": WORDS | {"bounds", "config", "definitions", "drift", "layout", "render", "targets"},
     "show": WORDS | {"layout", "pipeline", "show", "targets", "type_hash"},
-    "runtime": {"runtime"},
-    "live": WORDS | {"bounds", "config", "live", "pipeline", "runtime"},
+    "runtime": {"abi", "runtime"},
+    "live": WORDS | {"bounds", "config", "definitions", "live", "pipeline", "runtime"},
     "tools": WORDS | {"config", "live", "runtime", "targets", "tools"},
     "bridge": WORDS | {"bridge", "config", "live", "pipeline", "runtime", "targets", "type_hash"},
     "cli": WORDS
-    | {"", "bridge", "cli", "config", "definitions", "drift", "live", "pipeline", "render", "runtime", "show"}
-    | {"", "bridge", "cli", "config", "definitions", "drift", "live", "pipeline", "render", "runtime", "show"}
-    | {"tools", "write"},
+    | {"", "bridge", "cache", "cli", "config", "definitions", "drift", "live", "pipeline", "render", "runtime"}
+    | {"show", "tools", "write"},
     "__init__": set(),
     "__main__": {"cli", "drift"},
 }

@@ -76,6 +76,11 @@ def test_defaults_and_now(topic, shmgen):
         ("geometry_msgs/Pose", "{position: 3}", "position: 3 is int, not the fields of"),
         ("geometry_msgs/Pose", "{position: {x: far}}", "position.x: 'far' is str, not float64"),
         ("std_msgs/Int32", "{data: 3000000000}", "data: 3000000000; int32 goes from"),
+        ("std_msgs/Float64", "{data: 1e999}", "1e999 is too large for float64; infinity is written .inf"),
+        ("std_msgs/Float64", '{"data": -1e999}', "-1e999 is too large for float64"),
+        ("std_msgs/Float64", f"{{data: 1{400 * '0'}}}", "is too large for float64"),
+        ("std_msgs/ColorRGBA", "{r: 1e300}", "r: 1e+300 is too large for float32"),
+        ("std_msgs/String", 5000 * "[", "brackets are nested too deeply"),
         ("std_msgs/Bool", "{data: 'false'}", "data: 'false' is no bool"),
         ("std_msgs/String", "{data: " + 81 * "x" + "}", "data: 81 bytes of UTF-8, capacity 80"),
         ("std_msgs/Header", "{stamp: {secs: 1}}", "stamp.secs: no such field in a time; did you mean sec?"),
@@ -87,6 +92,12 @@ def test_defaults_and_now(topic, shmgen):
 )
 def test_complaints_name_the_field_and_touch_nothing(type_name, text, complaint, topic, shmgen):
     assert complaint in rejected(shmgen, topic, type_name, text)
+
+
+def test_infinity_on_purpose_passes(topic, shmgen):
+    for text in ("{r: .inf, g: -.inf, b: .nan}", '{"r": Infinity, "g": "-Infinity", "b": "NaN"}'):
+        published(shmgen, topic, "std_msgs/ColorRGBA", text)
+        assert shmgen("echo", topic, "--once").stdout == "r: .inf\ng: -.inf\nb: .nan\na: 0.0\n---\n"
 
 
 def test_errors_within_arrays_have_an_index(topic, tmp_path, shmgen):

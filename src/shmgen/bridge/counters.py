@@ -47,6 +47,17 @@ class Counters:
     def came(self) -> None:
         self.newest = time.monotonic()
 
+    def reject(self, why: str, who: str = "") -> None:
+        """One that does not fit, or that `who` would not take."""
+        self.rejected += 1
+        self.complain(f"rejected{who}: {why}")
+
+    def miss(self, why: str = "") -> None:
+        """One for which there was no room, or no region; `why` is told if it is not known already."""
+        self.missed += 1
+        if why:
+            self.complain(why)
+
     def complain(self, text: str) -> None:
         """Tells it, unless the topic has been complained about within the last seconds."""
         self.complaint = text

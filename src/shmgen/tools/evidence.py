@@ -13,7 +13,8 @@ from shmgen.live.processes import Processes, bits, called
 from shmgen.live.regions import FOLDER, View, topic_of
 from shmgen.model import RegionOptions
 from shmgen.runtime import Header
-from shmgen.runtime.errors import PermissionDenied, RegionMissing
+from shmgen.runtime.access import opened
+from shmgen.runtime.errors import RegionUnusable, ShmError
 from shmgen.runtime.names import semaphore_file
 
 _WATCH = 0.25
@@ -25,7 +26,7 @@ _WATCH_LOCK = 1.05
 class Semaphore:
     """The file of a POSIX semaphore: its first word, in a 64-bit process its value, and the bitness of its maker.
 
-    `word` is None where this user may not read it.
+    `word` is None where this user may not read it, or where it is no regular file.
     """
 
     word: int | None
@@ -81,7 +82,7 @@ def gather(
     with ExitStack() as stack:
         views: list[View] = []
         for name in names:
-            with suppress(RegionMissing, PermissionDenied):
+            with suppress(ShmError):
                 views.append(stack.enter_context(View(name)))
         begun = time.monotonic()
         first = [(view.header(), semaphore(view.name)) for view in views]
@@ -114,14 +115,13 @@ def semaphore(name: str) -> Semaphore | None:
     sem_t takes 32 bytes in 64-bit processes and 16 in others, with glibc and with musl.
     """
     file = semaphore_file(name)
+    word = None
     try:
-        status = os.stat(file)
-        with open(file, "rb") as opened:
-            word = int.from_bytes(opened.read(4), "little")
+        with suppress(PermissionError, RegionUnusable), opened(file, os.O_RDONLY) as found:
+            word = int.from_bytes(found.read(4), "little")
+        status = os.lstat(file)
     except FileNotFoundError:
         return None
-    except PermissionError:
-        return Semaphore(None, 32 if status.st_size == 16 else 64, status)
     return Semaphore(word, 32 if status.st_size == 16 else 64, status)
 
 

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from shmgen.runtime import Message
+from shmgen.runtime.legible import escaped
 from shmgen.targets.naming import python_member
 
 SHORT = 32
@@ -24,7 +25,13 @@ def yaml(message: Message, most: int | None = SHORT) -> str:
 
 def as_json(message: Message, most: int | None = None) -> str:
     """One line; numbers that JSON does not know are the words "NaN", "Infinity" and "-Infinity"."""
-    return json.dumps(_spelled(_tree(message, most)), ensure_ascii=False)
+    return as_line(_spelled(_tree(message, most)))
+
+
+def as_line(value: Any, indent: int | None = None) -> str:
+    """JSON that a terminal shows and does not obey: what is not printable is written by its number."""
+    lines = json.dumps(value, ensure_ascii=False, indent=indent).split("\n")
+    return "\n".join(line if line.isprintable() else "".join(map(_in_json, line)) for line in lines)
 
 
 def ros_name(attribute: str) -> str:
@@ -82,6 +89,7 @@ def _flow(value: Any) -> str:
 _PLAIN = re.compile(r"[A-Za-z_/]([\w /.-]*[\w/.-])?", re.ASCII)
 _WORDS = {"true", "false", "yes", "no", "on", "off", "y", "n", "null"}
 """What YAML 1.1 or 1.2 take for something else than text."""
+_SHORT = {"\n": "\\n", "\r": "\\r", "\t": "\\t", "\b": "\\b", "\f": "\\f"}
 
 
 def _text(value: str) -> str:
@@ -93,9 +101,11 @@ def _text(value: str) -> str:
 
 
 def _escaped(sign: str) -> str:
-    if sign.isprintable() and sign not in '"\\':
-        return sign
-    return json.dumps(sign)[1:-1] if ord(sign) < 0x10000 else f"\\U{ord(sign):08x}"
+    return f"\\{sign}" if sign in '"\\' else _SHORT.get(sign) or escaped(sign)
+
+
+def _in_json(sign: str) -> str:
+    return sign if sign.isprintable() else json.dumps(sign)[1:-1]
 
 
 def _spelled(tree: Any) -> Any:
