@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from typing import Any
 
 import pytest
 
@@ -21,8 +20,6 @@ def config(graph: Graph, topic: str, type_: str, *keys: str, back: str = "") -> 
 
 @both
 def test_a_topic_to_the_plc(graph: Graph, space: str) -> None:
-    from shmgen.live.classes import subscriber
-    from shmgen.live.session import Session
 
     bridge = graph.bridge(config(graph, f"{space}/pose", "geometry_msgs/PoseStamped"))
     peer = graph.peer()

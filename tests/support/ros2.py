@@ -70,7 +70,9 @@ class Graph:
         return Peer(self.start([self.python, REPOSITORY / "tests" / "ros2" / "peer.py"], more, stdin=-1))
 
     def start(self, command: list[Any], more: Mapping[str, str] | None = None, **streams: Any) -> Any:
-        environment = {name: value for name, value in os.environ.items() if not name.startswith(("ROS", "PYTHON", "RMW"))}
+        environment = {
+            name: value for name, value in os.environ.items() if not name.startswith(("ROS", "PYTHON", "RMW"))
+        }
         environment |= {
             "ROS_DOMAIN_ID": str(self.number),
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",

@@ -131,7 +131,7 @@ class Ends:
             self.tell(f"{name}: a peer does not match the {policy} that we {verb}; nothing passes between the two")
 
         def met(entity: Any, status: Any) -> None:
-            if matched and status.current_count_change > 0:
+            if matched and entity and status.current_count_change > 0:  # None: not yet made; asked at its first sample
                 handle = status.last_subscription_handle if verb == "offer" else status.last_publication_handle
                 matched(entity, handle)
 

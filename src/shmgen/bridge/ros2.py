@@ -59,12 +59,12 @@ class Ros2:
         self._thread.start()
 
     def publisher(self, wire: Wire) -> Outlet:
-        kind, made = types.message(wire.messages), codec(wire.messages)
+        kind, made = types.message(wire.messages), _codec(wire.messages)
         publisher = self._node.create_publisher(kind, wire.topic, _qos(wire, 1 if wire.latch else wire.queue))
         return Outlet(made.new, lambda message: publisher.publish(made.encode(message)))
 
     def subscribe(self, wire: Wire, taker: Taker) -> Callable[[], Any]:
-        kind, made = types.message(wire.messages), codec(wire.messages)
+        kind, made = types.message(wire.messages), _codec(wire.messages)
         subscription = self._node.create_subscription(
             kind, wire.topic, _never, _qos(wire, wire.queue), callback_group=Ours(), raw=True
         )
@@ -75,7 +75,7 @@ class Ros2:
 
     def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
         kind = types.service(wire)
-        request, response = codec(wire.request), codec(wire.response)
+        request, response = _codec(wire.request), _codec(wire.response)
         service = self._node.create_service(kind, wire.service, _never, callback_group=Ours())
         find = self._node.get_publishers_info_by_topic
         refusal = self._meant(wire, wire.request, request, find, f"rq{service.service_name}Request")
@@ -101,7 +101,7 @@ class Ros2:
 
     def client(self, wire: ServiceWire) -> Caller:
         kind = types.service(wire)
-        request, response = codec(wire.request), codec(wire.response)
+        request, response = _codec(wire.request), _codec(wire.response)
         client = self._node.create_client(kind, wire.service)
         find = self._node.get_subscriptions_info_by_topic
         refusal = self._meant(wire, wire.request, request, find, f"rq{client.service_name}Request")
@@ -200,6 +200,10 @@ def _hash(endpoint: Any) -> str:
 
 def _rosidl(made: Codec, message: Any, kind: Any) -> Any:
     return deserialize_message(made.encode(message), kind)
+
+
+def _codec(messages: tuple[Message, ...]) -> Codec:
+    return codec(messages, 2 if rclpy.get_rmw_implementation_identifier() == "rmw_cyclonedds_cpp" else 4)
 
 
 def _qos(wire: Wire, depth: int) -> QoSProfile:
