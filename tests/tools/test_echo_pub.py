@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from ruamel.yaml import YAML
 
 from shmgen.runtime import header
-from shmgen.targets.python import target as python
 from shmgen.tools import given as typed
 from shmgen.tools import shown
 
@@ -226,7 +225,7 @@ class TestAnyMessage:
         folder = tmp_path_factory.mktemp("any")
         layouts = build.layouts_of(schema)
         package = f"any_{folder.name}"
-        build.put(build.texts_of(layouts, python, package), folder)
+        build.put(build.texts_of(layouts, "python", package), folder)
         for layout in layouts.values():
             kind, _, _ = build.classes(folder, package, layout.name)
             original = schemas.random_message(layout, layouts, random.Random(seed))

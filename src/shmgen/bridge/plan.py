@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
-from shmgen import pipeline
+from shmgen import pipeline, resolve
 from shmgen.bridge.backend import ServiceWire, Wire
 from shmgen.bridge.side import About
 from shmgen.config import Config
@@ -53,7 +53,7 @@ def routes(config: Config) -> list[Route]:
     if not config.topics:
         return []
     requests = [topic.type for topic in config.topics]
-    schema, layouts, found = _found(config, requests, pipeline.topics)
+    schema, layouts, found = _found(config, requests, resolve.topics)
     # Strings are cut by the bridge, which counts it, and not by the classes.
     kinds = generated(replace(config, types=replace(config.types, overflow="error")), requests)
     made = []
@@ -69,7 +69,7 @@ def services(config: Config) -> list[ServiceRoute]:
     if not config.services:
         return []
     requests = [service.type for service in config.services]
-    schema, _, found = _found(config, requests, pipeline.services)
+    schema, _, found = _found(config, requests, resolve.services)
     kinds = generated(config, requests)
 
     def route(service: Service) -> ServiceRoute:

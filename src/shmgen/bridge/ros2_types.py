@@ -14,7 +14,7 @@ from rosidl_runtime_py.utilities import get_message, get_service
 from shmgen.bridge.backend import ServiceWire
 from shmgen.model import Array, Clock, Element, Field, FieldType, Message, Ref, Scalar, Sequence, String, TypeName
 from shmgen.runtime import Duration, Time
-from shmgen.targets.naming import python_member
+from shmgen.targets.python.names import python_member
 
 Convert = Callable[[Any], Any]
 

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from shmgen.runtime import Message
-from shmgen.targets.naming import python_member
+from shmgen.targets.python.names import python_member
 
 SHORT = 32
 """So many elements of an array are shown unless all are asked for."""

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from shmgen.model import Layouts, Output, TypeName
-from shmgen.targets import interfaces, naming
+from shmgen.targets import interfaces
+from shmgen.targets.st import names
 
 _COMMON = ("FB_ShmCaller", "FB_ShmServer")
 
@@ -26,9 +27,9 @@ class Service(NamedTuple):
     request: Carried
     reply: Carried
     response: str
-    type_name: str = naming.GVL_TYPE_NAME
-    digest: str = naming.GVL_DIGEST
-    size: str = naming.GVL_SIZE
+    type_name: str = names.GVL_TYPE_NAME
+    digest: str = names.GVL_DIGEST
+    size: str = names.GVL_SIZE
 
 
 class Action(NamedTuple):
@@ -42,9 +43,9 @@ class Action(NamedTuple):
     goal: str
     feedback: str
     result: str
-    type_name: str = naming.GVL_TYPE_NAME
-    digest: str = naming.GVL_DIGEST
-    size: str = naming.GVL_SIZE
+    type_name: str = names.GVL_TYPE_NAME
+    digest: str = names.GVL_DIGEST
+    size: str = names.GVL_SIZE
 
 
 def plan(layouts: Layouts) -> Iterator[Output]:
@@ -71,22 +72,22 @@ _OF_ACTION = ("_Goal", "_Result", "_Feedback", "_Command", "_Progress", "_Outcom
 
 def _service(name: TypeName) -> Iterator[Output]:
     request, reply = _carried(name.part("_Request")), _carried(name.part("_Reply"))
-    response = naming.st_type(name.part("_Response"))
-    for block, template in ((naming.client_block(name), "client"), (naming.server_block(name), "server")):
+    response = names.st_type(name.part("_Response"))
+    for block, template in ((names.client_block(name), "client"), (names.server_block(name), "server")):
         view = Service(block, name.short, request, reply, response)
         yield Output(f"st/{name.package}/{block}.st", f"st/{template}.st.j2", view)
 
 
 def _action(name: TypeName) -> Iterator[Output]:
     command, progress, outcome = (_carried(name.part(part)) for part in ("_Command", "_Progress", "_Outcome"))
-    goal, feedback, result = (naming.st_type(name.part(part)) for part in ("_Goal", "_Feedback", "_Result"))
+    goal, feedback, result = (names.st_type(name.part(part)) for part in ("_Goal", "_Feedback", "_Result"))
     for block, template in (
-        (naming.action_client_block(name), "action_client"),
-        (naming.action_server_block(name), "action_server"),
+        (names.action_client_block(name), "action_client"),
+        (names.action_server_block(name), "action_server"),
     ):
         view = Action(block, name.short, command, progress, outcome, goal, feedback, result)
         yield Output(f"st/{name.package}/{block}.st", f"st/{template}.st.j2", view)
 
 
 def _carried(name: TypeName) -> Carried:
-    return Carried(naming.st_type(name), naming.gvl(name))
+    return Carried(names.st_type(name), names.gvl(name))
