@@ -22,6 +22,7 @@ from shmgen.model import (
     ros_type,
 )
 from shmgen.targets import Job
+from shmgen.targets.c import region
 from shmgen.targets.c.names import NAMES as NAMES
 from shmgen.targets.c.names import c_member, header, macro, struct_name
 
@@ -67,7 +68,7 @@ class Header(NamedTuple):
 
 def plan(job: Job, report: Report) -> Iterator[Output]:
     """`c/<package>/<ros package>/msg/pose.h` for each message, and `c/<package>/shmgen.h`."""
-    yield Output(f"c/{job.package}/shmgen.h", "c/shmgen.h.j2", None)
+    yield region.plan(job.package)
     for name, layout in job.layouts.items():
         yield Output(f"c/{header(name, job.package)}", "c/message.h.j2", _header(layout, job.package))
 

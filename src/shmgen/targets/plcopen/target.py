@@ -16,8 +16,7 @@ from typing import NamedTuple
 from shmgen.diagnostics import Report
 from shmgen.model import Output
 from shmgen.targets import Job, Printed
-from shmgen.targets.st import objects, program, reader
-from shmgen.targets.st import target as st
+from shmgen.targets.st import objects, reader
 from shmgen.targets.st.names import PRG_TOPICS
 
 NAMES = None
@@ -137,7 +136,7 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
 def _object(printed: Printed) -> objects.DataType | objects.GlobalList | objects.Unit:
     """As it was planned. The text of blocks, which is written by hand in the templates, is cut as an IDE stores it."""
     match printed.output.view:
-        case st.Dut() | st.Gvl() | program.Instances() as view:
+        case objects.Dut() | objects.Gvl() as view:
             return view.object
         case _:
             return reader.read(PurePosixPath(printed.output.path).stem, printed.text)

@@ -46,6 +46,11 @@ class Variables(NamedTuple):
     constant: bool
     variables: tuple[Variable, ...]
 
+    @property
+    def text(self) -> str:
+        """`VAR_GLOBAL CONSTANT`."""
+        return f"{self.keyword} CONSTANT" if self.constant else self.keyword
+
 
 class DataType(NamedTuple):
     """A structure, or an enumeration over the type `base`."""
@@ -77,3 +82,34 @@ class Unit(NamedTuple):
     declaration: str
     body: str
     methods: tuple[Unit, ...] = ()
+
+
+# --- as they are printed --------------------------------------------------------------------------------
+
+
+class Line(NamedTuple):
+    """A declaration with the comment beside it, and the comment lines that stand above it."""
+
+    text: str
+    above: tuple[str, ...] = ()
+
+
+class Dut(NamedTuple):
+    """A structure; `doc` are comment lines."""
+
+    object: DataType
+    doc: tuple[str, ...]
+    members: tuple[Line, ...]
+
+
+class Gvl(NamedTuple):
+    """A list of variables, the generator's and, below a gap, the user's; `doc` are comment lines."""
+
+    object: GlobalList
+    doc: tuple[str, ...]
+    generated: tuple[Line, ...]
+    declared: tuple[Line, ...] = ()
+
+    @property
+    def has_gap(self) -> bool:
+        return bool(self.declared)

@@ -10,24 +10,15 @@ from typing import NamedTuple
 
 from shmgen.model import Action, Output, Service, Topic
 from shmgen.targets.st import names
-from shmgen.targets.st.objects import Attribute, GlobalList, Head, Variable, Variables
+from shmgen.targets.st.objects import Attribute, GlobalList, Gvl, Head, Line, Variable, Variables
 from shmgen.targets.st.text import MADE, uncommented
 
 
 class Instance(NamedTuple):
-    """A block; `declaration` is lined up with its neighbours, `inputs` are the lines that its call gives it."""
+    """A block; `inputs` are the lines that its call gives it."""
 
     name: str
-    declaration: str
     inputs: tuple[str, ...]
-
-
-class Instances(NamedTuple):
-    """The list of blocks; `doc` are comment lines, `object` is what an IDE stores of it."""
-
-    object: GlobalList
-    doc: tuple[str, ...]
-    instances: tuple[Instance, ...]
 
 
 class Program(NamedTuple):
@@ -43,7 +34,6 @@ def plan(topics: Sequence[Topic], services: Sequence[Service], actions: Sequence
     uses = [*map(_topic, topics), *map(_service, services), *map(_action, actions)]
     if uses:
         uses.sort(key=lambda use: use.order)
-        instances = tuple(_instances(uses))
         doc = (
             f"// A block for each topic, service and action of shmgen.toml. {names.PRG_TOPICS} calls them; "
             "programs of your own",
@@ -53,7 +43,8 @@ def plan(topics: Sequence[Topic], services: Sequence[Service], actions: Sequence
         variables = tuple(Variable(names.st_topic(use.name), use.block, "", use.comment) for use in uses)
         head = Head(uncommented(doc), (Attribute("qualified_only"),))
         stored = GlobalList(names.GVL_TOPICS, head, Variables("VAR_GLOBAL", False, variables))
-        yield Output(f"st/{names.GVL_TOPICS}.st", "st/topics.st.j2", Instances(stored, doc, instances))
+        yield Output(f"st/{names.GVL_TOPICS}.st", "st/gvl.st.j2", Gvl(stored, doc, _lines(uses)))
+        instances = tuple(Instance(names.st_topic(use.name), ("xEnable := TRUE,", *use.inputs)) for use in uses)
         view = Program(names.PRG_TOPICS, names.GVL_TOPICS, instances)
         yield Output(f"st/{names.PRG_TOPICS}.st", "st/program.st.j2", view)
 
@@ -86,9 +77,8 @@ def _action(action: Action) -> _Use:
     return _Use(not action.on_plc, action.name, block, comment, (f"sAction := '{action.name}');",))
 
 
-def _instances(uses: Sequence[_Use]) -> Iterator[Instance]:
-    named = [names.st_topic(use.name) for use in uses]
-    width, column = max(map(len, named)), max(len(use.block) for use in uses) + 1
-    for use, name in zip(uses, named, strict=True):
-        declaration = f"{name:<{width}} : {use.block + ';':<{column}}  // {use.comment}"
-        yield Instance(name, declaration, ("xEnable := TRUE,", *use.inputs))
+def _lines(uses: Sequence[_Use]) -> tuple[Line, ...]:
+    """In columns."""
+    named = [(names.st_topic(use.name), use) for use in uses]
+    width, column = max(len(name) for name, _ in named), max(len(use.block) for use in uses) + 1
+    return tuple(Line(f"{name:<{width}} : {use.block + ';':<{column}}  // {use.comment}") for name, use in named)

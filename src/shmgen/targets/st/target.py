@@ -1,8 +1,7 @@
 """Turns layouts into Structured Text for CODESYS: a DUT, a list of constants and a pair of blocks for each message.
 
 Services and actions get such a pair too (calls.py), and what shmgen.toml lists a block each and a program that calls
-them (program.py). What is common to all (`st/shmgen/`) is written by hand, with one hole:
-whether regions have a lock.
+them (program.py). What is common to all is in common.py.
 """
 
 from __future__ import annotations
@@ -24,45 +23,13 @@ from shmgen.model import (
     text_length,
 )
 from shmgen.targets import Job
-from shmgen.targets.st import calls, names, program
+from shmgen.targets.st import calls, common, names, program
 from shmgen.targets.st.names import NAMES as NAMES
-from shmgen.targets.st.objects import Attribute, DataType, GlobalList, Head, Variable, Variables
+from shmgen.targets.st.objects import Attribute, DataType, Dut, GlobalList, Gvl, Head, Line, Variable, Variables
 from shmgen.targets.st.text import MADE, WIDTH, ascii_text, comment_lines, literal, uncommented
 
-_COMMON = ("E_ShmError", "E_ShmState", "ST_ShmHeader", "ST_ShmSlot", "FB_ShmRegion")
 _WIDEST_COLUMN = 56
 """Where comments begin at the latest; a longer declaration pushes only its own."""
-
-
-class Common(NamedTuple):
-    """What all topics share; `locks` is a BOOL literal."""
-
-    locks: str
-
-
-class Line(NamedTuple):
-    """A declaration with the comment beside it, and the comment lines that stand above it."""
-
-    text: str
-    above: tuple[str, ...] = ()
-
-
-class Dut(NamedTuple):
-    """A structure; `doc` are comment lines, `object` is what an IDE stores of it."""
-
-    object: DataType
-    doc: tuple[str, ...]
-    members: tuple[Line, ...]
-
-
-class Gvl(NamedTuple):
-    """A list of constants, the generator's and the message's; `object` is what an IDE stores of it."""
-
-    object: GlobalList
-    doc: tuple[str, ...]
-    generated: tuple[Line, ...]
-    has_constants: bool
-    constants: tuple[Line, ...]
 
 
 class Block(NamedTuple):
@@ -81,9 +48,7 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
     """`st/<package>/` one POU a file, `st/shmgen/`, and what calls the blocks."""
     layouts = job.layouts
     struct_time = any(layout.options.time == "struct" for layout in layouts.values())
-    locks = job.options.regions.sync == "lock"
-    for name in (*_COMMON, names.ST_TIME) if struct_time else _COMMON:
-        yield Output(f"st/shmgen/{name}.st", f"st/{name}.st.j2", Common(str(locks).upper()))
+    yield from common.plan(locks=job.options.regions.sync == "lock", struct_time=struct_time)
     only_called = calls.parts(layouts) - {topic.type for topic in job.topics}
     for layout in layouts.values():
         yield from _message(layout)
@@ -115,7 +80,7 @@ def _gvl(layout: Layout) -> Gvl:
     variables = Variables("VAR_GLOBAL", True, tuple(one.variable for one in (*generated, *constants)))
     lines = (*_aligned(constants), *remarks)
     stored = GlobalList(name, Head(uncommented(doc), (Attribute("qualified_only"),)), variables)
-    return Gvl(stored, doc, _aligned(generated), bool(lines), lines)
+    return Gvl(stored, doc, _aligned(generated), lines)
 
 
 def _pair(name: TypeName) -> Iterator[Output]:
