@@ -33,12 +33,13 @@ def generate(config: Config, requests: Iterable[str]) -> dict[str, str]:
     """{path: text} of all targets, and of layout.lock; what the configuration uses comes along. Raises Rejected."""
     layouts = lay_out(config, dict.fromkeys([*requests, *config.types_used]))
     report = Report()
-    texts = printed(TARGETS, config.targets, _job(config, layouts, report), report)
+    texts = printed(TARGETS, config.targets, job_of(config, layouts, report), report)
+    texts = dict(sorted(texts.items()))
     return texts | {lockfile.LOCK: lockfile.write(layouts, texts, _settings(config))}
 
 
 def printed(targets: Sequence[Target], keys: Sequence[str], job: Job, report: Report) -> dict[str, str]:
-    """{path: text} of those of `targets` that `keys` name, each behind the one it is `after`. Raises Rejected."""
+    """{path: text} of those of `targets` that `keys` name, as they were planned. Raises Rejected."""
     waiting = _wanted(targets, keys)
     for target in waiting:
         _check_names(target, targets, job, report)
@@ -52,11 +53,9 @@ def printed(targets: Sequence[Target], keys: Sequence[str], job: Job, report: Re
 
         texts = render(output for outputs in planned.values() for output in outputs)
         for key, outputs in planned.items():
-            outputs.sort(key=lambda output: output.path)
             done[key] = tuple(Printed(output, texts[output.path]) for output in outputs)
         waiting = [target for target in waiting if target.key not in done]
-    found = [one for key in keys for one in done[key]]
-    return {one.output.path: one.text for one in sorted(found, key=lambda one: one.output.path)}
+    return {one.output.path: one.text for key in keys for one in done[key]}
 
 
 def _wanted(targets: Sequence[Target], keys: Sequence[str]) -> list[Target]:
@@ -74,7 +73,8 @@ def _check_names(target: Target, targets: Sequence[Target], job: Job, report: Re
         naming.check(job.layouts, job.package, job.uses, names, keys, report)
 
 
-def _job(config: Config, layouts: Layouts, report: Report) -> Job:
+def job_of(config: Config, layouts: Layouts, report: Report) -> Job:
+    """What the targets get of a configuration. Reports SHM502: a topic, service or action whose type is none."""
     options = Options(
         regions=config.regions,
         distribution=config.distribution,

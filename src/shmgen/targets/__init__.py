@@ -46,7 +46,7 @@ class Printed:
 class Job:
     """What a target turns into files. `package` is the name that all generated code goes by, `shm_msgs`.
 
-    `printed` are, by their keys, the targets that this one is `after`, their files in order of their paths.
+    `printed` are, by their keys, the targets that this one may be `after`.
     """
 
     layouts: Layouts

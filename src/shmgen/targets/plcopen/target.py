@@ -118,7 +118,8 @@ class Project(NamedTuple):
 
 def plan(job: Job, report: Report) -> Iterator[Output]:
     """`plcopen/` of what the target st planned and printed, and of the interval of the task."""
-    found = [(_object(printed), printed.text.rstrip("\n")) for printed in job.printed["st"]]
+    files = sorted(job.printed["st"], key=lambda printed: printed.output.path)
+    found = [(_object(printed), printed.text.rstrip("\n")) for printed in files]
     interval = job.options.task_interval
     view = Project(
         data_types=tuple(_data_type(one, text) for one, text in found if isinstance(one, objects.DataType)),
