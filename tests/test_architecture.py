@@ -32,17 +32,18 @@ ARROWS = {
     "targets": WORDS | {"abi", "targets"},
     "render": {"model", "cache"},
     "write": {"diagnostics"},
-    "drift": WORDS | {"cache", "drift", "write"},
+    "type_hash": {"model"},
+    "drift": WORDS | {"cache", "drift", "type_hash", "write"},
     "resolve": WORDS | {"config", "targets"},
     "pipeline": WORDS | {"bounds", "config", "definitions", "drift", "layout", "render", "resolve", "targets"},
-    "show": WORDS | {"layout", "pipeline", "show", "targets"},
+    "show": WORDS | {"layout", "pipeline", "show", "targets", "type_hash"},
     "runtime": {"abi", "runtime"},
-    "live": WORDS | {"bounds", "config", "live", "pipeline", "runtime"},
+    "live": WORDS | {"bounds", "config", "definitions", "live", "pipeline", "runtime"},
     "tools": WORDS | {"config", "live", "runtime", "targets", "tools"},
-    "bridge": WORDS | {"bridge", "config", "live", "pipeline", "resolve", "runtime", "targets"},
+    "bridge": WORDS | {"bridge", "config", "live", "pipeline", "resolve", "runtime", "targets", "type_hash"},
     "cli": WORDS
-    | {"", "bridge", "cli", "config", "definitions", "drift", "live", "pipeline", "render", "runtime", "show"}
-    | {"targets", "tools", "write"},
+    | {"", "bridge", "cache", "cli", "config", "definitions", "drift", "live", "pipeline", "render", "runtime"}
+    | {"show", "targets", "tools", "write"},
     "__init__": set(),
     "__main__": {"cli", "drift"},
 }
@@ -55,7 +56,6 @@ ONLY_IN = {
     "ruamel": {"tools"},
     "rospy": {"bridge"},
     "rclpy": {"bridge"},
-    "rosidl_runtime_py": {"bridge"},
     "genpy": {"bridge"},
     "cyclonedds": {"bridge"},
 }

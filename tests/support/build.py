@@ -25,7 +25,7 @@ def layouts_of(schema: Schema, options: TypeOptions | None = None) -> Layouts:
 
 def texts_of(layouts: Layouts, key: str, package: str = "shm_msgs") -> dict[str, str]:
     """What the target `key` prints."""
-    return pipeline.printed(TARGETS, [key], Job(layouts, package), Report())
+    return pipeline.printed_by(TARGETS, [key], Job(layouts, package), Report())
 
 
 def put(texts: Mapping[str, str], folder: Path) -> None:

@@ -65,7 +65,7 @@ def planned(target: Target, settings: Config, layouts: Layouts) -> dict[str, str
     others = [other for other in TARGETS if other.key != target.key]
     report = Report()
     job = pipeline.job_of(settings, pipeline.lay_out(settings, [*map(str, layouts), *settings.types_used]), report)
-    return pipeline.printed([*others, target], [target.key], job, report)
+    return pipeline.printed_by([*others, target], [target.key], job, report)
 
 
 def tokens(texts: Mapping[str, str]) -> list[list[str]]:
@@ -375,4 +375,4 @@ def _store(target: Target) -> dict[str, str]:
     settings, report = _store_settings(), Report()
     others = [other for other in TARGETS if other.key != target.key]
     job: Job = pipeline.job_of(settings, _store_layouts(), report)
-    return pipeline.printed([*others, target], [target.key], job, report)
+    return pipeline.printed_by([*others, target], [target.key], job, report)

@@ -197,6 +197,6 @@ def test_what_one_takes_of_another_is_printed_before_and_written_only_if_asked_f
         Target(key, lambda key=key, after=after: room(key, after), after=after)  # type: ignore[misc]
         for key, after in (("a", ""), ("b", "a"), ("c", "b"), ("d", ""))
     ]
-    texts = pipeline.printed(targets, ["c", "d"], Job({}), Report())
+    texts = pipeline.printed_by(targets, ["c", "d"], Job({}), Report())
     assert texts == {"c/all.txt": "a\nb\nc\n", "d/all.txt": "d\n"}
     assert planned == ["a", "d", "b", "c"]

@@ -11,6 +11,7 @@ from shmgen.model import (
     Constant,
     Element,
     Layout,
+    Layouts,
     Output,
     Ref,
     Role,
@@ -25,6 +26,7 @@ from shmgen.targets import Job
 from shmgen.targets.c import region
 from shmgen.targets.c.names import NAMES as NAMES
 from shmgen.targets.c.names import c_member, header, macro, struct_name
+from shmgen.targets.counts import bound, counts, holds_counts
 
 _TYPES = {
     Scalar.BOOL: "uint8_t",
@@ -64,16 +66,17 @@ class Header(NamedTuple):
     digest: str
     defines: tuple[Define, ...]
     members: tuple[Member, ...]
+    valid: tuple[str, ...]
 
 
 def plan(job: Job, report: Report) -> Iterator[Output]:
     """`c/<package>/<ros package>/msg/pose.h` for each message, and `c/<package>/shmgen.h`."""
     yield region.plan(job.package)
     for name, layout in job.layouts.items():
-        yield Output(f"c/{header(name, job.package)}", "c/message.h.j2", _header(layout, job.package))
+        yield Output(f"c/{header(name, job.package)}", "c/message.h.j2", _header(layout, job.layouts, job.package))
 
 
-def _header(layout: Layout, package: str) -> Header:
+def _header(layout: Layout, layouts: Layouts, package: str) -> Header:
     struct = struct_name(layout.name)
     return Header(
         title=str(layout.name),
@@ -93,6 +96,7 @@ def _header(layout: Layout, package: str) -> Header:
             for constant in layout.message.constants
         ),
         members=tuple(_member(slot, layout) for slot in layout.slots),
+        valid=tuple(_valid(layout, layouts)) or ("(void)message;",),
     )
 
 
@@ -102,6 +106,23 @@ def _member(slot: Slot, layout: Layout) -> Member:
     tail = f"[{(slot.type.capacity or 0) + 1}]" if isinstance(slot.type, String) else ""
     base = c_element(slot.type, layout.options)
     return Member(f"{base} {name}{many}{tail};", name, str(slot.offset), str(slot.size), _comment(slot, layout))
+
+
+def _valid(layout: Layout, layouts: Layouts) -> Iterator[str]:
+    """Statements that return 0 for a count above its bound, here or in an element that is valid."""
+    counted = counts(layout)
+    for count in counted.values():
+        yield from (f"if (message->{c_member(count.name)} > {bound(count)})", "    return 0;")
+    for slot in layout.slots:
+        if not isinstance(slot.type, Ref) or not holds_counts(layouts[slot.type.name], layouts):
+            continue
+        member, check = f"message->{c_member(slot.name)}", f"shmgen_valid_{struct_name(slot.type.name)}"
+        if slot.count is None:
+            yield from (f"if (!{check}(&{member}))", "    return 0;")
+        else:
+            last = f"message->{c_member(counted[slot.name].name)}" if slot.name in counted else str(slot.count)
+            yield f"for (uint32_t element = 0; element < {last}; element++)"
+            yield from (f"    if (!{check}(&{member}[element]))", "        return 0;")
 
 
 def c_element(type_: Element, options: TypeOptions) -> str:

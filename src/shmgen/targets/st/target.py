@@ -13,17 +13,17 @@ from shmgen.diagnostics import Report
 from shmgen.model import (
     Clock,
     Layout,
+    Layouts,
     Output,
     Role,
     Scalar,
     Slot,
     String,
-    TypeName,
     assert_never,
     text_length,
 )
 from shmgen.targets import Job
-from shmgen.targets.st import calls, common, names, program
+from shmgen.targets.st import calls, common, counts, names, program
 from shmgen.targets.st.names import NAMES as NAMES
 from shmgen.targets.st.objects import Attribute, DataType, Dut, GlobalList, Gvl, Head, Line, Variable, Variables
 from shmgen.targets.st.text import MADE, WIDTH, ascii_text, comment_lines, literal, uncommented
@@ -33,12 +33,14 @@ _WIDEST_COLUMN = 56
 
 
 class Block(NamedTuple):
-    """A publisher or a subscriber; the last three are names in `gvl`."""
+    """A publisher or a subscriber, which `fits` checks for; the last three are names in `gvl`."""
 
     name: str
     title: str
     dut: str
     gvl: str
+    fits: bool
+    checks: tuple[counts.Check, ...]
     type_name: str = names.GVL_TYPE_NAME
     digest: str = names.GVL_DIGEST
     size: str = names.GVL_SIZE
@@ -53,7 +55,7 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
     for layout in layouts.values():
         yield from _message(layout)
         if layout.requested and layout.name not in only_called:
-            yield from _pair(layout.name)
+            yield from _pair(layout, layouts)
     yield from calls.plan(layouts)
     yield from program.plan(job.topics, job.services, job.actions)
 
@@ -83,12 +85,14 @@ def _gvl(layout: Layout) -> Gvl:
     return Gvl(stored, doc, _aligned(generated), lines)
 
 
-def _pair(name: TypeName) -> Iterator[Output]:
+def _pair(layout: Layout, layouts: Layouts) -> Iterator[Output]:
+    name = layout.name
+    checks = counts.checks(layout, layouts, "Fits", "_Received")
     for block, template in (
         (names.publisher_block(name), "publisher"),
         (names.subscriber_block(name), "subscriber"),
     ):
-        view = Block(block, str(name), names.st_type(name), names.gvl(name))
+        view = Block(block, str(name), names.st_type(name), names.gvl(name), bool(checks), checks)
         yield Output(f"st/{name.package}/{block}.st", f"st/{template}.st.j2", view)
 
 
