@@ -17,12 +17,13 @@ from shmgen.runtime import CountExceeded, Message, Publisher, ShmError, StringTo
 
 
 class ToPlc:
-    """A Side; `take` is the callback of the ROS topic."""
+    """A Side, and a Taker: what its backend could not hand over is counted."""
 
     def __init__(self, route: Route, counters: Counters, stopping: threading.Event) -> None:
         self.route = route
         self.about = route.about
         self.counters = counters
+        self.reject, self.refuse, self.lose = counters.reject, counters.refuse, counters.lose
         self._stopping = stopping
         self._lock = threading.Lock()
         self._waiting: Any = None
@@ -33,7 +34,7 @@ class ToPlc:
     def join(self, backend: Backend) -> None:
         if self.route.topic.carried.rate:
             threading.Thread(target=self._paced, args=(1 / self.route.topic.carried.rate,), daemon=True).start()
-        plan.check(self.route, backend.subscribe(self.route.wire, self.take)())
+        plan.check(self.route, backend.subscribe(self.route.wire, self)())
 
     def take(self, message: Any) -> None:
         """From any thread."""

@@ -11,7 +11,8 @@ from typing import Any
 
 from shmgen import toml
 from shmgen.diagnostics import Report, Span
-from shmgen.model import Default, Layout, Layouts, Ref, Role, Slot, ros_type
+from shmgen.model import Default, Layout, Layouts, Message, Ref, Role, Slot, TypeName, ros_type
+from shmgen.type_hash import hash_of
 
 LOCK = "layout.lock"
 VERSION = 1
@@ -74,8 +75,9 @@ def write(layouts: Layouts, texts: Mapping[str, str], settings: Mapping[str, obj
     ]
     for key, value in settings.items():
         lines += _list(key, value) if key in LISTS and isinstance(value, list) else [f"{key} = {_toml(value)}"]
+    known = {name: layout.message for name, layout in layouts.items()}
     for layout in _sorted(layouts):
-        lines += ["", *_block(layout)]
+        lines += ["", *_block(layout, known)]
     lines += ["", "[files]", *(f"{_toml(path)} = {_toml(sha256(text))}" for path, text in sorted(texts.items()))]
     return "\n".join(lines) + "\n"
 
@@ -114,7 +116,7 @@ def _sorted(layouts: Layouts) -> list[Layout]:
     return [layouts[name] for name in sorted(layouts)]
 
 
-def _block(layout: Layout) -> list[str]:
+def _block(layout: Layout, known: Mapping[TypeName, Message]) -> list[str]:
     message = layout.message
     defaults = [f"{field.name} = {_value(field.default)}" for field in message.fields if field.default is not None]
     constants = [f"{ros_type(one.type)} {one.name} = {_value(one.value)}" for one in message.constants]
@@ -124,6 +126,7 @@ def _block(layout: Layout) -> list[str]:
         f"size = {layout.size}",
         f"origin = {_toml(message.origin)}",
         f"text = {_toml(sha256(message.text)[:16])}",
+        f"type_hash = {_toml(hash_of(layout.name, known))}",
         *_list("slots", map(_slot, layout.slots)),
         *(_list("defaults", defaults) if defaults else ()),
         *(_list("constants", constants) if constants else ()),
