@@ -19,10 +19,10 @@ ROLES = {"Client": "Start", "Server": "Start", "ActionClient": "Move", "ActionSe
 
 @pytest.fixture(scope="module")
 def texts(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """Each by its stem."""
+    """Each by its stem; with sequences, for which the blocks have one output more."""
     folder = tmp_path_factory.mktemp("calls")
-    put({"cell_msgs/srv/Start.srv": "bool a\n---\nbool b\n"}, folder)
-    put({"cell_msgs/action/Move.action": "bool a\n---\nbool b\n---\nbool c\n"}, folder)
+    put({"cell_msgs/srv/Start.srv": "int8[<=2] a\n---\nint8[<=2] b\n"}, folder)
+    put({"cell_msgs/action/Move.action": "int8[<=2] a\n---\nint8[<=2] b\n---\nint8[<=2] c\n"}, folder)
     config = Config(folder, path=(folder,), targets=("st",))
     return {Path(path).stem: text for path, text in pipeline.generate(config, ["cell_msgs"]).items()}
 
