@@ -18,12 +18,13 @@ from .conftest import REPOSITORY
 SOURCE = REPOSITORY / "src" / "shmgen"
 TEMPLATES = sorted((REPOSITORY / "templates").rglob("*.j2"))
 
-# Room -> what of shmgen it may import. `model` and `diagnostics` are the words all rooms share.
-WORDS = {"diagnostics", "model"}
+# Room -> what of shmgen it may import. `model` and `diagnostics` are the words all rooms share, made with `records`.
+WORDS = {"diagnostics", "model", "records"}
 ARROWS = {
     "abi": set(),
-    "diagnostics": set(),
-    "model": {"diagnostics"},
+    "records": set(),
+    "diagnostics": {"records"},
+    "model": {"diagnostics", "records"},
     "cache": set(),
     "definitions": WORDS | {"definitions", "cache"},
     "bounds": WORDS,
@@ -31,7 +32,7 @@ ARROWS = {
     "config": WORDS | {"abi", "bounds", "config"},
     "targets": WORDS | {"abi", "targets"},
     "render": {"model", "cache"},
-    "write": {"diagnostics"},
+    "write": {"diagnostics", "records"},
     "drift": WORDS | {"cache", "drift", "write"},
     "pipeline": WORDS | {"bounds", "config", "definitions", "drift", "layout", "render", "targets"},
     "show": WORDS | {"layout", "pipeline", "show", "targets"},

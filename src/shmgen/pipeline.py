@@ -9,13 +9,14 @@ from __future__ import annotations
 import re
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from shmgen import bounds, definitions, layout
 from shmgen.config import Config, entries
 from shmgen.diagnostics import Diagnostic, Report, Span
 from shmgen.drift import lockfile
 from shmgen.model import Action, Layouts, Output, Schema, Service, Topic, TypeName
+from shmgen.records import dataclass
 from shmgen.targets import interfaces
 from shmgen.targets.c import target as c
 from shmgen.targets.plcopen import target as plcopen
@@ -44,10 +45,10 @@ def lay_out(config: Config, requests: Iterable[str], opened: definitions.Library
 
 def generate(config: Config, requests: Iterable[str]) -> dict[str, str]:
     """{path: text} of all targets, and of layout.lock; what the configuration uses comes along. Raises Rejected."""
-    return printed(config, lay_out(config, dict.fromkeys([*requests, *config.types_used])))
+    return generated(config, lay_out(config, dict.fromkeys([*requests, *config.types_used])))
 
 
-def printed(config: Config, layouts: Layouts) -> dict[str, str]:
+def generated(config: Config, layouts: Layouts) -> dict[str, str]:
     """The same of what is laid out already."""
     report = Report()
     outputs = list(_plan(config, layouts, report))
