@@ -33,7 +33,7 @@ class ToPlc:
     def join(self, backend: Backend) -> None:
         if self.route.topic.carried.rate:
             threading.Thread(target=self._paced, args=(1 / self.route.topic.carried.rate,), daemon=True).start()
-        plan.check(self.route, backend.subscribe(self.route.wire, self.take)())
+        plan.check(self.route, backend.subscribe(self.route.wire, self)())
 
     def take(self, message: Any) -> None:
         """From any thread."""
@@ -46,6 +46,20 @@ class ToPlc:
             self.counters.thinned += self._waiting is not None
             self._waiting = message
         self._came.set()
+
+    def reject(self, why: str) -> None:
+        """One that could not be read."""
+        self.counters.rejected += 1
+        self.counters.complain(f"rejected: {why}")
+
+    def refuse(self, why: str) -> None:
+        """One of another definition."""
+        self.counters.refused += 1
+        self.counters.complain(why)
+
+    def lose(self, count: int) -> None:
+        """So many before they came here."""
+        self.counters.lost += count
 
     def tick(self) -> None:
         """Shows the PLC that the bridge lives, unless ROS has fallen silent for longer than `stale`."""

@@ -16,7 +16,7 @@ import posix_ipc
 
 from shmgen import abi
 from shmgen.runtime import header as h
-from shmgen.runtime.access import Access, RegionOptions, access_for, denied
+from shmgen.runtime.access import PATIENCE, Access, RegionOptions, access_for, denied, opened
 from shmgen.runtime.errors import LayoutMismatch, RegionMissing, RegionUnusable
 from shmgen.runtime.names import event_name, region_file, region_name, semaphore_file
 
@@ -25,8 +25,6 @@ WRITER_LOCK = abi.WRITER_LOCK
 REPAIR_LOCK = abi.REPAIR_LOCK
 """The byte under a record lock while the header is written, and while a lock is healed."""
 
-_PATIENCE = abi.PEER_MS / 1000
-"""Seconds to wait for a peer that is between two system calls; after that it is taken to be dead."""
 _ATTEMPTS = 10
 _FLOCK = struct.Struct("hhqqi4x")
 
@@ -148,18 +146,16 @@ def keeps_order() -> bool:
 def read_header(name: str) -> h.Header:
     """The header of the region `name` (`robot.pose`), whatever its type; `magic` tells whether it is one of ours.
 
-    Raises RegionMissing and PermissionDenied.
+    Raises RegionMissing, PermissionDenied and RegionUnusable.
     """
+    path = region_file(name)
     try:
-        memory = posix_ipc.SharedMemory("/" + name, read_only=True)
-    except posix_ipc.ExistentialError:
-        raise RegionMissing(f"{region_file(name)} does not exist: start a publisher or a subscriber of it") from None
-    except posix_ipc.PermissionsError:
-        raise denied(region_file(name)) from None
-    try:
-        return _peek(memory.fd)
-    finally:
-        memory.close_fd()
+        with opened(path, os.O_RDONLY) as file:
+            return _peek(file.fileno())
+    except FileNotFoundError:
+        raise RegionMissing(f"{path} does not exist: start a publisher or a subscriber of it") from None
+    except PermissionError:
+        raise denied(path) from None
 
 
 def _open_memory(name: str, size: int, access: Access) -> io.FileIO:
@@ -167,16 +163,14 @@ def _open_memory(name: str, size: int, access: Access) -> io.FileIO:
     for _ in range(_ATTEMPTS):
         try:
             # Without O_CREAT: `fs.protected_regular` refuses that for another user's file, even to root.
-            with suppress(posix_ipc.ExistentialError):
-                found = io.FileIO(posix_ipc.SharedMemory("/" + name).fd, "r+b")
-                access.mend(found.fileno(), path)
-                return found
+            with suppress(FileNotFoundError):
+                return _found(path, access)
             with suppress(posix_ipc.ExistentialError):
                 made = io.FileIO(posix_ipc.SharedMemory("/" + name, posix_ipc.O_CREX, mode=access.made_mode).fd, "r+b")
                 access.give(made.fileno(), path)
                 _allocate(made, path, size)
                 return made
-        except posix_ipc.PermissionsError:
+        except (posix_ipc.PermissionsError, PermissionError):
             raise denied(path) from None
     raise RegionUnusable(f"{path} keeps appearing and vanishing: something removes it; stop that and start again")
 
@@ -187,22 +181,37 @@ def _open_semaphore(name: str, value: int, options: RegionOptions, access: Acces
     path = semaphore_file(name)
     for _ in range(_ATTEMPTS):
         try:
-            with suppress(FileNotFoundError):
+            with suppress(FileNotFoundError), _found(path, access) as file:
                 # kind 1: any thread may release; greatest value: a surplus token is no error here.
                 found = SemLock._rebuild(0, 1, SemLock.SEM_VALUE_MAX, "/" + name)
-                access.mend(path, path)
-                return found
-            with suppress(posix_ipc.ExistentialError):
+                # By its name, which may have gone to another file since.
+                if os.path.samestat(os.fstat(file.fileno()), os.lstat(path)):
+                    return found
+                continue
+            with suppress(posix_ipc.ExistentialError, FileNotFoundError):
                 posix_ipc.Semaphore("/" + name, posix_ipc.O_CREX, mode=access.made_mode, initial_value=value).close()
-                access.give(path, path)
+                with opened(path, os.O_RDWR) as made:
+                    access.give(made.fileno(), path)
         except (posix_ipc.PermissionsError, PermissionError):
             raise denied(path) from None
     raise RegionUnusable(f"{path} keeps appearing and vanishing: something removes it; stop that and start again")
 
 
+def _found(path: str, access: Access) -> io.FileIO:
+    """A file that is there, put right and looked at before anything of it is believed. Raises as opened()."""
+    file = opened(path, os.O_RDWR)
+    try:
+        access.mend(file.fileno(), path)
+        access.admit(file.fileno(), path)
+    except BaseException:
+        file.close()
+        raise
+    return file
+
+
 def _await_size(file: io.FileIO, name: str, size: int) -> None:
     """Between shm_open and ftruncate of its maker an object has no bytes; who died there is stood in for."""
-    deadline = time.monotonic() + _PATIENCE
+    deadline = time.monotonic() + PATIENCE
     while os.fstat(file.fileno()).st_size == 0:
         if time.monotonic() > deadline:
             _allocate(file, region_file(name), size)
@@ -223,7 +232,7 @@ def _allocate(file: io.FileIO, path: str, size: int) -> None:
 
 def _complete_header(fd: int, map: mmap.mmap, ours: h.Header) -> None:
     """Whoever finds no magic writes the header, magic last; the record lock lets one Python do it at a time."""
-    deadline = time.monotonic() + _PATIENCE
+    deadline = time.monotonic() + PATIENCE
     while not (locked := _lock_byte(fd, REPAIR_LOCK)) and time.monotonic() < deadline:
         time.sleep(0.001)
     if _peek(fd).magic == 0:
