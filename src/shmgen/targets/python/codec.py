@@ -13,7 +13,7 @@ from itertools import groupby
 
 from shmgen.model import Clock, Layout, Layouts, Ref, Role, Scalar, Slot, String, TypeName, TypeOptions, assert_never
 from shmgen.records import dataclass
-from shmgen.targets.naming import python_member
+from shmgen.targets.python.names import python_member
 
 WIDEST_GAP = 512
 LATE = 4096
