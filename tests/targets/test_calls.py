@@ -21,8 +21,8 @@ ROLES = {"Client": "Start", "Server": "Start", "ActionClient": "Move", "ActionSe
 def texts(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """Each by its stem."""
     folder = tmp_path_factory.mktemp("calls")
-    put({"cell_msgs/srv/Start.srv": "bool a\n---\nbool b\n"}, folder)
-    put({"cell_msgs/action/Move.action": "bool a\n---\nbool b\n---\nbool c\n"}, folder)
+    put({"cell_msgs/srv/Start.srv": "bool[<=2] a\n---\nbool b\n"}, folder)
+    put({"cell_msgs/action/Move.action": "bool[<=2] a\n---\nbool b\n---\nbool[<=2] c\n"}, folder)
     config = Config(folder, path=(folder,), targets=("st",))
     return {Path(path).stem: text for path, text in pipeline.generate(config, ["cell_msgs"]).items()}
 
