@@ -5,19 +5,14 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-import sys
 from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from shmgen import toml
 from shmgen.diagnostics import Report, Span
 from shmgen.model import Default, Layout, Layouts, Message, Ref, Role, Slot, TypeName, ros_type
 from shmgen.type_hash import hash_of
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 LOCK = "layout.lock"
 VERSION = 1
@@ -90,14 +85,14 @@ def write(layouts: Layouts, texts: Mapping[str, str], settings: Mapping[str, obj
 def read(text: str, shown: str, report: Report) -> Lock:
     """Takes a lock apart; one that no run of ours wrote is reported as SHM408."""
     try:
-        data = tomllib.loads(text)
+        data = toml.loads(text)
         requested, files = data["requested"], data["files"]
         if data["version"] != VERSION or not all(isinstance(item, str) for item in [*requested, *files.values()]):
             raise ValueError("version")
         blocks = data.get("messages", {})
         messages = {name: _read_block(block, blocks) for name, block in blocks.items()}
         return Lock(tuple(requested), dict(data.get("settings", {})), messages, dict(files))
-    except (tomllib.TOMLDecodeError, KeyError, TypeError, ValueError, AttributeError):
+    except (KeyError, TypeError, ValueError, AttributeError):
         report.error(
             "SHM408",
             "layout.lock is damaged, so it cannot be known which files are generated",
