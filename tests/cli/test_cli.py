@@ -372,7 +372,7 @@ def test_list_json_has_a_stable_shape(folder: Path) -> None:
 
 
 def test_list_all(tmp_path: Path) -> None:
-    assert "98 of 162 can be generated." in done(tmp_path, "list")
+    assert "107 of 171 can be generated." in done(tmp_path, "list")
     assert "SHM004" in failed(tmp_path, "list nothing_msgs")
 
 

@@ -72,7 +72,7 @@ class Graph:
         made = codec(wire.messages)
         name = topic_name(wire.topic)
         identity = Identity(wire.topic, wire.type, made.type_hash, self._ends.tell)
-        peers = Peers(identity)
+        peers = Peers(identity, taker.refuse)
         reader = self._ends.reader(name, structure(wire.messages), _quality(wire, made), peers.matched)
 
         def take(sample: Any) -> None:

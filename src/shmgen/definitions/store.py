@@ -36,9 +36,9 @@ def dialect(source: str) -> Dialect:
 def catalogue(source: str) -> Catalogue:
     """All of the store called `source`, one of names()."""
     packages: dict[str, list[Definition]] = {}
-    for full_name, text in _texts(source).items():
+    for full_name, text in {**_texts(source), **_SERVICES}.items():
         name = TypeName(*full_name.split("/"))
-        definition = Definition(name, f"{source}:{full_name}.msg", f"built-in store {source}", text)
+        definition = Definition(name, f"{source}:{full_name}.{name.kind}", f"built-in store {source}", text)
         packages.setdefault(name.package, []).append(definition)
     place = f"built-in store {source}"
     return {name: (package_of(name, place, definitions),) for name, definitions in packages.items()}
@@ -46,6 +46,13 @@ def catalogue(source: str) -> Catalogue:
 
 # rosbags.interfaces.Nodetype, by value: importing the enumeration costs as much as reading the cache.
 _BASE, _NAME, _ARRAY, _SEQUENCE = 1, 2, 3, 4
+_ANSWER = "bool success\nstring message\n"
+_SERVICES = {
+    "std_srvs/srv/Empty": "---\n",
+    "std_srvs/srv/SetBool": f"bool data\n---\n{_ANSWER}",
+    "std_srvs/srv/Trigger": f"---\n{_ANSWER}",
+}
+"""The services of every ROS, which rosbags leaves out; they are the same in all distributions."""
 _FILLER = "structure_needs_at_least_one_member"
 """How rosidl, and rosbags after it, writes a message without fields."""
 _QUATERNION = "float64 x 0\nfloat64 y 0\nfloat64 z 0\nfloat64 w 1\n"
