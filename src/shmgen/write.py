@@ -9,10 +9,10 @@ import re
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 from shmgen.diagnostics import Diagnostic, Rejected, Span
+from shmgen.records import dataclass
 
 
 @dataclass(frozen=True, slots=True)
