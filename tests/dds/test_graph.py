@@ -22,7 +22,7 @@ from .conftest import Taken, until, wire
 
 
 def joined(domain: int | None, told: list[str], arguments: tuple[str, ...] = ()) -> dds.Graph:
-    return dds.connect(Node("shmgen_test", domain, told.append, lambda: False, arguments))
+    return dds.connect(Node("shmgen_test", domain, told.append, lambda: False, arguments, largest=2**20))
 
 
 @pytest.mark.parametrize("text", ["x", "-1", "233", "1.5"])
