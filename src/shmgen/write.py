@@ -31,7 +31,7 @@ def write(folder: Path, texts: Mapping[str, str], leftovers: Iterable[str], last
     a killed run left beside them is taken away.
     """
     leftovers = list(leftovers)
-    changed = [path for path in texts if current(folder / path) != texts[path].encode()]
+    changed = [path for path in texts if current(folder, path) != texts[path].encode()]
     changed.sort(key=lambda path: path == last)
     removed: list[str] = []
     staged: dict[str, Path] = {}
@@ -63,10 +63,11 @@ def write(folder: Path, texts: Mapping[str, str], leftovers: Iterable[str], last
     return Written(tuple(changed), tuple(path for path in texts if path not in changed), tuple(removed))
 
 
-def current(path: Path) -> bytes | None:
-    """The content of a file; None if there is none that can be read."""
+def current(folder: Path, path: str) -> bytes | None:
+    """The content of a file in the folder; None if there is none that can be read."""
     try:
-        return path.read_bytes()
+        with open(os.path.join(folder, path), "rb", buffering=0) as file:
+            return file.read()
     except OSError:
         return None
 
