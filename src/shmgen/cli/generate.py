@@ -46,19 +46,22 @@ def generate(
     With names, they join what the output folder already holds; without, the folder becomes what shmgen.toml
     lists. Files are replaced whole, only where they differ; after an error none is touched.
     """
-    from shmgen.write import write
+    from shmgen.write import current, write
 
     config = options.load(config_file, include)
     if target:
         config = replace(config, targets=target)
-    lock, formerly = asked.former(output)
-    if messages:
-        requests = [*messages, *lock.requested]
-    else:
-        requests, formerly = asked.configured(config), {}
-    texts = asked.texts(config, requests, formerly, output)
-    leftovers = sorted(set(lock.files) - set(texts))
-    written = write(output, texts, leftovers, last=lockfile.LOCK)
+    written = None
+    while written is None:  # or another run has written since, and what it has done counts
+        kept = current(output, lockfile.LOCK)
+        lock, formerly = asked.former(output, kept)
+        if messages:
+            requests = [*messages, *lock.requested]
+        else:
+            requests, formerly = asked.configured(config), {}
+        texts = asked.texts(config, requests, formerly, output)
+        leftovers = sorted(set(lock.files) - set(texts))
+        written = write(output, texts, leftovers, last=lockfile.LOCK, former=kept)
     if not quiet:
         removed = f", {len(written.removed)} removed" if written.removed else ""
         click.echo(f"{output}: {len(written.changed)} files written, {len(written.unchanged)} unchanged{removed}")

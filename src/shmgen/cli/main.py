@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import importlib
 import io
 import os
@@ -27,9 +28,25 @@ def main() -> None:
     except Exception as error:
         if os.environ.get("SHMGEN_DEBUG"):
             raise
-        hint = "this is a fault of shmgen, not of your input: run again with SHMGEN_DEBUG=1 and report what it prints"
-        options.complain([Diagnostic("SHM901", f"{type(error).__name__}: {error}", Span("shmgen"), hint=hint)])
+        options.complain([_full(error) or _fault(error)])
         sys.exit(1)
+
+
+def _full(error: Exception) -> Diagnostic | None:
+    """Where what we print goes to a full disk. What we write into files of our own is told by their names."""
+    if not isinstance(error, OSError) or error.errno not in _FULL or error.filename:
+        return None
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what is left to print would fail again at the end
+    hint = "make room where the output of this command goes"
+    return Diagnostic("SHM007", f"cannot write: {error.strerror}", Span("standard output"), hint=hint)
+
+
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+
+
+def _fault(error: Exception) -> Diagnostic:
+    hint = "this is a fault of shmgen, not of your input: run again with SHMGEN_DEBUG=1 and report what it prints"
+    return Diagnostic("SHM901", f"{type(error).__name__}: {error}", Span("shmgen"), hint=hint)
 
 
 _FAMILIES = {

@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import re
-import sys
 from collections import Counter
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
+from shmgen import toml
 from shmgen.diagnostics import Report, Span, closest
 from shmgen.records import dataclass
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 
 def read(path: Path, shown: str, prefix: str, report: Report) -> tuple[dict[str, Any], Reader]:
@@ -25,8 +20,8 @@ def read(path: Path, shown: str, prefix: str, report: Report) -> tuple[dict[str,
     """
     text = _text(path, shown, report)
     try:
-        document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+        document = toml.loads(text)
+    except ValueError as error:
         span = _toml_error_span(shown, text, error)
         report.error("SHM503", _without_position(error), span, hint=_missing_quotes(span.text))
         report.stop_if_any()
@@ -199,6 +194,8 @@ def _missing_quotes(line: str) -> str:
 
 
 def _toml_error_span(shown: str, text: str, error: Exception) -> Span:
+    if not re.search(_AT, str(error)):
+        return Span(shown)
     lines = text.split("\n")
     found = re.search(_AT, str(error))
     line, column = (int(found[1]), int(found[2])) if found and found[1] else (len(lines), len(lines[-1]) + 1)

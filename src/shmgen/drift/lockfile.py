@@ -6,20 +6,15 @@ import functools
 import hashlib
 import json
 import re
-import sys
 from collections.abc import Container, Iterable, Mapping
 from dataclasses import field
 from typing import Any
 
+from shmgen import toml
 from shmgen.diagnostics import Report, Span
 from shmgen.model import Default, Layout, Layouts, Ref, Role, Slot, ros_type
 from shmgen.records import dataclass
 from shmgen.type_hash import hashes
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 LOCK = "layout.lock"
 VERSION = 1
@@ -107,14 +102,14 @@ def read(text: str, shown: str, report: Report) -> Lock:
 def _read(text: str) -> Lock | None:
     """A check reads what is there and what would be, which mostly are the same, and slow to take apart."""
     try:
-        data = tomllib.loads(text)
+        data = toml.loads(text)
         requested, files = data["requested"], data["files"]
         if data["version"] != VERSION or not all(isinstance(item, str) for item in [*requested, *files.values()]):
             raise ValueError("version")
         blocks = data.get("messages", {})
         messages = {name: _read_block(block, blocks) for name, block in blocks.items()}
         return Lock(tuple(requested), dict(data.get("settings", {})), messages, dict(files))
-    except (tomllib.TOMLDecodeError, KeyError, TypeError, ValueError, AttributeError):
+    except (KeyError, TypeError, ValueError, AttributeError):
         return None
 
 
