@@ -226,7 +226,9 @@ def test_a_lock_that_is_broken(demo: Demo, clock: Clock, topic: str) -> None:
 
 
 def test_every_error_has_been_seen(demo: Demo) -> None:
-    here = "".join(Path(__file__).with_name(f"test_{name}.py").read_text() for name in ("protocol", "services"))
+    here = "".join(
+        Path(__file__).with_name(f"test_{name}.py").read_text() for name in ("protocol", "services", "counts")
+    )
     names = set(demo.plc.offsets["E_SHMERROR"])
     assert names == {name for name in names if f'"{name}"' in here}
 

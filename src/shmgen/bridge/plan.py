@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from shmgen import pipeline
+from shmgen import resolve
+from shmgen.bridge import backend
 from shmgen.bridge.backend import ServiceWire, Wire
 from shmgen.bridge.side import About
 from shmgen.config.entries import Topic
@@ -68,14 +69,15 @@ def routes(session: Session) -> list[Route]:
     """One for each of [[topics]]. Raises Rejected."""
     config, requests = session.config, _requests(session)
     schema, layouts, report = session.schema(requests), session.layouts(requests), Report()
-    found = list(pipeline.topics(config, layouts, report))
+    found = list(resolve.topics(config, layouts, report))
     report.stop_if_any()
     # Strings are cut by the bridge, which counts it, and not by the classes.
     kinds = session.classes(requests, overflow="error") if found else {}
     made = []
     for topic, typed in zip(config.topics, found, strict=True):
         messages = closure(schema, typed.type)
-        wire = Wire(topic.topic, messages, topic.carried.qos, topic.carried.latch, topic.depth)
+        room = layouts[typed.type].size
+        wire = Wire(topic.topic, messages, topic.carried.qos, topic.carried.latch, topic.depth, room)
         made.append(Route(topic, wire, kinds[str(typed.type)], layouts, _stamp(messages[-1])))
     return made
 
@@ -84,7 +86,7 @@ def services(session: Session) -> list[ServiceRoute]:
     """One for each of [[services]]. Raises Rejected."""
     requests = _requests(session)
     schema, layouts, report = session.schema(requests), session.layouts(requests), Report()
-    found = list(pipeline.services(session.config, layouts, report))
+    found = list(resolve.services(session.config, layouts, report))
     report.stop_if_any()
     kinds = session.classes(requests) if found else {}
 
@@ -100,6 +102,12 @@ def diagnostics(session: Session) -> Wire:
     """The topic /diagnostics. Raises Rejected where the definitions in reach have no DiagnosticArray."""
     schema = session.schema([DIAGNOSTICS])
     return Wire("/diagnostics", closure(schema, TypeName("diagnostic_msgs", "msg", "DiagnosticArray")))
+
+
+def largest(session: Session) -> int:
+    """Bytes that a message of any of them may have on its way. Raises Rejected."""
+    layouts = session.layouts(_requests(session)).values()
+    return backend.largest(max((layout.size for layout in layouts), default=0))
 
 
 def closure(schema: Schema, name: TypeName) -> tuple[Definition, ...]:

@@ -17,13 +17,15 @@ def configured(config: Config) -> list[str]:
     return [*config.messages, *config.types_used]
 
 
-def former(output: Path) -> tuple[lockfile.Lock, dict[str, Span]]:
-    """What a former run left in the folder, and where each of its requests stands there. Raises Rejected: SHM408."""
-    file = output / lockfile.LOCK
-    if not file.is_file():
+def former(output: Path, kept: bytes | None) -> tuple[lockfile.Lock, dict[str, Span]]:
+    """What a former run left in the folder, and where each of its requests stands there. Raises Rejected: SHM408.
+
+    `kept` are the bytes of layout.lock there, None if there is none.
+    """
+    if kept is None:
         return lockfile.Lock(), {}
-    report = Report()
-    text = file.read_text(encoding="utf-8", errors="replace")
+    file, report = output / lockfile.LOCK, Report()
+    text = kept.decode(errors="replace")
     lock = lockfile.read(text, str(file), report)
     report.stop_if_any()
     return lock, document.quoted(text, str(file), lock.requested)

@@ -14,10 +14,10 @@ import click
 
 from shmgen.cli import options
 from shmgen.config import Config
-from shmgen.config.file import EXTRA_TARGETS, TARGETS
-from shmgen.diagnostics import Rejected
+from shmgen.diagnostics import Diagnostic, Rejected, Span
 from shmgen.drift import verdict
 from shmgen.drift.findings import Finding, Severity, as_annotations, as_json, summary, worst
+from shmgen.targets import KEYS
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -57,9 +57,7 @@ def _report(command: F) -> F:
 
 @click.command()
 @_output
-@click.option(
-    "-t", "--target", multiple=True, type=click.Choice((*TARGETS, *EXTRA_TARGETS)), help="As given to generate."
-)
+@click.option("-t", "--target", multiple=True, type=click.Choice(KEYS), help="As given to generate.")
 @click.option("--diff", "with_diff", is_flag=True, help="Print what generate would change, line by line.")
 @_report
 @options.where
@@ -79,6 +77,7 @@ def check(
     """
     from shmgen.cli import asked
     from shmgen.drift import check as checking
+    from shmgen.write import current
 
     began = time.time_ns()
     severity = Severity[fail_on.upper()]
@@ -86,7 +85,7 @@ def check(
     try:
         config = options.load(config_file, include)
         config = replace(config, targets=target) if target else config
-        lock, formerly = asked.former(output)
+        lock, formerly = asked.former(output, current(output / "layout.lock"))
         requests = asked.configured(config) or list(lock.requested)
         if requests or (output / "layout.lock").is_file():
             texts = asked.texts(config, requests, formerly, output)
@@ -145,8 +144,12 @@ def init(hook: bool, ci: bool) -> None:
         if file.exists():
             click.echo(f"{path} is there, and left as it is; this would be its content:\n\n{text}")
         else:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_text(text, encoding="utf-8")
+            try:
+                file.parent.mkdir(parents=True, exist_ok=True)
+                file.write_text(text, encoding="utf-8")
+            except OSError as error:
+                found = Diagnostic("SHM007", f"cannot write: {error.strerror}", Span(path))
+                raise Rejected([found]) from error
             click.echo(f"{path} written")
     click.echo("\n".join(begun.advice))
 

@@ -9,9 +9,9 @@ import click
 
 from shmgen import pipeline
 from shmgen.cli import asked, options
-from shmgen.config.file import EXTRA_TARGETS, TARGETS
 from shmgen.diagnostics import CODES
 from shmgen.drift import lockfile
+from shmgen.targets import KEYS
 
 
 @click.command()
@@ -28,7 +28,7 @@ from shmgen.drift import lockfile
     "-t",
     "--target",
     multiple=True,
-    type=click.Choice((*TARGETS, *EXTRA_TARGETS)),
+    type=click.Choice(KEYS),
     help="Only this target, and the others' files removed; may be repeated.",
 )
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing but diagnostics.")
@@ -46,19 +46,22 @@ def generate(
     With names, they join what the output folder already holds; without, the folder becomes what shmgen.toml
     lists. Files are replaced whole, only where they differ; after an error none is touched.
     """
-    from shmgen.write import write
+    from shmgen.write import current, write
 
     config = options.load(config_file, include)
     if target:
         config = replace(config, targets=target)
-    lock, formerly = asked.former(output)
-    if messages:
-        requests = [*messages, *lock.requested]
-    else:
-        requests, formerly = asked.configured(config), {}
-    texts = asked.texts(config, requests, formerly, output)
-    leftovers = sorted(set(lock.files) - set(texts))
-    written = write(output, texts, leftovers, last=lockfile.LOCK)
+    written = None
+    while written is None:  # or another run has written since, and what it has done counts
+        kept = current(output / lockfile.LOCK)
+        lock, formerly = asked.former(output, kept)
+        if messages:
+            requests = [*messages, *lock.requested]
+        else:
+            requests, formerly = asked.configured(config), {}
+        texts = asked.texts(config, requests, formerly, output)
+        leftovers = sorted(set(lock.files) - set(texts))
+        written = write(output, texts, leftovers, last=lockfile.LOCK, former=kept)
     if not quiet:
         removed = f", {len(written.removed)} removed" if written.removed else ""
         click.echo(f"{output}: {len(written.changed)} files written, {len(written.unchanged)} unchanged{removed}")

@@ -162,17 +162,26 @@ def echo(
     """Print the samples of a topic as they come: YAML, or one line of JSON each.
 
     The region's header names the type, so nothing needs to be generated. Own messages are found with -I or by
-    shmgen.toml, bounds there or in generated/layout.lock. Waits for a region that does not exist yet.
+    shmgen.toml, bounds there or in generated/layout.lock. Waits for a region that does not exist yet. A sample
+    whose counts are above their bounds is told instead of printed; exit 1 if there was one.
     """
+    from shmgen.runtime import CountExceeded
     from shmgen.tools import follow, shown
 
     samples = follow.samples(topic, _workshop(config_file, include), timeout, _note)
+    refused = False
     try:
         for message in islice(samples, 1 if once else count):
-            text = shown.as_json(message) if as_json else shown.yaml(message, None if full else shown.SHORT)
-            click.echo(text if as_json else f"{text}---")
+            try:
+                text = shown.as_json(message) if as_json else shown.yaml(message, None if full else shown.SHORT)
+            except CountExceeded as error:
+                _complain(f"{topic}: damaged sample: {error}")
+                refused = True
+            else:
+                click.echo(text if as_json else f"{text}---")
     finally:
         samples.close()
+    sys.exit(refused)
 
 
 @click.command(context_settings={"ignore_unknown_options": True})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from shmgen import write
@@ -12,6 +12,7 @@ from shmgen.diagnostics import Diagnostic, Report, Span
 from shmgen.drift import lockfile
 from shmgen.drift.compare import compare
 from shmgen.drift.findings import Finding, Severity, worst
+from shmgen.records import dataclass
 
 REGENERATE = "run `shmgen generate` and commit the result"
 REBUILD = "run `shmgen generate`, commit the result, rebuild both sides"

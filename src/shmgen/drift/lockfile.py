@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import json
 import re
-import sys
 from collections.abc import Container, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
+from shmgen import toml
 from shmgen.diagnostics import Report, Span
 from shmgen.model import Default, Layout, Layouts, Message, Ref, Role, Slot, TypeName, ros_type
+from shmgen.records import dataclass
 from shmgen.type_hash import hash_of
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 LOCK = "layout.lock"
 VERSION = 1
@@ -89,22 +86,30 @@ def write(layouts: Layouts, texts: Mapping[str, str], settings: Mapping[str, obj
 
 def read(text: str, shown: str, report: Report) -> Lock:
     """Takes a lock apart; one that no run of ours wrote is reported as SHM408."""
-    try:
-        data = tomllib.loads(text)
-        requested, files = data["requested"], data["files"]
-        if data["version"] != VERSION or not all(isinstance(item, str) for item in [*requested, *files.values()]):
-            raise ValueError("version")
-        blocks = data.get("messages", {})
-        messages = {name: _read_block(block, blocks) for name, block in blocks.items()}
-        return Lock(tuple(requested), dict(data.get("settings", {})), messages, dict(files))
-    except (tomllib.TOMLDecodeError, KeyError, TypeError, ValueError, AttributeError):
+    lock = _read(text)
+    if lock is None:
         report.error(
             "SHM408",
             "layout.lock is damaged, so it cannot be known which files are generated",
             Span(shown),
             hint="restore it from version control, or delete it and the generated files, and run `shmgen generate`",
         )
-        return Lock()
+    return lock or Lock()
+
+
+@functools.lru_cache(2)
+def _read(text: str) -> Lock | None:
+    """A check reads what is there and what would be, which mostly are the same, and slow to take apart."""
+    try:
+        data = toml.loads(text)
+        requested, files = data["requested"], data["files"]
+        if data["version"] != VERSION or not all(isinstance(item, str) for item in [*requested, *files.values()]):
+            raise ValueError("version")
+        blocks = data.get("messages", {})
+        messages = {name: _read_block(block, blocks) for name, block in blocks.items()}
+        return Lock(tuple(requested), dict(data.get("settings", {})), messages, dict(files))
+    except (KeyError, TypeError, ValueError, AttributeError):
+        return None
 
 
 def short(name: str) -> str:

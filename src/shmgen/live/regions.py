@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import stat
 import struct
 from contextlib import suppress
 from types import TracebackType
@@ -82,9 +83,7 @@ def live() -> list[str]:
 
 def closed() -> list[str]:
     """Names of what may be regions but cannot be read by this user: files with a semaphore beside them."""
-    return [
-        name for name in _files() if not os.access(region_file(name), os.R_OK) and os.path.lexists(semaphore_file(name))
-    ]
+    return [name for name in _files() if _is_closed(region_file(name)) and os.path.lexists(semaphore_file(name))]
 
 
 def is_region(name: str) -> bool:
@@ -139,6 +138,12 @@ def sound(view: View) -> h.Header:
 def depth_of(header: h.Header) -> int:
     """A depth that gives as many slots."""
     return max(1, header.slots - 1)
+
+
+def _is_closed(file: str) -> bool:
+    with suppress(FileNotFoundError):
+        return stat.S_ISREG(os.lstat(file).st_mode) and not os.access(file, os.R_OK)
+    return False
 
 
 def _exists(topic: str) -> bool:

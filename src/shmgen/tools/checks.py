@@ -10,9 +10,8 @@ from shmgen.live.regions import damage
 from shmgen.runtime import header as h
 from shmgen.runtime.names import region_file, semaphore_file
 from shmgen.tools import leave
-from shmgen.tools.evidence import Evidence
+from shmgen.tools.evidence import SIZES, Evidence
 from shmgen.tools.finding import Finding
-from shmgen.tools.unfinished import SEMAPHORES
 
 _ADVICE_CLEAN = "stop both sides, `shmgen clean {topic}`, start them again"
 
@@ -73,7 +72,7 @@ def _semaphore(seen: Evidence) -> Iterator[Finding]:
             f"restart {', '.join(f'process {pid}' for pid in peers)}" if peers else "the next that opens it makes one"
         )
         yield Finding(seen.topic, message, hint, file, note=not peers)
-    elif stat.S_ISREG(now.status.st_mode) and now.status.st_size not in SEMAPHORES:
+    elif stat.S_ISREG(now.status.st_mode) and now.status.st_size not in SIZES:
         message = (
             f"its semaphore's file has {now.status.st_size} bytes, and a semaphore has 32 (of 32-bit processes 16)"
         )

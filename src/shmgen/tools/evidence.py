@@ -21,12 +21,15 @@ _WATCH = 0.25
 _WATCH_LOCK = 1.05
 """Seconds between the two looks; the second where a lock seems stuck: a PLC may hold it for a second and live."""
 
+SIZES = (16, 32)
+"""Bytes: sem_t of 32-bit and of 64-bit processes, with glibc and with musl."""
+
 
 @dataclass(frozen=True, slots=True)
 class Semaphore:
     """The file of a POSIX semaphore: its first word, in a 64-bit process its value, and the bitness of its maker.
 
-    `word` is None where this user may not read it, or where it is no regular file.
+    `word` is None where this user may not read it, and of what is no semaphore.
     """
 
     word: int | None
@@ -110,19 +113,17 @@ def gather(
 
 
 def semaphore(name: str) -> Semaphore | None:
-    """The semaphore's file, read as a file: to open it as a semaphore takes the right to write. None: there is none.
-
-    sem_t takes 32 bytes in 64-bit processes and 16 in others, with glibc and with musl.
-    """
+    """The semaphore's file, read as a file: to open it as a semaphore takes the right to write. None: there is none."""
     file = semaphore_file(name)
     word = None
     try:
-        with suppress(PermissionError, RegionUnusable), opened(file, os.O_RDONLY) as found:
-            word = int.from_bytes(found.read(4), "little")
         status = os.lstat(file)
+        with suppress(PermissionError, RegionUnusable), opened(file, os.O_RDONLY) as found:
+            status = os.fstat(found.fileno())
+            word = int.from_bytes(found.read(4), "little") if status.st_size in SIZES else None
     except FileNotFoundError:
         return None
-    return Semaphore(word, 32 if status.st_size == 16 else 64, status)
+    return Semaphore(word, 32 if status.st_size == SIZES[0] else 64, status)
 
 
 def own_device() -> int:

@@ -27,6 +27,7 @@ def of_files(seen: Evidence) -> Iterator[Finding]:
     if (
         seen.wanted.regions.mode is None
         and lock
+        and stat.S_ISREG(lock.status.st_mode)
         and (lock.status.st_gid, lock.status.st_mode & 0o666) != (seen.status.st_gid, seen.status.st_mode & 0o666)
     ):
         message = (

@@ -18,13 +18,15 @@ from shmgen.model import (
     Scalar,
     Slot,
     String,
-    TypeName,
     TypeOptions,
     assert_never,
     ros_type,
 )
+from shmgen.targets import Job
 from shmgen.targets.c import region
-from shmgen.targets.naming import C, c_member, check_members, check_messages, file_stem
+from shmgen.targets.c.names import NAMES as NAMES
+from shmgen.targets.c.names import c_member, header, macro, struct_name
+from shmgen.targets.counts import bound, counts, holds_counts
 
 _TYPES = {
     Scalar.BOOL: "uint8_t",
@@ -64,52 +66,37 @@ class Header(NamedTuple):
     digest: str
     defines: tuple[Define, ...]
     members: tuple[Member, ...]
+    valid: tuple[str, ...]
 
 
-def plan(layouts: Layouts, report: Report, package: str = "shm_msgs") -> Iterator[Output]:
+def plan(job: Job, report: Report) -> Iterator[Output]:
     """`c/<package>/<ros package>/msg/pose.h` for each message, and `c/<package>/shmgen.h`."""
-    yield region.plan(package)
-    check_messages(layouts.values(), "name", _names, C, report)
-    check_messages(layouts.values(), "file", lambda layout: [_path(layout.name, package)], C, report)
-    for name, layout in layouts.items():
-        check_members(layout, C, report)
-        yield Output(f"c/{_path(name, package)}", "c/message.h.j2", _header(layout, package))
+    yield region.plan(job.package)
+    for name, layout in job.layouts.items():
+        yield Output(f"c/{header(name, job.package)}", "c/message.h.j2", _header(layout, job.layouts, job.package))
 
 
-def _names(layout: Layout) -> list[str]:
-    """What it takes of C's one space for names: its structure, and a macro for each constant."""
-    struct = struct_name(layout.name)
-    return [struct, *(f"{struct}_{constant.name}" for constant in layout.message.constants)]
-
-
-def struct_name(name: TypeName) -> str:
-    return f"shm_{name.package}_{name.name}"
-
-
-def _path(name: TypeName, package: str) -> str:
-    return f"{package}/{name.package}/{name.kind}/{file_stem(name)}.h"
-
-
-def _header(layout: Layout, package: str) -> Header:
+def _header(layout: Layout, layouts: Layouts, package: str) -> Header:
     struct = struct_name(layout.name)
     return Header(
         title=str(layout.name),
         origin=_in_comment(layout.message.origin),
-        guard=_path(layout.name, package).upper().replace("/", "_").replace(".", "_"),
-        includes=(f"{package}/shmgen.h", *sorted(_path(name, package) for name in layout.dependencies)),
+        guard=header(layout.name, package).upper().replace("/", "_").replace(".", "_"),
+        includes=(f"{package}/shmgen.h", *sorted(header(name, package) for name in layout.dependencies)),
         doc=tuple(_in_comment(layout.message.doc).splitlines()),
         struct=struct,
         size=str(layout.size),
         digest=f"{layout.digest:016x}",
         defines=tuple(
             Define(
-                f"{struct}_{constant.name}",
+                macro(layout.name, constant.name),
                 _literal(constant, layout.options),
                 _in_comment(constant.doc.partition("\n")[0]),
             )
             for constant in layout.message.constants
         ),
         members=tuple(_member(slot, layout) for slot in layout.slots),
+        valid=tuple(_valid(layout, layouts)) or ("(void)message;",),
     )
 
 
@@ -119,6 +106,23 @@ def _member(slot: Slot, layout: Layout) -> Member:
     tail = f"[{(slot.type.capacity or 0) + 1}]" if isinstance(slot.type, String) else ""
     base = c_element(slot.type, layout.options)
     return Member(f"{base} {name}{many}{tail};", name, str(slot.offset), str(slot.size), _comment(slot, layout))
+
+
+def _valid(layout: Layout, layouts: Layouts) -> Iterator[str]:
+    """Statements that return 0 for a count above its bound, here or in an element that is valid."""
+    counted = counts(layout)
+    for count in counted.values():
+        yield from (f"if (message->{c_member(count.name)} > {bound(count)})", "    return 0;")
+    for slot in layout.slots:
+        if not isinstance(slot.type, Ref) or not holds_counts(layouts[slot.type.name], layouts):
+            continue
+        member, check = f"message->{c_member(slot.name)}", f"shmgen_valid_{struct_name(slot.type.name)}"
+        if slot.count is None:
+            yield from (f"if (!{check}(&{member}))", "    return 0;")
+        else:
+            last = f"message->{c_member(counted[slot.name].name)}" if slot.name in counted else str(slot.count)
+            yield f"for (uint32_t element = 0; element < {last}; element++)"
+            yield from (f"    if (!{check}(&{member}[element]))", "        return 0;")
 
 
 def c_element(type_: Element, options: TypeOptions) -> str:

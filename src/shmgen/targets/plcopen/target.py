@@ -2,20 +2,26 @@
 
 The format is TC6 XML 2.01 with what CODESYS writes into `addData`. CODESYS prefers a declaration in plain text
 (`interfaceasplaintext`) to the structured one: only that keeps comments, pragmas and the base type of an enumeration.
-Both are here, and both are read from the text of the .st file, so there is one source for all.
+Both are here: the structured one is what the target st planned, the text is what it printed.
 """
 
 from __future__ import annotations
 
+import functools
 import html
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from pathlib import PurePosixPath
 from typing import NamedTuple
 
+from shmgen.diagnostics import Report
 from shmgen.model import Output
-from shmgen.targets import naming
-from shmgen.targets.plcopen import source
+from shmgen.targets import Job, Printed
+from shmgen.targets.st import objects, reader
+from shmgen.targets.st.names import PRG_TOPICS
+
+NAMES = None
+"""All are those that the target st made."""
 
 LIBRARIES = (("SysShm", "SysShm"), ("SysSemProcess", "SysSemProcess"), ("SysTypes Interfaces", "SysTypes"))
 """Title and namespace of the libraries that FB_ShmRegion uses."""
@@ -37,7 +43,7 @@ class Variable(NamedTuple):
 
 
 class Section(NamedTuple):
-    """`tag` is inputVars and so on."""
+    """Of a unit; `tag` is inputVars and so on. Data types and lists have one, without a tag, for their variables."""
 
     tag: str
     constant: str
@@ -59,10 +65,11 @@ class Head(NamedTuple):
 
 
 class DataType(NamedTuple):
-    """A structure, or an enumeration over the type `base`."""
+    """A structure, or an enumeration over the type `base` with its `values`."""
 
     head: Head
-    members: tuple[Variable, ...]
+    sections: tuple[Section, ...]
+    values: tuple[Variable, ...]
     is_enum: bool
     base: str
     initial: str
@@ -73,7 +80,7 @@ class GlobalList(NamedTuple):
 
     head: Head
     constant: str
-    variables: tuple[Variable, ...]
+    sections: tuple[Section, ...]
 
 
 class Unit(NamedTuple):
@@ -108,18 +115,20 @@ class Project(NamedTuple):
     milliseconds: str
     task: str = TASK
     priority: str = PRIORITY
-    program: str = naming.PRG_TOPICS
+    program: str = PRG_TOPICS
 
 
-def plan(sources: Mapping[str, str], interval: int) -> Iterator[Output]:
-    """`plcopen/` of the texts that the target st wrote, by path; `interval` of the task in milliseconds."""
-    objects = [source.read(PurePosixPath(path).stem, text) for path, text in sources.items()]
+def plan(job: Job, report: Report) -> Iterator[Output]:
+    """`plcopen/` of what the target st planned and printed, and of the interval of the task."""
+    files = sorted(job.printed["st"], key=lambda printed: printed.output.path)
+    found = [(_object(printed), printed.text.rstrip("\n")) for printed in files]
+    interval = job.options.task_interval
     view = Project(
-        data_types=tuple(_data_type(found) for found in objects if isinstance(found, source.DataType)),
-        lists=tuple(_list(found) for found in objects if isinstance(found, source.GlobalList)),
-        units=tuple(_unit(found) for found in objects if isinstance(found, source.Unit)),
+        data_types=tuple(_data_type(one, text) for one, text in found if isinstance(one, objects.DataType)),
+        lists=tuple(_list(one, text) for one, text in found if isinstance(one, objects.GlobalList)),
+        units=tuple(_unit(one) for one, _ in found if isinstance(one, objects.Unit)),
         libraries=tuple(Library(f"{title}, * (System)", namespace) for title, namespace in LIBRARIES),
-        has_task=any(found.name == naming.PRG_TOPICS for found in objects),
+        has_task=any(one.name == PRG_TOPICS for one, _ in found),
         seconds=f"{interval / 1000:f}".rstrip("0").rstrip("."),
         milliseconds=str(interval),
     )
@@ -127,26 +136,38 @@ def plan(sources: Mapping[str, str], interval: int) -> Iterator[Output]:
     yield Output("plcopen/import_shmgen.py", "plcopen/import_shmgen.py.j2", view)
 
 
-def _data_type(found: source.DataType) -> DataType:
+def _object(printed: Printed) -> objects.DataType | objects.GlobalList | objects.Unit:
+    """As it was planned. The text of blocks, which is written by hand in the templates, is cut as an IDE stores it."""
+    match printed.output.view:
+        case objects.Dut() | objects.Gvl() as view:
+            return view.object
+        case _:
+            return reader.read(PurePosixPath(printed.output.path).stem, printed.text)
+
+
+def _data_type(found: objects.DataType, text: str) -> DataType:
+    members = _variables(found.members)
     return DataType(
-        _head(found.name, found.head, found.text),
-        _variables(found.members),
+        _head(found.name, found.head, text),
+        (Section("", "", members),),
+        members,
         is_enum=bool(found.base),
         base=_type(found.base) if found.base else "",
         initial=_text(found.initial),
     )
 
 
-def _list(found: source.GlobalList) -> GlobalList:
-    section = found.variables
-    return GlobalList(_head(found.name, found.head, found.text), _bool(section.constant), _variables(section.variables))
+def _list(found: objects.GlobalList, text: str) -> GlobalList:
+    constant = _bool(found.variables.constant)
+    section = Section("", constant, _variables(found.variables.variables))
+    return GlobalList(_head(found.name, found.head, text), constant, (section,))
 
 
 _KINDS = {"FUNCTION_BLOCK": "functionBlock", "PROGRAM": "program", "METHOD": ""}
 _TAGS = {"VAR_INPUT": "inputVars", "VAR_OUTPUT": "outputVars", "VAR": "localVars"}
 
 
-def _unit(found: source.Unit) -> Unit:
+def _unit(found: objects.Unit) -> Unit:
     sections = [
         Section(_TAGS[section.keyword], _bool(section.constant), _variables(section.variables))
         for section in found.sections
@@ -163,19 +184,19 @@ def _unit(found: source.Unit) -> Unit:
     )
 
 
-def _head(name: str, head: source.Head, text: str) -> Head:
-    attributes = tuple(Attribute(_text(key), _text(value)) for key, value in head.attributes)
-    return Head(name, _text(head.comment), attributes, _text(text))
+def _head(name: str, head: objects.Head, text: str) -> Head:
+    attributes = tuple(Attribute(_text(found.name), _text(found.value)) for found in head.attributes)
+    return Head(name, _text("\n".join(head.comment)), attributes, _text(text))
 
 
-def _variables(found: Iterable[source.Variable]) -> tuple[Variable, ...]:
+def _variables(found: Iterable[objects.Variable]) -> tuple[Variable, ...]:
     return tuple(
         Variable(
             variable.name,
             _type(variable.type) if variable.type else "",
             bool(variable.value),
             _value(variable.value),
-            _text(variable.value),
+            _text(variable.value) if isinstance(variable.value, str) else "",
             bool(variable.comment),
             _text(variable.comment),
         )
@@ -189,6 +210,7 @@ _STRING = re.compile(r"(W?STRING)\((\d+)\)")
 _ARRAY = re.compile(r"ARRAY\[(\d+)\.\.(\d+)\] OF (.+)")
 
 
+@functools.cache
 def _type(spelled: str) -> str:
     """`ARRAY[0..2] OF LREAL` as PLCopen spells it."""
     if array := _ARRAY.fullmatch(spelled):
@@ -204,21 +226,18 @@ def _type(spelled: str) -> str:
     return f'<derived name="{spelled}" />'
 
 
-_ELEMENT = re.compile(rf"(?:{source.STRINGS}|[^,'\"])+")
-
-
-def _value(spelled: str) -> str:
-    """`[1.0, 2.0]` as PLCopen spells it."""
-    if not spelled.startswith("["):
+def _value(spelled: str | tuple[str, ...]) -> str:
+    """`1.0`, or the elements of an array, as PLCopen spells them."""
+    if isinstance(spelled, str):
         return f'<simpleValue value="{_text(spelled)}" />'
-    elements = (found.strip() for found in _ELEMENT.findall(spelled[1:-1]))
-    return f"<arrayValue>{''.join(f'<value>{_value(element)}</value>' for element in elements)}</arrayValue>"
+    return f"<arrayValue>{''.join(f'<value>{_value(element)}</value>' for element in spelled)}</arrayValue>"
 
 
 def _bool(value: bool) -> str:
     return "true" if value else "false"
 
 
+@functools.lru_cache(4096)  # most names and comments are those of many blocks
 def _text(text: str) -> str:
     """For an element or an attribute. XML 1.0 has no way to write most control characters; Structured Text has none."""
     assert text.isascii(), "generated Structured Text is ASCII"

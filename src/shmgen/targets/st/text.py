@@ -6,10 +6,12 @@ import math
 import re
 import textwrap
 import unicodedata
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from shmgen.model import Scalar, String, TypeOptions, Value, assert_never
 
+MADE = "// Made by shmgen; changes made here are lost."
+"""Stands in the head of each file whose first line does not say so."""
 WIDTH = 118
 _COMMENT_WIDTH = 100
 
@@ -19,13 +21,18 @@ def comment_lines(text: str) -> list[str]:
     return [f"// {line}".rstrip() for given in text.splitlines() for line in _fold(ascii_text(given))]
 
 
+def uncommented(lines: Iterable[str]) -> tuple[str, ...]:
+    """What comment lines say."""
+    return tuple(line[2:].strip() for line in lines)
+
+
 def ascii_text(text: str) -> str:
     """One line of ASCII without `(*` and `*)`.
 
     A letter loses its accent, a common sign is spelled (`±` is `+/-`), what has no likeness becomes `<U+03B1>`,
     and a control character becomes a blank.
     """
-    plain = "".join(_ascii(char) for char in text)
+    plain = text if text.isascii() and text.isprintable() else "".join(map(_ascii, text))
     return re.sub(r"\((?=\*)|\*(?=\))", lambda found: found[0] + " ", plain).rstrip()
 
 
