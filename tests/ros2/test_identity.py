@@ -81,21 +81,25 @@ def test_another_definition_is_no_value(graph: Graph, stranger: dds.Graph, space
                 outlet.send(outlet.new())
             time.sleep(0.1)
             return readers["same"].read() is not None and all(
-                any(line.startswith(f"{space}/{name}: a peer has another") for line in list(bridge.lines))
-                for name in OTHERS
+                any(f"{space}/{name}: a peer has another" in line for line in list(bridge.lines)) for name in OTHERS
             )
 
         wait_for(sent, "a refusal of each", lambda: "".join(bridge.lines))
         assert [name for name in OTHERS if readers[name].read() is not None] == []
-        arrays = peer.ask(do="take", topic="/diagnostics", count=200, timeout=1)
+        arrays: list[Any] = []
+        for _ in range(6):
+            arrays += peer.ask(do="take", topic="/diagnostics", count=1)
+            sent()
     levels: dict[str, set[int]] = {}
     for status in (status for array in arrays for status in array["status"]):
         levels.setdefault(status["name"].rpartition("/")[2], set()).add(status["level"])
-    assert {name: max(seen) for name, seen in levels.items()} == {"same": 0, **dict.fromkeys(OTHERS, 1)}
+    del levels["added"]  # too long for Fast DDS, so refused only once, maybe before the peer heard of it
+    others = dict.fromkeys(OTHERS.keys() - {"added"}, 1)
+    assert {name: max(seen) for name, seen in levels.items()} == {"same": 0, **others}
     bridge.stop(signal.SIGTERM)
     for name in OTHERS:
         bridge.said(rf"{space}/{name} +0 passed, \d+ refused$")
-        told = [line for line in bridge.lines if line.startswith(f"{space}/{name}: a peer")]
+        told = [line for line in bridge.lines if f"{space}/{name}: a peer" in line]  # Fast DDS writes there too
         assert len(told) == 1
         assert told[0].count("RIHS01_") == 2
     bridge.said(rf"{space}/same +\d+ passed$")
