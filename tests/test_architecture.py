@@ -19,12 +19,13 @@ SOURCE = REPOSITORY / "src" / "shmgen"
 TEMPLATES = sorted((REPOSITORY / "templates").rglob("*.j2"))
 
 # Room -> what of shmgen it may import. `model` and `diagnostics` are the words all rooms share.
-WORDS = {"diagnostics", "model"}
+WORDS = {"diagnostics", "model", "wording"}
 ARROWS = {
     "abi": set(),
     "diagnostics": set(),
     "model": {"diagnostics"},
     "cache": set(),
+    "wording": set(),
     "toml": set(),
     "definitions": WORDS | {"definitions", "cache"},
     "bounds": WORDS,
@@ -37,7 +38,7 @@ ARROWS = {
     "drift": WORDS | {"cache", "drift", "toml", "type_hash", "write"},
     "pipeline": WORDS | {"bounds", "config", "definitions", "drift", "layout", "render", "targets"},
     "show": WORDS | {"layout", "pipeline", "show", "targets", "type_hash"},
-    "runtime": {"abi", "runtime"},
+    "runtime": {"abi", "runtime", "wording"},
     "live": WORDS | {"bounds", "config", "definitions", "live", "pipeline", "runtime", "toml"},
     "tools": WORDS | {"config", "live", "runtime", "targets", "tools"},
     "bridge": WORDS | {"bridge", "config", "live", "pipeline", "runtime", "targets", "type_hash"},

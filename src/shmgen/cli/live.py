@@ -293,6 +293,7 @@ def top(delay: float, once: bool, count: int | None, as_json: bool) -> None:
         screen.run(delay)
         return
     past: tool.Past = {}
+    widths: dict[str, int] = {}
     tool.look(past)
     shown = 0
     while shown != number:
@@ -302,7 +303,7 @@ def top(delay: float, once: bool, count: int | None, as_json: bool) -> None:
         if as_json:
             click.echo(as_line([row.plain() for row in rows]))
         else:
-            click.echo("\n".join([*tool.table(rows), *([] if shown == number else [""])]))
+            click.echo("\n".join([*tool.table(rows, widths_before=widths), *([] if shown == number else [""])]))
 
 
 COMMANDS = (doctor, clean, echo, pub, call, hz, top)

@@ -26,6 +26,7 @@ from shmgen.model import (
 from shmgen.targets.c import region
 from shmgen.targets.counts import bound, counts, holds_counts
 from shmgen.targets.naming import C, c_member, check_members, check_messages, file_stem
+from shmgen.wording import counted
 
 _TYPES = {
     Scalar.BOOL: "uint8_t",
@@ -62,6 +63,7 @@ class Header(NamedTuple):
     doc: tuple[str, ...]
     struct: str
     size: str
+    bytes: str
     digest: str
     defines: tuple[Define, ...]
     members: tuple[Member, ...]
@@ -102,6 +104,7 @@ def _header(layout: Layout, layouts: Layouts, package: str) -> Header:
         doc=tuple(_in_comment(layout.message.doc).splitlines()),
         struct=struct,
         size=str(layout.size),
+        bytes=counted(layout.size, "byte"),
         digest=f"{layout.digest:016x}",
         defines=tuple(
             Define(
