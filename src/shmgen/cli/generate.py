@@ -9,9 +9,9 @@ import click
 
 from shmgen import pipeline
 from shmgen.cli import asked, options
-from shmgen.config.file import EXTRA_TARGETS, TARGETS
 from shmgen.diagnostics import CODES, closest
 from shmgen.drift import lockfile
+from shmgen.targets import KEYS
 from shmgen.wording import counted
 
 
@@ -29,7 +29,7 @@ from shmgen.wording import counted
     "-t",
     "--target",
     multiple=True,
-    type=click.Choice((*TARGETS, *EXTRA_TARGETS)),
+    type=click.Choice(KEYS),
     help="Only this target, and the others' files removed; may be repeated.",
 )
 @click.option("--skip-unbounded", is_flag=True, help="Leave out what needs a bound that nobody set; `check` knows.")
