@@ -53,7 +53,9 @@ def left_out(config: Config, requests: Iterable[str]) -> list[str]:
 
 
 def _way_round(config: Config, requests: Iterable[str]) -> Iterator[str]:
-    """Where some of what is asked for could be had."""
+    """Where some of a package that is asked for could be had."""
+    if all("/" in request or Path(request).suffix for request in requests):
+        return
     asked, bounded = pipeline.skippable(config, dict.fromkeys([*requests, *config.types_used]))
     if bounded.requested < asked.requested:
         could = f"{len(bounded.requested)} of {len(asked.requested)} messages asked for need no more bounds"

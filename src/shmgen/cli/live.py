@@ -181,7 +181,7 @@ def echo(
                 click.echo(text if as_json else f"{text}---")
     finally:
         samples.close()
-    sys.exit(refused)
+    sys.exit(int(refused))
 
 
 @click.command(context_settings={"ignore_unknown_options": True})
