@@ -24,7 +24,7 @@ from .test_layout import assert_same_bytes
 
 PACKAGE = "shm_jazzy"
 UNBOUNDED = 64
-"""Messages of the store that need a bound; the other 98 of 162 do not."""
+"""Messages of the store that need a bound; the other 107 of 171 do not."""
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +48,7 @@ def store(bounded: Config, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pa
 def test_list_says_what_stops_each_message() -> None:
     entries = pipeline.inventory(Config(Path.cwd()))
     stopped = [entry for entry in entries if entry.size is None]
-    assert (len(entries), len(stopped)) == (162, UNBOUNDED)
+    assert (len(entries), len(stopped)) == (171, UNBOUNDED)
     assert all(entry.unbounded for entry in stopped)
     assert all(not entry.unbounded for entry in entries if entry.size is not None)
     (joint_state,) = [entry for entry in entries if entry.name.short == "sensor_msgs/JointState"]
@@ -61,7 +61,7 @@ def test_with_bounds_none_is_left(bounded: Config) -> None:
 
 def test_all_of_it_is_the_same_in_ctypes(store: tuple[Path, Layouts]) -> None:
     folder, layouts = store
-    assert len(layouts) == 162
+    assert len(layouts) == 171
     for name, layout in layouts.items():
         assert_same_bytes(classes(folder, PACKAGE, name)[0], layout)
 

@@ -53,6 +53,8 @@ _NARROWEST = 8
 
 @dataclass(frozen=True, slots=True)
 class _Look:
+    """What there was at `when`, by the monotonic clock."""
+
     when: float
     header: h.Header
     inode: int
