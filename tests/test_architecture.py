@@ -19,13 +19,14 @@ SOURCE = REPOSITORY / "src" / "shmgen"
 TEMPLATES = sorted((REPOSITORY / "templates").rglob("*.j2"))
 
 # Room -> what of shmgen it may import. `model` and `diagnostics` are the words all rooms share, made with `records`.
-WORDS = {"diagnostics", "model", "records"}
+WORDS = {"diagnostics", "model", "records", "wording"}
 ARROWS = {
     "abi": set(),
     "records": set(),
     "diagnostics": {"records"},
     "model": {"diagnostics", "records"},
     "cache": set(),
+    "wording": set(),
     "toml": set(),
     "definitions": WORDS | {"definitions", "cache"},
     "bounds": WORDS,
@@ -39,7 +40,7 @@ ARROWS = {
     "resolve": WORDS | {"config", "targets"},
     "pipeline": WORDS | {"bounds", "config", "definitions", "drift", "layout", "render", "resolve", "targets"},
     "show": WORDS | {"layout", "pipeline", "show", "targets", "type_hash"},
-    "runtime": {"abi", "runtime"},
+    "runtime": {"abi", "runtime", "wording"},
     "live": WORDS | {"bounds", "config", "definitions", "live", "pipeline", "runtime", "toml"},
     "tools": WORDS | {"config", "live", "runtime", "targets", "tools"},
     "bridge": WORDS | {"bridge", "config", "live", "pipeline", "resolve", "runtime", "targets", "type_hash"},

@@ -73,6 +73,26 @@ def _is_foreign(message: Message) -> bool:
     return message.origin.startswith("built-in") or message.origin.endswith((" of ROS 1", " of ROS 2"))
 
 
+def without_unbounded(schema: Schema, bounds: Bounds, used: Collection[TypeName]) -> Schema:
+    """The messages asked for that need no more bounds, and what these hold.
+
+    Those `used` stay, whatever they need. Of a service or an action all parts stay, or none.
+    """
+    missing = unbounded(schema, bounds)
+    lacking = {_whole(name) for name in schema.requested if missing[name] and name not in used}
+    requested = frozenset(name for name in schema.requested if name in used or _whole(name) not in lacking)
+    needed = set(requested)
+    for message in reversed(schema.messages):  # what holds others comes after them
+        if message.name in needed:
+            elements = [element_of(field.type) for field in message.fields]
+            needed |= {element.name for element in elements if isinstance(element, Ref)}
+    return Schema(tuple(message for message in schema.messages if message.name in needed), requested)
+
+
+def _whole(name: TypeName) -> TypeName:
+    return name if name.kind == "msg" else name._replace(name=name.name.rpartition("_")[0])
+
+
 def unbounded(schema: Schema, bounds: Bounds) -> dict[TypeName, tuple[str, ...]]:
     """For each message the keys that [bounds] still lacks for it and for what it holds, each once."""
     missing: dict[TypeName, tuple[str, ...]] = {}

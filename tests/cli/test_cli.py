@@ -200,7 +200,7 @@ def test_a_file_edited_by_hand_is_replaced(tmp_path: Path) -> None:
     done(tmp_path, "generate std_msgs/Bool")
     before = tree(tmp_path)
     write(tmp_path, {"generated/c/shm_msgs/std_msgs/msg/bool.h": "mine"})
-    assert "generated: 1 files written" in done(tmp_path, "generate std_msgs/Bool")
+    assert "generated: 1 file written" in done(tmp_path, "generate std_msgs/Bool")
     assert tree(tmp_path) == before
 
 

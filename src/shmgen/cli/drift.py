@@ -18,6 +18,7 @@ from shmgen.diagnostics import Diagnostic, Rejected, Span
 from shmgen.drift import verdict
 from shmgen.drift.findings import Finding, Severity, as_annotations, as_json, summary, worst
 from shmgen.targets import KEYS
+from shmgen.wording import counted
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -86,6 +87,7 @@ def check(
         config = options.load(config_file, include)
         config = replace(config, targets=target) if target else config
         lock, formerly = asked.former(output, current(output, "layout.lock"))
+        config = replace(config, skip_unbounded=lock.settings.get("skip_unbounded") is True)
         requests = asked.configured(config) or list(lock.requested)
         if requests or (output / "layout.lock").is_file():
             texts = asked.texts(config, requests, formerly, output)
@@ -100,7 +102,7 @@ def check(
             click.echo(checking.differences(texts, output), nl=False)
         sys.exit((worst(findings) or 0) >= severity)
     messages = sum(line.startswith("[messages.") for line in texts["layout.lock"].splitlines())
-    said = f"{output}: up to date, {messages} message{'s' * (messages != 1)} in {len(texts)} files"
+    said = f"{output}: up to date, {counted(messages, 'message')} in {counted(len(texts), 'file')}"
     if form == "text":
         click.echo(said)
         _remember(said, config, config_file, [os.path.join(output, path) for path in texts], began)

@@ -32,6 +32,7 @@ class Config:
     """The user's words; `root` is the folder that relative paths start from.
 
     `text` is the file as it is written. `places` says where each of `messages`, and of `types_used`, is written.
+    `skip_unbounded` is said on the command line only: messages without a bound are left out.
     """
 
     root: Path
@@ -45,6 +46,7 @@ class Config:
     text: str = field(default="", compare=False, repr=False)
     max_region: int = MAX_REGION
     task_interval: int = TASK_INTERVAL
+    skip_unbounded: bool = False
     types: TypeOptions = field(default_factory=TypeOptions)
     bounds: Bounds = field(default_factory=lambda: Bounds({}, {}))
     topics: tuple[Topic, ...] = ()

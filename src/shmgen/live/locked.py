@@ -12,6 +12,7 @@ from shmgen.bounds import Bound, Bounds
 from shmgen.config import Config
 from shmgen.diagnostics import Diagnostic, Rejected, Span
 from shmgen.model import TypeOptions
+from shmgen.wording import counted
 
 LOCK = Path("generated", "layout.lock")
 """Where `shmgen generate` leaves it, seen from the folder of shmgen.toml."""
@@ -26,7 +27,7 @@ class Known:
     origin: str
 
     def __str__(self) -> str:
-        return f"digest 16#{self.digest:016X}, {self.size} bytes, by {self.origin}"
+        return f"digest 16#{self.digest:016X}, {counted(self.size, 'byte')}, by {self.origin}"
 
 
 def read(file: Path) -> dict[str, Any]:

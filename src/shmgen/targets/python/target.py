@@ -14,6 +14,7 @@ from shmgen.targets.python.members import Row, annotation, ctype, descriptor, hi
 from shmgen.targets.python.names import NAMES as NAMES
 from shmgen.targets.python.names import PYTHON_USED, classes, module, python_class, python_member
 from shmgen.targets.python.text import documentation, import_lines, in_docstring, literal, sort_key
+from shmgen.wording import counted
 
 
 class Module(NamedTuple):
@@ -117,7 +118,7 @@ def _module(layout: Layout, layouts: Layouts, regions: str) -> Module:
     return Module(
         title=str(layout.name),
         origin=in_docstring(message.origin),
-        size=f"{layout.size:,}",
+        size=counted(layout.size, "byte"),
         digest=f"{layout.digest:016x}",
         digest_literal=f"0x{layout.digest:016X}",
         regions=regions,
