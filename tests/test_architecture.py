@@ -18,12 +18,13 @@ from .conftest import REPOSITORY
 SOURCE = REPOSITORY / "src" / "shmgen"
 TEMPLATES = sorted((REPOSITORY / "templates").rglob("*.j2"))
 
-# Room -> what of shmgen it may import. `model` and `diagnostics` are the words all rooms share.
-WORDS = {"diagnostics", "model"}
+# Room -> what of shmgen it may import. `model` and `diagnostics` are the words all rooms share, made with `records`.
+WORDS = {"diagnostics", "model", "records"}
 ARROWS = {
     "abi": set(),
-    "diagnostics": set(),
-    "model": {"diagnostics"},
+    "records": set(),
+    "diagnostics": {"records"},
+    "model": {"diagnostics", "records"},
     "cache": set(),
     "toml": set(),
     "definitions": WORDS | {"definitions", "cache"},
@@ -32,7 +33,7 @@ ARROWS = {
     "config": WORDS | {"abi", "bounds", "config", "targets", "toml"},
     "targets": WORDS | {"abi", "targets"},
     "render": {"model", "cache"},
-    "write": {"diagnostics"},
+    "write": {"diagnostics", "records"},
     "type_hash": {"model"},
     "drift": WORDS | {"cache", "drift", "toml", "type_hash", "write"},
     "resolve": WORDS | {"config", "targets"},

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from shmgen.diagnostics import Report, Span, closest
 from shmgen.model import Array, Element, Field, FieldType, Message, Ref, Schema, Sequence, String, TypeName, element_of
+from shmgen.records import dataclass
 
 DEFAULT_STRING = 80
 """CODESYS's own default, STRING = STRING(80)."""

@@ -7,13 +7,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from shmgen import bounds, definitions, layout, resolve
 from shmgen.config import Config, entries
 from shmgen.diagnostics import Diagnostic, Report
 from shmgen.drift import lockfile
 from shmgen.model import Layouts, Schema, TypeName
+from shmgen.records import dataclass
 from shmgen.targets import TARGETS, Job, Options, Printed, Target, naming
 
 

@@ -9,10 +9,10 @@ import re
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 from shmgen.diagnostics import Diagnostic, Rejected, Span
+from shmgen.records import dataclass
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,9 +41,9 @@ def write(
     try:
         made += _make_folder(folder)
         with _alone(folder):
-            if current(folder / last) != former:
+            if current(folder, last) != former:
                 return None
-            changed = [path for path in texts if current(folder / path) != texts[path].encode()]
+            changed = [path for path in texts if current(folder, path) != texts[path].encode()]
             changed.sort(key=lambda path: path == last)
             removed += [path for path in abandoned(folder, [*texts, *leftovers]) if _remove(folder, path)]
             for path in changed:
@@ -68,10 +68,11 @@ def write(
     return Written(tuple(changed), tuple(path for path in texts if path not in changed), tuple(removed))
 
 
-def current(path: Path) -> bytes | None:
-    """The content of a file; None if there is none that can be read."""
+def current(folder: Path, path: str) -> bytes | None:
+    """The content of a file in the folder; None if there is none that can be read."""
     try:
-        return path.read_bytes()
+        with open(os.path.join(folder, path), "rb", buffering=0) as file:
+            return file.read()
     except OSError:
         return None
 

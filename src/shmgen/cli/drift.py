@@ -85,7 +85,7 @@ def check(
     try:
         config = options.load(config_file, include)
         config = replace(config, targets=target) if target else config
-        lock, formerly = asked.former(output, current(output / "layout.lock"))
+        lock, formerly = asked.former(output, current(output, "layout.lock"))
         requests = asked.configured(config) or list(lock.requested)
         if requests or (output / "layout.lock").is_file():
             texts = asked.texts(config, requests, formerly, output)

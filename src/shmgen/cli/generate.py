@@ -53,7 +53,7 @@ def generate(
         config = replace(config, targets=target)
     written = None
     while written is None:  # or another run has written since, and what it has done counts
-        kept = current(output / lockfile.LOCK)
+        kept = current(output, lockfile.LOCK)
         lock, formerly = asked.former(output, kept)
         if messages:
             requests = [*messages, *lock.requested]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, NamedTuple
 
 from shmgen import abi
@@ -12,6 +12,7 @@ from shmgen.config import bridging
 from shmgen.config.bridging import CARRYING, MAX_SECONDS, Carrying
 from shmgen.config.document import Reader
 from shmgen.diagnostics import Span
+from shmgen.records import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,11 +8,12 @@ for costs nothing at start-up.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING, Protocol
 
 from shmgen.diagnostics import Report
 from shmgen.model import Action, Layouts, Output, RegionOptions, Service, Topic
+from shmgen.records import dataclass
 
 if TYPE_CHECKING:
     from shmgen.targets.naming import Names

@@ -51,6 +51,8 @@ _NARROWEST = 8
 
 @dataclass(frozen=True, slots=True)
 class _Look:
+    """What there was at `when`, by the monotonic clock."""
+
     when: float
     header: h.Header
     inode: int
