@@ -24,8 +24,8 @@ def copy(folder: Path) -> Path:
 def follow(page: Path, folder: Path) -> list[Path]:
     """In a copy of the repository; gives the files that are new.
 
-    A block belongs to the file that is named, alone in its line, above it. One of `diff` changes it: its lines without
-    `+` must be there, once.
+    A block belongs to the file that is named, alone in its line, above it. One of `diff` changes it: what it has
+    without `+` must be there once, as whole lines or as the beginning of one.
     """
     place, new = Path(), []
     for part in re.split(r"(^`[\w./-]+`$)", page.read_text(encoding="utf-8"), flags=re.MULTILINE):
@@ -45,9 +45,9 @@ def follow(page: Path, folder: Path) -> list[Path]:
 
 def _change(file: Path, diff: str) -> None:
     lines = diff.splitlines()
-    assert all(line[:1] in (" ", "+", "") for line in lines), diff
+    assert all(line[:1] in (" ", "+", "-", "") for line in lines), diff
     before = "\n".join(line[1:] for line in lines if not line.startswith("+"))
-    after = "\n".join(line[1:] for line in lines)
+    after = "\n".join(line[1:] for line in lines if not line.startswith("-"))
     text = file.read_text(encoding="utf-8")
     assert text.count(before) == 1, f"{file}: {before!r} is there {text.count(before)} times"
     file.write_text(text.replace(before, after), encoding="utf-8")
