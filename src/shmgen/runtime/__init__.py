@@ -7,7 +7,6 @@ from shmgen.runtime.access import RegionOptions
 from shmgen.runtime.action_client import ActionClient
 from shmgen.runtime.action_server import ActionServer, ServedGoal
 from shmgen.runtime.client import ServiceClient
-from shmgen.runtime.cutting import CuttingMessage
 from shmgen.runtime.errors import (
     CallFailed,
     CallTimeout,
@@ -44,7 +43,6 @@ __all__ = [
     "Clock",
     "Clocks",
     "CountExceeded",
-    "CuttingMessage",
     "Duration",
     "Elements",
     "Header",

@@ -9,7 +9,6 @@ from typing import Any, Generic, NoReturn, TypeVar
 
 from shmgen.runtime import header as h
 from shmgen.runtime.closing import Closing
-from shmgen.runtime.cutting import CuttingMessage
 from shmgen.runtime.errors import LockTimeout, RegionInUse, ShmError
 from shmgen.runtime.lock import Lock, fence
 from shmgen.runtime.message import CUT, LATE_FROM, Late, Message
@@ -58,11 +57,10 @@ class Publisher(Closing, Generic[M]):
         self._sequence: int = region.words[h.COMPLETED]
         self._heartbeat: int = region.words[h.HEARTBEAT]
         self._truncations = 0
-        cuts = issubclass(kind, CuttingMessage)
-        # What publish() needs, in one look. No message is of the type None: those that count their cuts are encoded.
+        # What publish() needs, in one look.
         self._hot: tuple[Any, ...] = (
-            None if cuts else kind,
-            kind._encode_counted if cuts else kind._encode,
+            kind,
+            kind._encode,
             self._scratch,
             memoryview(self._scratch)[: h.SLOT_HEADER].cast("Q"),
             time.time_ns,
