@@ -9,6 +9,7 @@ from typing import Any, Generic, TypeVar
 from shmgen.runtime.calls import Caller
 from shmgen.runtime.closing import Closing
 from shmgen.runtime.errors import CallTimeout, NoServer
+from shmgen.runtime.lock import LOCK_TIMEOUT
 from shmgen.runtime.message import Message
 from shmgen.runtime.publisher import Publisher
 from shmgen.runtime.subscriber import Subscriber
@@ -26,7 +27,12 @@ class ActionClient(Closing, Generic[Goal, Feedback, Outcome]):
     outcome_subscriber: type[Subscriber[Outcome]]
 
     def __init__(
-        self, action: str, *, lock_timeout: float = 0.01, mode: int | None = None, group: str | int | None = None
+        self,
+        action: str,
+        *,
+        lock_timeout: float = LOCK_TIMEOUT,
+        mode: int | None = None,
+        group: str | int | None = None,
     ) -> None:
         """Opens the action's regions or makes them; parameters and errors as for a ServiceClient."""
         options: dict[str, Any] = {"lock_timeout": lock_timeout, "mode": mode, "group": group}

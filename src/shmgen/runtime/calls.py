@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from math import inf
 from typing import Any, Generic, TypeVar
 
+from shmgen import abi
 from shmgen.runtime import header as h
 from shmgen.runtime.message import Message
 from shmgen.runtime.publisher import Publisher
@@ -24,12 +25,12 @@ T = TypeVar("T")
 
 _LOOK = 2e-3
 """Seconds between two looks for a server."""
-_PLC_WATCH = 0.1
-"""Seconds within which a PLC that runs counts its heartbeat up: ten cycles of 10 ms."""
-_FRESH = 1.0
+_PLC_WATCH = abi.PLC_WATCH_MS / 1000
+"""Seconds within which a PLC that runs counts its heartbeat up."""
+_FRESH = abi.CLAIM_MS / 1000
 """Seconds for which a heartbeat seen to move counts."""
 _LONGEST_WAIT = 1.0
-_HEARTBEAT = 0.05
+_HEARTBEAT = abi.SIGN_MS / 1000
 """Seconds between two signs of life of a server that waits."""
 
 

@@ -8,11 +8,14 @@ import threading
 import time
 from _multiprocessing import SemLock  # type: ignore[import-not-found]
 
+from shmgen import abi
 from shmgen.runtime import header as h
 from shmgen.runtime.region import REPAIR_LOCK, NoSemaphore, Region, keeps_order
 
-_DEAD_AFTER = 0.05
-_STUCK_AFTER = 1.0
+LOCK_TIMEOUT = abi.LOCK_MS / 1000
+"""Seconds to wait for the lock, unless told otherwise."""
+_DEAD_AFTER = abi.DEAD_MS / 1000
+_STUCK_AFTER = abi.HEAL_MS / 1000
 """Seconds that nobody has got in, after which the lock of a dead process, and of anybody else, is taken over."""
 _CLOCK_MONOTONIC = 1
 

@@ -7,17 +7,30 @@ import os
 import time
 from typing import Any, Generic, NoReturn, TypeVar
 
+from shmgen import abi
 from shmgen.runtime import header as h
 from shmgen.runtime.closing import Closing
 from shmgen.runtime.errors import LockTimeout, RegionInUse, ShmError
-from shmgen.runtime.lock import Lock, fence
+from shmgen.runtime.header import (
+    BEGUN,
+    COMPLETED,
+    HEARTBEAT,
+    LAST,
+    LOCK_COUNT,
+    LOCK_HOLDER,
+    NUMBER,
+    RECOVERIES_ARMED,
+    SLOT_HEADER,
+    STAMP,
+)
+from shmgen.runtime.lock import LOCK_TIMEOUT, Lock, fence
 from shmgen.runtime.message import CUT, LATE_FROM, Late, Message
 from shmgen.runtime.region import WRITER_LOCK, Region, open_event, open_region
 
 M = TypeVar("M", bound=Message)
 
-_PLC_WATCH = 0.1
-"""Seconds within which a PLC that still runs counts its heartbeat up: ten cycles of 10 ms."""
+_PLC_WATCH = abi.PLC_WATCH_MS / 1000
+"""Seconds within which a PLC that still runs counts its heartbeat up."""
 
 
 class Publisher(Closing, Generic[M]):
@@ -30,7 +43,7 @@ class Publisher(Closing, Generic[M]):
         topic: str,
         *,
         depth: int = 1,
-        lock_timeout: float = 0.01,
+        lock_timeout: float = LOCK_TIMEOUT,
         mode: int | None = None,
         group: str | int | None = None,
     ) -> None:
@@ -53,7 +66,7 @@ class Publisher(Closing, Generic[M]):
         except BaseException:
             region.close()
             raise
-        self._scratch = bytearray(h.SLOT_HEADER + size)
+        self._scratch = bytearray(SLOT_HEADER + size)
         self._sequence: int = region.words[h.COMPLETED]
         self._heartbeat: int = region.words[h.HEARTBEAT]
         self._truncations = 0
@@ -62,7 +75,7 @@ class Publisher(Closing, Generic[M]):
             kind,
             kind._encode,
             self._scratch,
-            memoryview(self._scratch)[: h.SLOT_HEADER].cast("Q"),
+            memoryview(self._scratch)[:SLOT_HEADER].cast("Q"),
             time.time_ns,
             tuple(region.sample(slot) for slot in range(region.header.slots)),
             region.header.slots - 1,
@@ -73,7 +86,7 @@ class Publisher(Closing, Generic[M]):
             region.semaphore.release,
             os.getpid(),
         )
-        self._scratch_message = (kind * 1).from_buffer(self._scratch, h.SLOT_HEADER)
+        self._scratch_message = (kind * 1).from_buffer(self._scratch, SLOT_HEADER)
 
     def publish(self, message: Any) -> None:
         """Writes `message`: a `message_type`, or any object with the same attributes.
@@ -84,43 +97,41 @@ class Publisher(Closing, Generic[M]):
         kind, encode, scratch, head, clock, samples, mask, map, words, quads, acquire, release, pid = self._hot
         late: Late = []
         if type(message) is not kind:
-            encode(message, scratch, 16, late)
+            encode(message, scratch, SLOT_HEADER, late)
         elif len(scratch) < LATE_FROM:
             self._scratch_message[0] = message
         else:
-            late.append((16, len(scratch) - 16, memoryview(message)))
+            late.append((SLOT_HEADER, len(scratch) - SLOT_HEADER, memoryview(message)))
         number = self._sequence + 1
-        if number > 0xFFFFFFFF:
+        if number > LAST:
             number = mask + 1
         sample = samples[number & mask]
         parts = self._parts(sample.start, late) if late else None
-        head[0] = clock()
-        head[1] = number
+        head[STAMP] = clock()
+        head[NUMBER] = number
         # A comparison costs less than a mask of 32 bits, which Python holds in two digits.
         beat = self._heartbeat
         beat = beat + 1 if beat != 0xFFFFFFFF else 0
         inside = acquire(False) or self._wait()
         try:
-            # Words of header.py by number: looking the names up would cost as much as a store.
-            words[38] = beat
+            words[HEARTBEAT] = beat
             if inside:
-                words[39] = pid
-                count = words[42]
-                words[42] = count + 1 if count != 0xFFFFFFFF else 0
-            words[32] = number
+                words[LOCK_HOLDER] = pid
+                count = words[LOCK_COUNT]
+                words[LOCK_COUNT] = count + 1 if count != 0xFFFFFFFF else 0
+            words[BEGUN] = number
             if parts is None:
                 map[sample] = scratch
             else:
                 self._copy(parts)
-            words[33] = number
+            words[COMPLETED] = number
             self._sequence = number
             self._heartbeat = beat
         finally:
             if inside:
-                words[39] = 0
+                words[LOCK_HOLDER] = 0
                 release()
-        # Two words in one look: `recoveries` and `armed`.
-        if quads[20] or not inside:
+        if quads[RECOVERIES_ARMED] or not inside:
             self._attend(words, inside)
 
     def heartbeat(self) -> None:

@@ -14,17 +14,18 @@ from contextlib import suppress
 
 import posix_ipc
 
+from shmgen import abi
 from shmgen.runtime import header as h
 from shmgen.runtime.access import Access, RegionOptions, access_for, denied
 from shmgen.runtime.errors import LayoutMismatch, RegionMissing, RegionUnusable
 from shmgen.runtime.names import event_name, region_file, region_name, semaphore_file
 
-WRITER_LOCK = 0
+WRITER_LOCK = abi.WRITER_LOCK
 """The byte under a record lock as long as somebody publishes."""
-REPAIR_LOCK = 1
+REPAIR_LOCK = abi.REPAIR_LOCK
 """The byte under a record lock while the header is written, and while a lock is healed."""
 
-_PATIENCE = 0.1
+_PATIENCE = abi.PEER_MS / 1000
 """Seconds to wait for a peer that is between two system calls; after that it is taken to be dead."""
 _ATTEMPTS = 10
 _FLOCK = struct.Struct("hhqqi4x")
@@ -90,12 +91,12 @@ class Region:
         return bool(kind != fcntl.F_UNLCK)
 
     def payload(self, number: int) -> slice:
-        """Where sample `number` lies, without the 16 bytes before it."""
+        """Where sample `number` lies, without the header of its slot."""
         start = self.sample(number).start + h.SLOT_HEADER
         return slice(start, start + self.header.payload_size)
 
     def sample(self, number: int) -> slice:
-        """Where sample `number` lies, its 16 bytes first."""
+        """Where sample `number` lies, the header of its slot first."""
         start = h.HEADER_SIZE + number % self.header.slots * self.header.slot_size
         return slice(start, start + h.SLOT_HEADER + self.header.payload_size)
 
@@ -227,11 +228,11 @@ def _complete_header(fd: int, map: mmap.mmap, ours: h.Header) -> None:
         time.sleep(0.001)
     if _peek(fd).magic == 0:
         data = h.pack(ours)
-        after_writer = 4 * h.WRITER + 4
-        map[4 : 4 * h.WRITER] = data[4 : 4 * h.WRITER]
-        map[after_writer : len(data)] = data[after_writer:]
-        with memoryview(map) as view, view.cast("I") as words:
-            words[0] = h.MAGIC
+        magic, *others = h.MADE
+        for place in others:
+            map[place] = data[place]
+        with memoryview(map) as view, view[magic].cast("I") as word:
+            word[0] = h.MAGIC
     if locked:
         _unlock_byte(fd, REPAIR_LOCK)
 

@@ -8,11 +8,12 @@ import time
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar
 
+from shmgen import abi
 from shmgen.runtime import header as h
 from shmgen.runtime.closing import Closing
-from shmgen.runtime.lock import Lock, acquire, fence
+from shmgen.runtime.lock import LOCK_TIMEOUT, Lock, acquire, fence
 from shmgen.runtime.message import LATE_FROM, Message
-from shmgen.runtime.region import open_event, open_region
+from shmgen.runtime.region import Region, open_event, open_region
 
 M = TypeVar("M", bound=Message)
 
@@ -20,11 +21,11 @@ _TRIES = 8
 """How often a sample overwritten while it was copied is given up for a newer one in one call."""
 _LOCKED_OUT = b""
 """Instead of a sample, which is never empty: the lock is needed here and was not free in time."""
-_ANEW = 2**31
+_ANEW = abi.ANEW
 """So many samples cannot have come since the last look: the region was begun anew and counts from 1 again."""
-_POLL = 1e-3
+_POLL = abi.POLL_MS / 1000
 """Seconds between two looks of wait() while another reader has the event."""
-_SLICE = 0.01
+_SLICE = abi.WAKE_MS / 1000
 """Seconds of the longest single wait: what a lost wake-up costs at most."""
 
 
@@ -38,7 +39,7 @@ class Subscriber(Closing, Generic[M]):
         topic: str,
         *,
         depth: int = 1,
-        lock_timeout: float = 0.01,
+        lock_timeout: float = LOCK_TIMEOUT,
         mode: int | None = None,
         group: str | int | None = None,
     ) -> None:
@@ -63,7 +64,7 @@ class Subscriber(Closing, Generic[M]):
         self._decode = kind._decode
         # What _copy() needs, in one look.
         self._hot = (
-            tuple(region.payload(slot) for slot in range(self._slots)),
+            tuple(_place(region, slot) for slot in range(self._slots)),
             region.map,
             region.words,
             region.quads,
@@ -220,9 +221,9 @@ class Subscriber(Closing, Generic[M]):
 
     def _copy(self, number: int) -> bytes | bytearray | None:
         """The payload of sample `number`, None if it was overwritten, or _LOCKED_OUT."""
-        payloads, map, words, quads, acquire, release, pid = self._hot
+        places, map, words, quads, acquire, release, pid = self._hot
         slots = self._slots
-        payload = payloads[number & slots - 1]
+        payload, stamp_at, number_at = places[number & slots - 1]
         inside = acquire(False) or self._lock.wait()
         if not (inside or self._lock.keeps_order):
             return _LOCKED_OUT
@@ -231,8 +232,8 @@ class Subscriber(Closing, Generic[M]):
                 words[h.LOCK_HOLDER] = pid
                 count = words[h.LOCK_COUNT]
                 words[h.LOCK_COUNT] = count + 1 if count != h.LAST else 0
-            stamp = quads[payload.start // 8 - 2]
-            found = words[payload.start // 4 - 2]
+            stamp = quads[stamp_at]
+            found = words[number_at]
             data = bytearray(memoryview(map)[payload]) if self._long else map[payload]
             # Looked at after the copy: a writer says what it is about to overwrite before it does.
             begun = words[h.BEGUN]
@@ -250,6 +251,12 @@ class Subscriber(Closing, Generic[M]):
         self._last = number
         self._stamp = stamp
         return data
+
+
+def _place(region: Region, slot: int) -> tuple[slice, int, int]:
+    """Where the payload of a slot lies, its stamp in steps of eight bytes, its number in steps of four."""
+    start = region.sample(slot).start // 8
+    return region.payload(slot), start + h.STAMP, 2 * (start + h.NUMBER)
 
 
 def _after(number: int, steps: int, slots: int) -> int:
