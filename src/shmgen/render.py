@@ -17,7 +17,10 @@ def render(outputs: Iterable[Output]) -> dict[str, str]:
     texts: dict[str, str] = {}
     for output in outputs:
         assert output.path not in texts, f"two outputs at {output.path}"
-        texts[output.path] = _environment().get_template(output.template).render(view=output.view)
+        if output.template.endswith(".j2"):
+            texts[output.path] = _environment().get_template(output.template).render(view=output.view)
+        else:  # written by hand
+            texts[output.path] = (template_folder() / output.template).read_text(encoding="utf-8")
     return dict(sorted(texts.items()))
 
 

@@ -7,17 +7,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+from shmgen import abi
 from shmgen.config import bridging
 from shmgen.config.bridging import CARRYING, MAX_SECONDS, Carrying
 from shmgen.config.document import Reader
 from shmgen.diagnostics import Span
-
-MAX_DEPTH = 65535
-"""MAX_DEPTH of FB_ShmRegion."""
-LONGEST_TOPIC = 74
-"""MAX_NAME of FB_ShmRegion: its STRING(80) less `-event`."""
-LONGEST_SERVICE = LONGEST_TOPIC - len("-response")
-"""The regions of an action have no longer suffix: `-feedback`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,22 +50,21 @@ class Action:
 def topics(read: Reader, data: dict[str, Any]) -> tuple[Topic, ...]:
     """Reports SHM501, SHM502; so do the others."""
     return tuple(
-        _topic(read, entry)
-        for entry in _entries(read, data, "topics", ("direction", "depth", *CARRYING), LONGEST_TOPIC)
+        _topic(read, entry) for entry in _entries(read, data, "topics", ("direction", "depth", *CARRYING), abi.MAX_NAME)
     )
 
 
 def services(read: Reader, data: dict[str, Any]) -> tuple[Service, ...]:
     return tuple(
         Service(entry.name, entry.type, _server(read, entry), _timeout(read, entry), entry.span)
-        for entry in _entries(read, data, "services", ("server", "timeout"), LONGEST_SERVICE)
+        for entry in _entries(read, data, "services", ("server", "timeout"), abi.MAX_CALL_NAME)
     )
 
 
 def actions(read: Reader, data: dict[str, Any]) -> tuple[Action, ...]:
     return tuple(
         Action(entry.name, entry.type, _server(read, entry), entry.span)
-        for entry in _entries(read, data, "actions", ("server",), LONGEST_SERVICE)
+        for entry in _entries(read, data, "actions", ("server",), abi.MAX_CALL_NAME)
     )
 
 
@@ -122,7 +115,7 @@ def _entries(
 
 def _topic(read: Reader, entry: _Entry) -> Topic:
     direction = read.choice(entry.section, "direction", entry.table, ("to_plc", "from_plc"), "to_plc")
-    depth = read.number(entry.section, "depth", entry.table, 1, MAX_DEPTH)
+    depth = read.number(entry.section, "depth", entry.table, 1, abi.MAX_DEPTH)
     carried = bridging.carrying(read, entry.section, entry.table, direction)
     return Topic(entry.name, entry.type, direction, depth, entry.span, carried)
 

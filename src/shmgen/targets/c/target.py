@@ -23,6 +23,7 @@ from shmgen.model import (
     assert_never,
     ros_type,
 )
+from shmgen.targets.c import region
 from shmgen.targets.naming import C, c_member, check_members, check_messages, file_stem
 
 _TYPES = {
@@ -67,7 +68,7 @@ class Header(NamedTuple):
 
 def plan(layouts: Layouts, report: Report, package: str = "shm_msgs") -> Iterator[Output]:
     """`c/<package>/<ros package>/msg/pose.h` for each message, and `c/<package>/shmgen.h`."""
-    yield Output(f"c/{package}/shmgen.h", "c/shmgen.h.j2", None)
+    yield region.plan(package)
     check_messages(layouts.values(), "name", _names, C, report)
     check_messages(layouts.values(), "file", lambda layout: [_path(layout.name, package)], C, report)
     for name, layout in layouts.items():

@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 from shmgen.model import Layouts, Output, TypeName
 from shmgen.targets import interfaces, naming
-
-_COMMON = ("FB_ShmCaller", "FB_ShmServer")
+from shmgen.targets.st import common
 
 
 class Carried(NamedTuple):
@@ -50,8 +49,8 @@ class Action(NamedTuple):
 def plan(layouts: Layouts) -> Iterator[Output]:
     """Nothing where no service and no action was asked for."""
     services, actions = list(interfaces.services(layouts)), list(interfaces.actions(layouts))
-    for common in _COMMON if services or actions else ():
-        yield Output(f"st/shmgen/{common}.st", f"st/{common}.st.j2", None)
+    if services or actions:
+        yield from common.by_hand("FB_ShmCaller", "FB_ShmServer")
     for name in services:
         yield from _service(name)
     for name in actions:

@@ -1,8 +1,7 @@
 """Turns layouts into Structured Text for CODESYS: a DUT, a list of constants and a pair of blocks for each message.
 
 Services and actions get such a pair too (calls.py), and what shmgen.toml lists a block each and a program that calls
-them (program.py). What is common to all (`st/shmgen/`) is written by hand, with one hole:
-whether regions have a lock.
+them (program.py). What is common to all is in common.py.
 """
 
 from __future__ import annotations
@@ -28,18 +27,11 @@ from shmgen.model import (
     text_length,
 )
 from shmgen.targets import naming
-from shmgen.targets.st import calls, program
+from shmgen.targets.st import calls, common, program
 from shmgen.targets.st.text import WIDTH, ascii_text, comment_lines, literal
 
-_COMMON = ("E_ShmError", "E_ShmState", "ST_ShmHeader", "ST_ShmSlot", "FB_ShmRegion")
 _WIDEST_COLUMN = 56
 """Where comments begin at the latest; a longer declaration pushes only its own."""
-
-
-class Common(NamedTuple):
-    """What all topics share; `locks` is a BOOL literal."""
-
-    locks: str
 
 
 class Line(NamedTuple):
@@ -90,8 +82,7 @@ def plan(
 ) -> Iterator[Output]:
     """`st/<package>/` one POU a file, `st/shmgen/`, and what calls the blocks. Reports SHM203 and SHM204."""
     struct_time = any(layout.options.time == "struct" for layout in layouts.values())
-    for name in (*_COMMON, naming.ST_TIME) if struct_time else _COMMON:
-        yield Output(f"st/shmgen/{name}.st", f"st/{name}.st.j2", Common(str(locks).upper()))
+    yield from common.plan(locks=locks, struct_time=struct_time)
     type_of = lambda layout: [naming.st_type(layout.name)]  # noqa: E731
     naming.check_messages(layouts.values(), "type", type_of, naming.STRUCTURED_TEXT, report, [naming.ST_TIME])
     only_called = calls.parts(layouts) - {topic.type for topic in topics}
