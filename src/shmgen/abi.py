@@ -115,7 +115,6 @@ LOCK_MS = 10
 WAKE_MS = 10
 POLL_MS = 1
 SIGN_MS = 50
-PLC_WATCH_MS = 100
 PEER_MS = 100
 
 
@@ -152,7 +151,6 @@ NUMBERS = (
     Number("WAKE_MS", WAKE_MS, "", "the longest single wait for the event: what a lost wake-up costs"),
     Number("POLL_MS", POLL_MS, "", "between two looks where there is no event, or another reader has it"),
     Number("SIGN_MS", SIGN_MS, "", "a server that waits counts its heartbeat up so often at least"),
-    Number("PLC_WATCH_MS", PLC_WATCH_MS, "", "a PLC that runs has counted its heartbeat up: ten cycles of 10 ms"),
     Number("PEER_MS", PEER_MS, "", "a peer between two system calls has made the second, or is dead"),
 )
 """Names end with _MS where they are milliseconds."""

@@ -66,8 +66,8 @@ def test_header_bytes(topic, file):
     assert data[32:128] == b"geometry_msgs/msg/Pose".ljust(96, b"\0")
     assert struct.unpack_from("<II", data, 128) == (3, 3)
     assert data[136:152] == bytes(16)
-    # heartbeat of three samples and one without; nobody inside; three entered the lock
-    assert struct.unpack_from("<IIIII", data, 152) == (4, 0, 0, 0, 3)
+    # heartbeat of three samples and one without; nobody inside; for three and for the claim the lock was entered
+    assert struct.unpack_from("<IIIII", data, 152) == (4, 0, 0, 0, 4)
     assert data[172:192] == bytes(20)  # nobody has missed anything; the rest is reserved
     for number in (1, 2, 3):
         stamp, found, zero, *payload = struct.unpack_from("<QII7d", data, 192 + number * 128)
@@ -111,7 +111,7 @@ def test_read_header(topic):
         publisher.publish(pose(1.0))
         found = runtime.read_header(runtime.region_name(topic))
     assert (found.type_name, found.digest, found.completed) == (Pose._type_name_, Pose._digest_, 1)
-    assert (found.begun, found.heartbeat, found.lock_count, found.writer) == (1, 1, 1, os.getpid())
+    assert (found.begun, found.heartbeat, found.lock_count, found.writer) == (1, 1, 2, os.getpid())
 
 
 def test_nobody_removes_on_exit(topic, file, semaphore_file, other):
@@ -351,11 +351,16 @@ def test_closing_twice_and_using_closed(topic):
     publisher, subscriber = PosePublisher(topic), PoseSubscriber(topic)
     for side in (publisher, subscriber, publisher, subscriber):
         side.close()
-    for message in (pose(1.0), Pose()):
-        with pytest.raises(runtime.ShmError, match="closed"):
-            publisher.publish(message)
-    with pytest.raises(ValueError, match="released"):
-        subscriber.read()
+    calls = [
+        *(lambda message=message: publisher.publish(message) for message in (pose(1.0), Pose())),
+        publisher.heartbeat,
+        *(subscriber.read, subscriber.read_all, lambda: subscriber.read_into(Pose()), lambda: subscriber.wait(0.1)),
+        *(lambda: subscriber.wait(0), lambda: subscriber.ready(0.1), lambda: subscriber.is_stale(1)),
+    ]
+    for call in calls:
+        with pytest.raises(runtime.Closed, match=r"(publisher|subscriber) is closed"):
+            call()
+    assert (publisher.topic, publisher.sequence, subscriber.missed, subscriber.age) == (topic, 0, 0, None)
 
 
 def test_an_abandoned_publisher_frees_the_claim(topic):

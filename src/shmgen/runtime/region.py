@@ -9,16 +9,18 @@ import mmap
 import os
 import struct
 import time
-from _multiprocessing import SemLock  # type: ignore[import-not-found]
 from contextlib import suppress
+from typing import cast
 
 import posix_ipc
 
 from shmgen import abi
 from shmgen.runtime import header as h
 from shmgen.runtime.access import Access, RegionOptions, access_for, denied
+from shmgen.runtime.closing import Gone
 from shmgen.runtime.errors import LayoutMismatch, RegionMissing, RegionUnusable
 from shmgen.runtime.names import event_name, region_file, region_name, semaphore_file
+from shmgen.runtime.semaphores import EVENT_MOST, LOCK_MOST, NoSemaphore, Semaphore, opened
 
 WRITER_LOCK = abi.WRITER_LOCK
 """The byte under a record lock as long as somebody publishes."""
@@ -31,31 +33,13 @@ _ATTEMPTS = 10
 _FLOCK = struct.Struct("hhqqi4x")
 
 
-class NoSemaphore:
-    """Stands where a region has no lock: never entered, never posted."""
-
-    def acquire(self, block: bool = False) -> bool:
-        return False
-
-    def release(self) -> None:
-        pass
-
-    def _is_zero(self) -> bool:
-        return False
-
-    def _get_value(self) -> int:
-        return 1
-
-
 class Region:
     """One topic's shared memory: `map` for copies, `words` and `quads` for single loads and stores of 4 and 8 bytes.
 
-    `semaphore` is the POSIX semaphore through the standard library's own type, which multiprocessing is built on:
-    `acquire(False)` and `release()` take 34 ns where those of posix_ipc with a time limit take 125, a quarter of a
-    whole publish. Unlike `multiprocessing` itself it tracks nothing and removes nothing.
+    `pid` is that of the process that opened it, and `file` its descriptor.
     """
 
-    __slots__ = ("_file", "header", "map", "name", "options", "quads", "semaphore", "topic", "words")
+    __slots__ = ("_file", "header", "map", "name", "options", "pid", "quads", "semaphore", "topic", "words")
 
     def __init__(
         self,
@@ -63,18 +47,23 @@ class Region:
         file: io.FileIO,
         map: mmap.mmap,
         header: h.Header,
-        semaphore: SemLock | NoSemaphore,
+        semaphore: Semaphore,
         options: RegionOptions,
     ) -> None:
         self.topic = topic
         self.options = options
         self.name = region_name(topic)
         self.header = header
+        self.pid = os.getpid()
         self.map = map
         self.words = memoryview(map).cast("I")
         self.quads = memoryview(map).cast("Q")
         self.semaphore = semaphore
         self._file = file
+
+    @property
+    def file(self) -> int:
+        return self._file.fileno()
 
     def lock_byte(self, byte: int) -> bool:
         """Tries for a record lock; it goes with the descriptor, also by SIGKILL."""
@@ -100,12 +89,16 @@ class Region:
         start = h.HEADER_SIZE + number % self.header.slots * self.header.slot_size
         return slice(start, start + h.SLOT_HEADER + self.header.payload_size)
 
-    def close(self) -> None:
-        """Lets go of everything; the region stays for the peer."""
+    def close(self, gone: Gone | None = None) -> None:
+        """Lets go of everything; the region stays for the peer. Whoever looks at `words` then meets `gone`."""
+        if self._file.closed:
+            return
         self.words.release()
         self.quads.release()
-        self.map.close()
+        if gone is not None:
+            self.words = self.quads = cast(memoryview, gone)
         self._file.close()
+        self.map.close()
 
 
 def open_region(topic: str, ours: h.Header, options: RegionOptions = RegionOptions()) -> Region:  # noqa: B008 a tuple
@@ -128,16 +121,16 @@ def open_region(topic: str, ours: h.Header, options: RegionOptions = RegionOptio
         map = mmap.mmap(file.fileno(), ours.size)
         _complete_header(file.fileno(), map, ours)
         _check(topic, ours, _peek(file.fileno()))
-        return Region(topic, file, map, ours, _open_semaphore(name, 1, options, access), options)
+        return Region(topic, file, map, ours, _open_semaphore(name, 1, LOCK_MOST, options, access), options)
     except BaseException:
         file.close()
         raise
 
 
-def open_event(region: Region) -> SemLock | NoSemaphore:
+def open_event(region: Region) -> Semaphore:
     """Opens the semaphore that wakes a waiting reader, or makes it. Raises PermissionDenied, RegionUnusable."""
     options = region.options
-    return _open_semaphore(event_name(region.name), 0, options, access_for(options))
+    return _open_semaphore(event_name(region.name), 0, EVENT_MOST, options, access_for(options))
 
 
 def keeps_order() -> bool:
@@ -181,15 +174,14 @@ def _open_memory(name: str, size: int, access: Access) -> io.FileIO:
     raise RegionUnusable(f"{path} keeps appearing and vanishing: something removes it; stop that and start again")
 
 
-def _open_semaphore(name: str, value: int, options: RegionOptions, access: Access) -> SemLock | NoSemaphore:
+def _open_semaphore(name: str, value: int, most: int, options: RegionOptions, access: Access) -> Semaphore:
     if options.sync == "sequence":
         return NoSemaphore()
     path = semaphore_file(name)
     for _ in range(_ATTEMPTS):
         try:
             with suppress(FileNotFoundError):
-                # kind 1: any thread may release; greatest value: a surplus token is no error here.
-                found = SemLock._rebuild(0, 1, SemLock.SEM_VALUE_MAX, "/" + name)
+                found = opened("/" + name, most)
                 access.mend(path, path)
                 return found
             with suppress(posix_ipc.ExistentialError):
