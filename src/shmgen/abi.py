@@ -109,6 +109,7 @@ REPAIR_LOCK = 1
 
 RETRY_MS = 500
 CLAIM_MS = 1000
+CONFIRM_MS = 100
 HEAL_MS = 1000
 DEAD_MS = 50
 LOCK_MS = 10
@@ -145,6 +146,7 @@ NUMBERS = (
     Number("REPAIR_LOCK", REPAIR_LOCK, "", "the byte under one while the header is written or a lock is healed"),
     Number("RETRY_MS", RETRY_MS, "UDINT", "a PLC tries again to open what could not be opened"),
     Number("CLAIM_MS", CLAIM_MS, "UDINT", "a writer whose heartbeat stands still for so long is gone"),
+    Number("CONFIRM_MS", CONFIRM_MS, "UDINT", "a name put into `writer` that still stands after it is a claim"),
     Number("HEAL_MS", HEAL_MS, "UDINT", "a lock that nobody has passed for so long is stuck"),
     Number("DEAD_MS", DEAD_MS, "", "the same, if its holder is a process that is no more"),
     Number("LOCK_MS", LOCK_MS, "", "a wait for the lock, unless told otherwise"),

@@ -52,8 +52,6 @@ class Caller(Generic[Q, A]):
         self.number = 0
         self._answers._skip()  # what is there answers nothing that is still to come
         self.tell(question)
-        # Where another client took the service over meanwhile, he may use the same number.
-        self._questions._assure()
         self.number = self._questions.sequence
         return self.number
 
@@ -102,10 +100,10 @@ class Caller(Generic[Q, A]):
         return answer
 
     def _server_lives(self) -> bool:
-        """A process holds its record lock; a PLC can only be seen to count."""
-        if self._answers._region.byte_is_locked(WRITER_LOCK):
-            return True
+        """A process holds its record lock, and has put its name there; a PLC can only be seen to count."""
         words, now = self._answers._words, time.monotonic()
+        if words[h.WRITER] != h.PLC and self._answers._region.byte_is_locked(WRITER_LOCK):
+            return True
         before, self._beat = self._beat, words[h.HEARTBEAT]
         known, self._looked = now - self._looked < _FRESH, now
         return bool(words[h.WRITER] == h.PLC and known and self._beat != before)
@@ -132,7 +130,7 @@ class Callee(Generic[Q, A]):
             left = max(0.0, deadline - time.monotonic())
             question = self._questions.wait(min(left, _HEARTBEAT)) if left else self._questions.read()
             if question is not None:
-                self._answers._assure()  # else another server has it
+                self._answers._assure()  # or another server has taken over, and serves it
                 return self._questions.sequence, question
             if not left:
                 return None

@@ -3,52 +3,51 @@
 from __future__ import annotations
 
 import time
+from typing import NamedTuple
 
 from shmgen import abi
 from shmgen.runtime import header as h
-from shmgen.runtime.errors import LockTimeout, RegionInUse
+from shmgen.runtime.errors import RegionInUse
 from shmgen.runtime.holders import holder
-from shmgen.runtime.lock import Lock, fence
 from shmgen.runtime.region import WRITER_LOCK, Region
 
 WATCH = abi.CLAIM_MS / 1000
 """Seconds within which a PLC that still runs counts its heartbeat up."""
+_CONFIRM = abi.CONFIRM_MS / 1000
+"""Seconds within which whoever claimed at the same time has put his name over ours."""
 _LOOK = 2e-3
-"""Seconds between two looks at it."""
-_LOCK_WITHIN = 2.5
-"""Seconds within which the lock of a dead one has been taken over."""
-_STORE = 1e-3
-"""Seconds within which any store is seen by all."""
+"""Seconds between two looks at a PLC."""
 
 
-def claim(region: Region, lock: Lock) -> None:
-    """Makes this process the topic's writer. Raises RegionInUse and LockTimeout.
+class Claim(NamedTuple):
+    """`sequence` is the number after which the samples begin; `doubtful`: a PLC may have gone on until now."""
 
-    A record lock keeps other Pythons out. A PLC knows no such lock: it is seen to count its heartbeat up, and looks
-    at `writer` inside the lock before each write. So the claim is written inside the lock too, and a look after it
-    shows a PLC that has claimed at the same instant, or goes on without the lock.
+    sequence: int
+    doubtful: bool
+
+
+def claim(region: Region) -> Claim:
+    """Makes this process the topic's writer. Raises RegionInUse.
+
+    A record lock keeps other Pythons out. A PLC knows no such lock: it is watched, then this process puts its name
+    into `writer`, waits, and looks whether it still stands. A PLC that was only standing still may go on with a
+    write of its own at any time, so its numbers are left to it: ours begin a turn of the slots later.
     """
     if not region.lock_byte(WRITER_LOCK):
-        raise RegionInUse(
-            f"{region.topic}: {writer(region)} publishes already; one writer a topic: stop that one first"
-        )
-    words = region.words
-    seen = words[h.WRITER], words[h.HEARTBEAT]
-    if seen[0] == h.PLC:
-        seen = _watch(region, seen)
-    try:
-        if region.options.sync != "sequence" and not lock.enter(_LOCK_WITHIN):
-            raise LockTimeout(f"{region.topic}: the lock was not free within {_LOCK_WITHIN} s; see `shmgen doctor`")
-        if (words[h.WRITER], words[h.HEARTBEAT]) != seen:
-            raise _in_use(region)
-        words[h.WRITER] = region.pid
-    finally:
-        lock.leave()
-    fence()
-    if region.options.sync == "sequence":
-        time.sleep(_STORE)
-    if (words[h.WRITER], words[h.HEARTBEAT]) != (region.pid, seen[1]):
         raise _in_use(region)
+    words = region.words
+    looked = time.monotonic()
+    doubtful = words[h.WRITER] == h.PLC and _watch(region)
+    words[h.WRITER] = region.pid
+    # Where we ourselves stood still between the look and the name, somebody else may have begun meanwhile.
+    doubtful = doubtful or time.monotonic() - looked > _CONFIRM / 2
+    if doubtful:
+        time.sleep(_CONFIRM)
+        if words[h.WRITER] != region.pid:
+            raise _in_use(region)
+    newest = words[h.COMPLETED]
+    slots = region.header.slots
+    return Claim(h.after(newest, slots, slots) if doubtful else newest, doubtful)
 
 
 def writer(region: Region) -> str:
@@ -60,18 +59,19 @@ def writer(region: Region) -> str:
     return "a PLC" if said == h.PLC else f"process {said}"
 
 
-def _watch(region: Region, seen: tuple[int, int]) -> tuple[int, int]:
-    """`writer` and `heartbeat` once they have stood still for long enough, or the PLC has let go."""
+def _watch(region: Region) -> bool:
+    """Waits until the PLC has stood still for long enough; False: it has let go, and comes back to nothing."""
+    words = region.words
+    before = words[h.HEARTBEAT]
     deadline = time.monotonic() + WATCH
     while time.monotonic() < deadline:
-        now = region.words[h.WRITER], region.words[h.HEARTBEAT]
-        if now[0] == 0:
-            return now
-        if now != seen:
+        if not words[h.WRITER]:
+            return False
+        if words[h.WRITER] != h.PLC or words[h.HEARTBEAT] != before:
             raise _in_use(region)
         time.sleep(_LOOK)
-    return seen
+    return True
 
 
 def _in_use(region: Region) -> RegionInUse:
-    return RegionInUse(f"{region.topic}: a PLC publishes already; one writer a topic: stop its publisher block first")
+    return RegionInUse(f"{region.topic}: {writer(region)} publishes already; one writer a topic: stop that one first")

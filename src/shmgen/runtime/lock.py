@@ -73,19 +73,6 @@ class Lock:
         self.misses += 1
         return False
 
-    def enter(self, seconds: float) -> bool:
-        """For those in no hurry: True = inside, over a dead one if need be, and the header says so."""
-        words, misses = self._region.words, self.misses
-        end = time.monotonic() + seconds
-        while not (self._region.semaphore.acquire(False) or self.wait()):
-            self.misses = misses
-            if time.monotonic() > end:
-                return False
-            time.sleep(_PAUSE)
-        words[h.LOCK_COUNT] = words[h.LOCK_COUNT] + 1 & 0xFFFFFFFF
-        words[h.LOCK_HOLDER] = self._region.pid
-        return True
-
     def leave(self, error: BaseException | None = None) -> bool:
         """Gives back what this side holds, if it holds anything; for all ways out but the straight one.
 

@@ -81,12 +81,11 @@ class Publisher(Holding, Generic[M]):
         try:
             self._lock = Lock(region, lock_timeout)
             self._event = open_event(region)
-            claim(region, self._lock)
+            self._sequence, self._claim_doubtful = claim(region)
         except BaseException:
             region.close()
             raise
         self._scratch = bytearray(SLOT_HEADER + size)
-        self._sequence: int = region.words[COMPLETED]
         self._heartbeat: int = region.words[HEARTBEAT]
         self._truncations = 0
         self._words: memoryview | Gone = region.words
@@ -134,7 +133,7 @@ class Publisher(Holding, Generic[M]):
             # A comparison costs less than a mask of 32 bits, which Python holds in two digits.
             beat = self._heartbeat
             beat = beat + 1 if beat != LAST else 0
-            inside = acquire(False) or self._wait(beat)
+            inside = acquire(False) or self._wait()
             if words[WRITER] != pid:
                 self._lose()
             words[HEARTBEAT] = beat
@@ -226,8 +225,7 @@ class Publisher(Holding, Generic[M]):
             with suppress(ValueError):  # one post is there already, and enough
                 self._event.release()
 
-    def _wait(self, beat: int) -> bool:
-        """The heartbeat goes before the look at `writer`: whoever claims writes and looks the other way round."""
+    def _wait(self) -> bool:
         if self._lock.wait():
             return True
         if not self._lock.keeps_order:
@@ -235,9 +233,6 @@ class Publisher(Holding, Generic[M]):
                 f"{self.topic}: the lock was not free within {self._lock.timeout} s, held by process "
                 f"{self._region.words[LOCK_HOLDER]}; nothing was published. See `shmgen doctor`"
             )
-        self._assure()
-        self._words[HEARTBEAT] = beat
-        fence()
         return False
 
     def _assure(self) -> None:

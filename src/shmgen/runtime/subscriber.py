@@ -23,6 +23,8 @@ from shmgen.runtime.header import (
     MISSED,
     NUMBER,
     STAMP,
+    after,
+    steps,
 )
 from shmgen.runtime.lock import LOCK_TIMEOUT, Lock, fence
 from shmgen.runtime.message import LATE_FROM, Message
@@ -134,13 +136,13 @@ class Subscriber(Holding, Generic[M]):
             newest = self._words[COMPLETED]
             if newest in (0, self._last):
                 break
-            unread = h.steps(self._last, newest, self._slots)
+            unread = steps(self._last, newest, self._slots)
             if unread >= _ANEW:
                 self._last, unread = newest - 1, 1
             first = max(1, unread - self._slots + 1)
             start = self._last
             for step in range(first, unread + 1):
-                number = _after(start, step, self._slots)
+                number = after(start, step, self._slots)
                 data = self._copy(number)
                 if data == _LOCKED_OUT:
                     return samples
@@ -266,10 +268,10 @@ class Subscriber(Holding, Generic[M]):
                 return _LOCKED_OUT
             stamp = quads[stamp_at]
             data = bytearray(memoryview(map)[payload]) if self._long else map[payload]
-            # Looked at after the copy: a writer says what it is about to overwrite before it does, and voids the
-            # number of what it should not have written.
-            found = words[number_at]
+            # Both after the copy: a writer says what it is about to overwrite before it does, and one that has lost
+            # the topic meanwhile voids the number of what it has written.
             begun = words[BEGUN]
+            found = words[number_at]
             if inside:
                 words[LOCK_HOLDER] = 0
                 release()
@@ -277,9 +279,9 @@ class Subscriber(Holding, Generic[M]):
             # However far we came: a signal handler may raise at any call above, at that of acquire() too.
             if not self._lock.leave(error):
                 raise
-        if found != number or h.steps(number, begun, slots) >= slots:
+        if found != number or steps(number, begun, slots) >= slots:
             return None
-        skipped = h.steps(self._last, number, slots) - 1
+        skipped = steps(self._last, number, slots) - 1
         if 0 < skipped < _ANEW:
             self._missed += skipped
             # Outside of the lock: of two readers that add at once one may be lost, which a figure for people survives.
@@ -293,8 +295,3 @@ def _place(region: Region, slot: int) -> tuple[slice, int, int]:
     """Where the payload of a slot lies, its stamp in steps of eight bytes, its number in steps of four."""
     start = region.sample(slot).start // 8
     return region.payload(slot), start + STAMP, 2 * (start + NUMBER)
-
-
-def _after(number: int, steps: int, slots: int) -> int:
-    number += steps
-    return number if number <= LAST else number - 2**32 + slots
