@@ -32,17 +32,17 @@ ARROWS = {
     "targets": WORDS | {"abi", "targets"},
     "render": {"model", "cache"},
     "write": {"diagnostics"},
-    "drift": WORDS | {"cache", "drift", "write"},
+    "type_hash": {"model"},
+    "drift": WORDS | {"cache", "drift", "type_hash", "write"},
     "pipeline": WORDS | {"bounds", "config", "definitions", "drift", "layout", "render", "targets"},
-    "show": WORDS | {"layout", "pipeline", "show", "targets"},
+    "show": WORDS | {"layout", "pipeline", "show", "targets", "type_hash"},
     "runtime": {"abi", "runtime"},
-    "live": WORDS | {"bounds", "config", "live", "pipeline", "runtime"},
+    "live": WORDS | {"bounds", "config", "definitions", "live", "pipeline", "runtime"},
     "tools": WORDS | {"config", "live", "runtime", "targets", "tools"},
-    "bridge": WORDS | {"bridge", "config", "live", "pipeline", "runtime", "targets"},
+    "bridge": WORDS | {"bridge", "config", "live", "pipeline", "runtime", "targets", "type_hash"},
     "cli": WORDS
-    | {"", "bridge", "cli", "config", "definitions", "drift", "live", "pipeline", "render", "runtime", "show"}
-    | {"", "bridge", "cli", "config", "definitions", "drift", "live", "pipeline", "render", "runtime", "show"}
-    | {"tools", "write"},
+    | {"", "bridge", "cache", "cli", "config", "definitions", "drift", "live", "pipeline", "render", "runtime"}
+    | {"show", "tools", "write"},
     "__init__": set(),
     "__main__": {"cli", "drift"},
 }
@@ -55,7 +55,6 @@ ONLY_IN = {
     "ruamel": {"tools"},
     "rospy": {"bridge"},
     "rclpy": {"bridge"},
-    "rosidl_runtime_py": {"bridge"},
     "genpy": {"bridge"},
     "cyclonedds": {"bridge"},
 }

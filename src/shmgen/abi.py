@@ -1,7 +1,7 @@
 """The region as data (ABI 1): every word of its header and of a slot's, and every number both sides must know.
 
-The runtime, `shmgen.h`, `ST_ShmHeader`, `ST_ShmSlot`, `GVL_Shm` and the tables of docs/protocol.md are all made from
-here; no other file says where a word stands. A new counter is one line in HEADER, where bytes are free.
+The runtime, `shmgen.h`, `ST_ShmHeader`, `ST_ShmSlot`, `GVL_Shm` and the tables of docs/protocol.md are made from here;
+no other file says where a word stands. A new counter is one line in HEADER, where bytes are free.
 """
 
 from __future__ import annotations
@@ -9,90 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-# --- Words --------------------------------------------------------------------------------------------
-
-SIZES = {"u8": 1, "char": 1, "u16": 2, "u32": 4, "u64": 8}
-
-MAKER = "maker"
-"""Who writes the words that both sides must agree on: whoever finds no magic, in Python or in a PLC."""
-
-
-class Word(NamedTuple):
-    """`offset` in bytes; `type` is a name in SIZES, or several of it: `char[96]`. `st` is its name in Structured Text,
-    whose prefix says the type there. `by` is who writes it; nobody writes what is reserved.
-    """
-
-    offset: int
-    type: str
-    name: str
-    st: str
-    by: str
-    meaning: str
-
-    @property
-    def element(self) -> str:
-        """What it is made of, a name in SIZES."""
-        return self.type.partition("[")[0]
-
-    @property
-    def length(self) -> int:
-        """How many of them: 1 unless it is an array."""
-        return int(self.type.partition("[")[2].removesuffix("]") or 1)
-
-    @property
-    def size(self) -> int:
-        """Bytes."""
-        return SIZES[self.element] * self.length
-
-
-HEADER_SIZE = 192
-HEADER = (
-    Word(0, "u32", "magic", "dwMagic", MAKER, "16#474D4853, 'SHMG'; written last, 0 = still being made"),
-    Word(4, "u16", "abi", "uiAbi", MAKER, "1"),
-    Word(6, "u16", "header_size", "uiHeaderSize", MAKER, "192"),
-    Word(8, "u64", "digest", "lwDigest", MAKER, "layout digest of the message"),
-    Word(16, "u32", "payload_size", "udiPayloadSize", MAKER, "bytes of one message"),
-    Word(20, "u32", "slot_size", "udiSlotSize", MAKER, "16 + payload_size, rounded up to 64"),
-    Word(24, "u32", "writer", "udiWriter", "writer", "process id; 16#FFFFFFFF = a PLC, 0 = none yet"),
-    Word(28, "u32", "slots", "udiSlots", MAKER, "a power of two, 2 at least"),
-    Word(32, "char[96]", "type_name", "abyTypeName", MAKER, "'geometry_msgs/msg/Pose', the rest 0"),
-    Word(128, "u32", "begun", "udiBegun", "writer", "number of the newest write begun"),
-    Word(132, "u32", "completed", "udiCompleted", "writer", "number of the newest write completed, 0 = none yet"),
-    Word(152, "u32", "heartbeat", "udiHeartbeat", "writer", "counted up in each cycle, with or without data"),
-    Word(156, "u32", "lock_holder", "udiLockHolder", "who is inside", "process id; 16#FFFFFFFF = a PLC, 0 = nobody"),
-    Word(160, "u32", "recoveries", "udiRecoveries", "who heals", "how often a dead holder's lock was freed"),
-    Word(164, "u32", "armed", "udiArmed", "a waiting reader", "1 = it waits; the writer clears this and posts"),
-    Word(168, "u32", "lock_count", "udiLockCount", "who is inside", "counted up by whoever gets in"),
-    Word(172, "u32", "missed", "udiMissed", "readers", "samples they missed, for people to see"),
-)
-
-SLOT_HEADER = 16
-SLOT = (
-    Word(0, "u64", "stamp_ns", "lwStamp", "writer", "the writer's wall clock in ns since 1970, 0 = it has none"),
-    Word(8, "u32", "number", "udiNumber", "writer", "number of the sample"),
-)
-
-
-def tiled(words: Iterable[Word], size: int) -> Iterator[Word]:
-    """The words with the bytes between them, which are 0, as words of their own: `size` bytes without a gap.
-
-    Raises ValueError if two overlap, one does not lie at a multiple of its own size, or there are more bytes.
-    """
-    end = 0
-    for word in (*words, Word(size, "u8[0]", "", "", "", "")):
-        if word.offset < end or word.offset % SIZES[word.element]:
-            raise ValueError(f"{word.name or 'the end'} cannot lie at {word.offset}, {end} bytes are taken")
-        if word.offset > end:
-            yield Word(end, f"u8[{word.offset - end}]", f"reserved{end}", f"abyReserved{end}", "", "0")
-        if word.offset < size:
-            yield word
-        end = word.offset + word.size
-
-
 # --- Numbers ------------------------------------------------------------------------------------------
 
 MAGIC = 0x474D4853
 ABI = 1
+HEADER_SIZE = 192
+SLOT_HEADER = 16
 SLOT_STEP = 64
 PAGE = 4096
 PLC = 0xFFFFFFFF
@@ -156,6 +78,85 @@ NUMBERS = (
     Number("PEER_MS", PEER_MS, "", "a peer between two system calls has made the second, or is dead"),
 )
 """Names end with _MS where they are milliseconds."""
+
+
+# --- Words --------------------------------------------------------------------------------------------
+
+SIZES = {"u8": 1, "char": 1, "u16": 2, "u32": 4, "u64": 8}
+
+MAKER = "maker"
+"""Who writes the words that both sides must agree on: whoever finds no magic, in Python or in a PLC."""
+
+
+class Word(NamedTuple):
+    """`offset` in bytes; `type` is a name in SIZES, or several of it: `char[96]`. `st` is its name in Structured Text,
+    whose prefix says the type there. `by` is who writes it; nobody writes what is reserved.
+    """
+
+    offset: int
+    type: str
+    name: str
+    st: str
+    by: str
+    meaning: str
+
+    @property
+    def element(self) -> str:
+        """What it is made of, a name in SIZES."""
+        return self.type.partition("[")[0]
+
+    @property
+    def length(self) -> int:
+        """How many of them: 1 unless it is an array."""
+        return int(self.type.partition("[")[2].removesuffix("]") or 1)
+
+    @property
+    def size(self) -> int:
+        """Bytes."""
+        return SIZES[self.element] * self.length
+
+
+_PLC = f"16#{PLC:08X} = a PLC"
+HEADER = (
+    Word(0, "u32", "magic", "dwMagic", MAKER, f"16#{MAGIC:08X}, 'SHMG'; written last, 0 = still being made"),
+    Word(4, "u16", "abi", "uiAbi", MAKER, f"{ABI}"),
+    Word(6, "u16", "header_size", "uiHeaderSize", MAKER, f"{HEADER_SIZE}"),
+    Word(8, "u64", "digest", "lwDigest", MAKER, "layout digest of the message"),
+    Word(16, "u32", "payload_size", "udiPayloadSize", MAKER, "bytes of one message"),
+    Word(20, "u32", "slot_size", "udiSlotSize", MAKER, f"{SLOT_HEADER} + payload_size, rounded up to {SLOT_STEP}"),
+    Word(24, "u32", "writer", "udiWriter", "writer", f"process id; {_PLC}, 0 = none yet"),
+    Word(28, "u32", "slots", "udiSlots", MAKER, "a power of two, 2 at least"),
+    Word(32, f"char[{MAX_TYPE_NAME + 1}]", "type_name", "abyTypeName", MAKER, "'geometry_msgs/msg/Pose', the rest 0"),
+    Word(128, "u32", "begun", "udiBegun", "writer", "number of the newest write begun"),
+    Word(132, "u32", "completed", "udiCompleted", "writer", "number of the newest write completed, 0 = none yet"),
+    Word(152, "u32", "heartbeat", "udiHeartbeat", "writer", "counted up in each cycle, with or without data"),
+    Word(156, "u32", "lock_holder", "udiLockHolder", "who is inside", f"process id; {_PLC}, 0 = nobody"),
+    Word(160, "u32", "recoveries", "udiRecoveries", "who heals", "how often a dead holder's lock was freed"),
+    Word(164, "u32", "armed", "udiArmed", "a waiting reader", "1 = a reader waits; the writer clears it and posts"),
+    Word(168, "u32", "lock_count", "udiLockCount", "who is inside", "counted up by whoever gets in"),
+    Word(172, "u32", "missed", "udiMissed", "readers", "samples that readers missed, for people to see"),
+)
+
+SLOT = (
+    Word(0, "u64", "stamp_ns", "lwStamp", "writer", "the writer's wall clock in ns since 1970, 0 = it has none"),
+    Word(8, "u32", "number", "udiNumber", "writer", "number of the sample"),
+)
+
+
+def tiled(words: Iterable[Word], size: int) -> Iterator[Word]:
+    """The words with the bytes between them, which are 0, as words of their own: `size` bytes without a gap.
+
+    Raises ValueError if two overlap, one does not lie at a multiple of its own size, or there are more bytes.
+    """
+    end = 0
+    for word in (*words, Word(size, "u8[0]", "", "", "", "")):
+        if word.offset < end or word.offset % SIZES[word.element]:
+            raise ValueError(f"{word.name or 'the end'} cannot lie at {word.offset}, {end} bytes are taken")
+        if word.offset > end:
+            yield Word(end, f"u8[{word.offset - end}]", f"reserved{end}", f"abyReserved{end}", "", "0")
+        if word.offset < size:
+            yield word
+        end = word.offset + word.size
 
 
 # --- Sizes --------------------------------------------------------------------------------------------

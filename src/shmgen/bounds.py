@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 from shmgen.diagnostics import Report, Span, closest
-from shmgen.model import Array, Element, Field, Message, Ref, Schema, Sequence, String, TypeName, element_of
+from shmgen.model import Array, Element, Field, FieldType, Message, Ref, Schema, Sequence, String, TypeName, element_of
 
 DEFAULT_STRING = 80
 """CODESYS's own default, STRING = STRING(80)."""
@@ -95,16 +95,18 @@ def _bounded(field: Field, message: TypeName, bounds: Bounds) -> Field:
             return replace(type_, capacity=configured.value if configured else bounds.default_string)
         return type_
 
+    bounded: FieldType
     match field.type:
         case Array(inner, length):
-            return replace(field, type=Array(element(inner), length))
+            bounded = Array(element(inner), length)
         case Sequence(inner, None):
             configured = _most_specific(bounds.sequences, message, field.name)
-            return replace(field, type=Sequence(element(inner), configured.value if configured else None))
+            bounded = Sequence(element(inner), configured.value if configured else None)
         case Sequence(inner, capacity):
-            return replace(field, type=Sequence(element(inner), capacity))
+            bounded = Sequence(element(inner), capacity)
         case inner:
-            return replace(field, type=element(inner))
+            bounded = element(inner)
+    return field if bounded == field.type else replace(field, type=bounded, sent=field.sent or field.type)
 
 
 def _most_specific(table: Mapping[str, Bound], message: TypeName, field: str) -> Bound | None:

@@ -171,7 +171,11 @@ Default: TypeAlias = Value | tuple[Value, ...]
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One member. `written` is the type as the definition spells it; `unit` was found in `[m/s]` in the comment."""
+    """One member. `written` is the type as the definition spells it; `unit` was found in `[m/s]` in the comment.
+
+    `word` is `byte`, `char` or `wchar` where ROS 2 tells it from a number, as we do not. `sent` is the type before
+    shmgen.toml bounded it, which is what ROS knows; None where that is `type`.
+    """
 
     name: str
     type: FieldType
@@ -180,6 +184,8 @@ class Field:
     doc: str = ""
     unit: str = ""
     default: Default | None = None
+    word: str = ""
+    sent: FieldType | None = None
 
 
 @dataclass(frozen=True, slots=True)

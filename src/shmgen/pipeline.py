@@ -25,21 +25,30 @@ from shmgen.targets.ros import target as ros_package
 from shmgen.targets.st import target as st
 
 
-def read(config: Config, requests: Iterable[str]) -> Schema:
+def library(config: Config) -> definitions.Library:
+    """All definitions in reach, for who asks more than once: what is read is then read once. Raises Rejected."""
+    return definitions.open_library(_sources(config), Report())
+
+
+def read(config: Config, requests: Iterable[str], opened: definitions.Library | None = None) -> Schema:
     """The messages asked for and all they hold. Raises Rejected."""
-    return definitions.load(requests, _sources(config), Report())
+    return definitions.load_from(opened or library(config), requests, Report())
 
 
-def lay_out(config: Config, requests: Iterable[str]) -> Layouts:
+def lay_out(config: Config, requests: Iterable[str], opened: definitions.Library | None = None) -> Layouts:
     """The same with every byte in its place. Raises Rejected."""
-    in_reach = lambda: definitions.available(_sources(config))  # noqa: E731 only where a key asks for it
-    schema = bounds.apply(read(config, requests), config.bounds, Report(), in_reach)
+    opened = opened or library(config)
+    schema = bounds.apply(read(config, requests, opened), config.bounds, Report(), opened.known)
     return layout.lay_out(schema, config.types, config.max_region, Report())
 
 
 def generate(config: Config, requests: Iterable[str]) -> dict[str, str]:
     """{path: text} of all targets, and of layout.lock; what the configuration uses comes along. Raises Rejected."""
-    layouts = lay_out(config, dict.fromkeys([*requests, *config.types_used]))
+    return printed(config, lay_out(config, dict.fromkeys([*requests, *config.types_used])))
+
+
+def printed(config: Config, layouts: Layouts) -> dict[str, str]:
+    """The same of what is laid out already."""
     report = Report()
     outputs = list(_plan(config, layouts, report))
     report.stop_if_any()

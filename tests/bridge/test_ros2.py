@@ -22,6 +22,7 @@ from shmgen.bridge.to_plc import ToPlc
 from shmgen.config import Config, load
 from shmgen.diagnostics import Report
 from shmgen.live.classes import publisher, subscriber
+from shmgen.live.session import Session
 from shmgen.model import TypeName
 from shmgen.runtime import Time
 
@@ -107,7 +108,7 @@ def test_there_and_back(connected: Any, config: Config, topic: str) -> None:
     stopping = threading.Event()
     there, back = (
         (ToPlc if route.to_plc else FromPlc)(route, Counters(route.topic.topic, told.append), stopping)
-        for route in plan.routes(config)
+        for route in plan.routes(Session(config))
     )
     assert isinstance(there, ToPlc)
     assert isinstance(back, FromPlc)
@@ -140,7 +141,7 @@ def test_there_and_back(connected: Any, config: Config, topic: str) -> None:
 
 
 def test_diagnostics_are_of_its_own_classes(connected: Any, config: Config) -> None:
-    outlet = connected.publisher(plan.diagnostics(config))
+    outlet = connected.publisher(plan.diagnostics(Session(config)))
     heard: list[Any] = []
     connected._node.create_subscription(None, "/diagnostics", heard.append, None, callback_group=None)
     message = outlet.new()
@@ -179,7 +180,7 @@ def test_a_service_both_ways(connected: Any, schema: Any) -> None:
 
 
 def test_a_type_that_is_not_there_or_other(connected: Any, config: Config, monkeypatch: pytest.MonkeyPatch) -> None:
-    route = plan.routes(config)[0]
+    route = plan.routes(Session(config))[0]
     name = "cell_msgs/msg/Thing"
     monkeypatch.setitem(stand_in.classes, name, stand_in._plain("Thing", {"header": (int, 0)}))
     with pytest.raises(ValueError, match="of this ROS has the fields header, and not header, flags"):

@@ -20,6 +20,7 @@ from shmgen.bridge.to_plc import ToPlc
 from shmgen.config import load
 from shmgen.diagnostics import Rejected, Report
 from shmgen.live.classes import publisher, subscriber
+from shmgen.live.session import Session
 from shmgen.runtime import Publisher, RegionInUse, Subscriber, Time, region_name
 from shmgen.runtime.names import region_file
 
@@ -47,7 +48,7 @@ class Line:
         self.told: list[str] = []
         self.stopping = threading.Event()
         self.config = load(folder / "shmgen.toml", "shmgen.toml", Report())
-        (self.route,) = plan.routes(self.config)
+        (self.route,) = plan.routes(Session(self.config))
         self.counters = Counters(topic, self.told.append)
         self.sent: list[Any] = []
         self.side = (ToPlc if self.route.to_plc else FromPlc)(self.route, self.counters, self.stopping)
@@ -341,7 +342,7 @@ def test_a_type_of_several_messages_is_refused(tmp_path: Path, topic: str) -> No
     service.write_text("bool now\n---\nbool done\n")
     (tmp_path / "shmgen.toml").write_text(f'path = ["."]\n[[topics]]\ntopic = "{topic}"\ntype = "cell_msgs/Start"\n')
     with pytest.raises(Rejected, match="several messages, and a topic carries one"):
-        plan.routes(load(tmp_path / "shmgen.toml", "shmgen.toml", Report()))
+        plan.routes(Session(load(tmp_path / "shmgen.toml", "shmgen.toml", Report())))
 
 
 def test_messages_of_another_definition_are_known_at_once(line: Callable[..., Line]) -> None:

@@ -36,13 +36,19 @@ Arm arm
 """,
 }
 
+CALLS = {
+    "Go.srv": "bool there\n---\nbool success\nstring<=20 message\n",
+    "Move.action": "float64 position\n---\nbool there\n---\nFinger[2] fingers\n",
+}
+
 
 class Edit(NamedTuple):
-    """In a message the lines `old` become `new`; `said` is of Robot."""
+    """In a definition the lines `old` become `new`; `said` is of the message `of`."""
 
     name: str
     severity: str
     message: str
+    of: str
     old: str
     new: str
     said: str
@@ -51,10 +57,19 @@ class Edit(NamedTuple):
 def edits() -> list[Edit]:
     """Those of edits.txt: name, severity and message, lines with - and +, then what is said."""
     text = (Path(__file__).parent / "edits.txt").read_text()
-    found = re.findall(r"^=== (.+): (\w+), (\w+)\n((?:-.*\n)+)((?:\+.*\n)*)((?:.+\n)+)", text, re.MULTILINE)
+    found = re.findall(
+        r"^=== (.+): (\w+), ([\w.]+)(?:, (\w+))?\n((?:-.*\n)+)((?:\+.*\n)*)((?:.+\n)+)", text, re.MULTILINE
+    )
     return [
-        Edit(name, severity, message, *(re.sub("^[-+]", "", lines, flags=re.MULTILINE) for lines in (old, new)), said)
-        for name, severity, message, old, new, said in found
+        Edit(
+            name,
+            severity,
+            message,
+            of or "Robot",
+            *(re.sub("^[-+]", "", lines, flags=re.MULTILINE) for lines in (old, new)),
+            said,
+        )
+        for name, severity, message, of, old, new, said in found
     ]
 
 
@@ -62,20 +77,23 @@ EDITS = edits()
 
 
 def lock(folder: Path, messages: dict[str, str], **settings: object) -> lockfile.Lock:
-    place = folder / "demo_msgs" / "msg"
-    place.mkdir(parents=True, exist_ok=True)
     for name, text in messages.items():
-        (place / f"{name}.msg").write_text(text)
+        stem, _, kind = name.partition(".")
+        file = folder / "demo_msgs" / (kind or "msg") / f"{stem}.{kind or 'msg'}"
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text)
     config = replace(Config(folder, path=(folder,), targets=("c",)), **settings)  # type: ignore[arg-type]
-    text = pipeline.generate(config, ["demo_msgs/Robot"])[lockfile.LOCK]
+    text = pipeline.generate(
+        config, ["demo_msgs/Robot", *(f"demo_msgs/{name.partition('.')[0]}" for name in CALLS if name in messages)]
+    )[lockfile.LOCK]
     report = Report()
     found = lockfile.read(text, "layout.lock", report)
     report.stop_if_any()
     return found
 
 
-def of_robot(findings: list[Finding]) -> str:
-    (found,) = [found for found in findings if "demo_msgs/Robot" in found.diagnostic.message]
+def said_of(message: str, findings: list[Finding]) -> str:
+    (found,) = [found for found in findings if f"demo_msgs/{message}" in found.diagnostic.message.split()]
     return "\n".join(found.diagnostic.details)
 
 
@@ -84,19 +102,37 @@ def before(tmp_path_factory: pytest.TempPathFactory) -> lockfile.Lock:
     return lock(tmp_path_factory.mktemp("before"), MESSAGES)
 
 
+@pytest.fixture(scope="module")
+def all_before(tmp_path_factory: pytest.TempPathFactory) -> lockfile.Lock:
+    return lock(tmp_path_factory.mktemp("all_before"), MESSAGES | CALLS)
+
+
 def test_there_are_enough() -> None:
     assert len(EDITS) >= 30
 
 
 @pytest.mark.parametrize("edit", EDITS, ids=[edit.name for edit in EDITS])
-def test_an_edit_is_told_in_words(edit: Edit, before: lockfile.Lock, tmp_path: Path) -> None:
-    assert MESSAGES[edit.message].count(edit.old) == 1
-    edited = MESSAGES[edit.message].replace(edit.old, edit.new)
-    found = compare(before, lock(tmp_path, {**MESSAGES, edit.message: edited}), "layout.lock")
-    assert of_robot(found) == edit.said.rstrip("\n")
+def test_an_edit_is_told_in_words(edit: Edit, all_before: lockfile.Lock, tmp_path: Path) -> None:
+    definitions = MESSAGES | CALLS
+    assert definitions[edit.message].count(edit.old) == 1
+    edited = {edit.message: definitions[edit.message].replace(edit.old, edit.new, 1)}
+    found = compare(all_before, lock(tmp_path, definitions | edited), "layout.lock")
+    assert said_of(edit.of, found) == edit.said.rstrip("\n")
     severity = worst(found)
     assert severity is not None
     assert severity.name.lower() == edit.severity
+
+
+def test_a_lock_of_a_former_version_is_understood(tmp_path: Path) -> None:
+    """Which called the message that a field holds by its short name."""
+    config = Config(tmp_path, path=(tmp_path,), targets=("c",))
+    now = lock(tmp_path, MESSAGES | CALLS)
+    text = pipeline.generate(config, now.requested)[lockfile.LOCK]
+    former = re.sub(r'^(    "\d+ \w+ \w+)/\w+(/\w+(?:\[\d+\])?",)$', r"\1\2", text, flags=re.MULTILINE)
+    assert (former.count("demo_msgs/Move_Goal"), former.count("demo_msgs/Finger[2]")) == (1, 2)
+    report = Report()
+    assert lockfile.read(former, "layout.lock", report) == lockfile.read(text, "layout.lock", report)
+    assert not report.diagnostics
 
 
 SETTINGS = {

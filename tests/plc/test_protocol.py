@@ -12,7 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from shmgen.runtime import read_header, region_name
 from shmgen.runtime.errors import RegionInUse
+from shmgen.runtime.header import header_for
 
 from ..support.plc_demo import CLAIM, HEAL, RETRY, Clock, Demo, Memory, semaphore
 
@@ -68,6 +70,15 @@ def test_both_sides_write_the_same_header(demo: Demo, topic: str) -> None:
     demo.subscriber(topic)()
     with demo.python.DemoSubscriber(f"{topic}/python"):
         assert Memory(topic).bytes() == Memory(f"{topic}/python").bytes()
+
+
+@pytest.mark.parametrize("letters", [1, 63, 64, 80, 95])
+def test_a_type_name_of_any_length_is_whole(demo: Demo, topic: str, letters: int) -> None:
+    name = ("kartech_linear_actuator_msgs/msg/" + 95 * "N")[:letters]
+    region = demo.plc.block("FB_ShmRegion")
+    assert region.method("Init", sTopic=topic, sTypeName=name, lwDigest=1, udiPayloadSize=8, udiSizeOf=8, udiDepth=1)
+    assert region.method("Cycle")
+    assert read_header(region_name(topic)) == header_for(name, 1, 8, 1)
 
 
 def test_a_reader_waits_for_a_writer(demo: Demo, topic: str) -> None:
@@ -215,7 +226,9 @@ def test_a_lock_that_is_broken(demo: Demo, clock: Clock, topic: str) -> None:
 
 
 def test_every_error_has_been_seen(demo: Demo) -> None:
-    here = "".join(Path(__file__).with_name(f"test_{name}.py").read_text() for name in ("protocol", "services"))
+    here = "".join(
+        Path(__file__).with_name(f"test_{name}.py").read_text() for name in ("protocol", "services", "counts")
+    )
     names = set(demo.plc.offsets["E_SHMERROR"])
     assert names == {name for name in names if f'"{name}"' in here}
 

@@ -12,7 +12,7 @@ import pytest
 from shmgen import runtime
 from shmgen.runtime import header as h
 from shmgen.runtime import lock
-from shmgen.runtime.subscriber import _after
+from shmgen.runtime.header import after
 
 from .messages import (
     LONG,
@@ -228,7 +228,7 @@ def test_misses_across_the_last_number(topic):
 )
 def test_steps_between_numbers(older, newer, steps):
     assert h.steps(older, newer, 4) == steps
-    assert _after(older, steps, 4) == newer
+    assert after(older, steps, 4) == newer
 
 
 @pytest.mark.parametrize("way", ["read", "read_all"])

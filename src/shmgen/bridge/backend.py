@@ -79,6 +79,22 @@ class ServiceWire:
         return self.request[-1].name._replace(name=self.request[-1].name.name.removesuffix("_Request"))
 
 
+class Taker(Protocol):
+    """Where what comes from a topic goes: from any thread, but never two at once."""
+
+    def take(self, message: Any) -> None:
+        """One message."""
+
+    def reject(self, why: str) -> None:
+        """One that is no message: its bytes do not make one."""
+
+    def refuse(self, why: str) -> None:
+        """One of a peer that means something else by the type."""
+
+    def lose(self, count: int) -> None:
+        """So many that a publisher has sent and this ROS has handed to nobody."""
+
+
 @dataclass(frozen=True, slots=True)
 class Outlet:
     """A ROS publisher. `new()` makes an empty message, `send(message)` publishes one that `new` made.
@@ -112,8 +128,8 @@ class Backend(Protocol):
     def publisher(self, wire: Wire) -> Outlet:
         """Advertises the topic. Raises ValueError for a type that this ROS has otherwise or not at all."""
 
-    def subscribe(self, wire: Wire, callback: Callable[[Any], None]) -> Callable[[], Any]:
-        """Calls `callback` with each message, in order; gives what makes an empty one. Raises as publisher()."""
+    def subscribe(self, wire: Wire, taker: Taker) -> Callable[[], Any]:
+        """Hands each message to `taker`, in order; gives what makes an empty one. Raises as publisher()."""
 
     def serve(self, wire: ServiceWire, answer: Answer) -> None:
         """Offers the service; `answer` is called in a thread where it may wait. Raises as publisher()."""

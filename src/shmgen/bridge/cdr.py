@@ -13,7 +13,6 @@ from shmgen.model import (
     Array,
     Clock,
     Element,
-    Field,
     FieldType,
     Message,
     Ref,
@@ -25,13 +24,7 @@ from shmgen.model import (
     element_of,
     ros_type,
 )
-
-TIMES = {
-    Clock.TIME: TypeName("builtin_interfaces", "msg", "Time"),
-    Clock.DURATION: TypeName("builtin_interfaces", "msg", "Duration"),
-}
-FILLER = "structure_needs_at_least_one_member"
-"""The uint8 that ROS 2 gives a message without fields, since IDL knows no empty structure."""
+from shmgen.type_hash import FILLER, TIMES, type_hash
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,9 +46,8 @@ def codec(messages: tuple[Message, ...]) -> Codec:
     from rosbags.typesys.store import Typestore
 
     _refuse_wide(messages)
-    store, written = Typestore(), Typestore()
-    store.register(_definitions(messages, as_written=False))
-    written.fielddefs.update(_definitions(messages, as_written=True))  # all that a hash is made from
+    store = Typestore()
+    store.register(_definitions(messages))
     top = messages[-1].name
     known = {message.name: message for message in messages}
     foreign = any(_has_numbers_in_elements(field.type, known) for message in messages for field in message.fields)
@@ -73,7 +65,7 @@ def codec(messages: tuple[Message, ...]) -> Codec:
 
     # Decoding an empty message takes a third of the time of making one; of a bytearray its arrays can be written to.
     blank = encode(_empty(Ref(top), known, store.types))
-    return Codec(lambda: decode(memoryview(bytearray(blank))), encode, decode, written.hash_rihs01(str(top)))
+    return Codec(lambda: decode(memoryview(bytearray(blank))), encode, decode, type_hash(messages))
 
 
 def _refuse_wide(messages: tuple[Message, ...]) -> None:
@@ -84,16 +76,14 @@ def _refuse_wide(messages: tuple[Message, ...]) -> None:
                 raise ValueError(f"{where}: no {what} through DDS: Cyclone's Python does not know it; use string")
 
 
-def _definitions(messages: tuple[Message, ...], *, as_written: bool) -> dict[str, Any]:
-    """As rosbags wants them. `as_written` tells `byte` and `char` from uint8, which matters to the hash alone."""
+def _definitions(messages: tuple[Message, ...]) -> dict[str, Any]:
+    """As rosbags wants them."""
     from rosbags.interfaces import Nodetype
 
-    def element(type_: Element, field: Field) -> Any:
+    def element(type_: Element) -> Any:
         match type_:
             case Scalar():
-                word = field.written.partition("[")[0]
-                spelled = word if as_written and word in ("byte", "char") else type_.value
-                return Nodetype.BASE, (spelled, 0)
+                return Nodetype.BASE, (type_.value, 0)
             case Clock():
                 return Nodetype.NAME, str(TIMES[type_])
             case String(capacity, _):
@@ -103,19 +93,19 @@ def _definitions(messages: tuple[Message, ...], *, as_written: bool) -> dict[str
             case _:
                 assert_never(type_)
 
-    def described(field: Field) -> Any:
-        match field.type:
-            case Array(type_, length):
-                return Nodetype.ARRAY, (element(type_, field), length)
-            case Sequence(type_, capacity):
-                return Nodetype.SEQUENCE, (element(type_, field), capacity or 0)
-            case type_:
-                return element(type_, field)
+    def described(type_: FieldType) -> Any:
+        match type_:
+            case Array(inner, length):
+                return Nodetype.ARRAY, (element(inner), length)
+            case Sequence(inner, capacity):
+                return Nodetype.SEQUENCE, (element(inner), capacity or 0)
+            case inner:
+                return element(inner)
 
     filler = [(FILLER, (Nodetype.BASE, ("uint8", 0)))]
     seconds = [("sec", (Nodetype.BASE, ("int32", 0))), ("nanosec", (Nodetype.BASE, ("uint32", 0)))]
     return {str(name): ([], list(seconds)) for name in TIMES.values()} | {
-        str(message.name): ([], [(field.name, described(field)) for field in message.fields] or filler)
+        str(message.name): ([], [(field.name, described(field.type)) for field in message.fields] or filler)
         for message in messages
     }
 

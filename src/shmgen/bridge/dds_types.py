@@ -11,8 +11,8 @@ from typing import Any, cast
 
 from cyclonedds.idl import make_idl_struct, types
 
-from shmgen.bridge.cdr import FILLER, TIMES
 from shmgen.model import Array, Clock, Element, Field, Message, Ref, Scalar, Sequence, String, TypeName, assert_never
+from shmgen.type_hash import FILLER, TIMES
 
 CALL = {"client_guid_": types.uint64, "sequence_number_": types.int64}
 """What rmw_cyclonedds puts before a request and its reply, to tell whose they are (its `cdds_request_header`)."""

@@ -14,7 +14,7 @@ import rospy
 from rospy.impl import registration
 
 from shmgen.bridge import ros1_types as types
-from shmgen.bridge.backend import Answer, Caller, NoAnswer, Node, Outlet, ServiceWire, Wire
+from shmgen.bridge.backend import Answer, Caller, NoAnswer, Node, Outlet, ServiceWire, Taker, Wire
 from shmgen.runtime import Time
 
 _WATCH = 0.5
@@ -44,10 +44,10 @@ class Ros1:
         made = rospy.Publisher(wire.topic, kind, queue_size=wire.queue, latch=wire.latch, tcp_nodelay=True)
         return Outlet(kind, made.publish)
 
-    def subscribe(self, wire: Wire, callback: Callable[[Any], None]) -> Callable[[], Any]:
+    def subscribe(self, wire: Wire, taker: Taker) -> Callable[[], Any]:
         kind = types.message(wire.messages)
         # Without a queue_size rospy hands over every message that a socket brought.
-        rospy.Subscriber(wire.topic, kind, callback, tcp_nodelay=True)
+        rospy.Subscriber(wire.topic, kind, taker.take, tcp_nodelay=True)
         return kind  # type: ignore[no-any-return]
 
     def serve(self, wire: ServiceWire, answer: Answer) -> None:

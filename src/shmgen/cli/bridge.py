@@ -52,4 +52,6 @@ def _say(text: str) -> None:
 
 
 def _tell(text: str) -> None:
-    click.echo(click.style(text, fg="yellow"), err=True)
+    from shmgen.runtime.legible import lines
+
+    click.echo(click.style(lines(text), fg="yellow"), err=True)  # peers had a word in it

@@ -82,9 +82,10 @@ def doctor(topic: str | None, as_json: bool, config_file: Path | None, include: 
     that hold on to a removed one. Exit 1 if there is a fault; notes are none.
     """
     from shmgen.tools import doctor as tool
+    from shmgen.tools import shown
 
     report = tool.examine(topic, _workshop(config_file, include))
-    click.echo(json.dumps(tool.plain(report), indent=2, ensure_ascii=False) if as_json else tool.text(report))
+    click.echo(shown.as_line(tool.plain(report), indent=2) if as_json else tool.text(report))
     sys.exit(0 if report.healthy else 1)
 
 
@@ -161,17 +162,26 @@ def echo(
     """Print the samples of a topic as they come: YAML, or one line of JSON each.
 
     The region's header names the type, so nothing needs to be generated. Own messages are found with -I or by
-    shmgen.toml, bounds there or in generated/layout.lock. Waits for a region that does not exist yet.
+    shmgen.toml, bounds there or in generated/layout.lock. Waits for a region that does not exist yet. A sample
+    whose counts are above their bounds is told instead of printed; exit 1 if there was one.
     """
+    from shmgen.runtime import CountExceeded
     from shmgen.tools import follow, shown
 
     samples = follow.samples(topic, _workshop(config_file, include), timeout, _note)
+    refused = False
     try:
         for message in islice(samples, 1 if once else count):
-            text = shown.as_json(message) if as_json else shown.yaml(message, None if full else shown.SHORT)
-            click.echo(text if as_json else f"{text}---")
+            try:
+                text = shown.as_json(message) if as_json else shown.yaml(message, None if full else shown.SHORT)
+            except CountExceeded as error:
+                _complain(f"{topic}: damaged sample: {error}")
+                refused = True
+            else:
+                click.echo(text if as_json else f"{text}---")
     finally:
         samples.close()
+    sys.exit(refused)
 
 
 @click.command(context_settings={"ignore_unknown_options": True})
@@ -276,6 +286,7 @@ def top(delay: float, once: bool, count: int | None, as_json: bool) -> None:
     """
     from shmgen.tools import screen
     from shmgen.tools import top as tool
+    from shmgen.tools.shown import as_line
 
     number = 1 if once else count
     if screen.can_draw() and number is None and not as_json:
@@ -289,7 +300,7 @@ def top(delay: float, once: bool, count: int | None, as_json: bool) -> None:
         rows = tool.ordered(tool.look(past), "topic", reverse=False)
         shown += 1
         if as_json:
-            click.echo(json.dumps([row.plain() for row in rows], ensure_ascii=False))
+            click.echo(as_line([row.plain() for row in rows]))
         else:
             click.echo("\n".join([*tool.table(rows), *([] if shown == number else [""])]))
 
@@ -300,19 +311,25 @@ COMMANDS = (doctor, clean, echo, pub, call, hz, top)
 def _workshop(file: Path | None, include: tuple[Path, ...]) -> Workshop:
     from shmgen.live.classes import Workshop
     from shmgen.live.locked import LOCK
+    from shmgen.live.session import Session
 
     config = options.load(file, include)
     found = options.file_in_force(file)
     lock = Path(os.path.relpath(config.root / LOCK))
-    return Workshop(config, found.name if found else "the defaults, as there is no shmgen.toml here", lock)
+    name = found.name if found else "the defaults, as there is no shmgen.toml here"
+    return Workshop(Session(config, name), lock)
 
 
 def _note(text: str) -> None:
-    click.echo(click.style(text, fg="yellow"), err=True)
+    from shmgen.runtime.legible import lines
+
+    click.echo(click.style(lines(text), fg="yellow"), err=True)
 
 
 def _complain(text: str) -> None:
-    first, _, rest = text.partition("\n")
+    from shmgen.runtime.legible import lines
+
+    first, _, rest = lines(text).partition("\n")
     click.echo(click.style("error: ", fg="red", bold=True) + first, err=True)
     if rest:
         click.echo(rest, err=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any, TypeVar
 
 import click
 
+from shmgen import cache
 from shmgen import config as configuration
 from shmgen.config import Config
 from shmgen.diagnostics import Diagnostic, Report
@@ -16,8 +18,15 @@ from shmgen.diagnostics import Diagnostic, Report
 F = TypeVar("F", bound=Callable[..., Any])
 
 
+def _without_cache(context: click.Context, parameter: click.Parameter, value: bool) -> None:
+    """Until the command has ended."""
+    if value and not os.environ.get(cache.OFF):
+        os.environ[cache.OFF] = "1"
+        context.call_on_close(lambda: os.environ.pop(cache.OFF, None))
+
+
 def where(command: F) -> F:
-    """The options that say where things are: `config_file` and `include`."""
+    """The options that say where things are: `config_file` and `include`; and `--no-cache`."""
     for option in (
         click.option(
             "-c",
@@ -32,6 +41,14 @@ def where(command: F) -> F:
             type=click.Path(path_type=Path),
             multiple=True,
             help="Folder to look for message packages in, before all others; may be repeated.",
+        ),
+        click.option(
+            "--no-cache",
+            is_flag=True,
+            is_eager=True,
+            expose_value=False,
+            callback=_without_cache,
+            help=f"Neither use nor fill the cache; so does the environment variable {cache.OFF}.",
         ),
     ):
         command = option(command)

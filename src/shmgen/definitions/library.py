@@ -33,7 +33,10 @@ class Sources:
 
 @dataclass(slots=True)
 class Library:
-    """A package is taken whole from the first place that has it, as ROS overlays do."""
+    """A package is taken whole from the first place that has it, as ROS overlays do.
+
+    One serves any number of loads; `report` is that of the load under way.
+    """
 
     sources: Sources
     report: Report
@@ -41,6 +44,12 @@ class Library:
     given: dict[str, Package] = field(default_factory=dict)
     beyond: Catalogue | None = None
     _read: dict[Definition, dict[TypeName, Message]] = field(default_factory=dict)
+
+    def begin(self, report: Report) -> None:
+        """Of the next load. What the one before complained about is read again, so that it is told again."""
+        if self.report.diagnostics:
+            self._read.clear()
+        self.report = report
 
     def package(self, name: str) -> Package | None:
         """Reports SHM505 where one place has two of that name."""

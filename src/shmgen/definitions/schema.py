@@ -21,7 +21,12 @@ def load(requests: Iterable[str], sources: Sources, report: Report) -> Schema:
     A request is `geometry_msgs/Pose`, `geometry_msgs/msg/Pose`, `std_srvs/SetBool` (both halves), `geometry_msgs`
     (the whole package) or `path/to/Foo.msg`. Raises Rejected with all that is wrong.
     """
-    library = open_library(sources, report)
+    return load_from(open_library(sources, report), requests, report)
+
+
+def load_from(library: Library, requests: Iterable[str], report: Report) -> Schema:
+    """The same from a library that is open already; what it has read before it does not read again."""
+    library.begin(report)
     files: list[str] = []
     names: list[str] = []
     for request in requests:

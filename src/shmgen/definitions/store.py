@@ -6,10 +6,7 @@ Importing a store of rosbags takes longer than all the rest of a run, so its tex
 from __future__ import annotations
 
 import json
-import os
 import zlib
-from collections.abc import Mapping
-from contextlib import suppress
 from importlib import import_module
 from importlib.machinery import PathFinder
 from pathlib import Path
@@ -55,13 +52,13 @@ _QUATERNION = "float64 x 0\nfloat64 y 0\nfloat64 z 0\nfloat64 w 1\n"
 
 def _texts(source: str) -> dict[str, str]:
     """Full name -> .msg text, from the cache if it holds exactly what the installed rosbags would give."""
-    kept = _cache_file(source)
+    kept = _cache_name(source)
     texts = _cached(kept)
     if texts is None:
         module = f"ros{dialect(source)[-1]}_{source}"
         definitions = import_module(f"rosbags.typesys.stores.{module}").FIELDDEFS
         texts = {name: _text(name, definitions[name], source) for name in sorted(definitions)}
-        _keep(kept, texts)
+        cache.write(kept, json.dumps(texts).encode())
     return texts
 
 
@@ -103,29 +100,14 @@ def _folders() -> list[Path]:
     return [Path(root, "typesys", "stores") for root in roots or ()]
 
 
-def _cache_file(source: str) -> Path:
-    """Named after what its content follows from: the files of rosbags' stores, and this one."""
+def _cache_name(source: str) -> str:
+    """After what its content follows from: the files of rosbags' stores, and this one."""
     files = [Path(__file__), *(file for folder in _folders() for file in sorted(folder.glob("*.py")))]
     state = [(str(file), file.stat().st_size, file.stat().st_mtime_ns) for file in files]
-    key = zlib.crc32(repr(state).encode())
-    return Path(cache.folder() or os.devnull, f"{source}-{key:08x}.json")
+    return f"{source}-{zlib.crc32(repr(state).encode()):08x}.json"
 
 
-def _cached(file: Path) -> dict[str, str] | None:
-    """None if there is no cache, or it is damaged."""
-    try:
-        checksum, _, body = file.read_bytes().partition(b"\n")
-        return cast("dict[str, str]", json.loads(body)) if int(checksum, 16) == zlib.crc32(body) else None
-    except (OSError, ValueError):
-        return None
-
-
-def _keep(file: Path, texts: Mapping[str, str]) -> None:
-    """Written whole or not at all; a cache that cannot be written is done without."""
-    body = json.dumps(texts).encode()
-    beside = file.with_suffix(f".{os.getpid()}")
-    with suppress(OSError):
-        beside.write_bytes(b"%08x\n" % zlib.crc32(body) + body)
-        beside.replace(file)
-    with suppress(OSError):
-        beside.unlink()
+def _cached(name: str) -> dict[str, str] | None:
+    """None if it is not in the cache."""
+    kept = cache.read(name)
+    return None if kept is None else cast("dict[str, str]", json.loads(kept))

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from shmgen.diagnostics import Diagnostic, Span
 from shmgen.drift.findings import Change, Finding, Severity
-from shmgen.drift.lockfile import LISTS, Block, Entry, Lock
+from shmgen.drift.lockfile import LISTS, Block, Entry, Lock, short
 
 SIZE = "size"
 
@@ -21,40 +21,40 @@ def compare(old: Lock, new: Lock, shown: str) -> list[Finding]:
 
 
 def _message(name: str, old: Lock, new: Lock, shown: str) -> Finding | None:
-    short = _short(name)
+    said = short(name)
     before, after = old.messages.get(name), new.messages.get(name)
     if before is None:
         assert after is not None
-        return _finding("SHM402", Severity.COMPATIBLE, f"{short} is new", shown, (), after.origin)
+        return _finding("SHM402", Severity.COMPATIBLE, f"{said} is new", shown, (), after.origin)
     if after is None:
         asked = name in old.requested
         severity = Severity.BREAKING if asked else Severity.COSMETIC
-        return _finding("SHM401" if asked else "SHM402", severity, f"{short} is gone", shown, (), "")
+        return _finding("SHM401" if asked else "SHM402", severity, f"{said} is gone", shown, (), "")
     if before.digest != after.digest:
         changes = (*_fields(before, after, old, new), *_values(before, after))
         changes += _number(SIZE, before.size, after.size)
         hint = f"old and new programs refuse each other (digest {before.digest[:4]}… / {after.digest[:4]}…)"
-        message = f"layout of {short} changed"
+        message = f"layout of {said} changed"
         return _finding("SHM401", Severity.BREAKING, message, shown, changes, after.origin, hint)
     return _same_layout(name, before, after, old, new, shown)
 
 
 def _same_layout(name: str, before: Block, after: Block, old: Lock, new: Lock, shown: str) -> Finding | None:
-    short, origin = _short(name), after.origin
+    said, origin = short(name), after.origin
     if (name in old.requested) > (name in new.requested):
-        return _finding("SHM401", Severity.BREAKING, f"{short} is only a part of others now", shown, (), origin)
+        return _finding("SHM401", Severity.BREAKING, f"{said} is only a part of others now", shown, (), origin)
     if (name in old.requested) < (name in new.requested):
-        return _finding("SHM402", Severity.COMPATIBLE, f"{short} is asked for now", shown, (), origin)
+        return _finding("SHM402", Severity.COMPATIBLE, f"{said} is asked for now", shown, (), origin)
     if changes := (*_fields(before, after, old, new), *_values(before, after)):
-        message = f"{short} changed, its layout did not"
+        message = f"{said} changed, its layout did not"
         return _finding("SHM402", Severity.COMPATIBLE, message, shown, changes, origin)
     if before.text != after.text and before.text:
         change = Change("text", ("text",), "comments, spacing or order of constants changed")
-        message = f"{short} changed, its layout did not"
+        message = f"{said} changed, its layout did not"
         return _finding("SHM402", Severity.COMPATIBLE, message, shown, (change,), origin)
     if before.origin != after.origin:
         change = Change("from", ("origin",), f"{before.origin} -> {origin}")
-        message = f"{short} comes from another place, and is the same"
+        message = f"{said} comes from another place, and is the same"
         return _finding("SHM402", Severity.COSMETIC, message, shown, (change,), origin)
     return None
 
@@ -179,8 +179,7 @@ def _number(name: str, before: int, after: int) -> tuple[Change, ...]:
 
 def _nested(type_: str, old: Lock, new: Lock) -> tuple[Block, Block] | None:
     """Both blocks of a message held by value, if it has changed."""
-    name = type_.replace("/", "/msg/")
-    before, after = old.messages.get(name), new.messages.get(name)
+    before, after = old.messages.get(type_), new.messages.get(type_)
     return (before, after) if before and after and before.digest != after.digest else None
 
 
@@ -200,8 +199,3 @@ def _encoding(type_: str, settings: Mapping[str, object]) -> object:
     """What the settings make of it: of `bool` USINT or BOOL, of `time` TIME or LTIME, of `string` utf-8 or latin-1."""
     keys = {"bool": "bool", "time": "time", "duration": "time", "string": "encoding"}
     return settings.get(keys.get(_bare(type_), ""))
-
-
-def _short(name: str) -> str:
-    package, _, rest = name.partition("/")
-    return f"{package}/{rest.partition('/')[2]}"

@@ -6,12 +6,13 @@ import hashlib
 import json
 import re
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from shmgen.diagnostics import Report, Span
-from shmgen.model import Default, Layout, Layouts, Role, Slot, ros_type
+from shmgen.model import Default, Layout, Layouts, Message, Ref, Role, Slot, TypeName, ros_type
+from shmgen.type_hash import hash_of
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -26,7 +27,10 @@ LISTS = ("topics", "services", "actions")
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A field as the lock has it: `type` is that of one element, `count` None where it is no array."""
+    """A field as the lock has it: `type` is that of one element, `count` None where it is no array.
+
+    A message is called by its full name, `demo_msgs/action/Move_Goal`.
+    """
 
     name: str
     type: str
@@ -36,9 +40,10 @@ class Entry:
 
     @property
     def spelled(self) -> str:
+        type_ = short(self.type) if "/" in self.type else self.type
         if self.count is None:
-            return self.type
-        return f"{self.type}[{'<=' if self.is_sequence else ''}{self.count}]"
+            return type_
+        return f"{type_}[{'<=' if self.is_sequence else ''}{self.count}]"
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,8 +80,9 @@ def write(layouts: Layouts, texts: Mapping[str, str], settings: Mapping[str, obj
     ]
     for key, value in settings.items():
         lines += _list(key, value) if key in LISTS and isinstance(value, list) else [f"{key} = {_toml(value)}"]
+    known = {name: layout.message for name, layout in layouts.items()}
     for layout in _sorted(layouts):
-        lines += ["", *_block(layout)]
+        lines += ["", *_block(layout, known)]
     lines += ["", "[files]", *(f"{_toml(path)} = {_toml(sha256(text))}" for path, text in sorted(texts.items()))]
     return "\n".join(lines) + "\n"
 
@@ -88,7 +94,8 @@ def read(text: str, shown: str, report: Report) -> Lock:
         requested, files = data["requested"], data["files"]
         if data["version"] != VERSION or not all(isinstance(item, str) for item in [*requested, *files.values()]):
             raise ValueError("version")
-        messages = {name: _read_block(block) for name, block in data.get("messages", {}).items()}
+        blocks = data.get("messages", {})
+        messages = {name: _read_block(block, blocks) for name, block in blocks.items()}
         return Lock(tuple(requested), dict(data.get("settings", {})), messages, dict(files))
     except (tomllib.TOMLDecodeError, KeyError, TypeError, ValueError, AttributeError):
         report.error(
@@ -100,6 +107,12 @@ def read(text: str, shown: str, report: Report) -> Lock:
         return Lock()
 
 
+def short(name: str) -> str:
+    """`demo_msgs/msg/Pose` -> `demo_msgs/Pose`."""
+    package, _, rest = name.partition("/")
+    return f"{package}/{rest.rpartition('/')[2]}"
+
+
 def sha256(text: str | bytes) -> str:
     return hashlib.sha256(text.encode() if isinstance(text, str) else text).hexdigest()
 
@@ -108,7 +121,7 @@ def _sorted(layouts: Layouts) -> list[Layout]:
     return [layouts[name] for name in sorted(layouts)]
 
 
-def _block(layout: Layout) -> list[str]:
+def _block(layout: Layout, known: Mapping[TypeName, Message]) -> list[str]:
     message = layout.message
     defaults = [f"{field.name} = {_value(field.default)}" for field in message.fields if field.default is not None]
     constants = [f"{ros_type(one.type)} {one.name} = {_value(one.value)}" for one in message.constants]
@@ -118,6 +131,7 @@ def _block(layout: Layout) -> list[str]:
         f"size = {layout.size}",
         f"origin = {_toml(message.origin)}",
         f"text = {_toml(sha256(message.text)[:16])}",
+        f"type_hash = {_toml(hash_of(layout.name, known))}",
         *_list("slots", map(_slot, layout.slots)),
         *(_list("defaults", defaults) if defaults else ()),
         *(_list("constants", constants) if constants else ()),
@@ -127,7 +141,8 @@ def _block(layout: Layout) -> list[str]:
 def _slot(slot: Slot) -> str:
     count = "" if slot.count is None else f"[{slot.count}]"
     role = "" if slot.role is Role.DATA else f" ({slot.role.value})"
-    return f"{slot.offset} {slot.name} {ros_type(slot.type)}{count}{role}"
+    type_ = str(slot.type.name) if isinstance(slot.type, Ref) else ros_type(slot.type)
+    return f"{slot.offset} {slot.name} {type_}{count}{role}"
 
 
 def _value(value: Default) -> str:
@@ -150,11 +165,11 @@ _CONSTANT = re.compile(r"(\S+) (\S+) = (.*)", re.DOTALL)
 _DEFAULT = re.compile(r"(\S+) = (.*)", re.DOTALL)
 
 
-def _read_block(block: Any) -> Block:
+def _read_block(block: Any, known: Container[str]) -> Block:
     slots = [_parts(_SLOT, line) for line in block["slots"]]
     counts = {name for _, name, _, _, role in slots if role == Role.COUNT.value}
     fields = {
-        name: Entry(name, type_, int(count) if count else None, int(offset), f"{name}_count" in counts)
+        name: Entry(name, _full(type_, known), int(count) if count else None, int(offset), f"{name}_count" in counts)
         for offset, name, type_, count, role in slots
         if not role
     }
@@ -168,6 +183,15 @@ def _read_block(block: Any) -> Block:
         dict(_parts(_DEFAULT, line) for line in block.get("defaults", ())),
         {name: f"{type_} {value}" for type_, name, value in constants},
     )
+
+
+def _full(type_: str, known: Container[str]) -> str:
+    """Locks of former versions call a message by its short name."""
+    package, slash, name = type_.partition("/")
+    if not slash or "/" in name:
+        return type_
+    names = [f"{package}/{kind}/{name}" for kind in ("msg", "srv", "action")]
+    return next((full for full in names if full in known), names[0])
 
 
 def _parts(pattern: re.Pattern[str], line: str) -> tuple[Any, ...]:

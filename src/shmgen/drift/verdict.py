@@ -11,6 +11,9 @@ import os
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 
+from shmgen import cache
+
+_KIND = "clean-"
 _KEPT = 20
 _TICK = 20_000_000
 """Nanoseconds that the time of a file may be behind the clock: two jiffies of the slowest Linux."""
@@ -21,12 +24,11 @@ _CONTENT, _STATE, _NAMES = "CSN"
 
 def recall(arguments: Sequence[str]) -> str | None:
     """What `shmgen arguments…` would print in this folder, if nothing has changed since it was clean."""
-    try:
-        with open(_file(arguments), encoding="utf-8", errors="surrogateescape", newline="") as file:
-            digest, said, *watched = file.read().split("\n")
-        return f"{said}\n" if digest == _digest(watched) else None
-    except (OSError, ValueError):
+    kept = None if "--no-cache" in arguments else cache.read(_name(arguments))
+    if kept is None:
         return None
+    digest, said, *watched = kept.decode(errors="surrogateescape").split("\n")
+    return f"{said}\n" if digest == _digest(watched) else None
 
 
 def remember(arguments: Sequence[str], said: str, folders: Iterable[str], files: Sequence[str], began: int) -> None:
@@ -42,24 +44,15 @@ def remember(arguments: Sequence[str], said: str, folders: Iterable[str], files:
         *(f"{_STATE}{file}" for file in _tool()),
     ]
     text = "\n".join([_digest(watched), said, *watched])
-    target = _file(arguments)
-    beside = f"{target}.{os.getpid()}"
     if text.count("\n") != len(watched) + 1 or _touched(watched) > began - _TICK:  # the former: a line feed in a name
         return
-    try:
-        with open(beside, "w", encoding="utf-8", errors="surrogateescape", newline="") as file:
-            file.write(text)
-        os.replace(beside, target)
-        _forget(os.path.dirname(target))
-    except OSError:
-        pass
+    cache.write(_name(arguments), text.encode(errors="surrogateescape"))
+    cache.forget(_KIND, _KEPT)
 
 
-def _file(arguments: Sequence[str]) -> str:
-    from shmgen import cache
-
+def _name(arguments: Sequence[str]) -> str:
     key = "\n".join([os.getcwd(), __file__, sys.version, *arguments]).encode(errors="surrogateescape")
-    return os.path.join(cache.folder() or os.devnull, f"clean-{hashlib.sha256(key).hexdigest()[:16]}")
+    return f"{_KIND}{hashlib.sha256(key).hexdigest()[:16]}"
 
 
 def _digest(watched: Iterable[str]) -> str:
@@ -122,10 +115,3 @@ def _tool() -> Iterator[str]:
         for place, within, names in os.walk(folder):
             within[:] = sorted(name for name in within if name not in ("__pycache__", ".mypy_cache"))
             yield from (os.path.join(place, name) for name in sorted(names))
-
-
-def _forget(folder: str) -> None:
-    """All but the newest few."""
-    kept = [entry for entry in os.scandir(folder) if entry.name.startswith("clean-")]
-    for entry in sorted(kept, key=lambda entry: entry.stat().st_mtime_ns)[:-_KEPT]:
-        os.unlink(entry.path)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from shmgen.live.regions import FOLDER
 from shmgen.runtime import header as h
+from shmgen.runtime.legible import legible
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,16 +33,20 @@ class Mapping:
 
     def is_region(self) -> bool | None:
         """Whether the file begins with our magic; None if this user may not look."""
-        places = [f"/proc/{self.pid}/map_files/{self.addresses}"]
-        if not self.removed:
-            places.append(f"/proc/{self.pid}/root{FOLDER}/{self.name}")
-        for place in places:
-            try:
-                with open(place, "rb") as file:
-                    return int.from_bytes(file.read(4), "little") == h.MAGIC
-            except OSError:
-                continue
+        for place in self._places():
+            with suppress(OSError):
+                descriptor = os.open(place, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+                with open(descriptor, "rb", buffering=0) as file:
+                    if _file(os.fstat(descriptor)) == (self.device, self.inode):
+                        return int.from_bytes(file.read(4), "little") == h.MAGIC
         return None
+
+    def _places(self) -> Iterator[str]:
+        """Where the file can be read: root's way; by the process's own descriptor; by its name."""
+        yield f"/proc/{self.pid}/map_files/{self.addresses}"
+        yield from _descriptors(self.pid, (self.device, self.inode))
+        if not self.removed:
+            yield f"/proc/{self.pid}/root{FOLDER}/{self.name}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,15 +74,7 @@ def look() -> Processes:
 
 def has_open(status: os.stat_result) -> bool:
     """Whether a process this user may look into has a descriptor of the file."""
-    wanted = (status.st_dev, status.st_ino)
-    for pid in _pids():
-        with suppress(OSError):
-            for descriptor in os.listdir(f"/proc/{pid}/fd"):
-                with suppress(OSError):
-                    found = os.stat(f"/proc/{pid}/fd/{descriptor}")
-                    if (found.st_dev, found.st_ino) == wanted:
-                        return True
-    return False
+    return any(True for pid in _pids() for _ in _descriptors(pid, (status.st_dev, status.st_ino)))
 
 
 def alive(pid: int) -> bool:
@@ -99,7 +96,7 @@ def called(pid: int) -> str:
     if len(words) > 2 and os.path.basename(words[0]).startswith("python") and not words[1].startswith("-"):
         del words[0]
     line = " ".join([os.path.basename(words[0]), *(word for word in words[1:] if word)])
-    line = "".join(sign if sign.isprintable() else " " for sign in line)
+    line = legible(" ".join(line.split()))
     return line if len(line) <= 40 else line[:37] + "..."
 
 
@@ -128,6 +125,19 @@ def _mapped(pid: int) -> Iterator[Mapping]:
                     bool(removed),
                     f"{int(start, 16):x}-{int(end, 16):x}",
                 )
+
+
+def _descriptors(pid: int, wanted: tuple[int, int]) -> Iterator[str]:
+    """Those of a process that are of the file, as links in /proc; none of a process this user may not look into."""
+    with suppress(OSError):
+        for number in os.listdir(f"/proc/{pid}/fd"):
+            with suppress(OSError):
+                if _file(os.stat(link := f"/proc/{pid}/fd/{number}")) == wanted:
+                    yield link
+
+
+def _file(status: os.stat_result) -> tuple[int, int]:
+    return status.st_dev, status.st_ino
 
 
 def _pids() -> list[int]:

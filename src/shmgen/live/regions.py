@@ -12,7 +12,8 @@ from types import TracebackType
 from shmgen.diagnostics import closest
 from shmgen.runtime import header as h
 from shmgen.runtime import read_header, region_name
-from shmgen.runtime.errors import PermissionDenied, RegionMissing
+from shmgen.runtime.access import opened
+from shmgen.runtime.errors import RegionMissing, RegionUnusable, ShmError
 from shmgen.runtime.names import HALVES, region_file, semaphore_file
 from shmgen.runtime.region import WRITER_LOCK
 
@@ -25,39 +26,38 @@ _SLOT = struct.Struct("<QI")
 class View:
     """A region as a bystander sees it: opened read-only, never mapped, never locked, so that nobody is disturbed."""
 
-    __slots__ = ("_fd", "name")
+    __slots__ = ("_file", "name")
 
     def __init__(self, name: str) -> None:
-        """Opens the file of the region `name` (`robot.pose`). Raises RegionMissing and PermissionDenied."""
+        """Opens the file of the region `name`: `robot.pose`. Raises RegionMissing, PermissionDenied, RegionUnusable."""
         self.name = name
         try:
-            # O_NONBLOCK: somebody's FIFO must not stop us.
-            self._fd = os.open(region_file(name), os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
+            self._file = opened(region_file(name), os.O_RDONLY)
         except (FileNotFoundError, PermissionError):
             read_header(name)  # says it better
             raise
 
     def header(self) -> h.Header:
         """As it is now; a file shorter than a header is read as if zeros followed."""
-        return h.unpack(os.pread(self._fd, h.HEADER_SIZE, 0), self.status.st_size)
+        return h.unpack(os.pread(self._file.fileno(), h.HEADER_SIZE, 0), self.status.st_size)
 
     def stamp(self, number: int, header: h.Header) -> int | None:
         """Nanoseconds since 1970 when sample `number` was written, 0 if its writer has no clock; None: overwritten."""
         at = h.HEADER_SIZE + number % header.slots * header.slot_size
-        data = os.pread(self._fd, _SLOT.size, at)
+        data = os.pread(self._file.fileno(), _SLOT.size, at)
         stamp, found = _SLOT.unpack(data.ljust(_SLOT.size, b"\0"))
         return stamp if found == number else None
 
     def claimed(self) -> bool:
         """Whether a living process holds the record lock of the writer; PLCs take none."""
         lock = _FLOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, WRITER_LOCK, 1, 0)
-        kind, *_ = _FLOCK.unpack(fcntl.fcntl(self._fd, fcntl.F_OFD_GETLK, lock))
+        kind, *_ = _FLOCK.unpack(fcntl.fcntl(self._file.fileno(), fcntl.F_OFD_GETLK, lock))
         return bool(kind != fcntl.F_UNLCK)
 
     @property
     def status(self) -> os.stat_result:
         """Owner, mode, size."""
-        return os.fstat(self._fd)
+        return os.fstat(self._file.fileno())
 
     @property
     def removed(self) -> bool:
@@ -65,7 +65,7 @@ class View:
         return self.status.st_nlink == 0
 
     def close(self) -> None:
-        os.close(self._fd)
+        self._file.close()
 
     def __enter__(self) -> View:
         return self
@@ -83,14 +83,12 @@ def live() -> list[str]:
 
 def closed() -> list[str]:
     """Names of what may be regions but cannot be read by this user: files with a semaphore beside them."""
-    return [
-        name for name in _files() if not os.access(region_file(name), os.R_OK) and os.path.lexists(semaphore_file(name))
-    ]
+    return [name for name in _files() if _is_closed(region_file(name)) and os.path.lexists(semaphore_file(name))]
 
 
 def is_region(name: str) -> bool:
-    with suppress(RegionMissing, PermissionDenied, OSError), View(name) as view:
-        return stat.S_ISREG(view.status.st_mode) and view.header().magic == h.MAGIC
+    with suppress(ShmError, OSError), View(name) as view:
+        return view.header().magic == h.MAGIC
     return False
 
 
@@ -114,9 +112,38 @@ def missing(topic: str) -> RegionMissing:
     return RegionMissing(f"{topic}: no such region; {there}\n  hint: {advice}")
 
 
+def damage(header: h.Header) -> str:
+    """What in a header cannot be, or nothing: no number of a damaged one may be counted with."""
+    if (header.abi, header.header_size) != (h.ABI, h.HEADER_SIZE):
+        return f"it was made by another version of shmgen: ABI {header.abi}, here {h.ABI}"
+    if header.slots < 2 or header.slots & header.slots - 1:
+        return f"it says {header.slots} slots, and that is no power of two above 1"
+    if header.slot_size < h.SLOT_HEADER + header.payload_size:
+        return f"its slots of {header.slot_size} bytes cannot hold {header.payload_size} and {h.SLOT_HEADER}"
+    size = h.HEADER_SIZE + header.slots * header.slot_size
+    if header.size < size:
+        return f"the file has {header.size:,} bytes, its {header.slots} slots of {header.slot_size} need {size:,}"
+    return ""
+
+
+def sound(view: View) -> h.Header:
+    """The header as it is now. Raises RegionUnusable for a damaged one."""
+    header = view.header()
+    if why := damage(header):
+        topic = topic_of(view.name)
+        raise RegionUnusable(f"{topic}: the region is damaged: {why}; see `shmgen doctor {topic}`")
+    return header
+
+
 def depth_of(header: h.Header) -> int:
     """A depth that gives as many slots."""
     return max(1, header.slots - 1)
+
+
+def _is_closed(file: str) -> bool:
+    with suppress(FileNotFoundError):
+        return stat.S_ISREG(os.lstat(file).st_mode) and not os.access(file, os.R_OK)
+    return False
 
 
 def _exists(topic: str) -> bool:

@@ -12,11 +12,11 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
+from shmgen.runtime.checked import REFUSED, boolean, type_name
 from shmgen.runtime.errors import CountExceeded, OutOfRange, ValueRejected
 from shmgen.runtime.message import Late, Message
 
 _KINDS = {code: kind for kind, codes in {"i": "bhilqn", "u": "BHILQN", "f": "efd", "?": "?"}.items() for code in codes}
-_NAMES = {"i": "int", "u": "uint", "f": "float"}
 _NOTHING = memoryview(b"")
 
 
@@ -174,18 +174,13 @@ def _converted(value: Any, typecode: str, path: str) -> memoryview:
         return _NOTHING
     try:
         return _packed(items, typecode)
-    except (TypeError, ValueError, OverflowError, struct.error):
+    except REFUSED:
         for position, item in enumerate(items):
             try:
                 _packed([item], typecode)
-            except (TypeError, ValueError, OverflowError, struct.error):
-                raise OutOfRange(f"{path}[{position}]", f"{item!r:.40} is no {_name(typecode)}") from None
+            except REFUSED:
+                raise OutOfRange(f"{path}[{position}]", f"{item!r:.40} is no {type_name(typecode)}") from None
         raise
-
-
-def _name(typecode: str) -> str:
-    kind = _KINDS[typecode]
-    return "bool" if kind == "?" else f"{_NAMES[kind]}{8 * array.array(typecode).itemsize}"
 
 
 def _unpacked(data: bytes | bytearray | memoryview, typecode: str) -> tuple[Any, ...]:
@@ -199,12 +194,3 @@ def _packed(items: list[Any], typecode: str) -> memoryview:
         # array.array stores what a float32 cannot hold as infinity; struct raises.
         return memoryview(struct.pack(f"<{len(items)}f", *items))
     return memoryview(array.array(typecode, items)).cast("B")
-
-
-def boolean(value: Any, path: str) -> bool:
-    """True, False, 0, 1 or numpy's bool. Raises OutOfRange, where struct's `?` would take the text "false" as true."""
-    if value is True or value is False:
-        return bool(value)
-    if (isinstance(value, int) and value in (0, 1)) or type(value).__name__ in ("bool", "bool_"):
-        return bool(value)
-    raise OutOfRange(path, f"{value!r:.40} is no bool")

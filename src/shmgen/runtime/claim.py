@@ -36,8 +36,11 @@ def claim(region: Region) -> Claim:
     if not region.lock_byte(WRITER_LOCK):
         raise _in_use(region)
     words = region.words
-    looked = time.monotonic()
-    doubtful = words[h.WRITER] == h.PLC and _watch(region)
+    doubtful = False
+    while True:
+        looked = time.monotonic()
+        if words[h.WRITER] != h.PLC or (doubtful := _stands_still(region)):
+            break
     words[h.WRITER] = region.pid
     # Where we ourselves stood still between the look and the name, somebody else may have begun meanwhile.
     doubtful = doubtful or time.monotonic() - looked > _CONFIRM / 2
@@ -52,15 +55,15 @@ def claim(region: Region) -> Claim:
 
 def writer(region: Region) -> str:
     """Who writes, for people."""
-    pid = holder(region.file, WRITER_LOCK)
-    if pid:
-        return f"process {pid}"
+    if region.byte_is_locked(WRITER_LOCK):
+        pid = holder(region.file, WRITER_LOCK)
+        return f"process {pid}" if pid else "a process of another user or container"
     said = region.words[h.WRITER]
     return "a PLC" if said == h.PLC else f"process {said}"
 
 
-def _watch(region: Region) -> bool:
-    """Waits until the PLC has stood still for long enough; False: it has let go, and comes back to nothing."""
+def _stands_still(region: Region) -> bool:
+    """Watches a PLC for long enough; False: it has let go. Raises RegionInUse where it moves."""
     words = region.words
     before = words[h.HEARTBEAT]
     deadline = time.monotonic() + WATCH

@@ -44,7 +44,7 @@ class LockTimeout(ShmError):
 
 
 class PermissionDenied(ShmError):
-    """The operating system refuses access to the region, its semaphore or the wanted group."""
+    """The operating system refuses access to region, semaphore or group; or strangers can write what is there."""
 
 
 class CallTimeout(ShmError):

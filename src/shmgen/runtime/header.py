@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from shmgen import abi
 from shmgen.abi import ABI, HEADER_SIZE, LAST, MAGIC, PAGE, PLC, SLOT_HEADER, Word
+from shmgen.runtime.legible import legible
 
 __all__ = ["ABI", "HEADER_SIZE", "LAST", "MAGIC", "PAGE", "PLC", "SLOT_HEADER"]  # for those who say h.LAST
 
@@ -128,4 +129,5 @@ def steps(older: int, newer: int, slots: int) -> int:
 
 
 def _text(data: bytes) -> str:
-    return data.partition(b"\0")[0].decode(errors="replace")
+    """Only ASCII can be a type's name; whatever else a damaged or a foreign header holds must not reach a terminal."""
+    return legible(data.partition(b"\0")[0].decode("ascii", errors="backslashreplace"))

@@ -117,15 +117,16 @@ class Lock:
         """
         acquire = self._region.semaphore.acquire
         end = time.monotonic() + seconds
-        for _ in range(_YIELDS):
-            if acquire(False):
-                return True
-            os.sched_yield()
-        while (left := end - time.monotonic()) > 0:
-            time.sleep(min(left, _PAUSE))
-            if acquire(False):
-                return True
-        return False
+        yields = _YIELDS
+        while not acquire(False):
+            if time.monotonic() >= end:
+                return False
+            if yields:
+                yields -= 1
+                os.sched_yield()
+            else:
+                time.sleep(_PAUSE)
+        return True
 
     def _overdue(self, stay: tuple[int, int]) -> bool:
         stood = time.monotonic() - self._since

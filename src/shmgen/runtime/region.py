@@ -9,26 +9,28 @@ import mmap
 import os
 import struct
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from typing import cast
 
 import posix_ipc
 
 from shmgen import abi
 from shmgen.runtime import header as h
-from shmgen.runtime.access import Access, RegionOptions, access_for, denied
+from shmgen.runtime import semaphores
+from shmgen.runtime.access import PATIENCE, Access, RegionOptions, access_for, denied, opened
 from shmgen.runtime.closing import Gone
 from shmgen.runtime.errors import LayoutMismatch, RegionMissing, RegionUnusable
 from shmgen.runtime.names import event_name, region_file, region_name, semaphore_file
-from shmgen.runtime.semaphores import EVENT_MOST, LOCK_MOST, NoSemaphore, Semaphore, opened
+from shmgen.runtime.semaphores import EVENT_MOST, LOCK_MOST, NoSemaphore, Semaphore
 
 WRITER_LOCK = abi.WRITER_LOCK
 """The byte under a record lock as long as somebody publishes."""
 REPAIR_LOCK = abi.REPAIR_LOCK
 """The byte under a record lock while the header is written, and while a lock is healed."""
 
-_PATIENCE = abi.PEER_MS / 1000
-"""Seconds to wait for a peer that is between two system calls; after that it is taken to be dead."""
+_OTHER_MAKER = 2e-3
+"""Seconds after which another maker of the same header has written his."""
 _ATTEMPTS = 10
 _FLOCK = struct.Struct("hhqqi4x")
 
@@ -114,17 +116,23 @@ def open_region(topic: str, ours: h.Header, options: RegionOptions = RegionOptio
             f'this is {os.uname().machine}: write sync = "lock" into shmgen.toml and generate both sides again'
         )
     access = access_for(options)
-    file = _open_memory(name, ours.size, access)
-    try:
-        _await_size(file, name, ours.size)
-        _check(topic, ours, _peek(file.fileno()))
-        map = mmap.mmap(file.fileno(), ours.size)
-        _complete_header(file.fileno(), map, ours)
-        _check(topic, ours, _peek(file.fileno()))
-        return Region(topic, file, map, ours, _open_semaphore(name, 1, LOCK_MOST, options, access), options)
-    except BaseException:
-        file.close()
-        raise
+    for _ in range(_ATTEMPTS):
+        file = _open_memory(name, ours.size, access)
+        try:
+            _await_size(file, name, ours.size)
+            _check(topic, ours, _peek(file.fileno()))
+            with _typed(region_file(name)):
+                map = mmap.mmap(file.fileno(), ours.size)
+            _complete_header(file.fileno(), map, ours)
+            _check(topic, ours, _peek(file.fileno()))
+            semaphore = _open_semaphore(name, 1, LOCK_MOST, options, access)
+            if _leads_to(region_file(name), file):
+                return Region(topic, file, map, ours, semaphore, options)
+            file.close()
+        except BaseException:
+            file.close()
+            raise
+    raise _restless(region_file(name))
 
 
 def open_event(region: Region) -> Semaphore:
@@ -141,18 +149,16 @@ def keeps_order() -> bool:
 def read_header(name: str) -> h.Header:
     """The header of the region `name` (`robot.pose`), whatever its type; `magic` tells whether it is one of ours.
 
-    Raises RegionMissing and PermissionDenied.
+    Raises RegionMissing, PermissionDenied and RegionUnusable.
     """
+    path = region_file(name)
     try:
-        memory = posix_ipc.SharedMemory("/" + name, read_only=True)
-    except posix_ipc.ExistentialError:
-        raise RegionMissing(f"{region_file(name)} does not exist: start a publisher or a subscriber of it") from None
-    except posix_ipc.PermissionsError:
-        raise denied(region_file(name)) from None
-    try:
-        return _peek(memory.fd)
-    finally:
-        memory.close_fd()
+        with opened(path, os.O_RDONLY) as file:
+            return _peek(file.fileno())
+    except FileNotFoundError:
+        raise RegionMissing(f"{path} does not exist: start a publisher or a subscriber of it") from None
+    except PermissionError:
+        raise denied(path) from None
 
 
 def _open_memory(name: str, size: int, access: Access) -> io.FileIO:
@@ -160,18 +166,30 @@ def _open_memory(name: str, size: int, access: Access) -> io.FileIO:
     for _ in range(_ATTEMPTS):
         try:
             # Without O_CREAT: `fs.protected_regular` refuses that for another user's file, even to root.
+            with suppress(FileNotFoundError):
+                return _found(path, access)
             with suppress(posix_ipc.ExistentialError):
-                found = io.FileIO(posix_ipc.SharedMemory("/" + name).fd, "r+b")
-                access.mend(found.fileno(), path)
-                return found
-            with suppress(posix_ipc.ExistentialError):
-                made = io.FileIO(posix_ipc.SharedMemory("/" + name, posix_ipc.O_CREX, mode=access.made_mode).fd, "r+b")
-                access.give(made.fileno(), path)
-                _allocate(made, path, size)
-                return made
-        except posix_ipc.PermissionsError:
+                return _made(name, size, access)
+        except (posix_ipc.PermissionsError, PermissionError):
             raise denied(path) from None
-    raise RegionUnusable(f"{path} keeps appearing and vanishing: something removes it; stop that and start again")
+    raise _restless(path)
+
+
+def _made(name: str, size: int, access: Access) -> io.FileIO:
+    """A new one, or none at all. Raises posix_ipc.ExistentialError where one is there."""
+    path = region_file(name)
+    with _typed(path):
+        made = io.FileIO(posix_ipc.SharedMemory("/" + name, posix_ipc.O_CREX, mode=access.made_mode).fd, "r+b")
+    try:
+        access.give(made.fileno(), path)
+        _allocate(made, path, size)
+    except BaseException:
+        # Whoever has opened it meanwhile sees at the end that the name leads elsewhere.
+        if _leads_to(path, made):
+            os.unlink(path)
+        made.close()
+        raise
+    return made
 
 
 def _open_semaphore(name: str, value: int, most: int, options: RegionOptions, access: Access) -> Semaphore:
@@ -180,21 +198,61 @@ def _open_semaphore(name: str, value: int, most: int, options: RegionOptions, ac
     path = semaphore_file(name)
     for _ in range(_ATTEMPTS):
         try:
-            with suppress(FileNotFoundError):
-                found = opened("/" + name, most)
-                access.mend(path, path)
-                return found
-            with suppress(posix_ipc.ExistentialError):
-                posix_ipc.Semaphore("/" + name, posix_ipc.O_CREX, mode=access.made_mode, initial_value=value).close()
-                access.give(path, path)
+            with suppress(FileNotFoundError), _found(path, access) as file:
+                semaphores.check(file.fileno(), path)
+                with _typed(path):
+                    found = semaphores.opened("/" + name, most)
+                # By its name, which may have gone to another file since.
+                if _leads_to(path, file):
+                    return found
+                continue
+            with suppress(posix_ipc.ExistentialError, FileNotFoundError):
+                with _typed(path):
+                    posix_ipc.Semaphore("/" + name, posix_ipc.O_CREX, access.made_mode, value).close()
+                with opened(path, os.O_RDWR) as made:
+                    access.give(made.fileno(), path)
         except (posix_ipc.PermissionsError, PermissionError):
             raise denied(path) from None
-    raise RegionUnusable(f"{path} keeps appearing and vanishing: something removes it; stop that and start again")
+    raise _restless(path)
+
+
+def _leads_to(path: str, file: io.FileIO) -> bool:
+    try:
+        return os.path.samestat(os.fstat(file.fileno()), os.lstat(path))
+    except OSError:
+        return False
+
+
+def _restless(path: str) -> RegionUnusable:
+    return RegionUnusable(f"{path} keeps appearing and vanishing: something removes it; stop that and start again")
+
+
+@contextmanager
+def _typed(path: str) -> Iterator[None]:
+    """What the operating system refuses, as an error of ours; but for who may, and whether it is there."""
+    try:
+        yield
+    except (PermissionError, FileNotFoundError, posix_ipc.PermissionsError, posix_ipc.ExistentialError):
+        raise
+    except (OSError, posix_ipc.Error) as error:
+        raise RegionUnusable(f"{path}: {error}; see `ulimit -a` and `df /dev/shm`") from None
+
+
+def _found(path: str, access: Access) -> io.FileIO:
+    """A file that is there, put right and looked at before anything of it is believed. Raises as opened()."""
+    file = opened(path, os.O_RDWR)
+    try:
+        access.mend(file.fileno(), path)
+        access.admit(file.fileno(), path)
+    except BaseException:
+        file.close()
+        raise
+    return file
 
 
 def _await_size(file: io.FileIO, name: str, size: int) -> None:
     """Between shm_open and ftruncate of its maker an object has no bytes; who died there is stood in for."""
-    deadline = time.monotonic() + _PATIENCE
+    deadline = time.monotonic() + PATIENCE
     while os.fstat(file.fileno()).st_size == 0:
         if time.monotonic() > deadline:
             _allocate(file, region_file(name), size)
@@ -207,25 +265,29 @@ def _allocate(file: io.FileIO, path: str, size: int) -> None:
     try:
         os.posix_fallocate(file.fileno(), 0, size)
     except OSError as error:
-        file.close()
         if error.errno != errno.ENOSPC:
-            raise
+            raise RegionUnusable(f"{path}: {error.strerror}") from None
         raise RegionUnusable(f"{path}: no room for {size} bytes; see `df /dev/shm` (docker: `--shm-size`)") from None
 
 
 def _complete_header(fd: int, map: mmap.mmap, ours: h.Header) -> None:
-    """Whoever finds no magic writes the header, magic last; the record lock lets one Python do it at a time."""
-    deadline = time.monotonic() + _PATIENCE
-    while not (locked := _lock_byte(fd, REPAIR_LOCK)) and time.monotonic() < deadline:
-        time.sleep(0.001)
-    if _peek(fd).magic == 0:
-        data = h.pack(ours)
-        magic, *others = h.MADE
-        for place in others:
-            map[place] = data[place]
-        with memoryview(map) as view, view[magic].cast("I") as word:
-            word[0] = h.MAGIC
-    if locked:
+    """Whoever finds no magic writes the header, magic last; the record lock lets one Python do it at a time.
+
+    A PLC may do it at the same time, of another layout: whoever has written looks again before anything is used.
+    """
+    deadline = time.monotonic() + PATIENCE
+    try:
+        while not _lock_byte(fd, REPAIR_LOCK) and time.monotonic() < deadline:
+            time.sleep(0.001)
+        if _peek(fd).magic == 0:
+            data = h.pack(ours)
+            magic, *others = h.MADE
+            for place in others:
+                map[place] = data[place]
+            with memoryview(map) as view, view[magic].cast("I") as word:
+                word[0] = h.MAGIC
+            time.sleep(_OTHER_MAKER)
+    finally:
         _unlock_byte(fd, REPAIR_LOCK)
 
 

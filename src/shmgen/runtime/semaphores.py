@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import ctypes
+import os
+import struct
+import sys
 import time
 from typing import Any, Protocol
 
 import posix_ipc
+
+from shmgen.runtime.errors import RegionUnusable
 
 try:
     from _multiprocessing import SemLock  # type: ignore[import-not-found]
@@ -24,6 +29,14 @@ TOO_MANY = ("semaphore or lock released too many times",)
 _SEMAPHORE = 1
 """What SemLock calls a semaphore that any thread may release."""
 _CLOCK_MONOTONIC = 1
+
+
+_SIZES = (16, 32)
+"""Bytes of sem_t in 32-bit and 64-bit processes, with glibc and with musl."""
+_OURS = 32 if sys.maxsize > 2**32 else 16
+_SHARING = struct.Struct("@8xI") if sys.maxsize > 2**32 else struct.Struct("@4xI")
+_SHARED = (0, 128)
+"""What says `shared` in musl and in glibc (nptl/sem_open.c: FUTEX_SHARED)."""
 
 
 class Semaphore(Protocol):
@@ -99,6 +112,17 @@ class PosixSemaphore:
     def __del__(self) -> None:
         if hasattr(self, "_semaphore"):
             self._semaphore.close()
+
+
+def check(file: int, path: str) -> None:
+    """Raises RegionUnusable for a file that is no semaphore: the C library believes what lies there.
+
+    It maps as many bytes as its sem_t has, so that a process dies of SIGBUS where there are none, and aborts at a
+    post where the word that says private or shared is neither.
+    """
+    data = os.pread(file, max(_SIZES) + 1, 0)
+    if len(data) not in _SIZES or (len(data) == _OURS and _SHARING.unpack_from(data)[0] not in _SHARED):
+        raise RegionUnusable(f"{path} is no semaphore of this machine's C library: remove it, and start anew")
 
 
 def opened(name: str, most: int) -> Semaphore:

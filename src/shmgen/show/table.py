@@ -8,8 +8,9 @@ from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 
 from shmgen.layout import region_size
-from shmgen.model import Layout, Layouts, Message, Ref, Role, Slot, ros_type
+from shmgen.model import Layout, Layouts, Message, Ref, Role, Slot, TypeName, ros_type
 from shmgen.targets.naming import iec_type
+from shmgen.type_hash import hash_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +37,7 @@ def rows(layout: Layout, layouts: Layouts) -> list[Row]:
 def table(layout: Layout, layouts: Layouts) -> str:
     """Offset, size, ROS type, IEC type and name in columns, nested members indented."""
     all_rows = rows(layout, layouts)
+    known = _known(layouts)
     lines = [
         (str(row.offset), str(row.size), row.ros, row.iec, "  " * row.depth + row.path.rpartition(".")[2], _remark(row))
         for row in all_rows
@@ -45,6 +47,7 @@ def table(layout: Layout, layouts: Layouts) -> str:
     text = [
         f"{layout.name}: {layout.size:,} bytes, alignment {layout.align}, digest {layout.digest:016x}",
         f"from {layout.message.origin}; a region of depth 1 takes {region_size(layout.size):,} bytes",
+        f"in ROS 2 {hash_of(layout.name, known)}",
         *_place(layout.message),
         "",
     ]
@@ -65,12 +68,17 @@ def as_json(shown: Iterable[Layout], layouts: Layouts) -> str:
             "size": layout.size,
             "align": layout.align,
             "digest": f"{layout.digest:016x}",
+            "type_hash": hash_of(layout.name, _known(layouts)),
             "region_size": region_size(layout.size),
             "slots": [asdict(row) for row in rows(layout, layouts)],
         }
         for layout in shown
     ]
     return json.dumps(data, indent=2) + "\n"
+
+
+def _known(layouts: Layouts) -> dict[TypeName, Message]:
+    return {name: layout.message for name, layout in layouts.items()}
 
 
 def _place(message: Message) -> list[str]:

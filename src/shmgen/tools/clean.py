@@ -31,8 +31,6 @@ def leftovers(topic: str) -> list[str]:
         if not files:
             raise missing(topic) from None
         return files
-    except OSError as error:
-        raise RegionUnusable(f"{region_file(name)} is no region of ours ({error.strerror}); not touched") from None
     if header.magic != h.MAGIC and not _unfinished(header):
         raise RegionUnusable(f"{region_file(name)} is no region of ours, {header}; not touched")
     return [*files, region_file(name)]

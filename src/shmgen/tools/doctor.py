@@ -10,13 +10,14 @@ from shmgen.config import Config
 from shmgen.live import processes
 from shmgen.live.classes import Workshop
 from shmgen.live.processes import called
-from shmgen.live.regions import closed, depth_of, live, meant, missing
+from shmgen.live.regions import depth_of, live, meant, missing
 from shmgen.runtime import header as h
 from shmgen.runtime import region_name
 from shmgen.runtime.names import region_file
-from shmgen.tools import checks
-from shmgen.tools.checks import Finding, owner
+from shmgen.tools import checks, leave
+from shmgen.tools.around import of_machine, of_strays
 from shmgen.tools.evidence import Evidence, Wanted, gather
+from shmgen.tools.finding import Finding, owner
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,18 +40,19 @@ def examine(topic: str | None, workshop: Workshop) -> Report:
     asked = None if topic is None else meant(topic)
     names = live() if asked is None else [region_name(one) for one in asked]
     around = processes.look()
-    held = [m.name for m in around.mappings if m.removed or m.name in closed()]
-    if topic is not None and names[0] not in [*live(), *closed(), *held]:
-        raise missing(topic)
     said = Wanted(regions=workshop.config.regions)
     wanted = dict.fromkeys(map(_full, asked or ()), said) | _wanted(workshop.config)
+    meant_to_be = {*live(), *map(region_name, wanted)}
     regions = gather(names, around, wanted, workshop.known() if names else {})
     found = [finding for seen in regions for finding in checks.of_region(seen)]
-    found += checks.of_strays(around, live())
-    found += checks.of_machine(around)
+    found += leave.of_places(sorted(meant_to_be))
+    found += of_strays(around, meant_to_be, names if asked else ())
+    found += of_machine(around)
     if asked is not None:
         about = {"", *map(_full, asked)}
         found = [finding for finding in found if finding.topic in about]
+    if topic is not None and not regions and not any(finding.topic for finding in found):
+        raise missing(topic)
     return Report(tuple(regions), tuple(found))
 
 

@@ -6,10 +6,10 @@ import time
 from collections.abc import Callable, Generator
 
 from shmgen.live.classes import Workshop, subscriber
-from shmgen.live.regions import View, depth_of, missing
+from shmgen.live.regions import View, depth_of, missing, sound
 from shmgen.runtime import Message, region_name
 from shmgen.runtime import header as h
-from shmgen.runtime.errors import RegionMissing
+from shmgen.runtime.errors import RegionMissing, RegionUnusable
 
 POLL = 1e-3
 """Seconds between two looks. A reader that waits would take the wake-up away from the one it is meant for."""
@@ -27,7 +27,7 @@ def samples(topic: str, workshop: Workshop, timeout: float | None, tell: Tell) -
     """
     while True:
         with appeared(topic, timeout, tell) as view:
-            header = view.header()
+            header = sound(view)
             kind = workshop.message(header.type_name, header.digest)
             with subscriber(kind, topic, depth_of(header)) as reader:
                 heard = time.monotonic()
@@ -47,7 +47,10 @@ def samples(topic: str, workshop: Workshop, timeout: float | None, tell: Tell) -
 
 
 def appeared(topic: str, timeout: float | None, tell: Tell) -> View:
-    """The topic's region, as soon as there is one with a header. Raises TimeoutError and PermissionDenied."""
+    """The topic's region, as soon as there is one with a header.
+
+    Raises TimeoutError, PermissionDenied, and RegionUnusable for what is no region or a damaged one.
+    """
     name = region_name(topic)
     begun = time.monotonic()
     told = False
@@ -58,6 +61,11 @@ def appeared(topic: str, timeout: float | None, tell: Tell) -> View:
             pass
         else:
             if view.header().magic == h.MAGIC:
+                try:
+                    sound(view)
+                except RegionUnusable:
+                    view.close()
+                    raise
                 return view
             view.close()
         if not told:

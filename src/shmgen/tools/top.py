@@ -10,9 +10,9 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from shmgen.live.processes import alive, called
-from shmgen.live.regions import View, depth_of, live, topic_of
+from shmgen.live.regions import View, damage, depth_of, live, topic_of
 from shmgen.runtime import header as h
-from shmgen.runtime.errors import PermissionDenied, RegionMissing
+from shmgen.runtime.errors import ShmError
 from shmgen.runtime.header import steps
 
 _LOOKS = 6
@@ -25,7 +25,8 @@ class Row:
 
     `rate` is in samples a second, `age` the seconds since the newest one; None where it is not known. `lock` is
     how often a second somebody got inside, None if somebody was inside from the last look to this one. `missed` is
-    how many samples its readers have missed, all together and since there is the region.
+    how many samples its readers have missed, all together and since there is the region. Of a damaged one `type` says
+    what is wrong, and nothing else is known.
     """
 
     topic: str
@@ -66,8 +67,12 @@ def look(past: Past) -> list[Row]:
     for gone in past.keys() - set(names):
         del past[gone]
     for name in names:
-        with suppress(RegionMissing, PermissionDenied), View(name) as view:
+        with suppress(ShmError, OSError), View(name) as view:
             header = view.header()
+            if why := damage(header):
+                past.pop(name, None)
+                rows.append(Row(topic_of(name), f"damaged: {why}", "-", 0, None, None, None, 0, 0))
+                continue
             looks = past.setdefault(name, deque(maxlen=_LOOKS))
             if looks and looks[-1].inode != view.status.st_ino:
                 looks.clear()

@@ -24,6 +24,7 @@ from shmgen.model import (
     ros_type,
 )
 from shmgen.targets.c import region
+from shmgen.targets.counts import bound, counts, holds_counts
 from shmgen.targets.naming import C, c_member, check_members, check_messages, file_stem
 
 _TYPES = {
@@ -64,6 +65,7 @@ class Header(NamedTuple):
     digest: str
     defines: tuple[Define, ...]
     members: tuple[Member, ...]
+    valid: tuple[str, ...]
 
 
 def plan(layouts: Layouts, report: Report, package: str = "shm_msgs") -> Iterator[Output]:
@@ -73,7 +75,7 @@ def plan(layouts: Layouts, report: Report, package: str = "shm_msgs") -> Iterato
     check_messages(layouts.values(), "file", lambda layout: [_path(layout.name, package)], C, report)
     for name, layout in layouts.items():
         check_members(layout, C, report)
-        yield Output(f"c/{_path(name, package)}", "c/message.h.j2", _header(layout, package))
+        yield Output(f"c/{_path(name, package)}", "c/message.h.j2", _header(layout, layouts, package))
 
 
 def _names(layout: Layout) -> list[str]:
@@ -90,7 +92,7 @@ def _path(name: TypeName, package: str) -> str:
     return f"{package}/{name.package}/{name.kind}/{file_stem(name)}.h"
 
 
-def _header(layout: Layout, package: str) -> Header:
+def _header(layout: Layout, layouts: Layouts, package: str) -> Header:
     struct = struct_name(layout.name)
     return Header(
         title=str(layout.name),
@@ -110,6 +112,7 @@ def _header(layout: Layout, package: str) -> Header:
             for constant in layout.message.constants
         ),
         members=tuple(_member(slot, layout) for slot in layout.slots),
+        valid=tuple(_valid(layout, layouts)) or ("(void)message;",),
     )
 
 
@@ -119,6 +122,23 @@ def _member(slot: Slot, layout: Layout) -> Member:
     tail = f"[{(slot.type.capacity or 0) + 1}]" if isinstance(slot.type, String) else ""
     base = c_element(slot.type, layout.options)
     return Member(f"{base} {name}{many}{tail};", name, str(slot.offset), str(slot.size), _comment(slot, layout))
+
+
+def _valid(layout: Layout, layouts: Layouts) -> Iterator[str]:
+    """Statements that return 0 for a count above its bound, here or in an element that is valid."""
+    counted = counts(layout)
+    for count in counted.values():
+        yield from (f"if (message->{c_member(count.name)} > {bound(count)})", "    return 0;")
+    for slot in layout.slots:
+        if not isinstance(slot.type, Ref) or not holds_counts(layouts[slot.type.name], layouts):
+            continue
+        member, check = f"message->{c_member(slot.name)}", f"shmgen_valid_{struct_name(slot.type.name)}"
+        if slot.count is None:
+            yield from (f"if (!{check}(&{member}))", "    return 0;")
+        else:
+            last = f"message->{c_member(counted[slot.name].name)}" if slot.name in counted else str(slot.count)
+            yield f"for (uint32_t element = 0; element < {last}; element++)"
+            yield from (f"    if (!{check}(&{member}[element]))", "        return 0;")
 
 
 def c_element(type_: Element, options: TypeOptions) -> str:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from shmgen.model import Layouts, Output, TypeName
 from shmgen.targets import interfaces, naming
 from shmgen.targets.st import common
+from shmgen.targets.st.counts import Check, checks
 
 
 class Carried(NamedTuple):
@@ -18,20 +19,25 @@ class Carried(NamedTuple):
 
 
 class Service(NamedTuple):
-    """A client or a server; the last three are names in each `gvl`."""
+    """A client or a server, which looks at its counts if `fits`; the last three are names in each `gvl`."""
 
     name: str
     title: str
     request: Carried
     reply: Carried
     response: str
+    fits: bool
+    checks: tuple[Check, ...]
     type_name: str = naming.GVL_TYPE_NAME
     digest: str = naming.GVL_DIGEST
     size: str = naming.GVL_SIZE
 
 
 class Action(NamedTuple):
-    """The same for an action; `goal`, `feedback` and `result` are the structures of its three parts."""
+    """The same for an action; `goal`, `feedback` and `result` are the structures of its three parts.
+
+    `fits` is of what ends or begins a goal, `fits_progress` of what a client hears meanwhile.
+    """
 
     name: str
     title: str
@@ -41,6 +47,9 @@ class Action(NamedTuple):
     goal: str
     feedback: str
     result: str
+    fits: bool
+    fits_progress: bool
+    checks: tuple[Check, ...]
     type_name: str = naming.GVL_TYPE_NAME
     digest: str = naming.GVL_DIGEST
     size: str = naming.GVL_SIZE
@@ -52,9 +61,9 @@ def plan(layouts: Layouts) -> Iterator[Output]:
     if services or actions:
         yield from common.by_hand("FB_ShmCaller", "FB_ShmServer")
     for name in services:
-        yield from _service(name)
+        yield from _service(name, layouts)
     for name in actions:
-        yield from _action(name)
+        yield from _action(name, layouts)
 
 
 def parts(layouts: Layouts) -> frozenset[TypeName]:
@@ -68,22 +77,29 @@ _OF_SERVICE = ("_Request", "_Response", "_Reply")
 _OF_ACTION = ("_Goal", "_Result", "_Feedback", "_Command", "_Progress", "_Outcome")
 
 
-def _service(name: TypeName) -> Iterator[Output]:
+def _service(name: TypeName, layouts: Layouts) -> Iterator[Output]:
     request, reply = _carried(name.part("_Request")), _carried(name.part("_Reply"))
     response = naming.st_type(name.part("_Response"))
-    for block, template in ((naming.client_block(name), "client"), (naming.server_block(name), "server")):
-        view = Service(block, name.short, request, reply, response)
+    for block, template, read in (
+        (naming.client_block(name), "client", "_Reply"),
+        (naming.server_block(name), "server", "_Request"),
+    ):
+        own = checks(layouts[name.part(read)], layouts, "Fits", read)
+        view = Service(block, name.short, request, reply, response, bool(own), own)
         yield Output(f"st/{name.package}/{block}.st", f"st/{template}.st.j2", view)
 
 
-def _action(name: TypeName) -> Iterator[Output]:
+def _action(name: TypeName, layouts: Layouts) -> Iterator[Output]:
     command, progress, outcome = (_carried(name.part(part)) for part in ("_Command", "_Progress", "_Outcome"))
     goal, feedback, result = (naming.st_type(name.part(part)) for part in ("_Goal", "_Feedback", "_Result"))
-    for block, template in (
-        (naming.action_client_block(name), "action_client"),
-        (naming.action_server_block(name), "action_server"),
+    for block, template, read, heard in (
+        (naming.action_client_block(name), "action_client", "_Outcome", ("_Progress",)),
+        (naming.action_server_block(name), "action_server", "_Command", ()),
     ):
-        view = Action(block, name.short, command, progress, outcome, goal, feedback, result)
+        own = checks(layouts[name.part(read)], layouts, "Fits", read)
+        also = tuple(it for part in heard for it in checks(layouts[name.part(part)], layouts, "FeedbackFits", part))
+        parts = (command, progress, outcome, goal, feedback, result)
+        view = Action(block, name.short, *parts, bool(own), bool(also), (*own, *also))
         yield Output(f"st/{name.package}/{block}.st", f"st/{template}.st.j2", view)
 
 

@@ -22,12 +22,11 @@ from shmgen.model import (
     Slot,
     String,
     Topic,
-    TypeName,
     assert_never,
     text_length,
 )
 from shmgen.targets import naming
-from shmgen.targets.st import calls, common, program
+from shmgen.targets.st import calls, common, counts, program
 from shmgen.targets.st.text import WIDTH, ascii_text, comment_lines, literal
 
 _WIDEST_COLUMN = 56
@@ -60,12 +59,14 @@ class Gvl(NamedTuple):
 
 
 class Block(NamedTuple):
-    """A publisher or a subscriber; the last three are names in `gvl`."""
+    """A publisher or a subscriber, which `fits` checks for; the last three are names in `gvl`."""
 
     name: str
     title: str
     dut: str
     gvl: str
+    fits: bool
+    checks: tuple[counts.Check, ...]
     type_name: str = naming.GVL_TYPE_NAME
     digest: str = naming.GVL_DIGEST
     size: str = naming.GVL_SIZE
@@ -92,7 +93,7 @@ def plan(
         naming.check_constants(layout, naming.STRUCTURED_TEXT, own, report)
         yield from _message(layout)
         if layout.requested and layout.name not in only_called:
-            yield from _pair(layout.name)
+            yield from _pair(layout, layouts)
     yield from calls.plan(layouts)
     yield from program.plan(topics, services, actions, report)
 
@@ -106,12 +107,14 @@ def _message(layout: Layout) -> Iterator[Output]:
     yield Output(f"{folder}/{gvl}.st", "st/gvl.st.j2", Gvl(gvl, title, generated, bool(constants), constants))
 
 
-def _pair(name: TypeName) -> Iterator[Output]:
+def _pair(layout: Layout, layouts: Layouts) -> Iterator[Output]:
+    name = layout.name
+    checks = counts.checks(layout, layouts, "Fits", "_Received")
     for block, template in (
         (naming.publisher_block(name), "publisher"),
         (naming.subscriber_block(name), "subscriber"),
     ):
-        view = Block(block, str(name), naming.st_type(name), naming.gvl(name))
+        view = Block(block, str(name), naming.st_type(name), naming.gvl(name), bool(checks), checks)
         yield Output(f"st/{name.package}/{block}.st", f"st/{template}.st.j2", view)
 
 

@@ -27,6 +27,13 @@ SHMGEN_STATIC_ASSERT(sizeof(((shm_geometry_msgs_PoseStamped *)0)->header) == 40,
 SHMGEN_STATIC_ASSERT(offsetof(shm_geometry_msgs_PoseStamped, pose) == 40, "pose is at 40");
 SHMGEN_STATIC_ASSERT(sizeof(((shm_geometry_msgs_PoseStamped *)0)->pose) == 56, "pose is 56 bytes");
 
+/* 0: a count is above its bound, and a loop to it would leave its array. Ask it of your own copy of a sample. */
+static inline int shmgen_valid_shm_geometry_msgs_PoseStamped(const shm_geometry_msgs_PoseStamped *message)
+{
+    (void)message;
+    return 1;
+}
+
 #ifdef __cplusplus
 }
 #endif

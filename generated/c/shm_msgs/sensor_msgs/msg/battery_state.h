@@ -100,6 +100,16 @@ SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->serial_number) 
 SHMGEN_STATIC_ASSERT(offsetof(shm_sensor_msgs_BatteryState, _pad0) == 370, "_pad0 is at 370");
 SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->_pad0) == 2, "_pad0 is 2 bytes");
 
+/* 0: a count is above its bound, and a loop to it would leave its array. Ask it of your own copy of a sample. */
+static inline int shmgen_valid_shm_sensor_msgs_BatteryState(const shm_sensor_msgs_BatteryState *message)
+{
+    if (message->cell_voltage_count > 16)
+        return 0;
+    if (message->cell_temperature_count > 16)
+        return 0;
+    return 1;
+}
+
 #ifdef __cplusplus
 }
 #endif

@@ -53,6 +53,20 @@ SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_JointState *)0)->_pad1) == 4, "_pa
 SHMGEN_STATIC_ASSERT(offsetof(shm_sensor_msgs_JointState, effort) == 840, "effort is at 840");
 SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_JointState *)0)->effort) == 64, "effort is 64 bytes");
 
+/* 0: a count is above its bound, and a loop to it would leave its array. Ask it of your own copy of a sample. */
+static inline int shmgen_valid_shm_sensor_msgs_JointState(const shm_sensor_msgs_JointState *message)
+{
+    if (message->name_count > 8)
+        return 0;
+    if (message->position_count > 8)
+        return 0;
+    if (message->velocity_count > 8)
+        return 0;
+    if (message->effort_count > 8)
+        return 0;
+    return 1;
+}
+
 #ifdef __cplusplus
 }
 #endif

@@ -74,9 +74,9 @@ typedef struct SHMGEN_PACKED shmgen_region {
     uint32_t heartbeat;      /* 152: counted up in each cycle, with or without data */
     uint32_t lock_holder;    /* 156: process id; 0xFFFFFFFF = a PLC, 0 = nobody */
     uint32_t recoveries;     /* 160: how often a dead holder's lock was freed */
-    uint32_t armed;          /* 164: 1 = it waits; the writer clears this and posts */
+    uint32_t armed;          /* 164: 1 = a reader waits; the writer clears it and posts */
     uint32_t lock_count;     /* 168: counted up by whoever gets in */
-    uint32_t missed;         /* 172: samples they missed, for people to see */
+    uint32_t missed;         /* 172: samples that readers missed, for people to see */
     uint8_t reserved176[16]; /* 176: 0 */
 } shmgen_region;
 

@@ -187,6 +187,34 @@ SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->wait) == 4, "wait i
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, _pad8) == 340, "_pad8 is at 340");
 SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->_pad8) == 4, "_pad8 is 4 bytes");
 
+/* 0: a count is above its bound, and a loop to it would leave its array. Ask it of your own copy of a sample. */
+static inline int shmgen_valid_shm_demo_msgs_Everything(const shm_demo_msgs_Everything *message)
+{
+    if (message->flags_count > 3)
+        return 0;
+    if (message->samples_count > 5)
+        return 0;
+    if (message->words_count > 2)
+        return 0;
+    if (message->wides_count > 2)
+        return 0;
+    if (message->path_count > 2)
+        return 0;
+    if (message->times_count > 2)
+        return 0;
+    if (message->waits_count > 2)
+        return 0;
+    for (uint32_t element = 0; element < 2; element++)
+        if (!shmgen_valid_shm_demo_msgs_Point(&message->corners[element]))
+            return 0;
+    for (uint32_t element = 0; element < message->path_count; element++)
+        if (!shmgen_valid_shm_demo_msgs_Point(&message->path[element]))
+            return 0;
+    if (!shmgen_valid_shm_demo_msgs_Point(&message->where))
+        return 0;
+    return 1;
+}
+
 #ifdef __cplusplus
 }
 #endif

@@ -34,6 +34,14 @@ SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Point *)0)->weights_count) == 4, "we
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Point, weights) == 12, "weights is at 12");
 SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Point *)0)->weights) == 4, "weights is 4 bytes");
 
+/* 0: a count is above its bound, and a loop to it would leave its array. Ask it of your own copy of a sample. */
+static inline int shmgen_valid_shm_demo_msgs_Point(const shm_demo_msgs_Point *message)
+{
+    if (message->weights_count > 2)
+        return 0;
+    return 1;
+}
+
 #ifdef __cplusplus
 }
 #endif

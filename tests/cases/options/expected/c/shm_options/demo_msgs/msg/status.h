@@ -48,6 +48,16 @@ SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Status *)0)->waits_count) == 4, "wai
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Status, waits) == 40, "waits is at 40");
 SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Status *)0)->waits) == 16, "waits is 16 bytes");
 
+/* 0: a count is above its bound, and a loop to it would leave its array. Ask it of your own copy of a sample. */
+static inline int shmgen_valid_shm_demo_msgs_Status(const shm_demo_msgs_Status *message)
+{
+    if (message->parts_count > 2)
+        return 0;
+    if (message->waits_count > 2)
+        return 0;
+    return 1;
+}
+
 #ifdef __cplusplus
 }
 #endif

@@ -91,6 +91,14 @@ SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->struct_) == 1, "struct_ is
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Log, _pad2) == 42, "_pad2 is at 42");
 SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->_pad2) == 2, "_pad2 is 2 bytes");
 
+/* 0: a count is above its bound, and a loop to it would leave its array. Ask it of your own copy of a sample. */
+static inline int shmgen_valid_shm_demo_msgs_Log(const shm_demo_msgs_Log *message)
+{
+    if (message->values_count > 2)
+        return 0;
+    return 1;
+}
+
 #ifdef __cplusplus
 }
 #endif

@@ -44,6 +44,16 @@ SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Time *)0)->step) == 2, "step is 2 by
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Time, _pad0) == 54, "_pad0 is at 54");
 SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Time *)0)->_pad0) == 2, "_pad0 is 2 bytes");
 
+/* 0: a count is above its bound, and a loop to it would leave its array. Ask it of your own copy of a sample. */
+static inline int shmgen_valid_shm_demo_msgs_Time(const shm_demo_msgs_Time *message)
+{
+    if (message->step_count > 2)
+        return 0;
+    if (!shmgen_valid_shm_demo_msgs_Log(&message->log))
+        return 0;
+    return 1;
+}
+
 #ifdef __cplusplus
 }
 #endif
