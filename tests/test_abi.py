@@ -107,7 +107,7 @@ def ran(folder: Path, lines: Sequence[str]) -> list[str]:
 
 def in_st(tables: Sequence[Sequence[Word]], folder: Path) -> list[Places]:
     """What the soft PLC makes of the structures; by the names in C, which stand in the same table."""
-    outputs = [common.words(f"ST_Header{number}", "//", words, 192) for number, words in enumerate(tables)]
+    outputs = [common.words(f"ST_Header{number}", ("//",), words, 192) for number, words in enumerate(tables)]
     plc = compile_st(render(outputs))
     places = [plc.offsets[f"ST_HEADER{number}"] for number in range(len(tables))]
     return [{word.name: there[word.st.upper()] for word in words} for words, there in zip(tables, places, strict=True)]

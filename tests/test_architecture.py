@@ -28,21 +28,22 @@ ARROWS = {
     "definitions": WORDS | {"definitions", "cache"},
     "bounds": WORDS,
     "layout": WORDS | {"abi"},
-    "config": WORDS | {"abi", "bounds", "config"},
+    "config": WORDS | {"abi", "bounds", "config", "targets"},
     "targets": WORDS | {"abi", "targets"},
     "render": {"model", "cache"},
     "write": {"diagnostics"},
     "type_hash": {"model"},
     "drift": WORDS | {"cache", "drift", "type_hash", "write"},
-    "pipeline": WORDS | {"bounds", "config", "definitions", "drift", "layout", "render", "targets"},
+    "resolve": WORDS | {"config", "targets"},
+    "pipeline": WORDS | {"bounds", "config", "definitions", "drift", "layout", "render", "resolve", "targets"},
     "show": WORDS | {"layout", "pipeline", "show", "targets", "type_hash"},
     "runtime": {"abi", "runtime"},
     "live": WORDS | {"bounds", "config", "definitions", "live", "pipeline", "runtime"},
     "tools": WORDS | {"config", "live", "runtime", "targets", "tools"},
-    "bridge": WORDS | {"bridge", "config", "live", "pipeline", "runtime", "targets", "type_hash"},
+    "bridge": WORDS | {"bridge", "config", "live", "pipeline", "resolve", "runtime", "targets", "type_hash"},
     "cli": WORDS
     | {"", "bridge", "cache", "cli", "config", "definitions", "drift", "live", "pipeline", "render", "runtime"}
-    | {"show", "tools", "write"},
+    | {"show", "targets", "tools", "write"},
     "__init__": set(),
     "__main__": {"cli", "drift"},
 }
@@ -87,6 +88,13 @@ def test_imports_follow_the_arrows(path: Path) -> None:
             assert other in ARROWS[stage(path)], f"{stage(path)} imports {name}"
         elif first in ONLY_IN:
             assert stage(path) in ONLY_IN[first], f"{stage(path)} imports {name}"
+
+
+def test_the_configuration_loads_no_target() -> None:
+    """It takes the keys of targets from the one tuple, and knows no more of them."""
+    code = "import sys, shmgen.config; print(*[name for name in sys.modules if name.startswith('shmgen.targets')])"
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert done.stdout.split() == ["shmgen.targets"]
 
 
 def test_runtime_loads_only_the_standard_library_and_posix_ipc() -> None:

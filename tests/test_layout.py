@@ -27,8 +27,6 @@ from shmgen.model import (
     TypeName,
     TypeOptions,
 )
-from shmgen.targets.c import target as c
-from shmgen.targets.python import target as python
 
 from .support.build import classes, compile_headers, layouts_of, put, texts_of
 from .support.schemas import plain, random_message, schemas
@@ -68,7 +66,7 @@ def test_slots_tile_the_message(schema: Schema, options: TypeOptions) -> None:
 def test_ctypes_agrees_and_values_survive(tmp_path: Path, schema: Schema, options: TypeOptions, seed: int) -> None:
     layouts = layouts_of(schema, options)
     package = f"random{next(NUMBER)}"
-    put(texts_of(layouts, python, package), tmp_path)
+    put(texts_of(layouts, "python", package), tmp_path)
     for name, layout in layouts.items():
         kind, _, _ = classes(tmp_path, package, name)
         assert_same_bytes(kind, layout)
@@ -107,7 +105,7 @@ def test_gcc_agrees_with_random_schemas(tmp_path: Path) -> None:
     collect()
     # All have the same message names; one translation unit needs others.
     for layouts, package in made:
-        texts = texts_of(layouts, c, package)
+        texts = texts_of(layouts, "c", package)
         put({path: text.replace("random_msgs_", f"{package}_") for path, text in texts.items()}, tmp_path)
     for language in ("c", "c++"):
         compile_headers(tmp_path, language)

@@ -6,23 +6,15 @@
 
 from __future__ import annotations
 
-import re
-from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
-from shmgen import bounds, definitions, layout
+from shmgen import bounds, definitions, layout, resolve
 from shmgen.config import Config, entries
-from shmgen.diagnostics import Diagnostic, Report, Span
+from shmgen.diagnostics import Diagnostic, Report
 from shmgen.drift import lockfile
-from shmgen.model import Action, Layouts, Output, Schema, Service, Topic, TypeName
-from shmgen.targets import interfaces
-from shmgen.targets.c import target as c
-from shmgen.targets.plcopen import target as plcopen
-from shmgen.targets.python import project
-from shmgen.targets.python import target as python
-from shmgen.targets.ros import target as ros_package
-from shmgen.targets.st import target as st
+from shmgen.model import Layouts, Schema, TypeName
+from shmgen.targets import TARGETS, Job, Options, Printed, Target, naming
 
 
 def library(config: Config) -> definitions.Library:
@@ -50,52 +42,64 @@ def generate(config: Config, requests: Iterable[str]) -> dict[str, str]:
 def printed(config: Config, layouts: Layouts) -> dict[str, str]:
     """The same of what is laid out already."""
     report = Report()
-    outputs = list(_plan(config, layouts, report))
-    report.stop_if_any()
-
-    from shmgen.render import render  # jinja2 takes longer to load than all that is before it
-
-    texts = render(outputs)
-    code = {path: text for path, text in texts.items() if path.startswith("st/")}
-    if "plcopen" in config.targets:
-        texts |= render(plcopen.plan(code, config.task_interval))
-    if "st" not in config.targets:
-        texts = {path: text for path, text in texts.items() if path not in code}
+    texts = printed_by(TARGETS, config.targets, job_of(config, layouts, report), report)
+    texts = dict(sorted(texts.items()))
     return texts | {lockfile.LOCK: lockfile.write(layouts, texts, _settings(config))}
 
 
-def topics(config: Config, layouts: Layouts, report: Report) -> Iterable[Topic]:
-    """Those of the configuration with their types found among `layouts`. Reports SHM502."""
-    for topic in config.topics:
-        found = next((name for name in layouts if topic.type in (str(name), name.short)), None)
-        if found:
-            yield Topic(topic.topic, found, topic.direction == "to_plc", topic.depth, topic.span)
-        else:  # the layouts hold every type asked for, so this one came as its parts
-            message = f"{topic.type} is several messages, and a topic carries one"
-            span = config.places.get(topic.type, topic.span)
-            report.error("SHM502", message, span, hint="list a service under [[services]], an action under [[actions]]")
+def printed_by(targets: Sequence[Target], keys: Sequence[str], job: Job, report: Report) -> dict[str, str]:
+    """{path: text} of those of `targets` that `keys` name, as they were planned. Raises Rejected."""
+    waiting = _wanted(targets, keys)
+    for target in waiting:
+        _check_names(target, targets, job, report)
+    done: dict[str, tuple[Printed, ...]] = {}
+    while waiting:
+        ready = [target for target in waiting if not target.after or target.after in done]
+        planned = {target.key: list(target.room().plan(replace(job, printed=done), report)) for target in ready}
+        report.stop_if_any()
+
+        from shmgen.render import render  # jinja2 takes longer to load than all that is before it
+
+        texts = render(output for outputs in planned.values() for output in outputs)
+        for key, outputs in planned.items():
+            done[key] = tuple(Printed(output, texts[output.path]) for output in outputs)
+        waiting = [target for target in waiting if target.key not in done]
+    return {one.output.path: one.text for key in keys for one in done[key]}
 
 
-def services(config: Config, layouts: Layouts, report: Report) -> Iterable[Service]:
-    """As topics()."""
-    known = {found.short: found for found in interfaces.services(layouts)}
-    for service in config.services:
-        if found := known.get(service.type.replace("/srv/", "/")):
-            yield Service(service.service, found, service.server == "plc", service.timeout, service.span)
-        else:
-            span = config.places.get(service.type, service.span)
-            report.error("SHM502", f"{service.type} is no service", span, hint="name a .srv file: package/srv/Name")
+def _wanted(targets: Sequence[Target], keys: Sequence[str]) -> list[Target]:
+    """In the order of `targets`, where each stands behind the one it is `after`."""
+    wanted = set(keys)
+    for target in reversed(targets):
+        if target.key in wanted and target.after:
+            wanted.add(target.after)
+    return [target for target in targets if target.key in wanted]
 
 
-def actions(config: Config, layouts: Layouts, report: Report) -> Iterable[Action]:
-    """As topics()."""
-    known = {found.short: found for found in interfaces.actions(layouts)}
-    for action in config.actions:
-        if found := known.get(action.type.replace("/action/", "/")):
-            yield Action(action.action, found, action.server == "plc", action.span)
-        else:
-            span = config.places.get(action.type, action.span)
-            report.error("SHM502", f"{action.type} is no action", span, hint="name a .action file: package/action/Name")
+def _check_names(target: Target, targets: Sequence[Target], job: Job, report: Report) -> None:
+    if names := target.room().NAMES:
+        keys = [target.key, *(other.key for other in targets if other.after == target.key)]
+        naming.check(job.layouts, job.package, job.uses, names, keys, report)
+
+
+def job_of(config: Config, layouts: Layouts, report: Report) -> Job:
+    """What the targets get of a configuration. Reports SHM502: a topic, service or action whose type is none."""
+    options = Options(
+        regions=config.regions,
+        distribution=config.distribution,
+        task_interval=config.task_interval,
+        ros_package=config.ros_package,
+        node=config.bridge.node,
+        configuration=config.text,
+    )
+    return Job(
+        layouts,
+        config.package,
+        tuple(resolve.topics(config, layouts, report)),
+        tuple(resolve.services(config, layouts, report)),
+        tuple(resolve.actions(config, layouts, report)),
+        options,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +135,8 @@ def inventory(config: Config, package: str | None = None) -> list[Entry]:
 def _faults(config: Config, layouts: Layouts) -> dict[TypeName, tuple[Diagnostic, ...]]:
     """What stops each message, or one that it holds: its region is too large, or its names do not fit the targets."""
     report = Report()
-    deque(_plan(replace(config, topics=()), layouts, report), maxlen=0)  # planned for what it reports
+    for target in _wanted(TARGETS, config.targets):
+        _check_names(target, TARGETS, Job(layouts, config.package), report)
     faults: dict[TypeName, tuple[Diagnostic, ...]] = {}
     for name, laid_out in layouts.items():
         size = Report()
@@ -144,41 +149,6 @@ def _faults(config: Config, layouts: Layouts) -> dict[TypeName, tuple[Diagnostic
 
 def _sources(config: Config) -> definitions.Sources:
     return definitions.Sources(config.path, config.source, config.root)
-
-
-def _plan(config: Config, layouts: Layouts, report: Report) -> Iterable[Output]:
-    if "python" in config.targets:
-        yield from python.plan(layouts, report, config.package, config.regions)
-        if config.distribution:
-            yield project.plan(config.distribution, config.package)
-    if "st" in config.targets or "plcopen" in config.targets:  # the latter holds the texts of the former
-        carried = tuple(topics(config, layouts, report))
-        called = tuple(services(config, layouts, report))
-        acted = tuple(actions(config, layouts, report))
-        yield from st.plan(layouts, report, carried, called, acted, locks=config.regions.sync == "lock")
-    if "c" in config.targets:
-        yield from c.plan(layouts, report, config.package)
-    for ros in ("ros1", "ros2"):
-        if ros in config.targets:
-            yield from _ros_package(ros, config, layouts, report)
-
-
-def _ros_package(ros: str, config: Config, layouts: Layouts, report: Report) -> Iterable[Output]:
-    """Reports SHM504 where there is nothing to carry."""
-    carried = [topic.type for topic in topics(config, layouts, report)]
-    carried += [service.type for service in services(config, layouts, report)]
-    if not carried:
-        hint = "list [[topics]] or [[services]] in shmgen.toml"
-        report.error("SHM504", f"the target {ros} has nothing to carry", Span("shmgen.toml"), hint=hint)
-        return
-    version = config.distribution.partition(" ")[2]
-    package = ros_package.Package(
-        config.ros_package or ros_package.default_name(config.package),
-        version if re.fullmatch(r"\d+\.\d+\.\d+", version) else "0.1.0",
-        config.bridge.node,
-        (),
-    )
-    yield from ros_package.plan(ros, package, config.text, layouts, carried)
 
 
 def _settings(config: Config) -> dict[str, object]:

@@ -106,6 +106,24 @@ def peer(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     return peers.build(request.param, shared / "dds_peers", schema.messages, topics)
 
 
+class Taken:
+    """A Taker: messages go to `take`; the rest is `told`."""
+
+    def __init__(self, take: Callable[[Any], Any], told: list[str] | None = None) -> None:
+        self.take = take
+        self.told = [] if told is None else told
+        self.lost = 0
+
+    def reject(self, why: str) -> None:
+        self.told.append(why)
+
+    def refuse(self, why: str) -> None:
+        self.told.append(why)
+
+    def lose(self, count: int) -> None:
+        self.lost += count
+
+
 def wire(schema: Schema, topic: str, request: str, **how: Any) -> Wire:
     """The topic as the bridge would describe it to the backend."""
     name = next(message.name for message in schema.messages if message.name.short == request)

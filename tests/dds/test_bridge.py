@@ -151,7 +151,7 @@ def test_services_both_ways(cell: Domain, graph: dds.Graph, topic: str) -> None:
     stop.set()
     thread.join()
 
-    graph.serve(called.wire, lambda asked, answer: setattr(answer, "message", asked.word.upper()))
+    graph.serve(called.wire, lambda asked, answer: setattr(answer, "message", asked.word.upper()), [].append)
     ends = {
         "request_publisher": end(Publisher, called, "_Request"),
         "reply_subscriber": end(Subscriber, called, "_Reply"),

@@ -25,6 +25,7 @@ from shmgen.live.classes import publisher, subscriber
 from shmgen.model import Message
 
 from ..support.schemas import plain, random_message
+from .conftest import Taken
 from .values import values
 
 RELIABLE = Qos(Policy.Reliability.Reliable(10**9), Policy.History.KeepLast(10))
@@ -41,7 +42,7 @@ def test_every_message_passes_through_dds_and_a_region(graph: dds.Graph, domain:
         messages = closure(schema, name)
         there, back = Wire(f"{topic}/there{number}", messages), Wire(f"{topic}/back{number}", messages)
         ours, came = Queue[Any](), Queue[Any]()
-        graph.subscribe(there, ours.put)
+        graph.subscribe(there, Taken(ours.put))
         outlet = graph.publisher(back)
         theirs = plainly(messages)
         writer = DataWriter(participant, Topic(participant, topic_name(there.topic), theirs), RELIABLE)

@@ -9,38 +9,27 @@ import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, Phase, example, given, settings
 from hypothesis import strategies as st
-from lxml import etree
 
 from shmgen import pipeline
 from shmgen.bounds import Bounds
 from shmgen.config import Config
 from shmgen.diagnostics import Rejected
 from tests.support.build import put
+from tests.support.languages import st_tokens, xml_tokens
+
+from .contract import PIECES
 
 if sys.version_info >= (3, 11):
     import tomllib
 else:
     import tomli as tomllib
-
-ASCII = r"""
-*) (* */ /* // \""" ''' ]]> <!-- --> ?> </xhtml> <![CDATA[ &lt; {{ }} {% %} {# #} {attribute ${x} %s %(x)s {0}
-$' $N $" $$ ' " ` \ \n \u0041 \N{DIGIT \x41 ??/ ??' *??/ *\ END_STRUCT END_TYPE #endif #include import os; exec(1)
-[m] [m/s] [i] # ## === --- """
-PIECES = [
-    *ASCII.split(),
-    "\N{LINE SEPARATOR}", "\x85", "\N{RIGHT-TO-LEFT OVERRIDE}", "\N{RIGHT-TO-LEFT ISOLATE}", "\N{ZERO WIDTH SPACE}",
-    "\ufeff", "\N{SUPERSCRIPT TWO}", "\U0001f916", "\ue000", "a\u0301", "\N{FULLWIDTH QUOTATION MARK}",
-    "\N{FULLWIDTH ASTERISK}\N{FULLWIDTH RIGHT PARENTHESIS}", "\N{FULLWIDTH REVERSE SOLIDUS}", "\N{MIDDLE DOT})",
-    "(\N{BULLET}", "*\N{DIVISION SIGN}", "\N{DIVISION SIGN}*", "\N{RIGHT SINGLE QUOTATION MARK}", '\"' * 3, '"' * 3,
-]  # fmt: skip
-"""Words that end, begin or escape something somewhere, and letters that become them when they are made ASCII."""
 
 words = st.sampled_from(PIECES)
 letters = st.characters(exclude_categories=["Cc", "Cs"])
@@ -206,9 +195,9 @@ def code(texts: Mapping[str, str]) -> dict[str, Any]:
             assert not re.search("[^\x20-\x7e\n]", re.sub(r'""".*?"""', "", text, flags=re.DOTALL)), path
         elif path.endswith(".st"):
             assert re.fullmatch(r"[\x20-\x7e\n]*", text), path
-            found[path] = list(st_tokens(text))
+            found[path] = st_tokens(text)
         elif path.endswith(".xml"):
-            found[path] = list(elements(etree.fromstring(text.encode())))
+            found[path] = xml_tokens(text)
         elif path.endswith(".h"):
             found[path] = headers[path]
         elif path.endswith(".lock"):
@@ -222,28 +211,6 @@ def without_docstrings(tree: ast.AST) -> ast.AST:
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node) is not None:
             node.body = node.body[1:]
     return tree
-
-
-ST_TOKEN = re.compile(
-    r"(?P<none>//[^\n]*|\(\*.*?\*\)|\s+)|'(?:\$.|[^'$])*'|\"(?:\$.|[^\"$])*\"|\w+|\{[^}]*\}|.", re.DOTALL
-)
-
-
-def st_tokens(text: str) -> Iterator[str]:
-    return (token[0] for token in ST_TOKEN.finditer(text) if not token["none"])
-
-
-def elements(root: Any) -> Iterator[tuple[str, ...]]:
-    """All but documentation, which is for people; what text is left is Structured Text or a value."""
-    if not root.tag.endswith("}documentation"):
-        yield (
-            str(root.tag),
-            *map(str, sorted(root.attrib.items())),
-            *st_tokens(root.text or ""),
-            *st_tokens(root.tail or ""),
-        )
-        for element in root:
-            yield from elements(element)
 
 
 def preprocessed(texts: Mapping[str, str]) -> dict[str, str]:

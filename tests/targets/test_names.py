@@ -15,7 +15,9 @@ from shmgen import pipeline, runtime
 from shmgen.config import Config
 from shmgen.diagnostics import Rejected
 from shmgen.model import Layouts, TypeName
-from shmgen.targets import naming
+from shmgen.targets.c import names as c_names
+from shmgen.targets.python import names as python_names
+from shmgen.targets.st import names as st_names
 
 from ..conftest import REPOSITORY
 from ..support import plc_bytes
@@ -30,8 +32,8 @@ ATTRIBUTES = (
 MACROS = "linux unix i386 errno stdin stdout stderr complex NAN INFINITY I EOF NULL BUFSIZ st_mtime sa_handler si_value"
 SIDES = {
     "python": " ".join(["match", "case", BUILTINS, GENERATED, ATTRIBUTES, *keyword.kwlist]),
-    "c": " ".join([MACROS, *sorted(naming.C_RESERVED)]),
-    "st": " ".join(sorted(word.lower() for word in naming.ST_RESERVED if "_to_" not in word.lower())),
+    "c": " ".join([MACROS, *sorted(c_names.C_RESERVED)]),
+    "st": " ".join(sorted(word.lower() for word in st_names.ST_RESERVED if "_to_" not in word.lower())),
 }
 KINDS = {"numbers": "uint8 {}", "texts": "string {}", "arrays": "uint8[3] {}", "long": "string[50] {}"}
 HEADERS = """assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdalign stdarg
@@ -69,8 +71,8 @@ def definitions(text: str, kinds: Iterable[str] = KINDS) -> dict[str, str]:
 def foreign(message: object) -> object:
     """With the attributes that genpy gives: a keyword has an underscore behind."""
     for name in list(vars(message)):
-        if naming.python_member(name) != name:
-            setattr(message, naming.python_member(name), vars(message).pop(name))
+        if python_names.python_member(name) != name:
+            setattr(message, python_names.python_member(name), vars(message).pop(name))
     return message
 
 
@@ -91,14 +93,14 @@ def test_any_field_and_constant_in_python(tmp_path: Path) -> None:
         assert plain(own) == plain(message), name
         assert (own == kind.from_buffer_copy(data), "(" in repr(own)) == (True, True)
         for constant in layout.message.constants:
-            assert getattr(kind, naming.python_member(constant.name)) == constant.value
+            assert getattr(kind, python_names.python_member(constant.name)) == constant.value
 
 
 def test_the_words_are_those_of_the_classes() -> None:
     """What a stored member must not be called, and what a module refers to."""
     own = {name for name in dir(runtime.Message) if name.startswith("_") and not name.startswith("__")}
-    assert own <= naming.PYTHON_STORED
-    assert set(keyword.kwlist) <= naming.PYTHON_RESERVED
+    assert own <= python_names.PYTHON_STORED
+    assert set(keyword.kwlist) <= python_names.PYTHON_RESERVED
     assert not [name for name in dir(ctypes.Structure) if not name.startswith("_")]
 
 
@@ -119,7 +121,7 @@ def test_every_macro_of_a_small_name_is_known() -> None:
     lines = "".join(f"#include <{name}.h>\n" for name in HEADERS.split())
     found = subprocess.run(["gcc", "-dM", "-E", "-"], input=lines, capture_output=True, text=True, check=True).stdout
     names = {line.split()[1] for line in found.splitlines()}
-    assert {name for name in names if name.isidentifier() and name[0].islower()} <= naming.C_RESERVED
+    assert {name for name in names if name.isidentifier() and name[0].islower()} <= c_names.C_RESERVED
 
 
 def test_any_field_and_constant_in_structured_text(tmp_path: Path) -> None:
@@ -130,7 +132,7 @@ def test_any_field_and_constant_in_structured_text(tmp_path: Path) -> None:
         plc_bytes.assert_compiled_as_laid_out(plc, name, layout)
     constants = plc.globals("GVL_odd_msgs_Constants")
     for constant in layouts[TypeName("odd_msgs", "msg", "Constants")].message.constants:
-        assert getattr(constants, naming.st_member(constant.name)) == constant.value
+        assert getattr(constants, st_names.st_member(constant.name)) == constant.value
 
 
 TYPES = (
@@ -202,8 +204,8 @@ def table(corpus: Path) -> list[str]:
             named = [("field", field.name) for field in message.fields]
             named += [("constant", constant.name) for constant in message.constants]
             for what, name in named:
-                c = naming.c_member(name) if what == "field" else name
-                targets = naming.st_member(name), naming.python_member(name), c
+                c = c_names.c_member(name) if what == "field" else name
+                targets = st_names.st_member(name), python_names.python_member(name), c
                 if set(targets) != {name}:
                     rows.setdefault((name, what, *targets), set()).add(message.name.short)
     lines = ["| name | what | met in | Structured Text | Python | C |", "|---|---|---|---|---|---|"]

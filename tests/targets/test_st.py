@@ -11,11 +11,12 @@ import pytest
 from shmgen import bounds, definitions, layout
 from shmgen.diagnostics import Rejected, Report
 from shmgen.model import Layout, Layouts, Scalar, String, TypeName, TypeOptions
-from shmgen.render import render
-from shmgen.targets.st import target as st
+from shmgen.targets import naming
+from shmgen.targets.st.names import NAMES
 from shmgen.targets.st.text import ascii_text, comment_lines, literal
 
 from ..conftest import REPOSITORY
+from ..support import build
 
 blark = pytest.importorskip("blark")
 
@@ -56,15 +57,12 @@ def lay_out(
 
 
 def texts_of(layouts: Layouts) -> dict[str, str]:
-    report = Report()
-    texts = render(st.plan(layouts, report))
-    report.stop_if_any()
-    return texts
+    return build.texts_of(layouts, "st")
 
 
 def codes_of(layouts: Layouts) -> list[str]:
     report = Report()
-    list(st.plan(layouts, report))
+    naming.check(layouts, "shm_msgs", (), NAMES, ["st"], report)
     return [diagnostic.code for diagnostic in report.diagnostics]
 
 
@@ -170,6 +168,7 @@ def test_constants_as_a_user_reads_them(texts: dict[str, str], demo: Layouts) ->
     digest = demo[DEMO["Tagged"]].digest
     assert texts["st/demo_msgs/GVL_demo_msgs_Tagged.st"] == (
         "// GVL_demo_msgs_Tagged: constants of demo_msgs/msg/Tagged\n"
+        "// Made by shmgen; changes made here are lost.\n"
         "{attribute 'qualified_only'}\n"
         "VAR_GLOBAL CONSTANT\n"
         "    SHM_TYPE_NAME : STRING(20) := 'demo_msgs/msg/Tagged';\n"

@@ -18,7 +18,6 @@ from shmgen.config import Config, load
 from shmgen.diagnostics import Report
 from shmgen.model import TypeName
 from shmgen.runtime import CountExceeded, header
-from shmgen.targets.python import target as python
 from shmgen.tools import given as typed
 from shmgen.tools import shown
 
@@ -281,7 +280,7 @@ class TestAnyMessage:
         folder = tmp_path_factory.mktemp("any")
         layouts = build.layouts_of(schema)
         package = f"any_{folder.name}"
-        build.put(build.texts_of(layouts, python, package), folder)
+        build.put(build.texts_of(layouts, "python", package), folder)
         for layout in layouts.values():
             kind, _, _ = build.classes(folder, package, layout.name)
             original = schemas.random_message(layout, layouts, random.Random(seed))

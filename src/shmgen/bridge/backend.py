@@ -122,6 +122,10 @@ Answer = Callable[[Any, Any], None]
 """Fills the (request, response) of a service; raises NoAnswer, and the ROS client then hears so if its ROS can tell."""
 
 
+Refuse = Callable[[str], None]
+"""Is told why a client got no answer that means something else by the type."""
+
+
 class Backend(Protocol):
     """A node in a ROS graph."""
 
@@ -131,7 +135,7 @@ class Backend(Protocol):
     def subscribe(self, wire: Wire, taker: Taker) -> Callable[[], Any]:
         """Hands each message to `taker`, in order; gives what makes an empty one. Raises as publisher()."""
 
-    def serve(self, wire: ServiceWire, answer: Answer) -> None:
+    def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
         """Offers the service; `answer` is called in a thread where it may wait. Raises as publisher()."""
 
     def client(self, wire: ServiceWire) -> Caller:

@@ -5,9 +5,10 @@ rosbags does it: it compiles a codec for each type, and its messages bear the na
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 from shmgen.model import (
     Array,
@@ -22,9 +23,11 @@ from shmgen.model import (
     TypeName,
     assert_never,
     element_of,
-    ros_type,
 )
 from shmgen.type_hash import FILLER, TIMES, type_hash
+
+_WIDE = "shmgen/msg/WString"
+"""A `wstring`, which rosbags does not know: its UTF-16 units behind their number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,43 +43,47 @@ class Codec:
     type_hash: str
 
 
-def codec(messages: tuple[Message, ...]) -> Codec:
-    """For the last of `messages`, which hold all it refers to. Raises ValueError for a `wstring`."""
+def codec(messages: tuple[Message, ...], wide_unit: Literal[2, 4] = 4) -> Codec:
+    """For the last of `messages`, which hold all it refers to.
+
+    `wide_unit` is the bytes that an UTF-16 unit of a `wstring` has: 4 where rosidl's code for Fast DDS makes them, 2 in
+    rmw_cyclonedds.
+    """
     from rosbags.serde import SerdeError
     from rosbags.typesys.store import Typestore
 
-    _refuse_wide(messages)
     store = Typestore()
-    store.register(_definitions(messages))
+    unit = f"uint{8 * wide_unit}"
+    store.register(_definitions(messages, unit))
+    kinds: dict[str, Any] = {**store.types, _WIDE: lambda units: store.types[_WIDE](units.astype(unit))}
     top = messages[-1].name
     known = {message.name: message for message in messages}
-    foreign = any(_has_numbers_in_elements(field.type, known) for message in messages for field in message.fields)
+    fields = [field.type for message in messages for field in message.fields]
+    wide = any(isinstance(type_ := element_of(field), String) and type_.wide for field in fields)
+    foreign = wide or any(_has_numbers_in_elements(field, known) for field in fields)
 
     def encode(message: Any) -> bytes:
         if foreign:
-            message = _converted(message, Ref(top), known, store.types)
+            message = _converted(message, Ref(top), known, kinds)
         return bytes(store.serialize_cdr(message, str(top), little_endian=True))
 
     def decode(data: bytes | memoryview) -> Any:
         try:
-            return store.deserialize_cdr(data, str(top))
-        except SerdeError as error:
+            if wide:  # Fast DDS leaves more room behind one than it needs, which rosbags takes for an error
+                kept = store.get_msgdef(str(top))
+                read = kept.deserialize_cdr_le if data[1] else kept.deserialize_cdr_be
+                return _texts(read(bytes(data[4:]), 0, kept.cls, store)[0], Ref(top), known)
+            message = store.deserialize_cdr(data, str(top))
+        except (SerdeError, struct.error, IndexError) as error:
             raise ValueError(str(error)) from error
+        return message
 
     # Decoding an empty message takes a third of the time of making one; of a bytearray its arrays can be written to.
-    blank = encode(_empty(Ref(top), known, store.types))
+    blank = encode(_empty(Ref(top), known, kinds))
     return Codec(lambda: decode(memoryview(bytearray(blank))), encode, decode, type_hash(messages))
 
 
-def _refuse_wide(messages: tuple[Message, ...]) -> None:
-    for message in messages:
-        for field in message.fields:
-            if isinstance(type_ := element_of(field.type), String) and type_.wide:
-                where, what = f"{message.name.short}.{field.name}", ros_type(field.type)
-                raise ValueError(f"{where}: no {what} through DDS: Cyclone's Python does not know it; use string")
-
-
-def _definitions(messages: tuple[Message, ...]) -> dict[str, Any]:
+def _definitions(messages: tuple[Message, ...], unit: str) -> dict[str, Any]:
     """As rosbags wants them."""
     from rosbags.interfaces import Nodetype
 
@@ -86,6 +93,8 @@ def _definitions(messages: tuple[Message, ...]) -> dict[str, Any]:
                 return Nodetype.BASE, (type_.value, 0)
             case Clock():
                 return Nodetype.NAME, str(TIMES[type_])
+            case String(_, True):
+                return Nodetype.NAME, _WIDE
             case String(capacity, _):
                 return Nodetype.BASE, ("string", capacity or 0)
             case Ref(name):
@@ -104,10 +113,15 @@ def _definitions(messages: tuple[Message, ...]) -> dict[str, Any]:
 
     filler = [(FILLER, (Nodetype.BASE, ("uint8", 0)))]
     seconds = [("sec", (Nodetype.BASE, ("int32", 0))), ("nanosec", (Nodetype.BASE, ("uint32", 0)))]
-    return {str(name): ([], list(seconds)) for name in TIMES.values()} | {
-        str(message.name): ([], [(field.name, described(field.type)) for field in message.fields] or filler)
-        for message in messages
-    }
+    units = [("units", (Nodetype.SEQUENCE, ((Nodetype.BASE, (unit, 0)), 0)))]
+    return (
+        {_WIDE: ([], units)}
+        | {str(name): ([], list(seconds)) for name in TIMES.values()}
+        | {
+            str(message.name): ([], [(field.name, described(field.type)) for field in message.fields] or filler)
+            for message in messages
+        }
+    )
 
 
 def _has_numbers_in_elements(type_: FieldType, known: Mapping[TypeName, Message]) -> bool:
@@ -141,10 +155,29 @@ def _converted(value: Any, type_: FieldType, known: Mapping[TypeName, Message], 
                     for member, field in zip(members, fields, strict=True)
                 )
             )
+        case String(_, True):
+            units = _numbers(value.encode("utf-16-le"), Scalar.UINT16)
+            return kinds[_WIDE](units)
         case Array(Scalar() as scalar) | Sequence(Scalar() as scalar):
             return _numbers(value, scalar)
-        case Array(Ref() as element) | Sequence(Ref() as element):
+        case Array(Ref() | String(_, True) as element) | Sequence(Ref() | String(_, True) as element):
             return [_converted(item, element, known, kinds) for item in value]
+        case _:
+            return value
+
+
+def _texts(value: Any, type_: FieldType, known: Mapping[TypeName, Message]) -> Any:
+    """The same with `str` for each `wstring`. Raises ValueError for half a character."""
+    match type_:
+        case Ref(name):
+            members = [name for name in value.__dataclass_fields__ if name != "__msgtype__"]
+            for member, field in zip(members, known[name].fields, strict=False):
+                setattr(value, member, _texts(getattr(value, member), field.type, known))
+            return value
+        case String(_, True):
+            return value.units.astype("<u2").tobytes().decode("utf-16-le")
+        case Array(Ref() | String(_, True) as element) | Sequence(Ref() | String(_, True) as element):
+            return [_texts(item, element, known) for item in value]
         case _:
             return value
 

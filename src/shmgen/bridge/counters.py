@@ -20,8 +20,8 @@ class Counters:
     `passed` crossed, `truncated` of them cut; `rejected` did not fit; `thinned` were left out for `rate`; `missed`
     were overwritten in the region before they could be read, or came while there was none; `failed` are calls of a
     service without an answer; `refused` came from a peer that means something else by the type; `lost` were sent, and
-    gone before ROS handed them over. `newest` is when the
-    last one came, by the monotonic clock; `complaint` says what was wrong with the last that was.
+    gone before ROS handed them over. `newest` is when the last one came, by the monotonic clock; `complaint` says what
+    was wrong with the last that was.
     """
 
     topic: str
@@ -57,6 +57,16 @@ class Counters:
         self.missed += 1
         if why:
             self.complain(why)
+
+    def refuse(self, why: str) -> None:
+        """One of a peer that means something else by the type."""
+        self.refused += 1
+        self.complain(why)
+
+    def lose(self, count: int) -> None:
+        """So many that were sent and never came here."""
+        self.lost += count
+        self.complain(f"{count} lost on the way")
 
     def complain(self, text: str) -> None:
         """Tells it, unless the topic has been complained about within the last seconds."""

@@ -6,7 +6,7 @@ from typing import Any
 
 from shmgen.model import Layout, Layouts, Ref, Role, String
 from shmgen.runtime import values
-from shmgen.targets.naming import python_member
+from shmgen.targets.python.names import python_member
 
 
 def cut(message: Any, layout: Layout, layouts: Layouts) -> None:

@@ -30,9 +30,7 @@ class Identity:
         if announced == self._ours:
             return ""
         if not announced.startswith("RIHS01_") or announced == _NONE:
-            self._once(
-                "", f"a peer announces no type hash; that it means the same {self._type.short} is taken for granted"
-            )
+            self._once("", f"a peer announces no type hash; its {self._type.short} is taken for ours")
             return ""
         why = f"a peer has another {self._type.short}: its type hash is {announced}, ours {self._ours}"
         self._once(announced, f"{why}; nothing passes between us and it")

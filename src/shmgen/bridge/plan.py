@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from shmgen import pipeline
+from shmgen import resolve
 from shmgen.bridge.backend import ServiceWire, Wire
 from shmgen.bridge.side import About
 from shmgen.config.entries import Topic
@@ -68,7 +68,7 @@ def routes(session: Session) -> list[Route]:
     """One for each of [[topics]]. Raises Rejected."""
     config, requests = session.config, _requests(session)
     schema, layouts, report = session.schema(requests), session.layouts(requests), Report()
-    found = list(pipeline.topics(config, layouts, report))
+    found = list(resolve.topics(config, layouts, report))
     report.stop_if_any()
     # Strings are cut by the bridge, which counts it, and not by the classes.
     kinds = session.classes(requests, overflow="error") if found else {}
@@ -84,7 +84,7 @@ def services(session: Session) -> list[ServiceRoute]:
     """One for each of [[services]]. Raises Rejected."""
     requests = _requests(session)
     schema, layouts, report = session.schema(requests), session.layouts(requests), Report()
-    found = list(pipeline.services(session.config, layouts, report))
+    found = list(resolve.services(session.config, layouts, report))
     report.stop_if_any()
     kinds = session.classes(requests) if found else {}
 

@@ -14,7 +14,7 @@ import rospy
 from rospy.impl import registration
 
 from shmgen.bridge import ros1_types as types
-from shmgen.bridge.backend import Answer, Caller, NoAnswer, Node, Outlet, ServiceWire, Taker, Wire
+from shmgen.bridge.backend import Answer, Caller, NoAnswer, Node, Outlet, Refuse, ServiceWire, Taker, Wire
 from shmgen.runtime import Time
 
 _WATCH = 0.5
@@ -50,7 +50,7 @@ class Ros1:
         rospy.Subscriber(wire.topic, kind, taker.take, tcp_nodelay=True)
         return kind  # type: ignore[no-any-return]
 
-    def serve(self, wire: ServiceWire, answer: Answer) -> None:
+    def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
         kind = types.service(wire)
 
         def handle(request: Any) -> Any:

@@ -20,11 +20,12 @@ from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.signals import SignalHandlerOptions
 
 from shmgen.bridge import ros2_types as types
-from shmgen.bridge.backend import Answer, Caller, NoAnswer, Node, Outlet, ServiceWire, Taker, Wire
+from shmgen.bridge.backend import Answer, Caller, NoAnswer, Node, Outlet, Refuse, ServiceWire, Taker, Wire
 from shmgen.bridge.cdr import Codec, codec
 from shmgen.bridge.identity import Identity
 from shmgen.bridge.ros2_topics import Inlet
 from shmgen.bridge.ros2_waiter import Ours, Waiter
+from shmgen.model import Message
 from shmgen.runtime import Time
 
 _FAREWELL = 0.4
@@ -58,12 +59,12 @@ class Ros2:
         self._thread.start()
 
     def publisher(self, wire: Wire) -> Outlet:
-        kind, made = types.message(wire.messages), codec(wire.messages)
+        kind, made = types.message(wire.messages), _codec(wire.messages)
         publisher = self._node.create_publisher(kind, wire.topic, _qos(wire, 1 if wire.latch else wire.queue))
         return Outlet(made.new, lambda message: publisher.publish(made.encode(message)))
 
     def subscribe(self, wire: Wire, taker: Taker) -> Callable[[], Any]:
-        kind, made = types.message(wire.messages), codec(wire.messages)
+        kind, made = types.message(wire.messages), _codec(wire.messages)
         subscription = self._node.create_subscription(
             kind, wire.topic, _never, _qos(wire, wire.queue), callback_group=Ours(), raw=True
         )
@@ -72,16 +73,21 @@ class Ros2:
         self._wait(subscription, "subscription", inlet.take, wire.topic)
         return made.new
 
-    def serve(self, wire: ServiceWire, answer: Answer) -> None:
+    def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
         kind = types.service(wire)
-        request, response = codec(wire.request), codec(wire.response)
+        request, response = _codec(wire.request), _codec(wire.response)
         service = self._node.create_service(kind, wire.service, _never, callback_group=Ours())
+        find = self._node.get_publishers_info_by_topic
+        refusal = self._meant(wire, wire.request, request, find, f"rq{service.service_name}Request")
 
         def take() -> None:
             while not self._closing.is_set():
                 asked, whose = service.handle.service_take_request(kind.Request)
                 if whose is None:
                     return
+                if why := refusal():
+                    refuse(why)
+                    continue
                 message = response.new()
                 try:
                     answer(request.decode(serialize_message(asked)), message)
@@ -95,8 +101,12 @@ class Ros2:
 
     def client(self, wire: ServiceWire) -> Caller:
         kind = types.service(wire)
-        request, response = codec(wire.request), codec(wire.response)
+        request, response = _codec(wire.request), _codec(wire.response)
         client = self._node.create_client(kind, wire.service)
+        find = self._node.get_subscriptions_info_by_topic
+        refusal = self._meant(wire, wire.request, request, find, f"rq{client.service_name}Request")
+        find = self._node.get_publishers_info_by_topic
+        answers = self._meant(wire, wire.response, response, find, f"rr{client.service_name}Reply")
 
         def call(message: Any, timeout: float) -> Any:
             deadline = time.monotonic() + timeout
@@ -104,6 +114,8 @@ class Ros2:
                 if time.monotonic() >= deadline:
                     raise NoAnswer(f"no server within {timeout:g} s")
                 self._pause()
+            if why := refusal() or answers():
+                raise NoAnswer(why)
             answered = threading.Event()
             future = client.call_async(_rosidl(request, message, kind.Request))
             future.add_done_callback(lambda future: answered.set())
@@ -150,6 +162,18 @@ class Ros2:
         found = self._node.get_publishers_info_by_topic(topic)
         return {bytes(one.endpoint_gid)[:16]: _hash(one) for one in found}
 
+    def _meant(
+        self, wire: ServiceWire, messages: tuple[Message, ...], made: Codec, find: Any, topic: str
+    ) -> Callable[[], str]:
+        """What says why nothing may pass while one of the ends of that topic of DDS has another definition."""
+        identity = Identity(wire.service, messages[-1].name, made.type_hash, self._tell)
+
+        def refusal() -> str:
+            whys = (identity.refusal(_hash(end)) for end in find(topic, no_mangle=True))
+            return next((why for why in whys if why), "")
+
+        return refusal
+
     def _pause(self) -> None:
         if self._closing.wait(_LOOK):
             raise NoAnswer("the bridge ends")
@@ -176,6 +200,10 @@ def _hash(endpoint: Any) -> str:
 
 def _rosidl(made: Codec, message: Any, kind: Any) -> Any:
     return deserialize_message(made.encode(message), kind)
+
+
+def _codec(messages: tuple[Message, ...]) -> Codec:
+    return codec(messages, 2 if rclpy.get_rmw_implementation_identifier() == "rmw_cyclonedds_cpp" else 4)
 
 
 def _qos(wire: Wire, depth: int) -> QoSProfile:

@@ -16,8 +16,8 @@ Hashes = Callable[[], dict[bytes, str]]
 class Inlet:
     """Takes all that waits in a subscription. Calls must not overlap.
 
-    The graph says what each publisher means by the type. Since Kilted each message says whose it is; before, nothing of a
-    topic is taken while one of its publishers is of another definition.
+    The graph says what each publisher means by the type. Since Kilted each message says whose it is; before, nothing
+    of a topic is taken while one of its publishers is of another definition.
     """
 
     def __init__(self, subscription: Any, made: Codec, taker: Taker, identity: Identity, hashes: Hashes) -> None:

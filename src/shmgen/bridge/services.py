@@ -26,7 +26,7 @@ class PlcServes:
         self._end: End[ServiceClient[Any, Any]] = End(lambda: made(route.service.name), route.region)
 
     def join(self, backend: Backend) -> None:
-        backend.serve(self._route.wire, self._answer)
+        backend.serve(self._route.wire, self._answer, self.counters.refuse)
 
     def tick(self) -> None:
         try:

@@ -17,12 +17,13 @@ from shmgen.runtime import CountExceeded, Message, Publisher, ShmError, StringTo
 
 
 class ToPlc:
-    """A Side; `take` is the callback of the ROS topic."""
+    """A Side, and a Taker: what its backend could not hand over is counted."""
 
     def __init__(self, route: Route, counters: Counters, stopping: threading.Event) -> None:
         self.route = route
         self.about = route.about
         self.counters = counters
+        self.reject, self.refuse, self.lose = counters.reject, counters.refuse, counters.lose
         self._stopping = stopping
         self._lock = threading.Lock()
         self._waiting: Any = None
@@ -46,20 +47,6 @@ class ToPlc:
             self.counters.thinned += self._waiting is not None
             self._waiting = message
         self._came.set()
-
-    def reject(self, why: str) -> None:
-        """One that could not be read."""
-        self.counters.rejected += 1
-        self.counters.complain(f"rejected: {why}")
-
-    def refuse(self, why: str) -> None:
-        """One of another definition."""
-        self.counters.refused += 1
-        self.counters.complain(why)
-
-    def lose(self, count: int) -> None:
-        """So many before they came here."""
-        self.counters.lost += count
 
     def tick(self) -> None:
         """Shows the PLC that the bridge lives, unless ROS has fallen silent for longer than `stale`."""

@@ -14,10 +14,10 @@ import click
 
 from shmgen.cli import options
 from shmgen.config import Config
-from shmgen.config.file import EXTRA_TARGETS, TARGETS
 from shmgen.diagnostics import Rejected
 from shmgen.drift import verdict
 from shmgen.drift.findings import Finding, Severity, as_annotations, as_json, summary, worst
+from shmgen.targets import KEYS
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -57,9 +57,7 @@ def _report(command: F) -> F:
 
 @click.command()
 @_output
-@click.option(
-    "-t", "--target", multiple=True, type=click.Choice((*TARGETS, *EXTRA_TARGETS)), help="As given to generate."
-)
+@click.option("-t", "--target", multiple=True, type=click.Choice(KEYS), help="As given to generate.")
 @click.option("--diff", "with_diff", is_flag=True, help="Print what generate would change, line by line.")
 @_report
 @options.where

@@ -9,9 +9,9 @@ import click
 
 from shmgen import pipeline
 from shmgen.cli import asked, options
-from shmgen.config.file import EXTRA_TARGETS, TARGETS
 from shmgen.diagnostics import CODES
 from shmgen.drift import lockfile
+from shmgen.targets import KEYS
 
 
 @click.command()
@@ -28,7 +28,7 @@ from shmgen.drift import lockfile
     "-t",
     "--target",
     multiple=True,
-    type=click.Choice((*TARGETS, *EXTRA_TARGETS)),
+    type=click.Choice(KEYS),
     help="Only this target, and the others' files removed; may be repeated.",
 )
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing but diagnostics.")

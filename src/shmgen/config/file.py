@@ -16,11 +16,9 @@ from shmgen.config.document import Reader
 from shmgen.config.entries import Action, Service, Topic
 from shmgen.diagnostics import Report, Span, closest
 from shmgen.model import RegionOptions, TypeOptions
+from shmgen.targets import KEYS, USUAL
 
 FILE_NAME = "shmgen.toml"
-TARGETS = ("python", "st", "plcopen", "c")
-EXTRA_TARGETS = ("ros1", "ros2")
-"""Written only where they are asked for."""
 SOURCES = ("jazzy", "humble", "noetic", "kilted", "lyrical", "iron", "galactic", "foxy", "eloquent", "dashing", "env")
 MAX_REGION = 16 * 2**20
 """Bytes; more than any sane topic, less than what a forgotten bound makes."""
@@ -39,7 +37,7 @@ class Config:
     messages: tuple[str, ...] = ()
     source: str = "jazzy"
     path: tuple[Path, ...] = ()
-    targets: tuple[str, ...] = TARGETS
+    targets: tuple[str, ...] = USUAL
     package: str = "shm_msgs"
     distribution: str = ""
     ros_package: str = ""
@@ -108,7 +106,7 @@ class _Sections:
             messages=tuple(_from(root, message) for message in self.read.texts("messages", data, ())),
             source=self.read.choice("", "source", data, SOURCES, "jazzy"),
             path=tuple(root / folder for folder in self.read.texts("path", data, ())),
-            targets=self.read.texts("targets", data, TARGETS, (*TARGETS, *EXTRA_TARGETS)),
+            targets=self.read.texts("targets", data, USUAL, KEYS),
             package=self.package(data),
             distribution=self.distribution(data),
             ros_package=self.ros_package(data),

@@ -8,7 +8,7 @@ from shmgen.layout import CLOCK
 from shmgen.model import Clock, Scalar, TypeOptions
 from shmgen.pipeline import Entry
 from shmgen.targets.c.target import c_element
-from shmgen.targets.naming import iec_element
+from shmgen.targets.st.names import iec_element
 
 
 def type_table(options: TypeOptions) -> str:

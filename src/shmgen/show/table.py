@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 
 from shmgen.layout import region_size
 from shmgen.model import Layout, Layouts, Message, Ref, Role, Slot, TypeName, ros_type
-from shmgen.targets.naming import iec_type
+from shmgen.targets.st.names import iec_type
 from shmgen.type_hash import hash_of
 
 

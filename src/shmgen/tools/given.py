@@ -10,7 +10,7 @@ from typing import Any
 
 from shmgen.diagnostics import closest
 from shmgen.runtime import Clock, Clocks, Elements, Message, OutOfRange, Time, values
-from shmgen.targets.naming import python_member
+from shmgen.targets.python.names import python_member
 from shmgen.tools.shown import ros_name
 
 _FLOATS = {"NaN": float("nan"), "Infinity": float("inf"), "-Infinity": float("-inf")}

@@ -11,7 +11,7 @@ from typing import Any
 
 from shmgen.runtime import CountExceeded, Message
 from shmgen.runtime.legible import escaped
-from shmgen.targets.naming import python_member
+from shmgen.targets.python.names import python_member
 
 SHORT = 32
 """So many elements of an array are shown unless all are asked for."""

@@ -18,14 +18,15 @@ from shmgen.model import (
     Scalar,
     Slot,
     String,
-    TypeName,
     TypeOptions,
     assert_never,
     ros_type,
 )
+from shmgen.targets import Job
 from shmgen.targets.c import region
+from shmgen.targets.c.names import NAMES as NAMES
+from shmgen.targets.c.names import c_member, header, macro, struct_name
 from shmgen.targets.counts import bound, counts, holds_counts
-from shmgen.targets.naming import C, c_member, check_members, check_messages, file_stem
 
 _TYPES = {
     Scalar.BOOL: "uint8_t",
@@ -68,28 +69,11 @@ class Header(NamedTuple):
     valid: tuple[str, ...]
 
 
-def plan(layouts: Layouts, report: Report, package: str = "shm_msgs") -> Iterator[Output]:
+def plan(job: Job, report: Report) -> Iterator[Output]:
     """`c/<package>/<ros package>/msg/pose.h` for each message, and `c/<package>/shmgen.h`."""
-    yield region.plan(package)
-    check_messages(layouts.values(), "name", _names, C, report)
-    check_messages(layouts.values(), "file", lambda layout: [_path(layout.name, package)], C, report)
-    for name, layout in layouts.items():
-        check_members(layout, C, report)
-        yield Output(f"c/{_path(name, package)}", "c/message.h.j2", _header(layout, layouts, package))
-
-
-def _names(layout: Layout) -> list[str]:
-    """What it takes of C's one space for names: its structure, and a macro for each constant."""
-    struct = struct_name(layout.name)
-    return [struct, *(f"{struct}_{constant.name}" for constant in layout.message.constants)]
-
-
-def struct_name(name: TypeName) -> str:
-    return f"shm_{name.package}_{name.name}"
-
-
-def _path(name: TypeName, package: str) -> str:
-    return f"{package}/{name.package}/{name.kind}/{file_stem(name)}.h"
+    yield region.plan(job.package)
+    for name, layout in job.layouts.items():
+        yield Output(f"c/{header(name, job.package)}", "c/message.h.j2", _header(layout, job.layouts, job.package))
 
 
 def _header(layout: Layout, layouts: Layouts, package: str) -> Header:
@@ -97,15 +81,15 @@ def _header(layout: Layout, layouts: Layouts, package: str) -> Header:
     return Header(
         title=str(layout.name),
         origin=_in_comment(layout.message.origin),
-        guard=_path(layout.name, package).upper().replace("/", "_").replace(".", "_"),
-        includes=(f"{package}/shmgen.h", *sorted(_path(name, package) for name in layout.dependencies)),
+        guard=header(layout.name, package).upper().replace("/", "_").replace(".", "_"),
+        includes=(f"{package}/shmgen.h", *sorted(header(name, package) for name in layout.dependencies)),
         doc=tuple(_in_comment(layout.message.doc).splitlines()),
         struct=struct,
         size=str(layout.size),
         digest=f"{layout.digest:016x}",
         defines=tuple(
             Define(
-                f"{struct}_{constant.name}",
+                macro(layout.name, constant.name),
                 _literal(constant, layout.options),
                 _in_comment(constant.doc.partition("\n")[0]),
             )

@@ -2,20 +2,25 @@
 
 The format is TC6 XML 2.01 with what CODESYS writes into `addData`. CODESYS prefers a declaration in plain text
 (`interfaceasplaintext`) to the structured one: only that keeps comments, pragmas and the base type of an enumeration.
-Both are here, and both are read from the text of the .st file, so there is one source for all.
+Both are here: the structured one is what the target st planned, the text is what it printed.
 """
 
 from __future__ import annotations
 
 import html
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from pathlib import PurePosixPath
 from typing import NamedTuple
 
+from shmgen.diagnostics import Report
 from shmgen.model import Output
-from shmgen.targets import naming
-from shmgen.targets.plcopen import source
+from shmgen.targets import Job, Printed
+from shmgen.targets.st import objects, reader
+from shmgen.targets.st.names import PRG_TOPICS
+
+NAMES = None
+"""All are those that the target st made."""
 
 LIBRARIES = (("SysShm", "SysShm"), ("SysSemProcess", "SysSemProcess"), ("SysTypes Interfaces", "SysTypes"))
 """Title and namespace of the libraries that FB_ShmRegion uses."""
@@ -108,18 +113,20 @@ class Project(NamedTuple):
     milliseconds: str
     task: str = TASK
     priority: str = PRIORITY
-    program: str = naming.PRG_TOPICS
+    program: str = PRG_TOPICS
 
 
-def plan(sources: Mapping[str, str], interval: int) -> Iterator[Output]:
-    """`plcopen/` of the texts that the target st wrote, by path; `interval` of the task in milliseconds."""
-    objects = [source.read(PurePosixPath(path).stem, text) for path, text in sources.items()]
+def plan(job: Job, report: Report) -> Iterator[Output]:
+    """`plcopen/` of what the target st planned and printed, and of the interval of the task."""
+    files = sorted(job.printed["st"], key=lambda printed: printed.output.path)
+    found = [(_object(printed), printed.text.rstrip("\n")) for printed in files]
+    interval = job.options.task_interval
     view = Project(
-        data_types=tuple(_data_type(found) for found in objects if isinstance(found, source.DataType)),
-        lists=tuple(_list(found) for found in objects if isinstance(found, source.GlobalList)),
-        units=tuple(_unit(found) for found in objects if isinstance(found, source.Unit)),
+        data_types=tuple(_data_type(one, text) for one, text in found if isinstance(one, objects.DataType)),
+        lists=tuple(_list(one, text) for one, text in found if isinstance(one, objects.GlobalList)),
+        units=tuple(_unit(one) for one, _ in found if isinstance(one, objects.Unit)),
         libraries=tuple(Library(f"{title}, * (System)", namespace) for title, namespace in LIBRARIES),
-        has_task=any(found.name == naming.PRG_TOPICS for found in objects),
+        has_task=any(one.name == PRG_TOPICS for one, _ in found),
         seconds=f"{interval / 1000:f}".rstrip("0").rstrip("."),
         milliseconds=str(interval),
     )
@@ -127,9 +134,18 @@ def plan(sources: Mapping[str, str], interval: int) -> Iterator[Output]:
     yield Output("plcopen/import_shmgen.py", "plcopen/import_shmgen.py.j2", view)
 
 
-def _data_type(found: source.DataType) -> DataType:
+def _object(printed: Printed) -> objects.DataType | objects.GlobalList | objects.Unit:
+    """As it was planned. The text of blocks, which is written by hand in the templates, is cut as an IDE stores it."""
+    match printed.output.view:
+        case objects.Dut() | objects.Gvl() as view:
+            return view.object
+        case _:
+            return reader.read(PurePosixPath(printed.output.path).stem, printed.text)
+
+
+def _data_type(found: objects.DataType, text: str) -> DataType:
     return DataType(
-        _head(found.name, found.head, found.text),
+        _head(found.name, found.head, text),
         _variables(found.members),
         is_enum=bool(found.base),
         base=_type(found.base) if found.base else "",
@@ -137,16 +153,16 @@ def _data_type(found: source.DataType) -> DataType:
     )
 
 
-def _list(found: source.GlobalList) -> GlobalList:
+def _list(found: objects.GlobalList, text: str) -> GlobalList:
     section = found.variables
-    return GlobalList(_head(found.name, found.head, found.text), _bool(section.constant), _variables(section.variables))
+    return GlobalList(_head(found.name, found.head, text), _bool(section.constant), _variables(section.variables))
 
 
 _KINDS = {"FUNCTION_BLOCK": "functionBlock", "PROGRAM": "program", "METHOD": ""}
 _TAGS = {"VAR_INPUT": "inputVars", "VAR_OUTPUT": "outputVars", "VAR": "localVars"}
 
 
-def _unit(found: source.Unit) -> Unit:
+def _unit(found: objects.Unit) -> Unit:
     sections = [
         Section(_TAGS[section.keyword], _bool(section.constant), _variables(section.variables))
         for section in found.sections
@@ -163,19 +179,19 @@ def _unit(found: source.Unit) -> Unit:
     )
 
 
-def _head(name: str, head: source.Head, text: str) -> Head:
-    attributes = tuple(Attribute(_text(key), _text(value)) for key, value in head.attributes)
-    return Head(name, _text(head.comment), attributes, _text(text))
+def _head(name: str, head: objects.Head, text: str) -> Head:
+    attributes = tuple(Attribute(_text(found.name), _text(found.value)) for found in head.attributes)
+    return Head(name, _text("\n".join(head.comment)), attributes, _text(text))
 
 
-def _variables(found: Iterable[source.Variable]) -> tuple[Variable, ...]:
+def _variables(found: Iterable[objects.Variable]) -> tuple[Variable, ...]:
     return tuple(
         Variable(
             variable.name,
             _type(variable.type) if variable.type else "",
             bool(variable.value),
             _value(variable.value),
-            _text(variable.value),
+            _text(variable.value) if isinstance(variable.value, str) else "",
             bool(variable.comment),
             _text(variable.comment),
         )
@@ -204,15 +220,11 @@ def _type(spelled: str) -> str:
     return f'<derived name="{spelled}" />'
 
 
-_ELEMENT = re.compile(rf"(?:{source.STRINGS}|[^,'\"])+")
-
-
-def _value(spelled: str) -> str:
-    """`[1.0, 2.0]` as PLCopen spells it."""
-    if not spelled.startswith("["):
+def _value(spelled: str | tuple[str, ...]) -> str:
+    """`1.0`, or the elements of an array, as PLCopen spells them."""
+    if isinstance(spelled, str):
         return f'<simpleValue value="{_text(spelled)}" />'
-    elements = (found.strip() for found in _ELEMENT.findall(spelled[1:-1]))
-    return f"<arrayValue>{''.join(f'<value>{_value(element)}</value>' for element in elements)}</arrayValue>"
+    return f"<arrayValue>{''.join(f'<value>{_value(element)}</value>' for element in spelled)}</arrayValue>"
 
 
 def _bool(value: bool) -> str:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from itertools import groupby
 
 from shmgen.model import Clock, Layout, Layouts, Ref, Role, Scalar, Slot, String, TypeName, TypeOptions, assert_never
-from shmgen.targets.naming import python_member
+from shmgen.targets.python.names import python_member
 
 WIDEST_GAP = 512
 LATE = 4096

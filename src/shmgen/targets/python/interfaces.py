@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from shmgen.model import Layouts, Output, TypeName
 from shmgen.targets import interfaces
-from shmgen.targets.naming import file_stem, python_member
+from shmgen.targets.python.names import module, python_member
 from shmgen.targets.python.text import import_lines, in_docstring
 
 
@@ -59,10 +59,10 @@ def _path(name: TypeName, root: str) -> str:
 
 
 def _module(name: TypeName) -> str:
-    return f"._{file_stem(name)}_{'service' if name.kind == 'srv' else 'action'}"
+    return f".{module(name)}_{'service' if name.kind == 'srv' else 'action'}"
 
 
 def _imports(name: TypeName, parts: Mapping[str, tuple[str, ...]]) -> Iterator[str]:
     for part, endings in parts.items():
         message = name.part(part)
-        yield from import_lines(f"._{file_stem(message)}", [message.name + ending for ending in endings])
+        yield from import_lines(f".{module(message)}", [message.name + ending for ending in endings])

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping, Set
 from typing import NamedTuple
 
 from shmgen.model import Clock, Element, Ref, Role, Scalar, Slot, String, TypeName, TypeOptions, assert_never
-from shmgen.targets.naming import PYTHON_STORED, python_member
-from shmgen.targets.python import codec as codec
+from shmgen.targets.python import codec
+from shmgen.targets.python.names import PYTHON_STORED, python_member
 
 CTYPES = {
     Scalar.BOOL: "c_bool",

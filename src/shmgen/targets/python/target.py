@@ -8,19 +8,11 @@ from typing import NamedTuple
 
 from shmgen.diagnostics import Report
 from shmgen.model import Layout, Layouts, Output, Ref, RegionOptions, Role, TypeName
-from shmgen.targets.naming import (
-    PYTHON,
-    PYTHON_USED,
-    check_constants,
-    check_members,
-    check_messages,
-    file_stem,
-    python_class,
-    python_member,
-)
-from shmgen.targets.python import codec as codec
-from shmgen.targets.python import interfaces
+from shmgen.targets import Job
+from shmgen.targets.python import codec, interfaces, project
 from shmgen.targets.python.members import Row, annotation, ctype, descriptor, hiding, is_shown, stored_name
+from shmgen.targets.python.names import NAMES as NAMES
+from shmgen.targets.python.names import PYTHON_USED, classes, module, python_class, python_member
 from shmgen.targets.python.text import documentation, import_lines, in_docstring, literal, sort_key
 
 
@@ -59,12 +51,14 @@ class Package(NamedTuple):
     names: tuple[str, ...]
 
 
-def plan(
-    layouts: Layouts, report: Report, package: str = "shm_msgs", regions: RegionOptions | None = None
-) -> Iterator[Output]:
-    """`python/<package>/<ros package>/msg/_pose.py` for each message, and the packages above them."""
-    said = _spelled(regions or RegionOptions())
-    root = f"python/{package}"
+def plan(job: Job, report: Report) -> Iterator[Output]:
+    """`python/<package>/<ros package>/msg/_pose.py` for each message, and the packages above them.
+
+    With a `distribution` in shmgen.toml a pyproject.toml too, which makes them installable.
+    """
+    layouts = job.layouts
+    regions = _spelled(job.options.regions)
+    root = f"python/{job.package}"
     yield Output(f"{root}/__init__.py", "python/package.py.j2", Package("Messages in shared memory", (), ()))
     yield Output(f"{root}/py.typed", "python/py.typed.j2", None)
     for ros_package in dict.fromkeys(name.package for name in sorted(layouts)):
@@ -74,29 +68,21 @@ def plan(
     for (ros_package, kind), names in groupby(sorted(layouts), key=folder_of):
         folder = f"{root}/{python_member(ros_package)}/{kind}"
         members = [layouts[name] for name in names]
-        check_messages(members, "class", _classes, PYTHON, report)
-        check_messages(members, "file", lambda layout: [f"_{file_stem(layout.name)}.py"], PYTHON, report)
-        for layout in members:
-            check_members(layout, PYTHON, report)
-            check_constants(layout, PYTHON, (), report)
         yield Output(f"{folder}/__init__.py", "python/package.py.j2", _package(ros_package, kind, members))
         for layout in members:
-            view = _module(layout, layouts, said)
-            yield Output(f"{folder}/_{file_stem(layout.name)}.py", "python/message.py.j2", view)
+            view = _module(layout, layouts, regions)
+            yield Output(f"{folder}/{module(layout.name)}.py", "python/message.py.j2", view)
     yield from interfaces.plan(layouts, root)
+    if job.options.distribution:
+        yield project.plan(job.options.distribution, job.package)
 
 
 def _package(ros_package: str, kind: str, layouts: list[Layout]) -> Package:
-    modules = {f"._{file_stem(layout.name)}": _classes(layout) for layout in layouts}
+    modules = {f".{module(layout.name)}": classes(layout) for layout in layouts}
     modules |= interfaces.classes({layout.name: layout for layout in layouts})
-    imports = tuple(line for module in sorted(modules, key=sort_key) for line in import_lines(module, modules[module]))
+    imports = tuple(line for found in sorted(modules, key=sort_key) for line in import_lines(found, modules[found]))
     names = sorted((name for names in modules.values() for name in names), key=sort_key)
     return Package(f"Messages of {ros_package}/{kind} in shared memory", imports, tuple(names))
-
-
-def _classes(layout: Layout) -> list[str]:
-    name = python_class(layout.name)
-    return [name, f"{name}Publisher", f"{name}Subscriber"] if layout.requested else [name]
 
 
 def _spelled(regions: RegionOptions) -> str:
@@ -185,13 +171,13 @@ def _imports(layout: Layout, names: dict[TypeName, str], packs: bool, stores: bo
     modules = {}
     for name, imported in names.items():
         near = (name.package, name.kind) == (layout.name.package, layout.name.kind)
-        module = f"._{file_stem(name)}" if near else f"...{python_member(name.package)}.{name.kind}._{file_stem(name)}"
+        place = f".{module(name)}" if near else f"...{python_member(name.package)}.{name.kind}.{module(name)}"
         bare = python_class(name)
-        modules[module] = bare if bare == imported else f"{bare} as {imported}"
+        modules[place] = bare if bare == imported else f"{bare} as {imported}"
     if modules:
         yield ""
-    for module in sorted(modules, key=lambda module: (not module.startswith("..."), sort_key(module))):
-        yield from import_lines(module, [modules[module]])
+    for place in sorted(modules, key=lambda place: (not place.startswith("..."), sort_key(place))):
+        yield from import_lines(place, [modules[place]])
 
 
 def _default_lines(layout: Layout, layouts: Layouts) -> Iterator[str]:

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from shmgen.model import Layouts, Output, TypeName
-from shmgen.targets import interfaces, naming
-from shmgen.targets.st import common
+from shmgen.targets import interfaces
+from shmgen.targets.st import common, names
 from shmgen.targets.st.counts import Check, checks
 
 
@@ -28,9 +28,9 @@ class Service(NamedTuple):
     response: str
     fits: bool
     checks: tuple[Check, ...]
-    type_name: str = naming.GVL_TYPE_NAME
-    digest: str = naming.GVL_DIGEST
-    size: str = naming.GVL_SIZE
+    type_name: str = names.GVL_TYPE_NAME
+    digest: str = names.GVL_DIGEST
+    size: str = names.GVL_SIZE
 
 
 class Action(NamedTuple):
@@ -50,9 +50,9 @@ class Action(NamedTuple):
     fits: bool
     fits_progress: bool
     checks: tuple[Check, ...]
-    type_name: str = naming.GVL_TYPE_NAME
-    digest: str = naming.GVL_DIGEST
-    size: str = naming.GVL_SIZE
+    type_name: str = names.GVL_TYPE_NAME
+    digest: str = names.GVL_DIGEST
+    size: str = names.GVL_SIZE
 
 
 def plan(layouts: Layouts) -> Iterator[Output]:
@@ -79,10 +79,10 @@ _OF_ACTION = ("_Goal", "_Result", "_Feedback", "_Command", "_Progress", "_Outcom
 
 def _service(name: TypeName, layouts: Layouts) -> Iterator[Output]:
     request, reply = _carried(name.part("_Request")), _carried(name.part("_Reply"))
-    response = naming.st_type(name.part("_Response"))
+    response = names.st_type(name.part("_Response"))
     for block, template, read in (
-        (naming.client_block(name), "client", "_Reply"),
-        (naming.server_block(name), "server", "_Request"),
+        (names.client_block(name), "client", "_Reply"),
+        (names.server_block(name), "server", "_Request"),
     ):
         own = checks(layouts[name.part(read)], layouts, "Fits", read)
         view = Service(block, name.short, request, reply, response, bool(own), own)
@@ -91,10 +91,10 @@ def _service(name: TypeName, layouts: Layouts) -> Iterator[Output]:
 
 def _action(name: TypeName, layouts: Layouts) -> Iterator[Output]:
     command, progress, outcome = (_carried(name.part(part)) for part in ("_Command", "_Progress", "_Outcome"))
-    goal, feedback, result = (naming.st_type(name.part(part)) for part in ("_Goal", "_Feedback", "_Result"))
+    goal, feedback, result = (names.st_type(name.part(part)) for part in ("_Goal", "_Feedback", "_Result"))
     for block, template, read, heard in (
-        (naming.action_client_block(name), "action_client", "_Outcome", ("_Progress",)),
-        (naming.action_server_block(name), "action_server", "_Command", ()),
+        (names.action_client_block(name), "action_client", "_Outcome", ("_Progress",)),
+        (names.action_server_block(name), "action_server", "_Command", ()),
     ):
         own = checks(layouts[name.part(read)], layouts, "Fits", read)
         also = tuple(it for part in heard for it in checks(layouts[name.part(part)], layouts, "FeedbackFits", part))
@@ -104,4 +104,4 @@ def _action(name: TypeName, layouts: Layouts) -> Iterator[Output]:
 
 
 def _carried(name: TypeName) -> Carried:
-    return Carried(naming.st_type(name), naming.gvl(name))
+    return Carried(names.st_type(name), names.gvl(name))

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from shmgen.model import Layout, Layouts, Ref, Role
-from shmgen.targets import naming
 from shmgen.targets.counts import bound, counts, holds_counts
+from shmgen.targets.st import names
 
 _INDENT = "    "
 
@@ -51,7 +51,7 @@ def _refusals(layout: Layout, layouts: Layouts, owner: str, name: str, depth: in
 
 def _too_many(layout: Layout, layouts: Layouts, owner: str) -> Iterator[str]:
     for slot in layout.slots:
-        member = f"{owner}.{naming.st_member(slot.name)}"
+        member = f"{owner}.{names.st_member(slot.name)}"
         if slot.role is Role.COUNT:
             yield f"{member} > {bound(slot)}"
         elif isinstance(slot.type, Ref) and slot.count is None:
@@ -63,11 +63,11 @@ def _loops(layout: Layout, layouts: Layouts, owner: str, name: str, depth: int) 
     for slot in layout.slots:
         if not isinstance(slot.type, Ref) or not holds_counts(inner := layouts[slot.type.name], layouts):
             continue
-        member = f"{owner}.{naming.st_member(slot.name)}"
+        member = f"{owner}.{names.st_member(slot.name)}"
         if slot.count is None:
             yield from _loops(inner, layouts, member, name, depth)
             continue
-        last = f"{owner}.{naming.st_member(counted[slot.name].name)}" if slot.name in counted else str(slot.count)
+        last = f"{owner}.{names.st_member(counted[slot.name].name)}" if slot.name in counted else str(slot.count)
         yield f"FOR udi{depth} := 1 TO {last} DO"
         element = f"{member}[udi{depth} - 1]"
         yield from (f"{_INDENT}{line}" for line in _refusals(inner, layouts, element, name, depth + 1))

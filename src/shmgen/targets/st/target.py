@@ -11,51 +11,25 @@ from typing import NamedTuple
 
 from shmgen.diagnostics import Report
 from shmgen.model import (
-    Action,
     Clock,
     Layout,
     Layouts,
     Output,
     Role,
     Scalar,
-    Service,
     Slot,
     String,
-    Topic,
     assert_never,
     text_length,
 )
-from shmgen.targets import naming
-from shmgen.targets.st import calls, common, counts, program
-from shmgen.targets.st.text import WIDTH, ascii_text, comment_lines, literal
+from shmgen.targets import Job
+from shmgen.targets.st import calls, common, counts, names, program
+from shmgen.targets.st.names import NAMES as NAMES
+from shmgen.targets.st.objects import Attribute, DataType, Dut, GlobalList, Gvl, Head, Line, Variable, Variables
+from shmgen.targets.st.text import MADE, WIDTH, ascii_text, comment_lines, literal, uncommented
 
 _WIDEST_COLUMN = 56
 """Where comments begin at the latest; a longer declaration pushes only its own."""
-
-
-class Line(NamedTuple):
-    """A declaration with the comment beside it, and the comment lines that stand above it."""
-
-    text: str
-    above: tuple[str, ...] = ()
-
-
-class Dut(NamedTuple):
-    """A structure; `doc` are comment lines."""
-
-    name: str
-    doc: tuple[str, ...]
-    members: tuple[Line, ...]
-
-
-class Gvl(NamedTuple):
-    """A list of constants, the generator's and the message's."""
-
-    name: str
-    title: str
-    generated: tuple[Line, ...]
-    has_constants: bool
-    constants: tuple[Line, ...]
 
 
 class Block(NamedTuple):
@@ -67,54 +41,58 @@ class Block(NamedTuple):
     gvl: str
     fits: bool
     checks: tuple[counts.Check, ...]
-    type_name: str = naming.GVL_TYPE_NAME
-    digest: str = naming.GVL_DIGEST
-    size: str = naming.GVL_SIZE
+    type_name: str = names.GVL_TYPE_NAME
+    digest: str = names.GVL_DIGEST
+    size: str = names.GVL_SIZE
 
 
-def plan(
-    layouts: Layouts,
-    report: Report,
-    topics: Sequence[Topic] = (),
-    services: Sequence[Service] = (),
-    actions: Sequence[Action] = (),
-    *,
-    locks: bool = True,
-) -> Iterator[Output]:
-    """`st/<package>/` one POU a file, `st/shmgen/`, and what calls the blocks. Reports SHM203 and SHM204."""
+def plan(job: Job, report: Report) -> Iterator[Output]:
+    """`st/<package>/` one POU a file, `st/shmgen/`, and what calls the blocks."""
+    layouts = job.layouts
     struct_time = any(layout.options.time == "struct" for layout in layouts.values())
-    yield from common.plan(locks=locks, struct_time=struct_time)
-    type_of = lambda layout: [naming.st_type(layout.name)]  # noqa: E731
-    naming.check_messages(layouts.values(), "type", type_of, naming.STRUCTURED_TEXT, report, [naming.ST_TIME])
-    only_called = calls.parts(layouts) - {topic.type for topic in topics}
+    yield from common.plan(locks=job.options.regions.sync == "lock", struct_time=struct_time)
+    only_called = calls.parts(layouts) - {topic.type for topic in job.topics}
     for layout in layouts.values():
-        naming.check_members(layout, naming.STRUCTURED_TEXT, report)
-        own = tuple(declaration.name for declaration in _generated(layout))
-        naming.check_constants(layout, naming.STRUCTURED_TEXT, own, report)
         yield from _message(layout)
         if layout.requested and layout.name not in only_called:
             yield from _pair(layout, layouts)
     yield from calls.plan(layouts)
-    yield from program.plan(topics, services, actions, report)
+    yield from program.plan(job.topics, job.services, job.actions)
 
 
 def _message(layout: Layout) -> Iterator[Output]:
-    name = layout.name
-    folder = f"st/{name.package}"
-    dut, gvl, title = naming.st_type(name), naming.gvl(name), str(name)
-    yield Output(f"{folder}/{dut}.st", "st/dut.st.j2", Dut(dut, tuple(_doc(layout)), _members(layout)))
-    generated, constants = _aligned(_generated(layout)), _constants(layout)
-    yield Output(f"{folder}/{gvl}.st", "st/gvl.st.j2", Gvl(gvl, title, generated, bool(constants), constants))
+    folder = f"st/{layout.name.package}"
+    dut, gvl = _dut(layout), _gvl(layout)
+    yield Output(f"{folder}/{dut.object.name}.st", "st/dut.st.j2", dut)
+    yield Output(f"{folder}/{gvl.object.name}.st", "st/gvl.st.j2", gvl)
+
+
+def _dut(layout: Layout) -> Dut:
+    doc = tuple(_doc(layout))
+    members = [_member(slot, layout) for slot in layout.slots]
+    head = Head(uncommented(doc), (Attribute("pack_mode", "1"),))
+    stored = DataType(names.st_type(layout.name), head, tuple(member.variable for member in members))
+    return Dut(stored, doc, _aligned(members))
+
+
+def _gvl(layout: Layout) -> Gvl:
+    name = names.gvl(layout.name)
+    generated, (constants, remarks) = _generated(layout), _constants(layout)
+    doc = (f"// {name}: constants of {layout.name}", MADE)
+    variables = Variables("VAR_GLOBAL", True, tuple(one.variable for one in (*generated, *constants)))
+    lines = (*_aligned(constants), *remarks)
+    stored = GlobalList(name, Head(uncommented(doc), (Attribute("qualified_only"),)), variables)
+    return Gvl(stored, doc, _aligned(generated), lines)
 
 
 def _pair(layout: Layout, layouts: Layouts) -> Iterator[Output]:
     name = layout.name
     checks = counts.checks(layout, layouts, "Fits", "_Received")
     for block, template in (
-        (naming.publisher_block(name), "publisher"),
-        (naming.subscriber_block(name), "subscriber"),
+        (names.publisher_block(name), "publisher"),
+        (names.subscriber_block(name), "subscriber"),
     ):
-        view = Block(block, str(name), naming.st_type(name), naming.gvl(name), bool(checks), checks)
+        view = Block(block, str(name), names.st_type(name), names.gvl(name), bool(checks), checks)
         yield Output(f"st/{name.package}/{block}.st", f"st/{template}.st.j2", view)
 
 
@@ -127,22 +105,33 @@ def _doc(layout: Layout) -> Iterator[str]:
 
 
 class _Declaration(NamedTuple):
-    """`name : type := value;` with its comment, before it is lined up with its neighbours."""
+    """`name : type := value;` with its comment lines, before it is lined up with its neighbours.
+
+    A value of several is that of an array, `[1, 2]`.
+    """
 
     name: str
     type: str
-    value: str | None = None
-    comment: str = ""
+    value: str | tuple[str, ...] | None
+    comment: list[str]
 
     def code(self, name_width: int) -> str:
-        value = "" if self.value is None else f" := {self.value}"
-        return f"{self.name:<{name_width}} : {self.type}{value};"
+        value = f"[{', '.join(self.value)}]" if isinstance(self.value, tuple) else self.value
+        return f"{self.name:<{name_width}} : {self.type}{'' if value is None else f' := {value}'};"
+
+    @property
+    def variable(self) -> Variable:
+        return Variable(self.name, self.type, self.value or "", "\n".join(uncommented(self.comment)))
+
+
+def _declaration(name: str, type_: str, value: str | tuple[str, ...] | None = None, comment: str = "") -> _Declaration:
+    return _Declaration(name, type_, value, comment_lines(comment))
 
 
 def _aligned(declarations: Sequence[_Declaration]) -> tuple[Line, ...]:
     """Colons and short comments in columns; a comment of several lines, or too long a one, goes above."""
     name_width = max((len(declaration.name) for declaration in declarations), default=0)
-    rows = [(declaration.code(name_width), comment_lines(declaration.comment)) for declaration in declarations]
+    rows = [(declaration.code(name_width), declaration.comment) for declaration in declarations]
     fitting = [code for code, lines in rows if _fits(code, lines)]
     column = max((len(code) for code in fitting if len(code) <= _WIDEST_COLUMN), default=0)
     return tuple(
@@ -158,30 +147,26 @@ def _fits(code: str, lines: list[str]) -> bool:
 # --- DUT ----------------------------------------------------------------------------------------------
 
 
-def _members(layout: Layout) -> tuple[Line, ...]:
-    return _aligned([_member(slot, layout) for slot in layout.slots])
-
-
 def _member(slot: Slot, layout: Layout) -> _Declaration:
-    name, type_ = naming.st_member(slot.name), naming.iec_type(slot, layout.options)
+    name, type_ = names.st_member(slot.name), names.iec_type(slot, layout.options)
     match slot.role:
         case Role.PADDING:
-            return _Declaration(name, type_)
+            return _declaration(name, type_)
         case Role.FILLER:
-            return _Declaration(name, type_, comment="the message has no fields")
+            return _declaration(name, type_, comment="the message has no fields")
         case Role.COUNT:
             assert slot.field is not None
             default = slot.field.default
             count = str(len(default)) if isinstance(default, tuple) and default else None
-            return _Declaration(name, type_, count, f"how many of {naming.st_member(slot.field.name)} are valid")
+            return _declaration(name, type_, count, f"how many of {names.st_member(slot.field.name)} are valid")
         case Role.DATA:
             value = _initial(slot, layout)
-            return _Declaration(name, type_, value, _comment(slot, layout, value is None))
+            return _declaration(name, type_, value, _comment(slot, layout, value is None))
         case _:
             assert_never(slot.role)
 
 
-def _initial(slot: Slot, layout: Layout) -> str | None:
+def _initial(slot: Slot, layout: Layout) -> str | tuple[str, ...] | None:
     """None where the definition has no default, or Structured Text no literal for it."""
     assert slot.field is not None
     default = slot.field.default
@@ -190,7 +175,7 @@ def _initial(slot: Slot, layout: Layout) -> str | None:
     if not isinstance(default, tuple):
         return literal(default, slot.type, layout.options)
     values = [literal(value, slot.type, layout.options) for value in default]
-    return None if None in values else f"[{', '.join(filter(None, values))}]"
+    return None if None in values else tuple(filter(None, values))
 
 
 def _comment(slot: Slot, layout: Layout, without_value: bool) -> str:
@@ -215,15 +200,15 @@ def _comment(slot: Slot, layout: Layout, without_value: bool) -> str:
 def _generated(layout: Layout) -> tuple[_Declaration, ...]:
     name = str(layout.name)
     return (
-        _Declaration(naming.GVL_TYPE_NAME, f"STRING({len(name)})", f"'{name}'"),
-        _Declaration(naming.GVL_SIZE, "UDINT", str(layout.size), "bytes of one message"),
-        _Declaration(naming.GVL_DIGEST, "LWORD", f"16#{layout.digest:016X}", "of the layout"),
+        _declaration(names.GVL_TYPE_NAME, f"STRING({len(name)})", f"'{name}'"),
+        _declaration(names.GVL_SIZE, "UDINT", str(layout.size), "bytes of one message"),
+        _declaration(names.GVL_DIGEST, "LWORD", f"16#{layout.digest:016X}", "of the layout"),
     )
 
 
-def _constants(layout: Layout) -> tuple[Line, ...]:
-    """What has no literal (an infinity) stays as a comment at the end."""
-    lines: list[Line] = []
+def _constants(layout: Layout) -> tuple[list[_Declaration], list[Line]]:
+    """And, as comments, what has no literal (an infinity)."""
+    remarks: list[Line] = []
     declarations = []
     for constant in layout.message.constants:
         type_ = constant.type
@@ -231,10 +216,10 @@ def _constants(layout: Layout) -> tuple[Line, ...]:
             length = text_length(str(constant.value), type_, layout.options.encoding)
             type_ = String(max(1, length), type_.wide)  # STRING(0) is none
         value = literal(constant.value, type_, layout.options)
-        name = naming.st_member(constant.name)
+        name = names.st_member(constant.name)
         if value is None:
-            lines.append(Line(f"// {name} = {ascii_text(str(constant.value))} has no literal in Structured Text"))
+            remarks.append(Line(f"// {name} = {ascii_text(str(constant.value))} has no literal in Structured Text"))
         else:
-            spelled = naming.iec_element(type_, layout.options)
-            declarations.append(_Declaration(name, spelled, value, constant.doc))
-    return (*_aligned(declarations), *lines)
+            spelled = names.iec_element(type_, layout.options)
+            declarations.append(_declaration(name, spelled, value, constant.doc))
+    return declarations, remarks

@@ -6,10 +6,12 @@ import math
 import re
 import textwrap
 import unicodedata
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from shmgen.model import Scalar, String, TypeOptions, Value, assert_never
 
+MADE = "// Made by shmgen; changes made here are lost."
+"""Stands in the head of each file whose first line does not say so."""
 WIDTH = 118
 _COMMENT_WIDTH = 100
 
@@ -17,6 +19,11 @@ _COMMENT_WIDTH = 100
 def comment_lines(text: str) -> list[str]:
     """`// ` lines. Lines of the text stay lines, ones longer than 100 characters are folded."""
     return [f"// {line}".rstrip() for given in text.splitlines() for line in _fold(ascii_text(given))]
+
+
+def uncommented(lines: Iterable[str]) -> tuple[str, ...]:
+    """What comment lines say."""
+    return tuple(line[2:].strip() for line in lines)
 
 
 def ascii_text(text: str) -> str:

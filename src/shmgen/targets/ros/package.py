@@ -6,13 +6,15 @@ import re
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from shmgen.model import Layouts, Message, Output, TypeName
+from shmgen.diagnostics import Report, Span
+from shmgen.model import Layouts, Message, Output
+from shmgen.targets import Job
 
 _PARTS = {"msg": ("",), "srv": ("_Request", "_Response"), "action": ("_Goal", "_Result", "_Feedback")}
 
 
 class Package(NamedTuple):
-    """`module` is the Python module of the ROS 2 package; `dependencies` are packages of messages."""
+    """`dependencies` are packages of messages."""
 
     name: str
     version: str
@@ -26,20 +28,31 @@ class Text(NamedTuple):
     text: str
 
 
-def plan(
-    ros: str, package: Package, configuration: str, layouts: Layouts, carried: Sequence[TypeName]
-) -> Iterator[Output]:
-    """`ros2/<name>/` for ament_python, `ros1/<name>/` for catkin; `ros` is "ros1" or "ros2".
+def plan(ros: str, files: Sequence[tuple[str, str]], job: Job, report: Report) -> Iterator[Output]:
+    """`<ros>/<name>/` with its `files`, each a path and a template. Reports SHM504 where there is nothing to carry.
 
-    `configuration` is the text of shmgen.toml; its `path` becomes a folder of the package, which gets the definitions.
+    The text of shmgen.toml comes along; its `path` becomes a folder of the package, which gets the definitions.
     """
+    carried = {topic.type.package for topic in job.topics} | {service.type.package for service in job.services}
+    if not carried:
+        hint = "list [[topics]] or [[services]] in shmgen.toml"
+        report.error("SHM504", f"the target {ros} has nothing to carry", Span("shmgen.toml"), hint=hint)
+        return
+    options = job.options
+    version = options.distribution.partition(" ")[2]
+    package = Package(
+        options.ros_package or default_name(job.package),
+        version if re.fullmatch(r"\d+\.\d+\.\d+", version) else "0.1.0",
+        options.node,
+        tuple(sorted(carried)),
+    )
     root = f"{ros}/{package.name}"
-    view = package._replace(dependencies=tuple(sorted({name.package for name in carried})))
-    for file, template in _FILES[ros]:
-        yield Output(f"{root}/{file.format(package.name)}", f"ros/{template}", view)
-    files = dict(_definitions(layouts))
-    yield Output(f"{root}/config/shmgen.toml", "ros/text.j2", Text(_relocated(configuration, bool(files))))
-    for path, text in files.items():
+    for file, template in files:
+        yield Output(f"{root}/{file.format(package.name)}", f"ros/{template}", package)
+    definitions = dict(_definitions(job.layouts))
+    configuration = _relocated(options.configuration, bool(definitions))
+    yield Output(f"{root}/config/shmgen.toml", "ros/shmgen.toml.j2", Text(configuration))
+    for path, text in definitions.items():
         yield Output(f"{root}/config/msgs/{path}", "ros/text.j2", Text(text.rstrip("\n")))
 
 
@@ -49,25 +62,6 @@ def default_name(package: str) -> str:
     return "_".join([*words, "bridge"])
 
 
-_FILES = {
-    "ros1": (
-        ("package.xml", "ros1_package.xml.j2"),
-        ("CMakeLists.txt", "CMakeLists.txt.j2"),
-        ("setup.py", "ros1_setup.py.j2"),
-        ("src/{}/__init__.py", "bridge.py.j2"),
-        ("scripts/bridge", "script.j2"),
-        ("launch/bridge.launch", "bridge.launch.j2"),
-    ),
-    "ros2": (
-        ("package.xml", "ros2_package.xml.j2"),
-        ("setup.py", "ros2_setup.py.j2"),
-        ("setup.cfg", "setup.cfg.j2"),
-        ("resource/{}", "empty.j2"),
-        ("{}/__init__.py", "bridge.py.j2"),
-        ("launch/bridge.launch.py", "bridge.launch.py.j2"),
-        ("config/bridge.yaml", "bridge.yaml.j2"),
-    ),
-}
 _PATH = re.compile(r"^path\s*=\s*\[[^\]]*\].*\n?", re.MULTILINE)
 
 
