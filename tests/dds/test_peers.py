@@ -18,7 +18,7 @@ from shmgen.bridge.dds_types import topic_name, type_name
 from shmgen.model import Schema
 
 from ..support.schemas import plain
-from .conftest import Taken, TYPES, until, wire
+from .conftest import TYPES, Taken, until, wire
 from .peers import running
 from .values import values
 
