@@ -31,13 +31,13 @@ REPAIR_LOCK = 1
 
 RETRY_MS = 500
 CLAIM_MS = 1000
+CONFIRM_MS = 100
 HEAL_MS = 1000
 DEAD_MS = 50
 LOCK_MS = 10
 WAKE_MS = 10
 POLL_MS = 1
 SIGN_MS = 50
-PLC_WATCH_MS = 100
 PEER_MS = 100
 
 
@@ -68,13 +68,13 @@ NUMBERS = (
     Number("REPAIR_LOCK", REPAIR_LOCK, "", "the byte under one while the header is written or a lock is healed"),
     Number("RETRY_MS", RETRY_MS, "UDINT", "a PLC tries again to open what could not be opened"),
     Number("CLAIM_MS", CLAIM_MS, "UDINT", "a writer whose heartbeat stands still for so long is gone"),
+    Number("CONFIRM_MS", CONFIRM_MS, "UDINT", "a name put into `writer` that still stands after it is a claim"),
     Number("HEAL_MS", HEAL_MS, "UDINT", "a lock that nobody has passed for so long is stuck"),
     Number("DEAD_MS", DEAD_MS, "", "the same, if its holder is a process that is no more"),
     Number("LOCK_MS", LOCK_MS, "", "a wait for the lock, unless told otherwise"),
     Number("WAKE_MS", WAKE_MS, "", "the longest single wait for the event: what a lost wake-up costs"),
     Number("POLL_MS", POLL_MS, "", "between two looks where there is no event, or another reader has it"),
     Number("SIGN_MS", SIGN_MS, "", "a server that waits counts its heartbeat up so often at least"),
-    Number("PLC_WATCH_MS", PLC_WATCH_MS, "", "a PLC that runs has counted its heartbeat up: ten cycles of 10 ms"),
     Number("PEER_MS", PEER_MS, "", "a peer between two system calls has made the second, or is dead"),
 )
 """Names end with _MS where they are milliseconds."""

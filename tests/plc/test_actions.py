@@ -10,7 +10,7 @@ import pytest
 from tests.softplc import Block
 
 from ..support.plc_calls import Calls
-from ..support.plc_demo import CLAIM, Memory
+from ..support.plc_demo import CLAIM, Memory, ready
 from .test_services import state
 
 EXECUTING, CANCELING, SUCCEEDED, CANCELED, ABORTED, REJECTED = 2, 3, 4, 5, 6, -1
@@ -30,7 +30,7 @@ def end(server: Block, how: str, reached: int = 0) -> None:
 
 def pair(calls: Calls, topic: str) -> tuple[Block, Block]:
     """In this order: a server is there first."""
-    return calls.action_server(topic)(), calls.action_client(topic)()
+    return ready(calls.action_server(topic)), ready(calls.action_client(topic))
 
 
 def test_a_goal_its_feedback_and_its_result(calls: Calls, topic: str) -> None:
@@ -156,7 +156,7 @@ def test_a_new_server_knows_no_old_goal(calls: Calls, topic: str) -> None:
     first, client = pair(calls, topic)
     begin(client, 3)
     first()
-    second = calls.action_server(topic)()
+    second = ready(calls.action_server(topic))
     calls.plc.set_clock(CLAIM)
     for _ in range(3):
         assert (second().xBusy, second.xExecute, state(client())) == (False, False, "xBusy")

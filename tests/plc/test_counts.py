@@ -17,6 +17,7 @@ from tests.softplc import Block, Plc, compile_st
 
 from ..support.build import put
 from ..support.counts import DEFINITIONS, MOST, PACKAGE, PLACES, spoil, tree
+from ..support.plc_demo import ready
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class Counts:
         block = self.plc.block(f"FB_counts_msgs_{name}")
         for key, value in {"xEnable": True, **inputs}.items():
             setattr(block, key, value)
-        return block()
+        return ready(block)
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from shmgen.runtime import read_header, region_name
 from shmgen.runtime.errors import RegionInUse
 from shmgen.runtime.header import header_for
 
-from ..support.plc_demo import CLAIM, HEAL, RETRY, Clock, Demo, Memory, semaphore
+from ..support.plc_demo import CLAIM, CONFIRM, HEAL, RETRY, SLOTS, Clock, Demo, Memory, semaphore
 
 # --- both start orders --------------------------------------------------------------------------------
 
@@ -42,10 +42,12 @@ def test_python_first(demo: Demo, topic: str, born: int) -> None:
 
 @pytest.mark.parametrize("born", [0, 1])
 @pytest.mark.usefixtures("sizes")
-def test_plc_first(demo: Demo, topic: str, born: int) -> None:
+def test_plc_first(demo: Demo, clock: Clock, topic: str, born: int) -> None:
     demo.plc.born(born)
     block = demo.publisher(topic)
     block.Msg.a = 7
+    assert (block().xBusy, block().xSent) == (True, False)  # its name stands there, and may be written over
+    clock.add(CONFIRM)
     assert (block().xSent, block.udiSequence, block.eErrorID) == (True, 1, "NO_ERROR")
     assert (semaphore(topic).value, semaphore(topic, "-event").value) == (1, 0)
     with demo.python.DemoSubscriber(topic) as subscriber:
@@ -77,12 +79,15 @@ def test_a_type_name_of_any_length_is_whole(demo: Demo, topic: str, letters: int
     name = ("kartech_linear_actuator_msgs/msg/" + 95 * "N")[:letters]
     region = demo.plc.block("FB_ShmRegion")
     assert region.method("Init", sTopic=topic, sTypeName=name, lwDigest=1, udiPayloadSize=8, udiSizeOf=8, udiDepth=1)
+    assert not region.method("Cycle")  # who has written the header looks at it again
     assert region.method("Cycle")
     assert read_header(region_name(topic)) == header_for(name, 1, 8, 1)
 
 
 def test_a_reader_waits_for_a_writer(demo: Demo, topic: str) -> None:
     block = demo.subscriber(topic)()
+    assert (block.xBusy, block.xError) == (True, False)
+    block()
     assert (block.xValid, block.xNewData, block.xBusy, block.xError, block.xStale) == (False,) * 5
     with demo.python.DemoPublisher(topic) as publisher:
         publisher.publish(demo.message(5))
@@ -135,8 +140,7 @@ def test_another_depth(demo: Demo, clock: Clock, topic: str, theirs: int, error:
 
 
 def test_another_message(demo: Demo, topic: str) -> None:
-    other = demo.plc.block("FB_demo_msgs_Other_Publisher")(xEnable=True, sTopic=topic)
-    assert other.xSent
+    demo.plc.block("FB_demo_msgs_Other_Publisher")(xEnable=True, sTopic=topic)
     before = Memory(topic).bytes()
     assert demo.publisher(topic)().eErrorID == "DIGEST_MISMATCH"
     assert demo.subscriber(topic)().eErrorID == "DIGEST_MISMATCH"
@@ -152,6 +156,9 @@ def test_what_was_wrong_is_tried_again_every_500_ms(demo: Demo, clock: Clock, to
     clock.add(RETRY - 1)
     assert block().eErrorID == "NOT_A_REGION"
     clock.add(1)
+    block()
+    assert (block().eErrorID, block.xError, block.xSent) == ("NOT_A_REGION", True, False)  # until it is ready
+    clock.add(CONFIRM)
     assert (block().eErrorID, block.xError, block.xSent) == ("NO_ERROR", False, True)
 
 
@@ -173,7 +180,7 @@ def test_a_topic_that_cannot_be(demo: Demo, clock: Clock, wrong: str) -> None:
 
 def test_topics_become_the_names_that_python_gives_them(demo: Demo, topic: str) -> None:
     for name in (f"{topic}/Z_9", f"{topic[1:]}/b", f"{topic}/{'x' * (74 - len(topic))}"):
-        assert demo.publisher(name)().eErrorID == "NO_ERROR"
+        assert demo.opened(name).eErrorID == "NO_ERROR"
         with demo.python.DemoSubscriber(name) as subscriber:
             assert subscriber.read() is not None
 
@@ -210,18 +217,25 @@ def test_what_the_system_refuses(demo: Demo, clock: Clock, topic: str, error: st
     assert (block.eErrorID, block.xSent) == (error, False)
     demo.plc.fail("", 0)
     clock.add(RETRY)
+    block()
+    block()
+    clock.add(CONFIRM)
     assert (block().eErrorID, block.xSent) == ("NO_ERROR", True)
 
 
 def test_a_lock_that_is_broken(demo: Demo, clock: Clock, topic: str) -> None:
-    block = demo.publisher(topic)()
+    block = demo.opened(topic)
     demo.plc.fail("SysSemProcessEnter", 1)
     for _ in range(10):
         assert (block().eErrorID, block.xSent) == ("NO_ERROR", False)
         clock.add(HEAL // 10)
     assert block().eErrorID == "LOCK_FAILED"
     demo.plc.fail("", 0)
-    clock.add(max(RETRY, CLAIM))
+    clock.add(RETRY)
+    assert (block().eErrorID, block.xSent) == ("LOCK_FAILED", False)
+    clock.add(CLAIM)
+    block()
+    clock.add(CONFIRM)
     assert (block().eErrorID, block.xSent) == ("NO_ERROR", True)
 
 
@@ -237,32 +251,38 @@ def test_every_error_has_been_seen(demo: Demo) -> None:
 
 
 def test_a_second_plc_gives_way_to_the_first(demo: Demo, clock: Clock, topic: str) -> None:
-    first, second = demo.publisher(topic)(), demo.publisher(topic)()
+    first, second = demo.opened(topic), demo.publisher(topic)()
     assert (second.xBusy, second.xError, second.xSent) == (True, False, False)
     first()
     assert (second().eErrorID, second.xSent, first().xSent) == ("WRITER_IN_USE", False, True)
 
 
 def test_a_writer_whose_heartbeat_stands_is_gone(demo: Demo, clock: Clock, topic: str) -> None:
-    first, second = demo.publisher(topic)(), demo.publisher(topic)()
+    first, second = demo.opened(topic), demo.publisher(topic)()
     clock.add(CLAIM - 1)
     assert second().xBusy
     clock.add(1)
-    assert (second().xSent, second.udiSequence) == (True, 2)
+    assert second().xBusy
+    clock.add(CONFIRM)
+    # The numbers between are those that the first may still use.
+    assert (second().xSent, second.udiSequence) == (True, 1 + SLOTS + 1)
     assert first().eErrorID == "WRITER_IN_USE"  # it comes back, and sees that somebody else has taken over
-    assert second().xSent
+    assert (second().xSent, second.udiSequence) == (True, 1 + SLOTS + 2)
 
 
 def test_a_lock_left_by_the_writer_before_is_freed_while_the_topic_is_watched(
     demo: Demo, clock: Clock, topic: str
 ) -> None:
-    demo.publisher(topic)()
+    demo.opened(topic)
     lock, memory = semaphore(topic), Memory(topic)
     lock.acquire(0)
     block = demo.publisher(topic)()
     assert block.xBusy
+    clock.add(CLAIM - 1)
     block()
-    clock.add(CLAIM)
+    clock.add(1)
+    block()
+    clock.add(CONFIRM)
     assert (block().xSent, memory["recoveries"], lock.value) == (False, 1, 1)
     assert (block().xSent, block.udiLockMisses) == (True, 1)
 
@@ -278,6 +298,8 @@ def test_a_writer_on_standby_takes_over_a_second_after_the_last_sign_of_life(
             clock.add(CLAIM - 1)
         assert not block().xSent
     clock.add(1)
+    assert not block().xSent
+    clock.add(CONFIRM)
     assert (block().xSent, block.eErrorID, block.udiLockMisses) == (True, "NO_ERROR", 0)
     assert Memory(topic)["lock_count"] > 5 + 1  # it has tried the lock, and given it back
     assert semaphore(topic).value == 1
@@ -292,14 +314,14 @@ def test_the_plc_gives_way_to_python(demo: Demo, topic: str) -> None:
 
 
 def test_python_takes_over_a_plc_that_stands_still(demo: Demo, topic: str) -> None:
-    block = demo.publisher(topic)()
+    block = demo.opened(topic)
     with demo.python.DemoPublisher(topic) as publisher:
         publisher.publish(demo.message(1))
         assert (block().eErrorID, block.xSent, Memory(topic)["writer"]) == ("WRITER_IN_USE", False, os.getpid())
 
 
 def test_python_gives_way_to_a_plc_that_runs(demo: Demo, topic: str) -> None:
-    block = demo.publisher(topic)()
+    block = demo.opened(topic)
     runs = threading.Thread(target=block.run, args=(0.001, 600))
     runs.start()
     try:
@@ -310,10 +332,10 @@ def test_python_gives_way_to_a_plc_that_runs(demo: Demo, topic: str) -> None:
 
 
 def test_an_orderly_end_frees_the_topic(demo: Demo, topic: str) -> None:
-    block = demo.publisher(topic)()
+    block = demo.opened(topic)
     block(xEnable=False)
     assert (Memory(topic)["writer"], block.xError, block.xBusy) == (0, False, False)
-    assert demo.publisher(topic)().xSent
+    assert demo.opened(topic).xSent
 
 
 def test_no_call_can_wait(demo: Demo) -> None:

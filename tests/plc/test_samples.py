@@ -43,7 +43,7 @@ def test_a_lock_that_is_not_free_is_only_tried(demo: Demo, topic: str) -> None:
 
 
 def test_a_writer_skips_the_cycle(demo: Demo, topic: str) -> None:
-    block = demo.publisher(topic)()
+    block = demo.opened(topic)
     with held(topic):
         before = Memory(topic)["begun"], Memory(topic)["completed"]
         assert (block().xSent, block.xError, block.udiLockMisses, block.udiSequence) == (False, False, 1, 1)
@@ -52,7 +52,7 @@ def test_a_writer_skips_the_cycle(demo: Demo, topic: str) -> None:
 
 
 def test_a_stuck_lock_is_freed_after_a_second(demo: Demo, clock: Clock, topic: str) -> None:
-    block = demo.publisher(topic)()
+    block = demo.opened(topic)
     lock, memory = semaphore(topic), Memory(topic)
     lock.acquire(0)
     memory["lock_holder"] = 12345
@@ -69,7 +69,7 @@ def test_a_stuck_lock_is_freed_after_a_second(demo: Demo, clock: Clock, topic: s
 
 
 def test_a_lock_that_others_pass_is_not_stuck(demo: Demo, clock: Clock, topic: str) -> None:
-    block = demo.publisher(topic)()
+    block = demo.opened(topic)
     memory = Memory(topic)
     with held(topic) as lock:
         for _ in range(10):
@@ -109,8 +109,8 @@ def test_numbers_wrap_round(demo: Demo, topic: str) -> None:
     block = demo.subscriber(topic)()
     memory = Memory(topic)
     memory["begun"] = memory["completed"] = 0xFFFFFFFD
-    writer = demo.publisher(topic)
-    assert [writer().udiSequence for _ in range(4)] == [0xFFFFFFFE, 0xFFFFFFFF, 2, 3]
+    writer = demo.opened(topic)
+    assert [writer.udiSequence, *(writer().udiSequence for _ in range(3))] == [0xFFFFFFFE, 0xFFFFFFFF, 2, 3]
     block(xEnable=False)
     assert block(xEnable=True).udiSequence == 3
     assert (writer().udiSequence, block().udiSequence, block.udiMissed) == (4, 4, 0)
@@ -174,7 +174,7 @@ def test_stale(demo: Demo, clock: Clock, topic: str) -> None:
 
 
 def test_a_waiting_reader_is_woken(demo: Demo, topic: str) -> None:
-    block = demo.publisher(topic)()
+    block = demo.opened(topic)
     memory, event = Memory(topic), semaphore(topic, "-event")
     block()
     assert event.value == 0
@@ -186,12 +186,12 @@ def test_a_waiting_reader_is_woken(demo: Demo, topic: str) -> None:
 
 
 def test_a_topic_beneath_named_event_is_another_semaphore(demo: Demo, topic: str) -> None:
-    outer, inner = demo.publisher(topic)(), demo.publisher(f"{topic}/event")()
+    outer, inner = demo.opened(topic), demo.opened(f"{topic}/event")
     assert (outer().xSent, inner().xSent, semaphore(f"{topic}/event").value) == (True, True, 1)
 
 
 def test_exit_closes_unless_it_is_an_online_change(demo: Demo, topic: str) -> None:
-    block = demo.publisher(topic)()
+    block = demo.opened(topic)
     region = block._fbRegion  # the runtime calls FB_Exit of each instance, also of one inside another
     region.method("FB_Exit", bInCopyCode=True)
     assert (block().xSent, block.udiSequence, Memory(topic)["writer"]) == (True, 2, 0xFFFFFFFF)
@@ -250,9 +250,8 @@ def test_the_last_sample_of_a_dead_plc(demo: Demo, clock: Clock, topic: str) -> 
         assert (subscriber.read().label, subscriber.sequence) == ("hey", memory["completed"])
     block = demo.subscriber(topic)()
     assert (block.Msg.label, block.udiSequence) == ("hey", memory["completed"])
-    writer = demo.publisher(topic)()
-    clock.add(CLAIM)
-    assert (writer().xSent, writer.udiSequence) == (True, memory["completed"])
+    writer = demo.opened(topic, after=CLAIM)
+    assert (writer.xSent, writer.udiSequence) == (True, memory["completed"])
 
 
 def test_a_write_that_was_never_completed_is_not_seen(demo: Demo, topic: str) -> None:

@@ -12,7 +12,7 @@ import pytest
 from tests.softplc import Block
 
 from ..support.plc_calls import FAULTS, Calls
-from ..support.plc_demo import CLAIM, Memory
+from ..support.plc_demo import CLAIM, Memory, ready
 
 ENDS = ("xDone", "xBusy", "xAborted", "xError")
 
@@ -35,7 +35,7 @@ def answer(server: Block, value: int) -> None:
 
 
 def test_a_call_and_its_answer(calls: Calls, topic: str) -> None:
-    server, client = calls.server(topic)(), calls.client(topic)()
+    server, client = ready(calls.server(topic)), ready(calls.client(topic))
     assert (state(client), client.udiCall, server.xExecute, server.xBusy) == ("", 0, False, False)
     begin(client, 5)
     assert (state(client), client.udiCall) == ("xBusy", 1)
@@ -50,7 +50,7 @@ def test_a_call_and_its_answer(calls: Calls, topic: str) -> None:
 
 
 def test_who_lets_go_early_sees_the_end_for_one_cycle(calls: Calls, topic: str) -> None:
-    server, client = calls.server(topic)(), calls.client(topic)()
+    server, client = ready(calls.server(topic)), ready(calls.client(topic))
     begin(client, 5)
     assert state(client(xExecute=False)) == "xBusy"
     server()
@@ -62,7 +62,7 @@ def test_who_lets_go_early_sees_the_end_for_one_cycle(calls: Calls, topic: str) 
 
 def test_the_job_of_one_call_is_not_that_of_the_next(calls: Calls, topic: str) -> None:
     """xExecute falls between two calls, and what says that a job is done has fallen before the next is given."""
-    server, client = calls.server(topic)(), calls.client(topic)()
+    server, client = ready(calls.server(topic)), ready(calls.client(topic))
     begin(client, 1)
     server()
     server.Response.answer = 4
@@ -75,7 +75,7 @@ def test_the_job_of_one_call_is_not_that_of_the_next(calls: Calls, topic: str) -
 
 
 def test_a_job_that_is_done_for_one_cycle_while_the_lock_is_held(calls: Calls, topic: str) -> None:
-    server, client = calls.server(topic)(), calls.client(topic)()
+    server, client = ready(calls.server(topic)), ready(calls.client(topic))
     begin(client, 1)
     server()
     server.Response.answer = 4
@@ -88,7 +88,7 @@ def test_a_job_that_is_done_for_one_cycle_while_the_lock_is_held(calls: Calls, t
 
 
 def test_what_the_server_cannot_do(calls: Calls, topic: str) -> None:
-    server, client = calls.server(topic)(), calls.client(topic)()
+    server, client = ready(calls.server(topic)), ready(calls.client(topic))
     begin(client, 1)
     server()
     server(xFailed=True, xDone=True)
@@ -97,7 +97,7 @@ def test_what_the_server_cannot_do(calls: Calls, topic: str) -> None:
 
 
 def test_no_answer_in_time(calls: Calls, topic: str) -> None:
-    client = calls.client(topic)()
+    client = ready(calls.client(topic))
     begin(client, 1)
     calls.plc.set_clock(999)
     assert state(client()) == "xBusy"
@@ -106,14 +106,14 @@ def test_no_answer_in_time(calls: Calls, topic: str) -> None:
 
 
 def test_no_time_limit(calls: Calls, topic: str) -> None:
-    client = calls.client(topic, tTimeout=0)()
+    client = ready(calls.client(topic, tTimeout=0))
     begin(client, 1)
     calls.plc.set_clock(2**31)
     assert state(client()) == "xBusy"
 
 
 def test_an_answer_that_is_there_when_the_time_is_up(calls: Calls, topic: str) -> None:
-    server, client = calls.server(topic)(), calls.client(topic)()
+    server, client = ready(calls.server(topic)), ready(calls.client(topic))
     begin(client, 1)
     server()
     answer(server, 4)
@@ -123,7 +123,7 @@ def test_an_answer_that_is_there_when_the_time_is_up(calls: Calls, topic: str) -
 
 def late(calls: Calls, topic: str, fault: str = "") -> tuple[Block, Block]:
     """The first call is given up; its answer comes while the second waits for its own."""
-    server, client = calls.server(topic)(), calls.client(topic, fault)()
+    server, client = ready(calls.server(topic)), ready(calls.client(topic, fault))
     begin(client, 1)
     server()
     calls.plc.set_clock(1000)
@@ -142,7 +142,7 @@ def test_a_late_answer_is_passed_over(calls: Calls, topic: str) -> None:
 
 
 def test_cancel(calls: Calls, topic: str) -> None:
-    server, client = calls.server(topic)(), calls.client(topic)()
+    server, client = ready(calls.server(topic)), ready(calls.client(topic))
     begin(client, 1)
     assert (state(client(xCancel=True)), client.eErrorID) == ("xAborted", "NO_ERROR")
     client(xCancel=False)
@@ -156,7 +156,7 @@ def test_cancel(calls: Calls, topic: str) -> None:
 
 
 def test_a_call_given_up_before_it_was_taken_is_not_served(calls: Calls, topic: str) -> None:
-    server, client = calls.server(topic)(), calls.client(topic)()
+    server, client = ready(calls.server(topic)), ready(calls.client(topic))
     begin(client, 1)
     client(xCancel=True)
     client(xCancel=False)
@@ -166,10 +166,10 @@ def test_a_call_given_up_before_it_was_taken_is_not_served(calls: Calls, topic: 
 
 def interrupted(calls: Calls, topic: str, fault: str = "") -> tuple[Block, Block]:
     """A server ends while a call waits for it, and another takes its place."""
-    first, client = calls.server(topic)(), calls.client(topic, tTimeout=0)()
+    first, client = ready(calls.server(topic)), ready(calls.client(topic, tTimeout=0))
     begin(client, 1)
     first()
-    second = calls.server(topic, fault)()
+    second = ready(calls.server(topic, fault))
     calls.plc.set_clock(CLAIM)
     return second(), client
 
@@ -184,9 +184,9 @@ def test_a_new_server_answers_no_old_call(calls: Calls, topic: str) -> None:
 
 
 def test_a_call_made_before_the_server_holds_the_service_is_old(calls: Calls, topic: str) -> None:
-    calls.server(topic)()
-    server = calls.server(topic)()
-    client = calls.client(topic, tTimeout=0)()
+    ready(calls.server(topic))
+    server = ready(calls.server(topic))
+    client = ready(calls.client(topic, tTimeout=0))
     begin(client, 1)
     assert (server().xBusy, server.xExecute) == (True, False)
     calls.plc.set_clock(CLAIM)
@@ -194,12 +194,12 @@ def test_a_call_made_before_the_server_holds_the_service_is_old(calls: Calls, to
 
 
 def test_a_new_client_goes_on_with_the_numbers(calls: Calls, topic: str) -> None:
-    server, first = calls.server(topic)(), calls.client(topic)()
+    server, first = ready(calls.server(topic)), ready(calls.client(topic))
     begin(first, 1)
     server()
     first(xEnable=False)
     assert (state(first), first.udiCall) == ("", 0)
-    second = calls.client(topic)()
+    second = ready(calls.client(topic))
     begin(second, 2)
     answer(server, 4)
     assert (state(second()), second.udiCall, server.Request.question) == ("xBusy", 2, 2)
@@ -207,14 +207,14 @@ def test_a_new_client_goes_on_with_the_numbers(calls: Calls, topic: str) -> None
 
 def made_anew(calls: Calls, topic: str, fault: str = "") -> Block:
     """The request's region was removed, so that its numbers begin at 1 again, and the one with the answers was not."""
-    server, client = calls.server(topic)(), calls.client(topic)()
+    server, client = ready(calls.server(topic)), ready(calls.client(topic))
     begin(client, 1)
     server()
     answer(server, 4)
     client(xEnable=False)
     for file in Path("/dev/shm").glob(f"*{topic[1:].replace('/', '.')}-request*"):
         file.unlink()
-    client = calls.client(topic, fault)()
+    client = ready(calls.client(topic, fault))
     begin(client, 2)
     assert client.udiCall == 1
     return client
@@ -225,8 +225,8 @@ def test_the_answer_of_a_former_region_is_old(calls: Calls, topic: str) -> None:
 
 
 def test_one_client_and_one_server(calls: Calls, topic: str) -> None:
-    server, client = calls.server(topic)(), calls.client(topic)()
-    others = calls.server(topic)(), calls.client(topic)()
+    server, client = ready(calls.server(topic)), ready(calls.client(topic))
+    others = ready(calls.server(topic)), ready(calls.client(topic))
     server(), client()
     for other in others:
         assert other().eErrorID == "WRITER_IN_USE"
@@ -238,21 +238,21 @@ def test_one_client_and_one_server(calls: Calls, topic: str) -> None:
 
 
 def test_a_call_waits_until_the_service_is_open(calls: Calls, topic: str) -> None:
-    calls.client(topic)()
-    client = calls.client(topic)()  # watches whether the other is still alive
+    ready(calls.client(topic))
+    client = ready(calls.client(topic))  # watches whether the other is still alive
     begin(client, 1)
     calls.plc.set_clock(CLAIM - 1)
     assert (state(client()), client.udiCall) == ("xBusy", 0)
-    client = calls.client(topic, tTimeout=2 * CLAIM)()
+    client = ready(calls.client(topic, tTimeout=2 * CLAIM))
     begin(client, 1)
     calls.plc.set_clock(2 * CLAIM - 1)
     assert (state(client()), client.udiCall) == ("xBusy", 1)
 
 
 def test_what_cannot_be_opened(calls: Calls, topic: str) -> None:
-    calls.server(topic)()
+    ready(calls.server(topic))
     Memory(topic, "-response").poke(8, b"\x99")
-    client = calls.client(topic)()
+    client = ready(calls.client(topic))
     assert (state(client), client.eErrorID) == ("", "DIGEST_MISMATCH")
     begin(client, 1)
     assert state(client) == "xBusy"
@@ -263,10 +263,10 @@ def test_what_cannot_be_opened(calls: Calls, topic: str) -> None:
 
 
 def test_what_can_be_opened_after_all(calls: Calls, topic: str) -> None:
-    server = calls.server(topic)()
+    server = ready(calls.server(topic))
     memory = Memory(topic, "-response")
     memory["magic"] = 5
-    client = calls.client(topic)()
+    client = ready(calls.client(topic))
     begin(client, 1)
     memory["magic"] = 0x474D4853
     calls.plc.set_clock(500)
@@ -289,7 +289,7 @@ def test_the_longest_name(calls: Calls, topic: str, length: int, error: str) -> 
 
 
 def test_disabled_it_is_as_new(calls: Calls, topic: str) -> None:
-    server, client = calls.server(topic)(), calls.client(topic)()
+    server, client = ready(calls.server(topic)), ready(calls.client(topic))
     begin(client, 1)
     server()
     client(xEnable=False)
@@ -322,7 +322,7 @@ def test_a_server_that_answers_old_calls(calls: Calls, topic: str) -> None:
 
 
 def test_a_server_that_takes_the_end_of_one_job_for_that_of_the_next(calls: Calls, topic: str) -> None:
-    server, client = calls.server(topic, "_early_end")(), calls.client(topic)()
+    server, client = ready(calls.server(topic, "_early_end")), ready(calls.client(topic))
     begin(client, 1)
     server()
     server(xDone=True)

@@ -351,11 +351,16 @@ def test_closing_twice_and_using_closed(topic):
     publisher, subscriber = PosePublisher(topic), PoseSubscriber(topic)
     for side in (publisher, subscriber, publisher, subscriber):
         side.close()
-    for message in (pose(1.0), Pose()):
-        with pytest.raises(runtime.ShmError, match="closed"):
-            publisher.publish(message)
-    with pytest.raises(ValueError, match="released"):
-        subscriber.read()
+    calls = [
+        *(lambda message=message: publisher.publish(message) for message in (pose(1.0), Pose())),
+        publisher.heartbeat,
+        *(subscriber.read, subscriber.read_all, lambda: subscriber.read_into(Pose()), lambda: subscriber.wait(0.1)),
+        *(lambda: subscriber.wait(0), lambda: subscriber.ready(0.1), lambda: subscriber.is_stale(1)),
+    ]
+    for call in calls:
+        with pytest.raises(runtime.Closed, match=r"(publisher|subscriber) is closed"):
+            call()
+    assert (publisher.topic, publisher.sequence, subscriber.missed, subscriber.age) == (topic, 0, 0, None)
 
 
 def test_an_abandoned_publisher_frees_the_claim(topic):

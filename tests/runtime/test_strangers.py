@@ -13,6 +13,7 @@ import pytest
 
 from shmgen import runtime
 from shmgen.runtime import region as regions
+from shmgen.runtime import semaphores
 
 from .messages import PosePublisher, PoseSubscriber, pose
 
@@ -221,8 +222,7 @@ def test_a_link_put_in_place_of_a_semaphore_meanwhile(topic, semaphore_file, tmp
         swaps.append(1)
 
     class Opening:
-        SEM_VALUE_MAX = regions.SemLock.SEM_VALUE_MAX
-        real = regions.SemLock
+        real = semaphores.SemLock
 
         @classmethod
         def _rebuild(cls, *arguments):
@@ -241,7 +241,7 @@ def test_a_link_put_in_place_of_a_semaphore_meanwhile(topic, semaphore_file, tmp
     real = regions.posix_ipc.Semaphore
     if when == "found":
         PosePublisher(topic).close()
-        monkeypatch.setattr(regions, "SemLock", Opening)
+        monkeypatch.setattr(semaphores, "SemLock", Opening)
     else:
         monkeypatch.setattr(regions.posix_ipc, "Semaphore", Making)
     with pytest.raises(runtime.RegionUnusable, match=f"{semaphore_file} cannot be opened: "):

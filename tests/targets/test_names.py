@@ -98,7 +98,7 @@ def test_any_field_and_constant_in_python(tmp_path: Path) -> None:
 
 def test_the_words_are_those_of_the_classes() -> None:
     """What a stored member must not be called, and what a module refers to."""
-    own = {name for name in dir(runtime.CuttingMessage) if name.startswith("_") and not name.startswith("__")}
+    own = {name for name in dir(runtime.Message) if name.startswith("_") and not name.startswith("__")}
     assert own <= python_names.PYTHON_STORED
     assert set(keyword.kwlist) <= python_names.PYTHON_RESERVED
     assert not [name for name in dir(ctypes.Structure) if not name.startswith("_")]

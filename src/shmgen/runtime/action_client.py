@@ -90,7 +90,7 @@ class ActionClient(Closing, Generic[Goal, Feedback, Outcome]):
             self._caller.tell(self._command(cancel=self._caller.number))
 
     def server_is_ready(self) -> bool:
-        """Whether somebody serves now. Takes up to 0.1 s where a PLC served and may have stopped."""
+        """Whether somebody serves now. Takes up to a second where a PLC served and may have stopped."""
         return self._caller.server_is_ready()
 
     def wait_for_server(self, timeout: float) -> bool:

@@ -82,6 +82,8 @@ class ActionServer(Closing, Generic[Goal]):
             passed_over(questions)
             self._progress = opened.enter_context(self.progress_publisher(f"{action}-feedback", **options))
             answers = opened.enter_context(self.outcome_publisher(f"{action}-result", **options))
+            if self._progress._claim_doubtful or answers._claim_doubtful:
+                passed_over(questions)
             opened.pop_all()
         self._callee = Callee(questions, answers)
         self._kinds: Any = self.progress_publisher.message_type, self.outcome_publisher.message_type

@@ -88,7 +88,7 @@ class ServiceClient(Closing, Generic[Request, Response]):
             self._caller.number = 0
 
     def server_is_ready(self) -> bool:
-        """Whether somebody serves now. Takes up to 0.1 s where a PLC served and may have stopped."""
+        """Whether somebody serves now. Takes up to a second where a PLC served and may have stopped."""
         with self._one_at_a_time:
             return self._caller.server_is_ready()
 

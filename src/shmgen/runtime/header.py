@@ -118,6 +118,12 @@ def words(data: bytes) -> dict[str, Any]:
     return dict(zip(_NAMES, shown, strict=True))
 
 
+def after(number: int, steps: int, slots: int) -> int:
+    """The number of the sample so many `steps` later."""
+    number += steps
+    return number if number <= LAST else number - 2**32 + slots
+
+
 def steps(older: int, newer: int, slots: int) -> int:
     """How many samples later number `newer` was written than `older`: 0 .. slots - 1 do not come again."""
     return newer - older if newer >= older else newer - older + 2**32 - slots

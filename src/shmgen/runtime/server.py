@@ -48,6 +48,8 @@ class ServiceServer(Closing, Generic[Request]):
             questions = opened.enter_context(self.request_subscriber(f"{service}-request", **options))
             passed_over(questions)
             answers = opened.enter_context(self.reply_publisher(f"{service}-response", **options))
+            if answers._claim_doubtful:
+                passed_over(questions)
             opened.pop_all()
         self._callee = Callee(questions, answers)
         self._reply: Any = self.reply_publisher.message_type

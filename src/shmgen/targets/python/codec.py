@@ -255,14 +255,6 @@ def place(offset: int) -> str:
     return f"at + {offset}" if offset else "at"
 
 
-def cuts(layout: Layout, layouts: Layouts) -> bool:
-    """Whether a text that does not fit, here or further in, is cut."""
-    return layout.options.overflow == "truncate" and any(
-        cuts(layouts[slot.type.name], layouts) if isinstance(slot.type, Ref) else isinstance(slot.type, String)
-        for slot in layout.slots
-    )
-
-
 def _exploded(start: str, items: list[str], end: str) -> list[str]:
     return [start, *(f"    {item}," for item in items), end]
 

@@ -28,7 +28,6 @@ class Module(NamedTuple):
     regions: str
     imports: tuple[str, ...]
     class_name: str
-    base: str
     structs: tuple[Row, ...]
     rows: tuple[Row, ...]
     summary: str
@@ -124,7 +123,6 @@ def _module(layout: Layout, layouts: Layouts, regions: str) -> Module:
         regions=regions,
         imports=tuple(_imports(layout, names, bool(structs), uses_ctypes, bool(encode or shown))),
         class_name=python_class(layout.name),
-        base="runtime.CuttingMessage" if codec.cuts(layout, layouts) else "runtime.Message",
         structs=tuple(Row(name, value=run.format) for name, run in zip(structs, made.runs, strict=True)),
         rows=tuple(Row(path, code) for path, code in made.rows),
         summary=in_docstring(message.doc.partition("\n")[0]) or f"{layout.name.short}.",
