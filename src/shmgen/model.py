@@ -235,7 +235,7 @@ class TypeOptions:
 
 
 @dataclass(frozen=True, slots=True)
-class RegionOptions:
+class Regions:
     """`[regions]` in shmgen.toml: mode and group of the files, None and "" where not said, and what orders access."""
 
     mode: int | None = None

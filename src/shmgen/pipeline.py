@@ -197,6 +197,6 @@ def _regions(config: Config) -> dict[str, object]:
     return {key: value for key, value in said.items() if value}
 
 
-def _spelled(name: str, entry: entries.Service | entries.Action) -> str:
+def _spelled(name: str, entry: entries.ServiceEntry | entries.ActionEntry) -> str:
     """One line of layout.lock, the server first. A timeout is the bridge's, and shapes nothing here."""
     return f"{entry.server} {name} {entry.type}"

@@ -13,7 +13,7 @@ from shmgen.bounds import Bound
 from shmgen.config import Config
 from shmgen.config.file import Action, Service, Topic
 from shmgen.diagnostics import Diagnostic, Rejected, Report, Span
-from shmgen.model import RegionOptions, TypeOptions
+from shmgen.model import Regions, TypeOptions
 
 
 def load(folder: Path, text: str | bytes, name: str = "shmgen.toml") -> Config:
@@ -105,9 +105,9 @@ def test_paths_start_at_the_folder_of_the_file(tmp_path: Path) -> None:
 
 
 def test_regions(tmp_path: Path) -> None:
-    assert load(tmp_path, "").regions == RegionOptions(None, "", "lock")
+    assert load(tmp_path, "").regions == Regions(None, "", "lock")
     said = '[regions]\nmode = "0666"\ngroup = "plc"\nsync = "sequence"\n'
-    assert load(tmp_path, said).regions == RegionOptions(0o666, "plc", "sequence")
+    assert load(tmp_path, said).regions == Regions(0o666, "plc", "sequence")
 
 
 def test_requests_remember_their_places(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from shmgen import resolve
 from shmgen.bridge import backend
 from shmgen.bridge.backend import ServiceWire, Wire
 from shmgen.bridge.side import About
-from shmgen.config.entries import Topic
+from shmgen.config.entries import TopicEntry
 from shmgen.diagnostics import Report
 from shmgen.live.session import Session
 from shmgen.model import Clock, Layouts, Ref, Schema, Service, TypeName, element_of
@@ -26,7 +26,7 @@ _HEADER = "std_msgs/Header"
 class Route:
     """A topic both ways of looking at it. `stamp` are the attributes that lead to its time stamp, if it has one."""
 
-    topic: Topic
+    topic: TopicEntry
     wire: Wire
     kind: type[Message]
     layouts: Layouts

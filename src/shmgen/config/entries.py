@@ -16,7 +16,7 @@ from shmgen.records import dataclass
 
 
 @dataclass(frozen=True, slots=True)
-class Topic:
+class TopicEntry:
     """One `[[topics]]` entry: `depth` is how many samples a slow reader can still fetch, `carried` the rest."""
 
     topic: str
@@ -28,7 +28,7 @@ class Topic:
 
 
 @dataclass(frozen=True, slots=True)
-class Service:
+class ServiceEntry:
     """One `[[services]]` entry: `server` is `plc` or `ros`, `timeout` what the bridge waits for the PLC, in seconds."""
 
     service: str
@@ -39,7 +39,7 @@ class Service:
 
 
 @dataclass(frozen=True, slots=True)
-class Action:
+class ActionEntry:
     """One `[[actions]]` entry: `server` is `plc` or `ros`."""
 
     action: str
@@ -48,23 +48,23 @@ class Action:
     span: Span
 
 
-def topics(read: Reader, data: dict[str, Any]) -> tuple[Topic, ...]:
+def topics(read: Reader, data: dict[str, Any]) -> tuple[TopicEntry, ...]:
     """Reports SHM501, SHM502; so do the others."""
     return tuple(
         _topic(read, entry) for entry in _entries(read, data, "topics", ("direction", "depth", *CARRYING), abi.MAX_NAME)
     )
 
 
-def services(read: Reader, data: dict[str, Any]) -> tuple[Service, ...]:
+def services(read: Reader, data: dict[str, Any]) -> tuple[ServiceEntry, ...]:
     return tuple(
-        Service(entry.name, entry.type, _server(read, entry), _timeout(read, entry), entry.span)
+        ServiceEntry(entry.name, entry.type, _server(read, entry), _timeout(read, entry), entry.span)
         for entry in _entries(read, data, "services", ("server", "timeout"), abi.MAX_CALL_NAME)
     )
 
 
-def actions(read: Reader, data: dict[str, Any]) -> tuple[Action, ...]:
+def actions(read: Reader, data: dict[str, Any]) -> tuple[ActionEntry, ...]:
     return tuple(
-        Action(entry.name, entry.type, _server(read, entry), entry.span)
+        ActionEntry(entry.name, entry.type, _server(read, entry), entry.span)
         for entry in _entries(read, data, "actions", ("server",), abi.MAX_CALL_NAME)
     )
 
@@ -114,11 +114,11 @@ def _entries(
             seen.add(name.removeprefix("/"))
 
 
-def _topic(read: Reader, entry: _Entry) -> Topic:
+def _topic(read: Reader, entry: _Entry) -> TopicEntry:
     direction = read.choice(entry.section, "direction", entry.table, ("to_plc", "from_plc"), "to_plc")
     depth = read.number(entry.section, "depth", entry.table, 1, abi.MAX_DEPTH)
     carried = bridging.carrying(read, entry.section, entry.table, direction)
-    return Topic(entry.name, entry.type, direction, depth, entry.span, carried)
+    return TopicEntry(entry.name, entry.type, direction, depth, entry.span, carried)
 
 
 def _server(read: Reader, entry: _Entry) -> str:

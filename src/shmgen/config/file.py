@@ -13,9 +13,9 @@ from shmgen.bounds import DEFAULT_STRING, Bound, Bounds
 from shmgen.config import bridging, document, entries
 from shmgen.config.bridging import Bridge
 from shmgen.config.document import Reader
-from shmgen.config.entries import Action, Service, Topic
+from shmgen.config.entries import ActionEntry, ServiceEntry, TopicEntry
 from shmgen.diagnostics import Report, Span, closest
-from shmgen.model import RegionOptions, TypeOptions
+from shmgen.model import Regions, TypeOptions
 from shmgen.records import dataclass
 from shmgen.targets import KEYS, USUAL
 
@@ -49,17 +49,17 @@ class Config:
     skip_unbounded: bool = False
     types: TypeOptions = field(default_factory=TypeOptions)
     bounds: Bounds = field(default_factory=lambda: Bounds({}, {}))
-    topics: tuple[Topic, ...] = ()
-    services: tuple[Service, ...] = ()
-    actions: tuple[Action, ...] = ()
-    regions: RegionOptions = field(default_factory=RegionOptions)
+    topics: tuple[TopicEntry, ...] = ()
+    services: tuple[ServiceEntry, ...] = ()
+    actions: tuple[ActionEntry, ...] = ()
+    regions: Regions = field(default_factory=Regions)
     bridge: Bridge = field(default_factory=Bridge)
     places: Mapping[str, Span] = field(default_factory=dict)
 
     @property
     def types_used(self) -> tuple[str, ...]:
         """The types of topics, services and actions, each once."""
-        entries: tuple[Topic | Service | Action, ...] = (*self.topics, *self.services, *self.actions)
+        entries: tuple[TopicEntry | ServiceEntry | ActionEntry, ...] = (*self.topics, *self.services, *self.actions)
         return tuple(dict.fromkeys(entry.type for entry in entries))
 
 
@@ -134,7 +134,7 @@ class _Sections:
             bridge=bridging.bridge(self.read, self.read.table(data, "bridge")),
         )
 
-    def regions(self, data: dict[str, Any]) -> RegionOptions:
+    def regions(self, data: dict[str, Any]) -> Regions:
         self.read.keys("regions", data, ("mode", "group", "sync"))
         mode, group = data.get("mode"), data.get("group", "")
         if mode is not None and not (isinstance(mode, str) and re.fullmatch(_MODE, mode)):
@@ -144,7 +144,7 @@ class _Sections:
         if not isinstance(group, str) or (not group and "group" in data):
             self.read.wrong("regions", "group", f'group is the name of one, such as "plc", not {group!r}')
         sync = self.read.choice("regions", "sync", data, ("lock", "sequence"), "lock")
-        return RegionOptions(int(mode, 8) if mode else None, str(group), sync)  # type: ignore[arg-type]
+        return Regions(int(mode, 8) if mode else None, str(group), sync)  # type: ignore[arg-type]
 
     def bound_table(self, section: str, data: dict[str, Any], options: tuple[str, ...]) -> dict[str, Bound]:
         table: dict[str, Bound] = {}

@@ -12,7 +12,7 @@ from dataclasses import field
 from typing import TYPE_CHECKING, Protocol
 
 from shmgen.diagnostics import Report
-from shmgen.model import Action, Layouts, Output, RegionOptions, Service, Topic
+from shmgen.model import Action, Layouts, Output, Regions, Service, Topic
 from shmgen.records import dataclass
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ class Options:
     the graph; `configuration` is the text of shmgen.toml as it is written.
     """
 
-    regions: RegionOptions = field(default_factory=RegionOptions)
+    regions: Regions = field(default_factory=Regions)
     distribution: str = ""
     task_interval: int = 10
     ros_package: str = ""
