@@ -10,7 +10,7 @@ import pytest
 from tests.softplc import Block
 
 from ..support.plc_calls import Calls
-from ..support.plc_demo import CLAIM, Memory, ready
+from ..support.plc_demo import Memory, ready, take_over
 from .test_services import state
 
 EXECUTING, CANCELING, SUCCEEDED, CANCELED, ABORTED, REJECTED = 2, 3, 4, 5, 6, -1
@@ -157,7 +157,7 @@ def test_a_new_server_knows_no_old_goal(calls: Calls, topic: str) -> None:
     begin(client, 3)
     first()
     second = ready(calls.action_server(topic))
-    calls.plc.set_clock(CLAIM)
+    take_over(second)
     for _ in range(3):
         assert (second().xBusy, second.xExecute, state(client())) == (False, False, "xBusy")
     client(xCancel=True)  # what it does know is that this goal is not being worked at

@@ -79,7 +79,7 @@ def test_what_is_not_valid_is_not_looked_at(counts: Counts, topic: str, path: st
         message.trunk._leaves_count = 0
         publisher.publish(message)
         block = counts.block("Tree_Subscriber", sTopic=topic)
-        assert (block.xNewData, block.eErrorID) == (True, "NO_ERROR")
+        assert (block.xValid, block.eErrorID) == (True, "NO_ERROR")
 
 
 def test_each_sample_counts_where_each_is_read(counts: Counts, topic: str) -> None:

@@ -12,7 +12,7 @@ import pytest
 from tests.softplc import Block
 
 from ..support.plc_calls import FAULTS, Calls
-from ..support.plc_demo import CLAIM, Memory, ready
+from ..support.plc_demo import CLAIM, Memory, ready, take_over
 
 ENDS = ("xDone", "xBusy", "xAborted", "xError")
 
@@ -170,7 +170,7 @@ def interrupted(calls: Calls, topic: str, fault: str = "") -> tuple[Block, Block
     begin(client, 1)
     first()
     second = ready(calls.server(topic, fault))
-    calls.plc.set_clock(CLAIM)
+    take_over(second)
     return second(), client
 
 
@@ -189,7 +189,7 @@ def test_a_call_made_before_the_server_holds_the_service_is_old(calls: Calls, to
     client = ready(calls.client(topic, tTimeout=0))
     begin(client, 1)
     assert (server().xBusy, server.xExecute) == (True, False)
-    calls.plc.set_clock(CLAIM)
+    take_over(server)
     assert (server().xBusy, server.xExecute, server().xExecute) == (False, False, False)
 
 
@@ -245,8 +245,11 @@ def test_a_call_waits_until_the_service_is_open(calls: Calls, topic: str) -> Non
     assert (state(client()), client.udiCall) == ("xBusy", 0)
     client = ready(calls.client(topic, tTimeout=2 * CLAIM))
     begin(client, 1)
-    calls.plc.set_clock(2 * CLAIM - 1)
-    assert (state(client()), client.udiCall) == ("xBusy", 1)
+    take_over(client)
+    assert (state(client()), client.udiCall) == (
+        "xBusy",
+        1 + 2,
+    )  # the number that the other may still use is left to it
 
 
 def test_what_cannot_be_opened(calls: Calls, topic: str) -> None:
@@ -296,8 +299,8 @@ def test_disabled_it_is_as_new(calls: Calls, topic: str) -> None:
     server(xEnable=False)
     assert (state(client), server.xExecute, server.xBusy, server.xError) == ("", False, False, False)
     assert Memory(topic, "-request")["writer"] == Memory(topic, "-response")["writer"] == 0
-    server(xEnable=True)
-    client(xEnable=True)  # xExecute is still TRUE, which is an edge now
+    ready(server(xEnable=True))
+    ready(client(xEnable=True))  # xExecute is still TRUE, which is an edge now
     assert (server().xExecute, server.udiCall, state(client)) == (True, 2, "xBusy")
 
 
