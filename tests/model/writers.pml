@@ -63,10 +63,12 @@ bit late;         /* a writer has stored something after it lost the topic: a sa
 byte excl;        /* 1 + who has stood still inside its copy and now runs to the end of it at once, see docs/protocol.md */
 byte tags;        /* number of writes, which tells one from the other */
 
-#ifdef F_NO_JUMP
-#define JUMP 0
+/* What must be left out so that no number is used twice: the writer before may have filled the slot, and may still
+ * complete it. */
+#ifdef F_NO_LEAP
+#define LEAP(p, c) 0
 #else
-#define JUMP 2    /* as many as there are slots */
+#define LEAP(p, c) (LD(p, NUMBER((c) + 1)) > (c) -> LD(p, NUMBER((c) + 1)) + 2 - ((c) + 1) : 0)
 #endif
 
 #define AT_WORK(p) (busy[p] && !stalled[p] && !dead[p])
@@ -104,6 +106,15 @@ proctype Fate()
 #define SAME(h, c) (h == mem[HOLDER] && c == mem[COUNT])
 #define ENTER(p) mem[COUNT]++; mem[HOLDER] = (p) + 1
 #define LEAVE(p) mem[HOLDER] = 0; sem++
+
+/* ---- what both have ---- */
+#define OPENING  0
+#define CLAIMING 1
+#define CLAIMED  2
+#define RUNNING  3
+byte l_state, l_seen, l_beat, l_number, l_last, l_tag, l_cycles = CYCLES, l_closes = CLOSES;
+byte l_holder, l_count, l_jump;
+bit l_aged, l_missed, l_heal, l_got;
 
 /* ---- Python: Publisher ---- */
 byte p_holder, p_count, p_sequence, p_jump, p_beat, p_number, p_tries, p_tag, p_seen;
@@ -158,7 +169,7 @@ open:
        :: DO(P, LD(P, BEAT) != p_beat || LD(P, WRITER) != p_seen) busy[P] = 0; goto open }
        :: DO(P, LD(P, BEAT) == p_beat && LD(P, WRITER) == p_seen) skip }
        fi;
-       DO(P, true) ST(P, WRITER, P + 1) }
+       DO(P, true) assert(stalls < STALLS || ended[L] || dead[L] || l_state != RUNNING); ST(P, WRITER, P + 1) }
     :: DO(P, p_seen != L + 1) ST(P, WRITER, P + 1) }
     fi;
 #ifndef F_NO_CONFIRM
@@ -174,7 +185,7 @@ open:
     fi;
 #endif
     DO(P, DRAINED(P)) 
-        p_sequence = LD(P, COMPLETED); p_jump = (p_seen == L + 1 || slept[P] -> JUMP : 0); p_beat = LD(P, BEAT); busy[P] = 0; p_seen = 0 }
+        p_sequence = LD(P, COMPLETED); p_jump = LEAP(P, p_sequence); p_beat = LD(P, BEAT); busy[P] = 0; p_seen = 0 }
 opened:
     do
     :: DO(P, p_tries > 0) p_tries--; busy[P] = 1; slept[P] = 0; p_number = p_sequence + 1 }
@@ -188,9 +199,9 @@ opened:
        DO(P, true) zone[P] = 1 }
 #endif
        DO(P, true) ST(P, BEAT, p_beat + 1); p_beat++ }
-#ifndef F_NO_VOID_FIRST
+#ifndef F_NUMBER_NOT_FIRST
        if
-       :: DO(P, p_jump) ST(P, NUMBER(p_number), 0) }
+       :: DO(P, p_jump) ST(P, NUMBER(p_number), p_number + p_jump) }
        :: DO(P, !p_jump) skip }
        fi;
 #endif
@@ -235,14 +246,6 @@ over:
 }
 
 /* ---- the PLC: FB_ShmRegion, one Cycle and perhaps one write at a time ---- */
-#define OPENING  0
-#define CLAIMING 1
-#define CLAIMED  2
-#define RUNNING  3
-byte l_state, l_seen, l_beat, l_number, l_last, l_tag, l_cycles = CYCLES, l_closes = CLOSES;
-byte l_holder, l_count, l_jump;
-bit l_aged, l_missed, l_heal, l_got;
-
 inline l_lock() {
     if
 #ifdef NOLOCK
@@ -272,11 +275,6 @@ inline l_unlock() {
 #define QUIET (LD(L, BEAT) == l_beat)
 #else
 #define QUIET (LD(L, BEAT) == l_beat && LD(L, WRITER) == l_seen)
-#endif
-#ifdef F_CLOSE_UNWRITTEN
-#define CLOSES_CLEAN true
-#else   /* numbers left out must not be used by the next */
-#define CLOSES_CLEAN (l_jump == 0)
 #endif
 #define REST DO(L, DRAINED(L)) busy[L] = 0 }
 
@@ -330,10 +328,9 @@ proctype Plc()
        :: DO(L, l_state >= CLAIMING && l_state <= CLAIMED && !QUIET) GIVE_WAY }
           REST
        :: DO(L, l_state == CLAIMING && QUIET && l_aged) skip }
-          DO(L, true) ST(L, WRITER, L + 1); l_state = CLAIMED; l_aged = 0;
-              l_jump = (l_seen == 0 -> 0 : JUMP); l_seen = L + 1 }
+          DO(L, true) ST(L, WRITER, L + 1); l_state = CLAIMED; l_aged = 0; l_seen = L + 1 }
           REST
-       :: DO(L, l_state == CLAIMED && QUIET && l_aged) l_last = LD(L, COMPLETED); l_seen = 0; l_state = RUNNING;
+       :: DO(L, l_state == CLAIMED && QUIET && l_aged) l_last = LD(L, COMPLETED); l_jump = LEAP(L, l_last); l_seen = 0; l_state = RUNNING;
               l_aged = 0; l_beat++; ST(L, BEAT, l_beat) }
           REST
        :: DO(L, l_state >= CLAIMING && l_state <= CLAIMED && QUIET && !l_aged) skip }
@@ -372,14 +369,14 @@ proctype Plc()
     :: DO(L, !busy[L] && l_state == CLAIMED && !l_aged) l_aged = 1 }
 #endif
     :: DO(L, !busy[L] && l_missed && !l_heal && !AT_WORK(P) && !AT_WORK(R)) l_heal = 1 }
-    :: DO(L, !busy[L] && l_closes > 0 && l_state != OPENING) l_closes--; busy[L] = 1 }
+    :: DO(L, !busy[L] && l_closes > 0 && l_state != OPENING) l_closes--; busy[L] = 1; slept[L] = 0 }
        if
 #ifdef F_CLOSE_ANY
-       :: DO(L, l_state >= CLAIMED) ST(L, WRITER, 0) }
+       :: DO(L, l_state >= CLAIMED) assert(mem[WRITER] == L + 1 || slept[L]); ST(L, WRITER, 0) }
 #else
-       :: DO(L, l_state == RUNNING && LD(L, WRITER) == L + 1 && CLOSES_CLEAN) skip }
-          DO(L, true) ST(L, WRITER, 0) }
-       :: DO(L, l_state == CLAIMED || l_state == RUNNING && !(LD(L, WRITER) == L + 1 && CLOSES_CLEAN)) skip }
+       :: DO(L, l_state == RUNNING && LD(L, WRITER) == L + 1) skip }
+          DO(L, true) assert(mem[WRITER] == L + 1 || slept[L]); ST(L, WRITER, 0) }
+       :: DO(L, l_state == CLAIMED || l_state == RUNNING && !(LD(L, WRITER) == L + 1)) skip }
 #endif
        :: DO(L, l_state < CLAIMED) skip }
        fi;
