@@ -27,7 +27,7 @@ def _dataclass(*, slots: bool, frozen: bool = False) -> Callable[[type[T]], type
 
 
 if not TYPE_CHECKING:
-    dataclass = _dataclass
+    dataclass = _dataclass if hasattr(dataclasses, "_FIELD") else dataclasses.dataclass
 
 
 def _made(cls: type[T], frozen: bool) -> type[T]:
