@@ -121,7 +121,7 @@ def job_of(config: Config, layouts: Layouts, report: Report) -> Job:
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class Item:
     """One message of the inventory: its size in bytes, or the keys that [bounds] lacks for it.
 
     `faults` are what else `generate` would say against it.
@@ -133,7 +133,7 @@ class Entry:
     faults: tuple[Diagnostic, ...] = ()
 
 
-def inventory(config: Config, asked: str | None = None) -> list[Entry]:
+def inventory(config: Config, asked: str | None = None) -> list[Item]:
     """Every message in reach, or what one request stands for. Raises Rejected."""
     sources = _sources(config)
     requests = [asked] if asked else map(str, definitions.available(sources))
@@ -145,7 +145,7 @@ def inventory(config: Config, asked: str | None = None) -> list[Entry]:
     layouts = layout.lay_out(bounded, config.types, config.max_region, Report())
     faults = _faults(config, layouts)
     return [
-        Entry(name, layouts[name].size, (), faults[name]) if name in layouts else Entry(name, None, missing[name])
+        Item(name, layouts[name].size, (), faults[name]) if name in layouts else Item(name, None, missing[name])
         for name in names
     ]
 

@@ -87,7 +87,7 @@ def test_top_in_a_pipe(topic, shmgen, started):
 
 
 def row(topic, rate):
-    return top.Row(topic, "demo_msgs/msg/Long", "42 a long name", 1, rate, 1.0, 0.0, 0, 0)
+    return top.TopicRow(topic, "demo_msgs/msg/Long", "42 a long name", 1, rate, 1.0, 0.0, 0, 0)
 
 
 def test_top_counts_what_readers_missed(topic, shmgen):

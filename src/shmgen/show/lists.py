@@ -6,7 +6,7 @@ import json
 
 from shmgen.layout import CLOCK
 from shmgen.model import Clock, Scalar, TypeOptions
-from shmgen.pipeline import Entry
+from shmgen.pipeline import Item
 from shmgen.targets.c.target import c_element
 from shmgen.targets.st.names import iec_element
 from shmgen.wording import counted
@@ -35,7 +35,7 @@ def type_table(options: TypeOptions) -> str:
     )
 
 
-def inventory(entries: list[Entry], machine: bool) -> str:
+def inventory(entries: list[Item], machine: bool) -> str:
     """What can be generated, and what each other message still needs; `machine` gives JSON."""
     if machine:
         data = [
@@ -64,7 +64,7 @@ def inventory(entries: list[Entry], machine: bool) -> str:
 _KEYS_SHOWN = 3
 
 
-def _standing(entry: Entry) -> str:
+def _standing(entry: Item) -> str:
     if entry.faults:
         return "; ".join(f"{fault.code} {fault.field}: {fault.message}" for fault in entry.faults)
     if entry.size is not None:

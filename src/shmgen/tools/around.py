@@ -1,4 +1,4 @@
-"""Turns the processes and the machine around the regions into findings: what is held, hidden, full or apart."""
+"""Turns the processes and the machine around the regions into problems: what is held, hidden, full or apart."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from shmgen.live.regions import closed, topic_of
 from shmgen.runtime.names import region_file, region_name
 from shmgen.tools import unfinished
 from shmgen.tools.evidence import own_device, semaphore
-from shmgen.tools.finding import Finding
 from shmgen.tools.leave import join
+from shmgen.tools.problem import Problem
 from shmgen.wording import counted
 
 
-def of_strays(processes: Processes, names: Collection[str], asked: Collection[str]) -> Iterator[Finding]:
+def of_strays(processes: Processes, names: Collection[str], asked: Collection[str]) -> Iterator[Problem]:
     """Processes that hold on to a removed region or semaphore, or to one in another /dev/shm.
 
     `names` are the regions there are and those that are meant to be, `asked` those that a person asks for. What is
@@ -34,7 +34,7 @@ def of_strays(processes: Processes, names: Collection[str], asked: Collection[st
         if found.semaphore:
             if found.removed and found.device == ours and region in names and semaphore(region):
                 message = f"{who} locks with a semaphore that was removed, so its lock keeps nobody out"
-                yield Finding(topic, message, f"restart process {found.pid}", file, found.pid)
+                yield Problem(topic, message, f"restart process {found.pid}", file, found.pid)
             continue
         likely = region in names or (found.pid, found.device, f"sem.{region}") in pairs
         sure = found.is_region()
@@ -46,10 +46,10 @@ def of_strays(processes: Processes, names: Collection[str], asked: Collection[st
                 continue
             message = f"{who} has this region in a /dev/shm of its own, so neither side sees the other"
             hint = "start its container with the host's: `--ipc=host`, or `-v /dev/shm:/dev/shm`"
-            yield Finding(topic, message, hint, file, found.pid)
+            yield Problem(topic, message, hint, file, found.pid)
         elif found.removed:
             message = f"{who} still holds a region that was removed; nobody else sees what it writes there"
-            yield Finding(topic, message, f"restart process {found.pid}", file, found.pid)
+            yield Problem(topic, message, f"restart process {found.pid}", file, found.pid)
 
 
 def _holders(processes: Processes, device: int, name: str) -> set[int]:
@@ -64,27 +64,27 @@ def _is_name(region: str) -> bool:
     return False
 
 
-def of_machine(processes: Processes) -> Iterator[Finding]:
+def of_machine(processes: Processes) -> Iterator[Problem]:
     """What holds for all regions: this container's /dev/shm, the kernel's rules, and what cannot be seen."""
     for name in closed():
-        yield Finding(topic_of(name), "this may be a region, but this user cannot read it", *join(region_file(name)))
+        yield Problem(topic_of(name), "this may be a region, but this user cannot read it", *join(region_file(name)))
     for file in unfinished.semaphores(processes):
         message = "somebody was killed while making a semaphore; nothing uses this file"
-        yield Finding("", message, f"`rm {file}`; `shmgen clean --all` removes it too", file, note=True)
+        yield Problem("", message, f"`rm {file}`; `shmgen clean --all` removes it too", file, note=True)
     size = os.statvfs("/dev/shm")
     total, free = size.f_blocks * size.f_frsize, size.f_bavail * size.f_frsize
     if free < total // 20:
         message = f"/dev/shm is nearly full: {free >> 10} of {total >> 10} KiB are left"
-        yield Finding("", message, "see `ls -lS /dev/shm`; docker: `--shm-size`", "/dev/shm")
+        yield Problem("", message, "see `ls -lS /dev/shm`; docker: `--shm-size`", "/dev/shm")
     if _in_container() and (_own_mount() or total <= 64 << 20):
         message = (
             f"this is a container with a /dev/shm of its own ({total >> 20} MiB): it shares no region with the host"
         )
         hint = "to share them start it with `--ipc=host`, or `-v /dev/shm:/dev/shm`"
-        yield Finding("", message, hint, "/dev/shm", note=True)
+        yield Problem("", message, hint, "/dev/shm", note=True)
     if processes.hidden and os.geteuid() != 0:
         message = f"{counted(processes.hidden, 'process')} of other users could not be looked into"
-        yield Finding("", message, "`sudo shmgen doctor` sees who maps what", note=True)
+        yield Problem("", message, "`sudo shmgen doctor` sees who maps what", note=True)
 
 
 def _in_container() -> bool:

@@ -14,26 +14,26 @@ from shmgen.live.regions import depth_of, live, meant, missing
 from shmgen.runtime import header as h
 from shmgen.runtime import region_name
 from shmgen.runtime.names import region_file
-from shmgen.tools import checks, leave
+from shmgen.tools import leave, symptoms
 from shmgen.tools.around import of_machine, of_strays
 from shmgen.tools.evidence import Evidence, Wanted, gather
-from shmgen.tools.finding import Finding, owner
+from shmgen.tools.problem import Problem, owner
 from shmgen.wording import counted
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
+class Examination:
     """What was looked at, and what was found; `healthy` if nothing of that is a fault."""
 
     regions: tuple[Evidence, ...]
-    findings: tuple[Finding, ...]
+    findings: tuple[Problem, ...]
 
     @property
     def healthy(self) -> bool:
         return all(finding.note for finding in self.findings)
 
 
-def examine(topic: str | None, workshop: Workshop) -> Report:
+def examine(topic: str | None, workshop: Workshop) -> Examination:
     """Looks at every region, or at one, for a quarter of a second, or a whole one where a lock seems stuck.
 
     Raises RegionMissing, PermissionDenied, Rejected for a wrong shmgen.toml, and ValueError for a wrong topic.
@@ -45,7 +45,7 @@ def examine(topic: str | None, workshop: Workshop) -> Report:
     wanted = dict.fromkeys(map(_full, asked or ()), said) | _wanted(workshop.config)
     meant_to_be = {*live(), *map(region_name, wanted)}
     regions = gather(names, around, wanted, workshop.known() if names else {})
-    found = [finding for seen in regions for finding in checks.of_region(seen)]
+    found = [finding for seen in regions for finding in symptoms.of_region(seen)]
     found += leave.of_places(sorted(meant_to_be))
     found += of_strays(around, meant_to_be, names if asked else ())
     found += of_machine(around)
@@ -54,10 +54,10 @@ def examine(topic: str | None, workshop: Workshop) -> Report:
         found = [finding for finding in found if finding.topic in about]
     if topic is not None and not regions and not any(finding.topic for finding in found):
         raise missing(topic)
-    return Report(tuple(regions), tuple(found))
+    return Examination(tuple(regions), tuple(found))
 
 
-def text(report: Report) -> str:
+def text(report: Examination) -> str:
     """Region by region, its state and the findings; then what holds for all."""
     lines: list[str] = []
     for seen in report.regions:
@@ -71,7 +71,7 @@ def text(report: Report) -> str:
     return "\n".join([*lines, f"{_count(len(report.regions), 'region')}, {_count(faults, 'fault')}"])
 
 
-def plain(report: Report) -> dict[str, Any]:
+def plain(report: Examination) -> dict[str, Any]:
     """The same for machines."""
     return {
         "healthy": report.healthy,
@@ -148,7 +148,7 @@ def _writer(seen: Evidence) -> str:
     return f"process {writer}, ended" if writer else "none yet"
 
 
-def _shown(findings: Iterator[Finding] | Sequence[Finding]) -> list[str]:
+def _shown(findings: Iterator[Problem] | Sequence[Problem]) -> list[str]:
     lines = []
     for finding in findings:
         lines.append(f"  {'note' if finding.note else 'fault'}: {finding.message}")

@@ -1,4 +1,4 @@
-"""Turns a region, its semaphore and the processes around it into what the checks of `doctor` judge by."""
+"""Turns a region, its semaphore and the processes around it into what `doctor` judges by."""
 
 from __future__ import annotations
 

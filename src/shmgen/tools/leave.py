@@ -1,4 +1,4 @@
-"""Turns owner, group, mode and kind of a region's files into findings: who may not open them, and who should not."""
+"""Turns owner, group, mode and kind of a region's files into problems: who may not open them, and who should not."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from shmgen.runtime.access import Access, RegionOptions, access_for, name_of_gro
 from shmgen.runtime.errors import PermissionDenied
 from shmgen.runtime.names import event_name, region_file, semaphore_file
 from shmgen.tools.evidence import Evidence
-from shmgen.tools.finding import Finding, owner
+from shmgen.tools.problem import Problem, owner
 
 
-def of_files(seen: Evidence) -> Iterator[Finding]:
+def of_files(seen: Evidence) -> Iterator[Problem]:
     """Of the files of one region."""
     file = region_file(seen.name)
     if not os.access(file, os.R_OK | os.W_OK):
-        yield Finding(
+        yield Problem(
             seen.topic, f"this user cannot open it for reading and writing: {owner(seen.status)}", *join(file)
         )
     lock = seen.semaphores[1]
@@ -35,7 +35,7 @@ def of_files(seen: Evidence) -> Iterator[Finding]:
         )
         other = semaphore_file(seen.name)
         hint = f"`chown --reference={file} {other}; chmod --reference={file} {other}`"
-        yield Finding(seen.topic, message, hint, other)
+        yield Problem(seen.topic, message, hint, other)
     rule = _protected_regular()
     if rule and seen.status.st_uid != 0:
         message = (
@@ -43,10 +43,10 @@ def of_files(seen: Evidence) -> Iterator[Finding]:
             f"{name_of_user(seen.status.st_uid)}, who owns it; not even root may"
         )
         hint = "let that program make the region first, or run both sides as the same user"
-        yield Finding(seen.topic, message, hint, file, note=True)
+        yield Problem(seen.topic, message, hint, file, note=True)
 
 
-def _access(seen: Evidence) -> Iterator[Finding]:
+def _access(seen: Evidence) -> Iterator[Problem]:
     """Mode and group of each file beside those of [regions]; without a mode there, what a umask has left of one."""
     mode, group = seen.wanted.regions.mode, seen.wanted.regions.group
     for file in _files(seen.name):
@@ -59,16 +59,16 @@ def _access(seen: Evidence) -> Iterator[Finding]:
                 yield from _strangers(seen, status, file)
             else:
                 message = f'its mode is {found:04o}, and mode = "{mode:04o}" in shmgen.toml'
-                yield Finding(seen.topic, message, f"`chmod {mode:04o} {file}`", file)
+                yield Problem(seen.topic, message, f"`chmod {mode:04o} {file}`", file)
             if group and group != name_of_group(status.st_gid):
                 message = f'its group is {name_of_group(status.st_gid)}, and group = "{group}" in shmgen.toml'
-                yield Finding(seen.topic, message, f"`chgrp {group} {file}`", file)
+                yield Problem(seen.topic, message, f"`chgrp {group} {file}`", file)
             if mode is None and found & 0o060 == 0o040:
                 message = f"its mode is {found:04o}, so that its group may read it and not write it; it takes both"
-                yield Finding(seen.topic, message, f"`chmod g+w {file}`", file, note=True)
+                yield Problem(seen.topic, message, f"`chmod g+w {file}`", file, note=True)
 
 
-def of_places(names: Iterable[str]) -> Iterator[Finding]:
+def of_places(names: Iterable[str]) -> Iterator[Problem]:
     """What is no regular file where a region or a semaphore would be: a trap for whoever opens it without care."""
     for name in names:
         for file in _files(name):
@@ -78,7 +78,7 @@ def of_places(names: Iterable[str]) -> Iterator[Finding]:
                     message = (
                         f"in the place of a file is {_KINDS.get(kind, 'a device')}, and programs refuse it for that"
                     )
-                    yield Finding(topic_of(name), message, f"see whose it is, `ls -l {file}`, and remove it", file)
+                    yield Problem(topic_of(name), message, f"see whose it is, `ls -l {file}`, and remove it", file)
 
 
 _KINDS = {
@@ -89,7 +89,7 @@ _KINDS = {
 }
 
 
-def _strangers(seen: Evidence, status: os.stat_result, file: str) -> Iterator[Finding]:
+def _strangers(seen: Evidence, status: os.stat_result, file: str) -> Iterator[Problem]:
     """By the rule that programs go by: what all may write is a fault; whom root does not know, others may."""
     said = seen.wanted.regions
     access = Access(said.mode, None)
@@ -99,7 +99,7 @@ def _strangers(seen: Evidence, status: os.stat_result, file: str) -> Iterator[Fi
         who, leave = objection
         only_root = os.geteuid() == 0 and not status.st_mode & stat.S_IWOTH
         refuse = "programs of root refuse it" if only_root else "programs refuse it"
-        yield Finding(seen.topic, f"{who}, and {refuse} for that", leave, file, note=only_root)
+        yield Problem(seen.topic, f"{who}, and {refuse} for that", leave, file, note=only_root)
 
 
 def _files(name: str) -> tuple[str, ...]:

@@ -55,7 +55,7 @@ def run(interval: float) -> None:
             rows = top.look(past)
 
 
-def _draw(rows: list[top.Row], column: str, widths: dict[str, int]) -> None:
+def _draw(rows: list[top.TopicRow], column: str, widths: dict[str, int]) -> None:
     width, height = shutil.get_terminal_size()
     title, *lines = top.table(rows, column, width, widths)
     note = "" if rows else "no regions; `shmgen pub` makes one, and so does every publisher and subscriber"

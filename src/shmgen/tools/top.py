@@ -20,7 +20,7 @@ _LOOKS = 6
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class TopicRow:
     """One region now.
 
     `rate` is in samples a second, `age` the seconds since the newest one; None where it is not known. `lock` is
@@ -43,7 +43,7 @@ class Row:
         return asdict(self)
 
 
-COLUMNS = tuple(Row.__dataclass_fields__)
+COLUMNS = tuple(TopicRow.__dataclass_fields__)
 _TEXTS = ("topic", "type", "writer")
 _WIDTHS = {"rate": len("1000.0/s"), "age": len("999.9 ms"), "lock": len("1000.0/s")}
 """Characters of what is mostly seen."""
@@ -64,7 +64,7 @@ Past = dict[str, deque[_Look]]
 """What the looks before saw, by region."""
 
 
-def look(past: Past) -> list[Row]:
+def look(past: Past) -> list[TopicRow]:
     """A row for each region there is; `past` remembers this look for the next."""
     rows = []
     names = live()
@@ -75,7 +75,7 @@ def look(past: Past) -> list[Row]:
             header = view.header()
             if why := damage(header):
                 past.pop(name, None)
-                rows.append(Row(topic_of(name), f"damaged: {why}", "-", 0, None, None, None, 0, 0))
+                rows.append(TopicRow(topic_of(name), f"damaged: {why}", "-", 0, None, None, None, 0, 0))
                 continue
             looks = past.setdefault(name, deque(maxlen=_LOOKS))
             if looks and looks[-1].inode != view.status.st_ino:
@@ -85,7 +85,7 @@ def look(past: Past) -> list[Row]:
     return rows
 
 
-def ordered(rows: Sequence[Row], column: str, reverse: bool) -> list[Row]:
+def ordered(rows: Sequence[TopicRow], column: str, reverse: bool) -> list[TopicRow]:
     """Texts from A on, numbers from the greatest on, or the other way round; what is not known comes last."""
     known = [row for row in rows if getattr(row, column) is not None]
     known.sort(key=lambda row: row.topic)
@@ -94,7 +94,7 @@ def ordered(rows: Sequence[Row], column: str, reverse: bool) -> list[Row]:
 
 
 def table(
-    rows: Sequence[Row], sorted_by: str = "", width: int | None = None, widths_before: dict[str, int] | None = None
+    rows: Sequence[TopicRow], sorted_by: str = "", width: int | None = None, widths_before: dict[str, int] | None = None
 ) -> list[str]:
     """Lines of aligned columns, the titles first; the column sorted by carries a `*`.
 
@@ -133,7 +133,7 @@ def writer_of(view: View, header: h.Header, earlier: h.Header | None) -> str:
     return "gone" if header.writer else "-"
 
 
-def _row(view: View, header: h.Header, looks: Sequence[_Look]) -> Row:
+def _row(view: View, header: h.Header, looks: Sequence[_Look]) -> TopicRow:
     first, last = looks[0], looks[-1]
     earlier = looks[-2].header if len(looks) > 1 else None
     seconds = last.when - first.when
@@ -141,7 +141,7 @@ def _row(view: View, header: h.Header, looks: Sequence[_Look]) -> Row:
     stamp = view.stamp(header.completed, header) if header.completed else None
     entered = (header.lock_count - first.header.lock_count) % 2**32
     stuck = earlier and header.lock_holder and header.lock_count == earlier.lock_count
-    return Row(
+    return TopicRow(
         topic=topic_of(view.name),
         type=header.type_name,
         writer=writer_of(view, header, earlier),

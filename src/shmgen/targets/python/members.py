@@ -25,7 +25,7 @@ CTYPES = {
 _CLOCK_CTYPES = {"TIME": "ctypes.c_uint32", "LTIME": "ctypes.c_uint64", "struct": "ctypes.c_uint32 * 2"}
 
 
-class Row(NamedTuple):
+class Line(NamedTuple):
     """`name: type = value`, as much of it as the place that prints it needs."""
 
     name: str
@@ -97,7 +97,7 @@ def descriptor(slot: Slot, options: TypeOptions, names: Mapping[TypeName, str], 
             assert_never(slot.type)
 
 
-def hiding(annotations: list[Row], assigned: list[Row], used: Set[str]) -> Iterator[str]:
+def hiding(annotations: list[Line], assigned: list[Line], used: Set[str]) -> Iterator[str]:
     """What is named like something the class body uses: last, in one assignment, and `int` after what is one."""
     hidden = [row for row in assigned if row.name in used]
     if hidden:

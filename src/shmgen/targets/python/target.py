@@ -10,7 +10,7 @@ from shmgen.diagnostics import Report
 from shmgen.model import Layout, Layouts, Output, Ref, Regions, Role, TypeName
 from shmgen.targets import Job
 from shmgen.targets.python import codec, interfaces, project
-from shmgen.targets.python.members import Row, annotation, ctype, descriptor, hiding, is_shown, stored_name
+from shmgen.targets.python.members import Line, annotation, ctype, descriptor, hiding, is_shown, stored_name
 from shmgen.targets.python.names import NAMES as NAMES
 from shmgen.targets.python.names import PYTHON_USED, classes, module, python_class, python_member
 from shmgen.targets.python.text import documentation, import_lines, in_docstring, literal, sort_key
@@ -28,15 +28,15 @@ class Module(NamedTuple):
     regions: str
     imports: tuple[str, ...]
     class_name: str
-    structs: tuple[Row, ...]
-    rows: tuple[Row, ...]
+    structs: tuple[Line, ...]
+    rows: tuple[Line, ...]
     summary: str
     doc: tuple[str, ...]
-    fields: tuple[Row, ...]
+    fields: tuple[Line, ...]
     names: tuple[str, ...]
-    constants: tuple[Row, ...]
-    plain: tuple[Row, ...]
-    shown: tuple[Row, ...]
+    constants: tuple[Line, ...]
+    plain: tuple[Line, ...]
+    shown: tuple[Line, ...]
     hiding: tuple[str, ...]
     encode: tuple[str, ...]
     decode: tuple[str, ...]
@@ -105,13 +105,13 @@ def _module(layout: Layout, layouts: Layouts, regions: str) -> Module:
     shown = [slot for slot in data if is_shown(slot)]
     plain = [slot for slot in data if not is_shown(slot)]
     encode = tuple(made.encode_lines(structs))
-    fields = tuple(Row(stored_name(slot), ctype(slot, layout.options, names)) for slot in layout.slots)
+    fields = tuple(Line(stored_name(slot), ctype(slot, layout.options, names)) for slot in layout.slots)
     descriptors = [
-        Row(python_member(slot.name), value=descriptor(slot, layout.options, names, counts.get(slot.name)))
+        Line(python_member(slot.name), value=descriptor(slot, layout.options, names, counts.get(slot.name)))
         for slot in shown
     ]
-    constants = [Row(python_member(it.name), type(it.value).__name__, literal(it.value)) for it in message.constants]
-    annotations = [Row(python_member(slot.name), annotation(slot.type, names)) for slot in plain]
+    constants = [Line(python_member(it.name), type(it.value).__name__, literal(it.value)) for it in message.constants]
+    annotations = [Line(python_member(slot.name), annotation(slot.type, names)) for slot in plain]
     used = PYTHON_USED | set(names.values())
     uses_ctypes = any("ctypes." in row.type + row.value for row in (*fields, *descriptors))
     return Module(
@@ -123,8 +123,8 @@ def _module(layout: Layout, layouts: Layouts, regions: str) -> Module:
         regions=regions,
         imports=tuple(_imports(layout, names, bool(structs), uses_ctypes, bool(encode or shown))),
         class_name=python_class(layout.name),
-        structs=tuple(Row(name, value=run.format) for name, run in zip(structs, made.runs, strict=True)),
-        rows=tuple(Row(path, code) for path, code in made.rows),
+        structs=tuple(Line(name, value=run.format) for name, run in zip(structs, made.runs, strict=True)),
+        rows=tuple(Line(path, code) for path, code in made.rows),
         summary=in_docstring(message.doc.partition("\n")[0]) or f"{layout.name.short}.",
         doc=tuple(documentation(message)),
         fields=fields,

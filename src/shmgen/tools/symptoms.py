@@ -1,4 +1,4 @@
-"""Turns evidence about a region into findings: what is wrong, which file, which process, what to do next."""
+"""Turns evidence about a region into problems: what is wrong, which file, which process, what to do next."""
 
 from __future__ import annotations
 
@@ -11,46 +11,46 @@ from shmgen.runtime import header as h
 from shmgen.runtime.names import region_file, semaphore_file
 from shmgen.tools import leave
 from shmgen.tools.evidence import SIZES, Evidence
-from shmgen.tools.finding import Finding
+from shmgen.tools.problem import Problem
 from shmgen.wording import counted
 
 _ADVICE_CLEAN = "stop both sides, `shmgen clean {topic}`, start them again"
 
 
-def of_region(seen: Evidence) -> Iterator[Finding]:
+def of_region(seen: Evidence) -> Iterator[Problem]:
     """All that is wrong with one region and its semaphore."""
     for check in (_header, _layout, _writer, leave.of_files, _semaphore, _lock, _bitness):
         yield from check(seen)
 
 
-def _header(seen: Evidence) -> Iterator[Finding]:
+def _header(seen: Evidence) -> Iterator[Problem]:
     header, file = seen.after, region_file(seen.name)
     if why := damage(header):
         clean = _ADVICE_CLEAN.format(topic=seen.topic)
         hint = clean if header.abi == h.ABI else "use the same version of shmgen on both sides"
-        yield Finding(seen.topic, why, hint, file)
+        yield Problem(seen.topic, why, hint, file)
 
 
-def _layout(seen: Evidence) -> Iterator[Finding]:
+def _layout(seen: Evidence) -> Iterator[Problem]:
     header, file, wanted, layout = seen.after, region_file(seen.name), seen.wanted, seen.layout
     package, _, bare = header.type_name.partition("/")
     if wanted.type and wanted.type not in (header.type_name, f"{package}/{bare.rpartition('/')[2]}"):
         message = f"it holds {header.type_name}, and shmgen.toml says {wanted.type}"
-        yield Finding(seen.topic, message, _ADVICE_CLEAN.format(topic=seen.topic), file)
+        yield Problem(seen.topic, message, _ADVICE_CLEAN.format(topic=seen.topic), file)
     elif layout and (layout.digest, layout.size) != (header.digest, header.payload_size):
         message = (
             f"it has another layout of {header.type_name} than this folder: "
             f"digest 16#{header.digest:016X}, {counted(header.payload_size, 'byte')} there; {layout}"
         )
         hint = "`shmgen generate`, rebuild both sides; " + _ADVICE_CLEAN.format(topic=seen.topic)
-        yield Finding(seen.topic, message, hint, file)
+        yield Problem(seen.topic, message, hint, file)
     elif wanted.depth and (slots := 1 << wanted.depth.bit_length()) != header.slots:
         message = f"it has {header.slots} slots, and depth = {wanted.depth} in shmgen.toml takes {slots}"
         hint = "give both sides the same depth; " + _ADVICE_CLEAN.format(topic=seen.topic)
-        yield Finding(seen.topic, message, hint, file)
+        yield Problem(seen.topic, message, hint, file)
 
 
-def _writer(seen: Evidence) -> Iterator[Finding]:
+def _writer(seen: Evidence) -> Iterator[Problem]:
     """That a writer is gone is nothing wrong; that it was killed at work is good to know."""
     writer = seen.after.writer
     before, after = ((look.begun, look.completed, look.heartbeat) for look in (seen.before, seen.after))
@@ -58,10 +58,10 @@ def _writer(seen: Evidence) -> Iterator[Finding]:
         return
     who = "the PLC" if writer == h.PLC else f"process {writer}"
     message = f"{who} ended while it wrote sample {seen.after.begun}; sample {seen.after.completed} is whole"
-    yield Finding(seen.topic, message, "start it again: it goes on from there", region_file(seen.name), writer, True)
+    yield Problem(seen.topic, message, "start it again: it goes on from there", region_file(seen.name), writer, True)
 
 
-def _semaphore(seen: Evidence) -> Iterator[Finding]:
+def _semaphore(seen: Evidence) -> Iterator[Problem]:
     if seen.wanted.regions.sync == "sequence":
         return
     before, now = seen.semaphores
@@ -72,17 +72,17 @@ def _semaphore(seen: Evidence) -> Iterator[Finding]:
         hint = (
             f"restart {', '.join(f'process {pid}' for pid in peers)}" if peers else "the next that opens it makes one"
         )
-        yield Finding(seen.topic, message, hint, file, note=not peers)
+        yield Problem(seen.topic, message, hint, file, note=not peers)
     elif stat.S_ISREG(now.status.st_mode) and now.status.st_size not in SIZES:
         held = counted(now.status.st_size, "byte")
         message = f"its semaphore's file has {held}, and a semaphore has 32 (of 32-bit processes 16)"
-        yield Finding(seen.topic, message, _ADVICE_CLEAN.format(topic=seen.topic), file)
+        yield Problem(seen.topic, message, _ADVICE_CLEAN.format(topic=seen.topic), file)
     elif before and min(before.word or 0, now.word or 0) > 1 and now.bits == 64:
         message = f"its semaphore is {now.word}, so that as many get in at a time"
-        yield Finding(seen.topic, message, "the next publisher or subscriber that starts takes it down to 1", file)
+        yield Problem(seen.topic, message, "the next publisher or subscriber that starts takes it down to 1", file)
 
 
-def _lock(seen: Evidence) -> Iterator[Finding]:
+def _lock(seen: Evidence) -> Iterator[Problem]:
     before, now = seen.semaphores
     stuck = before and now and before.word == 0 and now.word == 0 and before.bits == 64
     if not stuck or seen.before.lock_count != seen.after.lock_count:
@@ -97,10 +97,10 @@ def _lock(seen: Evidence) -> Iterator[Finding]:
     message = f"its lock is held by {who}, and nobody has got in for {seen.seconds:.1f} s"
     hint = f"the next publisher or subscriber frees it within 1.2 s; with none, `shmgen clean {seen.topic}`"
     pid = holder if holder not in (0, h.PLC) else None
-    yield Finding(seen.topic, message, hint, semaphore_file(seen.name), pid)
+    yield Problem(seen.topic, message, hint, semaphore_file(seen.name), pid)
 
 
-def _bitness(seen: Evidence) -> Iterator[Finding]:
+def _bitness(seen: Evidence) -> Iterator[Problem]:
     lock = seen.semaphores[1]
     maker = lock.bits if lock else None
     kinds = {peer.bits for peer in seen.peers if peer.bits} | ({maker} if maker and seen.peers else set())
@@ -109,4 +109,4 @@ def _bitness(seen: Evidence) -> Iterator[Finding]:
         message = f"a semaphore does not cross bitness: {shown}; the semaphore was made in a {maker}-bit process"
         hint = 'write sync = "sequence" under [regions] in shmgen.toml, and generate both sides again'
         odd = next((peer.pid for peer in seen.peers if peer.bits == 32), None)
-        yield Finding(seen.topic, message, hint, semaphore_file(seen.name), odd)
+        yield Problem(seen.topic, message, hint, semaphore_file(seen.name), odd)

@@ -9,7 +9,7 @@ from shmgen.runtime.access import name_of_group, name_of_user
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class Problem:
     """`file` and `process` (a pid) are None where none is at fault. A note is no fault, only good to know."""
 
     topic: str
