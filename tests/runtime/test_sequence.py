@@ -18,7 +18,7 @@ import pytest
 
 from shmgen import pipeline
 from shmgen.config import Config
-from shmgen.model import RegionOptions, TypeName
+from shmgen.model import Regions, TypeName
 from shmgen.runtime import region_name
 from tests.softplc import Plc, compile_st
 
@@ -103,7 +103,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     folder = tmp_path_factory.mktemp("sequence")
     put({"sequence_msgs/msg/Block.msg": f"uint32[{SIZE}] data\n"}, folder / "definitions")
     config = Config(
-        folder, path=(folder / "definitions",), package="shm_sequence", regions=RegionOptions(sync="sequence")
+        folder, path=(folder / "definitions",), package="shm_sequence", regions=Regions(sync="sequence")
     )
     texts = pipeline.generate(config, ["sequence_msgs/Block"])
     put(texts, folder)
