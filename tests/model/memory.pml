@@ -35,24 +35,42 @@ byte own[42], pending[42];
 #define ROOM(p) (len(buffer[p]) < DEPTH - 4)
 #define DRAINED(p) (len(buffer[p]) == 0)
 
+#define DRAIN(p, a, v) \
+    if \
+    :: a == PAIR -> mem[BEGUN] = v; mem[COMPLETED] = v \
+    :: else -> mem[a] = v \
+    fi; \
+    pending[(p) * WORDS + a]--; \
+    if \
+    :: pending[(p) * WORDS + a] == 0 -> own[(p) * WORDS + a] = 0 \
+    :: else \
+    fi
+
+/* Stores to one word keep their order: the pair waits for its halves (after it the lock is released, which waits for all). */
+#define OVERLAPS(p, a) (a == PAIR && pending[(p) * WORDS + BEGUN] + pending[(p) * WORDS + COMPLETED] > 0)
+
 proctype Drain(byte p)
 {
     byte a, v;
 end:
     do
+#ifdef WEAK
     :: atomic {
-           buffer[p]?a,v ->
+           len(buffer[p]) > 0 ->
            if
-           :: a == PAIR -> mem[BEGUN] = v; mem[COMPLETED] = v
-           :: else -> mem[a] = v
+           :: a = WRITER :: a = BEGUN :: a = COMPLETED :: a = BEAT :: a = PAIR
+           :: a = NUMBER(0) :: a = HALF1(0) :: a = HALF2(0)
+           :: a = NUMBER(1) :: a = HALF1(1) :: a = HALF2(1)
            fi;
-           pending[p * WORDS + a]--;
            if
-           :: pending[p * WORDS + a] == 0 -> own[p * WORDS + a] = 0
+           :: pending[p * WORDS + a] > 0 && !OVERLAPS(p, a) -> buffer[p]??eval(a),v; DRAIN(p, a, v)
            :: else
            fi;
            a = 0; v = 0
        }
+#else
+    :: atomic { buffer[p]?a,v -> DRAIN(p, a, v); a = 0; v = 0 }
+#endif
     od
 }
 #define START_MEMORY run Drain(P); run Drain(L)

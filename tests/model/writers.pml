@@ -190,6 +190,12 @@ opened:
     do
     :: DO(P, p_tries > 0) p_tries--; busy[P] = 1; slept[P] = 0; p_number = p_sequence + 1 }
        p_acquire();
+#if defined(WEAK) && !defined(F_WITHOUT_LOCK)   /* LockTimeout: here nobody goes on without the lock */
+       if
+       :: DO(P, !p_inside) goto release }
+       :: DO(P, p_inside) skip }
+       fi;
+#endif
 #ifndef F_NO_LOOK
        if
        :: DO(P, LD(P, WRITER) != P + 1) p_tries = 0; goto release }
@@ -388,6 +394,9 @@ proctype Plc()
 /* ---- a reader in Python: Subscriber._copy ---- */
 byte r_number, r_found, r_one, r_two, r_last, r_reads = READS;
 bit r_inside, r_whole;
+#ifdef WEAK
+bit r_done[4];
+#endif
 
 #define DISTANCE(s, b) ((b) >= (s) -> (b) - (s) : 255)
 
@@ -401,9 +410,22 @@ proctype Reader()
        :: DO(R, true) r_inside = 0 }
 #else
        :: DO(R, sem > 0) sem--; r_inside = 1; ENTER(R) }
+#if !defined(WEAK) || defined(F_WITHOUT_LOCK)
        :: DO(R, sem == 0) r_inside = 0 }
 #endif
+#endif
        fi;
+#ifdef WEAK   /* loads between the two operations of the lock, in any order */
+       do
+       :: DO(R, !r_done[0]) r_done[0] = 1; r_one = mem[HALF1(r_number)] }
+       :: DO(R, !r_done[1]) r_done[1] = 1; r_two = mem[HALF2(r_number)] }
+       :: DO(R, !r_done[2]) r_done[2] = 1; r_found = mem[NUMBER(r_number)] }
+       :: DO(R, !r_done[3]) r_done[3] = 1; r_whole = DISTANCE(r_number, mem[BEGUN]) < 2 }
+       :: DO(R, r_done[0] && r_done[1] && r_done[2] && r_done[3])
+              r_done[0] = 0; r_done[1] = 0; r_done[2] = 0; r_done[3] = 0; break }
+       od;
+       DO(R, true)
+#else
 #ifdef F_NUMBER_BEFORE_COPY
        DO(R, true) r_found = mem[NUMBER(r_number)] }
 #endif
@@ -413,10 +435,11 @@ proctype Reader()
        DO(R, true) r_found = mem[NUMBER(r_number)] }
 #endif
        DO(R, true) r_whole = DISTANCE(r_number, mem[BEGUN]) < 2 }
-#if !defined(F_NUMBER_BEFORE_BEGUN) && !defined(F_NUMBER_BEFORE_COPY)
-       DO(R, true) r_found = mem[NUMBER(r_number)];
-#else
+#if defined(F_NUMBER_BEFORE_BEGUN) || defined(F_NUMBER_BEFORE_COPY)
        DO(R, true)
+#else
+       DO(R, true) r_found = mem[NUMBER(r_number)];
+#endif
 #endif
            if
            :: r_whole && r_found == r_number -> assert(r_one == r_two && r_one != 0); r_last = r_number
