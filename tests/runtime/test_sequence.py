@@ -193,7 +193,9 @@ def test_32_bits_write_and_python_reads(made: Made, peer: list[str], topic: str)
 def test_32_bits_and_the_plc(made: Made, peer: list[str], topic: str) -> None:
     block = made.plc.block("FB_sequence_msgs_Block_Publisher")
     inputs = {"xEnable": True, "sTopic": topic}
-    assert block(**inputs, xSend=False).eErrorID == "NO_ERROR"
+    while not block(**inputs, xSend=False)._fbRegion.xReady:
+        assert block.eErrorID == "NO_ERROR"
+        time.sleep(0.01)
     reader = Peer(peer, "r", topic)
     for number in until(SECONDS / 2):
         fill(block.Msg._address, number)
