@@ -18,27 +18,30 @@ from .conftest import REPOSITORY
 SOURCE = REPOSITORY / "src" / "shmgen"
 TEMPLATES = sorted((REPOSITORY / "templates").rglob("*.j2"))
 
-# Room -> what of shmgen it may import. `model` and `diagnostics` are the words all rooms share.
-WORDS = {"diagnostics", "model"}
+# Room -> what of shmgen it may import. `model` and `diagnostics` are the words all rooms share, made with `records`.
+WORDS = {"diagnostics", "model", "records", "wording"}
 ARROWS = {
     "abi": set(),
-    "diagnostics": set(),
-    "model": {"diagnostics"},
+    "records": set(),
+    "diagnostics": {"records"},
+    "model": {"diagnostics", "records"},
     "cache": set(),
+    "wording": set(),
+    "toml": set(),
     "definitions": WORDS | {"definitions", "cache"},
     "bounds": WORDS,
     "layout": WORDS | {"abi"},
-    "config": WORDS | {"abi", "bounds", "config", "targets"},
+    "config": WORDS | {"abi", "bounds", "config", "targets", "toml"},
     "targets": WORDS | {"abi", "targets"},
     "render": {"model", "cache"},
-    "write": {"diagnostics"},
+    "write": {"diagnostics", "records"},
     "type_hash": {"model"},
-    "drift": WORDS | {"cache", "drift", "type_hash", "write"},
+    "drift": WORDS | {"cache", "drift", "toml", "type_hash", "write"},
     "resolve": WORDS | {"config", "targets"},
     "pipeline": WORDS | {"bounds", "config", "definitions", "drift", "layout", "render", "resolve", "targets"},
     "show": WORDS | {"layout", "pipeline", "show", "targets", "type_hash"},
-    "runtime": {"abi", "runtime"},
-    "live": WORDS | {"bounds", "config", "definitions", "live", "pipeline", "runtime"},
+    "runtime": {"abi", "runtime", "wording"},
+    "live": WORDS | {"bounds", "config", "definitions", "live", "pipeline", "runtime", "toml"},
     "tools": WORDS | {"config", "live", "runtime", "targets", "tools"},
     "bridge": WORDS | {"bridge", "config", "live", "pipeline", "resolve", "runtime", "targets", "type_hash"},
     "cli": WORDS

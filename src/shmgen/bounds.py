@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from shmgen.diagnostics import Report, Span, closest
 from shmgen.model import Array, Element, Field, FieldType, Message, Ref, Schema, Sequence, String, TypeName, element_of
+from shmgen.records import dataclass
 
 DEFAULT_STRING = 80
 """CODESYS's own default, STRING = STRING(80)."""
@@ -70,6 +71,26 @@ def _how_to_bound(field: Field) -> str:
 def _is_foreign(message: Message) -> bool:
     """Nobody can write into the built-in store, and hardly anybody into an installed ROS."""
     return message.origin.startswith("built-in") or message.origin.endswith((" of ROS 1", " of ROS 2"))
+
+
+def without_unbounded(schema: Schema, bounds: Bounds, used: Collection[TypeName]) -> Schema:
+    """The messages asked for that need no more bounds, and what these hold.
+
+    Those `used` stay, whatever they need. Of a service or an action all parts stay, or none.
+    """
+    missing = unbounded(schema, bounds)
+    lacking = {_whole(name) for name in schema.requested if missing[name] and name not in used}
+    requested = frozenset(name for name in schema.requested if name in used or _whole(name) not in lacking)
+    needed = set(requested)
+    for message in reversed(schema.messages):  # what holds others comes after them
+        if message.name in needed:
+            elements = [element_of(field.type) for field in message.fields]
+            needed |= {element.name for element in elements if isinstance(element, Ref)}
+    return Schema(tuple(message for message in schema.messages if message.name in needed), requested)
+
+
+def _whole(name: TypeName) -> TypeName:
+    return name if name.kind == "msg" else name._replace(name=name.name.rpartition("_")[0])
 
 
 def unbounded(schema: Schema, bounds: Bounds) -> dict[TypeName, tuple[str, ...]]:

@@ -35,6 +35,7 @@ from shmgen.model import (
     text_bytes,
     text_length,
 )
+from shmgen.wording import counted
 
 SMALLEST_SLOTS = abi.slots_for(1)
 DEEPEST = 50
@@ -78,7 +79,7 @@ def check_size(layout: Layout, max_region: int, report: Report) -> None:
             "SHM303",
             f"{layout.name.short} needs a region of {region_size(layout.size):,} bytes, more than {max_region:,}",
             largest.field.span if largest.field else layout.message.span,
-            field=f"{layout.name.short}.{largest.name} ({largest.size:,} bytes)",
+            field=f"{layout.name.short}.{largest.name} ({counted(largest.size, 'byte')})",
             hint="lower a bound under [bounds] or [strings], or raise max_region in shmgen.toml",
         )
 
@@ -126,7 +127,7 @@ def _check_values(message: Message, options: TypeOptions, report: Report) -> Non
         values = value if isinstance(value, tuple) else (value,)
         room = declared.type.capacity if isinstance(declared.type, Sequence) else None
         if room is not None and isinstance(value, tuple) and len(value) > room:
-            fault = f"the default has {len(value)} elements, the bound is {room}"
+            fault = f"the default has {counted(len(value), 'element')}, the bound is {room}"
             hint = f'set "{path}" = {len(value)} under [bounds] in shmgen.toml'
             report.error("SHM005", fault, declared.span, field=path, hint=hint)
         element = element_of(declared.type)

@@ -6,11 +6,12 @@ A **field** is the user's, a **slot** is bytes, a **row** is printed.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from enum import Enum
 from typing import Literal, NamedTuple, NoReturn, TypeAlias
 
 from shmgen.diagnostics import Span
+from shmgen.records import dataclass
 
 
 def assert_never(value: NoReturn) -> NoReturn:
@@ -190,6 +191,8 @@ class Field:
 
 @dataclass(frozen=True, slots=True)
 class Constant:
+    """A name for a value; it takes no bytes."""
+
     name: str
     type: Scalar | String
     value: Value
@@ -232,7 +235,7 @@ class TypeOptions:
 
 
 @dataclass(frozen=True, slots=True)
-class RegionOptions:
+class Regions:
     """`[regions]` in shmgen.toml: mode and group of the files, None and "" where not said, and what orders access."""
 
     mode: int | None = None

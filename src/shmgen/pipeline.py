@@ -7,13 +7,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from shmgen import bounds, definitions, layout, resolve
 from shmgen.config import Config, entries
 from shmgen.diagnostics import Diagnostic, Report
 from shmgen.drift import lockfile
 from shmgen.model import Layouts, Schema, TypeName
+from shmgen.records import dataclass
 from shmgen.targets import TARGETS, Job, Options, Printed, Target, naming
 
 
@@ -30,7 +31,10 @@ def read(config: Config, requests: Iterable[str], opened: definitions.Library | 
 def lay_out(config: Config, requests: Iterable[str], opened: definitions.Library | None = None) -> Layouts:
     """The same with every byte in its place. Raises Rejected."""
     opened = opened or library(config)
-    schema = bounds.apply(read(config, requests, opened), config.bounds, Report(), opened.known)
+    schema = read(config, requests, opened)
+    if config.skip_unbounded:
+        schema = _bounded(config, schema, opened)
+    schema = bounds.apply(schema, config.bounds, Report(), opened.known)
     return layout.lay_out(schema, config.types, config.max_region, Report())
 
 
@@ -45,6 +49,20 @@ def printed(config: Config, layouts: Layouts) -> dict[str, str]:
     texts = printed_by(TARGETS, config.targets, job_of(config, layouts, report), report)
     texts = dict(sorted(texts.items()))
     return texts | {lockfile.LOCK: lockfile.write(layouts, texts, _settings(config))}
+
+
+def skippable(config: Config, requests: Iterable[str]) -> tuple[Schema, Schema]:
+    """What is asked for, and what of it needs no more bounds than [bounds] has. Raises Rejected."""
+    opened = library(config)
+    schema = read(config, requests, opened)
+    return schema, _bounded(config, schema, opened)
+
+
+def _bounded(config: Config, schema: Schema, opened: definitions.Library) -> Schema:
+    """Without what lacks a bound, unless the configuration uses it by name, or nothing were left."""
+    used = read(config, config.types_used, opened).requested
+    left = bounds.without_unbounded(schema, config.bounds, used)
+    return left if left.requested else schema
 
 
 def printed_by(targets: Sequence[Target], keys: Sequence[str], job: Job, report: Report) -> dict[str, str]:
@@ -115,12 +133,12 @@ class Entry:
     faults: tuple[Diagnostic, ...] = ()
 
 
-def inventory(config: Config, package: str | None = None) -> list[Entry]:
-    """Every message in reach, or those of one package. Raises Rejected."""
+def inventory(config: Config, asked: str | None = None) -> list[Entry]:
+    """Every message in reach, or what one request stands for. Raises Rejected."""
     sources = _sources(config)
-    names = [name for name in definitions.available(sources) if package in (None, name.package)]
-    requests = [str(name) for name in names] or [str(package)]
+    requests = [asked] if asked else map(str, definitions.available(sources))
     schema = definitions.load(requests, sources, Report())
+    names = sorted(schema.requested)
     missing = bounds.unbounded(schema, config.bounds)
     mappable = tuple(message for message in schema.messages if not missing[message.name])
     bounded = bounds.apply(Schema(mappable), config.bounds, Report())
@@ -168,6 +186,7 @@ def _settings(config: Config) -> dict[str, object]:
         **({"actions": [_spelled(it.action, it) for it in config.actions]} if config.actions else {}),
         "task_interval": config.task_interval,
         **_regions(config),
+        **({"skip_unbounded": True} if config.skip_unbounded else {}),
     }
 
 
@@ -178,6 +197,6 @@ def _regions(config: Config) -> dict[str, object]:
     return {key: value for key, value in said.items() if value}
 
 
-def _spelled(name: str, entry: entries.Service | entries.Action) -> str:
+def _spelled(name: str, entry: entries.ServiceEntry | entries.ActionEntry) -> str:
     """One line of layout.lock, the server first. A timeout is the bridge's, and shapes nothing here."""
     return f"{entry.server} {name} {entry.type}"

@@ -63,25 +63,38 @@ def type_hash(messages: Iterable[Message]) -> str:
 
 def hash_of(name: TypeName, known: Mapping[TypeName, Message]) -> str:
     """Of the message called `name`, which is in `known`, as is all it refers to."""
-    held = {str(inner): _described(inner, known) for inner in _held(name, known) if inner != name}
-    text = json.dumps(
-        {
-            "type_description": _described(name, known),
-            "referenced_type_descriptions": [held[inner] for inner in sorted(held)],
-        }
-    )
-    return f"RIHS01_{hashlib.sha256(text.encode()).hexdigest()}"
+    return hashes([name], known)[name]
 
 
-def _held(name: TypeName, known: Mapping[TypeName, Message]) -> set[TypeName]:
-    """The message and all in it, however deep."""
+def hashes(names: Iterable[TypeName], known: Mapping[TypeName, Message]) -> dict[TypeName, str]:
+    """The same of several, which describes what many of them hold once."""
+    described: dict[TypeName, str] = {}
+    held: dict[TypeName, set[TypeName]] = {}
+
+    def text(name: TypeName) -> str:
+        if name not in described:
+            described[name] = json.dumps(_described(name, known))
+        return described[name]
+
+    found = {}
+    for name in names:
+        others = ", ".join(text(other) for other in sorted(_held(name, known, held) - {name}, key=str))
+        whole = f'{{"type_description": {text(name)}, "referenced_type_descriptions": [{others}]}}'
+        found[name] = f"RIHS01_{hashlib.sha256(whole.encode()).hexdigest()}"
+    return found
+
+
+def _held(name: TypeName, known: Mapping[TypeName, Message], held: dict[TypeName, set[TypeName]]) -> set[TypeName]:
+    """The message and all in it, however deep; `held` remembers what each holds itself."""
     found: set[TypeName] = set()
     waiting = [name]
     while waiting:
         name = waiting.pop()
         if name not in found:
             found.add(name)
-            waiting += [inner for field in _fields(name, known) if (inner := _named(_parts(field)[1]))]
+            if name not in held:
+                held[name] = {inner for field in _fields(name, known) if (inner := _named(_parts(field)[1]))}
+            waiting += held[name]
     return found
 
 

@@ -200,7 +200,7 @@ def test_a_file_edited_by_hand_is_replaced(tmp_path: Path) -> None:
     done(tmp_path, "generate std_msgs/Bool")
     before = tree(tmp_path)
     write(tmp_path, {"generated/c/shm_msgs/std_msgs/msg/bool.h": "mine"})
-    assert "generated: 1 files written" in done(tmp_path, "generate std_msgs/Bool")
+    assert "generated: 1 file written" in done(tmp_path, "generate std_msgs/Bool")
     assert tree(tmp_path) == before
 
 
@@ -256,7 +256,8 @@ def test_show(folder: Path) -> None:
     lines = done(folder, "show -I msgs demo_msgs/Robot").splitlines()
     assert lines[0].startswith("demo_msgs/msg/Robot: 96 bytes, alignment 8, digest ")
     assert lines[1].startswith("from msgs/demo_msgs/msg/Robot.msg; a region of depth 1 takes 4,096 bytes")
-    assert lines[3:] == [
+    assert re.fullmatch(r"in ROS 2 RIHS01_[0-9a-f]{64}", lines[2])
+    assert lines[4:] == [
         "offset  size  name    ROS            IEC 61131-3",
         "     0    81  arm     demo_msgs/Arm  ST_demo_msgs_Arm",
         "     0    81    name  string<=80     STRING(80)",
@@ -267,7 +268,7 @@ def test_show(folder: Path) -> None:
 
 def test_show_json_has_a_stable_shape(folder: Path) -> None:
     (data,) = json.loads(done(folder, "show -I msgs demo_msgs/Robot --json"))
-    assert list(data) == ["type", "origin", "size", "align", "digest", "region_size", "slots"]
+    assert list(data) == ["type", "origin", "size", "align", "digest", "type_hash", "region_size", "slots"]
     assert (data["type"], data["size"], data["align"], data["region_size"]) == ("demo_msgs/msg/Robot", 96, 8, 4096)
     assert re.fullmatch("[0-9a-f]{16}", data["digest"])
     assert [slot["path"] for slot in data["slots"]] == ["arm", "arm.name", "_pad0", "speed"]
@@ -371,7 +372,7 @@ def test_list_json_has_a_stable_shape(folder: Path) -> None:
 
 
 def test_list_all(tmp_path: Path) -> None:
-    assert "98 of 162 can be generated." in done(tmp_path, "list")
+    assert "107 of 171 can be generated." in done(tmp_path, "list")
     assert "SHM004" in failed(tmp_path, "list nothing_msgs")
 
 

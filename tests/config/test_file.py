@@ -11,9 +11,9 @@ import pytest
 from shmgen import config
 from shmgen.bounds import Bound
 from shmgen.config import Config
-from shmgen.config.file import Action, Service, Topic
+from shmgen.config.file import ActionEntry, ServiceEntry, TopicEntry
 from shmgen.diagnostics import Diagnostic, Rejected, Report, Span
-from shmgen.model import RegionOptions, TypeOptions
+from shmgen.model import Regions, TypeOptions
 
 
 def load(folder: Path, text: str | bytes, name: str = "shmgen.toml") -> Config:
@@ -81,8 +81,8 @@ def test_topics(tmp_path: Path) -> None:
     text = '[[topics]]\ntopic = "/a"\ntype = "std_msgs/Bool"\n[[topics]]\n'
     text += 'topic = "/b"\ntype = "std_msgs/Int8"\ndirection = "from_plc"\ndepth = 4\n'
     assert load(tmp_path, text).topics == (
-        Topic("/a", "std_msgs/Bool", "to_plc", 1, Span("shmgen.toml", 2, 1, 5, 'topic = "/a"')),
-        Topic("/b", "std_msgs/Int8", "from_plc", 4, Span("shmgen.toml", 5, 1, 5, 'topic = "/b"')),
+        TopicEntry("/a", "std_msgs/Bool", "to_plc", 1, Span("shmgen.toml", 2, 1, 5, 'topic = "/a"')),
+        TopicEntry("/b", "std_msgs/Int8", "from_plc", 4, Span("shmgen.toml", 5, 1, 5, 'topic = "/b"')),
     )
 
 
@@ -91,10 +91,10 @@ def test_services_and_actions(tmp_path: Path) -> None:
     text += '[[services]]\nservice = "/c"\ntype = "std_srvs/Trigger"\nserver = "ros"\ntimeout = 3\n'
     loaded = load(tmp_path, text)
     assert loaded.services == (
-        Service("/a", "std_srvs/SetBool", "plc", 1.0, Span("shmgen.toml", 2, 1, 7, 'service = "/a"')),
-        Service("/c", "std_srvs/Trigger", "ros", 3.0, Span("shmgen.toml", 8, 1, 7, 'service = "/c"')),
+        ServiceEntry("/a", "std_srvs/SetBool", "plc", 1.0, Span("shmgen.toml", 2, 1, 7, 'service = "/a"')),
+        ServiceEntry("/c", "std_srvs/Trigger", "ros", 3.0, Span("shmgen.toml", 8, 1, 7, 'service = "/c"')),
     )
-    assert loaded.actions == (Action("/b", "arm/Move", "plc", Span("shmgen.toml", 5, 1, 6, 'action = "/b"')),)
+    assert loaded.actions == (ActionEntry("/b", "arm/Move", "plc", Span("shmgen.toml", 5, 1, 6, 'action = "/b"')),)
     assert loaded.types_used == ("std_srvs/SetBool", "std_srvs/Trigger", "arm/Move")
 
 
@@ -105,9 +105,9 @@ def test_paths_start_at_the_folder_of_the_file(tmp_path: Path) -> None:
 
 
 def test_regions(tmp_path: Path) -> None:
-    assert load(tmp_path, "").regions == RegionOptions(None, "", "lock")
+    assert load(tmp_path, "").regions == Regions(None, "", "lock")
     said = '[regions]\nmode = "0666"\ngroup = "plc"\nsync = "sequence"\n'
-    assert load(tmp_path, said).regions == RegionOptions(0o666, "plc", "sequence")
+    assert load(tmp_path, said).regions == Regions(0o666, "plc", "sequence")
 
 
 def test_requests_remember_their_places(tmp_path: Path) -> None:

@@ -89,7 +89,7 @@ def graph(told: list[str]) -> Iterator[Graph]:
     """Our node in the domain."""
     from shmgen.bridge import dds
 
-    made = dds.connect(Node("shmgen_test", None, told.append, lambda: False))
+    made = dds.connect(Node("shmgen_test", None, told.append, lambda: False, largest=2**20))
     yield made
     made.close()
 

@@ -129,7 +129,8 @@ def assert_said(state: Any) -> None:
 def test_a_reliable_peer_that_stands_still_holds_nobody_up(
     peer: Path, graph: dds.Graph, domain: int, schema: Schema, topic: str
 ) -> None:
-    there, back = (wire(schema, f"{topic}/{name}", "std_msgs/ByteMultiArray") for name in ("there", "back"))
+    large_one = "std_msgs/ByteMultiArray"
+    there, back = (wire(schema, f"{topic}/{name}", large_one, room=100_000) for name in ("there", "back"))
     came: Queue[Any] = Queue()
     graph.subscribe(back, Taken(came.put))
     outlet = graph.publisher(there)

@@ -33,7 +33,7 @@ RELIABLE = Qos(Policy.Reliability.Reliable(10**9), Policy.History.KeepLast(10))
 
 @pytest.mark.parametrize("part", range(4))
 def test_every_message_passes_through_dds_and_a_region(graph: dds.Graph, domain: int, topic: str, part: int) -> None:
-    everything = [str(entry.name) for entry in pipeline.inventory(Config(Path.cwd()))]
+    everything = [str(entry.name) for entry in pipeline.inventory(Config(Path.cwd())) if entry.name.kind == "msg"]
     assert len(everything) == 162
     names = everything[part::4]
     drawn, schema = values(names), pipeline.read(Config(Path.cwd()), names)

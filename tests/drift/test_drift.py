@@ -11,7 +11,7 @@ import pytest
 
 from shmgen import bounds, pipeline
 from shmgen.config import Config
-from shmgen.config.file import Service, Topic
+from shmgen.config.file import ServiceEntry, TopicEntry
 from shmgen.diagnostics import Report, Span
 from shmgen.drift import lockfile
 from shmgen.drift.compare import compare
@@ -143,7 +143,7 @@ SETTINGS = {
     "overflow": ({"types": TypeOptions(overflow="truncate")}, "compatible", "overflow   error -> truncate"),
     "targets": ({"targets": ("c", "python")}, "compatible", "targets   c -> c python"),
     "a topic": (
-        {"topics": (Topic("/robot", "demo_msgs/Robot", "to_plc", 1, Span("")),)},
+        {"topics": (TopicEntry("/robot", "demo_msgs/Robot", "to_plc", 1, Span("")),)},
         "compatible",
         "topic /robot   none -> to_plc demo_msgs/Robot depth 1",
     ),
@@ -153,7 +153,7 @@ SETTINGS = {
 def test_a_service_that_changes_sides_is_told(tmp_path: Path) -> None:
     (tmp_path / "demo_msgs" / "srv").mkdir(parents=True)
     (tmp_path / "demo_msgs" / "srv" / "Go.srv").write_text("bool there\n---\n")
-    plc, ros = (Service("/go", "demo_msgs/Go", server, 1.0, Span("")) for server in ("plc", "ros"))
+    plc, ros = (ServiceEntry("/go", "demo_msgs/Go", server, 1.0, Span("")) for server in ("plc", "ros"))
     old, new, none = (lock(tmp_path, MESSAGES, services=services) for services in ((plc,), (ros,), ()))
     (found,) = compare(old, new, "layout.lock")
     assert found.severity.name == "BREAKING"
@@ -176,7 +176,7 @@ def test_a_setting_is_told_in_words(
 
 def test_a_topic_that_changes_moves_bytes(tmp_path: Path) -> None:
     old, new = (
-        lock(tmp_path, MESSAGES, topics=(Topic("/robot", "demo_msgs/Robot", "to_plc", depth, Span("")),))
+        lock(tmp_path, MESSAGES, topics=(TopicEntry("/robot", "demo_msgs/Robot", "to_plc", depth, Span("")),))
         for depth in (1, 4)
     )
     (found,) = compare(old, new, "layout.lock")

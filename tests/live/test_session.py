@@ -77,10 +77,10 @@ def ended_well(done: Result) -> None:
 def test_a_bridge(folder: Path, counted: Counter[str], monkeypatch: pytest.MonkeyPatch) -> None:
     made = SimpleNamespace(header=SimpleNamespace(stamp=Time()), x=0.0, parts=[], name="")
     backend = SimpleNamespace(
-        publisher=lambda wire: Outlet(lambda: made, lambda message: None),
-        subscribe=lambda wire, callback: lambda: made,
-        serve=lambda wire, answer: None,
-        client=lambda wire: Caller(lambda: None, lambda request, timeout: None),
+        publisher=lambda wire, *_: Outlet(lambda: made, lambda message: None),
+        subscribe=lambda wire, callback, *_: lambda: made,
+        serve=lambda wire, answer, *_: None,
+        client=lambda wire, *_: Caller(lambda: None, lambda request, timeout: None),
         now=Time,
         alive=lambda: False,
         close=lambda: None,

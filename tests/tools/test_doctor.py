@@ -42,7 +42,7 @@ def test_a_healthy_region(topic, shmgen, peer):
     result = shmgen("doctor", topic)
     assert (result.code, result.stderr) == (0, "")
     lines = result.stdout.splitlines()
-    assert lines[0].startswith(f"{topic}  geometry_msgs/msg/Pose, depth 1, 1 samples, 4,096 bytes, ")
+    assert lines[0].startswith(f"{topic}  geometry_msgs/msg/Pose, depth 1, 1 sample, 4,096 bytes, ")
     assert lines[1].startswith(f"  writer: process {writer.pid} (")
     assert lines[1].endswith("), alive")
     assert lines[2] == "  lock: free, entered 0 times a second"

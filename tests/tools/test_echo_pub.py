@@ -134,7 +134,7 @@ def test_a_sample_with_a_count_too_high_is_told_and_the_next_one_printed(topic, 
         (count,) = (slot for slot in bounds_of("sensor_msgs/JointState", tmp_path) if slot.name == "position_count")
         region.seek(there.header_size + there.slot_size + header.SLOT_HEADER + count.offset)
         region.write((2**32 - 1).to_bytes(4, "little"))
-    said = f"error: {topic}: damaged sample: position: the writer says 4294967295 elements; the bound is 3\n"
+    said = f"error: {topic}: damaged sample: position: the writer says 4,294,967,295 elements; the bound is 3\n"
     once = shmgen("echo", topic, "--once")
     assert (once.code, once.stdout, once.stderr) == (1, "", said)
     process = started("echo", topic, "-n", "2", "--json")

@@ -15,7 +15,13 @@ from shmgen.model import Message, TypeName
 from shmgen.runtime import Time
 
 QUEUE = 1000
-"""Messages a queue of a ROS holds at least: a second of a topic at 1 kHz, as long as Python may stand still."""
+"""Small messages a queue of a ROS holds: a second of a topic at 1 kHz, as long as Python may stand still."""
+LARGEST = 2**16
+"""Bytes that any message may have on its way. What is somewhat too long for its region still comes, to be counted."""
+_SLACK = 4
+"""So many times what its region holds may a larger one have."""
+_MEMORY = 2**26
+"""Bytes that the queue of a topic may come to."""
 
 
 class BackendMissing(Exception):
@@ -31,7 +37,8 @@ class Node:
     """Who the bridge is in the graph. `domain` is DDS's, None = what ROS_DOMAIN_ID says.
 
     `tell` takes a line for whoever watches the bridge. `stopping` is true as soon as the bridge is to end.
-    `arguments` are ROS's own of the command line, such as `__name:=x` or `--ros-args -r __node:=x`.
+    `arguments` are ROS's own of the command line, such as `__name:=x` or `--ros-args -r __node:=x`. `largest` is
+    that of all wires.
     """
 
     name: str
@@ -39,6 +46,7 @@ class Node:
     tell: Callable[[str], None]
     stopping: Callable[[], bool]
     arguments: tuple[str, ...] = ()
+    largest: int = LARGEST
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +54,7 @@ class Wire:
     """One topic as ROS sees it. `messages` are its definitions as written, dependencies first, its own type last.
 
     What is unbounded there is unbounded in ROS, whatever shmgen.toml bounds it to. `latch` keeps the newest message
-    for late subscribers (ROS 2: transient local). `depth` is the region's.
+    for late subscribers (ROS 2: transient local). `depth` is the region's, `room` the bytes of a message in it.
     """
 
     topic: str
@@ -54,6 +62,7 @@ class Wire:
     qos: Literal["reliable", "best_effort"] = "reliable"
     latch: bool = False
     depth: int = 1
+    room: int = 0
 
     @property
     def type(self) -> TypeName:
@@ -62,7 +71,17 @@ class Wire:
     @property
     def queue(self) -> int:
         """How many messages may wait in ROS."""
-        return max(self.depth, QUEUE)
+        return max(self.depth, min(QUEUE, _MEMORY // self.largest))
+
+    @property
+    def largest(self) -> int:
+        """Bytes that a message may have on its way; what is longer need not be read to know that it does not fit."""
+        return largest(self.room)
+
+
+def largest(room: int) -> int:
+    """Of messages that have `room` bytes in a region."""
+    return max(LARGEST, _SLACK * room)
 
 
 @dataclass(frozen=True, slots=True)

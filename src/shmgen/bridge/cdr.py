@@ -125,7 +125,7 @@ def _definitions(messages: tuple[Message, ...], unit: str) -> dict[str, Any]:
 
 
 def _has_numbers_in_elements(type_: FieldType, known: Mapping[TypeName, Message]) -> bool:
-    """Whether it is a list of messages with arrays of numbers, which rosbags takes as ndarray only."""
+    """Whether it is a list of messages that are empty, or have arrays of numbers: rosbags takes ndarrays only."""
     if not isinstance(type_, (Array, Sequence)) or not isinstance(type_.element, Ref):
         return False
     return _has_numbers(type_.element, known)
@@ -134,7 +134,8 @@ def _has_numbers_in_elements(type_: FieldType, known: Mapping[TypeName, Message]
 def _has_numbers(type_: FieldType, known: Mapping[TypeName, Message]) -> bool:
     match type_:
         case Ref(name):
-            return any(_has_numbers(field.type, known) for field in known[name].fields)
+            fields = known[name].fields  # none: rosbags has a filler there, which nobody else has
+            return not fields or any(_has_numbers(field.type, known) for field in fields)
         case Array(element) | Sequence(element):
             return isinstance(element, Scalar) or _has_numbers(element, known)
         case _:

@@ -59,9 +59,9 @@ class Counters:
             self.complain(why)
 
     def refuse(self, why: str) -> None:
-        """One of a peer that means something else by the type."""
+        """One of a peer that means something else by the type, who is told of once, elsewhere."""
         self.refused += 1
-        self.complain(why)
+        self.complaint = why
 
     def lose(self, count: int) -> None:
         """So many that were sent and never came here."""

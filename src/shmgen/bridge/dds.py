@@ -18,6 +18,7 @@ from shmgen.bridge import dds_services
 from shmgen.bridge.backend import Answer, Caller, Node, Outlet, Refuse, ServiceWire, Taker, Wire
 from shmgen.bridge.cdr import Codec, codec
 from shmgen.bridge.dds_ends import Ends, Peers, quality, send
+from shmgen.bridge.dds_network import confine, network, sockets
 from shmgen.bridge.dds_types import structure, topic_name
 from shmgen.bridge.identity import Identity
 from shmgen.runtime import Time
@@ -31,21 +32,25 @@ _TOLERANT = (
 """What Fast DDS 3 (vendor 1.15; ROS 2 Kilted) says of its types Cyclone takes for invalid, and would not match it;
 the type hash tells whether they are ours."""
 _CONFIGURED: dict[int, Domain] = {}
-_NOT_LOOKED_AT = ("ROS_LOCALHOST_ONLY", "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_STATIC_PEERS")
 
 
 def connect(node: Node) -> Graph:
     """Joins the domain. Raises ValueError for a domain that cannot be, and where there is no network."""
     domain = _domain(node.domain)
-    for name in _NOT_LOOKED_AT:
-        if os.environ.get(name):
-            node.tell(f"dds: {name} is not looked at here; CYCLONEDDS_URI is")
     if node.arguments:
         node.tell(f"dds: there is no ROS here to take {' '.join(node.arguments)}")
+    joined = network(os.environ, node.largest)
+    for note in joined.notes:
+        node.tell(f"dds: {note}")
+    before = sockets()
     try:
-        _configure(domain)
+        _configure(domain, joined.config)
+        if joined.alone:
+            confine(before)
         participant = DomainParticipant(domain, Qos(Policy.EntityName(node.name)))
-    except DDSException as error:
+        if joined.alone:
+            confine(before)
+    except (DDSException, OSError) as error:
         raise ValueError(f"dds: cannot join domain {domain}: {error}") from error
     return Graph(Ends(participant, node.tell))
 
@@ -67,12 +72,15 @@ class Graph:
         made = codec(wire.messages)
         name = topic_name(wire.topic)
         identity = Identity(wire.topic, wire.type, made.type_hash, self._ends.tell)
-        peers = Peers(identity)
+        peers = Peers(identity, taker.refuse)
         reader = self._ends.reader(name, structure(wire.messages), _quality(wire, made), peers.matched)
 
         def take(sample: Any) -> None:
             if why := peers.refusal(reader, sample):
                 taker.refuse(why)
+                return
+            if len(sample.cdr) > wire.largest:
+                taker.reject(f"{len(sample.cdr):,} bytes, and more than {wire.largest:,} are no message for its region")
                 return
             try:
                 message = made.decode(sample.cdr)
@@ -105,11 +113,10 @@ class Graph:
         self._ends.close()
 
 
-def _configure(domain: int) -> None:
-    """Once in a process, as Cyclone has it; CYCLONEDDS_URI says the rest."""
+def _configure(domain: int, config: str) -> None:
+    """Once in a process, as Cyclone has it."""
     if domain not in _CONFIGURED:
-        given = os.environ.get("CYCLONEDDS_URI", "")
-        _CONFIGURED[domain] = Domain(domain, f"{given},{_TOLERANT}" if given else _TOLERANT)
+        _CONFIGURED[domain] = Domain(domain, f"{config},{_TOLERANT}")
 
 
 def _domain(configured: int | None) -> int:

@@ -143,8 +143,10 @@ class Ends:
 class Peers:
     """Who of the peers of a reader or a writer means by the type what we do."""
 
-    def __init__(self, identity: Identity) -> None:
+    def __init__(self, identity: Identity, refuse: Callable[[str], None]) -> None:
+        """`refuse` is told of a peer itself too: of what it sends, Cyclone drops what is too short for our type."""
         self._identity = identity
+        self._refuse = refuse
         self._known: dict[int, str] = {}
 
     def matched(self, entity: Any, handle: int) -> None:
@@ -163,7 +165,9 @@ class Peers:
             words = said_by(entity, handle)
         except LookupError:
             return "a peer has gone before it could be asked what it means by the type"
-        return self._identity.refusal(word_of(words, "typehash").partition("=")[2])
+        if why := self._identity.refusal(word_of(words, "typehash").partition("=")[2]):
+            self._refuse(why)
+        return why
 
 
 def said_by(entity: Any, handle: int) -> list[str]:

@@ -37,7 +37,7 @@ def serve(ends: Ends, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None
     """Calls `answer` in the thread of the service, request after request. Raises ValueError for a `wstring`."""
     request, response = codec(wire.request), codec(wire.response)
     us = _identity("serviceid")
-    peers = Peers(_meant(ends, wire.service, wire.request, request))
+    peers = Peers(_meant(ends, wire.service, wire.request, request), refuse)
     requests = ends.reader(
         request_name(wire.service), structure(wire.request, before=CALL), _quality(us, request), peers.matched
     )
@@ -69,7 +69,7 @@ def client(ends: Ends, wire: ServiceWire) -> Caller:
     request, response = codec(wire.request), codec(wire.response)
     us = _identity("clientid")
     requests = ends.writer(request_name(wire.service), structure(wire.request, before=CALL), _quality(us, request))
-    peers = Peers(_meant(ends, wire.service, wire.response, response))
+    peers = Peers(_meant(ends, wire.service, wire.response, response), lambda why: None)
     replies = ends.reader(
         reply_name(wire.service), structure(wire.response, before=CALL), _quality(us, response), peers.matched
     )

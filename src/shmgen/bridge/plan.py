@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from shmgen import resolve
+from shmgen.bridge import backend
 from shmgen.bridge.backend import ServiceWire, Wire
 from shmgen.bridge.side import About
-from shmgen.config.entries import Topic
+from shmgen.config.entries import TopicEntry
 from shmgen.diagnostics import Report
 from shmgen.live.session import Session
 from shmgen.model import Clock, Layouts, Ref, Schema, Service, TypeName, element_of
@@ -25,7 +26,7 @@ _HEADER = "std_msgs/Header"
 class Route:
     """A topic both ways of looking at it. `stamp` are the attributes that lead to its time stamp, if it has one."""
 
-    topic: Topic
+    topic: TopicEntry
     wire: Wire
     kind: type[Message]
     layouts: Layouts
@@ -75,7 +76,8 @@ def routes(session: Session) -> list[Route]:
     made = []
     for topic, typed in zip(config.topics, found, strict=True):
         messages = closure(schema, typed.type)
-        wire = Wire(topic.topic, messages, topic.carried.qos, topic.carried.latch, topic.depth)
+        room = layouts[typed.type].size
+        wire = Wire(topic.topic, messages, topic.carried.qos, topic.carried.latch, topic.depth, room)
         made.append(Route(topic, wire, kinds[str(typed.type)], layouts, _stamp(messages[-1])))
     return made
 
@@ -100,6 +102,12 @@ def diagnostics(session: Session) -> Wire:
     """The topic /diagnostics. Raises Rejected where the definitions in reach have no DiagnosticArray."""
     schema = session.schema([DIAGNOSTICS])
     return Wire("/diagnostics", closure(schema, TypeName("diagnostic_msgs", "msg", "DiagnosticArray")))
+
+
+def largest(session: Session) -> int:
+    """Bytes that a message of any of them may have on its way. Raises Rejected."""
+    layouts = session.layouts(_requests(session)).values()
+    return backend.largest(max((layout.size for layout in layouts), default=0))
 
 
 def closure(schema: Schema, name: TypeName) -> tuple[Definition, ...]:

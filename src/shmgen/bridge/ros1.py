@@ -19,6 +19,8 @@ from shmgen.runtime import Time
 
 _WATCH = 0.5
 """Seconds between two looks at the master."""
+_FAREWELL = 0.4
+"""Seconds that rospy gets to leave."""
 _REACH = 0.5
 """Seconds within which a master's port answers."""
 
@@ -79,7 +81,9 @@ class Ros1:
         return not rospy.is_shutdown()
 
     def close(self) -> None:
-        rospy.signal_shutdown("the bridge ends")
+        leaving = threading.Thread(target=rospy.signal_shutdown, args=("the bridge ends",), daemon=True)
+        leaving.start()
+        leaving.join(_FAREWELL)  # a service that answers somebody holds rospy up for seconds
 
 
 def _within(seconds: float, call: Callable[[], Any]) -> Any:

@@ -6,6 +6,9 @@ executor is left with what hardly ever happens: parameters, the clock, answers t
 
 from __future__ import annotations
 
+import atexit
+import os
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -144,6 +147,8 @@ class Ros2:
         self._thread.join(max(0.0, deadline - time.monotonic()))
         if all(ended) and not self._thread.is_alive():  # else somebody still has them in hand
             self._node.destroy_node()
+        else:
+            atexit.register(_end_at_once)
         rclpy.try_shutdown()
 
     def _wait(self, entity: Any, kind: Any, take: Callable[[], None], name: str) -> None:
@@ -187,6 +192,13 @@ class Ros2:
             except Exception as error:
                 if not self._closing.is_set():
                     self._tell(f"{type(error).__name__}: {error}")
+
+
+def _end_at_once() -> None:
+    """A thread still in a call would have Fast DDS's destructors end the process as failed."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(0)
 
 
 def _never(*messages: Any) -> None:

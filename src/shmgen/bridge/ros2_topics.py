@@ -34,6 +34,8 @@ class Inlet:
     def take(self) -> None:
         """All there is."""
         handle, kind = self._handle, self._kind
+        if handle.get_publisher_count() != self._publishers:  # what it sends may be too long for a queue of this ROS
+            self._ask()
         while (taken := handle.take_message(kind, True)) is not None:
             data, about = taken
             why = self._refusal(about)
@@ -53,11 +55,19 @@ class Inlet:
         sender = (about.get("publisher_gid") or {}).get("data", b"")
         count = self._handle.get_publisher_count()
         if not is_next or count != self._publishers or (sender and sender not in self._verdicts):
-            self._publishers = count
-            self._verdicts = {gid: self._identity.refusal(hash_) for gid, hash_ in self._hashes().items()}
+            self._ask()
         if sender in self._verdicts:
             return self._verdicts[sender]
         return next((why for why in self._verdicts.values() if why), "")
+
+    def _ask(self) -> None:
+        """Who is there, and means what. One that is of another definition counts once itself."""
+        self._publishers = self._handle.get_publisher_count()
+        before = self._verdicts
+        self._verdicts = {gid: self._identity.refusal(hash_) for gid, hash_ in self._hashes().items()}
+        for gid, why in self._verdicts.items():
+            if why and gid not in before:
+                self._taker.refuse(why)
 
     def _follows(self, number: int | None) -> bool:
         """Whether it is the one after another. Every publisher counts its own from 1, and a gap is lost."""

@@ -17,6 +17,8 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 
 _COUNTS = {"subscription": (1, 1, 0, 0, 0, 0), "service": (0, 1, 0, 0, 1, 0)}
 """Subscriptions, guards, timers, clients, services, events."""
+_LONGEST = 10**9
+"""Nanoseconds after which it looks even if nothing has come."""
 
 
 class Ours(CallbackGroup):  # type: ignore[misc, unused-ignore]
@@ -35,7 +37,7 @@ class Ours(CallbackGroup):  # type: ignore[misc, unused-ignore]
 
 
 class Waiter:
-    """Calls `take` in a thread of its own whenever there is something; `take` has to take all there is."""
+    """Calls `take` in a thread of its own whenever there is something, and each second; it has to take all there is."""
 
     def __init__(
         self, entity: Any, kind: Literal["subscription", "service"], take: Callable[[], None], context: Any, name: str
@@ -66,7 +68,7 @@ class Waiter:
                 waiting.clear_entities()
                 add(self._entity.handle)
                 waiting.add_guard_condition(self._closing.handle)
-                waiting.wait(-1)
+                waiting.wait(_LONGEST)
                 if not self._ended:
                     self._take()
         except InvalidHandle:

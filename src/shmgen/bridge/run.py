@@ -25,6 +25,8 @@ from shmgen.live.session import Session
 
 TICK = 0.1
 """Seconds from one look at everything to the next; the PLC's blocks take a writer for dead after a second."""
+_STATUS = 2048
+"""Bytes that the diagnostics of one topic or service have at most."""
 _FAREWELL = 0.5
 """Seconds a ROS gets to leave its graph."""
 
@@ -48,7 +50,8 @@ def run(config: Config, arguments: tuple[str, ...], say: Say, tell: Say) -> None
             say(line)
         for action in config.actions:
             tell(f"{action.action}: the bridge does not carry actions")
-        node = Node(config.bridge.node, config.bridge.domain, tell, stopping.is_set, arguments)
+        largest = max(plan.largest(session), len(sides) * _STATUS)
+        node = Node(config.bridge.node, config.bridge.domain, tell, stopping.is_set, arguments, largest)
         backend: Backend | None = module.connect(node)
         if backend is not None:
             try:

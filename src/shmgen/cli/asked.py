@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,13 +17,15 @@ def configured(config: Config) -> list[str]:
     return [*config.messages, *config.types_used]
 
 
-def former(output: Path) -> tuple[lockfile.Lock, dict[str, Span]]:
-    """What a former run left in the folder, and where each of its requests stands there. Raises Rejected: SHM408."""
-    file = output / lockfile.LOCK
-    if not file.is_file():
+def former(output: Path, kept: bytes | None) -> tuple[lockfile.Lock, dict[str, Span]]:
+    """What a former run left in the folder, and where each of its requests stands there. Raises Rejected: SHM408.
+
+    `kept` are the bytes of layout.lock there, None if there is none.
+    """
+    if kept is None:
         return lockfile.Lock(), {}
-    report = Report()
-    text = file.read_text(encoding="utf-8", errors="replace")
+    file, report = output / lockfile.LOCK, Report()
+    text = kept.decode(errors="replace")
     lock = lockfile.read(text, str(file), report)
     report.stop_if_any()
     return lock, document.quoted(text, str(file), lock.requested)
@@ -38,7 +40,26 @@ def texts(config: Config, requests: Iterable[str], formerly: Mapping[str, Span],
     try:
         return pipeline.generate(config, requests)
     except Rejected as rejected:
-        raise Rejected(_placed(found, config.places, formerly, output) for found in rejected.diagnostics) from rejected
+        found = [_placed(found, config.places, formerly, output) for found in rejected.diagnostics]
+        if {diagnostic.code for diagnostic in found} == {"SHM101"}:
+            found[-1] = replace(found[-1], hint="\n".join([found[-1].hint, *_way_round(config, requests)]))
+        raise Rejected(found) from rejected
+
+
+def left_out(config: Config, requests: Iterable[str]) -> list[str]:
+    """What `--skip-unbounded` leaves out, for people."""
+    asked, bounded = pipeline.skippable(config, dict.fromkeys([*requests, *config.types_used]))
+    return sorted(name.short for name in asked.requested - bounded.requested)
+
+
+def _way_round(config: Config, requests: Iterable[str]) -> Iterator[str]:
+    """Where some of a package that is asked for could be had."""
+    if all("/" in request or Path(request).suffix for request in requests):
+        return
+    asked, bounded = pipeline.skippable(config, dict.fromkeys([*requests, *config.types_used]))
+    if bounded.requested < asked.requested:
+        could = f"{len(bounded.requested)} of {len(asked.requested)} messages asked for need no more bounds"
+        yield f"{could}: `shmgen generate` with --skip-unbounded leaves out the others"
 
 
 def _placed(found: Diagnostic, written: Mapping[str, Span], formerly: Mapping[str, Span], output: Path) -> Diagnostic:

@@ -14,10 +14,11 @@ import click
 
 from shmgen.cli import options
 from shmgen.config import Config
-from shmgen.diagnostics import Rejected
+from shmgen.diagnostics import Diagnostic, Rejected, Span
 from shmgen.drift import verdict
 from shmgen.drift.findings import Finding, Severity, as_annotations, as_json, summary, worst
 from shmgen.targets import KEYS
+from shmgen.wording import counted
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -77,6 +78,7 @@ def check(
     """
     from shmgen.cli import asked
     from shmgen.drift import check as checking
+    from shmgen.write import current
 
     began = time.time_ns()
     severity = Severity[fail_on.upper()]
@@ -84,7 +86,8 @@ def check(
     try:
         config = options.load(config_file, include)
         config = replace(config, targets=target) if target else config
-        lock, formerly = asked.former(output)
+        lock, formerly = asked.former(output, current(output, "layout.lock"))
+        config = replace(config, skip_unbounded=lock.settings.get("skip_unbounded") is True)
         requests = asked.configured(config) or list(lock.requested)
         if requests or (output / "layout.lock").is_file():
             texts = asked.texts(config, requests, formerly, output)
@@ -99,7 +102,7 @@ def check(
             click.echo(checking.differences(texts, output), nl=False)
         sys.exit((worst(findings) or 0) >= severity)
     messages = sum(line.startswith("[messages.") for line in texts["layout.lock"].splitlines())
-    said = f"{output}: up to date, {messages} message{'s' * (messages != 1)} in {len(texts)} files"
+    said = f"{output}: up to date, {counted(messages, 'message')} in {counted(len(texts), 'file')}"
     if form == "text":
         click.echo(said)
         _remember(said, config, config_file, [os.path.join(output, path) for path in texts], began)
@@ -143,8 +146,12 @@ def init(hook: bool, ci: bool) -> None:
         if file.exists():
             click.echo(f"{path} is there, and left as it is; this would be its content:\n\n{text}")
         else:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_text(text, encoding="utf-8")
+            try:
+                file.parent.mkdir(parents=True, exist_ok=True)
+                file.write_text(text, encoding="utf-8")
+            except OSError as error:
+                found = Diagnostic("SHM007", f"cannot write: {error.strerror}", Span(path))
+                raise Rejected([found]) from error
             click.echo(f"{path} written")
     click.echo("\n".join(begun.advice))
 

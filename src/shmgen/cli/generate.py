@@ -9,9 +9,10 @@ import click
 
 from shmgen import pipeline
 from shmgen.cli import asked, options
-from shmgen.diagnostics import CODES
+from shmgen.diagnostics import CODES, closest
 from shmgen.drift import lockfile
 from shmgen.targets import KEYS
+from shmgen.wording import counted
 
 
 @click.command()
@@ -31,12 +32,14 @@ from shmgen.targets import KEYS
     type=click.Choice(KEYS),
     help="Only this target, and the others' files removed; may be repeated.",
 )
+@click.option("--skip-unbounded", is_flag=True, help="Leave out what needs a bound that nobody set; `check` knows.")
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing but diagnostics.")
 @options.where
 def generate(
     messages: tuple[str, ...],
     output: Path,
     target: tuple[str, ...],
+    skip_unbounded: bool,
     quiet: bool,
     config_file: Path | None,
     include: tuple[Path, ...],
@@ -46,24 +49,34 @@ def generate(
     With names, they join what the output folder already holds; without, the folder becomes what shmgen.toml
     lists. Files are replaced whole, only where they differ; after an error none is touched.
     """
-    from shmgen.write import write
+    from shmgen.write import current, write
 
     config = options.load(config_file, include)
     if target:
         config = replace(config, targets=target)
-    lock, formerly = asked.former(output)
-    if messages:
-        requests = [*messages, *lock.requested]
-    else:
-        requests, formerly = asked.configured(config), {}
-    texts = asked.texts(config, requests, formerly, output)
-    leftovers = sorted(set(lock.files) - set(texts))
-    written = write(output, texts, leftovers, last=lockfile.LOCK)
+    config = replace(config, skip_unbounded=skip_unbounded)
+    written = None
+    while written is None:  # or another run has written since, and what it has done counts
+        kept = current(output, lockfile.LOCK)
+        lock, formerly = asked.former(output, kept)
+        if messages:
+            requests = [*messages, *lock.requested]
+        else:
+            requests, formerly = asked.configured(config), {}
+        texts = asked.texts(config, requests, formerly, output)
+        leftovers = sorted(set(lock.files) - set(texts))
+        written = write(output, texts, leftovers, last=lockfile.LOCK, former=kept)
     if not quiet:
         removed = f", {len(written.removed)} removed" if written.removed else ""
-        click.echo(f"{output}: {len(written.changed)} files written, {len(written.unchanged)} unchanged{removed}")
+        click.echo(
+            f"{output}: {counted(len(written.changed), 'file')} written, {len(written.unchanged)} unchanged{removed}"
+        )
         for path in written.changed:
             click.echo(f"  {output / path}")
+        if skip_unbounded and (skipped := asked.left_out(config, requests)):
+            click.echo(f"{counted(len(skipped), 'message')} left out for want of a bound, see `shmgen list`:")
+            for name in skipped:
+                click.echo(f"  {name}")
 
 
 @click.command()
@@ -103,20 +116,28 @@ def types(config_file: Path | None, include: tuple[Path, ...]) -> None:
 
 
 @click.command("list")
-@click.argument("package", required=False)
+@click.argument("asked", metavar="[PACKAGE|TYPE]", required=False)
 @click.option("--json", "as_json", is_flag=True, help="For machines.")
 @options.where
-def list_(package: str | None, as_json: bool, config_file: Path | None, include: tuple[Path, ...]) -> None:
+def list_(asked: str | None, as_json: bool, config_file: Path | None, include: tuple[Path, ...]) -> None:
     """What can be generated, with its size, and the fields that still need a bound."""
     from shmgen.show import lists
 
-    click.echo(lists.inventory(pipeline.inventory(options.load(config_file, include), package), as_json), nl=False)
+    click.echo(lists.inventory(pipeline.inventory(options.load(config_file, include), asked), as_json), nl=False)
+
+
+def _code(context: click.Context, parameter: click.Parameter, value: str) -> str:
+    code = f"SHM{value:0>3}" if value.isdecimal() else value.upper()
+    if code not in CODES:
+        near = closest(code, CODES)
+        raise click.BadParameter(f"{value} is no code of a diagnostic{f'; did you mean {near}?' if near else ''}")
+    return code
 
 
 @click.command()
-@click.argument("code", type=click.Choice(list(CODES), case_sensitive=False))
+@click.argument("code", callback=_code, shell_complete=lambda *_: list(CODES))
 def explain(code: str) -> None:
-    """What a diagnostic means and how to mend it."""
+    """What a diagnostic means and how to mend it; `SHM101` and `101` are the same."""
     installed = Path(__file__).parents[1] / "diagnostics.md"
     document = installed if installed.is_file() else Path(__file__).parents[3] / "docs" / "diagnostics.md"
     text = document.read_text(encoding="utf-8")

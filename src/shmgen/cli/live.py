@@ -181,7 +181,7 @@ def echo(
                 click.echo(text if as_json else f"{text}---")
     finally:
         samples.close()
-    sys.exit(refused)
+    sys.exit(int(refused))
 
 
 @click.command(context_settings={"ignore_unknown_options": True})
@@ -293,6 +293,7 @@ def top(delay: float, once: bool, count: int | None, as_json: bool) -> None:
         screen.run(delay)
         return
     past: tool.Past = {}
+    widths: dict[str, int] = {}
     tool.look(past)
     shown = 0
     while shown != number:
@@ -302,7 +303,7 @@ def top(delay: float, once: bool, count: int | None, as_json: bool) -> None:
         if as_json:
             click.echo(as_line([row.plain() for row in rows]))
         else:
-            click.echo("\n".join([*tool.table(rows), *([] if shown == number else [""])]))
+            click.echo("\n".join([*tool.table(rows, widths_before=widths), *([] if shown == number else [""])]))
 
 
 COMMANDS = (doctor, clean, echo, pub, call, hz, top)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import importlib
 import io
 import os
 import sys
@@ -9,7 +11,7 @@ import sys
 import click
 
 from shmgen import __version__
-from shmgen.cli import bridge, drift, generate, live, options
+from shmgen.cli import options
 from shmgen.diagnostics import Diagnostic, Rejected, Span
 
 
@@ -26,12 +28,48 @@ def main() -> None:
     except Exception as error:
         if os.environ.get("SHMGEN_DEBUG"):
             raise
-        hint = "this is a fault of shmgen, not of your input: run again with SHMGEN_DEBUG=1 and report what it prints"
-        options.complain([Diagnostic("SHM901", f"{type(error).__name__}: {error}", Span("shmgen"), hint=hint)])
+        options.complain([_full(error) or _fault(error)])
         sys.exit(1)
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+def _full(error: Exception) -> Diagnostic | None:
+    """Where what we print goes to a full disk. What we write into files of our own is told by their names."""
+    if not isinstance(error, OSError) or error.errno not in _FULL or error.filename:
+        return None
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what is left to print would fail again at the end
+    hint = "make room where the output of this command goes"
+    return Diagnostic("SHM007", f"cannot write: {error.strerror}", Span("standard output"), hint=hint)
+
+
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+
+
+def _fault(error: Exception) -> Diagnostic:
+    hint = "this is a fault of shmgen, not of your input: run again with SHMGEN_DEBUG=1 and report what it prints"
+    return Diagnostic("SHM901", f"{type(error).__name__}: {error}", Span("shmgen"), hint=hint)
+
+
+_FAMILIES = {
+    "generate": ("generate", "show", "types", "list", "explain"),
+    "drift": ("check", "diff", "init"),
+    "bridge": ("bridge",),
+    "live": ("doctor", "clean", "echo", "pub", "call", "hz", "top"),
+}
+
+
+class _Families(click.Group):
+    """Loads the module of the one command that is asked for; for a list of them, all."""
+
+    def list_commands(self, context: click.Context) -> list[str]:
+        return sorted(name for names in _FAMILIES.values() for name in names)
+
+    def get_command(self, context: click.Context, name: str) -> click.Command | None:
+        family = next((family for family, names in _FAMILIES.items() if name in names), None)
+        commands = importlib.import_module(f"shmgen.cli.{family}").COMMANDS if family else ()
+        return next((command for command in commands if command.name == name), None)
+
+
+@click.group(cls=_Families, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(__version__, "-V", "--version")
 def cli() -> None:
     """Shared-memory bridge code between a CODESYS softPLC and ROS, from ROS message definitions.
@@ -43,7 +81,3 @@ def cli() -> None:
     shmgen bridge                        topics of ROS to regions and back
     shmgen doctor                        how the regions fare that are live now
     """  # noqa: D301 click's own sign
-
-
-for command in (*generate.COMMANDS, *drift.COMMANDS, *bridge.COMMANDS, *live.COMMANDS):
-    cli.add_command(command)

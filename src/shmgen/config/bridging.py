@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, Literal
 
 from shmgen.config.document import Reader
+from shmgen.records import dataclass
 
 BACKENDS = ("auto", "ros1", "ros2", "dds")
 CARRYING = ("rate", "qos", "latch", "stamp", "overflow", "stale")

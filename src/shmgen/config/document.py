@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import re
-import sys
 from collections import Counter
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from shmgen import toml
 from shmgen.diagnostics import Report, Span, closest
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from shmgen.records import dataclass
 
 
 def read(path: Path, shown: str, prefix: str, report: Report) -> tuple[dict[str, Any], Reader]:
@@ -25,8 +20,8 @@ def read(path: Path, shown: str, prefix: str, report: Report) -> tuple[dict[str,
     """
     text = _text(path, shown, report)
     try:
-        document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+        document = toml.loads(text)
+    except ValueError as error:
         span = _toml_error_span(shown, text, error)
         report.error("SHM503", _without_position(error), span, hint=_missing_quotes(span.text))
         report.stop_if_any()
@@ -127,6 +122,8 @@ def quoted(text: str, shown: str, words: Collection[str]) -> dict[str, Span]:
     """Where each of `words` first stands in quotes in a TOML document, of those that do."""
     places: dict[str, Span] = {}
     for number, line in enumerate(text.split("\n"), start=1):
+        if len(places) == len(words):
+            break
         for found in _QUOTED.finditer(line):
             if found[1] in words:
                 places.setdefault(found[1], _span(shown, number, line, found.start(1), found.end(1)))
@@ -176,27 +173,30 @@ def _text(path: Path, shown: str, report: Report) -> str:
     raise AssertionError
 
 
-_AT = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
-_BARE_KEY = re.compile(r"\s*([\w-]+(?:/[\w.-]+)+)\s*=")
-_BARE_VALUE = re.compile(r"(\s*[\w-]+\s*=\s*)([A-Za-z][\w/.-]*)\s*(#.*)?")
+# Compiled when something is wrong.
+_AT = r" \(at (?:line (\d+), column (\d+)|end of document)\)$"
+_BARE_KEY = r"\s*([\w-]+(?:/[\w.-]+)+)\s*="
+_BARE_VALUE = r"(\s*[\w-]+\s*=\s*)([A-Za-z][\w/.-]*)\s*(#.*)?"
 
 
 def _without_position(error: Exception) -> str:
-    text = _AT.sub("", str(error))
+    text = re.sub(_AT, "", str(error))
     return text[:1].lower() + text[1:]
 
 
 def _missing_quotes(line: str) -> str:
     """The mistake most often made: a message's name as a key, or a word as a value, without quotes."""
-    if key := _BARE_KEY.match(line):
+    if key := re.match(_BARE_KEY, line):
         return f'a key with a slash stands in quotes: "{key[1]}" = 8'
-    if value := _BARE_VALUE.fullmatch(line):
+    if value := re.fullmatch(_BARE_VALUE, line):
         return f'a word stands in quotes: {value[1].strip()} "{value[2]}"'
     return ""
 
 
 def _toml_error_span(shown: str, text: str, error: Exception) -> Span:
+    if not re.search(_AT, str(error)):
+        return Span(shown)
     lines = text.split("\n")
-    found = _AT.search(str(error))
+    found = re.search(_AT, str(error))
     line, column = (int(found[1]), int(found[2])) if found and found[1] else (len(lines), len(lines[-1]) + 1)
     return Span(shown, line, column, 1, lines[line - 1].rstrip("\r") if line <= len(lines) else "")

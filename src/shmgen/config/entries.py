@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, NamedTuple
 
 from shmgen import abi
@@ -12,10 +12,11 @@ from shmgen.config import bridging
 from shmgen.config.bridging import CARRYING, MAX_SECONDS, Carrying
 from shmgen.config.document import Reader
 from shmgen.diagnostics import Span
+from shmgen.records import dataclass
 
 
 @dataclass(frozen=True, slots=True)
-class Topic:
+class TopicEntry:
     """One `[[topics]]` entry: `depth` is how many samples a slow reader can still fetch, `carried` the rest."""
 
     topic: str
@@ -27,7 +28,7 @@ class Topic:
 
 
 @dataclass(frozen=True, slots=True)
-class Service:
+class ServiceEntry:
     """One `[[services]]` entry: `server` is `plc` or `ros`, `timeout` what the bridge waits for the PLC, in seconds."""
 
     service: str
@@ -38,7 +39,7 @@ class Service:
 
 
 @dataclass(frozen=True, slots=True)
-class Action:
+class ActionEntry:
     """One `[[actions]]` entry: `server` is `plc` or `ros`."""
 
     action: str
@@ -47,23 +48,23 @@ class Action:
     span: Span
 
 
-def topics(read: Reader, data: dict[str, Any]) -> tuple[Topic, ...]:
+def topics(read: Reader, data: dict[str, Any]) -> tuple[TopicEntry, ...]:
     """Reports SHM501, SHM502; so do the others."""
     return tuple(
         _topic(read, entry) for entry in _entries(read, data, "topics", ("direction", "depth", *CARRYING), abi.MAX_NAME)
     )
 
 
-def services(read: Reader, data: dict[str, Any]) -> tuple[Service, ...]:
+def services(read: Reader, data: dict[str, Any]) -> tuple[ServiceEntry, ...]:
     return tuple(
-        Service(entry.name, entry.type, _server(read, entry), _timeout(read, entry), entry.span)
+        ServiceEntry(entry.name, entry.type, _server(read, entry), _timeout(read, entry), entry.span)
         for entry in _entries(read, data, "services", ("server", "timeout"), abi.MAX_CALL_NAME)
     )
 
 
-def actions(read: Reader, data: dict[str, Any]) -> tuple[Action, ...]:
+def actions(read: Reader, data: dict[str, Any]) -> tuple[ActionEntry, ...]:
     return tuple(
-        Action(entry.name, entry.type, _server(read, entry), entry.span)
+        ActionEntry(entry.name, entry.type, _server(read, entry), entry.span)
         for entry in _entries(read, data, "actions", ("server",), abi.MAX_CALL_NAME)
     )
 
@@ -113,11 +114,11 @@ def _entries(
             seen.add(name.removeprefix("/"))
 
 
-def _topic(read: Reader, entry: _Entry) -> Topic:
+def _topic(read: Reader, entry: _Entry) -> TopicEntry:
     direction = read.choice(entry.section, "direction", entry.table, ("to_plc", "from_plc"), "to_plc")
     depth = read.number(entry.section, "depth", entry.table, 1, abi.MAX_DEPTH)
     carried = bridging.carrying(read, entry.section, entry.table, direction)
-    return Topic(entry.name, entry.type, direction, depth, entry.span, carried)
+    return TopicEntry(entry.name, entry.type, direction, depth, entry.span, carried)
 
 
 def _server(read: Reader, entry: _Entry) -> str:

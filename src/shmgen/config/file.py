@@ -5,7 +5,7 @@ from __future__ import annotations
 import keyword
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +13,10 @@ from shmgen.bounds import DEFAULT_STRING, Bound, Bounds
 from shmgen.config import bridging, document, entries
 from shmgen.config.bridging import Bridge
 from shmgen.config.document import Reader
-from shmgen.config.entries import Action, Service, Topic
+from shmgen.config.entries import ActionEntry, ServiceEntry, TopicEntry
 from shmgen.diagnostics import Report, Span, closest
-from shmgen.model import RegionOptions, TypeOptions
+from shmgen.model import Regions, TypeOptions
+from shmgen.records import dataclass
 from shmgen.targets import KEYS, USUAL
 
 FILE_NAME = "shmgen.toml"
@@ -31,6 +32,7 @@ class Config:
     """The user's words; `root` is the folder that relative paths start from.
 
     `text` is the file as it is written. `places` says where each of `messages`, and of `types_used`, is written.
+    `skip_unbounded` is said on the command line only: messages without a bound are left out.
     """
 
     root: Path
@@ -44,19 +46,20 @@ class Config:
     text: str = field(default="", compare=False, repr=False)
     max_region: int = MAX_REGION
     task_interval: int = TASK_INTERVAL
+    skip_unbounded: bool = False
     types: TypeOptions = field(default_factory=TypeOptions)
     bounds: Bounds = field(default_factory=lambda: Bounds({}, {}))
-    topics: tuple[Topic, ...] = ()
-    services: tuple[Service, ...] = ()
-    actions: tuple[Action, ...] = ()
-    regions: RegionOptions = field(default_factory=RegionOptions)
+    topics: tuple[TopicEntry, ...] = ()
+    services: tuple[ServiceEntry, ...] = ()
+    actions: tuple[ActionEntry, ...] = ()
+    regions: Regions = field(default_factory=Regions)
     bridge: Bridge = field(default_factory=Bridge)
     places: Mapping[str, Span] = field(default_factory=dict)
 
     @property
     def types_used(self) -> tuple[str, ...]:
         """The types of topics, services and actions, each once."""
-        entries: tuple[Topic | Service | Action, ...] = (*self.topics, *self.services, *self.actions)
+        entries: tuple[TopicEntry | ServiceEntry | ActionEntry, ...] = (*self.topics, *self.services, *self.actions)
         return tuple(dict.fromkeys(entry.type for entry in entries))
 
 
@@ -131,17 +134,17 @@ class _Sections:
             bridge=bridging.bridge(self.read, self.read.table(data, "bridge")),
         )
 
-    def regions(self, data: dict[str, Any]) -> RegionOptions:
+    def regions(self, data: dict[str, Any]) -> Regions:
         self.read.keys("regions", data, ("mode", "group", "sync"))
         mode, group = data.get("mode"), data.get("group", "")
-        if mode is not None and not (isinstance(mode, str) and _MODE.fullmatch(mode)):
+        if mode is not None and not (isinstance(mode, str) and re.fullmatch(_MODE, mode)):
             hint = "whoever opens a region needs to read and write it: 0660 is for owner and group, 0666 for all"
             self.read.wrong("regions", "mode", f"mode is 0600, 0660 or the like, in quotes, not {mode!r}", hint)
             mode = None
         if not isinstance(group, str) or (not group and "group" in data):
             self.read.wrong("regions", "group", f'group is the name of one, such as "plc", not {group!r}')
         sync = self.read.choice("regions", "sync", data, ("lock", "sequence"), "lock")
-        return RegionOptions(int(mode, 8) if mode else None, str(group), sync)  # type: ignore[arg-type]
+        return Regions(int(mode, 8) if mode else None, str(group), sync)  # type: ignore[arg-type]
 
     def bound_table(self, section: str, data: dict[str, Any], options: tuple[str, ...]) -> dict[str, Bound]:
         table: dict[str, Bound] = {}
@@ -177,7 +180,7 @@ class _Sections:
 
     def ros_package(self, data: dict[str, Any]) -> str:
         name = data.get("ros_package", "")
-        if isinstance(name, str) and (not name or _ROS_PACKAGE.fullmatch(name)):
+        if isinstance(name, str) and (not name or re.fullmatch(_ROS_PACKAGE, name)):
             return name
         rule = "small letters, digits and single _, a letter first, two characters at least (REP 144)"
         self.read.wrong("", "ros_package", f"ros_package is made of {rule}, not {name!r}")
@@ -185,17 +188,18 @@ class _Sections:
 
     def distribution(self, data: dict[str, Any]) -> str:
         value = data.get("distribution", "")
-        if isinstance(value, str) and (not value or _DISTRIBUTION.fullmatch(value)):
+        if isinstance(value, str) and (not value or re.fullmatch(_DISTRIBUTION, value)):
             return value
         example = '"robot-shm 1.2.0"'
         self.read.wrong("", "distribution", f"distribution is a name and a version, such as {example}, not {value!r}")
         return ""
 
 
-_MODE = re.compile(r"0?6[06][06]")
+# Compiled where such a key is.
+_MODE = r"0?6[06][06]"
 """Who may read a region and not write it cannot enter its lock."""
-_ROS_PACKAGE = re.compile(r"[a-z](_?[a-z0-9])+_?")
-_DISTRIBUTION = re.compile(r"[A-Za-z0-9]([A-Za-z0-9._-]*[A-Za-z0-9])? [0-9]+(\.[0-9]+)*((a|b|rc|\.post|\.dev)[0-9]+)?")
+_ROS_PACKAGE = r"[a-z](_?[a-z0-9])+_?"
+_DISTRIBUTION = r"[A-Za-z0-9]([A-Za-z0-9._-]*[A-Za-z0-9])? [0-9]+(\.[0-9]+)*((a|b|rc|\.post|\.dev)[0-9]+)?"
 """Names of PEP 508 and the common versions of PEP 440."""
 _BOUND_KEY = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*(\.[A-Za-z]\w*)?)?")
 

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 from shmgen.definitions import comments
 from shmgen.definitions.fieldtypes import read_type, type_word
+from shmgen.definitions.literals import read_constant, read_default
 from shmgen.definitions.tokens import Dialect, Line, Token, Wrong, shown
-from shmgen.definitions.values import read_constant, read_default
 from shmgen.diagnostics import Report, Span
 from shmgen.model import Constant, Default, Field, FieldType, Message, Scalar, String, TypeName
 

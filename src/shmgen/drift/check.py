@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from shmgen import write
@@ -12,6 +12,7 @@ from shmgen.diagnostics import Diagnostic, Report, Span
 from shmgen.drift import lockfile
 from shmgen.drift.compare import compare
 from shmgen.drift.findings import Finding, Severity, worst
+from shmgen.records import dataclass
 
 REGENERATE = "run `shmgen generate` and commit the result"
 REBUILD = "run `shmgen generate`, commit the result, rebuild both sides"
@@ -30,7 +31,7 @@ class _Files:
 def check(texts: Mapping[str, str], folder: Path) -> list[Finding]:
     """`texts` is all that `generate` would write into `folder`, layout.lock among it."""
     shown = str(folder / lockfile.LOCK)
-    kept = write.current(folder / lockfile.LOCK)
+    kept = write.current(folder, lockfile.LOCK)
     if kept is None:
         hint = f"{REGENERATE}; if {folder} is not where it was written, give that with -o"
         found = Diagnostic("SHM407", "layout.lock is missing", Span(shown), hint=hint)
@@ -40,7 +41,7 @@ def check(texts: Mapping[str, str], folder: Path) -> list[Finding]:
     if report.diagnostics:
         return [Finding(Severity.BREAKING, found) for found in report.diagnostics]
     new = lockfile.read(texts[lockfile.LOCK], shown, report)
-    findings = [_with_advice(found) for found in compare(old, new, shown)]
+    findings = [_with_advice(found) for found in compare(old, new, shown)] if old != new else []
     findings += _of_files(_files(texts, folder, old), folder, worst(findings))
     if not findings and kept != texts[lockfile.LOCK].encode():
         findings += _listed("SHM403", Severity.COSMETIC, [lockfile.LOCK], folder, ("is stale", ""), REGENERATE)
@@ -51,7 +52,7 @@ def differences(texts: Mapping[str, str], folder: Path) -> str:
     """A unified diff from the files in `folder` to `texts`."""
     lines: list[str] = []
     for path, text in texts.items():
-        kept = write.current(folder / path)
+        kept = write.current(folder, path)
         if kept != text.encode():
             old = (kept or b"").decode(errors="replace").splitlines(keepends=True)
             before = f"a/{folder / path}" if kept is not None else "/dev/null"
@@ -69,7 +70,7 @@ def _files(texts: Mapping[str, str], folder: Path, lock: lockfile.Lock) -> _File
     """An interrupted `generate` leaves files that are new already: those are as they should be."""
     stale, edited, missing = [], [], []
     for path, text in texts.items():
-        kept, known = write.current(folder / path), lock.files.get(path)
+        kept, known = write.current(folder, path), lock.files.get(path)
         if path == lockfile.LOCK or kept == text.encode():
             continue
         if kept is None and known:

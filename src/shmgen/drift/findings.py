@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from enum import IntEnum
 
 from shmgen.diagnostics import Diagnostic
+from shmgen.records import dataclass
 
 
 class Severity(IntEnum):

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import json
 import re
-import sys
 from collections.abc import Container, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
+from shmgen import toml
 from shmgen.diagnostics import Report, Span
-from shmgen.model import Default, Layout, Layouts, Message, Ref, Role, Slot, TypeName, ros_type
-from shmgen.type_hash import hash_of
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from shmgen.model import Default, Layout, Layouts, Ref, Role, Slot, ros_type
+from shmgen.records import dataclass
+from shmgen.type_hash import hashes
 
 LOCK = "layout.lock"
 VERSION = 1
@@ -81,30 +78,39 @@ def write(layouts: Layouts, texts: Mapping[str, str], settings: Mapping[str, obj
     for key, value in settings.items():
         lines += _list(key, value) if key in LISTS and isinstance(value, list) else [f"{key} = {_toml(value)}"]
     known = {name: layout.message for name, layout in layouts.items()}
+    type_hashes = hashes(layouts, known)
     for layout in _sorted(layouts):
-        lines += ["", *_block(layout, known)]
+        lines += ["", *_block(layout, type_hashes[layout.name])]
     lines += ["", "[files]", *(f"{_toml(path)} = {_toml(sha256(text))}" for path, text in sorted(texts.items()))]
     return "\n".join(lines) + "\n"
 
 
 def read(text: str, shown: str, report: Report) -> Lock:
     """Takes a lock apart; one that no run of ours wrote is reported as SHM408."""
-    try:
-        data = tomllib.loads(text)
-        requested, files = data["requested"], data["files"]
-        if data["version"] != VERSION or not all(isinstance(item, str) for item in [*requested, *files.values()]):
-            raise ValueError("version")
-        blocks = data.get("messages", {})
-        messages = {name: _read_block(block, blocks) for name, block in blocks.items()}
-        return Lock(tuple(requested), dict(data.get("settings", {})), messages, dict(files))
-    except (tomllib.TOMLDecodeError, KeyError, TypeError, ValueError, AttributeError):
+    lock = _read(text)
+    if lock is None:
         report.error(
             "SHM408",
             "layout.lock is damaged, so it cannot be known which files are generated",
             Span(shown),
             hint="restore it from version control, or delete it and the generated files, and run `shmgen generate`",
         )
-        return Lock()
+    return lock or Lock()
+
+
+@functools.lru_cache(2)
+def _read(text: str) -> Lock | None:
+    """A check reads what is there and what would be, which mostly are the same, and slow to take apart."""
+    try:
+        data = toml.loads(text)
+        requested, files = data["requested"], data["files"]
+        if data["version"] != VERSION or not all(isinstance(item, str) for item in [*requested, *files.values()]):
+            raise ValueError("version")
+        blocks = data.get("messages", {})
+        messages = {name: _read_block(block, blocks) for name, block in blocks.items()}
+        return Lock(tuple(requested), dict(data.get("settings", {})), messages, dict(files))
+    except (KeyError, TypeError, ValueError, AttributeError):
+        return None
 
 
 def short(name: str) -> str:
@@ -121,7 +127,7 @@ def _sorted(layouts: Layouts) -> list[Layout]:
     return [layouts[name] for name in sorted(layouts)]
 
 
-def _block(layout: Layout, known: Mapping[TypeName, Message]) -> list[str]:
+def _block(layout: Layout, type_hash: str) -> list[str]:
     message = layout.message
     defaults = [f"{field.name} = {_value(field.default)}" for field in message.fields if field.default is not None]
     constants = [f"{ros_type(one.type)} {one.name} = {_value(one.value)}" for one in message.constants]
@@ -131,7 +137,7 @@ def _block(layout: Layout, known: Mapping[TypeName, Message]) -> list[str]:
         f"size = {layout.size}",
         f"origin = {_toml(message.origin)}",
         f"text = {_toml(sha256(message.text)[:16])}",
-        f"type_hash = {_toml(hash_of(layout.name, known))}",
+        f"type_hash = {_toml(type_hash)}",
         *_list("slots", map(_slot, layout.slots)),
         *(_list("defaults", defaults) if defaults else ()),
         *(_list("constants", constants) if constants else ()),
@@ -146,7 +152,7 @@ def _slot(slot: Slot) -> str:
 
 
 def _value(value: Default) -> str:
-    return json.dumps(value, ensure_ascii=False)
+    return _JSON(value)
 
 
 def _list(key: str, items: Iterable[str]) -> list[str]:
@@ -157,9 +163,10 @@ def _list(key: str, items: Iterable[str]) -> list[str]:
 
 def _toml(value: object) -> str:
     """Strings, numbers and lists of them; JSON's escapes are a subset of TOML's but for DEL."""
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return _JSON(value).replace("\x7f", "\\u007f")
 
 
+_JSON = json.JSONEncoder(ensure_ascii=False).encode
 _SLOT = re.compile(r"(\d+) (\S+) (\S+?)(?:\[(\d+)\])?(?: \((\w+)\))?")
 _CONSTANT = re.compile(r"(\S+) (\S+) = (.*)", re.DOTALL)
 _DEFAULT = re.compile(r"(\S+) = (.*)", re.DOTALL)

@@ -18,6 +18,8 @@ _KEPT = 20
 _TICK = 20_000_000
 """Nanoseconds that the time of a file may be behind the clock: two jiffies of the slowest Linux."""
 _SUFFIXES = (".msg", ".srv", ".action", ".idl")
+_PIECE = 1 << 16
+"""Bytes that are read at once; most files are shorter."""
 _CONTENT, _STATE, _NAMES = "CSN"
 """What of a path counts: the bytes of a file, its size and time, the names in a folder."""
 
@@ -61,8 +63,7 @@ def _digest(watched: Iterable[str]) -> str:
         kind, path = line[:1], line[1:]
         try:
             if kind == _CONTENT:
-                with open(path, "rb", buffering=0) as file:
-                    seen = hashlib.sha256(file.read()).digest()
+                seen = _hash(path)
             elif kind == _NAMES:
                 names = sorted(name for name in os.listdir(path) if name != "__pycache__")
                 seen = "\0".join(names).encode(errors="surrogateescape")
@@ -73,6 +74,20 @@ def _digest(watched: Iterable[str]) -> str:
             seen = b"none"
         whole.update(b"%d\0%b\0%b" % (len(seen), line.encode(errors="surrogateescape"), seen))
     return whole.hexdigest()
+
+
+def _hash(path: str) -> bytes:
+    """Of a file. It is most of a check that nothing has changed for, and open() would add as much again."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        piece = os.read(descriptor, _PIECE)
+        found = hashlib.sha256(piece)
+        while len(piece) == _PIECE:
+            piece = os.read(descriptor, _PIECE)
+            found.update(piece)
+        return found.digest()
+    finally:
+        os.close(descriptor)
 
 
 def _touched(watched: Iterable[str]) -> int:

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import re
-import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from shmgen import toml
 from shmgen.bounds import Bound, Bounds
 from shmgen.config import Config
-from shmgen.diagnostics import Span
+from shmgen.diagnostics import Diagnostic, Rejected, Span
 from shmgen.model import TypeOptions
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from shmgen.wording import counted
 
 LOCK = Path("generated", "layout.lock")
 """Where `shmgen generate` leaves it, seen from the folder of shmgen.toml."""
@@ -31,16 +27,22 @@ class Known:
     origin: str
 
     def __str__(self) -> str:
-        return f"digest 16#{self.digest:016X}, {self.size} bytes, by {self.origin}"
+        return f"digest 16#{self.digest:016X}, {counted(self.size, 'byte')}, by {self.origin}"
 
 
 def read(file: Path) -> dict[str, Any]:
-    """The lock as TOML has it; empty if there is none, or if it is damaged, which `shmgen generate` will tell."""
+    """The lock as TOML has it; empty if there is none. Raises Rejected: SHM408."""
     try:
-        document: dict[str, Any] = tomllib.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        lock = toml.loads(file.read_text(encoding="utf-8"))
+        layouts(lock, str(file))
+        settings(lock, Config(Path()))
+    except OSError:
         return {}
-    return document
+    except (KeyError, TypeError, ValueError, AttributeError):
+        hint = "restore it from version control, or delete it and the generated files, and run `shmgen generate`"
+        message = "layout.lock is damaged, so it cannot be known what it was made from"
+        raise Rejected([Diagnostic("SHM408", message, Span(str(file)), hint=hint)]) from None
+    return lock
 
 
 def layouts(lock: dict[str, Any], origin: str) -> dict[str, Known]:

@@ -16,6 +16,7 @@ from shmgen.runtime.access import opened
 from shmgen.runtime.errors import RegionMissing, RegionUnusable, ShmError
 from shmgen.runtime.names import HALVES, region_file, semaphore_file
 from shmgen.runtime.region import WRITER_LOCK
+from shmgen.wording import counted
 
 FOLDER = "/dev/shm"
 
@@ -122,7 +123,9 @@ def damage(header: h.Header) -> str:
         return f"its slots of {header.slot_size} bytes cannot hold {header.payload_size} and {h.SLOT_HEADER}"
     size = h.HEADER_SIZE + header.slots * header.slot_size
     if header.size < size:
-        return f"the file has {header.size:,} bytes, its {header.slots} slots of {header.slot_size} need {size:,}"
+        return (
+            f"the file has {counted(header.size, 'byte')}, its {header.slots} slots of {header.slot_size} need {size:,}"
+        )
     return ""
 
 

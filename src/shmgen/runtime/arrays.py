@@ -15,6 +15,7 @@ from typing import Any
 from shmgen.runtime.checked import REFUSED, boolean, type_name
 from shmgen.runtime.errors import CountExceeded, OutOfRange, ValueRejected
 from shmgen.runtime.message import Late, Message
+from shmgen.wording import counted
 
 _KINDS = {code: kind for kind, codes in {"i": "bhilqn", "u": "BHILQN", "f": "efd", "?": "?"}.items() for code in codes}
 _NOTHING = memoryview(b"")
@@ -130,7 +131,7 @@ def _new_like(message: Any) -> Any:
 def count(value: int, capacity: int, path: str) -> int:
     """A count read from the region, where a PLC may have written 9 of 8. Raises CountExceeded."""
     if value > capacity:
-        raise CountExceeded(path, f"the writer says {value} elements; the bound is {capacity}")
+        raise CountExceeded(path, f"the writer says {counted(value, 'element')}; the bound is {capacity}")
     return value
 
 
@@ -146,9 +147,9 @@ def check_count(values: Any, path: str, exactly: int | None, at_most: int | None
 
 def _judge(length: int, path: str, exactly: int | None, at_most: int | None) -> None:
     if exactly is not None and length != exactly:
-        raise CountExceeded(path, f"{length} elements; the array has exactly {exactly}")
+        raise CountExceeded(path, f"{counted(length, 'element')}; the array has exactly {exactly}")
     if at_most is not None and length > at_most:
-        raise CountExceeded(path, f"{length} elements; the bound is {at_most}")
+        raise CountExceeded(path, f"{counted(length, 'element')}; the bound is {at_most}")
 
 
 def _buffer(value: Any, typecode: str, item_size: int) -> memoryview | None:

@@ -99,7 +99,18 @@ def _number(stored: Any, code: str, path: str) -> property:
             raise
         store(structure, value)
 
-    return property(stored.__get__, assign)
+    return _Number(stored.__get__, assign).at(stored.offset, stored.size)
+
+
+class _Number(property):
+    """As a field of ctypes is, with its offset and size in bytes."""
+
+    offset: int
+    size: int
+
+    def at(self, offset: int, size: int) -> _Number:
+        self.offset, self.size = offset, size
+        return self
 
 
 class _Numbers:

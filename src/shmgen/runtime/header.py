@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from shmgen import abi
 from shmgen.abi import ABI, HEADER_SIZE, LAST, MAGIC, PAGE, PLC, SLOT_HEADER, Word
 from shmgen.runtime.legible import legible
+from shmgen.wording import counted
 
 __all__ = ["ABI", "HEADER_SIZE", "LAST", "MAGIC", "PAGE", "PLC", "SLOT_HEADER"]  # for those who say h.LAST
 
@@ -78,10 +79,10 @@ class Header(NamedTuple):
 
     def __str__(self) -> str:
         if self.magic != MAGIC:
-            return f"no shmgen region (magic 16#{self.magic:08X}), {self.size} bytes"
+            return f"no shmgen region (magic 16#{self.magic:08X}), {counted(self.size, 'byte')}"
         return (
-            f"{self.type_name or 'unnamed type'}, {self.payload_size} bytes, digest 16#{self.digest:016X}, "
-            f"{self.slots} slots of {self.slot_size} bytes, {self.size} bytes in all, ABI {self.abi}"
+            f"{self.type_name or 'unnamed type'}, {counted(self.payload_size, 'byte')}, digest 16#{self.digest:016X}, "
+            f"{self.slots} slots of {self.slot_size} bytes, {counted(self.size, 'byte')} in all, ABI {self.abi}"
         )
 
 

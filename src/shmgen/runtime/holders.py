@@ -31,9 +31,9 @@ def _locks(info: str, byte: int) -> bool:
     """Lines as `lock: 1: OFDLCK ADVISORY WRITE -1 00:19:42 0 0`: the last two are the first and last byte."""
     with open(info, encoding="ascii") as lines:
         for line in lines:
-            words = line.split()
-            if words[0] == "lock:" and "OFDLCK" in words:
-                first, last = words[-2:]
+            parts = line.split()
+            if parts[0] == "lock:" and "OFDLCK" in parts:
+                first, last = parts[-2:]
                 if int(first) <= byte and (last == "EOF" or byte <= int(last)):
                     return True
     return False

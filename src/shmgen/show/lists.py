@@ -9,6 +9,7 @@ from shmgen.model import Clock, Scalar, TypeOptions
 from shmgen.pipeline import Entry
 from shmgen.targets.c.target import c_element
 from shmgen.targets.st.names import iec_element
+from shmgen.wording import counted
 
 
 def type_table(options: TypeOptions) -> str:
@@ -67,6 +68,6 @@ def _standing(entry: Entry) -> str:
     if entry.faults:
         return "; ".join(f"{fault.code} {fault.field}: {fault.message}" for fault in entry.faults)
     if entry.size is not None:
-        return f"{entry.size:>9,} bytes"
+        return f"{counted(entry.size, 'byte'):>15}"
     more = f" and {len(entry.unbounded) - _KEYS_SHOWN} more" if len(entry.unbounded) > _KEYS_SHOWN else ""
     return "needs a bound for " + ", ".join(entry.unbounded[:_KEYS_SHOWN]) + more

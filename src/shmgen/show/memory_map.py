@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from shmgen.model import Layout, Layouts, Output
 from shmgen.show.table import Row, rows
+from shmgen.wording import counted
 
 BYTES_PER_LINE = 8
 LONGEST = 3
@@ -60,7 +61,7 @@ def plan(layout: Layout, layouts: Layouts) -> Output:
     places = {first: index for index, (first, _) in enumerate(lines)}
     view = MemoryMap(
         title=_xml(str(layout.name)),
-        subtitle=_xml(f"{layout.size:,} bytes, alignment {layout.align}, digest {layout.digest:016x}"),
+        subtitle=_xml(f"{counted(layout.size, 'byte')}, alignment {layout.align}, digest {layout.digest:016x}"),
         width=_LEFT + BYTES_PER_LINE * _CELL + 24,
         height=_TOP + len(lines) * _LINE + 20,
         columns=tuple(Mark(_LEFT + i * _CELL + _CELL // 2, _TOP - 8, f"+{i}") for i in range(BYTES_PER_LINE)),
@@ -87,10 +88,10 @@ def _box(row: Row, line: tuple[int, int], y: int, style: str) -> Box:
     width = (BYTES_PER_LINE if last > first else stop - start) * _CELL - 2
     label = ""
     if last > first:
-        label = f"\u22ee {stop - start:,} bytes"
+        label = f"\u22ee {counted(stop - start, 'byte')}"
     elif row.role != "padding" and _labelled_line(row) == first:
         label = _label(row, width)
-    title = f"{row.path}: {row.ros or row.role}, {row.iec}, offset {row.offset}, {row.size} bytes"
+    title = f"{row.path}: {row.ros or row.role}, {row.iec}, offset {row.offset}, {counted(row.size, 'byte')}"
     x = _LEFT + start % BYTES_PER_LINE * _CELL + 1
     return Box(x, y + 1, width, _LINE - 2, style, _xml(label), _xml(title))
 

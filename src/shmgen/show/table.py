@@ -11,6 +11,7 @@ from shmgen.layout import region_size
 from shmgen.model import Layout, Layouts, Message, Ref, Role, Slot, TypeName, ros_type
 from shmgen.targets.st.names import iec_type
 from shmgen.type_hash import hash_of
+from shmgen.wording import counted
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +46,7 @@ def table(layout: Layout, layouts: Layouts) -> str:
     head = ("offset", "size", "ROS", "IEC 61131-3", "name", "")
     widths = [max(len(line[column]) for line in [head, *lines]) for column in range(5)]
     text = [
-        f"{layout.name}: {layout.size:,} bytes, alignment {layout.align}, digest {layout.digest:016x}",
+        f"{layout.name}: {counted(layout.size, 'byte')}, alignment {layout.align}, digest {layout.digest:016x}",
         f"from {layout.message.origin}; a region of depth 1 takes {region_size(layout.size):,} bytes",
         f"in ROS 2 {hash_of(layout.name, known)}",
         *_place(layout.message),

@@ -8,11 +8,12 @@ for costs nothing at start-up.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING, Protocol
 
 from shmgen.diagnostics import Report
-from shmgen.model import Action, Layouts, Output, RegionOptions, Service, Topic
+from shmgen.model import Action, Layouts, Output, Regions, Service, Topic
+from shmgen.records import dataclass
 
 if TYPE_CHECKING:
     from shmgen.targets.naming import Names
@@ -26,7 +27,7 @@ class Options:
     the graph; `configuration` is the text of shmgen.toml as it is written.
     """
 
-    regions: RegionOptions = field(default_factory=RegionOptions)
+    regions: Regions = field(default_factory=Regions)
     distribution: str = ""
     task_interval: int = 10
     ros_package: str = ""

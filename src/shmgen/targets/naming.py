@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from shmgen.diagnostics import Report, Span
 from shmgen.model import Action, Layout, Layouts, Role, Service, Topic, TypeName
+from shmgen.records import dataclass
 
 
 class Made(NamedTuple):

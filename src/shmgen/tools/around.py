@@ -13,6 +13,7 @@ from shmgen.tools import unfinished
 from shmgen.tools.evidence import own_device, semaphore
 from shmgen.tools.finding import Finding
 from shmgen.tools.leave import join
+from shmgen.wording import counted
 
 
 def of_strays(processes: Processes, names: Collection[str], asked: Collection[str]) -> Iterator[Finding]:
@@ -82,7 +83,7 @@ def of_machine(processes: Processes) -> Iterator[Finding]:
         hint = "to share them start it with `--ipc=host`, or `-v /dev/shm:/dev/shm`"
         yield Finding("", message, hint, "/dev/shm", note=True)
     if processes.hidden and os.geteuid() != 0:
-        message = f"{processes.hidden} processes of other users could not be looked into"
+        message = f"{counted(processes.hidden, 'process')} of other users could not be looked into"
         yield Finding("", message, "`sudo shmgen doctor` sees who maps what", note=True)
 
 

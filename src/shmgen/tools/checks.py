@@ -12,6 +12,7 @@ from shmgen.runtime.names import region_file, semaphore_file
 from shmgen.tools import leave
 from shmgen.tools.evidence import SIZES, Evidence
 from shmgen.tools.finding import Finding
+from shmgen.wording import counted
 
 _ADVICE_CLEAN = "stop both sides, `shmgen clean {topic}`, start them again"
 
@@ -39,7 +40,7 @@ def _layout(seen: Evidence) -> Iterator[Finding]:
     elif layout and (layout.digest, layout.size) != (header.digest, header.payload_size):
         message = (
             f"it has another layout of {header.type_name} than this folder: "
-            f"digest 16#{header.digest:016X}, {header.payload_size} bytes there; {layout}"
+            f"digest 16#{header.digest:016X}, {counted(header.payload_size, 'byte')} there; {layout}"
         )
         hint = "`shmgen generate`, rebuild both sides; " + _ADVICE_CLEAN.format(topic=seen.topic)
         yield Finding(seen.topic, message, hint, file)
@@ -73,9 +74,8 @@ def _semaphore(seen: Evidence) -> Iterator[Finding]:
         )
         yield Finding(seen.topic, message, hint, file, note=not peers)
     elif stat.S_ISREG(now.status.st_mode) and now.status.st_size not in SIZES:
-        message = (
-            f"its semaphore's file has {now.status.st_size} bytes, and a semaphore has 32 (of 32-bit processes 16)"
-        )
+        held = counted(now.status.st_size, "byte")
+        message = f"its semaphore's file has {held}, and a semaphore has 32 (of 32-bit processes 16)"
         yield Finding(seen.topic, message, _ADVICE_CLEAN.format(topic=seen.topic), file)
     elif before and min(before.word or 0, now.word or 0) > 1 and now.bits == 64:
         message = f"its semaphore is {now.word}, so that as many get in at a time"

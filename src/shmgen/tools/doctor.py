@@ -18,6 +18,7 @@ from shmgen.tools import checks, leave
 from shmgen.tools.around import of_machine, of_strays
 from shmgen.tools.evidence import Evidence, Wanted, gather
 from shmgen.tools.finding import Finding, owner
+from shmgen.wording import counted
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,8 +119,8 @@ def _full(topic: str) -> str:
 def _title(seen: Evidence) -> str:
     header = seen.after
     return (
-        f"{seen.topic}  {header.type_name}, depth {depth_of(header)}, {header.completed} samples, "
-        f"{header.size:,} bytes, {owner(seen.status)}"
+        f"{seen.topic}  {header.type_name}, depth {depth_of(header)}, {counted(header.completed, 'sample')}, "
+        f"{counted(header.size, 'byte')}, {owner(seen.status)}"
     )
 
 
@@ -158,4 +159,4 @@ def _shown(findings: Iterator[Finding] | Sequence[Finding]) -> list[str]:
 
 
 def _count(number: int, word: str) -> str:
-    return f"{number or 'no'} {word}{'' if number == 1 else 's'}"
+    return counted(number, word) if number else f"no {word}s"

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from shmgen.live.locked import Known
 from shmgen.live.processes import Processes, bits, called
 from shmgen.live.regions import FOLDER, View, topic_of
-from shmgen.model import RegionOptions
+from shmgen.model import Regions
 from shmgen.runtime import Header
 from shmgen.runtime.access import opened
 from shmgen.runtime.errors import RegionUnusable, ShmError
@@ -55,7 +55,7 @@ class Wanted:
 
     type: str = ""
     depth: int | None = None
-    regions: RegionOptions = field(default_factory=RegionOptions)
+    regions: Regions = field(default_factory=Regions)
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,6 +10,7 @@ from shmgen.live.regions import View, depth_of, missing, sound
 from shmgen.runtime import Message, region_name
 from shmgen.runtime import header as h
 from shmgen.runtime.errors import RegionMissing, RegionUnusable
+from shmgen.wording import counted
 
 POLL = 1e-3
 """Seconds between two looks. A reader that waits would take the wake-up away from the one it is meant for."""
@@ -42,7 +43,7 @@ def samples(topic: str, workshop: Workshop, timeout: float | None, tell: Tell) -
                         time.sleep(POLL)
                 finally:
                     if reader.missed:
-                        tell(f"{topic}: {reader.missed} samples were overwritten before they could be read here")
+                        tell(f"{topic}: {counted(reader.missed, 'sample')} overwritten before they could be read here")
         tell(f"{topic}: the region was removed; waiting for a new one")
 
 

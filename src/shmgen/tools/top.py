@@ -45,12 +45,16 @@ class Row:
 
 COLUMNS = tuple(Row.__dataclass_fields__)
 _TEXTS = ("topic", "type", "writer")
+_WIDTHS = {"rate": len("1000.0/s"), "age": len("999.9 ms"), "lock": len("1000.0/s")}
+"""Characters of what is mostly seen."""
 _NARROWEST = 8
 """Characters left of a text in the narrowest table."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Look:
+    """What there was at `when`, by the monotonic clock."""
+
     when: float
     header: h.Header
     inode: int
@@ -89,14 +93,20 @@ def ordered(rows: Sequence[Row], column: str, reverse: bool) -> list[Row]:
     return known + [row for row in rows if getattr(row, column) is None]
 
 
-def table(rows: Sequence[Row], sorted_by: str = "", width: int | None = None) -> list[str]:
+def table(
+    rows: Sequence[Row], sorted_by: str = "", width: int | None = None, widths_before: dict[str, int] | None = None
+) -> list[str]:
     """Lines of aligned columns, the titles first; the column sorted by carries a `*`.
 
-    To fit `width` the texts lose their ends, the topic last, for the numbers are what one looks for.
+    To fit `width` the texts lose their ends, the topic last, for the numbers are what one looks for. No column
+    becomes narrower than in the tables before, whose widths are remembered in `widths_before`: nothing jumps.
     """
-    titles = [f"{name.upper()}{'*' if name == sorted_by else ''}" for name in COLUMNS]
+    titles = [f"{name.upper()}{'*' if name == sorted_by else ' '}" for name in COLUMNS]
     cells = [titles, *([_cell(name, getattr(row, name)) for name in COLUMNS] for row in rows)]
-    widths = [max(len(line[column]) for line in cells) for column in range(len(COLUMNS))]
+    before = _WIDTHS if widths_before is None else _WIDTHS | widths_before
+    widths = [max(before.get(name, 0), *(len(line[column]) for line in cells)) for column, name in enumerate(COLUMNS)]
+    if widths_before is not None:
+        widths_before.update(zip(COLUMNS, widths, strict=True))
     while width is not None and sum(widths) + 2 * len(widths) - 2 > width:
         topic, *others = (COLUMNS.index(name) for name in _TEXTS)
         widest = max(others, key=lambda column: widths[column])

@@ -27,6 +27,7 @@ from shmgen.targets.c import region
 from shmgen.targets.c.names import NAMES as NAMES
 from shmgen.targets.c.names import c_member, header, macro, struct_name
 from shmgen.targets.counts import bound, counts, holds_counts
+from shmgen.wording import counted
 
 _TYPES = {
     Scalar.BOOL: "uint8_t",
@@ -63,6 +64,7 @@ class Header(NamedTuple):
     doc: tuple[str, ...]
     struct: str
     size: str
+    bytes: str
     digest: str
     defines: tuple[Define, ...]
     members: tuple[Member, ...]
@@ -86,6 +88,7 @@ def _header(layout: Layout, layouts: Layouts, package: str) -> Header:
         doc=tuple(_in_comment(layout.message.doc).splitlines()),
         struct=struct,
         size=str(layout.size),
+        bytes=counted(layout.size, "byte"),
         digest=f"{layout.digest:016x}",
         defines=tuple(
             Define(

@@ -7,6 +7,7 @@ Both are here: the structured one is what the target st planned, the text is wha
 
 from __future__ import annotations
 
+import functools
 import html
 import re
 from collections.abc import Iterable, Iterator
@@ -42,7 +43,7 @@ class Variable(NamedTuple):
 
 
 class Section(NamedTuple):
-    """`tag` is inputVars and so on."""
+    """Of a unit; `tag` is inputVars and so on. Data types and lists have one, without a tag, for their variables."""
 
     tag: str
     constant: str
@@ -64,10 +65,11 @@ class Head(NamedTuple):
 
 
 class DataType(NamedTuple):
-    """A structure, or an enumeration over the type `base`."""
+    """A structure, or an enumeration over the type `base` with its `values`."""
 
     head: Head
-    members: tuple[Variable, ...]
+    sections: tuple[Section, ...]
+    values: tuple[Variable, ...]
     is_enum: bool
     base: str
     initial: str
@@ -78,7 +80,7 @@ class GlobalList(NamedTuple):
 
     head: Head
     constant: str
-    variables: tuple[Variable, ...]
+    sections: tuple[Section, ...]
 
 
 class Unit(NamedTuple):
@@ -144,9 +146,11 @@ def _object(printed: Printed) -> objects.DataType | objects.GlobalList | objects
 
 
 def _data_type(found: objects.DataType, text: str) -> DataType:
+    members = _variables(found.members)
     return DataType(
         _head(found.name, found.head, text),
-        _variables(found.members),
+        (Section("", "", members),),
+        members,
         is_enum=bool(found.base),
         base=_type(found.base) if found.base else "",
         initial=_text(found.initial),
@@ -154,8 +158,9 @@ def _data_type(found: objects.DataType, text: str) -> DataType:
 
 
 def _list(found: objects.GlobalList, text: str) -> GlobalList:
-    section = found.variables
-    return GlobalList(_head(found.name, found.head, text), _bool(section.constant), _variables(section.variables))
+    constant = _bool(found.variables.constant)
+    section = Section("", constant, _variables(found.variables.variables))
+    return GlobalList(_head(found.name, found.head, text), constant, (section,))
 
 
 _KINDS = {"FUNCTION_BLOCK": "functionBlock", "PROGRAM": "program", "METHOD": ""}
@@ -205,6 +210,7 @@ _STRING = re.compile(r"(W?STRING)\((\d+)\)")
 _ARRAY = re.compile(r"ARRAY\[(\d+)\.\.(\d+)\] OF (.+)")
 
 
+@functools.cache
 def _type(spelled: str) -> str:
     """`ARRAY[0..2] OF LREAL` as PLCopen spells it."""
     if array := _ARRAY.fullmatch(spelled):
@@ -231,6 +237,7 @@ def _bool(value: bool) -> str:
     return "true" if value else "false"
 
 
+@functools.lru_cache(4096)  # most names and comments are those of many blocks
 def _text(text: str) -> str:
     """For an element or an attribute. XML 1.0 has no way to write most control characters; Structured Text has none."""
     assert text.isascii(), "generated Structured Text is ASCII"

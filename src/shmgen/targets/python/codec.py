@@ -8,10 +8,11 @@ cost more than a second Struct (over 512 bytes), a second one begins.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from itertools import groupby
 
 from shmgen.model import Clock, Layout, Layouts, Ref, Role, Scalar, Slot, String, TypeName, TypeOptions, assert_never
+from shmgen.records import dataclass
 from shmgen.targets.python.names import python_member
 
 WIDEST_GAP = 512

@@ -18,7 +18,7 @@ def python_member(name: str) -> str:
 
 def python_class(name: TypeName) -> str:
     """`Pose`; a ROS 1 message `struct` -> `struct_`, because a module refers to Python's own."""
-    return name.name + "_" if name.name in PYTHON_RESERVED | PYTHON_USED else name.name
+    return name.name + "_" if name.name in PYTHON_RESERVED or name.name in PYTHON_USED else name.name
 
 
 def module(name: TypeName) -> str:

@@ -7,13 +7,14 @@ from itertools import groupby
 from typing import NamedTuple
 
 from shmgen.diagnostics import Report
-from shmgen.model import Layout, Layouts, Output, Ref, RegionOptions, Role, TypeName
+from shmgen.model import Layout, Layouts, Output, Ref, Regions, Role, TypeName
 from shmgen.targets import Job
 from shmgen.targets.python import codec, interfaces, project
 from shmgen.targets.python.members import Row, annotation, ctype, descriptor, hiding, is_shown, stored_name
 from shmgen.targets.python.names import NAMES as NAMES
 from shmgen.targets.python.names import PYTHON_USED, classes, module, python_class, python_member
 from shmgen.targets.python.text import documentation, import_lines, in_docstring, literal, sort_key
+from shmgen.wording import counted
 
 
 class Module(NamedTuple):
@@ -85,7 +86,7 @@ def _package(ros_package: str, kind: str, layouts: list[Layout]) -> Package:
     return Package(f"Messages of {ros_package}/{kind} in shared memory", imports, tuple(names))
 
 
-def _spelled(regions: RegionOptions) -> str:
+def _spelled(regions: Regions) -> str:
     """The call that makes them; nothing where shmgen.toml says nothing."""
     said = [] if regions.mode is None else [f"mode=0o{regions.mode:o}"]
     said += [f"group={literal(regions.group)}"] if regions.group else []
@@ -116,7 +117,7 @@ def _module(layout: Layout, layouts: Layouts, regions: str) -> Module:
     return Module(
         title=str(layout.name),
         origin=in_docstring(message.origin),
-        size=f"{layout.size:,}",
+        size=counted(layout.size, "byte"),
         digest=f"{layout.digest:016x}",
         digest_literal=f"0x{layout.digest:016X}",
         regions=regions,

@@ -29,8 +29,13 @@ def documentation(message: Message) -> Iterator[str]:
 
 def in_docstring(text: str) -> str:
     """Text that cannot end the docstring it stands in, nor begin an escape."""
-    cleaned = "".join(char if char == "\n" or char.isprintable() else " " for char in text)
+    lines = text.split("\n")
+    cleaned = "\n".join(line if line.isprintable() else "".join(map(_printable, line)) for line in lines)
     return cleaned.replace("\\", "\\\\").replace('"', '\\"' if '"""' in cleaned or cleaned.endswith('"') else '"')
+
+
+def _printable(char: str) -> str:
+    return char if char.isprintable() else " "
 
 
 def literal(value: Default) -> str:

@@ -114,7 +114,7 @@ def _st(prefix: str, name: TypeName) -> str:
 
 
 def _single_underscores(name: str) -> str:
-    return re.sub("__+", "_", name)
+    return re.sub("__+", "_", name) if "__" in name else name
 
 
 _ELEMENTARY_TYPES = words("""

@@ -27,6 +27,7 @@ from shmgen.targets.st import calls, common, counts, names, program
 from shmgen.targets.st.names import NAMES as NAMES
 from shmgen.targets.st.objects import Attribute, DataType, Dut, GlobalList, Gvl, Head, Line, Variable, Variables
 from shmgen.targets.st.text import MADE, WIDTH, ascii_text, comment_lines, literal, uncommented
+from shmgen.wording import counted
 
 _WIDEST_COLUMN = 56
 """Where comments begin at the latest; a longer declaration pushes only its own."""
@@ -97,7 +98,7 @@ def _pair(layout: Layout, layouts: Layouts) -> Iterator[Output]:
 
 
 def _doc(layout: Layout) -> Iterator[str]:
-    yield f"// {layout.name}: {layout.size} bytes, layout digest 16#{layout.digest:016X}"
+    yield f"// {layout.name}: {counted(layout.size, 'byte')}, layout digest 16#{layout.digest:016X}"
     yield f"// Made by shmgen from {ascii_text(layout.message.origin)}; changes made here are lost."
     if layout.message.doc:
         yield "//"

@@ -32,7 +32,7 @@ def ascii_text(text: str) -> str:
     A letter loses its accent, a common sign is spelled (`±` is `+/-`), what has no likeness becomes `<U+03B1>`,
     and a control character becomes a blank.
     """
-    plain = "".join(_ascii(char) for char in text)
+    plain = text if text.isascii() and text.isprintable() else "".join(map(_ascii, text))
     return re.sub(r"\((?=\*)|\*(?=\))", lambda found: found[0] + " ", plain).rstrip()
 
 

@@ -38,13 +38,13 @@ extern "C" {
 #define SHMGEN_REPAIR_LOCK 1              /* the byte under one while the header is written or a lock is healed */
 #define SHMGEN_RETRY_MS 500               /* a PLC tries again to open what could not be opened */
 #define SHMGEN_CLAIM_MS 1000              /* a writer whose heartbeat stands still for so long is gone */
+#define SHMGEN_CONFIRM_MS 100             /* a name put into `writer` that still stands after it is a claim */
 #define SHMGEN_HEAL_MS 1000               /* a lock that nobody has passed for so long is stuck */
 #define SHMGEN_DEAD_MS 50                 /* the same, if its holder is a process that is no more */
 #define SHMGEN_LOCK_MS 10                 /* a wait for the lock, unless told otherwise */
 #define SHMGEN_WAKE_MS 10                 /* the longest single wait for the event: what a lost wake-up costs */
 #define SHMGEN_POLL_MS 1                  /* between two looks where there is no event, or another reader has it */
 #define SHMGEN_SIGN_MS 50                 /* a server that waits counts its heartbeat up so often at least */
-#define SHMGEN_PLC_WATCH_MS 100           /* a PLC that runs has counted its heartbeat up: ten cycles of 10 ms */
 #define SHMGEN_PEER_MS 100                /* a peer between two system calls has made the second, or is dead */
 
 /* A time or duration where shmgen.toml says time = "struct". */

@@ -11,6 +11,7 @@ import re
 
 from shmgen.definitions.tokens import Dialect, Token, shown
 from shmgen.model import Array, Clock, Default, Element, FieldType, Ref, Scalar, Sequence, String, Value, assert_never
+from shmgen.wording import counted
 
 
 def read_default(rest: Token, type: FieldType) -> tuple[Default, Token]:
@@ -23,9 +24,9 @@ def read_default(rest: Token, type: FieldType) -> tuple[Default, Token]:
     written = rest.part(0, listed.end())
     elements = _elements(written)
     if isinstance(type, Array) and len(elements) != type.length:
-        raise written.wrong("SHM006", f"{len(elements)} elements, where exactly {type.length} belong")
+        raise written.wrong("SHM006", f"{counted(len(elements), 'element')}, where exactly {type.length} belong")
     if isinstance(type, Sequence) and type.capacity is not None and len(elements) > type.capacity:
-        raise written.wrong("SHM006", f"{len(elements)} elements, where at most {type.capacity} belong")
+        raise written.wrong("SHM006", f"{counted(len(elements), 'element')}, where at most {type.capacity} belong")
     return tuple(_value(element, type.element) for element in elements), rest.part(listed.end())
 
 
@@ -135,7 +136,7 @@ def _string(written: Token, type: String) -> str:
         text = _ESCAPE.sub(lambda escape: _ESCAPED.get(escape[1], escape[0]), text[1:-1])
     size = len(text.encode("utf-16-le")) // 2 if type.wide else len(text.encode())
     if type.capacity is not None and size > type.capacity:
-        raise written.wrong("SHM005", f"{size} characters, where at most {type.capacity} fit")
+        raise written.wrong("SHM005", f"{counted(size, 'character')}, where at most {type.capacity} fit")
     return text
 
 
