@@ -246,10 +246,7 @@ def test_a_call_waits_until_the_service_is_open(calls: Calls, topic: str) -> Non
     client = ready(calls.client(topic, tTimeout=2 * CLAIM))
     begin(client, 1)
     take_over(client)
-    assert (state(client()), client.udiCall) == (
-        "xBusy",
-        1 + 2,
-    )  # the number that the other may still use is left to it
+    assert (state(client()), client.udiCall) == ("xBusy", 1 + 2)  # the other may still use 1 and 2
 
 
 def test_what_cannot_be_opened(calls: Calls, topic: str) -> None:
@@ -299,8 +296,8 @@ def test_disabled_it_is_as_new(calls: Calls, topic: str) -> None:
     server(xEnable=False)
     assert (state(client), server.xExecute, server.xBusy, server.xError) == ("", False, False, False)
     assert Memory(topic, "-request")["writer"] == Memory(topic, "-response")["writer"] == 0
-    ready(server(xEnable=True))
-    ready(client(xEnable=True))  # xExecute is still TRUE, which is an edge now
+    server.xEnable = client.xEnable = True
+    ready(server), ready(client)  # xExecute is still TRUE, which is an edge now
     assert (server().xExecute, server.udiCall, state(client)) == (True, 2, "xBusy")
 
 

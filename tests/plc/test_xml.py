@@ -10,6 +10,7 @@ from shmgen.model import TypeName
 from tests.softplc import compile_st
 
 from ..support.build import classes, put
+from ..support.plc_demo import ready
 from ..support.plcopen import imported
 
 
@@ -31,6 +32,6 @@ def test_a_message_crosses_both_ways(tmp_path: Path, topic: str) -> None:
         answer.header.frame_id = received.header.frame_id
         answer.orientation.w = received.orientation.w
         answer.linear_acceleration_covariance[8] = received.linear_acceleration_covariance[8]
-        publisher(xEnable=True, sTopic=f"{topic}/back")
-        assert publisher.xSent
+        publisher.xEnable, publisher.sTopic = True, f"{topic}/back"
+        assert ready(publisher).xSent
         assert reader.read() == sent

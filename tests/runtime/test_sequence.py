@@ -102,9 +102,7 @@ class Made(NamedTuple):
 def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     folder = tmp_path_factory.mktemp("sequence")
     put({"sequence_msgs/msg/Block.msg": f"uint32[{SIZE}] data\n"}, folder / "definitions")
-    config = Config(
-        folder, path=(folder / "definitions",), package="shm_sequence", regions=Regions(sync="sequence")
-    )
+    config = Config(folder, path=(folder / "definitions",), package="shm_sequence", regions=Regions(sync="sequence"))
     texts = pipeline.generate(config, ["sequence_msgs/Block"])
     put(texts, folder)
     plc = compile_st({path: text for path, text in texts.items() if path.endswith(".st")}, folder / "plc")
@@ -193,7 +191,9 @@ def test_32_bits_write_and_python_reads(made: Made, peer: list[str], topic: str)
 def test_32_bits_and_the_plc(made: Made, peer: list[str], topic: str) -> None:
     block = made.plc.block("FB_sequence_msgs_Block_Publisher")
     inputs = {"xEnable": True, "sTopic": topic}
-    assert block(**inputs, xSend=False).eErrorID == "NO_ERROR"
+    while not block(**inputs, xSend=False)._fbRegion.xReady:
+        assert block.eErrorID == "NO_ERROR"
+        time.sleep(0.01)
     reader = Peer(peer, "r", topic)
     for number in until(SECONDS / 2):
         fill(block.Msg._address, number)

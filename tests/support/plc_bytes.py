@@ -21,6 +21,7 @@ from tests.definitions.test_corpus import NEEDS_IDL, REJECTED
 from tests.softplc import Plc, compile_st, iec
 
 from .build import classes, put
+from .plc_demo import CLAIM, ready
 from .plcopen import imported
 from .schemas import arriving, plain, random_message
 
@@ -151,8 +152,11 @@ def echo(plc: Plc, name: TypeName, kinds: tuple[Any, Any, Any], topic: str, mess
     """What Python reads of the answer, and the answer's bytes."""
     _, publisher_kind, subscriber_kind = kinds
     with publisher_kind(f"{topic}/to") as publisher, subscriber_kind(f"{topic}/from") as subscriber:
+        block = plc.block(f"{st_names.st_type(name)}_Echo")
+        block.sFrom, block.sTo = f"{topic}/to", f"{topic}/from"
+        ready(block, CLAIM)
         publisher.publish(message)
-        block = plc.block(f"{st_names.st_type(name)}_Echo")(sFrom=f"{topic}/to", sTo=f"{topic}/from")
+        block()
         assert (block.fbIn.eErrorID, block.fbOut.eErrorID) == ("NO_ERROR", "NO_ERROR"), name
         answer = subscriber.read()
         assert answer is not None, name

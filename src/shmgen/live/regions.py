@@ -14,6 +14,7 @@ from shmgen.runtime import header as h
 from shmgen.runtime import read_header, region_name
 from shmgen.runtime.access import opened
 from shmgen.runtime.errors import RegionMissing, RegionUnusable, ShmError
+from shmgen.runtime.holders import holder
 from shmgen.runtime.names import HALVES, region_file, semaphore_file
 from shmgen.runtime.region import WRITER_LOCK
 from shmgen.wording import counted
@@ -54,6 +55,10 @@ class View:
         lock = _FLOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, WRITER_LOCK, 1, 0)
         kind, *_ = _FLOCK.unpack(fcntl.fcntl(self._file.fileno(), fcntl.F_OFD_GETLK, lock))
         return bool(kind != fcntl.F_UNLCK)
+
+    def writer(self, said: int) -> int:
+        """The process that holds it; `said`, what stands in the header, where this user cannot see."""
+        return holder(self._file.fileno(), WRITER_LOCK, said) or said
 
     @property
     def status(self) -> os.stat_result:

@@ -55,10 +55,10 @@ def claim(region: Region) -> Claim:
 
 def writer(region: Region) -> str:
     """Who writes, for people."""
-    if region.byte_is_locked(WRITER_LOCK):
-        pid = holder(region.file, WRITER_LOCK)
-        return f"process {pid}" if pid else "a process of another user or container"
     said = region.words[h.WRITER]
+    if region.byte_is_locked(WRITER_LOCK):
+        pid = holder(region.file, WRITER_LOCK, said)
+        return f"process {pid}" if pid else f"process {said} of another user or container"
     return "a PLC" if said == h.PLC else f"process {said}"
 
 

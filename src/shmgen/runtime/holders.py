@@ -7,13 +7,15 @@ from collections.abc import Iterator
 from contextlib import suppress
 
 
-def holder(file: int, byte: int) -> int | None:
+def holder(file: int, byte: int, said: int) -> int | None:
     """The process that holds the lock on `byte` of the file behind descriptor `file`, by what /proc tells this user.
 
-    None: nobody, or a process of another user or of another container. A process that only has the file open from
-    one that has locked it (a child forked by a program other than Python) counts as a holder, for it is one.
+    None: nobody, or a process of another user or of another container. A process that has inherited the open file
+    from the one that locked it (a child of a fork that Python was not told of) holds it as well: `said`, the one that
+    has left its name, goes before others.
     """
-    return next(_holders(os.fstat(file), byte), None)
+    found = list(_holders(os.fstat(file), byte))
+    return said if said in found else next(iter(found), None)
 
 
 def _holders(file: os.stat_result, byte: int) -> Iterator[int]:

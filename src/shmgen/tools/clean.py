@@ -43,7 +43,8 @@ def in_use(topic: str, processes: Processes) -> str:
         with View(name) as view:
             header = view.header()
             if view.claimed():
-                return f"process {header.writer} {_named(header.writer)}publishes on it"
+                writer = view.writer(header.writer)
+                return f"process {writer} {_named(writer)}publishes on it"
             if header.writer == h.PLC and _beats(view, header.heartbeat):
                 return "a PLC publishes on it"
     except RegionMissing:

@@ -89,7 +89,7 @@ def plain(report: Examination) -> dict[str, Any]:
                 "group": seen.status.st_gid,
                 "mode": f"{seen.status.st_mode & 0o7777:o}",
                 "writer": _writer(seen),
-                "writer_pid": seen.after.writer if seen.claimed else None,
+                "writer_pid": seen.writer if seen.claimed else None,
                 "semaphore": seen.semaphores[1].word if seen.semaphores[1] else None,
                 "recoveries": seen.after.recoveries,
                 "processes": [asdict(peer) for peer in seen.peers],
@@ -126,7 +126,7 @@ def _title(seen: Evidence) -> str:
 
 def _state(seen: Evidence) -> Iterator[str]:
     yield f"writer: {_writer(seen)}"
-    others = [str(peer) for peer in seen.peers if not (seen.claimed and peer.pid == seen.after.writer)]
+    others = [str(peer) for peer in seen.peers if not (seen.claimed and peer.pid == seen.writer)]
     if others:
         yield f"open in: {', '.join(others)}"
     lock = seen.semaphores[1]
@@ -140,7 +140,7 @@ def _state(seen: Evidence) -> Iterator[str]:
 
 
 def _writer(seen: Evidence) -> str:
-    writer = seen.after.writer
+    writer = seen.writer
     if seen.claimed:
         return f"process {writer} ({called(writer) or 'of another pid namespace'}), alive"
     if writer == h.PLC:

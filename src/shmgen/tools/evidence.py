@@ -69,6 +69,8 @@ class Evidence:
     semaphores: tuple[Semaphore | None, Semaphore | None]
     seconds: float
     claimed: bool
+    """A process publishes: `writer`, by the record lock; else that is who has left its name there."""
+    writer: int
     peers: tuple[Peer, ...]
     wanted: Wanted
     layout: Known | None
@@ -99,10 +101,11 @@ def gather(
                 name=view.name,
                 status=view.status,
                 before=header,
-                after=view.header(),
+                after=(after := view.header()),
                 semaphores=(lock, semaphore(view.name)),
                 seconds=seconds,
-                claimed=view.claimed(),
+                claimed=(claimed := view.claimed()),
+                writer=view.writer(after.writer) if claimed else after.writer,
                 peers=_peers(view, processes),
                 wanted=topics.get(topic_of(view.name), Wanted()),
                 layout=layouts.get(header.type_name),
