@@ -42,7 +42,7 @@ def test_no_descriptors_left(topic):
         with suppress(OSError):
             while True:
                 taken.append(os.open("/dev/null", os.O_RDONLY))
-        for _ in range(20):
+        for spare in range(20):  # noqa: B007 used behind it
             try:
                 PosePublisher(topic).close()
                 break
