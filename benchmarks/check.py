@@ -1,7 +1,7 @@
 """Times `shmgen check` of 200 messages with nothing to find: against a bare Python start, and against generating them.
 
-All are run in turn, and the medians are compared. Wanted: at most 6x the start, under a tenth of generating. The first
-check of a folder, and one after a change, is made in full; that is the third line.
+All are run in turn; a ratio is the median of those of the runs beside each other. Wanted: at most 4x the start, and
+under a tenth of generating. The first check of a folder, and one after a change, is made in full: at most 35x.
 """
 
 from __future__ import annotations
@@ -46,11 +46,12 @@ def main() -> None:
         medians = {key: statistics.median(found) for key, found in times.items()}
         files = sum(path.is_file() for path in (work / "generated").rglob("*"))
         print(f"{MESSAGES} messages, {files} generated files")
-        floor = medians["bare python start"]
-        for key, median in medians.items():
-            print(f"{key:<26}{median * 1e3:8.1f} ms  {median / floor:6.1f}x")
-        check = medians["check, clean before"]
-        print(f"wanted: check at most 6x; {check / medians['generate, all anew']:.2f} of generating (under 0.10)")
+        floors = times["bare python start"]
+        for key, found in times.items():
+            ratio = statistics.median(one / floor for one, floor in zip(found, floors, strict=True))
+            print(f"{key:<26}{medians[key] * 1e3:8.1f} ms  {ratio:6.1f}x")
+        share = medians["check, clean before"] / medians["generate, all anew"]
+        print(f"wanted: at most 4x for the second line, 35x for the third; {share:.2f} of generating (under 0.10)")
 
 
 def workspace(folder: Path) -> Path:

@@ -29,9 +29,10 @@ from typing import Any
 
 from shmgen import pipeline
 from shmgen.config import Config
+from shmgen.live import processes
 from shmgen.model import TypeName
 from shmgen.runtime import LockTimeout, RegionMissing, read_header, region_name
-from shmgen.tools import clean, processes, unfinished
+from shmgen.tools import clean, unfinished
 
 from . import chaos_faults
 from .chaos_faults import Wrapped, swap
@@ -178,10 +179,13 @@ class Halves(Wrapped):
 def plc_write(stage: Stage, place: int, rng: random.Random) -> None:
     block = stage.plc.block(f"FB_chaos_msgs_{stage.kind}_Publisher")
     size = ctypes.sizeof(stage.kinds[0])
+    region = block._fbRegion
     while True:
-        sample = stage.sample(_completed(stage) + 1)
-        ctypes.memmove(block.Msg._address, ctypes.addressof(sample), size)
-        block(xEnable=True, sTopic=stage.topic, udiDepth=stage.depth)
+        ready = region.xReady  # only then its next number is known: after a change of writers some are left out
+        if ready:
+            sample = stage.sample(region._udiLast + 1)
+            ctypes.memmove(block.Msg._address, ctypes.addressof(sample), size)
+        block(xEnable=True, xSend=ready, sTopic=stage.topic, udiDepth=stage.depth)
         stage.moves[place] += block.xSent
         time.sleep(0.0002)
 

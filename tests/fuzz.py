@@ -14,7 +14,7 @@ import atheris
 
 with atheris.instrument_imports(include=["shmgen"]):
     from shmgen import pipeline  # noqa: F401
-    from shmgen.targets import st  # noqa: F401
+    from shmgen.targets.st import target as st  # noqa: F401
 
 from tests.conftest import REPOSITORY, SHARED
 from tests.support.definitions import KINDS, SOURCES, TOKENS, Fuzzed, generated, read

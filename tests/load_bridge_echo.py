@@ -13,7 +13,8 @@ from pathlib import Path
 
 from shmgen.config import load
 from shmgen.diagnostics import Report
-from shmgen.tools.classes import generated, publisher, subscriber
+from shmgen.live.classes import publisher, subscriber
+from shmgen.live.session import Session
 
 TYPE = "geometry_msgs/PoseStamped"
 
@@ -21,7 +22,7 @@ TYPE = "geometry_msgs/PoseStamped"
 def main(config: str, space: str) -> None:
     """A thread for each topic, asleep until there is something."""
     loaded = load(Path(config), config, Report())
-    kind = generated(loaded, [TYPE])["geometry_msgs/msg/PoseStamped"]
+    kind = Session(loaded).classes([TYPE])["geometry_msgs/msg/PoseStamped"]
     stopping = threading.Event()
     missed: list[int] = []
 

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from .conftest import REPOSITORY
+from .drift.test_check import write
 from .support.command import tree
-from .test_check import write
 
 ROBOT = """# Everything that has a text of its own. °µ
 float64 PI=3.14159

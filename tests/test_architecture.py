@@ -18,62 +18,40 @@ from .conftest import REPOSITORY
 SOURCE = REPOSITORY / "src" / "shmgen"
 TEMPLATES = sorted((REPOSITORY / "templates").rglob("*.j2"))
 
-# Stage -> what of shmgen it may import. `model` and `diagnostics` are the words all stages share.
-WORDS = {"diagnostics", "model"}
+# Room -> what of shmgen it may import. `model` and `diagnostics` are the words all rooms share, made with `records`.
+WORDS = {"diagnostics", "model", "records", "wording"}
 ARROWS = {
-    "diagnostics": set(),
-    "model": {"diagnostics"},
+    "abi": set(),
+    "records": set(),
+    "diagnostics": {"records"},
+    "model": {"diagnostics", "records"},
     "cache": set(),
+    "wording": set(),
+    "toml": set(),
     "definitions": WORDS | {"definitions", "cache"},
     "bounds": WORDS,
-    "layout": WORDS,
-    "drift": WORDS,
-    "targets": WORDS | {"targets"},
-    "config_reader": {"diagnostics"},
-    "config_bridge": {"config_reader"},
-    "config_entries": {"config_bridge", "config_reader", "diagnostics"},
-    "config": WORDS | {"bounds", "config_bridge", "config_entries", "config_reader"},
+    "layout": WORDS | {"abi"},
+    "config": WORDS | {"abi", "bounds", "config", "targets", "toml"},
+    "targets": WORDS | {"abi", "targets"},
     "render": {"model", "cache"},
-    "write": {"diagnostics"},
-    "pipeline": WORDS | {"definitions", "bounds", "layout", "drift", "targets", "config", "config_entries", "render"},
-    "show": WORDS | {"layout", "pipeline", "targets"},
-    "memory_map": WORDS | {"show"},
-    "options": WORDS | {"config"},
-    "asked": WORDS | {"config", "config_reader", "drift", "pipeline"},
-    "findings": {"diagnostics"},
-    "compare": {"diagnostics", "drift", "findings"},
-    "check": {"compare", "diagnostics", "drift", "findings", "write"},
-    "revisions": {"diagnostics", "drift"},
-    "start": {"config", "definitions", "diagnostics", "pipeline"},
-    "verdict": {"cache"},
-    "drift_cli": WORDS
-    | {"asked", "check", "compare", "config", "findings", "options", "revisions", "start", "verdict"},
+    "write": {"diagnostics", "records"},
+    "type_hash": {"model"},
+    "drift": WORDS | {"cache", "drift", "toml", "type_hash", "write"},
+    "resolve": WORDS | {"config", "targets"},
+    "pipeline": WORDS | {"bounds", "config", "definitions", "drift", "layout", "render", "resolve", "targets"},
+    "show": WORDS | {"layout", "pipeline", "show", "targets", "type_hash"},
+    "runtime": {"abi", "runtime", "wording"},
+    "live": WORDS | {"bounds", "config", "definitions", "live", "pipeline", "runtime", "toml"},
+    "tools": WORDS | {"config", "live", "runtime", "targets", "tools"},
+    "bridge": WORDS | {"bridge", "config", "live", "pipeline", "resolve", "runtime", "targets", "type_hash"},
     "cli": WORDS
-    | {
-        "",
-        "asked",
-        "bridge_cli",
-        "config",
-        "drift",
-        "drift_cli",
-        "live_cli",
-        "memory_map",
-        "options",
-        "pipeline",
-        "render",
-        "show",
-    }
-    | {"write"},
-    "bridge_cli": {"bridge", "config_bridge", "options", "runtime"},
-    "live_cli": {"options", "runtime", "tools"},
-    "bridge": WORDS | {"bridge", "config", "config_entries", "pipeline", "runtime", "targets", "tools"},
-    "tools": WORDS | {"bounds", "config", "pipeline", "runtime", "targets", "tools"},
-    "runtime": {"runtime"},
+    | {"", "bridge", "cache", "cli", "config", "definitions", "drift", "live", "pipeline", "render", "runtime"}
+    | {"show", "targets", "tools", "write"},
     "__init__": set(),
-    "__main__": {"cli", "verdict"},
+    "__main__": {"cli", "drift"},
 }
 ONLY_IN = {
-    "click": {"bridge_cli", "cli", "drift_cli", "live_cli", "options"},
+    "click": {"cli"},
     "jinja2": {"render"},
     "rosbags": {"bridge", "definitions"},
     "rosidl_parser": {"definitions"},
@@ -81,7 +59,6 @@ ONLY_IN = {
     "ruamel": {"tools"},
     "rospy": {"bridge"},
     "rclpy": {"bridge"},
-    "rosidl_runtime_py": {"bridge"},
     "genpy": {"bridge"},
     "cyclonedds": {"bridge"},
 }
@@ -114,6 +91,13 @@ def test_imports_follow_the_arrows(path: Path) -> None:
             assert other in ARROWS[stage(path)], f"{stage(path)} imports {name}"
         elif first in ONLY_IN:
             assert stage(path) in ONLY_IN[first], f"{stage(path)} imports {name}"
+
+
+def test_the_configuration_loads_no_target() -> None:
+    """It takes the keys of targets from the one tuple, and knows no more of them."""
+    code = "import sys, shmgen.config; print(*[name for name in sys.modules if name.startswith('shmgen.targets')])"
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert done.stdout.split() == ["shmgen.targets"]
 
 
 def test_runtime_loads_only_the_standard_library_and_posix_ipc() -> None:

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from .conftest import REPOSITORY
+from .drift.test_check import ARM, ROBOT, SETTINGS, write
 from .support.command import run
-from .test_check import ARM, ROBOT, SETTINGS, write
 
 CMAKE = """cmake_minimum_required(VERSION 3.16)
 project(robot_shm C)
@@ -61,7 +61,7 @@ def test_cmake_generates_when_a_definition_changes(tmp_path: Path) -> None:
         return int(subprocess.run([build / "size"], capture_output=True, check=True).stdout)
 
     install = tmp_path / "installed"
-    where = [f"-Dshmgen_DIR={REPOSITORY / 'cmake'}", f"-DCMAKE_INSTALL_PREFIX={install}"]
+    where = [f"-Dshmgen_DIR={REPOSITORY / 'src' / 'shmgen' / 'cmake'}", f"-DCMAKE_INSTALL_PREFIX={install}"]
     cmake("-S", source, "-B", build, *where)
     assert "shmgen generate robot_messages" in cmake("--build", build)
     before = size()

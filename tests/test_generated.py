@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+
 from shmgen import config, pipeline
 from shmgen.diagnostics import Report
 
@@ -20,12 +24,26 @@ def test_generated_is_up_to_date() -> None:
 
 
 def test_the_pictures_are_up_to_date() -> None:
-    from shmgen import memory_map
     from shmgen.model import TypeName
     from shmgen.render import render
+    from shmgen.show import memory_map
 
     settings = config.load(REPOSITORY / "shmgen.toml", "shmgen.toml", Report())
     name = TypeName("sensor_msgs", "msg", "BatteryState")
     layouts = pipeline.lay_out(settings, [str(name)])
     (drawing,) = render([memory_map.plan(layouts[name], layouts)]).values()
     assert (REPOSITORY / "docs" / "memory_map.svg").read_text() == drawing, "run `make generated`"
+
+
+def test_no_version_of_python_warns_of_generated_code() -> None:
+    """From 3.14 on ctypes warns of a `_pack_` without a `_layout_`, which 3.19 will refuse."""
+    folder = REPOSITORY / "generated" / "python"
+    modules = [path.relative_to(folder).with_suffix("") for path in folder.rglob("_*.py")]
+    code = f"import {', '.join('.'.join(module.parts).removesuffix('.__init__') for module in modules)}\n" + (
+        "from shmgen.runtime import Message\n"
+        "assert all((kind._pack_, kind._layout_) == (1, 'ms') for kind in Message.__subclasses__())\n"
+        "print(len(Message.__subclasses__()))\n"
+    )
+    command = [sys.executable, "-W", "error", "-c", code]
+    done = subprocess.run(command, env=os.environ | {"PYTHONPATH": str(folder)}, capture_output=True, text=True)
+    assert (done.stderr, int(done.stdout or 0) > 10) == ("", True)

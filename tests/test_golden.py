@@ -28,7 +28,11 @@ def test_generated_is_as_expected(case: Path, update_golden: bool) -> None:
     if update_golden:
         shutil.rmtree(expected, ignore_errors=True)
         put(texts, expected)
-    files = {str(path.relative_to(expected)): path for path in expected.rglob("*") if path.is_file()}
+    files = {
+        str(path.relative_to(expected)): path
+        for path in expected.rglob("*")
+        if path.is_file() and path.parent.name != "__pycache__"
+    }
     assert sorted(files) == sorted(texts)
     for path, text in texts.items():
         assert files[path].read_bytes().decode() == text, f"{case.name}: {path}"

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from shmgen.diagnostics import Span
+from shmgen.diagnostics import Rejected, Span
 from shmgen.layout import canonical_text, region_size
 from shmgen.model import (
     Array,
@@ -27,7 +27,6 @@ from shmgen.model import (
     TypeName,
     TypeOptions,
 )
-from shmgen.targets import c, python
 
 from .support.build import classes, compile_headers, layouts_of, put, texts_of
 from .support.schemas import plain, random_message, schemas
@@ -67,7 +66,7 @@ def test_slots_tile_the_message(schema: Schema, options: TypeOptions) -> None:
 def test_ctypes_agrees_and_values_survive(tmp_path: Path, schema: Schema, options: TypeOptions, seed: int) -> None:
     layouts = layouts_of(schema, options)
     package = f"random{next(NUMBER)}"
-    put(texts_of(layouts, python, package), tmp_path)
+    put(texts_of(layouts, "python", package), tmp_path)
     for name, layout in layouts.items():
         kind, _, _ = classes(tmp_path, package, name)
         assert_same_bytes(kind, layout)
@@ -106,7 +105,7 @@ def test_gcc_agrees_with_random_schemas(tmp_path: Path) -> None:
     collect()
     # All have the same message names; one translation unit needs others.
     for layouts, package in made:
-        texts = texts_of(layouts, c, package)
+        texts = texts_of(layouts, "c", package)
         put({path: text.replace("random_msgs_", f"{package}_") for path, text in texts.items()}, tmp_path)
     for language in ("c", "c++"):
         compile_headers(tmp_path, language)
@@ -137,6 +136,30 @@ def test_erratum_of_table_1() -> None:
 )
 def test_a_region_is_whole_pages(payload: int, slots: int, size: int) -> None:
     assert region_size(payload, slots) == size
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        TypeName("kartech_linear_actuator_msgs", "msg", "ConfigureOutputsKdFreqDeadbandCmd"),
+        TypeName("moveit_task_constructor_msgs", "action", "ExecuteTaskSolution_Feedback"),
+        TypeName("longest_msgs", "msg", "N" * (95 - len("longest_msgs/msg/"))),
+    ],
+)
+def test_names_of_real_packages_have_room(name: TypeName) -> None:
+    assert layouts_of(empty(name))[name].name == name
+
+
+def test_a_name_without_room_in_the_header_is_refused() -> None:
+    name = TypeName("longest_msgs", "msg", "N" * (96 - len("longest_msgs/msg/")))
+    with pytest.raises(Rejected) as rejected:
+        layouts_of(empty(name))
+    (found,) = rejected.value.diagnostics
+    assert (found.code, found.message) == ("SHM202", f"{name} is longer than the 95 bytes a region has for it")
+
+
+def empty(name: TypeName) -> Schema:
+    return Schema((Message(name, (), (), Span(f"{name.name}.msg"), "", ""),), frozenset({name}))
 
 
 BASE = (("a", Scalar.UINT8), ("b", Scalar.FLOAT64), ("c", String(10)))

@@ -15,7 +15,7 @@ from shmgen import pipeline
 from shmgen.config import Config, load
 from shmgen.diagnostics import Report
 from shmgen.model import Layouts, TypeName
-from shmgen.targets.c import struct_name
+from shmgen.targets.c.names import struct_name
 
 from .conftest import REPOSITORY
 from .support.build import classes, put

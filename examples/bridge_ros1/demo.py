@@ -34,7 +34,7 @@ def main() -> int:
         made.start_plc("PRG_Belt")
         ros = Ros(processes)
         ros.start("rosmaster", "rosmaster_main", "--core", "-p", str(ros.port))
-        bridge = ros.start("shmgen.cli", "main", "bridge", "-c", str(HERE / "shmgen.toml"), shown="shmgen bridge")
+        bridge = ros.start("shmgen.__main__", "main", "bridge", "-c", str(HERE / "shmgen.toml"), shown="shmgen bridge")
         for line in bridge.stdout or ():
             print(f"   {line.rstrip()}", flush=True)
             if line.startswith("running"):

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from shmgen.diagnostics import Report, Span, closest
-from shmgen.model import Array, Element, Field, Message, Ref, Schema, Sequence, String, TypeName, element_of
+from shmgen.model import Array, Element, Field, FieldType, Message, Ref, Schema, Sequence, String, TypeName, element_of
+from shmgen.records import dataclass
 
 DEFAULT_STRING = 80
 """CODESYS's own default, STRING = STRING(80)."""
@@ -72,6 +73,26 @@ def _is_foreign(message: Message) -> bool:
     return message.origin.startswith("built-in") or message.origin.endswith((" of ROS 1", " of ROS 2"))
 
 
+def without_unbounded(schema: Schema, bounds: Bounds, used: Collection[TypeName]) -> Schema:
+    """The messages asked for that need no more bounds, and what these hold.
+
+    Those `used` stay, whatever they need. Of a service or an action all parts stay, or none.
+    """
+    missing = unbounded(schema, bounds)
+    lacking = {_whole(name) for name in schema.requested if missing[name] and name not in used}
+    requested = frozenset(name for name in schema.requested if name in used or _whole(name) not in lacking)
+    needed = set(requested)
+    for message in reversed(schema.messages):  # what holds others comes after them
+        if message.name in needed:
+            elements = [element_of(field.type) for field in message.fields]
+            needed |= {element.name for element in elements if isinstance(element, Ref)}
+    return Schema(tuple(message for message in schema.messages if message.name in needed), requested)
+
+
+def _whole(name: TypeName) -> TypeName:
+    return name if name.kind == "msg" else name._replace(name=name.name.rpartition("_")[0])
+
+
 def unbounded(schema: Schema, bounds: Bounds) -> dict[TypeName, tuple[str, ...]]:
     """For each message the keys that [bounds] still lacks for it and for what it holds, each once."""
     missing: dict[TypeName, tuple[str, ...]] = {}
@@ -95,16 +116,18 @@ def _bounded(field: Field, message: TypeName, bounds: Bounds) -> Field:
             return replace(type_, capacity=configured.value if configured else bounds.default_string)
         return type_
 
+    bounded: FieldType
     match field.type:
         case Array(inner, length):
-            return replace(field, type=Array(element(inner), length))
+            bounded = Array(element(inner), length)
         case Sequence(inner, None):
             configured = _most_specific(bounds.sequences, message, field.name)
-            return replace(field, type=Sequence(element(inner), configured.value if configured else None))
+            bounded = Sequence(element(inner), configured.value if configured else None)
         case Sequence(inner, capacity):
-            return replace(field, type=Sequence(element(inner), capacity))
+            bounded = Sequence(element(inner), capacity)
         case inner:
-            return replace(field, type=element(inner))
+            bounded = element(inner)
+    return field if bounded == field.type else replace(field, type=bounded, sent=field.sent or field.type)
 
 
 def _most_specific(table: Mapping[str, Bound], message: TypeName, field: str) -> Bound | None:

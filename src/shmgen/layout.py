@@ -10,6 +10,7 @@ import hashlib
 import itertools
 from collections.abc import Iterator, Mapping
 
+from shmgen import abi
 from shmgen.diagnostics import Report
 from shmgen.model import (
     Array,
@@ -34,12 +35,9 @@ from shmgen.model import (
     text_bytes,
     text_length,
 )
+from shmgen.wording import counted
 
-SLOT_HEADER = 16
-"""Bytes before the payload in each slot of a region: stamp, number, reserved (docs/protocol.md)."""
-REGION_HEADER = 192
-SMALLEST_SLOTS = 2
-LONGEST_NAME = 63
+SMALLEST_SLOTS = abi.slots_for(1)
 DEEPEST = 50
 """Messages within messages; the deepest of ROS's own has 7."""
 
@@ -59,10 +57,9 @@ def lay_out(schema: Schema, options: TypeOptions, max_region: int, report: Repor
         layout = _message(message, options, layouts, message.name in schema.requested)
         layouts[message.name] = layout
         _check_values(message, options, report)
-        if len(str(message.name)) > LONGEST_NAME:
-            report.error(
-                "SHM202", f"{message.name} is longer than the {LONGEST_NAME} bytes a region has for it", message.span
-            )
+        if len(str(message.name)) > abi.MAX_TYPE_NAME:
+            reason = f"{message.name} is longer than the {abi.MAX_TYPE_NAME} bytes a region has for it"
+            report.error("SHM202", reason, message.span)
         depths[message.name] = 1 + max((depths[name] for name in layout.dependencies), default=0)
         if depths[message.name] == DEEPEST + 1:
             hint = "put the innermost fields further out"
@@ -82,15 +79,14 @@ def check_size(layout: Layout, max_region: int, report: Report) -> None:
             "SHM303",
             f"{layout.name.short} needs a region of {region_size(layout.size):,} bytes, more than {max_region:,}",
             largest.field.span if largest.field else layout.message.span,
-            field=f"{layout.name.short}.{largest.name} ({largest.size:,} bytes)",
+            field=f"{layout.name.short}.{largest.name} ({counted(largest.size, 'byte')})",
             hint="lower a bound under [bounds] or [strings], or raise max_region in shmgen.toml",
         )
 
 
 def region_size(payload: int, slots: int = SMALLEST_SLOTS) -> int:
-    """Bytes of a region: header and slots, rounded up to whole pages of 4096 bytes."""
-    slot = _round_up(SLOT_HEADER + payload, 64)
-    return _round_up(REGION_HEADER + slots * slot, 4096)
+    """Bytes of a region with messages of `payload` bytes."""
+    return abi.region_size(payload, slots)
 
 
 def canonical_text(layout: Layout, layouts: Mapping[TypeName, Layout]) -> str:
@@ -131,7 +127,7 @@ def _check_values(message: Message, options: TypeOptions, report: Report) -> Non
         values = value if isinstance(value, tuple) else (value,)
         room = declared.type.capacity if isinstance(declared.type, Sequence) else None
         if room is not None and isinstance(value, tuple) and len(value) > room:
-            fault = f"the default has {len(value)} elements, the bound is {room}"
+            fault = f"the default has {counted(len(value), 'element')}, the bound is {room}"
             hint = f'set "{path}" = {len(value)} under [bounds] in shmgen.toml'
             report.error("SHM005", fault, declared.span, field=path, hint=hint)
         element = element_of(declared.type)
@@ -210,7 +206,3 @@ def _pad(slots: list[Slot], numbers: Iterator[int], offset: int, align: int) -> 
     if gap:
         slots.append(Slot(f"_pad{next(numbers)}", Scalar.UINT8, gap, offset, gap, 1, Role.PADDING))
     return offset + gap
-
-
-def _round_up(value: int, multiple: int) -> int:
-    return -(-value // multiple) * multiple

@@ -6,11 +6,12 @@ A **field** is the user's, a **slot** is bytes, a **row** is printed.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from enum import Enum
 from typing import Literal, NamedTuple, NoReturn, TypeAlias
 
 from shmgen.diagnostics import Span
+from shmgen.records import dataclass
 
 
 def assert_never(value: NoReturn) -> NoReturn:
@@ -171,7 +172,11 @@ Default: TypeAlias = Value | tuple[Value, ...]
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One member. `written` is the type as the definition spells it; `unit` was found in `[m/s]` in the comment."""
+    """One member. `written` is the type as the definition spells it; `unit` was found in `[m/s]` in the comment.
+
+    `word` is `byte`, `char` or `wchar` where ROS 2 tells it from a number, as we do not. `sent` is the type before
+    shmgen.toml bounded it, which is what ROS knows; None where that is `type`.
+    """
 
     name: str
     type: FieldType
@@ -180,10 +185,14 @@ class Field:
     doc: str = ""
     unit: str = ""
     default: Default | None = None
+    word: str = ""
+    sent: FieldType | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Constant:
+    """A name for a value; it takes no bytes."""
+
     name: str
     type: Scalar | String
     value: Value
@@ -226,7 +235,7 @@ class TypeOptions:
 
 
 @dataclass(frozen=True, slots=True)
-class RegionOptions:
+class Regions:
     """`[regions]` in shmgen.toml: mode and group of the files, None and "" where not said, and what orders access."""
 
     mode: int | None = None

@@ -6,84 +6,122 @@
 
 from __future__ import annotations
 
-import re
-from collections import deque
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
-from shmgen import bounds, config_entries, definitions, drift, layout
-from shmgen.config import Config
-from shmgen.diagnostics import Diagnostic, Report, Span
-from shmgen.model import Action, Layouts, Output, Schema, Service, Topic, TypeName
-from shmgen.targets import c, interfaces, plcopen, python, python_project, ros_package, st
+from shmgen import bounds, definitions, layout, resolve
+from shmgen.config import Config, entries
+from shmgen.diagnostics import Diagnostic, Report
+from shmgen.drift import lockfile
+from shmgen.model import Layouts, Schema, TypeName
+from shmgen.records import dataclass
+from shmgen.targets import TARGETS, Job, Options, Printed, Target, naming
 
 
-def read(config: Config, requests: Iterable[str]) -> Schema:
+def library(config: Config) -> definitions.Library:
+    """All definitions in reach, for who asks more than once: what is read is then read once. Raises Rejected."""
+    return definitions.open_library(_sources(config), Report())
+
+
+def read(config: Config, requests: Iterable[str], opened: definitions.Library | None = None) -> Schema:
     """The messages asked for and all they hold. Raises Rejected."""
-    return definitions.load(requests, _sources(config), Report())
+    return definitions.load_from(opened or library(config), requests, Report())
 
 
-def lay_out(config: Config, requests: Iterable[str]) -> Layouts:
+def lay_out(config: Config, requests: Iterable[str], opened: definitions.Library | None = None) -> Layouts:
     """The same with every byte in its place. Raises Rejected."""
-    in_reach = lambda: definitions.available(_sources(config))  # noqa: E731 only where a key asks for it
-    schema = bounds.apply(read(config, requests), config.bounds, Report(), in_reach)
+    opened = opened or library(config)
+    schema = read(config, requests, opened)
+    if config.skip_unbounded:
+        schema = _bounded(config, schema, opened)
+    schema = bounds.apply(schema, config.bounds, Report(), opened.known)
     return layout.lay_out(schema, config.types, config.max_region, Report())
 
 
 def generate(config: Config, requests: Iterable[str]) -> dict[str, str]:
     """{path: text} of all targets, and of layout.lock; what the configuration uses comes along. Raises Rejected."""
-    layouts = lay_out(config, dict.fromkeys([*requests, *config.types_used]))
+    return printed(config, lay_out(config, dict.fromkeys([*requests, *config.types_used])))
+
+
+def printed(config: Config, layouts: Layouts) -> dict[str, str]:
+    """The same of what is laid out already."""
     report = Report()
-    outputs = list(_plan(config, layouts, report))
-    report.stop_if_any()
-
-    from shmgen.render import render  # jinja2 takes longer to load than all that is before it
-
-    texts = render(outputs)
-    code = {path: text for path, text in texts.items() if path.startswith("st/")}
-    if "plcopen" in config.targets:
-        texts |= render(plcopen.plan(code, config.task_interval))
-    if "st" not in config.targets:
-        texts = {path: text for path, text in texts.items() if path not in code}
-    return texts | {drift.LOCK: drift.write(layouts, texts, _settings(config))}
+    texts = printed_by(TARGETS, config.targets, job_of(config, layouts, report), report)
+    texts = dict(sorted(texts.items()))
+    return texts | {lockfile.LOCK: lockfile.write(layouts, texts, _settings(config))}
 
 
-def topics(config: Config, layouts: Layouts, report: Report) -> Iterable[Topic]:
-    """Those of the configuration with their types found among `layouts`. Reports SHM502."""
-    for topic in config.topics:
-        found = next((name for name in layouts if topic.type in (str(name), name.short)), None)
-        if found:
-            yield Topic(topic.topic, found, topic.direction == "to_plc", topic.depth, topic.span)
-        else:  # the layouts hold every type asked for, so this one came as its parts
-            message = f"{topic.type} is several messages, and a topic carries one"
-            span = config.places.get(topic.type, topic.span)
-            report.error("SHM502", message, span, hint="list a service under [[services]], an action under [[actions]]")
+def skippable(config: Config, requests: Iterable[str]) -> tuple[Schema, Schema]:
+    """What is asked for, and what of it needs no more bounds than [bounds] has. Raises Rejected."""
+    opened = library(config)
+    schema = read(config, requests, opened)
+    return schema, _bounded(config, schema, opened)
 
 
-def services(config: Config, layouts: Layouts, report: Report) -> Iterable[Service]:
-    """As topics()."""
-    known = {found.short: found for found in interfaces.services(layouts)}
-    for service in config.services:
-        if found := known.get(service.type.replace("/srv/", "/")):
-            yield Service(service.service, found, service.server == "plc", service.timeout, service.span)
-        else:
-            span = config.places.get(service.type, service.span)
-            report.error("SHM502", f"{service.type} is no service", span, hint="name a .srv file: package/srv/Name")
+def _bounded(config: Config, schema: Schema, opened: definitions.Library) -> Schema:
+    """Without what lacks a bound, unless the configuration uses it by name, or nothing were left."""
+    used = read(config, config.types_used, opened).requested
+    left = bounds.without_unbounded(schema, config.bounds, used)
+    return left if left.requested else schema
 
 
-def actions(config: Config, layouts: Layouts, report: Report) -> Iterable[Action]:
-    """As topics()."""
-    known = {found.short: found for found in interfaces.actions(layouts)}
-    for action in config.actions:
-        if found := known.get(action.type.replace("/action/", "/")):
-            yield Action(action.action, found, action.server == "plc", action.span)
-        else:
-            span = config.places.get(action.type, action.span)
-            report.error("SHM502", f"{action.type} is no action", span, hint="name a .action file: package/action/Name")
+def printed_by(targets: Sequence[Target], keys: Sequence[str], job: Job, report: Report) -> dict[str, str]:
+    """{path: text} of those of `targets` that `keys` name, as they were planned. Raises Rejected."""
+    waiting = _wanted(targets, keys)
+    for target in waiting:
+        _check_names(target, targets, job, report)
+    done: dict[str, tuple[Printed, ...]] = {}
+    while waiting:
+        ready = [target for target in waiting if not target.after or target.after in done]
+        planned = {target.key: list(target.room().plan(replace(job, printed=done), report)) for target in ready}
+        report.stop_if_any()
+
+        from shmgen.render import render  # jinja2 takes longer to load than all that is before it
+
+        texts = render(output for outputs in planned.values() for output in outputs)
+        for key, outputs in planned.items():
+            done[key] = tuple(Printed(output, texts[output.path]) for output in outputs)
+        waiting = [target for target in waiting if target.key not in done]
+    return {one.output.path: one.text for key in keys for one in done[key]}
+
+
+def _wanted(targets: Sequence[Target], keys: Sequence[str]) -> list[Target]:
+    """In the order of `targets`, where each stands behind the one it is `after`."""
+    wanted = set(keys)
+    for target in reversed(targets):
+        if target.key in wanted and target.after:
+            wanted.add(target.after)
+    return [target for target in targets if target.key in wanted]
+
+
+def _check_names(target: Target, targets: Sequence[Target], job: Job, report: Report) -> None:
+    if names := target.room().NAMES:
+        keys = [target.key, *(other.key for other in targets if other.after == target.key)]
+        naming.check(job.layouts, job.package, job.uses, names, keys, report)
+
+
+def job_of(config: Config, layouts: Layouts, report: Report) -> Job:
+    """What the targets get of a configuration. Reports SHM502: a topic, service or action whose type is none."""
+    options = Options(
+        regions=config.regions,
+        distribution=config.distribution,
+        task_interval=config.task_interval,
+        ros_package=config.ros_package,
+        node=config.bridge.node,
+        configuration=config.text,
+    )
+    return Job(
+        layouts,
+        config.package,
+        tuple(resolve.topics(config, layouts, report)),
+        tuple(resolve.services(config, layouts, report)),
+        tuple(resolve.actions(config, layouts, report)),
+        options,
+    )
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class Item:
     """One message of the inventory: its size in bytes, or the keys that [bounds] lacks for it.
 
     `faults` are what else `generate` would say against it.
@@ -95,19 +133,19 @@ class Entry:
     faults: tuple[Diagnostic, ...] = ()
 
 
-def inventory(config: Config, package: str | None = None) -> list[Entry]:
-    """Every message in reach, or those of one package. Raises Rejected."""
+def inventory(config: Config, asked: str | None = None) -> list[Item]:
+    """Every message in reach, or what one request stands for. Raises Rejected."""
     sources = _sources(config)
-    names = [name for name in definitions.available(sources) if package in (None, name.package)]
-    requests = [str(name) for name in names] or [str(package)]
+    requests = [asked] if asked else map(str, definitions.available(sources))
     schema = definitions.load(requests, sources, Report())
+    names = sorted(schema.requested)
     missing = bounds.unbounded(schema, config.bounds)
     mappable = tuple(message for message in schema.messages if not missing[message.name])
     bounded = bounds.apply(Schema(mappable), config.bounds, Report())
     layouts = layout.lay_out(bounded, config.types, config.max_region, Report())
     faults = _faults(config, layouts)
     return [
-        Entry(name, layouts[name].size, (), faults[name]) if name in layouts else Entry(name, None, missing[name])
+        Item(name, layouts[name].size, (), faults[name]) if name in layouts else Item(name, None, missing[name])
         for name in names
     ]
 
@@ -115,7 +153,8 @@ def inventory(config: Config, package: str | None = None) -> list[Entry]:
 def _faults(config: Config, layouts: Layouts) -> dict[TypeName, tuple[Diagnostic, ...]]:
     """What stops each message, or one that it holds: its region is too large, or its names do not fit the targets."""
     report = Report()
-    deque(_plan(replace(config, topics=()), layouts, report), maxlen=0)  # planned for what it reports
+    for target in _wanted(TARGETS, config.targets):
+        _check_names(target, TARGETS, Job(layouts, config.package), report)
     faults: dict[TypeName, tuple[Diagnostic, ...]] = {}
     for name, laid_out in layouts.items():
         size = Report()
@@ -128,41 +167,6 @@ def _faults(config: Config, layouts: Layouts) -> dict[TypeName, tuple[Diagnostic
 
 def _sources(config: Config) -> definitions.Sources:
     return definitions.Sources(config.path, config.source, config.root)
-
-
-def _plan(config: Config, layouts: Layouts, report: Report) -> Iterable[Output]:
-    if "python" in config.targets:
-        yield from python.plan(layouts, report, config.package, config.regions)
-        if config.distribution:
-            yield python_project.plan(config.distribution, config.package)
-    if "st" in config.targets or "plcopen" in config.targets:  # the latter holds the texts of the former
-        carried = tuple(topics(config, layouts, report))
-        called = tuple(services(config, layouts, report))
-        acted = tuple(actions(config, layouts, report))
-        yield from st.plan(layouts, report, carried, called, acted, locks=config.regions.sync == "lock")
-    if "c" in config.targets:
-        yield from c.plan(layouts, report, config.package)
-    for ros in ("ros1", "ros2"):
-        if ros in config.targets:
-            yield from _ros_package(ros, config, layouts, report)
-
-
-def _ros_package(ros: str, config: Config, layouts: Layouts, report: Report) -> Iterable[Output]:
-    """Reports SHM504 where there is nothing to carry."""
-    carried = [topic.type for topic in topics(config, layouts, report)]
-    carried += [service.type for service in services(config, layouts, report)]
-    if not carried:
-        hint = "list [[topics]] or [[services]] in shmgen.toml"
-        report.error("SHM504", f"the target {ros} has nothing to carry", Span("shmgen.toml"), hint=hint)
-        return
-    version = config.distribution.partition(" ")[2]
-    package = ros_package.Package(
-        config.ros_package or ros_package.default_name(config.package),
-        version if re.fullmatch(r"\d+\.\d+\.\d+", version) else "0.1.0",
-        config.bridge.node,
-        (),
-    )
-    yield from ros_package.plan(ros, package, config.text, layouts, carried)
 
 
 def _settings(config: Config) -> dict[str, object]:
@@ -182,6 +186,7 @@ def _settings(config: Config) -> dict[str, object]:
         **({"actions": [_spelled(it.action, it) for it in config.actions]} if config.actions else {}),
         "task_interval": config.task_interval,
         **_regions(config),
+        **({"skip_unbounded": True} if config.skip_unbounded else {}),
     }
 
 
@@ -192,6 +197,6 @@ def _regions(config: Config) -> dict[str, object]:
     return {key: value for key, value in said.items() if value}
 
 
-def _spelled(name: str, entry: config_entries.Service | config_entries.Action) -> str:
+def _spelled(name: str, entry: entries.ServiceEntry | entries.ActionEntry) -> str:
     """One line of layout.lock, the server first. A timeout is the bridge's, and shapes nothing here."""
     return f"{entry.server} {name} {entry.type}"

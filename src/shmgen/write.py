@@ -9,10 +9,10 @@ import re
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 from shmgen.diagnostics import Diagnostic, Rejected, Span
+from shmgen.records import dataclass
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,15 +24,16 @@ class Written:
     removed: tuple[str, ...]
 
 
-def write(folder: Path, texts: Mapping[str, str], leftovers: Iterable[str], last: str) -> Written:
+def write(
+    folder: Path, texts: Mapping[str, str], leftovers: Iterable[str], last: str, former: bytes | None = None
+) -> Written | None:
     """Writes all texts and removes `leftovers`, `last` at the end. Raises Rejected: SHM007.
 
-    All files are first written beside those they replace, so a full disk is met before anything is changed; what
-    a killed run left beside them is taken away.
+    `former` is what `last` was when `texts` and `leftovers` were made; None and nothing written if another run has
+    written since. All files are first written beside those they replace, so a full disk is met before anything is
+    changed; what a killed run left beside them is taken away.
     """
     leftovers = list(leftovers)
-    changed = [path for path in texts if current(folder / path) != texts[path].encode()]
-    changed.sort(key=lambda path: path == last)
     removed: list[str] = []
     staged: dict[str, Path] = {}
     made: list[Path] = []
@@ -40,10 +41,13 @@ def write(folder: Path, texts: Mapping[str, str], leftovers: Iterable[str], last
     try:
         made += _make_folder(folder)
         with _alone(folder):
-            for path in abandoned(folder, [*texts, *leftovers]):
-                (folder / path).unlink()
-                removed.append(path)
+            if current(folder, last) != former:
+                return None
+            changed = [path for path in texts if current(folder, path) != texts[path].encode()]
+            changed.sort(key=lambda path: path == last)
+            removed += [path for path in abandoned(folder, [*texts, *leftovers]) if _remove(folder, path)]
             for path in changed:
+                _stay_inside(folder, path)
                 made += _make_folder((folder / path).parent)
                 staged[path] = _stage(folder / path, texts[path])
             made.clear()
@@ -59,14 +63,16 @@ def write(folder: Path, texts: Mapping[str, str], leftovers: Iterable[str], last
         for temporary in staged.values():
             temporary.unlink()
         for empty in reversed(made):
-            empty.rmdir()
+            with suppress(OSError):  # another run has something in it by now
+                empty.rmdir()
     return Written(tuple(changed), tuple(path for path in texts if path not in changed), tuple(removed))
 
 
-def current(path: Path) -> bytes | None:
-    """The content of a file; None if there is none that can be read."""
+def current(folder: Path, path: str) -> bytes | None:
+    """The content of a file in the folder; None if there is none that can be read."""
     try:
-        return path.read_bytes()
+        with open(os.path.join(folder, path), "rb", buffering=0) as file:
+            return file.read()
     except OSError:
         return None
 
@@ -78,25 +84,21 @@ def is_inside(folder: Path, path: str) -> bool:
 
 
 def abandoned(folder: Path, paths: Iterable[str]) -> list[str]:
-    """Files that a killed run staged beside those of `paths`, and did not come to rename."""
-    names: dict[str, set[str]] = {}
-    for path in paths:
-        place, _, name = path.rpartition("/")
-        names.setdefault(place, set()).add(name)
+    """Files that a killed run staged in the folders of `paths`, or below them, and did not come to rename.
+
+    The file that was to be may have left the configuration since, so its name says nothing.
+    """
     found: list[str] = []
-    for place, expected in sorted(names.items()):
-        with suppress(OSError):
-            staged = [name for name in sorted(os.listdir(folder / place)) if _of_which(name) in expected]
-            found += [f"{place}/{name}".lstrip("/") for name in staged]
-    return [path for path in found if is_inside(folder, path)]
+    for room in sorted({path.partition("/")[0] for path in paths if "/" in path}):
+        for place, folders, names in os.walk(folder / room):
+            folders.sort()
+            found += [os.path.join(place, name) for name in sorted(names) if _STAGED.fullmatch(name)]
+    with suppress(OSError):
+        found += [str(folder / name) for name in sorted(os.listdir(folder)) if _STAGED.fullmatch(name)]
+    return [path for path in (os.path.relpath(path, folder) for path in found) if is_inside(folder, path)]
 
 
-_STAGED = re.compile(r"\.(.+)\.[a-z0-9_]{8}\.tmp")
-
-
-def _of_which(name: str) -> str:
-    staged = _STAGED.fullmatch(name)
-    return staged[1] if staged else ""
+_STAGED = re.compile(r"\..+\.shmgen-[a-z0-9_]{8}\.tmp")
 
 
 @contextmanager
@@ -111,6 +113,13 @@ def _alone(folder: Path) -> Iterator[None]:
         os.close(descriptor)
 
 
+def _stay_inside(folder: Path, path: str) -> None:
+    """Raises OSError where a folder on the way is a link: what is written there would be written elsewhere."""
+    for parent in Path(path).parents:
+        if (folder / parent).is_symlink() and parent != Path():
+            raise OSError(errno.ELOOP, f"{folder / parent} is a symbolic link")
+
+
 def _make_folder(folder: Path) -> list[Path]:
     """Those that were missing, outermost first."""
     missing = [parent for parent in (folder, *folder.parents) if not parent.exists()]
@@ -122,7 +131,7 @@ def _stage(path: Path, text: str) -> Path:
     """A file beside `path` that has only to be renamed."""
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
-    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
+    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.shmgen-", suffix=".tmp")
     temporary = Path(name)
     try:
         with os.fdopen(descriptor, "wb") as file:

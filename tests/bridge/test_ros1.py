@@ -18,7 +18,8 @@ from ruamel.yaml import YAML
 from shmgen import pipeline
 from shmgen.config import load
 from shmgen.diagnostics import Report
-from shmgen.tools.classes import generated, publisher
+from shmgen.live.classes import publisher
+from shmgen.live.session import Session
 from tests.softplc import compile_st
 
 from ..conftest import REPOSITORY
@@ -252,7 +253,7 @@ def test_without_a_master(graph: Graph, space: str) -> None:
 def test_diagnostics_latch_and_counters(graph: Graph, space: str) -> None:
     bridge = graph.bridge(LATCHED.format(space=space), "__name:=cell_4")
     bridge.said(rf"{space}/word +-> PLC  std_msgs/String  /dev/shm/{space[1:]}.word")
-    kind = generated(load(graph.folder / "shmgen.toml", "shmgen.toml", Report()), ["std_msgs/String"])
+    kind = Session(load(graph.folder / "shmgen.toml", "shmgen.toml", Report())).classes(["std_msgs/String"])
     peer = graph.peer()
     with ServerProxy(f"http://127.0.0.1:{graph.port}") as master:
         assert master.lookupNode("/test", "/cell_4")[0] == 1  # type: ignore[index]

@@ -11,17 +11,22 @@ from typing import Any
 
 import pytest
 
+from shmgen import pipeline
+from shmgen.bounds import Bound, Bounds
 from shmgen.bridge import plan
 from shmgen.bridge.backend import Outlet
 from shmgen.bridge.counters import Counters
+from shmgen.bridge.cut import cut
 from shmgen.bridge.diagnostics import ERROR, OK, STALE, WARN, Reporter
 from shmgen.bridge.from_plc import FromPlc
 from shmgen.bridge.to_plc import ToPlc
-from shmgen.config import load
-from shmgen.diagnostics import Rejected, Report
+from shmgen.config import Config, load
+from shmgen.diagnostics import Rejected, Report, Span
+from shmgen.live.classes import publisher, subscriber
+from shmgen.live.session import Session
+from shmgen.model import Role
 from shmgen.runtime import Publisher, RegionInUse, Subscriber, Time, region_name
 from shmgen.runtime.names import region_file
-from shmgen.tools.classes import publisher, subscriber
 
 PATH = """
 std_msgs/Header header
@@ -47,7 +52,7 @@ class Line:
         self.told: list[str] = []
         self.stopping = threading.Event()
         self.config = load(folder / "shmgen.toml", "shmgen.toml", Report())
-        (self.route,) = plan.routes(self.config)
+        (self.route,) = plan.routes(Session(self.config))
         self.counters = Counters(topic, self.told.append)
         self.sent: list[Any] = []
         self.side = (ToPlc if self.route.to_plc else FromPlc)(self.route, self.counters, self.stopping)
@@ -134,6 +139,20 @@ def test_too_long_is_cut_where_that_is_wanted(line: Callable[..., Line]) -> None
     assert got.level == 7
     assert (one.counters.passed, one.counters.truncated, one.counters.rejected) == (1, 1, 0)
     assert "truncated: name: 12 bytes" in one.told[0]
+
+
+def test_what_has_a_gap_behind_its_count_is_cut_too() -> None:
+    layouts = pipeline.lay_out(
+        Config(Path.cwd(), bounds=Bounds({}, {"sensor_msgs": Bound(2, Span("x"))})), ["sensor_msgs/JointState"]
+    )
+    layout = next(layout for layout in layouts.values() if layout.requested)
+    gaps = {Role.COUNT, Role.PADDING}
+    assert [slot.role for slot in layout.slots if slot.role in gaps][:3].count(Role.PADDING), "there is no gap"
+    joints = SimpleNamespace(
+        header=SimpleNamespace(stamp=None, frame_id=""), name=[], position=[1.0, 2.0, 3.0], velocity=[], effort=[]
+    )
+    cut(joints, layout, layouts)
+    assert joints.position == [1.0, 2.0]
 
 
 def test_what_cutting_does_not_mend_is_rejected(line: Callable[..., Line]) -> None:
@@ -341,7 +360,7 @@ def test_a_type_of_several_messages_is_refused(tmp_path: Path, topic: str) -> No
     service.write_text("bool now\n---\nbool done\n")
     (tmp_path / "shmgen.toml").write_text(f'path = ["."]\n[[topics]]\ntopic = "{topic}"\ntype = "cell_msgs/Start"\n')
     with pytest.raises(Rejected, match="several messages, and a topic carries one"):
-        plan.routes(load(tmp_path / "shmgen.toml", "shmgen.toml", Report()))
+        plan.routes(Session(load(tmp_path / "shmgen.toml", "shmgen.toml", Report())))
 
 
 def test_messages_of_another_definition_are_known_at_once(line: Callable[..., Line]) -> None:

@@ -14,6 +14,7 @@ import pytest
 from shmgen.bridge.plan import ServiceRoute, services
 from shmgen.config import load
 from shmgen.diagnostics import Report
+from shmgen.live.session import Session
 from shmgen.runtime import CallFailed, Publisher, ServiceClient, ServiceServer, Subscriber
 
 from ..support.ros1 import LIMIT, Bridge, Graph
@@ -55,7 +56,7 @@ class Cell:
         self.graph, self.space = graph, space
         self.bridge: Bridge = graph.bridge(CONFIG.format(space=space))
         config = load(graph.folder / "shmgen.toml", "shmgen.toml", Report())
-        self.routes = {route.service.name.rpartition("/")[2]: route for route in services(config)}
+        self.routes = {route.service.name.rpartition("/")[2]: route for route in services(Session(config))}
 
     def serve(self, name: str, handler: Callable[[Any], Any]) -> threading.Event:
         """In a thread, until the event is set."""

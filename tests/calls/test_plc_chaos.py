@@ -21,6 +21,6 @@ def test_every_call_ends_and_none_in_the_answer_to_another(
 
 
 def test_a_planted_fault_is_found(compiled_calls: Calls) -> None:
-    """A server that answers old calls is found by test_plc_services.py; here it takes its time."""
+    """A server that answers old calls is found by plc/test_services.py; here it takes its time."""
     verdict = plc_chaos.run(compiled_calls.folder, "plc_asks", 10**6, seed=1, fault="any_reply", longest=120.0)
     assert any("got the answer to another" in complaint for complaint in verdict.complaints), verdict

@@ -89,7 +89,7 @@ def graph(told: list[str]) -> Iterator[Graph]:
     """Our node in the domain."""
     from shmgen.bridge import dds
 
-    made = dds.connect(Node("shmgen_test", None, told.append, lambda: False))
+    made = dds.connect(Node("shmgen_test", None, told.append, lambda: False, largest=2**20))
     yield made
     made.close()
 
@@ -104,6 +104,24 @@ def peer(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
         shared = shared.parent
     topics = [message.name for message in schema.messages if message.name in schema.requested]
     return peers.build(request.param, shared / "dds_peers", schema.messages, topics)
+
+
+class Taken:
+    """A Taker: messages go to `take`; the rest is `told`."""
+
+    def __init__(self, take: Callable[[Any], Any], told: list[str] | None = None) -> None:
+        self.take = take
+        self.told = [] if told is None else told
+        self.lost = 0
+
+    def reject(self, why: str) -> None:
+        self.told.append(why)
+
+    def refuse(self, why: str) -> None:
+        self.told.append(why)
+
+    def lose(self, count: int) -> None:
+        self.lost += count
 
 
 def wire(schema: Schema, topic: str, request: str, **how: Any) -> Wire:

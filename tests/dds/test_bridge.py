@@ -18,6 +18,7 @@ from shmgen.bridge.dds_types import topic_name
 from shmgen.bridge.plan import ServiceRoute, services
 from shmgen.config import load
 from shmgen.diagnostics import Report
+from shmgen.live.session import Session
 from shmgen.runtime import Publisher, ServiceClient, ServiceServer, Subscriber
 from tests.softplc import compile_st
 
@@ -122,7 +123,7 @@ def test_services_both_ways(cell: Domain, graph: dds.Graph, topic: str) -> None:
     move.write_text("int32 to\n---\nint32 at\n---\nint32 at\n")
     bridge = cell.bridge(SERVICES.format(topic=topic))
     bridge.said("/move: the bridge does not carry actions")
-    served, called = services(load(cell.folder / "shmgen.toml", "shmgen.toml", Report()))
+    served, called = services(Session(load(cell.folder / "shmgen.toml", "shmgen.toml", Report())))
 
     ends = {
         "request_subscriber": end(Subscriber, served, "_Request"),
@@ -150,7 +151,7 @@ def test_services_both_ways(cell: Domain, graph: dds.Graph, topic: str) -> None:
     stop.set()
     thread.join()
 
-    graph.serve(called.wire, lambda asked, answer: setattr(answer, "message", asked.word.upper()))
+    graph.serve(called.wire, lambda asked, answer: setattr(answer, "message", asked.word.upper()), [].append)
     ends = {
         "request_publisher": end(Publisher, called, "_Request"),
         "reply_subscriber": end(Subscriber, called, "_Reply"),

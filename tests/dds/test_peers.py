@@ -18,7 +18,7 @@ from shmgen.bridge.dds_types import topic_name, type_name
 from shmgen.model import Schema
 
 from ..support.schemas import plain
-from .conftest import TYPES, until, wire
+from .conftest import TYPES, Taken, until, wire
 from .peers import running
 from .values import values
 
@@ -42,7 +42,7 @@ def test_what_a_peer_sends_back_is_what_was_sent(
     for number, request in enumerate(TYPES):
         there, back = wire(schema, f"{topic}/there{number}", request), wire(schema, f"{topic}/back{number}", request)
         came: Queue[Any] = Queue()
-        graph.subscribe(back, came.put)
+        graph.subscribe(back, Taken(came.put))
         ends.append((there, graph.publisher(there), came))
         tasks += words(there, back)
     with running(peer, domain, "reliable", "volatile", *tasks):
@@ -66,8 +66,8 @@ def test_a_peer_reads_our_values_and_we_read_its(
     said = wire(schema, f"{topic}/said", JOINT_STATE, qos=qos)
     came: Queue[Any] = Queue()
     heard: Queue[Any] = Queue()
-    graph.subscribe(back, came.put)
-    graph.subscribe(said, heard.put)
+    graph.subscribe(back, Taken(came.put))
+    graph.subscribe(said, Taken(heard.put))
     outlet = graph.publisher(there)
     with running(peer, domain, qos, "volatile", *words(there, back), *words(said)) as program:
         state = heard.get(timeout=10)
@@ -89,8 +89,8 @@ def test_who_comes_late_hears_the_newest(peer: Path, graph: dds.Graph, domain: i
         assert not [line for line in program.lines if re.match("took [01][.]", line)]
         came: Queue[Any] = Queue()
         heard: Queue[Any] = Queue()
-        graph.subscribe(back, came.put)
-        graph.subscribe(said, heard.put)
+        graph.subscribe(back, Taken(came.put))
+        graph.subscribe(said, Taken(heard.put))
         assert came.get(timeout=10).header.stamp.sec == 2
         assert_said(heard.get(timeout=10))
 
@@ -100,7 +100,7 @@ def test_a_peer_that_went_and_came_is_known_again(
 ) -> None:
     said = wire(schema, topic, JOINT_STATE)
     came: Queue[Any] = Queue()
-    graph.subscribe(said, came.put)
+    graph.subscribe(said, Taken(came.put))
     for _ in range(2):
         with running(peer, domain, "reliable", "volatile", *words(said)) as program:
             assert_said(came.get(timeout=10))
@@ -113,7 +113,7 @@ def test_a_peer_of_another_reliability_is_told_of(
     peer: Path, graph: dds.Graph, domain: int, schema: Schema, topic: str, told: list[str]
 ) -> None:
     said = wire(schema, topic, JOINT_STATE)
-    graph.subscribe(said, lambda message: told.append("a message"))
+    graph.subscribe(said, Taken(lambda message: told.append("a message")))
     with running(peer, domain, "best_effort", "volatile", *words(said)):
         until(lambda: told)
     assert told == [f"rt{topic}: a peer does not match the reliability that we ask for; nothing passes between the two"]
@@ -129,9 +129,10 @@ def assert_said(state: Any) -> None:
 def test_a_reliable_peer_that_stands_still_holds_nobody_up(
     peer: Path, graph: dds.Graph, domain: int, schema: Schema, topic: str
 ) -> None:
-    there, back = (wire(schema, f"{topic}/{name}", "std_msgs/ByteMultiArray") for name in ("there", "back"))
+    large_one = "std_msgs/ByteMultiArray"
+    there, back = (wire(schema, f"{topic}/{name}", large_one, room=100_000) for name in ("there", "back"))
     came: Queue[Any] = Queue()
-    graph.subscribe(back, came.put)
+    graph.subscribe(back, Taken(came.put))
     outlet = graph.publisher(there)
     large = outlet.new()
     large.data = numpy.zeros(100_000, dtype=numpy.uint8)

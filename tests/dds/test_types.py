@@ -86,7 +86,7 @@ def test_no_wide_strings(tmp_path: Path, field: str) -> None:
     file.parent.mkdir(parents=True)
     file.write_text(field)
     with pytest.raises(ValueError, match=r"cell_msgs/Wide\.word: no wstring.* through DDS"):
-        cdr.codec(messages("cell_msgs/Wide", tmp_path))
+        dds_types.structure(messages("cell_msgs/Wide", tmp_path))
 
 
 def test_a_large_bound_and_awkward_names(tmp_path: Path) -> None:

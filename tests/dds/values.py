@@ -13,9 +13,9 @@ from shmgen import pipeline
 from shmgen.bounds import Bound, Bounds
 from shmgen.config import Config
 from shmgen.diagnostics import Span
+from shmgen.live.session import Session
 from shmgen.model import Layouts, TypeName
 from shmgen.runtime import Message
-from shmgen.tools.classes import generated
 
 from ..support.schemas import random_message
 
@@ -41,7 +41,8 @@ class Values(NamedTuple):
 def values(requests: Iterable[str]) -> Values:
     requests = list(requests)
     config = bounded(requests)
-    return Values(pipeline.lay_out(config, requests), generated(config, requests))
+    session = Session(config)
+    return Values(session.layouts(requests), session.classes(requests))
 
 
 def bounded(requests: Iterable[str]) -> Config:

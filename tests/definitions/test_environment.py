@@ -175,6 +175,8 @@ def test_debians_ros1_is_read_as_rosbags_reads_it(monkeypatch):
 
 def test_a_shell_where_nothing_is_sourced(tmp_path, monkeypatch):
     assert refusal("std_msgs/Bool").startswith('source = "env": error[SHM506]: no ROS is sourced in this shell\n')
+    assert "source /opt/ros/jazzy/setup.bash" in refusal("std_msgs/Bool")
+    source(monkeypatch, ROS_VERSION=1)
     assert "source /opt/ros/noetic/setup.bash" in refusal("std_msgs/Bool")
     source(monkeypatch, ROS_VERSION=2)
     assert "source /opt/ros/jazzy/setup.bash" in refusal("std_msgs/Bool")

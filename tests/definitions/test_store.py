@@ -37,8 +37,13 @@ def test_all_stores_are_offered():
 def test_every_message_is_what_rosbags_means(source):
     theirs = get_typestore(ORIGINAL[source]).fielddefs
     ours = {str(message.name): message for message in everything(source).messages}
-    assert ours.keys() == theirs.keys()
-    for name, message in ours.items():
+    services = {name for name in ours if name.startswith("std_srvs/")}  # which rosbags leaves out
+    assert ours.keys() - services == theirs.keys()
+    assert {name.rpartition("_")[0] for name in services} == {
+        f"std_srvs/srv/{it}" for it in ("Empty", "SetBool", "Trigger")
+    }
+    for name in theirs:
+        message = ours[name]
         wanted = references.of_typesdict(name, theirs[name], store.dialect(source))
         assert references.without_defaults(references.ours(message)) == wanted, name
 

@@ -10,6 +10,7 @@ import time
 from types import SimpleNamespace
 
 from shmgen import runtime
+from shmgen.runtime import header as h
 from shmgen.runtime import values
 
 POSE = struct.Struct("<7d")
@@ -165,8 +166,8 @@ def main(work: str, topic: str, depth: int = 1) -> None:
             with PoseSubscriber(topic, depth=depth) as subscriber:
                 words = subscriber._region.words
                 assert subscriber._region.semaphore.acquire(True)
-                words[39] = os.getpid()
-                words[42] += 1
+                words[h.LOCK_COUNT] += 1
+                words[h.LOCK_HOLDER] = os.getpid()
                 say("ready")
                 sys.stdin.read()
         case "hold":

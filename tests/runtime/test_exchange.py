@@ -12,7 +12,7 @@ import pytest
 from shmgen import runtime
 from shmgen.runtime import header as h
 from shmgen.runtime import lock
-from shmgen.runtime.subscriber import _after
+from shmgen.runtime.header import after
 
 from .messages import (
     LONG,
@@ -228,7 +228,7 @@ def test_misses_across_the_last_number(topic):
 )
 def test_steps_between_numbers(older, newer, steps):
     assert h.steps(older, newer, 4) == steps
-    assert _after(older, steps, 4) == newer
+    assert after(older, steps, 4) == newer
 
 
 @pytest.mark.parametrize("way", ["read", "read_all"])
@@ -342,8 +342,8 @@ def test_a_held_lock_does_not_stop_anybody(topic, other):
 
 def test_a_stuck_lock_is_waited_for_once(topic, other, monkeypatch):
     noted = []
-    acquire = lock.acquire
-    monkeypatch.setattr(lock, "acquire", lambda *wait: noted.append(wait[1]) or acquire(*wait))
+    try_for = lock.Lock._try_for
+    monkeypatch.setattr(lock.Lock, "_try_for", lambda *wait: noted.append(wait[1]) or try_for(*wait))
     with PosePublisher(topic, lock_timeout=0.02) as publisher:
         words = publisher._region.words
         publisher.publish(pose(0))
@@ -394,9 +394,7 @@ def test_who_is_inside_stands_in_the_header(topic):
                 seen.append((words[h.LOCK_HOLDER], words[h.BEGUN], words[h.COMPLETED], words[h.HEARTBEAT]))
                 publisher._region.map[where] = data
 
-        hot = list(publisher._hot)
-        hot[7] = Spy()
-        publisher._hot = tuple(hot)
+        publisher._hot = tuple(Spy() if item is publisher._region.map else item for item in publisher._hot)
         publisher.publish(pose(1))
         publisher.publish(pose(2))
     pid = runtime.read_header(runtime.region_name(topic)).writer

@@ -63,8 +63,7 @@ def test_header_bytes(topic, file):
         *(56, 128, os.getpid(), 4),
     )
     assert data[:4] == b"SHMG"
-    assert data[32:96] == b"geometry_msgs/msg/Pose".ljust(64, b"\0")
-    assert data[96:128] == bytes(32)
+    assert data[32:128] == b"geometry_msgs/msg/Pose".ljust(96, b"\0")
     assert struct.unpack_from("<II", data, 128) == (3, 3)
     assert data[136:152] == bytes(16)
     # heartbeat of three samples and one without; nobody inside; three entered the lock
@@ -98,7 +97,11 @@ def test_impossible_lock_timeout(topic, timeout):
 
 
 def test_long_type_names_keep_their_nul():
-    assert h.pack(h.header_for("p/msg/" + "N" * 90, 1, 8, 1))[32:96] == b"p/msg/" + b"N" * 57 + b"\0"
+    longest = "p/msg/" + "N" * 89
+    assert h.pack(h.header_for(longest, 1, 8, 1))[32:128] == longest.encode() + b"\0"
+    assert h.unpack(h.pack(h.header_for(longest, 1, 8, 1)), 4096).type_name == longest
+    with pytest.raises(ValueError, match="longer than the 95 bytes"):
+        h.header_for(longest + "N", 1, 8, 1)
 
 
 def test_read_header(topic):
@@ -165,7 +168,7 @@ def test_mismatch_of_size_and_type(topic, file):
         ScanSubscriber(topic)
     with file.open("r+b") as opened:
         opened.truncate(8192)
-    with pytest.raises(runtime.LayoutMismatch, match="8192 bytes in all"):
+    with pytest.raises(runtime.LayoutMismatch, match="8,192 bytes in all"):
         PosePublisher(topic)
     assert file.read_bytes() == before + bytes(4096)
     with file.open("r+b") as opened:
@@ -181,7 +184,8 @@ def test_a_region_without_magic_is_completed(topic, file):
     change(file, 128, struct.pack("<II", 9, 9))
     with PoseSubscriber(topic):
         data = file.read_bytes()
-    assert data[:96] == h.pack(h.header_for(Pose._type_name_, Pose._digest_, 56, 1))
+    made = h.pack(h.header_for(Pose._type_name_, Pose._digest_, 56, 1))
+    assert data[:128] == made[:128]
     assert struct.unpack_from("<II", data, 128) == (9, 9)
 
 
@@ -322,7 +326,7 @@ def test_no_permission_says_whose_it_is(topic, file, semaphore_file):
     if "Permission denied" in said.stderr:
         pytest.skip("another user cannot read this checkout")
     assert said.stdout.count(f"{file} belongs to root:root with mode 600") == 2, said
-    file.chmod(0o666)
+    os.chown(file, 65534, 65534)
     assert f"{semaphore_file} belongs to root:root with mode 600" in run().stdout
 
 
@@ -347,11 +351,16 @@ def test_closing_twice_and_using_closed(topic):
     publisher, subscriber = PosePublisher(topic), PoseSubscriber(topic)
     for side in (publisher, subscriber, publisher, subscriber):
         side.close()
-    for message in (pose(1.0), Pose()):
-        with pytest.raises(runtime.ShmError, match="closed"):
-            publisher.publish(message)
-    with pytest.raises(ValueError, match="released"):
-        subscriber.read()
+    calls = [
+        *(lambda message=message: publisher.publish(message) for message in (pose(1.0), Pose())),
+        publisher.heartbeat,
+        *(subscriber.read, subscriber.read_all, lambda: subscriber.read_into(Pose()), lambda: subscriber.wait(0.1)),
+        *(lambda: subscriber.wait(0), lambda: subscriber.ready(0.1), lambda: subscriber.is_stale(1)),
+    ]
+    for call in calls:
+        with pytest.raises(runtime.Closed, match=r"(publisher|subscriber) is closed"):
+            call()
+    assert (publisher.topic, publisher.sequence, subscriber.missed, subscriber.age) == (topic, 0, 0, None)
 
 
 def test_an_abandoned_publisher_frees_the_claim(topic):
@@ -369,7 +378,8 @@ def test_import_is_light():
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     top = {name.partition(".")[0] for name in loaded}
     assert not top & {"jinja2", "click", "rosbags", "numpy", "multiprocessing", "tomli", "blark"}
-    assert {name for name in loaded if name.startswith("shmgen")} <= {"shmgen", *runtime_modules()}
+    ours = {"shmgen", "shmgen.abi", "shmgen.wording", *runtime_modules()}
+    assert {name for name in loaded if name.startswith("shmgen")} <= ours
 
 
 def runtime_modules():

@@ -54,6 +54,7 @@ class Plc:
         self.sizes: dict[str, int] = {}
         self._kinds: dict[str, _Kind] = {}
         self._calls: dict[tuple[str, str], Any] = {}
+        self.now = 0
         for unit in range(units):
             for member in self._table(_Member, f"members_{unit}"):
                 self.offsets.setdefault(member.owner.decode(), {})[member.name.decode()] = member.offset, member.size
@@ -128,6 +129,7 @@ class Plc:
 
     def set_clock(self, ms: int) -> None:
         """Stops the clock of TIME() there."""
+        self.now = ms
         self.library.shim_set_now(ctypes.c_uint32(ms))
 
     def run_clock(self) -> None:
@@ -185,6 +187,10 @@ class Block(View):
             setattr(self, name, value)
         self._plc.call(self._name, "", self._address, 0)
         return self
+
+    @property
+    def plc(self) -> Plc:
+        return self._plc
 
     def run(self, period: float, cycles: int) -> float:
         """Calls it each `period` seconds, outside of Python, and returns how many seconds the longest call took."""

@@ -10,10 +10,10 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from shmgen import bounds, layout
+from shmgen import bounds, layout, pipeline
 from shmgen.diagnostics import Report
 from shmgen.model import Layouts, Schema, TypeName, TypeOptions
-from shmgen.render import render
+from shmgen.targets import TARGETS, Job
 
 MAX_REGION = 2**26
 
@@ -23,12 +23,9 @@ def layouts_of(schema: Schema, options: TypeOptions | None = None) -> Layouts:
     return layout.lay_out(bounded, options or TypeOptions(), MAX_REGION, Report())
 
 
-def texts_of(layouts: Layouts, target: ModuleType, package: str) -> dict[str, str]:
-    """What `target` (targets.python or targets.c) prints."""
-    report = Report()
-    texts = render(target.plan(layouts, report, package))
-    report.stop_if_any()
-    return texts
+def texts_of(layouts: Layouts, key: str, package: str = "shm_msgs") -> dict[str, str]:
+    """What the target `key` prints."""
+    return pipeline.printed_by(TARGETS, [key], Job(layouts, package), Report())
 
 
 def put(texts: Mapping[str, str], folder: Path) -> None:

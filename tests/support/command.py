@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from shmgen import cli
+from shmgen.cli import main
 
 
 class Result(NamedTuple):
@@ -25,7 +25,7 @@ def run(arguments: Sequence[str], folder: Path) -> Result:
     with inside(folder), contextlib.redirect_stdout(stdout), contextlib.redirect_stderr(stderr):
         before, sys.argv = sys.argv, ["shmgen", *arguments]
         try:
-            cli.main()
+            main.main()
             code = 0
         except SystemExit as end:
             code = end.code if isinstance(end.code, int) else 1

@@ -14,12 +14,14 @@ from shmgen import definitions, pipeline
 from shmgen.config import Config
 from shmgen.definitions.wrappers import WRAPPERS
 from shmgen.model import Array, Clock, Layout, Layouts, Ref, Role, Scalar, Slot, String, TypeName, TypeOptions
-from shmgen.targets import naming
-from shmgen.targets.c import struct_name
+from shmgen.targets.c import names as c_names
+from shmgen.targets.c.names import struct_name
+from shmgen.targets.st import names as st_names
 from tests.definitions.test_corpus import NEEDS_IDL, REJECTED
 from tests.softplc import Plc, compile_st, iec
 
 from .build import classes, put
+from .plc_demo import CLAIM, ready
 from .plcopen import imported
 from .schemas import arriving, plain, random_message
 
@@ -107,19 +109,19 @@ def iec_type(type_: Scalar | Clock | String, options: TypeOptions) -> iec.Type:
 
 
 def assert_compiled_as_laid_out(plc: Plc, name: TypeName, layout: Layout) -> None:
-    structure = naming.st_type(name).upper()
-    expected = {naming.st_member(slot.name).upper(): (slot.offset, slot.size) for slot in layout.slots}
+    structure = st_names.st_type(name).upper()
+    expected = {st_names.st_member(slot.name).upper(): (slot.offset, slot.size) for slot in layout.slots}
     assert plc.offsets[structure] == expected, name
     assert plc.sizes[structure] == layout.size, name
     for slot in layout.slots:
-        type_ = plc.types[structure][naming.st_member(slot.name).upper()]
+        type_ = plc.types[structure][st_names.st_member(slot.name).upper()]
         element = type_.of if isinstance(type_, iec.Array) else type_
         if not isinstance(slot.type, Ref):
             assert element == iec_type(slot.type, layout.options), f"{name}.{slot.name}"
 
 
 def assert_same_defaults(plc: Plc, layout: Layout, kind: Any) -> None:
-    fresh = plain(kind.from_buffer_copy(plc.structure(naming.st_type(layout.name)).bytes()))
+    fresh = plain(kind.from_buffer_copy(plc.structure(st_names.st_type(layout.name)).bytes()))
     expected = plain(kind())
     for slot in layout.slots:
         if slot.role is Role.DATA:
@@ -131,13 +133,13 @@ def echoes(layouts: Layouts) -> dict[str, str]:
     texts = {}
     for name, layout in layouts.items():
         if layout.requested:
-            block = f"{naming.st_type(name)}_Echo"
+            block = f"{st_names.st_type(name)}_Echo"
             texts[f"{block}.st"] = (
                 f"FUNCTION_BLOCK {block}\n"
                 "VAR_INPUT\n    sFrom : STRING(80);\n    sTo : STRING(80);\nEND_VAR\n"
                 "VAR\n"
-                f"    fbIn : {naming.subscriber_block(name)};\n"
-                f"    fbOut : {naming.publisher_block(name)};\n"
+                f"    fbIn : {st_names.subscriber_block(name)};\n"
+                f"    fbOut : {st_names.publisher_block(name)};\n"
                 "END_VAR\n"
                 "fbIn(xEnable := TRUE, sTopic := sFrom);\n"
                 "fbOut(xEnable := TRUE, sTopic := sTo, xSend := fbIn.xNewData, Msg := fbIn.Msg);\n"
@@ -150,8 +152,11 @@ def echo(plc: Plc, name: TypeName, kinds: tuple[Any, Any, Any], topic: str, mess
     """What Python reads of the answer, and the answer's bytes."""
     _, publisher_kind, subscriber_kind = kinds
     with publisher_kind(f"{topic}/to") as publisher, subscriber_kind(f"{topic}/from") as subscriber:
+        block = plc.block(f"{st_names.st_type(name)}_Echo")
+        block.sFrom, block.sTo = f"{topic}/to", f"{topic}/from"
+        ready(block, CLAIM)
         publisher.publish(message)
-        block = plc.block(f"{naming.st_type(name)}_Echo")(sFrom=f"{topic}/to", sTo=f"{topic}/from")
+        block()
         assert (block.fbIn.eErrorID, block.fbOut.eErrorID) == ("NO_ERROR", "NO_ERROR"), name
         answer = subscriber.read()
         assert answer is not None, name
@@ -205,7 +210,7 @@ def read_back(folder: Path, package: str, layouts: Layouts) -> ctypes.CDLL:
 
 
 def c_lines(slot: Slot) -> Iterator[str]:
-    member = f"m->{naming.c_member(slot.name)}"
+    member = f"m->{c_names.c_member(slot.name)}"
     if slot.role is Role.COUNT:
         yield f"show({member});"
     if slot.role is not Role.DATA:
@@ -223,7 +228,7 @@ def c_lines(slot: Slot) -> Iterator[str]:
 
 def c_count(slot: Slot) -> str:
     assert slot.field is not None
-    return str(slot.count) if isinstance(slot.field.type, Array) else f"m->{naming.c_member(slot.name + '_count')}"
+    return str(slot.count) if isinstance(slot.field.type, Array) else f"m->{c_names.c_member(slot.name + '_count')}"
 
 
 def seen_by_c(library: ctypes.CDLL, layout: Layout, data: bytes) -> list[str]:

@@ -25,7 +25,7 @@ FAULTS = {
     "old_calls": ("FB_ShmServer", "    _fbRequest.Skip();", "    ;"),
     "early_end": (
         "FB_ShmServer",
-        "xIdle := xReady AND NOT xExecute AND iJob = 0;",
+        "xIdle := xReady AND NOT xExecute AND iJob = 0 AND _iJob = 0;",
         "xIdle := xReady AND NOT xExecute;",
     ),
 }

@@ -29,8 +29,10 @@ MESSAGES = {
 }
 
 
-RETRY, CLAIM, HEAL = 500, 1000, 1000
-"""Milliseconds after which the blocks open again, take a topic over, free a lock."""
+SLOTS = 2
+"""Of a topic of depth 1."""
+RETRY, CLAIM, CONFIRM, HEAL = 500, 1000, 100, 1000
+"""Milliseconds after which the blocks open again, claim a topic, take the claim for granted, free a lock."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,10 @@ class Demo:
     def publisher(self, topic: str, **inputs: Any) -> Block:
         return self._block("FB_demo_msgs_Demo_Publisher", topic, inputs)
 
+    def opened(self, topic: str, after: int = 0, **inputs: Any) -> Block:
+        """A publisher that has claimed its topic, after so many ms of watching it, and sent its first sample."""
+        return ready(self.publisher(topic, **inputs), after)
+
     def subscriber(self, topic: str, **inputs: Any) -> Block:
         return self._block("FB_demo_msgs_Demo_Subscriber", topic, inputs)
 
@@ -57,6 +63,25 @@ class Demo:
         for name, value in {"xEnable": True, "sTopic": topic, **inputs}.items():
             setattr(block, name, value)
         return block
+
+
+def ready(block: Block, after: int = 0) -> Block:
+    """Opens a block whose claim is confirmed just now; it has been called in the time before, and nobody else."""
+    now = block.plc.now
+    for before in (after + CONFIRM, CONFIRM):
+        block.plc.set_clock((now - before) % 2**32)
+        for _ in range(3):  # a region, the one behind it, and the claim
+            block()
+    block.plc.set_clock(now)
+    return block()
+
+
+def take_over(block: Block) -> None:
+    """The writer before has stood still for long enough, and the claim of this block stands."""
+    for ms in (CLAIM, CONFIRM):
+        block.plc.set_clock((block.plc.now + ms) % 2**32)
+        if ms == CLAIM:
+            block()
 
 
 def make(folder: Path) -> Demo:

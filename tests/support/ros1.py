@@ -22,7 +22,7 @@ import pytest
 
 from ..conftest import REPOSITORY
 
-LIMIT = 30.0
+LIMIT = 90.0
 """Seconds after which something that should have come has not."""
 
 

@@ -20,18 +20,27 @@ ROLES = {"Client": "Start", "Server": "Start", "ActionClient": "Move", "ActionSe
 @pytest.fixture(scope="module")
 def texts(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """Each by its stem."""
-    folder = tmp_path_factory.mktemp("calls")
-    put({"cell_msgs/srv/Start.srv": "bool a\n---\nbool b\n"}, folder)
-    put({"cell_msgs/action/Move.action": "bool a\n---\nbool b\n---\nbool c\n"}, folder)
+    return generated(tmp_path_factory.mktemp("calls"), "bool")
+
+
+@pytest.fixture(scope="module")
+def counted(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """With sequences, for which the blocks have one output more."""
+    return generated(tmp_path_factory.mktemp("counted"), "int8[<=2]")
+
+
+def generated(folder: Path, type_: str) -> dict[str, str]:
+    put({"cell_msgs/srv/Start.srv": f"{type_} a\n---\n{type_} b\n"}, folder)
+    put({"cell_msgs/action/Move.action": f"{type_} a\n---\n{type_} b\n---\n{type_} c\n"}, folder)
     config = Config(folder, path=(folder,), targets=("st",))
     return {Path(path).stem: text for path, text in pipeline.generate(config, ["cell_msgs"]).items()}
 
 
 @pytest.mark.parametrize("role", ROLES)
-def test_every_input_and_output_is_explained(texts: dict[str, str], role: str) -> None:
+def test_every_input_and_output_is_explained(counted: dict[str, str], role: str) -> None:
     page = (REPOSITORY / "docs" / "structured-text.md").read_text()
     table = page.partition(f"\n| {role} | | |\n")[2].partition("\n\n")[0]
-    (block, *_) = parse(texts[f"FB_cell_msgs_{ROLES[role]}_{role}"])
+    (block, *_) = parse(counted[f"FB_cell_msgs_{ROLES[role]}_{role}"])
     sides = interface(block)
     for section, word in (("InputDeclarations", "in"), ("OutputDeclarations", "out")):
         rows = re.findall(rf"^\| {word} \| (.+?) \|", table, re.MULTILINE)

@@ -7,9 +7,13 @@ import pytest
 from shmgen.diagnostics import Report, Span
 from shmgen.model import Field, FieldType, Layout, Message, Scalar, Schema, Sequence, TypeName, ros_type
 from shmgen.targets import naming
+from shmgen.targets.c import names as c_names
+from shmgen.targets.python import names as python_names
+from shmgen.targets.st import names as st_names
 
 from ..support.build import layouts_of
 
+ST, PYTHON, C = st_names.NAMES, python_names.NAMES, c_names.NAMES
 POSE = TypeName("geometry_msgs", "msg", "Pose")
 
 
@@ -31,7 +35,7 @@ POSE = TypeName("geometry_msgs", "msg", "Pose")
     ],
 )
 def test_structured_text_members(name: str, safe: str) -> None:
-    assert naming.st_member(name) == safe
+    assert st_names.st_member(name) == safe
 
 
 def test_every_word_the_design_names_is_escaped() -> None:
@@ -40,12 +44,12 @@ def test_every_word_the_design_names_is_escaped() -> None:
         real lreal lword ulint usint wstring ltime date tod limit max min sel mux sizeof adr pointer reference
         struct union class method property interface this super null ref_to using namespace persistent retain"""
     for word in words.split():
-        assert naming.st_member(word) == word + "_"
+        assert st_names.st_member(word) == word + "_"
 
 
 def test_python_words_are_those_of_the_running_python() -> None:
-    assert set(keyword.kwlist) <= naming.PYTHON_RESERVED
-    assert [naming.python_member(name) for name in ("from", "match", "self", "type")] == [
+    assert set(keyword.kwlist) <= python_names.PYTHON_RESERVED
+    assert [python_names.python_member(name) for name in ("from", "match", "self", "type")] == [
         "from_",
         "match",
         "self_",
@@ -54,7 +58,7 @@ def test_python_words_are_those_of_the_running_python() -> None:
 
 
 def test_c_words() -> None:
-    assert [naming.c_member(name) for name in ("default", "linux", "xor", "value")] == [
+    assert [c_names.c_member(name) for name in ("default", "linux", "xor", "value")] == [
         "default_",
         "linux_",
         "xor_",
@@ -63,12 +67,12 @@ def test_c_words() -> None:
 
 
 def test_names_of_a_message() -> None:
-    assert naming.st_type(POSE) == "ST_geometry_msgs_Pose"
-    assert naming.gvl(POSE) == "GVL_geometry_msgs_Pose"
-    assert naming.publisher_block(POSE) == "FB_geometry_msgs_Pose_Publisher"
-    assert naming.subscriber_block(POSE) == "FB_geometry_msgs_Pose_Subscriber"
-    assert naming.st_type(TypeName("std_srvs", "srv", "SetBool_Request")) == "ST_std_srvs_SetBool_Request"
-    assert naming.st_type(TypeName("odd__pkg_", "msg", "_X")) == "ST_odd_pkg_X"
+    assert st_names.st_type(POSE) == "ST_geometry_msgs_Pose"
+    assert st_names.gvl(POSE) == "GVL_geometry_msgs_Pose"
+    assert st_names.publisher_block(POSE) == "FB_geometry_msgs_Pose_Publisher"
+    assert st_names.subscriber_block(POSE) == "FB_geometry_msgs_Pose_Subscriber"
+    assert st_names.st_type(TypeName("std_srvs", "srv", "SetBool_Request")) == "ST_std_srvs_SetBool_Request"
+    assert st_names.st_type(TypeName("odd__pkg_", "msg", "_X")) == "ST_odd_pkg_X"
 
 
 @pytest.mark.parametrize(
@@ -98,27 +102,27 @@ def message(**fields: FieldType) -> Layout:
     return layouts_of(schema)[name]
 
 
-def codes(layout: Layout, target: naming.Target) -> list[tuple[str, int]]:
+def codes(layout: Layout, target: naming.Names) -> list[tuple[str, int]]:
     report = Report()
-    naming.check_members(layout, target, report)
+    naming.check({layout.name: layout}, "shm_msgs", (), target, ["key"], report)
     return [(diagnostic.code, diagnostic.span.line) for diagnostic in report.diagnostics]
 
 
 def test_names_equal_up_to_case_clash_where_case_is_ignored() -> None:
     layout = message(Gain=Scalar.UINT8, gain=Scalar.UINT8)
-    assert codes(layout, naming.STRUCTURED_TEXT) == [("SHM203", 2)]
-    assert codes(layout, naming.PYTHON) == codes(layout, naming.C) == []
+    assert codes(layout, ST) == [("SHM203", 2)]
+    assert codes(layout, PYTHON) == codes(layout, C) == []
 
 
 def test_an_escaped_name_that_meets_another_clashes() -> None:
-    assert codes(message(step_=Scalar.UINT8, step=Scalar.UINT8), naming.STRUCTURED_TEXT) == [("SHM203", 2)]
-    assert codes(message(a_b=Scalar.UINT8, a__b=Scalar.UINT8), naming.STRUCTURED_TEXT) == [("SHM203", 2)]
-    assert codes(message(**{"from": Scalar.UINT8, "from_": Scalar.UINT8}), naming.PYTHON) == [("SHM203", 2)]
-    assert codes(message(int=Scalar.UINT8, int_=Scalar.UINT8), naming.C) == [("SHM203", 2)]
+    assert codes(message(step_=Scalar.UINT8, step=Scalar.UINT8), ST) == [("SHM203", 2)]
+    assert codes(message(a_b=Scalar.UINT8, a__b=Scalar.UINT8), ST) == [("SHM203", 2)]
+    assert codes(message(**{"from": Scalar.UINT8, "from_": Scalar.UINT8}), PYTHON) == [("SHM203", 2)]
+    assert codes(message(int=Scalar.UINT8, int_=Scalar.UINT8), C) == [("SHM203", 2)]
 
 
-@pytest.mark.parametrize("target", [naming.STRUCTURED_TEXT, naming.PYTHON, naming.C])
-def test_names_of_the_generator_are_its_own(target: naming.Target) -> None:
+@pytest.mark.parametrize("target", [ST, PYTHON, C])
+def test_names_of_the_generator_are_its_own(target: naming.Names) -> None:
     tail = Sequence(Scalar.UINT8, 4)
     assert codes(message(tail=tail, tail_count=Scalar.UINT8), target) == [("SHM204", 2)]
     assert codes(message(tail_count=Scalar.UINT8, tail=tail), target) == [("SHM204", 1)]
@@ -128,7 +132,8 @@ def test_names_of_the_generator_are_its_own(target: naming.Target) -> None:
 
 def test_the_clash_says_why_and_what_to_do() -> None:
     report = Report()
-    naming.check_members(message(step_=Scalar.UINT8, step=Scalar.UINT8), naming.STRUCTURED_TEXT, report)
+    layout = message(step_=Scalar.UINT8, step=Scalar.UINT8)
+    naming.check({layout.name: layout}, "shm_msgs", (), ST, ["st", "plcopen"], report)
     (text,) = map(str, report.diagnostics)
     assert "`step_` and `step` are one name in Structured Text: `step` becomes `step_`" in text
     assert "field: demo/Demo.step\n" in text

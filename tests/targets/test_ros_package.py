@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from shmgen.targets.ros_package import default_name
+from shmgen.targets.ros.package import default_name
 
 from ..conftest import REPOSITORY
 from ..support.build import put

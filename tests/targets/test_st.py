@@ -11,12 +11,12 @@ import pytest
 from shmgen import bounds, definitions, layout
 from shmgen.diagnostics import Rejected, Report
 from shmgen.model import Layout, Layouts, Scalar, String, TypeName, TypeOptions
-from shmgen.render import render
-from shmgen.runtime import header
-from shmgen.targets import st
-from shmgen.targets.st_text import ascii_text, comment_lines, literal
+from shmgen.targets import naming
+from shmgen.targets.st.names import NAMES
+from shmgen.targets.st.text import ascii_text, comment_lines, literal
 
 from ..conftest import REPOSITORY
+from ..support import build
 
 blark = pytest.importorskip("blark")
 
@@ -57,15 +57,12 @@ def lay_out(
 
 
 def texts_of(layouts: Layouts) -> dict[str, str]:
-    report = Report()
-    texts = render(st.plan(layouts, report))
-    report.stop_if_any()
-    return texts
+    return build.texts_of(layouts, "st")
 
 
 def codes_of(layouts: Layouts) -> list[str]:
     report = Report()
-    list(st.plan(layouts, report))
+    naming.check(layouts, "shm_msgs", (), NAMES, ["st"], report)
     return [diagnostic.code for diagnostic in report.diagnostics]
 
 
@@ -171,6 +168,7 @@ def test_constants_as_a_user_reads_them(texts: dict[str, str], demo: Layouts) ->
     digest = demo[DEMO["Tagged"]].digest
     assert texts["st/demo_msgs/GVL_demo_msgs_Tagged.st"] == (
         "// GVL_demo_msgs_Tagged: constants of demo_msgs/msg/Tagged\n"
+        "// Made by shmgen; changes made here are lost.\n"
         "{attribute 'qualified_only'}\n"
         "VAR_GLOBAL CONSTANT\n"
         "    SHM_TYPE_NAME : STRING(20) := 'demo_msgs/msg/Tagged';\n"
@@ -226,40 +224,6 @@ def test_every_structure_is_packed_and_every_constant_qualified(texts: dict[str,
             )
         if "/GVL_" in path:
             assert "{attribute 'qualified_only'}" in lines
-
-
-def test_the_region_header_is_that_of_the_runtime(texts: dict[str, str]) -> None:
-    found = members(texts["st/shmgen/ST_ShmHeader.st"])
-    sizes = [size_of(type_, {}) for _, type_ in found]
-    offsets = dict(zip((name for name, _ in found), itertools.accumulate([0, *sizes]), strict=False))
-    assert sum(sizes) == header.HEADER_SIZE
-    assert all(offset % min(size, 8) == 0 for offset, size in zip(offsets.values(), sizes, strict=True) if size <= 8)
-    words = {
-        "udiWriter": header.WRITER,
-        "udiBegun": header.BEGUN,
-        "udiCompleted": header.COMPLETED,
-        "udiHeartbeat": header.HEARTBEAT,
-        "udiLockHolder": header.LOCK_HOLDER,
-        "udiLockCount": header.LOCK_COUNT,
-    }
-    assert {name: offsets[name] for name in words} == {name: 4 * word for name, word in words.items()}
-    packed = header.pack(header.header_for("a/msg/B", 0x1122334455667788, 56, 1))
-    given = [offsets[name] for name in ("dwMagic", "uiAbi", "lwDigest", "udiPayloadSize", "udiSlots", "abyTypeName")]
-    assert [packed[offset] for offset in given] == [0x53, 1, 0x88, 56, 2, ord("a")]
-    assert sum(size_of(type_, {}) for _, type_ in members(texts["st/shmgen/ST_ShmSlot.st"])) == header.SLOT_HEADER
-
-
-def test_the_common_block_knows_the_numbers_of_the_runtime(texts: dict[str, str]) -> None:
-    text = texts["st/shmgen/FB_ShmRegion.st"]
-    for name, value in {
-        "MAGIC": f"16#{header.MAGIC:08X}",
-        "ABI": str(header.ABI),
-        "HEADER_SIZE": str(header.HEADER_SIZE),
-        "SLOT_HEADER": str(header.SLOT_HEADER),
-        "PAGE": str(header.PAGE),
-        "PLC": f"16#{header.PLC:08X}",
-    }.items():
-        assert re.search(rf"^    {name} +: \w+ +:= {value};", text, re.MULTILINE), name
 
 
 # --- names and clashes --------------------------------------------------------------------------------
@@ -505,7 +469,7 @@ def test_every_error_is_explained_and_no_other(texts: dict[str, str]) -> None:
 def test_every_input_and_output_is_explained(parsed: dict[str, list[Any]]) -> None:
     page = (REPOSITORY / "docs" / "structured-text.md").read_text().partition("## The blocks")[2].partition("\n## ")[0]
     for role, table in zip(("Subscriber", "Publisher"), page.split("| Publisher |"), strict=True):
-        found = interface(parsed[f"st/demo_msgs/FB_demo_msgs_Point_{role}.st"][0])
+        found = interface(parsed[f"st/demo_msgs/FB_demo_msgs_Everything_{role}.st"][0])
         for section, word in (("InputDeclarations", "in"), ("OutputDeclarations", "out")):
             rows = re.findall(rf"^\| {word} \| (.+?) \|", table, re.MULTILINE)
             named = [name for row in rows for name in re.findall(r"`(\w+)", row)]

@@ -6,10 +6,8 @@ from typing import Any
 
 import pytest
 
-from shmgen import config, config_entries, pipeline
+from shmgen import config, pipeline
 from shmgen.diagnostics import Diagnostic, Rejected, Report
-
-from ..conftest import REPOSITORY
 
 blark = pytest.importorskip("blark")
 
@@ -210,12 +208,6 @@ def test_refusals(tmp_path: Path, text: str, code: str, line: int, words: str) -
     (found,) = refusal(tmp_path, 'path = ["."]\n' + text if "srv" in text else text)
     assert (found.code, found.span.line - ("srv" in text)) == (code, line), str(found)
     assert words in found.message
-
-
-def test_the_limits_are_those_of_the_block() -> None:
-    block = (REPOSITORY / "templates" / "st" / "FB_ShmRegion.st.j2").read_text()
-    limits = dict(re.findall(r"^    (MAX_\w+) +: \w+ := (\d+);", block, re.MULTILINE))
-    assert limits == {"MAX_DEPTH": str(config_entries.MAX_DEPTH), "MAX_NAME": str(config_entries.LONGEST_TOPIC)}
 
 
 @pytest.mark.parametrize(

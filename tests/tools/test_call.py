@@ -12,9 +12,10 @@ import pytest
 
 from shmgen import config
 from shmgen.diagnostics import Report
+from shmgen.live.classes import Workshop
+from shmgen.live.session import Session
 from shmgen.runtime import Publisher, ServiceServer, Subscriber
 from shmgen.tools import call as tool
-from shmgen.tools.classes import Workshop
 
 DEFINITION = "bool on\nuint32 batch 7\n---\nbool success\nuint32[<=40] batches\nstring message\n"
 CONFIGURATION = '[strings]\n"cell_msgs/Start_Response.message" = 12\n'
@@ -31,7 +32,7 @@ def folder(shmgen, tmp_path):
 @pytest.fixture
 def served(folder, topic):
     """A server in a thread, for the command in another; it answers as the PLC or a bridge would."""
-    workshop = Workshop(config.load(folder / "shmgen.toml", "shmgen.toml", Report()), "shmgen.toml", None)
+    workshop = Workshop(Session(config.load(folder / "shmgen.toml", "shmgen.toml", Report())), None)
     _, client = tool.build(topic, "cell_msgs/Start", {}, workshop)
     request, reply = client.request_publisher.message_type, client.reply_subscriber.message_type
     kinds = {
@@ -92,7 +93,7 @@ def test_what_is_wrong_is_told_before_anything_is_opened(folder, shmgen, topic):
         (("cell_msgs/Start", "{off: true}"), "off: no such field in cell_msgs/srv/Start_Request"),
         (("cell_msgs/Start", "{off"), "neither YAML nor JSON"),
         (("Start",), "Start names no service: write package/Name"),
-        (("std_msgs/Bool",), "no message is called `std_msgs/srv/Bool_Request`"),
+        (("std_msgs/Bool",), "no message is called `std_msgs/srv/Bool`"),
     ):
         result = shmgen("call", topic, *arguments)
         assert result.code == 1

@@ -197,9 +197,9 @@ PosePublisher("/a").close()
 used = PosePublisher("/b/c")
 open("/dev/shm/foreign", "w").write("x" * 300)
 sys.argv = ["shmgen", "clean", "--all"]
-from shmgen import cli
+from shmgen.cli import main
 try:
-    cli.main()
+    main.main()
 finally:
     print(*sorted(os.listdir("/dev/shm")))
 """

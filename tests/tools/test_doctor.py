@@ -7,6 +7,7 @@ import json
 import os
 import shutil
 import subprocess
+import sys
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -16,6 +17,7 @@ import pytest
 from shmgen.runtime import region_name
 
 from ..support.command import run
+from .conftest import REPOSITORY
 
 PUBLISHER = "publisher = PosePublisher({topic!r}); publisher.publish(pose(1.0))"
 root_only = pytest.mark.skipif(os.geteuid() != 0, reason="makes another user, or another /dev/shm")
@@ -40,7 +42,7 @@ def test_a_healthy_region(topic, shmgen, peer):
     result = shmgen("doctor", topic)
     assert (result.code, result.stderr) == (0, "")
     lines = result.stdout.splitlines()
-    assert lines[0].startswith(f"{topic}  geometry_msgs/msg/Pose, depth 1, 1 samples, 4,096 bytes, ")
+    assert lines[0].startswith(f"{topic}  geometry_msgs/msg/Pose, depth 1, 1 sample, 4,096 bytes, ")
     assert lines[1].startswith(f"  writer: process {writer.pid} (")
     assert lines[1].endswith("), alive")
     assert lines[2] == "  lock: free, entered 0 times a second"
@@ -209,17 +211,96 @@ def test_a_process_that_holds_on_to_a_removed_region(topic, file, shmgen, peer):
     assert "no such region" in shmgen("doctor", topic).stderr
 
 
+NOBODY = ["setpriv", "--reuid=65534", "--regid=65534", "--clear-groups"]
+
+
+@pytest.fixture
+def for_nobody(topic):
+    """A process, and `shmgen doctor`, of a user who may do nothing but with what is his own."""
+    for module in ("posix_ipc", "shmgen.tools.doctor", "tests.runtime.messages"):
+        command = [*NOBODY, sys.executable, "-c", f"import {module}"]
+        if not shutil.which("setpriv") or subprocess.run(command, cwd=REPOSITORY, capture_output=True).returncode:
+            pytest.skip("another user cannot read this checkout")
+
+    def doctor(*arguments):
+        command = [*NOBODY, sys.executable, "-m", "shmgen", "doctor", *arguments, "--json"]
+        return json.loads(subprocess.run(command, cwd="/", capture_output=True, check=False).stdout)
+
+    return doctor
+
+
 @root_only
-@pytest.mark.skipif(not shutil.which("unshare"), reason="no unshare")
-def test_a_container_with_a_dev_shm_of_its_own(topic, shmgen, peer):
-    own = ["unshare", "-m", "sh", "-c", 'mount -t tmpfs tmpfs /dev/shm && exec "$@"', "sh"]
-    if subprocess.run([*own, "true"], capture_output=True).returncode:
+@pytest.mark.parametrize("kept", ["its file is open", "its file is closed"])
+def test_a_removed_region_of_a_process_of_one_s_own(topic, file, for_nobody, shmgen, peer, kept):
+    """Only root may look into map_files; the process's own descriptor tells as much, or the semaphore beside."""
+    closed = "; publisher._region._file.close()" if kept == "its file is closed" else ""
+    writer = peer(PUBLISHER.format(topic=topic) + closed, *NOBODY)
+    file.unlink()
+    for asked in ((), (topic,)):
+        found = [finding for finding in for_nobody(*asked)["findings"] if finding["topic"] == topic]
+        assert [(finding["process"], finding["note"]) for finding in found] == [(writer.pid, False)]
+        assert "still holds a region that was removed" in found[0]["message"]
+    assert examined(shmgen, topic)["process"] == writer.pid  # as root
+
+
+OWN = ["unshare", "-m", "sh", "-c", 'mount -t tmpfs tmpfs /dev/shm && exec "$@"', "sh"]
+
+
+@pytest.fixture
+def container(peer):
+    """A process with a /dev/shm of its own."""
+    if os.geteuid() or not shutil.which("unshare") or subprocess.run([*OWN, "true"], capture_output=True).returncode:
         pytest.skip("no namespaces here")
+    return lambda work, *before: peer(work, *OWN, *before)
+
+
+PAIR = """
+import time
+parent, (opened, open_now) = os.getpid(), os.pipe()
+if not os.fork():
+    os.close(1)
+    kept = PoseSubscriber({topic!r})
+    os.write(open_now, b"1")
+    while os.getppid() == parent:
+        time.sleep(0.05)
+    os._exit(0)
+os.read(opened, 1)
+publisher = PosePublisher({topic!r})
+"""
+"""Two processes that map the region, as a whole cell in a container has them."""
+
+
+def test_a_process_alone_in_another_dev_shm(topic, shmgen, peer, container):
     peer(PUBLISHER.format(topic=topic))
-    inside = peer(PUBLISHER.format(topic=topic), *own)
+    inside = container(PUBLISHER.format(topic=topic))
     fault = examined(shmgen, topic)
     assert "in a /dev/shm of its own, so neither side sees the other" in fault["message"]
     assert fault["process"] == inside.pid
+
+
+def test_containers_that_are_whole_are_no_fault(topic, tmp_path, for_nobody, shmgen, peer, container):
+    """Each has its own /dev/shm with all that it needs, whether the machine has such a region too or not."""
+    about = lambda report: [f for f in report["findings"] if f["topic"].startswith(topic)]  # noqa: E731
+    container(PAIR.format(topic=f"{topic}_a"))
+    container(PAIR.format(topic=f"{topic}_a"))
+    container(PAIR.format(topic=f"{topic}_b"), *NOBODY)
+    container(PUBLISHER.format(topic=f"{topic}_c"))  # alone, and nobody here has heard of it
+    assert about(json.loads(shmgen("doctor", "--json").stdout)) == []
+    assert about(for_nobody()) == []
+    peer(PAIR.format(topic=f"{topic}_a"))
+    assert about(json.loads(shmgen("doctor", "--json").stdout)) == []
+    (tmp_path / "shmgen.toml").write_text(f'[[topics]]\ntopic = "{topic}_b"\ntype = "std_msgs/Bool"\n')
+    assert about(json.loads(shmgen("doctor", "--json").stdout)) == []
+    (tmp_path / "shmgen.toml").write_text(f'[[topics]]\ntopic = "{topic}_c"\ntype = "std_msgs/Bool"\n')
+    (lonely,) = about(json.loads(shmgen("doctor", "--json").stdout))
+    assert "in a /dev/shm of its own" in lonely["message"]
+
+
+def test_a_region_that_is_only_in_a_container_is_found_if_it_is_asked_for(topic, shmgen, container):
+    container(PAIR.format(topic=topic))
+    found = faults(shmgen("doctor", topic, "--json"))
+    assert len(found) == 2
+    assert all("in a /dev/shm of its own" in finding["message"] for finding in found)
 
 
 @pytest.mark.skipif(not shutil.which("i686-linux-gnu-gcc"), reason="no 32-bit compiler")

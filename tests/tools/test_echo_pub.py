@@ -13,12 +13,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from ruamel.yaml import YAML
 
-from shmgen.runtime import header
-from shmgen.targets import python
+from shmgen import pipeline
+from shmgen.config import Config, load
+from shmgen.diagnostics import Report
+from shmgen.model import TypeName
+from shmgen.runtime import CountExceeded, header
 from shmgen.tools import given as typed
 from shmgen.tools import shown
 
-from ..support import build, schemas
+from ..support import build, counts, schemas
 
 POSE = """position:
   x: 1.0
@@ -76,6 +79,11 @@ def test_defaults_and_now(topic, shmgen):
         ("geometry_msgs/Pose", "{position: 3}", "position: 3 is int, not the fields of"),
         ("geometry_msgs/Pose", "{position: {x: far}}", "position.x: 'far' is str, not float64"),
         ("std_msgs/Int32", "{data: 3000000000}", "data: 3000000000; int32 goes from"),
+        ("std_msgs/Float64", "{data: 1e999}", "1e999 is too large for float64; infinity is written .inf"),
+        ("std_msgs/Float64", '{"data": -1e999}', "-1e999 is too large for float64"),
+        ("std_msgs/Float64", f"{{data: 1{400 * '0'}}}", "is too large for float64"),
+        ("std_msgs/ColorRGBA", "{r: 1e300}", "r: 1e+300 is too large for float32"),
+        ("std_msgs/String", 5000 * "[", "brackets are nested too deeply"),
         ("std_msgs/Bool", "{data: 'false'}", "data: 'false' is no bool"),
         ("std_msgs/String", "{data: " + 81 * "x" + "}", "data: 81 bytes of UTF-8, capacity 80"),
         ("std_msgs/Header", "{stamp: {secs: 1}}", "stamp.secs: no such field in a time; did you mean sec?"),
@@ -87,6 +95,12 @@ def test_defaults_and_now(topic, shmgen):
 )
 def test_complaints_name_the_field_and_touch_nothing(type_name, text, complaint, topic, shmgen):
     assert complaint in rejected(shmgen, topic, type_name, text)
+
+
+def test_infinity_on_purpose_passes(topic, shmgen):
+    for text in ("{r: .inf, g: -.inf, b: .nan}", '{"r": Infinity, "g": "-Infinity", "b": "NaN"}'):
+        published(shmgen, topic, "std_msgs/ColorRGBA", text)
+        assert shmgen("echo", topic, "--once").stdout == "r: .inf\ng: -.inf\nb: .nan\na: 0.0\n---\n"
 
 
 def test_errors_within_arrays_have_an_index(topic, tmp_path, shmgen):
@@ -110,6 +124,46 @@ def test_arrays_are_shortened_and_say_so(topic, shmgen):
     assert ", 0.0, '... 36 in all']\n" in short
     assert full.count("0.0, ") == 35
     assert len(json.loads(shmgen("echo", topic + "b", "--once", "--json").stdout)["covariance"]) == 36
+
+
+def test_a_sample_with_a_count_too_high_is_told_and_the_next_one_printed(topic, file, tmp_path, shmgen, started):
+    (tmp_path / "shmgen.toml").write_text('[bounds]\n"sensor_msgs/JointState" = 3\n')
+    published(shmgen, topic, "sensor_msgs/JointState", "{position: [1.0]}")
+    with file.open("r+b") as region:
+        there = header.unpack(region.read(), 0)
+        (count,) = (slot for slot in bounds_of("sensor_msgs/JointState", tmp_path) if slot.name == "position_count")
+        region.seek(there.header_size + there.slot_size + header.SLOT_HEADER + count.offset)
+        region.write((2**32 - 1).to_bytes(4, "little"))
+    said = f"error: {topic}: damaged sample: position: the writer says 4,294,967,295 elements; the bound is 3\n"
+    once = shmgen("echo", topic, "--once")
+    assert (once.code, once.stdout, once.stderr) == (1, "", said)
+    process = started("echo", topic, "-n", "2", "--json")
+    assert process.stderr.readline() == said
+    published(shmgen, topic, "sensor_msgs/JointState", "{position: [2.0]}")
+    assert json.loads(process.stdout.readline())["position"] == [2.0]
+    assert process.wait() == 1
+
+
+def bounds_of(name, folder):
+    config = load(folder / "shmgen.toml", "shmgen.toml", Report())
+    return next(layout for layout in pipeline.lay_out(config, [name]).values() if layout.requested).slots
+
+
+@pytest.mark.parametrize(("path", "count"), counts.PLACES)
+def test_the_count_at_fault_is_named(path, count, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("counts")
+    for name, text in counts.DEFINITIONS.items():
+        build.put({f"counts_msgs/{name}.{name.partition('/')[0]}": text}, folder)
+    config = Config(folder, path=(folder,), package="shm_counts_shown", targets=("python",))
+    build.put(pipeline.generate(config, ["counts_msgs/Tree"]), folder)
+    msg = build.module(folder, "shm_counts_shown", TypeName("counts_msgs", "msg", "Tree"))
+    message = counts.tree(msg, 1)
+    assert shown.yaml(message)
+    counts.spoil(message, path, count)
+    for show in (shown.yaml, shown.as_json):
+        with pytest.raises(CountExceeded) as raised:
+            show(message)
+        assert raised.value.path == path
 
 
 def test_the_layout_is_found_by_its_digest(topic, tmp_path, shmgen):
@@ -226,7 +280,7 @@ class TestAnyMessage:
         folder = tmp_path_factory.mktemp("any")
         layouts = build.layouts_of(schema)
         package = f"any_{folder.name}"
-        build.put(build.texts_of(layouts, python, package), folder)
+        build.put(build.texts_of(layouts, "python", package), folder)
         for layout in layouts.values():
             kind, _, _ = build.classes(folder, package, layout.name)
             original = schemas.random_message(layout, layouts, random.Random(seed))

@@ -87,7 +87,7 @@ def test_top_in_a_pipe(topic, shmgen, started):
 
 
 def row(topic, rate):
-    return top.Row(topic, "demo_msgs/msg/Long", "42 a long name", 1, rate, 1.0, 0.0, 0, 0)
+    return top.TopicRow(topic, "demo_msgs/msg/Long", "42 a long name", 1, rate, 1.0, 0.0, 0, 0)
 
 
 def test_top_counts_what_readers_missed(topic, shmgen):
@@ -121,6 +121,22 @@ def test_order_and_width():
     wide = max(map(len, top.table(rows)))
     assert max(map(len, top.table(rows, width=wide - 10))) == wide - 10
     assert "5.0/s" in top.table(rows, width=20)[2]
+
+
+def test_columns_stay_where_they_are():
+    """From one table to the next, with the numbers of every day and the sort going round; regions may come and go."""
+    before = {}
+    first = top.table([row("/a", None)], "topic", None, before)
+    for rate, column in ((9.9, "rate"), (10.0, "age"), (999.9, "lock"), (1000.0, "type"), (0.0, "topic")):
+        lines = top.table([row("/a", rate)], column, None, before)
+        assert len(lines[1]) == len(first[1])
+        assert [title.start() for title in re.finditer(r"[A-Z]\b", lines[0].replace("*", " "))] == [
+            title.start() for title in re.finditer(r"[A-Z]\b", first[0].replace("*", " "))
+        ]
+    wide = top.table([row("/a", 12345.6), row("/a/long/name", 1.0)], "", None, before)
+    assert len(top.table([row("/a", 1.0)], "", None, before)[1]) == len(wide[1])
+    narrow = top.table([row("/a", 1.0)], "", 70, before)
+    assert [len(line) for line in top.table([row("/a", 12345.6)], "", 70, before)] == [len(line) for line in narrow]
 
 
 class Terminal:

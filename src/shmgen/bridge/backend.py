@@ -15,7 +15,13 @@ from shmgen.model import Message, TypeName
 from shmgen.runtime import Time
 
 QUEUE = 1000
-"""Messages a queue of a ROS holds at least: a second of a topic at 1 kHz, as long as Python may stand still."""
+"""Small messages a queue of a ROS holds: a second of a topic at 1 kHz, as long as Python may stand still."""
+LARGEST = 2**16
+"""Bytes that any message may have on its way. What is somewhat too long for its region still comes, to be counted."""
+_SLACK = 4
+"""So many times what its region holds may a larger one have."""
+_MEMORY = 2**26
+"""Bytes that the queue of a topic may come to."""
 
 
 class BackendMissing(Exception):
@@ -31,7 +37,8 @@ class Node:
     """Who the bridge is in the graph. `domain` is DDS's, None = what ROS_DOMAIN_ID says.
 
     `tell` takes a line for whoever watches the bridge. `stopping` is true as soon as the bridge is to end.
-    `arguments` are ROS's own of the command line, such as `__name:=x` or `--ros-args -r __node:=x`.
+    `arguments` are ROS's own of the command line, such as `__name:=x` or `--ros-args -r __node:=x`. `largest` is
+    that of all wires.
     """
 
     name: str
@@ -39,6 +46,7 @@ class Node:
     tell: Callable[[str], None]
     stopping: Callable[[], bool]
     arguments: tuple[str, ...] = ()
+    largest: int = LARGEST
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +54,7 @@ class Wire:
     """One topic as ROS sees it. `messages` are its definitions as written, dependencies first, its own type last.
 
     What is unbounded there is unbounded in ROS, whatever shmgen.toml bounds it to. `latch` keeps the newest message
-    for late subscribers (ROS 2: transient local). `depth` is the region's.
+    for late subscribers (ROS 2: transient local). `depth` is the region's, `room` the bytes of a message in it.
     """
 
     topic: str
@@ -54,6 +62,7 @@ class Wire:
     qos: Literal["reliable", "best_effort"] = "reliable"
     latch: bool = False
     depth: int = 1
+    room: int = 0
 
     @property
     def type(self) -> TypeName:
@@ -62,7 +71,17 @@ class Wire:
     @property
     def queue(self) -> int:
         """How many messages may wait in ROS."""
-        return max(self.depth, QUEUE)
+        return max(self.depth, min(QUEUE, _MEMORY // self.largest))
+
+    @property
+    def largest(self) -> int:
+        """Bytes that a message may have on its way; what is longer need not be read to know that it does not fit."""
+        return largest(self.room)
+
+
+def largest(room: int) -> int:
+    """Of messages that have `room` bytes in a region."""
+    return max(LARGEST, _SLACK * room)
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +96,22 @@ class ServiceWire:
     def type(self) -> TypeName:
         """`std_srvs/srv/SetBool`."""
         return self.request[-1].name._replace(name=self.request[-1].name.name.removesuffix("_Request"))
+
+
+class Taker(Protocol):
+    """Where what comes from a topic goes: from any thread, but never two at once."""
+
+    def take(self, message: Any) -> None:
+        """One message."""
+
+    def reject(self, why: str) -> None:
+        """One that is no message: its bytes do not make one."""
+
+    def refuse(self, why: str) -> None:
+        """One of a peer that means something else by the type."""
+
+    def lose(self, count: int) -> None:
+        """So many that a publisher has sent and this ROS has handed to nobody."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,16 +141,20 @@ Answer = Callable[[Any, Any], None]
 """Fills the (request, response) of a service; raises NoAnswer, and the ROS client then hears so if its ROS can tell."""
 
 
+Refuse = Callable[[str], None]
+"""Is told why a client got no answer that means something else by the type."""
+
+
 class Backend(Protocol):
     """A node in a ROS graph."""
 
     def publisher(self, wire: Wire) -> Outlet:
         """Advertises the topic. Raises ValueError for a type that this ROS has otherwise or not at all."""
 
-    def subscribe(self, wire: Wire, callback: Callable[[Any], None]) -> Callable[[], Any]:
-        """Calls `callback` with each message, in order; gives what makes an empty one. Raises as publisher()."""
+    def subscribe(self, wire: Wire, taker: Taker) -> Callable[[], Any]:
+        """Hands each message to `taker`, in order; gives what makes an empty one. Raises as publisher()."""
 
-    def serve(self, wire: ServiceWire, answer: Answer) -> None:
+    def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
         """Offers the service; `answer` is called in a thread where it may wait. Raises as publisher()."""
 
     def client(self, wire: ServiceWire) -> Caller:

@@ -5,15 +5,15 @@ rosbags does it: it compiles a codec for each type, and its messages bear the na
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 from shmgen.model import (
     Array,
     Clock,
     Element,
-    Field,
     FieldType,
     Message,
     Ref,
@@ -23,15 +23,11 @@ from shmgen.model import (
     TypeName,
     assert_never,
     element_of,
-    ros_type,
 )
+from shmgen.type_hash import FILLER, TIMES, type_hash
 
-TIMES = {
-    Clock.TIME: TypeName("builtin_interfaces", "msg", "Time"),
-    Clock.DURATION: TypeName("builtin_interfaces", "msg", "Duration"),
-}
-FILLER = "structure_needs_at_least_one_member"
-"""The uint8 that ROS 2 gives a message without fields, since IDL knows no empty structure."""
+_WIDE = "shmgen/msg/WString"
+"""A `wstring`, which rosbags does not know: its UTF-16 units behind their number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,55 +43,58 @@ class Codec:
     type_hash: str
 
 
-def codec(messages: tuple[Message, ...]) -> Codec:
-    """For the last of `messages`, which hold all it refers to. Raises ValueError for a `wstring`."""
+def codec(messages: tuple[Message, ...], wide_unit: Literal[2, 4] = 4) -> Codec:
+    """For the last of `messages`, which hold all it refers to.
+
+    `wide_unit` is the bytes that an UTF-16 unit of a `wstring` has: 4 where rosidl's code for Fast DDS makes them, 2 in
+    rmw_cyclonedds.
+    """
     from rosbags.serde import SerdeError
     from rosbags.typesys.store import Typestore
 
-    _refuse_wide(messages)
-    store, written = Typestore(), Typestore()
-    store.register(_definitions(messages, as_written=False))
-    written.fielddefs.update(_definitions(messages, as_written=True))  # all that a hash is made from
+    store = Typestore()
+    unit = f"uint{8 * wide_unit}"
+    store.register(_definitions(messages, unit))
+    kinds: dict[str, Any] = {**store.types, _WIDE: lambda units: store.types[_WIDE](units.astype(unit))}
     top = messages[-1].name
     known = {message.name: message for message in messages}
-    foreign = any(_has_numbers_in_elements(field.type, known) for message in messages for field in message.fields)
+    fields = [field.type for message in messages for field in message.fields]
+    wide = any(isinstance(type_ := element_of(field), String) and type_.wide for field in fields)
+    foreign = wide or any(_has_numbers_in_elements(field, known) for field in fields)
 
     def encode(message: Any) -> bytes:
         if foreign:
-            message = _converted(message, Ref(top), known, store.types)
+            message = _converted(message, Ref(top), known, kinds)
         return bytes(store.serialize_cdr(message, str(top), little_endian=True))
 
     def decode(data: bytes | memoryview) -> Any:
         try:
-            return store.deserialize_cdr(data, str(top))
-        except SerdeError as error:
+            if wide:  # Fast DDS leaves more room behind one than it needs, which rosbags takes for an error
+                kept = store.get_msgdef(str(top))
+                read = kept.deserialize_cdr_le if data[1] else kept.deserialize_cdr_be
+                return _texts(read(bytes(data[4:]), 0, kept.cls, store)[0], Ref(top), known)
+            message = store.deserialize_cdr(data, str(top))
+        except (SerdeError, struct.error, IndexError) as error:
             raise ValueError(str(error)) from error
+        return message
 
     # Decoding an empty message takes a third of the time of making one; of a bytearray its arrays can be written to.
-    blank = encode(_empty(Ref(top), known, store.types))
-    return Codec(lambda: decode(memoryview(bytearray(blank))), encode, decode, written.hash_rihs01(str(top)))
+    blank = encode(_empty(Ref(top), known, kinds))
+    return Codec(lambda: decode(memoryview(bytearray(blank))), encode, decode, type_hash(messages))
 
 
-def _refuse_wide(messages: tuple[Message, ...]) -> None:
-    for message in messages:
-        for field in message.fields:
-            if isinstance(type_ := element_of(field.type), String) and type_.wide:
-                where, what = f"{message.name.short}.{field.name}", ros_type(field.type)
-                raise ValueError(f"{where}: no {what} through DDS: Cyclone's Python does not know it; use string")
-
-
-def _definitions(messages: tuple[Message, ...], *, as_written: bool) -> dict[str, Any]:
-    """As rosbags wants them. `as_written` tells `byte` and `char` from uint8, which matters to the hash alone."""
+def _definitions(messages: tuple[Message, ...], unit: str) -> dict[str, Any]:
+    """As rosbags wants them."""
     from rosbags.interfaces import Nodetype
 
-    def element(type_: Element, field: Field) -> Any:
+    def element(type_: Element) -> Any:
         match type_:
             case Scalar():
-                word = field.written.partition("[")[0]
-                spelled = word if as_written and word in ("byte", "char") else type_.value
-                return Nodetype.BASE, (spelled, 0)
+                return Nodetype.BASE, (type_.value, 0)
             case Clock():
                 return Nodetype.NAME, str(TIMES[type_])
+            case String(_, True):
+                return Nodetype.NAME, _WIDE
             case String(capacity, _):
                 return Nodetype.BASE, ("string", capacity or 0)
             case Ref(name):
@@ -103,25 +102,30 @@ def _definitions(messages: tuple[Message, ...], *, as_written: bool) -> dict[str
             case _:
                 assert_never(type_)
 
-    def described(field: Field) -> Any:
-        match field.type:
-            case Array(type_, length):
-                return Nodetype.ARRAY, (element(type_, field), length)
-            case Sequence(type_, capacity):
-                return Nodetype.SEQUENCE, (element(type_, field), capacity or 0)
-            case type_:
-                return element(type_, field)
+    def described(type_: FieldType) -> Any:
+        match type_:
+            case Array(inner, length):
+                return Nodetype.ARRAY, (element(inner), length)
+            case Sequence(inner, capacity):
+                return Nodetype.SEQUENCE, (element(inner), capacity or 0)
+            case inner:
+                return element(inner)
 
     filler = [(FILLER, (Nodetype.BASE, ("uint8", 0)))]
     seconds = [("sec", (Nodetype.BASE, ("int32", 0))), ("nanosec", (Nodetype.BASE, ("uint32", 0)))]
-    return {str(name): ([], list(seconds)) for name in TIMES.values()} | {
-        str(message.name): ([], [(field.name, described(field)) for field in message.fields] or filler)
-        for message in messages
-    }
+    units = [("units", (Nodetype.SEQUENCE, ((Nodetype.BASE, (unit, 0)), 0)))]
+    return (
+        {_WIDE: ([], units)}
+        | {str(name): ([], list(seconds)) for name in TIMES.values()}
+        | {
+            str(message.name): ([], [(field.name, described(field.type)) for field in message.fields] or filler)
+            for message in messages
+        }
+    )
 
 
 def _has_numbers_in_elements(type_: FieldType, known: Mapping[TypeName, Message]) -> bool:
-    """Whether it is a list of messages with arrays of numbers, which rosbags takes as ndarray only."""
+    """Whether it is a list of messages that are empty, or have arrays of numbers: rosbags takes ndarrays only."""
     if not isinstance(type_, (Array, Sequence)) or not isinstance(type_.element, Ref):
         return False
     return _has_numbers(type_.element, known)
@@ -130,7 +134,8 @@ def _has_numbers_in_elements(type_: FieldType, known: Mapping[TypeName, Message]
 def _has_numbers(type_: FieldType, known: Mapping[TypeName, Message]) -> bool:
     match type_:
         case Ref(name):
-            return any(_has_numbers(field.type, known) for field in known[name].fields)
+            fields = known[name].fields  # none: rosbags has a filler there, which nobody else has
+            return not fields or any(_has_numbers(field.type, known) for field in fields)
         case Array(element) | Sequence(element):
             return isinstance(element, Scalar) or _has_numbers(element, known)
         case _:
@@ -151,10 +156,29 @@ def _converted(value: Any, type_: FieldType, known: Mapping[TypeName, Message], 
                     for member, field in zip(members, fields, strict=True)
                 )
             )
+        case String(_, True):
+            units = _numbers(value.encode("utf-16-le"), Scalar.UINT16)
+            return kinds[_WIDE](units)
         case Array(Scalar() as scalar) | Sequence(Scalar() as scalar):
             return _numbers(value, scalar)
-        case Array(Ref() as element) | Sequence(Ref() as element):
+        case Array(Ref() | String(_, True) as element) | Sequence(Ref() | String(_, True) as element):
             return [_converted(item, element, known, kinds) for item in value]
+        case _:
+            return value
+
+
+def _texts(value: Any, type_: FieldType, known: Mapping[TypeName, Message]) -> Any:
+    """The same with `str` for each `wstring`. Raises ValueError for half a character."""
+    match type_:
+        case Ref(name):
+            members = [name for name in value.__dataclass_fields__ if name != "__msgtype__"]
+            for member, field in zip(members, known[name].fields, strict=False):
+                setattr(value, member, _texts(getattr(value, member), field.type, known))
+            return value
+        case String(_, True):
+            return value.units.astype("<u2").tobytes().decode("utf-16-le")
+        case Array(Ref() | String(_, True) as element) | Sequence(Ref() | String(_, True) as element):
+            return [_texts(item, element, known) for item in value]
         case _:
             return value
 

@@ -10,14 +10,18 @@ _QUIET = 5.0
 """Seconds between two complaints about one topic: a thousand messages a second may all be wrong."""
 
 
+_NAMED = ("rejected", "truncated", "thinned", "missed", "failed", "refused", "lost")
+
+
 @dataclass(slots=True)
 class Counters:
     """Messages, or calls, since the bridge began.
 
     `passed` crossed, `truncated` of them cut; `rejected` did not fit; `thinned` were left out for `rate`; `missed`
     were overwritten in the region before they could be read, or came while there was none; `failed` are calls of a
-    service without an answer. `newest` is when the
-    last one came, by the monotonic clock; `complaint` says what was wrong with the last that was.
+    service without an answer; `refused` came from a peer that means something else by the type; `lost` were sent, and
+    gone before ROS handed them over. `newest` is when the last one came, by the monotonic clock; `complaint` says what
+    was wrong with the last that was.
     """
 
     topic: str
@@ -28,6 +32,8 @@ class Counters:
     thinned: int = 0
     missed: int = 0
     failed: int = 0
+    refused: int = 0
+    lost: int = 0
     newest: float | None = None
     complaint: str = ""
     _told: float = float("-inf")
@@ -41,6 +47,27 @@ class Counters:
     def came(self) -> None:
         self.newest = time.monotonic()
 
+    def reject(self, why: str, who: str = "") -> None:
+        """One that does not fit, or that `who` would not take."""
+        self.rejected += 1
+        self.complain(f"rejected{who}: {why}")
+
+    def miss(self, why: str = "") -> None:
+        """One for which there was no room, or no region; `why` is told if it is not known already."""
+        self.missed += 1
+        if why:
+            self.complain(why)
+
+    def refuse(self, why: str) -> None:
+        """One of a peer that means something else by the type, who is told of once, elsewhere."""
+        self.refused += 1
+        self.complaint = why
+
+    def lose(self, count: int) -> None:
+        """So many that were sent and never came here."""
+        self.lost += count
+        self.complain(f"{count} lost on the way")
+
     def complain(self, text: str) -> None:
         """Tells it, unless the topic has been complained about within the last seconds."""
         self.complaint = text
@@ -53,6 +80,6 @@ class Counters:
         self.tell(f"{self.topic}: {text}{more}")
 
     def __str__(self) -> str:
-        named = {name: getattr(self, name) for name in ("rejected", "truncated", "thinned", "missed", "failed")}
+        named = {name: getattr(self, name) for name in _NAMED}
         others = "".join(f", {number} {name}" for name, number in named.items() if number)
         return f"{self.passed} passed{others}"

@@ -6,15 +6,15 @@ from typing import Any
 
 from shmgen.model import Layout, Layouts, Ref, Role, String
 from shmgen.runtime import values
-from shmgen.targets.naming import python_member
+from shmgen.targets.python.names import python_member
 
 
 def cut(message: Any, layout: Layout, layouts: Layouts) -> None:
     """Shortens what is too long, in place. Fixed arrays stay: one of another length is an error of its sender."""
     bounded = False
     for slot in layout.slots:
-        if slot.role is not Role.DATA:
-            bounded = slot.role is Role.COUNT
+        if slot.role is not Role.DATA:  # there may be padding between a count and what it counts
+            bounded = bounded or slot.role is Role.COUNT
             continue
         name = python_member(slot.name)
         value = getattr(message, name)

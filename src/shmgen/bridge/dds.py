@@ -11,32 +11,46 @@ from collections.abc import Callable
 from typing import Any
 
 from cyclonedds.core import DDSException
-from cyclonedds.domain import DomainParticipant
+from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.qos import Policy, Qos
 
 from shmgen.bridge import dds_services
-from shmgen.bridge.backend import Answer, Caller, Node, Outlet, ServiceWire, Wire
+from shmgen.bridge.backend import Answer, Caller, Node, Outlet, Refuse, ServiceWire, Taker, Wire
 from shmgen.bridge.cdr import Codec, codec
-from shmgen.bridge.dds_ends import Ends, quality, send
+from shmgen.bridge.dds_ends import Ends, Peers, quality, send
+from shmgen.bridge.dds_network import confine, network, sockets
 from shmgen.bridge.dds_types import structure, topic_name
+from shmgen.bridge.identity import Identity
 from shmgen.runtime import Time
 
 _LAST_DOMAIN = 232
 """Those above have no UDP ports left (DDSI-RTPS 2.5, 9.6.2)."""
-_NOT_LOOKED_AT = ("ROS_LOCALHOST_ONLY", "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_STATIC_PEERS")
+_TOLERANT = (
+    '<CycloneDDS><Domain Id="any"><Compatibility><IgnoreTypeInformation>1.15</IgnoreTypeInformation></Compatibility>'
+    "</Domain></CycloneDDS>"
+)
+"""What Fast DDS 3 (vendor 1.15; ROS 2 Kilted) says of its types Cyclone takes for invalid, and would not match it;
+the type hash tells whether they are ours."""
+_CONFIGURED: dict[int, Domain] = {}
 
 
 def connect(node: Node) -> Graph:
     """Joins the domain. Raises ValueError for a domain that cannot be, and where there is no network."""
     domain = _domain(node.domain)
-    for name in _NOT_LOOKED_AT:
-        if os.environ.get(name):
-            node.tell(f"dds: {name} is not looked at here; CYCLONEDDS_URI is")
     if node.arguments:
         node.tell(f"dds: there is no ROS here to take {' '.join(node.arguments)}")
+    joined = network(os.environ, node.largest)
+    for note in joined.notes:
+        node.tell(f"dds: {note}")
+    before = sockets()
     try:
+        _configure(domain, joined.config)
+        if joined.alone:
+            confine(before)
         participant = DomainParticipant(domain, Qos(Policy.EntityName(node.name)))
-    except DDSException as error:
+        if joined.alone:
+            confine(before)
+    except (DDSException, OSError) as error:
         raise ValueError(f"dds: cannot join domain {domain}: {error}") from error
     return Graph(Ends(participant, node.tell))
 
@@ -53,17 +67,34 @@ class Graph:
         writer = self._ends.writer(topic_name(wire.topic), structure(wire.messages), _quality(wire, made))
         return Outlet(made.new, lambda message: send(writer, made.encode(message)))
 
-    def subscribe(self, wire: Wire, callback: Callable[[Any], None]) -> Callable[[], Any]:
-        """Calls `callback` in a thread of the topic's own. Raises as publisher()."""
+    def subscribe(self, wire: Wire, taker: Taker) -> Callable[[], Any]:
+        """Hands over in a thread of the topic's own. Raises as publisher()."""
         made = codec(wire.messages)
         name = topic_name(wire.topic)
-        reader = self._ends.reader(name, structure(wire.messages), _quality(wire, made))
-        self._ends.listen(reader, lambda sample: callback(made.decode(sample.cdr)), name)
+        identity = Identity(wire.topic, wire.type, made.type_hash, self._ends.tell)
+        peers = Peers(identity, taker.refuse)
+        reader = self._ends.reader(name, structure(wire.messages), _quality(wire, made), peers.matched)
+
+        def take(sample: Any) -> None:
+            if why := peers.refusal(reader, sample):
+                taker.refuse(why)
+                return
+            if len(sample.cdr) > wire.largest:
+                taker.reject(f"{len(sample.cdr):,} bytes, and more than {wire.largest:,} are no message for its region")
+                return
+            try:
+                message = made.decode(sample.cdr)
+            except ValueError as error:
+                taker.reject(str(error))
+                return
+            taker.take(message)
+
+        self._ends.listen(reader, take, name)
         return made.new
 
-    def serve(self, wire: ServiceWire, answer: Answer) -> None:
+    def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
         """For clients on rmw_cyclonedds. Raises as publisher()."""
-        dds_services.serve(self._ends, wire, answer)
+        dds_services.serve(self._ends, wire, answer, refuse)
 
     def client(self, wire: ServiceWire) -> Caller:
         """For servers on rmw_cyclonedds. Raises as publisher()."""
@@ -80,6 +111,12 @@ class Graph:
     def close(self) -> None:
         """Leaves the domain."""
         self._ends.close()
+
+
+def _configure(domain: int, config: str) -> None:
+    """Once in a process, as Cyclone has it."""
+    if domain not in _CONFIGURED:
+        _CONFIGURED[domain] = Domain(domain, f"{config},{_TOLERANT}")
 
 
 def _domain(configured: int | None) -> int:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from typing import Any, Literal
 
@@ -29,6 +29,10 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
 from shmgen.bridge.dds_types import sample
+from shmgen.bridge.identity import Identity
+
+Matched = Callable[[Any, int], None]
+"""Is called with our end and the handle of a peer of it, as soon as they have found each other."""
 
 _PATIENCE = 10_000_000
 """Nanoseconds a writer may be held up; keep-last writers have not been seen to be."""
@@ -74,15 +78,19 @@ class Ends:
         self._stop = GuardCondition(participant)
         self._threads: list[threading.Thread] = []
 
-    def writer(self, topic: str, kind: type[Any], qos: Qos) -> DataWriter:
+    def writer(self, topic: str, kind: type[Any], qos: Qos, matched: Matched | None = None) -> DataWriter:
         """Of the structure `kind`."""
-        return DataWriter(self._participant, Topic(self._participant, topic, kind), qos, self._watch(topic, "offer"))
+        listener = self._watch(topic, "offer", matched)
+        return DataWriter(self._participant, Topic(self._participant, topic, kind), qos, listener)
 
-    def reader(self, topic: str, kind: type[Any], qos: Qos) -> DataReader:
+    def reader(self, topic: str, kind: type[Any], qos: Qos, matched: Matched | None = None) -> DataReader:
         """Of the structure `kind`; what it takes are objects with `cdr`."""
         without_service = qos - Qos(qos[Policy.DurabilityService]) if Policy.DurabilityService in qos else qos
         return DataReader(
-            self._participant, Topic(self._participant, topic, kind), without_service, self._watch(topic, "ask for")
+            self._participant,
+            Topic(self._participant, topic, kind),
+            without_service,
+            self._watch(topic, "ask for", matched),
         )
 
     def listen(self, reader: DataReader, callback: Callable[[Any], None], name: str) -> None:
@@ -117,14 +125,64 @@ class Ends:
                             complained = time.monotonic()
                             self.tell(f"{name}: {type(error).__name__}: {error}")
 
-    def _watch(self, name: str, verb: str) -> Listener:
+    def _watch(self, name: str, verb: str, matched: Matched | None) -> Listener:
         def told(entity: Any, status: Any) -> None:
             policy = _POLICIES.get(status.last_policy_id, f"policy {status.last_policy_id}")
             self.tell(f"{name}: a peer does not match the {policy} that we {verb}; nothing passes between the two")
 
+        def met(entity: Any, status: Any) -> None:
+            if matched and entity and status.current_count_change > 0:  # None: not yet made; asked at its first sample
+                handle = status.last_subscription_handle if verb == "offer" else status.last_publication_handle
+                matched(entity, handle)
+
         if verb == "offer":
-            return Listener(on_offered_incompatible_qos=told)
-        return Listener(on_requested_incompatible_qos=told)
+            return Listener(on_offered_incompatible_qos=told, on_publication_matched=met)
+        return Listener(on_requested_incompatible_qos=told, on_subscription_matched=met)
+
+
+class Peers:
+    """Who of the peers of a reader or a writer means by the type what we do."""
+
+    def __init__(self, identity: Identity, refuse: Callable[[str], None]) -> None:
+        """`refuse` is told of a peer itself too: of what it sends, Cyclone drops what is too short for our type."""
+        self._identity = identity
+        self._refuse = refuse
+        self._known: dict[int, str] = {}
+
+    def matched(self, entity: Any, handle: int) -> None:
+        """A Matched: before anything of the peer comes, and before it can go."""
+        self._known[handle] = self._judged(entity, handle)
+
+    def refusal(self, reader: DataReader, sample: Any) -> str:
+        """Why a sample may not pass; nothing if it may."""
+        handle = sample.sample_info.publication_handle
+        if handle not in self._known:
+            self._known[handle] = self._judged(reader, handle)
+        return self._known[handle]
+
+    def _judged(self, entity: Any, handle: int) -> str:
+        try:
+            words = said_by(entity, handle)
+        except LookupError:
+            return "a peer has gone before it could be asked what it means by the type"
+        if why := self._identity.refusal(word_of(words, "typehash").partition("=")[2]):
+            self._refuse(why)
+        return why
+
+
+def said_by(entity: Any, handle: int) -> list[str]:
+    """The words in the user data of a peer of a reader or writer. Raises LookupError if it has gone."""
+    find = entity.get_matched_publication_data if isinstance(entity, DataReader) else None
+    endpoint = (find or entity.get_matched_subscription_data)(handle)
+    if endpoint is None:
+        raise LookupError(handle)
+    data = endpoint.qos[Policy.Userdata].data if Policy.Userdata in endpoint.qos else b""
+    return list(data.decode(errors="replace").split(";"))
+
+
+def word_of(words: Iterable[str], key: str) -> str:
+    """`clientid=1.2` for `clientid`; nothing if it is not among them."""
+    return next((word for word in words if word.startswith(f"{key}=")), "")
 
 
 def send(writer: DataWriter, cdr: bytes) -> None:

@@ -12,16 +12,18 @@ import queue
 import struct
 import time
 import uuid
-from contextlib import suppress
 from typing import Any
 
 from cyclonedds.pub import DataWriter
-from cyclonedds.qos import Policy, Qos
+from cyclonedds.qos import Qos
+from cyclonedds.sub import DataReader
 
-from shmgen.bridge.backend import QUEUE, Answer, Caller, NoAnswer, ServiceWire
+from shmgen.bridge.backend import QUEUE, Answer, Caller, NoAnswer, Refuse, ServiceWire
 from shmgen.bridge.cdr import Codec, codec
-from shmgen.bridge.dds_ends import Ends, quality, send
+from shmgen.bridge.dds_ends import Ends, Peers, quality, said_by, send, word_of
 from shmgen.bridge.dds_types import CALL, reply_name, request_name, structure
+from shmgen.bridge.identity import Identity
+from shmgen.model import Message
 
 _CALL = struct.Struct("<Qq")
 """Whose call, and which: CALL as bytes. Its 16 keep the alignment of what follows."""
@@ -31,15 +33,21 @@ _REPLY_READER = 0.1
 _LOOK = 0.01
 
 
-def serve(ends: Ends, wire: ServiceWire, answer: Answer) -> None:
+def serve(ends: Ends, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
     """Calls `answer` in the thread of the service, request after request. Raises ValueError for a `wstring`."""
     request, response = codec(wire.request), codec(wire.response)
     us = _identity("serviceid")
-    requests = ends.reader(request_name(wire.service), structure(wire.request, before=CALL), _quality(us, request))
+    peers = Peers(_meant(ends, wire.service, wire.request, request), refuse)
+    requests = ends.reader(
+        request_name(wire.service), structure(wire.request, before=CALL), _quality(us, request), peers.matched
+    )
     replies = ends.writer(reply_name(wire.service), structure(wire.response, before=CALL), _quality(us, response))
 
     def answered(sample: Any) -> None:
-        theirs = _identity_of(requests.get_matched_publication_data(sample.sample_info.publication_handle), "clientid")
+        theirs = _identity_of(requests, sample.sample_info.publication_handle, "clientid")
+        if why := peers.refusal(requests, sample):
+            refuse(why)
+            return
         if not theirs:
             ends.tell(f"{wire.service}: a client that is not on rmw_cyclonedds; not answered")
             return
@@ -61,15 +69,19 @@ def client(ends: Ends, wire: ServiceWire) -> Caller:
     request, response = codec(wire.request), codec(wire.response)
     us = _identity("clientid")
     requests = ends.writer(request_name(wire.service), structure(wire.request, before=CALL), _quality(us, request))
-    replies = ends.reader(reply_name(wire.service), structure(wire.response, before=CALL), _quality(us, response))
+    peers = Peers(_meant(ends, wire.service, wire.response, response), lambda why: None)
+    replies = ends.reader(
+        reply_name(wire.service), structure(wire.response, before=CALL), _quality(us, response), peers.matched
+    )
+    asked = _meant(ends, wire.service, wire.request, request)
     guid = requests.get_instance_handle() & (2**64 - 1)
     numbers = itertools.count(1)
-    waiting: dict[int, queue.SimpleQueue[bytes]] = {}
+    waiting: dict[int, queue.SimpleQueue[bytes | NoAnswer]] = {}
 
     def replied(sample: Any) -> None:
         (whose, number), answer = _split(sample.cdr)
         if whose == guid and (caller := waiting.get(number)):
-            caller.put(answer)
+            caller.put(NoAnswer(why) if (why := peers.refusal(replies, sample)) else answer)
 
     def call(message: Any, timeout: float) -> Any:
         deadline = time.monotonic() + timeout
@@ -79,6 +91,9 @@ def client(ends: Ends, wire: ServiceWire) -> Caller:
             time.sleep(_LOOK)
         if not all(servers):
             raise NoAnswer("a server that is not on rmw_cyclonedds; not asked")
+        for handle in requests.get_matched_subscriptions():
+            if why := asked.refusal(_identity_of(requests, handle, "typehash").partition("=")[2]):
+                raise NoAnswer(why)
         number = next(numbers)
         waiting[number] = queue.SimpleQueue()
         try:
@@ -88,6 +103,8 @@ def client(ends: Ends, wire: ServiceWire) -> Caller:
             raise NoAnswer(f"no answer within {timeout:g} s") from None
         finally:
             del waiting[number]
+        if isinstance(answer, NoAnswer):
+            raise answer
         return response.decode(answer)
 
     ends.listen(replies, replied, wire.service)
@@ -124,13 +141,15 @@ def _await_reader(replies: DataWriter, client: str) -> None:
 
 def _readers(writer: DataWriter, role: str) -> list[str]:
     """The identities of those who read what we write, empty where one has none."""
-    handles = writer.get_matched_subscriptions()
-    return [_identity_of(writer.get_matched_subscription_data(handle), role) for handle in handles]
+    return [_identity_of(writer, handle, role) for handle in writer.get_matched_subscriptions()]
 
 
-def _identity_of(endpoint: Any, role: str) -> str:
-    data = b""
-    with suppress(AttributeError, KeyError):  # gone meanwhile, or without user data
-        data = endpoint.qos[Policy.Userdata].data
-    words = data.decode(errors="replace").split(";")
-    return next((word for word in words if word.startswith(f"{role}=")), "")
+def _identity_of(end: DataReader | DataWriter, handle: int, role: str) -> str:
+    try:
+        return word_of(said_by(end, handle), role)
+    except LookupError:  # gone meanwhile
+        return ""
+
+
+def _meant(ends: Ends, service: str, messages: tuple[Message, ...], made: Codec) -> Identity:
+    return Identity(service, messages[-1].name, made.type_hash, ends.tell)

@@ -11,7 +11,6 @@ from typing import Any, cast
 
 from cyclonedds.idl import make_idl_struct, types
 
-from shmgen.bridge.cdr import FILLER, TIMES
 from shmgen.model import (
     Array,
     Clock,
@@ -24,7 +23,10 @@ from shmgen.model import (
     String,
     TypeName,
     assert_never,
+    element_of,
+    ros_type,
 )
+from shmgen.type_hash import FILLER, TIMES
 
 CALL = {"client_guid_": types.uint64, "sequence_number_": types.int64}
 """What rmw_cyclonedds puts before a request and its reply, to tell whose they are (its `cdds_request_header`)."""
@@ -56,8 +58,9 @@ def type_name(name: TypeName) -> str:
 def structure(messages: tuple[Message, ...], *, before: Mapping[str, Any] | None = None) -> type[Any]:
     """Of the last of `messages`, which hold all it refers to; members of the fields `before` come first.
 
-    Its objects hold the sample as `cdr`, encapsulation included.
+    Its objects hold the sample as `cdr`, encapsulation included. Raises ValueError for a `wstring`.
     """
+    _refuse_wide(messages)
     made = {name: _made(name, _TIME) for name in TIMES.values()}
     for message in messages:
         first = before or {} if message is messages[-1] else {}
@@ -67,6 +70,14 @@ def structure(messages: tuple[Message, ...], *, before: Mapping[str, Any] | None
     kind.serialize = _serialize
     kind.deserialize = classmethod(_deserialize)
     return kind
+
+
+def _refuse_wide(messages: tuple[Message, ...]) -> None:
+    for message in messages:
+        for field in message.fields:
+            if isinstance(type_ := element_of(field.type), String) and type_.wide:
+                where, what = f"{message.name.short}.{field.name}", ros_type(field.type)
+                raise ValueError(f"{where}: no {what} through DDS: Cyclone's Python does not know it; use string")
 
 
 def sample(kind: type[Any], cdr: bytes) -> Any:

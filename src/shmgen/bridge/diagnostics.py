@@ -31,6 +31,7 @@ class Reporter:
         """One DiagnosticStatus."""
         counters = side.counters
         wrong = counters.rejected + counters.truncated + counters.missed + counters.failed
+        wrong += counters.refused + counters.lost
         now = time.monotonic()
         passed, faults, since = self._before.get(counters.topic, (0, 0, now))
         self._before[counters.topic] = (counters.passed, wrong, now)
@@ -47,6 +48,8 @@ class Reporter:
             "thinned": counters.thinned,
             "missed": counters.missed,
             "failed": counters.failed,
+            "refused": counters.refused,
+            "lost": counters.lost,
             "lock misses": side.lock_misses,
             "age [s]": "-" if counters.age is None else f"{counters.age:.3f}",
             "last complaint": counters.complaint or "-",

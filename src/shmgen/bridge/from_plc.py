@@ -10,14 +10,12 @@ from typing import Any
 from shmgen.bridge import plan
 from shmgen.bridge.backend import Backend
 from shmgen.bridge.counters import Counters
+from shmgen.bridge.end import LOOK, End, Loop
 from shmgen.bridge.plan import Route
-from shmgen.runtime import Message, ShmError, Subscriber, ValueRejected, region_name
+from shmgen.live.classes import subscriber
+from shmgen.runtime import Message, ShmError, Subscriber, ValueRejected
 from shmgen.runtime.values import set_clock
-from shmgen.tools.classes import subscriber
-from shmgen.tools.regions import View
 
-_LOOK = 0.1
-"""Seconds after which a thread that waits for a sample looks whether the bridge is to stop."""
 _AGAIN = 0.5
 """Seconds until a region that could not be opened is tried again."""
 
@@ -27,28 +25,28 @@ class FromPlc:
 
     def __init__(self, route: Route, counters: Counters, stopping: threading.Event) -> None:
         self.route = route
-        self.about = plan.about(route)
+        self.about = route.about
         self.counters = counters
         self._stopping = stopping
-        self._subscriber: Subscriber[Message] | None = None
         self._missed = 0
         self._stale = False
-        self._open()
+        self._due = 0.0
+        self._end = End(self._opened, route.region)
+        self._loop = Loop(self._step, counters, stopping, _AGAIN)
         if not route.topic.carried.latch:
             # As in ROS: who comes later does not hear what was said before, least of all a command of yesterday.
-            self._reader.read()
+            self._end.renewed().read()
 
     def join(self, backend: Backend) -> None:
         self._outlet, self._now = backend.publisher(self.route.wire), backend.now
         plan.check(self.route, self._outlet.new())
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
+        self._loop.start()
 
     def tick(self) -> None:
         limit = self.route.topic.carried.stale
-        reader = self._subscriber
+        reader = self._end.now
         if limit is not None and reader is not None:
-            with suppress(ValueError):  # closed meanwhile
+            with suppress(ShmError, ValueError):  # closed meanwhile
                 self._stale = reader.is_stale(limit)
 
     def silence(self) -> str:
@@ -58,64 +56,47 @@ class FromPlc:
 
     @property
     def is_open(self) -> bool:
-        return self._subscriber is not None
+        return self._end.now is not None
 
     @property
     def lock_misses(self) -> int:
-        return self._subscriber.lock_misses if self._subscriber else 0
+        return self._end.now.lock_misses if self._end.now else 0
 
     def close(self) -> None:
-        with suppress(AttributeError):  # never started
-            self._thread.join(2 * _LOOK)
-            if self._thread.is_alive():
-                return
-        self._close()
+        if self._loop.ended():
+            self._end.close()
 
-    @property
-    def _reader(self) -> Subscriber[Message]:
-        assert self._subscriber is not None
-        return self._subscriber
-
-    def _run(self) -> None:
-        period = 1 / self.route.topic.carried.rate if self.route.topic.carried.rate else None
-        due = 0.0
-        while not self._stopping.wait(max(0.0, due - time.monotonic()) if period else 0):
-            try:
-                if self._subscriber is None or self._view.removed:
-                    self._close()
-                    self._open()
-                if not self._reader.ready(_LOOK):
-                    continue
-                if period:
-                    due = time.monotonic() + period
-                    samples = [sample] if (sample := self._reader.read()) else []
-                else:
-                    samples = self._reader.read_all()
-                for sample in samples:
-                    self._send(sample)
-                self._count()
-                if not samples:  # locked out: try again, but not at once
-                    self._stopping.wait(0.001)
-            except (ShmError, OSError) as error:
-                self.counters.complain(str(error))
-                self._stopping.wait(_AGAIN)
+    def _step(self) -> None:
+        rate = self.route.topic.carried.rate
+        if rate and self._stopping.wait(max(0.0, self._due - time.monotonic())):
+            return
+        reader = self._end.renewed()
+        if not reader.ready(LOOK):
+            return
+        if rate:
+            self._due = time.monotonic() + 1 / rate
+            samples = [sample] if (sample := reader.read()) else []
+        else:
+            samples = reader.read_all()
+        for sample in samples:
+            self._send(sample)
+        self._count(reader)
+        if not samples:  # locked out: try again, but not at once
+            self._stopping.wait(0.001)
 
     def _send(self, sample: Message) -> None:
-        counters = self.counters
-        counters.came()
+        self.counters.came()
         try:
             message = self._outlet.new()
             self.route.kind._decode(bytes(sample), 0, message)
             if self.route.topic.carried.stamp == "now":
                 self._stamp(message)
             self._outlet.send(message)
-            counters.passed += 1
+            self.counters.passed += 1
         except ValueRejected as error:
-            counters.rejected += 1
-            counters.complain(f"rejected: {error}")
+            self.counters.reject(str(error))
         except Exception as error:  # whatever a ROS may raise: one message is not worth the bridge
-            counters.rejected += 1
-            counters.complain(f"rejected by ROS: {type(error).__name__}: {error}")
+            self.counters.reject(f"{type(error).__name__}: {error}", " by ROS")
 
     def _stamp(self, message: Any) -> None:
         """A PLC seldom knows the time of day; ROS takes a stamp of zero for an age of half a century."""
@@ -128,22 +109,14 @@ class FromPlc:
         if not any(getattr(stamp, part, 0) for part in ("sec", "nanosec", "secs", "nsecs")):
             setattr(message, name, set_clock(stamp, self._now()))
 
-    def _count(self) -> None:
-        missed = self._reader.missed - self._missed
+    def _count(self, reader: Subscriber[Message]) -> None:
+        missed = reader.missed - self._missed
         self._missed += missed
         if self.route.topic.carried.rate:
             self.counters.thinned += missed
         else:
             self.counters.missed += missed
 
-    def _open(self) -> None:
-        topic = self.route.topic
-        self._subscriber = subscriber(self.route.kind, topic.topic, topic.depth)
-        self._view = View(region_name(topic.topic))
+    def _opened(self) -> Subscriber[Message]:
         self._missed = 0
-
-    def _close(self) -> None:
-        if self._subscriber:
-            self._subscriber.close()
-            self._subscriber = None
-            self._view.close()
+        return subscriber(self.route.kind, self.route.topic.topic, self.route.topic.depth)

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
 
-from shmgen import pipeline
+from shmgen import resolve
+from shmgen.bridge import backend
 from shmgen.bridge.backend import ServiceWire, Wire
 from shmgen.bridge.side import About
-from shmgen.config import Config
-from shmgen.config_entries import Topic
+from shmgen.config.entries import TopicEntry
 from shmgen.diagnostics import Report
+from shmgen.live.session import Session
 from shmgen.model import Clock, Layouts, Ref, Schema, Service, TypeName, element_of
 from shmgen.model import Message as Definition
 from shmgen.runtime import Message, ValueRejected, region_name
 from shmgen.runtime.names import region_file
-from shmgen.tools.classes import generated
-
-F = TypeVar("F")
 
 DIAGNOSTICS = "diagnostic_msgs/DiagnosticArray"
 _HEADER = "std_msgs/Header"
@@ -28,7 +26,7 @@ _HEADER = "std_msgs/Header"
 class Route:
     """A topic both ways of looking at it. `stamp` are the attributes that lead to its time stamp, if it has one."""
 
-    topic: Topic
+    topic: TopicEntry
     wire: Wire
     kind: type[Message]
     layouts: Layouts
@@ -37,6 +35,15 @@ class Route:
     @property
     def to_plc(self) -> bool:
         return self.topic.direction == "to_plc"
+
+    @property
+    def region(self) -> str:
+        return region_name(self.topic.topic)
+
+    @property
+    def about(self) -> About:
+        way = "-> PLC" if self.to_plc else "<- PLC"
+        return About(self.topic.topic, way, self.wire.type.short, region_file(self.region))
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,30 +54,41 @@ class ServiceRoute:
     wire: ServiceWire
     kinds: Mapping[str, type[Message]]
 
+    @property
+    def region(self) -> str:
+        """That of the requests."""
+        return f"{region_name(self.service.name)}-request"
 
-def routes(config: Config) -> list[Route]:
+    @property
+    def about(self) -> About:
+        way = "PLC serves" if self.service.on_plc else "PLC calls"
+        return About(self.service.name, way, self.service.type.short, region_file(self.region))
+
+
+def routes(session: Session) -> list[Route]:
     """One for each of [[topics]]. Raises Rejected."""
-    if not config.topics:
-        return []
-    requests = [topic.type for topic in config.topics]
-    schema, layouts, found = _found(config, requests, pipeline.topics)
+    config, requests = session.config, _requests(session)
+    schema, layouts, report = session.schema(requests), session.layouts(requests), Report()
+    found = list(resolve.topics(config, layouts, report))
+    report.stop_if_any()
     # Strings are cut by the bridge, which counts it, and not by the classes.
-    kinds = generated(replace(config, types=replace(config.types, overflow="error")), requests)
+    kinds = session.classes(requests, overflow="error") if found else {}
     made = []
     for topic, typed in zip(config.topics, found, strict=True):
         messages = closure(schema, typed.type)
-        wire = Wire(topic.topic, messages, topic.carried.qos, topic.carried.latch, topic.depth)
+        room = layouts[typed.type].size
+        wire = Wire(topic.topic, messages, topic.carried.qos, topic.carried.latch, topic.depth, room)
         made.append(Route(topic, wire, kinds[str(typed.type)], layouts, _stamp(messages[-1])))
     return made
 
 
-def services(config: Config) -> list[ServiceRoute]:
+def services(session: Session) -> list[ServiceRoute]:
     """One for each of [[services]]. Raises Rejected."""
-    if not config.services:
-        return []
-    requests = [service.type for service in config.services]
-    schema, _, found = _found(config, requests, pipeline.services)
-    kinds = generated(config, requests)
+    requests = _requests(session)
+    schema, layouts, report = session.schema(requests), session.layouts(requests), Report()
+    found = list(resolve.services(session.config, layouts, report))
+    report.stop_if_any()
+    kinds = session.classes(requests) if found else {}
 
     def route(service: Service) -> ServiceRoute:
         halves = (closure(schema, service.type.part(part)) for part in ("_Request", "_Response"))
@@ -80,10 +98,16 @@ def services(config: Config) -> list[ServiceRoute]:
     return [route(service) for service in found]
 
 
-def diagnostics(config: Config) -> Wire:
+def diagnostics(session: Session) -> Wire:
     """The topic /diagnostics. Raises Rejected where the definitions in reach have no DiagnosticArray."""
-    schema = pipeline.read(config, [DIAGNOSTICS])
+    schema = session.schema([DIAGNOSTICS])
     return Wire("/diagnostics", closure(schema, TypeName("diagnostic_msgs", "msg", "DiagnosticArray")))
+
+
+def largest(session: Session) -> int:
+    """Bytes that a message of any of them may have on its way. Raises Rejected."""
+    layouts = session.layouts(_requests(session)).values()
+    return backend.largest(max((layout.size for layout in layouts), default=0))
 
 
 def closure(schema: Schema, name: TypeName) -> tuple[Definition, ...]:
@@ -96,12 +120,6 @@ def closure(schema: Schema, name: TypeName) -> tuple[Definition, ...]:
     return tuple(message for message in schema.messages if message.name in wanted)
 
 
-def about(route: Route) -> About:
-    """What the bridge says of it."""
-    way = "-> PLC" if route.to_plc else "<- PLC"
-    return About(route.topic.topic, way, route.wire.type.short, region_file(region_name(route.topic.topic)))
-
-
 def check(route: Route, message: Any) -> None:
     """Raises ValueError if `message`, an empty one of a ROS, is not of the definition that shmgen knows."""
     if why := _misfit(route.kind, message):
@@ -111,15 +129,10 @@ def check(route: Route, message: Any) -> None:
         )
 
 
-def _found(
-    config: Config, requests: Iterable[str], find: Callable[[Config, Layouts, Report], Iterable[F]]
-) -> tuple[Schema, Layouts, list[F]]:
-    """The definitions as written, their layouts, and what `find` makes of shmgen.toml with them. Raises Rejected."""
-    layouts = pipeline.lay_out(config, requests)
-    report = Report()
-    found = list(find(config, layouts, report))
-    report.stop_if_any()
-    return pipeline.read(config, requests), layouts, found
+def _requests(session: Session) -> tuple[str, ...]:
+    """All that the bridge carries, laid out together."""
+    config = session.config
+    return (*(topic.type for topic in config.topics), *(service.type for service in config.services))
 
 
 def _misfit(kind: type[Message], message: Any) -> str:

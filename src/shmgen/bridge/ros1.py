@@ -14,11 +14,13 @@ import rospy
 from rospy.impl import registration
 
 from shmgen.bridge import ros1_types as types
-from shmgen.bridge.backend import Answer, Caller, NoAnswer, Node, Outlet, ServiceWire, Wire
+from shmgen.bridge.backend import Answer, Caller, NoAnswer, Node, Outlet, Refuse, ServiceWire, Taker, Wire
 from shmgen.runtime import Time
 
 _WATCH = 0.5
 """Seconds between two looks at the master."""
+_FAREWELL = 0.4
+"""Seconds that rospy gets to leave."""
 _REACH = 0.5
 """Seconds within which a master's port answers."""
 
@@ -44,13 +46,13 @@ class Ros1:
         made = rospy.Publisher(wire.topic, kind, queue_size=wire.queue, latch=wire.latch, tcp_nodelay=True)
         return Outlet(kind, made.publish)
 
-    def subscribe(self, wire: Wire, callback: Callable[[Any], None]) -> Callable[[], Any]:
+    def subscribe(self, wire: Wire, taker: Taker) -> Callable[[], Any]:
         kind = types.message(wire.messages)
         # Without a queue_size rospy hands over every message that a socket brought.
-        rospy.Subscriber(wire.topic, kind, callback, tcp_nodelay=True)
+        rospy.Subscriber(wire.topic, kind, taker.take, tcp_nodelay=True)
         return kind  # type: ignore[no-any-return]
 
-    def serve(self, wire: ServiceWire, answer: Answer) -> None:
+    def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
         kind = types.service(wire)
 
         def handle(request: Any) -> Any:
@@ -79,7 +81,9 @@ class Ros1:
         return not rospy.is_shutdown()
 
     def close(self) -> None:
-        rospy.signal_shutdown("the bridge ends")
+        leaving = threading.Thread(target=rospy.signal_shutdown, args=("the bridge ends",), daemon=True)
+        leaving.start()
+        leaving.join(_FAREWELL)  # a service that answers somebody holds rospy up for seconds
 
 
 def _within(seconds: float, call: Callable[[], Any]) -> Any:

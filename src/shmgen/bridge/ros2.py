@@ -1,95 +1,134 @@
-"""The bridge's ROS 2: topics and services by rclpy, as thin as can be.
+"""The bridge's ROS 2: topics and services by rclpy.
 
-Written against rclpy's documentation and source (Humble to Jazzy), and run against a stand-in only.
+Topics cross as bytes, each taken by a thread of its own; so do services, whose answers may take their time. rclpy's own
+executor is left with what hardly ever happens: parameters, the clock, answers to our calls.
 """
 
 from __future__ import annotations
 
+import atexit
+import os
+import sys
 import threading
+import time
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import rclpy
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.exceptions import InvalidHandle
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.signals import SignalHandlerOptions
 
 from shmgen.bridge import ros2_types as types
-from shmgen.bridge.backend import Answer, Caller, NoAnswer, Node, Outlet, ServiceWire, Wire
+from shmgen.bridge.backend import Answer, Caller, NoAnswer, Node, Outlet, Refuse, ServiceWire, Taker, Wire
+from shmgen.bridge.cdr import Codec, codec
+from shmgen.bridge.identity import Identity
+from shmgen.bridge.ros2_topics import Inlet
+from shmgen.bridge.ros2_waiter import Ours, Waiter
+from shmgen.model import Message
 from shmgen.runtime import Time
 
-_SPIN = 0.1
-"""Seconds of the longest single wait for work."""
+_FAREWELL = 0.4
+"""Seconds that all threads together get to finish what they are at."""
+_LOOK = 0.01
 
 
 def connect(node: Node) -> Ros2:
-    """Joins the graph of the domain."""
-    rclpy.init(
-        args=list(node.arguments), domain_id=node.domain, signal_handler_options=SignalHandlerOptions.NO
-    )  # signals are the bridge's own
-    return Ros2(node)
+    """Joins the graph of the domain. Raises ValueError for arguments that ROS does not know."""
+    try:
+        rclpy.init(
+            args=list(node.arguments), domain_id=node.domain, signal_handler_options=SignalHandlerOptions.NO
+        )  # signals are the bridge's own
+        return Ros2(node)
+    except Exception as error:  # rclpy has a class for each, and no word that is above them
+        rclpy.try_shutdown()
+        raise ValueError(f"ros2: {error}") from error
 
 
 class Ros2:
-    """A Backend. Each topic keeps its order by a callback group of its own; services may wait."""
+    """A Backend."""
 
     def __init__(self, node: Node) -> None:
-        self._node = rclpy.create_node(node.name)
-        self._executor = MultiThreadedExecutor()
-        self._executor.add_node(self._node)
+        self._node: Any = rclpy.create_node(node.name)
         self._tell = node.tell
+        self._waiters: list[Waiter] = []
+        self._executor: Any = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
         self._closing = threading.Event()
-        self._thread = threading.Thread(target=self._spin, daemon=True)
+        self._thread = threading.Thread(target=self._spin, name="executor", daemon=True)
         self._thread.start()
 
     def publisher(self, wire: Wire) -> Outlet:
-        kind = types.message(wire.messages)
-        made = self._node.create_publisher(kind, wire.topic, _qos(wire))
-        to_ros = types.to_ros(kind, wire.messages)
-        return Outlet(types.blank(wire.messages), lambda message: made.publish(to_ros(message)))
+        kind, made = types.message(wire.messages), _codec(wire.messages)
+        publisher = self._node.create_publisher(kind, wire.topic, _qos(wire, 1 if wire.latch else wire.queue))
+        return Outlet(made.new, lambda message: publisher.publish(made.encode(message)))
 
-    def subscribe(self, wire: Wire, callback: Callable[[Any], None]) -> Callable[[], Any]:
-        kind = types.message(wire.messages)
-        take = types.from_ros(wire.messages)
-        self._node.create_subscription(
-            kind,
-            wire.topic,
-            lambda message: callback(take(message)),
-            _qos(wire),
-            callback_group=MutuallyExclusiveCallbackGroup(),
+    def subscribe(self, wire: Wire, taker: Taker) -> Callable[[], Any]:
+        kind, made = types.message(wire.messages), _codec(wire.messages)
+        subscription = self._node.create_subscription(
+            kind, wire.topic, _never, _qos(wire, wire.queue), callback_group=Ours(), raw=True
         )
-        return lambda: take(kind())
+        identity = Identity(wire.topic, wire.type, made.type_hash, self._tell)
+        inlet = Inlet(subscription, made, taker, identity, lambda: self._hashes(subscription.topic_name))
+        self._wait(subscription, "subscription", inlet.take, wire.topic)
+        return made.new
 
-    def serve(self, wire: ServiceWire, answer: Answer) -> None:
+    def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
         kind = types.service(wire)
-        take, blank = types.from_ros(wire.request), types.blank(wire.response)
-        to_ros = types.to_ros(kind.Response, wire.response)
+        request, response = _codec(wire.request), _codec(wire.response)
+        service = self._node.create_service(kind, wire.service, _never, callback_group=Ours())
+        find = self._node.get_publishers_info_by_topic
+        refusal = self._meant(wire, wire.request, request, find, f"rq{service.service_name}Request")
 
-        def handle(request: Any, response: Any) -> Any:
-            filled = blank()
-            answer(take(request), filled)
-            return to_ros(filled)
+        def take() -> None:
+            while not self._closing.is_set():
+                asked, whose = service.handle.service_take_request(kind.Request)
+                if whose is None:
+                    return
+                if why := refusal():
+                    refuse(why)
+                    continue
+                message = response.new()
+                try:
+                    answer(request.decode(serialize_message(asked)), message)
+                except NoAnswer as error:  # ROS 2 has no word for it: the client waits in vain
+                    self._tell(f"{wire.service}: no answer: {error}")
+                    continue
+                with suppress(InvalidHandle):  # the bridge has ended meanwhile
+                    service.send_response(_rosidl(response, message, kind.Response), whose)
 
-        self._node.create_service(kind, wire.service, handle, callback_group=ReentrantCallbackGroup())
+        self._wait(service, "service", take, wire.service)
 
     def client(self, wire: ServiceWire) -> Caller:
         kind = types.service(wire)
-        take, to_ros = types.from_ros(wire.response), types.to_ros(kind.Request, wire.request)
-        client = self._node.create_client(kind, wire.service, callback_group=ReentrantCallbackGroup())
+        request, response = _codec(wire.request), _codec(wire.response)
+        client = self._node.create_client(kind, wire.service)
+        find = self._node.get_subscriptions_info_by_topic
+        refusal = self._meant(wire, wire.request, request, find, f"rq{client.service_name}Request")
+        find = self._node.get_publishers_info_by_topic
+        answers = self._meant(wire, wire.response, response, find, f"rr{client.service_name}Reply")
 
-        def call(request: Any, timeout: float) -> Any:
-            if not client.wait_for_service(timeout_sec=timeout):
-                raise NoAnswer(f"no server within {timeout:g} s")
+        def call(message: Any, timeout: float) -> Any:
+            deadline = time.monotonic() + timeout
+            while not client.service_is_ready():
+                if time.monotonic() >= deadline:
+                    raise NoAnswer(f"no server within {timeout:g} s")
+                self._pause()
+            if why := refusal() or answers():
+                raise NoAnswer(why)
             answered = threading.Event()
-            future = client.call_async(to_ros(request))
+            future = client.call_async(_rosidl(request, message, kind.Request))
             future.add_done_callback(lambda future: answered.set())
-            if not answered.wait(timeout):
-                client.remove_pending_request(future)
-                raise NoAnswer(f"no answer within {timeout:g} s")
-            return take(future.result())
+            while not answered.wait(0.1):
+                if self._closing.is_set() or time.monotonic() >= deadline:
+                    client.remove_pending_request(future)
+                    raise NoAnswer(f"no answer within {timeout:g} s")
+            return response.decode(serialize_message(future.result()))
 
-        return Caller(types.blank(wire.request), call)
+        return Caller(request.new, call)
 
     def now(self) -> Time:
         stamp = self._node.get_clock().now().to_msg()
@@ -100,25 +139,90 @@ class Ros2:
 
     def close(self) -> None:
         self._closing.set()
-        self._thread.join(2 * _SPIN)
-        self._executor.shutdown(timeout_sec=_SPIN)
-        self._node.destroy_node()
+        for waiter in self._waiters:
+            waiter.close()
+        deadline = time.monotonic() + _FAREWELL
+        ended = [waiter.join(max(0.0, deadline - time.monotonic())) for waiter in self._waiters]
+        self._executor.shutdown(timeout_sec=0)
+        self._thread.join(max(0.0, deadline - time.monotonic()))
+        if all(ended) and not self._thread.is_alive():  # else somebody still has them in hand
+            self._node.destroy_node()
+        else:
+            atexit.register(_end_at_once)
         rclpy.try_shutdown()
+
+    def _wait(self, entity: Any, kind: Any, take: Callable[[], None], name: str) -> None:
+        def guarded() -> None:
+            try:
+                take()
+            except InvalidHandle:
+                raise
+            except Exception as error:  # one message is not worth the topic
+                self._tell(f"{name}: {type(error).__name__}: {error}")
+
+        self._waiters.append(Waiter(entity, kind, guarded, self._node.context, name))
+
+    def _hashes(self, topic: str) -> dict[bytes, str]:
+        """Nothing where a ROS, such as Humble, knows nothing of type hashes."""
+        found = self._node.get_publishers_info_by_topic(topic)
+        return {bytes(one.endpoint_gid)[:16]: _hash(one) for one in found}
+
+    def _meant(
+        self, wire: ServiceWire, messages: tuple[Message, ...], made: Codec, find: Any, topic: str
+    ) -> Callable[[], str]:
+        """What says why nothing may pass while one of the ends of that topic of DDS has another definition."""
+        identity = Identity(wire.service, messages[-1].name, made.type_hash, self._tell)
+
+        def refusal() -> str:
+            whys = (identity.refusal(_hash(end)) for end in find(topic, no_mangle=True))
+            return next((why for why in whys if why), "")
+
+        return refusal
+
+    def _pause(self) -> None:
+        if self._closing.wait(_LOOK):
+            raise NoAnswer("the bridge ends")
 
     def _spin(self) -> None:
         while not self._closing.is_set():
             try:
-                self._executor.spin_once(timeout_sec=_SPIN)
-            except NoAnswer as error:  # ROS 2 has no word for a failed service: its client waits in vain
-                self._tell(str(error))
+                self._executor.spin()
             except ExternalShutdownException:
                 return
+            except Exception as error:
+                if not self._closing.is_set():
+                    self._tell(f"{type(error).__name__}: {error}")
 
 
-def _qos(wire: Wire) -> QoSProfile:
+def _end_at_once() -> None:
+    """A thread still in a call would have Fast DDS's destructors end the process as failed."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(0)
+
+
+def _never(*messages: Any) -> None:
+    """What is taken by threads of ours calls nothing of rclpy's."""
+
+
+def _hash(endpoint: Any) -> str:
+    found = getattr(endpoint, "topic_type_hash", None)
+    return str(found) if found is not None and found.version == 1 else ""
+
+
+def _rosidl(made: Codec, message: Any, kind: Any) -> Any:
+    return deserialize_message(made.encode(message), kind)
+
+
+def _codec(messages: tuple[Message, ...]) -> Codec:
+    return codec(messages, 2 if rclpy.get_rmw_implementation_identifier() == "rmw_cyclonedds_cpp" else 4)
+
+
+def _qos(wire: Wire, depth: int) -> QoSProfile:
+    """A late subscriber gets as many as a writer keeps: of what is latched, the newest only."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
-        depth=wire.queue,
+        depth=max(depth, 1),
         reliability=ReliabilityPolicy.RELIABLE if wire.qos == "reliable" else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if wire.latch else DurabilityPolicy.VOLATILE,
     )

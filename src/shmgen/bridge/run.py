@@ -21,9 +21,12 @@ from shmgen.bridge.side import Side
 from shmgen.bridge.to_plc import ToPlc
 from shmgen.config import Config
 from shmgen.diagnostics import Rejected
+from shmgen.live.session import Session
 
 TICK = 0.1
 """Seconds from one look at everything to the next; the PLC's blocks take a writer for dead after a second."""
+_STATUS = 2048
+"""Bytes that the diagnostics of one topic or service have at most."""
 _FAREWELL = 0.5
 """Seconds a ROS gets to leave its graph."""
 
@@ -38,7 +41,8 @@ def run(config: Config, arguments: tuple[str, ...], say: Say, tell: Say) -> None
     stopping = _signals()
     backend_name, why = choice.chosen(config.bridge.backend)
     module = choice.module(backend_name)
-    sides = _sides(config, stopping, tell)
+    session = Session(config)
+    sides = _sides(session, stopping, tell)
     try:
         carried = f"topics: {len(config.topics)}, services: {len(config.services)}"
         say(f"{config.bridge.node}: backend {backend_name} ({why}), {carried}")
@@ -46,13 +50,14 @@ def run(config: Config, arguments: tuple[str, ...], say: Say, tell: Say) -> None
             say(line)
         for action in config.actions:
             tell(f"{action.action}: the bridge does not carry actions")
-        node = Node(config.bridge.node, config.bridge.domain, tell, stopping.is_set, arguments)
+        largest = max(plan.largest(session), len(sides) * _STATUS)
+        node = Node(config.bridge.node, config.bridge.domain, tell, stopping.is_set, arguments, largest)
         backend: Backend | None = module.connect(node)
         if backend is not None:
             try:
                 for side in sides:
                     side.join(backend)
-                report = _reports(config, backend, sides, tell)
+                report = _reports(session, backend, sides, tell)
                 say("running")
                 _watch(backend, sides, report, stopping, tell)
             finally:
@@ -76,8 +81,8 @@ def counted(sides: Iterable[Side]) -> list[str]:
     return _table((side.about.name, str(side.counters)) for side in sides)
 
 
-def _sides(config: Config, stopping: threading.Event, tell: Say) -> list[Side]:
-    routes, services = plan.routes(config), plan.services(config)
+def _sides(session: Session, stopping: threading.Event, tell: Say) -> list[Side]:
+    routes, services = plan.routes(session), plan.services(session)
     sides: list[Side] = []
     try:
         for route in routes:
@@ -93,13 +98,14 @@ def _sides(config: Config, stopping: threading.Event, tell: Say) -> list[Side]:
     return sides
 
 
-def _reports(config: Config, backend: Backend, sides: list[Side], tell: Say) -> Callable[[], None]:
+def _reports(session: Session, backend: Backend, sides: list[Side], tell: Say) -> Callable[[], None]:
     """What publishes the diagnostics when it is time."""
+    config = session.config
     period = config.bridge.diagnostics
     if not period:
         return lambda: None
     try:
-        outlet: Outlet = backend.publisher(plan.diagnostics(config))
+        outlet: Outlet = backend.publisher(plan.diagnostics(session))
     except (Rejected, ValueError) as error:
         tell(f"no diagnostics are published: {str(error).partition(chr(10))[0]}")
         return lambda: None

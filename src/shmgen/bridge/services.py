@@ -3,44 +3,34 @@
 from __future__ import annotations
 
 import threading
-from contextlib import suppress
 from typing import Any
 
 from shmgen.bridge.backend import Backend, Caller, NoAnswer
 from shmgen.bridge.counters import Counters
+from shmgen.bridge.end import LOOK, End, Loop
 from shmgen.bridge.plan import ServiceRoute
-from shmgen.bridge.side import About
-from shmgen.runtime import Publisher, ServiceClient, ServiceServer, ShmError, Subscriber, ValueRejected, region_name
-from shmgen.runtime.names import region_file
-from shmgen.tools.regions import View
-
-_LOOK = 0.1
-"""Seconds after which a thread that waits for a call looks whether the bridge is to stop."""
+from shmgen.live.classes import client, server
+from shmgen.runtime import ServiceClient, ServiceServer, ShmError, ValueRejected
 
 
 class PlcServes:
     """A Side: ROS calls, the PLC answers. Calls that come at the same time follow one another."""
 
+    lock_misses = 0
+
     def __init__(self, route: ServiceRoute, counters: Counters, stopping: threading.Event) -> None:
-        self.about = _about(route, "PLC serves")
+        self.about = route.about
         self.counters = counters
         self._route = route
-        kinds = {
-            "request_publisher": type("RequestPublisher", (Publisher,), {"message_type": route.kinds["_Request"]}),
-            "reply_subscriber": type("ReplySubscriber", (Subscriber,), {"message_type": route.kinds["_Reply"]}),
-        }
-        self._made: type[ServiceClient[Any, Any]] = type("BridgeClient", (ServiceClient,), kinds)
-        self._client: ServiceClient[Any, Any] | None = None
-        self._open()
+        made = client(route.kinds["_Request"], route.kinds["_Reply"])
+        self._end: End[ServiceClient[Any, Any]] = End(lambda: made(route.service.name), route.region)
 
     def join(self, backend: Backend) -> None:
-        backend.serve(self._route.wire, self._answer)
+        backend.serve(self._route.wire, self._answer, self.counters.refuse)
 
     def tick(self) -> None:
         try:
-            if self._client is None or self._view.removed:
-                self.close()
-                self._open()
+            self._end.renewed()
         except (ShmError, OSError) as error:
             self.counters.complain(str(error))
 
@@ -49,60 +39,40 @@ class PlcServes:
 
     @property
     def is_open(self) -> bool:
-        return self._client is not None
-
-    @property
-    def lock_misses(self) -> int:
-        return 0
+        return self._end.now is not None
 
     def close(self) -> None:
-        if self._client:
-            client, self._client = self._client, None
-            client.close()
-            self._view.close()
-
-    def _open(self) -> None:
-        self._client = self._made(self._route.service.name)
-        self._view = _view(self._route)
+        self._end.close()
 
     def _answer(self, request: Any, response: Any) -> None:
-        counters = self.counters
-        counters.came()
+        self.counters.came()
         try:
-            if self._client is None:
+            caller = self._end.now
+            if caller is None:
                 raise NoAnswer("there is no region")
-            answer = self._client.call(request, self._route.service.timeout)
+            answer = caller.call(request, self._route.service.timeout)
             self._route.kinds["_Response"]._decode(bytes(answer), 0, response)
-            counters.passed += 1
-        except ValueRejected as error:
-            counters.rejected += 1
-            counters.complain(f"rejected: {error}")
-            raise NoAnswer(str(error)) from None
+            self.counters.passed += 1
         except Exception as error:  # CallTimeout, CallFailed, or whatever a ROS may raise
-            counters.failed += 1
-            counters.complain(_words(error))
-            raise NoAnswer(_words(error)) from None
+            raise NoAnswer(_unanswered(self.counters, error)) from None
 
 
 class PlcCalls:
     """A Side: the PLC calls, ROS answers, in a thread of the service's own."""
 
+    lock_misses = 0
+
     def __init__(self, route: ServiceRoute, counters: Counters, stopping: threading.Event) -> None:
-        self.about = _about(route, "PLC calls")
+        self.about = route.about
         self.counters = counters
         self._route = route
-        self._stopping = stopping
-        kinds = {
-            "request_subscriber": type("RequestSubscriber", (Subscriber,), {"message_type": route.kinds["_Request"]}),
-            "reply_publisher": type("ReplyPublisher", (Publisher,), {"message_type": route.kinds["_Reply"]}),
-        }
-        self._made: type[ServiceServer[Any]] = type("BridgeServer", (ServiceServer,), kinds)
-        self._server: ServiceServer[Any] | None = None
-        self._open()
+        made = server(route.kinds["_Request"], route.kinds["_Reply"])
+        self._end: End[ServiceServer[Any]] = End(lambda: made(route.service.name), route.region)
+        self._loop = Loop(self._step, counters, stopping)
 
     def join(self, backend: Backend) -> None:
-        self._thread = threading.Thread(target=self._run, args=(backend.client(self._route.wire),), daemon=True)
-        self._thread.start()
+        self._caller: Caller = backend.client(self._route.wire)
+        self._loop.start()
 
     def tick(self) -> None:
         pass
@@ -112,72 +82,35 @@ class PlcCalls:
 
     @property
     def is_open(self) -> bool:
-        return self._server is not None
-
-    @property
-    def lock_misses(self) -> int:
-        return 0
+        return self._end.now is not None
 
     def close(self) -> None:
-        with suppress(AttributeError):  # never joined
-            self._thread.join(2 * _LOOK)
-            if self._thread.is_alive():
-                return
-        self._close()
+        if self._loop.ended():
+            self._end.close()
 
-    def _open(self) -> ServiceServer[Any]:
-        self._server = self._made(self._route.service.name)
-        self._view = _view(self._route)
-        return self._server
+    def _step(self) -> None:
+        served = self._end.renewed()
+        if call := served.wait(LOOK):
+            self.counters.came()
+            self._pass_on(served, call)
 
-    def _close(self) -> None:
-        if self._server:
-            self._server.close()
-            self._server = None
-            self._view.close()
-
-    def _run(self, caller: Caller) -> None:
-        while not self._stopping.is_set():
-            try:
-                if self._server is None or self._view.removed:
-                    self._close()
-                server = self._server or self._open()
-                if call := server.wait(_LOOK):
-                    self.counters.came()
-                    self._pass_on(server, call, caller)
-            except (ShmError, OSError) as error:
-                self.counters.complain(str(error))
-                self._stopping.wait(_LOOK)
-
-    def _pass_on(self, server: ServiceServer[Any], call: Any, caller: Caller) -> None:
-        counters = self.counters
+    def _pass_on(self, served: ServiceServer[Any], call: Any) -> None:
         try:
-            request = caller.new()
+            request = self._caller.new()
             self._route.kinds["_Request"]._decode(bytes(call.request), 0, request)
-            server.reply(call, caller.call(request, self._route.service.timeout))
-            counters.passed += 1
-            return
-        except ValueRejected as error:
-            counters.rejected += 1
-            counters.complain(f"rejected: {error}")
+            served.reply(call, self._caller.call(request, self._route.service.timeout))
+            self.counters.passed += 1
         except Exception as error:  # NoAnswer, or whatever a ROS may raise
-            counters.failed += 1
-            counters.complain(_words(error))
-        server.fail(call)
+            _unanswered(self.counters, error)
+            served.fail(call)
 
 
-def _about(route: ServiceRoute, way: str) -> About:
-    return About(route.service.name, way, route.service.type.short, region_file(_request(route)))
-
-
-def _view(route: ServiceRoute) -> View:
-    """Of the one region; who removes a service removes both."""
-    return View(_request(route))
-
-
-def _request(route: ServiceRoute) -> str:
-    return f"{region_name(route.service.name)}-request"
-
-
-def _words(error: Exception) -> str:
-    return str(error) if isinstance(error, ShmError | NoAnswer) else f"{type(error).__name__}: {error}"
+def _unanswered(counters: Counters, error: Exception) -> str:
+    """Counts a call that came to nothing, and says why."""
+    if isinstance(error, ValueRejected):
+        counters.reject(str(error))
+        return str(error)
+    counters.failed += 1
+    said = str(error) if isinstance(error, ShmError | NoAnswer) else f"{type(error).__name__}: {error}"
+    counters.complain(said)
+    return said

@@ -10,30 +10,31 @@ from shmgen.bridge import plan
 from shmgen.bridge.backend import Backend
 from shmgen.bridge.counters import Counters
 from shmgen.bridge.cut import cut
+from shmgen.bridge.end import End
 from shmgen.bridge.plan import Route
-from shmgen.runtime import CountExceeded, Message, Publisher, ShmError, StringTooLong, ValueRejected, region_name
-from shmgen.tools.classes import publisher
-from shmgen.tools.regions import View
+from shmgen.live.classes import publisher
+from shmgen.runtime import CountExceeded, Message, Publisher, ShmError, StringTooLong, ValueRejected
 
 
 class ToPlc:
-    """A Side; `take` is the callback of the ROS topic."""
+    """A Side, and a Taker: what its backend could not hand over is counted."""
 
     def __init__(self, route: Route, counters: Counters, stopping: threading.Event) -> None:
         self.route = route
-        self.about = plan.about(route)
+        self.about = route.about
         self.counters = counters
+        self.reject, self.refuse, self.lose = counters.reject, counters.refuse, counters.lose
         self._stopping = stopping
         self._lock = threading.Lock()
         self._waiting: Any = None
         self._came = threading.Event()
-        self._publisher: Publisher[Message] | None = None
-        self._open()
+        topic = route.topic
+        self._end = End(lambda: publisher(route.kind, topic.topic, topic.depth), route.region)
 
     def join(self, backend: Backend) -> None:
         if self.route.topic.carried.rate:
             threading.Thread(target=self._paced, args=(1 / self.route.topic.carried.rate,), daemon=True).start()
-        plan.check(self.route, backend.subscribe(self.route.wire, self.take)())
+        plan.check(self.route, backend.subscribe(self.route.wire, self)())
 
     def take(self, message: Any) -> None:
         """From any thread."""
@@ -51,14 +52,12 @@ class ToPlc:
         """Shows the PLC that the bridge lives, unless ROS has fallen silent for longer than `stale`."""
         with self._lock:
             try:
-                if self._publisher is None or self._view.removed:
-                    self._close()
-                    self._open()
+                region = self._end.renewed()
             except (ShmError, OSError) as error:
                 self.counters.complain(str(error))
                 return
-            if self._publisher and not self.silence():
-                self._publisher.heartbeat()
+            if not self.silence():
+                region.heartbeat()
 
     def silence(self) -> str:
         limit = self.route.topic.carried.stale
@@ -69,15 +68,15 @@ class ToPlc:
 
     @property
     def is_open(self) -> bool:
-        return self._publisher is not None
+        return self._end.now is not None
 
     @property
     def lock_misses(self) -> int:
-        return self._publisher.lock_misses if self._publisher else 0
+        return self._end.now.lock_misses if self._end.now else 0
 
     def close(self) -> None:
         with self._lock:
-            self._close()
+            self._end.close()
 
     def _paced(self, period: float) -> None:
         """The newest message when its turn comes, so that the last of a burst is not lost for ever."""
@@ -92,19 +91,16 @@ class ToPlc:
                 self._publish(message)
 
     def _publish(self, message: Any) -> None:
-        counters = self.counters
-        if self._publisher is None:
-            counters.missed += 1
+        if self._end.now is None:
+            self.counters.miss()
             return
         try:
-            self._put(self._publisher, message)
-            counters.passed += 1
+            self._put(self._end.now, message)
+            self.counters.passed += 1
         except ValueRejected as error:
-            counters.rejected += 1
-            counters.complain(f"rejected: {error}")
+            self.counters.reject(str(error))
         except ShmError as error:
-            counters.missed += 1
-            counters.complain(str(error))
+            self.counters.miss(str(error))
 
     def _put(self, region: Publisher[Message], message: Any) -> None:
         try:
@@ -116,14 +112,3 @@ class ToPlc:
             region.publish(message)
             self.counters.truncated += 1
             self.counters.complain(f"truncated: {error}")
-
-    def _open(self) -> None:
-        topic = self.route.topic
-        self._publisher = publisher(self.route.kind, topic.topic, topic.depth)
-        self._view = View(region_name(topic.topic))
-
-    def _close(self) -> None:
-        if self._publisher:
-            self._publisher.close()
-            self._publisher = None
-            self._view.close()

@@ -5,7 +5,7 @@ schema asks library for messages; library looks in folders, then in the environm
 parser.
 """
 
-from shmgen.definitions.library import Sources
-from shmgen.definitions.schema import available, load
+from shmgen.definitions.library import Library, Sources, open_library
+from shmgen.definitions.schema import available, load, load_from
 
-__all__ = ["Sources", "available", "load"]
+__all__ = ["Library", "Sources", "available", "load", "load_from", "open_library"]

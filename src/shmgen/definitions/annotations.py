@@ -9,10 +9,10 @@ from __future__ import annotations
 import re
 from bisect import bisect
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from shmgen.definitions.tokens import Line, Token
+from shmgen.records import dataclass
 
 
 class Annotation(NamedTuple):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import TypeAlias
 
@@ -11,6 +11,7 @@ from shmgen.definitions.parser import SECTIONS
 from shmgen.definitions.tokens import Dialect
 from shmgen.definitions.wrappers import WRAPPERS
 from shmgen.model import TypeName
+from shmgen.records import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -56,6 +56,8 @@ def catalogue(variables: Mapping[str, str], report: Report) -> Catalogue:
     if not found:
         name, distribution = ("AMENT_PREFIX_PATH", "jazzy") if ros2 else ("ROS_PACKAGE_PATH", "noetic")
         value = variables.get(name)
+        if not any(map(variables.get, ("ROS_VERSION", "AMENT_PREFIX_PATH", "ROS_PACKAGE_PATH"))):
+            distribution = "jazzy"  # which ROS is meant cannot be known; most are of this kind
         hint = (
             f"type `source /opt/ros/{distribution}/setup.bash`, or that of your workspace, and run again in that shell"
         )

@@ -35,6 +35,11 @@ def read_type(written: Token, package: str, dialect: Dialect) -> FieldType:
     return Sequence(element, length) if spelled["bounded"] else Array(element, length)
 
 
+def type_word(written: str) -> str:
+    """`string` of `string<=10[<=5]`."""
+    return re.split(r"<=|\[", written, maxsplit=1)[0]
+
+
 def read_bound(number: Token, if_zero: str) -> int:
     """1 to LARGEST_BOUND. Raises Wrong: SHM102, for a zero `if_zero`."""
     if not re.fullmatch(r"[+-]?[0-9]+", number.text):

@@ -16,10 +16,10 @@ from typing import Any, NamedTuple, TypeVar
 from shmgen.definitions import comments
 from shmgen.definitions.annotations import Annotation, Text, spelled, take_out, text_of
 from shmgen.definitions.fieldtypes import CLOCKS, read_bound
+from shmgen.definitions.literals import read_constant, read_default
 from shmgen.definitions.parser import SECTIONS, Source, lines_of
 from shmgen.definitions.rosidl import syntax_tree, words
 from shmgen.definitions.tokens import Token, Wrong, shown
-from shmgen.definitions.values import read_constant, read_default
 from shmgen.diagnostics import Report, Span
 from shmgen.model import Array, Constant, Field, FieldType, Message, Ref, Scalar, Sequence, String, TypeName
 
@@ -72,6 +72,7 @@ _SCALARS = {
     "floating_pt_type_float": Scalar.FLOAT32,
     "floating_pt_type_double": Scalar.FLOAT64,
 }
+_WORDS = {"octet_type": "byte", "char_type": "char", "wide_char_type": "wchar"}
 _AROUND = {
     "const_type",
     "type_spec",
@@ -211,7 +212,8 @@ def _field(file: _File, member: Any, first: Any, declarator: Any) -> Field:
         default = _read(name, literal, lambda written: read_default(written, type_))
     doc, unit = comments.unit_of(_doc(file, first))
     unit = text_of(notes["unit"]) if "unit" in notes else unit
-    return Field(name.text, type_, " ".join(written.split()), place.span, doc, unit, default)
+    word = _word(file, next(_nodes(member)))
+    return Field(name.text, type_, " ".join(written.split()), place.span, doc, unit, default, word)
 
 
 V = TypeVar("V")
@@ -255,6 +257,15 @@ def _type(file: _File, node: Any, name: Token, depth: int = 0) -> FieldType:
     if parts[0] == "builtin_interfaces" and parts[2] in CLOCKS:
         return CLOCKS[parts[2]]
     return Ref(TypeName(*parts))
+
+
+def _word(file: _File, node: Any, depth: int = 0) -> str:
+    """Of the element, however it is wrapped, where a number does not say all of it."""
+    while node.data in _AROUND or node.data == "sequence_type":
+        node = node.children[0]
+    if node.data == "scoped_name" and (found := file.typedefs.get(str(words(node)[-1]))) and depth < _DEEPEST_TYPEDEF:
+        return _word(file, found[0], depth + 1)
+    return _WORDS.get(node.data, "")
 
 
 def _lengthened(element: FieldType, declarator: Any, name: Token) -> FieldType:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 
-from shmgen.definitions import environment, idl, store
+from shmgen.definitions import store
 from shmgen.definitions.catalogue import Catalogue, Definition, Package
 from shmgen.definitions.folders import catalogue, read, shorten
 from shmgen.definitions.parser import Source, parse
@@ -15,6 +15,7 @@ from shmgen.definitions.tokens import Dialect
 from shmgen.definitions.wrappers import wrappers
 from shmgen.diagnostics import Report, Span
 from shmgen.model import Message, TypeName
+from shmgen.records import dataclass
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +34,10 @@ class Sources:
 
 @dataclass(slots=True)
 class Library:
-    """A package is taken whole from the first place that has it, as ROS overlays do."""
+    """A package is taken whole from the first place that has it, as ROS overlays do.
+
+    One serves any number of loads; `report` is that of the load under way.
+    """
 
     sources: Sources
     report: Report
@@ -41,6 +45,12 @@ class Library:
     given: dict[str, Package] = field(default_factory=dict)
     beyond: Catalogue | None = None
     _read: dict[Definition, dict[TypeName, Message]] = field(default_factory=dict)
+
+    def begin(self, report: Report) -> None:
+        """Of the next load. What the one before complained about is read again, so that it is told again."""
+        if self.report.diagnostics:
+            self._read.clear()
+        self.report = report
 
     def package(self, name: str) -> Package | None:
         """Reports SHM505 where one place has two of that name."""
@@ -77,6 +87,8 @@ class Library:
             if text is None:
                 parsed: tuple[Message, ...] = ()
             elif definition.path.endswith(".idl"):
+                from shmgen.definitions import idl  # few need it
+
                 parsed = idl.parse(source, self.report)
             else:
                 parsed = parse(source, package.dialect or self._dialect(), self.report)
@@ -97,21 +109,27 @@ class Library:
         folders = [shorten(folder, self.sources.relative_to) for folder in self.sources.path]
         if self.sources.source != "env":
             return [*folders, f"built-in store {self.sources.source}"]
+        from shmgen.definitions import environment
+
         return [*folders, *(shorten(place, self.sources.relative_to) for place in environment.places(os.environ))]
 
     def _dialect(self) -> Dialect:
         """Of a package that does not say."""
         if self.sources.source == "env":
+            from shmgen.definitions import environment
+
             return environment.dialect(os.environ)
         return store.dialect(self.sources.source)
 
     def _beyond(self) -> Catalogue:
         """Opened only when no folder has the answer. Raises Rejected: SHM506."""
         if self.beyond is None:
-            is_env = self.sources.source == "env"
-            self.beyond = (
-                environment.catalogue(os.environ, self.report) if is_env else store.catalogue(self.sources.source)
-            )
+            if self.sources.source == "env":
+                from shmgen.definitions import environment
+
+                self.beyond = environment.catalogue(os.environ, self.report)
+            else:
+                self.beyond = store.catalogue(self.sources.source)
         return self.beyond
 
 

@@ -10,9 +10,9 @@ import re
 from typing import NamedTuple
 
 from shmgen.definitions import comments
-from shmgen.definitions.fieldtypes import read_type
+from shmgen.definitions.fieldtypes import read_type, type_word
+from shmgen.definitions.literals import read_constant, read_default
 from shmgen.definitions.tokens import Dialect, Line, Token, Wrong, shown
-from shmgen.definitions.values import read_constant, read_default
 from shmgen.diagnostics import Report, Span
 from shmgen.model import Constant, Default, Field, FieldType, Message, Scalar, String, TypeName
 
@@ -106,7 +106,8 @@ def _message(lines: list[Line], name: TypeName, source: Source, dialect: Dialect
             constants.append(Constant(word.text, type, value, word.span, about))
         else:
             about, unit = comments.unit_of(about)
-            fields.append(Field(word.text, type, written.text, written.span, about, unit, value))
+            spelled = "byte" if type_word(written.text) == "byte" else ""  # a `char` of a .msg is an uint8 to ROS 2
+            fields.append(Field(word.text, type, written.text, written.span, about, unit, value, spelled))
     span = Span(source.path) if name == source.name else Span(source.path, first, 1)
     return Message(name, tuple(fields), tuple(constants), span, source.origin, "\n".join(texts), doc)
 

@@ -21,7 +21,12 @@ def load(requests: Iterable[str], sources: Sources, report: Report) -> Schema:
     A request is `geometry_msgs/Pose`, `geometry_msgs/msg/Pose`, `std_srvs/SetBool` (both halves), `geometry_msgs`
     (the whole package) or `path/to/Foo.msg`. Raises Rejected with all that is wrong.
     """
-    library = open_library(sources, report)
+    return load_from(open_library(sources, report), requests, report)
+
+
+def load_from(library: Library, requests: Iterable[str], report: Report) -> Schema:
+    """The same from a library that is open already; what it has read before it does not read again."""
+    library.begin(report)
     files: list[str] = []
     names: list[str] = []
     for request in requests:
@@ -146,15 +151,23 @@ def _leads_on(message: Message, field: Field, other: TypeName, path: Collection[
 
 def _hint(wanted: TypeName, library: Library, package: Package | None) -> str:
     """What may have been meant, and where was looked."""
-    known = list(dict.fromkeys(name.short for name in library.known()))
+    names = library.known()
+    known = list(dict.fromkeys(whole for name in names for whole in (name.short, _whole(name))))
     if wanted.name in _OTHER_LANGUAGES and package is not None:
         guesses = [_OTHER_LANGUAGES[wanted.name]]
     else:
-        guesses = [short for short in known if short.partition("/")[2].lower() == wanted.name.lower()][:3]
-        close = closest(wanted.short if wanted.name else wanted.package, known, 0.8)
+        word = (wanted.name or wanted.package).lower()
+        guesses = [short for short in known if short.partition("/")[2].lower() == word][:3]
+        packages = dict.fromkeys(name.package for name in names)
+        close = closest(wanted.short, known, 0.8) if wanted.name else closest(wanted.package, packages, 0.8)
         guesses = guesses or ([close] if close else [])
     lines = [f"did you mean {' or '.join(f'`{guess}`' for guess in guesses)}?"] if guesses else []
     lines.append(f"looked in {package.place if package else ', '.join(library.places())}")
     if package is None:
         lines.append("a folder of other packages is given with -I, or as `path` in shmgen.toml")
     return "\n".join(lines)
+
+
+def _whole(name: TypeName) -> str:
+    """Of a part of a service or an action: `std_srvs/SetBool`."""
+    return name.short if name.kind == "msg" else name.short.rpartition("_")[0]

@@ -5,11 +5,10 @@ Importing a store of rosbags takes longer than all the rest of a run, so its tex
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 import zlib
-from collections.abc import Mapping
-from contextlib import suppress
 from importlib import import_module
 from importlib.machinery import PathFinder
 from pathlib import Path
@@ -25,7 +24,7 @@ ROS1 = frozenset({"noetic"})
 
 def names() -> tuple[str, ...]:
     """`jazzy`, `humble`, `noetic` and whatever else the installed rosbags brings."""
-    stores = (file.stem for folder in _folders() for file in folder.glob("ros[12]_*.py"))
+    stores = (file.stem for file in _files() if file.name.startswith(("ros1_", "ros2_")))
     return tuple(sorted(store.partition("_")[2] for store in stores))
 
 
@@ -37,9 +36,9 @@ def dialect(source: str) -> Dialect:
 def catalogue(source: str) -> Catalogue:
     """All of the store called `source`, one of names()."""
     packages: dict[str, list[Definition]] = {}
-    for full_name, text in _texts(source).items():
+    for full_name, text in {**_texts(source), **_SERVICES}.items():
         name = TypeName(*full_name.split("/"))
-        definition = Definition(name, f"{source}:{full_name}.msg", f"built-in store {source}", text)
+        definition = Definition(name, f"{source}:{full_name}.{name.kind}", f"built-in store {source}", text)
         packages.setdefault(name.package, []).append(definition)
     place = f"built-in store {source}"
     return {name: (package_of(name, place, definitions),) for name, definitions in packages.items()}
@@ -47,6 +46,13 @@ def catalogue(source: str) -> Catalogue:
 
 # rosbags.interfaces.Nodetype, by value: importing the enumeration costs as much as reading the cache.
 _BASE, _NAME, _ARRAY, _SEQUENCE = 1, 2, 3, 4
+_ANSWER = "bool success\nstring message\n"
+_SERVICES = {
+    "std_srvs/srv/Empty": "---\n",
+    "std_srvs/srv/SetBool": f"bool data\n---\n{_ANSWER}",
+    "std_srvs/srv/Trigger": f"---\n{_ANSWER}",
+}
+"""The services of every ROS, which rosbags leaves out; they are the same in all distributions."""
 _FILLER = "structure_needs_at_least_one_member"
 """How rosidl, and rosbags after it, writes a message without fields."""
 _QUATERNION = "float64 x 0\nfloat64 y 0\nfloat64 z 0\nfloat64 w 1\n"
@@ -55,13 +61,13 @@ _QUATERNION = "float64 x 0\nfloat64 y 0\nfloat64 z 0\nfloat64 w 1\n"
 
 def _texts(source: str) -> dict[str, str]:
     """Full name -> .msg text, from the cache if it holds exactly what the installed rosbags would give."""
-    kept = _cache_file(source)
+    kept = _cache_name(source)
     texts = _cached(kept)
     if texts is None:
         module = f"ros{dialect(source)[-1]}_{source}"
         definitions = import_module(f"rosbags.typesys.stores.{module}").FIELDDEFS
         texts = {name: _text(name, definitions[name], source) for name in sorted(definitions)}
-        _keep(kept, texts)
+        cache.write(kept, json.dumps(texts).encode())
     return texts
 
 
@@ -96,36 +102,25 @@ def _spelled(type: tuple[int, Any], source: str) -> str:
     return f"{_spelled(element, source)}[{f'<={length}' if length else ''}]"
 
 
-def _folders() -> list[Path]:
-    """Where rosbags keeps its stores, found without importing it."""
+@functools.cache
+def _files() -> tuple[Path, ...]:
+    """What rosbags keeps its stores in, found without importing it."""
     spec = PathFinder.find_spec("rosbags")
     roots = spec.submodule_search_locations if spec else None
-    return [Path(root, "typesys", "stores") for root in roots or ()]
+    folders = [os.path.join(root, "typesys", "stores") for root in roots or ()]
+    return tuple(
+        Path(folder, name) for folder in folders for name in sorted(os.listdir(folder)) if name.endswith(".py")
+    )
 
 
-def _cache_file(source: str) -> Path:
-    """Named after what its content follows from: the files of rosbags' stores, and this one."""
-    files = [Path(__file__), *(file for folder in _folders() for file in sorted(folder.glob("*.py")))]
-    state = [(str(file), file.stat().st_size, file.stat().st_mtime_ns) for file in files]
-    key = zlib.crc32(repr(state).encode())
-    return Path(cache.folder() or os.devnull, f"{source}-{key:08x}.json")
+def _cache_name(source: str) -> str:
+    """After what its content follows from: the files of rosbags' stores, and this one."""
+    files = [Path(__file__), *_files()]
+    state = [(str(file), status.st_size, status.st_mtime_ns) for file in files for status in [file.stat()]]
+    return f"{source}-{zlib.crc32(repr(state).encode()):08x}.json"
 
 
-def _cached(file: Path) -> dict[str, str] | None:
-    """None if there is no cache, or it is damaged."""
-    try:
-        checksum, _, body = file.read_bytes().partition(b"\n")
-        return cast("dict[str, str]", json.loads(body)) if int(checksum, 16) == zlib.crc32(body) else None
-    except (OSError, ValueError):
-        return None
-
-
-def _keep(file: Path, texts: Mapping[str, str]) -> None:
-    """Written whole or not at all; a cache that cannot be written is done without."""
-    body = json.dumps(texts).encode()
-    beside = file.with_suffix(f".{os.getpid()}")
-    with suppress(OSError):
-        beside.write_bytes(b"%08x\n" % zlib.crc32(body) + body)
-        beside.replace(file)
-    with suppress(OSError):
-        beside.unlink()
+def _cached(name: str) -> dict[str, str] | None:
+    """None if it is not in the cache."""
+    kept = cache.read(name)
+    return None if kept is None else cast("dict[str, str]", json.loads(kept))

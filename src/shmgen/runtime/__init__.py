@@ -7,11 +7,13 @@ from shmgen.runtime.access import RegionOptions
 from shmgen.runtime.action_client import ActionClient
 from shmgen.runtime.action_server import ActionServer, ServedGoal
 from shmgen.runtime.client import ServiceClient
-from shmgen.runtime.cutting import CuttingMessage
 from shmgen.runtime.errors import (
     CallFailed,
     CallTimeout,
+    ClaimLost,
+    Closed,
     CountExceeded,
+    InForkedChild,
     LayoutMismatch,
     LockTimeout,
     NoServer,
@@ -41,13 +43,15 @@ __all__ = [
     "Call",
     "CallFailed",
     "CallTimeout",
+    "ClaimLost",
     "Clock",
     "Clocks",
+    "Closed",
     "CountExceeded",
-    "CuttingMessage",
     "Duration",
     "Elements",
     "Header",
+    "InForkedChild",
     "Late",
     "LayoutMismatch",
     "LockTimeout",

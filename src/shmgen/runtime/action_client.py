@@ -9,6 +9,7 @@ from typing import Any, Generic, TypeVar
 from shmgen.runtime.calls import Caller
 from shmgen.runtime.closing import Closing
 from shmgen.runtime.errors import CallTimeout, NoServer
+from shmgen.runtime.lock import LOCK_TIMEOUT
 from shmgen.runtime.message import Message
 from shmgen.runtime.publisher import Publisher
 from shmgen.runtime.subscriber import Subscriber
@@ -26,7 +27,12 @@ class ActionClient(Closing, Generic[Goal, Feedback, Outcome]):
     outcome_subscriber: type[Subscriber[Outcome]]
 
     def __init__(
-        self, action: str, *, lock_timeout: float = 0.01, mode: int | None = None, group: str | int | None = None
+        self,
+        action: str,
+        *,
+        lock_timeout: float = LOCK_TIMEOUT,
+        mode: int | None = None,
+        group: str | int | None = None,
     ) -> None:
         """Opens the action's regions or makes them; parameters and errors as for a ServiceClient."""
         options: dict[str, Any] = {"lock_timeout": lock_timeout, "mode": mode, "group": group}
@@ -84,7 +90,7 @@ class ActionClient(Closing, Generic[Goal, Feedback, Outcome]):
             self._caller.tell(self._command(cancel=self._caller.number))
 
     def server_is_ready(self) -> bool:
-        """Whether somebody serves now. Takes up to 0.1 s where a PLC served and may have stopped."""
+        """Whether somebody serves now. Takes up to a second where a PLC served and may have stopped."""
         return self._caller.server_is_ready()
 
     def wait_for_server(self, timeout: float) -> bool:

@@ -10,6 +10,7 @@ from typing import Any, Generic, TypeVar
 
 from shmgen.runtime.calls import Callee, log_exception, passed_over, until
 from shmgen.runtime.closing import Closing
+from shmgen.runtime.lock import LOCK_TIMEOUT
 from shmgen.runtime.message import Message
 from shmgen.runtime.publisher import Publisher
 from shmgen.runtime.subscriber import Subscriber
@@ -67,7 +68,12 @@ class ActionServer(Closing, Generic[Goal]):
     outcome_publisher: type[Publisher[Any]]
 
     def __init__(
-        self, action: str, *, lock_timeout: float = 0.01, mode: int | None = None, group: str | int | None = None
+        self,
+        action: str,
+        *,
+        lock_timeout: float = LOCK_TIMEOUT,
+        mode: int | None = None,
+        group: str | int | None = None,
     ) -> None:
         """Opens the action's regions or makes them; parameters, errors and old goals as for a ServiceServer."""
         options: dict[str, Any] = {"lock_timeout": lock_timeout, "mode": mode, "group": group}
@@ -76,6 +82,8 @@ class ActionServer(Closing, Generic[Goal]):
             passed_over(questions)
             self._progress = opened.enter_context(self.progress_publisher(f"{action}-feedback", **options))
             answers = opened.enter_context(self.outcome_publisher(f"{action}-result", **options))
+            if self._progress._claim_doubtful or answers._claim_doubtful:
+                passed_over(questions)
             opened.pop_all()
         self._callee = Callee(questions, answers)
         self._kinds: Any = self.progress_publisher.message_type, self.outcome_publisher.message_type

@@ -12,11 +12,12 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
+from shmgen.runtime.checked import REFUSED, boolean, type_name
 from shmgen.runtime.errors import CountExceeded, OutOfRange, ValueRejected
 from shmgen.runtime.message import Late, Message
+from shmgen.wording import counted
 
 _KINDS = {code: kind for kind, codes in {"i": "bhilqn", "u": "BHILQN", "f": "efd", "?": "?"}.items() for code in codes}
-_NAMES = {"i": "int", "u": "uint", "f": "float"}
 _NOTHING = memoryview(b"")
 
 
@@ -130,7 +131,7 @@ def _new_like(message: Any) -> Any:
 def count(value: int, capacity: int, path: str) -> int:
     """A count read from the region, where a PLC may have written 9 of 8. Raises CountExceeded."""
     if value > capacity:
-        raise CountExceeded(path, f"the writer says {value} elements; the bound is {capacity}")
+        raise CountExceeded(path, f"the writer says {counted(value, 'element')}; the bound is {capacity}")
     return value
 
 
@@ -146,9 +147,9 @@ def check_count(values: Any, path: str, exactly: int | None, at_most: int | None
 
 def _judge(length: int, path: str, exactly: int | None, at_most: int | None) -> None:
     if exactly is not None and length != exactly:
-        raise CountExceeded(path, f"{length} elements; the array has exactly {exactly}")
+        raise CountExceeded(path, f"{counted(length, 'element')}; the array has exactly {exactly}")
     if at_most is not None and length > at_most:
-        raise CountExceeded(path, f"{length} elements; the bound is {at_most}")
+        raise CountExceeded(path, f"{counted(length, 'element')}; the bound is {at_most}")
 
 
 def _buffer(value: Any, typecode: str, item_size: int) -> memoryview | None:
@@ -174,18 +175,13 @@ def _converted(value: Any, typecode: str, path: str) -> memoryview:
         return _NOTHING
     try:
         return _packed(items, typecode)
-    except (TypeError, ValueError, OverflowError, struct.error):
+    except REFUSED:
         for position, item in enumerate(items):
             try:
                 _packed([item], typecode)
-            except (TypeError, ValueError, OverflowError, struct.error):
-                raise OutOfRange(f"{path}[{position}]", f"{item!r:.40} is no {_name(typecode)}") from None
+            except REFUSED:
+                raise OutOfRange(f"{path}[{position}]", f"{item!r:.40} is no {type_name(typecode)}") from None
         raise
-
-
-def _name(typecode: str) -> str:
-    kind = _KINDS[typecode]
-    return "bool" if kind == "?" else f"{_NAMES[kind]}{8 * array.array(typecode).itemsize}"
 
 
 def _unpacked(data: bytes | bytearray | memoryview, typecode: str) -> tuple[Any, ...]:
@@ -199,12 +195,3 @@ def _packed(items: list[Any], typecode: str) -> memoryview:
         # array.array stores what a float32 cannot hold as infinity; struct raises.
         return memoryview(struct.pack(f"<{len(items)}f", *items))
     return memoryview(array.array(typecode, items)).cast("B")
-
-
-def boolean(value: Any, path: str) -> bool:
-    """True, False, 0, 1 or numpy's bool. Raises OutOfRange, where struct's `?` would take the text "false" as true."""
-    if value is True or value is False:
-        return bool(value)
-    if (isinstance(value, int) and value in (0, 1)) or type(value).__name__ in ("bool", "bool_"):
-        return bool(value)
-    raise OutOfRange(path, f"{value!r:.40} is no bool")

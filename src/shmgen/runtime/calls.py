@@ -12,7 +12,9 @@ from collections.abc import Callable, Iterator
 from math import inf
 from typing import Any, Generic, TypeVar
 
+from shmgen import abi
 from shmgen.runtime import header as h
+from shmgen.runtime.claim import WATCH
 from shmgen.runtime.message import Message
 from shmgen.runtime.publisher import Publisher
 from shmgen.runtime.region import WRITER_LOCK
@@ -24,12 +26,10 @@ T = TypeVar("T")
 
 _LOOK = 2e-3
 """Seconds between two looks for a server."""
-_PLC_WATCH = 0.1
-"""Seconds within which a PLC that runs counts its heartbeat up: ten cycles of 10 ms."""
-_FRESH = 1.0
+_FRESH = abi.CLAIM_MS / 1000
 """Seconds for which a heartbeat seen to move counts."""
 _LONGEST_WAIT = 1.0
-_HEARTBEAT = 0.05
+_HEARTBEAT = abi.SIGN_MS / 1000
 """Seconds between two signs of life of a server that waits."""
 
 
@@ -50,7 +50,7 @@ class Caller(Generic[Q, A]):
     def ask(self, question: Any) -> int:
         """Sends a question and gives the one before up; returns its number. Raises as Publisher.publish."""
         self.number = 0
-        self._answers.read()  # what is there answers nothing that is still to come
+        self._answers._skip()  # what is there answers nothing that is still to come
         self.tell(question)
         self.number = self._questions.sequence
         return self.number
@@ -75,8 +75,8 @@ class Caller(Generic[Q, A]):
         return None
 
     def server_is_ready(self) -> bool:
-        """Whether somebody serves now. Takes up to 0.1 s where a PLC served and may have stopped."""
-        return self.wait_for_server(_PLC_WATCH if self._answers._words[h.WRITER] == h.PLC else 0.0)
+        """Whether somebody serves now. Takes up to a second where a PLC served and may have stopped."""
+        return self.wait_for_server(WATCH if self._answers._words[h.WRITER] == h.PLC else 0.0)
 
     def wait_for_server(self, timeout: float) -> bool:
         """Whether somebody serves, as soon as somebody does or after `timeout` seconds."""
@@ -100,10 +100,10 @@ class Caller(Generic[Q, A]):
         return answer
 
     def _server_lives(self) -> bool:
-        """A process holds its record lock; a PLC can only be seen to count."""
-        if self._answers._region.byte_is_locked(WRITER_LOCK):
-            return True
+        """A process holds its record lock, and has put its name there; a PLC can only be seen to count."""
         words, now = self._answers._words, time.monotonic()
+        if words[h.WRITER] != h.PLC and self._answers._region.byte_is_locked(WRITER_LOCK):
+            return True
         before, self._beat = self._beat, words[h.HEARTBEAT]
         known, self._looked = now - self._looked < _FRESH, now
         return bool(words[h.WRITER] == h.PLC and known and self._beat != before)
@@ -130,6 +130,7 @@ class Callee(Generic[Q, A]):
             left = max(0.0, deadline - time.monotonic())
             question = self._questions.wait(min(left, _HEARTBEAT)) if left else self._questions.read()
             if question is not None:
+                self._answers._assure()  # or another server has taken over, and serves it
                 return self._questions.sequence, question
             if not left:
                 return None
@@ -177,5 +178,5 @@ def passed_over(questions: Subscriber[Q]) -> Subscriber[Q]:
 
     Comes before the claim that shows clients a server, so that no call is lost between the two.
     """
-    questions.read()
+    questions._skip()
     return questions

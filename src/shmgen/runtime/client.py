@@ -10,6 +10,7 @@ from typing import Any, Generic, TypeVar
 from shmgen.runtime.calls import Caller
 from shmgen.runtime.closing import Closing
 from shmgen.runtime.errors import CallFailed, CallTimeout, NoServer
+from shmgen.runtime.lock import LOCK_TIMEOUT
 from shmgen.runtime.message import Message
 from shmgen.runtime.publisher import Publisher
 from shmgen.runtime.subscriber import Subscriber
@@ -25,7 +26,12 @@ class ServiceClient(Closing, Generic[Request, Response]):
     reply_subscriber: type[Subscriber[Any]]
 
     def __init__(
-        self, service: str, *, lock_timeout: float = 0.01, mode: int | None = None, group: str | int | None = None
+        self,
+        service: str,
+        *,
+        lock_timeout: float = LOCK_TIMEOUT,
+        mode: int | None = None,
+        group: str | int | None = None,
     ) -> None:
         """Opens the service's regions or makes them; one client a service. Whether there is a server does not matter.
 
@@ -82,7 +88,7 @@ class ServiceClient(Closing, Generic[Request, Response]):
             self._caller.number = 0
 
     def server_is_ready(self) -> bool:
-        """Whether somebody serves now. Takes up to 0.1 s where a PLC served and may have stopped."""
+        """Whether somebody serves now. Takes up to a second where a PLC served and may have stopped."""
         with self._one_at_a_time:
             return self._caller.server_is_ready()
 

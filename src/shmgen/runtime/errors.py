@@ -27,12 +27,24 @@ class RegionInUse(ShmError):
     """Another writer publishes on the topic."""
 
 
+class ClaimLost(RegionInUse):
+    """Another writer has taken the topic over from this one, which stood still for a second or more."""
+
+
+class Closed(ShmError):
+    """It has been closed."""
+
+
+class InForkedChild(Closed):
+    """It belongs to the process from which this one was forked."""
+
+
 class LockTimeout(ShmError):
     """The lock was not free in time, on a machine where going on without it is not safe."""
 
 
 class PermissionDenied(ShmError):
-    """The operating system refuses access to the region, its semaphore or the wanted group."""
+    """The operating system refuses access to region, semaphore or group; or strangers can write what is there."""
 
 
 class CallTimeout(ShmError):

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterable
-from operator import index
 from typing import Any, NoReturn
 
 from shmgen.runtime.arrays import numbers
+from shmgen.runtime.checked import check
 from shmgen.runtime.errors import OutOfRange, ValueRejected
 
 ENCODE_ERRORS = (AttributeError, OverflowError, TypeError, struct.error)
 """What pack_into and the look-ups before it raise for a message that does not fit."""
 
-_BITS = {"b": 8, "h": 16, "i": 32, "q": 64}
+_CHECKED = frozenset("bBhHiIqQfd")
 _MISSING = object()
-_NAMES = {"f": "float32", "d": "float64"}
 
 
 def explain(message: Any, rows: Iterable[tuple[str, str]], error: Exception) -> NoReturn:
@@ -32,10 +31,8 @@ def explain(message: Any, rows: Iterable[tuple[str, str]], error: Exception) -> 
         length, code = typecode[:-1], typecode[-1:]
         if length.isdigit() and code in "?bBhHiIqQfd":
             numbers(value, code, struct.calcsize("<" + code), path, exactly=int(length))
-        elif code.lower() in _BITS:
-            _check_integer(value, code, path)
-        elif code in _NAMES:
-            _check_float(value, code, path)
+        elif code in _CHECKED:
+            check(value, code, path)
     path = getattr(error, "name", None) or ""
     raise OutOfRange(path, f"cannot encode {type(message).__name__}: {error}") from error
 
@@ -49,23 +46,3 @@ def _follow(message: Any, path: str) -> Any:
             raise OutOfRange(path, f"{type(value).__name__} has no attribute {name!r}")
         value = inner
     return value
-
-
-def _check_integer(value: Any, code: str, path: str) -> None:
-    bits = _BITS[code.lower()]
-    least, most = (-(1 << bits - 1), (1 << bits - 1) - 1) if code.islower() else (0, (1 << bits) - 1)
-    name = f"{'' if code.islower() else 'u'}int{bits}"
-    try:
-        whole = index(value)
-    except TypeError:
-        raise OutOfRange(path, f"{value!r:.40} is {type(value).__name__}, not {name}") from None
-    if not least <= whole <= most:
-        raise OutOfRange(path, f"{whole}; {name} goes from {least} to {most}")
-
-
-def _check_float(value: Any, code: str, path: str) -> None:
-    try:
-        struct.pack("<" + code, value)
-    except (OverflowError, struct.error):
-        fault = "too large for" if isinstance(value, (int, float)) else f"{type(value).__name__}, not"
-        raise OutOfRange(path, f"{value!r:.40} is {fault} {_NAMES[code]}") from None

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from shmgen.runtime import values
+from shmgen.runtime.checked import array_of
 
 Encode = Callable[[Any, int, str], bytes]
 """value, capacity, path -> bytes without padding, such as values.text."""
@@ -67,7 +68,7 @@ class Elements:
 
     def __get__(self, structure: ctypes.Structure, owner: type) -> Any:
         count = _count(structure, self.count_at, self.length, self.name)
-        return (self.kind * count).from_buffer(structure, self.offset)
+        return array_of(self.kind, count, self.name).from_buffer(structure, self.offset)
 
     def __set__(self, structure: ctypes.Structure, value: Any) -> None:
         rule = _rule(self.count_at, self.length)

@@ -1,36 +1,53 @@
-"""Turns a layout into the 192 bytes at the start of its region, and those bytes back into words (ABI 1)."""
+"""Turns a layout into the header of its region, and the bytes of a header back into words (ABI 1: shmgen/abi.py)."""
 
 from __future__ import annotations
 
 import struct
-from typing import NamedTuple
+from collections.abc import Iterable
+from typing import Any, NamedTuple
 
-MAGIC = 0x474D4853
-"""`SHMG`, written last: a region without it is still being made."""
-ABI = 1
-HEADER_SIZE = 192
-PAGE = 4096
-"""Regions take whole pages, so that a runtime that compares sizes exactly and one that rounds agree."""
-SLOT_HEADER = 16
-"""Bytes before the payload of a slot: u64 stamp_ns, u32 number, u32 0."""
-PLC = 0xFFFFFFFF
-"""What a PLC, which knows no process id, writes as `writer` and `lock_holder`."""
-LAST = 0xFFFFFFFF
-"""The greatest sequence number; after it comes `slots`, which keeps the slot order and never gives 0."""
+from shmgen import abi
+from shmgen.abi import ABI, HEADER_SIZE, LAST, MAGIC, PAGE, PLC, SLOT_HEADER, Word
+from shmgen.runtime.legible import legible
+from shmgen.wording import counted
+
+__all__ = ["ABI", "HEADER_SIZE", "LAST", "MAGIC", "PAGE", "PLC", "SLOT_HEADER"]  # for those who say h.LAST
+
+_AT = {word.name: word.offset for word in abi.HEADER}
+_IN_SLOT = {word.name: word.offset for word in abi.SLOT}
 
 # Where the words that change stand, in steps of four bytes.
-WRITER = 24 // 4
-BEGUN = 128 // 4
-COMPLETED = 132 // 4
-HEARTBEAT = 152 // 4
-LOCK_HOLDER = 156 // 4
-RECOVERIES = 160 // 4
-ARMED = 164 // 4
-LOCK_COUNT = 168 // 4
-MISSED = 172 // 4
+WRITER = _AT["writer"] // 4
+BEGUN = _AT["begun"] // 4
+COMPLETED = _AT["completed"] // 4
+HEARTBEAT = _AT["heartbeat"] // 4
+LOCK_HOLDER = _AT["lock_holder"] // 4
+RECOVERIES = _AT["recoveries"] // 4
+ARMED = _AT["armed"] // 4
+LOCK_COUNT = _AT["lock_count"] // 4
+MISSED = _AT["missed"] // 4
 
-_FIXED = struct.Struct("<IHHQIIII64s")
-_MOVING = struct.Struct("<II16xIIIIII")
+# And in steps of eight, for two words in one look.
+RECOVERIES_ARMED = _AT["recoveries"] // 8
+STAMP = _IN_SLOT["stamp_ns"] // 8
+NUMBER = _IN_SLOT["number"] // 8
+"""With the four bytes of 0 behind it."""
+
+_CODES = {"u8": "x", "char": "s", "u16": "H", "u32": "I", "u64": "Q"}
+
+
+def codes(words: Iterable[Word], size: int) -> str:
+    """What `struct` calls them, one value for each word that is not reserved."""
+    tiled = abi.tiled(words, size)
+    return "<" + "".join(f"{word.length if word.length > 1 else ''}{_CODES[word.element]}" for word in tiled)
+
+
+_HEADER = struct.Struct(codes(abi.HEADER, HEADER_SIZE))
+_NAMES = tuple(word.name for word in abi.HEADER)
+_MADE = tuple(word for word in abi.HEADER if word.by == abi.MAKER)
+
+MADE = tuple(slice(word.offset, word.offset + word.size) for word in _MADE)
+"""Where in a header the words stand that whoever makes a region writes, the magic first."""
 
 
 class Header(NamedTuple):
@@ -58,46 +75,53 @@ class Header(NamedTuple):
     @property
     def fixed(self) -> tuple[int | str, ...]:
         """All that both sides must agree on."""
-        return (*self[:7], *self[8:10])
+        return (self.size, *(getattr(self, word.name) for word in _MADE))
 
     def __str__(self) -> str:
         if self.magic != MAGIC:
-            return f"no shmgen region (magic 16#{self.magic:08X}), {self.size} bytes"
+            return f"no shmgen region (magic 16#{self.magic:08X}), {counted(self.size, 'byte')}"
         return (
-            f"{self.type_name or 'unnamed type'}, {self.payload_size} bytes, digest 16#{self.digest:016X}, "
-            f"{self.slots} slots of {self.slot_size} bytes, {self.size} bytes in all, ABI {self.abi}"
+            f"{self.type_name or 'unnamed type'}, {counted(self.payload_size, 'byte')}, digest 16#{self.digest:016X}, "
+            f"{self.slots} slots of {self.slot_size} bytes, {counted(self.size, 'byte')} in all, ABI {self.abi}"
         )
 
 
 def header_for(type_name: str, digest: int, payload_size: int, depth: int) -> Header:
     """The header of a fresh region.
 
-    `depth` is how many samples a slow reader can still fetch; slots = the power of two above it, so that
-    a sample stays while the next `depth` are written. Raises ValueError for a depth outside 1 .. 65535.
+    `depth` is how many samples a slow reader can still fetch. Raises ValueError for a depth outside 1 .. 65535 and a
+    name of more than 95 bytes.
     """
-    if not 1 <= depth <= 65535:
-        raise ValueError(f"depth is {depth}; it goes from 1 to 65535 samples")
-    slots = 1 << depth.bit_length()
-    slot_size = _round_up(SLOT_HEADER + payload_size, 64)
-    size = _round_up(HEADER_SIZE + slots * slot_size, PAGE)
-    # 63 bytes at most, so that readers in C and ST always find the terminating NUL.
-    name = type_name.encode()[:63].decode(errors="ignore")
-    return Header(size, MAGIC, ABI, HEADER_SIZE, digest, payload_size, slot_size, 0, slots, name)
+    slots = abi.slots_for(depth)
+    size, slot_size = abi.region_size(payload_size, slots), abi.slot_size(payload_size)
+    if len(type_name.encode()) > abi.MAX_TYPE_NAME:
+        raise ValueError(f"type {type_name} is longer than the {abi.MAX_TYPE_NAME} bytes a region has for its name")
+    return Header(size, MAGIC, ABI, HEADER_SIZE, digest, payload_size, slot_size, 0, slots, type_name)
 
 
 def pack(header: Header) -> bytes:
-    """The first 96 bytes: what never changes, and `writer`."""
-    *numbers, type_name = header[1:10]
-    return _FIXED.pack(*numbers, str(type_name).encode())
+    """The bytes of a header."""
+    values = (getattr(header, name) for name in _NAMES)
+    return _HEADER.pack(*(value.encode() if isinstance(value, str) else value for value in values))
 
 
 def unpack(data: bytes, size: int) -> Header:
-    """The header in the first 192 bytes of a region of `size` bytes; fewer bytes are read as if 0 followed."""
-    data = data.ljust(HEADER_SIZE, b"\0")
-    *numbers, type_name = _FIXED.unpack_from(data)
-    name = type_name.partition(b"\0")[0].decode(errors="replace")
-    fields = (size, *numbers, name, *_MOVING.unpack_from(data, 128))
-    return Header(*fields)
+    """The header at the start of a region of `size` bytes; missing bytes are read as 0."""
+    found = words(data)
+    return Header(size, *(found[name] for name in Header._fields[1:]))
+
+
+def words(data: bytes) -> dict[str, Any]:
+    """Every word of a header by its name: numbers, and `type_name` as text."""
+    values = _HEADER.unpack(data[:HEADER_SIZE].ljust(HEADER_SIZE, b"\0"))
+    shown = (_text(value) if isinstance(value, bytes) else value for value in values)
+    return dict(zip(_NAMES, shown, strict=True))
+
+
+def after(number: int, steps: int, slots: int) -> int:
+    """The number of the sample so many `steps` later."""
+    number += steps
+    return number if number <= LAST else number - 2**32 + slots
 
 
 def steps(older: int, newer: int, slots: int) -> int:
@@ -105,5 +129,6 @@ def steps(older: int, newer: int, slots: int) -> int:
     return newer - older if newer >= older else newer - older + 2**32 - slots
 
 
-def _round_up(size: int, step: int) -> int:
-    return -(-size // step) * step
+def _text(data: bytes) -> str:
+    """Only ASCII can be a type's name; whatever else a damaged or a foreign header holds must not reach a terminal."""
+    return legible(data.partition(b"\0")[0].decode("ascii", errors="backslashreplace"))

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
 import threading
 import time
-from _multiprocessing import SemLock  # type: ignore[import-not-found]
 
+from shmgen import abi
 from shmgen.runtime import header as h
-from shmgen.runtime.region import REPAIR_LOCK, NoSemaphore, Region, keeps_order
+from shmgen.runtime.region import REPAIR_LOCK, Region, keeps_order
+from shmgen.runtime.semaphores import TOO_MANY, NoSemaphore
 
-_DEAD_AFTER = 0.05
-_STUCK_AFTER = 1.0
-"""Seconds that nobody has got in, after which the lock of a dead process, and of anybody else, is taken over."""
-_CLOCK_MONOTONIC = 1
+LOCK_TIMEOUT = abi.LOCK_MS / 1000
+"""Seconds to wait for the lock, unless told otherwise."""
+_DEAD_AFTER = abi.DEAD_MS / 1000
+_STUCK_AFTER = abi.HEAL_MS / 1000
+"""Seconds of one stay inside, after which the lock of a dead process, and of anybody else, is taken over."""
+_YIELDS = 20
+"""Tries that follow each other at once: who is inside comes out within a few microseconds, if it has a processor."""
+_PAUSE = 1e-4
+"""Seconds between two tries after that."""
+_SURPLUS = 64
+"""Tokens too many that one call takes away at most."""
 
 
 class Lock:
@@ -22,18 +29,24 @@ class Lock:
 
     `keeps_order`: loads and stores of this machine keep their order (x86-64), so the slots alone carry
     integrity and one may go on without the lock. `misses` counts how often that, or giving up, happened.
+
+    Whoever made the try itself calls leave() for any exception: a signal handler may raise at every call, also at
+    the try, before its result is known. The semaphore counts inside its own call, so its count is always right.
     """
 
-    __slots__ = ("_count", "_region", "_since", "_waited", "keeps_order", "misses", "timeout")
+    __slots__ = ("_balance", "_region", "_repairing", "_seen", "_since", "_waited", "keeps_order", "misses", "timeout")
 
     def __init__(self, region: Region, timeout: float) -> None:
         if not 0 <= timeout <= _STUCK_AFTER:
             raise ValueError(f"lock_timeout is {timeout}; it goes from 0 to {_STUCK_AFTER:.0f} second")
         self._region = region
-        # What is held while we open may be stuck: its time runs beside that in which a writer makes sure of its claim.
-        self._count: int | None = region.words[h.LOCK_COUNT] if region.semaphore._is_zero() else None
+        # Who is inside when we open may be stuck: its time runs beside that in which a writer makes sure of its claim.
+        self._seen: tuple[int, int] | None = self._stay() if region.semaphore._get_value() == 0 else None
         self._since = time.monotonic()
         self._waited = False
+        # What the semaphore's count is short of our being inside: places of dead ones taken, less tokens taken away.
+        self._balance = 0
+        self._repairing = False
         self.keeps_order = keeps_order()
         self.misses = 0
         self.timeout = timeout
@@ -41,72 +54,108 @@ class Lock:
     def wait(self) -> bool:
         """Waits for the lock until the time limit; True = inside.
 
-        Whoever gets in counts `lock_count` up. While it stands where it stood at the last time-out the lock
-        is taken to be stuck: waiting again would cost the limit each time for nothing, until it has stood for
-        so long that its holder must be dead.
+        Whoever gets in counts `lock_count` up and then writes its name into `lock_holder`. While both stand where
+        they stood at the first try that failed, one stay inside lasts: waiting again would cost the limit each time
+        for nothing, until it has lasted for so long that its holder must be dead.
         """
         if isinstance(self._region.semaphore, NoSemaphore):
             return False  # which is no miss
-        count = self._region.words[h.LOCK_COUNT]
-        if count != self._count:
-            self._count, self._since, self._waited = count, time.monotonic(), False
+        self.leave()  # where an exception came upon an exception
+        stay = self._stay()
+        if stay != self._seen:
+            self._seen, self._since, self._waited = stay, time.monotonic(), False
         if not self._waited:
             self._waited = True
-            if acquire(self._region.semaphore, self.timeout):
+            if self._try_for(self.timeout):
                 return True
-        if self._overdue() and self._take_over(count):
+        if self._overdue(stay) and self._take_over(stay):
             return True
         self.misses += 1
         return False
 
-    def take_surplus(self) -> None:
-        """Takes the semaphore down to 1: a holder that was taken for dead came back, or two sides have healed."""
+    def leave(self, error: BaseException | None = None) -> bool:
+        """Gives back what this side holds, if it holds anything; for all ways out but the straight one.
+
+        True: `error` only says that release() found a token there already, and all is done.
+        """
+        if self._repairing:
+            self._region.unlock_byte(REPAIR_LOCK)
+            self._repairing = False
         semaphore = self._region.semaphore
-        if semaphore._get_value() > 1 and semaphore.acquire(False):
-            while semaphore.acquire(False):
-                pass
+        if semaphore._count() + self._balance > 0:
+            self._region.words[h.LOCK_HOLDER] = 0
+            try:
+                semaphore.release()
+            except ValueError:
+                self._take_surplus()
+        return isinstance(error, ValueError) and error.args == TOO_MANY
+
+    def _take_surplus(self) -> None:
+        """For one who is inside and may not release: there is a token already.
+
+        A holder that was taken for dead has come back, two sides have healed, or somebody has posted. Ours goes, and
+        of others so many that the work stays bounded; what is left goes at the next times.
+        """
+        semaphore = self._region.semaphore
+        for _ in range(_SURPLUS):
+            if not semaphore.acquire(False):
+                break
+            self._balance -= 1
+        try:
             semaphore.release()
+        except ValueError:
+            self._balance -= 1
 
-    def _overdue(self) -> bool:
+    def _stay(self) -> tuple[int, int]:
+        """Which stay inside this is. The count comes first, so the same pair with a holder is the same stay."""
+        return self._region.words[h.LOCK_HOLDER], self._region.words[h.LOCK_COUNT]
+
+    def _try_for(self, seconds: float) -> bool:
+        """As often as it takes, by the clock that nobody sets.
+
+        No single longer wait: what sem_clockwait takes the semaphore's own count does not know.
+        """
+        acquire = self._region.semaphore.acquire
+        end = time.monotonic() + seconds
+        yields = _YIELDS
+        while not acquire(False):
+            if time.monotonic() >= end:
+                return False
+            if yields:
+                yields -= 1
+                os.sched_yield()
+            else:
+                time.sleep(_PAUSE)
+        return True
+
+    def _overdue(self, stay: tuple[int, int]) -> bool:
         stood = time.monotonic() - self._since
-        return stood >= _STUCK_AFTER or (stood >= _DEAD_AFTER and _is_dead(self._region.words[h.LOCK_HOLDER]))
+        return stood >= _STUCK_AFTER or (stood >= _DEAD_AFTER and _is_dead(stay[0]))
 
-    def _take_over(self, count: int) -> bool:
+    def _take_over(self, stay: tuple[int, int]) -> bool:
         """Takes the dead holder's place, which the caller's release then ends; True = inside.
 
         One process at a time, and each looks once more: had the one before only released, somebody who is in
         but has not counted yet would be taken for dead in turn.
         """
-        region = self._region
-        if not region.lock_byte(REPAIR_LOCK):
-            return False
+        region, words = self._region, self._region.words
+        self._repairing = True
         try:
-            if acquire(region.semaphore, self.timeout):
-                return True
-            if region.words[h.LOCK_COUNT] != count:
+            if not region.lock_byte(REPAIR_LOCK):
                 return False
-            region.words[h.LOCK_HOLDER] = os.getpid()
-            region.words[h.LOCK_COUNT] = count + 1 & 0xFFFFFFFF
-            region.words[h.RECOVERIES] = region.words[h.RECOVERIES] + 1 & 0xFFFFFFFF
+            if self._try_for(self.timeout):
+                return True
+            if self._stay() != stay:
+                return False
+            # No call, so no signal, between these: inside, and known to be.
+            self._balance += 1
+            words[h.LOCK_COUNT] = stay[1] + 1 & 0xFFFFFFFF
+            words[h.LOCK_HOLDER] = region.pid
+            words[h.RECOVERIES] = words[h.RECOVERIES] + 1 & 0xFFFFFFFF
             return True
         finally:
             region.unlock_byte(REPAIR_LOCK)
-
-
-def acquire(semaphore: SemLock, seconds: float) -> bool:
-    """Waits for a semaphore by the clock that nobody sets.
-
-    `SemLock.acquire` waits until a time of day: set back an hour meanwhile, it waits an hour.
-    """
-    if _sem_clockwait is None:
-        return bool(semaphore.acquire(True, seconds))
-    end = time.monotonic_ns() + int(seconds * 1e9)
-    until = _Timespec(*divmod(end, 10**9))
-    # errno is not asked for, which costs a microsecond: before the end it can only have been a signal.
-    while _sem_clockwait(semaphore.handle, _CLOCK_MONOTONIC, until):
-        if time.monotonic_ns() >= end:
-            return False
-    return True
+            self._repairing = False
 
 
 def fence() -> None:
@@ -128,12 +177,4 @@ def _is_dead(pid: int) -> bool:
     return False
 
 
-class _Timespec(ctypes.Structure):
-    _fields_ = (("sec", ctypes.c_long), ("nsec", ctypes.c_long))
-
-
-# In glibc since 2.30. Called through ctypes it lets other threads run meanwhile.
-_sem_clockwait = getattr(ctypes.CDLL(None), "sem_clockwait", None)
-if _sem_clockwait is not None:
-    _sem_clockwait.argtypes = (ctypes.c_void_p, ctypes.c_int, ctypes.POINTER(_Timespec))
 _mutex = threading.Lock()

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from shmgen.abi import EVENT
+
 HALVES = ("request", "response", "goal", "feedback", "result")
 """What stands behind the `-` in the regions of a service or action."""
-_LONGEST = 245
+_LONGEST = 255 - len("sem." + EVENT)
 """NAME_MAX (255) less `sem.` before and `-event` after the name."""
 
 
@@ -37,7 +39,7 @@ def region_name(topic: str) -> str:
 
 def event_name(name: str) -> str:
     """The semaphore that wakes a waiting reader of the region `name`; no region has such a name."""
-    return f"{name}-event"
+    return name + EVENT
 
 
 def region_file(name: str) -> str:

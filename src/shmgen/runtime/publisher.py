@@ -3,45 +3,76 @@
 from __future__ import annotations
 
 import ctypes
-import os
+import mmap
 import time
-from typing import Any, Generic, NoReturn, TypeVar
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any, Generic, NamedTuple, NoReturn, TypeVar, cast
 
 from shmgen.runtime import header as h
-from shmgen.runtime.closing import Closing
-from shmgen.runtime.cutting import CuttingMessage
-from shmgen.runtime.errors import LockTimeout, RegionInUse, ShmError
-from shmgen.runtime.lock import Lock, fence
+from shmgen.runtime.claim import claim, writer
+from shmgen.runtime.closing import Gone, Holding
+from shmgen.runtime.errors import ClaimLost, LockTimeout
+from shmgen.runtime.header import (
+    ARMED,
+    BEGUN,
+    COMPLETED,
+    HEARTBEAT,
+    LAST,
+    LOCK_COUNT,
+    LOCK_HOLDER,
+    NUMBER,
+    SLOT_HEADER,
+    STAMP,
+    WRITER,
+)
+from shmgen.runtime.lock import LOCK_TIMEOUT, Lock, fence
 from shmgen.runtime.message import CUT, LATE_FROM, Late, Message
-from shmgen.runtime.region import WRITER_LOCK, Region, open_event, open_region
+from shmgen.runtime.region import WRITER_LOCK, open_event, open_region
 
 M = TypeVar("M", bound=Message)
 
-_PLC_WATCH = 0.1
-"""Seconds within which a PLC that still runs counts its heartbeat up: ten cycles of 10 ms."""
+
+class _AtHand(NamedTuple):
+    """What publish() needs. It is kept as a plain tuple, which is taken apart 40 ns faster than a named one."""
+
+    kind: Any
+    encode: Callable[[Any, bytearray, int, Late], None]
+    scratch: bytearray
+    late: Late
+    head: memoryview
+    clock: Callable[[], int]
+    samples: tuple[slice, ...]
+    mask: int
+    map: mmap.mmap
+    words: memoryview
+    acquire: Callable[[bool], bool]
+    release: Callable[[], None]
+    pid: int
 
 
-class Publisher(Closing, Generic[M]):
+class Publisher(Holding, Generic[M]):
     """Publishes one type on one topic. Not for two threads at a time; forked children open their own."""
 
     message_type: type[M]
+    _word = "publisher"
 
     def __init__(
         self,
         topic: str,
         *,
         depth: int = 1,
-        lock_timeout: float = 0.01,
+        lock_timeout: float = LOCK_TIMEOUT,
         mode: int | None = None,
         group: str | int | None = None,
     ) -> None:
-        """Opens the region or makes it, and claims it.
+        """Opens the region or makes it, and claims it, which takes a second where a PLC was the writer before.
 
         `depth` is how many samples a slow reader can still fetch, the same on both sides. `lock_timeout`,
         in seconds, is the longest a call waits for the lock. `mode` (0o660) and `group` are for
         files made here, or found and this user's; left out they are what shmgen.toml said, if it said anything.
         Raises ValueError (topic, depth, lock_timeout), LayoutMismatch, RegionInUse, PermissionDenied,
-        RegionUnusable.
+        RegionUnusable, LockTimeout.
         """
         kind = self.message_type
         size = ctypes.sizeof(kind)
@@ -50,90 +81,93 @@ class Publisher(Closing, Generic[M]):
         try:
             self._lock = Lock(region, lock_timeout)
             self._event = open_event(region)
-            _claim(region)
+            self._sequence, self._claim_doubtful = claim(region)
         except BaseException:
             region.close()
             raise
-        self._scratch = bytearray(h.SLOT_HEADER + size)
-        self._sequence: int = region.words[h.COMPLETED]
-        self._heartbeat: int = region.words[h.HEARTBEAT]
+        self._scratch = bytearray(SLOT_HEADER + size)
+        self._heartbeat: int = region.words[HEARTBEAT]
         self._truncations = 0
-        cuts = issubclass(kind, CuttingMessage)
-        # What publish() needs, in one look. No message is of the type None: those that count their cuts are encoded.
-        self._hot: tuple[Any, ...] = (
-            None if cuts else kind,
-            kind._encode_counted if cuts else kind._encode,
-            self._scratch,
-            memoryview(self._scratch)[: h.SLOT_HEADER].cast("Q"),
-            time.time_ns,
-            tuple(region.sample(slot) for slot in range(region.header.slots)),
-            region.header.slots - 1,
-            region.map,
-            region.words,
-            region.quads,
-            region.semaphore.acquire,
-            region.semaphore.release,
-            os.getpid(),
+        self._words: memoryview | Gone = region.words
+        hot = _AtHand(
+            kind=kind,
+            encode=kind._encode,
+            scratch=self._scratch,
+            late=[],
+            head=memoryview(self._scratch)[:SLOT_HEADER].cast("Q"),
+            clock=time.time_ns,
+            samples=tuple(region.sample(slot) for slot in range(region.header.slots)),
+            mask=region.header.slots - 1,
+            map=region.map,
+            words=region.words,
+            acquire=region.semaphore.acquire,
+            release=region.semaphore.release,
+            pid=region.pid,
         )
-        self._scratch_message = (kind * 1).from_buffer(self._scratch, h.SLOT_HEADER)
+        self._hot = cast(_AtHand, tuple(hot))
+        self._scratch_message = (kind * 1).from_buffer(self._scratch, SLOT_HEADER)
+        self._hold()
 
     def publish(self, message: Any) -> None:
         """Writes `message`: a `message_type`, or any object with the same attributes.
 
         Raises ValueRejected, with the path of the field, for a value that does not fit, and LockTimeout
-        where the lock is needed; the region then still holds the former sample.
+        where the lock is needed; the region then still holds the former sample. ClaimLost: another writer has taken
+        the topic over, and nothing more will be published here.
         """
-        kind, encode, scratch, head, clock, samples, mask, map, words, quads, acquire, release, pid = self._hot
-        late: Late = []
-        if type(message) is not kind:
-            encode(message, scratch, 16, late)
-        elif len(scratch) < LATE_FROM:
-            self._scratch_message[0] = message
-        else:
-            late.append((16, len(scratch) - 16, memoryview(message)))
-        number = self._sequence + 1
-        if number > 0xFFFFFFFF:
-            number = mask + 1
-        sample = samples[number & mask]
-        parts = self._parts(sample.start, late) if late else None
-        head[0] = clock()
-        head[1] = number
-        # A comparison costs less than a mask of 32 bits, which Python holds in two digits.
-        beat = self._heartbeat
-        beat = beat + 1 if beat != 0xFFFFFFFF else 0
-        inside = acquire(False) or self._wait()
+        kind, encode, scratch, late, head, clock, samples, mask, map, words, acquire, release, pid = self._hot
         try:
-            # Words of header.py by number: looking the names up would cost as much as a store.
-            words[38] = beat
+            if type(message) is not kind:
+                encode(message, scratch, SLOT_HEADER, late)
+            elif len(scratch) < LATE_FROM:
+                self._scratch_message[0] = message
+            else:
+                late.append((SLOT_HEADER, len(scratch) - SLOT_HEADER, memoryview(message)))
+            number = self._sequence + 1
+            if number > LAST:
+                number = mask + 1
+            sample = samples[number & mask]
+            parts = self._parts(sample.start, late) if late else None
+            head[STAMP] = clock()
+            head[NUMBER] = number
+            # A comparison costs less than a mask of 32 bits, which Python holds in two digits.
+            beat = self._heartbeat
+            beat = beat + 1 if beat != LAST else 0
+            inside = acquire(False) or self._wait()
+            if words[WRITER] != pid:
+                self._lose()
+            words[HEARTBEAT] = beat
             if inside:
-                words[39] = pid
-                count = words[42]
-                words[42] = count + 1 if count != 0xFFFFFFFF else 0
-            words[32] = number
+                count = words[LOCK_COUNT]
+                words[LOCK_COUNT] = count + 1 if count != LAST else 0
+                words[LOCK_HOLDER] = pid
+            words[BEGUN] = number
             if parts is None:
                 map[sample] = scratch
             else:
                 self._copy(parts)
-            words[33] = number
+            if words[WRITER] != pid:
+                self._void(sample)
+            # From here on the number is used up, whatever a signal handler raises.
             self._sequence = number
             self._heartbeat = beat
-        finally:
+            words[COMPLETED] = number
             if inside:
-                words[39] = 0
+                words[LOCK_HOLDER] = 0
                 release()
-        # Two words in one look: `recoveries` and `armed`.
-        if quads[20] or not inside:
+        except BaseException as error:
+            # However far we came: a signal handler may raise at any call above, at that of acquire() too.
+            late.clear()
+            if not self._lock.leave(error):
+                raise
+        if words[ARMED] or not inside:
             self._attend(words, inside)
 
     def heartbeat(self) -> None:
-        """Tells readers that the writer lives, without a sample."""
-        self._heartbeat = self._heartbeat + 1 & 0xFFFFFFFF
-        self._region.words[h.HEARTBEAT] = self._heartbeat
-
-    def close(self) -> None:
-        """Gives the topic free for another writer; the region and its last sample stay."""
-        self._hot = (Message, _closed, *self._hot[2:])
-        self._region.close()
+        """Tells readers that the writer lives, without a sample. Raises ClaimLost."""
+        self._assure()
+        self._heartbeat = self._heartbeat + 1 & LAST
+        self._words[HEARTBEAT] = self._heartbeat
 
     @property
     def topic(self) -> str:
@@ -159,6 +193,7 @@ class Publisher(Closing, Generic[M]):
         """The sample as copies to make: the late arrays, and scratch where none of them has its room."""
         arrays = [found for found in late if found is not CUT]
         self._truncations += len(late) - len(arrays)
+        late.clear()
         if not arrays:
             return None
         view = memoryview(self._scratch)
@@ -185,11 +220,10 @@ class Publisher(Closing, Generic[M]):
         """Wakes a waiting reader. The release of the lock keeps the look at `armed` behind `completed`."""
         if not inside:
             fence()
-        if words[h.ARMED]:
-            words[h.ARMED] = 0
-            self._event.release()
-        if words[h.RECOVERIES]:
-            self._lock.take_surplus()
+        if words[ARMED]:
+            words[ARMED] = 0
+            with suppress(ValueError):  # one post is there already, and enough
+                self._event.release()
 
     def _wait(self) -> bool:
         if self._lock.wait():
@@ -197,34 +231,34 @@ class Publisher(Closing, Generic[M]):
         if not self._lock.keeps_order:
             raise LockTimeout(
                 f"{self.topic}: the lock was not free within {self._lock.timeout} s, held by process "
-                f"{self._region.words[h.LOCK_HOLDER]}; nothing was published. See `shmgen doctor`"
+                f"{self._region.words[LOCK_HOLDER]}; nothing was published. See `shmgen doctor`"
             )
         return False
 
+    def _assure(self) -> None:
+        """Raises ClaimLost unless the topic is still this publisher's."""
+        if self._words[WRITER] != self._region.pid:
+            self._lose()
 
-def _claim(region: Region) -> None:
-    claimed = region.lock_byte(WRITER_LOCK)
-    writer = region.words[h.WRITER]
-    if not claimed:
-        raise RegionInUse(
-            f"{region.topic}: process {writer} publishes already; one writer a topic: stop that one first"
-        )
-    if writer == h.PLC and _beats(region):
-        raise RegionInUse(
-            f"{region.topic}: a PLC publishes already; one writer a topic: stop its publisher block first"
-        )
-    region.words[h.WRITER] = os.getpid()
+    def _void(self, sample: slice) -> NoReturn:
+        """What lies in the slot may be of two writers."""
+        self._region.words[sample.start // 4 + 2 * NUMBER] = 0
+        self._lose()
 
+    def _lose(self) -> NoReturn:
+        """Leaves the topic to the writer who has claimed it: this one stood still for a second, or seemed to."""
+        gone = Gone(ClaimLost, f"{self.topic}: {writer(self._region)} has taken the topic over; nothing was published")
+        self._stop(gone)
+        self._region.unlock_byte(WRITER_LOCK)
+        gone()
 
-def _beats(region: Region) -> bool:
-    before = region.words[h.HEARTBEAT]
-    deadline = time.monotonic() + _PLC_WATCH
-    while time.monotonic() < deadline:
-        if region.words[h.HEARTBEAT] != before:
-            return True
-        time.sleep(0.002)
-    return False
+    def _stop(self, gone: Gone) -> None:
+        """From now on publish() and heartbeat() raise that."""
+        # No message is of the type Message, so publish() goes on to encode it.
+        self._hot = cast(_AtHand, (Message, gone, *self._hot[2:]))
+        self._words = gone
 
-
-def _closed(*_: object) -> NoReturn:
-    raise ShmError("this publisher is closed")
+    def _let_go(self, gone: Gone) -> None:
+        self._stop(gone)
+        self._lock.leave()
+        self._region.close(gone)

@@ -9,52 +9,39 @@ import mmap
 import os
 import struct
 import time
-from _multiprocessing import SemLock  # type: ignore[import-not-found]
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import cast
 
 import posix_ipc
 
+from shmgen import abi
 from shmgen.runtime import header as h
-from shmgen.runtime.access import Access, RegionOptions, access_for, denied
+from shmgen.runtime import semaphores
+from shmgen.runtime.access import PATIENCE, Access, RegionOptions, access_for, denied, opened
+from shmgen.runtime.closing import Gone
 from shmgen.runtime.errors import LayoutMismatch, RegionMissing, RegionUnusable
 from shmgen.runtime.names import event_name, region_file, region_name, semaphore_file
+from shmgen.runtime.semaphores import EVENT_MOST, LOCK_MOST, NoSemaphore, Semaphore
 
-WRITER_LOCK = 0
+WRITER_LOCK = abi.WRITER_LOCK
 """The byte under a record lock as long as somebody publishes."""
-REPAIR_LOCK = 1
+REPAIR_LOCK = abi.REPAIR_LOCK
 """The byte under a record lock while the header is written, and while a lock is healed."""
 
-_PATIENCE = 0.1
-"""Seconds to wait for a peer that is between two system calls; after that it is taken to be dead."""
+_OTHER_MAKER = 2e-3
+"""Seconds after which another maker of the same header has written his."""
 _ATTEMPTS = 10
 _FLOCK = struct.Struct("hhqqi4x")
-
-
-class NoSemaphore:
-    """Stands where a region has no lock: never entered, never posted."""
-
-    def acquire(self, block: bool = False) -> bool:
-        return False
-
-    def release(self) -> None:
-        pass
-
-    def _is_zero(self) -> bool:
-        return False
-
-    def _get_value(self) -> int:
-        return 1
 
 
 class Region:
     """One topic's shared memory: `map` for copies, `words` and `quads` for single loads and stores of 4 and 8 bytes.
 
-    `semaphore` is the POSIX semaphore through the standard library's own type, which multiprocessing is built on:
-    `acquire(False)` and `release()` take 34 ns where those of posix_ipc with a time limit take 125, a quarter of a
-    whole publish. Unlike `multiprocessing` itself it tracks nothing and removes nothing.
+    `pid` is that of the process that opened it, and `file` its descriptor.
     """
 
-    __slots__ = ("_file", "header", "map", "name", "options", "quads", "semaphore", "topic", "words")
+    __slots__ = ("_file", "header", "map", "name", "options", "pid", "quads", "semaphore", "topic", "words")
 
     def __init__(
         self,
@@ -62,18 +49,23 @@ class Region:
         file: io.FileIO,
         map: mmap.mmap,
         header: h.Header,
-        semaphore: SemLock | NoSemaphore,
+        semaphore: Semaphore,
         options: RegionOptions,
     ) -> None:
         self.topic = topic
         self.options = options
         self.name = region_name(topic)
         self.header = header
+        self.pid = os.getpid()
         self.map = map
         self.words = memoryview(map).cast("I")
         self.quads = memoryview(map).cast("Q")
         self.semaphore = semaphore
         self._file = file
+
+    @property
+    def file(self) -> int:
+        return self._file.fileno()
 
     def lock_byte(self, byte: int) -> bool:
         """Tries for a record lock; it goes with the descriptor, also by SIGKILL."""
@@ -90,21 +82,25 @@ class Region:
         return bool(kind != fcntl.F_UNLCK)
 
     def payload(self, number: int) -> slice:
-        """Where sample `number` lies, without the 16 bytes before it."""
+        """Where sample `number` lies, without the header of its slot."""
         start = self.sample(number).start + h.SLOT_HEADER
         return slice(start, start + self.header.payload_size)
 
     def sample(self, number: int) -> slice:
-        """Where sample `number` lies, its 16 bytes first."""
+        """Where sample `number` lies, the header of its slot first."""
         start = h.HEADER_SIZE + number % self.header.slots * self.header.slot_size
         return slice(start, start + h.SLOT_HEADER + self.header.payload_size)
 
-    def close(self) -> None:
-        """Lets go of everything; the region stays for the peer."""
+    def close(self, gone: Gone | None = None) -> None:
+        """Lets go of everything; the region stays for the peer. Whoever looks at `words` then meets `gone`."""
+        if self._file.closed:
+            return
         self.words.release()
         self.quads.release()
-        self.map.close()
+        if gone is not None:
+            self.words = self.quads = cast(memoryview, gone)
         self._file.close()
+        self.map.close()
 
 
 def open_region(topic: str, ours: h.Header, options: RegionOptions = RegionOptions()) -> Region:  # noqa: B008 a tuple
@@ -120,23 +116,29 @@ def open_region(topic: str, ours: h.Header, options: RegionOptions = RegionOptio
             f'this is {os.uname().machine}: write sync = "lock" into shmgen.toml and generate both sides again'
         )
     access = access_for(options)
-    file = _open_memory(name, ours.size, access)
-    try:
-        _await_size(file, name, ours.size)
-        _check(topic, ours, _peek(file.fileno()))
-        map = mmap.mmap(file.fileno(), ours.size)
-        _complete_header(file.fileno(), map, ours)
-        _check(topic, ours, _peek(file.fileno()))
-        return Region(topic, file, map, ours, _open_semaphore(name, 1, options, access), options)
-    except BaseException:
-        file.close()
-        raise
+    for _ in range(_ATTEMPTS):
+        file = _open_memory(name, ours.size, access)
+        try:
+            _await_size(file, name, ours.size)
+            _check(topic, ours, _peek(file.fileno()))
+            with _typed(region_file(name)):
+                map = mmap.mmap(file.fileno(), ours.size)
+            _complete_header(file.fileno(), map, ours)
+            _check(topic, ours, _peek(file.fileno()))
+            semaphore = _open_semaphore(name, 1, LOCK_MOST, options, access)
+            if _leads_to(region_file(name), file):
+                return Region(topic, file, map, ours, semaphore, options)
+            file.close()
+        except BaseException:
+            file.close()
+            raise
+    raise _restless(region_file(name))
 
 
-def open_event(region: Region) -> SemLock | NoSemaphore:
+def open_event(region: Region) -> Semaphore:
     """Opens the semaphore that wakes a waiting reader, or makes it. Raises PermissionDenied, RegionUnusable."""
     options = region.options
-    return _open_semaphore(event_name(region.name), 0, options, access_for(options))
+    return _open_semaphore(event_name(region.name), 0, EVENT_MOST, options, access_for(options))
 
 
 def keeps_order() -> bool:
@@ -147,18 +149,16 @@ def keeps_order() -> bool:
 def read_header(name: str) -> h.Header:
     """The header of the region `name` (`robot.pose`), whatever its type; `magic` tells whether it is one of ours.
 
-    Raises RegionMissing and PermissionDenied.
+    Raises RegionMissing, PermissionDenied and RegionUnusable.
     """
+    path = region_file(name)
     try:
-        memory = posix_ipc.SharedMemory("/" + name, read_only=True)
-    except posix_ipc.ExistentialError:
-        raise RegionMissing(f"{region_file(name)} does not exist: start a publisher or a subscriber of it") from None
-    except posix_ipc.PermissionsError:
-        raise denied(region_file(name)) from None
-    try:
-        return _peek(memory.fd)
-    finally:
-        memory.close_fd()
+        with opened(path, os.O_RDONLY) as file:
+            return _peek(file.fileno())
+    except FileNotFoundError:
+        raise RegionMissing(f"{path} does not exist: start a publisher or a subscriber of it") from None
+    except PermissionError:
+        raise denied(path) from None
 
 
 def _open_memory(name: str, size: int, access: Access) -> io.FileIO:
@@ -166,42 +166,93 @@ def _open_memory(name: str, size: int, access: Access) -> io.FileIO:
     for _ in range(_ATTEMPTS):
         try:
             # Without O_CREAT: `fs.protected_regular` refuses that for another user's file, even to root.
+            with suppress(FileNotFoundError):
+                return _found(path, access)
             with suppress(posix_ipc.ExistentialError):
-                found = io.FileIO(posix_ipc.SharedMemory("/" + name).fd, "r+b")
-                access.mend(found.fileno(), path)
-                return found
-            with suppress(posix_ipc.ExistentialError):
-                made = io.FileIO(posix_ipc.SharedMemory("/" + name, posix_ipc.O_CREX, mode=access.made_mode).fd, "r+b")
-                access.give(made.fileno(), path)
-                _allocate(made, path, size)
-                return made
-        except posix_ipc.PermissionsError:
+                return _made(name, size, access)
+        except (posix_ipc.PermissionsError, PermissionError):
             raise denied(path) from None
-    raise RegionUnusable(f"{path} keeps appearing and vanishing: something removes it; stop that and start again")
+    raise _restless(path)
 
 
-def _open_semaphore(name: str, value: int, options: RegionOptions, access: Access) -> SemLock | NoSemaphore:
+def _made(name: str, size: int, access: Access) -> io.FileIO:
+    """A new one, or none at all. Raises posix_ipc.ExistentialError where one is there."""
+    path = region_file(name)
+    with _typed(path):
+        made = io.FileIO(posix_ipc.SharedMemory("/" + name, posix_ipc.O_CREX, mode=access.made_mode).fd, "r+b")
+    try:
+        access.give(made.fileno(), path)
+        _allocate(made, path, size)
+    except BaseException:
+        # Whoever has opened it meanwhile sees at the end that the name leads elsewhere.
+        if _leads_to(path, made):
+            os.unlink(path)
+        made.close()
+        raise
+    return made
+
+
+def _open_semaphore(name: str, value: int, most: int, options: RegionOptions, access: Access) -> Semaphore:
     if options.sync == "sequence":
         return NoSemaphore()
     path = semaphore_file(name)
     for _ in range(_ATTEMPTS):
         try:
-            with suppress(FileNotFoundError):
-                # kind 1: any thread may release; greatest value: a surplus token is no error here.
-                found = SemLock._rebuild(0, 1, SemLock.SEM_VALUE_MAX, "/" + name)
-                access.mend(path, path)
-                return found
-            with suppress(posix_ipc.ExistentialError):
-                posix_ipc.Semaphore("/" + name, posix_ipc.O_CREX, mode=access.made_mode, initial_value=value).close()
-                access.give(path, path)
+            with suppress(FileNotFoundError), _found(path, access) as file:
+                semaphores.check(file.fileno(), path)
+                with _typed(path):
+                    found = semaphores.opened("/" + name, most)
+                # By its name, which may have gone to another file since.
+                if _leads_to(path, file):
+                    return found
+                continue
+            with suppress(posix_ipc.ExistentialError, FileNotFoundError):
+                with _typed(path):
+                    posix_ipc.Semaphore("/" + name, posix_ipc.O_CREX, access.made_mode, value).close()
+                with opened(path, os.O_RDWR) as made:
+                    access.give(made.fileno(), path)
         except (posix_ipc.PermissionsError, PermissionError):
             raise denied(path) from None
-    raise RegionUnusable(f"{path} keeps appearing and vanishing: something removes it; stop that and start again")
+    raise _restless(path)
+
+
+def _leads_to(path: str, file: io.FileIO) -> bool:
+    try:
+        return os.path.samestat(os.fstat(file.fileno()), os.lstat(path))
+    except OSError:
+        return False
+
+
+def _restless(path: str) -> RegionUnusable:
+    return RegionUnusable(f"{path} keeps appearing and vanishing: something removes it; stop that and start again")
+
+
+@contextmanager
+def _typed(path: str) -> Iterator[None]:
+    """What the operating system refuses, as an error of ours; but for who may, and whether it is there."""
+    try:
+        yield
+    except (PermissionError, FileNotFoundError, posix_ipc.PermissionsError, posix_ipc.ExistentialError):
+        raise
+    except (OSError, posix_ipc.Error) as error:
+        raise RegionUnusable(f"{path}: {error}; see `ulimit -a` and `df /dev/shm`") from None
+
+
+def _found(path: str, access: Access) -> io.FileIO:
+    """A file that is there, put right and looked at before anything of it is believed. Raises as opened()."""
+    file = opened(path, os.O_RDWR)
+    try:
+        access.mend(file.fileno(), path)
+        access.admit(file.fileno(), path)
+    except BaseException:
+        file.close()
+        raise
+    return file
 
 
 def _await_size(file: io.FileIO, name: str, size: int) -> None:
     """Between shm_open and ftruncate of its maker an object has no bytes; who died there is stood in for."""
-    deadline = time.monotonic() + _PATIENCE
+    deadline = time.monotonic() + PATIENCE
     while os.fstat(file.fileno()).st_size == 0:
         if time.monotonic() > deadline:
             _allocate(file, region_file(name), size)
@@ -214,25 +265,29 @@ def _allocate(file: io.FileIO, path: str, size: int) -> None:
     try:
         os.posix_fallocate(file.fileno(), 0, size)
     except OSError as error:
-        file.close()
         if error.errno != errno.ENOSPC:
-            raise
+            raise RegionUnusable(f"{path}: {error.strerror}") from None
         raise RegionUnusable(f"{path}: no room for {size} bytes; see `df /dev/shm` (docker: `--shm-size`)") from None
 
 
 def _complete_header(fd: int, map: mmap.mmap, ours: h.Header) -> None:
-    """Whoever finds no magic writes the header, magic last; the record lock lets one Python do it at a time."""
-    deadline = time.monotonic() + _PATIENCE
-    while not (locked := _lock_byte(fd, REPAIR_LOCK)) and time.monotonic() < deadline:
-        time.sleep(0.001)
-    if _peek(fd).magic == 0:
-        data = h.pack(ours)
-        after_writer = 4 * h.WRITER + 4
-        map[4 : 4 * h.WRITER] = data[4 : 4 * h.WRITER]
-        map[after_writer : len(data)] = data[after_writer:]
-        with memoryview(map) as view, view.cast("I") as words:
-            words[0] = h.MAGIC
-    if locked:
+    """Whoever finds no magic writes the header, magic last; the record lock lets one Python do it at a time.
+
+    A PLC may do it at the same time, of another layout: whoever has written looks again before anything is used.
+    """
+    deadline = time.monotonic() + PATIENCE
+    try:
+        while not _lock_byte(fd, REPAIR_LOCK) and time.monotonic() < deadline:
+            time.sleep(0.001)
+        if _peek(fd).magic == 0:
+            data = h.pack(ours)
+            magic, *others = h.MADE
+            for place in others:
+                map[place] = data[place]
+            with memoryview(map) as view, view[magic].cast("I") as word:
+                word[0] = h.MAGIC
+            time.sleep(_OTHER_MAKER)
+    finally:
         _unlock_byte(fd, REPAIR_LOCK)
 
 

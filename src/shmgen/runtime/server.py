@@ -9,6 +9,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 from shmgen.runtime.calls import Callee, log_exception, passed_over, until
 from shmgen.runtime.closing import Closing
+from shmgen.runtime.lock import LOCK_TIMEOUT
 from shmgen.runtime.message import Message
 from shmgen.runtime.publisher import Publisher
 from shmgen.runtime.subscriber import Subscriber
@@ -30,7 +31,12 @@ class ServiceServer(Closing, Generic[Request]):
     reply_publisher: type[Publisher[Any]]
 
     def __init__(
-        self, service: str, *, lock_timeout: float = 0.01, mode: int | None = None, group: str | int | None = None
+        self,
+        service: str,
+        *,
+        lock_timeout: float = LOCK_TIMEOUT,
+        mode: int | None = None,
+        group: str | int | None = None,
     ) -> None:
         """Opens the service's regions or makes them; one server a service. A request that is there already is old.
 
@@ -42,6 +48,8 @@ class ServiceServer(Closing, Generic[Request]):
             questions = opened.enter_context(self.request_subscriber(f"{service}-request", **options))
             passed_over(questions)
             answers = opened.enter_context(self.reply_publisher(f"{service}-response", **options))
+            if answers._claim_doubtful:
+                passed_over(questions)
             opened.pop_all()
         self._callee = Callee(questions, answers)
         self._reply: Any = self.reply_publisher.message_type

@@ -3,16 +3,32 @@
 from __future__ import annotations
 
 import ctypes
-import os
+import mmap
 import time
 from collections.abc import Callable
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar, cast
 
+from shmgen import abi
 from shmgen.runtime import header as h
-from shmgen.runtime.closing import Closing
-from shmgen.runtime.lock import Lock, acquire, fence
+from shmgen.runtime import semaphores
+from shmgen.runtime.closing import Gone, Holding
+from shmgen.runtime.header import (
+    ARMED,
+    BEGUN,
+    COMPLETED,
+    HEARTBEAT,
+    LAST,
+    LOCK_COUNT,
+    LOCK_HOLDER,
+    MISSED,
+    NUMBER,
+    STAMP,
+    after,
+    steps,
+)
+from shmgen.runtime.lock import LOCK_TIMEOUT, Lock, fence
 from shmgen.runtime.message import LATE_FROM, Message
-from shmgen.runtime.region import open_event, open_region
+from shmgen.runtime.region import Region, open_event, open_region
 
 M = TypeVar("M", bound=Message)
 
@@ -20,25 +36,38 @@ _TRIES = 8
 """How often a sample overwritten while it was copied is given up for a newer one in one call."""
 _LOCKED_OUT = b""
 """Instead of a sample, which is never empty: the lock is needed here and was not free in time."""
-_ANEW = 2**31
+_ANEW = abi.ANEW
 """So many samples cannot have come since the last look: the region was begun anew and counts from 1 again."""
-_POLL = 1e-3
+_POLL = abi.POLL_MS / 1000
 """Seconds between two looks of wait() while another reader has the event."""
-_SLICE = 0.01
+_SLICE = abi.WAKE_MS / 1000
 """Seconds of the longest single wait: what a lost wake-up costs at most."""
 
 
-class Subscriber(Closing, Generic[M]):
+class _AtHand(NamedTuple):
+    """What _copy() needs; kept as a plain tuple, as a publisher's is."""
+
+    places: tuple[tuple[slice, int, int], ...]
+    map: mmap.mmap
+    words: memoryview
+    quads: memoryview
+    acquire: Callable[[bool], bool]
+    release: Callable[[], None]
+    pid: int
+
+
+class Subscriber(Holding, Generic[M]):
     """Reads one type from one topic. Not for two threads at a time; forked children open their own."""
 
     message_type: type[M]
+    _word = "subscriber"
 
     def __init__(
         self,
         topic: str,
         *,
         depth: int = 1,
-        lock_timeout: float = 0.01,
+        lock_timeout: float = LOCK_TIMEOUT,
         mode: int | None = None,
         group: str | int | None = None,
     ) -> None:
@@ -61,34 +90,35 @@ class Subscriber(Closing, Generic[M]):
         self._long = size >= LATE_FROM
         self._make: Callable[[Any], M] = kind.from_buffer if self._long else kind.from_buffer_copy
         self._decode = kind._decode
-        # What _copy() needs, in one look.
-        self._hot = (
-            tuple(region.payload(slot) for slot in range(self._slots)),
-            region.map,
-            region.words,
-            region.quads,
-            region.semaphore.acquire,
-            region.semaphore.release,
-            os.getpid(),
+        hot = _AtHand(
+            places=tuple(_place(region, slot) for slot in range(self._slots)),
+            map=region.map,
+            words=region.words,
+            quads=region.quads,
+            acquire=region.semaphore.acquire,
+            release=region.semaphore.release,
+            pid=region.pid,
         )
-        self._last = max(0, self._words[h.COMPLETED] - 1)
+        self._hot = cast(_AtHand, tuple(hot))
+        self._last = max(0, self._words[COMPLETED] - 1)
         self._stamp: int | None = None
         self._missed = 0
         self._event: Any = None
         self._polls = region.options.sync == "sequence"
-        self._beat = self._words[h.HEARTBEAT]
+        self._beat = self._words[HEARTBEAT]
         self._beat_since = time.monotonic()
+        self._hold()
 
     def read(self) -> M | None:
         """The newest sample, or None if it has been read already (or cannot be had now)."""
-        if self._words[h.COMPLETED] == self._last:
+        if self._words[COMPLETED] == self._last:
             return None
         data = self._newest()
         return self._make(data) if data else None
 
     def read_into(self, message: Any) -> bool:
         """As read(), but fills `message`, a `message_type` or any object with the same attributes; True if new."""
-        if self._words[h.COMPLETED] == self._last:
+        if self._words[COMPLETED] == self._last:
             return False
         data = self._newest()
         if not data:
@@ -103,16 +133,16 @@ class Subscriber(Closing, Generic[M]):
         """Every unread sample that is still there, the oldest first."""
         samples: list[M] = []
         for _ in range(_TRIES):
-            newest = self._words[h.COMPLETED]
+            newest = self._words[COMPLETED]
             if newest in (0, self._last):
                 break
-            unread = h.steps(self._last, newest, self._slots)
+            unread = steps(self._last, newest, self._slots)
             if unread >= _ANEW:
                 self._last, unread = newest - 1, 1
             first = max(1, unread - self._slots + 1)
             start = self._last
             for step in range(first, unread + 1):
-                number = _after(start, step, self._slots)
+                number = after(start, step, self._slots)
                 data = self._copy(number)
                 if data == _LOCKED_OUT:
                     return samples
@@ -130,7 +160,7 @@ class Subscriber(Closing, Generic[M]):
         deadline = time.monotonic() + timeout
         if self._event is None:
             self._event = open_event(self._region)
-        while (newest := self._words[h.COMPLETED]) in (0, self._last):
+        while (newest := self._words[COMPLETED]) in (0, self._last):
             left = deadline - time.monotonic()
             if left <= 0:
                 return False
@@ -146,17 +176,13 @@ class Subscriber(Closing, Generic[M]):
         if self._event is None:
             self._event = open_event(self._region)
         while True:
-            newest = self._words[h.COMPLETED]
+            newest = self._words[COMPLETED]
             if newest not in (0, self._last) and (data := self._copy(newest)):
                 return self._make(data)
             left = deadline - time.monotonic()
             if left <= 0:
                 return None
             self._sleep(min(left, _SLICE), newest)
-
-    def close(self) -> None:
-        """Lets go of the region, which stays as it is."""
-        self._region.close()
 
     @property
     def topic(self) -> str:
@@ -188,7 +214,7 @@ class Subscriber(Closing, Generic[M]):
 
         Call it in each cycle; before the first the time counts from the opening.
         """
-        beat, now = self._words[h.HEARTBEAT], time.monotonic()
+        beat, now = self._words[HEARTBEAT], time.monotonic()
         if beat != self._beat:
             self._beat, self._beat_since = beat, now
         return now - self._beat_since >= timeout
@@ -199,18 +225,27 @@ class Subscriber(Closing, Generic[M]):
         A post for a sample that was read without it, or for a reader that died, ends one wait early.
         """
         words = self._words
-        if self._polls or words[h.ARMED]:
+        if self._polls or words[ARMED]:
             # There is no event, or another reader has it. If that died waiting, the next sample clears the word.
             time.sleep(min(seconds, _POLL))
             return
-        words[h.ARMED] = 1
+        words[ARMED] = 1
         fence()
-        if words[h.COMPLETED] != newest or not acquire(self._event, seconds) or words[h.ARMED]:
-            words[h.ARMED] = 0  # still set after a post too many; left so, it would look like another reader's
+        if words[COMPLETED] != newest or not semaphores.wait(self._event, seconds) or words[ARMED]:
+            words[ARMED] = 0  # still set after a post too many; left so, it would look like another reader's
+
+    def _skip(self) -> None:
+        """What is there counts as read."""
+        self._last = self._words[COMPLETED]
+
+    def _let_go(self, gone: Gone) -> None:
+        self._words = cast(memoryview, gone)
+        self._lock.leave()
+        self._region.close(gone)
 
     def _newest(self) -> bytes | bytearray | None:
         for _ in range(_TRIES):
-            number = self._words[h.COMPLETED]
+            number = self._words[COMPLETED]
             if number in (0, self._last):
                 return None
             data = self._copy(number)
@@ -220,38 +255,43 @@ class Subscriber(Closing, Generic[M]):
 
     def _copy(self, number: int) -> bytes | bytearray | None:
         """The payload of sample `number`, None if it was overwritten, or _LOCKED_OUT."""
-        payloads, map, words, quads, acquire, release, pid = self._hot
+        places, map, words, quads, acquire, release, pid = self._hot
         slots = self._slots
-        payload = payloads[number & slots - 1]
-        inside = acquire(False) or self._lock.wait()
-        if not (inside or self._lock.keeps_order):
-            return _LOCKED_OUT
+        payload, stamp_at, number_at = places[number & slots - 1]
         try:
+            inside = acquire(False) or self._lock.wait()
             if inside:
-                words[h.LOCK_HOLDER] = pid
-                count = words[h.LOCK_COUNT]
-                words[h.LOCK_COUNT] = count + 1 if count != h.LAST else 0
-            stamp = quads[payload.start // 8 - 2]
-            found = words[payload.start // 4 - 2]
+                count = words[LOCK_COUNT]
+                words[LOCK_COUNT] = count + 1 if count != LAST else 0
+                words[LOCK_HOLDER] = pid
+            elif not self._lock.keeps_order:
+                return _LOCKED_OUT
+            stamp = quads[stamp_at]
             data = bytearray(memoryview(map)[payload]) if self._long else map[payload]
-            # Looked at after the copy: a writer says what it is about to overwrite before it does.
-            begun = words[h.BEGUN]
-        finally:
+            # Both after the copy: a writer says what it is about to overwrite before it does, and one that has lost
+            # the topic meanwhile voids the number of what it has written.
+            begun = words[BEGUN]
+            found = words[number_at]
             if inside:
-                words[h.LOCK_HOLDER] = 0
+                words[LOCK_HOLDER] = 0
                 release()
-        if found != number or h.steps(number, begun, slots) >= slots:
+        except BaseException as error:
+            # However far we came: a signal handler may raise at any call above, at that of acquire() too.
+            if not self._lock.leave(error):
+                raise
+        if found != number or steps(number, begun, slots) >= slots:
             return None
-        skipped = h.steps(self._last, number, slots) - 1
+        skipped = steps(self._last, number, slots) - 1
         if 0 < skipped < _ANEW:
             self._missed += skipped
             # Outside of the lock: of two readers that add at once one may be lost, which a figure for people survives.
-            words[h.MISSED] = words[h.MISSED] + skipped & 0xFFFFFFFF
+            words[MISSED] = words[MISSED] + skipped & 0xFFFFFFFF
         self._last = number
         self._stamp = stamp
         return data
 
 
-def _after(number: int, steps: int, slots: int) -> int:
-    number += steps
-    return number if number <= h.LAST else number - 2**32 + slots
+def _place(region: Region, slot: int) -> tuple[slice, int, int]:
+    """Where the payload of a slot lies, its stamp in steps of eight bytes, its number in steps of four."""
+    start = region.sample(slot).start // 8
+    return region.payload(slot), start + STAMP, 2 * (start + NUMBER)

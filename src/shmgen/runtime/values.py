@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from shmgen.runtime.arrays import boolean, check_count, count, each, each_back, from_numbers, numbers
+from shmgen.runtime.arrays import check_count, count, each, each_back, from_numbers, numbers
+from shmgen.runtime.checked import boolean
 from shmgen.runtime.explain import ENCODE_ERRORS, explain
 from shmgen.runtime.strings import (
     from_latin1,

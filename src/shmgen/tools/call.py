@@ -6,11 +6,11 @@ import re
 from contextlib import suppress
 from typing import Any
 
-from shmgen.runtime import Message, Publisher, ServiceClient, Subscriber, region_name
+from shmgen.live.classes import Workshop, client
+from shmgen.live.regions import View
+from shmgen.runtime import Message, ServiceClient, region_name
 from shmgen.runtime.errors import RegionMissing
 from shmgen.tools import given
-from shmgen.tools.classes import Workshop
-from shmgen.tools.regions import View
 
 _TYPE = re.compile(r"([A-Za-z]\w*)/(?:srv/)?([A-Za-z]\w*)", re.ASCII)
 
@@ -24,21 +24,17 @@ def build(service: str, type_name: str, data: Any, workshop: Workshop) -> tuple[
     if parts is None:
         raise ValueError(f"{type_name} names no service: write package/Name")
     request, reply = (
-        _message(f"{service}-{half}", f"{parts[1]}/srv/{parts[2]}_{ending}", workshop)
-        for half, ending in (("request", "Request"), ("response", "Reply"))
+        _message(f"{service}-{half}", f"{parts[1]}/srv/{parts[2]}", ending, workshop)
+        for half, ending in (("request", "_Request"), ("response", "_Reply"))
     )
-    publisher: type[Publisher[Message]] = type("LivePublisher", (Publisher,), {"message_type": request})
-    subscriber: type[Subscriber[Message]] = type("LiveSubscriber", (Subscriber,), {"message_type": reply})
-    client: type[ServiceClient[Any, Any]] = type(
-        "LiveClient", (ServiceClient,), {"request_publisher": publisher, "reply_subscriber": subscriber}
-    )
-    return given.build(request, data), client
+    return given.build(request, data), client(request, reply)
 
 
-def _message(topic: str, type_name: str, workshop: Workshop) -> type[Message]:
+def _message(topic: str, service: str, ending: str, workshop: Workshop) -> type[Message]:
     """With the digest of the region, if there is one of that type."""
+    type_name = service + ending
     with suppress(RegionMissing), View(region_name(topic)) as view:
         header = view.header()
         if header.type_name == type_name:
-            return workshop.message(type_name, header.digest)
-    return workshop.message(type_name)
+            return workshop.message(type_name, header.digest, service)
+    return workshop.message(type_name, part_of=service)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 import time
 
+from shmgen.live.processes import Processes, called
+from shmgen.live.regions import FOLDER, View, missing
 from shmgen.runtime import header as h
 from shmgen.runtime import region_name
 from shmgen.runtime.errors import PermissionDenied, RegionMissing, RegionUnusable
 from shmgen.runtime.names import event_name, region_file, semaphore_file
-from shmgen.tools.processes import Processes, called
-from shmgen.tools.regions import FOLDER, View, missing
 
 _WATCH = 0.25
 """Seconds within which a PLC that runs counts its heartbeat up, also with a slow task."""
@@ -31,8 +31,6 @@ def leftovers(topic: str) -> list[str]:
         if not files:
             raise missing(topic) from None
         return files
-    except OSError as error:
-        raise RegionUnusable(f"{region_file(name)} is no region of ours ({error.strerror}); not touched") from None
     if header.magic != h.MAGIC and not _unfinished(header):
         raise RegionUnusable(f"{region_file(name)} is no region of ours, {header}; not touched")
     return [*files, region_file(name)]
@@ -45,7 +43,8 @@ def in_use(topic: str, processes: Processes) -> str:
         with View(name) as view:
             header = view.header()
             if view.claimed():
-                return f"process {header.writer} {_named(header.writer)}publishes on it"
+                writer = view.writer(header.writer)
+                return f"process {writer} {_named(writer)}publishes on it"
             if header.writer == h.PLC and _beats(view, header.heartbeat):
                 return "a PLC publishes on it"
     except RegionMissing:

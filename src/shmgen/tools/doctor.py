@@ -7,30 +7,33 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from shmgen.config import Config
+from shmgen.live import processes
+from shmgen.live.classes import Workshop
+from shmgen.live.processes import called
+from shmgen.live.regions import depth_of, live, meant, missing
 from shmgen.runtime import header as h
 from shmgen.runtime import region_name
 from shmgen.runtime.names import region_file
-from shmgen.tools import checks, processes
-from shmgen.tools.checks import Finding, owner
-from shmgen.tools.classes import Workshop
+from shmgen.tools import leave, symptoms
+from shmgen.tools.around import of_machine, of_strays
 from shmgen.tools.evidence import Evidence, Wanted, gather
-from shmgen.tools.processes import called
-from shmgen.tools.regions import closed, depth_of, live, meant, missing
+from shmgen.tools.problem import Problem, owner
+from shmgen.wording import counted
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
+class Examination:
     """What was looked at, and what was found; `healthy` if nothing of that is a fault."""
 
     regions: tuple[Evidence, ...]
-    findings: tuple[Finding, ...]
+    findings: tuple[Problem, ...]
 
     @property
     def healthy(self) -> bool:
         return all(finding.note for finding in self.findings)
 
 
-def examine(topic: str | None, workshop: Workshop) -> Report:
+def examine(topic: str | None, workshop: Workshop) -> Examination:
     """Looks at every region, or at one, for a quarter of a second, or a whole one where a lock seems stuck.
 
     Raises RegionMissing, PermissionDenied, Rejected for a wrong shmgen.toml, and ValueError for a wrong topic.
@@ -38,22 +41,23 @@ def examine(topic: str | None, workshop: Workshop) -> Report:
     asked = None if topic is None else meant(topic)
     names = live() if asked is None else [region_name(one) for one in asked]
     around = processes.look()
-    held = [m.name for m in around.mappings if m.removed or m.name in closed()]
-    if topic is not None and names[0] not in [*live(), *closed(), *held]:
-        raise missing(topic)
     said = Wanted(regions=workshop.config.regions)
     wanted = dict.fromkeys(map(_full, asked or ()), said) | _wanted(workshop.config)
+    meant_to_be = {*live(), *map(region_name, wanted)}
     regions = gather(names, around, wanted, workshop.known() if names else {})
-    found = [finding for seen in regions for finding in checks.of_region(seen)]
-    found += checks.of_strays(around, live())
-    found += checks.of_machine(around)
+    found = [finding for seen in regions for finding in symptoms.of_region(seen)]
+    found += leave.of_places(sorted(meant_to_be))
+    found += of_strays(around, meant_to_be, names if asked else ())
+    found += of_machine(around)
     if asked is not None:
         about = {"", *map(_full, asked)}
         found = [finding for finding in found if finding.topic in about]
-    return Report(tuple(regions), tuple(found))
+    if topic is not None and not regions and not any(finding.topic for finding in found):
+        raise missing(topic)
+    return Examination(tuple(regions), tuple(found))
 
 
-def text(report: Report) -> str:
+def text(report: Examination) -> str:
     """Region by region, its state and the findings; then what holds for all."""
     lines: list[str] = []
     for seen in report.regions:
@@ -67,7 +71,7 @@ def text(report: Report) -> str:
     return "\n".join([*lines, f"{_count(len(report.regions), 'region')}, {_count(faults, 'fault')}"])
 
 
-def plain(report: Report) -> dict[str, Any]:
+def plain(report: Examination) -> dict[str, Any]:
     """The same for machines."""
     return {
         "healthy": report.healthy,
@@ -85,7 +89,7 @@ def plain(report: Report) -> dict[str, Any]:
                 "group": seen.status.st_gid,
                 "mode": f"{seen.status.st_mode & 0o7777:o}",
                 "writer": _writer(seen),
-                "writer_pid": seen.after.writer if seen.claimed else None,
+                "writer_pid": seen.writer if seen.claimed else None,
                 "semaphore": seen.semaphores[1].word if seen.semaphores[1] else None,
                 "recoveries": seen.after.recoveries,
                 "processes": [asdict(peer) for peer in seen.peers],
@@ -115,14 +119,14 @@ def _full(topic: str) -> str:
 def _title(seen: Evidence) -> str:
     header = seen.after
     return (
-        f"{seen.topic}  {header.type_name}, depth {depth_of(header)}, {header.completed} samples, "
-        f"{header.size:,} bytes, {owner(seen.status)}"
+        f"{seen.topic}  {header.type_name}, depth {depth_of(header)}, {counted(header.completed, 'sample')}, "
+        f"{counted(header.size, 'byte')}, {owner(seen.status)}"
     )
 
 
 def _state(seen: Evidence) -> Iterator[str]:
     yield f"writer: {_writer(seen)}"
-    others = [str(peer) for peer in seen.peers if not (seen.claimed and peer.pid == seen.after.writer)]
+    others = [str(peer) for peer in seen.peers if not (seen.claimed and peer.pid == seen.writer)]
     if others:
         yield f"open in: {', '.join(others)}"
     lock = seen.semaphores[1]
@@ -136,7 +140,7 @@ def _state(seen: Evidence) -> Iterator[str]:
 
 
 def _writer(seen: Evidence) -> str:
-    writer = seen.after.writer
+    writer = seen.writer
     if seen.claimed:
         return f"process {writer} ({called(writer) or 'of another pid namespace'}), alive"
     if writer == h.PLC:
@@ -144,7 +148,7 @@ def _writer(seen: Evidence) -> str:
     return f"process {writer}, ended" if writer else "none yet"
 
 
-def _shown(findings: Iterator[Finding] | Sequence[Finding]) -> list[str]:
+def _shown(findings: Iterator[Problem] | Sequence[Problem]) -> list[str]:
     lines = []
     for finding in findings:
         lines.append(f"  {'note' if finding.note else 'fault'}: {finding.message}")
@@ -155,4 +159,4 @@ def _shown(findings: Iterator[Finding] | Sequence[Finding]) -> list[str]:
 
 
 def _count(number: int, word: str) -> str:
-    return f"{number or 'no'} {word}{'' if number == 1 else 's'}"
+    return counted(number, word) if number else f"no {word}s"

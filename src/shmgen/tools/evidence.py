@@ -1,4 +1,4 @@
-"""Turns a region, its semaphore and the processes around it into what the checks of `doctor` judge by."""
+"""Turns a region, its semaphore and the processes around it into what `doctor` judges by."""
 
 from __future__ import annotations
 
@@ -8,24 +8,28 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 
-from shmgen.model import RegionOptions
+from shmgen.live.locked import Known
+from shmgen.live.processes import Processes, bits, called
+from shmgen.live.regions import FOLDER, View, topic_of
+from shmgen.model import Regions
 from shmgen.runtime import Header
-from shmgen.runtime.errors import PermissionDenied, RegionMissing
+from shmgen.runtime.access import opened
+from shmgen.runtime.errors import RegionUnusable, ShmError
 from shmgen.runtime.names import semaphore_file
-from shmgen.tools.locked import Known
-from shmgen.tools.processes import Processes, bits, called
-from shmgen.tools.regions import FOLDER, View, topic_of
 
 _WATCH = 0.25
 _WATCH_LOCK = 1.05
 """Seconds between the two looks; the second where a lock seems stuck: a PLC may hold it for a second and live."""
+
+SIZES = (16, 32)
+"""Bytes: sem_t of 32-bit and of 64-bit processes, with glibc and with musl."""
 
 
 @dataclass(frozen=True, slots=True)
 class Semaphore:
     """The file of a POSIX semaphore: its first word, in a 64-bit process its value, and the bitness of its maker.
 
-    `word` is None where this user may not read it.
+    `word` is None where this user may not read it, and of what is no semaphore.
     """
 
     word: int | None
@@ -51,7 +55,7 @@ class Wanted:
 
     type: str = ""
     depth: int | None = None
-    regions: RegionOptions = field(default_factory=RegionOptions)
+    regions: Regions = field(default_factory=Regions)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +69,8 @@ class Evidence:
     semaphores: tuple[Semaphore | None, Semaphore | None]
     seconds: float
     claimed: bool
+    """A process publishes: `writer`, by the record lock; else that is who has left its name there."""
+    writer: int
     peers: tuple[Peer, ...]
     wanted: Wanted
     layout: Known | None
@@ -81,7 +87,7 @@ def gather(
     with ExitStack() as stack:
         views: list[View] = []
         for name in names:
-            with suppress(RegionMissing, PermissionDenied):
+            with suppress(ShmError):
                 views.append(stack.enter_context(View(name)))
         begun = time.monotonic()
         first = [(view.header(), semaphore(view.name)) for view in views]
@@ -95,10 +101,11 @@ def gather(
                 name=view.name,
                 status=view.status,
                 before=header,
-                after=view.header(),
+                after=(after := view.header()),
                 semaphores=(lock, semaphore(view.name)),
                 seconds=seconds,
-                claimed=view.claimed(),
+                claimed=(claimed := view.claimed()),
+                writer=view.writer(after.writer) if claimed else after.writer,
                 peers=_peers(view, processes),
                 wanted=topics.get(topic_of(view.name), Wanted()),
                 layout=layouts.get(header.type_name),
@@ -109,20 +116,17 @@ def gather(
 
 
 def semaphore(name: str) -> Semaphore | None:
-    """The semaphore's file, read as a file: to open it as a semaphore takes the right to write. None: there is none.
-
-    sem_t takes 32 bytes in 64-bit processes and 16 in others, with glibc and with musl.
-    """
+    """The semaphore's file, read as a file: to open it as a semaphore takes the right to write. None: there is none."""
     file = semaphore_file(name)
+    word = None
     try:
-        status = os.stat(file)
-        with open(file, "rb") as opened:
-            word = int.from_bytes(opened.read(4), "little")
+        status = os.lstat(file)
+        with suppress(PermissionError, RegionUnusable), opened(file, os.O_RDONLY) as found:
+            status = os.fstat(found.fileno())
+            word = int.from_bytes(found.read(4), "little") if status.st_size in SIZES else None
     except FileNotFoundError:
         return None
-    except PermissionError:
-        return Semaphore(None, 32 if status.st_size == 16 else 64, status)
-    return Semaphore(word, 32 if status.st_size == 16 else 64, status)
+    return Semaphore(word, 32 if status.st_size == SIZES[0] else 64, status)
 
 
 def own_device() -> int:

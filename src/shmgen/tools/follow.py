@@ -5,11 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Generator
 
+from shmgen.live.classes import Workshop, subscriber
+from shmgen.live.regions import View, depth_of, missing, sound
 from shmgen.runtime import Message, region_name
 from shmgen.runtime import header as h
-from shmgen.runtime.errors import RegionMissing
-from shmgen.tools.classes import Workshop, subscriber
-from shmgen.tools.regions import View, depth_of, missing
+from shmgen.runtime.errors import RegionMissing, RegionUnusable
+from shmgen.wording import counted
 
 POLL = 1e-3
 """Seconds between two looks. A reader that waits would take the wake-up away from the one it is meant for."""
@@ -27,7 +28,7 @@ def samples(topic: str, workshop: Workshop, timeout: float | None, tell: Tell) -
     """
     while True:
         with appeared(topic, timeout, tell) as view:
-            header = view.header()
+            header = sound(view)
             kind = workshop.message(header.type_name, header.digest)
             with subscriber(kind, topic, depth_of(header)) as reader:
                 heard = time.monotonic()
@@ -42,12 +43,15 @@ def samples(topic: str, workshop: Workshop, timeout: float | None, tell: Tell) -
                         time.sleep(POLL)
                 finally:
                     if reader.missed:
-                        tell(f"{topic}: {reader.missed} samples were overwritten before they could be read here")
+                        tell(f"{topic}: {counted(reader.missed, 'sample')} overwritten before they could be read here")
         tell(f"{topic}: the region was removed; waiting for a new one")
 
 
 def appeared(topic: str, timeout: float | None, tell: Tell) -> View:
-    """The topic's region, as soon as there is one with a header. Raises TimeoutError and PermissionDenied."""
+    """The topic's region, as soon as there is one with a header.
+
+    Raises TimeoutError, PermissionDenied, and RegionUnusable for what is no region or a damaged one.
+    """
     name = region_name(topic)
     begun = time.monotonic()
     told = False
@@ -58,6 +62,11 @@ def appeared(topic: str, timeout: float | None, tell: Tell) -> View:
             pass
         else:
             if view.header().magic == h.MAGIC:
+                try:
+                    sound(view)
+                except RegionUnusable:
+                    view.close()
+                    raise
                 return view
             view.close()
         if not told:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 from types import SimpleNamespace
 from typing import Any
 
 from shmgen.diagnostics import closest
 from shmgen.runtime import Clock, Clocks, Elements, Message, OutOfRange, Time, values
-from shmgen.targets.naming import python_member
+from shmgen.targets.python.names import python_member
 from shmgen.tools.shown import ros_name
 
 _FLOATS = {"NaN": float("nan"), "Infinity": float("inf"), "-Infinity": float("-inf")}
@@ -17,22 +18,52 @@ _CLOCK = ("sec", "nanosec")
 
 
 def parse(text: str) -> Any:
-    """The value of a JSON document, or of a YAML one. Raises ValueError with the line at fault."""
+    """The value of a JSON document, or of a YAML one. Raises ValueError with the line at fault, and OutOfRange."""
     try:
-        return json.loads(text)
+        return _parsed(text)
+    except RecursionError:
+        raise ValueError("brackets are nested too deeply") from None
+
+
+def _parsed(text: str) -> Any:
+    try:
+        return json.loads(text, parse_float=_float)
+    except OutOfRange:
+        raise
     except ValueError:
         pass
     try:
         from ruamel.yaml import YAML
+        from ruamel.yaml.constructor import SafeConstructor
         from ruamel.yaml.error import YAMLError
     except ImportError:
         raise ValueError(f"{text!r:.60} is not JSON, and for YAML ruamel.yaml is missing: pip install it") from None
+
+    class Constructor(SafeConstructor):
+        def construct_float(self, node: Any) -> float:
+            value: float = self.construct_yaml_float(node)
+            return value if "inf" in node.value.lower() else _finite(value, node.value)
+
+    Constructor.add_constructor("tag:yaml.org,2002:float", Constructor.construct_float)
+    reader = YAML(typ="safe", pure=True)
+    reader.Constructor = Constructor
     try:
-        return YAML(typ="safe", pure=True).load(text)
+        return reader.load(text)
     except YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         place = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
         raise ValueError(f"{place}{getattr(error, 'problem', None) or error}; this is neither YAML nor JSON") from None
+
+
+def _float(text: str) -> float:
+    return _finite(float(text), text)
+
+
+def _finite(value: float, text: str) -> float:
+    """Infinity where nobody wrote it was a number too large for any float."""
+    if math.isinf(value):
+        raise OutOfRange("", f"{text} is too large for float64; infinity is written .inf")
+    return value
 
 
 def build(kind: type[Message], data: Any) -> Message:

@@ -9,9 +9,9 @@ from collections.abc import Generator
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 
+from shmgen.live.regions import View, sound
 from shmgen.runtime.header import steps
 from shmgen.tools.follow import POLL, Tell, appeared
-from shmgen.tools.regions import View
 
 WINDOW = 10_000
 """Samples looked at, as `ros2 topic hz` has it."""
@@ -50,7 +50,7 @@ def rates(topic: str, window: int, timeout: float | None, tell: Tell) -> Generat
     """A report each second in which something came; ends only by an error, or when it is closed.
 
     Times are the writer's stamps; of a writer without a clock, the time of arrival to the millisecond. Raises
-    TimeoutError after `timeout` seconds without a sample, and PermissionDenied.
+    TimeoutError after `timeout` seconds without a sample, PermissionDenied and RegionUnusable.
     """
     while True:
         with appeared(topic, timeout, tell) as view:
@@ -65,16 +65,17 @@ def _of_region(topic: str, view: View, window: int, timeout: float | None) -> Ge
     heard = time.monotonic()
     due = heard + _PERIOD
     while not view.removed:
+        slots = sound(view).slots
         found, number = _since(view, last)
         if number != last:
-            missed += steps(last, number, view.header().slots) - len(found)
+            missed += steps(last, number, slots) - len(found)
             heard = time.monotonic()
         last = number
         seen.extend(found)
         fresh += len(found)
         if (now := time.monotonic()) >= due:
             due += _PERIOD * (1 + (now - due) // _PERIOD)
-            if fresh and (rate := _rate(seen, missed, view.header().slots)):
+            if fresh and (rate := _rate(seen, missed, slots)):
                 yield rate
             fresh = 0
         if timeout is not None and now - heard > timeout:
@@ -84,7 +85,7 @@ def _of_region(topic: str, view: View, window: int, timeout: float | None) -> Ge
 
 def _since(view: View, last: int) -> tuple[list[tuple[int, float]], int]:
     """(number, seconds) of each sample after `last` that is still there, and the number of the newest."""
-    header = view.header()
+    header = sound(view)
     arrived = time.time()
     newest = header.completed
     new = min(steps(last, newest, header.slots), header.slots, _AT_ONCE)

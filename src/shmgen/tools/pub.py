@@ -7,11 +7,11 @@ from collections.abc import Callable, Generator
 from contextlib import suppress
 from typing import Any
 
+from shmgen.live.classes import Workshop, publisher
+from shmgen.live.regions import View, depth_of
 from shmgen.runtime import Message, region_name
 from shmgen.runtime.errors import RegionMissing
 from shmgen.tools import given
-from shmgen.tools.classes import Workshop, publisher
-from shmgen.tools.regions import View, depth_of
 
 HEARTBEAT = 0.05
 """Seconds between two signs of life while there is nothing to publish."""

@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 from shmgen.tools import top
+from shmgen.wording import counted
 
 _ENTER = "\x1b[?1049h\x1b[?25l"
 """The other screen, without a cursor: what stood there before comes back."""
@@ -34,11 +35,12 @@ def can_draw() -> bool:
 def run(interval: float) -> None:
     """Draws until `q`."""
     past: top.Past = {}
+    widths: dict[str, int] = {}
     column, reverse = 0, False
     with _screen():
         rows = top.look(past)
         while True:
-            _draw(top.ordered(rows, top.COLUMNS[column], reverse), top.COLUMNS[column])
+            _draw(top.ordered(rows, top.COLUMNS[column], reverse), top.COLUMNS[column], widths)
             due = time.monotonic() + interval
             while (left := due - time.monotonic()) > 0:
                 for key in _keys(left):
@@ -49,15 +51,15 @@ def run(interval: float) -> None:
                             column = (column + 1) % len(top.COLUMNS)
                         case "r":
                             reverse = not reverse
-                _draw(top.ordered(rows, top.COLUMNS[column], reverse), top.COLUMNS[column])
+                _draw(top.ordered(rows, top.COLUMNS[column], reverse), top.COLUMNS[column], widths)
             rows = top.look(past)
 
 
-def _draw(rows: list[top.Row], column: str) -> None:
+def _draw(rows: list[top.TopicRow], column: str, widths: dict[str, int]) -> None:
     width, height = shutil.get_terminal_size()
-    title, *lines = top.table(rows, column, width)
+    title, *lines = top.table(rows, column, width, widths)
     note = "" if rows else "no regions; `shmgen pub` makes one, and so does every publisher and subscriber"
-    head = f"shmgen top   {time.strftime('%H:%M:%S')}   {len(rows)} regions   {_KEYS}"
+    head = f"shmgen top   {time.strftime('%H:%M:%S')}   {counted(len(rows), 'region')}   {_KEYS}"
     more = [f"... {len(lines) - height + 4} more"] if len(lines) > height - 3 else []
     shown = [head[:width], "", _REVERSE + title[:width].ljust(width) + _NORMAL]
     shown += [line[:width] for line in [*lines[: height - 3 - len(more)], *more, note][: height - 3]]

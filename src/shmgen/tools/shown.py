@@ -9,22 +9,29 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from shmgen.runtime import Message
-from shmgen.targets.naming import python_member
+from shmgen.runtime import CountExceeded, Message
+from shmgen.runtime.legible import escaped
+from shmgen.targets.python.names import python_member
 
 SHORT = 32
 """So many elements of an array are shown unless all are asked for."""
 
 
 def yaml(message: Message, most: int | None = SHORT) -> str:
-    """YAML 1.2; of each array the first `most` elements, then how many there are in all."""
+    """YAML 1.2; of each array the first `most` elements, then how many there are in all. Raises CountExceeded."""
     tree = _tree(message, most)
     return "".join(f"{line}\n" for line in _lines(tree)) if tree else "{}\n"
 
 
 def as_json(message: Message, most: int | None = None) -> str:
-    """One line; numbers that JSON does not know are the words "NaN", "Infinity" and "-Infinity"."""
-    return json.dumps(_spelled(_tree(message, most)), ensure_ascii=False)
+    """One line, numbers that JSON does not know as "NaN", "Infinity" and "-Infinity". Raises CountExceeded."""
+    return as_line(_spelled(_tree(message, most)))
+
+
+def as_line(value: Any, indent: int | None = None) -> str:
+    """JSON that a terminal shows and does not obey: what is not printable is written by its number."""
+    lines = json.dumps(value, ensure_ascii=False, indent=indent).split("\n")
+    return "\n".join(line if line.isprintable() else "".join(map(_in_json, line)) for line in lines)
 
 
 def ros_name(attribute: str) -> str:
@@ -37,14 +44,21 @@ def _tree(value: Any, most: int | None) -> Any:
     """Nested dicts, lists and scalars."""
     match value:
         case Message():
-            return {ros_name(name): _tree(getattr(value, name), most) for name in value._names_}
+            return {ros_name(name): _part(getattr(value, name), most, ros_name(name)) for name in value._names_}
         case tuple() if hasattr(value, "_asdict"):
             return value._asdict()
         case ctypes.Array() | list() | tuple():
-            items = [_tree(item, most) for item in value[:most]]
+            items = [_part(item, most, f"[{index}]") for index, item in enumerate(value[:most])]
             return items if most is None or len(value) <= most else [*items, f"... {len(value)} in all"]
         case _:
             return value
+
+
+def _part(value: Any, most: int | None, name: str) -> Any:
+    try:
+        return _tree(value, most)
+    except CountExceeded as error:
+        raise error.inside(name) from None
 
 
 def _lines(tree: dict[str, Any]) -> Iterator[str]:
@@ -82,6 +96,7 @@ def _flow(value: Any) -> str:
 _PLAIN = re.compile(r"[A-Za-z_/]([\w /.-]*[\w/.-])?", re.ASCII)
 _WORDS = {"true", "false", "yes", "no", "on", "off", "y", "n", "null"}
 """What YAML 1.1 or 1.2 take for something else than text."""
+_SHORT = {"\n": "\\n", "\r": "\\r", "\t": "\\t", "\b": "\\b", "\f": "\\f"}
 
 
 def _text(value: str) -> str:
@@ -93,9 +108,11 @@ def _text(value: str) -> str:
 
 
 def _escaped(sign: str) -> str:
-    if sign.isprintable() and sign not in '"\\':
-        return sign
-    return json.dumps(sign)[1:-1] if ord(sign) < 0x10000 else f"\\U{ord(sign):08x}"
+    return f"\\{sign}" if sign in '"\\' else _SHORT.get(sign) or escaped(sign)
+
+
+def _in_json(sign: str) -> str:
+    return sign if sign.isprintable() else json.dumps(sign)[1:-1]
 
 
 def _spelled(tree: Any) -> Any:

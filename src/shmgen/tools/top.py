@@ -9,23 +9,24 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from shmgen.live.processes import alive, called
+from shmgen.live.regions import View, damage, depth_of, live, topic_of
 from shmgen.runtime import header as h
-from shmgen.runtime.errors import PermissionDenied, RegionMissing
+from shmgen.runtime.errors import ShmError
 from shmgen.runtime.header import steps
-from shmgen.tools.processes import alive, called
-from shmgen.tools.regions import View, depth_of, live, topic_of
 
 _LOOKS = 6
 """Rates are over the last so many looks, so that a slow topic does not flicker between 0 and its rate."""
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class TopicRow:
     """One region now.
 
     `rate` is in samples a second, `age` the seconds since the newest one; None where it is not known. `lock` is
     how often a second somebody got inside, None if somebody was inside from the last look to this one. `missed` is
-    how many samples its readers have missed, all together and since there is the region.
+    how many samples its readers have missed, all together and since there is the region. Of a damaged one `type` says
+    what is wrong, and nothing else is known.
     """
 
     topic: str
@@ -42,14 +43,18 @@ class Row:
         return asdict(self)
 
 
-COLUMNS = tuple(Row.__dataclass_fields__)
+COLUMNS = tuple(TopicRow.__dataclass_fields__)
 _TEXTS = ("topic", "type", "writer")
+_WIDTHS = {"rate": len("1000.0/s"), "age": len("999.9 ms"), "lock": len("1000.0/s")}
+"""Characters of what is mostly seen."""
 _NARROWEST = 8
 """Characters left of a text in the narrowest table."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Look:
+    """What there was at `when`, by the monotonic clock."""
+
     when: float
     header: h.Header
     inode: int
@@ -59,15 +64,19 @@ Past = dict[str, deque[_Look]]
 """What the looks before saw, by region."""
 
 
-def look(past: Past) -> list[Row]:
+def look(past: Past) -> list[TopicRow]:
     """A row for each region there is; `past` remembers this look for the next."""
     rows = []
     names = live()
     for gone in past.keys() - set(names):
         del past[gone]
     for name in names:
-        with suppress(RegionMissing, PermissionDenied), View(name) as view:
+        with suppress(ShmError, OSError), View(name) as view:
             header = view.header()
+            if why := damage(header):
+                past.pop(name, None)
+                rows.append(TopicRow(topic_of(name), f"damaged: {why}", "-", 0, None, None, None, 0, 0))
+                continue
             looks = past.setdefault(name, deque(maxlen=_LOOKS))
             if looks and looks[-1].inode != view.status.st_ino:
                 looks.clear()
@@ -76,7 +85,7 @@ def look(past: Past) -> list[Row]:
     return rows
 
 
-def ordered(rows: Sequence[Row], column: str, reverse: bool) -> list[Row]:
+def ordered(rows: Sequence[TopicRow], column: str, reverse: bool) -> list[TopicRow]:
     """Texts from A on, numbers from the greatest on, or the other way round; what is not known comes last."""
     known = [row for row in rows if getattr(row, column) is not None]
     known.sort(key=lambda row: row.topic)
@@ -84,14 +93,20 @@ def ordered(rows: Sequence[Row], column: str, reverse: bool) -> list[Row]:
     return known + [row for row in rows if getattr(row, column) is None]
 
 
-def table(rows: Sequence[Row], sorted_by: str = "", width: int | None = None) -> list[str]:
+def table(
+    rows: Sequence[TopicRow], sorted_by: str = "", width: int | None = None, widths_before: dict[str, int] | None = None
+) -> list[str]:
     """Lines of aligned columns, the titles first; the column sorted by carries a `*`.
 
-    To fit `width` the texts lose their ends, the topic last, for the numbers are what one looks for.
+    To fit `width` the texts lose their ends, the topic last, for the numbers are what one looks for. No column
+    becomes narrower than in the tables before, whose widths are remembered in `widths_before`: nothing jumps.
     """
-    titles = [f"{name.upper()}{'*' if name == sorted_by else ''}" for name in COLUMNS]
+    titles = [f"{name.upper()}{'*' if name == sorted_by else ' '}" for name in COLUMNS]
     cells = [titles, *([_cell(name, getattr(row, name)) for name in COLUMNS] for row in rows)]
-    widths = [max(len(line[column]) for line in cells) for column in range(len(COLUMNS))]
+    before = _WIDTHS if widths_before is None else _WIDTHS | widths_before
+    widths = [max(before.get(name, 0), *(len(line[column]) for line in cells)) for column, name in enumerate(COLUMNS)]
+    if widths_before is not None:
+        widths_before.update(zip(COLUMNS, widths, strict=True))
     while width is not None and sum(widths) + 2 * len(widths) - 2 > width:
         topic, *others = (COLUMNS.index(name) for name in _TEXTS)
         widest = max(others, key=lambda column: widths[column])
@@ -118,7 +133,7 @@ def writer_of(view: View, header: h.Header, earlier: h.Header | None) -> str:
     return "gone" if header.writer else "-"
 
 
-def _row(view: View, header: h.Header, looks: Sequence[_Look]) -> Row:
+def _row(view: View, header: h.Header, looks: Sequence[_Look]) -> TopicRow:
     first, last = looks[0], looks[-1]
     earlier = looks[-2].header if len(looks) > 1 else None
     seconds = last.when - first.when
@@ -126,7 +141,7 @@ def _row(view: View, header: h.Header, looks: Sequence[_Look]) -> Row:
     stamp = view.stamp(header.completed, header) if header.completed else None
     entered = (header.lock_count - first.header.lock_count) % 2**32
     stuck = earlier and header.lock_holder and header.lock_count == earlier.lock_count
-    return Row(
+    return TopicRow(
         topic=topic_of(view.name),
         type=header.type_name,
         writer=writer_of(view, header, earlier),

@@ -7,14 +7,13 @@ import re
 import time
 from contextlib import suppress
 
+from shmgen.live.processes import Processes, has_open
+from shmgen.live.regions import FOLDER
 from shmgen.runtime.names import region_file
-from shmgen.tools.processes import Processes, has_open
-from shmgen.tools.regions import FOLDER
+from shmgen.tools.evidence import SIZES
 
 AGE = 3.0
 """Seconds; making a semaphore takes microseconds."""
-_SIZES = (0, 16, 32)
-"""Bytes: not written yet; sem_t of 32-bit and of 64-bit processes."""
 _TEMPORARY = re.compile(r"sem\.[A-Za-z0-9]{6}")
 """glibc makes a semaphore under such a name, links it to the right one and removes it (sem_open.c, mktemp)."""
 _WORD = re.compile(r"sem\.([A-Za-z][a-z]*|[A-Z]+)[0-9]*")
@@ -35,7 +34,7 @@ def semaphores(processes: Processes) -> list[str]:
             settled = time.time() - status.st_ctime > AGE
             unused = (status.st_dev, status.st_ino) not in mapped
             alone = not os.path.lexists(region_file(name.removeprefix("sem.")))
-            if status.st_size in _SIZES and settled and alone and unused and not has_open(status):
+            if status.st_size in (0, *SIZES) and settled and alone and unused and not has_open(status):
                 found.append(file)
     return found
 

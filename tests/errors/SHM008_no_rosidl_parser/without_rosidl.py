@@ -4,6 +4,6 @@ import sys
 
 sys.path.insert(0, "bare")
 
-from shmgen.cli import main
+from shmgen.cli.main import main
 
 main()

@@ -10,4 +10,4 @@ def generate() -> None:
 
 
 generate()
-Path("generated/c/shm_msgs/.shmgen.h.k2hd7_ab.tmp").write_text("half")
+Path("generated/c/shm_msgs/.shmgen.h.shmgen-k2hd7_ab.tmp").write_text("half")

@@ -2,8 +2,9 @@
 
 import sys
 
-from shmgen import cli, layout
+from shmgen import layout
+from shmgen.cli import main
 
 layout.region_size = None  # type: ignore[assignment]
 sys.argv = ["shmgen", "generate", "std_msgs/Bool"]
-cli.main()
+main.main()

@@ -60,45 +60,55 @@ typedef struct SHMGEN_PACKED shm_sensor_msgs_BatteryState {
     uint8_t _pad0[2]; /* 370 */
 } shm_sensor_msgs_BatteryState;
 
-SHMGEN_STATIC_ASSERT(sizeof(shm_sensor_msgs_BatteryState) == 372, "shm_sensor_msgs_BatteryState is 372 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(shm_sensor_msgs_BatteryState) == 372, "sizeof shm_sensor_msgs_BatteryState is 372");
 SHMGEN_STATIC_ASSERT(offsetof(shm_sensor_msgs_BatteryState, header) == 0, "header is at 0");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->header) == 40, "header is 40 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->header) == 40, "sizeof header is 40");
 SHMGEN_STATIC_ASSERT(offsetof(shm_sensor_msgs_BatteryState, voltage) == 40, "voltage is at 40");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->voltage) == 4, "voltage is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->voltage) == 4, "sizeof voltage is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_sensor_msgs_BatteryState, temperature) == 44, "temperature is at 44");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->temperature) == 4, "temperature is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->temperature) == 4, "sizeof temperature is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_sensor_msgs_BatteryState, current) == 48, "current is at 48");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->current) == 4, "current is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->current) == 4, "sizeof current is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_sensor_msgs_BatteryState, charge) == 52, "charge is at 52");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->charge) == 4, "charge is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->charge) == 4, "sizeof charge is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_sensor_msgs_BatteryState, capacity) == 56, "capacity is at 56");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->capacity) == 4, "capacity is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->capacity) == 4, "sizeof capacity is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_sensor_msgs_BatteryState, design_capacity) == 60, "design_capacity is at 60");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->design_capacity) == 4, "design_capacity is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->design_capacity) == 4, "sizeof design_capacity is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_sensor_msgs_BatteryState, percentage) == 64, "percentage is at 64");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->percentage) == 4, "percentage is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->percentage) == 4, "sizeof percentage is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_sensor_msgs_BatteryState, power_supply_status) == 68, "power_supply_status is at 68");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->power_supply_status) == 1, "power_supply_status is 1 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->power_supply_status) == 1, "sizeof power_supply_status is 1");
 SHMGEN_STATIC_ASSERT(offsetof(shm_sensor_msgs_BatteryState, power_supply_health) == 69, "power_supply_health is at 69");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->power_supply_health) == 1, "power_supply_health is 1 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->power_supply_health) == 1, "sizeof power_supply_health is 1");
 SHMGEN_STATIC_ASSERT(offsetof(shm_sensor_msgs_BatteryState, power_supply_technology) == 70, "power_supply_technology is at 70");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->power_supply_technology) == 1, "power_supply_technology is 1 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->power_supply_technology) == 1, "sizeof power_supply_technology is 1");
 SHMGEN_STATIC_ASSERT(offsetof(shm_sensor_msgs_BatteryState, present) == 71, "present is at 71");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->present) == 1, "present is 1 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->present) == 1, "sizeof present is 1");
 SHMGEN_STATIC_ASSERT(offsetof(shm_sensor_msgs_BatteryState, cell_voltage_count) == 72, "cell_voltage_count is at 72");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->cell_voltage_count) == 4, "cell_voltage_count is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->cell_voltage_count) == 4, "sizeof cell_voltage_count is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_sensor_msgs_BatteryState, cell_voltage) == 76, "cell_voltage is at 76");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->cell_voltage) == 64, "cell_voltage is 64 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->cell_voltage) == 64, "sizeof cell_voltage is 64");
 SHMGEN_STATIC_ASSERT(offsetof(shm_sensor_msgs_BatteryState, cell_temperature_count) == 140, "cell_temperature_count is at 140");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->cell_temperature_count) == 4, "cell_temperature_count is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->cell_temperature_count) == 4, "sizeof cell_temperature_count is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_sensor_msgs_BatteryState, cell_temperature) == 144, "cell_temperature is at 144");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->cell_temperature) == 64, "cell_temperature is 64 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->cell_temperature) == 64, "sizeof cell_temperature is 64");
 SHMGEN_STATIC_ASSERT(offsetof(shm_sensor_msgs_BatteryState, location) == 208, "location is at 208");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->location) == 81, "location is 81 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->location) == 81, "sizeof location is 81");
 SHMGEN_STATIC_ASSERT(offsetof(shm_sensor_msgs_BatteryState, serial_number) == 289, "serial_number is at 289");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->serial_number) == 81, "serial_number is 81 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->serial_number) == 81, "sizeof serial_number is 81");
 SHMGEN_STATIC_ASSERT(offsetof(shm_sensor_msgs_BatteryState, _pad0) == 370, "_pad0 is at 370");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->_pad0) == 2, "_pad0 is 2 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_BatteryState *)0)->_pad0) == 2, "sizeof _pad0 is 2");
+
+/* 0: a count is above its bound, and a loop to it would leave its array. Ask it of your own copy of a sample. */
+static inline int shmgen_valid_shm_sensor_msgs_BatteryState(const shm_sensor_msgs_BatteryState *message)
+{
+    if (message->cell_voltage_count > 16)
+        return 0;
+    if (message->cell_temperature_count > 16)
+        return 0;
+    return 1;
+}
 
 #ifdef __cplusplus
 }

@@ -29,29 +29,43 @@ typedef struct SHMGEN_PACKED shm_sensor_msgs_JointState {
     double effort[8]; /* 840: float64[<=8] */
 } shm_sensor_msgs_JointState;
 
-SHMGEN_STATIC_ASSERT(sizeof(shm_sensor_msgs_JointState) == 904, "shm_sensor_msgs_JointState is 904 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(shm_sensor_msgs_JointState) == 904, "sizeof shm_sensor_msgs_JointState is 904");
 SHMGEN_STATIC_ASSERT(offsetof(shm_sensor_msgs_JointState, header) == 0, "header is at 0");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_JointState *)0)->header) == 40, "header is 40 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_JointState *)0)->header) == 40, "sizeof header is 40");
 SHMGEN_STATIC_ASSERT(offsetof(shm_sensor_msgs_JointState, name_count) == 40, "name_count is at 40");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_JointState *)0)->name_count) == 4, "name_count is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_JointState *)0)->name_count) == 4, "sizeof name_count is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_sensor_msgs_JointState, name) == 44, "name is at 44");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_JointState *)0)->name) == 648, "name is 648 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_JointState *)0)->name) == 648, "sizeof name is 648");
 SHMGEN_STATIC_ASSERT(offsetof(shm_sensor_msgs_JointState, position_count) == 692, "position_count is at 692");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_JointState *)0)->position_count) == 4, "position_count is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_JointState *)0)->position_count) == 4, "sizeof position_count is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_sensor_msgs_JointState, position) == 696, "position is at 696");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_JointState *)0)->position) == 64, "position is 64 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_JointState *)0)->position) == 64, "sizeof position is 64");
 SHMGEN_STATIC_ASSERT(offsetof(shm_sensor_msgs_JointState, velocity_count) == 760, "velocity_count is at 760");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_JointState *)0)->velocity_count) == 4, "velocity_count is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_JointState *)0)->velocity_count) == 4, "sizeof velocity_count is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_sensor_msgs_JointState, _pad0) == 764, "_pad0 is at 764");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_JointState *)0)->_pad0) == 4, "_pad0 is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_JointState *)0)->_pad0) == 4, "sizeof _pad0 is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_sensor_msgs_JointState, velocity) == 768, "velocity is at 768");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_JointState *)0)->velocity) == 64, "velocity is 64 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_JointState *)0)->velocity) == 64, "sizeof velocity is 64");
 SHMGEN_STATIC_ASSERT(offsetof(shm_sensor_msgs_JointState, effort_count) == 832, "effort_count is at 832");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_JointState *)0)->effort_count) == 4, "effort_count is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_JointState *)0)->effort_count) == 4, "sizeof effort_count is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_sensor_msgs_JointState, _pad1) == 836, "_pad1 is at 836");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_JointState *)0)->_pad1) == 4, "_pad1 is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_JointState *)0)->_pad1) == 4, "sizeof _pad1 is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_sensor_msgs_JointState, effort) == 840, "effort is at 840");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_JointState *)0)->effort) == 64, "effort is 64 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_sensor_msgs_JointState *)0)->effort) == 64, "sizeof effort is 64");
+
+/* 0: a count is above its bound, and a loop to it would leave its array. Ask it of your own copy of a sample. */
+static inline int shmgen_valid_shm_sensor_msgs_JointState(const shm_sensor_msgs_JointState *message)
+{
+    if (message->name_count > 8)
+        return 0;
+    if (message->position_count > 8)
+        return 0;
+    if (message->velocity_count > 8)
+        return 0;
+    if (message->effort_count > 8)
+        return 0;
+    return 1;
+}
 
 #ifdef __cplusplus
 }

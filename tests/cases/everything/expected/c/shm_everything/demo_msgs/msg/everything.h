@@ -87,105 +87,133 @@ typedef struct SHMGEN_PACKED shm_demo_msgs_Everything {
     uint8_t _pad8[4]; /* 340 */
 } shm_demo_msgs_Everything;
 
-SHMGEN_STATIC_ASSERT(sizeof(shm_demo_msgs_Everything) == 344, "shm_demo_msgs_Everything is 344 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(shm_demo_msgs_Everything) == 344, "sizeof shm_demo_msgs_Everything is 344");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, flag) == 0, "flag is at 0");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->flag) == 1, "flag is 1 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->flag) == 1, "sizeof flag is 1");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, raw) == 1, "raw is at 1");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->raw) == 1, "raw is 1 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->raw) == 1, "sizeof raw is 1");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, letter) == 2, "letter is at 2");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->letter) == 1, "letter is 1 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->letter) == 1, "sizeof letter is 1");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, i8) == 3, "i8 is at 3");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->i8) == 1, "i8 is 1 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->i8) == 1, "sizeof i8 is 1");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, u8) == 4, "u8 is at 4");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->u8) == 1, "u8 is 1 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->u8) == 1, "sizeof u8 is 1");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, _pad0) == 5, "_pad0 is at 5");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->_pad0) == 1, "_pad0 is 1 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->_pad0) == 1, "sizeof _pad0 is 1");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, i16) == 6, "i16 is at 6");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->i16) == 2, "i16 is 2 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->i16) == 2, "sizeof i16 is 2");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, u16) == 8, "u16 is at 8");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->u16) == 2, "u16 is 2 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->u16) == 2, "sizeof u16 is 2");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, _pad1) == 10, "_pad1 is at 10");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->_pad1) == 2, "_pad1 is 2 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->_pad1) == 2, "sizeof _pad1 is 2");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, i32) == 12, "i32 is at 12");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->i32) == 4, "i32 is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->i32) == 4, "sizeof i32 is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, u32) == 16, "u32 is at 16");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->u32) == 4, "u32 is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->u32) == 4, "sizeof u32 is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, _pad2) == 20, "_pad2 is at 20");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->_pad2) == 4, "_pad2 is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->_pad2) == 4, "sizeof _pad2 is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, i64) == 24, "i64 is at 24");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->i64) == 8, "i64 is 8 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->i64) == 8, "sizeof i64 is 8");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, u64) == 32, "u64 is at 32");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->u64) == 8, "u64 is 8 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->u64) == 8, "sizeof u64 is 8");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, f32) == 40, "f32 is at 40");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->f32) == 4, "f32 is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->f32) == 4, "sizeof f32 is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, _pad3) == 44, "_pad3 is at 44");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->_pad3) == 4, "_pad3 is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->_pad3) == 4, "sizeof _pad3 is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, f64) == 48, "f64 is at 48");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->f64) == 8, "f64 is 8 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->f64) == 8, "sizeof f64 is 8");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, angle) == 56, "angle is at 56");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->angle) == 8, "angle is 8 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->angle) == 8, "sizeof angle is 8");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, label) == 64, "label is at 64");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->label) == 11, "label is 11 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->label) == 11, "sizeof label is 11");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, short_) == 75, "short_ is at 75");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->short_) == 8, "short_ is 8 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->short_) == 8, "sizeof short_ is 8");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, _pad4) == 83, "_pad4 is at 83");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->_pad4) == 1, "_pad4 is 1 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->_pad4) == 1, "sizeof _pad4 is 1");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, wide) == 84, "wide is at 84");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->wide) == 12, "wide is 12 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->wide) == 12, "sizeof wide is 12");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, text) == 96, "text is at 96");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->text) == 25, "text is 25 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->text) == 25, "sizeof text is 25");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, _pad5) == 121, "_pad5 is at 121");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->_pad5) == 7, "_pad5 is 7 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->_pad5) == 7, "sizeof _pad5 is 7");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, vector) == 128, "vector is at 128");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->vector) == 24, "vector is 24 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->vector) == 24, "sizeof vector is 24");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, bytes) == 152, "bytes is at 152");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->bytes) == 4, "bytes is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->bytes) == 4, "sizeof bytes is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, names) == 156, "names is at 156");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->names) == 8, "names is 8 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->names) == 8, "sizeof names is 8");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, corners) == 164, "corners is at 164");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->corners) == 32, "corners is 32 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->corners) == 32, "sizeof corners is 32");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, stamps) == 196, "stamps is at 196");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->stamps) == 8, "stamps is 8 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->stamps) == 8, "sizeof stamps is 8");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, flags_count) == 204, "flags_count is at 204");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->flags_count) == 4, "flags_count is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->flags_count) == 4, "sizeof flags_count is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, flags) == 208, "flags is at 208");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->flags) == 3, "flags is 3 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->flags) == 3, "sizeof flags is 3");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, _pad6) == 211, "_pad6 is at 211");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->_pad6) == 1, "_pad6 is 1 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->_pad6) == 1, "sizeof _pad6 is 1");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, samples_count) == 212, "samples_count is at 212");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->samples_count) == 4, "samples_count is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->samples_count) == 4, "sizeof samples_count is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, samples) == 216, "samples is at 216");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->samples) == 10, "samples is 10 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->samples) == 10, "sizeof samples is 10");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, _pad7) == 226, "_pad7 is at 226");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->_pad7) == 2, "_pad7 is 2 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->_pad7) == 2, "sizeof _pad7 is 2");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, words_count) == 228, "words_count is at 228");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->words_count) == 4, "words_count is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->words_count) == 4, "sizeof words_count is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, words) == 232, "words is at 232");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->words) == 8, "words is 8 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->words) == 8, "sizeof words is 8");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, wides_count) == 240, "wides_count is at 240");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->wides_count) == 4, "wides_count is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->wides_count) == 4, "sizeof wides_count is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, wides) == 244, "wides is at 244");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->wides) == 12, "wides is 12 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->wides) == 12, "sizeof wides is 12");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, path_count) == 256, "path_count is at 256");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->path_count) == 4, "path_count is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->path_count) == 4, "sizeof path_count is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, path) == 260, "path is at 260");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->path) == 32, "path is 32 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->path) == 32, "sizeof path is 32");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, times_count) == 292, "times_count is at 292");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->times_count) == 4, "times_count is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->times_count) == 4, "sizeof times_count is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, times) == 296, "times is at 296");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->times) == 8, "times is 8 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->times) == 8, "sizeof times is 8");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, waits_count) == 304, "waits_count is at 304");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->waits_count) == 4, "waits_count is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->waits_count) == 4, "sizeof waits_count is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, waits) == 308, "waits is at 308");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->waits) == 8, "waits is 8 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->waits) == 8, "sizeof waits is 8");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, where) == 316, "where is at 316");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->where) == 16, "where is 16 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->where) == 16, "sizeof where is 16");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, stamp) == 332, "stamp is at 332");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->stamp) == 4, "stamp is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->stamp) == 4, "sizeof stamp is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, wait) == 336, "wait is at 336");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->wait) == 4, "wait is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->wait) == 4, "sizeof wait is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Everything, _pad8) == 340, "_pad8 is at 340");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->_pad8) == 4, "_pad8 is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Everything *)0)->_pad8) == 4, "sizeof _pad8 is 4");
+
+/* 0: a count is above its bound, and a loop to it would leave its array. Ask it of your own copy of a sample. */
+static inline int shmgen_valid_shm_demo_msgs_Everything(const shm_demo_msgs_Everything *message)
+{
+    if (message->flags_count > 3)
+        return 0;
+    if (message->samples_count > 5)
+        return 0;
+    if (message->words_count > 2)
+        return 0;
+    if (message->wides_count > 2)
+        return 0;
+    if (message->path_count > 2)
+        return 0;
+    if (message->times_count > 2)
+        return 0;
+    if (message->waits_count > 2)
+        return 0;
+    for (uint32_t element = 0; element < 2; element++)
+        if (!shmgen_valid_shm_demo_msgs_Point(&message->corners[element]))
+            return 0;
+    for (uint32_t element = 0; element < message->path_count; element++)
+        if (!shmgen_valid_shm_demo_msgs_Point(&message->path[element]))
+            return 0;
+    if (!shmgen_valid_shm_demo_msgs_Point(&message->where))
+        return 0;
+    return 1;
+}
 
 #ifdef __cplusplus
 }

@@ -24,15 +24,23 @@ typedef struct SHMGEN_PACKED shm_demo_msgs_Point {
     uint16_t weights[2]; /* 12: uint16[<=2] */
 } shm_demo_msgs_Point;
 
-SHMGEN_STATIC_ASSERT(sizeof(shm_demo_msgs_Point) == 16, "shm_demo_msgs_Point is 16 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(shm_demo_msgs_Point) == 16, "sizeof shm_demo_msgs_Point is 16");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Point, x) == 0, "x is at 0");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Point *)0)->x) == 4, "x is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Point *)0)->x) == 4, "sizeof x is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Point, y) == 4, "y is at 4");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Point *)0)->y) == 4, "y is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Point *)0)->y) == 4, "sizeof y is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Point, weights_count) == 8, "weights_count is at 8");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Point *)0)->weights_count) == 4, "weights_count is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Point *)0)->weights_count) == 4, "sizeof weights_count is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Point, weights) == 12, "weights is at 12");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Point *)0)->weights) == 4, "weights is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Point *)0)->weights) == 4, "sizeof weights is 4");
+
+/* 0: a count is above its bound, and a loop to it would leave its array. Ask it of your own copy of a sample. */
+static inline int shmgen_valid_shm_demo_msgs_Point(const shm_demo_msgs_Point *message)
+{
+    if (message->weights_count > 2)
+        return 0;
+    return 1;
+}
 
 #ifdef __cplusplus
 }

@@ -28,25 +28,35 @@ typedef struct SHMGEN_PACKED shm_demo_msgs_Status {
     shmgen_seconds waits[2]; /* 40: duration[<=2] [s and ns] */
 } shm_demo_msgs_Status;
 
-SHMGEN_STATIC_ASSERT(sizeof(shm_demo_msgs_Status) == 56, "shm_demo_msgs_Status is 56 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(shm_demo_msgs_Status) == 56, "sizeof shm_demo_msgs_Status is 56");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Status, ready) == 0, "ready is at 0");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Status *)0)->ready) == 1, "ready is 1 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Status *)0)->ready) == 1, "sizeof ready is 1");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Status, doors) == 1, "doors is at 1");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Status *)0)->doors) == 2, "doors is 2 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Status *)0)->doors) == 2, "sizeof doors is 2");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Status, name) == 3, "name is at 3");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Status *)0)->name) == 11, "name is 11 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Status *)0)->name) == 11, "sizeof name is 11");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Status, _pad0) == 14, "_pad0 is at 14");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Status *)0)->_pad0) == 2, "_pad0 is 2 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Status *)0)->_pad0) == 2, "sizeof _pad0 is 2");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Status, parts_count) == 16, "parts_count is at 16");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Status *)0)->parts_count) == 4, "parts_count is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Status *)0)->parts_count) == 4, "sizeof parts_count is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Status, parts) == 20, "parts is at 20");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Status *)0)->parts) == 8, "parts is 8 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Status *)0)->parts) == 8, "sizeof parts is 8");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Status, stamp) == 28, "stamp is at 28");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Status *)0)->stamp) == 8, "stamp is 8 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Status *)0)->stamp) == 8, "sizeof stamp is 8");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Status, waits_count) == 36, "waits_count is at 36");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Status *)0)->waits_count) == 4, "waits_count is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Status *)0)->waits_count) == 4, "sizeof waits_count is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Status, waits) == 40, "waits is at 40");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Status *)0)->waits) == 16, "waits is 16 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Status *)0)->waits) == 16, "sizeof waits is 16");
+
+/* 0: a count is above its bound, and a loop to it would leave its array. Ask it of your own copy of a sample. */
+static inline int shmgen_valid_shm_demo_msgs_Status(const shm_demo_msgs_Status *message)
+{
+    if (message->parts_count > 2)
+        return 0;
+    if (message->waits_count > 2)
+        return 0;
+    return 1;
+}
 
 #ifdef __cplusplus
 }

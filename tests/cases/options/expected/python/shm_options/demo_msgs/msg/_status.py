@@ -22,7 +22,7 @@ _ROWS = (
 )
 
 
-class Status(runtime.CuttingMessage):
+class Status(runtime.Message):
     """demo_msgs/Status.
 
     Fields:

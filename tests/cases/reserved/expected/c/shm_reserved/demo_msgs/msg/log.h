@@ -41,55 +41,63 @@ typedef struct SHMGEN_PACKED shm_demo_msgs_Log {
     uint8_t _pad2[2]; /* 42 */
 } shm_demo_msgs_Log;
 
-SHMGEN_STATIC_ASSERT(sizeof(shm_demo_msgs_Log) == 44, "shm_demo_msgs_Log is 44 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(shm_demo_msgs_Log) == 44, "sizeof shm_demo_msgs_Log is 44");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Log, class_) == 0, "class_ is at 0");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->class_) == 1, "class_ is 1 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->class_) == 1, "sizeof class_ is 1");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Log, _pad0) == 1, "_pad0 is at 1");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->_pad0) == 3, "_pad0 is 3 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->_pad0) == 3, "sizeof _pad0 is 3");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Log, values_count) == 4, "values_count is at 4");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->values_count) == 4, "values_count is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->values_count) == 4, "sizeof values_count is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Log, values) == 8, "values is at 8");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->values) == 2, "values is 2 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->values) == 2, "sizeof values is 2");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Log, _pad1) == 10, "_pad1 is at 10");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->_pad1) == 2, "_pad1 is 2 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->_pad1) == 2, "sizeof _pad1 is 2");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Log, runtime) == 12, "runtime is at 12");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->runtime) == 4, "runtime is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->runtime) == 4, "sizeof runtime is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Log, typing) == 16, "typing is at 16");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->typing) == 2, "typing is 2 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->typing) == 2, "sizeof typing is 2");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Log, bytes) == 18, "bytes is at 18");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->bytes) == 2, "bytes is 2 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->bytes) == 2, "sizeof bytes is 2");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Log, len) == 20, "len is at 20");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->len) == 2, "len is 2 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->len) == 2, "sizeof len is 2");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Log, str) == 22, "str is at 22");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->str) == 4, "str is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->str) == 4, "sizeof str is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Log, bool_) == 26, "bool_ is at 26");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->bool_) == 1, "bool_ is 1 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->bool_) == 1, "sizeof bool_ is 1");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Log, from) == 27, "from is at 27");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->from) == 1, "from is 1 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->from) == 1, "sizeof from is 1");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Log, default_) == 28, "default_ is at 28");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->default_) == 1, "default_ is 1 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->default_) == 1, "sizeof default_ is 1");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Log, int_) == 29, "int_ is at 29");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->int_) == 1, "int_ is 1 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->int_) == 1, "sizeof int_ is 1");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Log, end_if) == 30, "end_if is at 30");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->end_if) == 4, "end_if is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->end_if) == 4, "sizeof end_if is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Log, self) == 34, "self is at 34");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->self) == 1, "self is 1 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->self) == 1, "sizeof self is 1");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Log, message) == 35, "message is at 35");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->message) == 1, "message is 1 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->message) == 1, "sizeof message is 1");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Log, into) == 36, "into is at 36");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->into) == 1, "into is 1 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->into) == 1, "sizeof into is 1");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Log, at) == 37, "at is at 37");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->at) == 1, "at is 1 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->at) == 1, "sizeof at is 1");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Log, late) == 38, "late is at 38");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->late) == 1, "late is 1 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->late) == 1, "sizeof late is 1");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Log, data) == 39, "data is at 39");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->data) == 1, "data is 1 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->data) == 1, "sizeof data is 1");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Log, ctypes) == 40, "ctypes is at 40");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->ctypes) == 1, "ctypes is 1 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->ctypes) == 1, "sizeof ctypes is 1");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Log, struct_) == 41, "struct_ is at 41");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->struct_) == 1, "struct_ is 1 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->struct_) == 1, "sizeof struct_ is 1");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Log, _pad2) == 42, "_pad2 is at 42");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->_pad2) == 2, "_pad2 is 2 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Log *)0)->_pad2) == 2, "sizeof _pad2 is 2");
+
+/* 0: a count is above its bound, and a loop to it would leave its array. Ask it of your own copy of a sample. */
+static inline int shmgen_valid_shm_demo_msgs_Log(const shm_demo_msgs_Log *message)
+{
+    if (message->values_count > 2)
+        return 0;
+    return 1;
+}
 
 #ifdef __cplusplus
 }

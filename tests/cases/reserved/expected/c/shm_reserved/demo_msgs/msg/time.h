@@ -28,21 +28,31 @@ typedef struct SHMGEN_PACKED shm_demo_msgs_Time {
     uint8_t _pad0[2]; /* 54 */
 } shm_demo_msgs_Time;
 
-SHMGEN_STATIC_ASSERT(sizeof(shm_demo_msgs_Time) == 56, "shm_demo_msgs_Time is 56 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(shm_demo_msgs_Time) == 56, "sizeof shm_demo_msgs_Time is 56");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Time, log) == 0, "log is at 0");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Time *)0)->log) == 44, "log is 44 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Time *)0)->log) == 44, "sizeof log is 44");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Time, type) == 44, "type is at 44");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Time *)0)->type) == 1, "type is 1 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Time *)0)->type) == 1, "sizeof type is 1");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Time, time) == 45, "time is at 45");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Time *)0)->time) == 1, "time is 1 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Time *)0)->time) == 1, "sizeof time is 1");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Time, array) == 46, "array is at 46");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Time *)0)->array) == 2, "array is 2 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Time *)0)->array) == 2, "sizeof array is 2");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Time, step_count) == 48, "step_count is at 48");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Time *)0)->step_count) == 4, "step_count is 4 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Time *)0)->step_count) == 4, "sizeof step_count is 4");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Time, step) == 52, "step is at 52");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Time *)0)->step) == 2, "step is 2 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Time *)0)->step) == 2, "sizeof step is 2");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Time, _pad0) == 54, "_pad0 is at 54");
-SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Time *)0)->_pad0) == 2, "_pad0 is 2 bytes");
+SHMGEN_STATIC_ASSERT(sizeof(((shm_demo_msgs_Time *)0)->_pad0) == 2, "sizeof _pad0 is 2");
+
+/* 0: a count is above its bound, and a loop to it would leave its array. Ask it of your own copy of a sample. */
+static inline int shmgen_valid_shm_demo_msgs_Time(const shm_demo_msgs_Time *message)
+{
+    if (message->step_count > 2)
+        return 0;
+    if (!shmgen_valid_shm_demo_msgs_Log(&message->log))
+        return 0;
+    return 1;
+}
 
 #ifdef __cplusplus
 }

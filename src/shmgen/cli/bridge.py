@@ -1,0 +1,57 @@
+"""Turns `shmgen bridge` into a running bridge, and what it says into lines."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import click
+
+from shmgen.cli import options
+from shmgen.config.bridging import BACKENDS
+
+
+@click.command(context_settings={"ignore_unknown_options": True})
+@click.option("--backend", type=click.Choice(BACKENDS), help="Instead of what shmgen.toml says.")
+@click.argument("ros_arguments", nargs=-1, type=click.UNPROCESSED, metavar="[ROS_ARGUMENT]...")
+@options.where
+def bridge(
+    backend: str | None, ros_arguments: tuple[str, ...], config_file: Path | None, include: tuple[Path, ...]
+) -> None:
+    """Carry the topics and services of shmgen.toml between ROS and their regions, until Ctrl-C or SIGTERM.
+
+    The backend is ros1 (rospy), ros2 (rclpy) or dds (a ROS 2 graph without ROS, by cyclonedds); by itself it takes
+    the ROS whose setup was sourced, else the one installed. SIGUSR1 shows the counters, and so does the end.
+    """
+    from shmgen.bridge.backend import BackendMissing
+    from shmgen.bridge.run import run
+    from shmgen.runtime import ShmError
+
+    config = options.load(config_file, include)
+    if backend:
+        config = replace(config, bridge=replace(config.bridge, backend=backend))
+    if not config.topics and not config.services:
+        raise click.UsageError("shmgen.toml lists neither [[topics]] nor [[services]]: there is nothing to carry.")
+    try:
+        run(config, ros_arguments, _say, _tell)
+    except (BackendMissing, ShmError, ValueError, OSError) as error:
+        first, _, rest = str(error).partition("\n")
+        click.echo(click.style("error: ", fg="red", bold=True) + first, err=True)
+        if rest:
+            click.echo(rest, err=True)
+        sys.exit(1)
+
+
+COMMANDS = (bridge,)
+
+
+def _say(text: str) -> None:
+    click.echo(text)
+    sys.stdout.flush()
+
+
+def _tell(text: str) -> None:
+    from shmgen.runtime.legible import lines
+
+    click.echo(click.style(lines(text), fg="yellow"), err=True)  # peers had a word in it

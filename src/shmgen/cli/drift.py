@@ -1,0 +1,179 @@
+"""Turns the command lines of check, diff and init into Findings, files and exit codes."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from shmgen.cli import options
+from shmgen.config import Config
+from shmgen.diagnostics import Diagnostic, Rejected, Span
+from shmgen.drift import verdict
+from shmgen.drift.findings import Finding, Severity, as_annotations, as_json, summary, worst
+from shmgen.targets import KEYS
+from shmgen.wording import counted
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+_output = click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("generated"),
+    show_default=True,
+    help="Folder of the generated files.",
+)
+
+
+def _report(command: F) -> F:
+    """How findings are told, and which of them count: `form` and `fail_on`."""
+    for option in (
+        click.option(
+            "--fail-on",
+            type=click.Choice([severity.name.lower() for severity in reversed(Severity)]),
+            default="cosmetic",
+            show_default=True,
+            help="The least that makes the exit code 1; what is less is a note.",
+        ),
+        click.option("--json", "form", flag_value="json", help="For machines."),
+        click.option(
+            "--format",
+            "form",
+            type=click.Choice(["text", "json", "github"]),
+            default="text",
+            show_default=True,
+            help="github: annotations in a workflow.",
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+@click.command()
+@_output
+@click.option("-t", "--target", multiple=True, type=click.Choice(KEYS), help="As given to generate.")
+@click.option("--diff", "with_diff", is_flag=True, help="Print what generate would change, line by line.")
+@_report
+@options.where
+def check(
+    output: Path,
+    target: tuple[str, ...],
+    with_diff: bool,
+    form: str,
+    fail_on: str,
+    config_file: Path | None,
+    include: tuple[Path, ...],
+) -> None:
+    """What has drifted: definitions, generated files, layout.lock. Writes nothing.
+
+    Exit 0 if `shmgen generate` would change nothing, else 1. breaking: bytes moved, both sides must be built anew;
+    compatible: comments, constants, defaults; cosmetic: text alone.
+    """
+    from shmgen.cli import asked
+    from shmgen.drift import check as checking
+    from shmgen.write import current
+
+    began = time.time_ns()
+    severity = Severity[fail_on.upper()]
+    texts: dict[str, str] = {}
+    try:
+        config = options.load(config_file, include)
+        config = replace(config, targets=target) if target else config
+        lock, formerly = asked.former(output, current(output, "layout.lock"))
+        config = replace(config, skip_unbounded=lock.settings.get("skip_unbounded") is True)
+        requests = asked.configured(config) or list(lock.requested)
+        if requests or (output / "layout.lock").is_file():
+            texts = asked.texts(config, requests, formerly, output)
+        findings = checking.check(texts, output)
+    except Rejected as rejected:
+        if form == "text":
+            raise
+        findings = [Finding(Severity.BREAKING, found) for found in rejected.diagnostics]
+    if findings:
+        _tell(findings, form, severity, to_stderr=True)
+        if with_diff and form == "text":
+            click.echo(checking.differences(texts, output), nl=False)
+        sys.exit((worst(findings) or 0) >= severity)
+    messages = sum(line.startswith("[messages.") for line in texts["layout.lock"].splitlines())
+    said = f"{output}: up to date, {counted(messages, 'message')} in {counted(len(texts), 'file')}"
+    if form == "text":
+        click.echo(said)
+        _remember(said, config, config_file, [os.path.join(output, path) for path in texts], began)
+    else:
+        click.echo(as_json([]) if form == "json" else "", nl=False)
+
+
+@click.command()
+@click.argument("old")
+@click.argument("new")
+@_output
+@_report
+def diff(old: str, new: str, output: Path, form: str, fail_on: str) -> None:
+    """What became of the messages from OLD to NEW, each a layout.lock, its folder, or a git revision.
+
+    Exit 1 if something of the severity given did change.
+    """
+    from shmgen.drift import revisions
+    from shmgen.drift.compare import compare
+
+    severity = Severity[fail_on.upper()]
+    (before, _), (after, shown) = (revisions.lock(name, output) for name in (old, new))
+    findings = compare(before, after, shown)
+    _tell(findings, form, severity, to_stderr=False)
+    sys.exit((worst(findings) or 0) >= severity)
+
+
+@click.command()
+@click.option("--hook", is_flag=True, help="Add .pre-commit-config.yaml: a commit that has drifted is stopped.")
+@click.option("--ci", is_flag=True, help="Add .github/workflows/shmgen.yml: the same for a merge.")
+def init(hook: bool, ci: bool) -> None:
+    """Write shmgen.toml for the message packages in this folder. Asks nothing, touches nothing that exists."""
+    from shmgen.cli import start
+
+    begun = start.begin(Path.cwd())
+    files = {"shmgen.toml": begun.configuration} if begun.configuration else {}
+    files |= {start.HOOK_FILE: start.HOOK} if hook else {}
+    files |= {start.CI_FILE: start.CI} if ci else {}
+    for path, text in files.items():
+        file = Path(path)
+        if file.exists():
+            click.echo(f"{path} is there, and left as it is; this would be its content:\n\n{text}")
+        else:
+            try:
+                file.parent.mkdir(parents=True, exist_ok=True)
+                file.write_text(text, encoding="utf-8")
+            except OSError as error:
+                found = Diagnostic("SHM007", f"cannot write: {error.strerror}", Span(path))
+                raise Rejected([found]) from error
+            click.echo(f"{path} written")
+    click.echo("\n".join(begun.advice))
+
+
+COMMANDS = (check, diff, init)
+
+
+def _tell(findings: Sequence[Finding], form: str, fail_on: Severity, *, to_stderr: bool) -> None:
+    if form == "json":
+        click.echo(as_json(findings), nl=False)
+    elif form == "github":
+        click.echo(as_annotations(findings, fail_on), nl=False)
+    else:
+        for found in findings:
+            level = found.diagnostic.level if found.severity >= fail_on else "note"
+            options.complain([replace(found.diagnostic, level=level)], to_stderr=to_stderr)
+        click.echo(summary(findings) or "no difference", err=to_stderr)
+
+
+def _remember(said: str, config: Config, config_file: Path | None, files: list[str], began: int) -> None:
+    """Definitions given by their paths, or of a sourced ROS, may lie anywhere, so then nothing is remembered."""
+    anywhere = config.source == "env" or any(Path(message).suffix for message in config.messages)
+    if not anywhere:
+        configurations = [str(config_file)] if config_file else ["shmgen.toml", "pyproject.toml"]
+        verdict.remember(sys.argv[1:], said, map(str, config.path), [*configurations, *files], began)

@@ -1,0 +1,148 @@
+"""Turns the commands that read definitions and write bindings into calls of the pipeline, and its answers into text."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import click
+
+from shmgen import pipeline
+from shmgen.cli import asked, options
+from shmgen.diagnostics import CODES, closest
+from shmgen.drift import lockfile
+from shmgen.targets import KEYS
+from shmgen.wording import counted
+
+
+@click.command()
+@click.argument("messages", nargs=-1, metavar="[TYPE|PACKAGE|FILE]...")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("generated"),
+    show_default=True,
+    help="Folder for the files.",
+)
+@click.option(
+    "-t",
+    "--target",
+    multiple=True,
+    type=click.Choice(KEYS),
+    help="Only this target, and the others' files removed; may be repeated.",
+)
+@click.option("--skip-unbounded", is_flag=True, help="Leave out what needs a bound that nobody set; `check` knows.")
+@click.option("-q", "--quiet", is_flag=True, help="Print nothing but diagnostics.")
+@options.where
+def generate(
+    messages: tuple[str, ...],
+    output: Path,
+    target: tuple[str, ...],
+    skip_unbounded: bool,
+    quiet: bool,
+    config_file: Path | None,
+    include: tuple[Path, ...],
+) -> None:
+    """Write the bindings of messages: geometry_msgs/Pose, geometry_msgs (all of it), path/to/Foo.msg.
+
+    With names, they join what the output folder already holds; without, the folder becomes what shmgen.toml
+    lists. Files are replaced whole, only where they differ; after an error none is touched.
+    """
+    from shmgen.write import current, write
+
+    config = options.load(config_file, include)
+    if target:
+        config = replace(config, targets=target)
+    config = replace(config, skip_unbounded=skip_unbounded)
+    written = None
+    while written is None:  # or another run has written since, and what it has done counts
+        kept = current(output, lockfile.LOCK)
+        lock, formerly = asked.former(output, kept)
+        if messages:
+            requests = [*messages, *lock.requested]
+        else:
+            requests, formerly = asked.configured(config), {}
+        texts = asked.texts(config, requests, formerly, output)
+        leftovers = sorted(set(lock.files) - set(texts))
+        written = write(output, texts, leftovers, last=lockfile.LOCK, former=kept)
+    if not quiet:
+        removed = f", {len(written.removed)} removed" if written.removed else ""
+        click.echo(
+            f"{output}: {counted(len(written.changed), 'file')} written, {len(written.unchanged)} unchanged{removed}"
+        )
+        for path in written.changed:
+            click.echo(f"  {output / path}")
+        if skip_unbounded and (skipped := asked.left_out(config, requests)):
+            click.echo(f"{counted(len(skipped), 'message')} left out for want of a bound, see `shmgen list`:")
+            for name in skipped:
+                click.echo(f"  {name}")
+
+
+@click.command()
+@click.argument("type_name", metavar="TYPE")
+@click.option("--json", "as_json", is_flag=True, help="For machines.")
+@click.option("--svg", "as_svg", is_flag=True, help="A drawing of the memory map.")
+@options.where
+def show(type_name: str, as_json: bool, as_svg: bool, config_file: Path | None, include: tuple[Path, ...]) -> None:
+    """Where the bytes of a message go: offset, size, ROS type, IEC type, comment."""
+    from shmgen.show import table
+
+    if as_json and as_svg:
+        raise click.UsageError("--json or --svg, not both.")
+    layouts = pipeline.lay_out(options.load(config_file, include), [type_name])
+    shown = [layout for layout in layouts.values() if layout.requested]
+    if as_json:
+        click.echo(table.as_json(shown, layouts), nl=False)
+    elif as_svg:
+        from shmgen.render import render
+        from shmgen.show import memory_map
+
+        if len(shown) > 1:
+            raise click.UsageError(f"--svg draws one message: {', '.join(str(layout.name) for layout in shown)}")
+        for drawing in render([memory_map.plan(shown[0], layouts)]).values():
+            click.echo(drawing.encode(), nl=False)
+    else:
+        click.echo("\n".join(table.table(layout, layouts) for layout in shown), nl=False)
+
+
+@click.command()
+@options.where
+def types(config_file: Path | None, include: tuple[Path, ...]) -> None:
+    """The table of types in force, between ROS, IEC 61131-3 and C."""
+    from shmgen.show import lists
+
+    click.echo(lists.type_table(options.load(config_file, include).types), nl=False)
+
+
+@click.command("list")
+@click.argument("asked", metavar="[PACKAGE|TYPE]", required=False)
+@click.option("--json", "as_json", is_flag=True, help="For machines.")
+@options.where
+def list_(asked: str | None, as_json: bool, config_file: Path | None, include: tuple[Path, ...]) -> None:
+    """What can be generated, with its size, and the fields that still need a bound."""
+    from shmgen.show import lists
+
+    click.echo(lists.inventory(pipeline.inventory(options.load(config_file, include), asked), as_json), nl=False)
+
+
+def _code(context: click.Context, parameter: click.Parameter, value: str) -> str:
+    code = f"SHM{value:0>3}" if value.isdecimal() else value.upper()
+    if code not in CODES:
+        near = closest(code, CODES)
+        raise click.BadParameter(f"{value} is no code of a diagnostic{f'; did you mean {near}?' if near else ''}")
+    return code
+
+
+@click.command()
+@click.argument("code", callback=_code, shell_complete=lambda *_: list(CODES))
+def explain(code: str) -> None:
+    """What a diagnostic means and how to mend it; `SHM101` and `101` are the same."""
+    installed = Path(__file__).parents[1] / "diagnostics.md"
+    document = installed if installed.is_file() else Path(__file__).parents[3] / "docs" / "diagnostics.md"
+    text = document.read_text(encoding="utf-8")
+    section = text.partition(f"## {code}")[2].partition("\n## ")[0]
+    click.echo(f"{code}{section.rstrip()}")
+
+
+COMMANDS = (generate, show, types, list_, explain)

@@ -1,0 +1,83 @@
+"""The `shmgen` command: its families of commands, and how an error ends each of them."""
+
+from __future__ import annotations
+
+import errno
+import importlib
+import io
+import os
+import sys
+
+import click
+
+from shmgen import __version__
+from shmgen.cli import options
+from shmgen.diagnostics import Diagnostic, Rejected, Span
+
+
+def main() -> None:
+    """The `shmgen` command. Exit 0 clean, 1 diagnostics, 2 wrong usage."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        # A sign in a comment that the terminal does not know is no reason to stop.
+        sys.stdout.reconfigure(errors="replace")
+    try:
+        cli(standalone_mode=True)
+    except Rejected as rejected:
+        options.complain(rejected.diagnostics)
+        sys.exit(1)
+    except Exception as error:
+        if os.environ.get("SHMGEN_DEBUG"):
+            raise
+        options.complain([_full(error) or _fault(error)])
+        sys.exit(1)
+
+
+def _full(error: Exception) -> Diagnostic | None:
+    """Where what we print goes to a full disk. What we write into files of our own is told by their names."""
+    if not isinstance(error, OSError) or error.errno not in _FULL or error.filename:
+        return None
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what is left to print would fail again at the end
+    hint = "make room where the output of this command goes"
+    return Diagnostic("SHM007", f"cannot write: {error.strerror}", Span("standard output"), hint=hint)
+
+
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+
+
+def _fault(error: Exception) -> Diagnostic:
+    hint = "this is a fault of shmgen, not of your input: run again with SHMGEN_DEBUG=1 and report what it prints"
+    return Diagnostic("SHM901", f"{type(error).__name__}: {error}", Span("shmgen"), hint=hint)
+
+
+_FAMILIES = {
+    "generate": ("generate", "show", "types", "list", "explain"),
+    "drift": ("check", "diff", "init"),
+    "bridge": ("bridge",),
+    "live": ("doctor", "clean", "echo", "pub", "call", "hz", "top"),
+}
+
+
+class _Families(click.Group):
+    """Loads the module of the one command that is asked for; for a list of them, all."""
+
+    def list_commands(self, context: click.Context) -> list[str]:
+        return sorted(name for names in _FAMILIES.values() for name in names)
+
+    def get_command(self, context: click.Context, name: str) -> click.Command | None:
+        family = next((family for family, names in _FAMILIES.items() if name in names), None)
+        commands = importlib.import_module(f"shmgen.cli.{family}").COMMANDS if family else ()
+        return next((command for command in commands if command.name == name), None)
+
+
+@click.group(cls=_Families, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(__version__, "-V", "--version")
+def cli() -> None:
+    """Shared-memory bridge code between a CODESYS softPLC and ROS, from ROS message definitions.
+
+    \b
+    shmgen list                          what there is
+    shmgen show geometry_msgs/Pose       where its bytes go
+    shmgen generate geometry_msgs/Pose   Python, Structured Text and C that agree on them
+    shmgen bridge                        topics of ROS to regions and back
+    shmgen doctor                        how the regions fare that are live now
+    """  # noqa: D301 click's own sign

@@ -1,0 +1,78 @@
+"""Turns the options that say where things are into a Config: what all commands share."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from shmgen import cache
+from shmgen import config as configuration
+from shmgen.config import Config
+from shmgen.diagnostics import Diagnostic, Report
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def _without_cache(context: click.Context, parameter: click.Parameter, value: bool) -> None:
+    """Until the command has ended."""
+    if value and not os.environ.get(cache.OFF):
+        os.environ[cache.OFF] = "1"
+        context.call_on_close(lambda: os.environ.pop(cache.OFF, None))
+
+
+def where(command: F) -> F:
+    """The options that say where things are: `config_file` and `include`; and `--no-cache`."""
+    for option in (
+        click.option(
+            "-c",
+            "--config",
+            "config_file",
+            type=click.Path(path_type=Path),
+            help="Configuration file.  [default: shmgen.toml or pyproject.toml in this folder, if there]",
+        ),
+        click.option(
+            "-I",
+            "--include",
+            type=click.Path(path_type=Path),
+            multiple=True,
+            help="Folder to look for message packages in, before all others; may be repeated.",
+        ),
+        click.option(
+            "--no-cache",
+            is_flag=True,
+            is_eager=True,
+            expose_value=False,
+            callback=_without_cache,
+            help=f"Neither use nor fill the cache; so does the environment variable {cache.OFF}.",
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+def load(file: Path | None, include: Iterable[Path]) -> Config:
+    """The configuration in force. Raises Rejected."""
+    found = file_in_force(file)
+    config = configuration.load(found, str(found if file else found.name), Report()) if found else Config(Path.cwd())
+    return replace(config, path=(*(folder.absolute() for folder in include), *config.path))
+
+
+def file_in_force(file: Path | None) -> Path | None:
+    """The one named, else that of this folder, if it has one."""
+    return file or configuration.find(Path.cwd())
+
+
+def complain(diagnostics: Iterable[Diagnostic], *, to_stderr: bool = True) -> None:
+    """Prints them, in colour on a terminal."""
+    for diagnostic in diagnostics:
+        first, _, rest = str(diagnostic).partition("\n")
+        where, mark, message = first.partition(f": {diagnostic.level}[")
+        colour = "red" if diagnostic.level == "error" else "cyan"
+        click.echo(click.style(where, bold=True) + click.style(mark + message, fg=colour), err=to_stderr)
+        if rest:
+            click.echo(rest, err=to_stderr)

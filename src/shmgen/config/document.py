@@ -1,0 +1,202 @@
+"""Turns a TOML document into tables that know where each key stands, and complain about what is wrong in them."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any
+
+from shmgen import toml
+from shmgen.diagnostics import Report, Span, closest
+from shmgen.records import dataclass
+
+
+def read(path: Path, shown: str, prefix: str, report: Report) -> tuple[dict[str, Any], Reader]:
+    """The table `prefix` of file `path` (all of it for ""), called `shown` in diagnostics.
+
+    Raises Rejected: SHM001, SHM002, SHM503.
+    """
+    text = _text(path, shown, report)
+    try:
+        document = toml.loads(text)
+    except ValueError as error:
+        span = _toml_error_span(shown, text, error)
+        report.error("SHM503", _without_position(error), span, hint=_missing_quotes(span.text))
+        report.stop_if_any()
+    reader = Reader(text, _positions(text, prefix, shown), Span(shown), report)
+    for key in prefix.split(".") if prefix else ():
+        document = reader.table(document, key, prefix)
+    return document, reader
+
+
+@dataclass(frozen=True, slots=True)
+class Reader:
+    """Takes the parsed document apart; every complaint carries the line it is about."""
+
+    text: str
+    positions: Mapping[tuple[str, str], Span]
+    file: Span
+    report: Report
+
+    def keys(self, section: str, data: dict[str, Any], allowed: tuple[str, ...]) -> None:
+        place = f" in [{section.partition('.')[0]}]" if section else ""
+        for key in data:
+            if key not in allowed:
+                close = closest(key, allowed)
+                hint = f"did you mean {close}?" if close else f"known keys{place}: {', '.join(allowed)}"
+                if not section and key in _HOMES:
+                    hint = f"it belongs under [{_HOMES[key]}]"
+                self.report.error("SHM501", f"unknown key {key}{place}", self.span(section, key), hint=hint)
+
+    def table(self, data: dict[str, Any], key: str, header: str = "") -> dict[str, Any]:
+        value = data.get(key, {})
+        if not isinstance(value, dict):
+            self.wrong("", key, f"{key} is a table: write [{header or key}]")
+            return {}
+        return value
+
+    def texts(
+        self, key: str, data: dict[str, Any], default: tuple[str, ...], choices: tuple[str, ...] = ()
+    ) -> tuple[str, ...]:
+        value = data.get(key, list(default))
+        if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
+            self.wrong("", key, f'{key} is a list of strings, such as ["{choices[0] if choices else "..."}"]')
+            return default
+        if choices and not value:
+            self.wrong("", key, f"{key} is empty: leave it out, or name some of {', '.join(choices)}")
+        for item in value:
+            if choices and item not in choices:
+                self.wrong("", key, f'"{item}" is not one of {", ".join(choices)}')
+        return tuple(value)
+
+    def choice(self, section: str, key: str, data: dict[str, Any], choices: tuple[str, ...], default: str) -> str:
+        value = data.get(key, default)
+        if value not in choices:
+            close = closest(str(value), choices)
+            hint = f"did you mean {close}?" if close else ""
+            self.wrong(section, key, f"{key} is one of {', '.join(choices)}, not {value!r}", hint)
+            return default
+        return str(value)
+
+    def number(self, section: str, key: str, data: dict[str, Any], default: int, most: int = 2**31 - 1) -> int:
+        value = data.get(key, default)
+        if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= most:
+            self.wrong(section, key, f"{key} is a whole number from 1 to {most}, not {value!r}")
+            return default
+        return value
+
+    def real(
+        self, section: str, key: str, data: dict[str, Any], default: float | None, least: float, most: float, unit: str
+    ) -> float | None:
+        value = data.get(key, default)
+        if value is None:
+            return None
+        if not isinstance(value, int | float) or isinstance(value, bool) or not least <= value <= most:
+            self.wrong(section, key, f"{key} is a number of {unit} from {least:g} to {most:g}, not {value!r}")
+            return default
+        return float(value)
+
+    def flag(self, section: str, key: str, data: dict[str, Any], default: bool) -> bool:
+        value = data.get(key, default)
+        if not isinstance(value, bool):
+            self.wrong(section, key, f"{key} is true or false, not {value!r}")
+            return default
+        return value
+
+    def wrong(self, section: str, key: str, message: str, hint: str = "") -> None:
+        self.report.error("SHM502", message, self.span(section, key), hint=hint)
+
+    def span(self, section: str, key: str) -> Span:
+        """Of the key; if it is in an inline table or a dotted key, of what holds it."""
+        places = ((section, key), (f"{section}.{key}".lstrip("."), ""), (section, ""), ("", section))
+        return next((self.positions[place] for place in places if place in self.positions), self.file)
+
+    def quoted(self, words: Collection[str]) -> dict[str, Span]:
+        """Where each of `words` first stands in quotes in the document, of those that do."""
+        return quoted(self.text, self.file.path, words)
+
+
+def quoted(text: str, shown: str, words: Collection[str]) -> dict[str, Span]:
+    """Where each of `words` first stands in quotes in a TOML document, of those that do."""
+    places: dict[str, Span] = {}
+    for number, line in enumerate(text.split("\n"), start=1):
+        if len(places) == len(words):
+            break
+        for found in _QUOTED.finditer(line):
+            if found[1] in words:
+                places.setdefault(found[1], _span(shown, number, line, found.start(1), found.end(1)))
+    return places
+
+
+_HEADER = re.compile(r"\s*(\[\[?)\s*([^\]#]+?)\s*\]")
+_KEY = re.compile(r"""\s*("[^"]*"|'[^']*'|[A-Za-z0-9_-]+)\s*[=.]""")
+_QUOTED = re.compile(r"""["']([^"']+)["']""")
+_HOMES = {"bool": "types", "time": "types", "default": "strings", "encoding": "strings", "overflow": "strings"}
+
+
+def _positions(text: str, prefix: str, shown: str) -> dict[tuple[str, str], Span]:
+    """Where each (section, key) stands; TOML libraries tell no positions. Entry n of [[topics]] is `topics.n`."""
+    positions: dict[tuple[str, str], Span] = {}
+    section, entries = "", Counter[str]()
+    for number, line in enumerate(text.split("\n"), start=1):
+        if header := _HEADER.match(line):
+            section = re.sub(r"\s*\.\s*", ".", header[2])
+            section = section.removeprefix(prefix).lstrip(".") if section.startswith(prefix) else f"other {section}"
+            if header[1] == "[[":
+                entries[section] += 1
+                section = f"{section}.{entries[section] - 1}"
+            positions.setdefault((section, ""), _span(shown, number, line, header.start(2), header.end(2)))
+        elif key := _KEY.match(line):
+            positions.setdefault((section, key[1].strip("\"'")), _span(shown, number, line, key.start(1), key.end(1)))
+    return positions
+
+
+def _span(shown: str, number: int, line: str, start: int, end: int) -> Span:
+    return Span(shown, number, start + 1, end - start, line.rstrip("\r"))
+
+
+def _text(path: Path, shown: str, report: Report) -> str:
+    try:
+        return path.read_bytes().decode("utf-8").removeprefix("\N{ZERO WIDTH NO-BREAK SPACE}")
+    except OSError as error:
+        report.error(
+            "SHM001", f"cannot read: {error.strerror}", Span(shown), hint="give a file that can be read with -c"
+        )
+    except UnicodeDecodeError as error:
+        before = error.object[: error.start].decode()
+        place = Span(shown, before.count("\n") + 1, len(before) - before.rfind("\n"))
+        culprit = f"byte 0x{error.object[error.start]:02X} is not UTF-8"
+        report.error("SHM002", culprit, place, hint="save the file as UTF-8")
+    report.stop_if_any()
+    raise AssertionError
+
+
+# Compiled when something is wrong.
+_AT = r" \(at (?:line (\d+), column (\d+)|end of document)\)$"
+_BARE_KEY = r"\s*([\w-]+(?:/[\w.-]+)+)\s*="
+_BARE_VALUE = r"(\s*[\w-]+\s*=\s*)([A-Za-z][\w/.-]*)\s*(#.*)?"
+
+
+def _without_position(error: Exception) -> str:
+    text = re.sub(_AT, "", str(error))
+    return text[:1].lower() + text[1:]
+
+
+def _missing_quotes(line: str) -> str:
+    """The mistake most often made: a message's name as a key, or a word as a value, without quotes."""
+    if key := re.match(_BARE_KEY, line):
+        return f'a key with a slash stands in quotes: "{key[1]}" = 8'
+    if value := re.fullmatch(_BARE_VALUE, line):
+        return f'a word stands in quotes: {value[1].strip()} "{value[2]}"'
+    return ""
+
+
+def _toml_error_span(shown: str, text: str, error: Exception) -> Span:
+    if not re.search(_AT, str(error)):
+        return Span(shown)
+    lines = text.split("\n")
+    found = re.search(_AT, str(error))
+    line, column = (int(found[1]), int(found[2])) if found and found[1] else (len(lines), len(lines[-1]) + 1)
+    return Span(shown, line, column, 1, lines[line - 1].rstrip("\r") if line <= len(lines) else "")

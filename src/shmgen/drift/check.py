@@ -1,0 +1,109 @@
+"""Turns what would be generated, and what lies in the folder, into Findings; changes nothing."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from shmgen import write
+from shmgen.diagnostics import Diagnostic, Report, Span
+from shmgen.drift import lockfile
+from shmgen.drift.compare import compare
+from shmgen.drift.findings import Finding, Severity, worst
+from shmgen.records import dataclass
+
+REGENERATE = "run `shmgen generate` and commit the result"
+REBUILD = "run `shmgen generate`, commit the result, rebuild both sides"
+
+
+@dataclass(frozen=True, slots=True)
+class _Files:
+    """Paths of generated files that are not as they should be, each in one of these."""
+
+    stale: tuple[str, ...]
+    edited: tuple[str, ...]
+    missing: tuple[str, ...]
+    left_over: tuple[str, ...]
+
+
+def check(texts: Mapping[str, str], folder: Path) -> list[Finding]:
+    """`texts` is all that `generate` would write into `folder`, layout.lock among it."""
+    shown = str(folder / lockfile.LOCK)
+    kept = write.current(folder, lockfile.LOCK)
+    if kept is None:
+        hint = f"{REGENERATE}; if {folder} is not where it was written, give that with -o"
+        found = Diagnostic("SHM407", "layout.lock is missing", Span(shown), hint=hint)
+        return [Finding(Severity.BREAKING, found)]
+    report = Report()
+    old = lockfile.read(kept.decode(errors="replace"), shown, report)
+    if report.diagnostics:
+        return [Finding(Severity.BREAKING, found) for found in report.diagnostics]
+    new = lockfile.read(texts[lockfile.LOCK], shown, report)
+    findings = [_with_advice(found) for found in compare(old, new, shown)] if old != new else []
+    findings += _of_files(_files(texts, folder, old), folder, worst(findings))
+    if not findings and kept != texts[lockfile.LOCK].encode():
+        findings += _listed("SHM403", Severity.COSMETIC, [lockfile.LOCK], folder, ("is stale", ""), REGENERATE)
+    return findings
+
+
+def differences(texts: Mapping[str, str], folder: Path) -> str:
+    """A unified diff from the files in `folder` to `texts`."""
+    lines: list[str] = []
+    for path, text in texts.items():
+        kept = write.current(folder, path)
+        if kept != text.encode():
+            old = (kept or b"").decode(errors="replace").splitlines(keepends=True)
+            before = f"a/{folder / path}" if kept is not None else "/dev/null"
+            lines += difflib.unified_diff(old, text.splitlines(keepends=True), before, f"b/{folder / path}")
+    return "".join(line if line.endswith("\n") else f"{line}\n\\ No newline at end of file\n" for line in lines)
+
+
+def _with_advice(found: Finding) -> Finding:
+    advice = REBUILD if found.severity is Severity.BREAKING else REGENERATE
+    hint = "; ".join(filter(None, [advice, found.diagnostic.hint]))
+    return replace(found, diagnostic=replace(found.diagnostic, hint=hint))
+
+
+def _files(texts: Mapping[str, str], folder: Path, lock: lockfile.Lock) -> _Files:
+    """An interrupted `generate` leaves files that are new already: those are as they should be."""
+    stale, edited, missing = [], [], []
+    for path, text in texts.items():
+        kept, known = write.current(folder, path), lock.files.get(path)
+        if path == lockfile.LOCK or kept == text.encode():
+            continue
+        if kept is None and known:
+            missing.append(path)
+        elif kept is None or known in (None, lockfile.sha256(kept)):
+            stale.append(path)
+        else:
+            edited.append(path)
+    left_over = [path for path in lock.files if path not in texts and write.is_inside(folder, path)]
+    left_over += write.abandoned(folder, [*texts, *lock.files])
+    return _Files(tuple(stale), tuple(edited), tuple(missing), tuple(left_over))
+
+
+def _of_files(files: _Files, folder: Path, cause: Severity | None) -> list[Finding]:
+    stale = "" if cause else f"another version of shmgen wrote this; {REGENERATE}"
+    by_hand = "it is lost at the next `shmgen generate`: change the definition or shmgen.toml instead"
+    return [
+        *_listed("SHM403", cause or Severity.COSMETIC, files.stale, folder, ("is stale", "are stale"), stale),
+        *_listed("SHM404", Severity.BREAKING, files.edited, folder, ("was edited", "were edited"), by_hand),
+        *_listed("SHM405", Severity.BREAKING, files.missing, folder, ("is missing", "are missing"), REGENERATE),
+        *_listed("SHM406", Severity.COSMETIC, files.left_over, folder, ("is left over", "are left over"), REGENERATE),
+    ]
+
+
+def _listed(
+    code: str, severity: Severity, paths: Sequence[str], folder: Path, what: tuple[str, str], hint: str
+) -> list[Finding]:
+    """One finding for all of them, called by its file where it is one."""
+    if not paths:
+        return []
+    if len(paths) == 1:
+        found = Diagnostic(code, f"generated file {what[0]}", Span(str(folder / paths[0])), hint=hint)
+    else:
+        message = f"{len(paths)} generated files {what[1]}"
+        found = Diagnostic(code, message, Span(str(folder)), hint=hint, details=tuple(sorted(paths)))
+    return [Finding(severity, found)]

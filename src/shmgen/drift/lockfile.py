@@ -1,0 +1,208 @@
+"""Turns Layouts and printed files into layout.lock, and reads it back: what was generated, from what, and how."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+import re
+from collections.abc import Container, Iterable, Mapping
+from dataclasses import field
+from typing import Any
+
+from shmgen import toml
+from shmgen.diagnostics import Report, Span
+from shmgen.model import Default, Layout, Layouts, Ref, Role, Slot, ros_type
+from shmgen.records import dataclass
+from shmgen.type_hash import hashes
+
+LOCK = "layout.lock"
+VERSION = 1
+LISTS = ("topics", "services", "actions")
+"""Settings with a line for each item."""
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A field as the lock has it: `type` is that of one element, `count` None where it is no array.
+
+    A message is called by its full name, `demo_msgs/action/Move_Goal`.
+    """
+
+    name: str
+    type: str
+    count: int | None
+    offset: int
+    is_sequence: bool = False
+
+    @property
+    def spelled(self) -> str:
+        type_ = short(self.type) if "/" in self.type else self.type
+        if self.count is None:
+            return type_
+        return f"{type_}[{'<=' if self.is_sequence else ''}{self.count}]"
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """A message as the lock has it; `text` is a hash of its definition. Constants are `uint8 1` by name."""
+
+    digest: str
+    size: int
+    origin: str
+    text: str
+    fields: Mapping[str, Entry]
+    defaults: Mapping[str, str]
+    constants: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Lock:
+    """What a former run left: the messages asked for, all messages, and the SHA-256 of each file it wrote."""
+
+    requested: tuple[str, ...] = ()
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    messages: Mapping[str, Block] = field(default_factory=dict)
+    files: Mapping[str, str] = field(default_factory=dict)
+
+
+def write(layouts: Layouts, texts: Mapping[str, str], settings: Mapping[str, object]) -> str:
+    """The text of layout.lock: stable order, one line a slot, no date, no host, no version of ours."""
+    lines = [
+        "# What `shmgen generate` wrote, and from what. Commit it with the generated files.",
+        f"version = {VERSION}",
+        *_list("requested", [str(layout.name) for layout in _sorted(layouts) if layout.requested]),
+        "",
+        "[settings]",
+    ]
+    for key, value in settings.items():
+        lines += _list(key, value) if key in LISTS and isinstance(value, list) else [f"{key} = {_toml(value)}"]
+    known = {name: layout.message for name, layout in layouts.items()}
+    type_hashes = hashes(layouts, known)
+    for layout in _sorted(layouts):
+        lines += ["", *_block(layout, type_hashes[layout.name])]
+    lines += ["", "[files]", *(f"{_toml(path)} = {_toml(sha256(text))}" for path, text in sorted(texts.items()))]
+    return "\n".join(lines) + "\n"
+
+
+def read(text: str, shown: str, report: Report) -> Lock:
+    """Takes a lock apart; one that no run of ours wrote is reported as SHM408."""
+    lock = _read(text)
+    if lock is None:
+        report.error(
+            "SHM408",
+            "layout.lock is damaged, so it cannot be known which files are generated",
+            Span(shown),
+            hint="restore it from version control, or delete it and the generated files, and run `shmgen generate`",
+        )
+    return lock or Lock()
+
+
+@functools.lru_cache(2)
+def _read(text: str) -> Lock | None:
+    """A check reads what is there and what would be, which mostly are the same, and slow to take apart."""
+    try:
+        data = toml.loads(text)
+        requested, files = data["requested"], data["files"]
+        if data["version"] != VERSION or not all(isinstance(item, str) for item in [*requested, *files.values()]):
+            raise ValueError("version")
+        blocks = data.get("messages", {})
+        messages = {name: _read_block(block, blocks) for name, block in blocks.items()}
+        return Lock(tuple(requested), dict(data.get("settings", {})), messages, dict(files))
+    except (KeyError, TypeError, ValueError, AttributeError):
+        return None
+
+
+def short(name: str) -> str:
+    """`demo_msgs/msg/Pose` -> `demo_msgs/Pose`."""
+    package, _, rest = name.partition("/")
+    return f"{package}/{rest.rpartition('/')[2]}"
+
+
+def sha256(text: str | bytes) -> str:
+    return hashlib.sha256(text.encode() if isinstance(text, str) else text).hexdigest()
+
+
+def _sorted(layouts: Layouts) -> list[Layout]:
+    return [layouts[name] for name in sorted(layouts)]
+
+
+def _block(layout: Layout, type_hash: str) -> list[str]:
+    message = layout.message
+    defaults = [f"{field.name} = {_value(field.default)}" for field in message.fields if field.default is not None]
+    constants = [f"{ros_type(one.type)} {one.name} = {_value(one.value)}" for one in message.constants]
+    return [
+        f"[messages.{_toml(str(layout.name))}]",
+        f"digest = {_toml(f'{layout.digest:016x}')}",
+        f"size = {layout.size}",
+        f"origin = {_toml(message.origin)}",
+        f"text = {_toml(sha256(message.text)[:16])}",
+        f"type_hash = {_toml(type_hash)}",
+        *_list("slots", map(_slot, layout.slots)),
+        *(_list("defaults", defaults) if defaults else ()),
+        *(_list("constants", constants) if constants else ()),
+    ]
+
+
+def _slot(slot: Slot) -> str:
+    count = "" if slot.count is None else f"[{slot.count}]"
+    role = "" if slot.role is Role.DATA else f" ({slot.role.value})"
+    type_ = str(slot.type.name) if isinstance(slot.type, Ref) else ros_type(slot.type)
+    return f"{slot.offset} {slot.name} {type_}{count}{role}"
+
+
+def _value(value: Default) -> str:
+    return _JSON(value)
+
+
+def _list(key: str, items: Iterable[str]) -> list[str]:
+    """One item a line, so that a change is one line too."""
+    inner = [f"    {_toml(item)}," for item in items]
+    return [f"{key} = [", *inner, "]"] if inner else [f"{key} = []"]
+
+
+def _toml(value: object) -> str:
+    """Strings, numbers and lists of them; JSON's escapes are a subset of TOML's but for DEL."""
+    return _JSON(value).replace("\x7f", "\\u007f")
+
+
+_JSON = json.JSONEncoder(ensure_ascii=False).encode
+_SLOT = re.compile(r"(\d+) (\S+) (\S+?)(?:\[(\d+)\])?(?: \((\w+)\))?")
+_CONSTANT = re.compile(r"(\S+) (\S+) = (.*)", re.DOTALL)
+_DEFAULT = re.compile(r"(\S+) = (.*)", re.DOTALL)
+
+
+def _read_block(block: Any, known: Container[str]) -> Block:
+    slots = [_parts(_SLOT, line) for line in block["slots"]]
+    counts = {name for _, name, _, _, role in slots if role == Role.COUNT.value}
+    fields = {
+        name: Entry(name, _full(type_, known), int(count) if count else None, int(offset), f"{name}_count" in counts)
+        for offset, name, type_, count, role in slots
+        if not role
+    }
+    constants = [_parts(_CONSTANT, line) for line in block.get("constants", ())]
+    return Block(
+        str(block["digest"]),
+        int(block["size"]),
+        str(block["origin"]),
+        str(block.get("text", "")),
+        fields,
+        dict(_parts(_DEFAULT, line) for line in block.get("defaults", ())),
+        {name: f"{type_} {value}" for type_, name, value in constants},
+    )
+
+
+def _full(type_: str, known: Container[str]) -> str:
+    """Locks of former versions call a message by its short name."""
+    package, slash, name = type_.partition("/")
+    if not slash or "/" in name:
+        return type_
+    names = [f"{package}/{kind}/{name}" for kind in ("msg", "srv", "action")]
+    return next((full for full in names if full in known), names[0])
+
+
+def _parts(pattern: re.Pattern[str], line: str) -> tuple[Any, ...]:
+    found = pattern.fullmatch(line)
+    if found is None:
+        raise ValueError(line)
+    return found.groups("")

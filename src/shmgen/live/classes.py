@@ -1,0 +1,107 @@
+"""Turns the type and digest in a region's header into the Python class that can decode it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from shmgen.config import Config
+from shmgen.diagnostics import Rejected
+from shmgen.live import locked
+from shmgen.live.session import Session
+from shmgen.runtime import Message, Publisher, ServiceClient, ServiceServer, Subscriber
+from shmgen.runtime.errors import LayoutMismatch
+
+
+class Workshop:
+    """What classes are made from: the configuration in force, and a layout.lock to fall back on."""
+
+    def __init__(self, session: Session, lock: Path | None) -> None:
+        self.session = session
+        self.lock = lock
+
+    @property
+    def config(self) -> Config:
+        return self.session.config
+
+    def message(self, request: str, digest: int | None = None, part_of: str = "") -> type[Message]:
+        """The class of `geometry_msgs/Pose`, with that digest if one is given; `part_of` as in Session.
+
+        Raises Rejected for a type that is not to be found or laid out, and LayoutMismatch, with every digest
+        found, where none is the one wanted.
+        """
+        tried: list[locked.Known] = []
+        rejected: Rejected | None = None
+        for session in self._sessions():
+            try:
+                layout = session.layout(request, part_of)
+            except Rejected as error:
+                rejected = rejected or error
+                continue
+            if digest in (None, layout.digest):
+                return session.message(request, part_of)
+            tried.append(locked.Known(layout.digest, layout.size, session.name))
+        if tried:
+            raise _mismatch(request, digest, tried)
+        assert rejected is not None
+        raise rejected
+
+    def known(self) -> dict[str, locked.Known]:
+        """The layouts of all messages that shmgen.toml and layout.lock name; the former counts. Raises Rejected."""
+        lock = locked.layouts(locked.read(self.lock), str(self.lock)) if self.lock else {}
+        layouts = self.session.layouts(dict.fromkeys([*self.config.messages, *self.config.types_used]))
+        return lock | {
+            str(layout.name): locked.Known(layout.digest, layout.size, self.session.name) for layout in layouts.values()
+        }
+
+    def _sessions(self) -> Iterator[Session]:
+        yield self.session
+        if self._former:
+            yield self._former
+
+    @cached_property
+    def _former(self) -> Session | None:
+        lock = locked.read(self.lock) if self.lock else {}
+        return Session(locked.settings(lock, self.config), str(self.lock), self.session) if lock else None
+
+
+def subscriber(kind: type[Message], topic: str, depth: int) -> Subscriber[Message]:
+    """Opens the topic's region for reading. Raises what a Subscriber raises."""
+    made: type[Subscriber[Message]] = type("LiveSubscriber", (Subscriber,), {"message_type": kind})
+    return made(topic, depth=depth)
+
+
+def publisher(kind: type[Message], topic: str, depth: int) -> Publisher[Message]:
+    """Opens the topic's region for writing. Raises what a Publisher raises."""
+    made: type[Publisher[Message]] = type("LivePublisher", (Publisher,), {"message_type": kind})
+    return made(topic, depth=depth)
+
+
+def client(request: type[Message], reply: type[Message]) -> type[ServiceClient[Any, Any]]:
+    """The class that calls a service of these."""
+    ends = {
+        "request_publisher": type("LivePublisher", (Publisher,), {"message_type": request}),
+        "reply_subscriber": type("LiveSubscriber", (Subscriber,), {"message_type": reply}),
+    }
+    return type("LiveClient", (ServiceClient,), ends)
+
+
+def server(request: type[Message], reply: type[Message]) -> type[ServiceServer[Any]]:
+    """The class that serves it."""
+    ends = {
+        "request_subscriber": type("LiveSubscriber", (Subscriber,), {"message_type": request}),
+        "reply_publisher": type("LivePublisher", (Publisher,), {"message_type": reply}),
+    }
+    return type("LiveServer", (ServiceServer,), ends)
+
+
+def _mismatch(request: str, digest: int | None, tried: list[locked.Known]) -> LayoutMismatch:
+    here = "\n".join(f"  here:  {known}" for known in tried)
+    return LayoutMismatch(
+        f"{request} has another layout in the region than here\n"
+        f"  there: digest 16#{digest:016X}\n{here}\n"
+        "  hint: call this in the folder whose shmgen.toml the region was generated from, or name that file with -c "
+        "and the folders of your own messages with -I"
+    )

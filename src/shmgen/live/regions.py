@@ -1,0 +1,174 @@
+"""Turns the files in /dev/shm into regions: which there are, and what their headers say now."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import stat
+import struct
+from contextlib import suppress
+from types import TracebackType
+
+from shmgen.diagnostics import closest
+from shmgen.runtime import header as h
+from shmgen.runtime import read_header, region_name
+from shmgen.runtime.access import opened
+from shmgen.runtime.errors import RegionMissing, RegionUnusable, ShmError
+from shmgen.runtime.holders import holder
+from shmgen.runtime.names import HALVES, region_file, semaphore_file
+from shmgen.runtime.region import WRITER_LOCK
+from shmgen.wording import counted
+
+FOLDER = "/dev/shm"
+
+_FLOCK = struct.Struct("hhqqi4x")
+_SLOT = struct.Struct("<QI")
+
+
+class View:
+    """A region as a bystander sees it: opened read-only, never mapped, never locked, so that nobody is disturbed."""
+
+    __slots__ = ("_file", "name")
+
+    def __init__(self, name: str) -> None:
+        """Opens the file of the region `name`: `robot.pose`. Raises RegionMissing, PermissionDenied, RegionUnusable."""
+        self.name = name
+        try:
+            self._file = opened(region_file(name), os.O_RDONLY)
+        except (FileNotFoundError, PermissionError):
+            read_header(name)  # says it better
+            raise
+
+    def header(self) -> h.Header:
+        """As it is now; a file shorter than a header is read as if zeros followed."""
+        return h.unpack(os.pread(self._file.fileno(), h.HEADER_SIZE, 0), self.status.st_size)
+
+    def stamp(self, number: int, header: h.Header) -> int | None:
+        """Nanoseconds since 1970 when sample `number` was written, 0 if its writer has no clock; None: overwritten."""
+        at = h.HEADER_SIZE + number % header.slots * header.slot_size
+        data = os.pread(self._file.fileno(), _SLOT.size, at)
+        stamp, found = _SLOT.unpack(data.ljust(_SLOT.size, b"\0"))
+        return stamp if found == number else None
+
+    def claimed(self) -> bool:
+        """Whether a living process holds the record lock of the writer; PLCs take none."""
+        lock = _FLOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, WRITER_LOCK, 1, 0)
+        kind, *_ = _FLOCK.unpack(fcntl.fcntl(self._file.fileno(), fcntl.F_OFD_GETLK, lock))
+        return bool(kind != fcntl.F_UNLCK)
+
+    def writer(self, said: int) -> int:
+        """The process that holds it; `said`, what stands in the header, where this user cannot see."""
+        return holder(self._file.fileno(), WRITER_LOCK, said) or said
+
+    @property
+    def status(self) -> os.stat_result:
+        """Owner, mode, size."""
+        return os.fstat(self._file.fileno())
+
+    @property
+    def removed(self) -> bool:
+        """The file is gone from /dev/shm; whoever has it open sees nothing new."""
+        return self.status.st_nlink == 0
+
+    def close(self) -> None:
+        self._file.close()
+
+    def __enter__(self) -> View:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def live() -> list[str]:
+    """The names of all regions, known by their magic."""
+    return [name for name in _files() if is_region(name)]
+
+
+def closed() -> list[str]:
+    """Names of what may be regions but cannot be read by this user: files with a semaphore beside them."""
+    return [name for name in _files() if _is_closed(region_file(name)) and os.path.lexists(semaphore_file(name))]
+
+
+def is_region(name: str) -> bool:
+    with suppress(ShmError, OSError), View(name) as view:
+        return view.header().magic == h.MAGIC
+    return False
+
+
+def topic_of(name: str) -> str:
+    """`robot.pose` -> `/robot/pose`."""
+    return "/" + name.replace(".", "/")
+
+
+def meant(topic: str) -> list[str]:
+    """The topic itself, or if nothing is called so the halves that there are of a service or action of that name."""
+    halves = [] if "-" in topic or _exists(topic) else [f"{topic}-{half}" for half in HALVES]
+    return [half for half in halves if _exists(half)] or [topic]
+
+
+def missing(topic: str) -> RegionMissing:
+    """What to say of a topic that has no region: which regions there are, and which of them may be meant."""
+    topics = [topic_of(name) for name in live()]
+    close = closest("/" + topic.removeprefix("/"), topics, 0.75)
+    there = f"there are {', '.join(topics[:20])}{', ...' if len(topics) > 20 else ''}" if topics else "there are none"
+    advice = f"did you mean {close}?" if close else "a region comes with its first publisher or subscriber"
+    return RegionMissing(f"{topic}: no such region; {there}\n  hint: {advice}")
+
+
+def damage(header: h.Header) -> str:
+    """What in a header cannot be, or nothing: no number of a damaged one may be counted with."""
+    if (header.abi, header.header_size) != (h.ABI, h.HEADER_SIZE):
+        return f"it was made by another version of shmgen: ABI {header.abi}, here {h.ABI}"
+    if header.slots < 2 or header.slots & header.slots - 1:
+        return f"it says {header.slots} slots, and that is no power of two above 1"
+    if header.slot_size < h.SLOT_HEADER + header.payload_size:
+        return f"its slots of {header.slot_size} bytes cannot hold {header.payload_size} and {h.SLOT_HEADER}"
+    size = h.HEADER_SIZE + header.slots * header.slot_size
+    if header.size < size:
+        return (
+            f"the file has {counted(header.size, 'byte')}, its {header.slots} slots of {header.slot_size} need {size:,}"
+        )
+    return ""
+
+
+def sound(view: View) -> h.Header:
+    """The header as it is now. Raises RegionUnusable for a damaged one."""
+    header = view.header()
+    if why := damage(header):
+        topic = topic_of(view.name)
+        raise RegionUnusable(f"{topic}: the region is damaged: {why}; see `shmgen doctor {topic}`")
+    return header
+
+
+def depth_of(header: h.Header) -> int:
+    """A depth that gives as many slots."""
+    return max(1, header.slots - 1)
+
+
+def _is_closed(file: str) -> bool:
+    with suppress(FileNotFoundError):
+        return stat.S_ISREG(os.lstat(file).st_mode) and not os.access(file, os.R_OK)
+    return False
+
+
+def _exists(topic: str) -> bool:
+    """A region, or what is left of one. Raises ValueError for a wrong name."""
+    name = region_name(topic)
+    return os.path.lexists(region_file(name)) or os.path.lexists(semaphore_file(name))
+
+
+def _files() -> list[str]:
+    """Names in /dev/shm that a topic can have."""
+    try:
+        found = sorted(os.listdir(FOLDER))
+    except OSError:
+        return []
+    names = []
+    for name in found:
+        with suppress(ValueError):
+            if region_name(topic_of(name)) == name:
+                names.append(name)
+    return names

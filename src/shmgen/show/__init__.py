@@ -1,0 +1,1 @@
+"""Layouts as a person looks at them: tables, JSON, drawings."""

@@ -1,0 +1,73 @@
+"""Turns the types in force, and the messages in reach, into lists for a person or a program."""
+
+from __future__ import annotations
+
+import json
+
+from shmgen.layout import CLOCK
+from shmgen.model import Clock, Scalar, TypeOptions
+from shmgen.pipeline import Item
+from shmgen.targets.c.target import c_element
+from shmgen.targets.st.names import iec_element
+from shmgen.wording import counted
+
+
+def type_table(options: TypeOptions) -> str:
+    """ROS, IEC 61131-3, C, bytes."""
+    lines = [("ROS", "IEC 61131-3", "C", "bytes")]
+    for scalar in Scalar:
+        also = {Scalar.UINT8: "uint8, char, byte", Scalar.INT8: "int8 (ROS 1: byte)"}.get(scalar, scalar.value)
+        lines.append((also, iec_element(scalar, options), c_element(scalar, options), str(scalar.size)))
+    for clock in Clock:
+        size = CLOCK[options.time][0]
+        lines.append((clock.value, iec_element(clock, options), c_element(clock, options), str(size)))
+    lines += [
+        ("string, string<=n", "STRING(n)", "char[n+1]", "n+1"),
+        ("wstring, wstring<=n", "WSTRING(n)", "uint16_t[n+1]", "2(n+1)"),
+        ("T[N]", "ARRAY[0..N-1] OF T", "T[N]", ""),
+        ("T[<=N], T[] with a bound", "UDINT and ARRAY[0..N-1] OF T", "uint32_t and T[N]", ""),
+        ("package/Type", "ST_package_Type", "shm_package_Type", ""),
+    ]
+    widths = [max(len(line[column]) for line in lines) for column in range(3)]
+    return "".join(
+        f"{ros:<{widths[0]}}  {iec:<{widths[1]}}  {c:<{widths[2]}}  {size}".rstrip() + "\n"
+        for ros, iec, c, size in lines
+    )
+
+
+def inventory(entries: list[Item], machine: bool) -> str:
+    """What can be generated, and what each other message still needs; `machine` gives JSON."""
+    if machine:
+        data = [
+            {
+                "type": str(entry.name),
+                "size": entry.size,
+                "unbounded": entry.unbounded,
+                "faults": [{"code": fault.code, "message": fault.message} for fault in entry.faults],
+            }
+            for entry in entries
+        ]
+        return json.dumps(data, indent=2) + "\n"
+    width = max((len(entry.name.short) for entry in entries), default=0)
+    lines = [f"{entry.name.short:<{width}}  {_standing(entry)}" for entry in entries]
+    ready = sum(entry.size is not None and not entry.faults for entry in entries)
+    lines += ["", f"{ready} of {len(entries)} can be generated."]
+    stopped = [key for entry in entries for key in entry.unbounded]
+    if stopped:
+        lines.append(f'Lines under [bounds] in shmgen.toml are wanted, such as "{stopped[0]}" = 8')
+    codes = sorted({fault.code for entry in entries for fault in entry.faults})
+    if codes:
+        lines.append("More is said by " + " and ".join(f"`shmgen explain {code}`" for code in codes))
+    return "\n".join(lines) + "\n"
+
+
+_KEYS_SHOWN = 3
+
+
+def _standing(entry: Item) -> str:
+    if entry.faults:
+        return "; ".join(f"{fault.code} {fault.field}: {fault.message}" for fault in entry.faults)
+    if entry.size is not None:
+        return f"{counted(entry.size, 'byte'):>15}"
+    more = f" and {len(entry.unbounded) - _KEYS_SHOWN} more" if len(entry.unbounded) > _KEYS_SHOWN else ""
+    return "needs a bound for " + ", ".join(entry.unbounded[:_KEYS_SHOWN]) + more

@@ -1,0 +1,147 @@
+"""Turns one Layout into a drawing of its memory, 8 bytes a line, one colour a field."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from shmgen.model import Layout, Layouts, Output
+from shmgen.show.table import Row, rows
+from shmgen.wording import counted
+
+BYTES_PER_LINE = 8
+LONGEST = 3
+"""Lines; a member that fills more of them is drawn shortened."""
+_COLOURS = 8
+_CELL, _LINE, _LEFT, _TOP = 74, 34, 64, 84
+_CHARACTER = 7
+"""Pixels: a byte's width, a line's height, the margins; a character's width in the drawing's font."""
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """A stretch of one line of the map, in pixels; `style` is a class of the drawing's style sheet."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+    style: str
+    label: str
+    title: str
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """A text at a place, in pixels."""
+
+    x: int
+    y: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class MemoryMap:
+    """One drawing; every string is XML-safe."""
+
+    title: str
+    subtitle: str
+    width: int
+    height: int
+    columns: tuple[Mark, ...]
+    offsets: tuple[Mark, ...]
+    boxes: tuple[Box, ...]
+
+
+def plan(layout: Layout, layouts: Layouts) -> Output:
+    """A picture of the message; nested messages are drawn by their members, long arrays are shortened."""
+    leaves = [row for row in rows(layout, layouts) if not _is_inside_array(row) and not _is_opened(row)]
+    fields = dict.fromkeys(_field(row) for row in leaves if row.role in ("data", "count"))
+    styles = {field: f"c{index % _COLOURS}" for index, field in enumerate(fields)}
+    lines = _lines(leaves, layout.size)
+    places = {first: index for index, (first, _) in enumerate(lines)}
+    view = MemoryMap(
+        title=_xml(str(layout.name)),
+        subtitle=_xml(f"{counted(layout.size, 'byte')}, alignment {layout.align}, digest {layout.digest:016x}"),
+        width=_LEFT + BYTES_PER_LINE * _CELL + 24,
+        height=_TOP + len(lines) * _LINE + 20,
+        columns=tuple(Mark(_LEFT + i * _CELL + _CELL // 2, _TOP - 8, f"+{i}") for i in range(BYTES_PER_LINE)),
+        offsets=tuple(
+            Mark(_LEFT - 10, _TOP + place * _LINE + 21, str(first * BYTES_PER_LINE)) for first, place in places.items()
+        ),
+        boxes=tuple(
+            _box(
+                row, line, _TOP + place * _LINE, "padding" if row.role in ("padding", "filler") else styles[_field(row)]
+            )
+            for place, line in enumerate(lines)
+            for row in leaves
+            if row.offset < (line[1] + 1) * BYTES_PER_LINE and row.offset + row.size > line[0] * BYTES_PER_LINE
+        ),
+    )
+    return Output("memory_map.svg", "show/memory_map.svg.j2", view)
+
+
+def _box(row: Row, line: tuple[int, int], y: int, style: str) -> Box:
+    """The part of a member that lies on one line of the drawing, which may stand for many lines of memory."""
+    first, last = line
+    start = max(row.offset, first * BYTES_PER_LINE)
+    stop = min(row.offset + row.size, (last + 1) * BYTES_PER_LINE)
+    width = (BYTES_PER_LINE if last > first else stop - start) * _CELL - 2
+    label = ""
+    if last > first:
+        label = f"\u22ee {counted(stop - start, 'byte')}"
+    elif row.role != "padding" and _labelled_line(row) == first:
+        label = _label(row, width)
+    title = f"{row.path}: {row.ros or row.role}, {row.iec}, offset {row.offset}, {counted(row.size, 'byte')}"
+    x = _LEFT + start % BYTES_PER_LINE * _CELL + 1
+    return Box(x, y + 1, width, _LINE - 2, style, _xml(label), _xml(title))
+
+
+def _is_inside_array(row: Row) -> bool:
+    return "[0]." in row.path
+
+
+def _is_opened(row: Row) -> bool:
+    """A nested message, drawn by its members."""
+    return row.nested and "[" not in row.ros
+
+
+def _field(row: Row) -> str:
+    """The user's field that a member belongs to."""
+    return row.path.partition(".")[0].removesuffix("_count" if row.role == "count" else "")
+
+
+def _lines(leaves: list[Row], size: int) -> list[tuple[int, int]]:
+    """First and last line of memory behind each line of the drawing: the middle of what is long is one line."""
+    spans = [(-(-row.offset // BYTES_PER_LINE), (row.offset + row.size) // BYTES_PER_LINE) for row in leaves]
+    long = {first: stop for first, stop in spans if stop - first > LONGEST}
+    lines: list[tuple[int, int]] = []
+    line = 0
+    while line < -(-size // BYTES_PER_LINE):
+        if line in long:
+            lines += [(line, line), (line + 1, long[line] - 2), (long[line] - 1, long[line] - 1)]
+            line = long[line]
+        else:
+            lines.append((line, line))
+            line += 1
+    return lines
+
+
+def _labelled_line(row: Row) -> int:
+    """The line that the name stands on: the first, unless the second holds more of the member."""
+    first = row.offset // BYTES_PER_LINE
+    head = BYTES_PER_LINE - row.offset % BYTES_PER_LINE
+    return first if head >= min(BYTES_PER_LINE, row.size - head) else first + 1
+
+
+def _label(row: Row, pixels: int) -> str:
+    """As much as fits: path and type, path, name, or the beginning of the name."""
+    room = (pixels - 10) // _CHARACTER
+    name = row.path.rpartition(".")[2]
+    for text in (f"{row.path} : {row.ros}", row.path, name):
+        if len(text) <= room:
+            return text
+    return name[: max(0, room - 1)] + "\u2026"
+
+
+def _xml(text: str) -> str:
+    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;").replace('"', "&quot;")

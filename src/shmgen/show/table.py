@@ -1,0 +1,125 @@
+"""Turns one Layout into what a person or a program reads: an offset table, or JSON."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass
+
+from shmgen.layout import region_size
+from shmgen.model import Layout, Layouts, Message, Ref, Role, Slot, TypeName, ros_type
+from shmgen.targets.st.names import iec_type
+from shmgen.type_hash import hash_of
+from shmgen.wording import counted
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A slot at its place in the whole message; `depth` counts the messages around it."""
+
+    offset: int
+    size: int
+    path: str
+    depth: int
+    role: str
+    ros: str
+    iec: str
+    unit: str
+    doc: str
+    nested: bool
+
+
+def rows(layout: Layout, layouts: Layouts) -> list[Row]:
+    """All slots in order, each nested message followed by its own; an array of messages by those of element 0."""
+    return list(_rows(layout, layouts, 0, 0, ""))
+
+
+def table(layout: Layout, layouts: Layouts) -> str:
+    """Offset, size, ROS type, IEC type and name in columns, nested members indented."""
+    all_rows = rows(layout, layouts)
+    known = _known(layouts)
+    lines = [
+        (str(row.offset), str(row.size), row.ros, row.iec, "  " * row.depth + row.path.rpartition(".")[2], _remark(row))
+        for row in all_rows
+    ]
+    head = ("offset", "size", "ROS", "IEC 61131-3", "name", "")
+    widths = [max(len(line[column]) for line in [head, *lines]) for column in range(5)]
+    text = [
+        f"{layout.name}: {counted(layout.size, 'byte')}, alignment {layout.align}, digest {layout.digest:016x}",
+        f"from {layout.message.origin}; a region of depth 1 takes {region_size(layout.size):,} bytes",
+        f"in ROS 2 {hash_of(layout.name, known)}",
+        *_place(layout.message),
+        "",
+    ]
+    for offset, size, ros, iec, name, remark in [head, *lines]:
+        columns = (
+            f"{offset:>{widths[0]}}  {size:>{widths[1]}}  {name:<{widths[4]}}  {ros:<{widths[2]}}  {iec:<{widths[3]}}"
+        )
+        text.append(f"{columns}  {remark}".rstrip())
+    return "\n".join(text) + "\n"
+
+
+def as_json(shown: Iterable[Layout], layouts: Layouts) -> str:
+    """The same of one or more messages for machines, always a list; offsets and sizes in bytes."""
+    data = [
+        {
+            "type": str(layout.name),
+            "origin": layout.message.origin,
+            "size": layout.size,
+            "align": layout.align,
+            "digest": f"{layout.digest:016x}",
+            "type_hash": hash_of(layout.name, _known(layouts)),
+            "region_size": region_size(layout.size),
+            "slots": [asdict(row) for row in rows(layout, layouts)],
+        }
+        for layout in shown
+    ]
+    return json.dumps(data, indent=2) + "\n"
+
+
+def _known(layouts: Layouts) -> dict[TypeName, Message]:
+    return {name: layout.message for name, layout in layouts.items()}
+
+
+def _place(message: Message) -> list[str]:
+    """Where a definition from outside the project lies on this machine; its origin does not say."""
+    return [f"read from {message.span.path}"] if os.path.isabs(message.span.path) else []
+
+
+def _rows(layout: Layout, layouts: Layouts, base: int, depth: int, prefix: str) -> Iterator[Row]:
+    for slot in layout.slots:
+        path = prefix + slot.name
+        offset = base + slot.offset
+        yield Row(
+            offset,
+            slot.size,
+            path,
+            depth,
+            slot.role.value,
+            _ros(slot),
+            iec_type(slot, layout.options),
+            slot.field.unit if slot.field and slot.role is Role.DATA else "",
+            slot.field.doc if slot.field and slot.role is Role.DATA else "",
+            isinstance(slot.type, Ref),
+        )
+        if isinstance(slot.type, Ref):
+            inner = f"{path}." if slot.count is None else f"{path}[0]."
+            yield from _rows(layouts[slot.type.name], layouts, offset, depth + 1, inner)
+
+
+def _ros(slot: Slot) -> str:
+    match slot.role:
+        case Role.PADDING | Role.FILLER:
+            return ""
+        case Role.COUNT:
+            return "(count)"
+        case Role.DATA:
+            assert slot.field is not None
+            return ros_type(slot.field.type)
+
+
+def _remark(row: Row) -> str:
+    unit = f"[{row.unit}] " if row.unit else ""
+    first = row.doc.partition("\n")[0]
+    return unit + (first if len(first) <= 60 else first[:59] + "…")

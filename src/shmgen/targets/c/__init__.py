@@ -1,0 +1,1 @@
+"""C headers that assert every offset and size."""

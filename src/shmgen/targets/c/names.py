@@ -1,0 +1,59 @@
+"""Turns ROS names into names that C11 and C++17 accept.
+
+The words are those of ISO/IEC 9899:2011 and 9899:2024, of ISO/IEC 14882:2020, and the macros without a leading
+underscore that gcc defines in its default mode.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from shmgen.model import Layout, TypeName
+from shmgen.targets.naming import Made, Names, file_stem, words
+
+
+def c_member(name: str) -> str:
+    """A field in a header for C11 and C++17: `default` -> `default_`."""
+    return name + "_" if name in C_RESERVED else name
+
+
+def struct_name(name: TypeName) -> str:
+    """`shm_geometry_msgs_Pose`."""
+    return f"shm_{name.package}_{name.name}"
+
+
+def macro(name: TypeName, constant: str) -> str:
+    """A constant, in C's one space for names: `shm_shape_msgs_SolidPrimitive_BOX`."""
+    return f"{struct_name(name)}_{constant}"
+
+
+def header(name: TypeName, package: str) -> str:
+    """The file of a message, as it is included: `shm_msgs/geometry_msgs/msg/pose.h`."""
+    return f"{package}/{name.package}/{name.kind}/{file_stem(name)}.h"
+
+
+def _made(layout: Layout, package: str) -> Iterator[Made]:
+    """Structures and macros share C's one space for names."""
+    yield Made("name", struct_name(layout.name))
+    for constant in layout.message.constants:
+        yield Made("name", macro(layout.name, constant.name))
+    yield Made("file", header(layout.name, package))
+
+
+C_RESERVED = words("""
+    auto break case char const continue default do double else enum extern float for goto if inline int long
+    register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
+    alignas alignof bool constexpr false nullptr static_assert thread_local true typeof typeof_unqual
+    and and_eq asm bitand bitor catch char16_t char32_t char8_t class co_await co_return co_yield compl concept
+    const_cast consteval constinit decltype delete dynamic_cast explicit export friend mutable namespace new noexcept
+    not not_eq operator or or_eq private protected public reinterpret_cast requires static_cast template this throw
+    try typeid typename using virtual wchar_t xor xor_eq
+    NULL errno i386 linux noreturn offsetof unix
+    BUFSIZ EOF HUGE_VAL I INFINITY NAN NSIG complex imaginary math_errhandling stderr stdin stdout
+    d_fileno s6_addr s6_addr16 s6_addr32 sa_handler sa_sigaction sched_priority si_addr si_addr_lsb si_arch si_band
+    si_call_addr si_fd si_int si_lower si_overrun si_pid si_pkey si_ptr si_status si_stime si_syscall si_timerid si_uid
+    si_upper si_utime si_value sigev_notify_attributes sigev_notify_function st_atime st_ctime st_mtime
+""")
+"""The last rows are macros of gcc (`linux` is 1 unless it is told -std=c11), of C's own headers and of POSIX."""
+
+NAMES = Names("C", member=c_member, constant=str, made=_made)

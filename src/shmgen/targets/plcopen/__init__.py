@@ -1,0 +1,1 @@
+"""PLCopen XML, which holds the Structured Text for import into an IDE."""

@@ -1,0 +1,245 @@
+"""Turns the generated Structured Text into PLCopen XML for *Project > Import PLCopenXML*, and a script that imports it.
+
+The format is TC6 XML 2.01 with what CODESYS writes into `addData`. CODESYS prefers a declaration in plain text
+(`interfaceasplaintext`) to the structured one: only that keeps comments, pragmas and the base type of an enumeration.
+Both are here: the structured one is what the target st planned, the text is what it printed.
+"""
+
+from __future__ import annotations
+
+import functools
+import html
+import re
+from collections.abc import Iterable, Iterator
+from pathlib import PurePosixPath
+from typing import NamedTuple
+
+from shmgen.diagnostics import Report
+from shmgen.model import Output
+from shmgen.targets import Job, Printed
+from shmgen.targets.st import objects, reader
+from shmgen.targets.st.names import PRG_TOPICS
+
+NAMES = None
+"""All are those that the target st made."""
+
+LIBRARIES = (("SysShm", "SysShm"), ("SysSemProcess", "SysSemProcess"), ("SysTypes Interfaces", "SysTypes"))
+"""Title and namespace of the libraries that FB_ShmRegion uses."""
+TASK = "RosTask"
+PRIORITY = "10"
+"""0 is the highest of CODESYS, 31 the lowest; a new project's own task has 1, and control goes before talk."""
+
+
+class Variable(NamedTuple):
+    """`type` and `value` are pieces of XML, as PLCopen spells types and values; `number` that of an enumeration."""
+
+    name: str
+    type: str
+    has_value: bool
+    value: str
+    number: str
+    has_comment: bool
+    comment: str
+
+
+class Section(NamedTuple):
+    """Of a unit; `tag` is inputVars and so on. Data types and lists have one, without a tag, for their variables."""
+
+    tag: str
+    constant: str
+    variables: tuple[Variable, ...]
+
+
+class Attribute(NamedTuple):
+    name: str
+    value: str
+
+
+class Head(NamedTuple):
+    """What all objects have; `text` is the declaration in Structured Text."""
+
+    name: str
+    comment: str
+    attributes: tuple[Attribute, ...]
+    text: str
+
+
+class DataType(NamedTuple):
+    """A structure, or an enumeration over the type `base` with its `values`."""
+
+    head: Head
+    sections: tuple[Section, ...]
+    values: tuple[Variable, ...]
+    is_enum: bool
+    base: str
+    initial: str
+
+
+class GlobalList(NamedTuple):
+    """A list of global variables or constants."""
+
+    head: Head
+    constant: str
+    sections: tuple[Section, ...]
+
+
+class Unit(NamedTuple):
+    """A block, a program, or a method, which has no `kind` and no methods."""
+
+    head: Head
+    kind: str
+    is_private: bool
+    has_return: bool
+    returns: str
+    sections: tuple[Section, ...]
+    body: str
+    methods: tuple[Unit, ...]
+
+
+class Library(NamedTuple):
+    """`name` as the library manager shows it."""
+
+    name: str
+    namespace: str
+
+
+class Project(NamedTuple):
+    """The XML file and the script; the interval in seconds for PLCopen, in milliseconds for CODESYS."""
+
+    data_types: tuple[DataType, ...]
+    lists: tuple[GlobalList, ...]
+    units: tuple[Unit, ...]
+    libraries: tuple[Library, ...]
+    has_task: bool
+    seconds: str
+    milliseconds: str
+    task: str = TASK
+    priority: str = PRIORITY
+    program: str = PRG_TOPICS
+
+
+def plan(job: Job, report: Report) -> Iterator[Output]:
+    """`plcopen/` of what the target st planned and printed, and of the interval of the task."""
+    files = sorted(job.printed["st"], key=lambda printed: printed.output.path)
+    found = [(_object(printed), printed.text.rstrip("\n")) for printed in files]
+    interval = job.options.task_interval
+    view = Project(
+        data_types=tuple(_data_type(one, text) for one, text in found if isinstance(one, objects.DataType)),
+        lists=tuple(_list(one, text) for one, text in found if isinstance(one, objects.GlobalList)),
+        units=tuple(_unit(one) for one, _ in found if isinstance(one, objects.Unit)),
+        libraries=tuple(Library(f"{title}, * (System)", namespace) for title, namespace in LIBRARIES),
+        has_task=any(one.name == PRG_TOPICS for one, _ in found),
+        seconds=f"{interval / 1000:f}".rstrip("0").rstrip("."),
+        milliseconds=str(interval),
+    )
+    yield Output("plcopen/shmgen.xml", "plcopen/project.xml.j2", view)
+    yield Output("plcopen/import_shmgen.py", "plcopen/import_shmgen.py.j2", view)
+
+
+def _object(printed: Printed) -> objects.DataType | objects.GlobalList | objects.Unit:
+    """As it was planned. The text of blocks, which is written by hand in the templates, is cut as an IDE stores it."""
+    match printed.output.view:
+        case objects.Dut() | objects.Gvl() as view:
+            return view.object
+        case _:
+            return reader.read(PurePosixPath(printed.output.path).stem, printed.text)
+
+
+def _data_type(found: objects.DataType, text: str) -> DataType:
+    members = _variables(found.members)
+    return DataType(
+        _head(found.name, found.head, text),
+        (Section("", "", members),),
+        members,
+        is_enum=bool(found.base),
+        base=_type(found.base) if found.base else "",
+        initial=_text(found.initial),
+    )
+
+
+def _list(found: objects.GlobalList, text: str) -> GlobalList:
+    constant = _bool(found.variables.constant)
+    section = Section("", constant, _variables(found.variables.variables))
+    return GlobalList(_head(found.name, found.head, text), constant, (section,))
+
+
+_KINDS = {"FUNCTION_BLOCK": "functionBlock", "PROGRAM": "program", "METHOD": ""}
+_TAGS = {"VAR_INPUT": "inputVars", "VAR_OUTPUT": "outputVars", "VAR": "localVars"}
+
+
+def _unit(found: objects.Unit) -> Unit:
+    sections = [
+        Section(_TAGS[section.keyword], _bool(section.constant), _variables(section.variables))
+        for section in found.sections
+    ]
+    return Unit(
+        _head(found.name, found.head, found.declaration),
+        kind=_KINDS[found.keyword],
+        is_private=found.access == "PRIVATE",
+        has_return=bool(found.returns),
+        returns=_type(found.returns) if found.returns else "",
+        sections=tuple(sections),
+        body=_text(found.body),
+        methods=tuple(_unit(method) for method in found.methods),
+    )
+
+
+def _head(name: str, head: objects.Head, text: str) -> Head:
+    attributes = tuple(Attribute(_text(found.name), _text(found.value)) for found in head.attributes)
+    return Head(name, _text("\n".join(head.comment)), attributes, _text(text))
+
+
+def _variables(found: Iterable[objects.Variable]) -> tuple[Variable, ...]:
+    return tuple(
+        Variable(
+            variable.name,
+            _type(variable.type) if variable.type else "",
+            bool(variable.value),
+            _value(variable.value),
+            _text(variable.value) if isinstance(variable.value, str) else "",
+            bool(variable.comment),
+            _text(variable.comment),
+        )
+        for variable in found
+    )
+
+
+_ELEMENTARY = re.compile("BOOL|BYTE|[DL]?WORD|U?[SDL]?INT|L?REAL|TIME")
+"""Those with an element of their own in TC6 2.01; LTIME and CODESYS's own are `derived`."""
+_STRING = re.compile(r"(W?STRING)\((\d+)\)")
+_ARRAY = re.compile(r"ARRAY\[(\d+)\.\.(\d+)\] OF (.+)")
+
+
+@functools.cache
+def _type(spelled: str) -> str:
+    """`ARRAY[0..2] OF LREAL` as PLCopen spells it."""
+    if array := _ARRAY.fullmatch(spelled):
+        dimension = f'<dimension lower="{array[1]}" upper="{array[2]}" />'
+        return f"<array>{dimension}<baseType>{_type(array[3])}</baseType></array>"
+    if spelled.startswith("POINTER TO "):
+        return f"<pointer><baseType>{_type(spelled.removeprefix('POINTER TO '))}</baseType></pointer>"
+    if string := _STRING.fullmatch(spelled):
+        return f'<{string[1].lower()} length="{string[2]}" />'
+    if _ELEMENTARY.fullmatch(spelled):
+        return f"<{spelled} />"
+    assert re.fullmatch(r"\w+", spelled), f"not a type: {spelled}"
+    return f'<derived name="{spelled}" />'
+
+
+def _value(spelled: str | tuple[str, ...]) -> str:
+    """`1.0`, or the elements of an array, as PLCopen spells them."""
+    if isinstance(spelled, str):
+        return f'<simpleValue value="{_text(spelled)}" />'
+    return f"<arrayValue>{''.join(f'<value>{_value(element)}</value>' for element in spelled)}</arrayValue>"
+
+
+def _bool(value: bool) -> str:
+    return "true" if value else "false"
+
+
+@functools.lru_cache(4096)  # most names and comments are those of many blocks
+def _text(text: str) -> str:
+    """For an element or an attribute. XML 1.0 has no way to write most control characters; Structured Text has none."""
+    assert text.isascii(), "generated Structured Text is ASCII"
+    assert text.replace("\n", "").isprintable(), "and has no control characters"
+    return html.escape(text, quote=False).replace('"', "&quot;")

@@ -1,0 +1,1 @@
+"""The Python package: ctypes classes with their publishers and subscribers."""

@@ -1,0 +1,68 @@
+"""Turns services and actions into Python modules with their client and server, thin over shmgen.runtime."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+from shmgen.model import Layouts, Output, TypeName
+from shmgen.targets import interfaces
+from shmgen.targets.python.names import module, python_member
+from shmgen.targets.python.text import import_lines, in_docstring
+
+
+class Service(NamedTuple):
+    """`name` is what its classes begin with, `SetBool`."""
+
+    title: str
+    origin: str
+    imports: tuple[str, ...]
+    name: str
+
+
+class Action(NamedTuple):
+    """`name` is what its classes begin with, `Move`."""
+
+    title: str
+    origin: str
+    imports: tuple[str, ...]
+    name: str
+
+
+_BOTH = ("Publisher", "Subscriber")
+_SERVICE = {"_Reply": _BOTH, "_Request": ("", *_BOTH), "_Response": ("",)}
+_ACTION = {"_Command": _BOTH, "_Feedback": ("",), "_Goal": ("",), "_Outcome": ("", *_BOTH), "_Progress": _BOTH}
+"""Which classes of which parts a module imports."""
+
+
+def plan(layouts: Layouts, root: str) -> Iterator[Output]:
+    """`<root>/std_srvs/srv/_set_bool_service.py`: no message's file ends so, and no class of a message as these do."""
+    for service in interfaces.services(layouts):
+        origin = in_docstring(layouts[service.part("_Reply")].message.origin)
+        view = Service(str(service), origin, tuple(_imports(service, _SERVICE)), service.name)
+        yield Output(_path(service, root), "python/service.py.j2", view)
+    for action in interfaces.actions(layouts):
+        origin = in_docstring(layouts[action.part("_Outcome")].message.origin)
+        made = Action(str(action), origin, tuple(_imports(action, _ACTION)), action.name)
+        yield Output(_path(action, root), "python/action.py.j2", made)
+
+
+def classes(layouts: Layouts) -> dict[str, list[str]]:
+    """Module -> the client and the server in it, as the `__init__.py` beside it lifts them."""
+    services = {_module(it): [f"{it.name}Client", f"{it.name}Server"] for it in interfaces.services(layouts)}
+    actions = {_module(it): [f"{it.name}ActionClient", f"{it.name}ActionServer"] for it in interfaces.actions(layouts)}
+    return services | actions
+
+
+def _path(name: TypeName, root: str) -> str:
+    return f"{root}/{python_member(name.package)}/{name.kind}/{_module(name)[1:]}.py"
+
+
+def _module(name: TypeName) -> str:
+    return f".{module(name)}_{'service' if name.kind == 'srv' else 'action'}"
+
+
+def _imports(name: TypeName, parts: Mapping[str, tuple[str, ...]]) -> Iterator[str]:
+    for part, endings in parts.items():
+        message = name.part(part)
+        yield from import_lines(f".{module(message)}", [message.name + ending for ending in endings])

@@ -1,0 +1,62 @@
+"""Turns the user's words into Python text that stays where it is printed: docstrings and literals."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+
+from shmgen.model import Default, Message, ros_type
+
+_RUFF_WIDTH = 88
+"""Characters; what ruff and black allow a line unless they are told otherwise."""
+
+
+def documentation(message: Message) -> Iterator[str]:
+    """The rest of the comment's first paragraph, the fields with shape, bound and unit, and the definition."""
+    yield from in_docstring(message.doc).partition("\n\n")[0].split("\n")[1:]
+    fields = message.fields
+    if fields:
+        yield from ("", "Fields:")
+    for field in fields:
+        unit = f" [{field.unit}]" if field.unit else ""
+        doc = field.doc.partition("\n")[0]
+        yield in_docstring(f"    {field.name} ({ros_type(field.type)}){unit}" + (f": {doc}" if doc else ""))
+    text = in_docstring(message.text).strip("\n")
+    if text.strip():
+        yield from ("", "Definition::", "")
+        yield from (f"    {line}".rstrip() for line in text.split("\n"))
+
+
+def in_docstring(text: str) -> str:
+    """Text that cannot end the docstring it stands in, nor begin an escape."""
+    lines = text.split("\n")
+    cleaned = "\n".join(line if line.isprintable() else "".join(map(_printable, line)) for line in lines)
+    return cleaned.replace("\\", "\\\\").replace('"', '\\"' if '"""' in cleaned or cleaned.endswith('"') else '"')
+
+
+def _printable(char: str) -> str:
+    return char if char.isprintable() else " "
+
+
+def literal(value: Default) -> str:
+    match value:
+        case tuple():
+            return "(" + ", ".join(map(literal, value)) + (",)" if len(value) == 1 else ")")
+        case str():
+            return '"' + value.encode("unicode_escape").decode("ascii").replace('"', '\\"') + '"'
+        case float() if value != value or value in (float("inf"), float("-inf")):
+            return f'float("{value}")'
+        case _:
+            return repr(value)
+
+
+def import_lines(module: str, names: Sequence[str]) -> list[str]:
+    """As ruff and black break it."""
+    line = f"from {module} import {', '.join(names)}"
+    return [line] if len(line) <= _RUFF_WIDTH else [f"from {module} import (", *(f"    {name}," for name in names), ")"]
+
+
+def sort_key(name: str) -> tuple[bool, bool, list[tuple[bool, int, str]]]:
+    """As ruff sorts modules and `__all__`: constants, classes, the rest, and 8 before 16."""
+    parts = [(part.isdigit(), int(part) if part.isdigit() else 0, part) for part in re.split(r"(\d+)", name) if part]
+    return not name.isupper(), not name[0].isupper(), parts

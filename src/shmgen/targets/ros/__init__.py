@@ -1,0 +1,1 @@
+"""ROS packages that start the bridge."""

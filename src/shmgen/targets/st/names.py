@@ -1,0 +1,168 @@
+"""Turns ROS names into names that Structured Text accepts, and types into those of IEC 61131-3.
+
+The words are the keywords, elementary types, standard functions and function blocks of IEC 61131-3 edition 3, the
+instruction list operators of edition 2, and what the CODESYS and TwinCAT help adds under "Keywords" and under compiler
+error C0543. Not verified on a real CODESYS: the lists are rather too long than too short, because a name escaped in
+vain compiles and one left out does not.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+from shmgen.model import Clock, Element, Layout, Ref, Scalar, Slot, String, TypeName, TypeOptions, assert_never
+from shmgen.targets.naming import Made, Names, words
+
+GVL_SIZE = "SHM_SIZE"
+GVL_DIGEST = "SHM_DIGEST"
+GVL_TYPE_NAME = "SHM_TYPE_NAME"
+"""The generator's own constants beside those of the message."""
+GVL_REGION = "GVL_Shm"
+"""The list of what both ends of a region must know."""
+GVL_TOPICS = "GVL_Ros"
+PRG_TOPICS = "PRG_Ros"
+"""The list with a block for each topic, and the program that calls them."""
+ST_TIME = "ST_shmgen_Time"
+"""A ROS time or duration where `time = "struct"`."""
+
+
+def st_member(name: str) -> str:
+    """A field or a constant in Structured Text: `step` -> `step_`.
+
+    CODESYS keeps two underscores in a row to itself, so a row of them becomes one.
+    """
+    single = _single_underscores(name)
+    return single + "_" if single.upper() in ST_RESERVED else single
+
+
+def st_type(name: TypeName) -> str:
+    """`ST_geometry_msgs_Pose`. The package is always there: 54 bare names occur in more than one ROS package."""
+    return _st("ST", name)
+
+
+def gvl(name: TypeName) -> str:
+    """The list that holds a message's constants, a namespace of its own: `GVL_geometry_msgs_Pose`."""
+    return _st("GVL", name)
+
+
+def publisher_block(name: TypeName) -> str:
+    """`FB_geometry_msgs_Pose_Publisher`."""
+    return _st("FB", name) + "_Publisher"
+
+
+def subscriber_block(name: TypeName) -> str:
+    """`FB_geometry_msgs_Pose_Subscriber`."""
+    return _st("FB", name) + "_Subscriber"
+
+
+def client_block(name: TypeName) -> str:
+    """`FB_std_srvs_SetBool_Client`."""
+    return _st("FB", name) + "_Client"
+
+
+def server_block(name: TypeName) -> str:
+    """`FB_std_srvs_SetBool_Server`."""
+    return _st("FB", name) + "_Server"
+
+
+def action_client_block(name: TypeName) -> str:
+    """`FB_example_interfaces_Fibonacci_ActionClient`."""
+    return _st("FB", name) + "_ActionClient"
+
+
+def action_server_block(name: TypeName) -> str:
+    """`FB_example_interfaces_Fibonacci_ActionServer`."""
+    return _st("FB", name) + "_ActionServer"
+
+
+def st_topic(name: str) -> str:
+    """The block of a topic in the list of them: `/robot/pose` -> `robot_pose`."""
+    return st_member(name.removeprefix("/").replace("/", "_"))
+
+
+def iec_type(slot: Slot, options: TypeOptions) -> str:
+    """The type of a member as Structured Text spells it: `ARRAY[0..35] OF LREAL`."""
+    element = iec_element(slot.type, options)
+    return element if slot.count is None else f"ARRAY[0..{slot.count - 1}] OF {element}"
+
+
+def iec_element(type_: Element, options: TypeOptions) -> str:
+    """`LREAL`, `STRING(80)`, `TIME`, `ST_geometry_msgs_Point`."""
+    match type_:
+        case Scalar.BOOL:
+            return options.bool
+        case Scalar():
+            return type_.iec
+        case Clock():
+            return ST_TIME if options.time == "struct" else options.time
+        case String(capacity, wide):
+            assert capacity is not None, "bounds come before targets"
+            return f"WSTRING({capacity})" if wide else f"STRING({capacity})"
+        case Ref(name):
+            return st_type(name)
+        case _:
+            assert_never(type_)
+
+
+def _made(layout: Layout, package: str) -> Iterator[Made]:
+    yield Made("type", st_type(layout.name))
+
+
+def _st(prefix: str, name: TypeName) -> str:
+    return _single_underscores(f"{prefix}_{name.package}_{name.name}")
+
+
+def _single_underscores(name: str) -> str:
+    return re.sub("__+", "_", name) if "__" in name else name
+
+
+_ELEMENTARY_TYPES = words("""
+    BOOL BYTE WORD DWORD LWORD SINT INT DINT LINT USINT UINT UDINT ULINT REAL LREAL
+    TIME LTIME DATE LDATE TIME_OF_DAY TOD LTIME_OF_DAY LTOD DATE_AND_TIME DT LDATE_AND_TIME LDT
+    CHAR WCHAR STRING WSTRING
+""")
+_KEYWORDS = words("""
+    ABSTRACT ACTION ARRAY AT BY CASE CLASS CONFIGURATION CONSTANT CONTINUE DO ELSE ELSIF EN ENO
+    END_ACTION END_CASE END_CLASS END_CONFIGURATION END_FOR END_FUNCTION END_FUNCTION_BLOCK END_IF END_INTERFACE
+    END_METHOD END_NAMESPACE END_PROGRAM END_REPEAT END_RESOURCE END_STEP END_STRUCT END_TRANSITION END_TYPE
+    END_VAR END_WHILE EXIT EXTENDS F_EDGE FALSE FINAL FOR FROM FUNCTION FUNCTION_BLOCK IF IMPLEMENTS
+    INITIAL_STEP INTERFACE INTERNAL INTERVAL METHOD NAMESPACE NON_RETAIN NULL OF ON OVERLAP OVERRIDE PRIORITY
+    PRIVATE PROGRAM PROTECTED PUBLIC R_EDGE READ_ONLY READ_WRITE REF REF_TO REPEAT RESOURCE RETAIN RETURN SINGLE
+    STEP STRUCT SUPER TASK THEN THIS TO TRANSITION TRUE TYPE UNTIL USING VAR VAR_ACCESS VAR_CONFIG
+    VAR_EXTERNAL VAR_GLOBAL VAR_IN_OUT VAR_INPUT VAR_OUTPUT VAR_TEMP WHILE WITH
+    ANY ANY_BIT ANY_CHAR ANY_CHARS ANY_DATE ANY_DERIVED ANY_DURATION ANY_ELEMENTARY ANY_INT ANY_MAGNITUDE ANY_NUM
+    ANY_REAL ANY_SIGNED ANY_STRING ANY_UNSIGNED
+""")
+_OPERATORS = words("""
+    AND AND_THEN MOD NOT OR OR_ELSE XOR
+    ANDN CAL CALC CALCN JMP JMPC JMPCN LD LDN ORN R RET RETC RETCN S ST STN XORN
+""")
+_STANDARD_FUNCTIONS = words("""
+    ABS ACOS ADD ASIN ATAN ATAN2 CONCAT COS DELETE DIV EQ EXP EXPT FIND GE GT INSERT LE LEFT LEN LIMIT LN LOG LT MAX
+    MID MIN MOVE MUL MUX NE REPLACE RIGHT ROL ROR SEL SHL SHR SIN SQRT SUB TAN TRUNC
+    CTD CTU CTUD F_TRIG R_TRIG RS SEMA SR TOF TON TP
+""")
+_CODESYS = words("""
+    ADR BIT BITADR END_FUNCTIONBLOCK END_PROPERTY END_UNION FUNCTIONBLOCK INDEXOF INI LOWER_BOUND PARAMS PERSISTENT
+    POINTER PROPERTY REFERENCE SIZEOF TRUNC_INT UNION UPPER_BOUND VAR_GENERIC VAR_INST VAR_STAT XSIZEOF
+    CHAR_TO WCHAR_TO
+""")
+_CONVERSIONS = frozenset(
+    f"{source}TO_{target}"
+    for source in ("", *(f"{name}_" for name in _ELEMENTARY_TYPES))
+    for target in _ELEMENTARY_TYPES
+)
+ST_RESERVED = _ELEMENTARY_TYPES | _KEYWORDS | _OPERATORS | _STANDARD_FUNCTIONS | _CODESYS | _CONVERSIONS
+"""In capitals; Structured Text ignores case. Words such as `__NEW` cannot be met: their underscores become one."""
+
+NAMES = Names(
+    "Structured Text",
+    member=st_member,
+    constant=st_member,
+    made=_made,
+    fold=str.upper,
+    own=(ST_TIME,),
+    own_constants=(GVL_TYPE_NAME, GVL_SIZE, GVL_DIGEST),
+    use=st_topic,
+)

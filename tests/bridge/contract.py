@@ -1,0 +1,387 @@
+"""What every backend must keep: checks of one that has joined its graph, which raise AssertionError.
+
+`python -m tests.bridge.contract NAME` runs them in a process of the backend's own Python, and prints what came of each
+as a line of JSON. It needs nothing that is not in shmgen.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+import threading
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+from shmgen import pipeline
+from shmgen.bounds import Bound, Bounds
+from shmgen.bridge import choice
+from shmgen.bridge.backend import Backend, Caller, NoAnswer, Node, ServiceWire, Wire
+from shmgen.bridge.plan import closure
+from shmgen.config import Config
+from shmgen.diagnostics import Span
+from shmgen.live.session import Session
+from shmgen.model import Schema
+
+LIMIT = 20.0
+"""Seconds after which what should have come has not."""
+SETBOOL = "bool data # e.g. for hardware enabling / disabling\n---\nbool success\nstring message\n"
+SOURCES = {"ros1": "noetic"}
+
+
+class Scene:
+    """A backend in its graph, and the wires of a definition; every name is used once."""
+
+    def __init__(self, backend: Backend, source: str, told: list[str]) -> None:
+        self.backend, self.told = backend, told
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder, "std_srvs", "srv", "SetBool.srv")
+            file.parent.mkdir(parents=True)
+            file.write_text(SETBOOL)
+            types = ("sensor_msgs/JointState", "geometry_msgs/PoseArray", "std_msgs/String", "std_srvs/SetBool")
+            self.schema: Schema = pipeline.read(Config(Path(folder), source=source, path=(Path(folder),)), types)
+        bounds = Bounds({}, {"sensor_msgs": Bound(4, Span("contract"))})
+        self._session = Session(Config(Path.cwd(), source=source, bounds=bounds))
+        self._names: Iterator[int] = iter(range(1000))
+
+    def wire(self, type_: str, **how: Any) -> Wire:
+        return Wire(f"/contract/t{next(self._names)}", self._messages(type_), **how)
+
+    def kind(self, type_: str) -> type[Any]:
+        """The class that has its bytes."""
+        return self._session.message(type_)
+
+    def service(self) -> ServiceWire:
+        halves = (self._messages(f"std_srvs/SetBool_{half}") for half in ("Request", "Response"))
+        return ServiceWire(f"/contract/s{next(self._names)}", *halves)
+
+    def _messages(self, type_: str) -> Any:
+        name = next(message.name for message in self.schema.messages if message.name.short == type_)
+        return closure(self.schema, name)
+
+    def line(self, type_: str = "std_msgs/String", **how: Any) -> Line:
+        """A topic whose both ends know of each other."""
+        made = Line(self, self.wire(type_, **how))
+        made.until(lambda: made.outlet.send(made.outlet.new()) or made.taken, pause=0.05)
+        made.settle()
+        return made
+
+
+class Line:
+    """A topic with both its ends in one node; what comes is in `taken`."""
+
+    def __init__(self, scene: Scene, wire: Wire) -> None:
+        self.wire = wire
+        self.taken: list[Any] = []
+        self.others: list[Any] = []
+        self.inside = 0
+        self.most_inside = 0
+        self.new = scene.backend.subscribe(wire, self)
+        self.outlet = scene.backend.publisher(wire)
+
+    def take(self, message: Any) -> None:
+        self.inside += 1
+        self.most_inside = max(self.most_inside, self.inside)
+        time.sleep(0.0002)
+        self.taken.append(message)
+        self.inside -= 1
+
+    def reject(self, why: str) -> None:
+        self.others.append(why)
+
+    def refuse(self, why: str) -> None:
+        self.others.append(why)
+
+    def lose(self, count: int) -> None:
+        self.others.append(count)
+
+    def text(self, text: str) -> Any:
+        message = self.outlet.new()
+        message.data = text
+        return message
+
+    def until(self, true: Callable[[], Any], pause: float = 0.01) -> None:
+        until(true, pause)
+
+    def settle(self) -> None:
+        """What was sent to find out whether anybody listens is over."""
+        marks = [f"settled {number}" for number in range(2)]
+        if self.wire.type.short == "std_msgs/String":
+            for mark in marks:
+                self.outlet.send(self.text(mark))
+            until(lambda: [one for one in self.taken if one.data == marks[-1]])
+        else:
+            before = -1
+            while before != len(self.taken):
+                before = len(self.taken)
+                time.sleep(0.3)
+        self.taken.clear()
+
+
+def until(true: Callable[[], Any], pause: float = 0.01) -> None:
+    deadline = time.monotonic() + LIMIT
+    while not true():
+        assert time.monotonic() < deadline, f"not within {LIMIT} s"
+        time.sleep(pause)
+
+
+# --- topics ------------------------------------------------------------------------------------------------
+
+
+def an_empty_message_has_every_field(scene: Scene) -> None:
+    """On both sides, down to the last; a clock is what ROS has for it."""
+    line = scene.line("sensor_msgs/JointState")
+    for message in (line.outlet.new(), line.new()):
+        assert (message.header.frame_id, list(message.name), list(message.position)) == ("", [], [])
+        stamp = message.header.stamp
+        assert (getattr(stamp, "sec", None), getattr(stamp, "secs", None)) in ((0, None), (None, 0), (0, 0))
+        assert line.outlet.new() is not line.outlet.new()
+
+
+def what_is_sent_arrives_in_order(scene: Scene) -> None:
+    line = scene.line("sensor_msgs/JointState")
+    kind = scene.kind("sensor_msgs/JointState")
+    for number in range(200):
+        sample = kind(name=["a", "\xe4\u2603"], position=[number + 0.5, -1.0], effort=[])
+        sample.header.frame_id = f"frame {number}"
+        message = line.outlet.new()
+        kind._decode(bytes(sample), 0, message)  # as the bridge fills one
+        line.outlet.send(message)
+    until(lambda: len(line.taken) >= 200)
+    got = [(one.header.frame_id, list(one.name), list(one.position), list(one.effort)) for one in line.taken]
+    assert got == [(f"frame {number}", ["a", "\xe4\u2603"], [number + 0.5, -1.0], []) for number in range(200)]
+    assert not line.others
+
+
+def lists_may_hold_objects_of_any_class(scene: Scene) -> None:
+    line = scene.line("geometry_msgs/PoseArray")
+    message = line.outlet.new()
+    place, turn = SimpleNamespace(x=1.0, y=2.0, z=3.0), SimpleNamespace(x=0.0, y=0.0, z=0.0, w=1.0)
+    message.poses = [SimpleNamespace(position=place, orientation=turn)] * 2
+    line.outlet.send(message)
+    until(lambda: line.taken)
+    assert [(pose.position.y, pose.orientation.w) for pose in line.taken[0].poses] == [(2.0, 1.0)] * 2
+
+
+def a_message_is_as_it_was_when_it_was_sent(scene: Scene) -> None:
+    line = scene.line()
+    message = line.text("first")
+    line.outlet.send(message)
+    message.data = "second"
+    line.outlet.send(message)
+    until(lambda: len(line.taken) >= 2)
+    assert [one.data for one in line.taken] == ["first", "second"]
+
+
+def one_at_a_time_is_handed_over(scene: Scene) -> None:
+    """Whoever sends, from however many threads."""
+    line = scene.line()
+    threads = [
+        threading.Thread(target=lambda: [line.outlet.send(line.text("x")) for _ in range(50)], daemon=True)
+        for _ in range(4)
+    ]
+    for thread in threads:
+        thread.start()
+    until(lambda: len(line.taken) >= 200)
+    assert line.most_inside == 1
+
+
+def nobody_has_to_listen(scene: Scene) -> None:
+    outlet = scene.backend.publisher(scene.wire("std_msgs/String"))
+    begun = time.monotonic()
+    for _ in range(100):
+        outlet.send(outlet.new())
+    assert time.monotonic() - begun < 0.5
+
+
+def what_is_latched_reaches_who_comes_late(scene: Scene) -> None:
+    """The newest; and what is not latched does not."""
+    wires = [scene.wire("std_msgs/String", latch=latch) for latch in (True, False)]
+    outlets = [scene.backend.publisher(wire) for wire in wires]
+    for outlet in outlets:
+        for text in ("old", "new"):
+            message = outlet.new()
+            message.data = text
+            outlet.send(message)
+    time.sleep(0.3)
+    late = [_Late(scene, wire) for wire in wires]
+    until(lambda: late[0].taken)
+    time.sleep(0.5)
+    assert [[one.data for one in line.taken] for line in late] == [["new"], []]
+
+
+class _Late(Line):
+    """A subscriber alone."""
+
+    def __init__(self, scene: Scene, wire: Wire) -> None:
+        self.taken, self.others, self.inside, self.most_inside = [], [], 0, 0
+        scene.backend.subscribe(wire, self)
+
+
+# --- services ----------------------------------------------------------------------------------------------
+
+
+def a_call_is_answered(scene: Scene) -> None:
+    caller = _served(scene, _say_so)
+    for data in (True, False, True):
+        response = _asked(caller, data)
+        assert (response.success, response.message) == (data, f"asked {data}")
+
+
+def an_answer_may_take_its_time(scene: Scene) -> None:
+    """And topics go on meanwhile."""
+
+    def slow(request: Any, response: Any) -> None:
+        time.sleep(0.6)
+        _say_so(request, response)
+
+    line, caller = scene.line(), _served(scene, slow)
+    got: list[Any] = []
+    thread = threading.Thread(target=lambda: got.append(_asked(caller, True)), daemon=True)
+    begun = time.monotonic()
+    thread.start()
+    line.outlet.send(line.text("meanwhile"))
+    until(lambda: line.taken)
+    assert time.monotonic() - begun < 0.5
+    thread.join(LIMIT)
+    assert got[0].success
+
+
+def nobody_there_is_no_answer(scene: Scene) -> None:
+    caller = scene.backend.client(scene.service())
+    _no_answer(caller, 0.3, at_most=2.0)
+
+
+def an_answer_that_fails_is_no_answer(scene: Scene) -> None:
+    """A ROS that cannot say so lets the client wait."""
+
+    def fail(request: Any, response: Any) -> None:
+        if request.data:
+            raise NoAnswer("the PLC is off")
+        _say_so(request, response)
+
+    caller = _served(scene, fail)
+    _no_answer(caller, 0.5, at_most=2.0)
+    assert _asked(caller, False).message == "asked False"
+
+
+def an_answer_too_late_is_no_answer(scene: Scene) -> None:
+    def slow(request: Any, response: Any) -> None:
+        time.sleep(1.0 if request.data else 0.0)
+        _say_so(request, response)
+
+    caller = _served(scene, slow)
+    _no_answer(caller, 0.2, at_most=0.9)
+    until(lambda: _tried(caller))
+
+
+def _say_so(request: Any, response: Any) -> None:
+    response.success, response.message = bool(request.data), f"asked {bool(request.data)}"
+
+
+def _served(scene: Scene, answer: Callable[[Any, Any], None]) -> Caller:
+    """A caller of a service that is there: the first call is answered."""
+    wire = scene.service()
+    scene.backend.serve(wire, answer, scene.told.append)
+    caller = scene.backend.client(wire)
+    until(lambda: _tried(caller))
+    return caller
+
+
+def _tried(caller: Caller) -> bool:
+    try:
+        return not _asked(caller, False).success
+    except NoAnswer:
+        return False
+
+
+def _asked(caller: Caller, data: bool) -> Any:
+    request = caller.new()
+    request.data = data
+    return caller.call(request, 5.0)
+
+
+def _no_answer(caller: Caller, timeout: float, at_most: float) -> None:
+    request = caller.new()
+    request.data = True
+    begun = time.monotonic()
+    try:
+        caller.call(request, timeout)
+    except NoAnswer as error:
+        why = str(error)
+    else:
+        raise AssertionError("there was an answer")
+    assert why, "it says why"
+    assert time.monotonic() - begun < at_most
+
+
+# --- the node ----------------------------------------------------------------------------------------------
+
+
+def it_is_alive_and_knows_the_time(scene: Scene) -> None:
+    assert scene.backend.alive()
+    now = scene.backend.now()
+    assert abs(now.sec + now.nanosec / 1e9 - time.time()) < 5
+
+
+def it_leaves_at_once_and_for_good(scene: Scene) -> None:
+    """With a call on its way; nothing is handed over from then on. The last of all checks."""
+    line = scene.line()
+    caller = _served(scene, lambda request, response: time.sleep(1.0 if request.data else 0.0))
+    threading.Thread(target=lambda: _quietly(lambda: _asked(caller, True)), daemon=True).start()
+    time.sleep(0.2)
+    begun = time.monotonic()
+    scene.backend.close()
+    assert time.monotonic() - begun < 0.6
+    line.taken.clear()
+    _quietly(lambda: line.outlet.send(line.text("after the end")))
+    time.sleep(0.3)
+    assert not line.taken
+
+
+def _quietly(call: Callable[[], Any]) -> None:
+    try:
+        call()
+    except Exception:
+        return
+
+
+CHECKS: tuple[Callable[[Scene], None], ...] = (
+    an_empty_message_has_every_field,
+    what_is_sent_arrives_in_order,
+    lists_may_hold_objects_of_any_class,
+    a_message_is_as_it_was_when_it_was_sent,
+    one_at_a_time_is_handed_over,
+    nobody_has_to_listen,
+    what_is_latched_reaches_who_comes_late,
+    a_call_is_answered,
+    an_answer_may_take_its_time,
+    nobody_there_is_no_answer,
+    an_answer_that_fails_is_no_answer,
+    an_answer_too_late_is_no_answer,
+    it_is_alive_and_knows_the_time,
+    it_leaves_at_once_and_for_good,
+)
+
+
+def main(name: str) -> None:
+    told: list[str] = []
+    module = choice.module(name)
+    backend = module.connect(Node("shmgen_contract", None, told.append, lambda: False))
+    assert backend is not None, "there is a graph to join"
+    scene = Scene(backend, SOURCES.get(name, "jazzy"), told)
+    for check in CHECKS:
+        try:
+            check(scene)
+            failed = ""
+        except Exception:
+            failed = traceback.format_exc() + "".join(f"told: {line}\n" for line in told)
+        print(json.dumps({"check": check.__name__, "failed": failed}), flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

@@ -1,0 +1,261 @@
+"""The contract of backends, kept by all and by that of docs/adding-a-backend.md; and red for each that breaks it."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from shmgen.bridge.backend import Node, Outlet
+
+from ..conftest import REPOSITORY
+from ..support import pages, ros1, ros2
+from ..support.dds import Domain
+from . import contract
+
+PAGE = REPOSITORY / "docs" / "adding-a-backend.md"
+HERE = {"PYTHONPATH": f"{REPOSITORY / 'src'}:{REPOSITORY}"}
+
+
+def with_rospy(folder: Path, number: int) -> Any:
+    graph = ros1.Graph(folder)
+    return graph, graph.start([graph.python, "-m", "tests.bridge.contract", "ros1"], HERE)
+
+
+def with_rclpy(distribution: str) -> Callable[[Path, int], Any]:
+    def start(folder: Path, number: int) -> Any:
+        graph = ros2.Graph(folder, number, distribution)
+        return graph, graph.start([graph.python, "-m", "tests.bridge.contract", "ros2"], HERE)
+
+    return start
+
+
+def with_cyclone(folder: Path, number: int) -> Any:
+    if importlib.util.find_spec("cyclonedds") is None:
+        pytest.skip("no cyclonedds here")
+    domain = Domain(folder, number)
+    return domain, domain.start([sys.executable, "-m", "tests.bridge.contract", "dds"])
+
+
+def within_a_process(folder: Path, number: int) -> Any:
+    """That of the page, in a copy of the repository."""
+    pages.follow(PAGE, pages.copy(folder))
+    domain = Domain(folder, number)
+    where = {"PYTHONPATH": f"{folder / 'src'}:{folder}"}
+    return domain, domain.start([sys.executable, "-m", "tests.bridge.contract", "memory"], where)
+
+
+BACKENDS: dict[str, Callable[[Path, int], Any]] = {
+    "ros1": with_rospy,
+    "ros2 jazzy": with_rclpy("jazzy"),
+    "ros2 kilted": with_rclpy("kilted"),
+    "dds": with_cyclone,
+    "memory": within_a_process,
+}
+"""What starts the checks of each in a graph; gives what to close, and the process."""
+
+
+@pytest.fixture(scope="module", params=BACKENDS)
+def outcome(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, testrun_uid: str, worker_id: str
+) -> dict[str, str]:
+    """Each check with what it said of the backend; nothing where the backend kept it."""
+    number = 1 + (zlib.crc32(testrun_uid.encode()) + zlib.crc32(worker_id.encode()) + 25) % 100
+    graph, process = BACKENDS[request.param](tmp_path_factory.mktemp("contract"), number)
+    try:
+        printed, _ = process.communicate(timeout=180)
+    finally:
+        graph.close()
+    lines = [json.loads(line) for line in printed.splitlines() if line.startswith('{"check"')]
+    return {line["check"]: line["failed"] for line in lines}
+
+
+@pytest.mark.parametrize("check", contract.CHECKS, ids=lambda check: check.__name__)
+def test_it_is_kept(outcome: dict[str, str], check: Callable[[contract.Scene], None]) -> None:
+    assert outcome.get(check.__name__, "it was never run") == ""
+
+
+# --- backends that each break one thing ----------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def memory(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
+    """The module of the page."""
+    folder = pages.copy(tmp_path_factory.mktemp("memory"))
+    (file,) = pages.follow(PAGE, folder)
+    spec = importlib.util.spec_from_file_location("shmgen_memory_of_the_page", file)
+    assert spec
+    assert spec.loader
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def out_of_order(module: ModuleType, backend: Any) -> None:
+    usual, held = backend.publisher, []
+
+    def publisher(wire: Any) -> Outlet:
+        outlet = usual(wire)
+
+        def send(message: Any) -> None:
+            held.append(message)
+            if len(held) == 2:
+                for one in reversed(held):
+                    outlet.send(one)
+                held.clear()
+
+        return Outlet(outlet.new, send)
+
+    backend.publisher = publisher
+
+
+def slow(module: ModuleType, backend: Any) -> None:
+    usual = backend.publisher
+
+    def publisher(wire: Any) -> Outlet:
+        outlet = usual(wire)
+        return Outlet(outlet.new, lambda message: time.sleep(0.01) or outlet.send(message))
+
+    backend.publisher = publisher
+
+
+def without_latch(module: ModuleType, backend: Any) -> None:
+    usual = backend.publisher
+    backend.publisher = lambda wire: usual(contract.Wire(wire.topic, wire.messages))
+
+
+def latching_all(module: ModuleType, backend: Any) -> None:
+    usual = backend.publisher
+    backend.publisher = lambda wire: usual(contract.Wire(wire.topic, wire.messages, latch=True))
+
+
+def two_at_once(module: ModuleType, backend: Any) -> None:
+    """Hands over in whatever thread sends."""
+
+    def subscribe(wire: Any, taker: Any) -> Any:
+        made = module.codec(wire.messages)
+
+        class Direct:
+            def put(self, data: bytes) -> None:
+                module.threading.Thread(target=lambda: taker.take(made.decode(data)), daemon=True).start()
+
+        module.TOPICS[wire.topic].inlets.append(Direct())
+        return made.new
+
+    backend.subscribe = subscribe
+
+
+def impatient(module: ModuleType, backend: Any) -> None:
+    """A call without an answer raises what nobody expects."""
+    usual = backend.client
+
+    def client(wire: Any) -> Any:
+        caller = usual(wire)
+
+        def call(request: Any, timeout: float) -> Any:
+            try:
+                return caller.call(request, timeout)
+            except contract.NoAnswer as error:
+                raise TimeoutError(str(error)) from None
+
+        return contract.Caller(caller.new, call)
+
+    backend.client = client
+
+
+def patient(module: ModuleType, backend: Any) -> None:
+    """A call waits as long as it likes."""
+    usual = backend.client
+    backend.client = lambda wire: contract.Caller(
+        usual(wire).new, lambda request, timeout: usual(wire).call(request, 5 * timeout)
+    )
+
+
+def silent(module: ModuleType, backend: Any) -> None:
+    """Gives empty answers where there is none."""
+    usual = backend.serve
+
+    def serve(wire: Any, answer: Any, refuse: Any) -> None:
+        def forgiving(request: Any, response: Any) -> None:
+            with contextlib.suppress(contract.NoAnswer):
+                answer(request, response)
+
+        usual(wire, forgiving, refuse)
+
+    backend.serve = serve
+
+
+def lingering(module: ModuleType, backend: Any) -> None:
+    backend.close = lambda: time.sleep(1.0)
+
+
+def deaf(module: ModuleType, backend: Any) -> None:
+    """Says that it has left, and goes on."""
+    backend.close = lambda: None
+
+
+def of_yesterday(module: ModuleType, backend: Any) -> None:
+    backend.now = lambda: module.Time(0, 0)
+
+
+BROKEN = {
+    out_of_order: contract.what_is_sent_arrives_in_order,
+    slow: contract.nobody_has_to_listen,
+    without_latch: contract.what_is_latched_reaches_who_comes_late,
+    latching_all: contract.what_is_latched_reaches_who_comes_late,
+    two_at_once: contract.one_at_a_time_is_handed_over,
+    impatient: contract.nobody_there_is_no_answer,
+    patient: contract.an_answer_too_late_is_no_answer,
+    silent: contract.an_answer_that_fails_is_no_answer,
+    lingering: contract.it_leaves_at_once_and_for_good,
+    deaf: contract.it_leaves_at_once_and_for_good,
+    of_yesterday: contract.it_is_alive_and_knows_the_time,
+}
+
+
+@pytest.mark.parametrize("fault", BROKEN, ids=lambda fault: fault.__name__)
+def test_a_broken_one_is_found(
+    memory: ModuleType, fault: Callable[[ModuleType, Any], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(contract, "LIMIT", 3.0)
+    memory.TOPICS.clear()
+    memory.SERVICES.clear()
+    backend = memory.connect(Node("broken", None, lambda line: None, lambda: False))
+    leave = backend.close
+    fault(memory, backend)
+    try:
+        with pytest.raises((AssertionError, TimeoutError)):
+            BROKEN[fault](contract.Scene(backend, "jazzy", []))
+    finally:
+        leave()
+
+
+def test_the_bridge_takes_that_of_the_page(tmp_path: Path) -> None:
+    """By its name, in a copy of the repository, until it is told to stop."""
+    folder = pages.copy(tmp_path / "copy")
+    pages.follow(PAGE, folder)
+    (tmp_path / "shmgen.toml").write_text('[[topics]]\ntopic = "/shmgen_test/page"\ntype = "std_msgs/Bool"\n')
+    environment = {**os.environ, "PYTHONPATH": str(folder / "src"), "PYTHONUNBUFFERED": "1"}
+    command = [sys.executable, "-m", "shmgen", "bridge", "--backend", "memory"]
+    try:
+        with subprocess.Popen(command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, text=True) as process:
+            assert process.stdout
+            found = any(line.startswith("running") for line in process.stdout)
+            process.send_signal(signal.SIGINT)
+            assert (found, process.wait(20)) == (True, 0)
+    finally:
+        for file in Path("/dev/shm").glob("*shmgen_test.page*"):
+            file.unlink()

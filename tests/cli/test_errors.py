@@ -1,0 +1,59 @@
+"""Each folder of tests/errors: a user's mistake, what he typed, and what he is told.
+
+`command` is what he typed, `expected.txt` what goes to stderr, `inputs.py` makes what would be too many files,
+`environment` holds variables of his shell.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from shmgen.diagnostics import CODES
+
+from ..conftest import REPOSITORY
+from ..support.command import Result, run, tree
+
+CASES = sorted(path for path in (REPOSITORY / "tests" / "errors").iterdir() if path.is_dir())
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+def test_error(case: Path, tmp_path: Path, update_golden: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "work"
+    ignored = shutil.ignore_patterns("command", "environment", "expected.txt", "__pycache__")
+    shutil.copytree(case, folder, ignore=ignored)
+    if (case / "environment").is_file():
+        for variable in (case / "environment").read_text().splitlines():
+            monkeypatch.setenv(*variable.split("=", 1))
+    if (folder / "inputs.py").is_file():
+        typed(["python", "inputs.py"], folder)
+    before = tree(folder)
+    result = typed(shlex.split((case / "command").read_text()), folder)
+    if update_golden:
+        (case / "expected.txt").write_text(result.stderr, encoding="utf-8")
+    assert result.stderr == (case / "expected.txt").read_text(encoding="utf-8")
+    assert f"error[{case.name.partition('_')[0]}]: " in result.stderr
+    assert (result.code, result.stdout) == (1, "")
+    assert tree(folder) == before
+
+
+def test_examples_of_the_docs_are_real() -> None:
+    docs = (REPOSITORY / "docs" / "diagnostics.md").read_text(encoding="utf-8")
+    examples = re.findall(r"^```\n([^\n`]+: error\[.+?)^```$", docs, re.MULTILINE | re.DOTALL)
+    assert len(examples) == len(CODES)
+    said = "".join((case / "expected.txt").read_text(encoding="utf-8") for case in CASES)
+    assert [example for example in examples if example not in said] == []
+
+
+def typed(command: list[str], folder: Path) -> Result:
+    if command[0] == "shmgen":
+        return run(command[1:], folder)
+    assert command[0] == "python"
+    done = subprocess.run([sys.executable, "-B", *command[1:]], cwd=folder, capture_output=True, text=True, check=False)
+    return Result(done.returncode, done.stdout, done.stderr)

@@ -1,0 +1,103 @@
+"""`shmgen init`: what it finds in a folder, what it writes, and that it touches nothing that exists."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from shmgen.cli import start
+
+from ..conftest import REPOSITORY
+from ..drift.test_check import write
+from ..support.command import run, tree
+
+ROBOT = "float64[] speeds\nArm[] arms\n"
+PACKAGES = {
+    "src/demo_msgs/msg/Robot.msg": ROBOT,
+    "src/demo_msgs/msg/Arm.msg": "string name\nfloat64[] joints\n",
+    "src/more/robot_msgs/package.xml": "<package><name>robot_msgs</name></package>",
+    "src/more/robot_msgs/srv/Stop.srv": "---\nbool done\n",
+    "src/tools/package.xml": "<package><name>tools</name></package>",
+}
+
+
+def init(folder: Path, *options: str) -> str:
+    result = run(["init", *options], folder)
+    assert (result.code, result.stderr) == (0, ""), result.stderr
+    return result.stdout
+
+
+def test_it_lists_packages_and_what_must_be_bounded(tmp_path: Path) -> None:
+    write(tmp_path, PACKAGES)
+    assert init(tmp_path).splitlines() == [
+        "shmgen.toml written",
+        "found demo_msgs, robot_msgs; 3 lines wait for a number under [bounds]",
+        "",
+        "next:",
+        "  shmgen generate",
+        "  shmgen check",
+    ]
+    text = (tmp_path / "shmgen.toml").read_text()
+    assert 'messages = ["demo_msgs", "robot_msgs"]\npath = ["src"]\nsource = "jazzy"\n' in text
+    bounds = [line for line in text.splitlines() if line.startswith('# "')]
+    assert bounds == [f'# "demo_msgs/{key}" =' for key in ("Arm.joints", "Robot.speeds", "Robot.arms")]
+    assert "SHM101" in run(["generate"], tmp_path).stderr
+    for line in bounds:
+        text = text.replace(line, f"{line[2:]} 4")
+    write(tmp_path, {"shmgen.toml": text})
+    assert run(["generate"], tmp_path).code == 0
+    assert run(["check"], tmp_path).code == 0
+
+
+def test_a_package_is_a_place_to_start_too(tmp_path: Path) -> None:
+    folder = tmp_path / "demo_msgs"
+    write(folder, {"package.xml": "<package><name>demo_msgs</name></package>", "msg/Arm.msg": "int8 a\n"})
+    assert "found demo_msgs\n" in init(folder)
+    assert run(["generate"], folder).code == 0
+
+
+def test_a_catkin_package_is_read_as_ros_1(tmp_path: Path) -> None:
+    manifest = "<package><name>old_msgs</name><buildtool_depend>catkin</buildtool_depend></package>"
+    write(tmp_path, {"old_msgs/package.xml": manifest, "old_msgs/msg/Arm.msg": "Header header\nint8 aB\n"})
+    init(tmp_path)
+    assert run(["generate"], tmp_path).code == 0
+
+
+def test_an_empty_folder(tmp_path: Path) -> None:
+    said = init(tmp_path)
+    assert "no message package is in this folder" in said
+    assert said.endswith("next:\n  shmgen list\n  shmgen generate\n")
+    assert "error[SHM504]" in run(["generate"], tmp_path).stderr
+
+
+@pytest.mark.parametrize("path", ["shmgen.toml", "pyproject.toml"])
+def test_a_configuration_stays_as_it_is(tmp_path: Path, path: str) -> None:
+    write(tmp_path, {**PACKAGES, path: "[tool.shmgen]\n", start.HOOK_FILE: "repos: []\n", start.CI_FILE: "name: CI\n"})
+    before = tree(tmp_path)
+    said = init(tmp_path, "--hook", "--ci")
+    assert f"{path} has a configuration, and is left as it is" in said
+    assert start.HOOK in said
+    assert start.CI in said
+    assert tree(tmp_path) == before
+
+
+def test_hook_and_ci_are_added(tmp_path: Path) -> None:
+    write(tmp_path, PACKAGES)
+    init(tmp_path, "--hook", "--ci")
+    assert (tmp_path / start.HOOK_FILE).read_text() == start.HOOK
+    assert (tmp_path / start.CI_FILE).read_text() == start.CI
+
+
+def test_a_wrong_definition_is_told_and_nothing_written(tmp_path: Path) -> None:
+    write(tmp_path, {"demo_msgs/msg/Arm.msg": "int8\n"})
+    before = tree(tmp_path)
+    result = run(["init", "--hook"], tmp_path)
+    assert (result.code, tree(tmp_path)) == (1, before)
+    assert "error[SHM003]" in result.stderr
+
+
+def test_our_hooks_look_at_the_same_files() -> None:
+    hooks = (REPOSITORY / ".pre-commit-hooks.yaml").read_text()
+    assert hooks.count(f"  files: {start.FILES}\n") == 2
+    assert f"        files: {start.FILES}\n" in start.HOOK

@@ -1,0 +1,95 @@
+"""What shmgen.toml says to the bridge: each key, what it takes, and where a mistake is pointed at."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from shmgen.config.bridging import Bridge, Carrying
+
+from .test_file import load, refusal
+
+TO_PLC = "[[topics]]\ntopic = '/a'\ntype = 'a/B'\n"
+FROM_PLC = TO_PLC + "direction = 'from_plc'\n"
+
+
+def test_all_of_it_may_be_left_out(tmp_path: Path) -> None:
+    loaded = load(tmp_path, TO_PLC)
+    assert loaded.bridge == Bridge(backend="auto", node="shmgen_bridge", diagnostics=1.0, domain=None)
+    assert loaded.topics[0].carried == Carrying(
+        rate=None, qos="reliable", latch=False, stamp="now", overflow="reject", stale=None
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "meant"),
+    [
+        ("backend = 'dds'", Bridge(backend="dds")),
+        ("node = 'cell_4'", Bridge(node="cell_4")),
+        ("diagnostics = 0", Bridge(diagnostics=0.0)),
+        ("diagnostics = 0.25", Bridge(diagnostics=0.25)),
+        ("domain = 0", Bridge(domain=0)),
+        ("domain = 232", Bridge(domain=232)),
+    ],
+)
+def test_each_key_of_the_bridge(tmp_path: Path, text: str, meant: Bridge) -> None:
+    assert load(tmp_path, f"[bridge]\n{text}").bridge == meant
+
+
+@pytest.mark.parametrize(
+    ("text", "meant"),
+    [
+        (TO_PLC + "rate = 10", Carrying(rate=10.0)),
+        (TO_PLC + "qos = 'best_effort'", Carrying(qos="best_effort")),
+        (TO_PLC + "latch = true", Carrying(latch=True)),
+        (TO_PLC + "overflow = 'truncate'", Carrying(overflow="truncate")),
+        (TO_PLC + "stale = 0.5", Carrying(stale=0.5)),
+        (FROM_PLC + "stamp = 'keep'", Carrying(stamp="keep")),
+    ],
+)
+def test_each_key_of_a_topic(tmp_path: Path, text: str, meant: Carrying) -> None:
+    assert load(tmp_path, text).topics[0].carried == meant
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "line", "says"),
+    [
+        ("bridge = 3", "SHM502", 1, "write [bridge]"),
+        ("[bridge]\nbackend = 'ros'", "SHM502", 2, "auto, ros1, ros2, dds"),
+        ("[bridge]\nbackand = 'ros1'", "SHM501", 2, "did you mean backend?"),
+        ("[bridge]\nnode = '/bridge'", "SHM502", 2, "letters, digits and _"),
+        ("[bridge]\nnode = 3", "SHM502", 2, "not 3"),
+        ("[bridge]\ndiagnostics = -1", "SHM502", 2, "from 0 to 86400"),
+        ("[bridge]\ndomain = 233", "SHM502", 2, "from 0 to 232"),
+        ("[bridge]\ndomain = true", "SHM502", 2, "not True"),
+        (TO_PLC + "rate = 0", "SHM502", 4, "a number of Hz from 0.001 to 10000, not 0"),
+        (TO_PLC + "rate = nan", "SHM502", 4, "not nan"),
+        (TO_PLC + "rate = '10'", "SHM502", 4, "not '10'"),
+        (TO_PLC + "qos = 'best-effort'", "SHM502", 4, "did you mean best_effort?"),
+        (TO_PLC + "latch = 1", "SHM502", 4, "true or false, not 1"),
+        (TO_PLC + "overflow = 'cut'", "SHM502", 4, "reject, truncate"),
+        (TO_PLC + "stale = 0", "SHM502", 4, "a number of seconds"),
+        (TO_PLC + "stamp = 'now'", "SHM502", 4, 'stamp is of topics with direction = "from_plc"'),
+        (FROM_PLC + "overflow = 'reject'", "SHM502", 5, 'overflow is of topics with direction = "to_plc"'),
+        (FROM_PLC + "stamp = 'zero'", "SHM502", 5, "now, keep"),
+        (FROM_PLC + "latched = true", "SHM501", 5, "did you mean latch?"),
+    ],
+)
+def test_each_mistake_has_its_line(tmp_path: Path, text: str, code: str, line: int, says: str) -> None:
+    (found,) = refusal(tmp_path, text)
+    assert (found.code, found.span.line) == (code, line), str(found)
+    assert says in found.message + found.hint
+
+
+def test_what_the_bridge_does_changes_no_byte(tmp_path: Path) -> None:
+    """So none of it is in layout.lock, and a new `rate` asks nobody to rebuild the PLC's program."""
+    from shmgen import pipeline
+
+    plain = TO_PLC.replace("a/B", "std_msgs/Bool")
+    texts: list[Any] = [
+        pipeline.generate(load(tmp_path, text), [])
+        for text in (plain, plain + "rate = 5\nlatch = true\n[bridge]\nbackend = 'dds'")
+    ]
+    assert texts[0] == texts[1]

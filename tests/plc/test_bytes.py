@@ -1,0 +1,29 @@
+"""Proof by bytes: every message of the corpus from Python through generated ST and back, and into the C header."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from shmgen.bounds import Bound, Bounds
+from shmgen.config import Config
+from shmgen.diagnostics import Span
+
+from ..support import plc_bytes
+
+BOUND = 3
+"""Elements of every sequence that the definitions leave open."""
+
+
+@pytest.mark.parametrize(("distribution", "count"), [("noetic", 221), ("jazzy", 624)])
+def test_every_message(
+    distribution: str, count: int, corpus: Path, tmp_path_factory: pytest.TempPathFactory, topic: str
+) -> None:
+    """One test for all of a distribution: compiling it takes 20 s, and 50 s for the larger one."""
+    folder = corpus / distribution
+    bounds = Bounds({}, {path.name: Bound(BOUND, Span("shmgen.toml")) for path in folder.iterdir()})
+    config = Config(corpus, source=distribution, path=(folder,), package=f"shm_corpus_{distribution}", bounds=bounds)
+    proof = plc_bytes.make(config, plc_bytes.corpus_names(config), tmp_path_factory.mktemp(distribution))
+    assert len(list(proof.requested())) == count
+    plc_bytes.prove(proof, topic)

@@ -1,0 +1,276 @@
+"""The generated blocks, running, against the Python runtime: the lock, the samples, and sudden death."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import posix_ipc
+import pytest
+
+from shmgen.runtime.errors import RegionInUse
+
+from ..conftest import REPOSITORY
+from ..softplc import Block
+from ..support.plc_demo import CLAIM, HEAL, Clock, Demo, Memory, semaphore
+
+# --- the lock -----------------------------------------------------------------------------------------
+
+
+@contextmanager
+def held(topic: str) -> Iterator[posix_ipc.Semaphore]:
+    lock = semaphore(topic)
+    lock.acquire(0)
+    yield lock
+    lock.release()
+
+
+def test_a_lock_that_is_not_free_is_only_tried(demo: Demo, topic: str) -> None:
+    with demo.python.DemoPublisher(topic, lock_timeout=0) as publisher:
+        publisher.publish(demo.message(1))
+        block = demo.subscriber(topic)()
+        with held(topic):
+            publisher.publish(demo.message(2))
+            for misses in range(1, 4):
+                block()
+                assert (block.xNewData, block.xValid, block.xError, block.Msg.a) == (False, True, False, 1)
+                assert block.udiLockMisses == misses
+        assert (block().Msg.a, block.udiMissed) == (2, 0)
+
+
+def test_a_writer_skips_the_cycle(demo: Demo, topic: str) -> None:
+    block = demo.opened(topic)
+    with held(topic):
+        before = Memory(topic)["begun"], Memory(topic)["completed"]
+        assert (block().xSent, block.xError, block.udiLockMisses, block.udiSequence) == (False, False, 1, 1)
+        assert (Memory(topic)["begun"], Memory(topic)["completed"]) == before
+    assert (block().xSent, block.udiSequence) == (True, 2)
+
+
+def test_a_stuck_lock_is_freed_after_a_second(demo: Demo, clock: Clock, topic: str) -> None:
+    block = demo.opened(topic)
+    lock, memory = semaphore(topic), Memory(topic)
+    lock.acquire(0)
+    memory["lock_holder"] = 12345
+    block()
+    clock.add(HEAL - 1)
+    block()
+    assert (lock.value, memory["recoveries"]) == (0, 0)
+    clock.add(1)
+    block()
+    assert (lock.value, memory["recoveries"], memory["lock_holder"]) == (1, 1, 0)
+    assert block().xSent
+    lock.release()  # the holder comes back: 2, which is taken down
+    assert (block().xSent, lock.value) == (True, 1)
+
+
+def test_a_lock_that_others_pass_is_not_stuck(demo: Demo, clock: Clock, topic: str) -> None:
+    block = demo.opened(topic)
+    memory = Memory(topic)
+    with held(topic) as lock:
+        for _ in range(10):
+            assert not block().xSent
+            memory["lock_count"] += 1
+            clock.add(HEAL - 1)
+        assert (lock.value, memory["recoveries"]) == (0, 0)
+
+
+# --- samples ------------------------------------------------------------------------------------------
+
+
+def test_each_unread_sample_in_order(demo: Demo, topic: str) -> None:
+    block = demo.subscriber(topic, xNewest=False, udiDepth=4)
+    with demo.python.DemoPublisher(topic, depth=4) as publisher:
+        publisher.publish(demo.message(1))
+        publisher.publish(demo.message(2))
+        assert drained(block) == [2]  # what lay there before the first look does not count, but for the newest
+        for number in range(3, 7):
+            publisher.publish(demo.message(number))
+        assert (drained(block), block.udiMissed) == ([3, 4, 5, 6], 0)
+        for number in range(7, 30):
+            publisher.publish(demo.message(number))
+        assert (drained(block), block.udiMissed) == (list(range(22, 30)), 15)
+        assert Memory(topic)["missed"] == 15
+
+
+def drained(block: Block) -> list[int]:
+    found = []
+    while block().xNewData:
+        assert block.Msg.b == 2 * block.Msg.a
+        found.append(block.Msg.a)
+    return found
+
+
+def test_numbers_wrap_round(demo: Demo, topic: str) -> None:
+    block = demo.subscriber(topic)()
+    memory = Memory(topic)
+    memory["begun"] = memory["completed"] = 0xFFFFFFFD
+    writer = demo.opened(topic)
+    assert [writer.udiSequence, *(writer().udiSequence for _ in range(3))] == [0xFFFFFFFE, 0xFFFFFFFF, 2, 3]
+    block(xEnable=False)
+    assert block(xEnable=True).udiSequence == 3
+    assert (writer().udiSequence, block().udiSequence, block.udiMissed) == (4, 4, 0)
+    with demo.python.DemoSubscriber(topic) as subscriber:
+        assert (subscriber.read().a, subscriber.sequence) == (0, 4)
+
+
+@pytest.mark.parametrize("before", range(6))
+def test_no_sample_is_lost_or_miscounted_across_the_turn_of_the_numbers(demo: Demo, topic: str, before: int) -> None:
+    """The numbers 0 to slots - 1 do not come again: neither side takes them for samples. Slots are 8 here."""
+    with demo.python.DemoPublisher(topic, depth=4):
+        memory = Memory(topic)
+        memory["begun"] = memory["completed"] = 0xFFFFFFFF - before
+    with (
+        demo.python.DemoPublisher(topic, depth=4) as publisher,
+        demo.python.DemoSubscriber(topic, depth=4) as subscriber,
+    ):
+        publisher.publish(demo.message(1))
+        block = demo.subscriber(topic, xNewest=False, udiDepth=4)
+        assert drained(block) == [sample.a for sample in subscriber.read_all()] == [1]
+        never_written = subscriber.missed  # the sample that `completed` was set to
+        for number in range(2, 6):
+            publisher.publish(demo.message(number))
+        assert drained(block) == [sample.a for sample in subscriber.read_all()] == [2, 3, 4, 5]
+        assert (block.udiMissed, subscriber.missed - never_written) == (0, 0)
+        for number in range(6, 17):
+            publisher.publish(demo.message(number))
+        assert drained(block) == [sample.a for sample in subscriber.read_all()] == list(range(9, 17))
+        assert (block.udiMissed, subscriber.missed - never_written) == (3, 3)
+
+
+def test_a_sample_overwritten_while_it_is_read_is_thrown_away(demo: Demo, topic: str) -> None:
+    region = demo.plc.block("FB_ShmRegion")
+    with demo.python.DemoPublisher(topic) as publisher:
+        size = demo.plc.sizes["ST_DEMO_MSGS_DEMO"]
+        digest = demo.python.Demo._digest_
+        settings = {"lwDigest": digest, "udiPayloadSize": size, "udiSizeOf": size, "udiDepth": 1}
+        assert region.method("Init", sTopic=topic, sTypeName="demo_msgs/msg/Demo", **settings)
+        assert region.method("Cycle")
+        publisher.publish(demo.message(1))
+        assert region.method("BeginRead", xNewest=True) != 0
+        Memory(topic)["begun"] += 2  # as a writer does that goes on without the lock
+        assert region.method("EndRead") is False
+        assert (region.udiSequence, semaphore(topic).value) == (0, 1)
+
+
+def test_stale(demo: Demo, clock: Clock, topic: str) -> None:
+    with demo.python.DemoPublisher(topic) as publisher:
+        publisher.publish(demo.message(1))
+        block = demo.subscriber(topic, tTimeout=200)()
+        assert (block.xValid, block.xStale) == (True, False)
+        clock.add(199)
+        assert not block().xStale
+        clock.add(1)
+        assert (block().xStale, block.xValid, block.xError) == (True, True, False)
+        publisher.heartbeat()
+        assert not block().xStale
+        clock.add(1000)
+        block(xEnable=False)
+        assert (block.xStale, block.xValid, block.xError, block.xBusy) == (False,) * 4
+
+
+def test_a_waiting_reader_is_woken(demo: Demo, topic: str) -> None:
+    block = demo.opened(topic)
+    memory, event = Memory(topic), semaphore(topic, "-event")
+    block()
+    assert event.value == 0
+    memory["armed"] = 1
+    block()
+    assert (memory["armed"], event.value) == (0, 1)
+    block()
+    assert event.value == 1
+
+
+def test_a_topic_beneath_named_event_is_another_semaphore(demo: Demo, topic: str) -> None:
+    outer, inner = demo.opened(topic), demo.opened(f"{topic}/event")
+    assert (outer().xSent, inner().xSent, semaphore(f"{topic}/event").value) == (True, True, 1)
+
+
+def test_exit_closes_unless_it_is_an_online_change(demo: Demo, topic: str) -> None:
+    block = demo.opened(topic)
+    region = block._fbRegion  # the runtime calls FB_Exit of each instance, also of one inside another
+    region.method("FB_Exit", bInCopyCode=True)
+    assert (block().xSent, block.udiSequence, Memory(topic)["writer"]) == (True, 2, 0xFFFFFFFF)
+    region.method("FB_Exit", bInCopyCode=False)
+    assert Memory(topic)["writer"] == 0
+    assert not block().xSent
+
+
+# --- sudden death -------------------------------------------------------------------------------------
+
+WRITER = """
+import itertools, sys
+sys.path.insert(0, sys.argv[1])
+from shm_plc_demo.demo_msgs.msg import Demo, DemoPublisher
+with DemoPublisher(sys.argv[2]) as publisher:
+    for number in itertools.count(1):
+        publisher.publish(Demo(a=number, b=2 * number & 0xFFFFFFFF))
+        if number == 1000:
+            print("running", flush=True)
+"""
+
+
+@contextmanager
+def running(*command: str) -> Iterator[subprocess.Popen[str]]:
+    """A process that has said `running`; killed at the end."""
+    with subprocess.Popen([sys.executable, *command], stdout=subprocess.PIPE, text=True, cwd=REPOSITORY) as process:
+        assert process.stdout is not None
+        try:
+            assert process.stdout.readline() == "running\n"
+            yield process
+        finally:
+            process.send_signal(signal.SIGKILL)
+
+
+@pytest.mark.parametrize("attempt", range(3))
+def test_the_last_sample_of_a_dead_python(demo: Demo, topic: str, attempt: int) -> None:
+    with running("-c", WRITER, str(demo.library.parents[1] / "python"), topic):
+        time.sleep(0.01 * attempt)
+    memory = Memory(topic)
+    if semaphore(topic).value == 0:  # it died inside
+        semaphore(topic).release()
+    block = demo.subscriber(topic)()
+    assert (block.xNewData, block.udiSequence) == (True, memory["completed"])
+    assert block.Msg.a == memory["completed"] > 0
+    assert block.Msg.b == 2 * block.Msg.a & 0xFFFFFFFF
+
+
+def test_the_last_sample_of_a_dead_plc(demo: Demo, clock: Clock, topic: str) -> None:
+    task = ["-m", "tests.softplc.task", str(demo.library), "FB_demo_msgs_Demo_Publisher", "--period", "0"]
+    with running(*task, "--set", "xEnable=true", f'sTopic="{topic}"'), pytest.raises(RegionInUse):
+        demo.python.DemoPublisher(topic)
+    memory = Memory(topic)
+    if semaphore(topic).value == 0:
+        semaphore(topic).release()
+    with demo.python.DemoSubscriber(topic) as subscriber:
+        assert (subscriber.read().label, subscriber.sequence) == ("hey", memory["completed"])
+    block = demo.subscriber(topic)()
+    assert (block.Msg.label, block.udiSequence) == ("hey", memory["completed"])
+    writer = demo.opened(topic, after=CLAIM)
+    assert (writer.xSent, writer.udiSequence) == (True, memory["completed"])
+
+
+def test_a_write_that_was_never_completed_is_not_seen(demo: Demo, topic: str) -> None:
+    with demo.python.DemoPublisher(topic) as publisher:
+        publisher.publish(demo.message(1))
+        memory = Memory(topic)
+        slot = 192 + 128 * 0  # sample 2 goes into slot 0
+        memory["begun"] = 2
+        memory.poke(slot, b"\xff" * 40)
+        block = demo.subscriber(topic)()
+        assert (block.xNewData, block.Msg.a, block.Msg.b, block.udiSequence) == (True, 1, 2, 1)
+
+
+def test_a_fast_writer_never_tears_a_sample(demo: Demo, topic: str) -> None:
+    last, new = 0, 0
+    with running("-c", WRITER, str(demo.library.parents[1] / "python"), topic):
+        block = demo.subscriber(topic)
+        for _ in range(20_000):
+            if block().xNewData:
+                assert (block.Msg.b, block.Msg.a > last) == (2 * block.Msg.a, True)
+                last, new = block.Msg.a, new + 1
+    assert new > 10

@@ -1,0 +1,308 @@
+"""`shmgen bridge` between real rclpy nodes and regions, one process each, by way of rclpy and of Cyclone."""
+
+from __future__ import annotations
+
+import json
+import random
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from shmgen.config import load
+from shmgen.diagnostics import Report
+from shmgen.live.classes import client, publisher, server, subscriber
+from shmgen.live.session import Session
+from shmgen.runtime import ShmError
+
+from ..support.ros1 import wait_for
+from ..support.ros2 import Graph
+from ..support.schemas import plain, random_message
+
+WAYS = [(distribution, backend) for distribution in ("jazzy", "kilted") for backend in ("ros2", "dds")]
+all_ways = pytest.mark.parametrize("graph", WAYS, indirect=True, ids="-".join)
+by_rclpy = pytest.mark.parametrize("graph", [("jazzy", "ros2"), ("kilted", "ros2")], indirect=True, ids="-".join)
+
+SET_BOOL = """
+[[services]]
+service = "{space}/flag"
+type = "std_srvs/SetBool"
+server = "{server}"
+timeout = {timeout}
+"""
+
+
+def topic(name: str, type_: str, *keys: str) -> str:
+    return "\n".join(["[[topics]]", f'topic = "{name}"', f'type = "{type_}"', *keys, ""])
+
+
+def session(graph: Graph) -> Session:
+    """Of the shmgen.toml that the bridge runs with."""
+    return Session(load(graph.folder / "shmgen.toml", "shmgen.toml", Report()))
+
+
+@contextmanager
+def plc_server(graph: Graph, name: str, handler: Callable[[Any], Any]) -> Iterator[None]:
+    """A PLC that serves std_srvs/SetBool."""
+    kinds = session(graph).classes(["std_srvs/SetBool"])
+    made = server(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
+    ended = threading.Event()
+
+    def run() -> None:
+        with made(name) as served:
+            while not ended.is_set():
+                served.serve(handler, timeout=0.05)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+
+
+@all_ways
+def test_every_message_there_and_back(graph: Graph, space: str) -> None:
+    """rclpy, the bridge, a region, the bridge, rclpy: unchanged, field by field."""
+    source = graph.source
+    config = 'source = "env"\n[types]\ntime = "struct"\n[strings]\ndefault = 40\n'
+    (graph.folder / "shmgen.toml").write_text(config)
+    names = [name for name in installed(graph) if graph.backend == "ros2" or name != "test_msgs/msg/WStrings"]
+    assert len(names) > 120, source
+    config += "[bounds]\n" + "".join(f"{package} = 3\n" for package in sorted({name.split("/")[0] for name in names}))
+    ends = list(enumerate(names))
+    config += "".join(topic(f"{space}/there{number}", name) for number, name in ends)
+    config += "".join(topic(f"{space}/back{number}", name, 'direction = "from_plc"') for number, name in ends)
+    bridge = graph.bridge(config)
+    peer = graph.peer()
+    with monkeypatched(graph):
+        made = session(graph)
+        layouts, kinds = made.layouts(names), made.classes(names)
+    for number, name in ends:
+        peer.ask(do="advertise", topic=f"{space}/there{number}", type=name)
+        peer.ask(do="subscribe", topic=f"{space}/back{number}", type=name)
+    wrong = []
+    for number, name in ends:
+        assert peer.ask(do="connected", topic=f"{space}/there{number}") == 1, name
+        layout = next(layout for layout in layouts.values() if str(layout.name) == name)
+        sent = [plain(random_message(layout, layouts, random.Random(f"{name}{seed}"))) for seed in range(2)]
+        with ExitStack() as stack:
+            reader = stack.enter_context(subscriber(kinds[name], f"{space}/there{number}", 1))
+            writer = stack.enter_context(publisher(kinds[name], f"{space}/back{number}", 1))
+            for values in sent:
+                peer.ask(do="publish", topic=f"{space}/there{number}", messages=[values])
+                sample = reader.wait(10)
+                assert sample is not None, f"{name}\n{''.join(bridge.lines)}"
+                writer.publish(sample)
+                (back,) = peer.ask(do="take", topic=f"{space}/back{number}", count=1) or [None]
+                if json.dumps(back) != json.dumps(values):
+                    wrong.append((name, values, back))
+    assert wrong == []
+    bridge.stop(signal.SIGTERM)
+
+
+def installed(graph: Graph) -> list[str]:
+    """All messages that a topic may have, of the packages that users know."""
+    found = graph.prefix.glob("share/*/msg/*.json")
+    return sorted(f"{file.parts[-3]}/msg/{file.stem}" for file in found if file.parts[-3] != "builtin_interfaces")
+
+
+@contextmanager
+def monkeypatched(graph: Graph) -> Iterator[None]:
+    """This process as one in which that ROS is sourced."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("AMENT_PREFIX_PATH", str(graph.prefix))
+        patch.setenv("ROS_VERSION", "2")
+        yield
+
+
+@by_rclpy
+def test_services_both_ways_while_a_topic_flows(graph: Graph, space: str) -> None:
+    """A call that waits for the PLC holds up no message, and no other call."""
+    bridge = graph.bridge(
+        f'source = "{graph.source}"\n'
+        + topic(f"{space}/pose", "geometry_msgs/Pose", "depth = 50")
+        + SET_BOOL.format(space=space, server="plc", timeout=5)
+        + SET_BOOL.format(space=f"{space}/of", server="ros", timeout=5)
+    )
+    peer, other = graph.peer(), graph.peer()
+    peer.ask(do="advertise", topic=f"{space}/pose", type="geometry_msgs/msg/Pose")
+    other.ask(do="serve", service=f"{space}/of/flag", type="std_srvs/srv/SetBool", answers=[{"message": "of ROS"}] * 5)
+    assert peer.ask(do="connected", topic=f"{space}/pose") == 1
+    go = threading.Event()
+
+    def handler(request: Any) -> Any:
+        go.wait(10)
+        return SimpleNamespace(success=request.data, message="of the PLC")
+
+    kinds = session(graph).classes(["std_srvs/SetBool", "geometry_msgs/Pose"])
+    calling = client(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
+    with (
+        plc_server(graph, f"{space}/flag", handler),
+        calling(f"{space}/of/flag") as plc,
+        subscriber(kinds["geometry_msgs/msg/Pose"], f"{space}/pose", 50) as reader,
+    ):
+        answers: list[Any] = []
+        asked = {"do": "call", "service": f"{space}/flag", "type": "std_srvs/srv/SetBool", "request": {"data": True}}
+        waiting = threading.Thread(target=lambda: answers.append(other.ask(**asked)))
+        waiting.start()
+        time.sleep(0.5)
+        begun = time.monotonic()
+        for number in range(10):
+            peer.ask(do="publish", topic=f"{space}/pose", messages=[{"position": {"x": float(number)}}])
+            assert reader.wait(2).position.x == number
+        assert plc.call(SimpleNamespace(data=True), 5).message == "of ROS"
+        assert time.monotonic() - begun < 3
+        assert answers == []
+        go.set()
+        waiting.join()
+    assert answers == [{"success": True, "message": "of the PLC"}]
+    assert bridge.stop(signal.SIGTERM) < 1.5
+    assert not [line for line in bridge.lines if "Error" in line or "never retrieved" in line]
+
+
+def call(plc: Any) -> str:
+    try:
+        return str(plc.call(SimpleNamespace(data=True), 3).message)
+    except ShmError as error:
+        return str(error)
+
+
+@by_rclpy
+def test_the_end_comes_in_the_middle_of_calls(graph: Graph, space: str) -> None:
+    bridge = graph.bridge(
+        f'source = "{graph.source}"\n'
+        + SET_BOOL.format(space=space, server="plc", timeout=20)
+        + SET_BOOL.format(space=f"{space}/of", server="ros", timeout=20)
+    )
+    peer, other = graph.peer(), graph.peer()
+    other.ask(do="serve", service=f"{space}/of/flag", type="std_srvs/srv/SetBool", answers=[], delay=20)
+    kinds = session(graph).classes(["std_srvs/SetBool"])
+    calling = client(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
+    came = threading.Event()
+    ended = threading.Event()
+    outcome: list[str] = []
+
+    def handler(request: Any) -> Any:
+        came.set()
+        ended.wait(20)
+        return SimpleNamespace(success=True, message="")
+
+    with plc_server(graph, f"{space}/flag", handler), calling(f"{space}/of/flag") as plc:
+        asked = {"do": "call", "service": f"{space}/flag", "type": "std_srvs/srv/SetBool", "request": {}, "timeout": 3}
+        threading.Thread(target=lambda: peer.ask(**asked), daemon=True).start()
+        threading.Thread(target=lambda: outcome.append(call(plc)), daemon=True).start()
+        assert came.wait(10)
+        time.sleep(0.3)
+        took = bridge.stop(signal.SIGTERM)
+        ended.set()
+    assert took < 2
+    assert not [line for line in bridge.lines if "rror" in line or "never retrieved" in line or "Traceback" in line]
+
+
+@all_ways
+def test_who_comes_late_hears_the_newest(graph: Graph, space: str) -> None:
+    name = f"{space}/state"
+    bridge = graph.bridge(
+        f'source = "{graph.source}"\n'
+        + topic(name, "std_msgs/Int32", 'direction = "from_plc"', "latch = true", "depth = 60")
+    )
+    kinds = session(graph).classes(["std_msgs/Int32"])
+    with publisher(kinds["std_msgs/msg/Int32"], name, 60) as writer:
+        for number in range(50):
+            writer.publish(SimpleNamespace(data=number))
+        time.sleep(0.5)
+        peer = graph.peer()
+        peer.ask(do="subscribe", topic=name, type="std_msgs/msg/Int32", latch=True)
+        time.sleep(1)
+        assert peer.ask(do="take", topic=name, count=1) == [{"data": 49}]
+        assert peer.ask(do="take", topic=name, count=1, timeout=0.2) == []
+    bridge.stop(signal.SIGTERM)
+    bridge.said(f"{name} +50 passed$")
+
+
+@all_ways
+def test_what_is_no_message_is_counted(graph: Graph, space: str) -> None:
+    name = f"{space}/word"
+    bridge = graph.bridge(f'source = "{graph.source}"\n' + topic(name, "std_msgs/String"))
+    peer = graph.peer()
+    peer.ask(do="advertise", topic=name, type="std_msgs/msg/String")
+    assert peer.ask(do="connected", topic=name) == 1
+    peer.ask(do="publish_raw", topic=name, messages=["00010000 02000000 fc00".replace(" ", "")])
+    peer.ask(do="publish", topic=name, messages=[{"data": "fine"}])
+    time.sleep(0.5)
+    bridge.stop(signal.SIGTERM)
+    bridge.said(f"{name} +1 passed, 1 rejected$")
+    bridge.said("utf-8")
+
+
+@by_rclpy
+def test_what_is_overwritten_before_it_is_taken_is_counted(graph: Graph, space: str) -> None:
+    name = f"{space}/fast"
+    bridge = graph.bridge(f'source = "{graph.source}"\n' + topic(name, "std_msgs/Int32"))
+    peer = graph.peer()
+    peer.ask(do="advertise", topic=name, type="std_msgs/msg/Int32", depth=10)
+    assert peer.ask(do="connected", topic=name) == 1
+    kinds = session(graph).classes(["std_msgs/Int32"])
+    with subscriber(kinds["std_msgs/msg/Int32"], name, 1) as reader:
+        peer.ask(do="publish", topic=name, messages=[{"data": 0}])
+        assert reader.wait(5).data == 0
+        bridge.process.send_signal(signal.SIGSTOP)
+        peer.ask(do="publish", topic=name, messages=[{"data": number} for number in range(1, 3001)])
+        bridge.process.send_signal(signal.SIGCONT)
+        wait_for(lambda: (sample := reader.read()) and sample.data == 3000, "the last message")
+    bridge.stop(signal.SIGTERM)
+    words = bridge.said(f"{name} +\\d+ passed").split()
+    passed = int(words[1])
+    lost = int(words[words.index("lost") - 1]) if "lost" in words else 0
+    assert passed + lost == 3001, words
+    assert lost > 0
+
+
+@by_rclpy
+def test_arguments_of_ros(graph: Graph, space: str) -> None:
+    config = f'source = "{graph.source}"\n' + topic(f"{space}/word", "std_msgs/String")
+    bridge = graph.bridge(
+        config, "--ros-args", "-r", "__node:=cell_4", "-r", f"{space}/word:={space}/other", "-p", "use_sim_time:=true"
+    )
+    peer = graph.peer()
+    peer.ask(do="advertise", topic=f"{space}/other", type="std_msgs/msg/String")
+    assert peer.ask(do="connected", topic=f"{space}/other") == 1
+    peer.ask(do="publish", topic=f"{space}/other", messages=[{"data": "a"}])
+    assert peer.ask(do="heard", topic="/diagnostics") >= 1
+    assert "cell_4" in [one["node"] for one in peer.ask(do="graph", topic="/diagnostics")]
+    time.sleep(0.3)
+    bridge.stop(signal.SIGINT)
+    bridge.said(" 1 passed$")
+    wrong = graph.bridge("", "--ros-args", "--no-such-thing", ready=False)
+    assert wrong.process.wait(30) == 1
+    wrong.said("ros2: .*no-such-thing")
+    assert "SHM901" not in "".join(wrong.lines)
+
+
+@by_rclpy
+def test_a_definition_that_this_ros_has_otherwise(graph: Graph, space: str) -> None:
+    file = graph.folder / "msgs" / "std_msgs" / "msg" / "Int32.msg"
+    file.parent.mkdir(parents=True)
+    file.write_text("float32 data\n")
+    bridge = graph.bridge('path = ["msgs"]\n' + topic(f"{space}/x", "std_msgs/Int32"), ready=False)
+    assert bridge.process.wait(30) == 1
+    bridge.said("std_msgs/msg/Int32 of this ROS has int32 data, and not float data")
+
+
+@by_rclpy
+def test_diagnostics(graph: Graph, space: str) -> None:
+    graph.bridge(f'source = "{graph.source}"\n[bridge]\ndiagnostics = 0.2\n' + topic(f"{space}/x", "std_msgs/Int32"))
+    peer = graph.peer()
+    peer.ask(do="subscribe", topic="/diagnostics", type="diagnostic_msgs/msg/DiagnosticArray")
+    (array,) = peer.ask(do="take", topic="/diagnostics", count=1)
+    (status,) = array["status"]
+    assert (status["name"], status["level"]) == (f"shmgen_bridge: {space}/x", 0)
+    assert {"refused", "lost", "age [s]"} <= {value["key"] for value in status["values"]}
+    wait_for(lambda: peer.ask(do="graph", topic="/diagnostics"), "diagnostics")

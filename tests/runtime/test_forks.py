@@ -1,0 +1,127 @@
+"""A forked child: it holds nothing of its parent, and is told so; and who really holds a claim."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from shmgen import runtime
+
+from .messages import PosePublisher, PoseSubscriber, pose
+
+
+def in_child(work):
+    """What `work` returns in a forked child, as text."""
+    read, write = os.pipe()
+    pid = os.fork()
+    if pid == 0:
+        try:
+            os.write(write, str(work()).encode())
+        finally:
+            os._exit(0)
+    os.close(write)
+    os.waitpid(pid, 0)
+    with open(read) as answers:
+        return answers.read()
+
+
+def told(call):
+    try:
+        call()
+    except runtime.ShmError as error:
+        return f"{type(error).__name__}: {error}"
+    return "nothing"
+
+
+def test_a_child_holds_nothing_and_is_told(topic):
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+        publisher.publish(pose(1))
+        calls = [lambda: publisher.publish(pose(2)), publisher.heartbeat, subscriber.read, lambda: subscriber.wait(0)]
+        for call in calls:
+            answer = in_child(lambda call=call: told(call))
+            assert answer.startswith(f"InForkedChild: {topic}: this ")
+            assert f"belongs to process {os.getpid()}, from which this one was forked" in answer
+        names = in_child(lambda: [os.readlink(f"/proc/self/fd/{fd}") for fd in os.listdir("/proc/self/fd")[:-1]])
+        assert "/dev/shm" not in names
+        in_child(lambda: (publisher.close(), subscriber.close()))
+        publisher.publish(pose(3))
+        assert subscriber.read().position.x == 3.0
+
+
+def test_a_child_opens_its_own(topic):
+    with PosePublisher(topic) as publisher:
+        publisher.publish(pose(1))
+
+        def own():
+            with PoseSubscriber(topic) as subscriber:
+                return subscriber.read().position.x
+
+        assert in_child(own) == "1.0"
+
+
+PARENT = """
+import multiprocessing, os, sys, time
+from messages import PosePublisher
+publisher = PosePublisher(sys.argv[1])
+child = multiprocessing.get_context("fork").Process(target=time.sleep, args=(60,))
+child.start()
+print(child.pid, flush=True)
+time.sleep(60)
+"""
+
+
+def test_the_claim_ends_with_the_parent_and_not_with_its_children(topic):
+    where = os.path.dirname(__file__)
+    command = [sys.executable, "-c", PARENT, topic]
+    with subprocess.Popen(command, cwd=where, stdout=subprocess.PIPE, text=True) as parent:
+        child = int(parent.stdout.readline())
+        try:
+            with pytest.raises(runtime.RegionInUse, match=f"process {parent.pid} publishes already"):
+                PosePublisher(topic)
+            parent.kill()
+            parent.wait()
+            os.kill(child, 0)
+            with PosePublisher(topic) as publisher:
+                publisher.publish(pose(1))
+        finally:
+            os.kill(child, signal.SIGKILL)
+
+
+HIDDEN = """
+import ctypes, os, sys, time
+from messages import PosePublisher
+publisher = PosePublisher(sys.argv[1])
+fork = ctypes.PyDLL(None).fork  # Python is not told
+pid = fork()
+if pid:
+    print(pid, flush=True)
+    os._exit(0)
+time.sleep(60)
+"""
+
+
+def test_who_really_holds_the_claim_is_named(topic):
+    """A child of a fork that Python knows nothing of; its parent, whose pid stands in the header, is dead."""
+    where = os.path.dirname(__file__)
+    run = subprocess.Popen([sys.executable, "-c", HIDDEN, topic], cwd=where, stdout=subprocess.PIPE, text=True)
+    child = int(run.stdout.readline())
+    run.wait()
+    run.stdout.close()
+    try:
+        with pytest.raises(runtime.RegionInUse, match=f"process {child} publishes already"):
+            PosePublisher(topic)
+        for command, expected in (("doctor", f"writer: process {child} "), ("clean", f"process {child} ")):
+            shown = subprocess.run(
+                [sys.executable, "-m", "shmgen", command, topic],
+                capture_output=True,
+                text=True,
+                check=False,
+                timeout=60,
+            )
+            assert expected in shown.stdout + shown.stderr
+    finally:
+        os.kill(child, signal.SIGKILL)

@@ -1,0 +1,241 @@
+"""`sync = "sequence"`: regions without a semaphore, for sides whose semaphores do not fit each other.
+
+A program of 32 bits, the soft PLC and Python write and read under each other's hands; nothing torn is accepted.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import shutil
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+from shmgen import pipeline
+from shmgen.config import Config
+from shmgen.model import Regions, TypeName
+from shmgen.runtime import region_name
+from tests.softplc import Plc, compile_st
+
+from ..support.build import classes, put
+from ..support.command import run
+
+SIZE = 2048
+"""Words; as many bytes as a copy takes long enough to be met half-way."""
+SECONDS = 1.0
+NAME = TypeName("sequence_msgs", "msg", "Block")
+PEER = r"""
+/* Reads or writes one region by docs/protocol.md until its input ends; says how many samples, how many of them torn. */
+#include <fcntl.h>
+#include <poll.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include "shm_sequence/sequence_msgs/msg/block.h"
+#define ORDERED() __asm__ __volatile__("" ::: "memory") /* x86 keeps the order that the compiler keeps */
+
+typedef shm_sequence_msgs_Block message;
+static message own;
+
+int main(int count, char **given) {
+    int file = open(given[2], O_RDWR);
+    struct stat status;
+    fstat(file, &status);
+    unsigned char *memory = mmap(0, (size_t)status.st_size, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
+    volatile shmgen_region *region = (void *)memory;
+    struct pollfd input = {0, POLLIN, 0};
+    uint32_t done = 0, torn = 0, refused = 0, last = 0;
+    printf("%d bits\n", (int)sizeof(void *) * 8);
+    fflush(stdout);
+    while (poll(&input, 1, 0) == 0) {
+        uint32_t number = region->completed + (given[1][0] == 'w');
+        unsigned char *place = memory + region->header_size + number % region->slots * region->slot_size;
+        volatile shmgen_slot *slot = (void *)place;
+        if (given[1][0] == 'w') {
+            for (int word = 0; word < WORDS; word++) own.data[word] = number;
+            region->begun = number;
+            ORDERED();
+            slot->stamp_ns = 0;
+            slot->number = number;
+            memcpy(place + sizeof *slot, &own, sizeof own);
+            ORDERED();
+            region->completed = number;
+            region->heartbeat++;
+            done++;
+        } else if (number != last && number != 0) {
+            uint32_t found = slot->number;
+            ORDERED();
+            memcpy(&own, place + sizeof *slot, sizeof own);
+            ORDERED();
+            if (found != number || region->begun - number >= region->slots) {
+                refused++;
+                continue;
+            }
+            for (int word = 0; word < WORDS; word++) torn += own.data[word] != number;
+            last = number;
+            done++;
+        }
+    }
+    printf("%u %u %u\n", (unsigned)done, (unsigned)torn, (unsigned)refused);
+    return count == 0;
+}
+"""
+
+
+class Made(NamedTuple):
+    """Everything generated with sync = "sequence", the PLC's compiled."""
+
+    folder: Path
+    message: Any
+    publisher: Any
+    subscriber: Any
+    plc: Plc
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
+    folder = tmp_path_factory.mktemp("sequence")
+    put({"sequence_msgs/msg/Block.msg": f"uint32[{SIZE}] data\n"}, folder / "definitions")
+    config = Config(folder, path=(folder / "definitions",), package="shm_sequence", regions=Regions(sync="sequence"))
+    texts = pipeline.generate(config, ["sequence_msgs/Block"])
+    put(texts, folder)
+    plc = compile_st({path: text for path, text in texts.items() if path.endswith(".st")}, folder / "plc")
+    return Made(folder, *classes(folder, "shm_sequence", NAME), plc)
+
+
+@pytest.fixture(scope="module")
+def peer(made: Made) -> list[str]:
+    """The command of a 32-bit program, run by the kernel or else by qemu."""
+    if not shutil.which("i686-linux-gnu-gcc"):
+        pytest.skip("i686-linux-gnu-gcc is not installed")
+    source, program = made.folder / "peer.c", made.folder / "peer"
+    source.write_text(PEER)
+    options = ["-std=gnu11", "-O2", "-Wall", "-Wno-address-of-packed-member", f"-DWORDS={SIZE}", "-static"]
+    includes = ["-I", str(made.folder / "c")]
+    subprocess.run(["i686-linux-gnu-gcc", *options, *includes, str(source), "-o", str(program)], check=True)
+    for command in ([str(program)], ["qemu-i386", str(program)]):
+        try:
+            asked = subprocess.run([*command, "r", "/dev/zero"], input="", capture_output=True, text=True)
+        except OSError:
+            continue
+        if asked.stdout.startswith("32 bits"):
+            return command
+    pytest.skip("this machine runs no 32-bit programs")
+
+
+class Peer:
+    """It at work."""
+
+    def __init__(self, command: list[str], way: str, topic: str) -> None:
+        self.process = subprocess.Popen(
+            [*command, way, f"/dev/shm/{region_name(topic)}"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        assert self.process.stdout
+        assert self.process.stdout.readline() == "32 bits\n"
+
+    def end(self) -> tuple[int, int, int]:
+        """Samples, words of another sample in them, samples overwritten while they were read."""
+        said, _ = self.process.communicate("end", timeout=20)
+        done, torn, refused = map(int, said.split())
+        return done, torn, refused
+
+
+def until(seconds: float) -> Iterator[int]:
+    end, number = time.monotonic() + seconds, 0
+    while time.monotonic() < end:
+        number += 1
+        yield number
+
+
+def fill(address: int, number: int) -> None:
+    """The payload of sample `number` is that number in every word."""
+    ctypes.memmove(address, number.to_bytes(4, "little") * SIZE, 4 * SIZE)
+
+
+def whole(message: Any) -> bool:
+    return bytes(message) == int(message.data[0]).to_bytes(4, "little") * SIZE
+
+
+def test_python_writes_and_32_bits_read(made: Made, peer: list[str], topic: str) -> None:
+    message = made.message()
+    with made.publisher(topic) as publisher:
+        reader = Peer(peer, "r", topic)
+        for number in until(SECONDS):
+            fill(ctypes.addressof(message), number)
+            publisher.publish(message)
+        done, torn, _ = reader.end()
+        assert (torn, done > 10) == (0, True), done
+        assert publisher.lock_misses == 0
+
+
+def test_32_bits_write_and_python_reads(made: Made, peer: list[str], topic: str) -> None:
+    with made.subscriber(topic) as subscriber:
+        writer = Peer(peer, "w", topic)
+        read = 0
+        for _ in until(SECONDS):
+            if message := subscriber.read():
+                assert whole(message)
+                assert message.data[0] == subscriber.sequence
+                read += 1
+        assert subscriber.wait(1.0)
+        done, _, _ = writer.end()
+        assert (read > 10, done > read) == (True, True), (read, done)
+
+
+def test_32_bits_and_the_plc(made: Made, peer: list[str], topic: str) -> None:
+    block = made.plc.block("FB_sequence_msgs_Block_Publisher")
+    inputs = {"xEnable": True, "sTopic": topic}
+    while not block(**inputs, xSend=False)._fbRegion.xReady:
+        assert block.eErrorID == "NO_ERROR"
+        time.sleep(0.01)
+    reader = Peer(peer, "r", topic)
+    for number in until(SECONDS / 2):
+        fill(block.Msg._address, number)
+        assert block(xSend=True).xSent
+    done, torn, _ = reader.end()
+    assert (torn, done > 10) == (0, True), done
+    block(xEnable=False)
+
+    block = made.plc.block("FB_sequence_msgs_Block_Subscriber")
+    writer, read = Peer(peer, "w", topic), 0
+    for _ in until(SECONDS / 2):
+        if block(**inputs).xNewData:
+            message = made.message.from_buffer_copy(block.Msg.bytes())
+            assert whole(message)
+            assert message.data[0] == block.udiSequence
+            read += 1
+    writer.end()
+    assert (read > 10, block.udiLockMisses) == (True, 0), read
+
+
+def test_there_is_no_semaphore_and_nobody_misses_one(made: Made, topic: str) -> None:
+    plc = made.plc.block("FB_sequence_msgs_Block_Subscriber")
+    with made.publisher(topic) as publisher, made.subscriber(topic) as subscriber:
+        message = made.message(data=[1] * SIZE)
+        publisher.publish(message)
+        assert plc(xEnable=True, sTopic=topic).xNewData
+        assert subscriber.wait(1.0) == message
+        assert subscriber.wait(0.01) is None
+        assert (publisher.lock_misses, subscriber.lock_misses, plc.udiLockMisses) == (0, 0, 0)
+    assert [file.name for file in Path("/dev/shm").glob(f"*{region_name(topic)}*")] == [region_name(topic)]
+    (made.folder / "shmgen.toml").write_text(
+        f'path = ["definitions"]\n[regions]\nsync = "sequence"\n[[topics]]\ntopic = "{topic}"\ntype = "{NAME.short}"\n'
+    )
+    result = run(["doctor", topic], made.folder)
+    assert (result.code, "semaphore" in result.stdout) == (0, False)
+    assert "semaphore is missing" in run(["doctor", topic, "-I", "definitions"], made.folder.parent).stdout
+
+
+def test_another_machine_is_refused(made: Made, topic: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    from shmgen.runtime import RegionUnusable
+
+    monkeypatch.setattr(os, "uname", lambda: os.uname_result(("Linux", "", "", "", "aarch64")))
+    with pytest.raises(RegionUnusable, match='this is aarch64: write sync = "lock"'):
+        made.publisher(topic)
+    assert not Path(f"/dev/shm/{region_name(topic)}").exists()

@@ -1,0 +1,133 @@
+"""What cannot be used is told as such, before it is used; and a semaphore that somebody has spoiled."""
+
+from __future__ import annotations
+
+import os
+import resource
+import subprocess
+import sys
+import time
+from contextlib import suppress
+
+import posix_ipc
+import pytest
+
+from shmgen import runtime
+from shmgen.runtime import header as h
+from shmgen.runtime import region, semaphores
+from shmgen.runtime.lock import Lock
+
+from .messages import PosePublisher, PoseSubscriber, pose
+
+MANY = 2**31 - 3
+
+
+@pytest.mark.parametrize("data", [b"", b"\0" * 5, b"\xff" * 32, bytes(range(7, 23)) + b"\1" * 16, b"\0" * 4096])
+def test_a_file_that_is_no_semaphore(topic, semaphore_file, data):
+    """In a process of its own: the C library would end it."""
+    PosePublisher(topic).close()
+    semaphore_file.write_bytes(data)
+    code = f"from messages import *; PosePublisher({topic!r}).publish(pose(1))"
+    where = os.path.dirname(__file__)
+    done = subprocess.run([sys.executable, "-c", code], cwd=where, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1, done.returncode
+    assert f"RegionUnusable: {semaphore_file} is no semaphore" in done.stderr
+
+
+def test_no_descriptors_left(topic):
+    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (256, limits[1]))
+    taken = []
+    try:
+        with suppress(OSError):
+            while True:
+                taken.append(os.open("/dev/null", os.O_RDONLY))
+        for spare in range(20):  # noqa: B007 used behind it
+            try:
+                PosePublisher(topic).close()
+                break
+            except runtime.RegionUnusable as error:
+                text = str(error)
+            os.close(taken.pop())
+    finally:
+        for descriptor in taken:
+            os.close(descriptor)
+        resource.setrlimit(resource.RLIMIT_NOFILE, limits)
+    assert 1 < spare < 19
+    assert "Too many open files" in text
+
+
+def test_an_open_that_failed_leaves_no_file(topic, file, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "posix_fallocate", full)
+        with pytest.raises(runtime.RegionUnusable, match="no room for 4096 bytes"):
+            PosePublisher(topic)
+    assert not file.exists()
+    PosePublisher(topic).close()
+
+
+def test_a_region_whose_maker_gave_up_is_opened_anew(topic, file, monkeypatch):
+    """Removed by who made it, between another's opening and his last look."""
+    complete = region._complete_header
+    seen = []
+
+    def removed(*arguments):
+        complete(*arguments)
+        if not seen:
+            file.unlink()
+        seen.append(1)
+
+    monkeypatch.setattr(region, "_complete_header", removed)
+    with PosePublisher(topic) as publisher:
+        publisher.publish(pose(1))
+    assert len(seen) == 2
+    assert runtime.read_header(runtime.region_name(topic)).completed == 1
+
+
+@pytest.mark.parametrize("recoveries", [0, 1])
+@pytest.mark.parametrize("most", [3, 1000, MANY])
+def test_posts_too_many_stop_nobody(topic, most, recoveries):
+    """`most` at once cannot be posted in a test: the value is written into the semaphore's own file."""
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+        publisher._region.words[h.RECOVERIES] = recoveries
+        with open(f"/dev/shm/sem.{publisher._region.name}", "r+b") as file:
+            file.write(most.to_bytes(4, "little"))
+        semaphore = posix_ipc.Semaphore("/" + publisher._region.name)
+        longest = 0.0
+        for number in range(1, 30):
+            before = time.monotonic()
+            publisher.publish(pose(number))
+            assert subscriber.read().position.x == number
+            longest = max(longest, time.monotonic() - before)
+        assert longest < 0.5
+        assert semaphore.value == max(1, most - 58 * 65)
+        semaphore.close()
+        assert (publisher.lock_misses, subscriber.lock_misses) == (0, 0)
+
+
+def test_an_event_that_is_full_stops_nobody(topic):
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+        assert subscriber.wait(0) is None
+        with open(f"/dev/shm/sem.{publisher._region.name}-event", "r+b") as file:
+            file.write((2**31 - 1).to_bytes(4, "little"))
+        publisher._region.words[h.ARMED] = 1
+        publisher.publish(pose(1))
+        assert subscriber.wait(1).position.x == 1.0
+        before = time.monotonic()
+        assert subscriber.wait(0.05) is None
+        assert time.monotonic() - before >= 0.05
+
+
+def test_the_lock_without_semlock(topic, monkeypatch):
+    """posix_ipc behind the same calls."""
+    monkeypatch.setattr(semaphores, "SemLock", None)
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+        assert isinstance(publisher._region.semaphore, semaphores.PosixSemaphore)
+        publisher.publish(pose(1))
+        assert subscriber.wait(1).position.x == 1.0
+        assert publisher._region.semaphore._get_value() == 1
+        assert publisher._region.semaphore._count() == 0
+        assert isinstance(publisher._lock, Lock)

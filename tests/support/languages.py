@@ -1,0 +1,178 @@
+"""What is code in a file and what is not, for each format that a target writes: what a contract cannot know.
+
+A language is found by the name of a file. Comments, docstrings and blanks are no tokens; a text is one.
+"""
+
+from __future__ import annotations
+
+import ast
+import configparser
+import functools
+import io
+import keyword
+import re
+import subprocess
+import sys
+import tempfile
+import tokenize
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from fnmatch import fnmatch
+from pathlib import Path, PurePath
+from typing import Any
+
+from lxml import etree
+from ruamel.yaml import YAML
+
+from .build import put
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+
+@dataclass(frozen=True)
+class Language:
+    """`tokens` are those of a text; `accepts` raises where a compiler or parser would refuse files, given by path.
+
+    `keywords` are words that name nothing. They are not those of the sources: what is forgotten there would be here.
+    """
+
+    tokens: Callable[[str], list[str]]
+    accepts: Callable[[Mapping[str, str]], None] = lambda texts: None
+    keywords: frozenset[str] = frozenset()
+    ignores_case: bool = False
+
+    def folded(self, word: str) -> str:
+        """What names the same."""
+        return word.upper() if self.ignores_case and not word.startswith("<") else word
+
+
+def language(path: str) -> Language:
+    for pattern, found in LANGUAGES:
+        if fnmatch(path, pattern):
+            return found
+    raise AssertionError(f"{path}: tests/support/languages.py does not know what is code in it")
+
+
+def lexer(*, comments: str, texts: str) -> Callable[[str], list[str]]:
+    """From the regular expressions of a comment and of a text; the rest is words and signs."""
+    token = re.compile(rf"(?P<none>{comments}|\s+)|{texts}|\w+|.", re.DOTALL)
+    return functools.lru_cache(256)(lambda text: [found[0] for found in token.finditer(text) if not found["none"]])
+
+
+_DOUBLE = r'"(?:\\.|[^"\\])*"'
+_hash = lexer(comments="#[^\n]*", texts=rf"{_DOUBLE}|'[^'\n]*'")
+c_tokens = lexer(comments=r"/\*.*?\*/|//[^\n]*", texts=rf"\w*{_DOUBLE}")
+st_tokens = lexer(comments=r"//[^\n]*|\(\*.*?\*\)", texts=r"""'(?:\$.|[^'$])*'|"(?:\$.|[^"$])*"|\{attribute [^}]*\}""")
+
+
+def python_tokens(text: str) -> list[str]:
+    """Without docstrings: a text that is a statement."""
+    kinds = (tokenize.COMMENT, tokenize.NL, tokenize.ENCODING, tokenize.ENDMARKER)
+    found = [token for token in tokenize.generate_tokens(io.StringIO(text).readline) if token.type not in kinds]
+    begins = (tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT)
+    statement = [
+        token.type == tokenize.STRING
+        and (number == 0 or found[number - 1].type in begins)
+        and found[number + 1].type == tokenize.NEWLINE
+        for number, token in enumerate(found)
+    ]
+    kept = (token for token, is_doc in zip(found, statement, strict=True) if not is_doc)
+    return [token.string for token in kept if token.type not in begins]
+
+
+def xml_tokens(text: str) -> list[str]:
+    """All but documentation and comments, which are for people; what text is left is Structured Text or a value."""
+
+    def of(element: Any) -> Iterator[str]:
+        if element.tag is not etree.Comment and not str(element.tag).endswith(("}documentation", "description")):
+            yield f"<{element.tag}"
+            for key, value in sorted(element.attrib.items()):
+                yield from (f"<{key}", *st_tokens(value))
+            yield from st_tokens(element.text or "")
+            for inner in element:
+                yield from of(inner)
+        yield from st_tokens(element.tail or "")
+
+    return list(of(etree.fromstring(text.encode())))
+
+
+def _python(texts: Mapping[str, str]) -> None:
+    for path, text in texts.items():
+        ast.parse(text)
+        if path.startswith("python/"):
+            parts = PurePath(path).with_suffix("").parts
+            assert all(part.isidentifier() and not keyword.iskeyword(part) for part in parts), path
+
+
+def _c(texts: Mapping[str, str]) -> None:
+    """All headers in one unit: what they define must not meet."""
+    with tempfile.TemporaryDirectory() as folder:
+        put(texts, Path(folder))
+        roots = sorted({path.partition("/")[0] for path in texts})
+        lines = "".join(f'#include "{path.partition("/")[2]}"\n' for path in texts)
+        for standard in ("-xc -std=c11", "-xc++ -std=c++17"):
+            command = [
+                "gcc",
+                *standard.split(),
+                *(f"-I{folder}/{root}" for root in roots),
+                "-Werror",
+                "-fsyntax-only",
+                "-",
+            ]
+            done = subprocess.run(command, input=lines, capture_output=True, text=True, check=False)
+            assert done.returncode == 0, done.stderr[:2000]
+
+
+def _each(parse: Callable[[str], Any]) -> Callable[[Mapping[str, str]], None]:
+    def accepts(texts: Mapping[str, str]) -> None:
+        for text in texts.values():
+            parse(text)
+
+    return accepts
+
+
+def _words(text: str) -> frozenset[str]:
+    return frozenset(text.split())
+
+
+ST_WORDS = _words("""
+    TYPE TIME ACTION TASK FUNCTION STEP TRANSITION DT ARRAY AT READ_ONLY PROGRAM CONFIGURATION RESOURCE INTERVAL
+    PRIORITY STRING BOOL BYTE LOG TRUE FALSE ADD DELETE ON VAR END_VAR AND OR NOT XOR MOD TO OF BY REAL LREAL LWORD
+    ULINT USINT WSTRING LTIME DATE TOD LIMIT MAX MIN SEL MUX SIZEOF ADR POINTER REFERENCE STRUCT UNION CLASS METHOD
+    PROPERTY INTERFACE THIS SUPER NULL REF_TO USING NAMESPACE PERSISTENT RETAIN IF THEN ELSE FOR WHILE REPEAT UNTIL
+    CASE RETURN EXIT CONTINUE
+""")
+"""IEC 61131-3, edition 3, and the help of CODESYS."""
+C_WORDS = _words("""
+    auto break case char const continue default do double else enum extern float for goto if inline int long register
+    restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
+    class template typename this throw try new delete private public protected virtual operator friend namespace using
+    bool true false and or not xor export mutable explicit asm nullptr constexpr static_assert linux unix
+""")
+"""C11 and C++17, and what gcc defines in its default mode."""
+
+_PYTHON = Language(python_tokens, _python, frozenset(keyword.kwlist))
+_ST = Language(st_tokens, keywords=ST_WORDS, ignores_case=True)
+_XML = Language(xml_tokens)
+_CONFIGURATION = Language(_hash)
+
+LANGUAGES = [
+    ("*.py", _PYTHON),
+    ("*.h", Language(c_tokens, _c, C_WORDS)),
+    ("*.st", _ST),
+    ("plcopen/*.xml", Language(xml_tokens, keywords=ST_WORDS, ignores_case=True)),
+    ("*.xml", _XML),
+    ("*.launch", _XML),
+    ("*.toml", Language(_hash, _each(tomllib.loads))),
+    ("*.yaml", Language(_hash, _each(YAML(typ="safe").load))),
+    ("*.cfg", Language(_hash, _each(lambda text: configparser.ConfigParser(interpolation=None).read_string(text)))),
+    ("*/CMakeLists.txt", _CONFIGURATION),
+    ("ros1/*/scripts/bridge", _PYTHON),
+    ("*/py.typed", _CONFIGURATION),
+    ("ros2/*/resource/*", _CONFIGURATION),
+    ("*/config/msgs/*", Language(lambda text: [])),  # the user's own files, copied
+]
+"""In order; the first that fits."""

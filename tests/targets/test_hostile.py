@@ -1,0 +1,226 @@
+"""Nothing in a definition leaves its place: what comes out is code equal to that of a harmless one, in every target."""
+
+from __future__ import annotations
+
+import ast
+import functools
+import importlib
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, Phase, example, given, settings
+from hypothesis import strategies as st
+
+from shmgen import pipeline
+from shmgen.bounds import Bounds
+from shmgen.config import Config
+from shmgen.diagnostics import Rejected
+from tests.support.build import put
+from tests.support.languages import st_tokens, xml_tokens
+
+from .contract import PIECES
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+words = st.sampled_from(PIECES)
+letters = st.characters(exclude_categories=["Cc", "Cs"])
+hostile = st.lists(words | words | st.text(letters, max_size=4), min_size=1, max_size=6).flatmap(
+    lambda parts: st.sampled_from(["".join(parts), " ".join(parts)])
+)
+units = st.lists(words, min_size=1, max_size=2).map(lambda parts: "m" + "".join(parts))
+folders = hostile.map(lambda text: text.replace("/", "|")[:60])
+
+# Shrinking would run a compiler some thousand times.
+careless = settings(suppress_health_check=list(HealthCheck), phases=[Phase.explicit, Phase.reuse, Phase.generate])
+TARGETS = ("python", "st", "plcopen", "c")
+
+
+def definition(comment: str = "c", other: str = "o", unit: str = "u", text: str = "t") -> str:
+    quoted = '"' + text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n").replace("\r", "\\r") + '"'
+    return (
+        f"# x{comment}\n#{other}\n\n"
+        f"string NAME={quoted}\nwstring WIDE={quoted}\nuint8 MODE=1  # {comment}\n# {other}\n\n"
+        f"float32 speed 1.5  # x{comment}\n                   # {other}\n# {other}\nstring text {quoted}\n"
+        f"int8[2] pair [1, 2]  # [{unit}] {other}\nstring[1] texts [{quoted}]  # {unit}[{unit}]\n"
+        f"uint8 last  # {comment}\\\n"
+    )
+
+
+def generated(text: str, within: str = "plain") -> dict[str, str]:
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name, within)
+        (folder / "demo_msgs" / "msg").mkdir(parents=True)
+        (folder / "demo_msgs" / "msg" / "Foo.msg").write_text(text, encoding="utf-8")
+        config = Config(Path(name), path=(folder,), bounds=Bounds({}, {}, 500), targets=TARGETS)
+        return pipeline.generate(config, ["demo_msgs/Foo"])
+
+
+@functools.cache
+def harmless() -> dict[str, Any]:
+    return code(generated(definition()))
+
+
+@given(hostile, hostile, units, folders)
+@example("c", "o", 'm"""+exit(1)+"""', "f")
+@example("c\\", "*\\", "m*/", '"""*)')
+@example("*??/", "??/", "m*??/", "??/")
+@settings(careless, max_examples=60)
+def test_comments_units_and_folders(comment: str, other: str, unit: str, within: str) -> None:
+    found = code(generated(definition(comment, other, unit), within))
+    assert found.keys() == harmless().keys()
+    for path, meant in harmless().items():
+        assert found[path] == meant, path
+
+
+@given(st.lists(words | st.text(letters, max_size=4) | st.sampled_from("\n\r\t"), max_size=6).map("".join))
+@settings(careless, max_examples=40)
+def test_strings(text: str) -> None:
+    """Constants and defaults: equal in Python, one literal in C, and in Structured Text what an IDE reads back."""
+    texts = generated(definition(text=text))
+    code(texts)
+    kind = python_class(texts)
+    assert (text, text) == (kind.NAME, kind.WIDE)
+    message = kind()
+    assert (message.text, list(message.texts)) == (text, [text])
+    st_texts = [token for path in texts if path.startswith("st/demo_msgs/") for token in st_tokens(texts[path])]
+    assert iec(text.encode(), "'", 2) in st_texts
+    assert iec_wide(text) in st_texts
+
+
+def iec(data: bytes, quote: str, digits: int) -> str:
+    """Each byte by its number but for those that need none (IEC 61131-3, tables 5 and 6)."""
+    plain = [chr(byte) if 0x20 <= byte < 0x7F and chr(byte) not in f"${quote}" else None for byte in data]
+    written = [f"${byte:0{digits}X}" if byte < 0x20 or byte > 0x7E else f"${chr(byte)}" for byte in data]
+    return quote + "".join(one or other for one, other in zip(plain, written, strict=True)) + quote
+
+
+def iec_wide(text: str) -> str:
+    data = text.encode("utf-16-be")
+    units = [int.from_bytes(data[at : at + 2], "big") for at in range(0, len(data), 2)]
+    return (
+        '"'
+        + "".join(
+            f"${chr(one)}" if chr(one) in '$"' else chr(one) if 0x20 <= one < 0x7F else f"${one:04X}" for one in units
+        )
+        + '"'
+    )
+
+
+def python_class(texts: Mapping[str, str]) -> Any:
+    with tempfile.TemporaryDirectory() as folder:
+        put({path: text for path, text in texts.items() if path.startswith("python/")}, Path(folder))
+        sys.path.insert(0, f"{folder}/python")
+        try:
+            return importlib.import_module("shm_msgs.demo_msgs.msg").Foo
+        finally:
+            sys.path.remove(f"{folder}/python")
+            for name in [name for name in sys.modules if name.split(".")[0] == "shm_msgs"]:
+                del sys.modules[name]
+
+
+@pytest.mark.parametrize("name", ["../../etc", "/etc", "a/../../b", "x y", "ｐkg", ""])  # noqa: RUF001
+def test_a_package_cannot_name_a_place(name: str, tmp_path: Path) -> None:
+    """Such a name is none, so the folder's own counts."""
+    files = {"good_msgs/package.xml": f"<package><name>{name}</name></package>", "good_msgs/msg/Foo.msg": "int8 a\n"}
+    put(files, tmp_path)
+    texts = pipeline.generate(Config(tmp_path, path=(tmp_path,)), ["good_msgs/Foo"])
+    assert_inside(texts)
+    with pytest.raises(Rejected, match="SHM004"):
+        pipeline.generate(Config(tmp_path, path=(tmp_path,)), [f"{name}/Foo"])
+
+
+@pytest.mark.parametrize("name", ["__import__", "-rf", "x-y", "_"])
+def test_a_package_of_a_name_that_cannot_be_is_none(name: str, tmp_path: Path) -> None:
+    put({"x/package.xml": f"<package><name>{name}</name></package>", "x/msg/Foo.msg": "int8 a\n"}, tmp_path)
+    for request in (f"{name}/Foo", "x/Foo"):
+        with pytest.raises(Rejected, match="SHM004"):
+            pipeline.generate(Config(tmp_path, path=(tmp_path,)), [request])
+
+
+@pytest.mark.parametrize("source", ["jazzy", "noetic"])
+@pytest.mark.parametrize("name", ["__import__", "Ｆoo", "Fоо", "Foo;", "Foo Bar", "$(id)", "-rf", "..", "Foo\n"])  # noqa: RUF001
+def test_a_message_cannot_be_named_so(name: str, source: str, tmp_path: Path) -> None:
+    put({f"demo_msgs/msg/{name}.msg": "int8 a\n"}, tmp_path)
+    with pytest.raises(Rejected, match=r"SHM202|SHM004"):
+        pipeline.generate(Config(tmp_path, source=source, path=(tmp_path,)), [f"{tmp_path}/demo_msgs/msg/{name}.msg"])
+
+
+WORDS = "class None import end_type int str float list bytes len runtime values ctypes struct typing Message"
+
+
+@pytest.mark.parametrize("name", WORDS.split())
+def test_ros1_takes_names_that_mean_something_elsewhere(name: str, tmp_path: Path) -> None:
+    put({f"demo_msgs/msg/{name}.msg": "int8 a\n", "demo_msgs/msg/Foo.msg": f"demo_msgs/{name} b\n"}, tmp_path)
+    texts = pipeline.generate(
+        Config(tmp_path, source="noetic", path=(tmp_path,)), ["demo_msgs/Foo", f"demo_msgs/{name}"]
+    )
+    assert_inside(texts)
+    assert python_class(texts)().b.a == 0
+    preprocessed(texts)
+
+
+@pytest.mark.parametrize("name", [name for name in WORDS.split() if name.islower()])
+def test_fields_take_such_names_too(name: str) -> None:
+    fields = "string {0}\nstring other\nint8[2] numbers\nstring[2] texts\nduration d\nfloat32 last 1.5\n"
+    texts = generated(fields.format(name))
+    message = python_class(texts)(other="o", texts=["a", "b"])
+    assert (message.other, list(message.numbers), list(message.texts), message.last) == ("o", [0, 0], ["a", "b"], 1.5)
+    preprocessed(texts)
+
+
+def assert_inside(texts: Mapping[str, str]) -> None:
+    for path in texts:
+        assert re.fullmatch(r"(?:[A-Za-z0-9_]+/)*[A-Za-z0-9_]+(?:\.[a-z]+)+", path), path
+
+
+# --- what is code, and what is not ----------------------------------------------------------------------
+
+
+def code(texts: Mapping[str, str]) -> dict[str, Any]:
+    """By path, without comments; each file must be whole."""
+    headers = preprocessed(texts)
+    found: dict[str, Any] = {}
+    for path, text in texts.items():
+        if path.endswith(".py"):
+            found[path] = ast.dump(without_docstrings(ast.parse(text)))
+            assert not re.search("[^\x20-\x7e\n]", re.sub(r'""".*?"""', "", text, flags=re.DOTALL)), path
+        elif path.endswith(".st"):
+            assert re.fullmatch(r"[\x20-\x7e\n]*", text), path
+            found[path] = st_tokens(text)
+        elif path.endswith(".xml"):
+            found[path] = xml_tokens(text)
+        elif path.endswith(".h"):
+            found[path] = headers[path]
+        elif path.endswith(".lock"):
+            found[path] = {**tomllib.loads(text)["messages"]["demo_msgs/msg/Foo"], "text": "", "origin": ""}
+    assert found.keys() == texts.keys() - {path for path in texts if path.endswith(("py.typed", ".json"))}
+    return found
+
+
+def without_docstrings(tree: ast.AST) -> ast.AST:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node) is not None:
+            node.body = node.body[1:]
+    return tree
+
+
+def preprocessed(texts: Mapping[str, str]) -> dict[str, str]:
+    """As the compiler sees it, trigraphs, comments and lines that go on included; its warnings are errors."""
+    with tempfile.TemporaryDirectory() as folder:
+        put({path: text for path, text in texts.items() if path.endswith(".h")}, Path(folder))
+        (header,) = Path(folder).rglob("foo.h")
+        command = ["gcc", "-xc", "-std=c11", "-Wall", "-Wextra", "-Werror", "-pedantic", f"-I{folder}/c"]
+        for options in (["-fsyntax-only"], ["-E", "-P", "-dD"]):
+            done = subprocess.run([*command, *options, str(header)], capture_output=True, text=True, check=False)
+            assert done.returncode == 0, done.stderr[:2000]
+        name = str(header.relative_to(folder))
+        return {path: done.stdout if path == name else "" for path in texts if path.endswith(".h")}

@@ -1,0 +1,215 @@
+"""Awkward names through real compilers and interpreters, and docs/names.md, which says what becomes of them."""
+
+from __future__ import annotations
+
+import ctypes
+import keyword
+import random
+import subprocess
+from collections.abc import Iterable
+from pathlib import Path
+
+import pytest
+
+from shmgen import pipeline, runtime
+from shmgen.config import Config
+from shmgen.diagnostics import Rejected
+from shmgen.model import Layouts, TypeName
+from shmgen.targets.c import names as c_names
+from shmgen.targets.python import names as python_names
+from shmgen.targets.st import names as st_names
+
+from ..conftest import REPOSITORY
+from ..support import plc_bytes
+from ..support.build import MAX_REGION, put
+from ..support.schemas import plain, random_message
+
+BUILTINS = "bool bytes bytearray dict float int len list memoryview object print property self set str super tuple type"
+GENERATED = "at cls ctypes data error into late message runtime staticmethod struct typing values"
+ATTRIBUTES = (
+    "cuts decode encode encode_counted names names_ objects fields fields_ pack_ digest_ regions_ set_defaults topic"
+)
+MACROS = "linux unix i386 errno stdin stdout stderr complex NAN INFINITY I EOF NULL BUFSIZ st_mtime sa_handler si_value"
+SIDES = {
+    "python": " ".join(["match", "case", BUILTINS, GENERATED, ATTRIBUTES, *keyword.kwlist]),
+    "c": " ".join([MACROS, *sorted(c_names.C_RESERVED)]),
+    "st": " ".join(sorted(word.lower() for word in st_names.ST_RESERVED if "_to_" not in word.lower())),
+}
+KINDS = {"numbers": "uint8 {}", "texts": "string {}", "arrays": "uint8[3] {}", "long": "string[50] {}"}
+HEADERS = """assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdalign stdarg
+    stdbool stddef stdint stdio stdlib string time uchar wchar wctype sys/types sys/stat sys/socket netinet/in
+    unistd fcntl pthread semaphore sched poll dirent"""
+
+
+def words(text: str) -> list[str]:
+    """Each once."""
+    return list(dict.fromkeys(text.split()))
+
+
+def made(folder: Path, package: str, definitions: dict[str, str], targets: tuple[str, ...]) -> Layouts:
+    """In ROS 1's dialect, which takes any letters for a name."""
+    put({f"msgs/{name}.msg": text for name, text in definitions.items()}, folder)
+    config = Config(
+        folder, source="noetic", path=(folder / "msgs",), package=package, targets=targets, max_region=MAX_REGION
+    )
+    names = sorted({name.partition("/")[0] for name in definitions})
+    put(pipeline.generate(config, names), folder)
+    return pipeline.lay_out(config, names)
+
+
+def definitions(text: str, kinds: Iterable[str] = KINDS) -> dict[str, str]:
+    """A message of each kind with all the words for fields, and one with constants."""
+    held = {
+        f"odd_msgs/msg/{kind.title()}": "".join(line.format(word) + "\n" for word in words(text))
+        for kind, line in KINDS.items()
+        if kind in kinds
+    }
+    constants = "".join(f"uint8 {word}={number % 256}\n" for number, word in enumerate(words(text)))
+    return {**held, "odd_msgs/msg/Constants": constants + "string text\n"}
+
+
+def foreign(message: object) -> object:
+    """With the attributes that genpy gives: a keyword has an underscore behind."""
+    for name in list(vars(message)):
+        if python_names.python_member(name) != name:
+            setattr(message, python_names.python_member(name), vars(message).pop(name))
+    return message
+
+
+def test_any_field_and_constant_in_python(tmp_path: Path) -> None:
+    layouts = made(tmp_path, "shm_odd_python", definitions(SIDES["python"]), ("python",))
+    for name, layout in layouts.items():
+        kind, _, _ = plc_bytes.classes(tmp_path, "shm_odd_python", name)
+        message = foreign(random_message(layout, layouts, random.Random(1)))
+        data = bytearray(layout.size)
+        late: runtime.Late = []
+        kind._encode(message, data, 0, late)
+        for offset, _, view in late:
+            data[offset : offset + len(view)] = view
+        own = kind.from_buffer_copy(data)
+        assert plain(own) == plain(message), name
+        assert bytes(kind(**{field: getattr(own, field) for field in own._names_})) == data
+        kind._decode(bytes(data), 0, message)
+        assert plain(own) == plain(message), name
+        assert (own == kind.from_buffer_copy(data), "(" in repr(own)) == (True, True)
+        for constant in layout.message.constants:
+            assert getattr(kind, python_names.python_member(constant.name)) == constant.value
+
+
+def test_the_words_are_those_of_the_classes() -> None:
+    """What a stored member must not be called, and what a module refers to."""
+    own = {name for name in dir(runtime.Message) if name.startswith("_") and not name.startswith("__")}
+    assert own <= python_names.PYTHON_STORED
+    assert set(keyword.kwlist) <= python_names.PYTHON_RESERVED
+    assert not [name for name in dir(ctypes.Structure) if not name.startswith("_")]
+
+
+@pytest.mark.parametrize("compiler", ["gcc -std=gnu11", "gcc -std=c11", "g++ -std=gnu++17", "gcc -std=gnu2x"])
+def test_any_field_and_constant_in_c(compiler: str, tmp_path: Path) -> None:
+    """Behind the headers of C and POSIX, so that their macros are there; the headers assert every offset."""
+    made(tmp_path, "shm_odd_c", definitions(SIDES["c"]), ("c",))
+    plus = compiler.startswith("g++")
+    lines = [f"#include <{name}.h>\n" for name in HEADERS.split() if not (plus and name == "complex")]
+    lines += [f'#include "shm_odd_c/odd_msgs/msg/{kind}.h"\n' for kind in (*KINDS, "constants")]
+    command = [*compiler.split(), "-Wall", "-Werror", f"-I{tmp_path}/c", "-fsyntax-only", f"-xc{'++' * plus}", "-"]
+    done = subprocess.run(command, input="".join(lines), capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[:3000]
+
+
+def test_every_macro_of_a_small_name_is_known() -> None:
+    """Fields of ROS 2 have small letters."""
+    lines = "".join(f"#include <{name}.h>\n" for name in HEADERS.split())
+    found = subprocess.run(["gcc", "-dM", "-E", "-"], input=lines, capture_output=True, text=True, check=True).stdout
+    names = {line.split()[1] for line in found.splitlines()}
+    assert {name for name in names if name.isidentifier() and name[0].islower()} <= c_names.C_RESERVED
+
+
+def test_any_field_and_constant_in_structured_text(tmp_path: Path) -> None:
+    layouts = made(tmp_path, "shm_odd_st", definitions(SIDES["st"], ["numbers"]), ("st",))
+    texts = {str(path): path.read_text() for path in (tmp_path / "st").rglob("*.st")}
+    plc = plc_bytes.compile_st(texts)
+    for name, layout in layouts.items():
+        plc_bytes.assert_compiled_as_laid_out(plc, name, layout)
+    constants = plc.globals("GVL_odd_msgs_Constants")
+    for constant in layouts[TypeName("odd_msgs", "msg", "Constants")].message.constants:
+        assert getattr(constants, st_names.st_member(constant.name)) == constant.value
+
+
+TYPES = (
+    "int str struct values runtime ctypes typing memoryview staticmethod bool from None Message Publisher Time String"
+)
+
+
+def test_any_type_and_package(tmp_path: Path) -> None:
+    held = {f"lambda/msg/{name}": "uint8 x\nuint8[3] data\n" for name in TYPES.split()}
+    inside = "".join(f"lambda/{name} {name}_1\nlambda/{name}[2] {name}_2\n" for name in TYPES.split())
+    layouts = made(tmp_path, "shm_types", {**held, "async/msg/All": inside}, ("python", "c", "st"))
+    name = TypeName("async", "msg", "All")
+    kind = plc_bytes.classes.__globals__["module"](tmp_path, "shm_types", name._replace(package="async_")).All
+    message = random_message(layouts[name], layouts, random.Random(2))
+    data = bytearray(layouts[name].size)
+    kind._encode(message, data, 0, [])
+    assert plain(kind.from_buffer_copy(data)) == plain(message)
+    headers = "".join(f'#include "{path.relative_to(tmp_path / "c")}"\n' for path in (tmp_path / "c").rglob("*.h"))
+    for language in ("c", "c++"):
+        command = ["gcc", f"-x{language}", "-Wall", "-Werror", f"-I{tmp_path}/c", "-fsyntax-only", "-"]
+        done = subprocess.run(command, input=headers, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr[:3000]
+    plc_bytes.compile_st({str(path): path.read_text() for path in (tmp_path / "st").rglob("*.st")})
+
+
+CLASHES = {
+    "escaped": ({"odd_msgs/msg/A": "uint8 type\nuint8 type_\n"}, ["SHM203"]),
+    "case": ({"odd_msgs/msg/A": "uint8 gain\nuint8 Gain\n"}, ["SHM203"]),
+    "underscores": ({"odd_msgs/msg/A": "uint8 a__b\nuint8 a_b\n"}, ["SHM203"]),
+    "a keyword": ({"odd_msgs/msg/A": "uint8 class\nuint8 class_\n"}, ["SHM203"] * 3),
+    "a macro": ({"odd_msgs/msg/A": "uint8 linux\nuint8 linux_\n"}, ["SHM203"]),
+    "a type and a constant": (
+        {"odd_msgs/msg/A": "uint8 B=1\nuint8 x\n", "odd_msgs/msg/A_B": "uint8 x\n"}, ["SHM203"]),
+    "two packages": ({"a/msg/b_C": "uint8 x\n", "a_b/msg/C": "uint8 x\n"}, ["SHM203"] * 2),
+    "classes": ({"odd_msgs/msg/A": "uint8 x\n", "odd_msgs/msg/APublisher": "uint8 x\n"}, ["SHM203"]),
+    "a class with an underscore": ({"odd_msgs/msg/int": "uint8 x\n", "odd_msgs/msg/int_": "uint8 x\n"}, ["SHM203"] * 3),
+    "ours": ({"odd_msgs/msg/A": "uint8 SHM_SIZE=1\nuint8 x\n"}, ["SHM204"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("clash", CLASHES)
+def test_clashes_are_told(clash: str, tmp_path: Path) -> None:
+    messages, codes = CLASHES[clash]
+    with pytest.raises(Rejected) as rejected:
+        made(tmp_path, "shm_clash", messages, ("python", "st", "plcopen", "c"))
+    assert [found.code for found in rejected.value.diagnostics] == codes
+
+
+PAGE = REPOSITORY / "docs" / "names.md"
+
+
+def test_the_table_of_docs_is_that_of_the_corpus(corpus: Path, update_golden: bool) -> None:
+    text = PAGE.read_text()
+    before, mark, rest = text.partition("| name | what |")
+    _, blank, after = rest.partition("\n\n")
+    made = before + "\n".join(table(corpus)) + blank + after
+    if update_golden:
+        PAGE.write_text(made)
+    assert mark
+    assert text == made
+
+
+def table(corpus: Path) -> list[str]:
+    """What of the names in real packages is another one in a target."""
+    rows: dict[tuple[str, ...], set[str]] = {}
+    for distribution in ("noetic", "jazzy"):
+        config = Config(corpus, source=distribution, path=(corpus / distribution,))
+        for message in pipeline.read(config, plc_bytes.corpus_names(config)).messages:
+            named = [("field", field.name) for field in message.fields]
+            named += [("constant", constant.name) for constant in message.constants]
+            for what, name in named:
+                c = c_names.c_member(name) if what == "field" else name
+                targets = st_names.st_member(name), python_names.python_member(name), c
+                if set(targets) != {name}:
+                    rows.setdefault((name, what, *targets), set()).add(message.name.short)
+    lines = ["| name | what | met in | Structured Text | Python | C |", "|---|---|---|---|---|---|"]
+    for (name, what, *targets), messages in sorted(rows.items(), key=lambda row: (row[0][0].lower(), row[0])):
+        met = min(messages) + (f" and {len(messages) - 1} more" if len(messages) > 1 else "")
+        lines.append(f"| `{name}` | {what} | {met} | " + " | ".join(f"`{target}`" for target in targets) + " |")
+    return lines

@@ -1,0 +1,222 @@
+"""What generated classes do with values: round trips, and typed errors that leave the region alone."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from shmgen import layout, pipeline, runtime
+from shmgen.config import Config
+from shmgen.model import TypeName
+from shmgen.runtime import header
+
+from ..conftest import REPOSITORY
+from ..support.build import module, put
+
+DEFINITIONS = {
+    "Joint": "string<=8 name\nint16 turns\nfloat32 torque # [Nm]\n",
+    "Robot": (
+        "# A robot.\n"
+        "uint8 IDLE=0\nstring GREETING='say \"hi\"'\nfloat64 HALF=0.5\n"
+        "bool ready\nint8 mode 5\nuint64 serial\nstring<=10 label 'R1'\nwstring<=4 sign\n"
+        "builtin_interfaces/Time stamp\nbuiltin_interfaces/Duration patience\n"
+        "float64[3] axis [1.0, 0.0, 0.0]\nfloat32[2] thrust\n"
+        "uint8[<=6000] image\nbool[<=3] flags\nstring<=3[<=2] tags\n"
+        "builtin_interfaces/Time[2] window\nJoint arm\nJoint[<=3] joints\nJoint[2] wheels\n"
+    ),
+}
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
+    folder = tmp_path_factory.mktemp("demo")
+    put({f"msgs/demo_msgs/msg/{name}.msg": text for name, text in DEFINITIONS.items()}, folder)
+    config = Config(folder, path=(folder / "msgs",), package="shm_demo", targets=("python",))
+    put(pipeline.generate(config, ["demo_msgs"]), folder)
+    return module(folder, "shm_demo", TypeName("demo_msgs", "msg", "Robot"))
+
+
+def time(seconds: int, nanoseconds: int = 0) -> SimpleNamespace:
+    return SimpleNamespace(sec=seconds, nanosec=nanoseconds)
+
+
+def joint(**changed: Any) -> SimpleNamespace:
+    return SimpleNamespace(**{"name": "j", "turns": 3, "torque": 1.5, **changed})
+
+
+def robot(**changed: Any) -> SimpleNamespace:
+    fields: dict[str, Any] = {
+        "ready": True, "mode": -3, "serial": 2**64 - 1, "label": "grün", "sign": "☃",
+        "stamp": time(0), "patience": time(2),
+        "axis": [0.0, 1.0, 2.0], "thrust": [0.0, 0.0], "image": bytes(5000),
+        "flags": [True, False], "tags": ["a", "bcd"],
+        "window": [time(0), time(0)], "arm": joint(), "joints": [joint(name="one"), joint()],
+        "wheels": [joint(), joint()],
+    }  # fmt: skip
+    return SimpleNamespace(**{**fields, **changed})
+
+
+def test_a_new_object_has_the_definitions_defaults_and_constants(demo: ModuleType) -> None:
+    new = demo.Robot()
+    assert (new.mode, new.label, list(new.axis), new.ready, len(new.joints)) == (5, "R1", [1.0, 0.0, 0.0], False, 0)
+    assert (demo.Robot.IDLE, demo.Robot.GREETING, demo.Robot.HALF) == (0, 'say "hi"', 0.5)
+
+
+def test_members_are_shown_as_ros_shows_them(demo: ModuleType) -> None:
+    one = demo.Robot(label="x", joints=[demo.Joint(name="a"), demo.Joint(name="b")], image=b"\x01\x02", tags=["q"])
+    one.joints[1].turns = 7
+    one.axis[2] = 9.0
+    assert ([joint.name for joint in one.joints], one.joints[1].turns) == (["a", "b"], 7)
+    assert (list(one.axis), bytes(one.image), one.tags) == ([1.0, 0.0, 9.0], b"\x01\x02", ["q"])
+    assert "joints=[Joint(name='a', turns=0, torque=0.0), Joint(name='b', turns=7, torque=0.0)]" in repr(one)
+
+
+def test_the_docstring_tells_shapes_bounds_units_and_source(demo: ModuleType) -> None:
+    assert "A robot." in demo.Robot.__doc__
+    assert "joints (demo_msgs/Joint[<=3])" in demo.Robot.__doc__
+    assert "torque (float32) [Nm]" in demo.Joint.__doc__
+    assert "uint8[<=6000] image" in demo.Robot.__doc__
+
+
+BAD = [
+    ({"label": "x" * 11}, runtime.StringTooLong, "label"),
+    ({"label": "a\0b"}, runtime.OutOfRange, "label"),
+    ({"label": 5}, runtime.OutOfRange, "label"),
+    ({"sign": "12345"}, runtime.StringTooLong, "sign"),
+    ({"mode": 200}, runtime.OutOfRange, "mode"),
+    ({"mode": 1.5}, runtime.OutOfRange, "mode"),
+    ({"serial": -1}, runtime.OutOfRange, "serial"),
+    ({"ready": "false"}, runtime.OutOfRange, "ready"),
+    ({"patience": time(-1)}, runtime.OutOfRange, "patience"),
+    ({"patience": time(2**32)}, runtime.OutOfRange, "patience"),
+    ({"stamp": 5}, runtime.OutOfRange, "stamp"),
+    ({"axis": [1.0, 2.0]}, runtime.CountExceeded, "axis"),
+    ({"axis": [1.0, 2.0, "x"]}, runtime.OutOfRange, "axis[2]"),
+    ({"image": bytes(6001)}, runtime.CountExceeded, "image"),
+    ({"image": [1, 256]}, runtime.OutOfRange, "image[1]"),
+    ({"flags": [True] * 4}, runtime.CountExceeded, "flags"),
+    ({"tags": ["a", "abcd"]}, runtime.StringTooLong, "tags[1]"),
+    ({"window": [time(0)]}, runtime.CountExceeded, "window"),
+    ({"arm": joint(name="x" * 9)}, runtime.StringTooLong, "arm.name"),
+    ({"arm": joint(turns=2**15)}, runtime.OutOfRange, "arm.turns"),
+    ({"arm": SimpleNamespace(name="j", turns=1)}, runtime.OutOfRange, "arm.torque"),
+    ({"arm": joint(torque=1e39)}, runtime.OutOfRange, "arm.torque"),
+    ({"joints": [joint(), joint(), joint(turns=2**15)]}, runtime.OutOfRange, "joints[2].turns"),
+    ({"joints": [joint()] * 4}, runtime.CountExceeded, "joints"),
+    ({"joints": 5}, runtime.OutOfRange, "joints"),
+    ({"wheels": [joint()]}, runtime.CountExceeded, "wheels"),
+]
+
+
+@pytest.mark.parametrize(("changed", "error", "path"), BAD, ids=[f"{path}-{next(iter(c))}" for c, _, path in BAD])
+def test_a_bad_value_is_named_and_the_former_sample_stays(
+    demo: ModuleType, topic: str, changed: dict[str, Any], error: type[runtime.ValueRejected], path: str
+) -> None:
+    with demo.RobotPublisher(topic) as publisher, demo.RobotSubscriber(topic) as subscriber:
+        publisher.publish(robot(serial=1))
+        with pytest.raises(error) as raised:
+            publisher.publish(robot(**changed))
+        assert raised.value.path == path
+        assert publisher.sequence == 1
+        assert subscriber.read().serial == 1
+        assert subscriber.read() is None
+        publisher.publish(robot(serial=2))
+        assert subscriber.read().serial == 2
+
+
+WRONG = [
+    ("label", "x" * 11), ("axis", [1.0]), ("joints", [joint()] * 4),
+    ("mode", 200), ("mode", 2**40 + 5), ("mode", -129), ("mode", 1.5), ("mode", np.int64(200)), ("mode", "5"),
+    ("serial", -1), ("serial", 2**64), ("ready", "false"), ("ready", 2), ("ready", None),
+    ("image", [1, 256]), ("image", [-1]), ("image", np.array([256])), ("flags", ["false"]), ("thrust", [0, 1e300]),
+]  # fmt: skip
+"""Of a Robot: a member, and what it cannot hold."""
+
+
+@pytest.mark.parametrize(("name", "value"), WRONG)
+def test_the_class_itself_takes_no_bad_value(demo: ModuleType, name: str, value: Any) -> None:
+    with pytest.raises(runtime.ValueRejected) as raised:
+        demo.Robot(**{name: value})
+    assert raised.value.path.partition("[")[0] == name
+    former = demo.Robot(label="former")
+    with pytest.raises(runtime.ValueRejected):
+        setattr(former, name, value)
+    assert former == demo.Robot(label="former")
+
+
+@pytest.mark.parametrize(
+    ("name", "where", "value", "path"),
+    [
+        ("thrust", 0, 1e300, "thrust[0]"),
+        ("thrust", -1, "x", "thrust[-1]"),
+        ("thrust", slice(None), [0, -1e39], "thrust[1]"),
+        ("image", 1, 256, "image[1]"),
+        ("image", 1, np.int16(-1), "image[1]"),
+        ("image", slice(1, 3), [5, 300], "image[2]"),
+        ("image", slice(None, None, -2), [1, -1], "image[0]"),
+        ("image", slice(0, 2), np.array([0, 256]), "image[1]"),
+        ("flags", 0, "false", "flags[0]"),
+        ("flags", slice(0, 1), ["no"], "flags[0]"),
+    ],
+)
+def test_an_element_takes_no_bad_value(demo: ModuleType, name: str, where: Any, value: Any, path: str) -> None:
+    one = demo.Robot(image=bytes(3), flags=[True, True])
+    with pytest.raises(runtime.OutOfRange) as raised:
+        getattr(one, name)[where] = value
+    assert raised.value.path == path
+    assert one == demo.Robot(image=bytes(3), flags=[True, True])
+
+
+def test_a_bad_value_further_in_is_found_where_it_is_set(demo: ModuleType) -> None:
+    one = demo.Robot(joints=[demo.Joint()])
+    for part in (one.arm, one.joints[0], one.wheels[1]):
+        with pytest.raises(runtime.OutOfRange, match="turns: 32768; int16 goes from -32768 to 32767"):
+            part.turns = 2**15
+        with pytest.raises(runtime.OutOfRange, match=r"torque: 1e\+39 is too large for float32"):
+            part.torque = 1e39
+        part.turns, part.torque = -(2**15), math.inf
+        assert (part.turns, part.torque) == (-(2**15), math.inf)
+
+
+def test_the_limits_infinity_and_numpy_pass(demo: ModuleType, topic: str) -> None:
+    one = demo.Robot(mode=np.int8(-128), serial=2**64 - 1, ready=np.bool_(True), thrust=(-math.inf, math.nan))
+    one.arm.torque = np.float64(1.5)
+    one.image = np.arange(250, 256, dtype=np.uint8)
+    one.image[1:3] = np.array([0, 255])
+    one.flags = [True, 0, False]
+    one.flags[1:] = (1, np.bool_(False))
+    with demo.RobotPublisher(topic) as publisher, demo.RobotSubscriber(topic) as subscriber:
+        publisher.publish(one)
+        got = subscriber.read()
+    assert (got.mode, got.serial, got.ready, got.arm.torque) == (-128, 2**64 - 1, True, 1.5)
+    assert (bytes(got.image), list(got.flags)) == (bytes([250, 0, 255, 253, 254, 255]), [True, True, False])
+    assert got.thrust[0] == -math.inf
+    assert math.isnan(got.thrust[1])
+
+
+def test_a_count_that_the_plc_got_wrong_is_told(demo: ModuleType) -> None:
+    one = demo.Robot()
+    one._joints_count = 9
+    with pytest.raises(runtime.CountExceeded, match="9 elements; the bound is 3"):
+        one.joints  # noqa: B018
+
+
+def test_generated_code_is_clean() -> None:
+    """Under the tools' own defaults, as in a user's repository."""
+    folder = REPOSITORY / "generated" / "python"
+    subprocess.run([sys.executable, "-m", "ruff", "check", "--isolated", "--no-cache", folder], check=True)
+    command = [sys.executable, "-m", "mypy", "--strict", "--config-file=", "--cache-dir=/dev/null", "-p", "shm_msgs"]
+    subprocess.run(command, check=True, cwd=folder, stdout=sys.stderr)
+
+
+@pytest.mark.parametrize("payload", [1, 56, 1904, 1905, 100_000])
+@pytest.mark.parametrize("depth", [1, 2, 3, 4, 100])
+def test_runtime_and_layout_agree_on_the_size_of_a_region(payload: int, depth: int) -> None:
+    made = header.header_for("a/msg/B", 1, payload, depth)
+    assert made.size == layout.region_size(payload, made.slots)

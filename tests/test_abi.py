@@ -1,0 +1,356 @@
+"""ABI 1 as it was agreed upon, and that Python, C, Structured Text and the docs all say the same."""
+
+from __future__ import annotations
+
+import ctypes
+import itertools
+import os
+import re
+import shutil
+import struct
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import pytest
+
+from shmgen import abi
+from shmgen.abi import Word
+from shmgen.render import render
+from shmgen.runtime import header as h
+from shmgen.runtime import region_name
+from shmgen.targets.c import region
+from shmgen.targets.st import common
+
+from .conftest import REPOSITORY
+from .runtime.messages import PosePublisher, pose
+from .softplc import compile_st
+from .support import region_page
+
+# Written by hand, and not to be edited with abi.py: regions that are there were made so.
+HEADER = {
+    "magic": (0, 4, "dwMagic"),
+    "abi": (4, 2, "uiAbi"),
+    "header_size": (6, 2, "uiHeaderSize"),
+    "digest": (8, 8, "lwDigest"),
+    "payload_size": (16, 4, "udiPayloadSize"),
+    "slot_size": (20, 4, "udiSlotSize"),
+    "writer": (24, 4, "udiWriter"),
+    "slots": (28, 4, "udiSlots"),
+    "type_name": (32, 96, "abyTypeName"),
+    "begun": (128, 4, "udiBegun"),
+    "completed": (132, 4, "udiCompleted"),
+    "heartbeat": (152, 4, "udiHeartbeat"),
+    "lock_holder": (156, 4, "udiLockHolder"),
+    "recoveries": (160, 4, "udiRecoveries"),
+    "armed": (164, 4, "udiArmed"),
+    "lock_count": (168, 4, "udiLockCount"),
+    "missed": (172, 4, "udiMissed"),
+}
+SLOT = {"stamp_ns": (0, 8, "lwStamp"), "number": (8, 4, "udiNumber")}
+NUMBERS = {
+    "MAGIC": 0x474D4853, "ABI": 1, "HEADER_SIZE": 192, "SLOT_HEADER": 16, "SLOT_STEP": 64, "PAGE": 4096,
+    "PLC": 0xFFFFFFFF, "LAST": 0xFFFFFFFF, "ANEW": 0x80000000,
+    "MAX_DEPTH": 65535, "MAX_TYPE_NAME": 95, "MAX_NAME": 74, "MAX_CALL_NAME": 65, "WRITER_LOCK": 0, "REPAIR_LOCK": 1,
+    "RETRY_MS": 500, "CLAIM_MS": 1000, "CONFIRM_MS": 100, "HEAL_MS": 1000, "DEAD_MS": 50, "LOCK_MS": 10,
+    "WAKE_MS": 10, "POLL_MS": 1, "SIGN_MS": 50, "PEER_MS": 100,
+}  # fmt: skip
+OF_A_PLC = {
+    "MAGIC", "ABI", "HEADER_SIZE", "SLOT_HEADER", "SLOT_STEP", "PAGE", "PLC", "LAST", "ANEW", "MAX_DEPTH",
+    "MAX_TYPE_NAME", "MAX_NAME", "RETRY_MS", "CLAIM_MS", "CONFIRM_MS", "HEAL_MS",
+}  # fmt: skip
+
+Places = dict[str, tuple[int, int]]
+AGREED: Places = {name: (offset, size) for name, (offset, size, _) in HEADER.items()}
+AGREED_SLOT: Places = {name: (offset, size) for name, (offset, size, _) in SLOT.items()}
+
+# --- Where the words stand, as each language itself says ----------------------------------------------
+# Each takes several tables at once, since one run of a compiler is as long as one of eighty.
+
+
+def in_python(tables: Sequence[Sequence[Word]], folder: Path) -> list[Places]:
+    """Where a word is read is seen in what is read: each byte is its own offset."""
+    return [dict(read_in_python(words)) for words in tables]
+
+
+def read_in_python(words: Sequence[Word]) -> Iterator[tuple[str, tuple[int, int]]]:
+    for word, value in zip(words, struct.unpack(h.codes(words, 192), bytes(range(192))), strict=True):
+        data = value if isinstance(value, bytes) else value.to_bytes((value.bit_length() + 7) // 8, "little")
+        yield word.name, (data[0], len(data))
+
+
+def in_c(tables: Sequence[Sequence[Word]], folder: Path) -> list[Places]:
+    """What gcc makes of `shmgen.h`, whose names get a number by the preprocessor."""
+    lines, asked = ["#include <stdio.h>"], []
+    for number, words in enumerate(tables):
+        (text,) = render([region.plan("p", words)]).values()
+        (folder / f"h{number}.h").write_text(text)
+        renamed = [f"#define shmgen_{name} {name}{number}" for name in ("region", "slot", "seconds")]
+        lines += ["#undef SHMGEN_H", *renamed, f'#include "h{number}.h"']
+        lines += [line.replace("#define", "#undef").rpartition(" ")[0] for line in renamed]
+        place = 'printf("{0} {1} %zu %zu\\n", offsetof(region{0}, {1}), sizeof(((region{0} *)0)->{1}));'
+        asked += [place.format(number, word.name) for word in words]
+    found: list[Places] = [{} for _ in tables]
+    for line in ran(folder, [*lines, "int main(void) {", *asked, "}"]):
+        number, name, offset, size = line.split()
+        found[int(number)][name] = int(offset), int(size)
+    return found
+
+
+def ran(folder: Path, lines: Sequence[str]) -> list[str]:
+    """What a C program prints."""
+    (folder / "main.c").write_text("\n".join(lines) + "\n")
+    subprocess.run(["gcc", "-std=c11", "-Wall", "-Werror", "-o", folder / "main", folder / "main.c"], check=True)
+    return subprocess.run([folder / "main"], check=True, capture_output=True, text=True).stdout.splitlines()
+
+
+def in_st(tables: Sequence[Sequence[Word]], folder: Path) -> list[Places]:
+    """What the soft PLC makes of the structures; by the names in C, which stand in the same table."""
+    outputs = [common.words(f"ST_Header{number}", ("//",), words, 192) for number, words in enumerate(tables)]
+    plc = compile_st(render(outputs))
+    places = [plc.offsets[f"ST_HEADER{number}"] for number in range(len(tables))]
+    return [{word.name: there[word.st.upper()] for word in words} for words, there in zip(tables, places, strict=True)]
+
+
+def in_docs(tables: Sequence[Sequence[Word]], folder: Path) -> list[Places]:
+    return [read_in_docs(next(region_page.tables(words))) for words in tables]
+
+
+def read_in_docs(lines: Sequence[str]) -> Places:
+    sizes = {"u16": 2, "u32": 4, "u64": 8, "char[96]": 96}
+    cells = [line.strip("| ").split(" | ") for line in lines[2:]]
+    return {name: (int(offset), sizes[type_]) for offset, type_, name, *_ in cells}
+
+
+LANGUAGES = {"Python": in_python, "C": in_c, "Structured Text": in_st, "docs": in_docs}
+each_language = pytest.mark.parametrize("language", LANGUAGES)
+
+
+@each_language
+def test_every_word_is_where_it_was_agreed_to_be(language: str, tmp_path: Path) -> None:
+    (found,) = LANGUAGES[language]([abi.HEADER], tmp_path)
+    assert found == AGREED
+
+
+@each_language
+def test_two_words_swapped_or_one_moved_are_seen(language: str, tmp_path: Path) -> None:
+    """Any two of one size, and each that has room behind it: no language goes on as agreed."""
+    wrong = [*swapped(), *moved()]
+    assert len(wrong) > 80
+    for found, words in zip(LANGUAGES[language](wrong, tmp_path), wrong, strict=True):
+        assert found == {word.name: (word.offset, word.size) for word in words}
+        assert found != AGREED
+
+
+def swapped() -> Iterator[list[Word]]:
+    for one, other in itertools.combinations(range(len(abi.HEADER)), 2):
+        a, b = abi.HEADER[one], abi.HEADER[other]
+        if a.type == b.type:
+            words = list(abi.HEADER)
+            words[one], words[other] = b._replace(offset=a.offset), a._replace(offset=b.offset)
+            yield words
+
+
+def moved() -> Iterator[list[Word]]:
+    for place, word in enumerate(abi.HEADER):
+        words = list(abi.HEADER)
+        words[place] = word._replace(offset=word.offset + abi.SIZES[word.element])
+        try:
+            list(abi.tiled(words, 192))
+        except ValueError:
+            continue  # and so it is no table at all
+        yield words
+
+
+# --- The rest of the agreement ------------------------------------------------------------------------
+
+
+def test_the_table_itself() -> None:
+    assert {word.name: (word.offset, word.size, word.st) for word in abi.HEADER} == HEADER
+    assert {word.name: (word.offset, word.size, word.st) for word in abi.SLOT} == SLOT
+    assert {number.name: number.value for number in abi.NUMBERS} == NUMBERS
+    assert {number.name: getattr(abi, number.name) for number in abi.NUMBERS} == NUMBERS
+    assert abi.EVENT == "-event"
+
+
+@pytest.mark.parametrize(
+    ("offset", "type_", "reason"),
+    [(178, "u32", "cannot lie at 178"), (170, "u16", "172 bytes are taken"), (192, "u32", "end cannot lie at 192")],
+)
+def test_what_is_no_table_is_refused(offset: int, type_: str, reason: str) -> None:
+    words = sorted([*abi.HEADER, Word(offset, type_, "more", "udiMore", "", "")])
+    with pytest.raises(ValueError, match=reason):
+        list(abi.tiled(words, 192))
+
+
+class Header(ctypes.LittleEndianStructure):
+    """By hand, as a program without shmgen would have it."""
+
+    _pack_ = 1
+    _fields_ = (
+        ("magic", ctypes.c_uint32), ("abi", ctypes.c_uint16), ("header_size", ctypes.c_uint16),
+        ("digest", ctypes.c_uint64), ("payload_size", ctypes.c_uint32), ("slot_size", ctypes.c_uint32),
+        ("writer", ctypes.c_uint32), ("slots", ctypes.c_uint32), ("type_name", ctypes.c_char * 96),
+        ("begun", ctypes.c_uint32), ("completed", ctypes.c_uint32), ("_zero0", ctypes.c_char * 16),
+        ("heartbeat", ctypes.c_uint32), ("lock_holder", ctypes.c_uint32), ("recoveries", ctypes.c_uint32),
+        ("armed", ctypes.c_uint32), ("lock_count", ctypes.c_uint32), ("missed", ctypes.c_uint32),
+        ("_zero1", ctypes.c_char * 16),
+    )  # fmt: skip
+
+
+def test_the_runtime_reads_and_writes_what_ctypes_does() -> None:
+    numbers = {name: number for number, name in enumerate(HEADER, 1) if name != "type_name"}
+    theirs = Header(type_name=b"geometry_msgs/msg/Pose", **numbers)
+    assert h.words(bytes(theirs)) == {**numbers, "type_name": "geometry_msgs/msg/Pose"}
+    ours = h.unpack(bytes(theirs), 4096)
+    assert ours == (4096, *(h.words(bytes(theirs))[name] for name in HEADER))
+    assert h.pack(ours) == bytes(theirs)
+    assert ours.fixed == (4096, *(getattr(ours, name) for name in list(HEADER)[:9] if name != "writer"))
+
+
+def test_the_runtime_finds_the_words_that_change() -> None:
+    """It reads and writes them by numbers, in steps of four bytes, and of eight where two are one look."""
+    changing = ["writer", *list(HEADER)[9:]]
+    assert {name: 4 * getattr(h, name.upper()) for name in changing} == {name: HEADER[name][0] for name in changing}
+    assert 8 * h.RECOVERIES_ARMED == HEADER["recoveries"][0] == HEADER["armed"][0] - 4
+    assert (SLOT["stamp_ns"][0], SLOT["number"][0]) == (8 * h.STAMP, 8 * h.NUMBER)
+    made = [HEADER[name][:2] for name in list(HEADER)[:9] if name != "writer"]
+    assert [(place.start, place.stop - place.start) for place in h.MADE] == made
+
+
+def test_a_publisher_writes_what_ctypes_reads(topic: str) -> None:
+    with PosePublisher(topic, depth=3) as publisher:
+        for number in range(1, 6):
+            publisher.publish(pose(float(number)))
+        publisher.heartbeat()
+        data = Path(f"/dev/shm/{region_name(topic)}").read_bytes()
+    found = Header.from_buffer_copy(data)
+    assert (found.magic, found.abi, found.header_size) == (0x474D4853, 1, 192)
+    assert (found.payload_size, found.slot_size, found.slots) == (56, 128, 4)
+    assert (found.begun, found.completed, found.heartbeat, found.lock_count) == (5, 5, 6, 5)
+    assert (found.lock_holder, found.recoveries, found.armed, found.missed) == (0, 0, 0, 0)
+    assert struct.unpack_from("<II7d", data, 192 + 5 % 4 * 128 + 8) == (5, 0, *7 * [5.0])
+
+
+def test_sizes_and_numbers_in_c(tmp_path: Path) -> None:
+    (text,) = render([region.plan("p")]).values()
+    (tmp_path / "shmgen.h").write_text(text)
+    sizes = {"shmgen_region": 192, "shmgen_slot": 16}
+    asked = [f'printf("{name} %lld\\n", (long long)SHMGEN_{name});' for name in NUMBERS]
+    asked += [f'printf("{name} %zu\\n", sizeof({name}));' for name in sizes]
+    asked += [f'printf("{name} %zu\\n", offsetof(shmgen_slot, {name}));' for name in SLOT]
+    lines = ["#include <stdio.h>", '#include "shmgen.h"', "int main(void) {", *asked, "}"]
+    found = {name: int(value) for name, value in map(str.split, ran(tmp_path, lines))}
+    assert found == {**NUMBERS, **sizes, **{name: offset for name, (offset, *_) in SLOT.items()}}
+    assert set(re.findall(r"#define SHMGEN_(\w+) +[\dU]", text)) == set(NUMBERS)
+
+
+def test_sizes_and_numbers_in_structured_text() -> None:
+    plc = compile_st(common_texts())
+    assert (plc.sizes["ST_SHMHEADER"], plc.sizes["ST_SHMSLOT"]) == (192, 16)
+    assert {name: plc.offsets["ST_SHMSLOT"][st.upper()] for name, (*_, st) in SLOT.items()} == AGREED_SLOT
+    found = plc.globals("GVL_Shm")
+    assert {name: getattr(found, name) for name in OF_A_PLC} == {name: NUMBERS[name] for name in OF_A_PLC}
+    assert plc.offsets["GVL_SHM"].keys() == OF_A_PLC | {"LOCKS"}
+
+
+def common_texts() -> Mapping[str, str]:
+    texts = render(common.plan(locks=True, struct_time=False))
+    return {path: text for path, text in texts.items() if "/ST_" in path or "/GVL_" in path}
+
+
+# --- Docs, and what else says numbers -----------------------------------------------------------------
+
+PAGE = REPOSITORY / "docs" / "protocol.md"
+
+
+def test_the_tables_of_the_docs(update_golden: bool) -> None:
+    text = PAGE.read_text()
+    made = region_page.with_tables(text, region_page.tables())
+    if update_golden:
+        PAGE.write_text(made)
+    assert text == made, "run `pytest --update-golden tests/test_abi.py`"
+    header, slot, numbers = region_page.tables()
+    assert read_in_docs(header) == AGREED
+    assert read_in_docs(slot) == AGREED_SLOT
+    shown = re.findall(r"\| `(\w+)` \| (16#)?(\w+)", "\n".join(numbers))
+    assert {name: int(value, 16 if base else 10) for name, base, value in shown} == NUMBERS
+
+
+SAID = {
+    "templates/st/E_ShmError.st": [
+        "tried again every {RETRY_MS} ms", "not in 1..{MAX_DEPTH}",
+        "more than {MAX_NAME} characters after the first slash, of a service or an action {MAX_CALL_NAME}",
+    ],
+    "docs/codesys.md": [
+        "at most {MAX_NAME} characters after the first slash, {MAX_CALL_NAME} for a service or an action",
+        "`udiDepth` is 1 to {MAX_DEPTH}",
+    ],
+    "docs/structured-text.md": ["at most {MAX_NAME} characters, a service or an action {MAX_CALL_NAME}"],
+    "docs/protocol.md": [
+        "stood still for {DEAD_MS} ms", "16#{LAST:08X} comes `slots`", "waits for the event, {WAKE_MS} ms",
+    ],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("path", SAID)
+def test_what_is_said_in_words(path: str) -> None:
+    text = " ".join((REPOSITORY / path).read_text().replace("//", " ").split())
+    for said in SAID[path]:
+        assert said.format(**NUMBERS) in text
+
+
+def test_texts_of_the_blocks_have_room_for_all_they_hold() -> None:
+    for path in sorted((REPOSITORY / "templates" / "st").glob("FB_*.st")):
+        for name, room in re.findall(r"^    (_?s\w+) +: STRING\((\d+)\)", path.read_text(), re.MULTILINE):
+            if name.endswith(("Type", "TypeName")):
+                assert int(room) == NUMBERS["MAX_TYPE_NAME"], f"{path.name}: {name}"
+            elif name in ("_sRegion", "_sEvent", "sTopic", "sName"):
+                assert int(room) == NUMBERS["MAX_NAME"] + len("-event"), f"{path.name}: {name}"
+
+
+def test_nobody_says_a_number_himself() -> None:
+    """No word of a region by a bare number in Python, and no number of the agreement in hand-written blocks."""
+    for path in (REPOSITORY / "src" / "shmgen").rglob("*.py"):
+        words = r"\b(words|quads|head)" if "runtime" in path.parts else r"\b(_words|\w\.words|quads)"
+        assert not re.search(words + r"\[\d", path.read_text()), path
+    ours = {str(value) for value in NUMBERS.values() if value >= 50} | {f"16#{NUMBERS['LAST']:08X}", "16#80000000"}
+    for path in (REPOSITORY / "templates" / "st").glob("*.st"):
+        code = re.sub(r"//.*|STRING\(\d+\)|:= \d+,", "", path.read_text())
+        assert not ours & set(re.findall(r"[\w#]+", code)), path
+
+
+# --- A new counter ------------------------------------------------------------------------------------
+
+COUNTER = '    Word(176, "u32", "refused", "udiRefused", "readers", "samples they refused"),\n'
+LOOK = """
+from shmgen.runtime import header
+from tests.support.region_page import tables
+print(header.words(bytes(range(192)))["refused"].to_bytes(4, "little")[0])
+print(*next(tables()), sep="\\n")
+"""
+
+
+def test_a_new_counter_is_one_line(tmp_path: Path) -> None:
+    """In a copy of the project: it is there in Python, C, Structured Text and the docs."""
+    for folder in ("src", "templates"):
+        shutil.copytree(REPOSITORY / folder, tmp_path / folder, ignore=shutil.ignore_patterns("__pycache__"))
+    table = tmp_path / "src" / "shmgen" / "abi.py"
+    head, last, rest = table.read_text().partition('    Word(172, "u32", "missed"')
+    line, end, rest = rest.partition("\n")
+    table.write_text(head + last + line + end + COUNTER + rest)
+
+    environment = {**os.environ, "PYTHONPATH": f"{tmp_path / 'src'}:{REPOSITORY}"}
+    command = [sys.executable, "-m", "shmgen", "generate", "std_msgs/Bool", "-t", "st", "-t", "c", "-o", "out"]
+    subprocess.run(command, check=True, cwd=tmp_path, env=environment, capture_output=True)
+    looked = subprocess.run(
+        [sys.executable, "-c", LOOK], check=True, cwd=tmp_path, env=environment, capture_output=True, text=True
+    )
+    assert looked.stdout.startswith("176\n")
+    assert "| 176 | u32 | refused | readers | samples they refused |" in looked.stdout
+    (st,) = tmp_path.rglob("ST_ShmHeader.st")
+    assert re.search(r"udiRefused +: UDINT; +// 176  samples they refused", st.read_text())
+    (c,) = tmp_path.rglob("shmgen.h")
+    assert "offsetof(shmgen_region, refused) == 176" in c.read_text()
+    subprocess.run(["gcc", "-std=c11", "-fsyntax-only", "-xc", c], check=True)

@@ -1,0 +1,79 @@
+"""The type hash against those that ROS 2 has computed itself, which lie beside its definitions."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from shmgen import pipeline
+from shmgen.bounds import Bound, Bounds
+from shmgen.config import Config
+from shmgen.definitions import Sources, available
+from shmgen.diagnostics import Span
+from shmgen.type_hash import TIMES, hash_of, type_hash
+
+from .support import ros2
+
+OF_ROS_ITSELF = ("_Event", "_SendGoal", "_GetResult", "_FeedbackMessage")
+"""What ROS 2 makes of services and actions besides the parts that a .srv or .action spells out."""
+
+
+@pytest.mark.parametrize("distribution", ros2.DISTRIBUTIONS)
+def test_every_definition_installed(distribution: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(ros2.prefix(distribution)))
+    monkeypatch.setenv("ROS_VERSION", "2")
+    theirs = ros2.hashes(distribution)
+    names = [str(name) for name in available(Sources((), "env", Path.cwd()))]
+    known = {message.name: message for message in pipeline.read(Config(Path.cwd(), source="env"), names).messages}
+    ours = {str(name): hash_of(name, known) for name in known}
+    compared = theirs.keys() & ours.keys()
+    assert {name: ours[name] for name in compared} == {name: theirs[name] for name in compared}
+    wholes = {name for name in theirs if f"{name}_Request" in theirs or f"{name}_Goal" in theirs}
+    left = theirs.keys() - compared - wholes - {str(name) for name in TIMES.values()}
+    assert not {name for name in left if not any(part in name for part in OF_ROS_ITSELF)}
+    assert len(compared) > 150
+
+
+@pytest.mark.parametrize(
+    "name", ["Arrays", "BasicTypes", "BoundedSequences", "Nested", "UnboundedSequences", "WStrings"]
+)
+def test_the_same_of_its_idl(name: str, tmp_path: Path) -> None:
+    pytest.importorskip("lark")
+    folder = tmp_path / "test_msgs" / "msg"
+    folder.mkdir(parents=True)
+    for file in (ros2.prefix("jazzy") / "share" / "test_msgs" / "msg").glob("*.idl"):
+        (folder / file.name).symlink_to(file)
+    read = pipeline.read(Config(Path.cwd(), path=(tmp_path,)), [f"test_msgs/{name}"]).messages
+    assert type_hash(read) == ros2.hashes("jazzy")[f"test_msgs/msg/{name}"]
+
+
+def test_words_that_only_idl_has(tmp_path: Path) -> None:
+    """Against rosidl_generator_type_description itself."""
+    pytest.importorskip("lark")
+    file = tmp_path / "cell_msgs" / "msg" / "Words.idl"
+    file.parent.mkdir(parents=True)
+    file.write_text(
+        "module cell_msgs { module msg { typedef octet three[3]; typedef wchar two[2];"
+        " struct Words { char a; octet b; wchar c; three d; two e; sequence<char> f; sequence<octet, 4> g;"
+        " uint8 i; wstring<5> j; sequence<wstring> k; }; }; };"
+    )
+    asked = {"package_name": "cell_msgs", "output_dir": str(tmp_path / "out")}
+    asked["idl_tuples"] = [f"{tmp_path}/cell_msgs:msg/Words.idl"]
+    (tmp_path / "asked.json").write_text(json.dumps(asked))
+    code = "import sys, rosidl_generator_type_description as it; it.generate_type_hash(sys.argv[1])"
+    python = ros2.prefix("jazzy") / "bin" / "python"
+    subprocess.run([python, "-c", code, tmp_path / "asked.json"], check=True)
+    theirs = json.loads((tmp_path / "out" / "msg" / "Words.json").read_text())["type_hashes"][0]["hash_string"]
+    read = pipeline.read(Config(Path.cwd(), path=(tmp_path,)), ["cell_msgs/Words"]).messages
+    assert type_hash(read) == theirs
+
+
+def test_bounds_of_ours_are_not_in_it() -> None:
+    config = Config(Path.cwd())
+    written = type_hash(pipeline.read(config, ["sensor_msgs/JointState"]).messages)
+    bounded = Config(Path.cwd(), bounds=Bounds({}, {"sensor_msgs": Bound(4, Span("x"))}))
+    layouts = pipeline.lay_out(bounded, ["sensor_msgs/JointState"])
+    assert type_hash(layout.message for layout in layouts.values()) == written

@@ -1,0 +1,203 @@
+"""Tools among what others laid into /dev/shm: files that are none, headers that cannot be, text that gives orders."""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import subprocess
+import sys
+
+import pytest
+
+from shmgen.runtime import header as h
+from shmgen.runtime import region_name
+
+from ..runtime.messages import PosePublisher, pose
+from .conftest import PEER, REPOSITORY
+from .test_doctor import PUBLISHER, examined, faults, root_only
+
+ORDERS = b"evil\x1b]0;owned\x07\n\x9b31m\xe2\x80\xae/msg/X"
+SHOWN = "evil\\u001b]0;owned\\u0007\\u000a\\x9b31m\\xe2\\x80\\xae/msg/X"
+
+
+@pytest.fixture
+def region(topic, file):
+    """A region with one sample; its header may be written over."""
+    with PosePublisher(topic) as publisher:
+        publisher.publish(pose(1.0))
+
+    def write(offset, data):
+        with file.open("r+b") as opened:
+            opened.seek(offset)
+            opened.write(data)
+
+    return write
+
+
+def test_orders_in_the_name_of_a_type_reach_no_terminal(topic, region, shmgen):
+    region(32, ORDERS.ljust(64, b"\0"))
+    said = {
+        name: shmgen(*command, topic) if command[0] != "top" else shmgen(*command)
+        for name, command in {
+            "doctor": ["doctor"],
+            "doctor --json": ["doctor", "--json"],
+            "top": ["top", "--once", "-d", "0.1"],
+            "top --json": ["top", "--once", "-d", "0.1", "--json"],
+            "echo": ["echo", "--once"],
+            "pub": ["pub", "--once"],
+            "hz": ["hz", "--timeout", "0.1"],
+            "clean": ["clean", "--dry-run"],
+        }.items()
+        if command[0] != "pub"
+    }
+    said["pub"] = shmgen("pub", topic, "std_msgs/String", "--once")
+    for name, result in said.items():
+        text = result.stdout + result.stderr
+        assert all(line.isprintable() for line in text.replace("\t", " ").split("\n")), (name, text)
+    for name in ("doctor", "top", "echo", "pub"):
+        assert SHOWN in said[name].stdout + said[name].stderr, name
+    (row,) = [row for row in json.loads(said["top --json"].stdout) if row["topic"] == topic]
+    assert row["type"] == SHOWN
+
+
+def test_orders_in_a_value_reach_no_terminal(topic, shmgen):
+    text = "a\x9b31m\u202etxt\u2066\U000e0041 ü😀"
+    shmgen("pub", topic, "std_msgs/String", json.dumps({"data": text}), "--once")
+    line = shmgen("echo", topic, "--once", "--json").stdout.rstrip("\n")
+    assert line.isprintable()
+    assert "ü😀" in line
+    assert json.loads(line) == {"data": text}
+    assert shmgen("echo", topic, "--once").stdout.replace("\n", "").isprintable()
+
+
+@pytest.mark.parametrize(
+    ("offset", "data", "word"),
+    [
+        (28, struct.pack("<I", 0), "it says 0 slots"),
+        (28, struct.pack("<I", 3), "it says 3 slots"),
+        (28, struct.pack("<I", 2**31), "need 274,877,907,136"),
+        (20, struct.pack("<I", 2**32 - 1), "need 8,589,934,782"),
+        (20, struct.pack("<I", 0), "its slots of 0 bytes cannot hold 56 and 16"),
+        (16, struct.pack("<I", 2**32 - 1), "its slots of 128 bytes cannot hold 4294967295 and 16"),
+        (4, struct.pack("<H", 7), "ABI 7"),
+    ],
+)
+def test_a_damaged_region_is_shown_and_ends_nothing(topic, file, region, shmgen, offset, data, word):
+    region(offset, data)
+    other = f"{topic}_whole"
+    with PosePublisher(other) as publisher:
+        publisher.publish(pose(1.0))
+        result = shmgen("top", "--once", "-d", "0.1", "--json")
+        assert (result.code, result.stderr) == (0, "")
+        rows = {row["topic"]: row for row in json.loads(result.stdout)}
+        assert word in rows[topic]["type"]
+        assert rows[topic]["type"].startswith("damaged: ")
+        assert rows[other]["type"] == "geometry_msgs/msg/Pose"
+        assert shmgen("top", "--once", "-d", "0.1").code == 0
+    assert word in examined(shmgen, topic)["message"]
+    for command in ("echo", "hz"):
+        result = shmgen(command, topic, "--timeout", "1")
+        assert result.code == 1
+        assert f"error: {topic}: the region is damaged: " in result.stderr
+        assert word in result.stderr
+    assert shmgen("clean", topic).stdout.endswith(f"removed {file}\n")
+
+
+def test_numbers_that_cannot_be_end_no_tool(topic, region, shmgen):
+    region(128, b"\xff" * 64)
+    assert shmgen("top", "--once", "-d", "0.1").code == 0
+    shmgen("hz", topic, "--timeout", "0.1")
+    assert "no sample within" in shmgen("hz", topic, "--timeout", "0.1").stderr
+    assert shmgen("doctor", topic).code in (0, 1)
+
+
+TRAPS = {
+    "a FIFO": os.mkfifo,
+    "a symbolic link": lambda path: path.symlink_to("/dev/shm/nowhere"),
+    "a folder": os.mkdir,
+}
+
+
+@pytest.mark.parametrize("kind", TRAPS)
+@pytest.mark.parametrize("place", ["region", "semaphore", "event"])
+def test_a_trap_in_the_place_of_a_file_is_named_and_not_opened(topic, file, semaphore, shmgen, started, kind, place):
+    PosePublisher(topic).close()
+    trap = {"region": file, "semaphore": semaphore, "event": semaphore.with_name(f"{semaphore.name}-event")}[place]
+    trap.unlink()
+    TRAPS[kind](trap)
+    doctor = started("doctor", topic, "--json")
+    found = json.loads(doctor.communicate(timeout=20)[0])["findings"]
+    (fault,) = [finding for finding in found if not finding["note"]]
+    assert fault["message"] == f"in the place of a file is {kind}, and programs refuse it for that"
+    assert (fault["topic"], fault["file"]) == (topic, str(trap))
+    for command in (["echo", topic, "--timeout", "0.1"], ["hz", topic, "--timeout", "0.1"], ["top", "--once"]):
+        started(*command).communicate(timeout=20)
+    cleaned = started("clean", topic)
+    cleaned.communicate(timeout=20)
+    if place == "region":
+        assert cleaned.returncode == 1
+        assert os.path.lexists(trap)
+    trap.rmdir() if trap.is_dir() else trap.unlink(missing_ok=True)
+
+
+@pytest.mark.parametrize("size", [0, 5])
+def test_a_semaphore_that_is_none(topic, semaphore, shmgen, size):
+    PosePublisher(topic).close()
+    semaphore.write_bytes(b"x" * size)
+    assert f"its semaphore's file has {size} bytes" in examined(shmgen, topic)["message"]
+
+
+def test_what_all_may_write_is_a_fault_unless_it_was_said(topic, file, semaphore, tmp_path, shmgen):
+    PosePublisher(topic).close()
+    for each in (file, semaphore, semaphore.with_name(f"{semaphore.name}-event")):
+        each.chmod(0o666)
+    found = faults(shmgen("doctor", topic, "--json"))
+    assert [finding["file"] for finding in found] == [str(file), str(semaphore), f"{semaphore}-event"]
+    assert {finding["message"] for finding in found} == {
+        "every user of this machine can write it, and programs refuse it for that"
+    }
+    assert 'mode = "0666" under [regions]' in found[0]["hint"]
+    for finding in found[:2]:
+        subprocess.run(finding["hint"].split("`")[1], shell=True, check=True)
+    assert len(faults(shmgen("doctor", topic, "--json"))) == 1
+    for each in (file, semaphore):
+        each.chmod(0o666)
+    (tmp_path / "shmgen.toml").write_text('[regions]\nmode = "0666"\n')
+    assert shmgen("doctor", topic).code == 0
+
+
+@root_only
+def test_what_belongs_to_a_stranger_is_told_to_root(topic, file, semaphore, shmgen):
+    shmgen("pub", topic, "std_msgs/String", "--once")
+    for each in (file, semaphore, semaphore.with_name(f"{semaphore.name}-event")):
+        os.chown(each, 54321, 54321)
+    result = shmgen("doctor", topic)
+    assert result.code == 0
+    assert result.stdout.count("it belongs to 54321, a stranger to root, and programs of root refuse it for that") == 3
+    assert 'group = "54321" under [regions] in shmgen.toml' in result.stdout
+    refused = shmgen("echo", topic, "--timeout", "1")
+    assert (refused.code, "a stranger to root, and is not used" in refused.stderr) == (1, True)
+
+
+def test_a_process_with_a_name_that_gives_orders(topic, shmgen, started):
+    code = PEER.format(repository=str(REPOSITORY), work=PUBLISHER.format(topic=topic))
+    command = [sys.executable, "-c", code, "\x1b]0;x\x07\u202e"]
+    with subprocess.Popen(command, stdin=-1, stdout=-1) as process:
+        process.stdout.readline()
+        for tool in (["doctor", topic], ["top", "--once", "-d", "0.1"]):
+            assert shmgen(*tool).stdout.replace("\n", "").isprintable()
+        process.stdin.close()
+
+
+def test_names_of_other_files_are_not_shown(topic, shmgen, peer):
+    """A process may map a file of any name, and remove it."""
+    holder = peer(f"""
+import mmap
+with open("/dev/shm/{region_name(topic)}\\u202e\\x07", "w+b") as opened:
+    opened.write({h.pack(h.header_for("a/msg/B", 1, 8, 1)).ljust(4096, bytes(1))!r}); opened.flush()
+    kept = mmap.mmap(opened.fileno(), 4096)
+os.unlink(opened.name)
+""")
+    assert shmgen("doctor").stdout.replace("\n", "").isprintable()
+    assert holder.poll() is None

@@ -1,4 +1,0 @@
-from enum import Enum
-
-class SignalHandlerOptions(Enum):
-    NO = 0
