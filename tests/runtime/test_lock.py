@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from _multiprocessing import SemLock
 
 import posix_ipc
 import pytest
@@ -22,6 +23,13 @@ from .messages import PosePublisher, PoseSubscriber, pose
 
 NEVER = 1e9
 SOON = 0.05
+
+
+@pytest.fixture(params=["SemLock", "posix_ipc"], autouse=True)
+def behind(request, monkeypatch):
+    """What the semaphore is taken through."""
+    if request.param == "posix_ipc":
+        monkeypatch.setattr(semaphores, "SemLock", None)
 
 
 @pytest.fixture
@@ -180,7 +188,7 @@ def test_where_the_lock_is_needed_it_heals_too(topic, value):
 
 
 def test_a_signal_does_not_cut_a_wait_short():
-    semaphore = semaphores.SemLock(1, 0, 1, f"/shmgen_test_signal_{os.getpid()}", True)
+    semaphore = SemLock(1, 0, 1, f"/shmgen_test_signal_{os.getpid()}", True)
     former = signal.signal(signal.SIGALRM, lambda *_: None)
     signal.setitimer(signal.ITIMER_REAL, 0.001, 0.001)
     try:
