@@ -69,6 +69,10 @@ def until(condition, deadline=10.0):
         time.sleep(0.001)
 
 
+wakes = pytest.mark.parametrize("behind", ["SemLock"], indirect=True)
+"""posix_ipc waits by the time of day only, so with it a reader looks each millisecond."""
+
+
 # --- healing -------------------------------------------------------------------------------------
 
 
@@ -202,6 +206,7 @@ def test_a_signal_does_not_cut_a_wait_short():
 # --- waking up -----------------------------------------------------------------------------------
 
 
+@wakes
 def test_a_waiting_reader_is_woken_and_does_not_poll(topic, other, monkeypatch):
     writer = other("publish", topic)
     with PoseSubscriber(topic) as subscriber:
@@ -248,6 +253,7 @@ def test_a_reader_that_died_waiting_does_no_harm(topic, value, locked):
         assert value(event) == 0
 
 
+@wakes
 def test_a_post_too_many_does_not_make_a_reader_poll_for_good(topic, value, monkeypatch):
     event = event_name(runtime.region_name(topic))
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:

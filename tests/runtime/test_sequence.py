@@ -18,8 +18,8 @@ import pytest
 
 from shmgen import pipeline
 from shmgen.config import Config
-from shmgen.model import RegionOptions, TypeName
-from shmgen.runtime import region_name
+from shmgen.model import TypeName
+from shmgen.runtime import RegionOptions, region_name
 from tests.softplc import Plc, compile_st
 
 from ..support.build import classes, put

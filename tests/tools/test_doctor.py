@@ -98,10 +98,8 @@ threading.Thread(target=work, daemon=True).start()
 
 
 def test_a_surplus_token(topic, semaphore, shmgen, peer):
-    peer(
-        PUBLISHER.format(topic=topic)
-        + "; import posix_ipc; posix_ipc.Semaphore('/' + publisher._region.name).release()"
-    )
+    post = "import posix_ipc; posix_ipc.Semaphore('/' + publisher._region.name).release()"
+    peer(f"{PUBLISHER.format(topic=topic)}; {post}")
     fault = examined(shmgen, topic)
     assert "its semaphore is 2" in fault["message"]
     assert "comes down by itself" in fault["hint"]
