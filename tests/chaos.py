@@ -180,9 +180,10 @@ def plc_write(stage: Stage, place: int, rng: random.Random) -> None:
     block = stage.plc.block(f"FB_chaos_msgs_{stage.kind}_Publisher")
     size = ctypes.sizeof(stage.kinds[0])
     while True:
-        sample = stage.sample(_completed(stage) + 1)
+        ready = block._fbRegion.xReady  # and the number of its next sample known, before which it may leave some out
+        sample = stage.sample(block._fbRegion._udiLast + 1 if ready else 1)
         ctypes.memmove(block.Msg._address, ctypes.addressof(sample), size)
-        block(xEnable=True, sTopic=stage.topic, udiDepth=stage.depth)
+        block(xEnable=True, xSend=ready, sTopic=stage.topic, udiDepth=stage.depth)
         stage.moves[place] += block.xSent
         time.sleep(0.0002)
 

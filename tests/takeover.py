@@ -188,7 +188,7 @@ def measure(demo: Any, topic: str, dies: str, writes: str, limit: float = 10.0) 
         holder = Process(DYING[dies], demo, topic, inside)
         victims.append(holder)
         if writes.endswith("standby") and not early:
-            _until(lambda: _writer(topic) == holder.pid)
+            _until(lambda: _writer(topic) in (holder.pid, h.PLC))
             start(2, WRITING[writes])
         _until(lambda: bool(moves[3]))
         holder.kill()
