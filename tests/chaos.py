@@ -357,12 +357,6 @@ def _recover(cast: list[Actor], limit: float, verdict: Verdict) -> None:
         verdict.faults.append(f"{late}; all moved after {took:.2f}")
 
 
-def _completed(stage: Stage) -> int:
-    with suppress(RegionMissing):
-        return read_header(region_name(stage.topic)).completed
-    return 0
-
-
 def _files(stage: Stage) -> set[Path]:
     return set(Path("/dev/shm").glob(f"*{region_name(stage.topic)}*"))
 

@@ -43,7 +43,7 @@ def no_begun(stage: Any) -> None:
 
 
 def begun_late(stage: Any) -> None:
-    """The writer says what it begins when the copy is made."""
+    """The writer says what it begins, in `begun` and in the slot, when the copy is made."""
 
     class Words(Wrapped):
         number: int | None = None
@@ -56,24 +56,39 @@ def begun_late(stage: Any) -> None:
                 self.inner[h.BEGUN] = self.number
             self.inner[where] = value
 
-    after_opening(stage, PUBLISHER, lambda publisher: swap(publisher, publisher._region.words, Words))
+    class Map(Wrapped):
+        def __setitem__(self, where: slice, data: Any) -> None:
+            message = where.start + h.SLOT_HEADER
+            self.inner[message : where.stop] = data[h.SLOT_HEADER :]
+            self.inner[where.start : message] = data[: h.SLOT_HEADER]
+
+    def plant(publisher: Any) -> None:
+        swap(publisher, publisher._region.words, Words)
+        swap(publisher, publisher._region.map, Map)
+
+    after_opening(stage, PUBLISHER, plant)
 
 
 def number_alone(stage: Any) -> None:
-    """The reader looks at the slot's number, which a writer may change after it, and not at `begun`."""
+    """The reader looks at the slot's number before the copy, and not at `begun`."""
 
-    class Words(Wrapped):
+    def plant(subscriber: Any) -> None:
         number = 0
 
-        def __getitem__(self, where: int) -> int:
-            if where == h.BEGUN:
-                return self.number
-            value = self.inner[where]
-            if where > h.HEADER_SIZE // 4:
-                self.number = value
-            return value
+        class Quads(Wrapped):
+            def __getitem__(self, where: int) -> Any:  # the stamp, before the copy
+                nonlocal number
+                number = subscriber._region.words[2 * (where + h.NUMBER)]
+                return self.inner[where]
 
-    after_opening(stage, SUBSCRIBER, lambda subscriber: swap(subscriber, subscriber._region.words, Words))
+        class Words(Wrapped):
+            def __getitem__(self, where: int) -> Any:
+                return number if where == h.BEGUN or where > h.HEADER_SIZE // 4 else self.inner[where]
+
+        swap(subscriber, subscriber._region.quads, Quads)
+        swap(subscriber, subscriber._region.words, Words)
+
+    after_opening(stage, SUBSCRIBER, plant)
 
 
 PLANTED: dict[str, Callable[[Any], None]] = {

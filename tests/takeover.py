@@ -23,7 +23,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from shmgen.runtime import LockTimeout, region_name
+from shmgen.runtime import LockTimeout, RegionMissing, read_header, region_name
 from shmgen.runtime import header as h
 
 from .chaos_faults import Wrapped, swap, swap_map
@@ -188,7 +188,7 @@ def measure(demo: Any, topic: str, dies: str, writes: str, limit: float = 10.0) 
         holder = Process(DYING[dies], demo, topic, inside)
         victims.append(holder)
         if writes.endswith("standby") and not early:
-            time.sleep(5 * PERIOD)
+            _until(lambda: _writer(topic) in (holder.pid, h.PLC))
             start(2, WRITING[writes])
         _until(lambda: bool(moves[3]))
         holder.kill()
@@ -205,6 +205,12 @@ def measure(demo: Any, topic: str, dies: str, writes: str, limit: float = 10.0) 
             process.kill()
         for file in Path("/dev/shm").glob(f"*{region_name(topic)}*"):
             file.unlink()
+
+
+def _writer(topic: str) -> int:
+    with suppress(RegionMissing):
+        return read_header(region_name(topic)).writer
+    return 0
 
 
 def _until(condition: Callable[[], bool]) -> None:

@@ -115,13 +115,8 @@ def test_who_really_holds_the_claim_is_named(topic):
         with pytest.raises(runtime.RegionInUse, match=f"process {child} publishes already"):
             PosePublisher(topic)
         for command, expected in (("doctor", f"writer: process {child} "), ("clean", f"process {child} ")):
-            shown = subprocess.run(
-                [sys.executable, "-m", "shmgen", command, topic],
-                capture_output=True,
-                text=True,
-                check=False,
-                timeout=60,
-            )
+            line = [sys.executable, "-m", "shmgen", command, topic]
+            shown = subprocess.run(line, capture_output=True, text=True, check=False, timeout=60)
             assert expected in shown.stdout + shown.stderr
     finally:
         os.kill(child, signal.SIGKILL)

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from _multiprocessing import SemLock
 
 import posix_ipc
 import pytest
@@ -22,6 +23,13 @@ from .messages import PosePublisher, PoseSubscriber, pose
 
 NEVER = 1e9
 SOON = 0.05
+
+
+@pytest.fixture(params=["SemLock", "posix_ipc"], autouse=True)
+def behind(request, monkeypatch):
+    """What the semaphore is taken through."""
+    if request.param == "posix_ipc":
+        monkeypatch.setattr(semaphores, "SemLock", None)
 
 
 @pytest.fixture
@@ -59,6 +67,10 @@ def until(condition, deadline=10.0):
     while not condition():
         assert time.monotonic() < end
         time.sleep(0.001)
+
+
+wakes = pytest.mark.parametrize("behind", ["SemLock"], indirect=True)
+"""posix_ipc waits by the time of day only, so with it a reader looks each millisecond."""
 
 
 # --- healing -------------------------------------------------------------------------------------
@@ -180,7 +192,7 @@ def test_where_the_lock_is_needed_it_heals_too(topic, value):
 
 
 def test_a_signal_does_not_cut_a_wait_short():
-    semaphore = semaphores.SemLock(1, 0, 1, f"/shmgen_test_signal_{os.getpid()}", True)
+    semaphore = SemLock(1, 0, 1, f"/shmgen_test_signal_{os.getpid()}", True)
     former = signal.signal(signal.SIGALRM, lambda *_: None)
     signal.setitimer(signal.ITIMER_REAL, 0.001, 0.001)
     try:
@@ -194,6 +206,7 @@ def test_a_signal_does_not_cut_a_wait_short():
 # --- waking up -----------------------------------------------------------------------------------
 
 
+@wakes
 def test_a_waiting_reader_is_woken_and_does_not_poll(topic, other, monkeypatch):
     writer = other("publish", topic)
     with PoseSubscriber(topic) as subscriber:
@@ -240,6 +253,7 @@ def test_a_reader_that_died_waiting_does_no_harm(topic, value, locked):
         assert value(event) == 0
 
 
+@wakes
 def test_a_post_too_many_does_not_make_a_reader_poll_for_good(topic, value, monkeypatch):
     event = event_name(runtime.region_name(topic))
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:

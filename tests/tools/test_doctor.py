@@ -98,9 +98,11 @@ threading.Thread(target=work, daemon=True).start()
 
 
 def test_a_surplus_token(topic, semaphore, shmgen, peer):
-    peer(PUBLISHER.format(topic=topic) + "; publisher._region.semaphore.release()")
+    post = "import posix_ipc; posix_ipc.Semaphore('/' + publisher._region.name).release()"
+    peer(f"{PUBLISHER.format(topic=topic)}; {post}")
     fault = examined(shmgen, topic)
     assert "its semaphore is 2" in fault["message"]
+    assert "comes down by itself" in fault["hint"]
     assert fault["file"] == str(semaphore)
 
 

@@ -79,12 +79,8 @@ def _semaphore(seen: Evidence) -> Iterator[Problem]:
         yield Problem(seen.topic, message, _ADVICE_CLEAN.format(topic=seen.topic), file)
     elif before and min(before.word or 0, now.word or 0) > 1 and now.bits == 64:
         message = f"its semaphore is {now.word}, so that as many get in at a time"
-        yield Problem(
-            seen.topic,
-            message,
-            "it comes down by itself: each sample that Python writes or reads takes 64 of them away",
-            file,
-        )
+        hint = "it comes down by itself: each sample that Python writes or reads takes 64 of them away"
+        yield Problem(seen.topic, message, hint, file)
 
 
 def _lock(seen: Evidence) -> Iterator[Problem]:
