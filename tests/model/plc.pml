@@ -6,7 +6,7 @@
 #define RUNNING  3
 byte l_state, l_seen, l_beat, l_number, l_last, l_tag, l_cycles = CYCLES, l_closes = CLOSES;
 byte l_holder, l_count, l_first;
-bit l_aged, l_missed, l_heal, l_got;
+bit l_taken, l_aged, l_missed, l_heal, l_got;
 
 inline l_lock() {
     if
@@ -95,9 +95,10 @@ proctype Plc()
        :: DO(L, l_state >= CLAIMING && l_state <= CLAIMED && !QUIET) GIVE_WAY }
           REST
        :: DO(L, l_state == CLAIMING && QUIET && l_aged) skip }
-          DO(L, true) ST(L, WRITER, L + 1); l_state = CLAIMED; l_aged = 0; l_seen = L + 1 }
+          DO(L, true) ST(L, WRITER, L + 1); l_state = CLAIMED; l_aged = 0; l_taken = l_seen != 0; l_seen = L + 1 }
           REST
-       :: DO(L, l_state == CLAIMED && QUIET && l_aged) l_last = LD(L, COMPLETED); l_first = FIRST(L, l_last); l_seen = 0; l_state = RUNNING;
+       :: DO(L, l_state == CLAIMED && QUIET && l_aged) l_last = LD(L, COMPLETED); l_first = FIRST(L, l_last);
+              l_last = ALWAYS(l_taken, l_last); l_seen = 0; l_state = RUNNING;
               l_aged = 0; l_beat++; ST(L, BEAT, l_beat) }
           REST
        :: DO(L, l_state >= CLAIMING && l_state <= CLAIMED && QUIET && !l_aged) skip }

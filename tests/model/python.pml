@@ -75,7 +75,8 @@ open:
     fi;
 #endif
     DO(P, DRAINED(P)) 
-        p_sequence = LD(P, COMPLETED); p_first = FIRST(P, p_sequence); p_beat = LD(P, BEAT); busy[P] = 0; p_seen = 0 }
+        p_sequence = LD(P, COMPLETED); p_first = FIRST(P, p_sequence);
+        p_sequence = ALWAYS(p_seen == L + 1 || slept[P], p_sequence); p_beat = LD(P, BEAT); busy[P] = 0; p_seen = 0 }
 opened:
     do
     :: DO(P, p_tries > 0) p_tries--; busy[P] = 1; slept[P] = 0; p_number = NEXT(p_sequence) }

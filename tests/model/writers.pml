@@ -95,10 +95,16 @@ byte tags;        /* number of writes, which tells one from the other */
 
 /* The number that follows c is not used twice: the writer before may have filled the slot, and may still complete it.
  * 0: nothing of that. */
-#ifdef F_NO_LEAP
+#if defined(F_NO_LEAP) || defined(F_LEAPS_ALWAYS)
 #define FIRST(p, c) 0
 #else
 #define FIRST(p, c) (NEWER(LD(p, NUMBER(NEXT(c))), c) -> TURN(LD(p, NUMBER(NEXT(c)))) : 0)
+#endif
+
+#ifdef F_LEAPS_ALWAYS   /* a turn left out at each take-over, and by `begun` as well */
+#define ALWAYS(taken, c) (taken -> TURN(c) : c)
+#else
+#define ALWAYS(taken, c) c
 #endif
 
 #define AT_WORK(p) (busy[p] && !stalled[p] && !dead[p])
