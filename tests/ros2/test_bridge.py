@@ -73,7 +73,7 @@ def test_every_message_there_and_back(graph: Graph, space: str) -> None:
     source = graph.source
     config = 'source = "env"\n[types]\ntime = "struct"\n[strings]\ndefault = 40\n'
     (graph.folder / "shmgen.toml").write_text(config)
-    names = [name for name in installed(graph) if graph.backend == "ros2" or name != "test_msgs/msg/WStrings"]
+    names = [name for name in installed(graph) if graph.backend == "ros2" or crosses_dds(graph, name)]
     assert len(names) > 120, source
     config += "[bounds]\n" + "".join(f"{package} = 3\n" for package in sorted({name.split("/")[0] for name in names}))
     ends = list(enumerate(names))
@@ -105,6 +105,13 @@ def test_every_message_there_and_back(graph: Graph, space: str) -> None:
                     wrong.append((name, values, back))
     assert wrong == []
     bridge.stop(signal.SIGTERM)
+
+
+def crosses_dds(graph: Graph, name: str) -> bool:
+    """Not a wstring, and no key, which an .idl of Kilted may have: DDS takes that for another kind of topic."""
+    package, kind, bare = name.split("/")
+    definition = graph.prefix / "share" / package / kind / f"{bare}.idl"
+    return bare != "WStrings" and "@key" not in definition.read_text()
 
 
 def installed(graph: Graph) -> list[str]:
