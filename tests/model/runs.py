@@ -74,6 +74,7 @@ FAULTS = [
     Run("writers", f"{_L} STALLS=1 F_NO_LEAP"),
     Run("writers", f"{_L} STALLS=1 F_NUMBER_NOT_FIRST"),
     Run("writers", f"{_L} STALLS=0 CRASHES=2 F_BEGUN_LEAPS"),
+    Run("writers", f"{_L} STALLS=0 CRASHES=2 F_LEAPS_ALWAYS"),
     Run("writers", "START_P READS=1 PUBLISHES=1 CYCLES=6 STALLS=1 NOLOCK F_NUMBER_FROM_COMPLETED"),
     Run("writers", f"{_L} STALLS=1 F_NUMBER_BEFORE_COPY"),
     Run("writers", "START_L READS=1 PUBLISHES=2 CYCLES=3 STALLS=1 F_NUMBER_BEFORE_BEGUN"),
