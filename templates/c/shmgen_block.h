@@ -39,6 +39,7 @@ typedef struct shmgen_block {
     uint32_t missed;
     uint32_t refused;
     uint32_t place; /* in the table */
+    uint32_t reserved;
     char topic[256];
 } shmgen_block;
 

@@ -15,7 +15,7 @@ from shmgen.targets import Job
 from shmgen.targets.openplc import embedded, limits, names, program
 from shmgen.targets.openplc.blocks import Block, pair
 from shmgen.targets.openplc.dialect import MATIEC
-from shmgen.targets.openplc.types import SECONDS, Structure, structure
+from shmgen.targets.openplc.types import SECONDS, Structure, ordered, structure
 from shmgen.targets.st.names import ST_TIME
 
 NAMES = names.names("matiec")
@@ -43,13 +43,16 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
     if report.diagnostics:
         return
     lines = tuple(_header(job))
-    structures = [structure(layout, MATIEC) for layout in job.layouts.values()]
-    if any(layout.options.time == "struct" for layout in job.layouts.values()):
+    structures = [structure(layout, MATIEC) for layout in ordered(job.layouts)]
+    if any(layout.options.time == "struct" for layout in ordered(job.layouts)):
         structures.insert(0, Structure(ST_TIME, "a ROS time or duration", SECONDS))
     blocks = [
-        block for layout in job.layouts.values() if layout.requested for block in pair(layout, job.layouts, MATIEC)
+        block
+        for layout in ordered(job.layouts)
+        if layout.requested
+        for block in map(_cut, pair(layout, job.layouts, MATIEC))
     ]
-    files = tuple(f"(*FILE:c_blocks.h {_in_comment(line)}*)" for line in lines)
+    files = tuple(f"(*FILE:c_blocks.h {_in_comment(line)} *)" for line in lines)
     view = Library(job.package, files, tuple(structures), tuple(blocks), False, None)
     yield Output(f"matiec/{job.package}.h", "matiec/header.h.j2", Header(job.package, lines))
     yield Output(f"matiec/{job.package}.st", "matiec/library.st.j2", view)
@@ -60,6 +63,23 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
 
 
 _TM = ("#ifdef _IEC_STD_LIB_H", "#define tm shmgen_tm", "#endif", "#ifdef _IEC_STD_LIB_H", "#undef tm", "#endif")
+
+
+def _cut(block: Block) -> Block:
+    """With a body in several pieces where it is long: iec2c reads each at one go into a buffer of 16 KiB."""
+    lines: list[str] = []
+    length = 0
+    for line in block.body:
+        length += len(line) + 5
+        if length > _PIECE:
+            lines += ["}}", "{{"]
+            length = len(line) + 5
+        lines.append(line)
+    return block._replace(body=tuple(lines))
+
+
+_PIECE = 6000
+"""Characters."""
 
 
 def _header(job: Job) -> Iterator[str]:
@@ -73,7 +93,7 @@ def _header(job: Job) -> Iterator[str]:
     yield from (f"#include <{name}>" for name in shared.includes)
     yield from _TM[3:]
     yield from shared.lines
-    for layout in job.layouts.values():
+    for layout in ordered(job.layouts):
         yield from embedded.message(layout, job)
     yield "#endif"
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 
 from shmgen.model import Layout
 from shmgen.targets.naming import Made, Names, words
@@ -49,6 +50,15 @@ def _made(layout: Layout, package: str) -> Iterator[Made]:
 
 
 def names(title: str) -> Names:
-    return Names(
-        title, member=member, constant=member, made=_made, fold=str.upper, own=(st.ST_TIME, "ST_Ros"), use=topic
+    own = (st.ST_TIME, "ST_Ros")
+    return Names(title, member=member, constant=member, made=_made, fold=str.upper, own=own, use=topic)
+
+
+def capital_names(title: str) -> Names:
+    """The same where they are written in capitals."""
+    return replace(
+        names(title),
+        member=lambda name: member(name).upper(),
+        constant=lambda name: member(name).upper(),
+        made=lambda layout, package: (one._replace(name=one.name.upper()) for one in _made(layout, package)),
     )

@@ -13,7 +13,7 @@ from shmgen.targets import Job
 from shmgen.targets.openplc import names
 from shmgen.targets.openplc.blocks import Block, Variable, pair
 from shmgen.targets.openplc.dialect import Dialect
-from shmgen.targets.openplc.types import Structure, constants
+from shmgen.targets.openplc.types import Structure, constants, ordered
 from shmgen.targets.st.names import gvl
 
 RESOURCE = "Res0"
@@ -55,7 +55,7 @@ def plan(job: Job, dialect: Dialect) -> Program | None:
         members.append(Variable(names.topic(topic.name), stored.name, f"{topic.name}, {topic.type}"))
         instances.append(_instance(block, topic))
     every = Structure("ST_Ros", "what the topics carry", tuple(members))
-    lists = [one for layout in job.layouts.values() if (one := _constants(layout, dialect))]
+    lists = [one for layout in ordered(job.layouts) if (one := _constants(layout, dialect))]
     return Program(
         names.PROGRAM,
         (*structures.values(), every, *(structure for structure, _ in lists)),

@@ -34,7 +34,8 @@ def cpp_value(variable: Variable) -> str:
     value = variable.value
     if array := _ARRAY.fullmatch(variable.type):
         values = value.strip("[]").split(", ") if value else []
-        return ", ".join(_literal(one, array[2]) for one in values)
+        # Spelled with its type each: a list of literals of two types has none, and C++ takes it for no list then.
+        return ", ".join(f"IEC_{array[2]}({_literal(one, array[2])})" for one in values)
     return _literal(value, variable.type) if value else ""
 
 

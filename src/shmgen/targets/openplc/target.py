@@ -17,10 +17,10 @@ from shmgen.targets.openplc import embedded, limits, names, program
 from shmgen.targets.openplc.blocks import Block, Variable, pair
 from shmgen.targets.openplc.dialect import STRUCPP
 from shmgen.targets.openplc.spelling import cpp_type, cpp_value, manifest_type
-from shmgen.targets.openplc.types import SECONDS, Structure, structure
+from shmgen.targets.openplc.types import SECONDS, Structure, ordered, structure
 from shmgen.targets.st.names import ST_TIME
 
-NAMES = names.names("OpenPLC")
+NAMES = names.capital_names("OpenPLC")
 PROTOCOL = "SHMGEN_PROTOCOL"
 """The chunk that every block needs."""
 
@@ -47,7 +47,7 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
 
 
 def _library(job: Job, made: program.Program | None) -> str:
-    layouts = job.layouts.values()
+    layouts = ordered(job.layouts)
     protocol = embedded.protocol(job)
     blocks = [block for layout in layouts if layout.requested for block in pair(layout, job.layouts, STRUCPP)]
     own = [Structure(ST_TIME, "", SECONDS)] if any(layout.options.time == "struct" for layout in layouts) else []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from shmgen.model import Layout, Role, Scalar, Slot, String
+from shmgen.model import Layout, Layouts, Role, Scalar, Slot, String, TypeName
 from shmgen.targets.openplc.blocks import Variable
 from shmgen.targets.openplc.dialect import Dialect
 from shmgen.targets.openplc.names import member, whole
@@ -25,6 +25,20 @@ class Structure(NamedTuple):
     name: str
     doc: str
     members: tuple[Variable, ...]
+
+
+def ordered(layouts: Layouts) -> tuple[Layout, ...]:
+    """By name, but for those that others hold, which come before."""
+    found: dict[TypeName, Layout] = {}
+
+    def put(name: TypeName) -> None:
+        for inner in sorted(layouts[name].dependencies):
+            put(inner)
+        found.setdefault(name, layouts[name])
+
+    for name in sorted(layouts):
+        put(name)
+    return tuple(found.values())
 
 
 def structure(layout: Layout, dialect: Dialect) -> Structure:
