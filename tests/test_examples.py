@@ -23,6 +23,7 @@ SAYS = {
     "robot_task": "3 tasks done, 1 refused",
     "dds_chatter": "the PLC has heard 5",
     "press_service": "3 made",
+    "open_plc": "generated for OpenPLC and Beremiz: openplc/shm_msgs.stlib",
 }
 ASKS = {
     "opcua_gateway": ("asyncua", "cyclonedds"),

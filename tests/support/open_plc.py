@@ -61,20 +61,14 @@ def read(text: str) -> Source:
             header.append(content)
     plain = re.sub(r"\(\*.*?\*\)", "", text)
     types = {found[1]: tuple(_variables(found[2])) for found in _TYPE.finditer(plain.partition("END_TYPE")[0])}
-    blocks = tuple(Block(found[1], tuple(_variables(found[2])), _whole(found[3])) for found in _BLOCK.finditer(plain))
+    blocks = tuple(Block(found[1], tuple(_variables(found[2])), found[3]) for found in _BLOCK.finditer(plain))
     known = {*types, *ELEMENTARY}
     for variable in (one for group in (*types.values(), *(block.variables for block in blocks)) for one in group):
         assert not _TAKEN.search(variable.name), variable
         assert variable.type.rpartition(" ")[2] in known, variable
     assert all("}}" not in block.body and "{{" not in block.body for block in blocks)
+    assert all(len(block.body) < 12_000 for block in blocks), "iec2c's buffer has 16 KiB"
     return Source("\n".join(header), types, blocks)
-
-
-def _whole(body: str) -> str:
-    """Pieces between {{ and }}, each of which must fit into iec2c's buffer."""
-    pieces = body.split("\n    }}\n    {{\n")
-    assert all(len(piece) < 8000 for piece in pieces)
-    return "\n".join(pieces)
 
 
 ELEMENTARY = [

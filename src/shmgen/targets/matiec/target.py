@@ -42,16 +42,12 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
     limits.check(job.layouts, MATIEC, "matiec", report)
     if report.diagnostics:
         return
-    lines = tuple(_header(job))
+    whole = [block for layout in program.carried(job) for block in pair(layout, job.layouts, MATIEC)]
+    lines = (*_header(job), *(line for block in whole for line in _long(block)), "#endif")
     structures = [structure(layout, MATIEC) for layout in ordered(job.layouts)]
     if any(layout.options.time == "struct" for layout in ordered(job.layouts)):
         structures.insert(0, Structure(ST_TIME, "a ROS time or duration", SECONDS))
-    blocks = [
-        block
-        for layout in ordered(job.layouts)
-        if layout.requested
-        for block in map(_cut, pair(layout, job.layouts, MATIEC))
-    ]
+    blocks = [_short(block) for block in whole]
     files = tuple(f"(*FILE:c_blocks.h {_in_comment(line)} *)" for line in lines)
     view = Library(job.package, files, tuple(structures), tuple(blocks), False, None)
     yield Output(f"matiec/{job.package}.h", "matiec/header.h.j2", Header(job.package, lines))
@@ -65,21 +61,18 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
 _TM = ("#ifdef _IEC_STD_LIB_H", "#define tm shmgen_tm", "#endif", "#ifdef _IEC_STD_LIB_H", "#undef tm", "#endif")
 
 
-def _cut(block: Block) -> Block:
-    """With a body in several pieces where it is long: iec2c reads each at one go into a buffer of 16 KiB."""
-    lines: list[str] = []
-    length = 0
-    for line in block.body:
-        length += len(line) + 5
-        if length > _PIECE:
-            lines += ["}}", "{{"]
-            length = len(line) + 5
-        lines.append(line)
-    return block._replace(body=tuple(lines))
+LONGEST = 8000
+"""Characters of a body: iec2c reads one at one go into a buffer of 16 KiB."""
 
 
-_PIECE = 6000
-"""Characters."""
+def _body_macro(block: Block) -> str:
+    """The name under which a body that is too long stands in the header, or nothing."""
+    return f"SHMGEN_BODY_{block.name.upper()}" if sum(map(len, block.body)) > LONGEST else ""
+
+
+def _short(block: Block) -> Block:
+    macro = _body_macro(block)
+    return block._replace(body=(macro,)) if macro else block
 
 
 def _header(job: Job) -> Iterator[str]:
@@ -95,7 +88,13 @@ def _header(job: Job) -> Iterator[str]:
     yield from shared.lines
     for layout in ordered(job.layouts):
         yield from embedded.message(layout, job)
-    yield "#endif"
+
+
+def _long(block: Block) -> Iterator[str]:
+    if macro := _body_macro(block):
+        *lines, last = f"#define {macro}", *block.body
+        yield from (f"{line} \\" for line in lines)
+        yield last
 
 
 def _in_comment(line: str) -> str:

@@ -6,6 +6,7 @@ reads and writes as `GVL_Ros.robot_pose.Msg` is here a member of a global struct
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 from shmgen.model import Layout, Topic
@@ -14,6 +15,7 @@ from shmgen.targets.openplc import names
 from shmgen.targets.openplc.blocks import Block, Variable, pair
 from shmgen.targets.openplc.dialect import Dialect
 from shmgen.targets.openplc.types import Structure, constants, ordered
+from shmgen.targets.st import calls
 from shmgen.targets.st.names import gvl
 
 RESOURCE = "Res0"
@@ -30,15 +32,24 @@ class Instance(NamedTuple):
 
 
 class Program(NamedTuple):
-    """`structures` are the types of the `variables`, which are global."""
+    """`structures` are the types of the `variables`, which are global; `left_out` is what has no block here."""
 
     name: str
     structures: tuple[Structure, ...]
     variables: tuple[Variable, ...]
     instances: tuple[Instance, ...]
     interval: str
+    left_out: tuple[str, ...]
     resource: str = RESOURCE
     task: str = TASK
+
+
+def carried(job: Job) -> Iterator[Layout]:
+    """The messages that get a pair of blocks: those asked for, but for the parts of services and actions."""
+    called = calls.parts(job.layouts) - {topic.type for topic in job.topics}
+    for layout in ordered(job.layouts):
+        if layout.requested and layout.name not in called:
+            yield layout
 
 
 def plan(job: Job, dialect: Dialect) -> Program | None:
@@ -62,6 +73,7 @@ def plan(job: Job, dialect: Dialect) -> Program | None:
         (Variable(names.GLOBALS, every.name, every.doc), *(variable for _, variable in lists)),
         tuple(instances),
         str(job.options.task_interval),
+        (*(f"{it.name}, {it.type}" for it in job.services), *(f"{it.name}, {it.type}" for it in job.actions)),
     )
 
 

@@ -49,7 +49,7 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
 def _library(job: Job, made: program.Program | None) -> str:
     layouts = ordered(job.layouts)
     protocol = embedded.protocol(job)
-    blocks = [block for layout in layouts if layout.requested for block in pair(layout, job.layouts, STRUCPP)]
+    blocks = [block for layout in program.carried(job) for block in pair(layout, job.layouts, STRUCPP)]
     own = [Structure(ST_TIME, "", SECONDS)] if any(layout.options.time == "struct" for layout in layouts) else []
     carried = {structure(layout, STRUCPP): embedded.message(layout, job) for layout in layouts}
     every = {**dict.fromkeys(own, ()), **carried, **dict.fromkeys(made.structures if made else (), ())}
