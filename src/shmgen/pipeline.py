@@ -124,28 +124,36 @@ def job_of(config: Config, layouts: Layouts, report: Report) -> Job:
 class Item:
     """One message of the inventory: its size in bytes, or the keys that [bounds] lacks for it.
 
-    `faults` are what else `generate` would say against it.
+    `faults` are what else `generate` would say against it; `defaulted` are the keys that `default` answers for. Without
+    size and keys its definition, or that of what it holds, is at fault.
     """
 
     name: TypeName
     size: int | None
     unbounded: tuple[str, ...]
     faults: tuple[Diagnostic, ...] = ()
+    defaulted: tuple[str, ...] = ()
 
 
 def inventory(config: Config, asked: str | None = None) -> list[Item]:
-    """Every message in reach, or what one request stands for. Raises Rejected."""
-    sources = _sources(config)
-    requests = [asked] if asked else map(str, definitions.available(sources))
-    schema = definitions.load(requests, sources, Report())
-    names = sorted(schema.requested)
+    """Every message in reach, or what one request stands for, whatever is wrong with some of them.
+
+    Raises Rejected: the request stands for nothing, or there is nowhere to look.
+    """
+    opened = library(config)
+    requests = [asked] if asked else list(map(str, opened.known()))
+    schema, broken = definitions.load_usable(opened, requests, Report())
+    names = sorted({*schema.requested, *broken})
+    by_default = bounds.defaulted(schema, config.bounds)
     missing = bounds.unbounded(schema, config.bounds)
     mappable = tuple(message for message in schema.messages if not missing[message.name])
     bounded = bounds.apply(Schema(mappable), config.bounds, Report())
     layouts = layout.lay_out(bounded, config.types, config.max_region, Report())
     faults = _faults(config, layouts)
     return [
-        Item(name, layouts[name].size, (), faults[name]) if name in layouts else Item(name, None, missing[name])
+        Item(name, layouts[name].size, (), faults[name], by_default.get(name, ()))
+        if name in layouts
+        else Item(name, None, missing.get(name, ()), broken.get(name, ()))
         for name in names
     ]
 

@@ -70,9 +70,11 @@ def test_it_holds_what_exports_hold(xml: str) -> None:
         assert re.fullmatch(values[kind], name)
         assert re.fullmatch(values["reference"], library.get("DefaultResolution", name))
         assert values["libraries"].get(library.get("Namespace"), name) == name
-    ids = {it.get("Name"): it.get("ObjectId") for it in root.iter(f"{{{FACTS['namespace']}}}Object")}
-    kept = {it.text for it in root.iter(f"{{{FACTS['namespace']}}}ObjectId")}
-    assert kept <= set(ids.values()), "what has an id is in the structure"
+    placed = [it.get("ObjectId") for it in root.iter(f"{{{FACTS['namespace']}}}Object")]
+    kept = [it.text for it in root.iter(f"{{{FACTS['namespace']}}}ObjectId")]
+    kept += [it.get("ObjectId") for it in root.iter(f"{{{FACTS['namespace']}}}Method")]
+    assert len(set(placed)) == len(placed)
+    assert sorted(placed) == sorted(kept), "each object has an id of its own, by which it is in a folder"
 
 
 BEFORE = [

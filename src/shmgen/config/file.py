@@ -124,8 +124,9 @@ class _Sections:
             ),
             bounds=Bounds(
                 strings=self.bound_table("strings", strings, ("default", "encoding", "overflow")),
-                sequences=self.bound_table("bounds", bounds, ()),
+                sequences=self.bound_table("bounds", bounds, ("default",)),
                 default_string=self.read.number("strings", "default", strings, DEFAULT_STRING),
+                default_sequence=self.read.number("bounds", "default", bounds, 1) if "default" in bounds else None,
             ),
             topics=entries.topics(self.read, data),
             services=entries.services(self.read, data),
