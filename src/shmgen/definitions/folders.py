@@ -1,9 +1,9 @@
 """Turns folders of packages into a Catalogue.
 
 A package is a folder with a package.xml, or with definitions in msg/, srv/ or action/. In one with a package.xml these
-folders may lie in others that group them (`planning/msg/`), as rosidl takes them. Folders above packages are searched to
-any depth, in order of name; COLCON_IGNORE, AMENT_IGNORE or CATKIN_IGNORE takes a folder out, and
-rospack_nosubdirs all that is below it.
+folders may lie in others that group them (`planning/msg/`), as rosidl takes them. Folders above packages are searched
+to any depth, in order of name; COLCON_IGNORE, AMENT_IGNORE or CATKIN_IGNORE takes a folder out, and rospack_nosubdirs
+all that is below it.
 """
 
 from __future__ import annotations
