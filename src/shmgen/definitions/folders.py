@@ -183,6 +183,7 @@ def shorten(path: Path, relative_to: Path) -> str:
     """Relative where that needs no `..`, else absolute; on one line, whatever is in the name."""
     absolute, start = os.path.abspath(path), os.path.abspath(relative_to)
     text = os.path.relpath(absolute, start) if Path(absolute).is_relative_to(start) else absolute
+    text = text.replace(os.sep, "/")  # on Windows too, so that what is generated is the same
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
 
 
