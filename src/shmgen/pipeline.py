@@ -13,7 +13,7 @@ from shmgen import bounds, definitions, layout, resolve
 from shmgen.config import Config, entries
 from shmgen.diagnostics import Diagnostic, Report
 from shmgen.drift import lockfile
-from shmgen.model import Layouts, Schema, TypeName
+from shmgen.model import Layouts, Schema, TypeName, TypeOptions
 from shmgen.records import dataclass
 from shmgen.targets import TARGETS, Job, Options, Printed, Target, naming
 
@@ -35,7 +35,15 @@ def lay_out(config: Config, requests: Iterable[str], opened: definitions.Library
     if config.skip_unbounded:
         schema = _bounded(config, schema, opened)
     schema = bounds.apply(schema, config.bounds, Report(), opened.known)
-    return layout.lay_out(schema, config.types, config.max_region, Report())
+    return layout.lay_out(schema, _types(config, schema), config.max_region, Report())
+
+
+def _types(config: Config, schema: Schema) -> TypeOptions:
+    """With the names that an imported PLC project has for messages, unless shmgen.toml says not to take them."""
+    if config.types.names == "ros":
+        return config.types
+    own = tuple((message.name, message.plc.partition(" ")[0]) for message in schema.messages if message.plc)
+    return replace(config.types, own=own)
 
 
 def generate(config: Config, requests: Iterable[str]) -> dict[str, str]:
@@ -148,7 +156,7 @@ def inventory(config: Config, asked: str | None = None) -> list[Item]:
     missing = bounds.unbounded(schema, config.bounds)
     mappable = tuple(message for message in schema.messages if not missing[message.name])
     bounded = bounds.apply(Schema(mappable), config.bounds, Report())
-    layouts = layout.lay_out(bounded, config.types, config.max_region, Report())
+    layouts = layout.lay_out(bounded, _types(config, bounded), config.max_region, Report())
     faults = _faults(config, layouts)
     return [
         Item(name, layouts[name].size, (), faults[name], by_default.get(name, ()))
@@ -187,6 +195,7 @@ def _settings(config: Config) -> dict[str, object]:
         **({"ros_package": config.ros_package} if config.ros_package else {}),
         "bool": config.types.bool,
         "time": config.types.time,
+        **({"names": "ros"} if config.types.names == "ros" else {}),
         "encoding": config.types.encoding,
         "overflow": config.types.overflow,
         "topics": [f"{topic.direction} {topic.topic} {topic.type} depth {topic.depth}" for topic in config.topics],

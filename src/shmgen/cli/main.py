@@ -52,6 +52,7 @@ def _fault(error: Exception) -> Diagnostic:
 _FAMILIES = {
     "generate": ("generate", "show", "types", "list", "explain"),
     "drift": ("check", "diff", "init"),
+    "plc": ("import",),
     "bridge": ("bridge",),
     "live": ("doctor", "clean", "echo", "pub", "call", "hz", "top"),
 }

@@ -78,7 +78,7 @@ class Head(NamedTuple):
 
 
 class DataType(NamedTuple):
-    """A structure, or an enumeration over the type `base` with its `values`."""
+    """A structure, an enumeration over the type `base` with its `values`, or another name for `base`."""
 
     head: Head
     sections: tuple[Section, ...]
@@ -86,6 +86,7 @@ class DataType(NamedTuple):
     is_enum: bool
     base: str
     initial: str
+    is_alias: bool
     methods: tuple[()] = ()
 
 
@@ -205,8 +206,9 @@ def _data_type(found: objects.DataType, text: str) -> DataType:
         (Section("", False, members),),
         members,
         is_enum=bool(found.base),
-        base=_type(found.base) if found.base else "",
+        base=_type(found.base or found.alias) if found.base or found.alias else "",
         initial=_text(found.initial),
+        is_alias=bool(found.alias),
     )
 
 
@@ -261,25 +263,26 @@ def _variables(found: Iterable[objects.Variable]) -> tuple[Variable, ...]:
     )
 
 
-_ELEMENTARY = re.compile("BOOL|BYTE|[DL]?WORD|U?[SDL]?INT|L?REAL|TIME")
+_ELEMENTARY = re.compile("BOOL|BYTE|[DL]?WORD|U?[SDL]?INT|L?REAL|TIME|DATE|TOD|DT")
 """Those with an element of their own in TC6 2.01; LTIME and CODESYS's own are `derived`."""
 _STRING = re.compile(r"(W?STRING)\((\d+)\)")
-_ARRAY = re.compile(r"ARRAY\[(\d+)\.\.(\d+)\] OF (.+)")
+_ARRAY = re.compile(r"ARRAY\[([-\d., ]+)\] OF (.+)")
 
 
 @functools.cache
 def _type(spelled: str) -> str:
     """`ARRAY[0..2] OF LREAL` as PLCopen spells it."""
     if array := _ARRAY.fullmatch(spelled):
-        dimension = f'<dimension lower="{array[1]}" upper="{array[2]}" />'
-        return f"<array>{dimension}<baseType>{_type(array[3])}</baseType></array>"
+        bounds = (dimension.strip().partition("..") for dimension in array[1].split(","))
+        dimensions = "".join(f'<dimension lower="{lower}" upper="{upper}" />' for lower, _, upper in bounds)
+        return f"<array>{dimensions}<baseType>{_type(array[2])}</baseType></array>"
     if spelled.startswith("POINTER TO "):
         return f"<pointer><baseType>{_type(spelled.removeprefix('POINTER TO '))}</baseType></pointer>"
     if string := _STRING.fullmatch(spelled):
         return f'<{string[1].lower()} length="{string[2]}" />'
     if _ELEMENTARY.fullmatch(spelled):
         return f"<{spelled} />"
-    assert re.fullmatch(r"\w+", spelled), f"not a type: {spelled}"
+    assert re.fullmatch(r"[\w.]+", spelled), f"not a type: {spelled}"
     return f'<derived name="{spelled}" />'
 
 

@@ -36,9 +36,31 @@ def st_member(name: str) -> str:
     return single + "_" if single.upper() in ST_RESERVED else single
 
 
-def st_type(name: TypeName) -> str:
-    """`ST_geometry_msgs_Pose`. The package is always there: 54 bare names occur in more than one ROS package."""
-    return _st("ST", name)
+def st_type(name: TypeName, options: TypeOptions) -> str:
+    """`ST_geometry_msgs_Pose`. The package is always there: 54 bare names occur in more than one ROS package.
+
+    What was imported from a PLC project has the name that it has there.
+    """
+    own = dict(options.own).get(name, "") if options.own else ""
+    return own if own and _is_usable(own) else _st("ST", name)
+
+
+def own_member(plc: str, options: TypeOptions) -> tuple[str, str]:
+    """Name and type of a member as an imported PLC project has them; empty where it has none that is usable."""
+    name, _, type_ = plc.partition(" : ")
+    if options.names == "ros" or not name or not _is_usable(name):
+        return "", ""
+    return name, type_ if _OWN_TYPE.fullmatch(type_) else ""
+
+
+def _is_usable(name: str) -> bool:
+    return "__" not in name and name.upper() not in ST_RESERVED
+
+
+_OWN_TYPE = re.compile(
+    r"(?:ARRAY\[-?\d+\.\.-?\d+(?:, -?\d+\.\.-?\d+)*\] OF )*(?:[A-Za-z]\w*(?:\.[A-Za-z]\w*)?|W?STRING\(\d+\))"
+)
+"""Nothing else of a comment gets into code."""
 
 
 def gvl(name: TypeName) -> str:
@@ -100,13 +122,13 @@ def iec_element(type_: Element, options: TypeOptions) -> str:
             assert capacity is not None, "bounds come before targets"
             return f"WSTRING({capacity})" if wide else f"STRING({capacity})"
         case Ref(name):
-            return st_type(name)
+            return st_type(name, options)
         case _:
             assert_never(type_)
 
 
 def _made(layout: Layout, package: str) -> Iterator[Made]:
-    yield Made("type", st_type(layout.name))
+    yield Made("type", st_type(layout.name, layout.options))
 
 
 def _st(prefix: str, name: TypeName) -> str:
