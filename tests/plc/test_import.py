@@ -169,7 +169,8 @@ XML = """\
   </baseType>
   </dataType>
   <dataType name="ST_Part"><baseType><struct>
-    <variable name="aValues"><type><array><dimension lower="0" upper="MAX" /><baseType><REAL /></baseType></array></type>
+    <variable name="aValues"><type><array><dimension lower="0" upper="MAX" /><baseType><REAL /></baseType></array>
+      </type>
       <documentation><xhtml xmlns="http://www.w3.org/1999/xhtml"> of the part </xhtml></documentation></variable>
     <variable name="eMode"><type><derived name="E_Mode" /></type></variable>
     <variable name="sText"><type><string length="9" /></type></variable>
