@@ -103,6 +103,9 @@ $(VENV)/ready-to-test: $(VENV)/ready
 	    || { rm -rf $(VENV)/ros2-$$distribution; \
 	         echo "no wheels of ROS 2 $$distribution here; tests that need them are skipped" >&2; }; \
 	done
+	@{ $(PYTHON) -m venv $(VENV)/idl && \
+	    $(VENV)/idl/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[idl,demo]'; } \
+	    || { rm -rf $(VENV)/idl; echo "no wheel of rosidl_parser here; tests that need it are skipped" >&2; }
 	@test ! -d $(VENV)/ros2-jazzy || $(VENV)/ros2-jazzy/bin/python -m pip install --quiet --disable-pip-version-check $(ROS2_BUILD) \
 	    || echo 'no colcon here; tests that build packages with it are skipped' >&2
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test]'
