@@ -13,6 +13,7 @@ from ..support.command import run
 from ..support.ros1 import Bridge, Graph
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("catkin_make") is None, reason="no catkin_make: apt-get install catkin")
 def test_a_workspace_is_built_and_launched(graph: Graph, space: str) -> None:
     topic = f'source = "noetic"\nros_package = "cell_bridge"\n[[topics]]\ntopic = "{space}/pose"\n'

@@ -39,7 +39,7 @@ module a_msgs { module msg {
 def python_of(environment: str) -> Path:
     python = REPOSITORY / ".venv" / environment / "bin" / "python"
     if not python.exists():
-        pytest.skip(f"no .venv/{environment}: `make test` makes it where there are wheels of ROS 2")
+        pytest.skip(f"no .venv/{environment}: `make test-all` makes it where there are wheels of ROS 2")
     return python
 
 

@@ -51,11 +51,12 @@ def workspace(tmp_path: Path, space: str) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("graph", ["jazzy"], indirect=True)
 def test_a_workspace_is_built_and_the_bridge_runs_from_it(graph: Graph, workspace: Path) -> None:
     tools = graph.prefix / "bin"
     if not (tools / "colcon").exists() or not (graph.prefix / "share" / "ament_cmake").is_dir():
-        pytest.skip("no colcon or no ament_cmake in .venv/ros2-jazzy: `make test` installs them")
+        pytest.skip("no colcon or no ament_cmake in .venv/ros2-jazzy: `make test-all` installs them")
     paths = {"PATH": f"{tools}:/usr/bin:/bin", "CMAKE_PREFIX_PATH": str(graph.prefix), "ROS_DISTRO": "jazzy"}
     build = graph.start([tools / "colcon", "build"], paths, stderr=subprocess.STDOUT)
     said = build.stdout.read()
