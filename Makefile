@@ -66,8 +66,9 @@ model: $(VENV)/ready-to-test  ## the protocol's models, also in sizes that take 
 load: $(VENV)/ready-to-test  ## 64 topics at 1 kHz for a minute
 	$(BIN)/python -m tests.load
 
-load-bridge: $(VENV)/ready-to-test  ## 10 topics at 100 Hz and one at 1 kHz through ROS 1 and through DDS, for 30 s each
+load-bridge: $(VENV)/ready-for-all  ## 10 topics at 100 Hz and one at 1 kHz through ROS 1, ROS 2 and DDS, for 30 s each
 	$(BIN)/python -m tests.load_bridge --backend ros1
+	$(BIN)/python -m tests.load_bridge --backend ros2
 	$(BIN)/python -m tests.load_bridge --backend dds
 
 fuzz: $(VENV)/ready-to-test  ## five minutes of definitions nobody would write, guided by coverage
