@@ -127,9 +127,8 @@ def main() -> int:
         a.ip("link", "set", "eth0", "up")
         begun = time.monotonic()
         wait(lambda: not any(machine.seen()["stale_since"] for machine in both))
-        print(
-            f"  link down for 4 s: xStale after {max(stale):.1f} s, gone {time.monotonic() - begun:.1f} s after it was up"
-        )
+        again = time.monotonic() - begun
+        print(f"  link down for 4 s: xStale after {max(stale):.1f} s, gone {again:.1f} s after it was up")
         time.sleep(1)
         tell("after the cut", both)
 
