@@ -57,7 +57,7 @@ def _parser(text: Text) -> Any:
             spec.loader.exec_module(sys.modules["rosidl_parser"])
         return import_module("rosidl_parser.parser")
     except ImportError as error:
-        hint = "source a ROS 2, or type `pip install shmgen[idl]`, or `apt install python3-rosidl`"
+        hint = "source a ROS 2, type `pip install ros-rosidl-parser`, or `apt install python3-rosidl`"
         if error.name == "lark":
             hint = "rosidl_parser needs it: type `pip install lark`"
         hint += "; a .msg, .srv or .action beside the .idl would be read instead"
