@@ -83,14 +83,16 @@ site: $(VENV)/ready  ## the documentation as a site, in site/
 	@$(call pip,$(BIN)) --editable '.[docs]'
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
-dist: $(VENV)/ready  ## sdist and wheel in dist/, built, checked, and installed once into an environment of its own
+dist: $(VENV)/ready  ## sdist and wheels in dist/: built, checked, and each installed once into an environment of its own
 	@$(call pip,$(BIN)) build twine
 	rm -rf dist
 	$(BIN)/python -m build --outdir dist
+	$(BIN)/python -m build --wheel --outdir dist packaging/shmgen-runtime
 	$(BIN)/python -m twine check --strict dist/*
-	$(PYTHON) -m venv $(VENV)/dist && $(call pip,$(VENV)/dist/bin) --force-reinstall dist/*.whl
-	cd $(VENV)/dist && bin/shmgen generate --quiet geometry_msgs/Pose && PYTHONPATH=generated/python bin/python -c "import shm_msgs.geometry_msgs.msg"
-	rm -rf $(VENV)/dist
+	for wheel in shmgen shmgen_runtime; do \
+	    $(PYTHON) -m venv $(VENV)/dist && $(call pip,$(VENV)/dist/bin) dist/$$wheel-*.whl && \
+	    $(VENV)/dist/bin/python -c 'import shmgen.runtime' && du -sh $(VENV)/dist && rm -rf $(VENV)/dist || exit 1; \
+	done
 
 clean:
 	rm -rf $(VENV) dist site .fuzz .pytest_cache .mypy_cache .ruff_cache .hypothesis
