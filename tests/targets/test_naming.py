@@ -68,7 +68,7 @@ def test_c_words() -> None:
 
 
 def test_names_of_a_message() -> None:
-    assert st_names.st_type(POSE, TypeOptions()) == "ST_geometry_msgs_Pose"
+    assert st_names.st_type(POSE) == "ST_geometry_msgs_Pose"
     assert st_names.gvl(POSE) == "GVL_geometry_msgs_Pose"
     assert st_names.publisher_block(POSE) == "FB_geometry_msgs_Pose_Publisher"
     assert st_names.subscriber_block(POSE) == "FB_geometry_msgs_Pose_Subscriber"

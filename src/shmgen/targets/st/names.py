@@ -27,6 +27,9 @@ ST_TIME = "ST_shmgen_Time"
 """A ROS time or duration where `time = "struct"`."""
 
 
+_USUAL = TypeOptions()
+
+
 def st_member(name: str) -> str:
     """A field or a constant in Structured Text: `step` -> `step_`.
 
@@ -36,7 +39,7 @@ def st_member(name: str) -> str:
     return single + "_" if single.upper() in ST_RESERVED else single
 
 
-def st_type(name: TypeName, options: TypeOptions) -> str:
+def st_type(name: TypeName, options: TypeOptions = _USUAL) -> str:
     """`ST_geometry_msgs_Pose`. The package is always there: 54 bare names occur in more than one ROS package.
 
     What was imported from a PLC project has the name that it has there.
