@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import signal
 import subprocess
 import sys
+from contextlib import suppress
 
+import posix_ipc
 import pytest
 
 from shmgen import runtime
+from shmgen.runtime import header as h
+from shmgen.runtime import publisher as publishing
+from shmgen.runtime import semaphores
+from shmgen.runtime.region import _FLOCK, REPAIR_LOCK
 
+from ..chaos_faults import swap_map
 from .messages import PosePublisher, PoseSubscriber, pose
 
 
@@ -21,10 +29,11 @@ def in_child(work):
     if pid == 0:
         try:
             os.write(write, str(work()).encode())
-        finally:
             os._exit(0)
+        finally:
+            os._exit(1)
     os.close(write)
-    os.waitpid(pid, 0)
+    assert os.waitpid(pid, 0)[1] == 0
     with open(read) as answers:
         return answers.read()
 
@@ -37,6 +46,14 @@ def told(call):
     return "nothing"
 
 
+def open_files():
+    found = []
+    for descriptor in os.listdir("/proc/self/fd"):
+        with suppress(FileNotFoundError):  # that of this list
+            found.append(os.readlink(f"/proc/self/fd/{descriptor}"))
+    return found
+
+
 def test_a_child_holds_nothing_and_is_told(topic):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         publisher.publish(pose(1))
@@ -45,7 +62,9 @@ def test_a_child_holds_nothing_and_is_told(topic):
             answer = in_child(lambda call=call: told(call))
             assert answer.startswith(f"InForkedChild: {topic}: this ")
             assert f"belongs to process {os.getpid()}, from which this one was forked" in answer
-        names = in_child(lambda: [os.readlink(f"/proc/self/fd/{fd}") for fd in os.listdir("/proc/self/fd")[:-1]])
+        assert f"/dev/shm/{publisher._region.name}" in open_files()
+        names = in_child(open_files)
+        assert "pipe:" in names
         assert "/dev/shm" not in names
         in_child(lambda: (publisher.close(), subscriber.close()))
         publisher.publish(pose(3))
@@ -61,6 +80,55 @@ def test_a_child_opens_its_own(topic):
                 return subscriber.read().position.x
 
         assert in_child(own) == "1.0"
+
+
+@pytest.mark.parametrize("semlock", [True, False])
+def test_a_fork_in_the_middle_of_a_copy_leaves_the_lock_to_the_parent(topic, monkeypatch, semlock):
+    """As by another thread, or by a signal handler: the child has the parent's count of the lock, and not the lock."""
+    if not semlock:
+        monkeypatch.setattr(semaphores, "SemLock", None)
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+        lock = posix_ipc.Semaphore("/" + publisher._region.name)
+        seen = []
+
+        def fork():
+            in_child(lambda: None)
+            seen.append((lock.value, publisher._region.words[h.LOCK_HOLDER], REPAIR_LOCK in locked()))
+
+        def locked():
+            """By us, whose own locks a second descriptor meets."""
+            with open(f"/dev/shm/{publisher._region.name}", "rb") as file:
+                asked = _FLOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, REPAIR_LOCK, 1, 0)
+                kind, *_ = _FLOCK.unpack(fcntl.fcntl(file.fileno(), fcntl.F_OFD_GETLK, asked))
+                return [REPAIR_LOCK] if kind != fcntl.F_UNLCK else []
+
+        swap_map(publisher, fork)
+        publisher.publish(pose(1))
+        assert publisher._region.lock_byte(REPAIR_LOCK)
+        publisher._lock._repairing = True
+        publisher._region.semaphore.acquire(False)
+        fork()
+        publisher._lock.leave()
+        assert seen == [(0, os.getpid(), False), (0, 0, True)]
+        assert lock.value == 1
+        lock.close()
+        assert subscriber.read().position.x == 1.0
+
+
+def test_a_fork_while_it_opens_takes_no_claim_along(topic, monkeypatch):
+    """By another thread, just after the claim."""
+    names = []
+
+    def forked(*arguments):
+        made = claim(*arguments)
+        names.append(in_child(open_files))
+        return made
+
+    claim = publishing.claim
+    monkeypatch.setattr(publishing, "claim", forked)
+    PosePublisher(topic).close()
+    assert "pipe:" in names[0]
+    assert "/dev/shm" not in names[0]
 
 
 PARENT = """

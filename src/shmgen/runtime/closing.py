@@ -6,9 +6,12 @@ import os
 import weakref
 from abc import ABC, abstractmethod
 from types import TracebackType
-from typing import Any, ClassVar, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, TypeVar
 
 from shmgen.runtime.errors import Closed, InForkedChild, ShmError
+
+if TYPE_CHECKING:
+    from shmgen.runtime.lock import Lock
 
 C = TypeVar("C", bound="Closing")
 
@@ -39,6 +42,7 @@ class Holding(Closing):
     topic: Any
     _word: ClassVar[str]
     """What errors call it."""
+    _lock: Lock
 
     def close(self) -> None:
         """Lets go of the region, which stays as it is."""
@@ -75,6 +79,7 @@ def _in_child() -> None:
             f"{side.topic}: this {side._word} belongs to process {parent}, from which this one was forked; "
             "open one here, or start processes by the method `spawn`"
         )
+        side._lock.forget()
         side._let_go(Gone(InForkedChild, text))
 
 

@@ -9,6 +9,7 @@ import mmap
 import os
 import struct
 import time
+import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import cast
@@ -41,7 +42,10 @@ class Region:
     `pid` is that of the process that opened it, and `file` its descriptor.
     """
 
-    __slots__ = ("_file", "header", "map", "name", "options", "pid", "quads", "semaphore", "topic", "words")
+    __slots__ = (
+        *("__weakref__", "_file", "header", "map", "name"),
+        *("options", "pid", "quads", "semaphore", "topic", "words"),
+    )
 
     def __init__(
         self,
@@ -62,6 +66,7 @@ class Region:
         self.quads = memoryview(map).cast("Q")
         self.semaphore = semaphore
         self._file = file
+        _open.add(self)
 
     @property
     def file(self) -> int:
@@ -101,6 +106,18 @@ class Region:
             self.words = self.quads = cast(memoryview, gone)
         self._file.close()
         self.map.close()
+
+
+_open: weakref.WeakSet[Region] = weakref.WeakSet()
+
+
+def _in_child() -> None:
+    """Also one that a publisher is still opening: the file's claim would be the child's too."""
+    for region in list(_open):
+        region.close()
+
+
+os.register_at_fork(after_in_child=_in_child)
 
 
 def open_region(topic: str, ours: h.Header, options: RegionOptions = RegionOptions()) -> Region:  # noqa: B008 a tuple
