@@ -82,6 +82,86 @@ def test_a_child_opens_its_own(topic):
         assert in_child(own) == "1.0"
 
 
+def test_a_fork_or_an_exception_in_the_middle_of_closing(topic):
+    """The map has a descriptor of its own, and with it the claim."""
+    publisher = PosePublisher(topic)
+    map, names = publisher._region.map, []
+
+    class Map:
+        def close(self):
+            if names:
+                map.close()
+                return
+            names.append("")
+            names[0] = in_child(open_files)
+            raise KeyboardInterrupt
+
+    publisher._region.map = Map()
+    with pytest.raises(KeyboardInterrupt):
+        publisher.close()
+    assert "pipe:" in names[0]
+    assert "/dev/shm" not in names[0]
+    publisher.close()
+    PosePublisher(topic).close()
+
+
+def test_closing_does_not_wait_for_a_child_that_has_not_run_yet(topic):
+    """Which has the file, and so the claim, until it has its turn."""
+    publisher = PosePublisher(topic)
+    also = os.dup(publisher._region.file)  # the same open file, as a child has it
+    try:
+        publisher.close()
+        PosePublisher(topic).close()
+    finally:
+        os.close(also)
+
+
+def test_a_fork_between_any_two_instructions(topic):
+    """Of opening, publishing, reading and closing, each 37th, by a child that has neither file nor map then."""
+    name, held, forks = runtime.region_name(topic), [], 0
+
+    def work():
+        with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+            publisher.publish(pose(1))
+            assert subscriber.read()
+
+    def inherited():
+        maps = open("/proc/self/maps").read()  # noqa: SIM115 the child ends
+        return f"/dev/shm/{name}" in maps or any(f"/dev/shm/{name}" in file for file in open_files())
+
+    def forked_at(step):
+        nonlocal forks
+        left = step
+
+        def trace(frame, event, _):
+            nonlocal left, forks
+            if not frame.f_code.co_filename.startswith(os.path.dirname(runtime.__file__)):
+                return None
+            frame.f_trace_opcodes = True
+            if event == "opcode":
+                left -= 1
+                if left == 0:
+                    forks += 1
+                    if in_child(inherited) == "True":
+                        held.append(frame.f_code.co_name)
+            return trace
+
+        sys.settrace(trace)
+        try:
+            work()
+        finally:
+            sys.settrace(None)
+        return left <= 0
+
+    steps = iter(range(1, 100_000, 37))
+    while forked_at(next(steps)):
+        pass
+    assert forks > 100
+    # Where a descriptor, or a view, is on its way from the call that made it to the name it gets.
+    assert set(held) <= {"opened", "kept_from_children", "open_region", "__init__", "_made"}
+    assert len(held) <= 3
+
+
 @pytest.mark.parametrize("semlock", [True, False])
 def test_a_fork_in_the_middle_of_a_copy_leaves_the_lock_to_the_parent(topic, monkeypatch, semlock):
     """As by another thread, or by a signal handler: the child has the parent's count of the lock, and not the lock."""
@@ -135,9 +215,10 @@ PARENT = """
 import multiprocessing, os, sys, time
 from messages import PosePublisher
 publisher = PosePublisher(sys.argv[1])
-child = multiprocessing.get_context("fork").Process(target=time.sleep, args=(60,))
-child.start()
-print(child.pid, flush=True)
+def work():
+    print(os.getpid(), flush=True)
+    time.sleep(60)
+multiprocessing.get_context("fork").Process(target=work).start()
 time.sleep(60)
 """
 
