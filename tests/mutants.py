@@ -112,6 +112,7 @@ def tried(mutants: list[Mutant], rooms: list[Room], processes: int, seconds: flo
             workers.put(worker)
 
     with tempfile.TemporaryDirectory(prefix="shmgen-mutants") as folder:
+        os.chmod(folder, 0o755)  # tests that become other users read the copies
         every = [Worker(Path(folder) / str(number)) for number in range(processes)]
         for worker in every:
             workers.put(worker)

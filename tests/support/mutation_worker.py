@@ -80,8 +80,10 @@ class Worker:
 
     def close(self) -> None:
         assert self._process.stdin is not None
+        assert self._process.stdout is not None
         self._process.stdin.close()
         self._process.wait()
+        self._process.stdout.close()
 
     def _ask(self, tests: list[str], limit: float, files: tuple[str, ...]) -> tuple[str, float]:
         assert self._process.stdin is not None
