@@ -304,10 +304,13 @@ def test_group(topic, file, semaphore_file):
     if not others:
         pytest.skip("this user is in one group only")
     event = semaphore_file.with_name(semaphore_file.name + "-event")
-    for gid in (others[0], os.getegid()):  # made here, then found
+    for gid, mode in ((others[0], 0o660), (os.getegid(), 0o640)):  # made here, then found
         with PoseSubscriber(topic, group=gid) as subscriber:
             subscriber.wait(0)
         assert [left.stat().st_gid for left in (file, semaphore_file, event)] == [gid] * 3
+        assert [left.stat().st_mode & 0o777 for left in (file, semaphore_file, event)] == [mode] * 3
+        for left in (file, semaphore_file, event):
+            left.chmod(0o640)  # which stays, as nobody asked for another
     with pytest.raises(runtime.PermissionDenied, match="groupadd no_such_group"):
         PosePublisher(topic, group="no_such_group")
 
