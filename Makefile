@@ -25,7 +25,7 @@ DDS  := g++ libfastrtps-dev fastddsgen cyclonedds-dev cyclonedds-tools
 # The extra `bench`, one by one: who cannot be had here is left out.
 PEERS := iceoryx2 cyclonedds eclipse-zenoh pyzmq asyncua pymodbus
 
-.PHONY: demo test lint generated chaos model load load-bridge fuzz bench clean
+.PHONY: demo test lint generated chaos model load load-bridge fuzz fuzz-many mutants bench clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/ready
@@ -63,6 +63,12 @@ load-bridge: $(VENV)/ready-to-test  ## 10 topics at 100 Hz and one at 1 kHz thro
 fuzz: $(VENV)/ready-to-test  ## five minutes of definitions nobody would write, guided by coverage
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[fuzz]'
 	$(BIN)/python -m tests.fuzz 300
+
+fuzz-many: $(VENV)/ready-to-test  ## a million definitions, not guided; an hour on two processors
+	$(BIN)/python -m tests.fuzz_many 1000000
+
+mutants: $(VENV)/ready-to-test  ## the core made wrong in some two thousand ways, one at a time: which does no test mind?
+	$(BIN)/python -m tests.mutants
 
 bench: $(VENV)/ready-to-test
 	for peer in $(PEERS); do $(BIN)/python -m pip install --quiet --disable-pip-version-check $$peer || echo "$$peer: left out"; done
