@@ -65,6 +65,7 @@ class Stage:
     complaints: int
     depth: int = 1
     kind: str = "Small"
+    calm: bool = False
     calls: list[Callable[[], Any]] = field(default_factory=list)
     """What the process itself has open, which a forked child of it must not use."""
 
@@ -262,17 +263,28 @@ class Actor:
         finally:
             os._exit(0)
 
+    def state(self) -> str:
+        """As `ps` has it, or how it ended."""
+        pid, status = os.waitpid(self.pid, os.WNOHANG | os.WUNTRACED) if self.pid else (0, 0)
+        return (
+            f"status {status:#x}" if pid else Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()[0]
+        )
+
     def kill(self) -> None:
-        self.signal(signal.SIGKILL)
-        os.waitpid(self.pid, 0)
+        with suppress(ProcessLookupError, ChildProcessError):  # it had ended, and state() has told how
+            self.signal(signal.SIGKILL)
+            os.waitpid(self.pid, 0)
 
     def signal(self, number: signal.Signals) -> None:
         os.kill(self.pid, number)
 
 
-def play(folder: Path, seconds: float, kills: int, seed: int, limit: float, plc: bool, fault: str | None) -> Verdict:
+def play(
+    folder: Path, seconds: float, kills: int, seed: int, limit: float, plc: bool, fault: str | None, calm: bool
+) -> Verdict:
     """Until there were so many kills, for so many seconds, or until a fault was found."""
     stage, complaints = _stage(folder, plc)
+    stage.calm = calm or fault is not None
     if fault:
         chaos_faults.PLANTED[fault](stage)
     rng, verdict = random.Random(seed), Verdict()
@@ -286,7 +298,7 @@ def play(folder: Path, seconds: float, kills: int, seed: int, limit: float, plc:
             stage.depth = DEPTHS[verdict.regions % 2]
             stage.kind = "Small" if fault else tuple(SIZES)[verdict.regions // 2 % 2]
             works = scenes[verdict.regions % len(scenes)]
-            gentle = verdict.regions % 4 == 3
+            gentle = not stage.calm and verdict.regions % 4 == 3
             cast = [Actor(stage, place, work) for place, work in enumerate(works)]
             for actor in cast:
                 actor.start(rng.random())
@@ -312,7 +324,7 @@ def play(folder: Path, seconds: float, kills: int, seed: int, limit: float, plc:
             verdict.recoveries += read_header(region_name(stage.topic)).recoveries
             verdict.regions += 1
             _clean(stage, verdict)
-            if not fault:
+            if not stage.calm:
                 mishap = rng.choice(chaos_mishaps.BETWEEN)
                 verdict.mishaps[mishap.__name__] += 1
                 verdict.faults += [f"{mishap.__name__}: {found}" for found in mishap(stage, rng)]
@@ -353,7 +365,7 @@ def _burst(stage: Stage, cast: list[Actor], rng: random.Random, verdict: Verdict
     for _ in range(rng.randint(1, 6)):
         time.sleep(rng.uniform(0, 0.004))
         actor = rng.choice(cast)
-        if rng.random() < 0.3:
+        if not stage.calm and rng.random() < 0.3:
             _mishap(rng.choice(chaos_mishaps.DURING), stage, actor, rng, verdict)
             continue
         if rng.random() < 0.5:
@@ -409,7 +421,8 @@ def _recover(cast: list[Actor], limit: float, verdict: Verdict) -> None:
     while still := [actor for actor, moves in zip(cast, before, strict=True) if actor.moves == moves]:
         took = time.monotonic() - start
         if took > limit and not late:
-            late = f"{', '.join(actor.work.__name__ for actor in still)}: no sign of life within {limit:.1f} s of the "
+            who = ", ".join(f"{actor.work.__name__} ({actor.state()})" for actor in still)
+            late = f"{who}: no sign of life within {limit:.1f} s of the "
             with suppress(RegionMissing):
                 late += f"last hit, {read_header(region_name(cast[0].stage.topic))!r}"
         if took > 5 * limit:
@@ -462,11 +475,12 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--limit", type=float, default=1.2, help="seconds within which everybody moves again")
     parser.add_argument("--no-plc", action="store_true")
+    parser.add_argument("--calm", action="store_true", help="kills and stops only, none of chaos_mishaps.py")
     parser.add_argument("--fault", choices=chaos_faults.PLANTED)
     given = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="shmgen-chaos") as folder:
         plc = not (given.no_plc or given.fault)
-        verdict = play(Path(folder), given.seconds, given.kills, given.seed, given.limit, plc, given.fault)
+        verdict = play(Path(folder), given.seconds, given.kills, given.seed, given.limit, plc, given.fault, given.calm)
     print(
         f"seed {given.seed}: {verdict.kills} kills and {verdict.stops} stops in {verdict.rounds} bursts on "
         f"{verdict.regions} regions; {verdict.recoveries} locks healed, {verdict.half_made} semaphores half made; "
