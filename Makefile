@@ -31,7 +31,7 @@ DDS  := libfastrtps-dev fastddsgen cyclonedds-dev cyclonedds-tools
 # The extra `bench`, one by one: who cannot be had here is left out.
 PEERS := iceoryx2 cyclonedds eclipse-zenoh pyzmq asyncua pymodbus
 
-.PHONY: demo test test-all lint generated chaos model load load-bridge fuzz bench site dist clean
+.PHONY: demo test test-all lint generated chaos model load load-bridge fuzz fuzz-many mutants bench site dist clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/ready
@@ -74,6 +74,12 @@ load-bridge: $(VENV)/ready-for-all  ## 10 topics at 100 Hz and one at 1 kHz thro
 fuzz: $(VENV)/ready-to-test  ## five minutes of definitions nobody would write, guided by coverage
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[fuzz]'
 	$(BIN)/python -m tests.fuzz 300
+
+fuzz-many: $(VENV)/ready-to-test  ## a million definitions, not guided
+	$(BIN)/python -m tests.fuzz_many 1000000
+
+mutants: $(VENV)/ready-for-all  ## the core made wrong in some two thousand ways, one at a time: which does no test mind?
+	$(BIN)/python -m tests.mutants
 
 bench: $(VENV)/ready-to-test
 	for peer in $(PEERS); do $(BIN)/python -m pip install --quiet --disable-pip-version-check $$peer || echo "$$peer: left out"; done

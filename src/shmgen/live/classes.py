@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from shmgen.config import Config
-from shmgen.diagnostics import Rejected
+from shmgen.diagnostics import Diagnostic, Rejected
 from shmgen.live import locked
 from shmgen.live.session import Session
 from shmgen.runtime import Message, Publisher, ServiceClient, ServiceServer, Subscriber
@@ -48,13 +48,20 @@ class Workshop:
         assert rejected is not None
         raise rejected
 
-    def known(self) -> dict[str, locked.Known]:
-        """The layouts of all messages that shmgen.toml and layout.lock name; the former counts. Raises Rejected."""
-        lock = locked.layouts(locked.read(self.lock), str(self.lock)) if self.lock else {}
+    def known(self) -> tuple[dict[str, locked.Known], tuple[Diagnostic, ...]]:
+        """The layouts of all messages that shmgen.toml and layout.lock name; the former counts. Raises Rejected.
+
+        And what is wrong with the lock, of which nothing is taken then.
+        """
+        wrong: tuple[Diagnostic, ...] = ()
+        try:
+            lock = locked.layouts(locked.read(self.lock), str(self.lock)) if self.lock else {}
+        except Rejected as damaged:
+            lock, wrong = {}, damaged.diagnostics
         layouts = self.session.layouts(dict.fromkeys([*self.config.messages, *self.config.types_used]))
-        return lock | {
-            str(layout.name): locked.Known(layout.digest, layout.size, self.session.name) for layout in layouts.values()
-        }
+        name = self.session.name
+        ours = {str(layout.name): locked.Known(layout.digest, layout.size, name) for layout in layouts.values()}
+        return lock | ours, wrong
 
     def _sessions(self) -> Iterator[Session]:
         yield self.session
