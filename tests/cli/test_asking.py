@@ -18,7 +18,7 @@ def shmgen(folder: Path, line: str) -> Result:
 
 
 def listed(folder: Path) -> set[str]:
-    return {path.stem for path in (folder / "generated/c").rglob("*/msg/*.h")}
+    return {path.stem for path in (folder / "generated/c").rglob("*/msg/*.h") if not path.stem.endswith("_shm")}
 
 
 # --- names ------------------------------------------------------------------------------------------------
