@@ -2,9 +2,9 @@
 
     python -m tests.chaos --seconds 60 --seed 1 [--no-plc] [--no-cpp] [--fault NAME]
 
-Writers and readers, in Python, in C++ and as Structured Text in the soft PLC, work on one topic, are killed, stopped for
-a moment, and started again; now and then all are killed and the region is removed, so that its making is met as well.
-Every sample carries its number and a checksum. There are small ones, which some of the processes copy slowly,
+Writers and readers, in Python, in C++ and in Structured Text (the soft PLC), work on one topic, are killed, stopped
+for a moment, and started again; now and then all are killed and the region is removed, so that its making is met
+as well. Every sample carries its number and a checksum. There are small ones, which some of the processes copy slowly,
 in two halves, so that others come between, and large ones. A round is a burst of such hits and then the time until
 everybody has moved again. `--fault` plants a fault in the protocol, which must be found: see chaos_faults.py.
 """
