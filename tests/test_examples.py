@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from .conftest import REPOSITORY
-from .support import ros1
+from .support import ros1, ros2
 
 SAYS = {
     "moving_pose": "400 poses crossed",
@@ -26,7 +26,10 @@ SAYS = {
     "press_service": "3 made",
     "ros1_cpp": "the belt ran at 1.2, 0.6, 0.15, 0 m/s",
     "cpp_loop": "3000 cycles, 0 not sent",
+    "two_machines": "bridge of b killed: xStale after",
 }
+APART = {"softplc_echo", "two_machines"}
+"""The former is `make demo`, see test_readme.py."""
 ASKS = {
     "opcua_gateway": ("asyncua", "cyclonedds"),
     "machine_tending": ("cyclonedds",),
@@ -46,7 +49,7 @@ SLOW = {"ros1_cpp"}  # roscpp takes its time to compile
     "example",
     [
         pytest.param(example, marks=[pytest.mark.slow] if example in SLOW else [])
-        for example in sorted(set(SAYS) - {"softplc_echo"})  # that one is `make demo`, see test_readme.py
+        for example in sorted(set(SAYS) - APART)
     ],
 )
 def test_example(example: str) -> None:
@@ -64,6 +67,24 @@ def test_example(example: str) -> None:
     assert result.returncode == 0, result.stdout + result.stderr
     assert SAYS[example] in result.stdout
     assert left_behind(example) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("backend", "rate"), [("dds", 100), ("ros2", 500)])
+def test_what_is_lost_between_two_machines_is_counted(backend: str, rate: int) -> None:
+    """With ros2 so fast that a cut costs more than DDS keeps."""
+    python = ros2.prefix("jazzy") / "bin" / "python" if backend == "ros2" else sys.executable
+    if backend == "dds":
+        pytest.importorskip("cyclonedds")
+    command = [sys.executable, REPOSITORY / "examples" / "two_machines" / "demo.py"]
+    words = ["--backend", backend, "--rate", str(rate), "--python", str(python)]
+    result = subprocess.run([*command, *words], capture_output=True, text=True, check=False, timeout=240)
+    if result.returncode == 77:
+        pytest.skip(result.stdout.strip())
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert SAYS["two_machines"] in result.stdout
+    (not_come,) = re.findall(r"after the cut\n.* not come (\d+)", result.stdout)
+    assert (int(not_come) > 500) == (backend == "ros2")
 
 
 def left_behind(example: str) -> list[Path]:
