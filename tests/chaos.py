@@ -1,12 +1,12 @@
 """Turns a seed into thousands of SIGKILLs at random instants, and what must hold all the same into a verdict.
 
-    python -m tests.chaos --seconds 60 --seed 1 [--no-plc] [--fault NAME]
+    python -m tests.chaos --seconds 60 --seed 1 [--no-plc] [--no-cpp] [--fault NAME]
 
-Writers and readers, in Python and as Structured Text in the soft PLC, work on one topic, are killed, stopped for a
-moment, and started again; now and then all are killed and the region is removed, so that its making is met as well.
-Signal handlers raise and fork in them, strangers post to their semaphores, their region is cut short, files that are
-none of theirs take its names, /dev/shm is full: see chaos_mishaps.py.
-Every sample carries its number and a checksum. There are small ones, which some of the Python processes copy slowly,
+Writers and readers, in Python, in C++ and in Structured Text (the soft PLC), work on one topic, are killed, stopped
+for a moment, and started again; now and then all are killed and the region is removed, so that its making is met
+as well. Signal handlers raise and fork in them, strangers post to their semaphores, their region is cut short, files
+that are none of theirs take its names, /dev/shm is full: see chaos_mishaps.py.
+Every sample carries its number and a checksum. There are small ones, which some of the processes copy slowly,
 in two halves, so that others come between, and large ones. A round is a burst of such hits and then the time until
 everybody has moved again. `--fault` plants a fault in the protocol, which must be found: see chaos_faults.py.
 """
@@ -18,6 +18,7 @@ import ctypes
 import mmap
 import os
 import random
+import shutil
 import signal
 import sys
 import tempfile
@@ -40,6 +41,7 @@ from shmgen.tools import clean, unfinished
 from . import chaos_faults, chaos_mishaps
 from .chaos_faults import Wrapped, swap
 from .chaos_mishaps import Interrupted
+from .support import cpp_peer
 from .support.build import classes, put
 
 DEPTHS = (1, 4)
@@ -56,7 +58,10 @@ ROUNDS_A_REGION = 30
 
 @dataclass
 class Stage:
-    """What all processes share: a topic, the classes, and a word for each role that says how often it has moved."""
+    """What all processes share: a topic, the classes, and a word for each role that says how often it has moved.
+
+    `program` is that of C++, and `shared` the descriptor of those words.
+    """
 
     topic: str
     classes: dict[str, tuple[Any, Any, Any]]
@@ -68,6 +73,8 @@ class Stage:
     calm: bool = False
     calls: list[Callable[[], Any]] = field(default_factory=list)
     """What the process itself has open, which a forked child of it must not use."""
+    program: Path | None = None
+    shared: int = -1
 
     @property
     def kinds(self) -> tuple[Any, Any, Any]:
@@ -221,6 +228,23 @@ def plc_read(stage: Stage, place: int, rng: random.Random) -> None:
         time.sleep(0.0002)
 
 
+def cpp_write(stage: Stage, place: int, rng: random.Random) -> None:
+    become_cpp(stage, place, rng, "write")
+
+
+def cpp_read(stage: Stage, place: int, rng: random.Random) -> None:
+    become_cpp(stage, place, rng, rng.choice(("read", "next", "wait")))
+
+
+def become_cpp(stage: Stage, place: int, rng: random.Random, way: str) -> None:
+    assert stage.program
+    patterns = stage.program.with_name(f"{stage.kind}.patterns")
+    words = [way, stage.kind, stage.topic, stage.depth, place, stage.shared, stage.complaints, patterns]
+    for descriptor in (stage.shared, stage.complaints):
+        os.set_inheritable(descriptor, True)
+    os.execv(stage.program, ["chaos", *map(str, words), str(rng.randrange(2**32))])
+
+
 class Actor:
     """A role in this play, and the process that now has it."""
 
@@ -280,10 +304,18 @@ class Actor:
 
 
 def play(
-    folder: Path, seconds: float, kills: int, seed: int, limit: float, plc: bool, fault: str | None, calm: bool
+    folder: Path,
+    seconds: float,
+    kills: int,
+    seed: int,
+    limit: float,
+    plc: bool,
+    cpp: bool,
+    fault: str | None,
+    calm: bool,
 ) -> Verdict:
     """Until there were so many kills, for so many seconds, or until a fault was found."""
-    stage, complaints = _stage(folder, plc)
+    stage, complaints = _stage(folder, plc, cpp)
     stage.calm = calm or fault is not None
     if fault:
         chaos_faults.PLANTED[fault](stage)
@@ -293,6 +325,10 @@ def play(
     scenes = [[write, read, read]]
     if plc:
         scenes += [[write, read, plc_read], [plc_write, read, plc_read]]
+    if cpp:
+        scenes += [[cpp_write, read, cpp_read], [write, cpp_read, cpp_read]]
+    if plc and cpp:
+        scenes += [[cpp_write, cpp_read, plc_read], [plc_write, cpp_read, read]]
     try:
         while time.monotonic() < end and verdict.kills < kills and not verdict.faults:
             stage.depth = DEPTHS[verdict.regions % 2]
@@ -336,9 +372,9 @@ def play(
     return verdict
 
 
-def _stage(folder: Path, plc: bool) -> tuple[Stage, Callable[[], list[str]]]:
+def _stage(folder: Path, plc: bool, cpp: bool) -> tuple[Stage, Callable[[], list[str]]]:
     put(DEFINITIONS, folder / "definitions")
-    config = Config(folder, path=(folder / "definitions",), package="shm_chaos", targets=("python", "st"))
+    config = Config(folder, path=(folder / "definitions",), package="shm_chaos", targets=("python", "st", "c", "cpp"))
     texts = pipeline.generate(config, [f"chaos_msgs/{name}" for name in SIZES])
     put(texts, folder)
     kinds = {name: classes(folder, config.package, TypeName("chaos_msgs", "msg", name)) for name in SIZES}
@@ -347,9 +383,17 @@ def _stage(folder: Path, plc: bool) -> tuple[Stage, Callable[[], list[str]]]:
         from .softplc import compile_st
 
         compiled = compile_st({path: text for path, text in texts.items() if path.endswith(".st")})
+    program = None
+    if cpp:
+        program = cpp_peer.compiled(folder, "chaos", cpp_peer.HERE / "chaos.cpp", options=["-O2"])
+        for name in SIZES:
+            checksums = b"".join(number.to_bytes(4, "little") for number in CHECKSUMS[name])
+            (folder / f"{name}.patterns").write_bytes(checksums + b"".join(PATTERNS[name]))
     out, into = os.pipe()
     os.set_blocking(out, False)
-    moves = memoryview(mmap.mmap(-1, mmap.PAGESIZE)).cast("Q")
+    shared = os.memfd_create("moves")
+    os.ftruncate(shared, mmap.PAGESIZE)
+    moves = memoryview(mmap.mmap(shared, mmap.PAGESIZE)).cast("Q")
 
     def complaints() -> list[str]:
         try:
@@ -357,7 +401,8 @@ def _stage(folder: Path, plc: bool) -> tuple[Stage, Callable[[], list[str]]]:
         except BlockingIOError:
             return []
 
-    return Stage(f"/shmgen_chaos/t{os.getpid()}", kinds, compiled, moves, into), complaints
+    topic = f"/shmgen_chaos/t{os.getpid()}"
+    return Stage(topic, kinds, compiled, moves, into, program=program, shared=shared), complaints
 
 
 def _burst(stage: Stage, cast: list[Actor], rng: random.Random, verdict: Verdict) -> None:
@@ -476,11 +521,15 @@ def main() -> None:
     parser.add_argument("--limit", type=float, default=1.2, help="seconds within which everybody moves again")
     parser.add_argument("--no-plc", action="store_true")
     parser.add_argument("--calm", action="store_true", help="kills and stops only, none of chaos_mishaps.py")
+    parser.add_argument("--no-cpp", action="store_true")
     parser.add_argument("--fault", choices=chaos_faults.PLANTED)
     given = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="shmgen-chaos") as folder:
         plc = not (given.no_plc or given.fault)
-        verdict = play(Path(folder), given.seconds, given.kills, given.seed, given.limit, plc, given.fault, given.calm)
+        cpp = not (given.no_cpp or given.fault) and shutil.which("g++") is not None
+        verdict = play(
+            Path(folder), given.seconds, given.kills, given.seed, given.limit, plc, cpp, given.fault, given.calm
+        )
     print(
         f"seed {given.seed}: {verdict.kills} kills and {verdict.stops} stops in {verdict.rounds} bursts on "
         f"{verdict.regions} regions; {verdict.recoveries} locks healed, {verdict.half_made} semaphores half made; "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 import zlib
@@ -23,6 +24,8 @@ SAYS = {
     "robot_task": "3 tasks done, 1 refused",
     "dds_chatter": "the PLC has heard 5",
     "press_service": "3 made",
+    "ros1_cpp": "the belt ran at 1.2, 0.6, 0.15, 0 m/s",
+    "cpp_loop": "3000 cycles, 0 not sent",
     "two_machines": "bridge of b killed: xStale after",
 }
 APART = {"softplc_echo", "two_machines"}
@@ -39,12 +42,23 @@ def test_all_examples_are_here() -> None:
     assert {path.parent.name for path in (REPOSITORY / "examples").glob("*/demo.py")} == set(SAYS)
 
 
-@pytest.mark.parametrize("example", sorted(set(SAYS) - APART))
+SLOW = {"ros1_cpp"}  # roscpp takes its time to compile
+
+
+@pytest.mark.parametrize(
+    "example",
+    [
+        pytest.param(example, marks=[pytest.mark.slow] if example in SLOW else [])
+        for example in sorted(set(SAYS) - APART)
+    ],
+)
 def test_example(example: str) -> None:
     for module in ASKS.get(example, ()):
         pytest.importorskip(module, reason=f"no {module} for this Python")
-    if example == "bridge_ros1":
+    if example in ("bridge_ros1", "ros1_cpp"):
         ros1.python()  # or skips
+    if example == "ros1_cpp" and not (shutil.which("cmake") and Path("/usr/include/ros/ros.h").exists()):
+        pytest.skip("no cmake, or no roscpp: `make test-all` as root installs Debian's")
     # A domain of DDS for each, for a ROS 2 that may run on this machine is not to see them.
     domain = {"ROS_DOMAIN_ID": str(1 + (os.getpid() + zlib.crc32(example.encode())) % 100)}
     environment = {**os.environ, **domain, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
