@@ -2,12 +2,15 @@
 PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
-# Debian packages: to make an environment, and what the tests compile with.
+# Debian packages: to make an environment, and what `make demo` and `make test` compile with.
 SETUP_PACKAGES := python3-venv
-TEST_PACKAGES  := gcc g++ libc6-dev qemu-user \
-                  gcc-i686-linux-gnu gcc-arm-linux-gnueabihf gcc-aarch64-linux-gnu \
-                  libc6-dev-i386-cross libc6-dev-armhf-cross libc6-dev-arm64-cross
-TEST_TOOLS     := gcc g++ i686-linux-gnu-gcc arm-linux-gnueabihf-gcc aarch64-linux-gnu-gcc qemu-i386 qemu-arm qemu-aarch64
+TEST_PACKAGES  := gcc g++ libc6-dev
+
+# What `make test-all` brings besides; where one cannot be had, its tests are skipped and say so.
+# Compilers and processors of other machines.
+CROSS       := qemu-user gcc-i686-linux-gnu gcc-arm-linux-gnueabihf gcc-aarch64-linux-gnu \
+               libc6-dev-i386-cross libc6-dev-armhf-cross libc6-dev-arm64-cross
+CROSS_TOOLS := i686-linux-gnu-gcc arm-linux-gnueabihf-gcc aarch64-linux-gnu-gcc qemu-i386 qemu-arm qemu-aarch64
 # What ROS itself reads definitions with, and Debian's ROS 1; tests compare with them.
 REFERENCES := python3-rosidl python3-genmsg ros-std-msgs ros-geometry-msgs ros-sensor-msgs ros-nav-msgs \
               ros-diagnostic-msgs ros-actionlib-msgs
@@ -21,12 +24,12 @@ ROS2_PACKAGES := rclpy rmw-fastrtps-cpp common-interfaces std-srvs test-msgs
 # What goes through the models of the protocol.
 MODELS := spin
 # DDS that is not ours, for the tests of the backend dds: Fast DDS, and Cyclone's C library.
-DDS  := g++ libfastrtps-dev fastddsgen cyclonedds-dev cyclonedds-tools
+DDS  := libfastrtps-dev fastddsgen cyclonedds-dev cyclonedds-tools
 
 # The extra `bench`, one by one: who cannot be had here is left out.
 PEERS := iceoryx2 cyclonedds eclipse-zenoh pyzmq asyncua pymodbus
 
-.PHONY: demo test lint generated chaos model load load-bridge fuzz bench clean
+.PHONY: demo test test-all lint generated chaos model load load-bridge fuzz bench site clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/ready
@@ -34,7 +37,11 @@ demo: $(VENV)/ready
 	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/python \
 	    $$(command -v g++ >/dev/null && echo examples/softplc_echo/demo.py || echo examples/moving_pose/demo.py)
 
-test: $(VENV)/ready-to-test
+test: $(VENV)/ready-to-test  ## with what is here; three minutes of setting up at most
+	$(MAKE) --no-print-directory lint
+	$(BIN)/python -m pytest -n auto -m 'not slow'
+
+test-all: $(VENV)/ready-for-all  ## brings ROS 1, ROS 2, DDS and other machines' compilers first, 3 GB; then all tests, the slow ones too
 	$(MAKE) --no-print-directory lint
 	$(BIN)/python -m pytest -n auto
 
@@ -69,48 +76,66 @@ bench: $(VENV)/ready-to-test
 	for peer in $(PEERS); do $(BIN)/python -m pip install --quiet --disable-pip-version-check $$peer || echo "$$peer: left out"; done
 	$(BIN)/python benchmarks/run.py
 
+site: $(VENV)/ready  ## the documentation as a site, in site/
+	@$(call pip,$(BIN)) --editable '.[docs]'
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+
 clean:
-	rm -rf $(VENV) .fuzz .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) site .fuzz .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
 $(VENV)/ready: pyproject.toml
 	@$(call debian,$(PYTHON) -c 'import ensurepip',$(SETUP_PACKAGES),exit 1)
-	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[demo]'
+	@test -x $(BIN)/python || { echo 'making $(VENV)'; $(PYTHON) -m venv $(VENV); }
+	@echo 'installing shmgen into $(VENV)'
+	@$(call pip,$(BIN)) --editable '.[demo]'
 	@touch $@
 
 $(VENV)/ready-to-test: $(VENV)/ready
-	@$(call debian,for tool in $(TEST_TOOLS); do command -v $$tool || exit 1; done,$(TEST_PACKAGES),echo 'tests that need them are skipped' >&2)
-	@$(call debian,/usr/bin/python3 -c 'import rosidl_parser.parser; import genmsg' && ls -d /usr/share/actionlib_msgs,$(REFERENCES),echo 'tests that compare with them are skipped' >&2) \
-	    || echo 'not to be had here: $(REFERENCES); tests that compare with them are skipped' >&2
-	@$(call debian,/usr/bin/python3 -c 'import rospy; import rosmaster; import rostopic; import rosservice; import actionlib',$(ROS1),echo 'tests that need ROS 1 are skipped' >&2) \
-	    || echo 'not to be had here: $(ROS1); tests that need ROS 1 are skipped' >&2
-	@$(call debian,command -v fastddsgen && command -v idlc,$(DDS),echo 'tests with peers on DDS are skipped' >&2) \
-	    || echo 'not to be had here: $(DDS); tests with peers on DDS are skipped' >&2
-	@$(call debian,command -v spin,$(MODELS),echo 'the models of the protocol are skipped' >&2) \
-	    || echo 'not to be had here: $(MODELS); the models of the protocol are skipped' >&2
+	@$(call debian,command -v gcc && command -v g++,$(TEST_PACKAGES),echo 'tests that compile are skipped' >&2)
+	@echo 'installing what the tests need into $(VENV)'
+	@$(call pip,$(BIN)) --editable '.[test]'
+	@touch $@
+
+$(VENV)/ready-for-all: $(VENV)/ready-to-test
+	@$(call optional,for tool in $(CROSS_TOOLS); do command -v $$tool || exit 1; done,$(CROSS))
+	@$(call optional,/usr/bin/python3 -c 'import rosidl_parser.parser; import genmsg' && ls -d /usr/share/actionlib_msgs,$(REFERENCES))
+	@$(call optional,/usr/bin/python3 -c 'import rospy; import rosmaster; import rostopic; import rosservice; import actionlib',$(ROS1))
+	@$(call optional,command -v fastddsgen && command -v idlc,$(DDS))
+	@$(call optional,command -v spin,$(MODELS))
 	@if /usr/bin/python3 -c 'import rospy' 2>/dev/null; then \
+	    echo 'making $(VENV)/ros1'; \
 	    { test -x $(VENV)/ros1/bin/python || /usr/bin/python3 -m venv --system-site-packages $(VENV)/ros1; } && \
-	    $(VENV)/ros1/bin/python -m pip install --quiet --disable-pip-version-check --editable . \
+	    $(call pip,$(VENV)/ros1/bin) --editable . \
 	    || echo 'no environment for ROS 1; tests that need it are skipped' >&2; \
 	fi
 	@for distribution in $(ROS2); do \
+	    echo "making $(VENV)/ros2-$$distribution"; \
 	    $(PYTHON) -m venv $(VENV)/ros2-$$distribution && \
-	    $(VENV)/ros2-$$distribution/bin/python -m pip install --quiet --disable-pip-version-check \
-	        $$(printf "ros-$$distribution-%s " $(ROS2_PACKAGES)) && \
-	    $(VENV)/ros2-$$distribution/bin/python -m pip install --quiet --disable-pip-version-check --editable . \
+	    $(call pip,$(VENV)/ros2-$$distribution/bin) $$(printf "ros-$$distribution-%s " $(ROS2_PACKAGES)) && \
+	    $(call pip,$(VENV)/ros2-$$distribution/bin) --editable . \
 	    || { rm -rf $(VENV)/ros2-$$distribution; \
 	         echo "no wheels of ROS 2 $$distribution here; tests that need them are skipped" >&2; }; \
 	done
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test]'
 	@touch $@
+
+# $(call pip,BIN) what to install
+pip = $(1)/python -m pip install --quiet --disable-pip-version-check
 
 # $(call debian,CHECK,PACKAGES,ELSE): if CHECK fails, installs PACKAGES when we are root, else names them and does ELSE.
 define debian
 if ! ( $(1) ) >/dev/null 2>&1; then \
     if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
-        apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq $(2); \
+        echo 'installing with apt-get: $(2)'; \
+        said=$$(apt-get update -qq 2>&1 && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq $(2) 2>&1) \
+        || { echo "$$said" | tail -20 >&2; false; }; \
     else \
         echo "missing here: sudo apt-get install $(2)" >&2; $(3); \
     fi; \
 fi
+endef
+
+# $(call optional,CHECK,PACKAGES): the same; tests do without.
+define optional
+{ $(call debian,$(1),$(2),true); } || echo 'not to be had here: $(2)' >&2; \
+( $(1) ) >/dev/null 2>&1 || echo 'tests that need them are skipped' >&2
 endef

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import uuid
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import HealthCheck, settings
+
+from shmgen.wording import counted
 
 if TYPE_CHECKING:
     from tests.support.plc_calls import Calls
@@ -42,6 +45,15 @@ def topic() -> Iterator[str]:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--update-golden", action="store_true", help="write what is expected anew, then look at the diff")
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """What was left out, a line for each reason: how many tests, and how to have them."""
+    skipped = Counter(report.longrepr[2].removeprefix("Skipped: ") for report in terminalreporter.getreports("skipped"))
+    for reason, count in skipped.most_common():
+        terminalreporter.write_line(f"left out: {counted(count, 'test')}: {reason}")
+    if terminalreporter.config.option.markexpr == "not slow":
+        terminalreporter.write_line("left out: tests that take long: make test-all")
 
 
 @pytest.fixture(scope="session")

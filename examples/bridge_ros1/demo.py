@@ -1,6 +1,6 @@
 """A PLC in a ROS 1 graph: a master, `shmgen bridge`, a program in Structured Text, and `rostopic` to look at it.
 
-Needs Debian's ROS 1, which `make test` sets up. The master is one of its own, so no other graph is disturbed.
+Needs Debian's ROS 1, which `make test-all` sets up. The master is one of its own, so no other graph is disturbed.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from stage import cell  # noqa: E402 it lies beside the examples
 def main() -> int:
     """0 if the belt slowed down as the robot came nearer, and stopped when it fell silent."""
     if not PYTHON.exists():
-        sys.exit(f"{PYTHON} is not there: `make test` as root installs Debian's ROS 1 and makes it")
+        sys.exit(f"{PYTHON} is not there: `make test-all` as root installs Debian's ROS 1 and makes it")
     with cell(HERE) as made, ExitStack() as processes:
         made.generate()
         print("\nThe PLC: PRG_Belt.st and what was generated, compiled and called every millisecond", flush=True)

@@ -32,7 +32,7 @@ def python() -> Path:
     for found in (own, Path(sys.executable)):
         if found.exists() and not subprocess.call([found, "-c", "import rospy, click"], stderr=subprocess.DEVNULL):
             return found
-    pytest.skip("no rospy: `make test` as root installs Debian's packages and makes .venv/ros1")
+    pytest.skip("no rospy: `make test-all` as root installs Debian's packages and makes .venv/ros1")
 
 
 class Graph:

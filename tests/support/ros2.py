@@ -26,7 +26,7 @@ def prefix(distribution: str) -> Path:
     """An ament prefix that is an environment of Python too."""
     found = REPOSITORY / ".venv" / f"ros2-{distribution}"
     if not (found / "share" / "rclpy").is_dir():
-        pytest.skip(f"no wheels of ROS 2 {distribution}: `make test` installs them where there are any")
+        pytest.skip(f"no wheels of ROS 2 {distribution}: `make test-all` installs them where there are any")
     return found
 
 

@@ -17,10 +17,10 @@ from shmgen.diagnostics import Diagnostic, Rejected, Span
 
 def main() -> None:
     """The `shmgen` command. Exit 0 clean, 1 diagnostics, 2 wrong usage."""
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        # A sign in a comment that the terminal does not know is no reason to stop.
-        sys.stdout.reconfigure(errors="replace")
     try:
+        if isinstance(sys.stdout, io.TextIOWrapper):
+            # A sign in a comment that the terminal does not know is no reason to stop. This flushes: see _full.
+            sys.stdout.reconfigure(errors="replace")
         cli(standalone_mode=True)
     except Rejected as rejected:
         options.complain(rejected.diagnostics)

@@ -112,6 +112,12 @@ def _c() -> Room:
     return target
 
 
+def _cpp() -> Room:
+    from shmgen.targets.cpp import target
+
+    return target
+
+
 def _ros1() -> Room:
     from shmgen.targets.ros import ros1
 
@@ -129,6 +135,7 @@ TARGETS = (
     Target("st", _st),
     Target("plcopen", _plcopen, after="st"),
     Target("c", _c),
+    Target("cpp", _cpp, opt_in=True),
     Target("ros1", _ros1, opt_in=True),
     Target("ros2", _ros2, opt_in=True),
 )
