@@ -80,7 +80,7 @@ class _Server:
         self._now = backend.now
         self._goals: dict[bytes, _Served] = {}
         self._lock = threading.Lock()
-        said = _Said(wire)
+        said = Said(wire)
         self._feedback = backend.publisher(said.feedback)
         self._status = backend.publisher(said.status)
         backend.serve(said.result, self._result, mishaps.refuse)
@@ -163,7 +163,7 @@ class _Client:
 
     def __init__(self, backend: Backend, wire: ActionWire, mishaps: Mishaps) -> None:
         self.reject, self.refuse, self.lose = mishaps.reject, mishaps.refuse, mishaps.lose
-        said = _Said(wire)
+        said = Said(wire)
         self._followers: dict[bytes, _Once] = {}
         self._sending = backend.client(said.send)
         self._canceling = backend.client(said.cancel)
@@ -243,7 +243,7 @@ def _info(goal: _Served) -> Any:
     )
 
 
-class _Said:
+class Said:
     """The wires of an action."""
 
     def __init__(self, wire: ActionWire) -> None:

@@ -17,6 +17,7 @@ from functools import partial
 from typing import Any
 
 import rclpy
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -27,7 +28,7 @@ from shmgen.bridge import actions_of_ros2
 from shmgen.bridge import ros2_types as types
 from shmgen.bridge.backend import Answer, Caller, NoAnswer, Node, Outlet, Refuse, ServiceWire, Taker, Wire
 from shmgen.bridge.cdr import Codec, codec
-from shmgen.bridge.identity import Identity
+from shmgen.bridge.identity import TAKES_OURS, Identity
 from shmgen.bridge.ros2_topics import Inlet
 from shmgen.bridge.ros2_waiter import Ours, Waiter
 from shmgen.model import Message
@@ -69,7 +70,15 @@ class Ros2:
 
     def publisher(self, wire: Wire) -> Outlet:
         kind, made = types.message(wire.messages), _codec(wire.messages)
-        publisher = self._node.create_publisher(kind, wire.topic, _qos(wire, 1 if wire.latch else wire.queue))
+        identity = Identity(wire.topic, wire.type, made.type_hash, self._tell, TAKES_OURS)
+
+        def met(*event: Any) -> None:
+            for one in self._node.get_subscriptions_info_by_topic(publisher.topic_name):
+                identity.refusal(_hash(one))
+
+        publisher = self._node.create_publisher(
+            kind, wire.topic, _qos(wire, 1 if wire.latch else wire.queue), event_callbacks=_when_matched(met)
+        )
         return Outlet(made.new, lambda message: publisher.publish(made.encode(message)))
 
     def subscribe(self, wire: Wire, taker: Taker) -> Callable[[], Any]:
@@ -211,6 +220,14 @@ class Ros2:
             except Exception as error:
                 if not self._closing.is_set():
                     self._tell(f"{type(error).__name__}: {error}")
+
+
+def _when_matched(met: Callable[..., None]) -> PublisherEventCallbacks:
+    """Not in a ROS before Iron, which knows no type hashes either."""
+    try:
+        return PublisherEventCallbacks(matched=met)
+    except TypeError:
+        return PublisherEventCallbacks()
 
 
 def _end_at_once() -> None:
