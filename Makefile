@@ -29,7 +29,7 @@ DDS  := libfastrtps-dev fastddsgen cyclonedds-dev cyclonedds-tools
 # The extra `bench`, one by one: who cannot be had here is left out.
 PEERS := iceoryx2 cyclonedds eclipse-zenoh pyzmq asyncua pymodbus
 
-.PHONY: demo test test-all lint generated chaos model load load-bridge fuzz bench site clean
+.PHONY: demo test test-all lint generated chaos model load load-bridge fuzz bench site dist clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/ready
@@ -80,8 +80,17 @@ site: $(VENV)/ready  ## the documentation as a site, in site/
 	@$(call pip,$(BIN)) --editable '.[docs]'
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
+dist: $(VENV)/ready  ## sdist and wheel in dist/, built, checked, and installed once into an environment of its own
+	@$(call pip,$(BIN)) build twine
+	rm -rf dist
+	$(BIN)/python -m build --outdir dist
+	$(BIN)/python -m twine check --strict dist/*
+	$(PYTHON) -m venv $(VENV)/dist && $(call pip,$(VENV)/dist/bin) --force-reinstall dist/*.whl
+	cd $(VENV)/dist && bin/shmgen generate --quiet geometry_msgs/Pose && PYTHONPATH=generated/python bin/python -c "import shm_msgs.geometry_msgs.msg"
+	rm -rf $(VENV)/dist
+
 clean:
-	rm -rf $(VENV) site .fuzz .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) dist site .fuzz .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
 $(VENV)/ready: pyproject.toml
 	@$(call debian,$(PYTHON) -c 'import ensurepip',$(SETUP_PACKAGES),exit 1)
