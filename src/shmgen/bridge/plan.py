@@ -81,7 +81,7 @@ class ActionRoute:
 
     @property
     def about(self) -> About:
-        way = "PLC acts" if self.action.on_plc else "PLC seeks"
+        way = "PLC serves" if self.action.on_plc else "PLC calls"
         return About(self.action.name, way, self.action.type.short, region_file(self.region))
 
 
