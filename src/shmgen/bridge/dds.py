@@ -66,7 +66,7 @@ class Graph:
     def publisher(self, wire: Wire) -> Outlet:
         """Advertises the topic. Raises ValueError for a type with a `wstring`."""
         made = codec(wire.messages)
-        identity = Identity(wire.topic, wire.type, made.type_hash, self._ends.tell, TAKES_OURS)
+        identity = Identity(wire.topic, wire.type, made.type_hash, self._ends.tell, then=TAKES_OURS)
         peers = Peers(identity, lambda why: None)
         name, kind = topic_name(wire.topic), structure(wire.messages)
         writer = self._ends.writer(name, kind, _quality(wire, made), peers.matched)

@@ -19,7 +19,7 @@ _NONE = "RIHS01_" + "0" * 64
 class Identity:
     """Of one topic, or of one half of a service; its methods may be called from any thread."""
 
-    def __init__(self, where: str, type_: TypeName, ours: str, tell: Callable[[str], None], then: str = "") -> None:
+    def __init__(self, where: str, type_: TypeName, ours: str, tell: Callable[[str], None], *, then: str = "") -> None:
         """`then` is what comes of another definition, where it is not that nothing passes."""
         self._then = then or "nothing passes between us and it"
         self._where = where

@@ -70,7 +70,7 @@ class Ros2:
 
     def publisher(self, wire: Wire) -> Outlet:
         kind, made = types.message(wire.messages), _codec(wire.messages)
-        identity = Identity(wire.topic, wire.type, made.type_hash, self._tell, TAKES_OURS)
+        identity = Identity(wire.topic, wire.type, made.type_hash, self._tell, then=TAKES_OURS)
 
         def met(*event: Any) -> None:
             for one in self._node.get_subscriptions_info_by_topic(publisher.topic_name):
