@@ -15,14 +15,14 @@ from cyclonedds.core import DDSException
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.qos import Policy, Qos
 
-from shmgen.bridge import dds_services
+from shmgen.bridge import actions_of_ros2, dds_services
 from shmgen.bridge.backend import Answer, Caller, Node, Outlet, Refuse, ServiceWire, Taker, Wire
 from shmgen.bridge.cdr import Codec, codec
 from shmgen.bridge.dds_dropped import Dropped
 from shmgen.bridge.dds_ends import Ends, Peers, quality, send
 from shmgen.bridge.dds_network import confine, network, sockets
 from shmgen.bridge.dds_types import structure, topic_name
-from shmgen.bridge.identity import Identity
+from shmgen.bridge.identity import TAKES_OURS, Identity
 from shmgen.runtime import Time
 
 _LAST_DOMAIN = 232
@@ -60,6 +60,8 @@ def connect(node: Node) -> Graph:
 class Graph:
     """A `Backend`. In `ros2 topic info -v` its name is `_CREATED_BY_BARE_DDS_APP_`."""
 
+    actions = actions_of_ros2
+
     def __init__(self, ends: Ends, dropped: Dropped) -> None:
         self._ends = ends
         self._dropped = dropped
@@ -67,7 +69,12 @@ class Graph:
     def publisher(self, wire: Wire) -> Outlet:
         """Advertises the topic. Raises ValueError for a type with a `wstring`."""
         made = codec(wire.messages)
-        writer = self._ends.writer(topic_name(wire.topic), structure(wire.messages), _quality(wire, made))
+        identity = Identity(wire.topic, wire.type, made.type_hash, self._ends.tell, then=TAKES_OURS)
+        peers = Peers(identity, lambda why: None)
+        name, kind = topic_name(wire.topic), structure(wire.messages)
+        writer = self._ends.writer(name, kind, _quality(wire, made), peers.matched)
+        for handle in writer.get_matched_subscriptions():  # those of whom nobody was told while it was made
+            peers.matched(writer, handle)
         return Outlet(made.new, lambda message: send(writer, made.encode(message)))
 
     def subscribe(self, wire: Wire, taker: Taker) -> Callable[[], Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from shmgen.config import Config
 from shmgen.diagnostics import Diagnostic, Rejected
 from shmgen.live import locked
 from shmgen.live.session import Session
-from shmgen.runtime import Message, Publisher, ServiceClient, ServiceServer, Subscriber
+from shmgen.runtime import ActionClient, ActionServer, Message, Publisher, ServiceClient, ServiceServer, Subscriber
 from shmgen.runtime.errors import LayoutMismatch
 
 
@@ -102,6 +102,26 @@ def server(request: type[Message], reply: type[Message]) -> type[ServiceServer[A
         "reply_publisher": type("LivePublisher", (Publisher,), {"message_type": reply}),
     }
     return type("LiveServer", (ServiceServer,), ends)
+
+
+def action_client(kinds: Mapping[str, type[Message]]) -> type[ActionClient[Any, Any, Any]]:
+    """The class that sends goals of the action that has these parts, by their endings."""
+    ends = {
+        "command_publisher": type("LivePublisher", (Publisher,), {"message_type": kinds["_Command"]}),
+        "progress_subscriber": type("LiveSubscriber", (Subscriber,), {"message_type": kinds["_Progress"]}),
+        "outcome_subscriber": type("LiveSubscriber", (Subscriber,), {"message_type": kinds["_Outcome"]}),
+    }
+    return type("LiveActionClient", (ActionClient,), ends)
+
+
+def action_server(kinds: Mapping[str, type[Message]]) -> type[ActionServer[Any]]:
+    """The class that serves it."""
+    ends = {
+        "command_subscriber": type("LiveSubscriber", (Subscriber,), {"message_type": kinds["_Command"]}),
+        "progress_publisher": type("LivePublisher", (Publisher,), {"message_type": kinds["_Progress"]}),
+        "outcome_publisher": type("LivePublisher", (Publisher,), {"message_type": kinds["_Outcome"]}),
+    }
+    return type("LiveActionServer", (ActionServer,), ends)
 
 
 def _mismatch(request: str, digest: int | None, tried: list[locked.Known]) -> LayoutMismatch:
