@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 import zlib
@@ -12,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from .conftest import REPOSITORY
-from .support import ros1
+from .support import ros1, ros2
 
 SAYS = {
     "moving_pose": "400 poses crossed",
@@ -21,13 +22,20 @@ SAYS = {
     "bridge_ros1": "the belt ran at 1.2, 0.6, 0.15, 0 m/s",
     "machine_tending": "machine works on part 4: 3 parts taken",
     "robot_task": "3 tasks done, 1 refused",
+    "robot_action": "3 tasks done, 1 refused, 1 cancelled",
     "dds_chatter": "the PLC has heard 5",
     "press_service": "3 made",
     "open_plc": "generated for OpenPLC and Beremiz: openplc/shm_msgs.stlib",
+    "ros1_cpp": "the belt ran at 1.2, 0.6, 0.15, 0 m/s",
+    "cpp_loop": "3000 cycles, 0 not sent",
+    "two_machines": "bridge of b killed: xStale after",
 }
+APART = {"softplc_echo", "two_machines"}
+"""The former is `make demo`, see test_readme.py."""
 ASKS = {
     "opcua_gateway": ("asyncua", "cyclonedds"),
     "machine_tending": ("cyclonedds",),
+    "robot_action": ("cyclonedds",),
     "robot_task": ("cyclonedds",),
     "dds_chatter": ("cyclonedds",),
 }
@@ -37,12 +45,23 @@ def test_all_examples_are_here() -> None:
     assert {path.parent.name for path in (REPOSITORY / "examples").glob("*/demo.py")} == set(SAYS)
 
 
-@pytest.mark.parametrize("example", sorted(set(SAYS) - {"softplc_echo"}))  # that one is `make demo`, see test_readme.py
+SLOW = {"ros1_cpp"}  # roscpp takes its time to compile
+
+
+@pytest.mark.parametrize(
+    "example",
+    [
+        pytest.param(example, marks=[pytest.mark.slow] if example in SLOW else [])
+        for example in sorted(set(SAYS) - APART)
+    ],
+)
 def test_example(example: str) -> None:
     for module in ASKS.get(example, ()):
         pytest.importorskip(module, reason=f"no {module} for this Python")
-    if example == "bridge_ros1":
+    if example in ("bridge_ros1", "ros1_cpp"):
         ros1.python()  # or skips
+    if example == "ros1_cpp" and not (shutil.which("cmake") and Path("/usr/include/ros/ros.h").exists()):
+        pytest.skip("no cmake, or no roscpp: `make test-all` as root installs Debian's")
     # A domain of DDS for each, for a ROS 2 that may run on this machine is not to see them.
     domain = {"ROS_DOMAIN_ID": str(1 + (os.getpid() + zlib.crc32(example.encode())) % 100)}
     environment = {**os.environ, **domain, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
@@ -53,10 +72,30 @@ def test_example(example: str) -> None:
     assert left_behind(example) == []
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("backend", "rate"), [("dds", 100), ("ros2", 500)])
+def test_what_is_lost_between_two_machines_is_counted(backend: str, rate: int) -> None:
+    """With ros2 so fast that a cut costs more than DDS keeps."""
+    python = ros2.prefix("jazzy") / "bin" / "python" if backend == "ros2" else sys.executable
+    if backend == "dds":
+        pytest.importorskip("cyclonedds")
+    command = [sys.executable, REPOSITORY / "examples" / "two_machines" / "demo.py"]
+    words = ["--backend", backend, "--rate", str(rate), "--python", str(python)]
+    result = subprocess.run([*command, *words], capture_output=True, text=True, check=False, timeout=240)
+    if result.returncode == 77:
+        pytest.skip(result.stdout.strip())
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert SAYS["two_machines"] in result.stdout
+    (not_come,) = re.findall(r"after the cut\n.* not come (\d+)", result.stdout)
+    assert (int(not_come) > 500) == (backend == "ros2")
+
+
 def left_behind(example: str) -> list[Path]:
-    """Regions and semaphores of its own topics and services; other examples may be running."""
+    """Regions and semaphores of its own topics, services and actions; other examples may be running."""
     texts = [path.read_text() for path in (REPOSITORY / "examples" / example).glob("*.*") if path.suffix != ".md"]
-    found = {name for text in texts for name in re.findall(r'(?i)^(?:topic|service) = "/(.+)"$', text, re.MULTILINE)}
+    found = {
+        name for text in texts for name in re.findall(r'(?i)^(?:topic|service|action) = "/(.+)"$', text, re.MULTILINE)
+    }
     assert found
     names = [name.replace("/", ".") for name in found]
     return [path for name in names for path in Path("/dev/shm").glob(f"*{name}*")]

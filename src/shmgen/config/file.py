@@ -31,7 +31,7 @@ TASK_INTERVAL = 10
 class Config:
     """The user's words; `root` is the folder that relative paths start from.
 
-    `text` is the file as it is written. `places` says where each of `messages`, and of `types_used`, is written.
+    `document` is what was read. `places` says where each of `messages`, and of `types_used`, is written.
     `skip_unbounded` is said on the command line only: messages without a bound are left out.
     """
 
@@ -43,7 +43,7 @@ class Config:
     package: str = "shm_msgs"
     distribution: str = ""
     ros_package: str = ""
-    text: str = field(default="", compare=False, repr=False)
+    document: Mapping[str, Any] = field(default_factory=dict, compare=False, repr=False)
     max_region: int = MAX_REGION
     task_interval: int = TASK_INTERVAL
     skip_unbounded: bool = False
@@ -103,7 +103,7 @@ class _Sections:
         lists = ("topics", "services", "actions")
         self.read.keys("", data, (*known, "types", "strings", "bounds", *lists, "regions", "bridge"))
         types, strings, bounds = (self.read.table(data, name) for name in ("types", "strings", "bounds"))
-        self.read.keys("types", types, ("bool", "time"))
+        self.read.keys("types", types, ("bool", "time", "names"))
         return Config(
             root=root,
             messages=tuple(_from(root, message) for message in self.read.texts("messages", data, ())),
@@ -113,19 +113,21 @@ class _Sections:
             package=self.package(data),
             distribution=self.distribution(data),
             ros_package=self.ros_package(data),
-            text=self.read.text,
+            document=data,
             max_region=self.read.number("", "max_region", data, MAX_REGION),
             task_interval=self.read.number("", "task_interval", data, TASK_INTERVAL),
             types=TypeOptions(
                 bool=self.read.choice("types", "bool", types, ("USINT", "BOOL"), "USINT"),  # type: ignore[arg-type]
                 time=self.read.choice("types", "time", types, ("TIME", "LTIME", "struct"), "TIME"),  # type: ignore[arg-type]
                 encoding=self.read.choice("strings", "encoding", strings, ("utf-8", "latin-1"), "utf-8"),  # type: ignore[arg-type]
+                names=self.read.choice("types", "names", types, ("plc", "ros"), "plc"),  # type: ignore[arg-type]
                 overflow=self.read.choice("strings", "overflow", strings, ("error", "truncate"), "error"),  # type: ignore[arg-type]
             ),
             bounds=Bounds(
                 strings=self.bound_table("strings", strings, ("default", "encoding", "overflow")),
-                sequences=self.bound_table("bounds", bounds, ()),
+                sequences=self.bound_table("bounds", bounds, ("default",)),
                 default_string=self.read.number("strings", "default", strings, DEFAULT_STRING),
+                default_sequence=self.read.number("bounds", "default", bounds, 1) if "default" in bounds else None,
             ),
             topics=entries.topics(self.read, data),
             services=entries.services(self.read, data),
