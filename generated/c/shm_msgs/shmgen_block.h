@@ -16,7 +16,7 @@ extern "C" {
 #endif
 
 /* Ends that one program may have open at a time. */
-#define SHMGEN_BLOCKS 1024
+#define SHMGEN_BLOCKS 4096
 /* Errors below this number are in the inputs: to try again is in vain. */
 #define SHMGEN_FIRST_TRIED_AGAIN 10
 
