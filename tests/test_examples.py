@@ -22,6 +22,7 @@ SAYS = {
     "bridge_ros1": "the belt ran at 1.2, 0.6, 0.15, 0 m/s",
     "machine_tending": "machine works on part 4: 3 parts taken",
     "robot_task": "3 tasks done, 1 refused",
+    "robot_action": "3 tasks done, 1 refused, 1 cancelled",
     "dds_chatter": "the PLC has heard 5",
     "press_service": "3 made",
     "ros1_cpp": "the belt ran at 1.2, 0.6, 0.15, 0 m/s",
@@ -33,6 +34,7 @@ APART = {"softplc_echo", "two_machines"}
 ASKS = {
     "opcua_gateway": ("asyncua", "cyclonedds"),
     "machine_tending": ("cyclonedds",),
+    "robot_action": ("cyclonedds",),
     "robot_task": ("cyclonedds",),
     "dds_chatter": ("cyclonedds",),
 }
@@ -88,9 +90,11 @@ def test_what_is_lost_between_two_machines_is_counted(backend: str, rate: int) -
 
 
 def left_behind(example: str) -> list[Path]:
-    """Regions and semaphores of its own topics and services; other examples may be running."""
+    """Regions and semaphores of its own topics, services and actions; other examples may be running."""
     texts = [path.read_text() for path in (REPOSITORY / "examples" / example).glob("*.*") if path.suffix != ".md"]
-    found = {name for text in texts for name in re.findall(r'(?i)^(?:topic|service) = "/(.+)"$', text, re.MULTILINE)}
+    found = {
+        name for text in texts for name in re.findall(r'(?i)^(?:topic|service|action) = "/(.+)"$', text, re.MULTILINE)
+    }
     assert found
     names = [name.replace("/", ".") for name in found]
     return [path for name in names for path in Path("/dev/shm").glob(f"*{name}*")]
