@@ -1,4 +1,4 @@
-"""Turns services and actions into C++ headers with their client and server, thin over shmgen_calls.hpp."""
+"""Turns services and actions into C++ headers with their client and server, thin over shmgen_calls.hpp and shmgen_actions.hpp."""
 
 from __future__ import annotations
 
@@ -44,7 +44,10 @@ def _output(
         title=str(name),
         origin=in_comment(layouts[messages[-1]].message.origin),
         guard=path.upper().replace("/", "_").replace(".", "_"),
-        includes=(f"{package}/shmgen_calls.hpp", *sorted(header(part, package) for part in messages)),
+        includes=(
+            f"{package}/shmgen_{'calls' if word == 'service' else 'actions'}.hpp",
+            *sorted(header(part, package) for part in messages),
+        ),
         open=tuple(namespace(name, package).split("::")),
         name=class_name(name),
         parts=tuple(parts),
