@@ -45,10 +45,7 @@ def _output(
         title=str(name),
         origin=in_comment(layouts[messages[-1]].message.origin),
         guard=path.upper().replace("/", "_").replace(".", "_"),
-        includes=(
-            f"{package}/shmgen_{'calls' if word == 'service' else 'actions'}.hpp",
-            *sorted(header(part, package) for part in messages),
-        ),
+        includes=(f"{package}/{runtime}", *sorted(header(part, package) for part in messages)),
         open=tuple(namespace(name, package).split("::")),
         name=class_name(name),
         parts=tuple(parts),
