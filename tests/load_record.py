@@ -82,9 +82,8 @@ def write(writers: list, message: object, seconds: float) -> str:
     took.sort()
     micro = [1e6 * took[int(len(took) * share)] for share in (0.5, 0.99)]
     lasted = time.monotonic() - start
-    return (
-        f"{len(took) * len(writers) / lasted:,.0f} samples/s, a cycle takes {micro[0]:.0f} us, 99 of 100 {micro[1]:.0f} us"
-    )
+    rate = len(took) * len(writers) / lasted
+    return f"{rate:,.0f} samples/s, a cycle takes {micro[0]:.0f} us, 99 of 100 at most {micro[1]:.0f} us"
 
 
 def check(bag: Path, written: int) -> int:
@@ -107,7 +106,8 @@ def check(bag: Path, written: int) -> int:
     ordered = all(a < b for seen in numbers.values() for a, b in pairwise(seen))
     # Of each topic the newest sample that was there at first is recorded as well.
     whole = recorded + missed == written + len(numbers)
-    print(f"bag: {recorded:,} of {written + len(numbers):,} samples, {missed:,} missed, by PyPI's mcap; in order: {ordered}")
+    of = f"{recorded:,} of {written + len(numbers):,} samples"
+    print(f"bag: {of}, {missed:,} missed, by PyPI's mcap; in order: {ordered}")
     return 0 if ordered and whole else 1
 
 
