@@ -41,11 +41,12 @@ ARROWS = {
     "pipeline": WORDS | {"bounds", "config", "definitions", "drift", "layout", "render", "resolve", "targets"},
     "show": WORDS | {"layout", "pipeline", "show", "targets", "type_hash"},
     "runtime": {"abi", "runtime", "wording"},
-    "live": WORDS | {"bounds", "config", "definitions", "live", "pipeline", "runtime", "toml"},
+    "live": WORDS | {"abi", "bounds", "config", "definitions", "live", "pipeline", "runtime", "toml"},
+    "bag": WORDS | {"", "bag", "bridge", "drift", "live", "pipeline", "runtime", "type_hash"},
     "tools": WORDS | {"config", "live", "runtime", "targets", "tools"},
     "bridge": WORDS | {"bridge", "config", "live", "pipeline", "resolve", "runtime", "targets", "type_hash"},
     "cli": WORDS
-    | {"", "bridge", "cache", "cli", "config", "definitions", "drift", "live", "pipeline", "render", "runtime"}
+    | {"", "bag", "bridge", "cache", "cli", "config", "definitions", "drift", "live", "pipeline", "render", "runtime"}
     | {"show", "targets", "tools", "write"},
     "__init__": set(),
     "__main__": {"cli", "drift"},
@@ -53,7 +54,7 @@ ARROWS = {
 ONLY_IN = {
     "click": {"cli"},
     "jinja2": {"render"},
-    "rosbags": {"bridge", "definitions"},
+    "rosbags": {"bag", "bridge", "definitions"},
     "rosidl_parser": {"definitions"},
     "posix_ipc": {"runtime"},
     "ruamel": {"tools"},

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import struct
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -25,7 +26,7 @@ OPTIONS = [
 
 class TestAnyMessage:
     @given(schema=schemas.schemas(), options=st.sampled_from(OPTIONS), seed=st.integers(0, 2**32))
-    @settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+    @settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
     def test_as_the_long_way(self, schema, options, seed, tmp_path_factory):
         folder = tmp_path_factory.mktemp("any")
         layouts = build.layouts_of(schema, options)
@@ -44,7 +45,13 @@ class TestAnyMessage:
                     sample[offset : offset + room] = bytes(array).ljust(room, b"\0")
                 message = long.new()
                 kind._decode(bytes(sample), 0, message)
-                assert short(bytes(sample)) == long.encode(message), layout.message
+                try:
+                    wanted = long.encode(message)
+                except struct.error:  # LTIME goes further than ROS
+                    with pytest.raises(struct.error):
+                        short(bytes(sample))
+                else:
+                    assert short(bytes(sample)) == wanted, layout.message
 
 
 @pytest.mark.parametrize(("path", "count"), counts.PLACES[:2])

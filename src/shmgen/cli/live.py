@@ -91,6 +91,9 @@ def clean(topics: tuple[str, ...], everything: bool, force: bool, dry_run: bool)
 @manners.count
 @manners.timeout
 @manners.for_machines
+@click.option("--csv", "as_csv", is_flag=True, help="One line each, a title for each column first.")
+@click.option("--field", metavar="PATH", shell_complete=manners.fields, help="Only this: pose.position.x, points[2].")
+@click.option("--filter", "only", metavar="CONDITION", help="Only samples of which it is true: position.x > 1.")
 @click.option("-f", "--full", is_flag=True, help="Arrays whole, not only their first 32 elements.")
 @options.where
 @manners.polite
@@ -100,30 +103,43 @@ def echo(
     count: int | None,
     timeout: float | None,
     as_json: bool,
+    as_csv: bool,
+    field: str | None,
+    only: str | None,
     full: bool,
     config_file: Path | None,
     include: tuple[Path, ...],
 ) -> None:
-    """Print the samples of a topic as they come: YAML, or one line of JSON each.
+    """Print the samples of a topic as they come: YAML, or one line of JSON or CSV each.
 
     The region's header names the type, so nothing needs to be generated. Own messages are found with -I or by
     shmgen.toml, bounds there or in generated/layout.lock. Waits for a region that does not exist yet. A sample
     whose counts are above their bounds is told instead of printed; exit 1 if there was one.
     """
     from shmgen.runtime import CountExceeded
-    from shmgen.tools import follow, shown
+    from shmgen.tools import echo as tool
+    from shmgen.tools import follow
 
+    if as_json and as_csv:
+        raise click.UsageError("--json or --csv, not both.")
     samples = follow.samples(topic, manners.workshop(config_file, include), timeout, manners.note)
     refused = False
+    shown = 0
+    printer = tool.Printer("json" if as_json else "csv" if as_csv else "yaml", field, only, full)
     try:
-        for message in islice(samples, 1 if once else count):
+        for message in samples:
             try:
-                text = shown.as_json(message) if as_json else shown.yaml(message, None if full else shown.SHORT)
+                text = printer.text(message)
             except CountExceeded as error:
                 manners.complain(f"{topic}: damaged sample: {error}")
                 refused = True
             else:
-                click.echo(text if as_json else f"{text}---")
+                if text is None:
+                    continue
+                click.echo(text)
+            shown += 1
+            if shown == (1 if once else count):
+                break
     finally:
         samples.close()
     sys.exit(int(refused))
@@ -131,7 +147,7 @@ def echo(
 
 @click.command(context_settings={"ignore_unknown_options": True})
 @manners.topic
-@click.argument("type_name", metavar="TYPE")
+@click.argument("type_name", metavar="TYPE", shell_complete=manners.types)
 @click.argument("values", default="{}", metavar="[VALUES]")
 @click.option("-r", "--rate", type=click.FloatRange(0.001, 10000), default=1.0, show_default=True, help="In Hz.")
 @click.option("--once", is_flag=True, help="One sample, which stays in the region.")
@@ -164,7 +180,7 @@ def pub(
 
 @click.command(context_settings={"ignore_unknown_options": True})
 @click.argument("service", shell_complete=manners.services)
-@click.argument("type_name", metavar="TYPE")
+@click.argument("type_name", metavar="TYPE", shell_complete=manners.types)
 @click.argument("values", default="{}", metavar="[VALUES]")
 @click.option("--timeout", type=click.FloatRange(0), default=5.0, show_default=True, help="In seconds, all in all.")
 @manners.for_machines

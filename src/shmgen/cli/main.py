@@ -54,6 +54,7 @@ _FAMILIES = {
     "drift": ("check", "diff", "init"),
     "bridge": ("bridge",),
     "live": ("doctor", "clean", "echo", "pub", "call", "hz", "top"),
+    "look": ("topics", "info", "bw", "delay", "plot", "completion"),
     "bag": ("record", "play"),
 }
 

@@ -16,6 +16,7 @@ import click
 from shmgen.cli import options
 
 if TYPE_CHECKING:
+    from shmgen.config import Config
     from shmgen.live.classes import Workshop
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -57,6 +58,49 @@ def topics(context: click.Context, parameter: click.Parameter, incomplete: str) 
 
 def services(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[str]:
     return [topic.removesuffix("-request") for topic in topics(context, parameter, incomplete) if "-request" in topic]
+
+
+def types(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[str]:
+    """All that can be named, packages first: `geometry_msgs/` and then what is in it."""
+    from shmgen import pipeline
+
+    names = [name.short for name in pipeline.library(_load(context)).known()]
+    found = [name for name in names if name.startswith(incomplete)]
+    return found if "/" in incomplete else sorted({name.partition("/")[0] + "/" for name in found})
+
+
+def fields(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[str]:
+    """Of the topic that stands before it on the line."""
+    return _fields(context, parameter, incomplete, numbers=False)
+
+
+def numbers(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[str]:
+    """Those that can be plotted."""
+    return _fields(context, parameter, incomplete, numbers=True)
+
+
+def _fields(context: click.Context, parameter: click.Parameter, incomplete: str, *, numbers: bool) -> list[str]:
+    from shmgen.diagnostics import Rejected
+    from shmgen.live.regions import View
+    from shmgen.runtime import ShmError, region_name
+    from shmgen.tools.paths import leaves
+
+    words = os.environ.get("COMP_WORDS", "").split()  # what click gives is empty behind an option
+    named = context.params.get("topic") or next((word for word in words if word in topics(context, parameter, "")), "")
+    try:
+        with View(region_name(named)) as view:
+            header = view.header()
+        session = workshop(context.params.get("config_file"), context.params.get("include") or ()).session_of(
+            header.type_name, header.digest
+        )
+        layout, layouts = session.layout(header.type_name), session.layouts([header.type_name])
+    except (ShmError, Rejected, ValueError, OSError):
+        return []
+    return [path for path in leaves(layout, layouts, numbers=numbers) if path.startswith(incomplete)]
+
+
+def _load(context: click.Context) -> Config:
+    return options.load(context.params.get("config_file"), context.params.get("include") or ())
 
 
 topic = click.argument("topic", shell_complete=topics)
@@ -107,3 +151,8 @@ def can_overwrite(stream: TextIO) -> bool:
 def fitting(line: str) -> str:
     """What of a line a terminal shows in one."""
     return line[: max(1, shutil.get_terminal_size().columns - 1)]
+
+
+def shows_unicode(stream: TextIO) -> bool:
+    """Whether more than ASCII is likely to be shown as it is."""
+    return "utf" in (stream.encoding or "").lower() and os.environ.get("TERM") != "dumb"

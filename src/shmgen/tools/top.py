@@ -159,12 +159,13 @@ def _cell(column: str, value: Any) -> str:
         case "rate" | "lock":
             return "-" if value is None else f"{value:.1f}/s"
         case "age":
-            return "-" if value is None else _age(value)
+            return "-" if value is None else age_of(value)
         case _:
             return str(value)
 
 
-def _age(seconds: float) -> str:
+def age_of(seconds: float) -> str:
+    """`3.9 ms`, `12.0 s`, `5 min`."""
     if seconds < 1:
         return f"{seconds * 1e3:.1f} ms"
     if seconds < 100:
