@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import pty
 import shutil
 import subprocess
 import sys
@@ -53,14 +54,19 @@ def test_a_narrow_terminal():
 
 
 def test_bw_and_delay(topic, posing, shmgen):
-    report = json.loads(shmgen("bw", topic, "-n", "1", "--json", "--timeout", "20").stdout)
-    assert report["rate"] == pytest.approx(report["samples"] * 144)
-    assert report["size"] == 144
-    assert 20 < report["samples"] < 110
-    assert shmgen("delay", topic, "-n", "1", "--timeout", "20").stdout.startswith("average delay: 0.")
-    report = json.loads(shmgen("delay", topic, "-n", "1", "--json", "--timeout", "20").stdout)
-    assert report["by"] == "header.stamp"
-    assert 0 <= report["shortest"] <= report["mean"] <= report["longest"]
+    def report(command, *form):
+        said = shmgen(command, topic, "-n", "1", "--timeout", "20", *form)
+        assert (said.code, said.stderr) == (0, ""), command
+        return said.stdout
+
+    found = json.loads(report("bw", "--json"))
+    assert found["rate"] == pytest.approx(found["samples"] * 144)
+    assert found["size"] == 144
+    assert 20 < found["samples"] < 110
+    assert report("delay").startswith("average delay: 0.")
+    found = json.loads(report("delay", "--json"))
+    assert found["by"] == "header.stamp"
+    assert 0 <= found["shortest"] <= found["mean"] <= found["longest"]
 
 
 def test_echo_of_a_field_in_every_form(topic, shmgen):
@@ -168,3 +174,22 @@ def test_the_script_of_each_shell(shell, shmgen):
     if shutil.which(shell):
         subprocess.run([shell, "-n"], input=script, check=True, text=True)
     assert shmgen("completion", "tcsh").code == 2
+
+
+@pytest.mark.parametrize(
+    ("variable", "value", "coloured"), [("NO_COLOR", "1", False), ("TERM", "dumb", False), ("A", "1", True)]
+)
+@pytest.mark.parametrize("command", [("info", "/no/such"), ("show", "no/such")], ids=["tool", "diagnostic"])
+def test_colour_only_where_it_is_wanted(variable, value, coloured, command, tmp_path):
+    """On a terminal."""
+    leader, follower = pty.openpty()
+    environment = {**os.environ, "TERM": "xterm", variable: value}
+    environment = {name: text for name, text in environment.items() if name != "NO_COLOR" or variable == "NO_COLOR"}
+    arguments = [sys.executable, "-m", "shmgen", *command]
+    done = subprocess.run(
+        arguments, cwd=tmp_path, env=environment, stdin=follower, stdout=follower, stderr=follower, check=False
+    )
+    os.close(follower)
+    assert done.returncode == 1
+    assert ("\x1b[" in os.read(leader, 65536).decode()) == coloured
+    os.close(leader)

@@ -20,16 +20,18 @@ def main() -> None:
     if isinstance(sys.stdout, io.TextIOWrapper):
         # A sign in a comment that the terminal does not know is no reason to stop.
         sys.stdout.reconfigure(errors="replace")
-    try:
-        cli(standalone_mode=True)
-    except Rejected as rejected:
-        options.complain(rejected.diagnostics)
-        sys.exit(1)
-    except Exception as error:
-        if os.environ.get("SHMGEN_DEBUG"):
-            raise
-        options.complain([_full(error) or _fault(error)])
-        sys.exit(1)
+    color = False if os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb" else None
+    with click.Context(cli, color=color).scope():  # for what is told once the command has ended
+        try:
+            cli(standalone_mode=True, color=color)
+        except Rejected as rejected:
+            options.complain(rejected.diagnostics)
+            sys.exit(1)
+        except Exception as error:
+            if os.environ.get("SHMGEN_DEBUG"):
+                raise
+            options.complain([_full(error) or _fault(error)])
+            sys.exit(1)
 
 
 def _full(error: Exception) -> Diagnostic | None:
