@@ -9,11 +9,15 @@ import pty
 import shutil
 import subprocess
 import sys
+import threading
 
 import pytest
 
+from shmgen.config import Config
+from shmgen.live.classes import publisher
 from shmgen.live.session import Session
-from shmgen.tools import given, lines, paths
+from shmgen.tools import given as typed
+from shmgen.tools import lines, paths
 from shmgen.tools import plot as plotting
 from shmgen.tools import topics as listing
 
@@ -21,13 +25,22 @@ POSE = '{header: {frame_id: "a\\u001b[31mb, c"}, pose: {position: {x: 2.5}}}'
 
 
 @pytest.fixture
-def posing(topic, shmgen, started):
-    """A PoseStamped at 100 Hz."""
-    pub = started(
-        "pub", topic, "geometry_msgs/PoseStamped", POSE.replace("header: {", "header: {stamp: now, "), "-r", "100"
-    )
-    assert pub.stdout.readline()
-    return pub
+def posing(topic, tmp_path):
+    """A PoseStamped at 100 Hz, by a thread of this process."""
+    kind = Session(Config(tmp_path)).message("geometry_msgs/PoseStamped")
+    data = typed.parse(POSE.replace("header: {", "header: {stamp: now, "))
+    over = threading.Event()
+    with publisher(kind, topic, 1) as writer:
+
+        def publish():
+            while not over.wait(0.01):
+                writer.publish(typed.build(kind, data))
+
+        thread = threading.Thread(target=publish)
+        thread.start()
+        yield
+        over.set()
+        thread.join()
 
 
 def test_topics_and_info(topic, posing, shmgen, peer):
@@ -35,7 +48,7 @@ def test_topics_and_info(topic, posing, shmgen, peer):
     shown = shmgen("topics")
     assert shown.stdout.startswith("TOPIC ")
     (row,) = [line.split() for line in shown.stdout.splitlines() if line.startswith(topic + " ")]
-    assert row[1:3] == ["geometry_msgs/msg/PoseStamped", str(posing.pid)]
+    assert row[1:3] == ["geometry_msgs/msg/PoseStamped", str(os.getpid())]
     found = {region["topic"]: region for region in json.loads(shmgen("topics", "--json").stdout)}
     assert (found[topic]["payload"], found[topic]["readers"], found[topic]["age"] < 30) == (144, [], True)
     assert (found[topic + "b"]["readers"], found[topic + "b"]["writer"]) == ([reader.pid], "-")
@@ -100,15 +113,13 @@ def test_echo_of_a_field_in_every_form(topic, shmgen):
 
 
 def test_sequences_stay_in_their_column(tmp_path):
-    from shmgen.config import Config
-
     (tmp_path / "s_msgs" / "msg").mkdir(parents=True)
     (tmp_path / "s_msgs" / "msg" / "All.msg").write_text(
         "float64[<=3] many\nint8[2] two\nbool ok\ngeometry_msgs/Point[<=2] points\n"
     )
     session = Session(Config(tmp_path, path=(tmp_path,)))
     kind = session.message("s_msgs/All")
-    message = given.build(kind, {"many": [1.5, float("nan")], "two": [1, 2], "ok": True, "points": [{"x": 1.0}]})
+    message = typed.build(kind, {"many": [1.5, float("nan")], "two": [1, 2], "ok": True, "points": [{"x": 1.0}]})
     assert lines.titles(kind()) == ["many", "two[0]", "two[1]", "ok", "points"]
     assert lines.row(message) == ['[1.5, "NaN"]', "1", "2", "true", '[{"x": 1.0, "y": 0.0, "z": 0.0}]']
     get = paths.getter(kind, "points[0].x")
