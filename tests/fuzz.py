@@ -57,7 +57,7 @@ class Target:
         if read(fuzzed, self.folder) is not None:
             self.readable += 1
             if self.readable % 50 == 0:
-                generated(fuzzed, self.folder, ("python", "st", "plcopen", "c"))
+                generated(fuzzed, self.folder, ("python", "st", "plcopen", "c", "cpp"))
 
 
 if __name__ == "__main__":

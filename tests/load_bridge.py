@@ -2,9 +2,9 @@
 
     python -m tests.load_bridge --seconds 30 --backend ros1
 
-Twice: once through a plain echo in rospy, or in cyclonedds with `--backend dds`; then through the bridge, the regions,
-an echo in Python there, and back.
-Exit code 1 if a message neither came nor was counted.
+First through a plain echo: in rospy, in rclpy of Jazzy with `--backend ros2`, in cyclonedds with `--backend dds`; then
+through the bridge, the regions, an echo in Python there, and back; with ROS once more while calls wait for a PLC that
+is not there. Exit code 1 if the bridge let a message go that neither came nor was counted.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -21,10 +22,11 @@ from pathlib import Path
 from typing import Any
 
 from .conftest import REPOSITORY
+from .support import ros2
 from .support.dds import Domain
 from .support.ros1 import Graph
 
-Ros = Graph | Domain
+Ros = Graph | Domain | ros2.Graph
 DEPTH = 255
 """Of each region: a quarter of a second of the fast topic, so that a busy machine has no excuse."""
 RATES = {f"t{number}": 100 for number in range(10)} | {"fast": 1000}
@@ -33,86 +35,105 @@ SETTLE = 1.0
 
 
 @dataclass(frozen=True)
-class Result:
-    """Seconds each message took, by topic; `cpu` of one core.
+class Run:
+    """Seconds each message took, by topic; `dropped` by the sink itself; `cpu` of one core."""
 
-    `missed` were overwritten in a region before they were read, and counted; `lost` came neither back nor into a count.
-    """
-
-    name: str
     sent: int
     latencies: dict[str, list[float]]
-    missed: int
+    dropped: int
     cpu: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Result:
+    """`missed` were overwritten in a region or a queue before they were read, and counted."""
+
+    name: str
+    run: Run
+    missed: int
 
     @property
     def lost(self) -> int:
-        return self.sent - self.missed - sum(map(len, self.latencies.values()))
+        """Came neither back nor into a count."""
+        return self.run.sent - self.missed - self.run.dropped - sum(map(len, self.run.latencies.values()))
 
     def __str__(self) -> str:
-        both = [
-            self.latencies["fast"],
-            [one for name in self.latencies for one in self.latencies[name] if name != "fast"],
-        ]
+        late = self.run.latencies
+        both = [late["fast"], [one for name in late for one in late[name] if name != "fast"]]
         times = "  ".join(f"{1e3 * part(times, 0.5):8.2f}{1e3 * part(times, 0.99):8.2f}" for times in both)
-        spent = ", ".join(f"{name} {100 * share:.0f} %" for name, share in self.cpu.items())
-        return f"{self.name:<22}{self.sent:>8,}{self.missed:>8}{self.lost:>6}  {times}  {spent}"
+        spent = ", ".join(f"{name} {100 * share:.0f} %" for name, share in self.run.cpu.items())
+        return (
+            f"{self.name:<22}{self.run.sent:>8,}{self.missed:>8}{self.run.dropped:>9}{self.lost:>6}  {times}  {spent}"
+        )
 
 
 def main() -> None:
     """Prints a table."""
     parser = argparse.ArgumentParser(description="10 topics at 100 Hz and one at 1 kHz.")
     parser.add_argument("--seconds", type=float, default=30)
-    parser.add_argument("--backend", choices=("ros1", "dds"), default="ros1")
+    parser.add_argument("--backend", choices=("ros1", "ros2", "dds"), default="ros1")
     arguments = parser.parse_args()
     seconds = arguments.seconds
-    print(f"{'':<22}{'':>8}{'':>8}{'':>6}  {'1 kHz, ms':>16}  {'100 Hz, ms':>16}  CPU of one core")
-    print(f"{'there and back':<22}{'sent':>8}{'missed':>8}{'lost':>6}  {'p50':>8}{'p99':>8}  {'p50':>8}{'p99':>8}")
-    lost = 0
+    print(f"{'':<22}{'':>8}{'':>8}{'':>9}{'':>6}  {'1 kHz, ms':>16}  {'100 Hz, ms':>16}  CPU of one core")
+    heads = "".join(f"{head:>{width}}" for head, width in (("sent", 8), ("missed", 8), ("by sink", 9), ("lost", 6)))
+    print(f"{'there and back':<22}{heads}  {'p50':>8}{'p99':>8}  {'p50':>8}{'p99':>8}")
     with tempfile.TemporaryDirectory() as folder:
-        graph = Graph(Path(folder)) if arguments.backend == "ros1" else Domain(Path(folder), 1 + os.getpid() % 100)
+        graph = made(arguments.backend, Path(folder))
         space = f"/load{os.getpid()}"
         try:
-            for result in (plain(graph, f"{space}/plain", seconds), bridged(graph, f"{space}/shm", seconds)):
-                print(result, flush=True)
-                lost += result.lost
+            print(plain(graph, f"{space}/plain", seconds), flush=True)
+            results = [bridged(graph, f"{space}/shm", seconds)]
+            print(results[0], flush=True)
+            if arguments.backend != "dds":
+                results.append(bridged(graph, f"{space}/calls", seconds, calls=True))
+                print(results[1], flush=True)
         finally:
             graph.close()
             for file in Path("/dev/shm").glob(f"*{space[1:]}.*"):
                 file.unlink()
-    sys.exit(1 if lost else 0)
+    sys.exit(1 if any(result.lost for result in results) else 0)
+
+
+def made(backend: str, folder: Path) -> Ros:
+    """A graph, or a domain, of nobody else's."""
+    number = 1 + os.getpid() % 100
+    if backend == "ros1":
+        return Graph(folder)
+    return ros2.Graph(folder, number) if backend == "ros2" else Domain(folder, number)
 
 
 def plain(graph: Ros, space: str, seconds: float) -> Result:
     """An echo with nothing of ours."""
     echo = peer(graph, "echo", space)
-    sent, latencies, cpu = run(graph, space, seconds, {"echo": echo.pid})
-    return Result(graph.plain_echo, sent, latencies, 0, cpu)
+    return Result(graph.plain_echo, run(graph, space, seconds, {"echo": echo.pid}), 0)
 
 
-def bridged(graph: Ros, space: str, seconds: float) -> Result:
+def bridged(graph: Ros, space: str, seconds: float, calls: bool = False) -> Result:
     """The bridge, and an echo between the regions, here, that sleeps until it is woken."""
+    service = f'[[services]]\nservice = "{space}/call"\ntype = "std_srvs/SetBool"\nserver = "plc"\n' if calls else ""
     entries = [
         f'[[topics]]\ntopic = "{space}/{name}{end}"\ntype = "geometry_msgs/PoseStamped"\n'
         f'direction = "{direction}"\ndepth = {DEPTH}\n'
         for name in RATES
         for end, direction in (("", "to_plc"), ("_back", "from_plc"))
     ]
-    bridge = graph.bridge(f'source = "{graph.source}"\n' + "".join(entries))
+    bridge = graph.bridge(f'source = "{graph.source}"\n' + "".join(entries) + service)
     echo = graph.start(
         [sys.executable, "-m", "tests.load_bridge_echo", graph.folder / "shmgen.toml", space],
         {"PYTHONPATH": f"{REPOSITORY / 'src'}:{REPOSITORY}"},
         stdin=subprocess.PIPE,
     )
     assert echo.stdout.readline() == "ready\n"
-    sent, latencies, cpu = run(graph, space, seconds, {"bridge": bridge.process.pid, "echo": echo.pid})
+    if calls:
+        peer(graph, "caller", space)
+    ran = run(graph, space, seconds, {"bridge": bridge.process.pid, "echo": echo.pid})
     missed = int(echo.communicate("\n")[0])
     bridge.stop(15)
-    missed += sum(int(line.split(" missed")[0].split()[-1]) for line in bridge.lines if " missed" in line)
-    return Result("bridge, regions, back", sent, latencies, missed, cpu)
+    missed += sum(int(count) for line in bridge.lines for count in re.findall(r"(\d+) (?:missed|lost)", line))
+    return Result("while calls wait" if calls else "bridge, regions, back", ran, missed)
 
 
-def run(graph: Ros, space: str, seconds: float, watched: dict[str, int]) -> tuple[int, Any, dict[str, float]]:
+def run(graph: Ros, space: str, seconds: float, watched: dict[str, int]) -> Run:
     """How many were sent; what came back; what the watched processes took."""
     sink = peer(graph, "sink", space)
     source = peer(graph, "source", space, str(seconds))
@@ -124,11 +145,13 @@ def run(graph: Ros, space: str, seconds: float, watched: dict[str, int]) -> tupl
     took = time.monotonic() - begun
     cpu = {name: (busy(pid) - before[name]) / took for name, pid in watched.items()}
     time.sleep(SETTLE)
-    seen = json.loads(sink.communicate("\n")[0])
+    said = json.loads(sink.communicate("\n")[0])
+    seen = said["seen"]
     for name, rows in seen.items():
         numbers = [number for number, _ in rows]
         assert numbers == sorted(set(numbers)), f"{name}: out of order, or twice"
-    return sum(sent.values()), {name: [late for _, late in rows] for name, rows in seen.items()}, cpu
+    late = {name: [took for _, took in rows] for name, rows in seen.items()}
+    return Run(sum(sent.values()), late, said["dropped"], cpu)
 
 
 def peer(graph: Ros, *arguments: str) -> Any:

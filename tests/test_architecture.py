@@ -32,7 +32,7 @@ ARROWS = {
     "bounds": WORDS,
     "layout": WORDS | {"abi"},
     "config": WORDS | {"abi", "bounds", "config", "targets", "toml"},
-    "targets": WORDS | {"abi", "targets"},
+    "targets": WORDS | {"abi", "targets", "toml"},
     "render": {"model", "cache"},
     "write": {"diagnostics", "records"},
     "type_hash": {"model"},

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from .conftest import REPOSITORY
-from .support import ros1
+from .support import ros1, ros2
 
 SAYS = {
     "moving_pose": "400 poses crossed",
@@ -23,7 +23,10 @@ SAYS = {
     "robot_task": "3 tasks done, 1 refused",
     "dds_chatter": "the PLC has heard 5",
     "press_service": "3 made",
+    "two_machines": "bridge of b killed: xStale after",
 }
+APART = {"softplc_echo", "two_machines"}
+"""The former is `make demo`, see test_readme.py."""
 ASKS = {
     "opcua_gateway": ("asyncua", "cyclonedds"),
     "machine_tending": ("cyclonedds",),
@@ -36,7 +39,7 @@ def test_all_examples_are_here() -> None:
     assert {path.parent.name for path in (REPOSITORY / "examples").glob("*/demo.py")} == set(SAYS)
 
 
-@pytest.mark.parametrize("example", sorted(set(SAYS) - {"softplc_echo"}))  # that one is `make demo`, see test_readme.py
+@pytest.mark.parametrize("example", sorted(set(SAYS) - APART))
 def test_example(example: str) -> None:
     for module in ASKS.get(example, ()):
         pytest.importorskip(module, reason=f"no {module} for this Python")
@@ -50,6 +53,24 @@ def test_example(example: str) -> None:
     assert result.returncode == 0, result.stdout + result.stderr
     assert SAYS[example] in result.stdout
     assert left_behind(example) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("backend", "rate"), [("dds", 100), ("ros2", 500)])
+def test_what_is_lost_between_two_machines_is_counted(backend: str, rate: int) -> None:
+    """With ros2 so fast that a cut costs more than DDS keeps."""
+    python = ros2.prefix("jazzy") / "bin" / "python" if backend == "ros2" else sys.executable
+    if backend == "dds":
+        pytest.importorskip("cyclonedds")
+    command = [sys.executable, REPOSITORY / "examples" / "two_machines" / "demo.py"]
+    words = ["--backend", backend, "--rate", str(rate), "--python", str(python)]
+    result = subprocess.run([*command, *words], capture_output=True, text=True, check=False, timeout=240)
+    if result.returncode == 77:
+        pytest.skip(result.stdout.strip())
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert SAYS["two_machines"] in result.stdout
+    (not_come,) = re.findall(r"after the cut\n.* not come (\d+)", result.stdout)
+    assert (int(not_come) > 500) == (backend == "ros2")
 
 
 def left_behind(example: str) -> list[Path]:

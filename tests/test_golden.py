@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+from fnmatch import fnmatch
 from pathlib import Path
 
 import pytest
@@ -107,6 +108,8 @@ def generated(case: Path) -> dict[str, str]:
 
 def is_common(path: str) -> bool:
     """Or holds what is: the XML has all of the Structured Text once more."""
+    if path.startswith(("c/", "cpp/")):
+        return fnmatch(path, "*/shmgen_*.h*") or path.endswith("/shmgen.hpp")
     return path.startswith(("st/shmgen/", "plcopen/")) and "ST_shmgen_Time" not in path
 
 

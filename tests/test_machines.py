@@ -52,9 +52,9 @@ def layouts(config: Config) -> Layouts:
 
 def program(layouts: Layouts) -> str:
     """Prints size and offsets of everything, then the last and an inner member of an Imu that it gets on stdin."""
-    lines = ["#include <stdio.h>"]
-    lines += [f'#include "{path}"' for path in ("shm_msgs/sensor_msgs/msg/imu.h",)]
+    lines = [f'#include "{path}"' for path in ("shm_msgs/sensor_msgs/msg/imu.h",)]
     lines += [f'#include "{path}"' for path in headers()]
+    lines += ["#include <stdio.h>"]  # behind those that say which POSIX they need
     lines += ["int main(void) {", f"    static {struct_name(IMU)} imu;"]
     lines += ["    if (fread(&imu, 1, sizeof imu, stdin) != sizeof imu) return 1;"]
     for name, layout in layouts.items():

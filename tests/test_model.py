@@ -9,7 +9,7 @@ import pytest
 from .model.runs import FAULTS, HOLDS, LARGE, REMAINS
 from .model.spin import TOOLS, Run, verify
 
-pytestmark = [
+pytestmark = [pytest.mark.slow] + [
     pytest.mark.skipif(shutil.which(tool) is None, reason=f"{tool} is not installed: the model is not checked")
     for tool in TOOLS
 ]

@@ -13,18 +13,19 @@ import pytest
 from .conftest import REPOSITORY
 
 PAGES = [REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").glob("*.md"))]
-BLOCK = re.compile(r"^```(console|python|toml)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+BLOCK = re.compile(r"^```(console|python|toml|c|cpp)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+FILES = {"python": "example.py", "toml": "shmgen.toml"}
 
 
 @pytest.mark.parametrize(
     "page", [page for page in PAGES if "```console" in page.read_text()], ids=lambda page: page.name
 )
 def test_commands_print_what_the_page_shows(page: Path, tmp_path: Path, update_golden: bool) -> None:
-    """In order, in one folder. A Python block becomes example.py, a TOML block shmgen.toml for what follows."""
+    """In order, in one folder. A block of Python, C or C++ becomes example.py and so on, a TOML block shmgen.toml."""
     environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "COLUMNS": "100"}
     for language, text in BLOCK.findall(page.read_text()):
         if language != "console":
-            (tmp_path / {"python": "example.py", "toml": "shmgen.toml"}[language]).write_text(text)
+            (tmp_path / FILES.get(language, f"example.{language}")).write_text(text)
             continue
         for command, shown in re.findall(r"^\$ (.*)\n((?:(?!\$ ).*\n)*)", text, re.MULTILINE):
             result = subprocess.run(

@@ -108,7 +108,7 @@ def job_of(config: Config, layouts: Layouts, report: Report) -> Job:
         task_interval=config.task_interval,
         ros_package=config.ros_package,
         node=config.bridge.node,
-        configuration=config.text,
+        configuration=config.document,
     )
     return Job(
         layouts,

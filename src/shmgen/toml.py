@@ -1,8 +1,11 @@
-"""Turns TOML into tables: the one place that knows which Python has a reader, and what is too deep for it."""
+"""Turns TOML into tables and back: the one place that knows which Python has a reader, and what is too deep for it."""
 
 from __future__ import annotations
 
+import json
+import re
 import sys
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 if sys.version_info >= (3, 11):
@@ -18,3 +21,38 @@ def loads(text: str) -> dict[str, Any]:
     except RecursionError:
         raise ValueError("brackets are nested too deeply") from None
     return document
+
+
+def dumps(document: Mapping[str, Any]) -> str:
+    """Of strings, numbers, truths and lists of them, in tables and lists of tables: what shmgen.toml may hold."""
+    return "\n".join(_table("", document)).strip("\n") + "\n"
+
+
+def _table(name: str, table: Mapping[str, Any]) -> Iterator[str]:
+    inner = {key: value for key, value in table.items() if isinstance(value, dict)}
+    lists = {key: value for key, value in table.items() if isinstance(value, list) and any(map(_is_table, value))}
+    for key, value in table.items():
+        if key not in inner and key not in lists:
+            yield f"{_key(key)} = {_value(value)}"
+    for key, value in inner.items():
+        yield f"\n[{name}{_key(key)}]"
+        yield from _table(f"{name}{_key(key)}.", value)
+    for key, values in lists.items():
+        for value in values:
+            yield f"\n[[{name}{_key(key)}]]"
+            yield from _table(f"{name}{_key(key)}.", value)
+
+
+def _is_table(value: object) -> bool:
+    return isinstance(value, dict)
+
+
+def _key(word: str) -> str:
+    return word if re.fullmatch("[A-Za-z0-9_-]+", word) else _value(word)
+
+
+def _value(value: object) -> str:
+    if isinstance(value, list):
+        return f"[{', '.join(map(_value, value))}]"
+    # JSON has the same words for these, but leaves DEL as it stands, which TOML forbids.
+    return repr(value) if isinstance(value, float) else json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

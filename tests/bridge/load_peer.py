@@ -1,6 +1,6 @@
 """The rospy nodes of tests/load_bridge.py: a source of numbered poses, an echo, and a sink that times them.
 
-    python load_peer.py source SPACE SECONDS | echo SPACE | sink SPACE
+    python load_peer.py source SPACE SECONDS | echo SPACE | sink SPACE | caller SPACE
 
 Times are of the monotonic clock, which all processes of a machine share.
 """
@@ -14,6 +14,7 @@ import time
 
 import rospy
 from geometry_msgs.msg import PoseStamped
+from std_srvs.srv import SetBool
 
 RATES = {f"t{number}": 100.0 for number in range(10)} | {"fast": 1000.0}
 """Hz, by topic."""
@@ -21,7 +22,7 @@ RATES = {f"t{number}": 100.0 for number in range(10)} | {"fast": 1000.0}
 
 def main(role, space, *more):
     rospy.init_node(f"load_{role}", anonymous=True, disable_rosout=True)
-    {"source": source, "echo": echo, "sink": sink}[role](space, *more)
+    {"source": source, "echo": echo, "sink": sink, "caller": caller}[role](space, *more)
 
 
 def source(space, seconds):
@@ -75,7 +76,18 @@ def sink(space):
         rospy.Subscriber(f"{space}/{name}_back", PoseStamped, take, name, tcp_nodelay=True)
     print("ready", flush=True)
     sys.stdin.readline()
-    print(json.dumps(seen), flush=True)
+    print(json.dumps({"seen": seen, "dropped": 0}), flush=True)
+
+
+def caller(space):
+    """There is always a call that waits."""
+    call = rospy.ServiceProxy(f"{space}/call", SetBool)
+    print("ready", flush=True)
+    while not rospy.is_shutdown():
+        try:
+            call(True)
+        except rospy.ServiceException:
+            time.sleep(0.01)
 
 
 def publisher(topic):

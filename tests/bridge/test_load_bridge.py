@@ -10,5 +10,5 @@ SECONDS = 3
 
 def test_what_goes_through_the_bridge_comes_back_or_is_counted(graph: Graph, space: str) -> None:
     result = bridged(graph, f"{space}/load", SECONDS)
-    assert result.sent == SECONDS * sum(RATES.values())
+    assert result.run.sent == SECONDS * sum(RATES.values())
     assert result.lost == 0

@@ -34,6 +34,7 @@ def commit(folder: Path, environment: dict[str, str]) -> subprocess.CompletedPro
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
 
 
+@pytest.mark.slow
 def test_pre_commit_stops_what_has_drifted(project: Path, tmp_path: Path) -> None:
     """It installs us by pip into an environment of its own, from a repository with the files of this checkout."""
     pytest.importorskip("pre_commit")

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
-from shmgen.cli import start
+from shmgen import __version__
+from shmgen.cli import origin, start
 
 from ..conftest import REPOSITORY
 from ..drift.test_check import write
 from ..support.command import run, tree
 
+SOURCE = "git+https://git.example.org/shmgen@v1"
 ROBOT = "float64[] speeds\nArm[] arms\n"
 PACKAGES = {
     "src/demo_msgs/msg/Robot.msg": ROBOT,
@@ -75,18 +80,44 @@ def test_an_empty_folder(tmp_path: Path) -> None:
 def test_a_configuration_stays_as_it_is(tmp_path: Path, path: str) -> None:
     write(tmp_path, {**PACKAGES, path: "[tool.shmgen]\n", start.HOOK_FILE: "repos: []\n", start.CI_FILE: "name: CI\n"})
     before = tree(tmp_path)
-    said = init(tmp_path, "--hook", "--ci")
+    said = init(tmp_path, "--hook", "--ci", "--from", SOURCE)
     assert f"{path} has a configuration, and is left as it is" in said
     assert start.HOOK in said
-    assert start.CI in said
+    assert start.CI.format(requirement=SOURCE) in said
     assert tree(tmp_path) == before
 
 
 def test_hook_and_ci_are_added(tmp_path: Path) -> None:
     write(tmp_path, PACKAGES)
-    init(tmp_path, "--hook", "--ci")
+    init(tmp_path, "--hook", "--ci", "--from", SOURCE)
     assert (tmp_path / start.HOOK_FILE).read_text() == start.HOOK
-    assert (tmp_path / start.CI_FILE).read_text() == start.CI
+    assert (tmp_path / start.CI_FILE).read_text() == start.CI.format(requirement=SOURCE)
+
+
+@pytest.mark.parametrize(
+    ("noted", "requirement"),
+    [
+        (None, f"shmgen=={__version__}"),
+        ({"url": "https://h.org/shmgen", "vcs_info": {"vcs": "git", "commit_id": "ab12"}}, "shmgen @ git+https://h.org/shmgen@ab12"),
+        ({"url": "https://h.org/shmgen-1.whl", "archive_info": {}}, "shmgen @ https://h.org/shmgen-1.whl"),
+        ({"url": "file:///home/me/shmgen", "dir_info": {}}, None),
+        ({"url": "file:///tmp/shmgen-1.whl", "archive_info": {}}, None),
+    ],
+)  # fmt: skip
+def test_a_ci_installs_what_was_installed_here(
+    monkeypatch: pytest.MonkeyPatch, noted: dict[str, Any] | None, requirement: str | None
+) -> None:
+    text = noted and json.dumps(noted)
+    monkeypatch.setattr(origin, "distribution", lambda _: SimpleNamespace(read_text=lambda _: text))
+    assert origin.requirement() == requirement
+
+
+def test_a_folder_of_this_machine_is_nothing_for_a_ci(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(origin, "requirement", lambda: None)
+    result = run(["init", "--ci"], tmp_path)
+    assert result.code == 2
+    assert "--from git+https://" in result.stderr
+    assert not tree(tmp_path)
 
 
 def test_a_wrong_definition_is_told_and_nothing_written(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ def test_all_of_it_may_be_left_out(tmp_path: Path) -> None:
     loaded = load(tmp_path, TO_PLC)
     assert loaded.bridge == Bridge(backend="auto", node="shmgen_bridge", diagnostics=1.0, domain=None)
     assert loaded.topics[0].carried == Carrying(
-        rate=None, qos="reliable", latch=False, stamp="now", overflow="reject", stale=None
+        rate=None, qos="reliable", latch=False, stamp="now", overflow="reject", stale=None, other_definition="refuse"
     )
 
 
@@ -46,6 +46,7 @@ def test_each_key_of_the_bridge(tmp_path: Path, text: str, meant: Bridge) -> Non
         (TO_PLC + "latch = true", Carrying(latch=True)),
         (TO_PLC + "overflow = 'truncate'", Carrying(overflow="truncate")),
         (TO_PLC + "stale = 0.5", Carrying(stale=0.5)),
+        (TO_PLC + "other_definition = 'accept'", Carrying(other_definition="accept")),
         (FROM_PLC + "stamp = 'keep'", Carrying(stamp="keep")),
     ],
 )
@@ -72,6 +73,8 @@ def test_each_key_of_a_topic(tmp_path: Path, text: str, meant: Carrying) -> None
         (TO_PLC + "overflow = 'cut'", "SHM502", 4, "reject, truncate"),
         (TO_PLC + "stale = 0", "SHM502", 4, "a number of seconds"),
         (TO_PLC + "stamp = 'now'", "SHM502", 4, 'stamp is of topics with direction = "from_plc"'),
+        (TO_PLC + "other_definition = 'trust'", "SHM502", 4, "refuse, accept"),
+        (FROM_PLC + "other_definition = 'accept'", "SHM502", 5, 'is of topics with direction = "to_plc"'),
         (FROM_PLC + "overflow = 'reject'", "SHM502", 5, 'overflow is of topics with direction = "to_plc"'),
         (FROM_PLC + "stamp = 'zero'", "SHM502", 5, "now, keep"),
         (FROM_PLC + "latched = true", "SHM501", 5, "did you mean latch?"),

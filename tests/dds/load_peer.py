@@ -108,7 +108,7 @@ def sink(node, space):
         listen(node, f"{space}/{name}_back", taker(seen[name]))
     print("ready", flush=True)
     sys.stdin.readline()
-    print(json.dumps(seen), flush=True)
+    print(json.dumps({"seen": seen, "dropped": 0}), flush=True)
 
 
 def writer(node, topic):

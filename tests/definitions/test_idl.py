@@ -361,6 +361,7 @@ OTHER_UNITS = {
 BIG = "px4_msgs"
 
 
+@pytest.mark.slow
 @needs_rosidl
 @pytest.mark.skipif(references.interpreter("by_rosidl.py") is None, reason="no rosidl_adapter here")
 @pytest.mark.parametrize(("part", "least", "documented"), [("px4_msgs", 227, 0.98), ("others", 400, 0.96)])

@@ -157,6 +157,7 @@ def test_as_rosidl_adapter_reads_it() -> None:
     compare("jazzy", "ros2", "rosidl_adapter", lambda wanted, _: references.rosidl_adapter(wanted))
 
 
+@pytest.mark.slow
 @needs_rosidl
 def test_as_rosidl_parser_reads_its_idl() -> None:
     compare("jazzy", "ros2", "rosidl_parser", lambda wanted, _: references.rosidl_parser(wanted, comments=False))

@@ -16,6 +16,7 @@ BOUND = 3
 """Elements of every sequence that the definitions leave open."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("distribution", "count"), [("noetic", 221), ("jazzy", 624)])
 def test_every_message(
     distribution: str, count: int, corpus: Path, tmp_path_factory: pytest.TempPathFactory, topic: str

@@ -65,6 +65,7 @@ def test_a_sample_under_each_set(name: str, corpus: Path, tmp_path_factory: pyte
     assert_compiles_on_all_machines(folder / "c")
 
 
+@pytest.mark.slow
 def test_every_message_of_ros_1_under_the_set_of_the_day(
     corpus: Path, tmp_path_factory: pytest.TempPathFactory, topic: str
 ) -> None:

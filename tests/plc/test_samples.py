@@ -241,8 +241,10 @@ def test_the_last_sample_of_a_dead_python(demo: Demo, topic: str, attempt: int) 
 
 def test_the_last_sample_of_a_dead_plc(demo: Demo, clock: Clock, topic: str) -> None:
     task = ["-m", "tests.softplc.task", str(demo.library), "FB_demo_msgs_Demo_Publisher", "--period", "0"]
-    with running(*task, "--set", "xEnable=true", f'sTopic="{topic}"'), pytest.raises(RegionInUse):
-        demo.python.DemoPublisher(topic)
+    with running(*task, "--set", "xEnable=true", f'sTopic="{topic}"'), demo.python.DemoSubscriber(topic) as subscriber:
+        assert subscriber.wait(10)  # it watches for a while, then claims, then sends
+        with pytest.raises(RegionInUse):
+            demo.python.DemoPublisher(topic)
     memory = Memory(topic)
     if semaphore(topic).value == 0:
         semaphore(topic).release()

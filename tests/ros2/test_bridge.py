@@ -67,6 +67,7 @@ def plc_server(graph: Graph, name: str, handler: Callable[[Any], Any]) -> Iterat
         thread.join()
 
 
+@pytest.mark.slow
 @all_ways
 def test_every_message_there_and_back(graph: Graph, space: str) -> None:
     """rclpy, the bridge, a region, the bridge, rclpy: unchanged, field by field."""

@@ -6,6 +6,7 @@ import signal
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,7 @@ OTHERS = {
     "nested": "Point at\n",
 }
 """What others may mean by geometry_msgs/Vector3: a change of each kind that drift knows."""
+ACCEPTS = {"accepted": 'other_definition = "accept"\n'}
 
 WAYS = pytest.mark.parametrize("graph", [("jazzy", "ros2"), ("kilted", "ros2")], indirect=True, ids="-".join)
 
@@ -63,24 +65,27 @@ def wire(folder: Path, name: str, text: str) -> Wire:
 
 @WAYS
 def test_another_definition_is_no_value(graph: Graph, stranger: dds.Graph, space: str, tmp_path: Path) -> None:
-    names = ["same", *OTHERS]
+    names = ["same", "accepted", *OTHERS]
     bridge = graph.bridge(
         f'source = "{graph.source}"\n[bridge]\ndiagnostics = 0.3\n'
-        + "".join(topic(f"{space}/{name}", "geometry_msgs/Vector3") for name in names)
+        + "".join(topic(f"{space}/{name}", "geometry_msgs/Vector3") + ACCEPTS.get(name, "") for name in names)
     )
     kind = session(graph).classes(["geometry_msgs/Vector3"])["geometry_msgs/msg/Vector3"]
     peer = graph.peer()
     peer.ask(do="subscribe", topic="/diagnostics", type="diagnostic_msgs/msg/DiagnosticArray")
-    definitions = {"same": "float64 x\nfloat64 y\nfloat64 z\n", **OTHERS}
+    definitions = {"same": "float64 x\nfloat64 y\nfloat64 z\n", "accepted": OTHERS["renamed"], **OTHERS}
     outlets = {name: stranger.publisher(wire(tmp_path / name, f"{space}/{name}", definitions[name])) for name in names}
     with ExitStack() as stack:
         readers = {name: stack.enter_context(subscriber(kind, f"{space}/{name}", 1)) for name in names}
+
+        came: set[str] = set()
 
         def sent() -> bool:
             for outlet in outlets.values():
                 outlet.send(outlet.new())
             time.sleep(0.1)
-            return readers["same"].read() is not None and all(
+            came.update(name for name in ("same", "accepted") if readers[name].read() is not None)
+            return len(came) == 2 and all(
                 any(f"{space}/{name}: a peer has another" in line for line in list(bridge.lines)) for name in OTHERS
             )
 
@@ -95,14 +100,16 @@ def test_another_definition_is_no_value(graph: Graph, stranger: dds.Graph, space
         levels.setdefault(status["name"].rpartition("/")[2], set()).add(status["level"])
     del levels["added"]  # too long for Fast DDS, so refused only once, maybe before the peer heard of it
     others = dict.fromkeys(OTHERS.keys() - {"added"}, 1)
-    assert {name: max(seen) for name, seen in levels.items()} == {"same": 0, **others}
+    assert {name: max(seen) for name, seen in levels.items()} == {"same": 0, "accepted": 0, **others}
     bridge.stop(signal.SIGTERM)
     for name in OTHERS:
         bridge.said(rf"{space}/{name} +0 passed, \d+ refused$")
         told = [line for line in bridge.lines if f"{space}/{name}: a peer" in line]  # Fast DDS writes there too
         assert len(told) == 1
         assert told[0].count("RIHS01_") == 2
-    bridge.said(rf"{space}/same +\d+ passed$")
+    for name in ("same", "accepted"):
+        bridge.said(rf"{space}/{name} +\d+ passed$")
+    assert len([line for line in bridge.lines if f"{space}/accepted: a peer has another" in line]) == 1
 
 
 @pytest.mark.parametrize("graph", [("jazzy", "dds"), ("kilted", "dds")], indirect=True, ids="-".join)
@@ -111,21 +118,23 @@ def test_where_ours_is_another(graph: Graph, space: str, tmp_path: Path, monkeyp
     monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)
     told: list[str] = []
     ours = dds.connect(Node("ours", graph.number, told.append, lambda: False))
-    definitions = {"same": "float64 x\nfloat64 y\nfloat64 z\n", **OTHERS}
+    definitions = {"same": "float64 x\nfloat64 y\nfloat64 z\n", "accepted": OTHERS["renamed"], **OTHERS}
     came: dict[str, list[Any]] = {name: [] for name in definitions}
     takers = {name: Taken(came[name].append) for name in definitions}
     peer = graph.peer()
     try:
         for name, text in definitions.items():
-            ours.subscribe(wire(tmp_path / name, f"{space}/{name}", text), takers[name])
+            there = replace(wire(tmp_path / name, f"{space}/{name}", text), accepts_other=name in ACCEPTS)
+            ours.subscribe(there, takers[name])
             peer.ask(do="advertise", topic=f"{space}/{name}", type="geometry_msgs/msg/Vector3")
         for name in definitions:
             assert peer.ask(do="connected", topic=f"{space}/{name}") == 1, name
             peer.ask(do="publish", topic=f"{space}/{name}", messages=[{"x": 1.5}] * 2)
-        wait_for(lambda: len(came["same"]) == 2, "what is the same")
+        wait_for(lambda: len(came["same"]) == len(came["accepted"]) == 2, "what is the same")
         wait_for(lambda: all(takers[name].told for name in OTHERS), "refusals", lambda: str(told))
     finally:
         ours.close()
-    assert [name for name in definitions if came[name]] == ["same"]
-    assert sorted(line.partition(":")[0] for line in told) == sorted(f"{space}/{name}" for name in OTHERS)
+    assert [name for name in definitions if came[name]] == ["same", "accepted"]
+    others = [name for name in definitions if name != "same"]
+    assert sorted(line.partition(":")[0] for line in told) == sorted(f"{space}/{name}" for name in others)
     assert all(line.count("RIHS01_") == 2 for line in told)

@@ -5,9 +5,12 @@ from __future__ import annotations
 import subprocess
 import sys
 
+import pytest
+
 from ..conftest import REPOSITORY
 
 
+@pytest.mark.slow
 def test_everybody_moves_within_1_3_seconds() -> None:
     """The best of three counts, where other tests take the processors."""
     command = [sys.executable, "-m", "tests.takeover", "--tries", "3"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import pickle
 import subprocess
@@ -10,6 +11,7 @@ from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from tests.softplc import kept
 from tests.softplc.plc import Plc
 from tests.softplc.translate import Translation, translate
 
@@ -39,6 +41,12 @@ class CompileError(Exception):
 
 def _library(made: Translation, folder: Path) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
+    library = folder / "plc.so"
+    library.with_suffix(".pickle").write_bytes(pickle.dumps((made.types, made.enumerations, len(made.units))))
+    name = f"plc-{kept.key(_maker(), *made.units)}"
+    if (compiled := kept.find(name)) is not None:
+        library.write_bytes(compiled)
+        return library
     jobs = [["gcc", "-std=gnu11", *_FLAGS, "-c", str(_HERE / "shim.c"), "-o", str(folder / "shim.o")]]
     for number, unit in enumerate(made.units):
         source = folder / f"unit{number}.cpp"
@@ -46,11 +54,18 @@ def _library(made: Translation, folder: Path) -> Path:
         jobs.append([*_CPP, *_FLAGS, "-c", str(source), "-o", str(source.with_suffix(".o"))])
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         list(pool.map(_run, jobs))
-    library = folder / "plc.so"
     _run(["g++", "-shared", "-Wl,-Bsymbolic", "-o", str(library), *(job[-1] for job in jobs), "-pthread", "-lrt"])
-    description = (made.types, made.enumerations, len(made.units))
-    library.with_suffix(".pickle").write_bytes(pickle.dumps(description))
+    kept.keep(name, library.read_bytes())
+    kept.tidy()
     return library
+
+
+@functools.cache
+def _maker() -> str:
+    """Who compiles, and what with: a program of another is made anew."""
+    compiler = subprocess.run([*_CPP, "--version"], capture_output=True, check=True).stdout
+    ours = sorted(path.read_bytes() for path in (*_HERE.glob("shim.*"), *_HERE.glob("*.hpp")))
+    return kept.key(compiler, *_CPP, *_FLAGS, *ours)
 
 
 def _run(command: list[str]) -> None:

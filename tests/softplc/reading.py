@@ -1,26 +1,30 @@
 """Turns Structured Text into blark's trees, one for each TYPE, VAR_GLOBAL, block, program and method.
 
 blark needs a quarter of a millisecond for each character (it is an Earley parser), so comments and idle blanks go
-first, names, strings and numbers are replaced by others of their kind, and what then is the same text is parsed once:
-a thousand generated Publishers differ in nothing else.
+first, names, strings and numbers are replaced by others of their kind, and what then is the same text is parsed once,
+also in the next run: a thousand generated Publishers differ in nothing else.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
+import importlib.metadata
 import multiprocessing
 import os
+import pickle
 import re
+import sys
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
-from pathlib import PurePath
+from pathlib import Path, PurePath
 from typing import Any
 
 import blark
 from blark import transform as b
 
+from tests.softplc import kept
 from tests.softplc.iec import ELEMENTARY
 
 
@@ -167,15 +171,26 @@ def _numbered(text: str) -> tuple[str, dict[str, str]]:
 
 def _parse_all(texts: Iterable[str]) -> dict[str, Any]:
     """Trees by text; many are shared among processes, which are spawned because a test runner has threads."""
-    texts = list(texts)
-    if sum(map(len, texts)) < 20_000:
-        return {text: _parse(text) for text in texts}
-    texts.sort(key=len, reverse=True)
-    with ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn")) as pool:
-        return dict(zip(texts, pool.map(_parse, texts, chunksize=4), strict=True))
+    names = {text: f"tree-{kept.key(_maker(), text)}" for text in texts}
+    found = {text: kept.find(name) for text, name in names.items()}
+    trees = {text: pickle.loads(data) for text, data in found.items() if data is not None}
+    new = sorted(names.keys() - trees.keys(), key=len, reverse=True)
+    if sum(map(len, new)) < 20_000:
+        made = dict(zip(new, map(_parse, new), strict=True))
+    else:
+        with ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn")) as pool:
+            made = dict(zip(new, pool.map(_parse, new, chunksize=4), strict=True))
+    for text, tree in made.items():
+        kept.keep(names[text], pickle.dumps(tree))
+    return trees | made
 
 
 @functools.cache
+def _maker() -> str:
+    """Who turns a text into a tree: a tree of another is made anew."""
+    return kept.key(importlib.metadata.version("blark"), sys.version, Path(__file__).read_bytes())
+
+
 def _parse(text: str) -> Any:
     """blark's tree, or what it says against the text."""
     result = blark.parse_source_code(text)

@@ -112,8 +112,10 @@ def _c(texts: Mapping[str, str]) -> None:
     with tempfile.TemporaryDirectory() as folder:
         put(texts, Path(folder))
         roots = sorted({path.partition("/")[0] for path in texts})
-        lines = "".join(f'#include "{path.partition("/")[2]}"\n' for path in texts)
+        names = [path.partition("/")[2] for path in texts]
         for standard in ("-xc -std=c11", "-xc++ -std=c++17"):
+            wanted = [name for name in names if name.endswith(".h") or standard.startswith("-xc++")]
+            lines = "".join(f'#include "{name}"\n' for name in wanted)
             command = [
                 "gcc",
                 *standard.split(),
@@ -155,13 +157,15 @@ C_WORDS = _words("""
 """C11 and C++17, and what gcc defines in its default mode."""
 
 _PYTHON = Language(python_tokens, _python, frozenset(keyword.kwlist))
+_C = Language(c_tokens, _c, C_WORDS)
 _ST = Language(st_tokens, keywords=ST_WORDS, ignores_case=True)
 _XML = Language(xml_tokens)
 _CONFIGURATION = Language(_hash)
 
 LANGUAGES = [
     ("*.py", _PYTHON),
-    ("*.h", Language(c_tokens, _c, C_WORDS)),
+    ("*.h", _C),
+    ("*.hpp", _C),
     ("*.st", _ST),
     ("plcopen/*.xml", Language(xml_tokens, keywords=ST_WORDS, ignores_case=True)),
     ("*.xml", _XML),

@@ -360,7 +360,7 @@ def _store_settings() -> Config:
         file = Path(folder, "shmgen.toml")
         file.write_text('[[topics]]\ntopic = "/pose"\ntype = "geometry_msgs/Pose"\n')
         loaded = config.load(file, "shmgen.toml", Report())
-    return Config(Path.cwd(), bounds=bounds, topics=loaded.topics, text=loaded.text)
+    return Config(Path.cwd(), bounds=bounds, topics=loaded.topics, document=loaded.document)
 
 
 def _store_layouts() -> Layouts:

@@ -236,6 +236,7 @@ SECTIONS = {
 }
 
 
+@pytest.mark.slow
 def test_the_structured_declarations_are_what_blark_reads(objects: dict[str, Any], files: dict[str, str]) -> None:
     for name, text in files.items():
         item = objects[name]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import json
 import os
 import subprocess
 import sys
@@ -13,6 +14,7 @@ import pytest
 from shmgen.targets.ros.package import default_name
 
 from ..conftest import REPOSITORY
+from ..definitions.test_idl import needs_rosidl
 from ..support.build import put
 from ..support.command import run
 
@@ -43,6 +45,49 @@ server = "plc"
     "msgs/cell_msgs/msg/Part.msg": "string<=8 name\n",
     "msgs/cell_msgs/srv/Start.srv": "bool go\n---\nbool ok\n",
 }
+
+_USES = {"topic": ("Level",), "service": ("Twin", "Empty", "Ask", "Tell"), "action": ("Move",)}
+HARD = {
+    "pyproject.toml": """[project]
+name = "cell"
+version = "1"
+
+[tool.shmgen]
+ros_package = "cell_bridge"
+path = ["msgs [old]"]
+messages = ["msgs [old]/cell_msgs/msg/Named.msg"]
+[tool.shmgen.bounds]
+"cell_msgs/Named.names" = 0x3
+[tool.shmgen.strings]
+"cell_msgs/Named.names" = 16
+"""
+    + "".join(
+        f'[[tool.shmgen.{use}s]]\n{use} = "/cell/{name}"\ntype = "cell_msgs/{name}"\n'
+        for use, names in _USES.items()
+        for name in names
+    )
+    + 'server = "ros"\n',
+    "msgs [old]/cell_msgs/msg/Named.msg": "string[] names\n",
+    "msgs [old]/cell_msgs/msg/Level.msg": "Named named\nfloat64 value\n",
+    "msgs [old]/cell_msgs/srv/Twin.srv": "bool ok\n---\nbool ok\n",
+    "msgs [old]/cell_msgs/srv/Empty.srv": "---\n",
+    "msgs [old]/cell_msgs/srv/Ask.srv": "# nothing\n\n---\nbool ok\n",
+    "msgs [old]/cell_msgs/srv/Tell.srv": "bool go\n---\n",
+    "msgs [old]/cell_msgs/action/Move.action": "---\nint8 a\n---\nint8 a\n",
+}
+"""Settings in pyproject.toml, a folder that looks like TOML, a message by its file, parts that are empty or equal."""
+IDL = {
+    "msgs [old]/cell_msgs/msg/Level.idl": """module cell_msgs { module msg {
+  struct Level { cell_msgs::msg::Named named; @unit (value="m") double value; };
+}; };
+""",
+    "msgs [old]/cell_msgs/srv/Twin.idl": """module cell_msgs { module srv {
+  struct Twin_Request { boolean ok; };
+  struct Twin_Response { boolean ok; };
+}; };
+""",
+}
+"""The same, in the place of two of them."""
 
 
 @pytest.fixture
@@ -142,6 +187,32 @@ def test_the_configuration_in_the_package_gives_the_same_bytes(ros: str, project
         here, there = run(["show", message], project), run(["show", message, "-c", str(config)], tmp_path)
         assert (here.code, there.code) == (0, 0), here.stderr + there.stderr
         assert here.stdout.splitlines()[0] == there.stdout.splitlines()[0]
+
+
+@pytest.mark.parametrize("idl", [False, pytest.param(True, marks=needs_rosidl)], ids=["msg", "idl"])
+def test_nothing_of_a_project_is_lost_on_the_way(idl: bool, tmp_path: Path) -> None:
+    files = {path: text for path, text in HARD.items() if not idl or str(Path(path).with_suffix(".idl")) not in IDL}
+    put({**files, **(IDL if idl else {})}, tmp_path)
+    result = run(["generate", "-q", "-t", "ros1", "-t", "ros2"], tmp_path)
+    assert result.code == 0, result.stderr
+    for ros in ("ros1", "ros2"):
+        config = tmp_path / "generated" / ros / "cell_bridge" / "config"
+        copies = {path.name for path in (config / "msgs").rglob("*.*")}
+        assert copies == {Path(path).name for path in (*files, *(IDL if idl else ())) if path.startswith("msgs")}
+        for name in (
+            "Level",
+            "Twin_Request",
+            "Twin_Response",
+            "Empty_Reply",
+            "Ask_Reply",
+            "Tell_Request",
+            "Move_Outcome",
+        ):
+            words = ["show", "--json", f"cell_msgs/{name}"]
+            here, there = run(words, tmp_path), run([*words, "-c", str(config / "shmgen.toml")], tmp_path)
+            assert there.code == 0, there.stderr
+            ours, copied = (json.loads(it.stdout) for it in (here, there))
+            assert [{**entry, "origin": ""} for entry in ours] == [{**entry, "origin": ""} for entry in copied]
 
 
 def test_they_are_written_only_where_they_are_asked_for(project: Path) -> None:

@@ -63,6 +63,7 @@ class Wire:
     latch: bool = False
     depth: int = 1
     room: int = 0
+    accepts_other: bool = False
 
     @property
     def type(self) -> TypeName:

@@ -71,7 +71,7 @@ class Graph:
         """Hands over in a thread of the topic's own. Raises as publisher()."""
         made = codec(wire.messages)
         name = topic_name(wire.topic)
-        identity = Identity(wire.topic, wire.type, made.type_hash, self._ends.tell)
+        identity = Identity(wire.topic, wire.type, made.type_hash, self._ends.tell, wire.accepts_other)
         peers = Peers(identity, taker.refuse)
         reader = self._ends.reader(name, structure(wire.messages), _quality(wire, made), peers.matched)
 

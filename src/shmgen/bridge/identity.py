@@ -17,7 +17,10 @@ _NONE = "RIHS01_" + "0" * 64
 class Identity:
     """Of one topic, or of one half of a service; its methods may be called from any thread."""
 
-    def __init__(self, where: str, type_: TypeName, ours: str, tell: Callable[[str], None]) -> None:
+    def __init__(
+        self, where: str, type_: TypeName, ours: str, tell: Callable[[str], None], accepts_other: bool = False
+    ) -> None:
+        self._accepts_other = accepts_other
         self._where = where
         self._type = type_
         self._ours = ours
@@ -33,6 +36,9 @@ class Identity:
             self._once("", f"a peer announces no type hash; its {self._type.short} is taken for ours")
             return ""
         why = f"a peer has another {self._type.short}: its type hash is {announced}, ours {self._ours}"
+        if self._accepts_other:
+            self._once(announced, f'{why}; it is taken for ours, for other_definition = "accept"')
+            return ""
         self._once(announced, f"{why}; nothing passes between us and it")
         return why
 

@@ -77,7 +77,9 @@ def routes(session: Session) -> list[Route]:
     for topic, typed in zip(config.topics, found, strict=True):
         messages = closure(schema, typed.type)
         room = layouts[typed.type].size
-        wire = Wire(topic.topic, messages, topic.carried.qos, topic.carried.latch, topic.depth, room)
+        carried = topic.carried
+        accepts = carried.other_definition == "accept"
+        wire = Wire(topic.topic, messages, carried.qos, carried.latch, topic.depth, room, accepts)
         made.append(Route(topic, wire, kinds[str(typed.type)], layouts, _stamp(messages[-1])))
     return made
 

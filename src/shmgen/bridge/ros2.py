@@ -71,7 +71,7 @@ class Ros2:
         subscription = self._node.create_subscription(
             kind, wire.topic, _never, _qos(wire, wire.queue), callback_group=Ours(), raw=True
         )
-        identity = Identity(wire.topic, wire.type, made.type_hash, self._tell)
+        identity = Identity(wire.topic, wire.type, made.type_hash, self._tell, wire.accepts_other)
         inlet = Inlet(subscription, made, taker, identity, lambda: self._hashes(subscription.topic_name))
         self._wait(subscription, "subscription", inlet.take, wire.topic)
         return made.new

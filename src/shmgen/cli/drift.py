@@ -133,14 +133,26 @@ def diff(old: str, new: str, output: Path, form: str, fail_on: str) -> None:
 @click.command()
 @click.option("--hook", is_flag=True, help="Add .pre-commit-config.yaml: a commit that has drifted is stopped.")
 @click.option("--ci", is_flag=True, help="Add .github/workflows/shmgen.yml: the same for a merge.")
-def init(hook: bool, ci: bool) -> None:
+@click.option(
+    "--from",
+    "wanted",
+    metavar="REQUIREMENT",
+    help="What pip installs in the CI, such as git+https://HOST/shmgen@v0.1.0. Default: where this shmgen is from.",
+)
+def init(hook: bool, ci: bool, wanted: str | None) -> None:
     """Write shmgen.toml for the message packages in this folder. Asks nothing, touches nothing that exists."""
-    from shmgen.cli import start
+    import shlex
 
+    from shmgen.cli import origin, start
+
+    requirement = wanted or origin.requirement()
+    if ci and requirement is None:
+        said = "--ci: this shmgen was installed from a folder, which a CI machine does not have"
+        raise click.UsageError(f"{said}; add --from git+https://HOST/shmgen, or whatever pip is to install there")
     begun = start.begin(Path.cwd())
     files = {"shmgen.toml": begun.configuration} if begun.configuration else {}
     files |= {start.HOOK_FILE: start.HOOK} if hook else {}
-    files |= {start.CI_FILE: start.CI} if ci else {}
+    files |= {start.CI_FILE: start.CI.format(requirement=shlex.quote(str(requirement)))} if ci else {}
     for path, text in files.items():
         file = Path(path)
         if file.exists():

@@ -17,12 +17,12 @@ from shmgen.diagnostics import Diagnostic, Rejected, Span
 
 def main() -> None:
     """The `shmgen` command. Exit 0 clean, 1 diagnostics, 2 wrong usage."""
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        # A sign in a comment that the terminal does not know is no reason to stop.
-        sys.stdout.reconfigure(errors="replace")
     color = False if os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb" else None
     with click.Context(cli, color=color).scope():  # for what is told once the command has ended
         try:
+            if isinstance(sys.stdout, io.TextIOWrapper):
+                # A sign in a comment that the terminal does not know is no reason to stop. This flushes: see _full.
+                sys.stdout.reconfigure(errors="replace")
             cli(standalone_mode=True, color=color)
         except Rejected as rejected:
             options.complain(rejected.diagnostics)

@@ -38,7 +38,7 @@ jobs:
       - uses: actions/setup-python@v5
         with:
           python-version: "3.12"
-      - run: pip install shmgen
+      - run: pip install {requirement}
       - run: shmgen check --format github
 """
 

@@ -13,7 +13,7 @@ cmake_minimum_required(VERSION 3.16)
 find_program(SHMGEN_EXECUTABLE shmgen HINTS "${CMAKE_CURRENT_LIST_DIR}/../../../bin")
 if(NOT SHMGEN_EXECUTABLE)
   set(shmgen_FOUND FALSE)
-  set(shmgen_NOT_FOUND_MESSAGE "no program shmgen in PATH: pip install shmgen")
+  set(shmgen_NOT_FOUND_MESSAGE "no program shmgen in PATH: install it with pip, and start from the environment that has it")
   return()
 endif()
 

@@ -8,7 +8,7 @@ from shmgen.config.document import Reader
 from shmgen.records import dataclass
 
 BACKENDS = ("auto", "ros1", "ros2", "dds")
-CARRYING = ("rate", "qos", "latch", "stamp", "overflow", "stale")
+CARRYING = ("rate", "qos", "latch", "stamp", "overflow", "stale", "other_definition")
 """Keys of `[[topics]]` that only the bridge reads; none of them changes a byte of a region."""
 MAX_RATE = 10_000.0
 MAX_SECONDS = 86_400.0
@@ -26,6 +26,7 @@ class Carrying:
     stamp: Literal["now", "keep"] = "now"
     overflow: Literal["reject", "truncate"] = "reject"
     stale: float | None = None
+    other_definition: Literal["refuse", "accept"] = "refuse"
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +41,7 @@ class Bridge:
 
 def carrying(read: Reader, section: str, entry: dict[str, Any], direction: str) -> Carrying:
     """Of one `[[topics]]` entry. Reports SHM502."""
-    for key, towards in (("stamp", "from_plc"), ("overflow", "to_plc")):
+    for key, towards in (("stamp", "from_plc"), ("overflow", "to_plc"), ("other_definition", "to_plc")):
         if key in entry and direction != towards:
             read.wrong(section, key, f'{key} is of topics with direction = "{towards}"')
     return Carrying(
@@ -50,6 +51,7 @@ def carrying(read: Reader, section: str, entry: dict[str, Any], direction: str) 
         stamp=read.choice(section, "stamp", entry, ("now", "keep"), "now"),  # type: ignore[arg-type]
         overflow=read.choice(section, "overflow", entry, ("reject", "truncate"), "reject"),  # type: ignore[arg-type]
         stale=read.real(section, "stale", entry, None, 0.01, MAX_SECONDS, "seconds"),
+        other_definition=read.choice(section, "other_definition", entry, ("refuse", "accept"), "refuse"),  # type: ignore[arg-type]
     )
 
 

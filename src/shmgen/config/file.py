@@ -31,7 +31,7 @@ TASK_INTERVAL = 10
 class Config:
     """The user's words; `root` is the folder that relative paths start from.
 
-    `text` is the file as it is written. `places` says where each of `messages`, and of `types_used`, is written.
+    `document` is what was read. `places` says where each of `messages`, and of `types_used`, is written.
     `skip_unbounded` is said on the command line only: messages without a bound are left out.
     """
 
@@ -43,7 +43,7 @@ class Config:
     package: str = "shm_msgs"
     distribution: str = ""
     ros_package: str = ""
-    text: str = field(default="", compare=False, repr=False)
+    document: Mapping[str, Any] = field(default_factory=dict, compare=False, repr=False)
     max_region: int = MAX_REGION
     task_interval: int = TASK_INTERVAL
     skip_unbounded: bool = False
@@ -113,7 +113,7 @@ class _Sections:
             package=self.package(data),
             distribution=self.distribution(data),
             ros_package=self.ros_package(data),
-            text=self.read.text,
+            document=data,
             max_region=self.read.number("", "max_region", data, MAX_REGION),
             task_interval=self.read.number("", "task_interval", data, TASK_INTERVAL),
             types=TypeOptions(

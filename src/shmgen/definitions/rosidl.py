@@ -49,13 +49,15 @@ def words(tree: Any) -> list[Any]:
 
 def _parser(text: Text) -> Any:
     try:
-        if find_spec("rosidl_parser") is None and (spec := PathFinder.find_spec("rosidl_parser", [DEBIAN])):
+        here = find_spec("rosidl_parser")
+        # The wheel, on a Python that puts its folder where it does not look, leaves an empty package behind.
+        if (here is None or not here.origin) and (spec := PathFinder.find_spec("rosidl_parser", [DEBIAN])):
             assert spec.loader
             sys.modules["rosidl_parser"] = module_from_spec(spec)
             spec.loader.exec_module(sys.modules["rosidl_parser"])
         return import_module("rosidl_parser.parser")
     except ImportError as error:
-        hint = "source a ROS 2, or type `apt install python3-rosidl`"
+        hint = "source a ROS 2, type `pip install ros-rosidl-parser`, or `apt install python3-rosidl`"
         if error.name == "lark":
             hint = "rosidl_parser needs it: type `pip install lark`"
         hint += "; a .msg, .srv or .action beside the .idl would be read instead"

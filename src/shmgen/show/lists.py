@@ -7,7 +7,7 @@ import json
 from shmgen.layout import CLOCK
 from shmgen.model import Clock, Scalar, TypeOptions
 from shmgen.pipeline import Item
-from shmgen.targets.c.target import c_element
+from shmgen.targets.c.text import element as c_element
 from shmgen.targets.st.names import iec_element
 from shmgen.wording import counted
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import field
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from shmgen.diagnostics import Report
 from shmgen.model import Action, Layouts, Output, Regions, Service, Topic
@@ -24,7 +24,7 @@ class Options:
     """What of shmgen.toml shapes a target's files beside the layouts.
 
     `distribution` is `robot-shm 1.2.0` or nothing; `task_interval` is in milliseconds; `node` is the bridge's name in
-    the graph; `configuration` is the text of shmgen.toml as it is written.
+    the graph; `configuration` is what shmgen.toml says, as it was read.
     """
 
     regions: Regions = field(default_factory=Regions)
@@ -32,7 +32,7 @@ class Options:
     task_interval: int = 10
     ros_package: str = ""
     node: str = "shmgen_bridge"
-    configuration: str = ""
+    configuration: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +112,12 @@ def _c() -> Room:
     return target
 
 
+def _cpp() -> Room:
+    from shmgen.targets.cpp import target
+
+    return target
+
+
 def _ros1() -> Room:
     from shmgen.targets.ros import ros1
 
@@ -129,6 +135,7 @@ TARGETS = (
     Target("st", _st),
     Target("plcopen", _plcopen, after="st"),
     Target("c", _c),
+    Target("cpp", _cpp, opt_in=True),
     Target("ros1", _ros1, opt_in=True),
     Target("ros2", _ros2, opt_in=True),
 )

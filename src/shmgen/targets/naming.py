@@ -18,13 +18,15 @@ from shmgen.records import dataclass
 class Made(NamedTuple):
     """What a message becomes in a target: `what` it is ("class", "file"), its name, and the space it must be alone in.
 
-    `of` is what it stands for where that is not the one message, such as its package.
+    `of` is what it stands for where that is not the one message, such as its package. `follows`: it is made of another
+    of the message's names, and where those of two messages meet nobody wants to hear of it as well.
     """
 
     what: str
     name: str
     space: str = ""
     of: str = ""
+    follows: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +85,7 @@ def _check_messages(layouts: Layouts, package: str, names: Names, way_out: str, 
     all_made = [(layout, made) for layout in layouts.values() for made in names.made(layout, package)]
     kinds = list(dict.fromkeys(made.what for _, made in all_made))
     seen: dict[tuple[str, str, str], tuple[Layout, Made]] = {}
+    told: set[tuple[TypeName, TypeName]] = set()
     for layout, made in sorted(all_made, key=lambda found: kinds.index(found[1].what)):
         place, name = layout.message.span, layout.name
         if names.fold(made.name) in own:
@@ -90,7 +93,10 @@ def _check_messages(layouts: Layouts, package: str, names: Names, way_out: str, 
             report.error("SHM204", fault, place, hint="rename the message")
         space = names.fold(made.space), made.what, names.fold(made.name)
         other, first = seen.setdefault(space, (layout, made))
+        if made.follows and (other.name, name) in told:
+            continue
         if (first.of or str(other.name)) != (made.of or str(name)):
+            told.add((other.name, name))
             case = "" if made.name == first.name else ", which ignores case"
             fault = f"{other.name} and {name} both become the {made.what} `{made.name}` in {names.title}{case}"
             report.error("SHM203", fault, place, hint=way_out)

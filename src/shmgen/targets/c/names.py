@@ -32,12 +32,30 @@ def header(name: TypeName, package: str) -> str:
     return f"{package}/{name.package}/{name.kind}/{file_stem(name)}.h"
 
 
+def ends_header(name: TypeName, package: str) -> str:
+    """The file of its publisher and subscriber: `shm_msgs/geometry_msgs/msg/pose_shm.h`."""
+    return header(name, package).removesuffix(".h") + "_shm.h"
+
+
 def _made(layout: Layout, package: str) -> Iterator[Made]:
     """Structures and macros share C's one space for names."""
     yield Made("name", struct_name(layout.name))
     for constant in layout.message.constants:
         yield Made("name", macro(layout.name, constant.name))
+    for ending in _ENDS if layout.requested else ():
+        yield Made("name", struct_name(layout.name) + ending, follows=True)
     yield Made("file", header(layout.name, package))
+    yield Made("file", ends_header(layout.name, package), follows=True)
+
+
+_PUBLISHER = ("", "_open", "_start", "_send", "_publish", "_try_publish", "_close")
+_SUBSCRIBER = ("", "_open", "_start", "_read", "_try_read", "_read_next", "_wait", "_close")
+_ENDS = (
+    "_type",
+    *(f"_publisher{call}" for call in _PUBLISHER),
+    *(f"_subscriber{call}" for call in _SUBSCRIBER),
+)
+"""What stands behind the name of a structure in those of its type, publisher and subscriber and of their calls."""
 
 
 C_RESERVED = words("""

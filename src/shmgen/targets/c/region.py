@@ -40,14 +40,15 @@ def plan(
     header: Sequence[Word] = abi.HEADER,
     slot: Sequence[Word] = abi.SLOT,
     numbers: Sequence[Number] = abi.NUMBERS,
+    key: str = "c",
 ) -> Output:
-    """`c/<package>/shmgen.h`."""
+    """`c/<package>/shmgen.h`, or the same for another target's key."""
     view = Region(
         str(abi.ABI),
         _columns([(f"#define SHMGEN_{number.name} {_value(number.value)}", number.meaning) for number in numbers]),
         (_struct("shmgen_region", header, abi.HEADER_SIZE), _struct("shmgen_slot", slot, abi.SLOT_HEADER)),
     )
-    return Output(f"c/{package}/shmgen.h", "c/shmgen.h.j2", view)
+    return Output(f"{key}/{package}/shmgen.h", "c/shmgen.h.j2", view)
 
 
 def _struct(name: str, words: Sequence[Word], size: int) -> Struct:

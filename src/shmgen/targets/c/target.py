@@ -8,33 +8,25 @@ from typing import NamedTuple
 from shmgen.diagnostics import Report
 from shmgen.model import (
     Clock,
-    Constant,
-    Element,
     Layout,
     Layouts,
     Output,
     Ref,
     Role,
-    Scalar,
     Slot,
     String,
-    TypeOptions,
     assert_never,
     ros_type,
 )
 from shmgen.targets import Job
-from shmgen.targets.c import region
+from shmgen.targets.c import ends, region
 from shmgen.targets.c.names import NAMES as NAMES
 from shmgen.targets.c.names import c_member, header, macro, struct_name
+from shmgen.targets.c.text import element as c_element
+from shmgen.targets.c.text import in_comment, literal
 from shmgen.targets.counts import bound, counts, holds_counts
 from shmgen.wording import counted
 
-_TYPES = {
-    Scalar.BOOL: "uint8_t",
-    Scalar.FLOAT32: "float",
-    Scalar.FLOAT64: "double",
-}
-_CLOCKS = {"TIME": "uint32_t", "LTIME": "uint64_t", "struct": "shmgen_seconds"}
 _CLOCK_UNITS = {"TIME": "ms", "LTIME": "ns", "struct": "s and ns"}
 
 
@@ -72,20 +64,22 @@ class Header(NamedTuple):
 
 
 def plan(job: Job, report: Report) -> Iterator[Output]:
-    """`c/<package>/<ros package>/msg/pose.h` for each message, and `c/<package>/shmgen.h`."""
+    """`c/<package>/<ros package>/msg/pose.h` and `pose_shm.h` for each message, and what all share."""
     yield region.plan(job.package)
+    yield from ends.runtime(f"c/{job.package}")
     for name, layout in job.layouts.items():
         yield Output(f"c/{header(name, job.package)}", "c/message.h.j2", _header(layout, job.layouts, job.package))
+        yield ends.plan(layout, job.layouts, job.package, job.options.regions)
 
 
 def _header(layout: Layout, layouts: Layouts, package: str) -> Header:
     struct = struct_name(layout.name)
     return Header(
         title=str(layout.name),
-        origin=_in_comment(layout.message.origin),
+        origin=in_comment(layout.message.origin),
         guard=header(layout.name, package).upper().replace("/", "_").replace(".", "_"),
         includes=(f"{package}/shmgen.h", *sorted(header(name, package) for name in layout.dependencies)),
-        doc=tuple(_in_comment(layout.message.doc).splitlines()),
+        doc=tuple(in_comment(layout.message.doc).splitlines()),
         struct=struct,
         size=str(layout.size),
         bytes=counted(layout.size, "byte"),
@@ -93,8 +87,8 @@ def _header(layout: Layout, layouts: Layouts, package: str) -> Header:
         defines=tuple(
             Define(
                 macro(layout.name, constant.name),
-                _literal(constant, layout.options),
-                _in_comment(constant.doc.partition("\n")[0]),
+                literal(constant, layout.options),
+                in_comment(constant.doc.partition("\n")[0]),
             )
             for constant in layout.message.constants
         ),
@@ -128,21 +122,6 @@ def _valid(layout: Layout, layouts: Layouts) -> Iterator[str]:
             yield from (f"    if (!{check}(&{member}[element]))", "        return 0;")
 
 
-def c_element(type_: Element, options: TypeOptions) -> str:
-    """The C type of one element; a string's is that of a character."""
-    match type_:
-        case Scalar():
-            return _TYPES.get(type_, f"{type_.value}_t")
-        case Clock():
-            return _CLOCKS[options.time]
-        case String(_, wide):
-            return "uint16_t" if wide else "char"
-        case Ref(name):
-            return struct_name(name)
-        case _:
-            assert_never(type_)
-
-
 def _comment(slot: Slot, layout: Layout) -> str:
     """Offset, what it is in ROS, unit, and the first line of its comment."""
     match slot.role:
@@ -159,50 +138,6 @@ def _comment(slot: Slot, layout: Layout) -> str:
                 unit = f" [{_CLOCK_UNITS[layout.options.time]}]"
             doc = slot.field.doc.partition("\n")[0]
             text = f"{slot.offset}: {ros_type(slot.field.type)}{unit}" + (f", {doc}" if doc else "")
-            return _in_comment(text)
+            return in_comment(text)
         case _:
             assert_never(slot.role)
-
-
-def _in_comment(text: str) -> str:
-    """Text that can neither end the comment it stands in nor begin another; `??/` is a backslash to C11."""
-    printable = "".join(char if char == "\n" or char.isprintable() else " " for char in text)
-    return printable.replace("??/", "? ?/").replace("*/", "* /").replace("/*", "/ *").rstrip()
-
-
-def _literal(constant: Constant, options: TypeOptions) -> str:
-    value = constant.value
-    match constant.type:
-        case String(_, wide):
-            return _quoted_wide(str(value)) if wide else _quoted(str(value).encode(options.encoding))
-        case Scalar.FLOAT32 | Scalar.FLOAT64:
-            number = float(value)
-            text = {"inf": "1.0 / 0.0", "-inf": "-1.0 / 0.0", "nan": "0.0 / 0.0"}.get(repr(number), repr(number))
-            return f"(({_TYPES[constant.type]})({text}))"
-        case Scalar() as scalar:
-            number = int(value)
-            suffix = "ULL" if scalar is Scalar.UINT64 else "LL" if scalar.size > 4 or number < -(2**31) + 1 else ""
-            text = f"{number}{suffix}" if number > -(2**63) else f"{number + 1}{suffix} - 1"
-            return f"(({_TYPES.get(scalar, f'{scalar.value}_t')})({text}))"
-        case _:
-            assert_never(constant.type)
-
-
-_PLAIN = set(range(0x20, 0x7F)) - set(b'"\\?')
-"""`?` is none, against trigraphs."""
-
-
-def _quoted(text: bytes) -> str:
-    """A C string literal: all but plain ASCII as three octal digits."""
-    return '"' + "".join(chr(byte) if byte in _PLAIN else f"\\{byte:03o}" for byte in text) + '"'
-
-
-def _quoted_wide(text: str) -> str:
-    """A char16_t literal. Octal below U+00A0, where the standards have no universal character names."""
-    return 'u"' + "".join(_wide(ord(char)) for char in text) + '"'
-
-
-def _wide(code: int) -> str:
-    if code in _PLAIN:
-        return chr(code)
-    return f"\\{code:03o}" if code < 0xA0 else f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"

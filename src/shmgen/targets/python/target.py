@@ -60,7 +60,7 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
     layouts = job.layouts
     regions = _spelled(job.options.regions)
     root = f"python/{job.package}"
-    yield Output(f"{root}/__init__.py", "python/package.py.j2", Package("Messages in shared memory", (), ()))
+    yield Output(f"{root}/__init__.py", "python/root.py.j2", Package("Messages in shared memory", (), ()))
     yield Output(f"{root}/py.typed", "python/py.typed.j2", None)
     for ros_package in dict.fromkeys(name.package for name in sorted(layouts)):
         title = f"Messages of {ros_package} in shared memory"

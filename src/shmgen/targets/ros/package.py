@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
+from shmgen import toml
 from shmgen.diagnostics import Report, Span
 from shmgen.model import Layouts, Message, Output
 from shmgen.targets import Job
@@ -31,9 +32,9 @@ class Text(NamedTuple):
 def plan(ros: str, files: Sequence[tuple[str, str]], job: Job, report: Report) -> Iterator[Output]:
     """`<ros>/<name>/` with its `files`, each a path and a template. Reports SHM504 where there is nothing to carry.
 
-    The text of shmgen.toml comes along; its `path` becomes a folder of the package, which gets the definitions.
+    What the bridge needs of shmgen.toml comes along; `path` becomes a folder of the package, with the definitions.
     """
-    carried = {topic.type.package for topic in job.topics} | {service.type.package for service in job.services}
+    carried = {used.type.package for used in job.uses}
     if not carried:
         hint = "list [[topics]] or [[services]] in shmgen.toml"
         report.error("SHM504", f"the target {ros} has nothing to carry", Span("shmgen.toml"), hint=hint)
@@ -50,8 +51,9 @@ def plan(ros: str, files: Sequence[tuple[str, str]], job: Job, report: Report) -
     for file, template in files:
         yield Output(f"{root}/{file.format(package.name)}", f"ros/{template}", package)
     definitions = dict(_definitions(job.layouts))
-    configuration = _relocated(options.configuration, bool(definitions))
-    yield Output(f"{root}/config/shmgen.toml", "ros/shmgen.toml.j2", Text(configuration))
+    said = {key: value for key, value in options.configuration.items() if key not in _ELSEWHERE}
+    configuration = toml.dumps({"path": ["msgs"], **said} if definitions else said)
+    yield Output(f"{root}/config/shmgen.toml", "ros/shmgen.toml.j2", Text(configuration.rstrip("\n")))
     for path, text in definitions.items():
         yield Output(f"{root}/config/msgs/{path}", "ros/text.j2", Text(text.rstrip("\n")))
 
@@ -62,14 +64,8 @@ def default_name(package: str) -> str:
     return "_".join([*words, "bridge"])
 
 
-_PATH = re.compile(r"^path\s*=\s*\[[^\]]*\].*\n?", re.MULTILINE)
-
-
-def _relocated(configuration: str, has_definitions: bool) -> str:
-    """The same, but that `path` is where the package has the definitions."""
-    top, table, rest = re.match(r"(?s)(.*?)(^\[|\Z)(.*)", configuration, re.MULTILINE).groups()  # type: ignore[union-attr]
-    line = 'path = ["msgs"]  # the definitions, copied beside this file\n' if has_definitions else ""
-    return (line + _PATH.sub("", top) + table + rest).rstrip("\n")
+_ELSEWHERE = ("path", "messages", "targets")
+"""Folders and files of the project, and what only `generate` asks for."""
 
 
 def _definitions(layouts: Layouts) -> Iterator[tuple[str, str]]:
@@ -81,6 +77,10 @@ def _definitions(layouts: Layouts) -> Iterator[tuple[str, str]]:
                 bare = name.name.removesuffix(part)
                 found.setdefault((name.package, name.kind, bare), {})[part] = layout.message
     for (package, kind, bare), parts in sorted(found.items()):
-        if len(parts) == len(_PARTS[kind]):
-            texts = dict.fromkeys(parts[part].text.rstrip("\n") for part in _PARTS[kind])
-            yield f"{package}/{kind}/{bare}.{kind}", "\n---\n".join(texts) + "\n"
+        if parts.keys() != set(_PARTS[kind]):
+            continue
+        first, *others = (parts[part] for part in _PARTS[kind])
+        if first.span.path.endswith(".idl"):  # each part has the text of the whole file
+            yield f"{package}/{kind}/{bare}.idl", first.text
+        else:
+            yield f"{package}/{kind}/{bare}.{kind}", "\n---\n".join(part.text.rstrip("\n") for part in (first, *others))

@@ -1,0 +1,93 @@
+"""What stands for the PLC of one machine: says its state, serves a call and makes calls.
+
+    python plc.py a b RATE
+
+Each line on standard input is answered with what it has seen; `new` begins a new list of times.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import threading
+import time
+
+from shm_msgs.geometry_msgs.msg import Point, PointPublisher, PointSubscriber
+from shm_msgs.std_srvs.srv import Trigger_Request, Trigger_Response, TriggerClient, TriggerServer
+
+from shmgen.runtime import ShmError
+
+PAUSE = 0.02
+"""Seconds between two calls."""
+LATE = 0.5
+"""Seconds: tTimeout of the PLC's block."""
+DEPTH = 255
+
+
+class Plc:
+    """One thread for each thing that a program would do in its cycle."""
+
+    def __init__(self, me: str, other: str, rate: float) -> None:
+        self.me, self.other, self.rate = me, other, rate
+        self.sent = self.last = self.gaps = 0
+        self.late: list[float] = []
+        self.calls: list[float] = []
+        self.failed = 0
+        self.stale_since = 0.0
+        for work in (self.speak, self.hear, self.serve, self.call):
+            threading.Thread(target=work, daemon=True).start()
+
+    def speak(self) -> None:
+        with PointPublisher(f"/{self.me}/state", depth=DEPTH) as publisher:
+            begun = time.monotonic()
+            while True:
+                self.sent += 1
+                publisher.publish(Point(x=self.sent, y=time.monotonic()))
+                time.sleep(max(0.0, begun + self.sent / self.rate - time.monotonic()))
+
+    def hear(self) -> None:
+        with PointSubscriber(f"/{self.other}/state", depth=DEPTH) as self.reader:
+            while True:
+                self.reader.ready(0.01)
+                for state in self.reader.read_all():
+                    self.gaps += max(0, int(state.x) - self.last - 1) if self.last else 0
+                    self.last = int(state.x)
+                    self.late.append(time.monotonic() - state.y)
+                stale = self.reader.is_stale(LATE)
+                self.stale_since = (self.stale_since or time.monotonic()) if stale else 0.0
+
+    def serve(self) -> None:
+        with TriggerServer(f"/{self.me}/stop") as server:
+            while True:
+                server.serve(lambda request: Trigger_Response(success=True), timeout=1)
+
+    def call(self) -> None:
+        with TriggerClient(f"/{self.other}/stop") as client:
+            while True:
+                begun = time.monotonic()
+                try:
+                    client.call(Trigger_Request(), timeout=2)
+                    self.calls.append(time.monotonic() - begun)
+                except ShmError:
+                    self.failed += 1
+                time.sleep(PAUSE)
+
+    def seen(self, new: bool) -> dict[str, object]:
+        """`gaps` are numbers that never came, `missed` those of them that this reader has counted as such."""
+        said = {"late": self.late, "calls": self.calls, "failed": self.failed, "stale_since": self.stale_since}
+        said |= {"gaps": self.gaps, "missed": self.reader.missed, "last": self.last}
+        if new:
+            self.late, self.calls = [], []
+        return said
+
+
+def main(me: str, other: str, rate: str) -> None:
+    """Until standard input ends."""
+    plc = Plc(me, other, float(rate))
+    print("ready", flush=True)
+    for line in sys.stdin:
+        print(json.dumps(plc.seen(line == "new\n")), flush=True)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,154 @@
+"""Turns the slots of a layout into members of a C++ class that lie where the slots are, and values into C++."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from shmgen.model import (
+    Clock,
+    Constant,
+    Default,
+    Element,
+    Layout,
+    Layouts,
+    Ref,
+    Role,
+    Scalar,
+    Slot,
+    String,
+    TypeOptions,
+    Value,
+    assert_never,
+    ros_type,
+)
+from shmgen.targets.c.ends import limited
+from shmgen.targets.c.text import in_comment, quoted, quoted_wide
+from shmgen.targets.counts import bound, counts
+from shmgen.targets.cpp.names import class_name, cpp_name, qualified
+
+_TYPES = {Scalar.BOOL: "::shmgen::flag", Scalar.FLOAT32: "float", Scalar.FLOAT64: "double"}
+_CLOCKS = {"TIME": "::shmgen::clock_ms", "LTIME": "::shmgen::clock_ns", "struct": "::shmgen::clock_pair"}
+_CUT = {"utf-8": "cut_utf8", "latin-1": "cut_latin1"}
+
+
+class Member(NamedTuple):
+    """`declaration` with its comment; `offset` and `size` in bytes are asserted."""
+
+    declaration: str
+    name: str
+    offset: str
+    size: str
+    comment: str
+
+
+def members(layout: Layout, package: str) -> Iterator[Member]:
+    """In their order; a sequence is one member, with its count and what lies between."""
+    counted = counts(layout)
+    before: list[Slot] = []
+    for slot in layout.slots:
+        if slot.role is Role.COUNT or before:
+            before.append(slot)
+        if slot.role is Role.COUNT or (before and slot.role is not Role.DATA):
+            continue
+        start = before[0] if before else slot
+        before = []
+        element = element_of(slot.type, layout.options, package)
+        size = slot.offset + slot.size - start.offset
+        comment = in_comment(_comment(slot))
+        if slot.name in counted:
+            gap = slot.offset - start.offset - 4
+            most = bound(counted[slot.name])
+            line = f"::shmgen::sequence<{element}, {most}, {gap}, {class_name(layout.name)}>"
+            aligned = ""
+        else:
+            line = element if slot.count is None else f"::std::array<{element}, {slot.count}>"
+            aligned = f"alignas({slot.align}) " if slot.align > 1 and slot.role is Role.DATA else ""
+        declared = f"{aligned}{line} {cpp_name(slot.name)}{{{_initial(slot, layout.options)}}};"
+        if slot.role is Role.PADDING:
+            declared = f"::std::array<::std::uint8_t, {slot.size}> {cpp_name(slot.name)}{{}};"
+        yield Member(declared, cpp_name(slot.name), str(start.offset), str(size), f"{start.offset}{comment}")
+
+
+def misfits(layout: Layout, layouts: Layouts) -> Iterator[str]:
+    """Statements that return for the first field that does not fit; of a message that was read the counts matter."""
+    for slot in layout.slots:
+        if slot.role is Role.DATA and (slot.name in counts(layout) or limited(slot, layouts)):
+            check = f"::shmgen::misfit<Texts>(message.{cpp_name(slot.name)}, path)"
+            yield f"if (::shmgen::Status status = {check}; status != SHMGEN_OK)"
+            yield f"    return shmgen_at(&path, {quoted(slot.name.encode())}, status);"
+
+
+def element_of(type_: Element, options: TypeOptions, package: str) -> str:
+    """The C++ type of one element."""
+    match type_:
+        case Scalar():
+            return _TYPES.get(type_, f"::std::{type_.value}_t")
+        case Clock():
+            return _CLOCKS[options.time]
+        case String(capacity, wide):
+            kind = "wide_text" if wide else "text"
+            cut = f", ::shmgen::Long::{_CUT[options.encoding]}" if options.overflow == "truncate" else ""
+            return f"::shmgen::{kind}<{capacity}{cut}>"
+        case Ref(name):
+            return qualified(name, package)
+        case _:
+            assert_never(type_)
+
+
+def constant_line(constant: Constant, options: TypeOptions) -> str:
+    """A static member with its value."""
+    match constant.type:
+        case String(_, wide):
+            kind = "::std::u16string_view" if wide else "::std::string_view"
+        case Scalar.BOOL:
+            kind = "bool"
+        case scalar:
+            kind = _TYPES.get(scalar, f"::std::{scalar.value}_t")
+    doc = in_comment(constant.doc.partition("\n")[0])
+    said = f" /* {doc} */" if doc else ""
+    return (
+        f"static constexpr {kind} {cpp_name(constant.name)} = {_value(constant.value, constant.type, options)};{said}"
+    )
+
+
+def _initial(slot: Slot, options: TypeOptions) -> str:
+    """What stands in the braces behind a member's name: its default, or nothing for 0."""
+    default: Default | None = slot.field.default if slot.field and slot.role is Role.DATA else None
+    if default is None or isinstance(slot.type, (Ref, Clock)):
+        return ""
+    if not isinstance(default, tuple):
+        return _value(default, slot.type, options)
+    values = ", ".join(_value(value, slot.type, options) for value in default)
+    fixed = slot.field is not None and slot.field.default is not None and type(slot.field.type).__name__ == "Array"
+    return f"{{{values}}}" if fixed else values
+
+
+def _value(value: Value, type_: Element, options: TypeOptions) -> str:
+    match type_:
+        case String(_, wide):
+            return quoted_wide(str(value)) if wide else quoted(str(value).encode(options.encoding))
+        case Scalar.BOOL:
+            return "true" if value else "false"
+        case Scalar.FLOAT32 | Scalar.FLOAT64:
+            known = {"inf": "infinity()", "-inf": "infinity()", "nan": "quiet_NaN()"}
+            kind = "float" if type_ is Scalar.FLOAT32 else "double"
+            text = repr(float(value))
+            if text in known:
+                return f"{'-' if text[0] == '-' else ''}::std::numeric_limits<{kind}>::{known[text]}"
+            return f"static_cast<float>({text})" if kind == "float" else text
+        case _:
+            number = int(value)
+            suffix = "ULL" if number > 2**63 - 1 else "LL" if not -(2**31) < number < 2**31 else ""
+            return f"{number}{suffix}" if number > -(2**63) else f"{number + 1}{suffix} - 1"
+
+
+def _comment(slot: Slot) -> str:
+    """What it is in ROS, its unit, and the first line of its comment."""
+    if slot.role is Role.FILLER:
+        return ": the message has no fields"
+    if slot.field is None or slot.role is not Role.DATA:
+        return ""
+    unit = f" [{slot.field.unit}]" if slot.field.unit else ""
+    doc = slot.field.doc.partition("\n")[0]
+    return f": {ros_type(slot.field.type)}{unit}" + (f", {doc}" if doc else "")

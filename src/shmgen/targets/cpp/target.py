@@ -1,0 +1,84 @@
+"""Turns layouts into C++17 headers: a class for each message, whose offsets are asserted, and what carries it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from shmgen.diagnostics import Report
+from shmgen.model import Layout, Layouts, Output, Regions
+from shmgen.targets import Job
+from shmgen.targets.c import ends, region
+from shmgen.targets.c.text import in_comment, quoted
+from shmgen.targets.cpp.members import Member, constant_line, members, misfits
+from shmgen.targets.cpp.names import NAMES as NAMES
+from shmgen.targets.cpp.names import class_name, header, namespace, qualified
+from shmgen.wording import counted
+
+RUNTIME = ("shmgen_values.hpp", "shmgen.hpp")
+"""Written by hand, in templates/cpp."""
+
+
+class Header(NamedTuple):
+    """One message; all strings finished. `misfits` are statements."""
+
+    title: str
+    origin: str
+    bytes: str
+    guard: str
+    includes: tuple[str, ...]
+    doc: tuple[str, ...]
+    open: tuple[str, ...]
+    name: str
+    qualified: str
+    base: str
+    align: str
+    size: str
+    digest: str
+    literal: str
+    mode: str
+    group: str
+    sequence: str
+    constants: tuple[str, ...]
+    members: tuple[Member, ...]
+    misfits: tuple[str, ...]
+    requested: bool
+
+
+def plan(job: Job, report: Report) -> Iterator[Output]:
+    """`cpp/<package>/<ros package>/msg/pose.hpp` for each message, and what all share; nothing of `c/` is needed."""
+    root = f"cpp/{job.package}"
+    yield region.plan(job.package, key="cpp")
+    yield from ends.runtime(root)
+    for file in RUNTIME:
+        yield Output(f"{root}/{file}", f"cpp/{file}", None)
+    for name, layout in job.layouts.items():
+        view = _header(layout, job.layouts, job.package, job.options.regions)
+        yield Output(f"cpp/{header(name, job.package)}", "cpp/message.hpp.j2", view)
+
+
+def _header(layout: Layout, layouts: Layouts, package: str, regions: Regions) -> Header:
+    name, message = layout.name, layout.message
+    return Header(
+        title=str(name),
+        origin=in_comment(message.origin),
+        bytes=counted(layout.size, "byte"),
+        guard=header(name, package).upper().replace("/", "_").replace(".", "_"),
+        includes=(f"{package}/shmgen.hpp", *sorted(header(inner, package) for inner in layout.dependencies)),
+        doc=tuple(in_comment(message.doc).splitlines()),
+        open=tuple(namespace(name, package).split("::")),
+        name=class_name(name),
+        qualified=qualified(name, package),
+        base=f"{class_name(name)}_Constants" if message.constants else "",
+        align=str(layout.align),
+        size=str(layout.size),
+        digest=f"{layout.digest:016x}",
+        literal=quoted(str(name).encode()),
+        mode=ends.mode(regions),
+        group=ends.group(regions),
+        sequence=ends.sequence(regions),
+        constants=tuple(constant_line(constant, layout.options) for constant in message.constants),
+        members=tuple(members(layout, package)),
+        misfits=tuple(misfits(layout, layouts)),
+        requested=layout.requested,
+    )

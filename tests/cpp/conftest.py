@@ -1,0 +1,52 @@
+"""The peer in C and C++, compiled once a session for all workers, and processes of it that end with their test."""
+
+from __future__ import annotations
+
+import fcntl
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from ..support import cpp_peer
+from ..support.cpp_peer import Peer
+
+
+@pytest.fixture(scope="session")
+def generated(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Path:
+    """C and C++ of plc_demo's messages."""
+    if shutil.which("g++") is None:
+        pytest.skip("g++ is not installed")
+    base = tmp_path_factory.getbasetemp()
+    folder = (base if worker_id == "master" else base.parent) / "cpp"
+    folder.mkdir(exist_ok=True)
+    with (folder / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (folder / "cpp").exists():
+            cpp_peer.generate(folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def program(generated: Path) -> Path:
+    return cpp_peer.compiled(generated, "peer", cpp_peer.HERE / "peer.cpp", cpp_peer.HERE / "ends.c")
+
+
+@pytest.fixture
+def peer(program: Path) -> Iterator[Callable[..., Peer]]:
+    """Starts one: `peer("c")`."""
+    started: list[Peer] = []
+
+    def start(language: str = "cpp") -> Peer:
+        started.append(Peer(program, language))
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.close()
+
+
+@pytest.fixture(params=["c", "cpp"])
+def language(request: pytest.FixtureRequest) -> str:
+    return str(request.param)

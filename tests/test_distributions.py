@@ -1,0 +1,38 @@
+"""shmgen-runtime holds all that generated code loads, and generated code says what it needs where that is missing."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+from .conftest import REPOSITORY
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+LOADED = (
+    "import sys, shmgen.runtime; print(*(m.__file__ for n, m in sys.modules.items() if n.split('.')[0] == 'shmgen'))"
+)
+
+
+def test_it_holds_what_the_runtime_loads() -> None:
+    folder = REPOSITORY / "packaging" / "shmgen-runtime"
+    project = tomllib.loads((folder / "pyproject.toml").read_text())
+    held = [
+        (folder / path).resolve() for path in project["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
+    ]
+    done = subprocess.run([sys.executable, "-c", LOADED], capture_output=True, text=True, check=True, cwd=REPOSITORY)
+    for file in map(Path, done.stdout.split()):
+        assert any(file == path or path in file.parents for path in held), file
+    dependencies = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]["dependencies"]
+    assert set(project["project"]["dependencies"]) <= {line.partition(";")[0] for line in dependencies}
+
+
+def test_generated_code_without_it_says_what_it_needs() -> None:
+    code = "import sys; sys.path[:0] = ['generated/python']; import shm_msgs.std_msgs.msg"
+    done = subprocess.run([sys.executable, "-I", "-S", "-c", code], capture_output=True, text=True, cwd=REPOSITORY)
+    said = "shm_msgs needs shmgen: install shmgen, or shmgen-runtime alone, into this Python"
+    assert done.stderr.splitlines()[-1] == f"ModuleNotFoundError: {said}"
