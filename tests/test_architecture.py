@@ -45,9 +45,10 @@ ARROWS = {
     "bag": WORDS | {"", "bag", "bridge", "drift", "live", "pipeline", "runtime", "type_hash"},
     "tools": WORDS | {"config", "live", "runtime", "targets", "tools"},
     "bridge": WORDS | {"bridge", "config", "live", "pipeline", "resolve", "runtime", "targets", "type_hash"},
+    "view": WORDS | {"live", "runtime", "show", "targets", "tools", "view"},
     "cli": WORDS
     | {"", "bag", "bridge", "cache", "cli", "config", "definitions", "drift", "live", "pipeline", "render", "runtime"}
-    | {"show", "targets", "tools", "write"},
+    | {"show", "targets", "tools", "view", "write"},
     "__init__": set(),
     "__main__": {"cli", "drift"},
 }
@@ -55,6 +56,11 @@ ONLY_IN = {
     "click": {"cli"},
     "jinja2": {"render"},
     "rosbags": {"bag", "bridge", "definitions"},
+    "aiohttp": {"view"},
+    "rich": {"view"},
+    "textual": {"cli", "view"},
+    "textual_plotext": {"cli", "view"},
+    "textual_serve": {"view"},
     "rosidl_parser": {"definitions"},
     "posix_ipc": {"runtime"},
     "ruamel": {"tools"},

@@ -58,6 +58,7 @@ _FAMILIES = {
     "live": ("doctor", "clean", "echo", "pub", "call", "hz", "top"),
     "look": ("topics", "info", "bw", "delay", "plot", "completion"),
     "bag": ("record", "play"),
+    "view": ("view",),
 }
 
 

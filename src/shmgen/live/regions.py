@@ -51,6 +51,10 @@ class View:
         stamp, found = _SLOT.unpack(data.ljust(_SLOT.size, b"\0"))
         return stamp if found == number else None
 
+    def read(self, start: int, size: int) -> bytes:
+        """Bytes of the file, fewer at its end."""
+        return os.pread(self._file.fileno(), size, start)
+
     def mapped(self, size: int) -> mmap.mmap:
         """The first `size` bytes, read-only, as they are from now on. For who reads often; it is closed by itself."""
         return mmap.mmap(self._file.fileno(), size, prot=mmap.PROT_READ)
