@@ -25,6 +25,8 @@ ROS2_BUILD := colcon-common-extensions \
               ros-jazzy-ament-cmake ros-jazzy-ament-cmake-include-directories ros-jazzy-ament-package
 # What goes through the models of the protocol.
 MODELS := spin
+# What the page of `shmgen view` is looked at with.
+BROWSER := chromium
 # DDS that is not ours, for the tests of the backend dds: Fast DDS, and Cyclone's C library.
 DDS  := libfastrtps-dev fastddsgen cyclonedds-dev cyclonedds-tools
 
@@ -116,6 +118,7 @@ $(VENV)/ready-for-all: $(VENV)/ready-to-test
 	@$(call optional,/usr/bin/python3 -c 'import rospy; import rosmaster; import rostopic; import rosservice' && command -v catkin_make,$(ROS1))
 	@$(call optional,command -v fastddsgen && command -v idlc,$(DDS))
 	@$(call optional,command -v spin,$(MODELS))
+	@$(call optional,command -v chromium,$(BROWSER))
 	@if /usr/bin/python3 -c 'import rospy' 2>/dev/null; then \
 	    echo 'making $(VENV)/ros1'; \
 	    { test -x $(VENV)/ros1/bin/python || /usr/bin/python3 -m venv --system-site-packages $(VENV)/ros1; } && \

@@ -43,7 +43,7 @@ class Regions(Screen[None]):
         self._column = "topic"
 
     def compose(self) -> ComposeResult:
-        yield Header()
+        yield Header(icon="")
         yield DataTable(cursor_type="row", zebra_stripes=True)
         yield Static(id="note", markup=False)
         yield Footer()

@@ -60,7 +60,7 @@ class RegionScreen(Screen[None]):
         self._since = time.monotonic(), source.header().completed
 
     def compose(self) -> ComposeResult:
-        yield Header()
+        yield Header(icon="")
         yield Static(id="about", markup=False)
         with Horizontal():
             yield Tree(plain(self._source.topic))

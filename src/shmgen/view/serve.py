@@ -9,10 +9,12 @@ anywhere else and no other page may frame it.
 from __future__ import annotations
 
 import hmac
+import logging
+import re
 import secrets
 import socket
 from collections.abc import Awaitable, Callable
-from typing import Any
+from typing import Any, cast
 
 from aiohttp import web
 from textual_serve.server import Server
@@ -31,6 +33,7 @@ _HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
+_FOREIGN = re.compile(r"""<link[^>]*href=["']https?://[^>]*>""")
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
@@ -84,6 +87,16 @@ class Page(Server):
     @property
     def address(self) -> str:
         return f"http://{self._gate.host}/?token={self._gate.token}"
+
+    def initialize_logging(self) -> None:
+        """No line for each request: the first has the token in it."""
+        logging.basicConfig(level=logging.WARNING)
+
+    async def handle_index(self, request: web.Request) -> web.StreamResponse:
+        """Without the font that textual-serve's page would have from the internet."""
+        page = await super().handle_index(request)
+        page.text = _FOREIGN.sub("", page.text)
+        return cast(web.StreamResponse, page)
 
     async def on_startup(self, app: web.Application) -> None:
         self._told(self.address)
