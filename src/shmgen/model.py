@@ -323,11 +323,12 @@ class Service:
 
 @dataclass(frozen=True, slots=True)
 class Action:
-    """An action (control_msgs/action/GripperCommand) under a ROS name; `on_plc` says who serves."""
+    """An action (control_msgs/action/GripperCommand) under a ROS name; the rest as of a Service."""
 
     name: str
     type: TypeName
     on_plc: bool
+    timeout: float
     span: Span
 
 

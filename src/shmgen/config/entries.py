@@ -40,11 +40,12 @@ class ServiceEntry:
 
 @dataclass(frozen=True, slots=True)
 class ActionEntry:
-    """One `[[actions]]` entry: `server` is `plc` or `ros`."""
+    """One `[[actions]]` entry: as a service; `timeout` is for a word on whether a goal is accepted."""
 
     action: str
     type: str
     server: str
+    timeout: float
     span: Span
 
 
@@ -64,8 +65,8 @@ def services(read: Reader, data: dict[str, Any]) -> tuple[ServiceEntry, ...]:
 
 def actions(read: Reader, data: dict[str, Any]) -> tuple[ActionEntry, ...]:
     return tuple(
-        ActionEntry(entry.name, entry.type, _server(read, entry), entry.span)
-        for entry in _entries(read, data, "actions", ("server",), abi.MAX_CALL_NAME)
+        ActionEntry(entry.name, entry.type, _server(read, entry), _timeout(read, entry), entry.span)
+        for entry in _entries(read, data, "actions", ("server", "timeout"), abi.MAX_CALL_NAME)
     )
 
 

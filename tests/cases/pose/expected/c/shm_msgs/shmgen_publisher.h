@@ -241,7 +241,7 @@ static inline shmgen_status shmgen_publisher_write(
     status = shmgen_publisher_begin(self, limit, &payload);
     if (status != SHMGEN_OK)
         return status;
-    memcpy(payload, message, size);
+    SHMGEN_COPY(payload, message, size);
     return shmgen_publisher_complete(self);
 }
 
