@@ -38,7 +38,7 @@ DDS  := libfastrtps-dev fastddsgen cyclonedds-dev cyclonedds-tools
 # The extra `bench`, one by one: who cannot be had here is left out.
 PEERS := iceoryx2 cyclonedds eclipse-zenoh pyzmq asyncua pymodbus
 
-.PHONY: demo test test-all lint generated chaos model load load-bridge fuzz fuzz-many hostile mutants bench site dist clean
+.PHONY: demo test test-all lint generated chaos model load load-record load-view load-bridge fuzz fuzz-many hostile mutants bench site dist clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/ready
@@ -72,6 +72,12 @@ model: $(VENV)/ready-to-test  ## the protocol's models, also in sizes that take 
 
 load: $(VENV)/ready-to-test  ## 64 topics at 1 kHz for a minute
 	$(BIN)/python -m tests.load
+
+load-record: $(VENV)/ready-to-test  ## the same recorded into a bag, and the bag read by PyPI's mcap
+	$(BIN)/python -m tests.load_record
+
+load-view: $(VENV)/ready-to-test  ## what 200 regions and an image of 1 MiB take of a core on the screens of view
+	$(BIN)/python -m tests.load_view
 
 load-bridge: $(VENV)/ready-for-all  ## 10 topics at 100 Hz and one at 1 kHz through ROS 1, ROS 2 and DDS, for 30 s each
 	$(BIN)/python -m tests.load_bridge --backend ros1
