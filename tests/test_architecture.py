@@ -39,6 +39,7 @@ ARROWS = {
     "drift": WORDS | {"cache", "drift", "toml", "type_hash", "write"},
     "resolve": WORDS | {"config", "targets"},
     "pipeline": WORDS | {"bounds", "config", "definitions", "drift", "layout", "render", "resolve", "targets"},
+    "plc": WORDS | {"plc"},
     "show": WORDS | {"layout", "pipeline", "show", "targets", "type_hash"},
     "runtime": {"abi", "runtime", "wording"},
     "live": WORDS | {"abi", "bounds", "config", "definitions", "live", "pipeline", "runtime", "toml"},
@@ -48,7 +49,7 @@ ARROWS = {
     "view": WORDS | {"live", "runtime", "show", "targets", "tools", "view"},
     "cli": WORDS
     | {"", "bag", "bridge", "cache", "cli", "config", "definitions", "drift", "live", "pipeline", "render", "runtime"}
-    | {"show", "targets", "tools", "view", "write"},
+    | {"plc", "show", "targets", "tools", "view", "write"},
     "__init__": set(),
     "__main__": {"cli", "drift"},
 }

@@ -27,7 +27,8 @@ def _likely(workshop: Workshop, digest: int) -> Iterator[str]:
             header = view.header()
             if header.digest == digest:
                 yield header.type_name
-    for name, known in workshop.known().items():
+    laid_out, _ = workshop.known()
+    for name, known in laid_out.items():
         if known.digest == digest:
             yield name
     yield from map(str, workshop.session.library.known())
