@@ -38,6 +38,9 @@ def test_at_its_pace_and_from_somewhere(topic, workshop, recording, tmp_path):
         begun = time.monotonic()
         assert len(list(player.play(rate, start))) == samples
         assert least <= time.monotonic() - begun + 0.01 < least + 2
+        if rate == 2:
+            assert len(list(player.play(100))) == 5  # as --loop does
+            assert player.played == 10
         player.close()
 
 

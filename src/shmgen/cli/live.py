@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import functools
-import json
 import sys
 import time
-from itertools import islice
 from pathlib import Path
 
 import click
@@ -224,12 +222,7 @@ def hz(topic: str, window: int, count: int | None, timeout: float | None, as_jso
     """The rate of a topic, and the shortest, longest and usual time between two samples, once a second."""
     from shmgen.tools import hz as tool
 
-    rates = tool.rates(topic, window, timeout, manners.note)
-    try:
-        for rate in islice(rates, count):
-            click.echo(json.dumps(rate.plain()) if as_json else str(rate))
-    finally:
-        rates.close()
+    manners.show(tool.rates(topic, window, timeout, manners.note), count, as_json)
 
 
 @click.command()

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import sys
-from itertools import islice
 from pathlib import Path
 
 import click
@@ -58,12 +56,7 @@ def bw(topic: str, window: int, count: int | None, timeout: float | None, as_jso
     """Bytes a second on a topic, once a second."""
     from shmgen.tools import flow
 
-    reports = flow.bandwidths(topic, window, timeout, manners.note)
-    try:
-        for report in islice(reports, count):
-            click.echo(json.dumps(report.plain()) if as_json else str(report))
-    finally:
-        reports.close()
+    manners.show(flow.bandwidths(topic, window, timeout, manners.note), count, as_json)
 
 
 @click.command()
@@ -86,12 +79,8 @@ def delay(
     """How old samples are when they are seen here, once a second: by header.stamp, or by the writer's own stamp."""
     from shmgen.tools import flow
 
-    reports = flow.delays(topic, manners.workshop(config_file, include), window, timeout, manners.note)
-    try:
-        for report in islice(reports, count):
-            click.echo(json.dumps(report.plain()) if as_json else str(report))
-    finally:
-        reports.close()
+    workshop = manners.workshop(config_file, include)
+    manners.show(flow.delays(topic, workshop, window, timeout, manners.note), count, as_json)
 
 
 @click.command()

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import functools
+import json
 import os
 import shutil
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Generator, Mapping
+from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn, TextIO, TypeVar
+from typing import TYPE_CHECKING, Any, NoReturn, Protocol, TextIO, TypeVar
 
 import click
 
@@ -121,6 +123,21 @@ def workshop(file: Path | None, include: tuple[Path, ...]) -> Workshop:
     lock = Path(os.path.relpath(config.root / LOCK))
     name = found.name if found else "the defaults, as there is no shmgen.toml here"
     return Workshop(Session(config, name), lock)
+
+
+class Report(Protocol):
+    """What tools print line by line."""
+
+    def plain(self) -> Mapping[str, Any]: ...
+
+
+def show(reports: Generator[Report, None, None], most: int | None, as_json: bool) -> None:
+    """One after the other, so many at most."""
+    try:
+        for report in islice(reports, most):
+            click.echo(json.dumps(report.plain()) if as_json else str(report))
+    finally:
+        reports.close()
 
 
 def note(text: str) -> None:
