@@ -25,7 +25,7 @@ from shmgen.live.tap import Tap, tap
 from shmgen.runtime import ShmError, region_name
 from shmgen.runtime import header as h
 from shmgen.runtime.errors import RegionMissing, ValueRejected
-from shmgen.runtime.names import HALVES
+from shmgen.runtime.names import HALVES, region_file
 
 _LOOK = 5e-4
 """Seconds between two looks at all regions. One that keeps two samples at 1 kHz has each of them for a millisecond."""
@@ -77,7 +77,7 @@ class Recorder:
         self._sources: dict[str, _Source] = {}
         self._done: dict[str, tuple[int, int, int]] = {}
         """Samples, missed and damaged ones of regions that are gone, by topic."""
-        self._refused: dict[str, int] = {}
+        self._refused: dict[str, int | None] = {}
         """Inodes of regions that cannot be recorded, by name."""
         self._channels: dict[tuple[str, str, int], int] = {}
         self._logged = 0
@@ -153,9 +153,11 @@ class Recorder:
 
     def _open(self, name: str, first: bool) -> None:
         """The region, from its newest sample on, or if it was made meanwhile from its first."""
+        if _inode(name) == self._refused.get(name, 0):
+            return
         view = View(name)
         try:
-            if view.status.st_ino == self._refused.get(name) or view.header().magic != h.MAGIC:
+            if view.header().magic != h.MAGIC:
                 view.close()
                 return
             header = sound(view)
@@ -169,8 +171,7 @@ class Recorder:
         self._sources[name] = _Source(topic, view, opened, kind, self._channel(topic, kind, depth_of(header)))
 
     def _refuse(self, name: str, error: Exception) -> None:
-        with suppress(ShmError), View(name) as view:
-            self._refused[name] = view.status.st_ino
+        self._refused[name] = _inode(name)
         self._tell(f"{topic_of(name)}: not recorded: {error}")
         self.failed = True
 
@@ -215,6 +216,13 @@ def _names(topic: str) -> list[str]:
     """The region of a topic, and what would be the halves of a service or action of that name."""
     halves = [] if "-" in topic else [f"{topic}-{half}" for half in HALVES]
     return [region_name(one) for one in (topic, *halves)]
+
+
+def _inode(name: str) -> int | None:
+    """Of the region's file; to know it nobody needs to be allowed to read it."""
+    with suppress(OSError):
+        return os.lstat(region_file(name)).st_ino
+    return None
 
 
 def _counts(source: _Source) -> tuple[int, int, int]:
