@@ -207,16 +207,20 @@ def test_a_new_file_after_so_much(topic, workshop, recording, tmp_path):
         assert (reader.message_count, len(list(reader.messages()))) == (3, 3)
 
 
+def count(file):
+    """Messages, also while it is written."""
+    return sum(isinstance(one, read.Message) for one in read.messages(file)) if file.stat().st_size else 0
+
+
 def test_killed_and_still_readable(topic, workshop, tmp_path):
     kind = workshop.message("std_msgs/msg/Int32")
     with publisher(kind, topic, 15) as writer:
         writer.publish(kind(data=0))
         command = [sys.executable, "-m", "shmgen", "record", topic, "-o", "bag"]
         with subprocess.Popen(command, cwd=tmp_path) as recorder:
-            wait_for(lambda: bags(tmp_path / "bag"))
+            wait_for(lambda: bags(tmp_path / "bag") and count(bags(tmp_path / "bag")[0]) == 1)
             writer.publish(kind(data=1))
-            size = bags(tmp_path / "bag")[0].stat().st_size
-            wait_for(lambda: bags(tmp_path / "bag")[0].stat().st_size > size)
+            wait_for(lambda: count(bags(tmp_path / "bag")[0]) == 2)
             recorder.kill()
     (file,) = bags(tmp_path / "bag")
     assert [one.ros.data for one in decoded(file)] == [0, 1]
