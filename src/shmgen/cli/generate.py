@@ -158,14 +158,14 @@ def _code(context: click.Context, parameter: click.Parameter, value: str) -> str
     code = f"SHM{value:0>3}" if value.isdecimal() else value.upper()
     if code not in CODES:
         near = closest(code, CODES)
-        raise click.BadParameter(f"{value} is no code of a diagnostic{f'; did you mean {near}?' if near else ''}")
+        raise click.BadParameter(f"{value} is not a diagnostic code{f'; did you mean {near}?' if near else ''}")
     return code
 
 
 @click.command()
 @click.argument("code", callback=_code, shell_complete=lambda *_: list(CODES))
 def explain(code: str) -> None:
-    """What a diagnostic means and how to mend it; `SHM101` and `101` are the same."""
+    """Explain a diagnostic and how to fix it; `SHM101` and `101` are the same."""
     installed = Path(__file__).parents[1] / "diagnostics.md"
     document = installed if installed.is_file() else Path(__file__).parents[3] / "docs" / "diagnostics.md"
     text = document.read_text(encoding="utf-8")
