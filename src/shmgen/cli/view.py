@@ -48,12 +48,12 @@ def view(
         _in_terminal(topic, allow_write, config_file, include)
         return
     try:
-        from shmgen.view.serve import Page, free_port
+        from shmgen.view.serve import Page, listen
     except ImportError as error:
         raise ValueError(_MISSING.format(name=error.name)) from None
     manners.workshop(config_file, include)  # what is wrong with shmgen.toml is told here
     try:
-        chosen = free_port(port)
+        listening = listen(port)
     except OSError as error:
         raise OSError(f"port {port}: {error.strerror}\n  hint: choose another with --port, or 0") from None
     words = [sys.executable, "-m", "shmgen", "view", "--terminal", *([topic] if topic else [])]
@@ -61,12 +61,12 @@ def view(
     words += ["-c", str(config_file)] if config_file else []
     words += [word for folder in include for word in ("-I", str(folder))]
 
-    def told(address: str) -> None:
-        click.echo(f"{address}\nCtrl-C ends it")
-        if opens:
-            click.launch(address)
-
-    Page(shlex.join(words), chosen, told).serve()
+    page = Page(shlex.join(words), listening)
+    click.echo(f"{page.address}\nCtrl-C ends it")
+    sys.stdout.flush()
+    if opens:
+        click.launch(page.address)
+    page.serve()
 
 
 def _in_terminal(topic: str | None, allow_write: bool, config_file: Path | None, include: tuple[Path, ...]) -> None:

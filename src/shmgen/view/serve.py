@@ -78,11 +78,11 @@ class Gate:
 class Page(Server):
     """textual-serve behind the gate."""
 
-    def __init__(self, command: str, port: int, told: Callable[[str], None]) -> None:
-        """`told` is called with the address once it can be opened."""
+    def __init__(self, command: str, listening: socket.socket) -> None:
+        port = listening.getsockname()[1]
         super().__init__(command, host=HOST, port=port, title="shmgen view")
         self._gate = Gate(port, secrets.token_urlsafe(24))
-        self._told = told
+        self._listening = listening
 
     @property
     def address(self) -> str:
@@ -98,8 +98,13 @@ class Page(Server):
         page.text = _FOREIGN.sub("", page.text)
         return cast(web.StreamResponse, page)
 
+    def serve(self, debug: bool = False) -> None:
+        """Until Ctrl-C or SIGTERM."""
+        self.initialize_logging()
+        web.run_app(self._make_app(), sock=self._listening, print=None)
+
     async def on_startup(self, app: web.Application) -> None:
-        self._told(self.address)
+        """Says nothing: whoever made the socket has said where it is."""
 
     async def _make_app(self) -> web.Application:
         app = await super()._make_app()
@@ -108,9 +113,14 @@ class Page(Server):
         return app
 
 
-def free_port(wanted: int) -> int:
-    """That port, or for 0 one that is free. Raises OSError where it is taken."""
-    with socket.socket() as tried:
-        tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        tried.bind((HOST, wanted))
-        return int(tried.getsockname()[1])
+def listen(port: int) -> socket.socket:
+    """On that port of this machine alone, or for 0 on one that is free. Raises OSError where it is taken."""
+    made = socket.socket()
+    try:
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        made.bind((HOST, port))
+        made.listen()
+    except BaseException:
+        made.close()
+        raise
+    return made
