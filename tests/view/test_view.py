@@ -12,7 +12,7 @@ import threading
 import aiohttp
 import pytest
 
-textual = pytest.importorskip("textual", reason="no Textual: pip install 'shmgen[view]'")
+textual = pytest.importorskip("textual", reason="no Textual: pip install '.[view]'")
 
 from textual.widgets import DataTable, TabbedContent, TextArea, Tree  # noqa: E402
 
@@ -242,7 +242,7 @@ def test_without_the_extra_it_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "textual", None)
     said = run(["view"], tmp_path)
     assert (said.code, said.stdout) == (1, "")
-    assert "pip install 'shmgen[view]'" in said.stderr
+    assert "pip install '.[view]'" in said.stderr
 
 
 def test_the_picture_of_the_latency_is_that_of_the_page():

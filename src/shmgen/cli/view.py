@@ -10,7 +10,7 @@ import click
 
 from shmgen.cli import manners, options
 
-_MISSING = "`shmgen view` needs {name}, which is not installed: pip install 'shmgen[view]'"
+_MISSING = "`shmgen view` needs {name}, which is not installed: `pip install '.[view]'` in a checkout of shmgen"
 
 
 @click.command()
@@ -37,7 +37,7 @@ def view(
     """Live regions on a screen: all in a table, and of each its fields, plots and memory.
 
     By itself a page on 127.0.0.1, at the address that it prints; nobody without the token in it is let in. Needs
-    `pip install 'shmgen[view]'`, and no internet.
+    the extra `view` (`pip install '.[view]'` in a checkout), and no internet.
     """
     try:
         import textual  # noqa: F401
