@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -17,10 +19,23 @@ BLOCK = re.compile(r"^```(console|python|toml|c|cpp)\n(.*?)^```$", re.MULTILINE 
 FILES = {"python": "example.py", "toml": "shmgen.toml"}
 
 
+@pytest.fixture
+def alone() -> Iterator[list[str]]:
+    """In front of a command: it sees a /dev/shm of this test's own, where that can be had."""
+    make = ["unshare", "-m", "sh", "-c", "mount -t tmpfs tmpfs /dev/shm && echo made && exec sleep 300"]
+    with subprocess.Popen(make, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as holder:
+        assert holder.stdout is not None
+        made = holder.stdout.readline() == "made\n"
+        try:
+            yield ["nsenter", "-m", "-t", str(holder.pid)] if made else []
+        finally:
+            holder.kill()
+
+
 @pytest.mark.parametrize(
     "page", [page for page in PAGES if "```console" in page.read_text()], ids=lambda page: page.name
 )
-def test_commands_print_what_the_page_shows(page: Path, tmp_path: Path, update_golden: bool) -> None:
+def test_commands_print_what_the_page_shows(page: Path, tmp_path: Path, update_golden: bool, alone: list[str]) -> None:
     """In order, in one folder. A block of Python, C or C++ becomes example.py and so on, a TOML block shmgen.toml."""
     environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "COLUMNS": "100"}
     for language, text in BLOCK.findall(page.read_text()):
@@ -29,8 +44,7 @@ def test_commands_print_what_the_page_shows(page: Path, tmp_path: Path, update_g
             continue
         for command, shown in re.findall(r"^\$ (.*)\n((?:(?!\$ ).*\n)*)", text, re.MULTILINE):
             result = subprocess.run(
-                command,
-                shell=True,
+                [*alone, "sh", "-c", f"cd {shlex.quote(str(tmp_path))}\n{command}"],
                 cwd=tmp_path,
                 env=environment,
                 stdout=subprocess.PIPE,
