@@ -122,7 +122,6 @@ def test_services_both_ways(cell: Domain, graph: dds.Graph, topic: str) -> None:
     move.parent.mkdir()
     move.write_text("int32 to\n---\nint32 at\n---\nint32 at\n")
     bridge = cell.bridge(SERVICES.format(topic=topic))
-    bridge.said("/move: the bridge does not carry actions")
     served, called = services(Session(load(cell.folder / "shmgen.toml", "shmgen.toml", Report())))
 
     ends = {
@@ -167,5 +166,5 @@ def end(base: Any, route: ServiceRoute, part: str) -> Any:
 def test_load(cell: Domain, topic: str) -> None:
     """The load test of the bridge, short; `make load-bridge` is the long one."""
     result = bridged(cell, topic, 3)
-    assert result.sent == 3 * sum(RATES.values())
+    assert result.run.sent == 3 * sum(RATES.values())
     assert result.lost == 0
