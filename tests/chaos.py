@@ -38,7 +38,7 @@ from shmgen.model import TypeName
 from shmgen.runtime import LockTimeout, RegionInUse, RegionMissing, read_header, region_name
 from shmgen.tools import clean, unfinished
 
-from . import chaos_faults, chaos_mishaps
+from . import chaos_faults, chaos_mishaps, chaos_still
 from .chaos_faults import Wrapped, swap
 from .chaos_mishaps import Interrupted
 from .support import cpp_peer
@@ -75,6 +75,8 @@ class Stage:
     """What the process itself has open, which a forked child of it must not use."""
     program: Path | None = None
     shared: int = -1
+    stacks: int = -1
+    """The descriptor of a file that processes write their stacks to."""
 
     @property
     def kinds(self) -> tuple[Any, Any, Any]:
@@ -256,6 +258,11 @@ class Actor:
     def moves(self) -> int:
         return self.stage.moves[self.place]
 
+    @property
+    def interpreted(self) -> bool:
+        """Whether the process is Python's, be it as the PLC."""
+        return self.work not in (cpp_write, cpp_read)
+
     def start(self, seed: float) -> None:
         # Until the child has handlers of its own, and for good in a PLC, which knows no signals.
         before = [(number, signal.signal(number, signal.SIG_IGN)) for number in (signal.SIGINT, signal.SIGUSR1)]
@@ -269,6 +276,8 @@ class Actor:
         """Opens anew where an exception came upon opening or closing."""
         interrupts, patience = True, time.monotonic() + 1
         try:
+            if self.interpreted:
+                chaos_still.tells(self.stage)
             if self.work in (write, read):
                 chaos_mishaps.prepare(self.stage, rng)
             while interrupts:
@@ -402,7 +411,9 @@ def _stage(folder: Path, plc: bool, cpp: bool) -> tuple[Stage, Callable[[], list
             return []
 
     topic = f"/shmgen_chaos/t{os.getpid()}"
-    return Stage(topic, kinds, compiled, moves, into, program=program, shared=shared), complaints
+    return Stage(
+        topic, kinds, compiled, moves, into, program=program, shared=shared, stacks=os.memfd_create("stacks")
+    ), complaints
 
 
 def _burst(stage: Stage, cast: list[Actor], rng: random.Random, verdict: Verdict) -> None:
@@ -462,22 +473,19 @@ def _last_sample_is_lost(stage: Stage) -> Iterator[str]:
 
 def _recover(cast: list[Actor], limit: float, verdict: Verdict) -> None:
     start, before = time.monotonic(), [actor.moves for actor in cast]
-    late = ""
-    while still := [actor for actor, moves in zip(cast, before, strict=True) if actor.moves == moves]:
+    stage, late = cast[0].stage, ""
+    while any(actor.moves == moves for actor, moves in zip(cast, before, strict=True)):
         took = time.monotonic() - start
         if took > limit and not late:
-            who = ", ".join(f"{actor.work.__name__} ({actor.state()})" for actor in still)
-            late = f"{who}: no sign of life within {limit:.1f} s of the "
-            with suppress(RegionMissing):
-                late += f"last hit, {read_header(region_name(cast[0].stage.topic))!r}"
+            late = f"no sign of life within {limit:.1f} s of the last hit: {chaos_still.found(stage, cast, before)}"
         if took > 5 * limit:
-            verdict.faults.append(f"{late}, nor within {took:.1f}")
+            verdict.faults.append(f"{late}\nnor within {took:.1f}: {chaos_still.found(stage, cast, before)}")
             return
         time.sleep(0.0005)
     took = time.monotonic() - start
     verdict.pause = max(verdict.pause, took)
     if late:
-        verdict.faults.append(f"{late}; all moved after {took:.2f}")
+        verdict.faults.append(f"{late}\nall moved after {took:.2f}")
 
 
 def _files(stage: Stage) -> set[Path]:

@@ -56,6 +56,8 @@ def prepare(stage: Any, rng: random.Random) -> None:
     def fork(*_: Any) -> None:
         # A descriptor has no owner yet while the call that makes it returns: docs/protocol.md, Forks.
         nonlocal forking
+        if forking:  # in a hook of the one before: that of concurrent.futures holds a lock there, and waits for itself
+            return
         forking = True
         child = bool(stage.calls) and os.fork() == 0
         forking = False
