@@ -10,7 +10,8 @@ from shmgen import runtime
 from shmgen.runtime import claim, lock, subscriber
 from shmgen.runtime import header as h
 
-from .messages import PoseSubscriber
+from ..chaos_faults import swap_map
+from .messages import PosePublisher, PoseSubscriber, pose
 
 NUMBER = 41
 
@@ -91,3 +92,21 @@ def test_who_stands_still_between_look_and_name_makes_sure(region, clock, monkey
     region.words[h.WRITER] = 12345
     assert claim.claim(region) == (NUMBER + region.header.slots if doubtful else NUMBER, doubtful)
     assert clock.naps == ([0.1] if doubtful else [])
+
+
+def test_who_loses_the_topic_in_its_copy_voids_the_slot_and_gives_all_back(topic):
+    with PosePublisher(topic, depth=3) as publisher, PoseSubscriber(topic, depth=3) as subscriber:
+        region, words = publisher._region, publisher._region.words
+        for number in (1, 2, 3):
+            publisher.publish(pose(number))
+        swap_map(publisher, says(region, h.WRITER, h.PLC))
+        with pytest.raises(runtime.ClaimLost, match="taken the topic over"):
+            publisher.publish(pose(4))
+        slots = [region.sample(number).start // 4 + 2 * h.NUMBER for number in (1, 2, 3, 4)]
+        assert [words[slot] for slot in slots] == [1, 2, 3, 0]
+        assert (words[h.COMPLETED], words[h.LOCK_HOLDER], region.semaphore._get_value()) == (3, 0, 1)
+        assert subscriber.read().position.x == 3.0
+        with pytest.raises(runtime.ClaimLost):
+            publisher.heartbeat()
+        words[h.WRITER] = 0
+        PosePublisher(topic, depth=3).close()  # the record lock is free while the loser is still open

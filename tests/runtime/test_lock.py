@@ -165,6 +165,10 @@ def test_a_wait_yields_and_then_sleeps(topic, monkeypatch):
         assert (len(yields), len(naps), set(naps)) == (20, pytest.approx(50, abs=1), {1e-4})
         publisher.publish(pose(2))  # the same stay: no second wait
         assert (len(yields), publisher.lock_misses) == (20, 2)
+        with PoseSubscriber(topic, lock_timeout=0.005) as subscriber:  # opened while somebody is inside
+            subscriber._last = 0
+            assert subscriber.read().position.x == 2.0
+            assert (len(yields), subscriber.lock_misses) == (40, 1)
 
 
 def test_a_token_that_others_post_at_each_try_is_not_ours(topic, monkeypatch):
