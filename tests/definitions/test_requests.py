@@ -94,6 +94,26 @@ def test_a_loose_file_belongs_to_its_folder(tmp_path):
     assert names(schema) == ["demo/msg/Arm", "demo/msg/Robot", *parts]
 
 
+def test_messages_in_group_folders_are_those_of_the_package(tmp_path, monkeypatch):
+    """As rosidl_generate_interfaces takes them: autoware_adapi_v1_msgs has planning/msg/, routing/msg/ and more."""
+    files = {
+        "adapi_msgs/package.xml": "<package><name>adapi_msgs</name></package>",
+        "adapi_msgs/planning/msg/Factor.msg": "adapi_msgs/State state",
+        "adapi_msgs/routing/deep/msg/State.msg": "int8 a",
+        "adapi_msgs/routing/srv/Clear.srv": "---\nState state",
+        "adapi_msgs/.git/msg/Not.msg": "int8 a",
+        "adapi_msgs/test/other_msgs/package.xml": "<package><name>other_msgs</name></package>",
+        "adapi_msgs/test/other_msgs/msg/Not.msg": "int8 a",
+    }
+    write(tmp_path, files)
+    parts = [f"adapi_msgs/srv/Clear_{part}" for part in ("Reply", "Request", "Response")]
+    expected = ["adapi_msgs/msg/Factor", "adapi_msgs/msg/State", *parts]
+    assert sorted(map(str, from_folder(tmp_path, "adapi_msgs").requested)) == expected
+    monkeypatch.chdir(tmp_path / "adapi_msgs")
+    schema = load(["planning/msg/Factor.msg"], Sources(), Report())
+    assert names(schema) == ["adapi_msgs/msg/State", "adapi_msgs/msg/Factor"]
+
+
 def test_origins_are_the_same_on_every_machine(tmp_path):
     write(tmp_path, DEMO)
     inside = from_folder(tmp_path, "demo_msgs/Robot")
@@ -125,7 +145,7 @@ def test_where_packages_are_found(tmp_path):
         {
             "src/deep/er/renamed/package.xml": MANIFEST.format("real_msgs"),
             "src/deep/er/renamed/msg/A.msg": "",
-            "src/deep/er/renamed/nested/msg/No.msg": "",
+            "src/deep/er/renamed/nested/msg/E.msg": "",
             "src/plain_msgs/msg/B.msg": "",
             "src/plain_msgs/msg/notes.txt": "",
             "src/broken/package.xml": b"\xff<name",
@@ -152,6 +172,7 @@ def test_where_packages_are_found(tmp_path):
         "broken/srv/C_Response",
         "inner_msgs/msg/D",
         "real_msgs/msg/A",
+        "real_msgs/msg/E",
     ]
 
 
@@ -177,15 +198,15 @@ def test_two_packages_of_one_name(tmp_path):
             ["error[SHM004]", "did you mean `geometry_msgs/Pose`?", "looked in built-in store jazzy"],
         ),
         ("geometry_msgs/pose", ["did you mean `geometry_msgs/Pose`?"]),
-        ("geometry_msgs/srv/Pose", ["no message"]),
+        ("geometry_msgs/srv/Pose", ["unknown message type"]),
         ("nav_msgs/Pose", ["did you mean `geometry_msgs/Pose`?"]),
-        ("geometry_msg", ["no package"]),
-        ("geometry_msgs/msg", ["no message is called `geometry_msgs/msg`"]),
+        ("geometry_msg", ["unknown message package"]),
+        ("geometry_msgs/msg", ["unknown message type `geometry_msgs/msg`"]),
         ("my_msgs/Thing", ["looked in ., built-in store jazzy", "with -I"]),
-        ("../../etc/passwd", ["names no message"]),
-        ("", ["names no message"]),
+        ("../../etc/passwd", ["is not the name of a message"]),
+        ("", ["is not the name of a message"]),
         ("a\x1b[2Jb", ["a\ufffd[2Jb"]),
-        ("a\x00b.msg", ["names no message"]),
+        ("a\x00b.msg", ["is not the name of a message"]),
         ("nowhere/msg/Foo.msg", ["nowhere/msg/Foo.msg: error[SHM001]"]),
         ("1nowhere/Foo.msg", ["1nowhere/Foo.msg: error[SHM202]"]),
     ],
@@ -200,25 +221,25 @@ def test_requests_that_name_nothing(tmp_path, monkeypatch, request_, says):
 def test_a_field_of_unknown_type(tmp_path):
     write(tmp_path, {"x_msgs/msg/A.msg": "Point at\n  x_msgs/B[] b\nHeader header\ndouble d"})
     assert refusal(tmp_path, "x_msgs/A").split("\n") == [
-        "x_msgs/msg/A.msg:1:1: error[SHM004]: no message is called `x_msgs/Point`",
+        "x_msgs/msg/A.msg:1:1: error[SHM004]: unknown message type `x_msgs/Point`",
         "    1 | Point at",
         "      | ^^^^^",
         "  field: x_msgs/A.at",
         "  hint: did you mean `geometry_msgs/Point`?",
         "  hint: looked in x_msgs",
-        "x_msgs/msg/A.msg:2:3: error[SHM004]: no message is called `x_msgs/B`",
+        "x_msgs/msg/A.msg:2:3: error[SHM004]: unknown message type `x_msgs/B`",
         "    2 |   x_msgs/B[] b",
         "      |   ^^^^^^^^^^",
         "  field: x_msgs/A.b",
         "  hint: did you mean `x_msgs/A`?",
         "  hint: looked in x_msgs",
-        "x_msgs/msg/A.msg:3:1: error[SHM004]: no message is called `x_msgs/Header`",
+        "x_msgs/msg/A.msg:3:1: error[SHM004]: unknown message type `x_msgs/Header`",
         "    3 | Header header",
         "      | ^^^^^^",
         "  field: x_msgs/A.header",
         "  hint: did you mean `std_msgs/Header`?",
         "  hint: looked in x_msgs",
-        "x_msgs/msg/A.msg:4:1: error[SHM004]: no message is called `x_msgs/double`",
+        "x_msgs/msg/A.msg:4:1: error[SHM004]: unknown message type `x_msgs/double`",
         "    4 | double d",
         "      | ^^^^^^",
         "  field: x_msgs/A.d",

@@ -41,6 +41,8 @@ def test_region_name(topic, name):
         ("/grün", "'grün' is not made of"),
         ("~/pose", "stands for a node's name"),
         ("/sem/robot", "are semaphores"),
+        ("/GWDrvSharedMemShm", "CODESYS keeps"),
+        ("/CME-request", "CODESYS keeps"),
         ("/" + "a" * 246, "246 characters"),
     ],
 )

@@ -17,19 +17,21 @@ from shmgen.diagnostics import Diagnostic, Rejected, Span
 
 def main() -> None:
     """The `shmgen` command. Exit 0 clean, 1 diagnostics, 2 wrong usage."""
-    try:
-        if isinstance(sys.stdout, io.TextIOWrapper):
-            # A sign in a comment that the terminal does not know is no reason to stop. This flushes: see _full.
-            sys.stdout.reconfigure(errors="replace")
-        cli(standalone_mode=True)
-    except Rejected as rejected:
-        options.complain(rejected.diagnostics)
-        sys.exit(1)
-    except Exception as error:
-        if os.environ.get("SHMGEN_DEBUG"):
-            raise
-        options.complain([_full(error) or _fault(error)])
-        sys.exit(1)
+    color = False if os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb" else None
+    with click.Context(cli, color=color).scope():  # for what is told once the command has ended
+        try:
+            if isinstance(sys.stdout, io.TextIOWrapper):
+                # A sign in a comment that the terminal does not know is no reason to stop. This flushes: see _full.
+                sys.stdout.reconfigure(errors="replace")
+            cli(standalone_mode=True, color=color)
+        except Rejected as rejected:
+            options.complain(rejected.diagnostics)
+            sys.exit(1)
+        except Exception as error:
+            if os.environ.get("SHMGEN_DEBUG"):
+                raise
+            options.complain([_full(error) or _fault(error)])
+            sys.exit(1)
 
 
 def _full(error: Exception) -> Diagnostic | None:
@@ -52,8 +54,12 @@ def _fault(error: Exception) -> Diagnostic:
 _FAMILIES = {
     "generate": ("generate", "show", "types", "list", "explain"),
     "drift": ("check", "diff", "init"),
+    "plc": ("import",),
     "bridge": ("bridge",),
     "live": ("doctor", "clean", "echo", "pub", "call", "hz", "top"),
+    "look": ("topics", "info", "bw", "delay", "plot", "completion"),
+    "bag": ("record", "play"),
+    "view": ("view",),
 }
 
 
@@ -65,8 +71,25 @@ class _Families(click.Group):
 
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
         family = next((family for family, names in _FAMILIES.items() if name in names), None)
+        if family in _LIVE and not sys.platform.startswith("linux"):
+            return _elsewhere(name)
         commands = importlib.import_module(f"shmgen.cli.{family}").COMMANDS if family else ()
         return next((command for command in commands if command.name == name), None)
+
+
+_LIVE = ("bridge", "live")
+
+
+def _elsewhere(name: str) -> click.Command:
+    """In the place of a command that works on regions."""
+    said = f"`shmgen {name}` works on regions in /dev/shm: run it on the Linux machine where the PLC runs"
+
+    @click.command(name, help=said, context_settings={"ignore_unknown_options": True})
+    @click.argument("anything", nargs=-1)
+    def command(anything: tuple[str, ...]) -> None:
+        raise click.ClickException(said)
+
+    return command
 
 
 @click.group(cls=_Families, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})

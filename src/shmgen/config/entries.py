@@ -137,4 +137,10 @@ def _not_a_name(name: str, longest: int) -> str:
         return "is not made of letters, digits and _ between single slashes, no digit first"
     if len(bare) > longest:
         return f"has {len(bare)} characters, more than the {longest} of a STRING(80) and its suffix"
+    if bare.upper() in _TAKEN:
+        return f"is a name that CODESYS keeps in /dev/shm for itself ({bare}*)"
     return "begins with sem/, where Linux keeps the semaphores" if bare.startswith("sem/") else ""
+
+
+_TAKEN = ("CME", "GWDRVSHAREDMEMSHM")
+"""As runtime/names.py has them."""

@@ -58,7 +58,7 @@ class ServiceClient(Closing, Generic[Request, Response]):
             if not self._one_at_a_time.acquire(timeout=max(0.0, timeout)):
                 raise CallTimeout(f"{self._service}: another thread's call took all of the {timeout:g} s")
             if not self._caller.wait_for_server(deadline - time.monotonic()):
-                raise NoServer(f"{self._service}: nobody served within {timeout:g} s; nothing was sent")
+                raise NoServer(f"{self._service}: no server within {timeout:g} s; the request was not sent")
             number = self._caller.ask(request)
             reply = self._caller.wait(deadline - time.monotonic())
             if reply is None:
