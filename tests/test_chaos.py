@@ -23,7 +23,13 @@ def test_killed_at_any_instant_nothing_is_torn_lost_or_stuck() -> None:
     assert "nothing torn, nothing lost, nobody stuck, nothing left over" in result.stdout
 
 
-@pytest.mark.parametrize("fault", PLANTED)
+LONG = ("begun_late",)
+"""Faults that take a minute to show."""
+
+
+@pytest.mark.parametrize(
+    "fault", [pytest.param(fault, marks=[pytest.mark.slow] if fault in LONG else []) for fault in PLANTED]
+)
 def test_a_planted_fault_is_found(fault: str) -> None:
     result = play("--seconds", "120", "--fault", fault)
     assert result.returncode == 1, result.stdout + result.stderr
