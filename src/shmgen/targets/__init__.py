@@ -118,6 +118,18 @@ def _cpp() -> Room:
     return target
 
 
+def _matiec() -> Room:
+    from shmgen.targets.matiec import target
+
+    return target
+
+
+def _openplc() -> Room:
+    from shmgen.targets.openplc import target
+
+    return target
+
+
 def _ros1() -> Room:
     from shmgen.targets.ros import ros1
 
@@ -136,6 +148,8 @@ TARGETS = (
     Target("plcopen", _plcopen, after="st"),
     Target("c", _c),
     Target("cpp", _cpp, opt_in=True),
+    Target("openplc", _openplc, after="c", opt_in=True),
+    Target("matiec", _matiec, after="c", opt_in=True),
     Target("ros1", _ros1, opt_in=True),
     Target("ros2", _ros2, opt_in=True),
 )
