@@ -193,7 +193,7 @@ def test_what_is_no_file_is_an_error_and_stays_as_it_is(topic, place, tmp_path, 
     place.unlink()
     trap(place, tmp_path)
     for side in (PosePublisher, PoseSubscriber):
-        with pytest.raises(runtime.RegionUnusable, match=f"{place} (is no regular file|cannot be opened: )"):
+        with pytest.raises(runtime.RegionUnusable, match=f"{place} (is not a regular file|cannot be opened: )"):
             side(topic, mode=0o640)
     if trap is trap_link:
         victim = tmp_path / "secret"
@@ -203,7 +203,7 @@ def test_what_is_no_file_is_an_error_and_stays_as_it_is(topic, place, tmp_path, 
 
 def test_reading_a_header_waits_for_no_fifo(topic, file):
     os.mkfifo(file)
-    with pytest.raises(runtime.RegionUnusable, match="is no regular file"):
+    with pytest.raises(runtime.RegionUnusable, match="is not a regular file"):
         runtime.read_header(runtime.region_name(topic))
 
 
