@@ -38,7 +38,7 @@ from shmgen.model import TypeName
 from shmgen.runtime import LockTimeout, RegionInUse, RegionMissing, read_header, region_name
 from shmgen.tools import clean, unfinished
 
-from . import chaos_faults, chaos_mishaps
+from . import chaos_faults, chaos_mishaps, chaos_still
 from .chaos_faults import Wrapped, swap
 from .chaos_mishaps import Interrupted
 from .support import cpp_peer
@@ -54,6 +54,8 @@ DEFINITIONS = {
 PATTERNS = {name: [random.Random(seed).randbytes(size) for seed in range(61)] for name, size in SIZES.items()}
 CHECKSUMS = {name: [zlib.crc32(pattern) for pattern in patterns] for name, patterns in PATTERNS.items()}
 ROUNDS_A_REGION = 30
+PATIENCE = 1.5
+"""Seconds that a new writer waits for children of the one before, which let go of its claim as soon as they run."""
 
 
 @dataclass
@@ -75,11 +77,22 @@ class Stage:
     """What the process itself has open, which a forked child of it must not use."""
     program: Path | None = None
     shared: int = -1
+    stacks: int = -1
+    """The descriptor of a file that processes write their stacks to."""
 
     @property
     def kinds(self) -> tuple[Any, Any, Any]:
         """Message, publisher and subscriber."""
         return self.classes[self.kind]
+
+    def become_cpp(self, place: int, rng: random.Random, way: str, complaints: int) -> NoReturn:
+        """Signals that are ignored here stay so there."""
+        assert self.program
+        patterns = self.program.with_name(f"{self.kind}.patterns")
+        words = [way, self.kind, self.topic, self.depth, place, self.shared, complaints, patterns]
+        for descriptor in (self.shared, complaints):
+            os.set_inheritable(descriptor, True)
+        os.execv(self.program, ["chaos", *map(str, words), str(rng.randrange(2**32))])
 
     def complain(self, text: str) -> None:
         os.write(self.complaints, f"{text}\n"[:500].encode())
@@ -229,20 +242,11 @@ def plc_read(stage: Stage, place: int, rng: random.Random) -> None:
 
 
 def cpp_write(stage: Stage, place: int, rng: random.Random) -> None:
-    become_cpp(stage, place, rng, "write")
+    stage.become_cpp(place, rng, "write", stage.complaints)
 
 
 def cpp_read(stage: Stage, place: int, rng: random.Random) -> None:
-    become_cpp(stage, place, rng, rng.choice(("read", "next", "wait")))
-
-
-def become_cpp(stage: Stage, place: int, rng: random.Random, way: str) -> None:
-    assert stage.program
-    patterns = stage.program.with_name(f"{stage.kind}.patterns")
-    words = [way, stage.kind, stage.topic, stage.depth, place, stage.shared, stage.complaints, patterns]
-    for descriptor in (stage.shared, stage.complaints):
-        os.set_inheritable(descriptor, True)
-    os.execv(stage.program, ["chaos", *map(str, words), str(rng.randrange(2**32))])
+    stage.become_cpp(place, rng, rng.choice(("read", "next", "wait")), stage.complaints)
 
 
 class Actor:
@@ -256,6 +260,11 @@ class Actor:
     def moves(self) -> int:
         return self.stage.moves[self.place]
 
+    @property
+    def interpreted(self) -> bool:
+        """Whether the process is Python's, be it as the PLC."""
+        return self.work not in (cpp_write, cpp_read)
+
     def start(self, seed: float) -> None:
         # Until the child has handlers of its own, and for good in a PLC, which knows no signals.
         before = [(number, signal.signal(number, signal.SIG_IGN)) for number in (signal.SIGINT, signal.SIGUSR1)]
@@ -267,8 +276,10 @@ class Actor:
 
     def play(self, rng: random.Random) -> NoReturn:
         """Opens anew where an exception came upon opening or closing."""
-        interrupts, patience = True, time.monotonic() + 1
+        interrupts, patience = True, time.monotonic() + PATIENCE
         try:
+            if self.interpreted:
+                chaos_still.tells(self.stage)
             if self.work in (write, read):
                 chaos_mishaps.prepare(self.stage, rng)
             while interrupts:
@@ -277,10 +288,11 @@ class Actor:
                     self.work(self.stage, self.place, rng)
                 except Interrupted:
                     interrupts = True
-                except RegionInUse:  # by a child of the one before, forked just now, which has not had its turn yet
+                except RegionInUse as error:
+                    # By a child of the one before, forked just now, which has not had its turn yet.
                     interrupts = time.monotonic() < patience
                     if not interrupts:
-                        raise
+                        chaos_still.who_is_in_the_way(self.stage, error)
                 self.stage.calls = []
         except BaseException as error:
             self.stage.complain(f"{self.work.__name__} ended: {error!r}")
@@ -316,9 +328,11 @@ def play(
 ) -> Verdict:
     """Until there were so many kills, for so many seconds, or until a fault was found."""
     stage, complaints = _stage(folder, plc, cpp)
-    stage.calm = calm or fault is not None
+    stage.calm = calm
     if fault:
-        chaos_faults.PLANTED[fault](stage)
+        plant = chaos_faults.PLANTED[fault]
+        plant(stage)
+        stage.calm = plant in chaos_faults.CALM
     rng, verdict = random.Random(seed), Verdict()
     before = _half_made()
     end = time.monotonic() + seconds
@@ -334,7 +348,7 @@ def play(
             stage.depth = DEPTHS[verdict.regions % 2]
             stage.kind = "Small" if fault else tuple(SIZES)[verdict.regions // 2 % 2]
             works = scenes[verdict.regions % len(scenes)]
-            gentle = not stage.calm and verdict.regions % 4 == 3
+            gentle = not stage.calm and verdict.regions % 5 == 1
             cast = [Actor(stage, place, work) for place, work in enumerate(works)]
             for actor in cast:
                 actor.start(rng.random())
@@ -402,7 +416,9 @@ def _stage(folder: Path, plc: bool, cpp: bool) -> tuple[Stage, Callable[[], list
             return []
 
     topic = f"/shmgen_chaos/t{os.getpid()}"
-    return Stage(topic, kinds, compiled, moves, into, program=program, shared=shared), complaints
+    return Stage(
+        topic, kinds, compiled, moves, into, program=program, shared=shared, stacks=os.memfd_create("stacks")
+    ), complaints
 
 
 def _burst(stage: Stage, cast: list[Actor], rng: random.Random, verdict: Verdict) -> None:
@@ -462,22 +478,21 @@ def _last_sample_is_lost(stage: Stage) -> Iterator[str]:
 
 def _recover(cast: list[Actor], limit: float, verdict: Verdict) -> None:
     start, before = time.monotonic(), [actor.moves for actor in cast]
-    late = ""
-    while still := [actor for actor, moves in zip(cast, before, strict=True) if actor.moves == moves]:
+    stage, late = cast[0].stage, ""
+    surplus = chaos_still.Surplus(stage)
+    while any(actor.moves == moves for actor, moves in zip(cast, before, strict=True)) or surplus.is_there():
         took = time.monotonic() - start
         if took > limit and not late:
-            who = ", ".join(f"{actor.work.__name__} ({actor.state()})" for actor in still)
-            late = f"{who}: no sign of life within {limit:.1f} s of the "
-            with suppress(RegionMissing):
-                late += f"last hit, {read_header(region_name(cast[0].stage.topic))!r}"
+            what = "more than one token" if surplus.is_there() else "no sign of life"
+            late = f"{what} within {limit:.1f} s of the last hit: {chaos_still.found(stage, cast, before)}"
         if took > 5 * limit:
-            verdict.faults.append(f"{late}, nor within {took:.1f}")
+            verdict.faults.append(f"{late}\nnor within {took:.1f}: {chaos_still.found(stage, cast, before)}")
             return
         time.sleep(0.0005)
     took = time.monotonic() - start
     verdict.pause = max(verdict.pause, took)
     if late:
-        verdict.faults.append(f"{late}; all moved after {took:.2f}")
+        verdict.faults.append(f"{late}\nall moved after {took:.2f}")
 
 
 def _files(stage: Stage) -> set[Path]:

@@ -1,14 +1,17 @@
-"""Turns the protocol into five wrong ones, which the chaos test must find: each function plants one in this process.
+"""Turns the protocol into eight wrong ones, which the chaos test must find: each function plants one in this process.
 
 All are for Python writers and readers; the processes that chaos.py forks inherit them.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from typing import Any
 
+from shmgen.runtime import closing, region
 from shmgen.runtime import header as h
+from shmgen.runtime.lock import Lock
 from shmgen.runtime.region import Region
 
 PUBLISHER, SUBSCRIBER = 1, 2
@@ -91,8 +94,44 @@ def number_alone(stage: Any) -> None:
     after_opening(stage, SUBSCRIBER, plant)
 
 
+# --- which only what chaos_mishaps.py does brings to light ---------------------------------------------------
+
+
+def claim_kept(stage: Any) -> None:
+    """A forked child keeps the open file of the region, and with it the claim, beyond its parent's death."""
+    close = Region.close
+
+    class Nothing(set[Any]):
+        def add(self, made: Any) -> None:
+            pass
+
+    def kept(self: Region, gone: Any = None) -> None:
+        if os.getpid() == self.pid:
+            close(self, gone)
+
+    Region.close = kept  # type: ignore[method-assign]
+    closing._kept = Nothing()  # type: ignore[assignment]
+
+
+def second_token(stage: Any) -> None:
+    """Who comes out of the lock posts it although there is a token already."""
+    region.LOCK_MOST = 1 << 30
+
+
+def lock_lost(stage: Any) -> None:
+    """An exception on the way keeps the lock."""
+    leave = Lock.leave
+
+    def kept(self: Lock, error: BaseException | None = None) -> bool:
+        return isinstance(error, ValueError) and leave(self, error)
+
+    Lock.leave = kept  # type: ignore[method-assign]
+
+
+CALM: tuple[Callable[[Any], None], ...] = (one_slot, completed_first, no_begun, begun_late, number_alone)
+"""What kills and stops alone bring to light."""
 PLANTED: dict[str, Callable[[Any], None]] = {
-    plant.__name__: plant for plant in (one_slot, completed_first, no_begun, begun_late, number_alone)
+    plant.__name__: plant for plant in (*CALM, claim_kept, second_token, lock_lost)
 }
 
 

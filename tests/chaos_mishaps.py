@@ -31,10 +31,14 @@ LONG_STOP = 1.15
 """Seconds; a holder is taken for dead after one, a PLC's claim too."""
 HANGS = 10
 """Seconds that opening what is spoiled may last, on a machine with much else to do."""
+_CHILD = (0.0, 0.005, 0.02, 3.0)
+"""Seconds that a forked child lives: also longer than a new writer waits for the topic."""
 _SPARE = 0.01
 """Seconds between two exceptions in one process, so that one can be dealt with."""
 _NEW_NAMESPACE = 0x20000
 _PAGE = 4096
+_MAGIC = 4
+"""Bytes."""
 
 
 class Interrupted(BaseException):
@@ -56,14 +60,17 @@ def prepare(stage: Any, rng: random.Random) -> None:
     def fork(*_: Any) -> None:
         # A descriptor has no owner yet while the call that makes it returns: docs/protocol.md, Forks.
         nonlocal forking
+        if forking:  # in a hook of the one before: that of concurrent.futures holds a lock there, and waits for itself
+            return
         forking = True
+        pause = rng.choice(_CHILD)  # here, for the child draws from a copy
         child = bool(stage.calls) and os.fork() == 0
         forking = False
         if child:
             try:
                 for call in stage.calls:
                     _must_refuse(call, stage)
-                time.sleep(rng.uniform(0, 0.02))
+                time.sleep(pause)
             finally:
                 os._exit(0)
 
@@ -122,15 +129,16 @@ def cut_short(stage: Any, rng: random.Random) -> Iterator[str]:
     """Those who have it mapped may die, as the docs say; who comes later, and who only looks, may not."""
     child = _fork(lambda: _use(stage, rng.uniform(0.0, 0.05), for_ever=True))
     time.sleep(rng.uniform(0.05, 0.15))
-    file = Path(region_file(region_name(stage.topic)))
+    file, size = Path(region_file(region_name(stage.topic))), _PAGE
     if file.exists():
-        os.truncate(file, rng.choice((0, 1, 100, 191, 192, 193, _PAGE - 1, _PAGE, file.stat().st_size - 1)))
+        size = rng.choice((0, 1, 100, 191, 192, 193, _PAGE - 1, _PAGE, file.stat().st_size - 1))
+        os.truncate(file, size)
     time.sleep(0.02)
     yield from _looked_at(stage)
     os.kill(child, signal.SIGKILL)
     os.waitpid(child, 0)
     yield from _opened(stage, "a region that was cut short")
-    yield from _clean_all(stage)
+    yield from _clean_all(stage, known=not 0 < size < _MAGIC)
     yield from _opened(stage, "no region", must_work=True)
 
 
@@ -198,6 +206,8 @@ def _in_small(stage: Any, rng: random.Random, into: int) -> None:
                 os.write(into, f"full: an open that failed left {file}: {error}\n".encode())
         except BaseException as error:
             os.write(into, f"full: {error!r}\n".encode())
+        if stage.program and rng.random() < 0.3:
+            os.write(into, "\n".join(_opened_by_cpp(stage, "full", must_work=False)).encode())
         filler.unlink()
         with stage.kinds[1](stage.topic, depth=stage.depth) as publisher:
             publisher.publish(stage.sample(publisher.sequence + 1))
@@ -248,8 +258,28 @@ def _opened(stage: Any, what: str, must_work: bool = False) -> Iterator[str]:
         time.sleep(0.001)
     if done[1]:
         yield f"{what}: who opens it ends with {os.waitstatus_to_exitcode(done[1])}"
+    if stage.program:
+        yield from _opened_by_cpp(stage, what, must_work)
     if must_work:
         _unlink_all(stage)
+
+
+def _opened_by_cpp(stage: Any, what: str, must_work: bool) -> Iterator[str]:
+    """A writer, which says why not, and in time, or publishes."""
+    out, into = os.pipe()
+    place, end = 3, time.monotonic() + HANGS
+    stage.moves[place] = 0
+    child = _fork(lambda: stage.become_cpp(place, random.Random(1), "write", into))
+    os.close(into)
+    while not (done := os.waitpid(child, os.WNOHANG))[0] and not stage.moves[place] and time.monotonic() < end:
+        time.sleep(0.001)
+    if not done[0]:
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+    with open(out) as said:
+        text = said.read().strip()
+    if done[1] or (must_work and not stage.moves[place]) or not (text or stage.moves[place]):
+        yield f"{what}: C++ ends with {os.waitstatus_to_exitcode(done[1])} after {stage.moves[place]} samples: {text}"
 
 
 def _looked_at(stage: Any) -> Iterator[str]:
@@ -265,12 +295,13 @@ def _looked_at(stage: Any) -> Iterator[str]:
                 yield f"{' '.join(command)}: {done.code}, {done.stderr[-300:]!r}"
 
 
-def _clean_all(stage: Any) -> Iterator[str]:
+def _clean_all(stage: Any, known: bool) -> Iterator[str]:
+    """What is too short to say that it is a region of ours is not touched."""
     with tempfile.TemporaryDirectory() as folder:
         done = run(["clean", stage.topic], Path(folder))
-    if done.code:
-        yield f"clean: {done.stderr[-300:]!r}"
-        _unlink_all(stage)
+    if bool(done.code) is known:
+        yield f"clean: {done.code} {done.stderr[-300:]!r}"
+    _unlink_all(stage)
 
 
 def _unlink_all(stage: Any) -> None:

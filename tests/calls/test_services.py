@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import dis
 import logging
+import sys
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -21,6 +25,8 @@ from shm_service.cell_msgs.srv import (
 
 from shmgen import runtime
 from shmgen.runtime import header as h
+
+RUNTIME = str(Path(runtime.__file__).parent)
 
 SERVE = """
 with StartServer({topic!r}) as server:
@@ -117,6 +123,72 @@ def test_an_interrupted_handler_fails_its_call_and_ends_the_server(topic):
             server.serve(handler, timeout=5)
         with pytest.raises(runtime.CallFailed):
             client.poll()
+
+
+def interrupted_behind(step, call):
+    """Calls, and raises behind call or jump number `step` in the runtime, where signal handlers run; True if it did."""
+    left = [step]
+    behind = {}
+
+    def trace(frame, event, _):
+        if not frame.f_code.co_filename.startswith(RUNTIME):
+            return None
+        frame.f_trace_opcodes = True
+        if event == "opcode":
+            name = dis.opname[frame.f_code.co_code[frame.f_lasti]]
+            came, behind[frame] = behind.get(frame, False), name.startswith(("CALL", "JUMP_B", "JUMP_A"))
+            left[0] -= came
+            if came and left[0] == 0:
+                raise KeyboardInterrupt
+        return trace
+
+    sys.settrace(trace)
+    try:
+        call()
+    except KeyboardInterrupt:
+        return True
+    finally:
+        sys.settrace(None)
+    return False
+
+
+def test_an_exception_behind_any_step_of_a_call(topic):
+    """Out of a signal handler: other threads get their turn, and the next call its own answer."""
+
+    def handler(request):
+        if not request.batch:
+            raise KeyboardInterrupt
+        return answer(request)
+
+    with StartServer(topic) as server, StartClient(topic) as client, ThreadPoolExecutor(2) as others:
+        serving = others.submit(server.serve, handler, 20)
+        client.call(request(), timeout=3)  # opens the event
+        for step in range(1, 1000):
+            came = interrupted_behind(step, lambda step=step: client.call(request(step), timeout=3))
+            assert others.submit(client.call, request(2 * step), 3).result().batch == 4 * step
+            if not came:
+                break
+        assert step > 30
+        client.send(request(0))
+        assert isinstance(serving.exception(10), KeyboardInterrupt)
+
+
+def test_an_exception_behind_any_step_of_an_answer(topic):
+    """The call is answered once, or fails, or is left to its client's time limit; the next one is as any other."""
+    with StartServer(topic) as server, StartClient(topic) as client:
+        server.wait(1e-3)  # opens the event
+        for step in range(1, 1000):
+            client.send(request(step))
+            before = server._callee._answers.sequence
+            came = interrupted_behind(step, lambda: server.serve(answer, timeout=1e-3))
+            assert server._callee._answers.sequence - before <= 1
+            client.send(request(2 * step))
+            call = server.take()
+            assert server.reply(call, answer(call.request))
+            assert client.poll().batch == 4 * step
+            if not came:
+                break
+        assert step > 30
 
 
 def test_without_a_server_nothing_is_sent(topic):

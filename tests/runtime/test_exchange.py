@@ -466,6 +466,9 @@ def test_a_late_array_that_does_not_fit(topic, file):
         data = bytearray(5)
         publisher.publish(SimpleNamespace(id=2, ranges=[0.0] * LONG, data=data, name=""))
         data.append(1)  # no view of it is left
+        with pytest.raises(runtime.ValueRejected):
+            publisher.publish(SimpleNamespace(id=3, ranges=[0.0] * LONG, data=data, name="x" * 17))
+        data.append(1)
 
 
 def test_a_long_structure_goes_as_it_is(topic):

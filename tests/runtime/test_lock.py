@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from _multiprocessing import SemLock
+from types import SimpleNamespace
 
 import posix_ipc
 import pytest
@@ -92,7 +93,7 @@ def test_the_lock_of_a_killed_process_is_healed(topic, other, value):
         assert (found.recoveries, found.lock_holder, value()) == (1, 0, 1)
 
 
-@pytest.mark.parametrize("holder", [dead_pid, lambda: 0, lambda: h.PLC, os.getppid, lambda: 1, lambda: 2**31 + 5])
+@pytest.mark.parametrize("holder", [dead_pid, lambda: 0, lambda: h.PLC, os.getppid, lambda: 1, lambda: 2**31])
 def test_only_a_dead_process_is_healed_early(topic, monkeypatch, value, holder):
     """A pid that lives may be another process by now; that, the PLC and nobody are judged by the long rule."""
     pid = holder()
@@ -127,15 +128,75 @@ def test_a_lock_is_watched_from_the_opening_on_only_if_it_is_not_free(topic, mon
                 assert publisher.lock_misses == (not stuck)
 
 
-def test_a_lock_that_others_pass_is_not_stuck(topic, monkeypatch):
+@pytest.mark.parametrize(("holder", "after"), [(dead_pid, lock._DEAD_AFTER), (lambda: 0, lock._STUCK_AFTER)])
+def test_a_lock_that_others_pass_is_not_stuck(topic, monkeypatch, holder, after):
+    now = 0.0  # so that sums are exact
     with PosePublisher(topic, lock_timeout=0) as publisher:
-        monkeypatch.setattr(lock, "_STUCK_AFTER", 4 * SOON)
-        leave_locked(publisher, dead_pid())
-        end = time.monotonic() + 8 * SOON
-        while time.monotonic() < end:
+        monkeypatch.setattr(lock, "time", SimpleNamespace(monotonic=lambda: now))
+        leave_locked(publisher, holder())
+        words = publisher._region.words
+        for _ in range(40):
             publisher.publish(pose(1))
-            publisher._region.words[h.LOCK_COUNT] += 1
-        assert publisher._region.words[h.RECOVERIES] == 0
+            words[h.LOCK_COUNT] += 1
+            now += after / 2
+        assert words[h.RECOVERIES] == 0
+        now = 0.0
+        words[h.LOCK_COUNT] += 1
+        for instant, healed in ((0.0, 0), (after * 0.99, 0), (after, 1)):
+            now = instant
+            publisher.publish(pose(1))
+            assert words[h.RECOVERIES] == healed
+
+
+def test_a_wait_yields_and_then_sleeps(topic, monkeypatch):
+    """A processor is not burnt for as long as somebody else is inside."""
+    naps, yields, now = [], [], 0.0
+
+    def sleep(seconds):
+        nonlocal now
+        naps.append(seconds)
+        now += seconds
+
+    with PosePublisher(topic, lock_timeout=0.005) as publisher:
+        monkeypatch.setattr(lock, "time", SimpleNamespace(monotonic=lambda: now, sleep=sleep))
+        monkeypatch.setattr(lock.os, "sched_yield", lambda: yields.append(now))
+        leave_locked(publisher, os.getpid())
+        publisher.publish(pose(1))
+        assert (len(yields), len(naps), set(naps)) == (20, pytest.approx(50, abs=1), {1e-4})
+        publisher.publish(pose(2))  # the same stay: no second wait
+        assert (len(yields), publisher.lock_misses) == (20, 2)
+        with PoseSubscriber(topic, lock_timeout=0.005) as subscriber:  # opened while somebody is inside
+            subscriber._last = 0
+            assert subscriber.read().position.x == 2.0
+            assert (len(yields), subscriber.lock_misses) == (40, 1)
+
+
+def test_a_token_that_others_post_at_each_try_is_not_ours(topic, monkeypatch):
+    """Else the next call would believe to be inside, and give back what it does not hold."""
+    with PosePublisher(topic) as publisher:
+        inner = publisher._region.semaphore
+
+        class Full:
+            def release(self):
+                raise ValueError(*semaphores.TOO_MANY)
+
+            def acquire(self, block):
+                return False
+
+            def _count(self):
+                return inner._count() + 1
+
+        publisher._lock._region.semaphore = Full()
+        publisher._lock.leave()
+        assert publisher._lock._balance == -1
+        publisher._region.semaphore = inner
+
+
+def test_a_region_without_a_lock_is_not_entered(topic, monkeypatch):
+    with PosePublisher(topic) as publisher:
+        publisher._region.semaphore = semaphores.NoSemaphore()
+        assert not publisher._lock.wait()
+        assert publisher.lock_misses == 0
 
 
 def test_one_healer_at_a_time(topic, monkeypatch, value):
@@ -160,9 +221,9 @@ def test_one_healer_at_a_time(topic, monkeypatch, value):
 def test_taking_over_is_a_stay_of_its_own(topic, count, after):
     """Otherwise whoever has the same number as the dead one, in another container, would be taken for dead as well."""
     with PosePublisher(topic) as publisher:
-        leave_locked(publisher, os.getpid())
+        leave_locked(publisher, 1)
         publisher._region.words[h.LOCK_COUNT] = count
-        assert publisher._lock._take_over((os.getpid(), count))
+        assert publisher._lock._take_over((1, count))
         assert publisher._lock._stay() == (os.getpid(), after)
         publisher._lock.leave()
 

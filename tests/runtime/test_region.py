@@ -15,7 +15,7 @@ import pytest
 
 from shmgen import runtime
 from shmgen.runtime import header as h
-from shmgen.runtime.region import _complete_header, open_region
+from shmgen.runtime.region import REPAIR_LOCK, WRITER_LOCK, _complete_header, open_region
 
 from .messages import Pose, PosePublisher, PoseSubscriber, Scan, ScanSubscriber, pose
 
@@ -92,10 +92,11 @@ def test_impossible_depth(topic, file, depth):
     assert not file.exists()
 
 
-@pytest.mark.parametrize("timeout", [-1, float("nan"), 61])
+@pytest.mark.parametrize("timeout", [-1, float("nan"), 1.01])
 def test_impossible_lock_timeout(topic, timeout):
     with pytest.raises(ValueError, match="lock_timeout"):
         PoseSubscriber(topic, lock_timeout=timeout)
+    PoseSubscriber(topic, lock_timeout=1).close()
 
 
 def test_long_type_names_keep_their_nul():
@@ -372,6 +373,21 @@ def test_closing_twice_and_using_closed(topic):
         with pytest.raises(runtime.Closed, match=r"(publisher|subscriber) is closed"):
             call()
     assert (publisher.topic, publisher.sequence, subscriber.missed, subscriber.age) == (topic, 0, 0, None)
+    with pytest.raises(runtime.Closed):
+        publisher._region.words[0]
+
+
+def test_record_locks_are_of_one_byte_each(topic):
+    with PoseSubscriber(topic) as one, PoseSubscriber(topic) as other:
+        first, second = one._region, other._region
+        assert first.lock_byte(REPAIR_LOCK)
+        assert not second.lock_byte(REPAIR_LOCK)
+        assert (second.byte_is_locked(WRITER_LOCK), second.byte_is_locked(REPAIR_LOCK)) == (False, True)
+        assert second.lock_byte(WRITER_LOCK)
+        first.unlock_byte(REPAIR_LOCK)
+        assert (first.byte_is_locked(WRITER_LOCK), second.byte_is_locked(REPAIR_LOCK)) == (True, False)
+        second.unlock_byte(WRITER_LOCK)
+        assert not first.byte_is_locked(WRITER_LOCK)
 
 
 def test_an_abandoned_publisher_frees_the_claim(topic):

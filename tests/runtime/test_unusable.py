@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import resource
 import subprocess
@@ -61,16 +62,37 @@ def test_no_descriptors_left(topic):
     assert "Too many open files" in text
 
 
-def test_an_open_that_failed_leaves_no_file(topic, file, monkeypatch):
-    def full(*_):
-        raise OSError(28, "No space left on device")
+@pytest.mark.parametrize(
+    ("error", "text"), [(errno.ENOSPC, "no room for 4096 bytes"), (errno.EIO, "Input/output error")]
+)
+def test_an_open_that_failed_leaves_no_file(topic, file, monkeypatch, error, text):
+    def refuse(*_):
+        raise OSError(error, os.strerror(error))
 
     with monkeypatch.context() as patch:
-        patch.setattr(os, "posix_fallocate", full)
-        with pytest.raises(runtime.RegionUnusable, match="no room for 4096 bytes"):
+        patch.setattr(os, "posix_fallocate", refuse)
+        with pytest.raises(runtime.RegionUnusable, match=text):
             PosePublisher(topic)
     assert not file.exists()
     PosePublisher(topic).close()
+
+
+@pytest.mark.parametrize("place", ["/dev/shm/sem.", "/dev/shm/"])
+def test_what_vanishes_again_and_again_is_given_up(topic, monkeypatch, place):
+    """Somebody removes the semaphore, or the region, at each try between its opening and the last look."""
+    leads = region._leads_to
+    tries = []
+
+    def vanished(path, file):
+        if path.startswith(place):
+            tries.append(path)
+            return False
+        return leads(path, file)
+
+    monkeypatch.setattr(region, "_leads_to", vanished)
+    with pytest.raises(runtime.RegionUnusable, match="keeps appearing and vanishing"):
+        PosePublisher(topic)
+    assert len(tries) >= 10 - 1
 
 
 def test_a_region_whose_maker_gave_up_is_opened_anew(topic, file, monkeypatch):

@@ -49,14 +49,8 @@ class Worker:
         self._time = int(time.time())
         environment = os.environ | {"PYTHONPATH": str(self.copy / "src"), "XDG_CACHE_HOME": str(self.copy / _CACHE)}
         environment.pop("PYTHONDONTWRITEBYTECODE", None)
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "tests.support.mutation_worker"],
-            cwd=self.copy,
-            env=environment,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
+        self._environment = environment
+        self._start()
 
     def try_(self, mutant: Mutant, tests: list[str], limit: float) -> str:
         """`limit` is in seconds."""
@@ -78,6 +72,16 @@ class Worker:
             raise SystemExit(f"{how} without a mutant: {tests}\n{(self.copy / _LOG).read_text()[-2000:]}")
         return seconds, json.loads((self.copy / _LINES).read_text())
 
+    def _start(self) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "tests.support.mutation_worker"],
+            cwd=self.copy,
+            env=self._environment,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+
     def close(self) -> None:
         assert self._process.stdin is not None
         assert self._process.stdout is not None
@@ -90,8 +94,13 @@ class Worker:
         assert self._process.stdout is not None
         self._process.stdin.write(json.dumps([tests, limit, files]) + "\n")
         self._process.stdin.flush()
-        how, seconds = json.loads(self._process.stdout.readline())
-        return how, seconds
+        if answer := self._process.stdout.readline():
+            how, seconds = json.loads(answer)
+            return how, seconds
+        self._process.wait()  # the mutant has sent a signal to it
+        self._process.stdout.close()
+        self._start()
+        return "killed", 0.0
 
     def _age(self, path: Path) -> None:
         """Bytecode goes by the second of the source, and by its size."""

@@ -117,7 +117,7 @@ class Callee(Generic[Q, A]):
         self.number = 0
         self._questions = questions
         self._answers = answers
-        self._is_open = False
+        self._begun_at = 0
 
     def take(self, timeout: float) -> tuple[int, Q] | None:
         """The newest question with its number, once, as soon as there is one, or None after `timeout` seconds.
@@ -137,19 +137,20 @@ class Callee(Generic[Q, A]):
 
     def begin(self, number: int) -> None:
         """From now on this question waits for its answer, and no other."""
-        self.number = number
-        self._is_open = True
+        self.number, self._begun_at = number, self._answers.sequence
 
     def awaits(self, number: int) -> bool:
-        """Whether that question still waits for its answer."""
-        return self._is_open and number == self.number
+        """Whether that question still waits for its answer.
+
+        By what was published, so that an exception out of a signal handler behind that makes no second answer.
+        """
+        return number == self.number and self._answers.sequence == self._begun_at
 
     def answer(self, number: int, answer: Any) -> bool:
         """False, and nothing sent, if that question waits no more. Raises as Publisher.publish."""
         if not self.awaits(number):
             return False
         self._answers.publish(answer)
-        self._is_open = False
         return True
 
     def client_lives(self) -> bool:

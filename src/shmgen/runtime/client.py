@@ -54,9 +54,9 @@ class ServiceClient(Closing, Generic[Request, Response]):
         it; CallFailed; ValueRejected for a value that does not fit; LockTimeout.
         """
         deadline = time.monotonic() + timeout
-        if not self._one_at_a_time.acquire(timeout=max(0.0, timeout)):
-            raise CallTimeout(f"{self._service}: another thread's call took all of the {timeout:g} s")
         try:
+            if not self._one_at_a_time.acquire(timeout=max(0.0, timeout)):
+                raise CallTimeout(f"{self._service}: another thread's call took all of the {timeout:g} s")
             if not self._caller.wait_for_server(deadline - time.monotonic()):
                 raise NoServer(f"{self._service}: no server within {timeout:g} s; the request was not sent")
             number = self._caller.ask(request)
@@ -64,9 +64,15 @@ class ServiceClient(Closing, Generic[Request, Response]):
             if reply is None:
                 self._caller.number = 0
                 raise CallTimeout(f"{self._service}: call {number} was not answered within {timeout:g} s")
-            return self._response(reply)
+            response = self._response(reply)
+            return response  # noqa: RET504 no call is the last thing before the release
         finally:
-            self._one_at_a_time.release()
+            # One call, which knows itself whether there is something to release: a signal handler may raise behind
+            # each call, so also before the result of acquire() is there.
+            try:  # noqa: SIM105
+                self._one_at_a_time.release()
+            except RuntimeError:
+                pass
 
     def send(self, request: Any) -> int:
         """Sends `request`, whether there is a server or not, and returns the call's number; then poll().

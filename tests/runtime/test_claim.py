@@ -1,0 +1,112 @@
+"""Who may write a topic after a PLC, to the millisecond: the clock and what the PLC does meanwhile are the test's."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from shmgen import runtime
+from shmgen.runtime import claim, lock, subscriber
+from shmgen.runtime import header as h
+
+from ..chaos_faults import swap_map
+from .messages import PosePublisher, PoseSubscriber, pose
+
+NUMBER = 41
+
+
+@pytest.fixture
+def region(topic):
+    """A reader's, with a PLC as the writer."""
+    with PoseSubscriber(topic, depth=3) as reader:
+        reader._region.words[h.WRITER] = h.PLC
+        reader._region.words[h.COMPLETED] = NUMBER
+        yield reader._region
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """Goes on only by sleeping; `events` are (from when on, what happens once)."""
+    clock = SimpleNamespace(now=0.0, naps=[], events=[])
+
+    def monotonic():
+        while clock.events and clock.events[0][0] <= clock.now:
+            clock.events.pop(0)[1]()
+        return clock.now
+
+    def sleep(seconds):
+        clock.naps.append(seconds)
+        clock.now += seconds
+        monotonic()
+
+    monkeypatch.setattr(claim, "time", SimpleNamespace(monotonic=monotonic, sleep=sleep))
+    return clock
+
+
+def says(region, word, value):
+    return lambda: region.words.__setitem__(word, value)
+
+
+def test_limits_are_those_of_the_protocol():
+    assert (claim.WATCH, claim._CONFIRM) == (1.0, 0.1)
+    assert (lock.LOCK_TIMEOUT, lock._DEAD_AFTER, lock._STUCK_AFTER) == (0.01, 0.05, 1.0)
+    assert (subscriber._POLL, subscriber._SLICE) == (0.001, 0.01)
+
+
+def test_a_plc_that_stands_still_is_watched_for_a_second_and_a_turn_is_left_to_it(region, clock):
+    assert claim.claim(region) == (NUMBER + region.header.slots, True)
+    assert 1.1 <= clock.now < 1.104
+    assert clock.naps[-1] == 0.1
+    assert set(clock.naps[:-1]) == {0.002}
+    assert region.words[h.WRITER] == region.pid
+
+
+def test_a_plc_that_lets_go_leaves_its_numbers_too(region, clock):
+    clock.events = [(0.5, says(region, h.WRITER, 0))]
+    assert claim.claim(region) == (NUMBER, False)
+    assert 0.5 <= clock.now < 0.504
+
+
+@pytest.mark.parametrize("word", [h.HEARTBEAT, h.WRITER])
+def test_who_moves_at_the_last_moment_is_a_writer(region, clock, word):
+    clock.events = [(0.99, says(region, word, 77))]
+    with pytest.raises(runtime.RegionInUse):
+        claim.claim(region)
+    assert 0.99 <= clock.now < 0.994
+
+
+def test_whose_name_stands_in_the_end_is_the_writer(region, clock):
+    clock.events = [(1.05, says(region, h.WRITER, h.PLC))]
+    with pytest.raises(runtime.RegionInUse):
+        claim.claim(region)
+    assert region.words[h.WRITER] == h.PLC
+
+
+@pytest.mark.parametrize(("stop", "doubtful"), [(0.05, False), (0.0501, True)])
+def test_who_stands_still_between_look_and_name_makes_sure(region, clock, monkeypatch, stop, doubtful):
+    """The second look at the clock comes after the name."""
+    looks = iter((0.0, stop))
+    clock.now = stop
+    monkeypatch.setattr(claim.time, "monotonic", lambda: next(looks))
+    region.words[h.WRITER] = 12345
+    assert claim.claim(region) == (NUMBER + region.header.slots if doubtful else NUMBER, doubtful)
+    assert clock.naps == ([0.1] if doubtful else [])
+
+
+def test_who_loses_the_topic_in_its_copy_voids_the_slot_and_gives_all_back(topic):
+    with PosePublisher(topic, depth=3) as publisher, PoseSubscriber(topic, depth=3) as subscriber:
+        region, words = publisher._region, publisher._region.words
+        for number in (1, 2, 3):
+            publisher.publish(pose(number))
+        swap_map(publisher, says(region, h.WRITER, h.PLC))
+        with pytest.raises(runtime.ClaimLost, match="taken the topic over"):
+            publisher.publish(pose(4))
+        slots = [region.sample(number).start // 4 + 2 * h.NUMBER for number in (1, 2, 3, 4)]
+        assert [words[slot] for slot in slots] == [1, 2, 3, 0]
+        assert (words[h.COMPLETED], words[h.LOCK_HOLDER], region.semaphore._get_value()) == (3, 0, 1)
+        assert subscriber.read().position.x == 3.0
+        with pytest.raises(runtime.ClaimLost):
+            publisher.heartbeat()
+        words[h.WRITER] = 0
+        PosePublisher(topic, depth=3).close()  # the record lock is free while the loser is still open
