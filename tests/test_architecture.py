@@ -40,7 +40,7 @@ ARROWS = {
     "resolve": WORDS | {"config", "targets"},
     "pipeline": WORDS | {"bounds", "config", "definitions", "drift", "layout", "render", "resolve", "targets"},
     "show": WORDS | {"layout", "pipeline", "show", "targets", "type_hash"},
-    "runtime": {"abi", "runtime", "wording"},
+    "runtime": {"_straight", "abi", "runtime", "wording"},
     "live": WORDS | {"bounds", "config", "definitions", "live", "pipeline", "runtime", "toml"},
     "tools": WORDS | {"config", "live", "runtime", "targets", "tools"},
     "bridge": WORDS | {"bridge", "config", "live", "pipeline", "resolve", "runtime", "targets", "type_hash"},
