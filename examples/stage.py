@@ -92,9 +92,10 @@ def cell(here: Path) -> Iterator[Cell]:
 
 
 def _clean(configuration: Path) -> None:
-    """Removes the regions of topics and services, which no side does by itself: here all are known to have ended."""
+    """Removes all regions, which no side does by itself: here all sides are known to have ended."""
     said = config.load(configuration, configuration.name, Report())
     calls = [f"{service.service}-{half}" for service in said.services for half in ("request", "response")]
+    calls += [f"{action.action}-{third}" for action in said.actions for third in ("goal", "feedback", "result")]
     there = [
         name
         for name in [*(topic.topic for topic in said.topics), *calls]

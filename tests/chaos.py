@@ -1,10 +1,12 @@
 """Turns a seed into thousands of SIGKILLs at random instants, and what must hold all the same into a verdict.
 
-    python -m tests.chaos --seconds 60 --seed 1 [--no-plc] [--fault NAME]
+    python -m tests.chaos --seconds 60 --seed 1 [--no-plc] [--no-cpp] [--fault NAME]
 
-Writers and readers, in Python and as Structured Text in the soft PLC, work on one topic, are killed, stopped for a
-moment, and started again; now and then all are killed and the region is removed, so that its making is met as well.
-Every sample carries its number and a checksum. There are small ones, which some of the Python processes copy slowly,
+Writers and readers, in Python, in C++ and in Structured Text (the soft PLC), work on one topic, are killed, stopped
+for a moment, and started again; now and then all are killed and the region is removed, so that its making is met
+as well. Signal handlers raise and fork in them, strangers post to their semaphores, their region is cut short, files
+that are none of theirs take its names, /dev/shm is full: see chaos_mishaps.py.
+Every sample carries its number and a checksum. There are small ones, which some of the processes copy slowly,
 in two halves, so that others come between, and large ones. A round is a burst of such hits and then the time until
 everybody has moved again. `--fault` plants a fault in the protocol, which must be found: see chaos_faults.py.
 """
@@ -16,26 +18,30 @@ import ctypes
 import mmap
 import os
 import random
+import shutil
 import signal
 import sys
 import tempfile
 import time
 import zlib
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from shmgen import pipeline
 from shmgen.config import Config
 from shmgen.live import processes
 from shmgen.model import TypeName
-from shmgen.runtime import LockTimeout, RegionMissing, read_header, region_name
+from shmgen.runtime import LockTimeout, RegionInUse, RegionMissing, read_header, region_name
 from shmgen.tools import clean, unfinished
 
-from . import chaos_faults
+from . import chaos_faults, chaos_mishaps
 from .chaos_faults import Wrapped, swap
+from .chaos_mishaps import Interrupted
+from .support import cpp_peer
 from .support.build import classes, put
 
 DEPTHS = (1, 4)
@@ -52,7 +58,10 @@ ROUNDS_A_REGION = 30
 
 @dataclass
 class Stage:
-    """What all processes share: a topic, the classes, and a word for each role that says how often it has moved."""
+    """What all processes share: a topic, the classes, and a word for each role that says how often it has moved.
+
+    `program` is that of C++, and `shared` the descriptor of those words.
+    """
 
     topic: str
     classes: dict[str, tuple[Any, Any, Any]]
@@ -61,6 +70,11 @@ class Stage:
     complaints: int
     depth: int = 1
     kind: str = "Small"
+    calm: bool = False
+    calls: list[Callable[[], Any]] = field(default_factory=list)
+    """What the process itself has open, which a forked child of it must not use."""
+    program: Path | None = None
+    shared: int = -1
 
     @property
     def kinds(self) -> tuple[Any, Any, Any]:
@@ -97,6 +111,7 @@ class Verdict:
     regions: int = 1
     half_made: int = 0
     pause: float = 0.0
+    mishaps: Counter[str] = field(default_factory=Counter)
     faults: list[str] = field(default_factory=list)
 
 
@@ -104,12 +119,13 @@ def write(stage: Stage, place: int, rng: random.Random) -> None:
     """Also as on a machine where the lock is needed: then a dead holder stops everybody until it is healed."""
     pause = rng.choice((0, 0, 0.0003))
     with stage.kinds[1](stage.topic, depth=stage.depth, lock_timeout=rng.choice((0, 0, 0.001, 0.01))) as publisher:
+        stage.calls = [publisher.heartbeat]
         publisher._lock.keeps_order &= rng.random() < 0.7
         copy_slowly(publisher, stage, rng)
         while True:
             try:
                 publisher.publish(stage.sample(publisher.sequence + 1))
-            except LockTimeout:
+            except (LockTimeout, Interrupted):
                 continue
             stage.moves[place] += 1
             time.sleep(pause)
@@ -118,28 +134,38 @@ def write(stage: Stage, place: int, rng: random.Random) -> None:
 def read(stage: Stage, place: int, rng: random.Random) -> None:
     way = rng.choice(("read", "read_all", "wait"))
     with stage.kinds[2](stage.topic, depth=stage.depth, lock_timeout=rng.choice((0, 0, 0.001, 0.01))) as subscriber:
+        stage.calls = [subscriber.read]
         subscriber._lock.keeps_order &= rng.random() < 0.7
         copy_slowly(subscriber, stage, rng)
-        start, count = subscriber._last, 0
-        last = start
-        while True:
-            match way:
-                case "read":
-                    messages = [subscriber.read()]
-                case "wait":
-                    messages = [subscriber.wait(0.05)]
-                case _:
-                    messages = subscriber.read_all()
-            for message in filter(None, messages):
-                count += 1
-                stage.check(message, message.number if way == "read_all" else subscriber.sequence, way)
-                if message.number <= last:
-                    stage.complain(f"{way}: {message.number} after {last}")
-                last = message.number
-                stage.moves[place] += 1
-            if count and (last != subscriber.sequence or start + count + subscriber.missed != last):
-                stage.complain(f"{way}: from {start} to {last} are not {count} read and {subscriber.missed} missed")
-                return
+        goes_on = True
+        while goes_on:
+            with suppress(Interrupted):  # what it had in hand is lost, and counting begins anew
+                goes_on = follow(stage, place, subscriber, way)
+
+
+def follow(stage: Stage, place: int, subscriber: Any, way: str) -> bool:
+    """Until the figures do not agree: False."""
+    start, missed, count = subscriber._last, subscriber.missed, 0
+    last = start
+    while True:
+        match way:
+            case "read":
+                messages = [subscriber.read()]
+            case "wait":
+                messages = [subscriber.wait(0.05)]
+            case _:
+                messages = subscriber.read_all()
+        for message in filter(None, messages):
+            count += 1
+            stage.check(message, message.number if way == "read_all" else subscriber.sequence, way)
+            if message.number <= last:
+                stage.complain(f"{way}: {message.number} after {last}")
+            last = message.number
+            stage.moves[place] += 1
+        lost = subscriber.missed - missed
+        if count and (last != subscriber.sequence or start + count + lost != last):
+            stage.complain(f"{way}: from {start} to {last} are not {count} read and {lost} missed")
+            return False
 
 
 def copy_slowly(side: Any, stage: Stage, rng: random.Random) -> None:
@@ -202,6 +228,23 @@ def plc_read(stage: Stage, place: int, rng: random.Random) -> None:
         time.sleep(0.0002)
 
 
+def cpp_write(stage: Stage, place: int, rng: random.Random) -> None:
+    become_cpp(stage, place, rng, "write")
+
+
+def cpp_read(stage: Stage, place: int, rng: random.Random) -> None:
+    become_cpp(stage, place, rng, rng.choice(("read", "next", "wait")))
+
+
+def become_cpp(stage: Stage, place: int, rng: random.Random, way: str) -> None:
+    assert stage.program
+    patterns = stage.program.with_name(f"{stage.kind}.patterns")
+    words = [way, stage.kind, stage.topic, stage.depth, place, stage.shared, stage.complaints, patterns]
+    for descriptor in (stage.shared, stage.complaints):
+        os.set_inheritable(descriptor, True)
+    os.execv(stage.program, ["chaos", *map(str, words), str(rng.randrange(2**32))])
+
+
 class Actor:
     """A role in this play, and the process that now has it."""
 
@@ -214,26 +257,66 @@ class Actor:
         return self.stage.moves[self.place]
 
     def start(self, seed: float) -> None:
+        # Until the child has handlers of its own, and for good in a PLC, which knows no signals.
+        before = [(number, signal.signal(number, signal.SIG_IGN)) for number in (signal.SIGINT, signal.SIGUSR1)]
         self.pid = os.fork()
         if self.pid == 0:
-            try:
-                self.work(self.stage, self.place, random.Random(seed))
-            except BaseException as error:
-                self.stage.complain(f"{self.work.__name__} ended: {error!r}")
-            finally:
-                os._exit(0)
+            self.play(random.Random(seed))
+        for number, handler in before:
+            signal.signal(number, handler)
+
+    def play(self, rng: random.Random) -> NoReturn:
+        """Opens anew where an exception came upon opening or closing."""
+        interrupts, patience = True, time.monotonic() + 1
+        try:
+            if self.work in (write, read):
+                chaos_mishaps.prepare(self.stage, rng)
+            while interrupts:
+                interrupts = False
+                try:
+                    self.work(self.stage, self.place, rng)
+                except Interrupted:
+                    interrupts = True
+                except RegionInUse:  # by a child of the one before, forked just now, which has not had its turn yet
+                    interrupts = time.monotonic() < patience
+                    if not interrupts:
+                        raise
+                self.stage.calls = []
+        except BaseException as error:
+            self.stage.complain(f"{self.work.__name__} ended: {error!r}")
+        finally:
+            os._exit(0)
+
+    def state(self) -> str:
+        """As `ps` has it, or how it ended."""
+        pid, status = os.waitpid(self.pid, os.WNOHANG | os.WUNTRACED) if self.pid else (0, 0)
+        return (
+            f"status {status:#x}" if pid else Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()[0]
+        )
 
     def kill(self) -> None:
-        self.signal(signal.SIGKILL)
-        os.waitpid(self.pid, 0)
+        with suppress(ProcessLookupError, ChildProcessError):  # it had ended, and state() has told how
+            self.signal(signal.SIGKILL)
+            os.waitpid(self.pid, 0)
 
     def signal(self, number: signal.Signals) -> None:
         os.kill(self.pid, number)
 
 
-def play(folder: Path, seconds: float, kills: int, seed: int, limit: float, plc: bool, fault: str | None) -> Verdict:
+def play(
+    folder: Path,
+    seconds: float,
+    kills: int,
+    seed: int,
+    limit: float,
+    plc: bool,
+    cpp: bool,
+    fault: str | None,
+    calm: bool,
+) -> Verdict:
     """Until there were so many kills, for so many seconds, or until a fault was found."""
-    stage, complaints = _stage(folder, plc)
+    stage, complaints = _stage(folder, plc, cpp)
+    stage.calm = calm or fault is not None
     if fault:
         chaos_faults.PLANTED[fault](stage)
     rng, verdict = random.Random(seed), Verdict()
@@ -242,21 +325,31 @@ def play(folder: Path, seconds: float, kills: int, seed: int, limit: float, plc:
     scenes = [[write, read, read]]
     if plc:
         scenes += [[write, read, plc_read], [plc_write, read, plc_read]]
+    if cpp:
+        scenes += [[cpp_write, read, cpp_read], [write, cpp_read, cpp_read]]
+    if plc and cpp:
+        scenes += [[cpp_write, cpp_read, plc_read], [plc_write, cpp_read, read]]
     try:
         while time.monotonic() < end and verdict.kills < kills and not verdict.faults:
             stage.depth = DEPTHS[verdict.regions % 2]
             stage.kind = "Small" if fault else tuple(SIZES)[verdict.regions // 2 % 2]
             works = scenes[verdict.regions % len(scenes)]
+            gentle = not stage.calm and verdict.regions % 4 == 3
             cast = [Actor(stage, place, work) for place, work in enumerate(works)]
             for actor in cast:
                 actor.start(rng.random())
             try:
                 for _ in range(6 if plc_write in works else ROUNDS_A_REGION):
-                    _burst(stage, cast, rng, verdict)
+                    if gentle:
+                        _gentle_burst(stage, cast, rng, verdict)
+                    else:
+                        _burst(stage, cast, rng, verdict)
                     _recover(cast, limit, verdict)
                     verdict.faults += complaints()
                     if verdict.faults or time.monotonic() > end:
                         break
+                if gentle and (healed := read_header(region_name(stage.topic)).recoveries):
+                    verdict.faults.append(f"nobody was killed or stopped, and the lock was healed {healed} times")
             finally:
                 for actor in cast:
                     actor.kill()
@@ -267,6 +360,11 @@ def play(folder: Path, seconds: float, kills: int, seed: int, limit: float, plc:
             verdict.recoveries += read_header(region_name(stage.topic)).recoveries
             verdict.regions += 1
             _clean(stage, verdict)
+            if not stage.calm:
+                mishap = rng.choice(chaos_mishaps.BETWEEN)
+                verdict.mishaps[mishap.__name__] += 1
+                verdict.faults += [f"{mishap.__name__}: {found}" for found in mishap(stage, rng)]
+                verdict.faults += complaints()
     finally:
         for file in _files(stage):
             file.unlink()
@@ -274,9 +372,9 @@ def play(folder: Path, seconds: float, kills: int, seed: int, limit: float, plc:
     return verdict
 
 
-def _stage(folder: Path, plc: bool) -> tuple[Stage, Callable[[], list[str]]]:
+def _stage(folder: Path, plc: bool, cpp: bool) -> tuple[Stage, Callable[[], list[str]]]:
     put(DEFINITIONS, folder / "definitions")
-    config = Config(folder, path=(folder / "definitions",), package="shm_chaos", targets=("python", "st"))
+    config = Config(folder, path=(folder / "definitions",), package="shm_chaos", targets=("python", "st", "c", "cpp"))
     texts = pipeline.generate(config, [f"chaos_msgs/{name}" for name in SIZES])
     put(texts, folder)
     kinds = {name: classes(folder, config.package, TypeName("chaos_msgs", "msg", name)) for name in SIZES}
@@ -285,9 +383,17 @@ def _stage(folder: Path, plc: bool) -> tuple[Stage, Callable[[], list[str]]]:
         from .softplc import compile_st
 
         compiled = compile_st({path: text for path, text in texts.items() if path.endswith(".st")})
+    program = None
+    if cpp:
+        program = cpp_peer.compiled(folder, "chaos", cpp_peer.HERE / "chaos.cpp", options=["-O2"])
+        for name in SIZES:
+            checksums = b"".join(number.to_bytes(4, "little") for number in CHECKSUMS[name])
+            (folder / f"{name}.patterns").write_bytes(checksums + b"".join(PATTERNS[name]))
     out, into = os.pipe()
     os.set_blocking(out, False)
-    moves = memoryview(mmap.mmap(-1, mmap.PAGESIZE)).cast("Q")
+    shared = os.memfd_create("moves")
+    os.ftruncate(shared, mmap.PAGESIZE)
+    moves = memoryview(mmap.mmap(shared, mmap.PAGESIZE)).cast("Q")
 
     def complaints() -> list[str]:
         try:
@@ -295,7 +401,8 @@ def _stage(folder: Path, plc: bool) -> tuple[Stage, Callable[[], list[str]]]:
         except BlockingIOError:
             return []
 
-    return Stage(f"/shmgen_chaos/t{os.getpid()}", kinds, compiled, moves, into), complaints
+    topic = f"/shmgen_chaos/t{os.getpid()}"
+    return Stage(topic, kinds, compiled, moves, into, program=program, shared=shared), complaints
 
 
 def _burst(stage: Stage, cast: list[Actor], rng: random.Random, verdict: Verdict) -> None:
@@ -303,6 +410,9 @@ def _burst(stage: Stage, cast: list[Actor], rng: random.Random, verdict: Verdict
     for _ in range(rng.randint(1, 6)):
         time.sleep(rng.uniform(0, 0.004))
         actor = rng.choice(cast)
+        if not stage.calm and rng.random() < 0.3:
+            _mishap(rng.choice(chaos_mishaps.DURING), stage, actor, rng, verdict)
+            continue
         if rng.random() < 0.5:
             for _ in range(rng.randint(1, 10)):
                 _overtake(*rng.sample(cast, 2), rng)
@@ -313,6 +423,18 @@ def _burst(stage: Stage, cast: list[Actor], rng: random.Random, verdict: Verdict
         if actor.place == 0:
             verdict.faults += _last_sample_is_lost(stage)
         actor.start(rng.random())
+
+
+def _gentle_burst(stage: Stage, cast: list[Actor], rng: random.Random, verdict: Verdict) -> None:
+    verdict.rounds += 1
+    for _ in range(rng.randint(1, 12)):
+        time.sleep(rng.uniform(0, 0.004))
+        _mishap(rng.choice(chaos_mishaps.GENTLE), stage, rng.choice(cast), rng, verdict)
+
+
+def _mishap(mishap: Any, stage: Stage, actor: Actor, rng: random.Random, verdict: Verdict) -> None:
+    verdict.mishaps[mishap.__name__] += 1
+    mishap(stage, actor, rng)
 
 
 def _overtake(one: Actor, other: Actor, rng: random.Random) -> None:
@@ -344,7 +466,8 @@ def _recover(cast: list[Actor], limit: float, verdict: Verdict) -> None:
     while still := [actor for actor, moves in zip(cast, before, strict=True) if actor.moves == moves]:
         took = time.monotonic() - start
         if took > limit and not late:
-            late = f"{', '.join(actor.work.__name__ for actor in still)}: no sign of life within {limit:.1f} s of the "
+            who = ", ".join(f"{actor.work.__name__} ({actor.state()})" for actor in still)
+            late = f"{who}: no sign of life within {limit:.1f} s of the "
             with suppress(RegionMissing):
                 late += f"last hit, {read_header(region_name(cast[0].stage.topic))!r}"
         if took > 5 * limit:
@@ -397,14 +520,20 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--limit", type=float, default=1.2, help="seconds within which everybody moves again")
     parser.add_argument("--no-plc", action="store_true")
+    parser.add_argument("--calm", action="store_true", help="kills and stops only, none of chaos_mishaps.py")
+    parser.add_argument("--no-cpp", action="store_true")
     parser.add_argument("--fault", choices=chaos_faults.PLANTED)
     given = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="shmgen-chaos") as folder:
         plc = not (given.no_plc or given.fault)
-        verdict = play(Path(folder), given.seconds, given.kills, given.seed, given.limit, plc, given.fault)
+        cpp = not (given.no_cpp or given.fault) and shutil.which("g++") is not None
+        verdict = play(
+            Path(folder), given.seconds, given.kills, given.seed, given.limit, plc, cpp, given.fault, given.calm
+        )
     print(
         f"seed {given.seed}: {verdict.kills} kills and {verdict.stops} stops in {verdict.rounds} bursts on "
         f"{verdict.regions} regions; {verdict.recoveries} locks healed, {verdict.half_made} semaphores half made; "
+        f"mishaps: {dict(verdict.mishaps)}; "
         f"samples: {verdict.moves}; all moved again within {verdict.pause:.2f} s"
     )
     print("\n".join(verdict.faults[:20]) or "nothing torn, nothing lost, nobody stuck, nothing left over")

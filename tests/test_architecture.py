@@ -39,6 +39,7 @@ ARROWS = {
     "drift": WORDS | {"cache", "drift", "toml", "type_hash", "write"},
     "resolve": WORDS | {"config", "targets"},
     "pipeline": WORDS | {"bounds", "config", "definitions", "drift", "layout", "render", "resolve", "targets"},
+    "plc": WORDS | {"plc"},
     "show": WORDS | {"layout", "pipeline", "show", "targets", "type_hash"},
     "runtime": {"_straight", "abi", "runtime", "wording"},
     "live": WORDS | {"bounds", "config", "definitions", "live", "pipeline", "runtime", "toml"},
@@ -46,7 +47,7 @@ ARROWS = {
     "bridge": WORDS | {"bridge", "config", "live", "pipeline", "resolve", "runtime", "targets", "type_hash"},
     "cli": WORDS
     | {"", "bridge", "cache", "cli", "config", "definitions", "drift", "live", "pipeline", "render", "runtime"}
-    | {"show", "targets", "tools", "write"},
+    | {"plc", "show", "targets", "tools", "write"},
     "__init__": set(),
     "__main__": {"cli", "drift"},
 }

@@ -17,11 +17,21 @@ from .drift.test_check import ARM, ROBOT, SETTINGS, write
 from .support.command import run
 
 CMAKE = """cmake_minimum_required(VERSION 3.16)
-project(robot_shm C)
+project(robot_shm C CXX)
 find_package(shmgen REQUIRED)
 shmgen_generate(robot_messages INCLUDE interfaces/share INSTALL)
 add_executable(size size.c)
 target_link_libraries(size PRIVATE robot_messages)
+add_executable(sends sends.cpp)
+target_link_libraries(sends PRIVATE robot_messages)
+target_compile_features(sends PRIVATE cxx_std_17)
+target_compile_options(sends PRIVATE -Wall -Wextra -Wold-style-cast -Werror)
+"""
+SENDS = """#include "shm_msgs/demo_msgs/msg/robot.hpp"
+int main() {
+    shm_msgs::demo_msgs::msg::RobotPublisher publisher("/shmgen_test/cmake");
+    return publisher.publish({});
+}
 """
 SIZE = """#include <stdio.h>
 #include "shm_msgs/demo_msgs/msg/robot.h"
@@ -38,7 +48,8 @@ def test_cmake_generates_when_a_definition_changes(tmp_path: Path) -> None:
         {
             "CMakeLists.txt": CMAKE,
             "size.c": SIZE,
-            "shmgen.toml": SETTINGS.replace('["c"]', '["c", "python"]').replace("demo_msgs/Robot", "demo_msgs"),
+            "sends.cpp": SENDS,
+            "shmgen.toml": SETTINGS.replace('["c"]', '["c", "cpp", "python"]').replace("demo_msgs/Robot", "demo_msgs"),
             "msgs/other_msgs/msg/Other.msg": "int8 a\n",
             "interfaces/share/demo_msgs/package.xml": "<package><name>demo_msgs</name></package>",
             "interfaces/share/demo_msgs/msg/Robot.msg": ROBOT,
@@ -71,7 +82,11 @@ def test_cmake_generates_when_a_definition_changes(tmp_path: Path) -> None:
     assert "shmgen generate robot_messages" in cmake("--build", build)
     assert size() > before
     cmake("--install", build)
-    assert (install / "include/shm_msgs/demo_msgs/msg/robot.h").is_file()
+    for ending in ("h", "hpp"):
+        assert (install / f"include/shm_msgs/demo_msgs/msg/robot.{ending}").is_file()
+    assert subprocess.run([build / "sends"], check=False).returncode == 0
+    for file in Path("/dev/shm").glob("*shmgen_test.cmake*"):
+        file.unlink()
     assert (install / "share/robot_shm/shmgen/python/shm_msgs/demo_msgs/msg/_robot.py").is_file()
     assert not (source / "generated").exists()
 

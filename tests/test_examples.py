@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 import zlib
@@ -21,8 +22,11 @@ SAYS = {
     "bridge_ros1": "the belt ran at 1.2, 0.6, 0.15, 0 m/s",
     "machine_tending": "machine works on part 4: 3 parts taken",
     "robot_task": "3 tasks done, 1 refused",
+    "robot_action": "3 tasks done, 1 refused, 1 cancelled",
     "dds_chatter": "the PLC has heard 5",
     "press_service": "3 made",
+    "ros1_cpp": "the belt ran at 1.2, 0.6, 0.15, 0 m/s",
+    "cpp_loop": "3000 cycles, 0 not sent",
     "two_machines": "bridge of b killed: xStale after",
 }
 APART = {"softplc_echo", "two_machines"}
@@ -30,6 +34,7 @@ APART = {"softplc_echo", "two_machines"}
 ASKS = {
     "opcua_gateway": ("asyncua", "cyclonedds"),
     "machine_tending": ("cyclonedds",),
+    "robot_action": ("cyclonedds",),
     "robot_task": ("cyclonedds",),
     "dds_chatter": ("cyclonedds",),
 }
@@ -39,12 +44,23 @@ def test_all_examples_are_here() -> None:
     assert {path.parent.name for path in (REPOSITORY / "examples").glob("*/demo.py")} == set(SAYS)
 
 
-@pytest.mark.parametrize("example", sorted(set(SAYS) - APART))
+SLOW = {"ros1_cpp"}  # roscpp takes its time to compile
+
+
+@pytest.mark.parametrize(
+    "example",
+    [
+        pytest.param(example, marks=[pytest.mark.slow] if example in SLOW else [])
+        for example in sorted(set(SAYS) - APART)
+    ],
+)
 def test_example(example: str) -> None:
     for module in ASKS.get(example, ()):
         pytest.importorskip(module, reason=f"no {module} for this Python")
-    if example == "bridge_ros1":
+    if example in ("bridge_ros1", "ros1_cpp"):
         ros1.python()  # or skips
+    if example == "ros1_cpp" and not (shutil.which("cmake") and Path("/usr/include/ros/ros.h").exists()):
+        pytest.skip("no cmake, or no roscpp: `make test-all` as root installs Debian's")
     # A domain of DDS for each, for a ROS 2 that may run on this machine is not to see them.
     domain = {"ROS_DOMAIN_ID": str(1 + (os.getpid() + zlib.crc32(example.encode())) % 100)}
     environment = {**os.environ, **domain, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
@@ -74,9 +90,11 @@ def test_what_is_lost_between_two_machines_is_counted(backend: str, rate: int) -
 
 
 def left_behind(example: str) -> list[Path]:
-    """Regions and semaphores of its own topics and services; other examples may be running."""
+    """Regions and semaphores of its own topics, services and actions; other examples may be running."""
     texts = [path.read_text() for path in (REPOSITORY / "examples" / example).glob("*.*") if path.suffix != ".md"]
-    found = {name for text in texts for name in re.findall(r'(?i)^(?:topic|service) = "/(.+)"$', text, re.MULTILINE)}
+    found = {
+        name for text in texts for name in re.findall(r'(?i)^(?:topic|service|action) = "/(.+)"$', text, re.MULTILINE)
+    }
     assert found
     names = [name.replace("/", ".") for name in found]
     return [path for name in names for path in Path("/dev/shm").glob(f"*{name}*")]

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import tempfile
+from functools import partial
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from lxml import etree
 
 from tests.conftest import REPOSITORY, SHARED
@@ -20,6 +22,8 @@ FILES = sorted(
 SECONDS = 10
 """Of CPU for one definition; it takes some milliseconds."""
 
+real = st.randoms(use_true_random=False).map(partial(from_files, FILES))
+made = st.randoms(use_true_random=False).map(from_grammar)
 careless = settings(suppress_health_check=list(HealthCheck))
 
 
@@ -28,21 +32,21 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("fuzz")
 
 
-@given(from_files(FILES))
+@given(real)
 @settings(careless, max_examples=800)
 def test_real_files_that_were_damaged(folder: Path, fuzzed: Fuzzed) -> None:
     with within(SECONDS):
         read(fuzzed, folder)
 
 
-@given(from_grammar())
+@given(made)
 @settings(careless, max_examples=400)
 def test_files_made_from_a_grammar(folder: Path, fuzzed: Fuzzed) -> None:
     with within(SECONDS):
         read(fuzzed, folder)
 
 
-@given(from_grammar() | from_files(FILES))
+@given(made | real)
 @settings(careless, max_examples=50)
 def test_what_is_generated_is_what_each_language_takes(folder: Path, fuzzed: Fuzzed) -> None:
     with within(SECONDS):

@@ -11,10 +11,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from shmgen.diagnostics import Rejected, Span
-from shmgen.layout import canonical_text, region_size
+from shmgen.diagnostics import Rejected, Report, Span
+from shmgen.layout import canonical_text, check_size, region_size
 from shmgen.model import (
     Array,
+    Constant,
     Field,
     Layout,
     Layouts,
@@ -23,6 +24,7 @@ from shmgen.model import (
     Role,
     Scalar,
     Schema,
+    Sequence,
     String,
     TypeName,
     TypeOptions,
@@ -160,6 +162,39 @@ def test_a_name_without_room_in_the_header_is_refused() -> None:
 
 def empty(name: TypeName) -> Schema:
     return Schema((Message(name, (), (), Span(f"{name.name}.msg"), "", ""),), frozenset({name}))
+
+
+def test_a_region_of_just_the_size_allowed() -> None:
+    layout = one(("a", Array(Scalar.UINT8, 5000)))
+    size = region_size(layout.size)
+    for most, codes in ((size, []), (size - 1, ["SHM303"])):
+        report = Report()
+        check_size(layout, most, report)
+        assert [found.code for found in report.diagnostics] == codes
+
+
+VALUES = [
+    (Field("a", Sequence(Scalar.INT8, 3), "", Span("one.msg"), default=(1, 2, 3)), ""),
+    (Field("a", Sequence(Scalar.INT8, 2), "", Span("one.msg"), default=(1, 2, 3)), "the default has 3 elements, the"),
+    (Field("a", String(3), "", Span("one.msg"), default="abc"), ""),
+    (Field("a", String(2), "", Span("one.msg"), default="abc"), "'abc' is longer than its bound"),
+    (Field("a", String(3), "", Span("one.msg"), default="\N{SNOWMAN}"), "'\N{SNOWMAN}' cannot be written in latin-1"),
+    (Constant("A", String(3), "\N{SNOWMAN}", Span("one.msg")), "'\N{SNOWMAN}' cannot be written in latin-1"),
+]
+
+
+@pytest.mark.parametrize(("declared", "said"), VALUES)
+def test_a_value_up_to_its_bound(declared: Field | Constant, said: str) -> None:
+    name = TypeName("one_msgs", "msg", "One")
+    fields = (declared,) if isinstance(declared, Field) else ()
+    message = Message(name, fields, () if fields else (declared,), Span("one.msg"), "", "")  # type: ignore[arg-type]
+    try:
+        layouts_of(Schema((message,), frozenset({name})), TypeOptions(encoding="latin-1"))
+        found = ""
+    except Rejected as rejected:
+        found = rejected.diagnostics[0].message
+    assert found.startswith(said)
+    assert bool(found) == bool(said)
 
 
 BASE = (("a", Scalar.UINT8), ("b", Scalar.FLOAT64), ("c", String(10)))

@@ -65,5 +65,6 @@ def test_the_readme_names_no_other_make_target() -> None:
 
 def test_links_lead_somewhere() -> None:
     for page in [*PAGES, REPOSITORY / "CONTRIBUTING.md", REPOSITORY / "CHANGELOG.md"]:
-        for link in re.findall(r"\]\(([^)#:]+)\)", page.read_text()):
+        text = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.MULTILINE | re.DOTALL)
+        for link in re.findall(r"\]\(([^)#:]+)\)", text):
             assert (page.parent / link).exists(), f"{page.name}: {link}"

@@ -10,6 +10,9 @@ import pytest
 
 from shmgen import pipeline
 from shmgen.bounds import Bound, Bounds
+from shmgen.bridge import actions_of_ros2
+from shmgen.bridge.backend import ActionWire
+from shmgen.bridge.plan import closure
 from shmgen.config import Config
 from shmgen.definitions import Sources, available
 from shmgen.diagnostics import Span
@@ -35,6 +38,24 @@ def test_every_definition_installed(distribution: str, monkeypatch: pytest.Monke
     left = theirs.keys() - compared - wholes - {str(name) for name in TIMES.values()}
     assert not {name for name in left if not any(part in name for part in OF_ROS_ITSELF)}
     assert len(compared) > 150
+
+
+@pytest.mark.parametrize("distribution", ros2.DISTRIBUTIONS)
+def test_what_ros_makes_of_an_action(distribution: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As the bridge has it, which has no other source of these."""
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(ros2.prefix(distribution)))
+    monkeypatch.setenv("ROS_VERSION", "2")
+    schema = pipeline.read(Config(Path.cwd(), source="env"), ["test_msgs/NestedMessage"])
+    parts = {message.name.name: message.name for message in schema.messages if message.name.kind == "action"}
+    goal, result, feedback = (
+        closure(schema, parts[f"NestedMessage_{part}"]) for part in ("Goal", "Result", "Feedback")
+    )
+    said = actions_of_ros2.Said(ActionWire("/a", goal, result, feedback))
+    halves = [half for service in (said.send, said.cancel, said.result) for half in (service.request, service.response)]
+    ours = {str(wire[-1].name): type_hash(wire) for wire in (*halves, said.feedback.messages, said.status.messages)}
+    theirs = ros2.hashes(distribution)
+    assert ours == {name: theirs[name] for name in ours}
+    assert len(ours) == 8
 
 
 @pytest.mark.parametrize(

@@ -32,6 +32,7 @@ class Bounds:
     strings: Mapping[str, Bound]
     sequences: Mapping[str, Bound]
     default_string: int = DEFAULT_STRING
+    default_sequence: int | None = None
 
 
 def apply(schema: Schema, bounds: Bounds, report: Report, in_reach: Callable[[], Iterable[TypeName]] = tuple) -> Schema:
@@ -109,6 +110,11 @@ def unbounded(schema: Schema, bounds: Bounds) -> dict[TypeName, tuple[str, ...]]
     return missing
 
 
+def defaulted(schema: Schema, bounds: Bounds) -> dict[TypeName, tuple[str, ...]]:
+    """For each message the keys, of its own and of what it holds, that the default of [bounds] answers for."""
+    return unbounded(schema, replace(bounds, default_sequence=None)) if bounds.default_sequence else {}
+
+
 def _bounded(field: Field, message: TypeName, bounds: Bounds) -> Field:
     def element(type_: Element) -> Element:
         if isinstance(type_, String) and type_.capacity is None:
@@ -122,7 +128,7 @@ def _bounded(field: Field, message: TypeName, bounds: Bounds) -> Field:
             bounded = Array(element(inner), length)
         case Sequence(inner, None):
             configured = _most_specific(bounds.sequences, message, field.name)
-            bounded = Sequence(element(inner), configured.value if configured else None)
+            bounded = Sequence(element(inner), configured.value if configured else bounds.default_sequence)
         case Sequence(inner, capacity):
             bounded = Sequence(element(inner), capacity)
         case inner:

@@ -1,7 +1,8 @@
 """Keeps what only saves time, in the user's cache folder: definitions of the store, compiled templates, clean checks.
 
 Some of it is code, so nothing counts that another user could have put there, and whoever runs as root trusts no cache
-of others: folder and file belong to this user, and nobody else may write to them. Loads next to nothing.
+of others: folder and file belong to this user, and nobody else may write to them. On Windows, which tells neither this
+way, nothing is kept. Loads next to nothing.
 """
 
 from __future__ import annotations
@@ -35,12 +36,12 @@ def read(name: str) -> bytes | None:
 def write(name: str, content: bytes) -> None:
     """Keeps it whole or not at all; what cannot be kept is done without."""
     beside = f"{name}.{os.getpid()}"
-    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
     try:
         folder = _folder(make=True)
     except OSError:
         return
     try:
+        flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
         with open(os.open(beside, flags, 0o600, dir_fd=folder), "wb") as file:
             file.write(b"%08x\n" % zlib.crc32(content) + content)
         os.replace(beside, name, src_dir_fd=folder, dst_dir_fd=folder)
@@ -71,6 +72,8 @@ def _folder(*, make: bool = False) -> int:
 
     As the XDG base directory specification says, a value that is not absolute is ignored.
     """
+    if not hasattr(os, "geteuid"):
+        raise OSError
     base = os.environ.get("XDG_CACHE_HOME", "")
     if not os.path.isabs(base):
         base = os.path.join(os.path.expanduser("~"), ".cache")

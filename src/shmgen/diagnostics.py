@@ -44,6 +44,8 @@ CODES = {
     "SHM504": "nothing to generate",
     "SHM505": "ambiguous package",
     "SHM506": "no ROS in the environment",
+    "SHM601": "ROS has no such type",
+    "SHM602": "not declared in the PLC project",
     "SHM901": "internal error",
 }
 """Code -> title. Each has a section in docs/diagnostics.md and a folder in tests/errors."""

@@ -175,7 +175,8 @@ class Field:
     """One member. `written` is the type as the definition spells it; `unit` was found in `[m/s]` in the comment.
 
     `word` is `byte`, `char` or `wchar` where ROS 2 tells it from a number, as we do not. `sent` is the type before
-    shmgen.toml bounded it, which is what ROS knows; None where that is `type`.
+    shmgen.toml bounded it, which is what ROS knows; None where that is `type`. `plc` is what a PLC calls it, where that
+    was imported: `rSpeed`, or `rSpeed : ARRAY[1..3] OF REAL`.
     """
 
     name: str
@@ -187,6 +188,7 @@ class Field:
     default: Default | None = None
     word: str = ""
     sent: FieldType | None = None
+    plc: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,11 +200,15 @@ class Constant:
     value: Value
     span: Span
     doc: str = ""
+    plc: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """One definition. `origin` says where it came from (never an absolute path), `text` is its source."""
+    """One definition. `origin` says where it came from (never an absolute path), `text` is its source.
+
+    `plc` is what a PLC calls it: `ST_Axis`, or `E_State : INT` of an enumeration, or `Speeds : alias`.
+    """
 
     name: TypeName
     fields: tuple[Field, ...]
@@ -211,6 +217,7 @@ class Message:
     origin: str
     text: str
     doc: str = ""
+    plc: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,12 +233,17 @@ class Schema:
 
 @dataclass(frozen=True, slots=True)
 class TypeOptions:
-    """`[types]` and the encoding rules of `[strings]` in shmgen.toml."""
+    """`[types]` and the encoding rules of `[strings]` in shmgen.toml.
+
+    `own` are the names that an imported PLC project has for messages.
+    """
 
     bool: Literal["USINT", "BOOL"] = "USINT"
     time: Literal["TIME", "LTIME", "struct"] = "TIME"
     encoding: Literal["utf-8", "latin-1"] = "utf-8"
     overflow: Literal["error", "truncate"] = "error"
+    names: Literal["plc", "ros"] = "plc"
+    own: tuple[tuple[TypeName, str], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -323,11 +335,12 @@ class Service:
 
 @dataclass(frozen=True, slots=True)
 class Action:
-    """An action (control_msgs/action/GripperCommand) under a ROS name; `on_plc` says who serves."""
+    """An action (control_msgs/action/GripperCommand) under a ROS name; the rest as of a Service."""
 
     name: str
     type: TypeName
     on_plc: bool
+    timeout: float
     span: Span
 
 

@@ -13,7 +13,7 @@ from shmgen import bounds, definitions, layout, resolve
 from shmgen.config import Config, entries
 from shmgen.diagnostics import Diagnostic, Report
 from shmgen.drift import lockfile
-from shmgen.model import Layouts, Schema, TypeName
+from shmgen.model import Layouts, Schema, TypeName, TypeOptions
 from shmgen.records import dataclass
 from shmgen.targets import TARGETS, Job, Options, Printed, Target, naming
 
@@ -35,7 +35,15 @@ def lay_out(config: Config, requests: Iterable[str], opened: definitions.Library
     if config.skip_unbounded:
         schema = _bounded(config, schema, opened)
     schema = bounds.apply(schema, config.bounds, Report(), opened.known)
-    return layout.lay_out(schema, config.types, config.max_region, Report())
+    return layout.lay_out(schema, _types(config, schema), config.max_region, Report())
+
+
+def _types(config: Config, schema: Schema) -> TypeOptions:
+    """With the names that an imported PLC project has for messages, unless shmgen.toml says not to take them."""
+    if config.types.names == "ros":
+        return config.types
+    own = tuple((message.name, message.plc.partition(" ")[0]) for message in schema.messages if message.plc)
+    return replace(config.types, own=own)
 
 
 def generate(config: Config, requests: Iterable[str]) -> dict[str, str]:
@@ -124,28 +132,36 @@ def job_of(config: Config, layouts: Layouts, report: Report) -> Job:
 class Item:
     """One message of the inventory: its size in bytes, or the keys that [bounds] lacks for it.
 
-    `faults` are what else `generate` would say against it.
+    `faults` are what else `generate` would say against it; `defaulted` are the keys that `default` answers for. Without
+    size and keys its definition, or that of what it holds, is at fault.
     """
 
     name: TypeName
     size: int | None
     unbounded: tuple[str, ...]
     faults: tuple[Diagnostic, ...] = ()
+    defaulted: tuple[str, ...] = ()
 
 
 def inventory(config: Config, asked: str | None = None) -> list[Item]:
-    """Every message in reach, or what one request stands for. Raises Rejected."""
-    sources = _sources(config)
-    requests = [asked] if asked else map(str, definitions.available(sources))
-    schema = definitions.load(requests, sources, Report())
-    names = sorted(schema.requested)
+    """Every message in reach, or what one request stands for, whatever is wrong with some of them.
+
+    Raises Rejected: the request stands for nothing, or there is nowhere to look.
+    """
+    opened = library(config)
+    requests = [asked] if asked else list(map(str, opened.known()))
+    schema, broken = definitions.load_usable(opened, requests, Report())
+    names = sorted({*schema.requested, *broken})
+    by_default = bounds.defaulted(schema, config.bounds)
     missing = bounds.unbounded(schema, config.bounds)
     mappable = tuple(message for message in schema.messages if not missing[message.name])
     bounded = bounds.apply(Schema(mappable), config.bounds, Report())
-    layouts = layout.lay_out(bounded, config.types, config.max_region, Report())
+    layouts = layout.lay_out(bounded, _types(config, bounded), config.max_region, Report())
     faults = _faults(config, layouts)
     return [
-        Item(name, layouts[name].size, (), faults[name]) if name in layouts else Item(name, None, missing[name])
+        Item(name, layouts[name].size, (), faults[name], by_default.get(name, ()))
+        if name in layouts
+        else Item(name, None, missing.get(name, ()), broken.get(name, ()))
         for name in names
     ]
 
@@ -179,6 +195,7 @@ def _settings(config: Config) -> dict[str, object]:
         **({"ros_package": config.ros_package} if config.ros_package else {}),
         "bool": config.types.bool,
         "time": config.types.time,
+        **({"names": "ros"} if config.types.names == "ros" else {}),
         "encoding": config.types.encoding,
         "overflow": config.types.overflow,
         "topics": [f"{topic.direction} {topic.topic} {topic.type} depth {topic.depth}" for topic in config.topics],

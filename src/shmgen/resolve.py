@@ -38,7 +38,7 @@ def actions(config: Config, layouts: Layouts, report: Report) -> Iterable[Action
     known = {found.short: found for found in interfaces.actions(layouts)}
     for action in config.actions:
         if found := known.get(action.type.replace("/action/", "/")):
-            yield Action(action.action, found, action.server == "plc", action.span)
+            yield Action(action.action, found, action.server == "plc", action.timeout, action.span)
         else:
             span = config.places.get(action.type, action.span)
             report.error("SHM502", f"{action.type} is no action", span, hint="name a .action file: package/action/Name")

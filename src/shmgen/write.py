@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import fcntl
 import os
 import re
 import tempfile
@@ -13,6 +12,11 @@ from pathlib import Path
 
 from shmgen.diagnostics import Diagnostic, Rejected, Span
 from shmgen.records import dataclass
+
+try:
+    import fcntl
+except ImportError:  # on Windows
+    fcntl = None  # type: ignore[assignment]
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +38,7 @@ def write(
     changed; what a killed run left beside them is taken away.
     """
     leftovers = list(leftovers)
+    given, folder = folder, _reachable(folder)
     removed: list[str] = []
     staged: dict[str, Path] = {}
     made: list[Path] = []
@@ -58,7 +63,7 @@ def write(
     except OSError as error:
         reason = f"cannot write: {error.strerror or error}"
         hint = "choose another folder with -o, or make room in this one"
-        raise Rejected([Diagnostic("SHM007", reason, Span(str(folder / path)), hint=hint)]) from error
+        raise Rejected([Diagnostic("SHM007", reason, Span(str(given / path)), hint=hint)]) from error
     finally:
         for temporary in staged.values():
             temporary.unlink()
@@ -69,12 +74,23 @@ def write(
 
 
 def current(folder: Path, path: str) -> bytes | None:
-    """The content of a file in the folder; None if there is none that can be read."""
+    """The content of a file in the folder; None if there is none that can be read.
+
+    A checkout on Windows may have lines that end in CR LF; they count as those that were written.
+    """
     try:
-        with open(os.path.join(folder, path), "rb", buffering=0) as file:
-            return file.read()
+        name = os.path.join(folder, path) if os.name != "nt" else _reachable(folder) / path
+        with open(name, "rb", buffering=0) as file:
+            return file.read().replace(b"\r\n", b"\n")
     except OSError:
         return None
+
+
+def _reachable(folder: Path) -> Path:
+    """The same folder, by a name that on Windows may lead to paths of more than 260 characters."""
+    if os.name != "nt" or str(folder).startswith("\\\\"):
+        return folder
+    return Path("\\\\?\\" + os.path.abspath(folder))
 
 
 def is_inside(folder: Path, path: str) -> bool:
@@ -95,7 +111,8 @@ def abandoned(folder: Path, paths: Iterable[str]) -> list[str]:
             found += [os.path.join(place, name) for name in sorted(names) if _STAGED.fullmatch(name)]
     with suppress(OSError):
         found += [str(folder / name) for name in sorted(os.listdir(folder)) if _STAGED.fullmatch(name)]
-    return [path for path in (os.path.relpath(path, folder) for path in found) if is_inside(folder, path)]
+    inside = (Path(os.path.relpath(path, folder)).as_posix() for path in found)
+    return [path for path in inside if is_inside(folder, path)]
 
 
 _STAGED = re.compile(r"\..+\.shmgen-[a-z0-9_]{8}\.tmp")
@@ -103,7 +120,10 @@ _STAGED = re.compile(r"\..+\.shmgen-[a-z0-9_]{8}\.tmp")
 
 @contextmanager
 def _alone(folder: Path) -> Iterator[None]:
-    """Two runs at once, of a parallel build, take turns; where the file system knows no locks they do not."""
+    """Two runs at once, of a parallel build, take turns; on Windows, or without locks in the file system, not."""
+    if fcntl is None:
+        yield
+        return
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         with suppress(OSError):

@@ -172,7 +172,7 @@ static inline shmgen_status shmgen_publisher_heartbeat(shmgen_publisher *self)
 static inline shmgen_status shmgen_publisher_begin(shmgen_publisher *self, int64_t limit, void **payload)
 {
     shmgen_link *end = &self->end;
-    unsigned char *slot;
+    size_t slot;
     uint64_t stamp;
     if (end->step != SHMGEN_STEP_READY)
         return shmgen_why(self->gone);
@@ -189,10 +189,10 @@ static inline shmgen_status shmgen_publisher_begin(shmgen_publisher *self, int64
         __atomic_thread_fence(__ATOMIC_RELEASE);
     else
         __atomic_thread_fence(__ATOMIC_SEQ_CST);
-    slot = end->base + shmgen_slot_of(end, self->number);
-    memcpy(slot + offsetof(shmgen_slot, stamp_ns), &stamp, sizeof stamp);
-    memcpy(slot + offsetof(shmgen_slot, number), &self->number, sizeof self->number);
-    *payload = slot + SHMGEN_SLOT_HEADER;
+    slot = shmgen_slot_of(end, self->number);
+    memcpy(end->base + slot + offsetof(shmgen_slot, stamp_ns), &stamp, sizeof stamp);
+    shmgen_store(end, slot + offsetof(shmgen_slot, number), self->number);
+    *payload = end->base + slot + SHMGEN_SLOT_HEADER;
     return SHMGEN_OK;
 }
 
@@ -241,7 +241,7 @@ static inline shmgen_status shmgen_publisher_write(
     status = shmgen_publisher_begin(self, limit, &payload);
     if (status != SHMGEN_OK)
         return status;
-    memcpy(payload, message, size);
+    SHMGEN_COPY(payload, message, size);
     return shmgen_publisher_complete(self);
 }
 

@@ -17,10 +17,23 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy
+
 from shmgen import pipeline
 from shmgen.bounds import Bound, Bounds
 from shmgen.bridge import choice
-from shmgen.bridge.backend import Backend, Caller, NoAnswer, Node, ServiceWire, Wire
+from shmgen.bridge.backend import (
+    ABORTED,
+    CANCELED,
+    SUCCEEDED,
+    ActionWire,
+    Backend,
+    Caller,
+    NoAnswer,
+    Node,
+    ServiceWire,
+    Wire,
+)
 from shmgen.bridge.plan import closure
 from shmgen.config import Config
 from shmgen.diagnostics import Span
@@ -30,6 +43,8 @@ from shmgen.model import Schema
 LIMIT = 20.0
 """Seconds after which what should have come has not."""
 SETBOOL = "bool data # e.g. for hardware enabling / disabling\n---\nbool success\nstring message\n"
+FIBONACCI = "int32 order\n---\nint32[] sequence\n---\nint32[] sequence\n"
+"""test_msgs/Fibonacci, which the wheels of ROS 2 have."""
 SOURCES = {"ros1": "noetic"}
 
 
@@ -42,7 +57,16 @@ class Scene:
             file = Path(folder, "std_srvs", "srv", "SetBool.srv")
             file.parent.mkdir(parents=True)
             file.write_text(SETBOOL)
-            types = ("sensor_msgs/JointState", "geometry_msgs/PoseArray", "std_msgs/String", "std_srvs/SetBool")
+            file = Path(folder, "test_msgs", "action", "Fibonacci.action")
+            file.parent.mkdir(parents=True)
+            file.write_text(FIBONACCI)
+            types = (
+                "test_msgs/Fibonacci",
+                "sensor_msgs/JointState",
+                "geometry_msgs/PoseArray",
+                "std_msgs/String",
+                "std_srvs/SetBool",
+            )
             self.schema: Schema = pipeline.read(Config(Path(folder), source=source, path=(Path(folder),)), types)
         bounds = Bounds({}, {"sensor_msgs": Bound(4, Span("contract"))})
         self._session = Session(Config(Path.cwd(), source=source, bounds=bounds))
@@ -58,6 +82,11 @@ class Scene:
     def service(self) -> ServiceWire:
         halves = (self._messages(f"std_srvs/SetBool_{half}") for half in ("Request", "Response"))
         return ServiceWire(f"/contract/s{next(self._names)}", *halves)
+
+    def action(self) -> ActionWire:
+        parts = (self._messages(f"test_msgs/Fibonacci_{part}") for part in ("Goal", "Result", "Feedback"))
+        goal, result, feedback = parts
+        return ActionWire(f"/contract/a{next(self._names)}", goal, result, feedback)
 
     def _messages(self, type_: str) -> Any:
         name = next(message.name for message in self.schema.messages if message.name.short == type_)
@@ -319,6 +348,101 @@ def _no_answer(caller: Caller, timeout: float, at_most: float) -> None:
     assert time.monotonic() - begun < at_most
 
 
+# --- actions -----------------------------------------------------------------------------------------------
+
+
+class Work:
+    """A Worker, to whom `begun` and `canceled` came, and the Follower of one goal, to whom came the rest."""
+
+    def __init__(self, scene: Scene, accepts: bool = True) -> None:
+        self.accepts = accepts
+        self.begun: list[Any] = []
+        self.canceled: list[Any] = []
+        self.heard: list[list[int]] = []
+        self.ends: list[tuple[int, Any, str]] = []
+        wire = scene.action()
+        told = _Mishaps(scene.told)
+        scene.backend.actions.serve(scene.backend, wire, self, told)
+        self.seeker = scene.backend.actions.seeker(scene.backend, wire, told)
+
+    def begin(self, goal: Any) -> bool:
+        self.begun.append(goal)
+        return self.accepts
+
+    def cancel(self, goal: Any) -> bool:
+        self.canceled.append(goal)
+        return True
+
+    def feedback(self, feedback: Any) -> None:
+        self.heard.append(list(feedback.sequence))
+
+    def end(self, status: int, result: Any, why: str = "") -> None:
+        self.ends.append((status, result and list(result.sequence), why))
+
+    def seek(self, order: int) -> Any:
+        return self.seeker.send(lambda goal: setattr(goal, "order", order), 10.0, self)
+
+
+class _Mishaps:
+    def __init__(self, told: list[str]) -> None:
+        self.reject = self.refuse = told.append
+
+    def lose(self, count: int) -> None:
+        """Of no matter here."""
+
+
+def _sequence(*numbers: int) -> Callable[[Any], None]:
+    return lambda message: setattr(message, "sequence", numpy.array(numbers, "int32"))
+
+
+def a_goal_has_feedback_and_one_end(scene: Scene) -> None:
+    """Whatever comes behind the end goes nowhere."""
+    work = Work(scene)
+    for status in (SUCCEEDED, ABORTED, CANCELED):
+        assert work.seek(7), "it was accepted"
+        goal = work.begun[-1]
+        assert goal.request.order == 7
+        until(lambda goal=goal: goal.progress(_sequence(1, 2)) or work.heard, pause=0.05)
+        goal.end(status, _sequence(3))
+        goal.end(SUCCEEDED, _sequence(4))
+        until(lambda: work.ends)
+        assert (work.ends, work.heard[-1]) == ([(status, [3], "")], [1, 2])
+        work.ends.clear()
+        work.heard.clear()
+
+
+def a_goal_that_is_not_accepted_is_none(scene: Scene) -> None:
+    work = Work(scene, accepts=False)
+    assert work.seek(1) is None
+    time.sleep(0.3)
+    assert not work.ends
+
+
+def a_cancel_reaches_its_goal(scene: Scene) -> None:
+    work = Work(scene)
+    cancels = [work.seek(number) for number in (1, 2)]
+    cancels[0]()
+    until(lambda: work.canceled)
+    assert work.canceled == [work.begun[0]]
+    for goal in work.begun:
+        goal.end(CANCELED, _sequence())
+    until(lambda: len(work.ends) >= 2)
+
+
+def a_goal_that_nobody_takes_is_no_answer(scene: Scene) -> None:
+    """And says so within its time."""
+    seeker = scene.backend.actions.seeker(scene.backend, scene.action(), _Mishaps(scene.told))
+    begun = time.monotonic()
+    try:
+        seeker.send(lambda goal: None, 0.5, None)  # type: ignore[arg-type]
+    except NoAnswer as error:
+        why = str(error)
+    else:
+        raise AssertionError("somebody has taken it")
+    assert why, "it says why"
+    assert time.monotonic() - begun < 2
+
+
 # --- the node ----------------------------------------------------------------------------------------------
 
 
@@ -363,6 +487,10 @@ CHECKS: tuple[Callable[[Scene], None], ...] = (
     nobody_there_is_no_answer,
     an_answer_that_fails_is_no_answer,
     an_answer_too_late_is_no_answer,
+    a_goal_has_feedback_and_one_end,
+    a_goal_that_is_not_accepted_is_none,
+    a_cancel_reaches_its_goal,
+    a_goal_that_nobody_takes_is_no_answer,
     it_is_alive_and_knows_the_time,
     it_leaves_at_once_and_for_good,
 )

@@ -11,7 +11,7 @@ import genpy
 import roslib.message
 import rospy
 
-publishers, received = {}, {}
+publishers, received, servers = {}, {}, {}
 news = threading.Condition()
 
 
@@ -76,6 +76,55 @@ def serve(service, type, answers):
         return kind._response_class(**values)
 
     rospy.Service(service, kind, handle)
+
+
+def act(action, type):
+    """Serves an actionlib/Test: 13 is aborted, the rest counted up to with feedback."""
+    import actionlib
+
+    def execute(goal):
+        for number in range(goal.goal):
+            if server.is_preempt_requested():
+                return server.set_preempted(kind().action_result.result.__class__(-number))
+            server.publish_feedback(kind().action_feedback.feedback.__class__(number))
+            time.sleep(0.02)
+        end = server.set_aborted if goal.goal == 13 else server.set_succeeded
+        return end(kind().action_result.result.__class__(goal.goal))
+
+    kind = roslib.message.get_message_class(type)
+    servers[action] = server = actionlib.SimpleActionServer(action, kind, execute, auto_start=False)
+    server.start()
+
+
+def seek(action, type, goal):
+    """Sends a goal."""
+    import actionlib
+
+    kind = roslib.message.get_message_class(type)
+    client = servers.setdefault(action, None) or actionlib.SimpleActionClient(action, kind)
+    servers[action] = client
+    received[action] = []
+    if not client.wait_for_server(rospy.Duration(10)):
+        return "no server"
+    message = kind().action_goal.goal
+    genpy.message.fill_message_args(message, [goal])
+    client.send_goal(message, feedback_cb=lambda feedback: received[action].append(plain(feedback)))
+    return True
+
+
+def cancel(action):
+    servers[action].cancel_goal()
+
+
+def state(action):
+    return servers[action].get_state()
+
+
+def outcome(action):
+    """Status, result, and all feedback."""
+    client = servers[action]
+    client.wait_for_result(rospy.Duration(20))
+    return [client.get_state(), plain(client.get_result()), received[action]]
 
 
 def plain(value):

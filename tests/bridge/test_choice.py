@@ -71,5 +71,5 @@ def test_the_command_says_so(tmp_path: Path) -> None:
     result = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert (result.returncode, result.stderr.splitlines()[-1]) == (
         2,
-        "Error: shmgen.toml lists neither [[topics]] nor [[services]]: there is nothing to carry.",
+        "Error: shmgen.toml lists no [[topics]], [[services]] or [[actions]]: there is nothing to carry.",
     )

@@ -207,6 +207,22 @@ def deaf(module: ModuleType, backend: Any) -> None:
     backend.close = lambda: None
 
 
+def forgetting(module: ModuleType, backend: Any) -> None:
+    """Actions whose goals are all accepted."""
+    usual = backend.actions
+
+    class Forgetting:
+        seeker = staticmethod(usual.seeker)
+
+        @staticmethod
+        def serve(backend: Any, wire: Any, worker: Any, mishaps: Any) -> None:
+            begin = worker.begin
+            worker.begin = lambda goal: begin(goal) or True
+            usual.serve(backend, wire, worker, mishaps)
+
+    backend.actions = Forgetting
+
+
 def of_yesterday(module: ModuleType, backend: Any) -> None:
     backend.now = lambda: module.Time(0, 0)
 
@@ -222,6 +238,7 @@ BROKEN = {
     silent: contract.an_answer_that_fails_is_no_answer,
     lingering: contract.it_leaves_at_once_and_for_good,
     deaf: contract.it_leaves_at_once_and_for_good,
+    forgetting: contract.a_goal_that_is_not_accepted_is_none,
     of_yesterday: contract.it_is_alive_and_knows_the_time,
 }
 

@@ -367,9 +367,55 @@ def test_list_says_what_generate_would_say(folder: Path) -> None:
 def test_list_json_has_a_stable_shape(folder: Path) -> None:
     write(folder, {"msgs/demo_msgs/msg/Robot.msg": "Arm[] arms\n"})
     assert json.loads(done(folder, "list -I msgs demo_msgs --json")) == [
-        {"type": "demo_msgs/msg/Arm", "size": 81, "unbounded": [], "faults": []},
-        {"type": "demo_msgs/msg/Robot", "size": None, "unbounded": ["demo_msgs/Robot.arms"], "faults": []},
+        {"type": "demo_msgs/msg/Arm", "size": 81, "unbounded": [], "faults": [], "defaulted": []},
+        {
+            "type": "demo_msgs/msg/Robot",
+            "size": None,
+            "unbounded": ["demo_msgs/Robot.arms"],
+            "faults": [],
+            "defaulted": [],
+        },
     ]
+
+
+def test_list_goes_on_after_what_is_at_fault(folder: Path) -> None:
+    """A file that cannot be read, one that holds it, a type that is nowhere, and all the others."""
+    write(
+        folder,
+        {
+            "msgs/demo_msgs/msg/Broken.msg": "int8 a\nno\nnor this\n",
+            "msgs/demo_msgs/msg/Holds.msg": "Broken[2] them\n",
+            "msgs/demo_msgs/msg/Lost.msg": "int8 a\nlost_msgs/Foo foo\n",
+            "msgs/demo_msgs/srv/Ask.srv": "Lost lost\n",
+        },
+    )
+    lines = done(folder, "list -I msgs demo_msgs").splitlines()
+    broken = "SHM003 msgs/demo_msgs/msg/Broken.msg:2: expected a type and a name, found only `no` and 1 more"
+    assert lines[:8] == [
+        "demo_msgs/Arm                  81 bytes",
+        f"demo_msgs/Broken        {broken}",
+        f"demo_msgs/Holds         {broken}",
+        "demo_msgs/Lost          SHM004 msgs/demo_msgs/msg/Lost.msg:2: no message is called `lost_msgs/Foo`",
+        "demo_msgs/Robot                96 bytes",
+        *lines[5:8],
+    ]
+    assert [line.split()[:2] for line in lines[5:8]] == [
+        [f"demo_msgs/Ask_{part}", "SHM003"] for part in ("Reply", "Request", "Response")
+    ]
+    assert "2 of 8 can be generated." in lines
+    assert "109 of" in done(folder, "list -I msgs")
+
+
+def test_list_tells_which_bounds_are_the_default(folder: Path) -> None:
+    write(folder, {"msgs/demo_msgs/msg/Robot.msg": "Arm[] arms\nint8[<=2] a\nint8[] b\n"})
+    write(folder, {"shmgen.toml": 'path = ["msgs"]\n[bounds]\ndefault = 32\n"demo_msgs/Robot.b" = 8\n'})
+    said = done(folder, "list demo_msgs")
+    assert "bytes  * demo_msgs/Robot.arms\n" in said
+    assert "2 of 2 can be generated.\n* of 32 by [bounds] default\n" in said
+    assert json.loads(done(folder, "list demo_msgs/Robot --json"))[0]["defaulted"] == ["demo_msgs/Robot.arms"]
+    assert "Arm[<=32]" in done(folder, "show demo_msgs/Robot")
+    write(folder, {"shmgen.toml": "[bounds]\ndefault = 0\n"})
+    assert "shmgen.toml:2:1: error[SHM502]" in failed(folder, "list demo_msgs")
 
 
 def test_list_all(tmp_path: Path) -> None:

@@ -94,7 +94,7 @@ def test_services_and_actions(tmp_path: Path) -> None:
         ServiceEntry("/a", "std_srvs/SetBool", "plc", 1.0, Span("shmgen.toml", 2, 1, 7, 'service = "/a"')),
         ServiceEntry("/c", "std_srvs/Trigger", "ros", 3.0, Span("shmgen.toml", 8, 1, 7, 'service = "/c"')),
     )
-    assert loaded.actions == (ActionEntry("/b", "arm/Move", "plc", Span("shmgen.toml", 5, 1, 6, 'action = "/b"')),)
+    assert loaded.actions == (ActionEntry("/b", "arm/Move", "plc", 1.0, Span("shmgen.toml", 5, 1, 6, 'action = "/b"')),)
     assert loaded.types_used == ("std_srvs/SetBool", "std_srvs/Trigger", "arm/Move")
 
 
@@ -175,7 +175,7 @@ def test_requests_remember_their_places(tmp_path: Path) -> None:
         ("[[services]]\nservice = '/a-b'\ntype = 'a/B'", "SHM502", 2, 1, 7, "letters, digits and _"),
         (f"[[services]]\nservice = '/{66 * 'a'}'\ntype = 'a/B'", "SHM502", 2, 1, 7, "more than the 65"),
         ("[[actions]]\naction = '/a'\ntype = 'B'", "SHM502", 3, 1, 4, "names no action"),
-        ("[[actions]]\naction = '/a'\ntype = 'a/B'\ntimeout = 1", "SHM501", 4, 1, 7, "unknown key timeout"),
+        ("[[actions]]\naction = '/a'\ntype = 'a/B'\ndepth = 1", "SHM501", 4, 1, 5, "unknown key depth"),
         ("messages = [", "SHM503", 1, 13, 1, ""),
         ("a = 1\na = 2", "SHM503", 2, 6, 1, "overwrite"),
         ("[types]\ntime = LTIME", "SHM503", 2, 8, 1, 'time = "LTIME"'),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import os
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -28,9 +29,14 @@ def generated(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Path:
     return folder
 
 
+SANITIZE = os.environ.get("SHMGEN_SANITIZE", "")
+"""`address,undefined`, say: the peer with sanitizers looking on."""
+
+
 @pytest.fixture(scope="session")
 def program(generated: Path) -> Path:
-    return cpp_peer.compiled(generated, "peer", cpp_peer.HERE / "peer.cpp", cpp_peer.HERE / "ends.c")
+    options = [f"-fsanitize={SANITIZE}", "-fno-sanitize-recover=all"] if SANITIZE else []
+    return cpp_peer.compiled(generated, "peer", cpp_peer.HERE / "peer.cpp", cpp_peer.HERE / "ends.c", options=options)
 
 
 @pytest.fixture

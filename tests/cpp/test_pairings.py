@@ -12,6 +12,7 @@ import pytest
 
 from ..support.cpp_peer import Peer
 from ..support.plc_demo import CONFIRM, Clock, Demo, Memory, semaphore
+from .conftest import SANITIZE
 
 Start = Callable[..., Peer]
 Sample = tuple[int, int, str, list[int]]
@@ -213,6 +214,7 @@ def test_what_does_not_fit_is_refused_and_named(language: str, peer: Start, demo
         assert process.reads("read r") == ["4", "8", "y" * 9, "4", "-4"]
 
 
+@pytest.mark.skipif(bool(SANITIZE), reason="a sanitizer makes some of its own")
 def test_cyclic_calls_make_no_system_call(language: str, peer: Start, topic: str) -> None:
     """Under seccomp's strict mode any but a write would end the process by SIGKILL."""
     process = peer(language)

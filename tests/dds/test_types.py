@@ -55,6 +55,40 @@ def test_bytes_of_a_header() -> None:
     assert codec.decode(bytes.fromhex(big_endian)) == header
 
 
+def test_bytes_of_wide_strings(tmp_path: Path) -> None:
+    """Counted by hand: encapsulation, the number of units, these with four bytes each, or with two."""
+    file = tmp_path / "cell_msgs" / "msg" / "Wide.msg"
+    file.parent.mkdir(parents=True)
+    file.write_text("wstring word\nuint8 last\nwstring[2] words\n")
+    definitions = messages("cell_msgs/Wide", tmp_path)
+    wires = {
+        cdr.codec(definitions): (
+            "00010000 02000000 61000000 e9000000 07 000000 01000000 3dd80000 00000000",
+            "00000000 00000002 00000061 000000e9 07 000000 00000001 0000d83d 00000000",
+        ),
+        cdr.codec(definitions, wide_unit=2): (
+            "00010000 02000000 6100 e900 07 000000 01000000 7a00 0000 00000000",
+            "00000000 00000002 0061 00e9 07 000000 00000001 007a 0000 00000000",
+        ),
+    }
+    for (codec, (little, big)), second in zip(wires.items(), (None, "z"), strict=True):
+        for wire in (little, big):
+            if second is None:  # half a character
+                with pytest.raises(ValueError, match="utf-16"):
+                    codec.decode(bytes.fromhex(wire))
+                continue
+            found = codec.decode(bytes.fromhex(wire) + bytes(8))  # Fast DDS leaves room behind
+            assert (found.word, found.last, found.words) == ("aé", 7, ["z", ""])
+        if second:
+            assert codec.encode(found) == bytes.fromhex(little)
+    codec = cdr.codec(definitions)
+    made = codec.new()
+    made.word, made.last, made.words = "aé", 7, ["\N{ROBOT FACE}", ""]
+    wire = "00010000 02000000 61000000 e9000000 07 000000 02000000 3ed80000 16dd0000 00000000"
+    assert codec.encode(made) == bytes.fromhex(wire)
+    assert codec.decode(bytes.fromhex(wire)) == made
+
+
 @pytest.mark.parametrize("bytes_", [b"", bytes(4), bytes.fromhex("00010000 ffffffff 02000000 05000000 6dc3")])
 def test_bytes_cut_short(bytes_: bytes) -> None:
     with pytest.raises(ValueError, match=r"Header|encapsulation|string length"):

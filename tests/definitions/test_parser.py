@@ -388,3 +388,30 @@ def test_nothing_takes_long(text):
     """A pattern that backtracks would need minutes here, not the second that all of these take."""
     for dialect in ("ros1", "ros2"):
         read(text, dialect)
+
+
+def test_where_the_parts_of_a_file_are_told_to_be() -> None:
+    _, (finding,) = read("bool a\n---\n---  # one too many\nbool b\n", kind="srv")
+    assert (finding.code, finding.span.line, finding.span.column, finding.span.width) == ("SHM003", 3, 1, 3)
+    (request, response), findings = read("---\nbool b\n", kind="srv")
+    assert not findings
+    assert [(part.span.line, part.span.column) for part in (request, response)] == [(0, 1), (2, 1)]
+
+
+def test_a_byte_is_known_by_its_word() -> None:
+    assert [field.word for field in message("byte a\nuint8 b\nchar c\nbyte[2] d\n").fields] == [
+        "byte",
+        "",
+        "",
+        "byte",
+    ]
+
+
+def test_a_default_with_an_equals_sign_is_told_only_where_it_may_be_one() -> None:
+    said = {text: str(read(text)[1][0]) for text in ("int8 speed=1\n", "int8 A__B=1\n", "int8 Speed\n")}
+    hint = "a default is written without `=`"
+    assert {text: hint in told for text, told in said.items()} == {
+        "int8 speed=1\n": True,
+        "int8 A__B=1\n": False,
+        "int8 Speed\n": False,
+    }

@@ -94,6 +94,26 @@ def test_a_loose_file_belongs_to_its_folder(tmp_path):
     assert names(schema) == ["demo/msg/Arm", "demo/msg/Robot", *parts]
 
 
+def test_messages_in_group_folders_are_those_of_the_package(tmp_path, monkeypatch):
+    """As rosidl_generate_interfaces takes them: autoware_adapi_v1_msgs has planning/msg/, routing/msg/ and more."""
+    files = {
+        "adapi_msgs/package.xml": "<package><name>adapi_msgs</name></package>",
+        "adapi_msgs/planning/msg/Factor.msg": "adapi_msgs/State state",
+        "adapi_msgs/routing/deep/msg/State.msg": "int8 a",
+        "adapi_msgs/routing/srv/Clear.srv": "---\nState state",
+        "adapi_msgs/.git/msg/Not.msg": "int8 a",
+        "adapi_msgs/test/other_msgs/package.xml": "<package><name>other_msgs</name></package>",
+        "adapi_msgs/test/other_msgs/msg/Not.msg": "int8 a",
+    }
+    write(tmp_path, files)
+    parts = [f"adapi_msgs/srv/Clear_{part}" for part in ("Reply", "Request", "Response")]
+    expected = ["adapi_msgs/msg/Factor", "adapi_msgs/msg/State", *parts]
+    assert sorted(map(str, from_folder(tmp_path, "adapi_msgs").requested)) == expected
+    monkeypatch.chdir(tmp_path / "adapi_msgs")
+    schema = load(["planning/msg/Factor.msg"], Sources(), Report())
+    assert names(schema) == ["adapi_msgs/msg/State", "adapi_msgs/msg/Factor"]
+
+
 def test_origins_are_the_same_on_every_machine(tmp_path):
     write(tmp_path, DEMO)
     inside = from_folder(tmp_path, "demo_msgs/Robot")
@@ -125,7 +145,7 @@ def test_where_packages_are_found(tmp_path):
         {
             "src/deep/er/renamed/package.xml": MANIFEST.format("real_msgs"),
             "src/deep/er/renamed/msg/A.msg": "",
-            "src/deep/er/renamed/nested/msg/No.msg": "",
+            "src/deep/er/renamed/nested/msg/E.msg": "",
             "src/plain_msgs/msg/B.msg": "",
             "src/plain_msgs/msg/notes.txt": "",
             "src/broken/package.xml": b"\xff<name",
@@ -152,6 +172,7 @@ def test_where_packages_are_found(tmp_path):
         "broken/srv/C_Response",
         "inner_msgs/msg/D",
         "real_msgs/msg/A",
+        "real_msgs/msg/E",
     ]
 
 

@@ -215,5 +215,26 @@ def test_all_others_that_hold_it_are_told_too(before: lockfile.Lock, tmp_path: P
     ]
 
 
+def test_what_vanished_in_a_part_that_moved_is_told_by_its_old_place(before: lockfile.Lock, tmp_path: Path) -> None:
+    robot = MESSAGES["Robot"].replace("bool ready", "float64[4] more\nbool ready")
+    found = compare(before, lock(tmp_path, {**MESSAGES, "Finger": "float32 force\n", "Robot": robot}), "layout.lock")
+    (robots,) = [one for one in found if "demo_msgs/Robot" in one.diagnostic.message]
+    places = {change.field: change.text for change in robots.changes}
+    arm, hand, fingers, finger = (
+        before.messages[f"demo_msgs/msg/{name}"].fields[field].offset
+        for name, field in (("Robot", "arm"), ("Arm", "hand"), ("Hand", "fingers"), ("Finger", "id"))
+    )
+    assert places["arm.hand.fingers[].id"] == f"vanished from {arm + hand + fingers + finger}, was int16"
+    assert places["arm"] == "moved 200 -> 240, shrank 104 -> 96"
+
+
+def test_a_topic_that_is_gone_breaks_its_readers(tmp_path: Path) -> None:
+    topics = (TopicEntry("/robot", "demo_msgs/Robot", "to_plc", 1, Span("")),)
+    old, new = (lock(tmp_path, MESSAGES, topics=entries) for entries in (topics, ()))
+    (found,) = compare(old, new, "layout.lock")
+    assert found.severity.name == "BREAKING"
+    assert found.diagnostic.details == ("topic /robot   to_plc demo_msgs/Robot depth 1 -> none",)
+
+
 def test_a_lock_without_change_is_without_findings(before: lockfile.Lock) -> None:
     assert compare(before, before, "layout.lock") == []

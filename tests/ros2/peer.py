@@ -15,10 +15,13 @@ from importlib import import_module
 
 import numpy
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.action import ActionClient, ActionServer, CancelResponse, GoalResponse
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-publishers, subscriptions, clients, received = {}, {}, {}, {}
+publishers, subscriptions, clients, goals, received = {}, {}, {}, {}, {}
+ended = []
 news = threading.Condition()
 
 
@@ -135,6 +138,82 @@ def call(service, type, request, timeout=10.0):
         client.remove_pending_request(future)
         return "no answer"
     return plain(future.result())
+
+
+def act(action, type, period=0.02):
+    """Serves a Fibonacci: an order below 0 is rejected, one of 13 aborted, the rest counted up to with feedback."""
+
+    def execute(goal):
+        so_far = kind.Feedback()
+        for number in range(goal.request.order):
+            if goal.is_cancel_requested:
+                goal.canceled()
+                ended.append(number)
+                return made(kind.Result, {"sequence": [-number]})
+            so_far.sequence = [*so_far.sequence, number]
+            goal.publish_feedback(so_far)
+            time.sleep(period)
+        goal.abort() if goal.request.order == 13 else goal.succeed()
+        return made(kind.Result, {"sequence": so_far.sequence})
+
+    kind = kind_of(type)
+    clients[f"server of {action}"] = ActionServer(
+        actor(),
+        kind,
+        action,
+        execute,
+        goal_callback=lambda goal: GoalResponse.REJECT if goal.order < 0 else GoalResponse.ACCEPT,
+        cancel_callback=lambda goal: CancelResponse.ACCEPT,
+        callback_group=ReentrantCallbackGroup(),
+    )
+
+
+def seek(action, type, goal, timeout=10.0):
+    """Sends a goal; whether it was accepted."""
+    kind = kind_of(type)
+    client = clients.setdefault(action, None) or ActionClient(actor(), kind, action)
+    clients[action] = client
+    if not client.wait_for_server(timeout_sec=timeout):
+        return "no server"
+    received[action] = []
+    heard = received[action].append
+    future = client.send_goal_async(
+        made(kind.Goal, goal), feedback_callback=lambda message: heard(plain(message.feedback))
+    )
+    goals[action] = done(future, timeout)
+    return bool(goals[action] and goals[action].accepted)
+
+
+def canceled():
+    """How far the goals had come that were cancelled."""
+    return ended
+
+
+def cancel(action, timeout=10.0):
+    """How many goals are to be cancelled."""
+    return len(done(goals[action].cancel_goal_async(), timeout).goals_canceling)
+
+
+def outcome(action, timeout=20.0):
+    """Status, result, and all feedback."""
+    found = done(goals[action].get_result_async(), timeout)
+    return found and [found.status, plain(found.result), received[action]]
+
+
+def done(future, timeout):
+    event = threading.Event()
+    future.add_done_callback(lambda future: event.set())
+    return future.result() if event.wait(timeout) else None
+
+
+def actor():
+    """A node whose callbacks may wait for one another."""
+    if "actor" not in clients:
+        clients["actor"] = rclpy.create_node(f"actor_{os.getpid()}")
+        executor = MultiThreadedExecutor(4)
+        executor.add_node(clients["actor"])
+        threading.Thread(target=executor.spin, daemon=True).start()
+    return clients["actor"]
 
 
 def graph(topic):

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -16,15 +17,16 @@ pytest.importorskip("cyclonedds")
 
 from shmgen import pipeline
 from shmgen.bridge import dds
-from shmgen.bridge.backend import Node, Wire
+from shmgen.bridge.backend import Node, ServiceWire, Wire
 from shmgen.config import Config
-from shmgen.live.classes import subscriber
+from shmgen.live.classes import client, subscriber
+from shmgen.runtime import ShmError
 
 from ..dds.conftest import Taken
 from ..support.dds import LOOPBACK
 from ..support.ros1 import wait_for
 from ..support.ros2 import Graph
-from .test_bridge import session, topic
+from .test_bridge import SET_BOOL, plc_server, session, topic
 
 OTHERS = {
     "type": "float32 x\nfloat64 y\nfloat64 z\n",
@@ -112,11 +114,88 @@ def test_another_definition_is_no_value(graph: Graph, stranger: dds.Graph, space
     assert len([line for line in bridge.lines if f"{space}/accepted: a peer has another" in line]) == 1
 
 
+@WAYS
+def test_a_subscriber_of_another_definition_is_told_of(
+    graph: Graph, stranger: dds.Graph, space: str, tmp_path: Path
+) -> None:
+    """What it makes of our bytes is its own matter, but somebody should know; it may come first or last."""
+    texts = {"same": "float64 x\nfloat64 y\nfloat64 z\n", "first": "float64 a\n", "last": "float64 a\n"}
+    takers = {name: Taken(lambda message: None) for name in texts}
+    stranger.subscribe(wire(tmp_path / "first", f"{space}/first", texts["first"]), takers["first"])
+    bridge = graph.bridge(
+        f'source = "{graph.source}"\n'
+        + "".join(topic(f"{space}/{name}", "geometry_msgs/Vector3", 'direction = "from_plc"') for name in texts)
+    )
+    for name in ("same", "last"):
+        stranger.subscribe(wire(tmp_path / name, f"{space}/{name}", texts[name]), takers[name])
+    for name in ("first", "last"):
+        bridge.said(f"{space}/{name}: a peer has another geometry_msgs/Vector3: .*it takes our bytes for its own")
+    bridge.stop(signal.SIGTERM)
+    assert not [line for line in bridge.lines if f"{space}/same: " in line]
+
+
+def service(folder: Path, name: str, request: str) -> ServiceWire:
+    """std_srvs/SetBool as somebody with that request sees it."""
+    file = folder / "std_srvs" / "srv" / "SetBool.srv"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(f"{request}\n---\nbool success\nstring message\n")
+    parts = {
+        one.name.name: one for one in pipeline.read(Config(Path.cwd(), path=(folder,)), ["std_srvs/SetBool"]).messages
+    }
+    return ServiceWire(name, (parts["SetBool_Request"],), (parts["SetBool_Response"],))
+
+
+@WAYS
+def test_a_service_of_another_definition(graph: Graph, stranger: dds.Graph, space: str, tmp_path: Path) -> None:
+    """While such a client or server is there, real rclpy hears nothing through rclpy, and the PLC is not asked."""
+    bridge = graph.bridge(
+        f'source = "{graph.source}"\n'
+        + SET_BOOL.format(space=space, server="plc", timeout=1)
+        + SET_BOOL.format(space=f"{space}/of", server="ros", timeout=1)
+    )
+    peer = graph.peer()
+    asked = {"do": "call", "service": f"{space}/flag", "type": "std_srvs/srv/SetBool", "request": {}, "timeout": 2}
+    peer.ask(do="serve", service=f"{space}/of/flag", type="std_srvs/srv/SetBool", answers=[])
+    kinds = session(graph).classes(["std_srvs/SetBool"])
+    calling = client(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
+    served: list[Any] = []
+
+    def handler(request: Any) -> Any:
+        served.append(request)
+        return SimpleNamespace(success=True, message="")
+
+    with plc_server(graph, f"{space}/flag", handler), calling(f"{space}/of/flag") as plc:
+        assert peer.ask(**asked) == {"success": True, "message": ""}
+        assert plc.call(SimpleNamespace(data=True), 5) is not None
+        served.clear()
+        stranger.client(service(tmp_path, f"{space}/flag", "int8 data"))
+        stranger.serve(service(tmp_path, f"{space}/of/flag", "int8 data"), lambda *call: None, print)
+        for _ in range(20):
+            answer = peer.ask(**asked)
+            try:
+                plc.call(SimpleNamespace(data=True), 3)
+            except ShmError:
+                if answer == "no answer":
+                    break
+        served.clear()
+        assert peer.ask(**asked) == "no answer"
+        with pytest.raises(ShmError):
+            plc.call(SimpleNamespace(data=True), 3)
+        assert served == []
+    bridge.stop(signal.SIGTERM)
+    for name in ("flag", "of/flag"):
+        (told,) = [line for line in bridge.lines if line.startswith(f"{space}/{name}: ") and "nothing passes" in line]
+        assert told.count("RIHS01_") == 2
+    bridge.said(rf"{space}/flag +\d+ passed, \d+ refused$")
+    bridge.said(rf"{space}/of/flag +\d+ passed, \d+ failed$")
+
+
 @pytest.mark.parametrize("graph", [("jazzy", "dds"), ("kilted", "dds")], indirect=True, ids="-".join)
 def test_where_ours_is_another(graph: Graph, space: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Through Cyclone, from real rclpy: of its types Cyclone knows nothing but what they are called."""
     monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)
     told: list[str] = []
+    outlets: list[Any] = []  # or they are gone at once
     ours = dds.connect(Node("ours", graph.number, told.append, lambda: False))
     definitions = {"same": "float64 x\nfloat64 y\nfloat64 z\n", "accepted": OTHERS["renamed"], **OTHERS}
     came: dict[str, list[Any]] = {name: [] for name in definitions}
@@ -127,14 +206,18 @@ def test_where_ours_is_another(graph: Graph, space: str, tmp_path: Path, monkeyp
             there = replace(wire(tmp_path / name, f"{space}/{name}", text), accepts_other=name in ACCEPTS)
             ours.subscribe(there, takers[name])
             peer.ask(do="advertise", topic=f"{space}/{name}", type="geometry_msgs/msg/Vector3")
+            outlets.append(ours.publisher(wire(tmp_path / name, f"{space}/back_{name}", text)))
+            peer.ask(do="subscribe", topic=f"{space}/back_{name}", type="geometry_msgs/msg/Vector3")
         for name in definitions:
             assert peer.ask(do="connected", topic=f"{space}/{name}") == 1, name
             peer.ask(do="publish", topic=f"{space}/{name}", messages=[{"x": 1.5}] * 2)
         wait_for(lambda: len(came["same"]) == len(came["accepted"]) == 2, "what is the same")
         wait_for(lambda: all(takers[name].told for name in OTHERS), "refusals", lambda: str(told))
+        wait_for(lambda: len(told) >= 2 * len(OTHERS) + 2, "a word on subscribers", lambda: str(told))
     finally:
         ours.close()
     assert [name for name in definitions if came[name]] == ["same", "accepted"]
     others = [name for name in definitions if name != "same"]
-    assert sorted(line.partition(":")[0] for line in told) == sorted(f"{space}/{name}" for name in others)
+    both = sorted(f"{space}/{back}{name}" for name in others for back in ("", "back_"))
+    assert sorted(line.partition(":")[0] for line in told) == both
     assert all(line.count("RIHS01_") == 2 for line in told)

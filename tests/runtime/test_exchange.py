@@ -358,9 +358,15 @@ def test_a_stuck_lock_is_waited_for_once(topic, other, monkeypatch):
             publisher.publish(pose(x))
         assert noted == [0.02, 0.02]
         assert publisher.lock_misses == 40
+        # Whoever opens while somebody is inside waits once too.
+        with PoseSubscriber(topic, lock_timeout=0.01) as subscriber:
+            for x in range(20):
+                publisher.publish(pose(x))
+                assert subscriber.read().position.x == x
+        assert noted == [0.02, 0.02, 0.01]
         holder.end()
         publisher.publish(pose(1))
-        assert publisher.lock_misses == 40
+        assert publisher.lock_misses == 60
 
 
 def test_where_stores_pass_each_other_the_lock_is_needed(topic, file, other):

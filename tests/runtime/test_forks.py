@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import signal
 import subprocess
 import sys
+from contextlib import suppress
 
+import posix_ipc
 import pytest
 
 from shmgen import runtime
+from shmgen.runtime import header as h
+from shmgen.runtime import publisher as publishing
+from shmgen.runtime import semaphores
+from shmgen.runtime.region import _FLOCK, REPAIR_LOCK
 
+from ..chaos_faults import swap_map
 from .messages import PosePublisher, PoseSubscriber, pose
 
 
@@ -21,10 +29,11 @@ def in_child(work):
     if pid == 0:
         try:
             os.write(write, str(work()).encode())
-        finally:
             os._exit(0)
+        finally:
+            os._exit(1)
     os.close(write)
-    os.waitpid(pid, 0)
+    assert os.waitpid(pid, 0)[1] == 0
     with open(read) as answers:
         return answers.read()
 
@@ -37,6 +46,14 @@ def told(call):
     return "nothing"
 
 
+def open_files():
+    found = []
+    for descriptor in os.listdir("/proc/self/fd"):
+        with suppress(FileNotFoundError):  # that of this list
+            found.append(os.readlink(f"/proc/self/fd/{descriptor}"))
+    return found
+
+
 def test_a_child_holds_nothing_and_is_told(topic):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         publisher.publish(pose(1))
@@ -45,7 +62,9 @@ def test_a_child_holds_nothing_and_is_told(topic):
             answer = in_child(lambda call=call: told(call))
             assert answer.startswith(f"InForkedChild: {topic}: this ")
             assert f"belongs to process {os.getpid()}, from which this one was forked" in answer
-        names = in_child(lambda: [os.readlink(f"/proc/self/fd/{fd}") for fd in os.listdir("/proc/self/fd")[:-1]])
+        assert f"/dev/shm/{publisher._region.name}" in open_files()
+        names = in_child(open_files)
+        assert "pipe:" in names
         assert "/dev/shm" not in names
         in_child(lambda: (publisher.close(), subscriber.close()))
         publisher.publish(pose(3))
@@ -63,13 +82,143 @@ def test_a_child_opens_its_own(topic):
         assert in_child(own) == "1.0"
 
 
+def test_a_fork_or_an_exception_in_the_middle_of_closing(topic):
+    """The map has a descriptor of its own, and with it the claim."""
+    publisher = PosePublisher(topic)
+    map, names = publisher._region.map, []
+
+    class Map:
+        def close(self):
+            if names:
+                map.close()
+                return
+            names.append("")
+            names[0] = in_child(open_files)
+            raise KeyboardInterrupt
+
+    publisher._region.map = Map()
+    with pytest.raises(KeyboardInterrupt):
+        publisher.close()
+    assert "pipe:" in names[0]
+    assert "/dev/shm" not in names[0]
+    publisher.close()
+    PosePublisher(topic).close()
+
+
+def test_closing_does_not_wait_for_a_child_that_has_not_run_yet(topic):
+    """Which has the file, and so the claim, until it has its turn."""
+    publisher = PosePublisher(topic)
+    also = os.dup(publisher._region.file)  # the same open file, as a child has it
+    try:
+        publisher.close()
+        PosePublisher(topic).close()
+    finally:
+        os.close(also)
+
+
+def test_a_fork_between_any_two_instructions(topic):
+    """Of opening, publishing, reading and closing, each 37th, by a child that has neither file nor map then."""
+    name, held, forks = runtime.region_name(topic), [], 0
+
+    def work():
+        with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+            publisher.publish(pose(1))
+            assert subscriber.read()
+
+    def inherited():
+        maps = open("/proc/self/maps").read()  # noqa: SIM115 the child ends
+        return f"/dev/shm/{name}" in maps or any(f"/dev/shm/{name}" in file for file in open_files())
+
+    def forked_at(step):
+        nonlocal forks
+        left = step
+
+        def trace(frame, event, _):
+            nonlocal left, forks
+            if not frame.f_code.co_filename.startswith(os.path.dirname(runtime.__file__)):
+                return None
+            frame.f_trace_opcodes = True
+            if event == "opcode":
+                left -= 1
+                if left == 0:
+                    forks += 1
+                    if in_child(inherited) == "True":
+                        held.append(frame.f_code.co_name)
+            return trace
+
+        sys.settrace(trace)
+        try:
+            work()
+        finally:
+            sys.settrace(None)
+        return left <= 0
+
+    steps = iter(range(1, 100_000, 37))
+    while forked_at(next(steps)):
+        pass
+    assert forks > 100
+    # Where a descriptor, or a view, is on its way from the call that made it to the name it gets.
+    assert set(held) <= {"opened", "kept_from_children", "open_region", "__init__", "_made"}
+    assert len(held) <= 3
+
+
+@pytest.mark.parametrize("semlock", [True, False])
+def test_a_fork_in_the_middle_of_a_copy_leaves_the_lock_to_the_parent(topic, monkeypatch, semlock):
+    """As by another thread, or by a signal handler: the child has the parent's count of the lock, and not the lock."""
+    if not semlock:
+        monkeypatch.setattr(semaphores, "SemLock", None)
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+        lock = posix_ipc.Semaphore("/" + publisher._region.name)
+        seen = []
+
+        def fork():
+            in_child(lambda: None)
+            seen.append((lock.value, publisher._region.words[h.LOCK_HOLDER], REPAIR_LOCK in locked()))
+
+        def locked():
+            """By us, whose own locks a second descriptor meets."""
+            with open(f"/dev/shm/{publisher._region.name}", "rb") as file:
+                asked = _FLOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, REPAIR_LOCK, 1, 0)
+                kind, *_ = _FLOCK.unpack(fcntl.fcntl(file.fileno(), fcntl.F_OFD_GETLK, asked))
+                return [REPAIR_LOCK] if kind != fcntl.F_UNLCK else []
+
+        swap_map(publisher, fork)
+        publisher.publish(pose(1))
+        assert publisher._region.lock_byte(REPAIR_LOCK)
+        publisher._lock._repairing = True
+        publisher._region.semaphore.acquire(False)
+        fork()
+        publisher._lock.leave()
+        assert seen == [(0, os.getpid(), False), (0, 0, True)]
+        assert lock.value == 1
+        lock.close()
+        assert subscriber.read().position.x == 1.0
+
+
+def test_a_fork_while_it_opens_takes_no_claim_along(topic, monkeypatch):
+    """By another thread, just after the claim."""
+    names = []
+
+    def forked(*arguments):
+        made = claim(*arguments)
+        names.append(in_child(open_files))
+        return made
+
+    claim = publishing.claim
+    monkeypatch.setattr(publishing, "claim", forked)
+    PosePublisher(topic).close()
+    assert "pipe:" in names[0]
+    assert "/dev/shm" not in names[0]
+
+
 PARENT = """
 import multiprocessing, os, sys, time
 from messages import PosePublisher
 publisher = PosePublisher(sys.argv[1])
-child = multiprocessing.get_context("fork").Process(target=time.sleep, args=(60,))
-child.start()
-print(child.pid, flush=True)
+def work():
+    print(os.getpid(), flush=True)
+    time.sleep(60)
+multiprocessing.get_context("fork").Process(target=work).start()
 time.sleep(60)
 """
 

@@ -156,6 +156,17 @@ def test_one_healer_at_a_time(topic, monkeypatch, value):
         assert value() == 1
 
 
+@pytest.mark.parametrize(("count", "after"), [(0, 1), (7, 8), (h.LAST, 0)])
+def test_taking_over_is_a_stay_of_its_own(topic, count, after):
+    """Otherwise whoever has the same number as the dead one, in another container, would be taken for dead as well."""
+    with PosePublisher(topic) as publisher:
+        leave_locked(publisher, os.getpid())
+        publisher._region.words[h.LOCK_COUNT] = count
+        assert publisher._lock._take_over((os.getpid(), count))
+        assert publisher._lock._stay() == (os.getpid(), after)
+        publisher._lock.leave()
+
+
 def test_a_lock_that_came_free_is_entered_not_healed(topic):
     with PosePublisher(topic) as publisher:
         assert publisher._lock._take_over(publisher._lock._stay())

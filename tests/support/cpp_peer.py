@@ -24,12 +24,13 @@ COMPILERS = [name for name in ("g++", "clang++") if shutil.which(name)]
 
 
 def generate(folder: Path, messages: Mapping[str, str] | None = None, **settings: object) -> Layouts:
-    """C and C++ of messages of demo_msgs, those of plc_demo by default, below `folder`/c and `folder`/cpp."""
-    texts = MESSAGES if messages is None else messages
-    put({name if "/" in name else f"demo_msgs/msg/{name}.msg": text for name, text in texts.items()}, folder)
+    """C and C++ of definitions of one package by their paths, plc_demo's by default, below `folder`."""
+    demo = {f"demo_msgs/msg/{name}.msg": text for name, text in MESSAGES.items()}
+    put(demo if messages is None else messages, folder)
     config = replace(Config(folder, source="jazzy", path=(folder,), package=PACKAGE, targets=("c", "cpp")), **settings)
-    put(pipeline.generate(config, ["demo_msgs"]), folder)
-    return pipeline.lay_out(config, ["demo_msgs"])
+    package = "demo_msgs" if messages is None else next(iter(messages)).partition("/")[0]
+    put(pipeline.generate(config, [package]), folder)
+    return pipeline.lay_out(config, [package])
 
 
 def compiled(folder: Path, name: str, *sources: Path, options: Sequence[str] = (), compiler: str = "g++") -> Path:

@@ -1,15 +1,14 @@
-"""Definitions nobody would write, and what has to hold for each: a schema, or a diagnostic, and soon."""
+"""Turns dice into definitions nobody would write, and holds what must be for each: a schema, or a diagnostic, soon."""
 
 from __future__ import annotations
 
 import signal
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from random import Random
 from types import FrameType
 from typing import NamedTuple
-
-from hypothesis import strategies as st
 
 from shmgen import pipeline
 from shmgen.bounds import Bound, Bounds
@@ -122,56 +121,57 @@ TOKENS = [*TYPES, *ODD_TYPES, *ODD_NAMES, *VALUES, *COMMENTS, *LINES, "---\n", "
 TOKENS += ["\ufeff", "\x00", "\x0b", "\x85", "\u2028", "\U0001f916", "а", "٣", "{%", "??/", "\\", "[", "]", "'", '"']  # noqa: RUF001
 
 
-@st.composite
-def from_grammar(draw: st.DrawFn) -> Fuzzed:
-    kind = draw(st.sampled_from(KINDS))
+def from_grammar(dice: Random) -> Fuzzed:
+    kind = dice.choice(KINDS)
     parts = 1 + KINDS.index(kind)
-    return Fuzzed("---\n".join(draw(part()) for _ in range(parts)).encode(), kind, draw(st.sampled_from(SOURCES)))
+    return Fuzzed("---\n".join(part(dice) for _ in range(parts)).encode(), kind, dice.choice(SOURCES))
 
 
-def part() -> st.SearchStrategy[str]:
-    """Seven of eight lines are right."""
-    comments = st.sampled_from(COMMENTS)
-    right = st.builds("{} {}{}\n".format, st.sampled_from(TYPES), st.sampled_from(NAMES), comments)
-    values = st.sampled_from(["", *(sign + value for value in VALUES for sign in " =")])
-    odd = [st.sampled_from([*TYPES, *ODD_TYPES]), st.sampled_from([*NAMES, *ODD_NAMES]), values, comments]
-    wrong = st.builds("{} {}{}{}\n".format, *odd)
-    lines = st.integers(0, 7).flatmap(
-        lambda number: wrong if number == 7 else right if number else st.sampled_from(LINES)
-    )
-    return st.lists(lines, max_size=6, unique_by=lambda line: tuple(line.split()[1:2])).map("".join)
+def part(dice: Random) -> str:
+    """Seven of eight lines are right; mostly no name comes twice."""
+    lines = [line(dice) for _ in range(dice.randint(0, 6))]
+    if dice.randrange(16):
+        lines = list({tuple(line.split()[1:2]): line for line in lines}.values())
+    return "".join(lines)
+
+
+def line(dice: Random) -> str:
+    match dice.randrange(8):
+        case 0:
+            return dice.choice(LINES)
+        case 7:
+            value = dice.choice(["", *(sign + value for value in VALUES for sign in " =")])
+            names = dice.choice([*NAMES, *ODD_NAMES])
+            return f"{dice.choice([*TYPES, *ODD_TYPES])} {names}{value}{dice.choice(COMMENTS)}\n"
+        case _:
+            return f"{dice.choice(TYPES)} {dice.choice(NAMES)}{dice.choice(COMMENTS)}\n"
 
 
 # --- real ones, changed ---------------------------------------------------------------------------------
 
 
-def from_files(files: list[Path]) -> st.SearchStrategy[Fuzzed]:
+def from_files(files: Sequence[Path], dice: Random) -> Fuzzed:
     """One of `files` with one to four of its bytes, words or lines changed."""
-
-    @st.composite
-    def strategy(draw: st.DrawFn) -> Fuzzed:
-        file = draw(st.sampled_from(files))
-        data = file.read_bytes()
-        for _ in range(draw(st.integers(1, 4))):
-            data = changed(data, draw)
-        source = "noetic" if "noetic" in file.parts else "jazzy"
-        return Fuzzed(data, draw(st.sampled_from([*[file.suffix[1:]] * 3, *KINDS])), source)
-
-    return strategy()
+    file = dice.choice(files)
+    data = file.read_bytes()
+    for _ in range(dice.randint(1, 4)):
+        data = changed(data, dice)
+    source = "noetic" if "noetic" in file.parts else "jazzy"
+    return Fuzzed(data, dice.choice([*[file.suffix[1:]] * 3, *KINDS]), source)
 
 
-def changed(data: bytes, draw: st.DrawFn) -> bytes:
-    start = draw(st.integers(0, len(data)))
-    match draw(st.sampled_from(["insert", "insert", "overwrite", "delete", "double", "bytes"])):
+def changed(data: bytes, dice: Random) -> bytes:
+    start = dice.randint(0, len(data))
+    match dice.choice(["insert", "insert", "overwrite", "delete", "double", "bytes"]):
         case "insert":
-            return data[:start] + draw(st.sampled_from(TOKENS)).encode() + data[start:]
+            return data[:start] + dice.choice(TOKENS).encode() + data[start:]
         case "overwrite":
-            token = draw(st.sampled_from(TOKENS)).encode()
+            token = dice.choice(TOKENS).encode()
             return data[:start] + token + data[start + len(token) :]
         case "delete":
-            return data[:start] + data[start + draw(st.integers(1, 40)) :]
+            return data[:start] + data[start + dice.randint(1, 40) :]
         case "double":
-            end = start + draw(st.integers(1, 200))
+            end = start + dice.randint(1, 200)
             return data[:end] + data[start:end] + data[end:]
         case _:
-            return data[:start] + draw(st.binary(min_size=1, max_size=4)) + data[start:]
+            return data[:start] + bytes(dice.randrange(256) for _ in range(dice.randint(1, 4))) + data[start:]

@@ -90,13 +90,18 @@ def xml_tokens(text: str) -> list[str]:
         if element.tag is not etree.Comment and not str(element.tag).endswith(("}documentation", "description")):
             yield f"<{element.tag}"
             for key, value in sorted(element.attrib.items()):
-                yield from (f"<{key}", *st_tokens(value))
+                is_folder = str(element.tag).endswith("}Folder")  # of the tree in the IDE: any text
+                yield from (f"<{key}", *([repr(value)] if is_folder else st_tokens(value)))
             yield from st_tokens(element.text or "")
             for inner in element:
                 yield from of(inner)
         yield from st_tokens(element.tail or "")
 
-    return list(of(etree.fromstring(text.encode())))
+    return list(of(etree.fromstring(_OBJECT_ID.sub("", text).encode())))
+
+
+_OBJECT_ID = re.compile(r"[0-9a-f]{8}(?:-[0-9a-f]{4}){3}-[0-9a-f]{12}")
+"""Of CODESYS: made of an object's name, and no word of anybody."""
 
 
 def _python(texts: Mapping[str, str]) -> None:

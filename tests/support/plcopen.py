@@ -6,7 +6,7 @@ from typing import Any
 
 from lxml import etree
 
-PLC = "{http://www.plcopen.org/xml/tc6_0201}"
+PLC = "{http://www.plcopen.org/xml/tc6_0200}"
 TEXT = "{http://www.w3.org/1999/xhtml}xhtml"
 CODESYS = "http://www.3s-software.com/plcopenxml/"
 

@@ -42,7 +42,8 @@ def test_every_word_the_design_names_is_escaped() -> None:
     words = """type time action task function step transition dt array at read_only program configuration resource
         interval priority string bool byte log true false add delete on var end_var and or not xor mod to of by
         real lreal lword ulint usint wstring ltime date tod limit max min sel mux sizeof adr pointer reference
-        struct union class method property interface this super null ref_to using namespace persistent retain"""
+        struct union class method property interface this super null ref_to using namespace persistent retain
+        test_and_set end_get end_set"""
     for word in words.split():
         assert st_names.st_member(word) == word + "_"
 

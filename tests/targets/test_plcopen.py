@@ -3,7 +3,6 @@ from __future__ import annotations
 import re
 from copy import deepcopy
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -12,12 +11,13 @@ from shmgen import config, pipeline
 from shmgen.diagnostics import Report
 
 from ..conftest import SHARED
+from ..support.ide import Found, Ide, Reference
 from .test_st import SIZES, members, parse
 
 etree = pytest.importorskip("lxml.etree")
 pytest.importorskip("blark")
 
-PLC = "{http://www.plcopen.org/xml/tc6_0201}"
+PLC = "{http://www.plcopen.org/xml/tc6_0200}"
 XHTML = "{http://www.w3.org/1999/xhtml}xhtml"
 CODESYS = "http://www.3s-software.com/plcopenxml/"
 
@@ -119,13 +119,17 @@ def test_it_is_valid(tmp_path: Path, options: str) -> None:
     file = SHARED / "schemas" / "tc6_xml_v201.xsd"
     if not file.is_file():
         pytest.skip(f"no schema of PLCopen at {file}")
-    schema = etree.XMLSchema(etree.parse(file))
+    # The schema of 2.0.1, the only one to be had, has all of 2.0 that is used here.
+    schema = etree.XMLSchema(etree.fromstring(file.read_bytes().replace(b"tc6_0201", b"tc6_0200")))
     project = etree.fromstring(generate(tmp_path, options)["plcopen/shmgen.xml"].encode())
     schema.assertValid(project)
     (resource,) = project.iter(PLC + "resource")
     resource.extend(
         map(deepcopy, list(project.iter(PLC + "globalVars")))
-    )  # from addData, where the schema does not look
+    )  # the schema does not look into addData, so what stands there goes to where it would be without CODESYS
+    configurations = project.find(f"{PLC}instances/{PLC}configurations")
+    resource.getparent().getparent().remove(resource.getparent())
+    etree.SubElement(configurations, PLC + "configuration", name="Device").append(resource)
     schema.assertValid(project)
 
 
@@ -134,20 +138,19 @@ def test_plcopen_of_pypi_reads_it(texts: dict[str, str], files: dict[str, str]) 
     parsers = pytest.importorskip("xsdata.formats.dataclass.parsers")
     # It does not take the `value` in an `arrayValue` that the schema asks for.
     xml = re.sub("<initialValue><arrayValue>.*?</initialValue>", "", texts["plcopen/shmgen.xml"])
+    xml = xml.replace("tc6_0200", "tc6_0201")  # which it knows
     read = parsers.XmlParser().from_bytes(xml.encode(), plcopen.Project)
     names = [item.name for item in (*read.types.data_types.data_type, *read.types.pous.pou)]
     assert sorted(names) == sorted(name for name in files if not name.startswith("GVL"))
     blocks = {pou.name: pou for pou in read.types.pous.pou}
     inputs = blocks["FB_demo_msgs_Point_Publisher"].interface.input_vars[0].variable
     assert [variable.name for variable in inputs] == ["xEnable", "sTopic", "xSend", "Msg", "udiDepth"]
-    (task,) = read.instances.configurations.configuration[0].resource[0].task
-    assert (task.name, task.interval, task.pou_instance[0].name) == ("RosTask", "PT0.025S", "PRG_Ros")
+    assert read.instances.configurations.configuration == []
 
 
 def test_nothing_in_it_changes_by_itself(texts: dict[str, str], tmp_path: Path) -> None:
     xml = texts["plcopen/shmgen.xml"]
     assert generate(tmp_path)["plcopen/shmgen.xml"] == xml
-    assert "ObjectId" not in xml
     assert set(re.findall(r"\d{4}-\d\d-\d\d", xml)) == {"2000-01-01"}
     assert xml.isascii()
 
@@ -242,7 +245,7 @@ def test_the_structured_declarations_are_what_blark_reads(objects: dict[str, Any
         item = objects[name]
         if item.tag == PLC + "globalVars":
             assert declared(item) == members(text)
-            assert item.get("constant") == ("true" if "\nVAR_GLOBAL CONSTANT\n" in text else "false")
+            assert item.get("constant") == ("true" if "\nVAR_GLOBAL CONSTANT\n" in text else None)
         elif "\nSTRUCT\n" in text:
             assert declared(item.find(f"{PLC}baseType/{PLC}struct")) == members(text)
         elif item.tag == PLC + "pou":
@@ -261,7 +264,7 @@ def test_the_structured_declarations_are_what_blark_reads(objects: dict[str, Any
                         for name in item.variables
                     ]
                     assert declared(lists) == expected, f"{name}.{stored.get('name')}"
-                    assert lists.get("constant") == str(bool(section.attrs)).lower()
+                    assert lists.get("constant") == ("true" if section.attrs else None)
                 returns = stored.find(f"{PLC}interface/{PLC}returnType")
                 assert (None if returns is None else spelled(returns[0])) == (
                     str(read.return_type) if getattr(read, "return_type", None) else None
@@ -282,7 +285,7 @@ def test_enumerations_keep_their_base_and_their_numbers(objects: dict[str, Any],
 
 def test_attributes(objects: dict[str, Any], files: dict[str, str]) -> None:
     for name, item in objects.items():
-        (attributes,) = data(item, "attributes")
+        attributes = [attribute for lists in data(item, "attributes") for attribute in lists]
         found = [(attribute.get("Name"), attribute.get("Value")) for attribute in attributes]
         given = re.findall(r"^\{attribute '(\w+)'(?: := '(\w*)')?\}$", files[name], re.MULTILINE)
         assert found == given, name
@@ -297,7 +300,7 @@ def test_what_is_private_stays_so(objects: dict[str, Any], files: dict[str, str]
 
 def test_libraries_are_those_that_the_block_names(project: Any, files: dict[str, str]) -> None:
     (libraries,) = data(project, "libraries")
-    titles = [library.get("Name").partition(",")[0] for library in libraries]
+    titles = [library.get("Name").lstrip("#").partition(",")[0] for library in libraries]
     assert f"// Libraries: {', '.join(titles)}." in files["FB_ShmRegion"]
 
 
@@ -331,58 +334,6 @@ def test_the_script_is_python_2_7(texts: dict[str, str]) -> None:
     assert list(grammar.iter_errors(newer)), "the check can fail"
 
 
-class Ide:
-    """What the script needs of the IDE, to the letter of its documentation and no further: a stand-in, not CODESYS."""
-
-    def __init__(self, present: list[str], missing_libraries: bool = False, task: bool = False) -> None:
-        self.objects, self.calls, self.messages = present, [], []
-        self.libraries = ["#Standard, 3.5.18.0 (System)", "SysShm, 3.5.8.0 (System)"]
-        self.missing_libraries = missing_libraries
-        self.task = task
-
-    def run(self, script: Path) -> None:
-        scope = {
-            "__file__": str(script),
-            "ImportReporter": object,
-            "ConflictResolve": SimpleNamespace(Replace="Replace", Skip="Skip", Copy="Copy"),
-            "Severity": SimpleNamespace(Error="Error", Warning="Warning", Information="Information"),
-            "system": SimpleNamespace(write_message=lambda severity, text: self.messages.append((severity, text))),
-            "projects": SimpleNamespace(primary=SimpleNamespace(active_application=self)),
-        }
-        exec(compile(script.read_text(), str(script), "exec"), scope)
-
-    def import_xml(self, reporter: Any, path: str, import_folder_structure: bool) -> None:
-        root = etree.parse(path).getroot()
-        names = [item.get("name") for tag in ("dataType", "globalVars", "pou") for item in root.iter(PLC + tag)]
-        for name in [*names, "Device"]:
-            found = SimpleNamespace(get_name=lambda name=name: name)
-            if reporter.aborting or (name in self.objects and reporter.resolve_conflict(found) == "Skip"):
-                reporter.skipped(name)
-            elif name in self.objects:
-                self.calls.append(f"replace {name}")
-                reporter.replaced(found)
-            else:
-                self.objects.append(name)
-                reporter.added(found)
-
-    def get_library_manager(self) -> Any:
-        return SimpleNamespace(get_libraries=lambda recursive: self.libraries, add_library=self.add_library)
-
-    def add_library(self, name: str) -> None:
-        if self.missing_libraries:
-            raise RuntimeError("not installed")
-        self.libraries.append(name)
-
-    def get_children(self, recursive: bool) -> list[Any]:
-        settings = SimpleNamespace(is_task=False, is_task_configuration=True, create_task=self.create_task)
-        ours = SimpleNamespace(is_task=True, is_task_configuration=False, get_name=lambda: "RosTask")
-        return [settings, ours] if self.task else [settings]
-
-    def create_task(self, name: str) -> Any:
-        self.calls.append(f"task {name}")
-        return SimpleNamespace(pous=SimpleNamespace(add=lambda program: self.calls.append(f"call {program}")))
-
-
 @pytest.fixture
 def script(texts: dict[str, str], tmp_path: Path) -> Path:
     for name in ("shmgen.xml", "import_shmgen.py"):
@@ -390,31 +341,96 @@ def script(texts: dict[str, str], tmp_path: Path) -> Path:
     return tmp_path / "import_shmgen.py"
 
 
-def test_the_script_imports_replaces_and_leaves_the_rest_alone(script: Path, files: dict[str, str]) -> None:
-    ide = Ide(present=["Device", "ST_demo_msgs_Point"])
+SYSTEM = ("SysShm, 3.5.17.0 (System)", "SysSemProcess, 3.5.15.0 (System)", "SysTypes2 Interfaces, 3.5.17.0 (System)")
+
+
+def test_the_script_imports_replaces_and_leaves_the_rest_alone(
+    script: Path, texts: dict[str, str], files: dict[str, str]
+) -> None:
+    mine = [Found("ST_demo_msgs_Point"), Found("PRG_Mine")]
+    ide = Ide(SYSTEM, mine, references=[Reference("#SysShm", SYSTEM[0])])
     ide.run(script)
-    assert ide.calls == ["replace ST_demo_msgs_Point", "task RosTask", "call PRG_Ros"]
-    assert ide.libraries[2:] == ["SysSemProcess, * (System)", "SysTypes Interfaces, * (System)"]
-    assert ide.messages[-1] == (
-        "Information",
-        f"shmgen: {len(files) - 1} objects added, 1 replaced, 1 skipped, 0 errors",
-    )
-    again = Ide(ide.objects, task=True)
-    again.run(script)
-    assert sorted(again.calls) == sorted(f"replace {name}" for name in files)
+    application = ide.application
+    assert ide.replaced == ["ST_demo_msgs_Point"]
+    (folder,) = [found for found in application.children if found.is_folder]
+    assert {found.name for found in application.children} >= {"ROS", "ST_demo_msgs_Point", "PRG_Mine"}
+    assert [found.name for found in folder.children] == ["demo_msgs", "shmgen", "GVL_Ros", "PRG_Ros"]
+    inside = [Path(path).stem for path in texts if path.startswith("st/demo_msgs/")]
+    assert sorted([*(found.name for found in folder.children[0].children), "ST_demo_msgs_Point"]) == sorted(inside)
+    assert [reference.name for reference in ide.manager.references] == ["#SysShm", "#SysSemProcess", SYSTEM[2]]
+    ide.open_again()
+    assert ide.build() == []
+    assert ide.table() == [
+        ("Information", "objects", f"{len(files) - 1} added, 1 replaced, 1 left as they were"),
+        ("Information", "folder", "ROS"),
+        ("Information", "library SysShm", "there"),
+        ("Information", "library SysSemProcess", "added"),
+        ("Information", "library SysTypes2 Interfaces", "added"),
+        (
+            "Information",
+            "task RosTask",
+            "added, calls PRG_Ros, interval t#25ms, priority 10; add your own program after it",
+        ),
+    ]
+    (task,) = application.tasks.children
+    task.pous.append("PRG_Mine")
+    ide.run(script)
+    assert sorted(ide.replaced[1:]) == sorted(files), "a second import replaces, and makes no Pose_1"
+    assert len(folder.children) == 4
+    assert task.pous == ["PRG_Ros", "PRG_Mine"]
+    assert [what for severity, what, _ in ide.table() if severity != "Information"] == []
 
 
 def test_the_script_says_what_is_left_to_do(script: Path) -> None:
-    ide = Ide(present=[], missing_libraries=True)
+    """No library is installed, or two are and one does not resolve: the project opens again all the same."""
+    ide = Ide(libraries=())
     ide.run(script)
-    assert ("Warning", "shmgen: add SysSemProcess, * (System) in the Library Manager by hand: not installed") in (
-        ide.messages
-    )
+    ide.open_again()
+    todo = [what for severity, what, done in ide.table() if severity == "Warning" and "by hand" in done]
+    assert todo == ["library SysShm", "library SysSemProcess", "library SysTypes2 Interfaces"]
+    ide = Ide(SYSTEM, unresolved=("SysSemProcess",), references=[Reference("#SysShm", "")])
+    ide.run(script)
+    ide.open_again()
+    assert [reference.name for reference in ide.manager.references] == ["#SysShm", SYSTEM[2]]
+    assert ("Warning", "library SysSemProcess") in [found[:2] for found in ide.table()]
+
+
+def test_the_script_puts_in_order_what_an_ide_imports_its_own_way(script: Path, files: dict[str, str]) -> None:
+    """One that takes the task from the file, and one that knows no folders and wants priorities as text."""
+    ide = Ide(SYSTEM, takes_task=True)
+    ide.run(script)
+    assert ("Information", "task RosTask", "there; it stays as it is") in ide.table()
+    ide = Ide(SYSTEM, flat=True, priority=str)
+    ide.run(script)
+    (folder,) = [found for found in ide.application.children if found.is_folder]
+    assert sorted(found.name for found in folder.children) == sorted(files)
+    assert ide.build() == []
+
+
+def test_the_stand_in_is_as_strict_as_the_records(script: Path) -> None:
+    """Else the script could pass with what an IDE refuses."""
+    ide = Ide(SYSTEM)
+    ide.manager.add_library("Elsewhere")
+    with pytest.raises(RuntimeError, match="placeholder library 'Elsewhere' could not be resolved"):
+        ide.open_again()
+    ide = Ide(SYSTEM)
+    task = ide.application.create_task_configuration().create_task("Lost")
+    task.priority = "10"
+    assert ide.build() == ["The task priority is invalid"]
+    xml = script.parent / "shmgen.xml"
+    old = '<configurations><configuration name="Default"><resource name="R" /></configuration></configurations>'
+    xml.write_text(xml.read_text().replace("<configurations />", old))
+    reporter = ide.reporter()
+    ide.application.import_xml(reporter, str(xml), True)
+    assert "Object 'Default' is not accepted by parent object" in reporter.errors
+    xml.write_text(xml.read_text().replace("tc6_0200", "tc6_0201"))
+    with pytest.raises(ValueError, match="namespace"):
+        ide.application.import_xml(reporter, str(xml), True)
 
 
 def test_without_topics_the_script_knows_no_task(tmp_path: Path) -> None:
     (tmp_path / "shmgen.toml").write_text("")
     loaded = config.load(tmp_path / "shmgen.toml", "shmgen.toml", Report())
     code = pipeline.generate(loaded, ["std_msgs/Bool"])["plcopen/import_shmgen.py"]
-    assert "task" not in code.lower()
+    assert "RosTask" not in code
     compile(code, "import_shmgen.py", "exec")

@@ -7,6 +7,7 @@ ROS's attributes, whatever their class. All calls may come from any thread.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
@@ -87,11 +88,15 @@ def largest(room: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class ServiceWire:
-    """One service as ROS sees it; `request` and `response` as `Wire.messages`."""
+    """One service as ROS sees it; `request` and `response` as `Wire.messages`.
+
+    `at_once` has each call answered in a thread of its own, as some take for ever.
+    """
 
     service: str
     request: tuple[Message, ...]
     response: tuple[Message, ...]
+    at_once: bool = False
 
     @property
     def type(self) -> TypeName:
@@ -99,11 +104,24 @@ class ServiceWire:
         return self.request[-1].name._replace(name=self.request[-1].name.name.removesuffix("_Request"))
 
 
-class Taker(Protocol):
-    """Where what comes from a topic goes: from any thread, but never two at once."""
+@dataclass(frozen=True, slots=True)
+class ActionWire:
+    """One action as ROS sees it; `goal`, `result`, `feedback` as `Wire.messages`, `room` as there, of the largest."""
 
-    def take(self, message: Any) -> None:
-        """One message."""
+    action: str
+    goal: tuple[Message, ...]
+    result: tuple[Message, ...]
+    feedback: tuple[Message, ...]
+    room: int = 0
+
+    @property
+    def type(self) -> TypeName:
+        """`control_msgs/action/GripperCommand`."""
+        return self.goal[-1].name._replace(name=self.goal[-1].name.name.removesuffix("_Goal"))
+
+
+class Mishaps(Protocol):
+    """Where what has come to nothing is told: from any thread."""
 
     def reject(self, why: str) -> None:
         """One that is no message: its bytes do not make one."""
@@ -113,6 +131,13 @@ class Taker(Protocol):
 
     def lose(self, count: int) -> None:
         """So many that a publisher has sent and this ROS has handed to nobody."""
+
+
+class Taker(Mishaps, Protocol):
+    """Where what comes from a topic goes: from any thread, but never two at once."""
+
+    def take(self, message: Any) -> None:
+        """One message."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +156,7 @@ class Outlet:
 class Caller:
     """A ROS service client. `new()` makes an empty request; `call(request, timeout in seconds)` gives the response.
 
-    `call` raises NoAnswer: no server, no answer in time, or the server failed.
+    `call` raises NoAnswer: no server, no answer in time, or the server failed or went. Calls may overlap.
     """
 
     new: Callable[[], Any]
@@ -146,8 +171,70 @@ Refuse = Callable[[str], None]
 """Is told why a client got no answer that means something else by the type."""
 
 
+SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
+"""How a goal ends, by the numbers of action_msgs/GoalStatus."""
+
+Fill = Callable[[Any], None]
+"""Writes a goal, a result or a feedback into an empty one."""
+
+
+class Goal(Protocol):
+    """One that a ROS client has sent."""
+
+    request: Any
+
+    def progress(self, fill: Fill) -> None:
+        """Sends a feedback."""
+
+    def end(self, status: int, fill: Fill) -> None:
+        """Sends the result, the first time; `status` is one of the three above."""
+
+
+class Worker(Protocol):
+    """Who reaches goals. Its methods are called in threads where they may wait."""
+
+    def begin(self, goal: Goal) -> bool:
+        """Whether it is accepted; it may have ended by then."""
+
+    def cancel(self, goal: Goal) -> bool:
+        """Whether it will be tried; the goal ends when it can."""
+
+
+class Follower(Protocol):
+    """Who waits for a goal that ROS reaches: from any thread, but never two at once."""
+
+    def feedback(self, feedback: Any) -> None:
+        """How far it is."""
+
+    def end(self, status: int, result: Any, why: str = "") -> None:
+        """How it ended, once; `result` is None where there is none, and `why` says so."""
+
+
+class Seeker(Protocol):
+    """The client of an action."""
+
+    def send(self, fill: Fill, timeout: float, follower: Follower) -> Callable[[], threading.Thread] | None:
+        """Sends a goal; gives what asks to cancel it, in a thread that ends when that is sent. None: it was rejected.
+
+        Raises NoAnswer where within `timeout` seconds there is no server or it does not accept; what it does then is
+        cancelled.
+        """
+
+
+class Actions(Protocol):
+    """How a kind of ROS makes actions of topics and services: actions_of_ros1, actions_of_ros2."""
+
+    def serve(self, backend: Backend, wire: ActionWire, worker: Worker, mishaps: Mishaps) -> None:
+        """Offers the action. Raises as Backend.publisher()."""
+
+    def seeker(self, backend: Backend, wire: ActionWire, mishaps: Mishaps) -> Seeker:
+        """Prepares goals of the action, which need not be there yet. Raises as Backend.publisher()."""
+
+
 class Backend(Protocol):
     """A node in a ROS graph."""
+
+    actions: Actions
 
     def publisher(self, wire: Wire) -> Outlet:
         """Advertises the topic. Raises ValueError for a type that this ROS has otherwise or not at all."""

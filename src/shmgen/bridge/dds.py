@@ -6,6 +6,7 @@ Source: rmw_cyclonedds, whose names, QoS, type hashes and services these are.
 from __future__ import annotations
 
 import os
+import threading
 import time
 from collections.abc import Callable
 from typing import Any
@@ -14,13 +15,14 @@ from cyclonedds.core import DDSException
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.qos import Policy, Qos
 
-from shmgen.bridge import dds_services
+from shmgen.bridge import actions_of_ros2, dds_services
 from shmgen.bridge.backend import Answer, Caller, Node, Outlet, Refuse, ServiceWire, Taker, Wire
 from shmgen.bridge.cdr import Codec, codec
+from shmgen.bridge.dds_dropped import Dropped
 from shmgen.bridge.dds_ends import Ends, Peers, quality, send
 from shmgen.bridge.dds_network import confine, network, sockets
 from shmgen.bridge.dds_types import structure, topic_name
-from shmgen.bridge.identity import Identity
+from shmgen.bridge.identity import TAKES_OURS, Identity
 from shmgen.runtime import Time
 
 _LAST_DOMAIN = 232
@@ -31,7 +33,7 @@ _TOLERANT = (
 )
 """What Fast DDS 3 (vendor 1.15; ROS 2 Kilted) says of its types Cyclone takes for invalid, and would not match it;
 the type hash tells whether they are ours."""
-_CONFIGURED: dict[int, Domain] = {}
+_CONFIGURED: dict[int, tuple[Domain, Dropped]] = {}
 
 
 def connect(node: Node) -> Graph:
@@ -44,7 +46,7 @@ def connect(node: Node) -> Graph:
         node.tell(f"dds: {note}")
     before = sockets()
     try:
-        _configure(domain, joined.config)
+        dropped = _configure(domain, joined.config)
         if joined.alone:
             confine(before)
         participant = DomainParticipant(domain, Qos(Policy.EntityName(node.name)))
@@ -52,19 +54,27 @@ def connect(node: Node) -> Graph:
             confine(before)
     except (DDSException, OSError) as error:
         raise ValueError(f"dds: cannot join domain {domain}: {error}") from error
-    return Graph(Ends(participant, node.tell))
+    return Graph(Ends(participant, node.tell), dropped)
 
 
 class Graph:
     """A `Backend`. In `ros2 topic info -v` its name is `_CREATED_BY_BARE_DDS_APP_`."""
 
-    def __init__(self, ends: Ends) -> None:
+    actions = actions_of_ros2
+
+    def __init__(self, ends: Ends, dropped: Dropped) -> None:
         self._ends = ends
+        self._dropped = dropped
 
     def publisher(self, wire: Wire) -> Outlet:
         """Advertises the topic. Raises ValueError for a type with a `wstring`."""
         made = codec(wire.messages)
-        writer = self._ends.writer(topic_name(wire.topic), structure(wire.messages), _quality(wire, made))
+        identity = Identity(wire.topic, wire.type, made.type_hash, self._ends.tell, then=TAKES_OURS)
+        peers = Peers(identity, lambda why: None)
+        name, kind = topic_name(wire.topic), structure(wire.messages)
+        writer = self._ends.writer(name, kind, _quality(wire, made), peers.matched)
+        for handle in writer.get_matched_subscriptions():  # those of whom nobody was told while it was made
+            peers.matched(writer, handle)
         return Outlet(made.new, lambda message: send(writer, made.encode(message)))
 
     def subscribe(self, wire: Wire, taker: Taker) -> Callable[[], Any]:
@@ -74,8 +84,17 @@ class Graph:
         identity = Identity(wire.topic, wire.type, made.type_hash, self._ends.tell, wire.accepts_other)
         peers = Peers(identity, taker.refuse)
         reader = self._ends.reader(name, structure(wire.messages), _quality(wire, made), peers.matched)
+        turn = threading.Lock()
+
+        def reject(why: str) -> None:
+            with turn:
+                taker.reject(why)
 
         def take(sample: Any) -> None:
+            with turn:
+                judge(sample)
+
+        def judge(sample: Any) -> None:
             if why := peers.refusal(reader, sample):
                 taker.refuse(why)
                 return
@@ -89,6 +108,7 @@ class Graph:
                 return
             taker.take(message)
 
+        self._dropped.tell(name, reject)
         self._ends.listen(reader, take, name)
         return made.new
 
@@ -113,10 +133,12 @@ class Graph:
         self._ends.close()
 
 
-def _configure(domain: int, config: str) -> None:
-    """Once in a process, as Cyclone has it."""
+def _configure(domain: int, config: str) -> Dropped:
+    """Once in a process, as Cyclone has it; of two settings the later counts, which is the user's."""
     if domain not in _CONFIGURED:
-        _CONFIGURED[domain] = Domain(domain, f"{config},{_TOLERANT}")
+        dropped = Dropped()
+        _CONFIGURED[domain] = Domain(domain, f"{dropped.config},{config},{_TOLERANT}"), dropped
+    return _CONFIGURED[domain][1]
 
 
 def _domain(configured: int | None) -> int:

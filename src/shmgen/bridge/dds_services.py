@@ -1,8 +1,9 @@
 """Turns services of ROS 2 into two topics, request and reply, as rmw_cyclonedds does.
 
 Before each request and its reply go 16 bytes that say whose they are. rmw_fastrtps says it in the inline QoS
-instead, which Cyclone does not let us set: its clients and servers are not reached. They would take those 16 bytes
-for a message, and we theirs for the 16; so nothing passes between us and an end that has no identity in its user data.
+instead, which Cyclone neither shows nor lets us set: its clients and servers are not reached. They would take those 16
+bytes for a message, and we theirs for the 16; so nothing passes between us and an end that has no identity in its user
+data, and that is said as soon as the two meet: Cyclone drops what such an end sends before we see it.
 """
 
 from __future__ import annotations
@@ -10,10 +11,14 @@ from __future__ import annotations
 import itertools
 import queue
 import struct
+import threading
 import time
 import uuid
+from collections.abc import Iterable
+from contextlib import suppress
 from typing import Any
 
+from cyclonedds.core import DDSException
 from cyclonedds.pub import DataWriter
 from cyclonedds.qos import Qos
 from cyclonedds.sub import DataReader
@@ -31,6 +36,12 @@ _ENCAPSULATION = 4
 _REPLY_READER = 0.1
 """Seconds a reply waits until its client's reader is known here; rmw_cyclonedds waits as long."""
 _LOOK = 0.01
+_PATIENCE = 0.1
+"""Seconds that a call waits before it looks whether there still is a server."""
+
+
+_STRANGER = "a peer is not on rmw_cyclonedds: nothing passes between us and it"
+_HINT = "start it with RMW_IMPLEMENTATION=rmw_cyclonedds_cpp, or the bridge with --backend ros2"
 
 
 def serve(ends: Ends, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
@@ -38,9 +49,14 @@ def serve(ends: Ends, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None
     request, response = codec(wire.request), codec(wire.response)
     us = _identity("serviceid")
     peers = Peers(_meant(ends, wire.service, wire.request, request), refuse)
-    requests = ends.reader(
-        request_name(wire.service), structure(wire.request, before=CALL), _quality(us, request), peers.matched
-    )
+    strangers = _Strangers(ends, wire.service, "clientid", refuse)
+
+    def met(entity: Any, handle: int) -> None:
+        peers.matched(entity, handle)
+        strangers.matched(entity, handle)
+
+    requests = ends.reader(request_name(wire.service), structure(wire.request, before=CALL), _quality(us, request), met)
+    strangers.look(requests, requests.get_matched_publications())
     replies = ends.writer(reply_name(wire.service), structure(wire.response, before=CALL), _quality(us, response))
 
     def answered(sample: Any) -> None:
@@ -49,8 +65,14 @@ def serve(ends: Ends, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None
             refuse(why)
             return
         if not theirs:
-            ends.tell(f"{wire.service}: a client that is not on rmw_cyclonedds; not answered")
+            refuse(_STRANGER)
             return
+        if wire.at_once:
+            threading.Thread(target=reply, args=(sample, theirs), daemon=True).start()
+        else:
+            reply(sample, theirs)
+
+    def reply(sample: Any, theirs: str) -> None:
         call, asked = _split(sample.cdr)
         message = response.new()
         try:
@@ -59,7 +81,8 @@ def serve(ends: Ends, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None
             ends.tell(f"{wire.service}: no answer: {error}")
             return
         _await_reader(replies, theirs)
-        send(replies, _joined(call, response.encode(message)))
+        with suppress(DDSException):  # the bridge has ended meanwhile
+            send(replies, _joined(call, response.encode(message)))
 
     ends.listen(requests, answered, wire.service)
 
@@ -68,7 +91,11 @@ def client(ends: Ends, wire: ServiceWire) -> Caller:
     """Raises ValueError for a `wstring`."""
     request, response = codec(wire.request), codec(wire.response)
     us = _identity("clientid")
-    requests = ends.writer(request_name(wire.service), structure(wire.request, before=CALL), _quality(us, request))
+    strangers = _Strangers(ends, wire.service, "serviceid", lambda why: None)
+    requests = ends.writer(
+        request_name(wire.service), structure(wire.request, before=CALL), _quality(us, request), strangers.matched
+    )
+    strangers.look(requests, requests.get_matched_subscriptions())
     peers = Peers(_meant(ends, wire.service, wire.response, response), lambda why: None)
     replies = ends.reader(
         reply_name(wire.service), structure(wire.response, before=CALL), _quality(us, response), peers.matched
@@ -90,17 +117,22 @@ def client(ends: Ends, wire: ServiceWire) -> Caller:
                 raise NoAnswer(f"no server within {timeout:g} s")
             time.sleep(_LOOK)
         if not all(servers):
-            raise NoAnswer("a server that is not on rmw_cyclonedds; not asked")
+            raise NoAnswer(_STRANGER)
         for handle in requests.get_matched_subscriptions():
             if why := asked.refusal(_identity_of(requests, handle, "typehash").partition("=")[2]):
                 raise NoAnswer(why)
-        number = next(numbers)
+        number, known = next(numbers), set(requests.get_matched_subscriptions())
         waiting[number] = queue.SimpleQueue()
         try:
             send(requests, _joined((guid, number), request.encode(message)))
-            answer = waiting[number].get(timeout=max(0.0, deadline - time.monotonic()))
-        except queue.Empty:
-            raise NoAnswer(f"no answer within {timeout:g} s") from None
+            while True:
+                with suppress(queue.Empty):
+                    answer = waiting[number].get(timeout=max(0.0, min(_PATIENCE, deadline - time.monotonic())))
+                    break
+                if not known & set(requests.get_matched_subscriptions()):
+                    raise NoAnswer("the server has gone")
+                if time.monotonic() >= deadline:
+                    raise NoAnswer(f"no answer within {timeout:g} s")
         finally:
             del waiting[number]
         if isinstance(answer, NoAnswer):
@@ -109,6 +141,28 @@ def client(ends: Ends, wire: ServiceWire) -> Caller:
 
     ends.listen(replies, replied, wire.service)
     return Caller(request.new, call)
+
+
+class _Strangers:
+    """Those who keep to another middleware's services; told of once a service."""
+
+    def __init__(self, ends: Ends, service: str, role: str, refuse: Refuse) -> None:
+        self._ends, self._service, self._role, self._refuse = ends, service, role, refuse
+        self._known: set[int] = set()
+
+    def matched(self, entity: Any, handle: int) -> None:
+        """A Matched."""
+        self.look(entity, [handle])
+
+    def look(self, entity: Any, handles: Iterable[int]) -> None:
+        """At peers that came before we could be told."""
+        for handle in handles:
+            with suppress(LookupError):  # gone meanwhile
+                if handle not in self._known and not word_of(said_by(entity, handle), self._role):
+                    if not self._known:
+                        self._ends.tell(f"{self._service}: {_STRANGER}; {_HINT}")
+                    self._known.add(handle)
+                    self._refuse(_STRANGER)
 
 
 def _identity(role: str) -> str:

@@ -62,6 +62,9 @@ class FromPlc:
     def lock_misses(self) -> int:
         return self._end.now.lock_misses if self._end.now else 0
 
+    def leave(self) -> None:
+        pass
+
     def close(self) -> None:
         if self._loop.ended():
             self._end.close()

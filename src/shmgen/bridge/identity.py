@@ -10,6 +10,8 @@ from collections.abc import Callable
 
 from shmgen.model import TypeName
 
+TAKES_OURS = "it takes our bytes for its own, and DDS does not let us keep them from it"
+"""What comes of a subscriber of another definition."""
 _NONE = "RIHS01_" + "0" * 64
 """What some say who know nothing of type hashes."""
 
@@ -18,9 +20,18 @@ class Identity:
     """Of one topic, or of one half of a service; its methods may be called from any thread."""
 
     def __init__(
-        self, where: str, type_: TypeName, ours: str, tell: Callable[[str], None], accepts_other: bool = False
+        self,
+        where: str,
+        type_: TypeName,
+        ours: str,
+        tell: Callable[[str], None],
+        accepts_other: bool = False,
+        *,
+        then: str = "",
     ) -> None:
+        """`then` is what comes of another definition, where it is not that nothing passes."""
         self._accepts_other = accepts_other
+        self._then = then or "nothing passes between us and it"
         self._where = where
         self._type = type_
         self._ours = ours
@@ -39,7 +50,7 @@ class Identity:
         if self._accepts_other:
             self._once(announced, f'{why}; it is taken for ours, for other_definition = "accept"')
             return ""
-        self._once(announced, f"{why}; nothing passes between us and it")
+        self._once(announced, f"{why}; {self._then}")
         return why
 
     def _once(self, key: str, text: str) -> None:

@@ -1,4 +1,4 @@
-"""Turns shmgen.toml into routes: for each topic what ROS has to know, and the class that moves its bytes."""
+"""Turns shmgen.toml into routes: for each topic, service and action what ROS must know and what moves its bytes."""
 
 from __future__ import annotations
 
@@ -8,18 +8,19 @@ from typing import Any
 
 from shmgen import resolve
 from shmgen.bridge import backend
-from shmgen.bridge.backend import ServiceWire, Wire
+from shmgen.bridge.backend import ActionWire, ServiceWire, Wire
 from shmgen.bridge.side import About
-from shmgen.config.entries import TopicEntry
+from shmgen.config.entries import ActionEntry, ServiceEntry, TopicEntry
 from shmgen.diagnostics import Report
 from shmgen.live.session import Session
-from shmgen.model import Clock, Layouts, Ref, Schema, Service, TypeName, element_of
+from shmgen.model import Action, Clock, Layouts, Ref, Schema, Service, TypeName, element_of
 from shmgen.model import Message as Definition
 from shmgen.runtime import Message, ValueRejected, region_name
 from shmgen.runtime.names import region_file
 
 DIAGNOSTICS = "diagnostic_msgs/DiagnosticArray"
 _HEADER = "std_msgs/Header"
+_OF_ACTION = ("_Goal", "_Result", "_Feedback", "_Command", "_Progress", "_Outcome")
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +66,25 @@ class ServiceRoute:
         return About(self.service.name, way, self.service.type.short, region_file(self.region))
 
 
+@dataclass(frozen=True, slots=True)
+class ActionRoute:
+    """An action both ways of looking at it; `kinds` are the classes of its parts by their endings, `_Goal` first."""
+
+    action: Action
+    wire: ActionWire
+    kinds: Mapping[str, type[Message]]
+
+    @property
+    def region(self) -> str:
+        """That of the goals."""
+        return f"{region_name(self.action.name)}-goal"
+
+    @property
+    def about(self) -> About:
+        way = "PLC serves" if self.action.on_plc else "PLC calls"
+        return About(self.action.name, way, self.action.type.short, region_file(self.region))
+
+
 def routes(session: Session) -> list[Route]:
     """One for each of [[topics]]. Raises Rejected."""
     config, requests = session.config, _requests(session)
@@ -93,11 +113,29 @@ def services(session: Session) -> list[ServiceRoute]:
     kinds = session.classes(requests) if found else {}
 
     def route(service: Service) -> ServiceRoute:
-        halves = (closure(schema, service.type.part(part)) for part in ("_Request", "_Response"))
+        request, response = (closure(schema, service.type.part(part)) for part in ("_Request", "_Response"))
         parts = {part: kinds[str(service.type.part(part))] for part in ("_Request", "_Response", "_Reply")}
-        return ServiceRoute(service, ServiceWire(service.name, *halves), parts)
+        return ServiceRoute(service, ServiceWire(service.name, request, response), parts)
 
     return [route(service) for service in found]
+
+
+def actions(session: Session) -> list[ActionRoute]:
+    """One for each of [[actions]]. Raises Rejected."""
+    requests = _requests(session)
+    schema, layouts, report = session.schema(requests), session.layouts(requests), Report()
+    found = list(resolve.actions(session.config, layouts, report))
+    report.stop_if_any()
+    kinds = session.classes(requests) if found else {}
+
+    def route(action: Action) -> ActionRoute:
+        names = {part: action.type.part(part) for part in _OF_ACTION}
+        goal, result, feedback = (closure(schema, names[part]) for part in _OF_ACTION[:3])
+        room = max(layouts[name].size for name in names.values())
+        parts = {part: kinds[str(name)] for part, name in names.items()}
+        return ActionRoute(action, ActionWire(action.name, goal, result, feedback, room), parts)
+
+    return [route(action) for action in found]
 
 
 def diagnostics(session: Session) -> Wire:
@@ -134,7 +172,8 @@ def check(route: Route, message: Any) -> None:
 def _requests(session: Session) -> tuple[str, ...]:
     """All that the bridge carries, laid out together."""
     config = session.config
-    return (*(topic.type for topic in config.topics), *(service.type for service in config.services))
+    entries: tuple[TopicEntry | ServiceEntry | ActionEntry, ...] = (*config.topics, *config.services, *config.actions)
+    return tuple(entry.type for entry in entries)
 
 
 def _misfit(kind: type[Message], message: Any) -> str:

@@ -13,6 +13,7 @@ import rosgraph
 import rospy
 from rospy.impl import registration
 
+from shmgen.bridge import actions_of_ros1
 from shmgen.bridge import ros1_types as types
 from shmgen.bridge.backend import Answer, Caller, NoAnswer, Node, Outlet, Refuse, ServiceWire, Taker, Wire
 from shmgen.runtime import Time
@@ -40,6 +41,8 @@ def connect(node: Node) -> Ros1 | None:
 
 class Ros1:
     """A Backend; rospy knows one node a process."""
+
+    actions = actions_of_ros1
 
     def publisher(self, wire: Wire) -> Outlet:
         kind = types.message(wire.messages)

@@ -13,19 +13,22 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from typing import Any
 
 import rclpy
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.signals import SignalHandlerOptions
 
+from shmgen.bridge import actions_of_ros2
 from shmgen.bridge import ros2_types as types
 from shmgen.bridge.backend import Answer, Caller, NoAnswer, Node, Outlet, Refuse, ServiceWire, Taker, Wire
 from shmgen.bridge.cdr import Codec, codec
-from shmgen.bridge.identity import Identity
+from shmgen.bridge.identity import TAKES_OURS, Identity
 from shmgen.bridge.ros2_topics import Inlet
 from shmgen.bridge.ros2_waiter import Ours, Waiter
 from shmgen.model import Message
@@ -34,6 +37,8 @@ from shmgen.runtime import Time
 _FAREWELL = 0.4
 """Seconds that all threads together get to finish what they are at."""
 _LOOK = 0.01
+_PATIENCE = 0.1
+"""Seconds that a call waits before it looks whether there still is a server."""
 
 
 def connect(node: Node) -> Ros2:
@@ -51,6 +56,8 @@ def connect(node: Node) -> Ros2:
 class Ros2:
     """A Backend."""
 
+    actions = actions_of_ros2
+
     def __init__(self, node: Node) -> None:
         self._node: Any = rclpy.create_node(node.name)
         self._tell = node.tell
@@ -63,7 +70,15 @@ class Ros2:
 
     def publisher(self, wire: Wire) -> Outlet:
         kind, made = types.message(wire.messages), _codec(wire.messages)
-        publisher = self._node.create_publisher(kind, wire.topic, _qos(wire, 1 if wire.latch else wire.queue))
+        identity = Identity(wire.topic, wire.type, made.type_hash, self._tell, then=TAKES_OURS)
+
+        def met(*event: Any) -> None:
+            for one in self._node.get_subscriptions_info_by_topic(publisher.topic_name):
+                identity.refusal(_hash(one))
+
+        publisher = self._node.create_publisher(
+            kind, wire.topic, _qos(wire, 1 if wire.latch else wire.queue), event_callbacks=_when_matched(met)
+        )
         return Outlet(made.new, lambda message: publisher.publish(made.encode(message)))
 
     def subscribe(self, wire: Wire, taker: Taker) -> Callable[[], Any]:
@@ -83,6 +98,16 @@ class Ros2:
         find = self._node.get_publishers_info_by_topic
         refusal = self._meant(wire, wire.request, request, find, f"rq{service.service_name}Request")
 
+        def answered(asked: Any, whose: Any) -> None:
+            message = response.new()
+            try:
+                answer(request.decode(serialize_message(asked)), message)
+            except NoAnswer as error:  # ROS 2 has no word for it: the client waits in vain
+                self._tell(f"{wire.service}: no answer: {error}")
+                return
+            with suppress(InvalidHandle):  # the bridge has ended meanwhile
+                service.send_response(_rosidl(response, message, kind.Response), whose)
+
         def take() -> None:
             while not self._closing.is_set():
                 asked, whose = service.handle.service_take_request(kind.Request)
@@ -90,15 +115,11 @@ class Ros2:
                     return
                 if why := refusal():
                     refuse(why)
-                    continue
-                message = response.new()
-                try:
-                    answer(request.decode(serialize_message(asked)), message)
-                except NoAnswer as error:  # ROS 2 has no word for it: the client waits in vain
-                    self._tell(f"{wire.service}: no answer: {error}")
-                    continue
-                with suppress(InvalidHandle):  # the bridge has ended meanwhile
-                    service.send_response(_rosidl(response, message, kind.Response), whose)
+                elif wire.at_once:
+                    work = self._guarded(partial(answered, asked, whose), wire.service)
+                    threading.Thread(target=work, daemon=True).start()
+                else:
+                    answered(asked, whose)
 
         self._wait(service, "service", take, wire.service)
 
@@ -106,10 +127,13 @@ class Ros2:
         kind = types.service(wire)
         request, response = _codec(wire.request), _codec(wire.response)
         client = self._node.create_client(kind, wire.service)
-        find = self._node.get_subscriptions_info_by_topic
-        refusal = self._meant(wire, wire.request, request, find, f"rq{client.service_name}Request")
-        find = self._node.get_publishers_info_by_topic
-        answers = self._meant(wire, wire.response, response, find, f"rr{client.service_name}Reply")
+        asked, replied = f"rq{client.service_name}Request", f"rr{client.service_name}Reply"
+        listed = self._node.get_subscriptions_info_by_topic
+        refusal = self._meant(wire, wire.request, request, listed, asked)
+        answers = self._meant(wire, wire.response, response, self._node.get_publishers_info_by_topic, replied)
+
+        def servers() -> set[bytes]:
+            return {bytes(end.endpoint_gid) for end in listed(asked, no_mangle=True)}
 
         def call(message: Any, timeout: float) -> Any:
             deadline = time.monotonic() + timeout
@@ -119,13 +143,14 @@ class Ros2:
                 self._pause()
             if why := refusal() or answers():
                 raise NoAnswer(why)
-            answered = threading.Event()
+            known, answered = servers(), threading.Event()
             future = client.call_async(_rosidl(request, message, kind.Request))
             future.add_done_callback(lambda future: answered.set())
-            while not answered.wait(0.1):
-                if self._closing.is_set() or time.monotonic() >= deadline:
+            while not answered.wait(_PATIENCE):
+                is_over, is_alone = time.monotonic() >= deadline, not known & servers()
+                if self._closing.is_set() or is_over or is_alone:
                     client.remove_pending_request(future)
-                    raise NoAnswer(f"no answer within {timeout:g} s")
+                    raise NoAnswer("the server has gone" if is_alone else f"no answer within {timeout:g} s")
             return response.decode(serialize_message(future.result()))
 
         return Caller(request.new, call)
@@ -152,15 +177,18 @@ class Ros2:
         rclpy.try_shutdown()
 
     def _wait(self, entity: Any, kind: Any, take: Callable[[], None], name: str) -> None:
+        self._waiters.append(Waiter(entity, kind, self._guarded(take, name), self._node.context, name))
+
+    def _guarded(self, work: Callable[[], None], name: str) -> Callable[[], None]:
         def guarded() -> None:
             try:
-                take()
+                work()
             except InvalidHandle:
                 raise
             except Exception as error:  # one message is not worth the topic
                 self._tell(f"{name}: {type(error).__name__}: {error}")
 
-        self._waiters.append(Waiter(entity, kind, guarded, self._node.context, name))
+        return guarded
 
     def _hashes(self, topic: str) -> dict[bytes, str]:
         """Nothing where a ROS, such as Humble, knows nothing of type hashes."""
@@ -192,6 +220,14 @@ class Ros2:
             except Exception as error:
                 if not self._closing.is_set():
                     self._tell(f"{type(error).__name__}: {error}")
+
+
+def _when_matched(met: Callable[..., None]) -> PublisherEventCallbacks:
+    """Not in a ROS before Iron, which knows no type hashes either."""
+    try:
+        return PublisherEventCallbacks(matched=met)
+    except TypeError:
+        return PublisherEventCallbacks()
 
 
 def _end_at_once() -> None:

@@ -34,7 +34,11 @@ def service(wire: ServiceWire) -> Any:
 
 def _installed(name: TypeName) -> Any:
     try:
-        return getattr(import_module(f"{name.package}.{name.kind}"), name.name)
+        module = import_module(f"{name.package}.{name.kind}")
+        whole, is_part, _ = name.name.partition("_")
+        if name.kind == "action" and is_part:  # the package offers the whole alone
+            module = import_module(getattr(module, whole).__module__)
+        return getattr(module, name.name)
     except (AttributeError, ImportError) as error:
         hint = "build its package and source the workspace, or set source to the ROS that runs here"
         raise ValueError(f"{name} is not installed in this ROS: {error}\n  hint: {hint}") from None

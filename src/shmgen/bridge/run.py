@@ -12,6 +12,7 @@ from contextlib import suppress
 from types import FrameType
 
 from shmgen.bridge import choice, plan
+from shmgen.bridge.actions import PlcActs, PlcSeeks
 from shmgen.bridge.backend import Backend, Node, Outlet
 from shmgen.bridge.counters import Counters
 from shmgen.bridge.diagnostics import Reporter
@@ -26,7 +27,7 @@ from shmgen.live.session import Session
 TICK = 0.1
 """Seconds from one look at everything to the next; the PLC's blocks take a writer for dead after a second."""
 _STATUS = 2048
-"""Bytes that the diagnostics of one topic or service have at most."""
+"""Bytes that the diagnostics of one topic, service or action have at most."""
 _FAREWELL = 0.5
 """Seconds a ROS gets to leave its graph."""
 
@@ -45,11 +46,10 @@ def run(config: Config, arguments: tuple[str, ...], say: Say, tell: Say) -> None
     sides = _sides(session, stopping, tell)
     try:
         carried = f"topics: {len(config.topics)}, services: {len(config.services)}"
+        carried += f", actions: {len(config.actions)}" if config.actions else ""
         say(f"{config.bridge.node}: backend {backend_name} ({why}), {carried}")
         for line in summary(sides):
             say(line)
-        for action in config.actions:
-            tell(f"{action.action}: the bridge does not carry actions")
         largest = max(plan.largest(session), len(sides) * _STATUS)
         node = Node(config.bridge.node, config.bridge.domain, tell, stopping.is_set, arguments, largest)
         backend: Backend | None = module.connect(node)
@@ -62,6 +62,8 @@ def run(config: Config, arguments: tuple[str, ...], say: Say, tell: Say) -> None
                 _watch(backend, sides, report, stopping, tell)
             finally:
                 stopping.set()
+                for side in sides:
+                    side.leave()
                 _leave(backend)
     finally:
         stopping.set()
@@ -82,7 +84,7 @@ def counted(sides: Iterable[Side]) -> list[str]:
 
 
 def _sides(session: Session, stopping: threading.Event, tell: Say) -> list[Side]:
-    routes, services = plan.routes(session), plan.services(session)
+    routes, services, actions = plan.routes(session), plan.services(session), plan.actions(session)
     sides: list[Side] = []
     try:
         for route in routes:
@@ -91,6 +93,9 @@ def _sides(session: Session, stopping: threading.Event, tell: Say) -> list[Side]
         for service in services:
             counters = Counters(service.service.name, tell)
             sides.append((PlcServes if service.service.on_plc else PlcCalls)(service, counters, stopping))
+        for action in actions:
+            counters = Counters(action.action.name, tell)
+            sides.append((PlcActs if action.action.on_plc else PlcSeeks)(action, counters, stopping))
     except BaseException:
         for side in sides:
             side.close()

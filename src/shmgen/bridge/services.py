@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from typing import Any
 
 from shmgen.bridge.backend import Backend, Caller, NoAnswer
@@ -10,7 +11,7 @@ from shmgen.bridge.counters import Counters
 from shmgen.bridge.end import LOOK, End, Loop
 from shmgen.bridge.plan import ServiceRoute
 from shmgen.live.classes import client, server
-from shmgen.runtime import ServiceClient, ServiceServer, ShmError, ValueRejected
+from shmgen.runtime import CallTimeout, NoServer, ServiceClient, ServiceServer, ShmError, ValueRejected
 
 
 class PlcServes:
@@ -22,6 +23,8 @@ class PlcServes:
         self.about = route.about
         self.counters = counters
         self._route = route
+        self._stopping = stopping
+        self._one_at_a_time = threading.Lock()
         made = client(route.kinds["_Request"], route.kinds["_Reply"])
         self._end: End[ServiceClient[Any, Any]] = End(lambda: made(route.service.name), route.region)
 
@@ -41,6 +44,9 @@ class PlcServes:
     def is_open(self) -> bool:
         return self._end.now is not None
 
+    def leave(self) -> None:
+        pass
+
     def close(self) -> None:
         self._end.close()
 
@@ -50,11 +56,36 @@ class PlcServes:
             caller = self._end.now
             if caller is None:
                 raise NoAnswer("there is no region")
-            answer = caller.call(request, self._route.service.timeout)
+            answer = self._called(caller, request)
             self._route.kinds["_Response"]._decode(bytes(answer), 0, response)
             self.counters.passed += 1
         except Exception as error:  # CallTimeout, CallFailed, or whatever a ROS may raise
-            raise NoAnswer(_unanswered(self.counters, error)) from None
+            raise NoAnswer(unanswered(self.counters, error)) from None
+
+    def _called(self, caller: ServiceClient[Any, Any], request: Any) -> Any:
+        """As ServiceClient.call, which would go on when the bridge ends, and hold up the end of the process."""
+        timeout = self._route.service.timeout
+        deadline = time.monotonic() + timeout
+
+        def left() -> float:
+            if self._stopping.is_set():
+                raise NoAnswer("the bridge ends")
+            return min(LOOK, deadline - time.monotonic())
+
+        if not self._one_at_a_time.acquire(timeout=timeout):
+            raise CallTimeout(f"the calls before it took all of the {timeout:g} s")
+        try:
+            while not caller.wait_for_server(max(0.0, left())):
+                if left() <= 0:
+                    raise NoServer(f"nobody served within {timeout:g} s; nothing was sent")
+            number = caller.send(request)
+            while (answer := caller.wait(max(0.0, left()))) is None:
+                if left() <= 0:
+                    raise CallTimeout(f"call {number} was not answered within {timeout:g} s")
+            return answer
+        finally:
+            caller.cancel()
+            self._one_at_a_time.release()
 
 
 class PlcCalls:
@@ -84,6 +115,9 @@ class PlcCalls:
     def is_open(self) -> bool:
         return self._end.now is not None
 
+    def leave(self) -> None:
+        pass
+
     def close(self) -> None:
         if self._loop.ended():
             self._end.close()
@@ -101,11 +135,11 @@ class PlcCalls:
             served.reply(call, self._caller.call(request, self._route.service.timeout))
             self.counters.passed += 1
         except Exception as error:  # NoAnswer, or whatever a ROS may raise
-            _unanswered(self.counters, error)
+            unanswered(self.counters, error)
             served.fail(call)
 
 
-def _unanswered(counters: Counters, error: Exception) -> str:
+def unanswered(counters: Counters, error: Exception) -> str:
     """Counts a call that came to nothing, and says why."""
     if isinstance(error, ValueRejected):
         counters.reject(str(error))

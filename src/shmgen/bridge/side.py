@@ -1,4 +1,4 @@
-"""What the bridge does with each topic and service alike, whichever way it goes."""
+"""What the bridge does with each topic, service and action alike, whichever way it goes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class About:
 
 
 class Side(Protocol):
-    """A topic or a service. Its constructor opens the regions, and raises what a Publisher raises."""
+    """A topic, a service or an action. Its constructor opens the regions, and raises what a Publisher raises."""
 
     about: About
     counters: Counters
@@ -42,5 +42,8 @@ class Side(Protocol):
     def lock_misses(self) -> int:
         """How often a region's lock was not free in time."""
 
+    def leave(self) -> None:
+        """Ends what is under way while its peers can still be told; `stopping` is set by then, and for what follows."""
+
     def close(self) -> None:
-        """Ends; `stopping` is set by then."""
+        """Lets go of the regions."""

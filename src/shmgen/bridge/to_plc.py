@@ -74,6 +74,9 @@ class ToPlc:
     def lock_misses(self) -> int:
         return self._end.now.lock_misses if self._end.now else 0
 
+    def leave(self) -> None:
+        pass
+
     def close(self) -> None:
         with self._lock:
             self._end.close()

@@ -31,8 +31,10 @@ def bridge(
     config = options.load(config_file, include)
     if backend:
         config = replace(config, bridge=replace(config.bridge, backend=backend))
-    if not config.topics and not config.services:
-        raise click.UsageError("shmgen.toml lists neither [[topics]] nor [[services]]: there is nothing to carry.")
+    if not (config.topics or config.services or config.actions):
+        raise click.UsageError(
+            "shmgen.toml lists no [[topics]], [[services]] or [[actions]]: there is nothing to carry."
+        )
     try:
         run(config, ros_arguments, _say, _tell)
     except (BackendMissing, ShmError, ValueError, OSError) as error:

@@ -160,7 +160,7 @@ def init(hook: bool, ci: bool, wanted: str | None) -> None:
         else:
             try:
                 file.parent.mkdir(parents=True, exist_ok=True)
-                file.write_text(text, encoding="utf-8")
+                file.write_bytes(text.encode())  # with the same line ends everywhere
             except OSError as error:
                 found = Diagnostic("SHM007", f"cannot write: {error.strerror}", Span(path))
                 raise Rejected([found]) from error

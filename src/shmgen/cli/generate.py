@@ -120,10 +120,12 @@ def types(config_file: Path | None, include: tuple[Path, ...]) -> None:
 @click.option("--json", "as_json", is_flag=True, help="For machines.")
 @options.where
 def list_(asked: str | None, as_json: bool, config_file: Path | None, include: tuple[Path, ...]) -> None:
-    """What can be generated, with its size, and the fields that still need a bound."""
+    """What can be generated, with its size, the fields that still need a bound, and what is at fault."""
     from shmgen.show import lists
 
-    click.echo(lists.inventory(pipeline.inventory(options.load(config_file, include), asked), as_json), nl=False)
+    config = options.load(config_file, include)
+    entries = pipeline.inventory(config, asked)
+    click.echo(lists.inventory(entries, as_json, config.bounds.default_sequence), nl=False)
 
 
 def _code(context: click.Context, parameter: click.Parameter, value: str) -> str:

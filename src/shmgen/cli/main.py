@@ -52,6 +52,7 @@ def _fault(error: Exception) -> Diagnostic:
 _FAMILIES = {
     "generate": ("generate", "show", "types", "list", "explain"),
     "drift": ("check", "diff", "init"),
+    "plc": ("import",),
     "bridge": ("bridge",),
     "live": ("doctor", "clean", "echo", "pub", "call", "hz", "top"),
 }
@@ -72,8 +73,25 @@ class _Families(click.Group):
 
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
         family = next((family for family, names in _FAMILIES.items() if name in names), None)
+        if family in _LIVE and not sys.platform.startswith("linux"):
+            return _elsewhere(name)
         commands = importlib.import_module(f"shmgen.cli.{family}").COMMANDS if family else ()
         return next((command for command in commands if command.name == name), None)
+
+
+_LIVE = ("bridge", "live")
+
+
+def _elsewhere(name: str) -> click.Command:
+    """In the place of a command that works on regions."""
+    said = f"`shmgen {name}` works on regions in /dev/shm: run it on the Linux machine where the PLC runs"
+
+    @click.command(name, help=said, context_settings={"ignore_unknown_options": True})
+    @click.argument("anything", nargs=-1)
+    def command(anything: tuple[str, ...]) -> None:
+        raise click.ClickException(said)
+
+    return command
 
 
 @click.group(cls=_Families, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})

@@ -11,11 +11,13 @@ from shmgen import config as configuration
 from shmgen import pipeline
 from shmgen.config import Config
 from shmgen.definitions.folders import catalogue
-from shmgen.diagnostics import Report
+from shmgen.diagnostics import Diagnostic, Rejected, Report
 
 FILES = r"(^|/)(generated/.*|shmgen\.toml|pyproject\.toml|package\.xml|[^/]+\.(msg|srv|action|idl))$"
 """Of a hook: whatever a check looks at. .pre-commit-hooks.yaml has the same."""
 
+DEFAULT = 32
+"""Elements of a sequence, as `shmgen init` proposes it."""
 HOOK_FILE = ".pre-commit-config.yaml"
 HOOK = rf"""repos:
   - repo: local
@@ -63,9 +65,13 @@ def begin(folder: Path) -> Beginning:
     source = "noetic" if any(packages[0].dialect == "ros1" for packages in found.values()) else "jazzy"
     config = Config(folder, source=source, path=tuple(folder / place for place in places))
     missing: dict[str, None] = {}
+    broken: dict[Diagnostic, None] = {}
     for name in sorted(found):
         for entry in pipeline.inventory(config, name):
             missing |= dict.fromkeys(entry.unbounded)
+            broken |= dict.fromkeys(entry.faults if entry.size is None else ())
+    if broken:
+        raise Rejected(broken)
     text = _text(sorted(found), places, source, list(missing))
     return Beginning(text, (_told(found, missing), "", *_next(bool(found))))
 
@@ -83,7 +89,10 @@ def _text(packages: list[str], places: list[str], source: str, missing: list[str
         "[bounds]",
     ]
     if missing:
-        lines += ["# Elements that each of these may hold: put a number behind `=`, and take the `#` away."]
+        lines += [
+            f"default = {DEFAULT}  # elements that a sequence without a bound of its own may hold",
+            "# For some of them another: put a number behind `=`, and take the `#` away.",
+        ]
         lines += [f"# {json.dumps(key)} =" for key in missing]
     return "\n".join(lines) + "\n"
 
@@ -91,8 +100,8 @@ def _text(packages: list[str], places: list[str], source: str, missing: list[str
 def _told(found: Collection[str], missing: Collection[str]) -> str:
     if not found:
         return "no message package is in this folder: name messages in shmgen.toml, `shmgen list` prints what there is"
-    lines = "1 line waits" if len(missing) == 1 else f"{len(missing)} lines wait"
-    wanted = f"; {lines} for a number under [bounds]" if missing else ""
+    holds = "1 sequence holds" if len(missing) == 1 else f"{len(missing)} sequences hold"
+    wanted = f"; {holds} at most {DEFAULT}, unless [bounds] says otherwise" if missing else ""
     return f"found {', '.join(sorted(found))}{wanted}"
 
 

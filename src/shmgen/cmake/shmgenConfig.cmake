@@ -4,10 +4,12 @@
 #     [CONFIG <shmgen.toml>]       default: the one beside CMakeLists.txt
 #     [INCLUDE <folder>...]        where message packages are looked for before all others
 #     [OUTPUT <folder>]            default: <build folder>/<target>
+#     [TARGETS <target>...]        what to write, c and cpp and so on; default: the `targets` of shmgen.toml
 #     [INSTALL])                   headers to include/, Python and Structured Text to share/<project>/shmgen
 #
-# <target> is an INTERFACE library with the headers of OUTPUT/c; Python is in OUTPUT/python. All is written anew when
-# shmgen.toml or a definition below the INCLUDE folders and the folder of shmgen.toml has changed.
+# <target> is an INTERFACE library: linked, it gives the headers of OUTPUT/c and OUTPUT/cpp and what they need of the
+# system. Python is in OUTPUT/python. All is written anew when shmgen.toml or a definition below the INCLUDE folders and
+# the folder of shmgen.toml has changed.
 cmake_minimum_required(VERSION 3.16)
 
 find_program(SHMGEN_EXECUTABLE shmgen HINTS "${CMAKE_CURRENT_LIST_DIR}/../../../bin")
@@ -18,7 +20,7 @@ if(NOT SHMGEN_EXECUTABLE)
 endif()
 
 function(shmgen_generate target)
-  cmake_parse_arguments(PARSE_ARGV 1 ARG "INSTALL" "CONFIG;OUTPUT" "INCLUDE")
+  cmake_parse_arguments(PARSE_ARGV 1 ARG "INSTALL" "CONFIG;OUTPUT" "INCLUDE;TARGETS")
   if(ARG_UNPARSED_ARGUMENTS)
     message(FATAL_ERROR "shmgen_generate(${target}): what is ${ARG_UNPARSED_ARGUMENTS}?")
   endif()
@@ -40,6 +42,9 @@ function(shmgen_generate target)
       list(APPEND options -I "${folder}")
     endif()
   endforeach()
+  foreach(wanted IN LISTS ARG_TARGETS)
+    list(APPEND options -t "${wanted}")
+  endforeach()
   set(stamp "${CMAKE_CURRENT_BINARY_DIR}/${target}.stamp")
   add_custom_command(
     OUTPUT "${stamp}"
@@ -51,9 +56,12 @@ function(shmgen_generate target)
   add_custom_target(${target}_files ALL DEPENDS "${stamp}")
   add_library(${target} INTERFACE)
   add_dependencies(${target} ${target}_files)
-  target_include_directories(${target} INTERFACE "${ARG_OUTPUT}/c")
+  target_include_directories(${target} SYSTEM INTERFACE "${ARG_OUTPUT}/c" "${ARG_OUTPUT}/cpp")
+  if(UNIX)
+    target_link_libraries(${target} INTERFACE pthread rt)  # in the C library itself since glibc 2.34
+  endif()
   if(ARG_INSTALL)
-    install(DIRECTORY "${ARG_OUTPUT}/c/" DESTINATION include OPTIONAL)
+    install(DIRECTORY "${ARG_OUTPUT}/c/" "${ARG_OUTPUT}/cpp/" DESTINATION include OPTIONAL)
     install(DIRECTORY "${ARG_OUTPUT}/python" "${ARG_OUTPUT}/st" "${ARG_OUTPUT}/plcopen"
       DESTINATION "share/${PROJECT_NAME}/shmgen" OPTIONAL PATTERN __pycache__ EXCLUDE)
   endif()

@@ -159,7 +159,8 @@ def _span(shown: str, number: int, line: str, start: int, end: int) -> Span:
 
 def _text(path: Path, shown: str, report: Report) -> str:
     try:
-        return path.read_bytes().decode("utf-8").removeprefix("\N{ZERO WIDTH NO-BREAK SPACE}")
+        text = path.read_bytes().decode("utf-8").removeprefix("\N{ZERO WIDTH NO-BREAK SPACE}")
+        return text.replace("\r\n", "\n")
     except OSError as error:
         report.error(
             "SHM001", f"cannot read: {error.strerror}", Span(shown), hint="give a file that can be read with -c"

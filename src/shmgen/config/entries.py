@@ -40,11 +40,12 @@ class ServiceEntry:
 
 @dataclass(frozen=True, slots=True)
 class ActionEntry:
-    """One `[[actions]]` entry: `server` is `plc` or `ros`."""
+    """One `[[actions]]` entry: as a service; `timeout` is for a word on whether a goal is accepted."""
 
     action: str
     type: str
     server: str
+    timeout: float
     span: Span
 
 
@@ -64,8 +65,8 @@ def services(read: Reader, data: dict[str, Any]) -> tuple[ServiceEntry, ...]:
 
 def actions(read: Reader, data: dict[str, Any]) -> tuple[ActionEntry, ...]:
     return tuple(
-        ActionEntry(entry.name, entry.type, _server(read, entry), entry.span)
-        for entry in _entries(read, data, "actions", ("server",), abi.MAX_CALL_NAME)
+        ActionEntry(entry.name, entry.type, _server(read, entry), _timeout(read, entry), entry.span)
+        for entry in _entries(read, data, "actions", ("server", "timeout"), abi.MAX_CALL_NAME)
     )
 
 
@@ -136,4 +137,10 @@ def _not_a_name(name: str, longest: int) -> str:
         return "is not made of letters, digits and _ between single slashes, no digit first"
     if len(bare) > longest:
         return f"has {len(bare)} characters, more than the {longest} of a STRING(80) and its suffix"
+    if bare.upper() in _TAKEN:
+        return f"is a name that CODESYS keeps in /dev/shm for itself ({bare}*)"
     return "begins with sem/, where Linux keeps the semaphores" if bare.startswith("sem/") else ""
+
+
+_TAKEN = ("CME", "GWDRVSHAREDMEMSHM")
+"""As runtime/names.py has them."""

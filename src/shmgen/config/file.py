@@ -103,7 +103,7 @@ class _Sections:
         lists = ("topics", "services", "actions")
         self.read.keys("", data, (*known, "types", "strings", "bounds", *lists, "regions", "bridge"))
         types, strings, bounds = (self.read.table(data, name) for name in ("types", "strings", "bounds"))
-        self.read.keys("types", types, ("bool", "time"))
+        self.read.keys("types", types, ("bool", "time", "names"))
         return Config(
             root=root,
             messages=tuple(_from(root, message) for message in self.read.texts("messages", data, ())),
@@ -120,12 +120,14 @@ class _Sections:
                 bool=self.read.choice("types", "bool", types, ("USINT", "BOOL"), "USINT"),  # type: ignore[arg-type]
                 time=self.read.choice("types", "time", types, ("TIME", "LTIME", "struct"), "TIME"),  # type: ignore[arg-type]
                 encoding=self.read.choice("strings", "encoding", strings, ("utf-8", "latin-1"), "utf-8"),  # type: ignore[arg-type]
+                names=self.read.choice("types", "names", types, ("plc", "ros"), "plc"),  # type: ignore[arg-type]
                 overflow=self.read.choice("strings", "overflow", strings, ("error", "truncate"), "error"),  # type: ignore[arg-type]
             ),
             bounds=Bounds(
                 strings=self.bound_table("strings", strings, ("default", "encoding", "overflow")),
-                sequences=self.bound_table("bounds", bounds, ()),
+                sequences=self.bound_table("bounds", bounds, ("default",)),
                 default_string=self.read.number("strings", "default", strings, DEFAULT_STRING),
+                default_sequence=self.read.number("bounds", "default", bounds, 1) if "default" in bounds else None,
             ),
             topics=entries.topics(self.read, data),
             services=entries.services(self.read, data),

@@ -43,6 +43,20 @@ def unit_of(doc: str) -> tuple[str, str]:
     return "\n".join(lines).strip(), units.pop()
 
 
+def own_of(doc: str) -> tuple[str, str]:
+    """The documentation without what a PLC calls it, and that: "speed (PLC: rSpeed)" -> "speed", "rSpeed".
+
+    `shmgen import` writes it; of a type that is spelled otherwise too it says `rSpeed : ARRAY[1..3] OF REAL`.
+    """
+    found = _OWN.search(doc)
+    if found is None:
+        return doc, ""
+    rest = doc[: found.start()] + doc[found.end() :]
+    return "\n".join(line.rstrip() for line in rest.split("\n")).strip("\n"), found[1]
+
+
+_OWN = re.compile(r"[ \t]*\(PLC: ([A-Za-z_]\w*(?: : [^()\n]*(?:\([^()\n]*\))?)?)\)")
+
 # A letter, degree, percent or micro sign first: `[0, 1]`, `[3]`, `[0-1]` are no units. `name[i]` has an index, and
 # `[-]` stands where a unit would: of no dimension.
 _UNIT = re.compile(r"[ \t]?\[((?![ijkn]\])[A-Za-z°µμΩ%(][^\s\[\],:=_]{0,30}(?: per [a-z]{1,10})?|-)\]")

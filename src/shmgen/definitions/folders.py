@@ -1,8 +1,9 @@
 """Turns folders of packages into a Catalogue.
 
-A package is a folder with a package.xml, or with definitions in msg/, srv/ or action/. Folders above packages are
-searched to any depth, in order of name; COLCON_IGNORE, AMENT_IGNORE or CATKIN_IGNORE takes a folder out, and
-rospack_nosubdirs all that is below it.
+A package is a folder with a package.xml, or with definitions in msg/, srv/ or action/. In one with a package.xml these
+folders may lie in others that group them (`planning/msg/`), as rosidl takes them. Folders above packages are searched
+to any depth, in order of name; COLCON_IGNORE, AMENT_IGNORE or CATKIN_IGNORE takes a folder out, and rospack_nosubdirs
+all that is below it.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ def package_around(file: Path, relative_to: Path) -> Package | None:
     """The package that a definition given by its path belongs to; that file alone, if it lies in no package."""
     folder = Path(os.path.abspath(file)).parent
     kind = kind_of(file)
-    root = folder.parent if folder.name in SECTIONS else folder
+    root = _root(folder.parent) if folder.name in SECTIONS else folder
     package = _package(root, relative_to)
     if package is None:
         return None
@@ -45,6 +46,15 @@ def package_around(file: Path, relative_to: Path) -> Package | None:
     siblings = {} if folder.name in SECTIONS else _loose(folder, name, relative_to)
     held = {**siblings, **package.definitions, **dict.fromkeys(given.messages, given)}
     return Package(name, package.place, held, package.dialect)
+
+
+def _root(folder: Path) -> Path:
+    """The package around a folder that holds msg/, srv/ or action/: itself, unless it only groups those."""
+    above = [folder, *folder.parents[:_DEEPEST_GROUP]]
+    return next((place for place in above if (place / "package.xml").is_file()), folder)
+
+
+_DEEPEST_GROUP = 3
 
 
 def kind_of(file: Path) -> str:
@@ -125,9 +135,23 @@ def _package(root: Path, relative_to: Path) -> Package | None:
     definitions = [
         _definition(file, TypeName(name, kind, file.stem), relative_to)
         for kind in SECTIONS
-        for file in _files(root / kind, kind)
+        for place in (*_groups(root, bool(manifest)), root)  # of two of one name the one at the top counts
+        for file in _files(place / kind, kind)
     ]
     return package_of(name, shorten(root, relative_to), definitions, _dialect(manifest))
+
+
+def _groups(root: Path, has_manifest: bool) -> list[Path]:
+    """The folders in a package that group its definitions: they hold a msg/, srv/ or action/."""
+    found: list[Path] = []
+    for here, folders, files in os.walk(root) if has_manifest else ():
+        if here != str(root) and not {"package.xml", *_IGNORED}.isdisjoint(files):
+            folders.clear()
+            continue
+        if here != str(root) and not set(SECTIONS).isdisjoint(folders):
+            found.append(Path(here))
+        folders[:] = sorted(name for name in folders if not name.startswith(".") and name not in SECTIONS)
+    return found
 
 
 def _loose(folder: Path, name: str, relative_to: Path) -> dict[TypeName, Definition]:
@@ -159,6 +183,7 @@ def shorten(path: Path, relative_to: Path) -> str:
     """Relative where that needs no `..`, else absolute; on one line, whatever is in the name."""
     absolute, start = os.path.abspath(path), os.path.abspath(relative_to)
     text = os.path.relpath(absolute, start) if Path(absolute).is_relative_to(start) else absolute
+    text = text.replace(os.sep, "/")  # on Windows too, so that what is generated is the same
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
 
 

@@ -22,7 +22,7 @@ def read_default(rest: Token, type: FieldType) -> tuple[Default, Token]:
     if listed is None:
         raise rest.wrong("SHM006", "the default of an array is a list", "write `[1, 2, 3]`, with the brackets")
     written = rest.part(0, listed.end())
-    elements = _elements(written)
+    elements = _elements(written, isinstance(type.element, String))
     if isinstance(type, Array) and len(elements) != type.length:
         raise written.wrong("SHM006", f"{counted(len(elements), 'element')}, where exactly {type.length} belong")
     if isinstance(type, Sequence) and type.capacity is not None and len(elements) > type.capacity:
@@ -66,14 +66,21 @@ def _single(rest: Token, type: Element) -> tuple[Value, Token]:
     return _value(rest.part(0, end), type), rest.part(end)
 
 
-def _elements(written: Token) -> list[Token]:
-    """Those of `[a, b]`; a comma at the end leaves an empty one, which no number takes."""
+def _elements(written: Token, are_strings: bool) -> list[Token]:
+    """Those of `[a, b]`. As in rosidl_adapter, a comma at the end of strings ends the list, and no two touch.
+
+    Behind one at the end of numbers an empty element follows, which no number takes.
+    """
     inside = written.part(1, len(written.text) - 1)
     tokens: list[Token] = []
     position = 0
     while position < len(inside.text) or (position == len(inside.text) and inside.text.endswith(",")):
         start = _end(_BLANKS, inside.text, position)
+        if are_strings and start == len(inside.text):
+            break
         end = _end(_ELEMENT, inside.text, start)
+        if are_strings and start == end:
+            raise inside.part(start).wrong("SHM003", "expected a value before the comma", 'an empty one is ""')
         tokens.append(inside.part(start, end))
         position = _end(_BLANKS, inside.text, end)
         if inside.text[position : position + 1] not in (",", ""):

@@ -99,17 +99,18 @@ def _message(lines: list[Line], name: TypeName, source: Source, dialect: Dialect
     fields: list[Field] = []
     constants: list[Constant] = []
     for number, (written, word, type, value, is_constant, _) in declarations.items():
-        about = docs[number - first]
+        about, own = comments.own_of(docs[number - first])
         if is_constant:
             assert isinstance(type, Scalar | String)
             assert isinstance(value, bool | int | float | str)
-            constants.append(Constant(word.text, type, value, word.span, about))
+            constants.append(Constant(word.text, type, value, word.span, about, own))
         else:
             about, unit = comments.unit_of(about)
             spelled = "byte" if type_word(written.text) == "byte" else ""  # a `char` of a .msg is an uint8 to ROS 2
-            fields.append(Field(word.text, type, written.text, written.span, about, unit, value, spelled))
+            fields.append(Field(word.text, type, written.text, written.span, about, unit, value, spelled, plc=own))
     span = Span(source.path) if name == source.name else Span(source.path, first, 1)
-    return Message(name, tuple(fields), tuple(constants), span, source.origin, "\n".join(texts), doc)
+    doc, own = comments.own_of(doc)
+    return Message(name, tuple(fields), tuple(constants), span, source.origin, "\n".join(texts), doc, own)
 
 
 def _declarations(lines: list[Line], name: TypeName, dialect: Dialect, report: Report) -> dict[int, _Declaration]:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
+from typing import TypeAlias
 
 from shmgen.definitions import folders
 from shmgen.definitions.catalogue import Package
 from shmgen.definitions.library import Library, Sources, open_library
 from shmgen.definitions.parser import SECTIONS
 from shmgen.definitions.tokens import shown
-from shmgen.diagnostics import Report, Span, closest
+from shmgen.diagnostics import Diagnostic, Report, Span, closest
 from shmgen.model import Field, Message, Ref, Schema, TypeName, element_of
 
 
@@ -27,15 +28,39 @@ def load(requests: Iterable[str], sources: Sources, report: Report) -> Schema:
 def load_from(library: Library, requests: Iterable[str], report: Report) -> Schema:
     """The same from a library that is open already; what it has read before it does not read again."""
     library.begin(report)
-    files: list[str] = []
-    names: list[str] = []
-    for request in requests:
-        (files if request.isprintable() and Path(request).suffix in _FILES else names).append(request)
-    requested = dict.fromkeys(name for file in files for name in _in_file(Path(file), library))
-    requested |= dict.fromkeys(name for request in names for name in _named(request, library))
-    messages = _closed(requested, library)
+    requested = _requested(requests, library)
+    messages = tuple(_closed(requested, library).values())
     report.stop_if_any()
     return Schema(messages, frozenset(requested))
+
+
+def load_usable(library: Library, requests: Iterable[str], report: Report) -> tuple[Schema, Faults]:
+    """What can be used of them, and for each other message what is wrong with it, or with what it holds.
+
+    Raises Rejected if a request itself stands for nothing.
+    """
+    library.begin(report)
+    requested = _requested(requests, library)
+    if any(found.code != "SHM505" for found in report.diagnostics):
+        report.stop_if_any()
+    messages = _closed(requested, library)
+    by_place: dict[str, list[Diagnostic]] = {}
+    for diagnostic in report.diagnostics:
+        by_place.setdefault(diagnostic.span.path, []).append(diagnostic)
+
+    def own(name: TypeName) -> list[Diagnostic]:
+        package = library.package(name.package)
+        places = (package.place, package.definitions[name].path) if package and name in package.definitions else ()
+        return [diagnostic for place in places for diagnostic in by_place.get(place, ())]
+
+    faults: dict[TypeName, tuple[Diagnostic, ...]] = {}
+    for name, message in messages.items():
+        held = [found for _, it in _held(message) for found in faults.get(it, () if it in messages else own(it))]
+        faults[name] = tuple(dict.fromkeys([*own(name), *held]))
+    faults = {name: faults.get(name, ()) or tuple(own(name)) for name in {**requested, **messages}}
+    usable = tuple(message for name, message in messages.items() if not faults[name])
+    broken = {name: faults[name] for name in requested if faults[name]}
+    return Schema(usable, frozenset(set(requested) - set(broken))), broken
 
 
 def available(sources: Sources) -> list[TypeName]:
@@ -43,6 +68,7 @@ def available(sources: Sources) -> list[TypeName]:
     return open_library(sources, Report()).known()
 
 
+Faults: TypeAlias = Mapping[TypeName, tuple[Diagnostic, ...]]
 _FILES = (*(f".{kind}" for kind in SECTIONS), ".idl")
 _REQUEST = re.compile(r"([A-Za-z][A-Za-z0-9_]*)(?:/(?:(msg|srv|action)/)?([A-Za-z][A-Za-z0-9_]*))?")
 _OTHER_LANGUAGES = {
@@ -58,6 +84,16 @@ _OTHER_LANGUAGES = {
     "wchar": "uint16",
 }
 _LONGEST_CHAIN_SHOWN = 8
+
+
+def _requested(requests: Iterable[str], library: Library) -> dict[TypeName, None]:
+    """Those in files first, as their packages go before all others."""
+    files: list[str] = []
+    names: list[str] = []
+    for request in requests:
+        (files if request.isprintable() and Path(request).suffix in _FILES else names).append(request)
+    requested = dict.fromkeys(name for file in files for name in _in_file(Path(file), library))
+    return requested | dict.fromkeys(name for request in names for name in _named(request, library))
 
 
 def _named(request: str, library: Library) -> list[TypeName]:
@@ -96,8 +132,8 @@ def _in_file(file: Path, library: Library) -> list[TypeName]:
     return list(package.definitions[TypeName(package.name, kind, file.stem + SECTIONS[kind][0])].messages)
 
 
-def _closed(requested: Iterable[TypeName], library: Library) -> tuple[Message, ...]:
-    """Depth first, with a stack of our own so that no nest is too deep."""
+def _closed(requested: Iterable[TypeName], library: Library) -> dict[TypeName, Message]:
+    """Dependencies first: depth first, with a stack of our own so that no nest is too deep."""
     done: dict[TypeName, Message] = {}
     seen: set[TypeName] = set()
     for root in requested:
@@ -117,7 +153,7 @@ def _closed(requested: Iterable[TypeName], library: Library) -> tuple[Message, .
                 if entered is None:
                     del path[message.name]
                     done[message.name] = message
-    return tuple(done.values())
+    return done
 
 
 def _held(message: Message) -> Iterator[tuple[Field, TypeName]]:

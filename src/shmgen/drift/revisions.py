@@ -31,7 +31,7 @@ def lock(name: str, output: Path) -> tuple[lockfile.Lock, str]:
 
 
 def _of_revision(revision: str, file: Path, report: Report) -> str:
-    path = os.path.relpath(file)
+    path = os.path.relpath(file).replace(os.sep, "/")
     place = "" if path.startswith("..") else "./"
     try:
         command = ["git", "show", "--end-of-options", f"{revision}:{place}{path}"]

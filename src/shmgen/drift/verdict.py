@@ -38,6 +38,8 @@ def remember(arguments: Sequence[str], said: str, folders: Iterable[str], files:
 
     What was touched since the check `began`, in ns since 1970, may not be what it saw: then nothing is remembered.
     """
+    if not hasattr(os, "geteuid"):  # on Windows, where cache.py keeps nothing
+        return
     places = sorted({os.path.dirname(file) or "." for file in files})
     watched = [
         *(f"{_CONTENT}{file}" for file in files),

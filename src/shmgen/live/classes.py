@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from shmgen.config import Config
-from shmgen.diagnostics import Rejected
+from shmgen.diagnostics import Diagnostic, Rejected
 from shmgen.live import locked
 from shmgen.live.session import Session
-from shmgen.runtime import Message, Publisher, ServiceClient, ServiceServer, Subscriber
+from shmgen.runtime import ActionClient, ActionServer, Message, Publisher, ServiceClient, ServiceServer, Subscriber
 from shmgen.runtime.errors import LayoutMismatch
 
 
@@ -48,13 +48,20 @@ class Workshop:
         assert rejected is not None
         raise rejected
 
-    def known(self) -> dict[str, locked.Known]:
-        """The layouts of all messages that shmgen.toml and layout.lock name; the former counts. Raises Rejected."""
-        lock = locked.layouts(locked.read(self.lock), str(self.lock)) if self.lock else {}
+    def known(self) -> tuple[dict[str, locked.Known], tuple[Diagnostic, ...]]:
+        """The layouts of all messages that shmgen.toml and layout.lock name; the former counts. Raises Rejected.
+
+        And what is wrong with the lock, of which nothing is taken then.
+        """
+        wrong: tuple[Diagnostic, ...] = ()
+        try:
+            lock = locked.layouts(locked.read(self.lock), str(self.lock)) if self.lock else {}
+        except Rejected as damaged:
+            lock, wrong = {}, damaged.diagnostics
         layouts = self.session.layouts(dict.fromkeys([*self.config.messages, *self.config.types_used]))
-        return lock | {
-            str(layout.name): locked.Known(layout.digest, layout.size, self.session.name) for layout in layouts.values()
-        }
+        name = self.session.name
+        ours = {str(layout.name): locked.Known(layout.digest, layout.size, name) for layout in layouts.values()}
+        return lock | ours, wrong
 
     def _sessions(self) -> Iterator[Session]:
         yield self.session
@@ -95,6 +102,26 @@ def server(request: type[Message], reply: type[Message]) -> type[ServiceServer[A
         "reply_publisher": type("LivePublisher", (Publisher,), {"message_type": reply}),
     }
     return type("LiveServer", (ServiceServer,), ends)
+
+
+def action_client(kinds: Mapping[str, type[Message]]) -> type[ActionClient[Any, Any, Any]]:
+    """The class that sends goals of the action that has these parts, by their endings."""
+    ends = {
+        "command_publisher": type("LivePublisher", (Publisher,), {"message_type": kinds["_Command"]}),
+        "progress_subscriber": type("LiveSubscriber", (Subscriber,), {"message_type": kinds["_Progress"]}),
+        "outcome_subscriber": type("LiveSubscriber", (Subscriber,), {"message_type": kinds["_Outcome"]}),
+    }
+    return type("LiveActionClient", (ActionClient,), ends)
+
+
+def action_server(kinds: Mapping[str, type[Message]]) -> type[ActionServer[Any]]:
+    """The class that serves it."""
+    ends = {
+        "command_subscriber": type("LiveSubscriber", (Subscriber,), {"message_type": kinds["_Command"]}),
+        "progress_publisher": type("LivePublisher", (Publisher,), {"message_type": kinds["_Progress"]}),
+        "outcome_publisher": type("LivePublisher", (Publisher,), {"message_type": kinds["_Outcome"]}),
+    }
+    return type("LiveActionServer", (ActionServer,), ends)
 
 
 def _mismatch(request: str, digest: int | None, tried: list[locked.Known]) -> LayoutMismatch:

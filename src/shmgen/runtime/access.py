@@ -12,6 +12,7 @@ from contextlib import suppress
 from typing import NamedTuple
 
 from shmgen import abi
+from shmgen.runtime.closing import kept_from_children
 from shmgen.runtime.errors import PermissionDenied, RegionUnusable
 
 PATIENCE = abi.PEER_MS / 1000
@@ -111,7 +112,8 @@ def opened(path: str, how: int) -> io.FileIO:
     Raises FileNotFoundError, PermissionError, and RegionUnusable for what is no regular file.
     """
     try:
-        file = io.FileIO(os.open(path, how | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK))
+        flags = os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
+        file = kept_from_children(io.FileIO(os.open(path, how | flags)))
     except (FileNotFoundError, PermissionError):
         raise
     except OSError as error:

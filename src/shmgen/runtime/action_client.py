@@ -44,6 +44,7 @@ class ActionClient(Closing, Generic[Goal, Feedback, Outcome]):
         self._command: Any = self.command_publisher.message_type
         self._caller: Caller[Any, Outcome] = Caller(questions, answers, "goal")
         self._action = action
+        self._goal = 0
         self._status = 0
         self._feedback: Feedback | None = None
 
@@ -56,10 +57,11 @@ class ActionClient(Closing, Generic[Goal, Feedback, Outcome]):
         if not self._caller.wait_for_server(timeout):
             raise NoServer(f"{self._action}: nobody served within {timeout:g} s; nothing was sent")
         self._status, self._feedback = 0, None
-        return self._caller.ask(SimpleNamespace(cancel=0, goal=goal))
+        self._goal = self._caller.ask(SimpleNamespace(cancel=0, goal=goal))
+        return self._goal
 
     def feedback(self) -> Feedback | None:
-        """The newest feedback on the goal, or None if it has been read already."""
+        """The newest feedback on the goal, also after its end, or None if it has been read already."""
         self._look()
         feedback, self._feedback = self._feedback, None
         return feedback
@@ -89,6 +91,12 @@ class ActionClient(Closing, Generic[Goal, Feedback, Outcome]):
         if self._caller.number:
             self._caller.tell(self._command(cancel=self._caller.number))
 
+    def cancel_former(self) -> None:
+        """Asks the server to cancel what a client before this one has left to it, if it has not ended."""
+        progress = self._progress.read()
+        if progress is not None and not self._caller.number:
+            self._caller.tell(self._command(cancel=progress.goal))
+
     def server_is_ready(self) -> bool:
         """Whether somebody serves now. Takes up to a second where a PLC served and may have stopped."""
         return self._caller.server_is_ready()
@@ -110,7 +118,7 @@ class ActionClient(Closing, Generic[Goal, Feedback, Outcome]):
     def _look(self) -> None:
         """Takes the newest progress over if it is the goal's."""
         progress = self._progress.read()
-        if progress is not None and self._caller.number and progress.goal == self._caller.number:
+        if progress is not None and self._goal and progress.goal == self._goal:
             self._status = progress.status
             if progress.status != progress.ACCEPTED:
                 self._feedback = progress.feedback

@@ -35,6 +35,11 @@ class ServedGoal(Generic[Goal]):
         """Whether the client has asked to cancel it, or sent a newer goal. Looking shows that the server lives."""
         return self._server._unwanted(self.number)
 
+    @property
+    def is_awaited(self) -> bool:
+        """Whether it has not ended, and no newer one has come."""
+        return self._server._callee.awaits(self.number)
+
     def accept(self) -> bool:
         """Tells the client that the goal has been taken."""
         return self._server._accept(self.number)
@@ -120,6 +125,10 @@ class ActionServer(Closing, Generic[Goal]):
                 break
         goal, self._waiting = self._waiting, None
         return goal
+
+    def client_lives(self) -> bool:
+        """Whether there is a client now; of a PLC that has stopped, it is known a second later. Call it often."""
+        return self._callee.client_lives()
 
     def close(self) -> None:
         """Gives the action free for another server; the regions stay."""

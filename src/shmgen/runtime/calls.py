@@ -152,6 +152,13 @@ class Callee(Generic[Q, A]):
         self._is_open = False
         return True
 
+    def client_lives(self) -> bool:
+        """A process holds its record lock; a PLC's heartbeat has moved within the last second."""
+        questions = self._questions
+        if questions._words[h.WRITER] == h.PLC:
+            return not questions.is_stale(_FRESH)
+        return questions._region.byte_is_locked(WRITER_LOCK)
+
     def close(self) -> None:
         self._questions.close()
         self._answers.close()

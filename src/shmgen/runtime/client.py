@@ -82,6 +82,12 @@ class ServiceClient(Closing, Generic[Request, Response]):
             reply = self._caller.poll()
             return None if reply is None else self._response(reply)
 
+    def wait(self, timeout: float) -> Response | None:
+        """The same as soon as it is there, or None after `timeout` seconds. Raises CallFailed."""
+        with self._one_at_a_time:
+            reply = self._caller.wait(timeout)
+            return None if reply is None else self._response(reply)
+
     def cancel(self) -> None:
         """Gives up what send() sent, on this side only: the server may do it, its answer is passed over."""
         with self._one_at_a_time:

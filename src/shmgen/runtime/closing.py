@@ -5,12 +5,21 @@ from __future__ import annotations
 import os
 import weakref
 from abc import ABC, abstractmethod
+from contextlib import suppress
 from types import TracebackType
-from typing import Any, ClassVar, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, Protocol, TypeVar
 
 from shmgen.runtime.errors import Closed, InForkedChild, ShmError
 
+if TYPE_CHECKING:
+    from shmgen.runtime.lock import Lock
+
 C = TypeVar("C", bound="Closing")
+F = TypeVar("F", bound="_Closable")
+
+
+class _Closable(Protocol):
+    def close(self) -> None: ...
 
 
 class Closing(ABC):
@@ -39,6 +48,7 @@ class Holding(Closing):
     topic: Any
     _word: ClassVar[str]
     """What errors call it."""
+    _lock: Lock
 
     def close(self) -> None:
         """Lets go of the region, which stays as it is."""
@@ -65,7 +75,17 @@ class Gone:
     __getitem__ = __setitem__ = __call__
 
 
+def kept_from_children(made: F) -> F:
+    """The same file, map or region; a forked child closes it, also one that its parent is still opening.
+
+    Each keeps the open file, and with it any claim that the parent makes later.
+    """
+    _kept.add(made)
+    return made
+
+
 _holding: weakref.WeakSet[Holding] = weakref.WeakSet()
+_kept: weakref.WeakSet[_Closable] = weakref.WeakSet()
 
 
 def _in_child() -> None:
@@ -75,7 +95,11 @@ def _in_child() -> None:
             f"{side.topic}: this {side._word} belongs to process {parent}, from which this one was forked; "
             "open one here, or start processes by the method `spawn`"
         )
+        side._lock.forget()
         side._let_go(Gone(InForkedChild, text))
+    for made in list(_kept):
+        with suppress(BufferError):  # a map that its region closes; or forked in the middle of a copy
+            made.close()
 
 
 os.register_at_fork(after_in_child=_in_child)

@@ -90,6 +90,11 @@ class Lock:
                 self._take_surplus()
         return isinstance(error, ValueError) and error.args == TOO_MANY
 
+    def forget(self) -> None:
+        """In a forked child: what its parent holds, the parent gives back, however deep inside it was."""
+        self._balance = -self._region.semaphore._count()
+        self._repairing = False
+
     def _take_surplus(self) -> None:
         """For one who is inside and may not release: there is a token already.
 

@@ -6,6 +6,8 @@ from shmgen.abi import EVENT
 
 HALVES = ("request", "response", "goal", "feedback", "result")
 """What stands behind the `-` in the regions of a service or action."""
+TAKEN = ("CME", "GWDRVSHAREDMEMSHM")
+"""In capitals: what begins the names of files that the CODESYS runtime and its gateway have in /dev/shm."""
 _LONGEST = 255 - len("sem." + EVENT)
 """NAME_MAX (255) less `sem.` before and `-event` after the name."""
 
@@ -32,6 +34,8 @@ def region_name(topic: str) -> str:
         raise ValueError(f"topic {topic!r}: a `-` stands only before {', '.join(HALVES)}, in services and actions")
     if parts[0] == "sem" and len(parts) > 1:
         raise ValueError(f"topic {topic!r}: files /dev/shm/sem.* are semaphores; choose another first part than `sem`")
+    if parts[0].upper() in TAKEN and len(parts) == 1:
+        raise ValueError(f"topic {topic!r}: CODESYS keeps /dev/shm/{parts[0]}* for itself; choose another name")
     if len(name) > _LONGEST:
         raise ValueError(f"topic {topic!r}: {len(name)} characters; a file name leaves room for {_LONGEST}")
     return name

@@ -19,7 +19,7 @@ from shmgen import abi
 from shmgen.runtime import header as h
 from shmgen.runtime import semaphores
 from shmgen.runtime.access import PATIENCE, Access, RegionOptions, access_for, denied, opened
-from shmgen.runtime.closing import Gone
+from shmgen.runtime.closing import Gone, kept_from_children
 from shmgen.runtime.errors import LayoutMismatch, RegionMissing, RegionUnusable
 from shmgen.runtime.names import event_name, region_file, region_name, semaphore_file
 from shmgen.runtime.semaphores import EVENT_MOST, LOCK_MOST, NoSemaphore, Semaphore
@@ -41,7 +41,10 @@ class Region:
     `pid` is that of the process that opened it, and `file` its descriptor.
     """
 
-    __slots__ = ("_file", "header", "map", "name", "options", "pid", "quads", "semaphore", "topic", "words")
+    __slots__ = (
+        *("__weakref__", "_file", "header", "map", "name"),
+        *("options", "pid", "quads", "semaphore", "topic", "words"),
+    )
 
     def __init__(
         self,
@@ -62,6 +65,7 @@ class Region:
         self.quads = memoryview(map).cast("Q")
         self.semaphore = semaphore
         self._file = file
+        kept_from_children(self)
 
     @property
     def file(self) -> int:
@@ -92,15 +96,20 @@ class Region:
         return slice(start, start + h.SLOT_HEADER + self.header.payload_size)
 
     def close(self, gone: Gone | None = None) -> None:
-        """Lets go of everything; the region stays for the peer. Whoever looks at `words` then meets `gone`."""
-        if self._file.closed:
-            return
-        self.words.release()
-        self.quads.release()
+        """Lets go of everything; the region stays for the peer. Whoever looks at `words` then meets `gone`.
+
+        Once is enough, but where an exception or a fork came upon it: the map has a descriptor, and the claim, as well.
+        """
+        for view in (self.words, self.quads):
+            if isinstance(view, memoryview):
+                view.release()
         if gone is not None:
             self.words = self.quads = cast(memoryview, gone)
+        if not self._file.closed and os.getpid() == self.pid:
+            self.unlock_byte(WRITER_LOCK)  # a child that was forked just now may not have closed the file yet
         self._file.close()
-        self.map.close()
+        with suppress(BufferError):  # in a child, forked in the middle of a copy
+            self.map.close()
 
 
 def open_region(topic: str, ours: h.Header, options: RegionOptions = RegionOptions()) -> Region:  # noqa: B008 a tuple
@@ -122,7 +131,7 @@ def open_region(topic: str, ours: h.Header, options: RegionOptions = RegionOptio
             _await_size(file, name, ours.size)
             _check(topic, ours, _peek(file.fileno()))
             with _typed(region_file(name)):
-                map = mmap.mmap(file.fileno(), ours.size)
+                map = kept_from_children(mmap.mmap(file.fileno(), ours.size))
             _complete_header(file.fileno(), map, ours)
             _check(topic, ours, _peek(file.fileno()))
             semaphore = _open_semaphore(name, 1, LOCK_MOST, options, access)
@@ -179,7 +188,8 @@ def _made(name: str, size: int, access: Access) -> io.FileIO:
     """A new one, or none at all. Raises posix_ipc.ExistentialError where one is there."""
     path = region_file(name)
     with _typed(path):
-        made = io.FileIO(posix_ipc.SharedMemory("/" + name, posix_ipc.O_CREX, mode=access.made_mode).fd, "r+b")
+        descriptor = posix_ipc.SharedMemory("/" + name, posix_ipc.O_CREX, mode=access.made_mode).fd
+        made = kept_from_children(io.FileIO(descriptor, "r+b"))
     try:
         access.give(made.fileno(), path)
         _allocate(made, path, size)

@@ -35,8 +35,11 @@ def type_table(options: TypeOptions) -> str:
     )
 
 
-def inventory(entries: list[Item], machine: bool) -> str:
-    """What can be generated, and what each other message still needs; `machine` gives JSON."""
+def inventory(entries: list[Item], machine: bool, default: int | None = None) -> str:
+    """What can be generated, and what each other message still needs; `machine` gives JSON.
+
+    `default` is that of [bounds], if it has one.
+    """
     if machine:
         data = [
             {
@@ -44,6 +47,7 @@ def inventory(entries: list[Item], machine: bool) -> str:
                 "size": entry.size,
                 "unbounded": entry.unbounded,
                 "faults": [{"code": fault.code, "message": fault.message} for fault in entry.faults],
+                "defaulted": entry.defaulted,
             }
             for entry in entries
         ]
@@ -55,6 +59,8 @@ def inventory(entries: list[Item], machine: bool) -> str:
     stopped = [key for entry in entries for key in entry.unbounded]
     if stopped:
         lines.append(f'Lines under [bounds] in shmgen.toml are wanted, such as "{stopped[0]}" = 8')
+    if default:
+        lines.append(f"* of {default} by [bounds] default")
     codes = sorted({fault.code for entry in entries for fault in entry.faults})
     if codes:
         lines.append("More is said by " + " and ".join(f"`shmgen explain {code}`" for code in codes))
@@ -65,9 +71,18 @@ _KEYS_SHOWN = 3
 
 
 def _standing(entry: Item) -> str:
+    if entry.faults and entry.size is None:
+        first, *others = entry.faults
+        where = f"{first.span.path}:{first.span.line}" if first.span.line else first.span.path
+        return f"{first.code} {where}: {first.message}" + (f" and {len(others)} more" if others else "")
     if entry.faults:
         return "; ".join(f"{fault.code} {fault.field}: {fault.message}" for fault in entry.faults)
     if entry.size is not None:
-        return f"{counted(entry.size, 'byte'):>15}"
-    more = f" and {len(entry.unbounded) - _KEYS_SHOWN} more" if len(entry.unbounded) > _KEYS_SHOWN else ""
-    return "needs a bound for " + ", ".join(entry.unbounded[:_KEYS_SHOWN]) + more
+        size = f"{counted(entry.size, 'byte'):>15}"
+        return f"{size}  * {_some(entry.defaulted)}" if entry.defaulted else size
+    return f"needs a bound for {_some(entry.unbounded)}"
+
+
+def _some(keys: tuple[str, ...]) -> str:
+    more = f" and {len(keys) - _KEYS_SHOWN} more" if len(keys) > _KEYS_SHOWN else ""
+    return ", ".join(keys[:_KEYS_SHOWN]) + more

@@ -44,8 +44,10 @@ def examine(topic: str | None, workshop: Workshop) -> Examination:
     said = Wanted(regions=workshop.config.regions)
     wanted = dict.fromkeys(map(_full, asked or ()), said) | _wanted(workshop.config)
     meant_to_be = {*live(), *map(region_name, wanted)}
-    regions = gather(names, around, wanted, workshop.known() if names else {})
+    known, wrong = workshop.known() if names else ({}, ())
+    regions = gather(names, around, wanted, known)
     found = [finding for seen in regions for finding in symptoms.of_region(seen)]
+    found += [Problem("", f"{one.message} ({one.code})", one.hint, one.span.path) for one in wrong]
     found += leave.of_places(sorted(meant_to_be))
     found += of_strays(around, meant_to_be, names if asked else ())
     found += of_machine(around)

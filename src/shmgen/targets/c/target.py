@@ -88,7 +88,7 @@ def _header(layout: Layout, layouts: Layouts, package: str) -> Header:
             Define(
                 macro(layout.name, constant.name),
                 literal(constant, layout.options),
-                in_comment(constant.doc.partition("\n")[0]),
+                _beside(constant.doc),
             )
             for constant in layout.message.constants
         ),
@@ -123,7 +123,7 @@ def _valid(layout: Layout, layouts: Layouts) -> Iterator[str]:
 
 
 def _comment(slot: Slot, layout: Layout) -> str:
-    """Offset, what it is in ROS, unit, and the first line of its comment."""
+    """Offset, what it is in ROS, unit, and its comment."""
     match slot.role:
         case Role.PADDING:
             return f"{slot.offset}"
@@ -136,8 +136,13 @@ def _comment(slot: Slot, layout: Layout) -> str:
             unit = f" [{slot.field.unit}]" if slot.field.unit else ""
             if isinstance(slot.type, Clock) and not unit:
                 unit = f" [{_CLOCK_UNITS[layout.options.time]}]"
-            doc = slot.field.doc.partition("\n")[0]
-            text = f"{slot.offset}: {ros_type(slot.field.type)}{unit}" + (f", {doc}" if doc else "")
-            return in_comment(text)
+            doc = slot.field.doc
+            return _beside(f"{slot.offset}: {ros_type(slot.field.type)}{unit}" + (f", {doc}" if doc else ""))
         case _:
             assert_never(slot.role)
+
+
+def _beside(text: str) -> str:
+    """A comment behind a declaration; its second line and those below it stand under it."""
+    first, *others = in_comment(text).split("\n")
+    return "\n".join([first, *(f"     * {line}".rstrip() for line in others)])

@@ -42,7 +42,16 @@ def _made(layout: Layout, package: str) -> Iterator[Made]:
         yield Made("class", f"{class_name(layout.name)}_Constants", space, follows=True)
     for ending in ("Publisher", "Subscriber") if layout.requested else ():
         yield Made("class", class_name(layout.name) + ending, space, follows=True)
+    for ending, made in _CALLS.items() if layout.requested else ():
+        if layout.name.kind in ("srv", "action") and layout.name.name.endswith(ending):
+            whole = layout.name.name.removesuffix(ending)
+            for name in made:
+                yield Made("class", whole + name, space, of=str(layout.name._replace(name=whole)))
     yield Made("file", header(layout.name, package))
+
+
+_CALLS = {"_Reply": ("", "Client", "Server"), "_Outcome": ("", "ActionClient", "ActionServer")}
+"""What a service or an action becomes, told by the part that shmgen makes of it."""
 
 
 NAMES = Names("C++", member=cpp_name, constant=cpp_name, made=_made)

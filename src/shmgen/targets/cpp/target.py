@@ -10,12 +10,13 @@ from shmgen.model import Layout, Layouts, Output, Regions
 from shmgen.targets import Job
 from shmgen.targets.c import ends, region
 from shmgen.targets.c.text import in_comment, quoted
+from shmgen.targets.cpp import calls
 from shmgen.targets.cpp.members import Member, constant_line, members, misfits
 from shmgen.targets.cpp.names import NAMES as NAMES
 from shmgen.targets.cpp.names import class_name, header, namespace, qualified
 from shmgen.wording import counted
 
-RUNTIME = ("shmgen_values.hpp", "shmgen.hpp")
+RUNTIME = ("shmgen_values.hpp", "shmgen.hpp", "shmgen_calls.hpp")
 """Written by hand, in templates/cpp."""
 
 
@@ -55,6 +56,7 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
     for name, layout in job.layouts.items():
         view = _header(layout, job.layouts, job.package, job.options.regions)
         yield Output(f"cpp/{header(name, job.package)}", "cpp/message.hpp.j2", view)
+    yield from calls.plan(job.layouts, job.package)
 
 
 def _header(layout: Layout, layouts: Layouts, package: str, regions: Regions) -> Header:

@@ -19,8 +19,9 @@ def documentation(message: Message) -> Iterator[str]:
         yield from ("", "Fields:")
     for field in fields:
         unit = f" [{field.unit}]" if field.unit else ""
-        doc = field.doc.partition("\n")[0]
-        yield in_docstring(f"    {field.name} ({ros_type(field.type)}){unit}" + (f": {doc}" if doc else ""))
+        first, *others = field.doc.split("\n")
+        yield in_docstring(f"    {field.name} ({ros_type(field.type)}){unit}" + (f": {first}" if first else ""))
+        yield from (in_docstring(f"        {line}".rstrip()) for line in others)
     text = in_docstring(message.text).strip("\n")
     if text.strip():
         yield from ("", "Definition::", "")

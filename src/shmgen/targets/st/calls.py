@@ -78,8 +78,8 @@ _OF_ACTION = ("_Goal", "_Result", "_Feedback", "_Command", "_Progress", "_Outcom
 
 
 def _service(name: TypeName, layouts: Layouts) -> Iterator[Output]:
-    request, reply = _carried(name.part("_Request")), _carried(name.part("_Reply"))
-    response = names.st_type(name.part("_Response"))
+    request, reply = _carried(name.part("_Request"), layouts), _carried(name.part("_Reply"), layouts)
+    response = names.st_type(name.part("_Response"), layouts[name.part("_Response")].options)
     for block, template, read in (
         (names.client_block(name), "client", "_Reply"),
         (names.server_block(name), "server", "_Request"),
@@ -90,8 +90,10 @@ def _service(name: TypeName, layouts: Layouts) -> Iterator[Output]:
 
 
 def _action(name: TypeName, layouts: Layouts) -> Iterator[Output]:
-    command, progress, outcome = (_carried(name.part(part)) for part in ("_Command", "_Progress", "_Outcome"))
-    goal, feedback, result = (names.st_type(name.part(part)) for part in ("_Goal", "_Feedback", "_Result"))
+    command, progress, outcome = (_carried(name.part(part), layouts) for part in ("_Command", "_Progress", "_Outcome"))
+    goal, feedback, result = (
+        names.st_type(name.part(part), layouts[name.part(part)].options) for part in ("_Goal", "_Feedback", "_Result")
+    )
     for block, template, read, heard in (
         (names.action_client_block(name), "action_client", "_Outcome", ("_Progress",)),
         (names.action_server_block(name), "action_server", "_Command", ()),
@@ -103,5 +105,5 @@ def _action(name: TypeName, layouts: Layouts) -> Iterator[Output]:
         yield Output(f"st/{name.package}/{block}.st", f"st/{template}.st.j2", view)
 
 
-def _carried(name: TypeName) -> Carried:
-    return Carried(names.st_type(name), names.gvl(name))
+def _carried(name: TypeName, layouts: Layouts) -> Carried:
+    return Carried(names.st_type(name, layouts[name].options), names.gvl(name))

@@ -27,6 +27,9 @@ ST_TIME = "ST_shmgen_Time"
 """A ROS time or duration where `time = "struct"`."""
 
 
+_USUAL = TypeOptions()
+
+
 def st_member(name: str) -> str:
     """A field or a constant in Structured Text: `step` -> `step_`.
 
@@ -36,9 +39,31 @@ def st_member(name: str) -> str:
     return single + "_" if single.upper() in ST_RESERVED else single
 
 
-def st_type(name: TypeName) -> str:
-    """`ST_geometry_msgs_Pose`. The package is always there: 54 bare names occur in more than one ROS package."""
-    return _st("ST", name)
+def st_type(name: TypeName, options: TypeOptions = _USUAL) -> str:
+    """`ST_geometry_msgs_Pose`. The package is always there: 54 bare names occur in more than one ROS package.
+
+    What was imported from a PLC project has the name that it has there.
+    """
+    own = dict(options.own).get(name, "") if options.own else ""
+    return own if own and _is_usable(own) else _st("ST", name)
+
+
+def own_member(plc: str, options: TypeOptions) -> tuple[str, str]:
+    """Name and type of a member as an imported PLC project has them; empty where it has none that is usable."""
+    name, _, type_ = plc.partition(" : ")
+    if options.names == "ros" or not name or not _is_usable(name):
+        return "", ""
+    return name, type_ if _OWN_TYPE.fullmatch(type_) else ""
+
+
+def _is_usable(name: str) -> bool:
+    return "__" not in name and name.upper() not in ST_RESERVED
+
+
+_OWN_TYPE = re.compile(
+    r"(?:ARRAY\[-?\d+\.\.-?\d+(?:, -?\d+\.\.-?\d+)*\] OF )*(?:[A-Za-z]\w*(?:\.[A-Za-z]\w*)?|W?STRING\(\d+\))"
+)
+"""Nothing else of a comment gets into code."""
 
 
 def gvl(name: TypeName) -> str:
@@ -100,13 +125,13 @@ def iec_element(type_: Element, options: TypeOptions) -> str:
             assert capacity is not None, "bounds come before targets"
             return f"WSTRING({capacity})" if wide else f"STRING({capacity})"
         case Ref(name):
-            return st_type(name)
+            return st_type(name, options)
         case _:
             assert_never(type_)
 
 
 def _made(layout: Layout, package: str) -> Iterator[Made]:
-    yield Made("type", st_type(layout.name))
+    yield Made("type", st_type(layout.name, layout.options))
 
 
 def _st(prefix: str, name: TypeName) -> str:
@@ -144,8 +169,9 @@ _STANDARD_FUNCTIONS = words("""
     CTD CTU CTUD F_TRIG R_TRIG RS SEMA SR TOF TON TP
 """)
 _CODESYS = words("""
-    ADR BIT BITADR END_FUNCTIONBLOCK END_PROPERTY END_UNION FUNCTIONBLOCK INDEXOF INI LOWER_BOUND PARAMS PERSISTENT
-    POINTER PROPERTY REFERENCE SIZEOF TRUNC_INT UNION UPPER_BOUND VAR_GENERIC VAR_INST VAR_STAT XSIZEOF
+    ADR BIT BITADR END_FUNCTIONBLOCK END_GET END_PROPERTY END_SET END_UNION FUNCTIONBLOCK INDEXOF INI LOWER_BOUND
+    PARAMS PERSISTENT POINTER PROPERTY REFERENCE SIZEOF TEST_AND_SET TRUNC_INT UNION UPPER_BOUND VAR_GENERIC VAR_INST
+    VAR_STAT XSIZEOF
     CHAR_TO WCHAR_TO
 """)
 _CONVERSIONS = frozenset(

@@ -53,13 +53,14 @@ class Variables(NamedTuple):
 
 
 class DataType(NamedTuple):
-    """A structure, or an enumeration over the type `base`."""
+    """A structure, an enumeration over the type `base`, or another name for the type `alias`."""
 
     name: str
     head: Head
     members: tuple[Variable, ...]
     base: str = ""
     initial: str = ""
+    alias: str = ""
 
 
 class GlobalList(NamedTuple):

@@ -64,16 +64,47 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
 def _message(layout: Layout) -> Iterator[Output]:
     folder = f"st/{layout.name.package}"
     dut, gvl = _dut(layout), _gvl(layout)
-    yield Output(f"{folder}/{dut.object.name}.st", "st/dut.st.j2", dut)
+    template = "enum" if dut.object.base else "alias" if dut.object.alias else "dut"
+    yield Output(f"{folder}/{dut.object.name}.st", f"st/{template}.st.j2", dut)
     yield Output(f"{folder}/{gvl.object.name}.st", "st/gvl.st.j2", gvl)
 
 
 def _dut(layout: Layout) -> Dut:
     doc = tuple(_doc(layout))
+    if layout.options.own and " : " in layout.message.plc and (imported := _imported(layout, doc)):
+        return imported
     members = [_member(slot, layout) for slot in layout.slots]
     head = Head(uncommented(doc), (Attribute("pack_mode", "1"),))
-    stored = DataType(names.st_type(layout.name), head, tuple(member.variable for member in members))
+    stored = DataType(names.st_type(layout.name, layout.options), head, tuple(member.variable for member in members))
     return Dut(stored, doc, _aligned(members))
+
+
+def _imported(layout: Layout, doc: tuple[str, ...]) -> Dut | None:
+    """An enumeration or an alias of a PLC project, which is a message with the one field `value` to ROS."""
+    (slot, *others), options = layout.slots, layout.options
+    name, _, kind = layout.message.plc.partition(" : ")
+    if others or name != names.st_type(layout.name, options) or slot.field is None:
+        return None
+    head = Head(uncommented(doc))
+    if kind == "alias":
+        _, own = names.own_member(slot.field.plc, options)
+        return Dut(DataType(name, head, (), alias=own or names.iec_type(slot, options)), doc, ())
+    if kind not in _COUNTING or not layout.message.constants:
+        return None
+    members = [
+        _declaration(names.own_member(it.plc, options)[0] or names.st_member(it.name), "", str(it.value), it.doc)
+        for it in layout.message.constants
+    ]
+    stored = DataType(name, head, tuple(it.variable for it in members), kind)
+    commas = [*("," for _ in members[1:]), ""]
+    lines = tuple(
+        Line(f"{it.name} := {it.value}{comma}", tuple(it.comment)) for it, comma in zip(members, commas, strict=True)
+    )
+    return Dut(stored, doc, lines)
+
+
+_COUNTING = frozenset({"BYTE", "WORD", "DWORD", "LWORD", *(it.iec for it in Scalar if it.range)})
+"""What an enumeration can be over."""
 
 
 def _gvl(layout: Layout) -> Gvl:
@@ -93,7 +124,7 @@ def _pair(layout: Layout, layouts: Layouts) -> Iterator[Output]:
         (names.publisher_block(name), "publisher"),
         (names.subscriber_block(name), "subscriber"),
     ):
-        view = Block(block, str(name), names.st_type(name), names.gvl(name), bool(checks), checks)
+        view = Block(block, str(name), names.st_type(name, layout.options), names.gvl(name), bool(checks), checks)
         yield Output(f"st/{name.package}/{block}.st", f"st/{template}.st.j2", view)
 
 
@@ -149,7 +180,8 @@ def _fits(code: str, lines: list[str]) -> bool:
 
 
 def _member(slot: Slot, layout: Layout) -> _Declaration:
-    name, type_ = names.st_member(slot.name), names.iec_type(slot, layout.options)
+    own, own_type = names.own_member(slot.field.plc if slot.field and slot.role is Role.DATA else "", layout.options)
+    name, type_ = own or names.st_member(slot.name), own_type or names.iec_type(slot, layout.options)
     match slot.role:
         case Role.PADDING:
             return _declaration(name, type_)

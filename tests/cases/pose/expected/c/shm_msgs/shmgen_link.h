@@ -35,6 +35,11 @@ extern "C" {
 #endif
 #endif
 
+/* What copies a payload to its slot and from it. */
+#ifndef SHMGEN_COPY
+#define SHMGEN_COPY memcpy
+#endif
+
 /* From so many bytes on, memcpy may use stores that pass earlier ones even where stores keep their order. */
 #define SHMGEN_STREAMED 65536
 /* How often a sample overwritten while it was copied is given up for a newer one in one call. */

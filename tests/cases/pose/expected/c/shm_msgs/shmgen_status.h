@@ -45,6 +45,7 @@ typedef enum shmgen_status {
     SHMGEN_COUNT_EXCEEDED = 52,
     SHMGEN_TEXT_TOO_LONG = 53,
     SHMGEN_NO_SERVER = 54,
+    SHMGEN_CALL_OVER = 55,
     SHMGEN_NOTHING_NEW = 100,
     SHMGEN_OVERWRITTEN = 101,
     SHMGEN_OPENING = 102,
@@ -84,6 +85,7 @@ static inline const char *shmgen_status_text(shmgen_status status)
     case SHMGEN_COUNT_EXCEEDED: return "more elements than the bound";
     case SHMGEN_TEXT_TOO_LONG: return "a text that does not fit: longer than its capacity, or with a NUL inside";
     case SHMGEN_NO_SERVER: return "nobody serves; nothing was sent";
+    case SHMGEN_CALL_OVER: return "nobody waits for this answer any more";
     case SHMGEN_NOTHING_NEW: return "no sample that has not been read";
     case SHMGEN_OVERWRITTEN: return "the sample was overwritten while it was copied";
     case SHMGEN_OPENING: return "not open yet";

@@ -100,7 +100,7 @@ static inline shmgen_status shmgen_copy(
     whole = shmgen_is_whole(end, number, slot);
     if (whole) {
         memcpy(stamp, end->base + slot + offsetof(shmgen_slot, stamp_ns), sizeof *stamp);
-        memcpy(into, end->base + slot + SHMGEN_SLOT_HEADER, size);
+        SHMGEN_COPY(into, end->base + slot + SHMGEN_SLOT_HEADER, size);
         /* Again behind the copy: a writer says what it is about to overwrite before it does. */
         __atomic_thread_fence(__ATOMIC_ACQUIRE);
         whole = shmgen_is_whole(end, number, slot);

@@ -53,7 +53,9 @@ typedef struct SHMGEN_PACKED shm_demo_msgs_Everything {
     float f32; /* 40: float32 [m/s], a unit */
     uint8_t _pad3[4]; /* 44 */
     double f64; /* 48: float64 */
-    double angle; /* 56: float64 [rad], A comment above, */
+    double angle; /* 56: float64 [rad], A comment above,
+     * of two lines,
+     * and one beside. */
     char label[11]; /* 64: string<=10 */
     char short_[8]; /* 75: string<=7 */
     uint8_t _pad4[1]; /* 83 */

@@ -72,6 +72,8 @@ class Everything(runtime.Message):
         f32 (float32) [m/s]: a unit
         f64 (float64)
         angle (float64) [rad]: A comment above,
+            of two lines,
+            and one beside.
         label (string<=10)
         short (string<=7)
         wide (wstring<=5)

@@ -1,0 +1,77 @@
+"""A ROS 1 graph for demos: a master of its own, and `rostopic` to play the robot and look at the belt."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import time
+from contextlib import ExitStack
+from pathlib import Path
+
+REPOSITORY = Path(__file__).parents[1]
+PYTHON = REPOSITORY / ".venv" / "ros1" / "bin" / "python"
+SETTLE = 1.5  # s for a publisher to connect and the belt to follow
+FORGET = 3.0  # s after which the bridge, and then the PLC, takes a silent robot for gone
+
+
+class Ros:
+    """Processes of ROS 1 around a master of their own, found by `environment`; `robot` and `speed` are topics."""
+
+    def __init__(self, processes: ExitStack, robot: str, speed: str) -> None:
+        self._robot, self._speed = robot, speed
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            self.port = probe.getsockname()[1]
+        self._processes = processes
+        self.environment = {
+            **os.environ,
+            "ROS_MASTER_URI": f"http://127.0.0.1:{self.port}",
+            "ROS_IP": "127.0.0.1",
+            "PYTHONUNBUFFERED": "1",
+            "PYTHONWARNINGS": "ignore",
+            "PYTHONPATH": str(REPOSITORY / "src"),
+        }
+
+    def start(self, module: str, function: str, *arguments: str, shown: str = "") -> subprocess.Popen[str]:
+        """A command of ROS as the Python function it is, so that it runs in that Python; ends with the demo."""
+        if shown:
+            print(f"\n$ {shown}", flush=True)
+        name = shown.partition(" ")[0] or module
+        code = f"import sys, {module}; sys.argv[0] = {name!r}; {module}.{function}()"
+        command = [str(PYTHON), "-c", code, *arguments]
+        process = subprocess.Popen(
+            command, env=self.environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        )
+        self._processes.callback(process.wait)
+        self._processes.callback(process.terminate)
+        return process
+
+    def speed_with_robot_at(self, x: float) -> float:
+        """What the belt does once it has heard of a robot at `x` m, in m/s."""
+        values = f"{{point: {{x: {x}}}}}"
+        shown = f"rostopic pub -r 20 {self._robot} geometry_msgs/PointStamped '{values}'"
+        pub = self.start(
+            "rostopic",
+            "rostopicmain",
+            "pub",
+            "-r",
+            "20",
+            self._robot,
+            "geometry_msgs/PointStamped",
+            values,
+            shown=shown,
+        )
+        time.sleep(SETTLE)
+        speed = self.speed()
+        pub.terminate()
+        return speed
+
+    def speed(self) -> float:
+        """The next that is heard of, in m/s."""
+        echo = self.start(
+            "rostopic", "rostopicmain", "echo", "-n", "1", self._speed, shown=f"rostopic echo -n 1 {self._speed}"
+        )
+        text = echo.communicate(timeout=30)[0]
+        print(f"   {text.splitlines()[0]}", flush=True)
+        return float(text.split()[1])

@@ -1,0 +1,35 @@
+"""Shows how far the recipe has come, straight from the region, until its last step is over."""
+
+from __future__ import annotations
+
+import sys
+import time
+
+from shm_msgs.robot_msgs.msg import TaskReportSubscriber
+
+STEPS = 5
+
+
+def main(seconds: float = 90.0) -> int:
+    """0 once three tasks were done, one was refused, and one was ended half-way."""
+    deadline = time.monotonic() + seconds
+    step = 0
+    with TaskReportSubscriber("/robot/report") as reports:
+        while time.monotonic() < deadline:
+            report = reports.wait(timeout=1.0)
+            if report is None or report.entry == step:
+                continue
+            step = report.entry
+            print(f"   PLC: step {step}: {report.message}", flush=True)
+            if step == STEPS:
+                ends = report.done, report.refused, report.cancelled
+                print(
+                    "   PLC: {} tasks done, {} refused, {} cancelled,".format(*ends), f"{report.length:.1f} m of seam"
+                )
+                return 0 if ends == (3, 1, 1) and report.feedbacks > STEPS else 1
+    print(f"only {step} of {STEPS} steps in {seconds} s", file=sys.stderr)
+    return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,67 @@
+"""A ROS 1 node in C++ with a PLC behind it: built by CMake, looked at by `rostopic`.
+
+Needs Debian's roscpp and ROS 1 for Python (`make test-all`), and cmake. The master is one of its own, so no other graph
+is disturbed.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import time
+from contextlib import ExitStack
+from pathlib import Path
+
+HERE = Path(__file__).parent
+REPOSITORY = HERE.parents[1]
+sys.path.insert(0, str(HERE.parent))
+
+from graph import FORGET, PYTHON, Ros  # noqa: E402 they lie beside the examples
+from stage import Cell, cell  # noqa: E402
+
+
+def main() -> int:
+    """0 if the belt slowed down as the robot came nearer, and stopped when it fell silent."""
+    if not PYTHON.exists() or not Path("/usr/include/ros/ros.h").exists() or not shutil.which("cmake"):
+        sys.exit("there is no ROS 1 in C++ here: `make test-all` as root installs Debian's")
+    with cell(HERE) as made, ExitStack() as processes:
+        made.generate()
+        node = build(made)
+        print("\nThe PLC: PRG_Belt.st and what was generated, compiled and called every millisecond", flush=True)
+        made.start_plc("PRG_Belt")
+        ros = Ros(processes, "/shmgen_node/robot", "/shmgen_node/speed")
+        ros.start("rosmaster", "rosmaster_main", "--core", "-p", str(ros.port))
+        print("\n$ cell_node", flush=True)
+        environment = {**ros.environment, "ROSCONSOLE_STDOUT_LINE_BUFFERED": "1"}
+        process = subprocess.Popen(
+            [node], env=environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        )
+        processes.callback(process.wait)
+        processes.callback(process.kill)
+        assert process.stdout
+        print(f"   {process.stdout.readline().strip()}", flush=True)
+        speeds = [ros.speed_with_robot_at(x) for x in (3.0, 1.0, 0.25)]
+        time.sleep(FORGET)
+        print("\n   the robot says nothing more", flush=True)
+        speeds.append(ros.speed())
+    print(f"\n   the belt ran at {', '.join(f'{speed:g}' for speed in speeds)} m/s", flush=True)
+    return 0 if speeds == [1.2, 0.6, 0.15, 0.0] else 1
+
+
+def build(made: Cell) -> Path:
+    """The node."""
+    where = made.folder / "node"
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    package = f"-Dshmgen_DIR={REPOSITORY / 'src' / 'shmgen' / 'cmake'}"
+    print("\n$ cmake -S . -B node && cmake --build node", flush=True)
+    for command in (["cmake", "-S", HERE, "-B", where, package], ["cmake", "--build", where]):
+        done = subprocess.run(command, env={**os.environ, "PATH": path}, capture_output=True, text=True, check=False)
+        if done.returncode:
+            sys.exit(done.stdout + done.stderr)
+    return where / "cell_node"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

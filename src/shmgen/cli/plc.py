@@ -1,0 +1,78 @@
+"""Turns the command that imports data types of a PLC project into files of a message package."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import click
+
+from shmgen.cli import options
+from shmgen.diagnostics import Diagnostic, Rejected, Report, Span
+from shmgen.wording import counted
+
+
+@click.command("import")
+@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE|FOLDER...")
+@click.option("-p", "--package", help="Name of the message package.  [default: of the first file, with _msgs]")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("msgs"),
+    show_default=True,
+    help="Folder for the package.",
+)
+@click.option("--skip", is_flag=True, help="Leave out what cannot be a message, and write the rest.")
+def import_(files: tuple[Path, ...], package: str | None, output: Path, skip: bool) -> None:
+    """Message definitions from the data types of a PLC project: PLCopen XML, .TcDUT, .st.
+
+    Names, comments and bytes are kept: what is generated from them in Structured Text is what was imported. After an
+    error nothing is written.
+    """
+    from shmgen.plc import messages, sources
+
+    package = package or _package(files[0])
+    if not re.fullmatch(r"[a-z](_?[a-z0-9])+", package):
+        raise click.BadParameter(f"{package} is no package: small letters, digits and single _", param_hint="-p")
+    report = Report()
+    project = sources.read(files, report)
+    report.stop_if_any()
+    made = messages.messages(project, package, report)
+    if not made.rows:
+        hint = "export the data types (DUTs) too; function blocks and programs hold none"
+        report.error("SHM504", "no data types are in it", Span(str(files[0])), hint=hint)
+    if report.diagnostics and (not skip or not made.texts):
+        report.stop_if_any()
+    options.complain(replace(found, level="note") for found in report.diagnostics)
+    for path, text in made.texts.items():
+        _write(output / package / path, text)
+    width = max(len(row.declared.name) for row in made.rows)
+    for row in made.rows:
+        became = f"{package}/{row.message}, {counted(row.size, 'byte')}" if row.message else "left out"
+        click.echo(f"{row.declared.name:<{width}}  {became}")
+    usable = sum(bool(row.message) for row in made.rows)
+    click.echo(f"\n{usable} of {len(made.rows)} data types are messages in {(output / package).as_posix()}")
+    click.echo(
+        f'use them: path = ["{output.as_posix()}"] in shmgen.toml, and below [types] bool = "BOOL", as they have it'
+    )
+
+
+def _package(file: Path) -> str:
+    """`Plant V2.xml` -> `plant_v2_msgs`."""
+    stem = re.sub(r"[^a-z0-9]+", "_", file.stem.lower()).strip("_")
+    stem = stem if stem[:1].isalpha() else f"plc_{stem}".rstrip("_")
+    return stem if stem.endswith("_msgs") else f"{stem}_msgs"
+
+
+def _write(file: Path, text: str) -> None:
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(text.encode())
+    except OSError as error:
+        reason = f"cannot write: {error.strerror}"
+        raise Rejected([Diagnostic("SHM007", reason, Span(str(file)), hint="choose another folder with -o")]) from error
+
+
+COMMANDS = (import_,)

@@ -1,0 +1,53 @@
+"""Turns services and actions into C++ headers with their client and server, thin over shmgen_calls.hpp."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+from shmgen.model import Layouts, Output, TypeName
+from shmgen.targets import interfaces
+from shmgen.targets.c.text import in_comment
+from shmgen.targets.cpp.names import class_name, header, namespace
+
+_SERVICE = ("Request", "Response", "Reply"), ("Client", "Server")
+_ACTION = ("Goal", "Feedback", "Result", "Command", "Progress", "Outcome"), ("ActionClient", "ActionServer")
+
+
+class Calls(NamedTuple):
+    """`parts` are messages whose names begin with `name`, `kinds` what the header gives."""
+
+    title: str
+    origin: str
+    guard: str
+    includes: tuple[str, ...]
+    open: tuple[str, ...]
+    name: str
+    parts: tuple[str, ...]
+    kinds: tuple[str, ...]
+
+
+def plan(layouts: Layouts, package: str) -> Iterator[Output]:
+    """`cpp/<package>/std_srvs/srv/set_bool_service.hpp`: no message's file ends so."""
+    for service in interfaces.services(layouts):
+        yield _output(service, "service", *_SERVICE, layouts, package)
+    for action in interfaces.actions(layouts):
+        yield _output(action, "action", *_ACTION, layouts, package)
+
+
+def _output(
+    name: TypeName, word: str, parts: Sequence[str], kinds: Sequence[str], layouts: Layouts, package: str
+) -> Output:
+    path = header(name, package).removesuffix(".hpp") + f"_{word}.hpp"
+    messages = [name.part(f"_{part}") for part in parts]
+    view = Calls(
+        title=str(name),
+        origin=in_comment(layouts[messages[-1]].message.origin),
+        guard=path.upper().replace("/", "_").replace(".", "_"),
+        includes=(f"{package}/shmgen_calls.hpp", *sorted(header(part, package) for part in messages)),
+        open=tuple(namespace(name, package).split("::")),
+        name=class_name(name),
+        parts=tuple(parts),
+        kinds=tuple(kinds),
+    )
+    return Output(f"cpp/{path}", "cpp/calls.hpp.j2", view)

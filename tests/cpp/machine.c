@@ -1,0 +1,80 @@
+/* C on another machine: `self TOPIC` writes and reads by itself, `echo TOPIC COUNT` sends back what it hears on TOPIC/in,
+ * `sequence TOPIC COUNT` the same without a lock. Says how it ended.
+ */
+#include "ends.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+
+static int said(const char *what, shmgen_status status)
+{
+    printf("%s: %d %s\n", what, (int)status, shmgen_status_text(status));
+    return 1;
+}
+
+static int self(const char *topic)
+{
+    c_end writer, reader;
+    shm_demo_msgs_Demo found;
+    shmgen_options options = {0};
+    shmgen_status status;
+    options.depth = 4;
+    if ((status = c_open(&writer, topic, 1, &options, 1)) != SHMGEN_OK)
+        return said("publisher", status);
+    if ((status = c_open(&reader, topic, 0, &options, 1)) != SHMGEN_OK)
+        return said("subscriber", status);
+    for (uint32_t a = 1; a <= 100; a++) {
+        if ((status = c_publish(&writer, a, 1)) != SHMGEN_OK)
+            return said("publish", status);
+        if ((status = c_read(&reader, a % 2 ? "read" : "next", 0, &found)) != SHMGEN_OK)
+            return said("read", status);
+        if (found.a != a || found.b != 2 * a || found.inner.v < 1.25 || found.tail[1] != -(int32_t)a)
+            return said("values", SHMGEN_OK);
+    }
+    if (!shmgen_enter(&reader.subscriber.end.end, 0))
+        return said("enter", SHMGEN_LOCK_TIMEOUT);
+    status = c_publish(&writer, 101, 0); /* while somebody is inside */
+    shmgen_leave(&reader.subscriber.end.end);
+    printf("100 samples; with the lock held: %d\n", (int)status);
+    c_close(&writer);
+    c_close(&reader);
+    return 0;
+}
+
+static int echo(const char *topic, int count, uint32_t sequence)
+{
+    shmgen_type type = shm_demo_msgs_Demo_type();
+    shmgen_publisher out;
+    shmgen_subscriber in;
+    shm_demo_msgs_Demo found;
+    shmgen_status status;
+    char name[100];
+    type.sequence = sequence;
+    snprintf(name, sizeof name, "%s/in", topic);
+    if ((status = shmgen_subscriber_open(&in, name, &type, NULL)) != SHMGEN_OK)
+        return said("subscriber", status);
+    if ((status = shmgen_publisher_open(&out, topic, &type, NULL)) != SHMGEN_OK)
+        return said("publisher", status);
+    printf("ready\n");
+    fflush(stdout);
+    while (count-- > 0) {
+        status = shmgen_subscriber_wait(
+            &in, &found, sizeof found, INT64_C(20000000000), shmgen_receive_shm_demo_msgs_Demo);
+        if (status != SHMGEN_OK)
+            return said("wait", status);
+        found.a++;
+        if ((status = shmgen_publisher_write(&out, &found, sizeof found, out.end.limit)) != SHMGEN_OK)
+            return said("publish", status);
+    }
+    printf("%u missed\n", (unsigned)in.missed);
+    shmgen_publisher_close(&out);
+    shmgen_subscriber_close(&in);
+    return 0;
+}
+
+int main(int count, char **words)
+{
+    if (count == 3)
+        return self(words[2]);
+    return count == 4 ? echo(words[2], atoi(words[3]), words[1][0] == 's') : 1;
+}

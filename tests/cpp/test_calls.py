@@ -1,0 +1,195 @@
+"""Services and actions with C++ at one end, and C++, Python or a PLC at the other: the same endings everywhere."""
+
+from __future__ import annotations
+
+import fcntl
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from shmgen.model import TypeName
+from shmgen.runtime import CallFailed, CallTimeout
+
+from ..conftest import REPOSITORY
+from ..support import cpp_peer
+from ..support.build import module
+from ..support.cpp_peer import Peer
+from ..support.plc_calls import DEFINITIONS, PACKAGE, Calls
+
+FAILED, TIMEOUT, NO_SERVER, NOTHING = 51, 50, 54, 100
+SUCCEEDED, CANCELED, REJECTED = 4, 5, -1
+
+
+@pytest.fixture(scope="session")
+def program(generated: Path) -> Path:
+    folder = generated / "calls"
+    folder.mkdir(exist_ok=True)
+    with (folder / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (folder / "cpp").exists():
+            cpp_peer.generate(folder, DEFINITIONS, package=PACKAGE)
+    return cpp_peer.compiled(folder, "calls", cpp_peer.HERE / "calls.cpp")
+
+
+@pytest.fixture
+def srv(compiled_calls: Calls) -> ModuleType:
+    return module(compiled_calls.folder, PACKAGE, TypeName("calls_msgs", "srv", "Ask"))
+
+
+@pytest.fixture
+def action(compiled_calls: Calls) -> ModuleType:
+    return module(compiled_calls.folder, PACKAGE, TypeName("calls_msgs", "action", "Count"))
+
+
+@pytest.fixture
+def serve(
+    peer: Callable[..., Peer], compiled_calls: Calls, srv: ModuleType, action: ModuleType, topic: str
+) -> Iterator[Callable[[str, str], Any]]:
+    """Starts what serves Ask, or Count, in a language; ends with the test."""
+    with ExitStack() as ended:
+
+        def start(language: str, what: str) -> Any:
+            if language == "cpp":
+                process = peer()
+                process.tell(f"{'serve' if what == 'Ask' else 'act'} {topic} 20000")
+                assert process.hear() == "0"
+                ended.callback(process.kill)
+                return process
+            if language == "plc":
+                program, key = {"Ask": ("PRG_Answer", "sService"), "Count": ("PRG_Count", "sAction")}[what]
+                library = compiled_calls.folder / "plc" / "plc.so"
+                command = [sys.executable, "-m", "tests.softplc.task", library, program, "--set", f'{key}="{topic}"']
+                plc = ended.enter_context(subprocess.Popen(command, cwd=REPOSITORY, stdout=subprocess.PIPE, text=True))
+                ended.callback(plc.kill)
+                assert plc.stdout
+                assert plc.stdout.readline() == "running\n"
+                return plc
+            over = threading.Event()
+            server = srv.AskServer(topic) if what == "Ask" else action.CountActionServer(topic)
+
+            def run() -> None:
+                with server:
+                    while not over.is_set():
+                        server.serve(answer if what == "Ask" else count, timeout=0.02)
+
+            def answer(request: Any) -> Any:
+                time.sleep(request.cycles / 1000)
+                if request.fail:
+                    raise ValueError("told to")
+                return srv.Ask_Response(answer=3 * request.question + 1, copies=[3 * request.question + 1] * 16)
+
+            def count(goal: Any) -> None:
+                reached = 0
+                if not goal.request.stride:
+                    goal.reject()
+                    return
+                while reached < goal.request.target:
+                    if goal.is_cancel_requested:
+                        goal.canceled(action.Count_Result(reached=reached))
+                        return
+                    reached += goal.request.stride
+                    goal.publish_feedback(action.Count_Feedback(position=reached))
+                    time.sleep(0.001)
+                goal.succeed(action.Count_Result(reached=reached))
+
+            thread = threading.Thread(target=run)
+            thread.start()
+            ended.callback(thread.join)
+            ended.callback(over.set)
+            return server
+
+        yield start
+
+
+@pytest.mark.parametrize("language", ["cpp", "python", "plc"])
+def test_cpp_calls(language: str, serve: Callable[[str, str], Any], peer: Callable[..., Peer], topic: str) -> None:
+    client = peer()
+    assert client.ask(f"client {topic}") == "0"
+    assert client.ask("ask 1 0 0 30") == str(NO_SERVER)
+    serve(language, "Ask")
+    assert client.ask("ready 20000") == "1"
+    for question in range(50):
+        assert client.ask(f"ask {question} 0 0 20000") == f"0 {3 * question + 1}"
+    assert client.ask("ask 1 0 1 20000") == str(FAILED)
+    assert client.ask("ask 2 300 0 20") == str(TIMEOUT)
+    assert client.ask("ask 3 0 0 20000") == "0 10", "its own reply, not that of the call before"
+    assert client.ask("send 4 0") == "0"
+    while (said := client.ask("poll")) == str(NOTHING):
+        pass
+    assert said == "0 13"
+    assert client.ask("poll") == str(NOTHING)
+
+
+def test_cpp_serves_python_and_takes_no_old_call(serve: Callable[[str, str], Any], srv: ModuleType, topic: str) -> None:
+    with srv.AskClient(topic) as client:
+        client.send(srv.Ask_Request(question=99))
+        process = serve("cpp", "Ask")
+        assert client.wait_for_server(20)
+        assert [client.call(srv.Ask_Request(question=n), timeout=20).answer for n in range(50)] == [
+            3 * n + 1 for n in range(50)
+        ]
+        with pytest.raises(CallFailed):
+            client.call(srv.Ask_Request(question=1, fail=True), timeout=20)
+        with pytest.raises(CallTimeout):
+            client.call(srv.Ask_Request(question=2, cycles=300), timeout=0.02)
+        assert client.call(srv.Ask_Request(question=3), timeout=20).answer == 10
+        process.kill()
+        assert not client.server_is_ready()
+        serve("cpp", "Ask")
+        assert client.call(srv.Ask_Request(question=4), timeout=20).answer == 13
+
+
+def test_cpp_serves_a_plc(serve: Callable[[str, str], Any], compiled_calls: Calls, topic: str) -> None:
+    serve("cpp", "Ask")
+    program = compiled_calls.plc.block("PRG_Ask")
+    program.sService = topic
+    for _ in range(200):
+        program.run(0.001, 100)
+        if program.udiRight > 50:
+            break
+    assert (program.udiRight > 50, program.udiWrong, program.udiOther) == (True, 0, 0)
+
+
+@pytest.mark.parametrize("language", ["cpp", "python", "plc"])
+def test_cpp_sends_goals(
+    language: str, serve: Callable[[str, str], Any], peer: Callable[..., Peer], topic: str
+) -> None:
+    client = peer()
+    assert client.ask(f"goals {topic}") == "0"
+    assert client.ask("goal 5 1 30") == str(NO_SERVER)
+    serve(language, "Count")
+    assert client.ask("goal 50 1 20000") == "0"
+    seen = []
+    while not (said := client.ask("progress").split())[1:] or len(seen) < 3:
+        seen += said[1:]
+    assert sorted(set(seen), key=int) == seen
+    assert client.ask("result 20000") == f"0 {SUCCEEDED} 50"
+    assert client.ask("goal 1000000000 1 20000") == "0"
+    assert client.ask("result 20") == str(TIMEOUT)
+    assert client.ask("cancel") == "0"
+    assert client.ask("result 20000").split()[:2] == ["0", str(CANCELED)]
+    assert client.ask("goal 1 0 20000") == "0"
+    assert client.ask("result 20000").split()[:2] == ["0", str(REJECTED)]
+
+
+def test_cpp_serves_goals_of_python(serve: Callable[[str, str], Any], action: ModuleType, topic: str) -> None:
+    serve("cpp", "Count")
+    with action.CountActionClient(topic) as client:
+        client.send_goal(action.Count_Goal(target=20), timeout=20)
+        assert client.result(timeout=20).result.reached == 20
+        client.send_goal(action.Count_Goal(target=10**9), timeout=20)
+        while not client.feedback():
+            time.sleep(0.001)
+        client.cancel()
+        assert client.result(timeout=20).status == CANCELED
+        client.send_goal(action.Count_Goal(target=10**9), timeout=20)
+        client.send_goal(action.Count_Goal(target=3), timeout=20)
+        assert client.result(timeout=20).status == SUCCEEDED, "the newer one"

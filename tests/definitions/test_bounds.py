@@ -1,0 +1,68 @@
+"""Which of the user's words bounds a field, and what he is told where none does."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from shmgen import bounds
+from shmgen.bounds import Bound, Bounds
+from shmgen.diagnostics import Rejected, Report, Span
+from shmgen.model import Field, Message, Scalar, Schema, Sequence, String, TypeName
+
+HERE = Span("shmgen.toml")
+NAME = TypeName("demo_msgs", "msg", "Foo")
+
+
+def schema(*fields: Field, origin: str = "msgs") -> Schema:
+    return Schema((Message(NAME, fields, (), Span("Foo.msg"), origin, ""),), frozenset({NAME}))
+
+
+def many(written: str = "int8[]") -> Field:
+    return Field("many", Sequence(Scalar.INT8), written, Span("Foo.msg", 1))
+
+
+def applied(said: Schema, sequences: dict[str, int], strings: dict[str, int] | None = None) -> Field:
+    tables = [{key: Bound(value, HERE) for key, value in table.items()} for table in (strings or {}, sequences)]
+    (message,) = bounds.apply(said, Bounds(*tables), Report()).messages
+    return message.fields[0]
+
+
+@pytest.mark.parametrize(
+    ("keys", "capacity"),
+    [
+        ({"demo_msgs": 1}, 1),
+        ({"demo_msgs/Foo": 2}, 2),
+        ({"demo_msgs/Foo.many": 3}, 3),
+        ({"demo_msgs": 1, "demo_msgs/Foo": 2}, 2),
+        ({"demo_msgs": 1, "demo_msgs/Foo": 2, "demo_msgs/Foo.many": 3}, 3),
+    ],
+)
+def test_the_most_specific_wins(keys: dict[str, int], capacity: int) -> None:
+    field = applied(schema(many()), keys)
+    assert field.type == Sequence(Scalar.INT8, capacity)
+    assert field.sent == Sequence(Scalar.INT8), "what ROS sends has no bound"
+    texts = Field("many", String(), "string", Span("Foo.msg", 1))
+    assert applied(schema(texts), {}, keys).type == String(capacity)
+
+
+def test_a_bound_that_changes_nothing_leaves_the_field_as_it_is() -> None:
+    field = Field("many", Sequence(Scalar.INT8, 4), "int8[<=4]", Span("Foo.msg", 1))
+    assert applied(schema(field), {"demo_msgs": 9}) is field
+
+
+@pytest.mark.parametrize(
+    ("written", "origin", "hint"),
+    [
+        ("int8[]", "msgs", "write `int8[<=N] many`, or set"),
+        ("sequence<int8>", "msgs", "write `sequence<int8, N> many`, or set"),
+        ("numbers", "msgs", "set"),
+        ("int8[]", "built-in jazzy", "set"),
+        ("int8[]", "/opt/ros of ROS 2", "set"),
+    ],
+)
+def test_what_to_write(written: str, origin: str, hint: str, tmp_path: Path) -> None:
+    with pytest.raises(Rejected) as rejected:
+        applied(schema(many(written), origin=origin), {})
+    assert rejected.value.diagnostics[0].hint.startswith(f'{hint} "demo_msgs/Foo.many" = N under [bounds]')

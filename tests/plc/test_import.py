@@ -1,0 +1,237 @@
+"""Data types of a PLC project become messages, and what is generated from those is what the project had."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from shmgen.diagnostics import Report
+from shmgen.plc import declarations, sources
+from tests.softplc import compile_st
+
+from ..support.build import classes
+from ..support.command import run
+from ..support.plc_demo import ready
+
+TYPES = """\
+(* What the press is doing *)
+TYPE E_State :
+(
+    eIdle := 0,   // nothing
+    eMoving,      (* on its way *)
+    eFault := 16#10
+) UINT := eIdle;
+END_TYPE
+
+// One axis.
+TYPE ST_Axis :
+STRUCT
+    rPos      : LREAL;              // actual position [mm]
+    rSpeeds   : ARRAY[1..3] OF REAL;
+    bEnabled  : BOOL := TRUE;
+    sName     : STRING(20) := 'axis';
+    eState    : E_State;
+    tTimeout  : TIME;
+    wStatus   : WORD;               // bit 0 ready
+    aiGrid    : ARRAY[-1..1, 0..1] OF INT;
+END_STRUCT
+END_TYPE
+
+TYPE ST_Plant :
+STRUCT
+    // all of them,
+    // in order
+    Axes       : ARRAY[1..4] OF ST_Axis;
+    x1         : SINT;
+    sText      : STRING;
+    wsText     : WSTRING(5);
+    ltNow      : LTIME;
+    asNames    : ARRAY[0..1] OF STRING(7);
+    udiCount, udiLast : UDINT;
+END_STRUCT
+END_TYPE
+"""
+TOML = """\
+path = ["msgs"]
+messages = ["plant_msgs"]
+[types]
+bool = "BOOL"
+[[topics]]
+topic = "/plant"
+type = "plant_msgs/Plant"
+direction = "from_plc"
+"""
+STRICT = "{attribute 'qualified_only'}\n{attribute 'strict'}\nTYPE E_"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A project, imported and generated from."""
+    folder = tmp_path_factory.mktemp("plant")
+    (folder / "Plant.st").write_text(TYPES)
+    (folder / "shmgen.toml").write_text(TOML)
+    said = run(["import", "Plant.st"], folder)
+    assert (said.code, said.stderr) == (0, "")
+    assert said.stdout.splitlines()[:5] == [
+        "E_State   plant_msgs/State, 2 bytes",
+        "ST_Axis   plant_msgs/Axis, 64 bytes",
+        "ST_Plant  plant_msgs/Plant, 384 bytes",
+        "",
+        "3 of 3 data types are messages in msgs/plant_msgs",
+    ]
+    said = run(["generate", "-q"], folder)
+    assert (said.code, said.stderr) == (0, "")
+    return folder
+
+
+def declared(text: str) -> dict[str, object]:
+    """Names, types and numbers of each type; the padding that shmgen makes visible is none of the project's."""
+    types, _ = declarations.read(text, "")
+    return {
+        it.name: (it.kind, it.base, [(m.name, m.type) for m in it.members if not m.name.startswith("_pad")])
+        for it in types
+    }
+
+
+def test_messages_keep_comments_units_and_names(folder: Path) -> None:
+    assert (folder / "msgs/plant_msgs/msg/State.msg").read_text() == (
+        "# What the press is doing\\n# (PLC: E_State : UINT)\\n\\n"
+        "uint16 E_IDLE=0  # nothing (PLC: eIdle)\\nuint16 E_MOVING=1  # on its way (PLC: eMoving)\\n"
+        "uint16 E_FAULT=16  # (PLC: eFault)\\nuint16 value\\n"
+    ).replace("\\n", "\n")
+    axis = (folder / "msgs/plant_msgs/msg/Axis.msg").read_text()
+    assert "float64 r_pos  # actual position [mm] (PLC: rPos)\n" in axis
+    assert "int16[6] ai_grid  # (PLC: aiGrid : ARRAY[-1..1, 0..1] OF INT)\n" in axis
+    assert '\nstring<=20 s_name "axis"  # (PLC: sName)\n' in axis
+    plant = (folder / "msgs/plant_msgs/msg/Plant.msg").read_text()
+    assert "# all of them,\n# in order\nAxis[4] axes  # (PLC: Axes : ARRAY[1..4] OF ST_Axis)\n" in plant
+    assert "int8 x1\nstring<=80 s_text  # (PLC: sText)\n" in plant
+
+
+def test_what_is_generated_has_the_names_and_the_bytes_of_the_project(folder: Path) -> None:
+    """The bytes as the soft PLC lays both out: the project's types by natural alignment, ours packed."""
+    files = {
+        path.relative_to(folder / "generated").as_posix(): path for path in (folder / "generated/st").rglob("*.st")
+    }
+    texts = {name: path.read_text() for name, path in files.items()}
+    ours = "".join(text for name, text in texts.items() if re.search(r"/(ST|E)_(?!Shm)\w+\.st", name))
+    given = TYPES.replace("STRING;", "STRING(80);")
+    expected, found = declared(given), declared(ours)
+    assert found == {name: (kind, base.partition(" ")[0], members) for name, (kind, base, members) in expected.items()}
+    assert "Msg           : ST_Plant;" in texts["st/plant_msgs/FB_plant_msgs_Plant_Publisher.st"]
+    program = (
+        "FUNCTION_BLOCK FB_Sizes\nVAR_OUTPUT\n    n1, n2, n3 : UDINT;\nEND_VAR\n"
+        "VAR\n    a : ST_Axis;\n    p : ST_Plant;\nEND_VAR\n"
+        "n1 := SIZEOF(a); n2 := SIZEOF(p); n3 := SIZEOF(a.eState);\nEND_FUNCTION_BLOCK\n"
+    )
+    sizes = []
+    for text in (given, ours):
+        text = re.sub(r"\nTYPE E_", "\n" + STRICT, "\n" + re.sub(r"eMoving,", "eMoving := 1,", text))
+        block = compile_st({"types.st": text, "sizes.st": program}).block("FB_Sizes")
+        block()
+        sizes.append((block.n1, block.n2, block.n3))
+    assert sizes == [(64, 384, 2)] * 2
+
+
+def test_the_plc_is_read_by_python_under_its_own_names(folder: Path, topic: str) -> None:
+    from shmgen.model import TypeName
+
+    _, _, subscriber = classes(folder / "generated", "shm_msgs", TypeName("plant_msgs", "msg", "Plant"))
+    texts = {}
+    for path in (folder / "generated/st").rglob("*.st"):
+        text = path.read_text()
+        texts[path.name] = re.sub(r"\nTYPE E_State", "\n" + STRICT + "State", text)
+    plc = compile_st(texts)
+    with subscriber(topic) as robot:
+        block = plc.block("FB_plant_msgs_Plant_Publisher")
+        block.Msg.Axes[1].rSpeeds[2], block.Msg.Axes[4].wStatus = 2.5, 7
+        block.Msg.Axes[1].sName, block.Msg.udiLast = "first", 9
+        block.xEnable, block.sTopic = True, topic
+        assert ready(block).xSent
+        read = robot.read()
+        assert (read.axes[0].r_speeds[1], read.axes[0].s_name) == (2.5, "first")
+        assert (read.axes[3].w_status, read.axes[3].s_name, read.udi_last) == (7, "axis", 9)
+
+
+def test_with_the_names_of_ros(folder: Path) -> None:
+    (folder / "ros.toml").write_text(TOML.replace("[types]\n", '[types]\nnames = "ros"\n'))
+    assert run(["generate", "-q", "-c", "ros.toml", "-o", "ros"], folder).code == 0
+    text = (folder / "ros/st/plant_msgs/ST_plant_msgs_Axis.st").read_text()
+    assert re.search(r"\n    r_speeds  +: ARRAY\[0\.\.2\] OF REAL;", text)
+    assert "(PLC:" not in text
+
+
+XML = """\
+<project xmlns="http://www.plcopen.org/xml/tc6_0200"><types><dataTypes>
+  <dataType name="E_Mode"><baseType><enum><values><value name="OFF" /><value name="ON" value="5" /></values></enum>
+  </baseType>
+  </dataType>
+  <dataType name="ST_Part"><baseType><struct>
+    <variable name="aValues"><type><array><dimension lower="0" upper="MAX" /><baseType><REAL /></baseType></array>
+      </type>
+      <documentation><xhtml xmlns="http://www.w3.org/1999/xhtml"> of the part </xhtml></documentation></variable>
+    <variable name="eMode"><type><derived name="E_Mode" /></type></variable>
+    <variable name="sText"><type><string length="9" /></type></variable>
+  </struct></baseType></dataType>
+  <dataType name="T_Alias"><baseType><derived name="ST_Part" /></baseType></dataType>
+  <dataType name="ST_Text"><baseType><struct /></baseType><addData>
+    <data name="http://www.3s-software.com/plcopenxml/interfaceasplaintext"><InterfaceAsPlainText>
+      <xhtml xmlns="http://www.w3.org/1999/xhtml">TYPE ST_Text :
+STRUCT
+  nOne : INT; // of the text
+END_STRUCT
+END_TYPE</xhtml></InterfaceAsPlainText></data></addData></dataType>
+</dataTypes></types><addData><data name="globalvars"><globalVars name="GVL" constant="true">
+  <variable name="MAX"><type><INT /></type><initialValue><simpleValue value="3" /></initialValue></variable>
+</globalVars></data></addData></project>
+"""
+TCDUT = """\
+<?xml version="1.0" encoding="utf-8"?>
+<TcPlcObject Version="1.1.0.1"><DUT Name="ST_Valve" Id="{1}"><Declaration><![CDATA[TYPE ST_Valve EXTENDS ST_Text :
+STRUCT
+    bOpen : BOOL; // it is
+END_STRUCT
+END_TYPE
+]]></Declaration></DUT></TcPlcObject>
+"""
+
+
+def test_exports_of_codesys_and_twincat(tmp_path: Path) -> None:
+    (tmp_path / "plc").mkdir()
+    (tmp_path / "plc" / "Cell 7.xml").write_text(XML)
+    (tmp_path / "plc" / "ST_Valve.TcDUT").write_bytes(b"\xef\xbb\xbf" + TCDUT.replace("\n", "\r\n").encode())
+    said = run(["import", "plc", "-p", "cell_msgs"], tmp_path)
+    assert (said.code, said.stderr) == (0, "")
+    messages = {path.stem: path.read_text() for path in (tmp_path / "msgs/cell_msgs/msg").iterdir()}
+    assert messages["Part"].splitlines()[2:] == [
+        "float32[4] a_values  # of the part (PLC: aValues)",
+        "Mode e_mode  # (PLC: eMode : E_Mode)",
+        "string<=9 s_text  # (PLC: sText)",
+    ]
+    assert "int16 OFF=0\nint16 ON=5\nint16 value\n" in messages["Mode"]
+    assert "Part value  # (PLC: value : ST_Part)" in messages["Alias"]
+    assert messages["Valve"].splitlines()[2:] == [
+        "int16 n_one  # of the text (PLC: nOne)",
+        "bool b_open  # it is (PLC: bOpen)",
+    ]
+    (tmp_path / "shmgen.toml").write_text('path = ["msgs"]\nmessages = ["cell_msgs"]\n')
+    said = run(["generate", "-q"], tmp_path)
+    assert (said.code, said.stderr) == (0, "")
+    alias = (tmp_path / "generated/st/cell_msgs/T_Alias.st").read_text()
+    assert alias.endswith("TYPE T_Alias :\n    ST_Part;\nEND_TYPE\n")
+    xml = (tmp_path / "generated/plcopen/shmgen.xml").read_text()
+    assert '<dataType name="E_Mode">' in xml
+    again = sources.read([tmp_path / "generated/plcopen/shmgen.xml"], Report())
+    assert {"E_Mode", "ST_Part", "T_Alias", "ST_Text", "ST_Valve"} <= {it.name for it in again.types}
+
+
+def test_what_ros_cannot_hold_is_left_out_if_asked(tmp_path: Path) -> None:
+    (tmp_path / "a.st").write_text("TYPE ST_A : STRUCT p : POINTER TO INT; END_STRUCT END_TYPE\n" + TYPES)
+    assert run(["import", "a.st"], tmp_path).code == 1
+    assert not (tmp_path / "msgs").exists()
+    said = run(["import", "a.st", "--skip"], tmp_path)
+    assert said.code == 0
+    assert "a.st:1:20: note[SHM601]: ROS has nothing for POINTER TO INT" in said.stderr
+    assert "3 of 4 data types are messages" in said.stdout

@@ -1,0 +1,199 @@
+"""Turns a mutant and tests into killed, hung or lives, in a copy of the checkout that a process of its own works in.
+
+That process has loaded what others wrote and nothing of ours, and forks for each mutant: a second less for each.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import pytest
+
+from tests.conftest import REPOSITORY, SHARED
+from tests.support.mutations import Mutant
+
+CODE = Path("src") / "shmgen"
+_LOG = ".mutant.log"
+_LINES = ".mutant.lines"
+_CACHE = ".mutant.cache"
+"""Begun anew for each, which might have kept something wrong."""
+_OTHERS = ("hypothesis", "numpy", "rosbags.serde", "rosbags.typesys.store", "ruamel.yaml", "jinja2", "click")
+
+
+class Worker:
+    """The copy, seen from without."""
+
+    def __init__(self, folder: Path) -> None:
+        self.copy = folder / "shmgen"
+        command = ["git", "ls-files", "-co", "--exclude-standard", "-z"]
+        names = subprocess.run(command, cwd=REPOSITORY, check=True, capture_output=True, text=True).stdout
+        for name in filter(None, names.split("\0")):
+            (self.copy / name).parent.mkdir(parents=True, exist_ok=True)
+            with suppress(FileNotFoundError):  # removed, and not yet committed
+                shutil.copy2(REPOSITORY / name, self.copy / name, follow_symlinks=False)
+        (self.copy / ".venv").symlink_to(Path(sys.prefix))
+        (folder / "shared").symlink_to(SHARED)
+        self._time = int(time.time())
+        environment = os.environ | {"PYTHONPATH": str(self.copy / "src"), "XDG_CACHE_HOME": str(self.copy / _CACHE)}
+        environment.pop("PYTHONDONTWRITEBYTECODE", None)
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "tests.support.mutation_worker"],
+            cwd=self.copy,
+            env=environment,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+
+    def try_(self, mutant: Mutant, tests: list[str], limit: float) -> str:
+        """`limit` is in seconds."""
+        path = self.copy / CODE / mutant.file
+        text = path.read_bytes()
+        path.write_bytes(mutant.apply(text))
+        self._age(path)
+        try:
+            return self._ask(tests, limit, ())[0]
+        finally:
+            path.write_bytes(text)
+            self._age(path)
+
+    def learn(self, tests: list[str], files: list[str]) -> tuple[float, dict[str, Any]]:
+        """Seconds, and for each test its own and its lines of these files. Raises SystemExit where one fails."""
+        (self.copy / _LINES).unlink(missing_ok=True)
+        how, seconds = self._ask(tests, 900, tuple(files))
+        if how != "lives":
+            raise SystemExit(f"{how} without a mutant: {tests}\n{(self.copy / _LOG).read_text()[-2000:]}")
+        return seconds, json.loads((self.copy / _LINES).read_text())
+
+    def close(self) -> None:
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._process.stdin.close()
+        self._process.wait()
+        self._process.stdout.close()
+
+    def _ask(self, tests: list[str], limit: float, files: tuple[str, ...]) -> tuple[str, float]:
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._process.stdin.write(json.dumps([tests, limit, files]) + "\n")
+        self._process.stdin.flush()
+        how, seconds = json.loads(self._process.stdout.readline())
+        return how, seconds
+
+    def _age(self, path: Path) -> None:
+        """Bytecode goes by the second of the source, and by its size."""
+        self._time += 2
+        os.utime(path, (self._time, self._time))
+
+
+# --- seen from within ----------------------------------------------------------------------------------------
+
+
+def main() -> None:
+    """Answers each line of stdin."""
+    for module in _OTHERS:
+        with suppress(ImportError):
+            __import__(module)
+    for line in sys.stdin:
+        tests, limit, files = json.loads(line)
+        begin = time.monotonic()
+        shutil.rmtree(_CACHE, ignore_errors=True)
+        pid = os.fork()
+        if pid == 0:
+            os.setsid()
+            _run(tests, files)
+        code = _await(pid, limit)
+        how = "hung" if code is None else "killed" if code else "lives"
+        print(json.dumps([how, time.monotonic() - begin]), flush=True)
+
+
+def _run(tests: list[str], files: list[str]) -> None:
+    null = os.open(os.devnull, os.O_RDWR)
+    log = os.open(_LOG, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+    for file, into in enumerate((null, log, log)):
+        os.dup2(into, file)
+    for name in [name for name in sys.modules if name.partition(".")[0] in ("shmgen", "tests")]:
+        del sys.modules[name]
+    sys.argv[0], sys.modules["__main__"].__package__ = "pytest", None
+    lines = Lines([str(Path.cwd() / CODE / file) for file in files])
+    early = ["-W", "ignore:Module already imported:pytest.PytestAssertRewriteWarning", "-p", "no:cacheprovider"]
+    code = 3
+    try:
+        code = int(pytest.main(["-x", "-q", "--no-header", *early, *tests], plugins=[lines] if files else []))
+        if files:
+            Path(_LINES).write_text(json.dumps(lines.found))
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        sys.stdout.flush()
+        os._exit(code)
+
+
+def _await(pid: int, limit: float) -> int | None:
+    """The exit code, or None after so many seconds; its children end with it."""
+    end = time.monotonic() + limit
+    try:
+        while time.monotonic() < end:
+            done, status = os.waitpid(pid, os.WNOHANG)
+            if done:
+                return os.waitstatus_to_exitcode(status)
+            time.sleep(0.01)
+        os.kill(pid, signal.SIGKILL)
+        os.waitpid(pid, 0)
+        return None
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(pid, signal.SIGKILL)
+
+
+class Lines:
+    """A plugin of pytest that notes which lines of some files each test runs in this process."""
+
+    def __init__(self, files: list[str]) -> None:
+        self.found: dict[str, dict[str, Any]] = {}
+        self._names = {file: str(Path(file).relative_to(Path.cwd() / CODE)) for file in files}
+        self._now: set[tuple[str, int]] = set()
+
+    @pytest.hookimpl(hookwrapper=True)
+    def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
+        self._now = set()
+        begin = time.monotonic()
+        threading.settrace(self._call)
+        sys.settrace(self._call)
+        yield
+        sys.settrace(None)
+        threading.settrace(None)  # type: ignore[arg-type]
+        lines: dict[str, list[int]] = {}
+        for file, line in sorted(self._now):
+            lines.setdefault(file, []).append(line)
+        self.found[item.nodeid] = {"seconds": time.monotonic() - begin, "lines": lines}
+
+    def _call(self, frame: FrameType, event: str, argument: Any) -> Callable[..., Any] | None:
+        name = self._names.get(frame.f_code.co_filename)
+        if name is None:
+            return None
+        now = self._now
+        now.add((name, frame.f_lineno))
+
+        def line(frame: FrameType, event: str, argument: Any) -> Any:
+            now.add((name, frame.f_lineno))
+            return line
+
+        return line
+
+
+if __name__ == "__main__":
+    main()

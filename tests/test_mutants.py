@@ -1,0 +1,63 @@
+"""The mutants: that one that a test minds is killed, one that none minds lives, and what is explained is there."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+from .conftest import REPOSITORY
+from .mutants import plan, unexplained
+from .support.mutation_worker import CODE, Worker
+from .support.mutations import mutants_of
+
+TEXT = b"""def first(a: int = 1) -> int:
+    assert a < 9
+    if a < 2 and not a:
+        raise ValueError(f"{a + 1}")
+    return a + 3
+"""
+
+
+def test_what_is_changed_and_what_is_left() -> None:
+    found = mutants_of("x.py", TEXT)
+    assert {(mutant.line, mutant.was, mutant.now) for mutant in found} == {
+        (1, "1", "(2)"),
+        (3, "a < 2 and not a", "(a < 2 or not a)"),
+        (3, "a < 2", "(a <= 2)"),
+        (3, "2", "(3)"),
+        (3, "not a", "(a)"),
+        (4, 'raise ValueError(f"{a + 1}")', "pass"),
+        (5, "return a + 3", "return None"),
+        (5, "a + 3", "(a - 3)"),
+        (5, "3", "(4)"),
+    }
+    for mutant in found:
+        compile(mutant.apply(TEXT), "x.py", "exec")
+
+
+def test_every_survivor_that_is_explained_is_still_there() -> None:
+    rooms, survivors = plan()
+    every = [mutant for room in rooms for file in room.files for mutant in mutants_of(file, read(file))]
+    assert len(every) > 1500
+    assert unexplained(every, survivors)[1] == []
+    assert all(entry["why"] for entry in survivors)
+
+
+def test_a_mutant_is_killed_by_a_test_that_minds_it() -> None:
+    test = ["tests/definitions/test_bounds.py"]
+    minded, explained = (
+        next(mutant for mutant in mutants_of(file, read(file)) if (mutant.where, mutant.was) == where)
+        for file, where in (("bounds.py", ("_most_specific", "key in table")), ("layout.py", ("_message", "0")))
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        worker = Worker(Path(folder))
+        try:
+            assert worker.learn(test, ["bounds.py"])[0] > 0
+            assert [worker.try_(mutant, test, 60) for mutant in (minded, explained)] == ["killed", "lives"]
+            assert (worker.copy / CODE / "bounds.py").read_bytes() == read("bounds.py")
+        finally:
+            worker.close()
+
+
+def read(file: str) -> bytes:
+    return (REPOSITORY / CODE / file).read_bytes()
