@@ -19,7 +19,8 @@ ROS1 := python3-rospy python3-rosmaster python3-roslaunch python3-rostopic pytho
         python3-std-msgs python3-geometry-msgs python3-sensor-msgs python3-std-srvs python3-diagnostic-msgs catkin \
         python3-actionlib python3-move-base-msgs
 # The same for C++, and what builds with it.
-ROSCPP := cmake libroscpp-dev libgeometry-msgs-dev libstd-msgs-dev
+ROSCPP := cmake libroscpp-dev libgeometry-msgs-dev libstd-msgs-dev libsensor-msgs-dev libvisualization-msgs-dev \
+          libdiagnostic-msgs-dev libstd-srvs-dev
 # Reads what lies in a region with libFuzzer.
 CLANG := clang
 # ROS 2 for the bridge's tests: a volunteer's wheels on PyPI, each distribution in an environment of its own, 250 MB.

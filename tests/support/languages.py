@@ -169,6 +169,10 @@ _CONFIGURATION = Language(_hash)
 
 LANGUAGES = [
     ("*.py", _PYTHON),
+    (
+        "cpp_ros?/*",
+        Language(c_tokens, keywords=C_WORDS),
+    ),  # for tests/cpp/test_ros.py, which has ROS's headers
     ("*.h", _C),
     ("*.hpp", _C),
     ("*.st", _ST),
