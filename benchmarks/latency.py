@@ -7,7 +7,8 @@ own, in microseconds, at 1 kHz (1 MiB: 100 Hz). The sender sleeps between two sa
 are interleaved; the figure is the median over the rounds of each round's median, the ratio is to shmgen in the same
 mode, round by round.
 C++ is what shmgen generates, C its floor: two slots and a word.
-Targets: C++ at most 1.5 x C; event at most 1.3 x the age of an event by hand and under 2 % of a core; a Pose ahead of every peer.
+Targets: C++ at most 1.5 x C; event at most 1.3 x the age of an event by hand and under 2 % of a core; a Pose ahead of
+every peer.
 """
 
 from __future__ import annotations
