@@ -31,13 +31,15 @@ ROS2_BUILD := colcon-common-extensions \
               ros-jazzy-ament-cmake ros-jazzy-ament-cmake-include-directories ros-jazzy-ament-package
 # What goes through the models of the protocol.
 MODELS := spin
+# What the page of `shmgen view` is looked at with.
+BROWSER := chromium
 # DDS that is not ours, for the tests of the backend dds: Fast DDS, and Cyclone's C library.
 DDS  := libfastrtps-dev fastddsgen cyclonedds-dev cyclonedds-tools
 
 # The extra `bench`, one by one: who cannot be had here is left out.
 PEERS := iceoryx2 cyclonedds eclipse-zenoh pyzmq asyncua pymodbus
 
-.PHONY: demo test test-all lint generated chaos model load load-bridge fuzz fuzz-many hostile mutants bench site dist clean
+.PHONY: demo test test-all lint generated chaos model load load-record load-view load-bridge fuzz fuzz-many hostile mutants bench site dist clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/ready
@@ -71,6 +73,12 @@ model: $(VENV)/ready-to-test  ## the protocol's models, also in sizes that take 
 
 load: $(VENV)/ready-to-test  ## 64 topics at 1 kHz for a minute
 	$(BIN)/python -m tests.load
+
+load-record: $(VENV)/ready-to-test  ## the same recorded into a bag, and the bag read by PyPI's mcap
+	$(BIN)/python -m tests.load_record
+
+load-view: $(VENV)/ready-to-test  ## what 200 regions and an image of 1 MiB take of a core on the screens of view
+	$(BIN)/python -m tests.load_view
 
 load-bridge: $(VENV)/ready-for-all  ## 10 topics at 100 Hz and one at 1 kHz through ROS 1, ROS 2 and DDS, for 30 s each
 	$(BIN)/python -m tests.load_bridge --backend ros1
@@ -136,6 +144,7 @@ $(VENV)/ready-for-all: $(VENV)/ready-to-test
 	@$(call optional,command -v clang++,$(CLANG))
 	@$(call optional,command -v fastddsgen && command -v idlc,$(DDS))
 	@$(call optional,command -v spin,$(MODELS))
+	@$(call optional,command -v chromium,$(BROWSER))
 	@if /usr/bin/python3 -c 'import rospy' 2>/dev/null; then \
 	    echo 'making $(VENV)/ros1'; \
 	    { test -x $(VENV)/ros1/bin/python || /usr/bin/python3 -m venv --system-site-packages $(VENV)/ros1; } && \

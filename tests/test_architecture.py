@@ -42,19 +42,26 @@ ARROWS = {
     "plc": WORDS | {"plc"},
     "show": WORDS | {"layout", "pipeline", "show", "targets", "type_hash"},
     "runtime": {"_straight", "abi", "runtime", "wording"},
-    "live": WORDS | {"bounds", "config", "definitions", "live", "pipeline", "runtime", "toml"},
+    "live": WORDS | {"abi", "bounds", "config", "definitions", "live", "pipeline", "runtime", "toml"},
+    "bag": WORDS | {"", "bag", "bridge", "drift", "live", "pipeline", "runtime", "type_hash"},
     "tools": WORDS | {"config", "live", "runtime", "targets", "tools"},
     "bridge": WORDS | {"bridge", "config", "live", "pipeline", "resolve", "runtime", "targets", "type_hash"},
+    "view": WORDS | {"live", "runtime", "show", "targets", "tools", "view"},
     "cli": WORDS
-    | {"", "bridge", "cache", "cli", "config", "definitions", "drift", "live", "pipeline", "render", "runtime"}
-    | {"plc", "show", "targets", "tools", "write"},
+    | {"", "bag", "bridge", "cache", "cli", "config", "definitions", "drift", "live", "pipeline", "render", "runtime"}
+    | {"plc", "show", "targets", "tools", "view", "write"},
     "__init__": set(),
     "__main__": {"cli", "drift"},
 }
 ONLY_IN = {
     "click": {"cli"},
     "jinja2": {"render"},
-    "rosbags": {"bridge", "definitions"},
+    "rosbags": {"bag", "bridge", "definitions"},
+    "aiohttp": {"view"},
+    "rich": {"view"},
+    "textual": {"cli", "view"},
+    "textual_plotext": {"cli", "view"},
+    "textual_serve": {"view"},
     "rosidl_parser": {"definitions"},
     "posix_ipc": {"runtime"},
     "ruamel": {"tools"},

@@ -190,9 +190,9 @@ def _check_field_key(message: Message, name: str, section: str, bound: Bound, re
             hint=f"did you mean {close}?" if close else f"`shmgen show {message.name.short}` lists its fields",
         )
     elif section == "bounds" and not isinstance(field.type, Sequence):
-        report.error("SHM502", f"{message.name.short}.{name} is no sequence, but {field.written}", bound.span)
+        report.error("SHM502", f"{message.name.short}.{name} is not a sequence but {field.written}", bound.span)
     elif section == "strings" and not isinstance(element_of(field.type), String):
-        report.error("SHM502", f"{message.name.short}.{name} is no string, but {field.written}", bound.span)
+        report.error("SHM502", f"{message.name.short}.{name} is not a string but {field.written}", bound.span)
     else:
         bounded = field.type if section == "bounds" else element_of(field.type)
         assert isinstance(bounded, Sequence | String)

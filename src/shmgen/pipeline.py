@@ -56,7 +56,7 @@ def printed(config: Config, layouts: Layouts) -> dict[str, str]:
     report = Report()
     texts = printed_by(TARGETS, config.targets, job_of(config, layouts, report), report)
     texts = dict(sorted(texts.items()))
-    return texts | {lockfile.LOCK: lockfile.write(layouts, texts, _settings(config))}
+    return texts | {lockfile.LOCK: lockfile.write(layouts, texts, settings(config))}
 
 
 def skippable(config: Config, requests: Iterable[str]) -> tuple[Schema, Schema]:
@@ -185,7 +185,7 @@ def _sources(config: Config) -> definitions.Sources:
     return definitions.Sources(config.path, config.source, config.root)
 
 
-def _settings(config: Config) -> dict[str, object]:
+def settings(config: Config) -> dict[str, object]:
     """What of the configuration gives the bytes and files their shape, beside the bounds seen in the slots."""
     return {
         "source": config.source,

@@ -30,7 +30,7 @@ def services(config: Config, layouts: Layouts, report: Report) -> Iterable[Servi
             yield Service(service.service, found, service.server == "plc", service.timeout, service.span)
         else:
             span = config.places.get(service.type, service.span)
-            report.error("SHM502", f"{service.type} is no service", span, hint="name a .srv file: package/srv/Name")
+            report.error("SHM502", f"{service.type} is not a service", span, hint="name a .srv file: package/srv/Name")
 
 
 def actions(config: Config, layouts: Layouts, report: Report) -> Iterable[Action]:
@@ -41,4 +41,6 @@ def actions(config: Config, layouts: Layouts, report: Report) -> Iterable[Action
             yield Action(action.action, found, action.server == "plc", action.timeout, action.span)
         else:
             span = config.places.get(action.type, action.span)
-            report.error("SHM502", f"{action.type} is no action", span, hint="name a .action file: package/action/Name")
+            report.error(
+                "SHM502", f"{action.type} is not an action", span, hint="name a .action file: package/action/Name"
+            )

@@ -49,7 +49,8 @@ typedef enum shmgen_status {
     SHMGEN_NOTHING_NEW = 100,
     SHMGEN_OVERWRITTEN = 101,
     SHMGEN_OPENING = 102,
-    SHMGEN_CLOSED = 103
+    SHMGEN_CLOSED = 103,
+    SHMGEN_IN_FORKED_CHILD = 104
 } shmgen_status;
 
 static inline const char *shmgen_status_text(shmgen_status status)
@@ -90,6 +91,7 @@ static inline const char *shmgen_status_text(shmgen_status status)
     case SHMGEN_OVERWRITTEN: return "the sample was overwritten while it was copied";
     case SHMGEN_OPENING: return "not open yet";
     case SHMGEN_CLOSED: return "not open";
+    case SHMGEN_IN_FORKED_CHILD: return "it belongs to the process from which this one was forked: open one here";
     }
     return "no status of shmgen";
 }

@@ -174,4 +174,4 @@ def test_both_ways(cell: Cell) -> None:
 
 def test_a_plc_that_is_off_costs_its_timeout_and_no_more(cell: Cell) -> None:
     shown = cell.call("start", "{parts: [], when: 0}")
-    assert "nobody served within 0.5 s; nothing was sent" in shown
+    assert "no server within 0.5 s; the request was not sent" in shown

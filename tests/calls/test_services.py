@@ -122,7 +122,7 @@ def test_an_interrupted_handler_fails_its_call_and_ends_the_server(topic):
 def test_without_a_server_nothing_is_sent(topic):
     with StartClient(topic) as client, Start_RequestSubscriber(f"{topic}-request") as bystander:
         begin = time.monotonic()
-        with pytest.raises(runtime.NoServer, match="nothing was sent"):
+        with pytest.raises(runtime.NoServer, match="the request was not sent"):
             client.call(request(), timeout=0.2)
         assert 0.2 <= time.monotonic() - begin < 2
         assert not client.server_is_ready()

@@ -54,7 +54,7 @@ def test_a_code_may_be_its_number(tmp_path: Path, code: str) -> None:
 def test_the_first_codes_have_a_number_too(tmp_path: Path) -> None:
     assert shmgen(tmp_path, "explain 7").stdout.startswith("SHM007 cannot write output\n")
     said = shmgen(tmp_path, "explain shm11")
-    assert (said.code, "shm11 is no code of a diagnostic" in said.stderr) == (2, True)
+    assert (said.code, "shm11 is not a diagnostic code" in said.stderr) == (2, True)
 
 
 def test_a_list_of_one(tmp_path: Path) -> None:

@@ -395,7 +395,7 @@ def test_list_goes_on_after_what_is_at_fault(folder: Path) -> None:
         "demo_msgs/Arm                  81 bytes",
         f"demo_msgs/Broken        {broken}",
         f"demo_msgs/Holds         {broken}",
-        "demo_msgs/Lost          SHM004 msgs/demo_msgs/msg/Lost.msg:2: no message is called `lost_msgs/Foo`",
+        "demo_msgs/Lost          SHM004 msgs/demo_msgs/msg/Lost.msg:2: unknown message type `lost_msgs/Foo`",
         "demo_msgs/Robot                96 bytes",
         *lines[5:8],
     ]

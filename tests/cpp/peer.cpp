@@ -17,6 +17,7 @@
 #include <linux/seccomp.h>
 #include <sys/prctl.h>
 #include <sys/syscall.h>
+#include <sys/wait.h>
 
 namespace {
 
@@ -229,6 +230,17 @@ std::string answer(std::map<std::string, std::unique_ptr<End>> &ends, const std:
     if (verb == "skip") {
         shmgen_subscriber_skip(&end.subscriber());
         return "0";
+    }
+    if (verb == "fork") { // what the child hears, as writer and as reader
+        const pid_t child = fork();
+        if (child == 0) {
+            Value value{};
+            const int sent = end.publish(1, false), read = ends.at("r")->read("try", milliseconds(0), value);
+            _exit(sent == SHMGEN_IN_FORKED_CHILD && read == sent && end.publish(2, true) == sent ? 0 : 1);
+        }
+        int status = 1;
+        waitpid(child, &status, 0);
+        return std::to_string(status);
     }
     if (verb == "enter") // and stays inside
         return std::to_string(shmgen_enter(&end.subscriber().end, end.subscriber().end.limit));

@@ -279,3 +279,17 @@ def test_a_new_region_counts_from_one_again(language: str, peer: Start, topic: s
     memory.poke(192 + 128 + 8, struct.pack("<I", 3))  # in the slot of 7
     assert process.ask("all r") == "0 7"
     assert process.ask("figures r").split()[:2] == ["3", "7"]
+
+
+def test_a_forked_child_has_nothing(language: str, peer: Start, demo: Demo, topic: str) -> None:
+    """It is told, it writes nothing, and what it lets go of stays its parent's."""
+    process = peer(language)
+    assert (process.opens("w", "pub", topic), process.opens("r", "sub", topic)) == (0, 0)
+    assert process.does("publish w 1") == 0
+    before = Memory(topic).bytes()
+    assert process.ask("fork w") == "0"
+    assert Memory(topic).bytes() == before
+    with pytest.raises(RegionInUse):
+        demo.python.DemoPublisher(topic)
+    assert process.does("publish w 2") == 0
+    assert process.reads("read r") == ["2", "4", "x2", "2", "-2"]

@@ -239,7 +239,7 @@ LONG = "".join(f"int8 field_number_{number};\n" for number in range(3000))
         ),
         (
             in_struct("int8 x;", "module Foo_Constants { const int8 A = B; };"),
-            "Foo.idl:3:35: error[SHM006]: `B` is no int8",
+            "Foo.idl:3:35: error[SHM006]: `B` is not a valid int8",
         ),
         (in_struct("int8 x;", "module Foo_Constants { const a::b::C A = 1; };"), "error[SHM006]: a constant is"),
         (

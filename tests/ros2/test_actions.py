@@ -171,7 +171,7 @@ with action_server(route.kinds)(route.action.name) as served:
 
 def test_a_plc_that_is_not_there_says_nothing_or_is_killed(cell: Cell) -> None:
     assert cell.seek(5) is False
-    cell.bridge.said("nobody served within 1 s; nothing was sent")
+    cell.bridge.said("no server within 1 s; the request was not sent")
     seen: list[ServedGoal[Any]] = []
 
     def say_nothing(goal: ServedGoal[Any]) -> None:

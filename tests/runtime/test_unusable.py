@@ -33,7 +33,7 @@ def test_a_file_that_is_no_semaphore(topic, semaphore_file, data):
     where = os.path.dirname(__file__)
     done = subprocess.run([sys.executable, "-c", code], cwd=where, capture_output=True, text=True, timeout=60)
     assert done.returncode == 1, done.returncode
-    assert f"RegionUnusable: {semaphore_file} is no semaphore" in done.stderr
+    assert f"RegionUnusable: {semaphore_file} is not a semaphore" in done.stderr
 
 
 def test_no_descriptors_left(topic):

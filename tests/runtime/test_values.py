@@ -253,7 +253,7 @@ def test_booleans():
     assert bytes(values.numbers([True, False, 1, 0], "?", 1, "b")) == b"\1\0\1\0"
     assert values.from_numbers(b"\1\0\2", "?", None) == [True, False, True]
     for bad in (2, "false", None, 0.5):
-        assert "no bool" in rejected(runtime.OutOfRange, "b[1]", values.numbers, [True, bad], "?", 1, "b")
+        assert "not a valid bool" in rejected(runtime.OutOfRange, "b[1]", values.numbers, [True, bad], "?", 1, "b")
     rejected(runtime.OutOfRange, "b[0]", values.numbers, b"\2", "?", 1, "b")
     for good in (True, False, 0, 1):
         assert values.boolean(good, "x") is bool(good)
@@ -425,7 +425,7 @@ def good():
         ("b", SimpleNamespace(c=0, r=1e39), "b.r", "too large for float32"),
         ("from_", -1, "from", "uint32 goes from 0 to 4294967295"),
         ("list", [1, 2, 3], "", "exactly 2"),
-        ("list", [1, 40000], "list[1]", "is no int16"),
+        ("list", [1, 40000], "list[1]", "is not a valid int16"),
     ],
 )
 def test_explain_names_the_culprit(path, value, error, said):

@@ -214,10 +214,10 @@ def test_refusals(tmp_path: Path, text: str, code: str, line: int, words: str) -
 @pytest.mark.parametrize(
     ("text", "line", "words"),
     [
-        ("[[services]]\nservice = '/a'\ntype = 'cell_msgs/Move'", 3, "cell_msgs/Move is no service"),
-        ("[[actions]]\naction = '/a'\ntype = 'cell_msgs/Start'", 3, "cell_msgs/Start is no action"),
-        ("[[services]]\nservice = '/a'\ntype = 'cell_msgs/Start_Request'", 3, "is no service"),
-        ("[[services]]\nservice = '/a'\ntype = 'cell_msgs/Go'", 3, "no message is called `cell_msgs/Go`"),
+        ("[[services]]\nservice = '/a'\ntype = 'cell_msgs/Move'", 3, "cell_msgs/Move is not a service"),
+        ("[[actions]]\naction = '/a'\ntype = 'cell_msgs/Start'", 3, "cell_msgs/Start is not an action"),
+        ("[[services]]\nservice = '/a'\ntype = 'cell_msgs/Start_Request'", 3, "is not a service"),
+        ("[[services]]\nservice = '/a'\ntype = 'cell_msgs/Go'", 3, "unknown message type `cell_msgs/Go`"),
     ],
 )
 def test_a_type_that_is_none(tmp_path: Path, text: str, line: int, words: str) -> None:

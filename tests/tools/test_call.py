@@ -93,7 +93,7 @@ def test_what_is_wrong_is_told_before_anything_is_opened(folder, shmgen, topic):
         (("cell_msgs/Start", "{off: true}"), "off: no such field in cell_msgs/srv/Start_Request"),
         (("cell_msgs/Start", "{off"), "neither YAML nor JSON"),
         (("Start",), "Start names no service: write package/Name"),
-        (("std_msgs/Bool",), "no message is called `std_msgs/srv/Bool`"),
+        (("std_msgs/Bool",), "unknown message type `std_msgs/srv/Bool`"),
     ):
         result = shmgen("call", topic, *arguments)
         assert result.code == 1
@@ -105,7 +105,7 @@ def test_nobody_serves(folder, shmgen, topic):
     begin = time.monotonic()
     result = shmgen("call", topic, "cell_msgs/Start", "--timeout", "0.1")
     assert result.code == 1
-    assert f"{topic}: nobody served within 0.1 s; nothing was sent" in result.stderr
+    assert f"{topic}: no server within 0.1 s; the request was not sent" in result.stderr
     assert time.monotonic() - begin < 5
     region = topic[1:].replace("/", ".")
     removed = shmgen("clean", topic)

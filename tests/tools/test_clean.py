@@ -99,7 +99,7 @@ def test_what_is_not_ours_stays(topic, file, shmgen):
     for arguments in ((topic,), (topic, "--force")):
         result = shmgen("clean", *arguments)
         assert result.code == 1
-        assert "is no region of ours" in result.stderr
+        assert "is not a region of shmgen" in result.stderr
     assert file.read_bytes() == b"the work of somebody else"
     file.unlink()
     os.mkfifo(file)

@@ -84,13 +84,13 @@ def test_defaults_and_now(topic, shmgen):
         ("std_msgs/Float64", f"{{data: 1{400 * '0'}}}", "is too large for float64"),
         ("std_msgs/ColorRGBA", "{r: 1e300}", "r: 1e+300 is too large for float32"),
         ("std_msgs/String", 5000 * "[", "brackets are nested too deeply"),
-        ("std_msgs/Bool", "{data: 'false'}", "data: 'false' is no bool"),
+        ("std_msgs/Bool", "{data: 'false'}", "data: 'false' is not a bool"),
         ("std_msgs/String", "{data: " + 81 * "x" + "}", "data: 81 bytes of UTF-8, capacity 80"),
         ("std_msgs/Header", "{stamp: {secs: 1}}", "stamp.secs: no such field in a time; did you mean sec?"),
         ("std_msgs/Header", "{stamp: later}", "stamp: 'later' is str, not the fields of a time"),
         ("sensor_msgs/Imu", "{orientation_covariance: [1, 2]}", "orientation_covariance: 2 elements"),
         ("std_msgs/String", "{data: [", "line 1, column "),
-        ("std_msgs/Strin", "{}", "no message is called `std_msgs/Strin`"),
+        ("std_msgs/Strin", "{}", "unknown message type `std_msgs/Strin`"),
     ],
 )
 def test_complaints_name_the_field_and_touch_nothing(type_name, text, complaint, topic, shmgen):
@@ -212,7 +212,7 @@ def test_own_messages(topic, tmp_path, shmgen):
     )
     unknown = shmgen("echo", topic, "--once")
     assert unknown.code == 1
-    assert "no message is called `demo_msgs/msg/Robot`" in unknown.stderr
+    assert "unknown message type `demo_msgs/msg/Robot`" in unknown.stderr
 
 
 def test_echo_waits_for_a_region_and_for_the_next_one(topic, shmgen, started):

@@ -84,6 +84,7 @@ typedef enum shmgen_step {
 
 typedef struct shmgen_link {
     unsigned char *base; /* the region */
+    unsigned char *mine; /* a page whose first byte is 1, and 0 in a forked child; NULL: not to be had */
     sem_t *lock;         /* NULL: none */
     sem_t *event;        /* NULL: not opened, or none */
     shmgen_type type;
@@ -172,6 +173,12 @@ static inline int64_t shmgen_elapsed(const shmgen_link *link)
 static inline shmgen_status shmgen_why(shmgen_status gone)
 {
     return gone == SHMGEN_OK ? SHMGEN_CLOSED : gone;
+}
+
+/* What no forked child may use: the parent's name stands in the region, and the claim is the parent's. */
+static inline bool shmgen_is_inherited(const shmgen_link *link)
+{
+    return link->mine != NULL && *link->mine == 0;
 }
 
 static inline shmgen_status shmgen_go(shmgen_link *link, shmgen_step step)

@@ -149,10 +149,14 @@ static inline shmgen_status shmgen_take(
     return SHMGEN_OK;
 }
 
-static inline shmgen_status shmgen_readable(const shmgen_subscriber *self, size_t size)
+static inline shmgen_status shmgen_readable(shmgen_subscriber *self, size_t size)
 {
     if (self->end.step != SHMGEN_STEP_READY)
         return shmgen_why(self->gone);
+    if (shmgen_is_inherited(&self->end)) {
+        shmgen_subscriber_close(self);
+        return self->gone = SHMGEN_IN_FORKED_CHILD;
+    }
     return size == self->end.type.size ? SHMGEN_OK : SHMGEN_SIZEOF_MISMATCH;
 }
 

@@ -77,7 +77,7 @@ class PlcServes:
         try:
             while not caller.wait_for_server(max(0.0, left())):
                 if left() <= 0:
-                    raise NoServer(f"nobody served within {timeout:g} s; nothing was sent")
+                    raise NoServer(f"no server within {timeout:g} s; the request was not sent")
             number = caller.send(request)
             while (answer := caller.wait(max(0.0, left()))) is None:
                 if left() <= 0:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,8 +10,9 @@ import click
 
 from shmgen import pipeline
 from shmgen.cli import asked, options
-from shmgen.diagnostics import CODES, closest
+from shmgen.diagnostics import CODES, Diagnostic, Rejected, Span, closest
 from shmgen.drift import lockfile
+from shmgen.model import Layouts
 from shmgen.targets import KEYS
 from shmgen.wording import counted
 
@@ -85,12 +87,18 @@ def generate(
 @click.option("--svg", "as_svg", is_flag=True, help="A drawing of the memory map.")
 @options.where
 def show(type_name: str, as_json: bool, as_svg: bool, config_file: Path | None, include: tuple[Path, ...]) -> None:
-    """Where the bytes of a message go: offset, size, ROS type, IEC type, comment."""
+    """Where the bytes of a message go: offset, size, ROS type, IEC type, comment.
+
+    TYPE may be a digest, as in a region's header and in error messages: 16#BB4625C354F90C85.
+    """
     from shmgen.show import table
 
     if as_json and as_svg:
         raise click.UsageError("--json or --svg, not both.")
-    layouts = pipeline.lay_out(options.load(config_file, include), [type_name])
+    if digest := _DIGEST.fullmatch(type_name):
+        layouts = _of_digest(int(digest[1], 16), config_file, include)
+    else:
+        layouts = pipeline.lay_out(options.load(config_file, include), [type_name])
     shown = [layout for layout in layouts.values() if layout.requested]
     if as_json:
         click.echo(table.as_json(shown, layouts), nl=False)
@@ -104,6 +112,24 @@ def show(type_name: str, as_json: bool, as_svg: bool, config_file: Path | None, 
             click.echo(drawing.encode(), nl=False)
     else:
         click.echo("\n".join(table.table(layout, layouts) for layout in shown), nl=False)
+
+
+_DIGEST = re.compile(r"(?:16#|0x)?([0-9a-fA-F]{16})")
+
+
+def _of_digest(digest: int, config_file: Path | None, include: tuple[Path, ...]) -> Layouts:
+    """What live regions, shmgen.toml, layout.lock and all definitions in reach know under it."""
+    from shmgen.cli import manners
+    from shmgen.live.digests import find
+
+    workshop = manners.workshop(config_file, include)
+    if found := find(workshop, digest):
+        session, request = found
+        return session.layouts([request])
+    hint = "it was made with other bounds or types: call this where the shmgen.toml of that side is, or its layout.lock"
+    raise Rejected(
+        [Diagnostic("SHM004", f"no message here has the digest 16#{digest:016X}", Span("command line"), hint=hint)]
+    )
 
 
 @click.command()
@@ -132,14 +158,14 @@ def _code(context: click.Context, parameter: click.Parameter, value: str) -> str
     code = f"SHM{value:0>3}" if value.isdecimal() else value.upper()
     if code not in CODES:
         near = closest(code, CODES)
-        raise click.BadParameter(f"{value} is no code of a diagnostic{f'; did you mean {near}?' if near else ''}")
+        raise click.BadParameter(f"{value} is not a diagnostic code{f'; did you mean {near}?' if near else ''}")
     return code
 
 
 @click.command()
 @click.argument("code", callback=_code, shell_complete=lambda *_: list(CODES))
 def explain(code: str) -> None:
-    """What a diagnostic means and how to mend it; `SHM101` and `101` are the same."""
+    """Explain a diagnostic and how to fix it; `SHM101` and `101` are the same."""
     installed = Path(__file__).parents[1] / "diagnostics.md"
     document = installed if installed.is_file() else Path(__file__).parents[3] / "docs" / "diagnostics.md"
     text = document.read_text(encoding="utf-8")

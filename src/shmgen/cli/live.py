@@ -3,77 +3,20 @@
 from __future__ import annotations
 
 import functools
-import json
-import os
-import signal
 import sys
 import time
-from collections.abc import Callable
-from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 import click
 
-from shmgen.cli import options
-
-if TYPE_CHECKING:
-    from shmgen.live.classes import Workshop
-
-F = TypeVar("F", bound=Callable[..., Any])
-
-
-def _polite(command: F) -> F:
-    """Ctrl-C ends a command as `ros2 topic` does, exit 0; an error is a sentence, exit 1.
-
-    `kill` ends it in order too, exit 143, so that no lock is left taken.
-    """
-
-    @functools.wraps(command)
-    def run(*arguments: Any, **keywords: Any) -> Any:
-        from shmgen.runtime import ShmError
-
-        former = signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
-        try:
-            return command(*arguments, **keywords)
-        except KeyboardInterrupt:
-            signal.signal(signal.SIGINT, signal.SIG_IGN)  # who presses twice wants no other end
-            sys.exit(0)
-        except BrokenPipeError:
-            raise
-        except (ShmError, ValueError, OSError) as error:
-            _fail(str(error))
-        finally:
-            signal.signal(signal.SIGTERM, former)
-
-    return run  # type: ignore[return-value]
-
-
-def _topics(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[str]:
-    """For the shell's completion."""
-    from shmgen.live import regions
-
-    topics = [regions.topic_of(name) for name in regions.live()]
-    return [topic for topic in topics if topic.startswith("/" + incomplete.removeprefix("/"))]
-
-
-def _services(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[str]:
-    return [topic.removesuffix("-request") for topic in _topics(context, parameter, incomplete) if "-request" in topic]
-
-
-_topic = click.argument("topic", shell_complete=_topics)
-_json = click.option("--json", "as_json", is_flag=True, help="For machines.")
-_count = click.option("-n", "--count", type=click.IntRange(1), help="Stop after so many.")
-_timeout = click.option(
-    "--timeout", type=click.FloatRange(0), help="Give up, exit 1, after so many seconds without a sample."
-)
+from shmgen.cli import manners, options
 
 
 @click.command()
-@click.argument("topic", required=False, shell_complete=_topics)
-@_json
+@click.argument("topic", required=False, shell_complete=manners.topics)
+@manners.for_machines
 @options.where
-@_polite
+@manners.polite
 def doctor(topic: str | None, as_json: bool, config_file: Path | None, include: tuple[Path, ...]) -> None:
     """What is wrong with the regions in /dev/shm, or with one, and what to do about it.
 
@@ -84,17 +27,17 @@ def doctor(topic: str | None, as_json: bool, config_file: Path | None, include: 
     from shmgen.tools import doctor as tool
     from shmgen.tools import shown
 
-    report = tool.examine(topic, _workshop(config_file, include))
+    report = tool.examine(topic, manners.workshop(config_file, include))
     click.echo(shown.as_line(tool.plain(report), indent=2) if as_json else tool.text(report))
     sys.exit(0 if report.healthy else 1)
 
 
 @click.command()
-@click.argument("topics", nargs=-1, metavar="[TOPIC]...", shell_complete=_topics)
+@click.argument("topics", nargs=-1, metavar="[TOPIC]...", shell_complete=manners.topics)
 @click.option("--all", "everything", is_flag=True, help="Every region there is, and semaphores half made.")
 @click.option("--force", is_flag=True, help="Also what is in use: the processes then hold on to what nobody else sees.")
 @click.option("--dry-run", is_flag=True, help="Only say what would be removed.")
-@_polite
+@manners.polite
 def clean(topics: tuple[str, ...], everything: bool, force: bool, dry_run: bool) -> None:
     """Remove regions and their semaphores from /dev/shm.
 
@@ -132,7 +75,7 @@ def clean(topics: tuple[str, ...], everything: bool, force: bool, dry_run: bool)
             if not dry_run:
                 tool.remove(files)
         except ShmError as error:
-            _complain(str(error))
+            manners.complain(str(error))
             stays = True
         else:
             for file in files:
@@ -141,58 +84,74 @@ def clean(topics: tuple[str, ...], everything: bool, force: bool, dry_run: bool)
 
 
 @click.command()
-@_topic
+@manners.topic
 @click.option("--once", is_flag=True, help="One sample, the newest if there is one already.")
-@_count
-@_timeout
-@_json
+@manners.count
+@manners.timeout
+@manners.for_machines
+@click.option("--csv", "as_csv", is_flag=True, help="One line each, a title for each column first.")
+@click.option("--field", metavar="PATH", shell_complete=manners.fields, help="Only this: pose.position.x, points[2].")
+@click.option("--filter", "only", metavar="CONDITION", help="Only samples of which it is true: position.x > 1.")
 @click.option("-f", "--full", is_flag=True, help="Arrays whole, not only their first 32 elements.")
 @options.where
-@_polite
+@manners.polite
 def echo(
     topic: str,
     once: bool,
     count: int | None,
     timeout: float | None,
     as_json: bool,
+    as_csv: bool,
+    field: str | None,
+    only: str | None,
     full: bool,
     config_file: Path | None,
     include: tuple[Path, ...],
 ) -> None:
-    """Print the samples of a topic as they come: YAML, or one line of JSON each.
+    """Print the samples of a topic as they come: YAML, or one line of JSON or CSV each.
 
     The region's header names the type, so nothing needs to be generated. Own messages are found with -I or by
     shmgen.toml, bounds there or in generated/layout.lock. Waits for a region that does not exist yet. A sample
     whose counts are above their bounds is told instead of printed; exit 1 if there was one.
     """
     from shmgen.runtime import CountExceeded
-    from shmgen.tools import follow, shown
+    from shmgen.tools import echo as tool
+    from shmgen.tools import follow
 
-    samples = follow.samples(topic, _workshop(config_file, include), timeout, _note)
+    if as_json and as_csv:
+        raise click.UsageError("--json or --csv, not both.")
+    samples = follow.samples(topic, manners.workshop(config_file, include), timeout, manners.note)
     refused = False
+    shown = 0
+    printer = tool.Printer("json" if as_json else "csv" if as_csv else "yaml", field, only, full)
     try:
-        for message in islice(samples, 1 if once else count):
+        for message in samples:
             try:
-                text = shown.as_json(message) if as_json else shown.yaml(message, None if full else shown.SHORT)
+                text = printer.text(message)
             except CountExceeded as error:
-                _complain(f"{topic}: damaged sample: {error}")
+                manners.complain(f"{topic}: damaged sample: {error}")
                 refused = True
             else:
-                click.echo(text if as_json else f"{text}---")
+                if text is None:
+                    continue
+                click.echo(text)
+            shown += 1
+            if shown == (1 if once else count):
+                break
     finally:
         samples.close()
     sys.exit(int(refused))
 
 
 @click.command(context_settings={"ignore_unknown_options": True})
-@_topic
-@click.argument("type_name", metavar="TYPE")
+@manners.topic
+@click.argument("type_name", metavar="TYPE", shell_complete=manners.types)
 @click.argument("values", default="{}", metavar="[VALUES]")
 @click.option("-r", "--rate", type=click.FloatRange(0.001, 10000), default=1.0, show_default=True, help="In Hz.")
 @click.option("--once", is_flag=True, help="One sample, which stays in the region.")
-@_count
+@manners.count
 @options.where
-@_polite
+@manners.polite
 def pub(
     topic: str,
     type_name: str,
@@ -212,19 +171,19 @@ def pub(
     from shmgen.tools import pub as tool
 
     data = given.parse(values)
-    samples = tool.publish(topic, type_name, data, _workshop(config_file, include), rate, 1 if once else count)
+    samples = tool.publish(topic, type_name, data, manners.workshop(config_file, include), rate, 1 if once else count)
     for number, message in enumerate(samples, start=1):
         click.echo(f"publishing #{number}: {message}")
 
 
 @click.command(context_settings={"ignore_unknown_options": True})
-@click.argument("service", shell_complete=_services)
-@click.argument("type_name", metavar="TYPE")
+@click.argument("service", shell_complete=manners.services)
+@click.argument("type_name", metavar="TYPE", shell_complete=manners.types)
 @click.argument("values", default="{}", metavar="[VALUES]")
 @click.option("--timeout", type=click.FloatRange(0), default=5.0, show_default=True, help="In seconds, all in all.")
-@_json
+@manners.for_machines
 @options.where
-@_polite
+@manners.polite
 def call(
     service: str,
     type_name: str,
@@ -244,7 +203,7 @@ def call(
     from shmgen.tools import call as tool
     from shmgen.tools import given, shown
 
-    request, kind = tool.build(service, type_name, given.parse(values), _workshop(config_file, include))
+    request, kind = tool.build(service, type_name, given.parse(values), manners.workshop(config_file, include))
     with kind(service) as client:
         if not as_json:
             click.echo(f"requesting: {request}")
@@ -253,22 +212,17 @@ def call(
 
 
 @click.command()
-@_topic
+@manners.topic
 @click.option("-w", "--window", type=click.IntRange(2), default=10_000, show_default=True, help="In samples.")
-@_count
-@_timeout
-@_json
-@_polite
+@manners.count
+@manners.timeout
+@manners.for_machines
+@manners.polite
 def hz(topic: str, window: int, count: int | None, timeout: float | None, as_json: bool) -> None:
     """The rate of a topic, and the shortest, longest and usual time between two samples, once a second."""
     from shmgen.tools import hz as tool
 
-    rates = tool.rates(topic, window, timeout, _note)
-    try:
-        for rate in islice(rates, count):
-            click.echo(json.dumps(rate.plain()) if as_json else str(rate))
-    finally:
-        rates.close()
+    manners.show(tool.rates(topic, window, timeout, manners.note), count, as_json)
 
 
 @click.command()
@@ -276,9 +230,9 @@ def hz(topic: str, window: int, count: int | None, timeout: float | None, as_jso
     "-d", "--delay", type=click.FloatRange(0.1), default=1.0, show_default=True, help="Seconds between tables."
 )
 @click.option("--once", is_flag=True, help="One table.")
-@_count
-@_json
-@_polite
+@manners.count
+@manners.for_machines
+@manners.polite
 def top(delay: float, once: bool, count: int | None, as_json: bool) -> None:
     """All regions in a live table: type, writer, rate, age of the newest sample, use of the lock.
 
@@ -307,35 +261,3 @@ def top(delay: float, once: bool, count: int | None, as_json: bool) -> None:
 
 
 COMMANDS = (doctor, clean, echo, pub, call, hz, top)
-
-
-def _workshop(file: Path | None, include: tuple[Path, ...]) -> Workshop:
-    from shmgen.live.classes import Workshop
-    from shmgen.live.locked import LOCK
-    from shmgen.live.session import Session
-
-    config = options.load(file, include)
-    found = options.file_in_force(file)
-    lock = Path(os.path.relpath(config.root / LOCK))
-    name = found.name if found else "the defaults, as there is no shmgen.toml here"
-    return Workshop(Session(config, name), lock)
-
-
-def _note(text: str) -> None:
-    from shmgen.runtime.legible import lines
-
-    click.echo(click.style(lines(text), fg="yellow"), err=True)
-
-
-def _complain(text: str) -> None:
-    from shmgen.runtime.legible import lines
-
-    first, _, rest = lines(text).partition("\n")
-    click.echo(click.style("error: ", fg="red", bold=True) + first, err=True)
-    if rest:
-        click.echo(rest, err=True)
-
-
-def _fail(text: str) -> NoReturn:
-    _complain(text)
-    sys.exit(1)

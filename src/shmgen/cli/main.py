@@ -17,19 +17,21 @@ from shmgen.diagnostics import Diagnostic, Rejected, Span
 
 def main() -> None:
     """The `shmgen` command. Exit 0 clean, 1 diagnostics, 2 wrong usage."""
-    try:
-        if isinstance(sys.stdout, io.TextIOWrapper):
-            # A sign in a comment that the terminal does not know is no reason to stop. This flushes: see _full.
-            sys.stdout.reconfigure(errors="replace")
-        cli(standalone_mode=True)
-    except Rejected as rejected:
-        options.complain(rejected.diagnostics)
-        sys.exit(1)
-    except Exception as error:
-        if os.environ.get("SHMGEN_DEBUG"):
-            raise
-        options.complain([_full(error) or _fault(error)])
-        sys.exit(1)
+    color = False if os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb" else None
+    with click.Context(cli, color=color).scope():  # for what is told once the command has ended
+        try:
+            if isinstance(sys.stdout, io.TextIOWrapper):
+                # A sign in a comment that the terminal does not know is no reason to stop. This flushes: see _full.
+                sys.stdout.reconfigure(errors="replace")
+            cli(standalone_mode=True, color=color)
+        except Rejected as rejected:
+            options.complain(rejected.diagnostics)
+            sys.exit(1)
+        except Exception as error:
+            if os.environ.get("SHMGEN_DEBUG"):
+                raise
+            options.complain([_full(error) or _fault(error)])
+            sys.exit(1)
 
 
 def _full(error: Exception) -> Diagnostic | None:
@@ -55,6 +57,9 @@ _FAMILIES = {
     "plc": ("import",),
     "bridge": ("bridge",),
     "live": ("doctor", "clean", "echo", "pub", "call", "hz", "top"),
+    "look": ("topics", "info", "bw", "delay", "plot", "completion"),
+    "bag": ("record", "play"),
+    "view": ("view",),
 }
 
 

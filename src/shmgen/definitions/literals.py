@@ -148,4 +148,4 @@ def _string(written: Token, type: String) -> str:
 
 
 def _not_a(written: Token, type: str, hint: str) -> Exception:
-    return written.wrong("SHM006", f"{shown(written.text)} is no {type}" if written.text else "no value", hint)
+    return written.wrong("SHM006", f"{shown(written.text)} is not a valid {type}" if written.text else "no value", hint)

@@ -102,7 +102,7 @@ def _named(request: str, library: Library) -> list[TypeName]:
     parts = _REQUEST.fullmatch(request)
     if parts is None:
         hint = "write `package/Name`, `package`, or the path of a .msg, .srv, .action or .idl file"
-        library.report.error("SHM004", f"{shown(request)} names no message", where, hint=hint)
+        library.report.error("SHM004", f"{shown(request)} is not the name of a message", where, hint=hint)
         return []
     package_name, kind, name = parts.groups()
     package = library.package(package_name)
@@ -115,8 +115,8 @@ def _named(request: str, library: Library) -> list[TypeName]:
     if not found:
         wanted = TypeName(package_name, kind or "msg", name or "")
         hint = _hint(wanted, library, package)
-        what = "message" if name else "package with messages"
-        library.report.error("SHM004", f"no {what} is called {shown(request)}", where, hint=hint)
+        what = "message type" if name else "message package"
+        library.report.error("SHM004", f"unknown {what} {shown(request)}", where, hint=hint)
     return found
 
 
@@ -180,7 +180,7 @@ def _leads_on(message: Message, field: Field, other: TypeName, path: Collection[
     package = library.package(other.package)
     if package is None or other not in package.definitions:
         hint = _hint(other, library, package)
-        library.report.error("SHM004", f"no message is called {shown(other.short)}", field.span, field=where, hint=hint)
+        library.report.error("SHM004", f"unknown message type {shown(other.short)}", field.span, field=where, hint=hint)
         return False
     return True
 

@@ -29,6 +29,13 @@ class Workshop:
     def message(self, request: str, digest: int | None = None, part_of: str = "") -> type[Message]:
         """The class of `geometry_msgs/Pose`, with that digest if one is given; `part_of` as in Session.
 
+        Raises as session_of().
+        """
+        return self.session_of(request, digest, part_of).message(request, part_of)
+
+    def session_of(self, request: str, digest: int | None = None, part_of: str = "") -> Session:
+        """The one that lays the message out with that digest.
+
         Raises Rejected for a type that is not to be found or laid out, and LayoutMismatch, with every digest
         found, where none is the one wanted.
         """
@@ -41,7 +48,7 @@ class Workshop:
                 rejected = rejected or error
                 continue
             if digest in (None, layout.digest):
-                return session.message(request, part_of)
+                return session
             tried.append(locked.Known(layout.digest, layout.size, session.name))
         if tried:
             raise _mismatch(request, digest, tried)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import mmap
 import os
 import stat
 import struct
@@ -26,7 +27,7 @@ _SLOT = struct.Struct("<QI")
 
 
 class View:
-    """A region as a bystander sees it: opened read-only, never mapped, never locked, so that nobody is disturbed."""
+    """A region as a bystander sees it: opened read-only, never locked, so that nobody is disturbed."""
 
     __slots__ = ("_file", "name")
 
@@ -49,6 +50,14 @@ class View:
         data = os.pread(self._file.fileno(), _SLOT.size, at)
         stamp, found = _SLOT.unpack(data.ljust(_SLOT.size, b"\0"))
         return stamp if found == number else None
+
+    def read(self, start: int, size: int) -> bytes:
+        """Bytes of the file, fewer at its end."""
+        return os.pread(self._file.fileno(), size, start)
+
+    def mapped(self, size: int) -> mmap.mmap:
+        """The first `size` bytes, read-only, as they are from now on. For who reads often; it is closed by itself."""
+        return mmap.mmap(self._file.fileno(), size, prot=mmap.PROT_READ)
 
     def claimed(self) -> bool:
         """Whether a living process holds the record lock of the writer; PLCs take none."""

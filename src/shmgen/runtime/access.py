@@ -120,7 +120,7 @@ def opened(path: str, how: int) -> io.FileIO:
         raise RegionUnusable(f"{path} cannot be opened: {error.strerror}") from None
     if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
         file.close()
-        raise RegionUnusable(f"{path} is no regular file, so it is none of ours: remove it")
+        raise RegionUnusable(f"{path} is not a regular file, so it cannot be a region: remove it")
     return file
 
 
@@ -173,4 +173,4 @@ def _group_id(group: str | int | None) -> int | None:
     except KeyError:
         if group.isdecimal():  # one without a name, as in containers
             return int(group)
-        raise PermissionDenied(f"there is no group {group!r} here: `groupadd {group}` makes it") from None
+        raise PermissionDenied(f"group {group!r} does not exist: `groupadd {group}` creates it") from None

@@ -55,7 +55,7 @@ class ActionClient(Closing, Generic[Goal, Feedback, Outcome]):
         nothing was sent; ValueRejected; LockTimeout.
         """
         if not self._caller.wait_for_server(timeout):
-            raise NoServer(f"{self._action}: nobody served within {timeout:g} s; nothing was sent")
+            raise NoServer(f"{self._action}: no server within {timeout:g} s; the request was not sent")
         self._status, self._feedback = 0, None
         self._goal = self._caller.ask(SimpleNamespace(cancel=0, goal=goal))
         return self._goal

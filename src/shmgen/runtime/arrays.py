@@ -180,7 +180,7 @@ def _converted(value: Any, typecode: str, path: str) -> memoryview:
             try:
                 _packed([item], typecode)
             except REFUSED:
-                raise OutOfRange(f"{path}[{position}]", f"{item!r:.40} is no {type_name(typecode)}") from None
+                raise OutOfRange(f"{path}[{position}]", f"{item!r:.40} is not a valid {type_name(typecode)}") from None
         raise
 
 

@@ -78,7 +78,7 @@ def boolean(value: Any, path: str = "") -> bool:
         return bool(value)
     if (isinstance(value, int) and value in (0, 1)) or type(value).__name__ in ("bool", "bool_"):
         return bool(value)
-    raise OutOfRange(path, f"{value!r:.40} is no bool")
+    raise OutOfRange(path, f"{value!r:.40} is not a bool")
 
 
 def type_name(code: str) -> str:

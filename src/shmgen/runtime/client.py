@@ -58,7 +58,7 @@ class ServiceClient(Closing, Generic[Request, Response]):
             raise CallTimeout(f"{self._service}: another thread's call took all of the {timeout:g} s")
         try:
             if not self._caller.wait_for_server(deadline - time.monotonic()):
-                raise NoServer(f"{self._service}: nobody served within {timeout:g} s; nothing was sent")
+                raise NoServer(f"{self._service}: no server within {timeout:g} s; the request was not sent")
             number = self._caller.ask(request)
             reply = self._caller.wait(deadline - time.monotonic())
             if reply is None:

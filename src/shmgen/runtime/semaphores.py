@@ -125,7 +125,7 @@ def check(file: int, path: str) -> None:
     """
     data = os.pread(file, max(_SIZES) + 1, 0)
     if len(data) not in _SIZES or (len(data) == _OURS and _SHARING.unpack_from(data)[0] not in _SHARED):
-        raise RegionUnusable(f"{path} is no semaphore of this machine's C library: remove it, and start anew")
+        raise RegionUnusable(f"{path} is not a semaphore of this machine's C library: remove it and start again")
 
 
 def opened(name: str, most: int) -> Semaphore:

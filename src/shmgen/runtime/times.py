@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import time
 from collections.abc import Callable, Iterable
+from copy import copy
 from operator import index
 from typing import Any, NamedTuple
 
@@ -162,7 +163,7 @@ def from_clocks(
     kind = type(like[0]) if len(like) else Time
     if kind in (Time, Duration):
         return ours
-    theirs = [kind() for _ in ours]
+    theirs = [copy(like[0]) for _ in ours]  # rosbags makes none without its values
     for target, stamp in zip(theirs, ours, strict=True):
         set_clock(target, stamp)
     return theirs

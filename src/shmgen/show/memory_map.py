@@ -11,6 +11,7 @@ from shmgen.wording import counted
 BYTES_PER_LINE = 8
 LONGEST = 3
 """Lines; a member that fills more of them is drawn shortened."""
+_CUT = "\u2026"
 _COLOURS = 8
 _CELL, _LINE, _LEFT, _TOP = 74, 34, 64, 84
 _CHARACTER = 7
@@ -89,7 +90,7 @@ def _box(row: Row, line: tuple[int, int], y: int, style: str) -> Box:
     label = ""
     if last > first:
         label = f"\u22ee {counted(stop - start, 'byte')}"
-    elif row.role != "padding" and _labelled_line(row) == first:
+    elif row.role != "padding" and first in _labelled_lines(row):
         label = _label(row, width)
     title = f"{row.path}: {row.ros or row.role}, {row.iec}, offset {row.offset}, {counted(row.size, 'byte')}"
     x = _LEFT + start % BYTES_PER_LINE * _CELL + 1
@@ -126,11 +127,12 @@ def _lines(leaves: list[Row], size: int) -> list[tuple[int, int]]:
     return lines
 
 
-def _labelled_line(row: Row) -> int:
-    """The line that the name stands on: the first, unless the second holds more of the member."""
+def _labelled_lines(row: Row) -> tuple[int, ...]:
+    """The lines that the name stands on: the first, and the second where there is no room for it on the first."""
     first = row.offset // BYTES_PER_LINE
-    head = BYTES_PER_LINE - row.offset % BYTES_PER_LINE
-    return first if head >= min(BYTES_PER_LINE, row.size - head) else first + 1
+    head = min(row.size, BYTES_PER_LINE - row.offset % BYTES_PER_LINE)
+    cut = _label(row, head * _CELL - 2).endswith(_CUT)
+    return (first, first + 1) if cut and row.size > head else (first,)
 
 
 def _label(row: Row, pixels: int) -> str:
@@ -140,7 +142,7 @@ def _label(row: Row, pixels: int) -> str:
     for text in (f"{row.path} : {row.ros}", row.path, name):
         if len(text) <= room:
             return text
-    return name[: max(0, room - 1)] + "\u2026"
+    return name[: max(0, room - 1)] + _CUT
 
 
 def _xml(text: str) -> str:

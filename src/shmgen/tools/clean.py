@@ -32,7 +32,7 @@ def leftovers(topic: str) -> list[str]:
             raise missing(topic) from None
         return files
     if header.magic != h.MAGIC and not _unfinished(header):
-        raise RegionUnusable(f"{region_file(name)} is no region of ours, {header}; not touched")
+        raise RegionUnusable(f"{region_file(name)} is not a region of shmgen, {header}; not touched")
     return [*files, region_file(name)]
 
 

@@ -19,13 +19,22 @@ SHORT = 32
 
 def yaml(message: Message, most: int | None = SHORT) -> str:
     """YAML 1.2; of each array the first `most` elements, then how many there are in all. Raises CountExceeded."""
-    tree = _tree(message, most)
+    tree = tree_of(message, most)
     return "".join(f"{line}\n" for line in _lines(tree)) if tree else "{}\n"
 
 
 def as_json(message: Message, most: int | None = None) -> str:
     """One line, numbers that JSON does not know as "NaN", "Infinity" and "-Infinity". Raises CountExceeded."""
-    return as_line(_spelled(_tree(message, most)))
+    return as_line(spelled(tree_of(message, most)))
+
+
+def value_as_yaml(value: Any, most: int | None = SHORT) -> str:
+    """The same of what is found within a message, by its path."""
+    tree = tree_of(value, most)
+    if isinstance(tree, dict):
+        return "".join(f"{line}\n" for line in _lines(tree)) or "{}\n"
+    lines = list(_lines({"": tree}))
+    return "".join(f"{line.removeprefix(': ')}\n" for line in (lines[1:] or lines))
 
 
 def as_line(value: Any, indent: int | None = None) -> str:
@@ -40,8 +49,8 @@ def ros_name(attribute: str) -> str:
     return bare if python_member(bare) == attribute else attribute
 
 
-def _tree(value: Any, most: int | None) -> Any:
-    """Nested dicts, lists and scalars."""
+def tree_of(value: Any, most: int | None) -> Any:
+    """Nested dicts, lists and scalars. Raises CountExceeded."""
     match value:
         case Message():
             return {ros_name(name): _part(getattr(value, name), most, ros_name(name)) for name in value._names_}
@@ -56,7 +65,7 @@ def _tree(value: Any, most: int | None) -> Any:
 
 def _part(value: Any, most: int | None, name: str) -> Any:
     try:
-        return _tree(value, most)
+        return tree_of(value, most)
     except CountExceeded as error:
         raise error.inside(name) from None
 
@@ -115,12 +124,13 @@ def _in_json(sign: str) -> str:
     return sign if sign.isprintable() else json.dumps(sign)[1:-1]
 
 
-def _spelled(tree: Any) -> Any:
+def spelled(tree: Any) -> Any:
+    """The same with words for the numbers that JSON does not know."""
     match tree:
         case dict():
-            return {name: _spelled(value) for name, value in tree.items()}
+            return {name: spelled(value) for name, value in tree.items()}
         case list():
-            return [_spelled(value) for value in tree]
+            return [spelled(value) for value in tree]
         case float() if not math.isfinite(tree):
             return "NaN" if math.isnan(tree) else "Infinity" if tree > 0 else "-Infinity"
         case _:

@@ -25,8 +25,8 @@ class TopicRow:
 
     `rate` is in samples a second, `age` the seconds since the newest one; None where it is not known. `lock` is
     how often a second somebody got inside, None if somebody was inside from the last look to this one. `missed` is
-    how many samples its readers have missed, all together and since there is the region. Of a damaged one `type` says
-    what is wrong, and nothing else is known.
+    how many samples its readers have missed, all together and since there is the region; `size` that of its file in
+    bytes. Of a damaged one `type` says what is wrong, and nothing else is known.
     """
 
     topic: str
@@ -38,12 +38,13 @@ class TopicRow:
     lock: float | None
     missed: int
     recoveries: int
+    size: int = 0
 
     def plain(self) -> dict[str, Any]:
         return asdict(self)
 
 
-COLUMNS = tuple(TopicRow.__dataclass_fields__)
+COLUMNS = tuple(name for name in TopicRow.__dataclass_fields__ if name != "size")
 _TEXTS = ("topic", "type", "writer")
 _WIDTHS = {"rate": len("1000.0/s"), "age": len("999.9 ms"), "lock": len("1000.0/s")}
 """Characters of what is mostly seen."""
@@ -75,7 +76,7 @@ def look(past: Past) -> list[TopicRow]:
             header = view.header()
             if why := damage(header):
                 past.pop(name, None)
-                rows.append(TopicRow(topic_of(name), f"damaged: {why}", "-", 0, None, None, None, 0, 0))
+                rows.append(TopicRow(topic_of(name), f"damaged: {why}", "-", 0, None, None, None, 0, 0, header.size))
                 continue
             looks = past.setdefault(name, deque(maxlen=_LOOKS))
             if looks and looks[-1].inode != view.status.st_ino:
@@ -102,7 +103,7 @@ def table(
     becomes narrower than in the tables before, whose widths are remembered in `widths_before`: nothing jumps.
     """
     titles = [f"{name.upper()}{'*' if name == sorted_by else ' '}" for name in COLUMNS]
-    cells = [titles, *([_cell(name, getattr(row, name)) for name in COLUMNS] for row in rows)]
+    cells = [titles, *([cell(name, getattr(row, name)) for name in COLUMNS] for row in rows)]
     before = _WIDTHS if widths_before is None else _WIDTHS | widths_before
     widths = [max(before.get(name, 0), *(len(line[column]) for line in cells)) for column, name in enumerate(COLUMNS)]
     if widths_before is not None:
@@ -151,20 +152,23 @@ def _row(view: View, header: h.Header, looks: Sequence[_Look]) -> TopicRow:
         lock=None if stuck or not seconds else entered / seconds,
         missed=header.missed,
         recoveries=header.recoveries,
+        size=header.size,
     )
 
 
-def _cell(column: str, value: Any) -> str:
+def cell(column: str, value: Any) -> str:
+    """What the table shows of it."""
     match column:
         case "rate" | "lock":
             return "-" if value is None else f"{value:.1f}/s"
         case "age":
-            return "-" if value is None else _age(value)
+            return "-" if value is None else age_of(value)
         case _:
             return str(value)
 
 
-def _age(seconds: float) -> str:
+def age_of(seconds: float) -> str:
+    """`3.9 ms`, `12.0 s`, `5 min`."""
     if seconds < 1:
         return f"{seconds * 1e3:.1f} ms"
     if seconds < 100:

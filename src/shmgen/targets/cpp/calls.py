@@ -1,4 +1,4 @@
-"""Turns services and actions into C++ headers with their client and server, thin over shmgen_calls.hpp."""
+"""Turns services and actions into C++ headers with their client and server, thin over those written by hand."""
 
 from __future__ import annotations
 
@@ -39,12 +39,13 @@ def _output(
     name: TypeName, word: str, parts: Sequence[str], kinds: Sequence[str], layouts: Layouts, package: str
 ) -> Output:
     path = header(name, package).removesuffix(".hpp") + f"_{word}.hpp"
+    runtime = {"service": "shmgen_calls.hpp", "action": "shmgen_actions.hpp"}[word]
     messages = [name.part(f"_{part}") for part in parts]
     view = Calls(
         title=str(name),
         origin=in_comment(layouts[messages[-1]].message.origin),
         guard=path.upper().replace("/", "_").replace(".", "_"),
-        includes=(f"{package}/shmgen_calls.hpp", *sorted(header(part, package) for part in messages)),
+        includes=(f"{package}/{runtime}", *sorted(header(part, package) for part in messages)),
         open=tuple(namespace(name, package).split("::")),
         name=class_name(name),
         parts=tuple(parts),

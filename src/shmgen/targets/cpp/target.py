@@ -16,7 +16,7 @@ from shmgen.targets.cpp.names import NAMES as NAMES
 from shmgen.targets.cpp.names import class_name, header, namespace, qualified
 from shmgen.wording import counted
 
-RUNTIME = ("shmgen_values.hpp", "shmgen.hpp", "shmgen_calls.hpp")
+RUNTIME = ("shmgen_values.hpp", "shmgen.hpp", "shmgen_calls.hpp", "shmgen_actions.hpp")
 """Written by hand, in templates/cpp."""
 
 

@@ -28,7 +28,7 @@ typedef struct shmgen_publisher {
 /* Lets go of the topic, which others may claim then. The region stays. Does nothing the second time. */
 static inline void shmgen_publisher_close(shmgen_publisher *self)
 {
-    if (self->inside != 0)
+    if (self->inside != 0 && !shmgen_is_inherited(&self->end))
         shmgen_leave(&self->end);
     self->inside = 0;
     shmgen_link_close(&self->end);
@@ -139,6 +139,13 @@ static inline shmgen_status shmgen_publisher_open(
     return status;
 }
 
+/* In a forked child: lets go, and of nothing that is the parent's. */
+static inline shmgen_status shmgen_publisher_disown(shmgen_publisher *self)
+{
+    shmgen_publisher_close(self);
+    return self->gone = SHMGEN_IN_FORKED_CHILD;
+}
+
 /* Leaves the topic to the writer who has claimed it: this one stood still for a second, or seemed to. */
 static inline shmgen_status shmgen_lose(shmgen_publisher *self)
 {
@@ -154,6 +161,8 @@ static inline shmgen_status shmgen_publisher_assure(shmgen_publisher *self)
 {
     if (self->end.step != SHMGEN_STEP_READY)
         return shmgen_why(self->gone);
+    if (shmgen_is_inherited(&self->end))
+        return shmgen_publisher_disown(self);
     return shmgen_load(&self->end, SHMGEN_AT(writer)) == self->end.pid ? SHMGEN_OK : shmgen_lose(self);
 }
 
@@ -176,6 +185,8 @@ static inline shmgen_status shmgen_publisher_begin(shmgen_publisher *self, int64
     uint64_t stamp;
     if (end->step != SHMGEN_STEP_READY)
         return shmgen_why(self->gone);
+    if (shmgen_is_inherited(end))
+        return shmgen_publisher_disown(self);
     self->number = shmgen_after(end, self->sequence, 1);
     stamp = self->unstamped != 0 ? 0 : shmgen_wall();
     self->inside = shmgen_enter(end, limit);

@@ -1,0 +1,155 @@
+"""Turns chunks into a ROS 2 bag: a folder with metadata.yaml and one MCAP file after the other."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from shmgen.bag import mcap
+from shmgen.bag.mcap import Chunk
+
+_VERSION = 9
+"""Of metadata.yaml, as ROS 2 Jazzy writes it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """What a bag says of a topic. `metadata` is ours and rosbag2's; `type_hash` is that of REP 2016."""
+
+    number: int
+    topic: str
+    type: str
+    text: str
+    type_hash: str
+    metadata: Mapping[str, str]
+
+
+class Bag:
+    """A bag that is written. Not for two threads at a time."""
+
+    def __init__(self, folder: Path, most: int | None = None, longest: float | None = None) -> None:
+        """Makes the folder, which must not be there. A file ends at `most` bytes or `longest` seconds.
+
+        Raises OSError, also where it is there.
+        """
+        folder.mkdir(parents=True)
+        self.folder = folder
+        self.samples = 0
+        self.size = 0
+        self._most, self._longest = most, longest
+        self._channels: dict[int, Channel] = {}
+        self._schemas: dict[tuple[str, str], int] = {}
+        self._counts: dict[int, int] = {}
+        self._files: list[mcap.File] = []
+        self._open: mcap.File | None = None
+        self._begun = 0.0
+        self.say()
+
+    @property
+    def files(self) -> list[Path]:
+        return [file.path for file in self._files]
+
+    def add(self, channel: Channel) -> None:
+        """Before the first chunk that has one of its messages."""
+        self._channels[channel.number] = channel
+        self._schemas.setdefault((channel.type, channel.text), len(self._schemas) + 1)
+
+    def put(self, chunk: Chunk) -> None:
+        """Raises OSError; the bag is then as it was."""
+        if self._open and self._is_full(self._open):
+            self.end_file()
+        if self._open is None:
+            self._open = mcap.File(self.folder / f"{self.folder.name}_{len(self._files)}.mcap")
+            self._files.append(self._open)
+            self._begun = time.monotonic()
+            self.say()
+        before = self._open.size
+        self._open.put(chunk, [record for number in chunk.index for record in self._records(self._channels[number])])
+        self.size += self._open.size - before
+        self.samples += chunk.messages
+        for number, index in chunk.index.items():
+            self._counts[number] = self._counts.get(number, 0) + len(index) // 16
+
+    def end_file(self, notes: Mapping[str, str] | None = None) -> None:
+        """Gives the file its index; `notes` are kept in it under `shmgen`. Raises OSError."""
+        if self._open is not None:
+            file, self._open = self._open, None
+            about = {"rosbag2": {"serialized_metadata": self._about([file])}}
+            file.close(about | ({"shmgen": dict(notes)} if notes else {}))
+
+    def abandon(self) -> None:
+        """Leaves what there is, readable to its last chunk."""
+        if self._open is not None:
+            self._open.abandon()
+            self._open = None
+
+    def say(self, notes: Mapping[str, str] | None = None) -> None:
+        """Writes metadata.yaml anew; whoever reads it finds the one before or this one. Raises OSError."""
+        file = self.folder / "metadata.yaml"
+        new = file.with_suffix(".yaml.new")
+        try:
+            new.write_text(f'{{"rosbag2_bagfile_information": {self._about(self._files, notes)}}}\n', encoding="utf-8")
+            os.replace(new, file)
+        finally:
+            new.unlink(missing_ok=True)
+
+    def _is_full(self, file: mcap.File) -> bool:
+        too_long = self._longest is not None and time.monotonic() - self._begun >= self._longest
+        return too_long or (self._most is not None and file.size >= self._most)
+
+    def _records(self, channel: Channel) -> tuple[bytes, bytes]:
+        schema = self._schemas[channel.type, channel.text]
+        metadata = {"offered_qos_profiles": "[]", "topic_type_hash": channel.type_hash, **channel.metadata}
+        return (
+            mcap.schema(schema, channel.type, channel.text),
+            mcap.channel(channel.number, schema, channel.topic, metadata),
+        )
+
+    def _about(self, files: list[mcap.File], notes: Mapping[str, str] | None = None) -> str:
+        """What rosbag2 wants to know, as JSON, which is YAML too."""
+        counts: dict[int, int] = {}
+        for file in files:
+            for number, count in file.counts.items():
+                counts[number] = counts.get(number, 0) + count
+        told = [file for file in files if file.messages]
+        first, last = min((file.first for file in told), default=0), max((file.last for file in told), default=0)
+        about: dict[str, Any] = {
+            "version": _VERSION,
+            "storage_identifier": "mcap",
+            "relative_file_paths": [file.path.name for file in files],
+            "duration": {"nanoseconds": last - first},
+            "starting_time": {"nanoseconds_since_epoch": first},
+            "message_count": sum(counts.values()),
+            "topics_with_message_count": [
+                {
+                    "topic_metadata": {
+                        "name": channel.topic,
+                        "type": channel.type,
+                        "serialization_format": "cdr",
+                        "offered_qos_profiles": [],
+                        "type_description_hash": channel.type_hash,
+                    },
+                    "message_count": counts.get(channel.number, 0),
+                }
+                for channel in self._channels.values()
+            ],
+            "compression_format": "",
+            "compression_mode": "",
+            "files": [
+                {
+                    "path": file.path.name,
+                    "starting_time": {"nanoseconds_since_epoch": file.first if file.messages else 0},
+                    "duration": {"nanoseconds": file.last - file.first if file.messages else 0},
+                    "message_count": file.messages,
+                }
+                for file in files
+            ],
+            "custom_data": dict(notes) if notes else None,
+            "ros_distro": "shmgen",
+        }
+        return json.dumps(about, indent=1)

@@ -1,0 +1,146 @@
+"""Turns the type of a region into what a bag says of it: its ROS name, definition and hash, and its layout here."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cached_property
+
+from shmgen import pipeline
+from shmgen.bag.transcode import encoder
+from shmgen.bridge.cdr import Codec, codec
+from shmgen.bridge.plan import closure
+from shmgen.drift import lockfile
+from shmgen.live.classes import Workshop
+from shmgen.live.session import Session
+from shmgen.model import (
+    Array,
+    Clock,
+    Constant,
+    Field,
+    FieldType,
+    Layout,
+    Layouts,
+    Ref,
+    Schema,
+    Sequence,
+    TypeName,
+    ros_type,
+)
+from shmgen.model import Message as Definition
+from shmgen.runtime import Message
+from shmgen.type_hash import TIMES, type_hash
+
+_RULE = "=" * 80
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A message as a region holds it and as a bag does."""
+
+    session: Session
+    request: str
+
+    @cached_property
+    def layout(self) -> Layout:
+        return self.session.layout(self.request)
+
+    @property
+    def layouts(self) -> Layouts:
+        return self.session.layouts([self.request])
+
+    @cached_property
+    def message(self) -> type[Message]:
+        """The class that reads and writes it in a region."""
+        return self.session.message(self.request)
+
+    @cached_property
+    def definitions(self) -> tuple[Definition, ...]:
+        """Its own, behind those of all it holds."""
+        laid_out = tuple(layout.message for layout in self.layouts.values())
+        return closure(Schema(laid_out), self.layout.name)
+
+    @property
+    def name(self) -> str:
+        """`geometry_msgs/msg/Pose`."""
+        return str(self.layout.name)
+
+    @cached_property
+    def text(self) -> str:
+        """The definition as ROS 2 keeps it in a bag: that of the message, then those of all it holds."""
+        return _texts(self.definitions)
+
+    @cached_property
+    def type_hash(self) -> str:
+        """`RIHS01_...`"""
+        return type_hash(self.definitions)
+
+    @cached_property
+    def codec(self) -> Codec:
+        return codec(self.definitions)
+
+    @cached_property
+    def encode(self) -> Callable[[bytes | bytearray], bytes]:
+        """CDR of a payload. Raises CountExceeded, and struct.error for a time that ROS 2 cannot hold."""
+        return encoder(self.layout, self.layouts)
+
+    @cached_property
+    def lock(self) -> str:
+        """What layout.lock says of it, to be compared with another day's."""
+        needed = {definition.name for definition in self.definitions}
+        layouts = {name: layout for name, layout in self.layouts.items() if name in needed}
+        return lockfile.write(layouts, {}, pipeline.settings(self.session.config))
+
+
+def kind_of(workshop: Workshop, request: str, digest: int | None) -> Kind:
+    """Raises Rejected and LayoutMismatch as Workshop.message(), and ValueError for a name that is several."""
+    return Kind(workshop.session_of(request, digest), request)
+
+
+def _texts(definitions: Iterable[Definition]) -> str:
+    *held, own = definitions
+    parts = [_text(own)]
+    parts += [f"{_RULE}\nMSG: {name}\n{text}" for name, text in _times(definitions).items()]
+    parts += [f"{_RULE}\nMSG: {one.name.short}\n{_text(one)}" for one in reversed(held)]
+    return "".join(parts)
+
+
+def _text(definition: Definition) -> str:
+    constants = [_constant(one) for one in definition.constants]
+    return "".join(f"{line}\n" for line in [*constants, *map(_field, definition.fields)])
+
+
+def _constant(constant: Constant) -> str:
+    value = constant.value
+    shown = json.dumps(value, ensure_ascii=False) if isinstance(value, (str, bool)) else repr(value)
+    return f"{ros_type(constant.type)} {constant.name}={shown}"
+
+
+def _field(field: Field) -> str:
+    return f"{_spelled(field.sent or field.type, field.word)} {field.name}"
+
+
+def _spelled(type_: FieldType, word: str) -> str:
+    """As ros_type(), but a time by its name in ROS 2, and the words of the definition."""
+    match type_:
+        case Array(element, length):
+            return f"{_spelled(element, word)}[{length}]"
+        case Sequence(element, capacity):
+            return f"{_spelled(element, word)}[{'' if capacity is None else f'<={capacity}'}]"
+        case Clock():
+            return TIMES[type_].short
+        case Ref(TypeName() as name):
+            return name.short
+        case _:
+            return word if word in ("byte", "char") else ros_type(type_)
+
+
+def _times(definitions: Iterable[Definition]) -> dict[str, str]:
+    used = {
+        inner
+        for definition in definitions
+        for field in definition.fields
+        if isinstance(inner := getattr(field.type, "element", field.type), Clock)
+    }
+    return {TIMES[clock].short: "int32 sec\nuint32 nanosec\n" for clock in Clock if clock in used}

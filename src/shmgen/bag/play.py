@@ -1,0 +1,229 @@
+"""Turns a bag into samples of regions again, at the pace they came in or another."""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from shmgen.bag.kinds import Kind, kind_of
+from shmgen.bag.read import Channel, Message, Unreadable, messages
+from shmgen.diagnostics import Rejected, Report
+from shmgen.drift import lockfile
+from shmgen.drift.compare import compare
+from shmgen.live.classes import Workshop, publisher
+from shmgen.live.regions import View, depth_of
+from shmgen.runtime import Publisher, ShmError, region_name
+from shmgen.runtime.errors import LayoutMismatch, RegionMissing, ValueRejected
+from shmgen.runtime.message import Message as Sample
+from shmgen.runtime.names import HALVES
+
+_HEARTBEAT = 0.05
+"""Seconds between two signs of life while nothing is due."""
+_APART = 10**9
+"""Nanoseconds between the writer's stamp and the recorder's, beyond which only the latter says when it came."""
+
+Tell = Callable[[str], None]
+
+
+@dataclass(slots=True)
+class _Outlet:
+    """A topic that is played: its publisher, and how many samples it has published and could not publish."""
+
+    topic: str
+    kind: Kind
+    writer: Publisher[Sample]
+    played: int = 0
+    refused: int = 0
+
+
+class Player:
+    """Publishes what a bag has; a stand-in for the robot or for the PLC."""
+
+    def __init__(self, path: Path, workshop: Workshop, topics: Collection[str] | None, tell: Tell) -> None:
+        """Reads through the bag once and opens all regions; None: all topics, but not the halves of services.
+
+        Raises Unreadable, LayoutMismatch in words, Rejected, and what a Publisher raises; no region is touched then.
+        """
+        self._path, self._tell = path, tell
+        channels, self.first, self.last, self.total = _looked_through(path)
+        chosen = {channel.topic: channel for channel in channels if _is_chosen(topic_in(channel), topics)}
+        if topics is not None and (missing := _not_in(topics, channels)):
+            there = ", ".join(sorted({topic_in(channel) for channel in channels})) or "none"
+            raise ValueError(f"{path} has no topic {', '.join(missing)}; it has {there}")
+        if not chosen:
+            halves = " but of services and actions, which --topics names" if channels else ""
+            raise ValueError(f"{path}: there is nothing to play: it has no topics{halves}")
+        kinds = {topic: _checked(channel, workshop, path) for topic, channel in chosen.items()}
+        self._outlets: dict[str, _Outlet] = {}
+        try:
+            for name, channel in chosen.items():
+                topic = topic_in(channel)
+                made = publisher(kinds[name].message, topic, _depth(channel, topic, workshop))
+                self._outlets[name] = _Outlet(topic, kinds[name], made)
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def topics(self) -> list[str]:
+        return [outlet.topic for outlet in self._outlets.values()]
+
+    @property
+    def played(self) -> int:
+        return sum(outlet.played for outlet in self._outlets.values())
+
+    @property
+    def refused(self) -> int:
+        """Messages that fit no sample here."""
+        return sum(outlet.refused for outlet in self._outlets.values())
+
+    def play(self, rate: float = 1.0, start: float = 0.0) -> Iterator[float]:
+        """From `start` seconds on, `rate` times as fast; after each sample yields how many seconds into the bag it is.
+
+        Raises ValueError if the bag has ended by then, and what Publisher.publish() raises but for values.
+        """
+        length = (self.last - self.first) / 1e9
+        if start > length or not self.total:
+            raise ValueError(f"{self._path} has {self.total} messages in {length:.3f} s: there is nothing to play")
+        begun = time.monotonic()
+        for message in messages(self._path):
+            if not isinstance(message, Message):
+                continue
+            into = (_when(message) - self.first) / 1e9
+            outlet = self._outlets.get(message.channel.topic)
+            if outlet is None or into < start:
+                continue
+            self._wait(begun + (into - start) / rate)
+            self._publish(outlet, message)
+            yield into
+
+    def close(self) -> None:
+        for outlet in self._outlets.values():
+            outlet.writer.close()
+
+    def _publish(self, outlet: _Outlet, message: Message) -> None:
+        try:
+            outlet.writer.publish(outlet.kind.codec.decode(message.data))
+        except ShmError as error:
+            if not isinstance(error, ValueRejected):
+                raise
+            self._refuse(outlet, str(error))
+        except (ValueError, struct.error) as error:
+            self._refuse(outlet, str(error))
+        else:
+            outlet.played += 1
+
+    def _refuse(self, outlet: _Outlet, why: str) -> None:
+        if not outlet.refused:
+            self._tell(f"{outlet.topic}: a message that fits no sample: {why}")
+        outlet.refused += 1
+
+    def _wait(self, due: float) -> None:
+        while (left := due - time.monotonic()) > 0:
+            time.sleep(min(left, _HEARTBEAT))
+            if left > _HEARTBEAT:
+                for outlet in self._outlets.values():
+                    outlet.writer.heartbeat()
+
+
+def topic_in(channel: Channel) -> str:
+    """The topic of the region: that which was recorded, or of a bag of others the topic of ROS."""
+    if topic := channel.metadata.get("shmgen_topic"):
+        return topic
+    full, _, half = channel.topic.rpartition("/_")
+    return f"{full}-{half}" if half in HALVES else channel.topic
+
+
+def _looked_through(path: Path) -> tuple[list[Channel], int, int, int]:
+    """Channels, the times of the earliest and the latest message, and how many there are."""
+    first, last, total = 0, 0, 0
+    seen: dict[str, Channel] = {}
+    for one in messages(path):
+        if isinstance(one, Message):
+            when = _when(one)
+            first, last = min(first or when, when), max(last, when)
+            total += 1
+        elif _identity(former := seen.setdefault(one.topic, one)) != _identity(one):
+            raise Unreadable(f"{path}: {one.topic} is {former.type} at first and {one.type} later, or another layout")
+    return list(seen.values()), first, last, total
+
+
+def _identity(channel: Channel) -> tuple[str | None, ...]:
+    return channel.type, channel.text, channel.metadata.get("shmgen_digest")
+
+
+def _is_chosen(topic: str, topics: Collection[str] | None) -> bool:
+    """By its name, or that of its service."""
+    if topics is None:
+        return "-" not in topic
+    return not {topic, topic.partition("-")[0]}.isdisjoint("/" + name.removeprefix("/") for name in topics)
+
+
+def _not_in(topics: Collection[str], channels: Collection[Channel]) -> list[str]:
+    return [name for name in topics if not any(_is_chosen(topic_in(channel), [name]) for channel in channels)]
+
+
+def _when(message: Message) -> int:
+    apart = abs(message.logged - message.published)
+    return message.published if apart < _APART else message.logged
+
+
+def _checked(channel: Channel, workshop: Workshop, path: Path) -> Kind:
+    """The message as it is here. Raises LayoutMismatch where it is another one than in the bag, and Rejected."""
+    digest = channel.metadata.get("shmgen_digest")
+    try:
+        kind = kind_of(workshop, channel.type, int(digest, 16) if digest else None)
+    except LayoutMismatch as error:
+        told = "\n".join(_differences(channel, workshop)) or str(error)
+        raise LayoutMismatch(
+            f"{path}: {topic_in(channel)} was recorded with another layout than {channel.type} has here\n{told}\n"
+            "  hint: play it in the folder whose shmgen.toml it was recorded with, or name that file with -c"
+        ) from None
+    if not digest and _plain(channel.text) != _plain(kind.text):
+        raise LayoutMismatch(
+            f"{path}: {topic_in(channel)}: {channel.type} has another definition in the bag than here\n"
+            f"  there:\n{_indented(channel.text)}\n  here:\n{_indented(kind.text)}"
+        )
+    return kind
+
+
+def _differences(channel: Channel, workshop: Workshop) -> Iterator[str]:
+    """Line by line, what became of the fields from the bag to here."""
+    report = Report()
+    before = lockfile.read(channel.metadata.get("shmgen_layout", ""), "the bag", report)
+    if report.diagnostics:
+        return
+    try:
+        kind = kind_of(workshop, channel.type, None)
+    except Rejected:
+        return
+    for found in compare(before, lockfile.read(kind.lock, "here", report), "here"):
+        if found.changes:
+            yield f"  {found.diagnostic.message}"
+            yield from (f"    {change.field}: {change.text}" for change in found.changes)
+
+
+def _depth(channel: Channel, topic: str, workshop: Workshop) -> int:
+    """That of the region that is there, else what was recorded, else what shmgen.toml says, else 1."""
+    try:
+        with View(region_name(topic)) as view:
+            return depth_of(view.header())
+    except RegionMissing:
+        pass
+    if depth := channel.metadata.get("shmgen_depth"):
+        return int(depth)
+    return next((entry.depth for entry in workshop.config.topics if "/" + entry.topic.lstrip("/") == topic), 1)
+
+
+def _plain(text: str) -> list[list[str]]:
+    """Fields and their types; no comments, constants, defaults, bounds or full names."""
+    lines = [line.partition("#")[0].split() for line in text.splitlines()]
+    fields = [line for line in lines if len(line) >= 2 and "=" not in "".join(line[1:]) and line[0] != "MSG:"]
+    return sorted([line[0].rpartition("/")[2].partition("<=")[0], line[1]] for line in fields)
+
+
+def _indented(text: str) -> str:
+    return "\n".join(f"    {line}" for line in text.splitlines() if line)

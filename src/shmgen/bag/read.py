@@ -1,0 +1,193 @@
+"""Turns an MCAP file, whole or cut short, or a bag of ROS 2, into its messages in the order they were written in."""
+
+from __future__ import annotations
+
+import struct
+import sys
+import zlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import BinaryIO
+
+from shmgen.bag import mcap
+from shmgen.wording import counted
+
+_HEAD = struct.Struct("<BQ")
+_LONGEST = 1 << 32
+"""Bytes of a record that cannot be; of a damaged file anything can be said."""
+
+
+class Unreadable(ValueError):
+    """It is no bag, or not one of messages of ROS 2."""
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """A topic as the bag has it; of bags of others `metadata` says little."""
+
+    topic: str
+    type: str
+    text: str
+    metadata: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """Times in nanoseconds since 1970: when it was recorded, and when its writer wrote it."""
+
+    channel: Channel
+    logged: int
+    published: int
+    data: bytes
+
+
+class _Short(Exception):
+    """The file ends here."""
+
+
+def messages(path: Path) -> Iterator[Channel | Message]:
+    """Of a file, or of all files of a bag; each channel comes before its messages.
+
+    A file that ends in the middle gives all that is whole. Raises Unreadable and OSError.
+    """
+    for file in files(path):
+        yield from _of_file(file) if file.suffix == ".mcap" else _of_others(path)
+
+
+def files(path: Path) -> list[Path]:
+    """Those of a bag in their order. Raises Unreadable and OSError."""
+    if not path.is_dir():
+        if path.suffix != ".mcap":
+            raise Unreadable(f"{path} is neither an MCAP file nor the folder of a bag")
+        return [path]
+    found = sorted(path.glob("*.mcap"), key=lambda file: (len(file.name), file.name))
+    if not found and not (found := sorted(path.glob("*.db3"))[:1]):
+        raise Unreadable(f"{path}: no bag is in this folder")
+    return found
+
+
+def _of_file(path: Path) -> Iterator[Channel | Message]:
+    schemas: dict[int, tuple[str, str, str]] = {}
+    channels: dict[int, Channel] = {}
+    with path.open("rb") as file:
+        if file.read(len(mcap.MAGIC)) != mcap.MAGIC:
+            raise Unreadable(f"{path} is no MCAP file")
+        try:
+            for code, content in _records(file):
+                if code == mcap.CHUNK:
+                    inner = _unpacked(content, path)
+                    yield from _contents(inner, schemas, channels, path)
+                else:
+                    yield from _content(code, content, schemas, channels, path)
+        except _Short:
+            return
+
+
+def _contents(
+    data: bytes, schemas: dict[int, tuple[str, str, str]], channels: dict[int, Channel], path: Path
+) -> Iterator[Channel | Message]:
+    at = 0
+    while at + _HEAD.size <= len(data):
+        code, length = _HEAD.unpack_from(data, at)
+        at += _HEAD.size
+        if at + length > len(data):
+            raise _Short
+        yield from _content(code, data[at : at + length], schemas, channels, path)
+        at += length
+
+
+def _content(
+    code: int, data: bytes, schemas: dict[int, tuple[str, str, str]], channels: dict[int, Channel], path: Path
+) -> Iterator[Channel | Message]:
+    match code:
+        case mcap.MESSAGE:
+            number, _, logged, published = struct.unpack_from("<HIQQ", data)
+            if number in channels:
+                yield Message(channels[number], logged, published, data[22:])
+        case mcap.SCHEMA:
+            (number,) = struct.unpack_from("<H", data)
+            name, at = _text(data, 2)
+            encoding, at = _text(data, at)
+            schemas[number] = name, encoding, _text(data, at)[0]
+        case mcap.CHANNEL:
+            number, schema = struct.unpack_from("<HH", data)
+            topic, at = _text(data, 4)
+            encoding, at = _text(data, at)
+            if encoding != "cdr":
+                raise Unreadable(f"{path}: {topic} is encoded as {encoding}; messages of ROS 2 are as cdr")
+            name, _, text = schemas.get(schema, ("", "", ""))
+            if number not in channels:
+                channels[number] = Channel(topic, name, text, _map(data, at))
+                yield channels[number]
+        case _:
+            pass
+
+
+def _records(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
+    """Up to the end of the data. Raises _Short."""
+    while True:
+        head = file.read(_HEAD.size)
+        if len(head) < _HEAD.size:
+            raise _Short
+        code, length = _HEAD.unpack(head)
+        if code in (mcap.DATA_END, mcap.FOOTER):
+            return
+        content = file.read(length) if length < _LONGEST else b""
+        if len(content) < length:
+            raise _Short
+        yield code, content
+
+
+def _unpacked(data: bytes, path: Path) -> bytes:
+    size, check = struct.unpack_from("<QI", data, 16)
+    compression, at = _text(data, 28)
+    (length,) = struct.unpack_from("<Q", data, at)
+    packed = data[at + 8 : at + 8 + length]
+    match compression:
+        case "":
+            inner = packed
+        case "lz4":
+            from lz4.frame import decompress
+
+            inner = decompress(packed)
+        case "zstd":
+            if sys.version_info >= (3, 14):
+                from compression import zstd
+            else:
+                from backports import zstd
+            inner = zstd.decompress(packed)
+        case _:
+            raise Unreadable(f"{path}: its chunks are packed as {compression!r}, which is not known here")
+    if len(inner) != size or (check and zlib.crc32(inner) != check):
+        raise Unreadable(f"{path}: damaged: a chunk of {counted(size, 'byte')} is not what it was")
+    return inner
+
+
+def _of_others(folder: Path) -> Iterator[Channel | Message]:
+    """Of an SQLite bag, which rosbags reads; it knows one time only."""
+    from rosbags.rosbag2 import Reader, ReaderError
+
+    try:
+        with Reader(folder) as reader:
+            channels = {one.id: Channel(one.topic, one.msgtype, one.msgdef.data) for one in reader.connections}
+            yield from channels.values()
+            for connection, logged, data in reader.messages():
+                yield Message(channels[connection.id], logged, logged, bytes(data))
+    except ReaderError as error:
+        raise Unreadable(f"{folder}: {error}") from None
+
+
+def _text(data: bytes, at: int) -> tuple[str, int]:
+    (length,) = struct.unpack_from("<I", data, at)
+    return data[at + 4 : at + 4 + length].decode(errors="replace"), at + 4 + length
+
+
+def _map(data: bytes, at: int) -> dict[str, str]:
+    (length,) = struct.unpack_from("<I", data, at)
+    at, end = at + 4, at + 4 + length
+    pairs = {}
+    while at < end:
+        key, at = _text(data, at)
+        pairs[key], at = _text(data, at)
+    return pairs

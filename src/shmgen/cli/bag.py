@@ -1,0 +1,175 @@
+"""Turns `shmgen record` and `shmgen play` into bags and samples, and what they count into lines."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from shmgen.cli import manners, options
+from shmgen.wording import counted
+
+if TYPE_CHECKING:
+    from shmgen.bag.record import Figures
+
+_UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30}
+
+
+def _size(context: click.Context, parameter: click.Parameter, value: str | None) -> int | None:
+    """Bytes of `500M`."""
+    if value is None:
+        return None
+    number, unit = value.rstrip("KMGkmg"), value[len(value.rstrip("KMGkmg")) :].upper()
+    if not number.isdecimal() or unit not in _UNITS or not int(number):
+        raise click.BadParameter(f"{value!r} is no size; write it as 500M or 2G", context, parameter)
+    return int(number) * _UNITS[unit]
+
+
+@click.command()
+@click.argument("topics", nargs=-1, metavar="[TOPIC]...", shell_complete=manners.topics)
+@click.option("-a", "--all", "everything", is_flag=True, help="Every region there is, and those that come meanwhile.")
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="The bag, a new folder.  [default: by date]")
+@click.option("--max-size", metavar="SIZE", callback=_size, help="A new file after so much: 500M, 2G.")
+@click.option("--max-duration", type=click.FloatRange(0.1), metavar="SECONDS", help="A new file after so long.")
+@click.option("-d", "--duration", type=click.FloatRange(0.1), metavar="SECONDS", help="Stop after so long.")
+@click.option("-q", "--quiet", is_flag=True, help="No line of progress.")
+@options.where
+@manners.polite
+def record(
+    topics: tuple[str, ...],
+    everything: bool,
+    output: Path | None,
+    max_size: int | None,
+    max_duration: float | None,
+    duration: float | None,
+    quiet: bool,
+    config_file: Path | None,
+    include: tuple[Path, ...],
+) -> None:
+    """Record the samples of live regions into a ROS 2 bag (MCAP), until Ctrl-C or SIGTERM.
+
+    For `ros2 bag`, Foxglove, PlotJuggler and `shmgen play`. It only looks: nothing is written to a region, no lock is
+    taken. Waits for regions that do not exist yet. Services and actions are recorded by their regions. What is on the
+    disk stays readable, also after SIGKILL or on a full disk. Exit 1 if something asked for could not be recorded.
+    """
+    from shmgen.bag.folder import Bag
+    from shmgen.bag.record import Recorder
+
+    if everything == bool(topics):
+        raise click.UsageError("Name topics, or --all; `shmgen topics` lists what there is.")
+    folder = output or Path(time.strftime("shmgen_%Y_%m_%d-%H_%M_%S"))
+    workshop = manners.workshop(config_file, include)
+    chosen = None if everything else topics
+    stopping = threading.Event()
+    try:
+        bag = Bag(folder, max_size, max_duration)
+    except FileExistsError:
+        raise ValueError(f"{folder} is there already; a bag is a folder of its own") from None
+    recorder = Recorder(workshop, bag, chosen, manners.note)
+    with _ended_by_signals(stopping), _progress(lambda: _line(recorder.figures), quiet):
+        try:
+            recorder.run(stopping, duration)
+        except OSError as error:
+            raise OSError(
+                f"{folder}: cannot be written: {error.strerror or error}; {counted(bag.samples, 'sample')} are in it "
+                "and can be read\n  hint: make room, and record into another folder"
+            ) from error
+    figures = recorder.figures
+    click.echo(f"{folder}: {counted(len(bag.files), 'file')}, {_line(figures)}")
+    sys.exit(int(recorder.failed or figures.damaged > 0))
+
+
+@click.command()
+@click.argument("path", metavar="BAG", type=click.Path(exists=True, path_type=Path))
+@click.option("-r", "--rate", type=click.FloatRange(0.001, 1000), default=1.0, show_default=True, help="So many times.")
+@click.option("-l", "--loop", is_flag=True, help="From the beginning again, until Ctrl-C.")
+@click.option("--start", type=click.FloatRange(0), default=0.0, metavar="SECONDS", help="From so far into it.")
+@click.option("--topics", "chosen", multiple=True, metavar="TOPIC", help="Only these; may be repeated.")
+@click.option("-q", "--quiet", is_flag=True, help="No line of progress.")
+@options.where
+@manners.polite
+def play(
+    path: Path,
+    rate: float,
+    loop: bool,
+    start: float,
+    chosen: tuple[str, ...],
+    quiet: bool,
+    config_file: Path | None,
+    include: tuple[Path, ...],
+) -> None:
+    """Publish the samples of BAG on their topics again, at the pace they came in.
+
+    BAG is a folder or an .mcap file, recorded here or by `ros2 bag`; one that ends in the middle is played as far as
+    it goes. A stand-in for the robot or the PLC in a test: one writer a topic, so not beside them. Services and
+    actions are played only where --topics names them. A bag whose layouts differ from those here is refused.
+    """
+    from shmgen.bag.play import Player
+
+    words = [topic for topics in chosen for topic in topics.replace(",", " ").split()]
+    player = Player(path, manners.workshop(config_file, include), words or None, manners.note)
+    length, at = (player.last - player.first) / 1e9, [0.0]
+    try:
+        with _progress(lambda: f"{at[0]:.1f} of {length:.1f} s, {counted(player.played, 'sample')}", quiet):
+            while True:
+                for at[0] in player.play(rate, start):
+                    pass
+                if not loop or not player.played:
+                    break
+    finally:
+        refused = f", {player.refused:,} refused" if player.refused else ""
+        click.echo(f"{path}: {counted(player.played, 'sample')} on {counted(len(player.topics), 'topic')}{refused}")
+        player.close()
+    sys.exit(int(player.refused > 0))
+
+
+def _line(figures: Figures) -> str:
+    damaged = f", {figures.damaged:,} damaged" if figures.damaged else ""
+    samples, topics = counted(figures.samples, "sample"), counted(figures.topics, "topic")
+    return f"{samples} of {topics}, {figures.missed:,} missed{damaged}, {figures.size / 1e6:.1f} MB"
+
+
+@contextmanager
+def _ended_by_signals(stopping: threading.Event) -> Iterator[None]:
+    """So that no sample is cut in two, and the bag gets its index."""
+    before = {number: signal.signal(number, lambda *_: stopping.set()) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def _progress(line: Callable[[], str], quiet: bool) -> Iterator[None]:
+    """A line that is written over each second, on a terminal only, by a thread: a terminal may stand still."""
+    over = threading.Event()
+
+    def show() -> None:
+        begun = time.monotonic()
+        while not over.wait(1):
+            text = f"{time.monotonic() - begun:.0f} s: {line()}"
+            sys.stderr.write(f"\r{manners.fitting(text)}\x1b[K")
+            sys.stderr.flush()
+
+    if quiet or not manners.can_overwrite(sys.stderr):
+        yield
+        return
+    thread = threading.Thread(target=show, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join(1)
+        sys.stderr.write("\r\x1b[K")
+
+
+COMMANDS = (record, play)

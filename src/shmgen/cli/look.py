@@ -1,0 +1,153 @@
+"""Turns the commands that look at topics as `ros2 topic` does into calls of the tools, and their answers into text."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from pathlib import Path
+
+import click
+
+from shmgen.cli import manners, options
+from shmgen.wording import counted
+
+_window = click.option("-w", "--window", type=click.IntRange(2), default=10_000, show_default=True, help="In samples.")
+
+
+@click.command()
+@manners.for_machines
+@manners.polite
+def topics(as_json: bool) -> None:
+    """The live regions: type, writer, how many readers, depth, age of the newest sample."""
+    from shmgen.tools import topics as tool
+    from shmgen.tools.shown import as_line
+
+    found = tool.look()
+    if as_json:
+        click.echo(as_line([region.plain() for region in found]))
+    elif found:
+        width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
+        click.echo("\n".join(tool.table(found, width)))
+    else:
+        manners.note("no regions; `shmgen pub` makes one, and so does every publisher and subscriber")
+
+
+@click.command()
+@manners.topic
+@manners.for_machines
+@manners.polite
+def info(topic: str, as_json: bool) -> None:
+    """One topic: type and digest, file, payload, samples, writer, and the processes that read it."""
+    from shmgen.tools import topics as tool
+    from shmgen.tools.shown import as_line
+
+    found, hidden = tool.one(topic)
+    click.echo(as_line(found.plain()) if as_json else tool.text(found, hidden))
+
+
+@click.command()
+@manners.topic
+@_window
+@manners.count
+@manners.timeout
+@manners.for_machines
+@manners.polite
+def bw(topic: str, window: int, count: int | None, timeout: float | None, as_json: bool) -> None:
+    """Bytes a second on a topic, once a second."""
+    from shmgen.tools import flow
+
+    manners.show(flow.bandwidths(topic, window, timeout, manners.note), count, as_json)
+
+
+@click.command()
+@manners.topic
+@_window
+@manners.count
+@manners.timeout
+@manners.for_machines
+@options.where
+@manners.polite
+def delay(
+    topic: str,
+    window: int,
+    count: int | None,
+    timeout: float | None,
+    as_json: bool,
+    config_file: Path | None,
+    include: tuple[Path, ...],
+) -> None:
+    """How old samples are when they are seen here, once a second: by header.stamp, or by the writer's own stamp."""
+    from shmgen.tools import flow
+
+    workshop = manners.workshop(config_file, include)
+    manners.show(flow.delays(topic, workshop, window, timeout, manners.note), count, as_json)
+
+
+@click.command()
+@manners.topic
+@click.argument("paths", nargs=-1, required=True, metavar="FIELD...", shell_complete=manners.numbers)
+@click.option("-s", "--seconds", type=click.FloatRange(0.1), default=10.0, show_default=True, help="So much is shown.")
+@click.option("--once", is_flag=True, help="One drawing, once so much has come; so in a pipe.")
+@options.where
+@manners.polite
+def plot(
+    topic: str,
+    paths: tuple[str, ...],
+    seconds: float,
+    once: bool,
+    config_file: Path | None,
+    include: tuple[Path, ...],
+) -> None:
+    """Draw numbers of a topic over time in the terminal, until Ctrl-C.
+
+    \b
+    shmgen plot /arm/pose position.x position.y
+    """  # noqa: D301 click's own sign
+    from shmgen.tools import plot as tool
+
+    curves = tool.Curves(topic, paths, seconds, manners.workshop(config_file, include), manners.note)
+    plain = not manners.shows_unicode(sys.stdout)
+
+    def drawn() -> list[str]:
+        size = shutil.get_terminal_size()
+        return tool.drawing(curves.paths, curves.points, size.columns, min(24, size.lines - 1), plain=plain)
+
+    try:
+        if once or not manners.can_overwrite(sys.stdout):
+            curves.watch(seconds)
+            click.echo("\n".join(drawn()))
+            return
+        lines: list[str] = []
+        while curves.watch(0.1):
+            back = f"\x1b[{len(lines)}A\r" if lines else ""
+            lines = drawn()
+            click.echo(f"{back}" + "\n".join(f"{line}\x1b[K" for line in lines) + "\x1b[J")
+        manners.note(f"{topic}: the region was removed")
+    finally:
+        if curves.missed:
+            samples = counted(curves.missed, "sample")
+            manners.note(f"{topic}: {samples} overwritten before they could be read here")
+        curves.close()
+
+
+_SHELLS = {
+    "bash": "echo 'eval \"$(shmgen completion bash)\"' >> ~/.bashrc",
+    "zsh": "echo 'eval \"$(shmgen completion zsh)\"' >> ~/.zshrc",
+    "fish": "shmgen completion fish > ~/.config/fish/completions/shmgen.fish",
+}
+
+
+@click.command(epilog="\b\nTo turn it on:\n" + "\n".join(f"  {line}" for line in _SHELLS.values()))
+@click.argument("shell", type=click.Choice(list(_SHELLS)))
+def completion(shell: str) -> None:
+    """Print what makes a shell complete commands, options, live topics, types and fields."""
+    from click.shell_completion import get_completion_class
+
+    from shmgen.cli.main import cli
+
+    kind = get_completion_class(shell)
+    assert kind is not None
+    click.echo(kind(cli, {}, "shmgen", "_SHMGEN_COMPLETE").source())
+
+
+COMMANDS = (topics, info, bw, delay, plot, completion)

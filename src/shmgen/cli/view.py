@@ -1,0 +1,83 @@
+"""Turns `shmgen view` into screens in this terminal, or into a page of the browser on this machine."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from pathlib import Path
+
+import click
+
+from shmgen.cli import manners, options
+
+_MISSING = "`shmgen view` needs {name}, which is not installed: `pip install '.[view]'` in a checkout of shmgen"
+
+
+@click.command()
+@click.argument("topic", required=False, shell_complete=manners.topics)
+@click.option("-t", "--terminal", is_flag=True, help="In this terminal, also over ssh, instead of the browser.")
+@click.option(
+    "-p", "--port", type=click.IntRange(0, 65535), default=8642, show_default=True, help="0: one that is free."
+)
+@click.option("--open", "opens", is_flag=True, help="Open the browser.")
+@click.option(
+    "--allow-write", is_flag=True, help="Let samples be published by hand. Off by itself: they move machines."
+)
+@options.where
+@manners.polite
+def view(
+    topic: str | None,
+    terminal: bool,
+    port: int,
+    opens: bool,
+    allow_write: bool,
+    config_file: Path | None,
+    include: tuple[Path, ...],
+) -> None:
+    """Live regions on a screen: all in a table, and of each its fields, plots and memory.
+
+    By itself a page on 127.0.0.1, at the address that it prints; nobody without the token in it is let in. Needs
+    the extra `view` (`pip install '.[view]'` in a checkout), and no internet.
+    """
+    try:
+        import textual  # noqa: F401
+        import textual_plotext  # noqa: F401
+    except ImportError as error:
+        raise ValueError(_MISSING.format(name=error.name)) from None
+    if terminal:
+        _in_terminal(topic, allow_write, config_file, include)
+        return
+    try:
+        from shmgen.view.serve import Page, listen
+    except ImportError as error:
+        raise ValueError(_MISSING.format(name=error.name)) from None
+    manners.workshop(config_file, include)  # what is wrong with shmgen.toml is told here
+    try:
+        listening = listen(port)
+    except OSError as error:
+        raise OSError(f"port {port}: {error.strerror}\n  hint: choose another with --port, or 0") from None
+    words = [sys.executable, "-m", "shmgen", "view", "--terminal", *([topic] if topic else [])]
+    words += ["--allow-write"] if allow_write else []
+    words += ["-c", str(config_file)] if config_file else []
+    words += [word for folder in include for word in ("-I", str(folder))]
+
+    page = Page(shlex.join(words), listening)
+    click.echo(f"{page.address}\nCtrl-C ends it")
+    sys.stdout.flush()
+    if opens:
+        click.launch(page.address)
+    page.serve()
+
+
+def _in_terminal(topic: str | None, allow_write: bool, config_file: Path | None, include: tuple[Path, ...]) -> None:
+    import os
+
+    from shmgen.view.app import Viewer
+
+    driven = bool(os.environ.get("TEXTUAL_DRIVER"))
+    if not driven and not (sys.stdin.isatty() and manners.can_overwrite(sys.stdout)):
+        raise ValueError("there is no terminal to draw on; `shmgen topics` and `shmgen echo` print lines")
+    Viewer(manners.workshop(config_file, include), allow_write=allow_write, topic=topic).run()
+
+
+COMMANDS = (view,)

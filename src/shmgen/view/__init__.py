@@ -1,0 +1,1 @@
+"""What shows live regions on screens of Textual, in a terminal or a browser: needs the extra `view`."""

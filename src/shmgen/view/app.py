@@ -1,0 +1,138 @@
+"""Turns all live regions into a table, and each of them into a screen of its own."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from rich.text import Text
+from textual.app import App, ComposeResult
+from textual.binding import Binding, BindingType
+from textual.screen import Screen
+from textual.widgets import DataTable, Footer, Header, Static
+
+from shmgen.diagnostics import Rejected
+from shmgen.live.classes import Workshop
+from shmgen.runtime import ShmError
+from shmgen.runtime.legible import legible, lines
+from shmgen.tools import top
+from shmgen.view.region import RegionScreen
+from shmgen.view.source import Source
+from shmgen.wording import counted
+
+_PERIOD = 1.0
+"""Seconds between two looks at all regions."""
+_COLUMNS = ("HEALTH", "TOPIC", "TYPE", "WRITER", "DEPTH", "RATE", "AGE", "MISSED", "BYTES")
+
+
+def plain(text: str) -> Text:
+    """Text that a region or a process has chosen: nothing in it is markup or an order to a terminal."""
+    return Text(legible(text))
+
+
+class Regions(Screen[None]):
+    """What `shmgen top` shows; Enter opens a region."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("q", "app.quit", "Quit"),
+        Binding("s", "sort", "Sort by the next column"),
+    ]
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._past: top.Past = {}
+        self._column = "topic"
+
+    def compose(self) -> ComposeResult:
+        yield Header(icon="")
+        yield DataTable(cursor_type="row", zebra_stripes=True)
+        yield Static(id="note", markup=False)
+        yield Footer()
+
+    def on_mount(self) -> None:
+        table = self.query_one(DataTable)
+        for column in _COLUMNS:
+            table.add_column(column, key=column)
+        top.look(self._past)
+        self.look()
+        self.set_interval(_PERIOD, self.look)
+
+    def look(self) -> None:
+        """Row by row, only what is another one than before is drawn anew."""
+        if not self.is_current:
+            return
+        table = self.query_one(DataTable)
+        rows = top.ordered(top.look(self._past), self._column, reverse=False)
+        wanted = [row.topic for row in rows]
+        there = [str(key.value) for key in table.rows]
+        if wanted != there:
+            at = there[table.cursor_row] if table.cursor_row < len(there) else None
+            table.clear()
+            for row in rows:
+                table.add_row(*_cells(row), key=row.topic)
+            if at in wanted:
+                table.move_cursor(row=wanted.index(at))
+        else:
+            for row in rows:
+                for column, cell in zip(_COLUMNS, _cells(row), strict=True):
+                    if table.get_cell(row.topic, column) != cell:
+                        table.update_cell(row.topic, column, cell, update_width=True)
+        note = f"{counted(len(rows), 'region')}, sorted by {self._column}" if rows else "no regions"
+        self.query_one("#note", Static).update(note)
+
+    def action_sort(self) -> None:
+        columns = top.COLUMNS
+        self._column = columns[(columns.index(self._column) + 1) % len(columns)]
+        self.look()
+
+    def on_data_table_row_selected(self, event: DataTable.RowSelected) -> None:
+        self.app.open(str(event.row_key.value))
+
+
+def health(row: top.TopicRow) -> str:
+    """One word."""
+    if row.type.startswith("damaged:"):
+        return "damaged"
+    if row.writer in ("-", "gone"):
+        return "no writer" if row.writer == "-" else "gone"
+    if row.writer == "PLC, still":
+        return "still"
+    return "ok"
+
+
+_STYLES = {"ok": "green", "damaged": "red", "gone": "yellow", "still": "yellow"}
+
+
+def _cells(row: top.TopicRow) -> list[Text]:
+    said = health(row)
+    texts = [plain(text) for text in (row.topic, row.type, row.writer)]
+    numbers = [str(row.depth), top.cell("rate", row.rate), top.cell("age", row.age), f"{row.missed:,}", f"{row.size:,}"]
+    return [Text(said, style=_STYLES.get(said, "")), *texts, *(Text(number, justify="right") for number in numbers)]
+
+
+class Viewer(App[None]):
+    """`shmgen view`."""
+
+    TITLE = "shmgen view"
+    ENABLE_COMMAND_PALETTE = False
+    CSS = """
+    #note { height: 1; color: $text-muted; padding: 0 1; }
+    DataTable { height: 1fr; }
+    """
+
+    def __init__(self, workshop: Workshop, *, allow_write: bool, topic: str | None = None) -> None:
+        super().__init__()
+        self.workshop, self.allow_write, self._first = workshop, allow_write, topic
+
+    def on_mount(self) -> None:
+        self.push_screen(Regions())
+        if self._first:
+            self.open(self._first)
+
+    def open(self, topic: str) -> None:
+        """Shows one region, or says why that cannot be."""
+        try:
+            source = Source(topic, self.workshop)
+        except (ShmError, Rejected, ValueError, OSError) as error:
+            self.notify(lines(str(error)), severity="error", timeout=15, markup=False)
+            return
+        self.push_screen(RegionScreen(source, allow_write=self.allow_write))

@@ -1,0 +1,80 @@
+"""Turns the newest seconds of some numbers into a plot, with pause and zoom."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from collections.abc import Mapping
+
+from textual_plotext import PlotextPlot
+
+from shmgen.runtime.legible import legible
+from shmgen.tools.plot import Point
+
+_SECONDS = 10.0
+_LEAST, _MOST = 0.1, 600.0
+"""Seconds across the plot, at first and at its ends."""
+
+
+class Curves(PlotextPlot):
+    """A curve for each path; time goes in seconds before now, or before the pause."""
+
+    def __init__(self, curves: Mapping[str, deque[Point]]) -> None:
+        super().__init__()
+        self._curves = curves
+        self._seconds = _SECONDS
+        self._held: float | None = None
+        self._shifted = 0.0
+
+    def hold(self, held: bool) -> None:
+        self._held = time.time() if held else None
+        self._shifted = 0.0
+
+    def zoom(self, factor: float) -> None:
+        self._seconds = min(_MOST, max(_LEAST, self._seconds * factor))
+        self.draw()
+
+    def shift(self, part: float) -> None:
+        """By so much of the width, while held."""
+        if self._held is not None:
+            self._shifted += part * self._seconds
+            self.draw()
+
+    def draw(self) -> None:
+        end = (self._held or time.time()) + self._shifted
+        plot = self.plt
+        plot.clear_data()
+        plot.clear_figure()
+        plot.xlabel(f"seconds; {self._seconds:g} across" + (", paused" if self._held else ""))
+        drawn = False
+        for path, points in self._curves.items():
+            seen = [point for point in points if end - self._seconds <= point[0] <= end and math.isfinite(point[1])]
+            if seen:
+                thin = _thinned(seen, 4 * max(10, self.size.width))
+                plot.plot(
+                    [at - end for at, _ in thin], [value for _, value in thin], label=legible(path), marker="braille"
+                )
+                drawn = True
+        if drawn:
+            plot.xlim(-self._seconds, 0)
+        else:
+            plot.title("Enter on a number of the tree draws it here" if not self._curves else "nothing in this time")
+        self.refresh()
+
+
+def _thinned(points: list[Point], most: int) -> list[Point]:
+    """The smallest and the greatest of each stretch, so that no peak is lost."""
+    if len(points) <= most:
+        return points
+    size = 2 * len(points) / most
+    kept = []
+    for number in range(most // 2):
+        part = points[int(number * size) : int((number + 1) * size)]
+        if part:
+            kept += sorted({min(part, key=_value), max(part, key=_value)})
+    return kept
+
+
+def _value(point: Point) -> float:
+    return point[1]

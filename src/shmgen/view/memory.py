@@ -1,0 +1,72 @@
+"""Turns the newest sample into lines of 16 bytes, each with the fields that lie there; only what is seen is read."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+
+from rich.segment import Segment
+from rich.style import Style
+from textual.geometry import Size
+from textual.scroll_view import ScrollView
+from textual.strip import Strip
+
+from shmgen.runtime import header as h
+from shmgen.runtime.legible import legible
+from shmgen.view.source import Source, stretches
+
+_BYTES = 16
+_COLOURS = ("cyan", "green", "yellow", "magenta", "bright_blue", "bright_red")
+_WIDTH = 160
+
+
+class Memory(ScrollView):
+    """Offsets are those in the payload, as `shmgen show` prints them; the slot's own header is above, at -16."""
+
+    can_focus = True
+
+    def __init__(self, source: Source) -> None:
+        super().__init__()
+        self._source = source
+        self._take()
+
+    def _take(self) -> None:
+        self._kind = self._source.kind
+        self._stretches = list(stretches(self._source.layout, self._source.layouts))
+        self._starts = [start for start, _, _ in self._stretches]
+        lines = 1 + -(-self._source.layout.size // _BYTES)
+        self.virtual_size = Size(_WIDTH, lines)
+
+    def render_line(self, y: int) -> Strip:
+        """Of the line at `y` of what is seen."""
+        if self._source.kind is not self._kind:
+            self._take()
+        across, down = self.scroll_offset
+        line = y + int(down)
+        if line >= self.virtual_size.height:
+            return Strip.blank(self.size.width)
+        offset = (line - 1) * _BYTES
+        size = min(_BYTES, self._source.layout.size - offset) if line else h.SLOT_HEADER
+        data = self._source.memory(h.SLOT_HEADER + offset, size)
+        segments = [Segment(f"{offset:>8}  ", Style(dim=True))]
+        names = []
+        for index in range(_BYTES):
+            text = f"{data[index]:02x} " if index < len(data) else "   "
+            found = self._at(offset + index) if line else None
+            style = Style(dim=True)
+            if found is not None and index < len(data):
+                style = Style(color=_COLOURS[found % len(_COLOURS)])
+                if self._stretches[found][2] not in names:
+                    names.append(self._stretches[found][2])
+            segments.append(Segment(text, style))
+        signs = "".join(chr(byte) if 32 <= byte < 127 else "." for byte in data)
+        shown = legible(", ".join(names)) if line else "slot: stamp, number"
+        segments.append(Segment(f" {signs:<{_BYTES}}  {shown}"))
+        return Strip(segments).crop(int(across), int(across) + self.size.width).extend_cell_length(self.size.width)
+
+    def _at(self, offset: int) -> int | None:
+        """Which stretch a byte is of."""
+        found = bisect_right(self._starts, offset) - 1
+        if found < 0:
+            return None
+        start, size, _ = self._stretches[found]
+        return found if offset < start + size else None

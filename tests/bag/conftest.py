@@ -1,0 +1,89 @@
+"""A recorder in a thread of this process, and messages with all that ROS has in them."""
+
+from __future__ import annotations
+
+import threading
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from shmgen.bag.folder import Bag
+from shmgen.bag.record import Recorder
+from shmgen.config import Config
+from shmgen.live.classes import Workshop
+from shmgen.live.session import Session
+
+from ..support.command import run
+
+DEFINITION = """
+uint8 LEVEL=3
+string WORD="a b"
+bool[3] flags
+int8 small
+time at
+duration[<=3] pauses
+string<=20 name
+string<=5[<=3] words
+float64[] numbers
+geometry_msgs/Point[<=2] points
+std_msgs/Empty nothing
+uint8 last
+"""
+
+
+def wait_for(condition):
+    """Until it holds, half a minute at most."""
+    ends = time.monotonic() + 30
+    while not condition():
+        assert time.monotonic() < ends
+        time.sleep(0.001)
+
+
+@pytest.fixture
+def workshop(tmp_path):
+    """With demo_msgs/Full, which has some of everything."""
+    file = tmp_path / "msgs" / "demo_msgs" / "msg" / "Full.msg"
+    file.parent.mkdir(parents=True)
+    file.write_text(DEFINITION)
+    (tmp_path / "shmgen.toml").write_text('path = ["msgs"]\n[bounds]\n"demo_msgs/Full.numbers" = 6\n')
+    return shop(tmp_path)
+
+
+def shop(folder: Path) -> Workshop:
+    from shmgen.config import load
+    from shmgen.diagnostics import Report
+
+    file = folder / "shmgen.toml"
+    return Workshop(Session(load(file, "shmgen.toml", Report()) if file.exists() else Config(folder)), None)
+
+
+@pytest.fixture
+def shmgen(tmp_path):
+    """`shmgen arguments...` in the folder of the workshop."""
+    return lambda *arguments: run([str(argument) for argument in arguments], tmp_path)
+
+
+@pytest.fixture
+def recording(tmp_path, workshop):
+    """Records topics into tmp_path/bag while its block runs; says what it told."""
+
+    @contextmanager
+    def record(*topics, count=None, name="bag", **limits):
+        told: list[str] = []
+        bag = Bag(tmp_path / name, **limits)
+        recorder, stopping = Recorder(workshop, bag, topics, told.append), threading.Event()
+        recorder.told = told
+        thread = threading.Thread(target=recorder.run, args=[stopping])
+        thread.start()
+        try:
+            wait_for(lambda: recorder.figures.topics == (len(topics) if count is None else count))
+            yield recorder
+            time.sleep(0.01)  # the last look is taken after it anyway
+        finally:
+            stopping.set()
+            thread.join(20)
+        assert not thread.is_alive()
+
+    return record

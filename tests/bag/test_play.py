@@ -1,0 +1,107 @@
+"""`shmgen play`: the same samples again, at their pace; a bag of another layout is refused in words."""
+
+from __future__ import annotations
+
+import time
+
+from shmgen.bag import read
+from shmgen.bag.play import Player
+from shmgen.live.classes import publisher, subscriber
+from shmgen.tools import given
+
+from .conftest import shop
+from .test_record import FULL, full, writer_of
+
+
+def recorded(topic, workshop, recording, values=range(5), pause=0.0):
+    with writer_of(workshop, topic) as writer, recording(topic):
+        for number in values:
+            writer.publish(full(workshop, small=number))
+            time.sleep(pause)
+
+
+def test_all_of_it_comes_again(topic, workshop, recording, tmp_path, shmgen):
+    recorded(topic, workshop, recording)
+    assert shmgen("clean", topic).code == 0
+    with subscriber(workshop.message("demo_msgs/msg/Full"), topic, 15) as reader:
+        said = shmgen("play", "bag", "--rate", "100")
+        assert (said.code, said.stdout, said.stderr) == (0, "bag: 5 samples on 1 topic\n", "")
+        samples = reader.read_all()
+    assert [sample.small for sample in samples] == [0, 1, 2, 3, 4]
+    assert samples[-1] == full(workshop, small=4)
+
+
+def test_at_its_pace_and_from_somewhere(topic, workshop, recording, tmp_path):
+    recorded(topic, workshop, recording, pause=0.1)
+    for rate, start, samples, least in ((1, 0, 5, 0.4), (2, 0, 5, 0.2), (1, 0.25, 2, 0.15)):
+        player = Player(tmp_path / "bag", workshop, None, print)
+        begun = time.monotonic()
+        assert len(list(player.play(rate, start))) == samples
+        assert least <= time.monotonic() - begun + 0.01 < least + 2
+        if rate == 2:
+            assert len(list(player.play(100))) == 5  # as --loop does
+            assert player.played == 10
+        player.close()
+
+
+def test_what_is_played_is_chosen(topic, workshop, recording, tmp_path, shmgen):
+    kind = workshop.message("std_msgs/msg/Int32")
+    with publisher(kind, topic, 3) as one, publisher(kind, topic + "b", 3) as two, recording(topic, topic + "b"):
+        one.publish(kind(data=1))
+        two.publish(kind(data=2))
+    said = shmgen("play", "bag", "--topics", topic)
+    assert (said.code, said.stdout) == (0, "bag: 1 sample on 1 topic\n")
+    said = shmgen("play", "bag", "--topics", topic + "c")
+    assert (said.code, said.stderr) == (1, f"error: bag has no topic {topic}c; it has {topic}, {topic}b\n")
+    assert "there is nothing to play" in shmgen("play", "bag", "--start", "5").stderr
+
+
+def test_a_bag_of_another_layout_is_refused_in_words(topic, workshop, recording, tmp_path, shmgen):
+    recorded(topic, workshop, recording)
+    assert shmgen("clean", topic).code == 0
+    toml = tmp_path / "shmgen.toml"
+    toml.write_text(toml.read_text().replace("= 6", "= 9"))
+    said = shmgen("play", "bag")
+    assert (said.code, said.stdout) == (1, "")
+    assert f"error: bag: {topic} was recorded with another layout than demo_msgs/msg/Full has here\n" in said.stderr
+    assert "  layout of demo_msgs/Full changed\n" in said.stderr
+    assert "    numbers: count 6 -> 9\n" in said.stderr
+    assert shmgen("doctor", topic).code == 1  # no region was made
+
+
+def test_bags_of_ros_itself(topic, workshop, tmp_path, shmgen):
+    """Written by rosbags, as ros2 bag does it: packed, and as SQLite; a definition that is another one is refused."""
+    from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    Point = store.types["geometry_msgs/msg/Point"]
+    for name, plugin in (("packed", StoragePlugin.MCAP), ("sqlite", StoragePlugin.SQLITE3)):
+        bag = Writer(tmp_path / name, version=9, storage_plugin=plugin)
+        if plugin is StoragePlugin.MCAP:
+            bag.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+        with bag as writer:
+            channel = writer.add_connection(topic, "geometry_msgs/msg/Point", typestore=store)
+            writer.write(channel, 10**18, store.serialize_cdr(Point(1.0, 2.0, 3.0), "geometry_msgs/msg/Point"))
+        said = shmgen("play", name)
+        assert (said.code, said.stderr) == (0, "")
+        assert shmgen("echo", topic, "--once").stdout == "x: 1.0\ny: 2.0\nz: 3.0\n---\n"
+        assert shmgen("clean", topic).code == 0
+    with Writer(tmp_path / "other", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        channel = writer.add_connection(topic, "geometry_msgs/msg/Point", msgdef="float32 x\n", rihs01="RIHS01_0")
+        writer.write(channel, 10**18, bytes(8))
+    said = shmgen("play", "other")
+    assert said.code == 1
+    assert "geometry_msgs/msg/Point has another definition in the bag than here" in said.stderr
+    (tmp_path / "no.mcap").write_bytes(b"nothing of the kind")
+    assert shmgen("play", "no.mcap").stderr == "error: no.mcap is no MCAP file\n"
+
+
+def test_bags_say_what_was_recorded(topic, workshop, recording, tmp_path):
+    recorded(topic, workshop, recording)
+    channel, *messages = read.messages(tmp_path / "bag")
+    assert channel.metadata["shmgen_topic"] == topic
+    assert 'string WORD="a b"\n' in channel.text
+    assert len(messages) == 5
+    assert shop(tmp_path).message("demo_msgs/msg/Full", int(channel.metadata["shmgen_digest"], 16))
+    assert given.build(workshop.message("demo_msgs/msg/Full"), FULL)

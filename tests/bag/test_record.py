@@ -1,0 +1,280 @@
+"""`shmgen record`: what is in a region is in the bag, for others too, whatever becomes of the recorder."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import subprocess
+import sys
+import time
+from types import SimpleNamespace
+
+import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.rosbag2 import Reader as RosbagsReader
+
+from shmgen.bag import read
+from shmgen.bag.kinds import kind_of
+from shmgen.live import tap as tapping
+from shmgen.live.classes import publisher
+from shmgen.live.regions import View
+from shmgen.runtime import header as h
+from shmgen.runtime import region_name
+from shmgen.tools import given
+
+from ..support.ros2 import prefix
+from ..support.schemas import plain
+from .conftest import wait_for
+
+FULL = {
+    "flags": [True, False, True],
+    "small": -5,
+    "at": {"sec": 1_700_000_000, "nanosec": 5_000_000},
+    "pauses": [{"sec": 1, "nanosec": 0}],
+    "name": "\u00fcber",
+    "words": ["a", "bc"],
+    "numbers": [1.5, -2.25],
+    "points": [{"x": 1.0, "y": 2.0, "z": 3.0}],
+    "last": 255,
+}
+
+
+def writer_of(workshop, topic, kind="demo_msgs/msg/Full", depth=15):
+    return publisher(workshop.message(kind), topic, depth)
+
+
+def full(workshop, **values):
+    return given.build(workshop.message("demo_msgs/msg/Full"), FULL | values)
+
+
+def bags(folder):
+    return sorted(folder.glob("*.mcap"))
+
+
+def decoded(*files):
+    """All messages, by PyPI's mcap and mcap-ros2-support: the name of the type, what the file says, the message."""
+    found = []
+    for file in files:
+        with file.open("rb") as stream:
+            reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
+            found += [
+                SimpleNamespace(type=schema.name, topic=channel.topic, at=message, ros=ros)
+                for schema, channel, message, ros in reader.iter_decoded_messages()
+            ]
+    return found
+
+
+def as_plain(message):
+    """What PyPI's mcap-ros2-support makes of a message."""
+    if hasattr(message, "__slots__"):
+        return {name: as_plain(getattr(message, name)) for name in message.__slots__}
+    return [as_plain(item) for item in message] if isinstance(message, list) else message
+
+
+def test_every_sample_in_order_with_both_stamps_and_equal_values(topic, workshop, recording, tmp_path):
+    with writer_of(workshop, topic) as writer:
+        writer.publish(full(workshop, small=-1))
+        with recording(topic) as recorder:
+            for number in range(100):
+                before = time.time_ns()
+                writer.publish(full(workshop, small=number))
+                wait_for(lambda number=number: recorder.figures.samples == number + 2)
+    assert (recorder.figures.missed, recorder.figures.damaged, recorder.told) == (0, 0, [])
+    (file,) = bags(tmp_path / "bag")
+    found = decoded(file)
+    assert [one.ros.small for one in found] == [-1, *range(100)]
+    assert [one.at.sequence for one in found] == list(range(1, 102))
+    assert 0 <= found[-1].at.publish_time - before < 10**9
+    assert 0 < found[-1].at.log_time - found[-1].at.publish_time < 10**9
+    assert [one.at.log_time for one in found] == sorted(one.at.log_time for one in found)
+    wanted = full(workshop, small=99)
+    assert as_plain(found[-1].ros) == plain(wanted)
+    assert found[-1].topic == topic
+    with RosbagsReader(tmp_path / "bag") as reader:
+        (connection,) = reader.connections
+        assert (reader.message_count, connection.msgtype) == (101, "demo_msgs/msg/Full")
+        raw = [data for _, _, data in reader.messages()]
+    kind = kind_of(workshop, "demo_msgs/msg/Full", None)
+    assert plain(kind.codec.decode(raw[-1])) == plain(wanted)
+
+
+def test_rclpy_reads_what_is_recorded(topic, workshop, recording, tmp_path):
+    python = prefix("jazzy") / "bin" / "python"
+    data = {"header": {"frame_id": "map"}, "pose": {"position": {"x": 1.5}}}
+    kind = workshop.message("geometry_msgs/msg/PoseStamped")
+    with publisher(kind, topic, 1) as writer:
+        writer.publish(given.build(kind, data))
+        with recording(topic):
+            pass
+    (message,) = (one for one in read.messages(tmp_path / "bag") if isinstance(one, read.Message))
+    code = (
+        "import sys; from rclpy.serialization import deserialize_message; from geometry_msgs.msg import PoseStamped\n"
+        "m = deserialize_message(sys.stdin.buffer.read(), PoseStamped); print(m.header.frame_id, m.pose.position.x)"
+    )
+    environment = {**os.environ, "AMENT_PREFIX_PATH": str(prefix("jazzy"))}
+    said = subprocess.run([python, "-c", code], input=message.data, capture_output=True, env=environment, timeout=60)
+    assert said.stdout.split() == [b"map", b"1.5"], said.stderr
+
+
+def test_regions_that_come_and_go_and_what_was_missed(topic, workshop, recording, tmp_path, shmgen):
+    """From its first sample on, with the number of what was overwritten; the next region of the topic as well."""
+    with recording(topic, count=0) as recorder:
+        for life in (1, 2):
+            with writer_of(workshop, topic, depth=3) as writer:
+                wait_for(lambda: recorder.figures.topics == 1)
+                for number in range(3):
+                    writer.publish(full(workshop, small=number))
+                wait_for(
+                    lambda life=life: sum(map(recorder.figures.__getattribute__, ("samples", "missed"))) >= 3 * life
+                )
+            assert shmgen("clean", topic, "--force").code == 0  # the recorder has it open
+            wait_for(lambda: not recorder._sources)
+    assert recorder.figures.samples + recorder.figures.missed == 6
+    (file,) = bags(tmp_path / "bag")
+    with file.open("rb") as stream:
+        (record,) = (one for one in make_reader(stream).iter_metadata() if one.name == "shmgen")
+    assert json.loads(record.metadata["missed"]) == {topic: recorder.figures.missed}
+
+
+@pytest.mark.parametrize("ordered", [True, False], ids=["only looks", "with the lock"])
+def test_a_tap_counts_what_it_missed_and_touches_nothing(topic, workshop, monkeypatch, ordered):
+    monkeypatch.setattr(tapping, "keeps_order", lambda: ordered)
+    with writer_of(workshop, topic, depth=3) as writer, View(region_name(topic)) as view:
+        kind = workshop.message("demo_msgs/msg/Full")
+        for number in range(7):
+            writer.publish(full(workshop, small=number))
+        tap, late = tapping.tap(view, kind), tapping.tap(view, kind, whole=True)
+        assert [(one.number, kind.from_buffer_copy(one.payload).small) for one in tap.take()] == [(7, 6)]
+        assert [one.number for one in late.take()] == [4, 5, 6, 7]
+        assert (tap.missed, late.missed) == (0, 3)
+        before = view.header()
+        for number in range(10):
+            writer.publish(full(workshop, small=number))
+        assert [one.number for one in tap.take()] == [14, 15, 16, 17]
+        assert [one.stamp for one in late.take()][-1] == view.stamp(17, view.header())
+        assert (tap.missed, late.missed, tap.take()) == (6, 9, [])
+        writer.publish(full(workshop))
+        tap.finish()
+        assert tap.missed == 7
+        if ordered:
+            now = view.header()
+            assert (now.lock_count - before.lock_count, now.missed) == (11, 0)
+        tap.close()
+        late.close()
+
+
+def test_a_torn_sample_is_not_taken(topic, workshop):
+    """A writer that began to overwrite it meanwhile has said so."""
+    with writer_of(workshop, topic, depth=1) as writer, View(region_name(topic)) as view:
+        writer.publish(full(workshop))
+        tap = tapping.tap(view)
+        writer._region.words[h.BEGUN] = 3  # as if sample 3 were on its way into the slot of 1
+        assert tap.take() == []
+        writer._region.words[h.BEGUN] = 2
+        assert [one.number for one in tap.take()] == [1]
+        tap.close()
+
+
+def test_services_and_actions_by_their_regions(topic, workshop, recording, tmp_path, shmgen):
+    put = tmp_path / "msgs" / "demo_msgs" / "srv" / "Start.srv"
+    put.parent.mkdir()
+    put.write_text("bool on\n---\nbool success\n")
+    assert shmgen("call", topic, "demo_msgs/Start", "{on: true}", "--timeout", "0.1").code == 1  # nobody serves
+    kind = workshop.message("demo_msgs/srv/Start_Request", part_of="demo_msgs/srv/Start")
+    with recording(topic, count=2) as recorder, publisher(kind, f"{topic}-request", 1) as writer:
+        writer.publish(kind(on=True))
+        wait_for(lambda: recorder.figures.samples == 1)
+    (found,) = decoded(bags(tmp_path / "bag")[0])
+    assert (found.topic, found.type, found.ros.on) == (
+        f"{topic}/_request",
+        "demo_msgs/srv/Start_Request",
+        True,
+    )
+
+
+def test_a_new_file_after_so_much(topic, workshop, recording, tmp_path):
+    kind = workshop.message("std_msgs/msg/Int32")
+    with publisher(kind, topic, 15) as writer, recording(topic, most=1) as recorder:
+        for number in range(3):
+            writer.publish(kind(data=number))
+            wait_for(lambda number=number: recorder._bag.samples > number)
+    files = bags(tmp_path / "bag")
+    assert [file.name for file in files] == ["bag_0.mcap", "bag_1.mcap", "bag_2.mcap"]
+    assert [one.ros.data for one in decoded(*files)] == [0, 1, 2]
+    with RosbagsReader(tmp_path / "bag") as reader:
+        assert (reader.message_count, len(list(reader.messages()))) == (3, 3)
+
+
+def count(file):
+    """Messages, also while it is written."""
+    return sum(isinstance(one, read.Message) for one in read.messages(file)) if file.stat().st_size else 0
+
+
+def test_killed_and_still_readable(topic, workshop, tmp_path):
+    kind = workshop.message("std_msgs/msg/Int32")
+    with publisher(kind, topic, 15) as writer:
+        writer.publish(kind(data=0))
+        command = [sys.executable, "-m", "shmgen", "record", topic, "-o", "bag"]
+        with subprocess.Popen(command, cwd=tmp_path) as recorder:
+            wait_for(lambda: bags(tmp_path / "bag") and count(bags(tmp_path / "bag")[0]) == 1)
+            writer.publish(kind(data=1))
+            wait_for(lambda: count(bags(tmp_path / "bag")[0]) == 2)
+            recorder.kill()
+    (file,) = bags(tmp_path / "bag")
+    assert [one.ros.data for one in decoded(file)] == [0, 1]
+    with RosbagsReader(tmp_path / "bag") as reader:
+        assert len(list(reader.messages())) == 2
+    whole = file.read_bytes()
+    for end in range(len(whole) - 50, 300, -7):  # killed within write(), or a file that was copied too early
+        file.write_bytes(whole[:end])
+        found = [one for one in read.messages(file) if isinstance(one, read.Message)]
+        assert [one.data[4] for one in found] == [0, 1][: len(found)]
+    assert found == []
+
+
+def test_a_full_disk_is_told_and_leaves_a_readable_bag(topic, workshop, tmp_path):
+    kind = workshop.message("geometry_msgs/msg/PoseStamped")
+
+    def limited():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
+
+    with publisher(kind, topic, 255) as writer:
+        writer.publish(kind())
+        command = [sys.executable, "-m", "shmgen", "record", topic, "-o", "bag"]
+        with subprocess.Popen(command, cwd=tmp_path, preexec_fn=limited, stderr=subprocess.PIPE, text=True) as recorder:
+            while recorder.poll() is None:
+                writer.publish(kind())
+                time.sleep(0.002)
+            said = recorder.stderr.read()
+    assert recorder.returncode == 1
+    assert "error: bag: cannot be written: File too large; " in said
+    kept = int(said.partition("large; ")[2].partition(" sample")[0].replace(",", ""))
+    found = decoded(bags(tmp_path / "bag")[0])
+    assert len(found) == kept > 0
+
+
+def test_what_cannot_be_recorded_is_told_once_and_the_rest_is(topic, workshop, recording, tmp_path, shmgen):
+    from ..runtime.messages import PosePublisher
+
+    with PosePublisher(topic + "x"), writer_of(workshop, topic) as writer:
+        writer.publish(full(workshop))
+        with recording(topic, topic + "x", count=1) as recorder:
+            time.sleep(0.6)  # it looks for others four times a second
+    assert recorder.failed
+    (told,) = recorder.told
+    assert told.startswith(f"{topic}x: not recorded: geometry_msgs/msg/Pose has another layout in the region than here")
+    assert recorder.figures.samples == 1
+
+
+def test_the_command(topic, workshop, tmp_path, shmgen):
+    assert shmgen("record").code == 2
+    assert shmgen("record", "-a", "--max-size", "5X").code == 2
+    with writer_of(workshop, topic) as writer:
+        writer.publish(full(workshop))
+        done = shmgen("record", topic, "-o", "bag", "-d", "0.3")
+        assert (done.code, done.stderr) == (0, "")
+        assert done.stdout.startswith("bag: 1 file, 1 sample of 1 topic, 0 missed, 0.0 MB")
+        again = shmgen("record", topic, "-o", "bag", "-d", "0.3")
+        assert (again.code, again.stderr) == (1, "error: bag is there already; a bag is a folder of its own\n")

@@ -1,0 +1,206 @@
+"""What users of `ros2 topic` look for: topics, info, bw, delay, plot, echo of a field; and the shell's completion."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import pty
+import shutil
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from shmgen.config import Config
+from shmgen.live.classes import publisher
+from shmgen.live.session import Session
+from shmgen.tools import given as typed
+from shmgen.tools import lines, paths
+from shmgen.tools import plot as plotting
+from shmgen.tools import topics as listing
+
+POSE = '{header: {frame_id: "a\\u001b[31mb, c"}, pose: {position: {x: 2.5}}}'
+
+
+@pytest.fixture
+def posing(topic, tmp_path):
+    """A PoseStamped at 100 Hz, by a thread of this process."""
+    kind = Session(Config(tmp_path)).message("geometry_msgs/PoseStamped")
+    data = typed.parse(POSE.replace("header: {", "header: {stamp: now, "))
+    over = threading.Event()
+    with publisher(kind, topic, 1) as writer:
+
+        def publish():
+            while not over.wait(0.01):
+                writer.publish(typed.build(kind, data))
+
+        thread = threading.Thread(target=publish)
+        thread.start()
+        yield
+        over.set()
+        thread.join()
+
+
+def test_topics_and_info(topic, posing, shmgen, peer):
+    reader = peer(f"r = PoseSubscriber({topic + 'b'!r})")
+    shown = shmgen("topics")
+    assert shown.stdout.startswith("TOPIC ")
+    (row,) = [line.split() for line in shown.stdout.splitlines() if line.startswith(topic + " ")]
+    assert row[1:3] == ["geometry_msgs/msg/PoseStamped", str(os.getpid())]
+    found = {region["topic"]: region for region in json.loads(shmgen("topics", "--json").stdout)}
+    assert (found[topic]["payload"], found[topic]["readers"], found[topic]["age"] < 30) == (144, [], True)
+    assert (found[topic + "b"]["readers"], found[topic + "b"]["writer"]) == ([reader.pid], "-")
+    text = shmgen("info", topic + "b").stdout
+    assert "type: geometry_msgs/msg/Pose\ndigest: 16#0123456789ABCDEF\n" in text
+    assert f"readers: 1\n  {reader.pid} python" in text
+    missing = shmgen("info", topic[:-1])
+    assert (missing.code, f"did you mean {topic}" in missing.stderr) == (1, True)
+
+
+def test_a_narrow_terminal():
+    row = listing.Region("/a/long/topic", "package/msg/Long", "42 name", (1, 2), 1, 0.5, 1, 0, 8, 4096, "0" * 16)
+    wide = max(map(len, listing.table([row], None)))
+    assert max(map(len, listing.table([row], wide - 6))) == wide - 6
+    assert listing.table([row], 10)[1].endswith("2      1  500.0 ms")
+
+
+def test_bw_and_delay(topic, posing, shmgen):
+    def report(command, *form):
+        said = shmgen(command, topic, "-n", "1", "--timeout", "20", *form)
+        assert (said.code, said.stderr) == (0, ""), command
+        return said.stdout
+
+    found = json.loads(report("bw", "--json"))
+    assert found["rate"] == pytest.approx(found["samples"] * 144)
+    assert found["size"] == 144
+    assert 20 < found["samples"] < 110
+    assert report("delay").startswith("average delay: 0.")
+    found = json.loads(report("delay", "--json"))
+    assert found["by"] == "header.stamp"
+    assert 0 <= found["shortest"] <= found["mean"] <= found["longest"]
+
+
+def test_echo_of_a_field_in_every_form(topic, shmgen):
+    shmgen("pub", topic, "geometry_msgs/PoseStamped", POSE, "--once")
+    echo = lambda *arguments: shmgen("echo", topic, "--once", *arguments)  # noqa: E731
+    assert echo("--field", "pose.position").stdout == "x: 2.5\ny: 0.0\nz: 0.0\n---\n"
+    assert echo("--field", "pose.position.x").stdout == "2.5\n---\n"
+    assert echo("--field", "header.frame_id").stdout == '"a\\u001b[31mb, c"\n---\n'
+    assert json.loads(echo("--field", "header", "--json").stdout)["frame_id"] == "a\x1b[31mb, c"
+    titles, row = csv.reader(echo("--csv").stdout.splitlines())
+    assert titles[:4] == ["header.stamp.sec", "header.stamp.nanosec", "header.frame_id", "pose.position.x"]
+    assert row[:4] == ["0", "0", "a\\u001b[31mb, c", "2.5"]
+    assert echo("--csv", "--field", "pose.position.x").stdout == "pose.position.x\n2.5\n"
+    assert (
+        echo("--filter", "pose.position.x > 2 and m.header.frame_id[0] == 'a'", "--field", "pose.position.y").code == 0
+    )
+    assert "no sample within" in echo("--filter", "pose.position.x > 3", "--timeout", "0.1").stderr
+    for wrong, said in (
+        (("--field", "pose.positon.x"), "no field positon; did you mean position?"),
+        (("--field", "pose[0]"), "stands behind what is no array"),
+        (("--filter", "pos.x > 1"), "no field pos; did you mean pose?"),
+        (("--filter", "pose.__class__"), "__class__ is no field"),
+        (("--filter", "open('x')"), "functions are abs, "),
+        (("--filter", "[x for x in pose]"), "ListComp cannot stand in a condition"),
+        (("--filter", "pose >"), "is no condition"),
+    ):
+        found = echo(*wrong)
+        assert (found.code, found.stdout) == (1, ""), wrong
+        assert said in found.stderr
+    assert echo("--json", "--csv").code == 2
+
+
+def test_sequences_stay_in_their_column(tmp_path):
+    (tmp_path / "s_msgs" / "msg").mkdir(parents=True)
+    (tmp_path / "s_msgs" / "msg" / "All.msg").write_text(
+        "float64[<=3] many\nint8[2] two\nbool ok\ngeometry_msgs/Point[<=2] points\n"
+    )
+    session = Session(Config(tmp_path, path=(tmp_path,)))
+    kind = session.message("s_msgs/All")
+    message = typed.build(kind, {"many": [1.5, float("nan")], "two": [1, 2], "ok": True, "points": [{"x": 1.0}]})
+    assert lines.titles(kind()) == ["many", "two[0]", "two[1]", "ok", "points"]
+    assert lines.row(message) == ['[1.5, "NaN"]', "1", "2", "true", '[{"x": 1.0, "y": 0.0, "z": 0.0}]']
+    get = paths.getter(kind, "points[0].x")
+    assert (get(message), get(kind())) == (1.0, None)
+    assert not paths.condition(kind, "points[1].x == 0")(message)
+    assert paths.condition(kind, "len(points) == 1 and max(two) == 2")(message)
+    layout = session.layout("s_msgs/All")
+    assert list(paths.leaves(layout, session.layouts(["s_msgs/All"]))) == ["many", "two", "ok", "points"]
+
+
+def test_plot(topic, posing, shmgen):
+    done = shmgen("plot", topic, "pose.position.x", "-s", "0.2")
+    assert (done.code, "\x1b" in done.stdout) == (0, False)
+    assert done.stdout.startswith("pose.position.x = 2.5\n")
+    assert "values\n" in done.stdout
+    assert "header.frame_id is no number" in shmgen("plot", topic, "header.frame_id").stderr
+
+
+def test_a_drawing_is_where_the_numbers_are():
+    rising = [(float(x), float(x)) for x in range(10)]
+    falling = [(float(x), 9.0 - x) for x in range(10)]
+    drawn = plotting.drawing(["a", "b"], [rising, falling], 12, 12, plain=True)
+    assert drawn[0] == "a = 9   b = "
+    assert [line.rstrip() for line in drawn[1:3]] == ["9 |+       *", "  | +     *"]
+    assert max(map(len, drawn)) <= 12
+    dotted = plotting.drawing(["a"], [[(0.0, 1.0), (1.0, float("nan")), (2.0, 1.0)]], 20, 5)
+    assert sum(char > "\u2800" for line in dotted for char in line) == 2
+    assert plotting.drawing(["a"], [[]], 20, 5) == ["a: nothing yet"]
+
+
+def test_show_by_digest(topic, shmgen):
+    shown = shmgen("show", "geometry_msgs/Pose").stdout
+    digest = shown.partition("digest ")[2].split()[0]
+    for spelled in (digest, f"16#{digest.upper()}"):
+        assert shmgen("show", spelled).stdout == shown
+    missing = shmgen("show", "0123456789abcdef")
+    assert (missing.code, "no message here has the digest 16#0123456789ABCDEF" in missing.stderr) == (1, True)
+
+
+def completed(folder, *words):
+    """What the script of bash would be given."""
+    environment = {"COMP_WORDS": " ".join(["shmgen", *words]), "COMP_CWORD": str(len(words))}
+    environment["_SHMGEN_COMPLETE"] = "bash_complete"
+    done = subprocess.run(
+        [sys.executable, "-c", "import sys; sys.argv[0] = 'shmgen'; from shmgen.__main__ import main; main()"],
+        cwd=folder, env={**os.environ, **environment}, capture_output=True, text=True, check=True, timeout=60,
+    )  # fmt: skip
+    return [line.partition(",")[2] for line in done.stdout.splitlines()]
+
+
+def test_completion_knows_what_is_live(topic, tmp_path, shmgen):
+    shmgen("pub", topic, "geometry_msgs/PoseStamped", "--once")
+    assert topic in completed(tmp_path, "echo", topic[:12])
+    assert completed(tmp_path, "echo", topic, "--field", "pose.po") == [f"pose.position.{axis}" for axis in "xyz"]
+    assert "header.frame_id" not in completed(tmp_path, "plot", topic, "header.")
+    assert "geometry_msgs/Pose" in completed(tmp_path, "pub", topic, "geometry_msgs/Po")
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_the_script_of_each_shell(shell, shmgen):
+    script = shmgen("completion", shell).stdout
+    assert "_SHMGEN_COMPLETE" in script
+    if shutil.which(shell):
+        subprocess.run([shell, "-n"], input=script, check=True, text=True)
+    assert shmgen("completion", "tcsh").code == 2
+
+
+@pytest.mark.parametrize(
+    ("variable", "value", "coloured"), [("NO_COLOR", "1", False), ("TERM", "dumb", False), ("A", "1", True)]
+)
+@pytest.mark.parametrize("command", [("info", "/no/such"), ("show", "no/such")], ids=["tool", "diagnostic"])
+def test_colour_only_where_it_is_wanted(variable, value, coloured, command, tmp_path):
+    """On a terminal."""
+    leader, follower = pty.openpty()
+    environment = {**os.environ, "TERM": "xterm", variable: value}
+    environment = {name: text for name, text in environment.items() if name != "NO_COLOR" or variable == "NO_COLOR"}
+    arguments = [sys.executable, "-m", "shmgen", *command]
+    done = subprocess.run(
+        arguments, cwd=tmp_path, env=environment, stdin=follower, stdout=follower, stderr=follower, check=False
+    )
+    os.close(follower)
+    assert done.returncode == 1
+    assert ("\x1b[" in os.read(leader, 65536).decode()) == coloured
+    os.close(leader)
