@@ -89,7 +89,7 @@ int publish(int rounds)
     using shm_msgs::geometry_msgs::msg::Pose;
     const std::string topic = "/shmgen_bench_cpp_" + std::to_string(getpid());
     shmgen::Publisher<Pose> publisher(topic);
-    shmgen::Options options;
+    shmgen::Options options{};
     options.unstamped = 1;
     shmgen::Publisher<Pose> bare(topic + "_bare", options);
     shmgen::Publisher<Mebibyte> large(topic + "_large");
