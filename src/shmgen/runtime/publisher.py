@@ -111,6 +111,7 @@ class Publisher(Holding, straight.Writer, Generic[M]):
         )
         self._hot = cast(_AtHand, tuple(hot))
         self._scratch_message = (kind * 1).from_buffer(self._scratch, SLOT_HEADER)
+        self._direct = self._plain = False
         straight.connect_writer(self, region, self._event, self._scratch, kind)
         self._hold()
 

@@ -395,8 +395,8 @@ static void reader_free(PyObject *object)
 static PyMemberDef writer_members[] = {
     {"_sequence", T_UINT, offsetof(Writer, sequence), 0, NULL},
     {"_heartbeat", T_UINT, offsetof(Writer, beat), 0, NULL},
-    {"_direct", T_BOOL, offsetof(Writer, direct), READONLY, NULL},
-    {"_plain", T_BOOL, offsetof(Writer, plain), READONLY, NULL},
+    {"_direct", T_BOOL, offsetof(Writer, direct), 0, NULL},
+    {"_plain", T_BOOL, offsetof(Writer, plain), 0, NULL},
     {NULL, 0, 0, 0, NULL},
 };
 

@@ -26,9 +26,9 @@ Plan: TypeAlias = "tuple[tuple[str, int, int, int], ...]"
 class _PureWriter:
     _sequence: int
     _heartbeat: int
-    _direct = False
-    """Whether _straight() may do anything, and _at_once() in the same way."""
-    _plain = False
+    _direct: bool
+    """Whether _straight() may do anything, and _at_once() in the same way. On the object: a class's are found slowly."""
+    _plain: bool
 
     def _connect(self, *where: int | Plan) -> None:
         pass
