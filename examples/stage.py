@@ -63,9 +63,13 @@ class Cell:
 
     def start(self, name: str, *arguments: str | Path, ready: str, cwd: Path | None = None) -> subprocess.Popen[str]:
         """A Python process that lasts as long as the cell, once it has printed a line that holds `ready`."""
-        process = subprocess.Popen(
-            [sys.executable, *arguments], cwd=cwd, env=self.environment, stdout=subprocess.PIPE, text=True
-        )
+        return self.start_program(name, sys.executable, *arguments, ready=ready, cwd=cwd)
+
+    def start_program(
+        self, name: str, *command: str | Path, ready: str, cwd: Path | None = None
+    ) -> subprocess.Popen[str]:
+        """The same of any program."""
+        process = subprocess.Popen(command, cwd=cwd, env=self.environment, stdout=subprocess.PIPE, text=True)
         self._processes.callback(_end, process)
         assert process.stdout
         for line in process.stdout:

@@ -25,6 +25,7 @@ SAYS = {
     "robot_action": "3 tasks done, 1 refused, 1 cancelled",
     "dds_chatter": "the PLC has heard 5",
     "press_service": "3 made",
+    "open_plc": "generated for OpenPLC and Beremiz: openplc/shm_msgs.stlib",
     "ros1_cpp": "the belt ran at 1.2, 0.6, 0.15, 0 m/s",
     "cpp_loop": "3000 cycles, 0 not sent",
     "two_machines": "bridge of b killed: xStale after",

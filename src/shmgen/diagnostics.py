@@ -29,6 +29,7 @@ CODES = {
     "SHM302": "zero-length array",
     "SHM303": "message too large",
     "SHM304": "nested too deeply",
+    "SHM305": "unknown to a dialect",
     "SHM401": "layout changed",
     "SHM402": "definition changed",
     "SHM403": "generated file stale",

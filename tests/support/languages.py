@@ -9,6 +9,7 @@ import ast
 import configparser
 import functools
 import io
+import json
 import keyword
 import re
 import subprocess
@@ -24,6 +25,7 @@ from typing import Any
 from lxml import etree
 from ruamel.yaml import YAML
 
+from . import open_plc
 from .build import put
 
 if sys.version_info >= (3, 11):
@@ -104,6 +106,56 @@ _OBJECT_ID = re.compile(r"[0-9a-f]{8}(?:-[0-9a-f]{4}){3}-[0-9a-f]{12}")
 """Of CODESYS: made of an object's name, and no word of anybody."""
 
 
+_BODY = re.compile(r"^\{\{$.*?^\}\}$", re.DOTALL | re.MULTILINE)
+_STRUCTURE = re.compile(
+    r"^typedef struct SHMGEN_PACKED shm_.*?^\}[^;]*;|^(?:struct|class) .*?^\};", re.DOTALL | re.MULTILINE
+)
+
+
+def matiec_tokens(text: str) -> list[str]:
+    """Without the bodies in C, whose words have scopes of their own: the compiler looks at them."""
+    return st_tokens(_BODY.sub("", text))
+
+
+def embedded_tokens(text: str) -> list[str]:
+    """Of C and C++ the structures and classes, for the same reason."""
+    return [token for found in _STRUCTURE.finditer(text) for token in c_tokens(found[0])]
+
+
+def stlib_tokens(text: str) -> list[str]:
+    """All but documentation; of the code its structures."""
+
+    def of(value: Any) -> Iterator[str]:
+        if isinstance(value, dict):
+            for key, inner in value.items():
+                yield f"<{key}"
+                if key in ("header", "cpp"):
+                    yield from embedded_tokens(inner)
+                elif key == "kind":
+                    yield f"<{inner}"
+                elif key not in ("documentation", "description"):
+                    yield from of(inner)
+        elif isinstance(value, list):
+            for inner in value:
+                yield from of(inner)
+        else:
+            yield str(value)
+
+    return list(of(json.loads(text)))
+
+
+def _open_plc(texts: Mapping[str, str]) -> None:
+    """By the rules of matiec, and by gcc behind stubs of both compilers."""
+    for path, text in texts.items():
+        with tempfile.TemporaryDirectory() as name:
+            folder = Path(name)
+            if path.endswith(".stlib"):
+                open_plc.compiled({path: text}, "openplc-v4", folder, PurePath(path).stem, "-fsyntax-only")
+            else:
+                made = {f"matiec/{PurePath(path).stem}.st": text}
+                open_plc.compiled(made, "openplc-v3", folder, PurePath(path).stem, "-fsyntax-only")
+
+
 def _python(texts: Mapping[str, str]) -> None:
     for path, text in texts.items():
         ast.parse(text)
@@ -169,12 +221,12 @@ _CONFIGURATION = Language(_hash)
 
 LANGUAGES = [
     ("*.py", _PYTHON),
-    (
-        "cpp_ros?/*",
-        Language(c_tokens, keywords=C_WORDS),
-    ),  # for tests/cpp/test_ros.py, which has ROS's headers
+    ("cpp_ros?/*", Language(c_tokens, keywords=C_WORDS)),  # tests/cpp/test_ros.py has ROS's headers
+    ("matiec/*.h", Language(embedded_tokens, _c, C_WORDS)),
     ("*.h", _C),
     ("*.hpp", _C),
+    ("matiec/*.st", Language(matiec_tokens, _open_plc, ST_WORDS, ignores_case=True)),
+    ("*.stlib", Language(stlib_tokens, _open_plc, C_WORDS)),
     ("*.st", _ST),
     ("plcopen/*.xml", Language(xml_tokens, keywords=ST_WORDS, ignores_case=True)),
     ("*.xml", _XML),

@@ -54,7 +54,7 @@ def printed(target: Target, files: Mapping[str, str], order: int = 1) -> dict[st
         types = [path.removesuffix(".msg").replace("/msg/", "/") for path in files if path.endswith(".msg")]
         topics = [f'[[topics]]\ntopic = "/t{number}"\ntype = "{type_}"\n' for number, type_ in enumerate(types)]
         bounds = sorted({f"{path.partition('/')[0]} = 4\n" for path in files})
-        lines = ['source = "noetic"\npath = ["msgs"]\n[strings]\ndefault = 200\n[bounds]\n', *bounds, *topics]
+        lines = ['source = "noetic"\npath = ["msgs"]\n[strings]\ndefault = 100\n[bounds]\n', *bounds, *topics]
         (folder / "shmgen.toml").write_text("".join(lines))
         settings = config.load(folder / "shmgen.toml", "shmgen.toml", Report())
         requests = [path.rpartition(".")[0] for path in files]
@@ -277,7 +277,7 @@ def every_message_of_the_store(target: Target) -> None:
     accepted(texts)
     names = target.room().NAMES
     words = {token for found in tokens(texts) for token in found}
-    for layout in _store_layouts().values() if names else ():
+    for layout in _store_layouts(target).values() if names else ():
         assert names
         all_made = list(names.made(layout, "shm_msgs"))
         if not all_made:
@@ -308,7 +308,15 @@ def everything(target: Target) -> dict[str, str]:
         put({f"msgs/{path}": text for path, text in ALL.items()}, folder)
         (folder / "shmgen.toml").write_text(ALL_TOML)
         settings = config.load(folder / "shmgen.toml", "shmgen.toml", Report())
-        return planned(target, settings, pipeline.lay_out(settings, ["cell_msgs"]))
+        try:
+            return planned(target, settings, pipeline.lay_out(settings, ["cell_msgs"]))
+        except Rejected as rejected:
+            _told_only(rejected)
+            path = folder / "msgs" / "cell_msgs" / "msg" / "State.msg"
+            gone = [found.span.line - 1 for found in rejected.diagnostics]
+            lines = path.read_text().splitlines()
+            path.write_text("".join(f"{line}\n" for number, line in enumerate(lines) if number not in gone))
+            return planned(target, settings, pipeline.lay_out(settings, ["cell_msgs"]))
 
 
 ALL = {
@@ -366,16 +374,38 @@ def _store_settings() -> Config:
     return Config(Path.cwd(), bounds=bounds, topics=loaded.topics, document=loaded.document)
 
 
-def _store_layouts() -> Layouts:
+def _told_only(rejected: Rejected) -> None:
+    """What its language has no type for, and nothing else."""
+    assert {found.code for found in rejected.diagnostics} == {"SHM305"}
+
+
+def _store_layouts(target: Target) -> Layouts:
+    """Without what the target cannot hold, and what holds that."""
     if "store" not in _cache:
         settings = _store_settings()
         names = [str(entry.name) for entry in pipeline.inventory(settings)]
         _cache["store"] = pipeline.lay_out(settings, names)
-    return _cache["store"]
+    if target.key not in _cache:
+        left = dict(_cache["store"])
+        try:
+            _print(target, left)
+        except Rejected as rejected:
+            _told_only(rejected)
+            gone = {found.span.path for found in rejected.diagnostics}
+            for name, layout in _cache["store"].items():
+                if layout.message.span.path in gone or any(inner not in left for inner in layout.dependencies):
+                    del left[name]
+            assert len(left) > 0.9 * len(_cache["store"])
+        _cache[target.key] = left
+    return _cache[target.key]
 
 
 def _store(target: Target) -> dict[str, str]:
+    return _print(target, _store_layouts(target))
+
+
+def _print(target: Target, layouts: Layouts) -> dict[str, str]:
     settings, report = _store_settings(), Report()
     others = [other for other in TARGETS if other.key != target.key]
-    job: Job = pipeline.job_of(settings, _store_layouts(), report)
+    job: Job = pipeline.job_of(settings, layouts, report)
     return pipeline.printed_by([*others, target], [target.key], job, report)

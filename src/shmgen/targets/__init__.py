@@ -130,6 +130,18 @@ def _cpp_ros2() -> Room:
     return ros2
 
 
+def _matiec() -> Room:
+    from shmgen.targets.matiec import target
+
+    return target
+
+
+def _openplc() -> Room:
+    from shmgen.targets.openplc import target
+
+    return target
+
+
 def _ros1() -> Room:
     from shmgen.targets.ros import ros1
 
@@ -150,6 +162,8 @@ TARGETS = (
     Target("cpp", _cpp, opt_in=True),
     Target("cpp_ros1", _cpp_ros1, opt_in=True),
     Target("cpp_ros2", _cpp_ros2, opt_in=True),
+    Target("openplc", _openplc, after="c", opt_in=True),
+    Target("matiec", _matiec, after="c", opt_in=True),
     Target("ros1", _ros1, opt_in=True),
     Target("ros2", _ros2, opt_in=True),
 )

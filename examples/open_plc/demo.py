@@ -1,0 +1,58 @@
+"""The conveyor on matiec, the compiler of Beremiz and of OpenPLC v3: generated, compiled by iec2c, and met by a robot.
+
+MATIEC is the folder of a built matiec, with iec2c and lib/. Without it the files are made, and the demo says so.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE.parent))
+
+from stage import cell  # noqa: E402 it lies beside the examples
+
+
+def main() -> int:
+    """Exit status of the robot, or 0 where there is no compiler."""
+    with cell(HERE) as here:
+        here.generate()
+        made = here.folder / "matiec"
+        for path in sorted((*made.iterdir(), *(here.folder / "openplc").iterdir())):
+            name, size = path.relative_to(here.folder), path.stat().st_size
+            print(f"   generated for OpenPLC and Beremiz: {name}, {size} bytes")
+        matiec = os.environ.get("MATIEC", "")
+        if not matiec:
+            print("\nNo MATIEC: set it to the folder of a built matiec, see docs/openplc.md, and it runs.")
+            return 0
+        source = with_program((made / "upload.st").read_text(), (HERE / "PRG_Conveyor.st").read_text())
+        (made / "cell.st").write_text(source)
+        compile_by(Path(matiec), made)
+        here.start_program("PLC", made / "plc", ready="running")
+        return here.run("../softplc_echo/robot.py", "/open/pose", "/open/conveyor")
+
+
+def with_program(upload: str, program: str) -> str:
+    """A program of one's own stands before the configuration, which has a line for it behind that of PRG_Ros."""
+    before, mark, configuration = upload.partition("CONFIGURATION")
+    ros = "    PROGRAM Ros WITH RosTask : PRG_Ros;\n"
+    own = "    PROGRAM Conveyor WITH RosTask : PRG_Conveyor;\n"
+    assert ros in configuration
+    return f"{before}{program}\n{mark}{configuration.replace(ros, ros + own)}"
+
+
+def compile_by(matiec: Path, folder: Path) -> None:
+    """To C by iec2c, and with the header that the blocks call to a program."""
+    print("\n$ iec2c cell.st, and gcc", flush=True)
+    call = [matiec / "iec2c", "-f", "-l", "-p", "-I", matiec / "lib", "-T", folder, folder / "cell.st"]
+    subprocess.run(call, check=True, stdout=subprocess.DEVNULL)
+    options = ["-w", "-O1", "-include", folder / "shm_msgs.h", f"-I{matiec}/lib/C", f"-I{folder}"]
+    sources = [folder / "Config0.c", folder / "Res0.c", HERE / "cycle.c"]
+    subprocess.run(["gcc", *options, *sources, "-o", folder / "plc", "-lrt", "-lpthread"], check=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,189 @@
+"""Turns a Layout into its pair of function blocks: variables, and a body in C that calls templates/c/shmgen_block.h.
+
+Inputs, outputs and their meaning are those of the target st, but for eErrorID, which is a number here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from shmgen.model import Layout, Layouts, TypeName
+from shmgen.targets.c.names import struct_name
+from shmgen.targets.counts import holds_counts
+from shmgen.targets.openplc.copying import copies
+from shmgen.targets.openplc.dialect import Dialect
+from shmgen.targets.openplc.names import whole
+from shmgen.targets.st import names as st
+
+
+class Variable(NamedTuple):
+    """`value` is what it begins with, in Structured Text, or nothing."""
+
+    name: str
+    type: str
+    comment: str
+    value: str = ""
+
+
+class Block(NamedTuple):
+    """A function block; `needs` are the messages whose types and C structures it uses."""
+
+    name: str
+    doc: str
+    inputs: tuple[Variable, ...]
+    outputs: tuple[Variable, ...]
+    locals: tuple[Variable, ...]
+    body: tuple[str, ...]
+    needs: tuple[TypeName, ...]
+
+
+END = Variable("_udiEnd", "UDINT", "the open end's number; not to be written")
+_ENABLE = Variable("xEnable", "BOOL", "TRUE: opens the region, makes it if need be, and keeps it")
+_DEPTH = Variable(
+    "udiDepth", "UDINT", "samples a slow reader can still fetch, as on the other side; read as sTopic", "1"
+)
+_STATE = (
+    Variable("xBusy", "BOOL", "the region is being opened"),
+    Variable("xError", "BOOL", "see eErrorID; opening is tried again"),
+    Variable("eErrorID", "UDINT", "0, or why"),
+)
+
+
+def pair(layout: Layout, layouts: Layouts, dialect: Dialect) -> tuple[Block, Block]:
+    return _publisher(layout, layouts, dialect), _subscriber(layout, layouts, dialect)
+
+
+def _topic(dialect: Dialect) -> Variable:
+    spelled = dialect.text(80, in_array=False)
+    return Variable("sTopic", spelled, "'/robot/pose'; read on the rising edge of xEnable")
+
+
+def _message(layout: Layout, comment: str) -> Variable:
+    return Variable("Msg", whole(st.st_type(layout.name)), comment)
+
+
+def _publisher(layout: Layout, layouts: Layouts, dialect: Dialect) -> Block:
+    misses = "cycles in which the lock was not free"
+    return Block(
+        whole(st.publisher_block(layout.name)),
+        f"Publishes {layout.name} on one topic. Call it once in each cycle.",
+        (
+            _ENABLE,
+            _topic(dialect),
+            Variable("xSend", "BOOL", "TRUE: writes Msg in this cycle", "TRUE"),
+            _message(layout, ""),
+            _DEPTH,
+        ),
+        (
+            Variable("xSent", "BOOL", "Msg was written in this cycle"),
+            *_STATE,
+            Variable("udiSequence", "UDINT", "number of the sample written last"),
+            Variable("udiLockMisses", "UDINT", misses),
+        ),
+        (END,),
+        tuple(_publish(layout, layouts, dialect)),
+        (layout.name,),
+    )
+
+
+def _subscriber(layout: Layout, layouts: Layouts, dialect: Dialect) -> Block:
+    refused = (
+        [Variable("udiRefused", "UDINT", "samples with a count above its bound, which Msg did not take")]
+        if holds_counts(layout, layouts)
+        else []
+    )
+    return Block(
+        whole(st.subscriber_block(layout.name)),
+        f"Reads {layout.name} from one topic. Call it once in each cycle.",
+        (
+            _ENABLE,
+            _topic(dialect),
+            Variable("tTimeout", "TIME", "xStale after so long without a sign of the writer", "T#1s"),
+            Variable("xNewest", "BOOL", "FALSE: the oldest unread sample, one a call", "TRUE"),
+            _DEPTH,
+        ),
+        (
+            Variable("xValid", "BOOL", "Msg holds a sample received since the rising edge of xEnable"),
+            Variable("xNewData", "BOOL", "Msg changed in this cycle"),
+            *_STATE,
+            _message(layout, ""),
+            Variable("udiSequence", "UDINT", "number of the sample in Msg"),
+            Variable("udiMissed", "UDINT", "samples that came and went unread"),
+            Variable("udiLockMisses", "UDINT", "cycles in which the lock was not free"),
+            Variable("xStale", "BOOL", "the writer's heartbeat has stood still for tTimeout"),
+            *refused,
+        ),
+        (END,),
+        tuple(_read(layout, layouts, dialect)),
+        (layout.name,),
+    )
+
+
+def _enter(layout: Layout, dialect: Dialect, writer: str) -> Iterator[str]:
+    """Finds the block's end, or opens it on the rising edge."""
+    text, topic, length = dialect.topic("STOPIC")
+    yield f"const bool enabled = {dialect.get('XENABLE')} != 0;"
+    yield f"uint32_t number = {dialect.get('_UDIEND')};"
+    yield f"shmgen_block *end = shmgen_block_enter(&number, {dialect.owner}, enabled);"
+    yield "if (end == NULL && enabled) {"
+    yield f"    const shmgen_type type = {struct_name(layout.name)}_type();"
+    if text:
+        yield f"    {text}"
+    depth = dialect.get("UDIDEPTH")
+    yield f"    end = shmgen_block_open(&number, {dialect.owner}, &type, {writer}, {topic}, {length}, {depth});"
+    yield "}"
+    yield dialect.put("_UDIEND", "number")
+
+
+def _leave(dialect: Dialect) -> Iterator[str]:
+    yield dialect.put("EERRORID", "shmgen_block_error(end, enabled)")
+    yield dialect.put("XERROR", "shmgen_block_error(end, enabled) != 0")
+    yield dialect.put("XBUSY", "shmgen_block_is_busy(end)")
+    yield "shmgen_block_leave(end);"
+
+
+def _publish(layout: Layout, layouts: Layouts, dialect: Dialect) -> Iterator[str]:
+    name = struct_name(layout.name)
+    yield from _enter(layout, dialect, "true")
+    yield "bool sent = false;"
+    yield "if (end != NULL) {"
+    yield f"    const bool send = {dialect.get('XSEND')} != 0;"
+    yield "    shmgen_status fits = SHMGEN_OK;"
+    yield "    if (send && shmgen_block_is_open(end)) {"
+    yield f"        {name} *message = ({name} *)end->message;"
+    for line in copies(layout, layouts, dialect, dialect.structure("MSG"), "message->", to_plc=False):
+        yield f"        {line}"
+    yield "        shmgen_path_clear(&end->publisher.path);"
+    yield f"        fits = shmgen_check_{name}(message, &end->publisher.path);"
+    yield "    }"
+    yield "    sent = shmgen_block_write(end, send, fits);"
+    yield f"    {dialect.put('UDISEQUENCE', 'end->sequence')}"
+    yield f"    {dialect.put('UDILOCKMISSES', 'shmgen_block_misses(end)')}"
+    yield "}"
+    yield dialect.put("XSENT", "sent")
+    yield from _leave(dialect)
+
+
+def _read(layout: Layout, layouts: Layouts, dialect: Dialect) -> Iterator[str]:
+    name = struct_name(layout.name)
+    yield from _enter(layout, dialect, "false")
+    yield "bool fresh = false;"
+    yield "if (end != NULL) {"
+    newest = f"{dialect.get('XNEWEST')} != 0"
+    yield f"    fresh = shmgen_block_read(end, {newest}, shmgen_receive_{name});"
+    yield "    if (fresh) {"
+    yield f"        const {name} *message = (const {name} *)end->message;"
+    for line in copies(layout, layouts, dialect, dialect.structure("MSG"), "message->", to_plc=True):
+        yield f"        {line}"
+    yield "    }"
+    yield f"    {dialect.put('UDISEQUENCE', 'end->sequence')}"
+    yield f"    {dialect.put('UDIMISSED', 'shmgen_block_missed(end)')}"
+    yield f"    {dialect.put('UDILOCKMISSES', 'shmgen_block_misses(end)')}"
+    if holds_counts(layout, layouts):
+        yield f"    {dialect.put('UDIREFUSED', 'shmgen_block_refused(end)')}"
+    yield "}"
+    yield dialect.put("XNEWDATA", "fresh")
+    yield dialect.put("XVALID", "shmgen_block_is_valid(end, fresh)")
+    yield dialect.put("XSTALE", f"shmgen_block_is_stale(end, {dialect.ns('TTIMEOUT')})")
+    yield from _leave(dialect)

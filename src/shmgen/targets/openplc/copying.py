@@ -1,0 +1,51 @@
+"""Turns a Layout into the statements that copy a message between its C structure and the program's variable.
+
+Neither compiler lays a structure out as the region does, so each field goes by itself; of a sequence the elements that
+are valid.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from shmgen.model import Layout, Layouts, Ref, Role
+from shmgen.targets.c.names import c_member
+from shmgen.targets.counts import bound, counts
+from shmgen.targets.openplc.dialect import Dialect
+from shmgen.targets.openplc.names import member
+
+_INDENT = "    "
+
+
+def copies(layout: Layout, layouts: Layouts, dialect: Dialect, plc: str, c: str, *, to_plc: bool) -> list[str]:
+    """From `c` to `plc`, or the other way round."""
+    return list(_copies(layout, layouts, dialect, (plc, c), to_plc, 0))
+
+
+def _copies(
+    layout: Layout, layouts: Layouts, dialect: Dialect, owners: tuple[str, str], to_plc: bool, depth: int
+) -> Iterator[str]:
+    counted = counts(layout)
+    leaf = dialect.leaf_in if to_plc else dialect.leaf_out
+    for slot in layout.slots:
+        if slot.role is Role.PADDING:
+            continue
+        plc, c = f"{owners[0]}.{member(slot.name).upper()}", f"{owners[1]}{c_member(slot.name)}"
+        if slot.count is not None:
+            index = f"i{depth}"
+            limit = str(slot.count)
+            if slot.name in counted:  # what the program says has not been looked at yet
+                own = counted[slot.name]
+                limit = f"{limit} && {index} < {owners[1]}{c_member(own.name)}"
+                assert bound(own) == slot.count
+            yield f"for (uint32_t {index} = 0; {index} < {limit}; {index}++) {{"
+            plc, c = dialect.element(plc, index), f"{c}[{index}]"
+        indent = "" if slot.count is None else _INDENT
+        if isinstance(slot.type, Ref):
+            inner = layouts[slot.type.name]
+            for line in _copies(inner, layouts, dialect, (plc, f"{c}."), to_plc, depth + 1):
+                yield indent + line
+        else:
+            yield indent + leaf(plc, c, slot.type, layout.options)
+        if slot.count is not None:
+            yield "}"

@@ -1,0 +1,84 @@
+"""Programs of the open PLC dialects, compiled once a session by the stubs of tests/support/open_plc.py."""
+
+from __future__ import annotations
+
+import fcntl
+import shutil
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from shmgen import pipeline
+from shmgen.config import Config
+from shmgen.model import Layouts
+
+from ..support import build, open_plc
+from ..support.open_plc import DIALECTS, Program
+
+MESSAGES = {
+    "Part": "string<=12 name\nint64 big\nuint64 bigger\nbool[3] flags\n",
+    "All": "bool a\nint8 b\nuint8 c\nint16 d\nuint16 e\nint32 f\nuint32 g\nint64 h\nuint64 i\nfloat32 j\nfloat64 k\n"
+    "string<=20 text\nstring<=40[<=3] texts\nstring<=8[2] pair\nfloat64[4] four\nPart part\nPart[2] two\n"
+    "Part[<=3] some\nbuiltin_interfaces/Time stamp\nbuiltin_interfaces/Duration[<=2] took\n"
+    "uint8 type\nuint8 step\nuint8 time\nuint8 array\nuint8 nan\nuint8 eof\nuint8 en\nuint8 int\n",
+    "Given": "float64 x 1.5\n"
+    "int32[3] y [0, 2147483647, -2147483648]\nuint64 z 18446744073709551615\nbool on true\nPart part\n",
+    "Number": "uint32 value\n",
+    "Empty": "",
+}
+PACKAGE = "shm_msgs"
+
+
+def texts_of(folder: Path, messages: dict[str, str], **settings: Any) -> tuple[dict[str, str], Layouts]:
+    """All that is generated of messages of demo_msgs, and their layouts."""
+    build.put({f"demo_msgs/msg/{name}.msg": text for name, text in messages.items()}, folder)
+    targets = ("matiec", "openplc", "python")
+    config = replace(Config(folder, source="jazzy", path=(folder,), package=PACKAGE, targets=targets), **settings)
+    return pipeline.generate(config, ["demo_msgs"]), pipeline.lay_out(config, ["demo_msgs"])
+
+
+@pytest.fixture(scope="session")
+def made(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> tuple[Path, dict[str, str], Layouts]:
+    """The folder with the generated Python, the generated files, the layouts."""
+    base = tmp_path_factory.getbasetemp()
+    folder = (base if worker_id == "master" else base.parent) / "openplc"
+    folder.mkdir(exist_ok=True)
+    with (folder / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        texts, layouts = texts_of(folder, MESSAGES)
+        if not (folder / "python").exists():
+            build.put(texts, folder)
+    return folder, texts, layouts
+
+
+@pytest.fixture(scope="session", params=DIALECTS)
+def shared(request: pytest.FixtureRequest, made: tuple[Path, dict[str, str], Layouts]) -> Path:
+    """The shared object of one dialect."""
+    dialect = str(request.param)
+    if shutil.which(DIALECTS[dialect][0]) is None:
+        pytest.skip(f"{DIALECTS[dialect][0]} is not installed")
+    folder = made[0] / dialect
+    folder.mkdir(exist_ok=True)
+    with (folder / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (folder / "plc.so").exists():
+            open_plc.compiled(made[1], dialect, folder)
+    return folder / "plc.so"
+
+
+@pytest.fixture
+def plc(shared: Path) -> Iterator[Program]:
+    """Loaded, and unloaded at the end, which closes what its blocks have open."""
+    program = Program(shared)
+    yield program
+    program.unload()
+
+
+@pytest.fixture
+def python(made: tuple[Path, dict[str, str], Layouts]) -> Callable[[str], tuple[Any, Any, Any]]:
+    """The structure, the publisher and the subscriber of a message of demo_msgs."""
+    folder, _, layouts = made
+    return lambda name: build.classes(folder, PACKAGE, next(it for it in layouts if it.short == f"demo_msgs/{name}"))

@@ -1,0 +1,48 @@
+/* What matiec's own headers say of types, in the form of Beremiz or of OpenPLC v3: SHMGEN_TEST_LENGTH and SHMGEN_TEST_SECONDS are given. */
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#ifdef _IEC_STD_LIB_H
+typedef union { /* OpenPLC v3 calls one so before it includes c_blocks.h */
+    long tv_sec;
+} tm;
+#include "c_blocks.h"
+#endif
+
+typedef uint8_t BOOL;
+typedef int8_t SINT;
+typedef int16_t INT;
+typedef int32_t DINT;
+typedef int64_t LINT;
+typedef uint8_t USINT;
+typedef uint16_t UINT;
+typedef uint32_t UDINT;
+typedef uint64_t ULINT;
+typedef float REAL;
+typedef double LREAL;
+typedef struct {
+    SHMGEN_TEST_SECONDS tv_sec;
+    SHMGEN_TEST_SECONDS tv_nsec;
+} TIME;
+typedef struct {
+    SHMGEN_TEST_LENGTH len;
+    uint8_t body[126];
+} STRING;
+
+static inline TIME seconds(int number)
+{
+    TIME made = {number, 0};
+    return made;
+}
+
+#define number(value) ((double)(value))
+#define put_time(place, v) ((place).tv_sec = (SHMGEN_TEST_SECONDS)(v), (place).tv_nsec = (SHMGEN_TEST_SECONDS)(((v) - (int)(v)) * 1e9))
+#define put_text(place, v) ((place).len = (SHMGEN_TEST_LENGTH)strlen(v), (void)memcpy((place).body, v, strlen(v)))
+
+#ifdef __cplusplus
+#define SHMGEN_TEST_EXPORT extern "C"
+#else
+#define SHMGEN_TEST_EXPORT
+#endif

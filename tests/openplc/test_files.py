@@ -1,0 +1,101 @@
+"""What stands in the files for open PLCs: a library's chunks, what each needs, and what goes into an upload."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+from shmgen import config, pipeline
+from shmgen.diagnostics import Report
+from shmgen.model import Layouts
+
+from ..support import open_plc
+from .conftest import MESSAGES
+
+Made = tuple[Path, dict[str, str], Layouts]
+
+
+def test_a_library_says_what_it_holds_and_needs(made: Made) -> None:
+    """Keys of STruC++ 0.6.1; a program gets a chunk and those it names, and they must be enough for it."""
+    library = json.loads(made[1]["openplc/shm_msgs.stlib"])
+    assert set(library) == {"formatVersion", "manifest", "chunks", "dependencies"}
+    assert (library["formatVersion"], library["dependencies"]) == (1, [])
+    manifest = library["manifest"]
+    assert {"name", "version", "namespace", "functions", "functionBlocks", "types", "globals", "headers"} < set(
+        manifest
+    )
+    assert manifest["isBuiltin"] is False
+    chunks = {chunk["name"]: chunk for chunk in library["chunks"]}
+    assert len(chunks) == len(library["chunks"])
+    assert all(set(chunk) == {"name", "kind", "header", "cpp", "deps"} for chunk in chunks.values())
+    assert all(dep["library"] == "shm_msgs" and dep["name"] in chunks for it in chunks.values() for dep in it["deps"])
+    assert {one["name"] for one in manifest["types"]} == set(chunks) - {"SHMGEN_PROTOCOL"} - {
+        one["name"] for one in manifest["functionBlocks"]
+    }
+    named = [name for one in manifest["types"] for name in (one["name"], *(field["name"] for field in one["fields"]))]
+    assert all(name == name.upper() for name in named)
+    for name, chunk in chunks.items():
+        needed = {dep["name"] for dep in chunk["deps"]}
+        used = set(re.findall(r"\b(?:ST|FB)_[A-Z0-9_]+\b", chunk["header"])) & set(chunks)
+        assert used - {name} == needed - {"SHMGEN_PROTOCOL"}, name
+        assert "#include" not in chunk["header"] + chunk["cpp"], name
+
+
+def test_a_chunk_alone_compiles_with_what_it_names(made: Made, tmp_path: Path) -> None:
+    """As a program gets it that uses one block only."""
+    library = json.loads(made[1]["openplc/shm_msgs.stlib"])
+    block = "FB_DEMO_MSGS_PART_SUBSCRIBER"
+    chunks = {chunk["name"]: chunk for chunk in library["chunks"]}
+    wanted, left = {block}, [block]
+    while left:
+        left = [dep["name"] for name in left for dep in chunks[name]["deps"]]
+        wanted |= set(left)
+    library["chunks"] = [chunk for chunk in library["chunks"] if chunk["name"] in wanted]
+    blocks = library["manifest"]["functionBlocks"]
+    library["manifest"]["functionBlocks"] = [one for one in blocks if one["name"] in wanted]
+    assert len(wanted) == 3
+    open_plc.compiled({"openplc/shm_msgs.stlib": json.dumps(library)}, "openplc-v4", tmp_path)
+
+
+def test_the_lines_of_an_upload_are_the_header(made: Made) -> None:
+    """As OpenPLC v3 reads them back, but for blanks between a bracket and a star, and for empty lines."""
+    header = made[1]["matiec/shm_msgs.h"].partition("*/\n")[2]
+    found = open_plc.read(made[1]["matiec/shm_msgs.st"]).header
+    assert found.replace("( *", "(*").replace("* )", "*)").split() == header.replace("( *", "(*").split()
+
+
+def test_the_program_gives_each_topic_its_structure(tmp_path: Path) -> None:
+    """And all of it is the library's, since STruC++ prints a program's own types before those."""
+    topics = """[[topics]]
+topic = "/cell/number"
+type = "demo_msgs/Number"
+depth = 3
+[[topics]]
+topic = "/type"
+type = "demo_msgs/All"
+direction = "from_plc"
+"""
+    file = tmp_path / "shmgen.toml"
+    file.write_text(f'path = ["."]\nsource = "jazzy"\ntargets = ["matiec", "openplc"]\ntask_interval = 5\n{topics}')
+    for name, text in MESSAGES.items():
+        path = tmp_path / "demo_msgs" / "msg" / f"{name}.msg"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    texts = pipeline.generate(config.load(file, "shmgen.toml", Report()), [])
+    library = json.loads(texts["openplc/shm_msgs.stlib"])
+    assert "ST_ROS" in {one["name"] for one in library["manifest"]["types"]}
+    open_plc.compiled(texts, "openplc-v4", tmp_path)
+    program = texts["openplc/PRG_Ros.st"]
+    assert program.partition("PROGRAM")[2] == texts["matiec/upload.st"].partition("PROGRAM")[2]
+    assert "TASK RosTask(INTERVAL := T#5ms, PRIORITY := 0);" in program
+    for line in (
+        "    cell_number : FB_demo_msgs_Number_Subscriber;",
+        "    type_0 : FB_demo_msgs_All_Publisher;",
+        "    udiDepth := 3,",
+        "    Msg := GVL_Ros.type_0.Msg);",
+        "    GVL_Ros.cell_number.Msg := cell_number.Msg;",
+    ):
+        assert line in program.splitlines(), line
+    upload = open_plc.read(texts["matiec/upload.st"])
+    assert [one.name for one in upload.types["ST_Ros"]] == ["cell_number", "type_0"]

@@ -1,0 +1,305 @@
+"""The open PLC compilers, as far as generated files need them: stubs, the program they make, and its blocks.
+
+matiec's structures behind `data__` are made from the Structured Text as iec2c makes them, for Beremiz and for OpenPLC
+v3; STruC++'s from the chunks of the `.stlib` file. What the real compilers make of it: docs/openplc.md.
+"""
+
+from __future__ import annotations
+
+import _ctypes
+import ctypes
+import json
+import re
+import subprocess
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+HERE = Path(__file__).parents[1] / "openplc"
+DIALECTS = {
+    "beremiz": ("gcc", "-std=gnu99", "-DSHMGEN_TEST_LENGTH=uint8_t", "-DSHMGEN_TEST_SECONDS=long"),
+    "openplc-v3": ("g++", "-std=gnu++11", "-DSHMGEN_TEST_LENGTH=int8_t", "-DSHMGEN_TEST_SECONDS=int32_t"),
+    "openplc-v4": ("g++", "-std=c++17"),
+}
+"""The compiler and what tells its matiec from the other's."""
+
+
+class Variable(NamedTuple):
+    name: str
+    type: str
+    value: str
+
+
+class Block(NamedTuple):
+    name: str
+    variables: tuple[Variable, ...]
+    body: str
+
+
+class Source(NamedTuple):
+    """What stands in a file for matiec."""
+
+    header: str
+    types: dict[str, tuple[Variable, ...]]
+    blocks: tuple[Block, ...]
+
+
+_VARIABLE = re.compile(r"(\w+) : (ARRAY\[0\.\.\d+\] OF \w+|\w+)(?: := (.+))?;")
+_TYPE = re.compile(r"(\w+) : STRUCT\n(.*?)\n\s*END_STRUCT;", re.DOTALL)
+_BLOCK = re.compile(r"^FUNCTION_BLOCK (\w+)\n(.*?)\n\{\{\n(.*?)\n\}\}\nEND_FUNCTION_BLOCK", re.DOTALL | re.MULTILINE)
+_TAKEN = re.compile(r"_$|__|^(type|step|time|int|en|eno|array|string|action|end)$", re.IGNORECASE)
+
+
+def read(text: str) -> Source:
+    """With the rules of matiec for names and types; FILE lines are taken as OpenPLC v3 takes them."""
+    header = []
+    for line in text.split("\n"):
+        if line.startswith("(*FILE:") and line.endswith("*)"):
+            assert line.count("(*") == line.count("*)") == 1, line
+            path, _, content = line[7:-2].strip().partition(" ")
+            assert path == "c_blocks.h"
+            header.append(content)
+    plain = re.sub(r"\(\*.*?\*\)", "", text)
+    types = {found[1]: tuple(_variables(found[2])) for found in _TYPE.finditer(plain.partition("END_TYPE")[0])}
+    blocks = tuple(Block(found[1], tuple(_variables(found[2])), found[3]) for found in _BLOCK.finditer(plain))
+    known = {*types, *ELEMENTARY}
+    for variable in (one for group in (*types.values(), *(block.variables for block in blocks)) for one in group):
+        assert not _TAKEN.search(variable.name), variable
+        assert variable.type.rpartition(" ")[2] in known, variable
+    assert all("}}" not in block.body and "{{" not in block.body for block in blocks)
+    assert all(len(block.body) < 12_000 for block in blocks), "iec2c's buffer has 16 KiB"
+    return Source("\n".join(header), types, blocks)
+
+
+ELEMENTARY = [
+    "BOOL",
+    "SINT",
+    "INT",
+    "DINT",
+    "LINT",
+    "USINT",
+    "UINT",
+    "UDINT",
+    "ULINT",
+    "REAL",
+    "LREAL",
+    "TIME",
+    "STRING",
+]
+
+
+def _variables(text: str) -> Iterator[Variable]:
+    for line in text.splitlines():
+        stripped = line.strip()
+        if stripped and stripped not in ("VAR_INPUT", "VAR_OUTPUT", "VAR", "END_VAR"):
+            found = _VARIABLE.fullmatch(stripped)
+            assert found, f"no declaration: {line}"
+            yield Variable(found[1], found[2], found[3] or "")
+
+
+# --- matiec ---------------------------------------------------------------------------------------------------
+
+
+def matiec(source: Source) -> str:
+    """One C file, as iec2c would make it; its functions are those of _calls()."""
+    lines = ['#include "matiec.h"']
+    for name, members in source.types.items():
+        lines.append("typedef struct {")
+        lines += [f"    {_declared(member)}" for member in members]
+        lines.append(f"}} {name.upper()};")
+    for block in source.blocks:
+        name = block.name.upper()
+        lines.append("typedef struct {")
+        lines += [
+            f"    struct {{ {_declared(one, 'value')} uint8_t flags; }} {one.name.upper()};" for one in block.variables
+        ]
+        lines += [
+            f"}} {name};",
+            f"static void {name}_init__({name} *data__) {{",
+            "    memset(data__, 0, sizeof *data__);",
+        ]
+        for one in block.variables:
+            if one.value:
+                lines.append(f"    data__->{one.name.upper()}.value = {_literal(one)};")
+        lines += ["}", f"static void {name}_body__({name} *data__) {{", block.body, "}"]
+        for one in block.variables:
+            if one.name == "Msg":
+                lines += _defaults(name, one, source.types)
+        lines += _calls(block, f"((({name} *)block)->{{}}.value)", f"{name}_body__(({name} *)block)")
+        lines += [
+            f"SHMGEN_TEST_EXPORT void *new_{name}(void) {{",
+            f"    {name} *made = ({name} *)malloc(sizeof *made);",
+        ]
+        lines += [f"    {name}_init__(made); {name}_defaults(made);", "    return made;", "}"]
+    return "\n".join([*lines, *_moves(source.blocks, ".value"), ""])
+
+
+def _defaults(name: str, message: Variable, types: Mapping[str, tuple[Variable, ...]]) -> Iterator[str]:
+    """What iec2c makes of first values in structures."""
+
+    def of(owner: str, type_: str) -> Iterator[str]:
+        for member in types[type_]:
+            place = f"{owner}.{member.name.upper()}"
+            if member.type in types:
+                yield from of(place, member.type)
+            elif member.value.startswith("["):
+                values = member.value.strip("[]").split(", ")
+                yield from (f"    {place}.table[{number}] = {value};" for number, value in enumerate(values))
+            elif member.value:
+                yield f"    {place} = {_literal(member)};"
+
+    yield f"static void {name}_defaults({name} *data__) {{"
+    yield "    (void)data__;"
+    yield from of("data__->MSG.value", message.type)
+    yield "}"
+
+
+def _declared(variable: Variable, name: str = "") -> str:
+    name = name or variable.name.upper()
+    if variable.type.startswith("ARRAY"):
+        last, element = _array(variable.type)
+        return f"struct {{ {element.upper()} table[{last + 1}]; }} {name};"
+    return f"{variable.type.upper()} {name};"
+
+
+def _array(spelled: str) -> tuple[int, str]:
+    found = re.fullmatch(r"ARRAY\[0\.\.(\d+)\] OF (\w+)", spelled)
+    assert found
+    return int(found[1]), found[2]
+
+
+def _literal(variable: Variable) -> str:
+    known = {"TRUE": "1", "FALSE": "0", "T#1s": "seconds(1)"}
+    return known.get(variable.value, variable.value + ("ULL" if variable.type == "ULINT" else ""))
+
+
+# --- STruC++ --------------------------------------------------------------------------------------------------
+
+
+def strucpp(library: Mapping[str, Any]) -> str:
+    """One C++ file with all chunks, each behind those that it says it needs."""
+    chunks = {chunk["name"]: chunk for chunk in library["chunks"]}
+    ordered: dict[str, Any] = {}
+
+    def put(name: str) -> None:
+        for dep in chunks[name]["deps"]:
+            put(dep["name"])
+        ordered.setdefault(name, chunks[name])
+
+    for name in chunks:
+        put(name)
+    lines = ['#include "strucpp.hpp"', *(f'#include "{name}"' for name in library["manifest"]["headers"])]
+    lines += ["namespace strucpp {", *(chunk["header"] for chunk in ordered.values())]
+    lines += [*(chunk["cpp"] for chunk in ordered.values()), "}", "using namespace strucpp;"]
+    blocks = []
+    for entry in library["manifest"]["functionBlocks"]:
+        members = [Variable(one["name"], one["type"], "") for one in (*entry["inputs"], *entry["outputs"])]
+        block = Block(entry["name"], (*members, Variable("_UDIEND", "UDINT", "")), "")
+        name = block.name
+        lines += _calls(block, f"((({name} *)block)->{{}})", f"(*({name} *)block)()")
+        lines += [f"SHMGEN_TEST_EXPORT void *new_{name}(void) {{ return new {name}(); }}"]
+        blocks.append(block)
+    return "\n".join([*lines, *_moves(blocks, ""), ""])
+
+
+# --- both -----------------------------------------------------------------------------------------------------
+
+
+def _calls(block: Block, place: str, call: str) -> Iterator[str]:
+    """How Python reaches a block's variables; `place` takes a name."""
+    name = block.name.upper()
+    yield f"SHMGEN_TEST_EXPORT void call_{name}(void *block) {{ {call}; }}"
+    for one in block.variables:
+        variable, known = one.name.upper(), one.type.upper()
+        if known == "TIME":
+            at = place.format(variable)
+            yield f"SHMGEN_TEST_EXPORT void set_{name}_{variable}(void *block, double v) {{ put_time({at}, v); }}"
+        elif known == "STRING":
+            at = place.format(variable)
+            yield f"SHMGEN_TEST_EXPORT void set_{name}_{variable}(void *block, const char *v) {{ put_text({at}, v); }}"
+        elif known in ELEMENTARY:
+            at = place.format(variable)
+            yield f"SHMGEN_TEST_EXPORT double get_{name}_{variable}(void *block) {{ return number({at}); }}"
+            yield f"SHMGEN_TEST_EXPORT void set_{name}_{variable}(void *block, double v) {{ {at} = v; }}"
+
+
+def _moves(blocks: Any, tail: str) -> Iterator[str]:
+    """Msg := fbIn.Msg, for each pair."""
+    names = {block.name.upper() for block in blocks}
+    for name in sorted(names):
+        writer = name.removesuffix("_SUBSCRIBER") + "_PUBLISHER"
+        if name.endswith("_SUBSCRIBER") and writer in names:
+            places = f"(({writer} *)to)->MSG{tail} = (({name} *)from)->MSG{tail}"
+            yield f"SHMGEN_TEST_EXPORT void move_{name}(void *from, void *to) {{ {places}; }}"
+
+
+class Program:
+    """A shared object with blocks, as a runtime loads it."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.library = ctypes.CDLL(str(path))
+
+    def block(self, name: str, **inputs: object) -> Any:
+        return Instance(self.library, name.upper(), inputs)
+
+    def unload(self) -> None:
+        _ctypes.dlclose(self.library._handle)
+
+
+class Instance:
+    """A function block: `block.xEnable = True`, `block()`, `block.eErrorID`."""
+
+    def __init__(self, library: ctypes.CDLL, name: str, inputs: Mapping[str, object]) -> None:
+        make = getattr(library, f"new_{name}")
+        make.restype = ctypes.c_void_p
+        vars(self).update(_library=library, _name=name, address=ctypes.c_void_p(make()))
+        for key, value in inputs.items():
+            setattr(self, key, value)
+
+    def __call__(self, **inputs: object) -> Any:
+        for key, value in inputs.items():
+            setattr(self, key, value)
+        getattr(self._library, f"call_{self._name}")(self.address)
+        return self
+
+    def __getattr__(self, name: str) -> int:
+        get = getattr(self._library, f"get_{self._name}_{name.upper()}")
+        get.restype = ctypes.c_double
+        return int(get(self.address))
+
+    def __setattr__(self, name: str, value: object) -> None:
+        put = getattr(self._library, f"set_{self._name}_{name.upper()}")
+        put(self.address, value.encode() if isinstance(value, str) else ctypes.c_double(value))  # type: ignore[arg-type]
+
+    def move(self, to: Instance) -> None:
+        """to.Msg := self.Msg"""
+        getattr(self._library, f"move_{self._name}")(self.address, to.address)
+
+
+def compiled(
+    texts: Mapping[str, str], dialect: str, folder: Path, package: str = "shm_msgs", optimised: str = "-O1"
+) -> Path:
+    """A shared object of what was generated."""
+    command, *options = DIALECTS[dialect]
+    if dialect == "openplc-v4":
+        source = strucpp(json.loads(texts[f"openplc/{package}.stlib"]))
+    else:
+        found = read(texts[f"matiec/{package}.st"])
+        source = matiec(found)
+        header = found.header if dialect == "openplc-v3" else texts[f"matiec/{package}.h"]
+        (folder / "c_blocks.h").write_text(header)
+        options += ["-include", str(folder / "c_blocks.h")] if dialect == "beremiz" else ["-D_IEC_STD_LIB_H"]
+    suffix = ".c" if dialect == "beremiz" else ".cpp"
+    (folder / f"plc{suffix}").write_text(source)
+    made = folder / "plc.so"
+    warnings = ["-Wall", "-Wextra", "-Werror", "-Wno-unused-function"]
+    line = [command, *options, optimised, *warnings, "-fPIC", "-shared", f"-I{HERE}", f"-I{folder}"]
+    done = subprocess.run(
+        [*line, str(folder / f"plc{suffix}"), "-o", str(made), "-lrt", "-lpthread"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[:4000]
+    return made
