@@ -27,7 +27,7 @@ class _PureWriter:
     _sequence: int
     _heartbeat: int
     _direct: bool
-    """Whether _straight() may do anything, and _at_once() in the same way; on the object, where Python finds it at once."""
+    """Whether _straight() may do anything, and _at_once() so; on the object, where Python finds it at once."""
     _plain: bool
 
     def _connect(self, *where: int | Plan) -> None:
