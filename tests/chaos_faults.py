@@ -22,6 +22,8 @@ def one_slot(stage: Any) -> None:
     """Every sample lies in slot 0: a writer that dies half-way destroys the last complete one."""
     sample = Region.sample
     Region.sample = lambda region, number: sample(region, 0)  # type: ignore[method-assign]
+    for which in (PUBLISHER, SUBSCRIBER):
+        after_opening(stage, which, lambda side: side._disconnect())
 
 
 def completed_first(stage: Any) -> None:
@@ -170,6 +172,7 @@ def _plant(kind: Any, plant: Callable[[Any], None]) -> None:
 def swap(side: Any, old: Any, wrapper: Callable[[Any], Any]) -> Any:
     """Wraps what publish() or read() has at hand."""
     new = wrapper(old)
+    side._disconnect()
     side._hot = tuple(new if item is old else item for item in side._hot)
     return new
 

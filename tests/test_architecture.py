@@ -41,7 +41,7 @@ ARROWS = {
     "pipeline": WORDS | {"bounds", "config", "definitions", "drift", "layout", "render", "resolve", "targets"},
     "plc": WORDS | {"plc"},
     "show": WORDS | {"layout", "pipeline", "show", "targets", "type_hash"},
-    "runtime": {"abi", "runtime", "wording"},
+    "runtime": {"_straight", "abi", "runtime", "wording"},
     "live": WORDS | {"abi", "bounds", "config", "definitions", "live", "pipeline", "runtime", "toml"},
     "bag": WORDS | {"", "bag", "bridge", "drift", "live", "pipeline", "runtime", "type_hash"},
     "tools": WORDS | {"config", "live", "runtime", "targets", "tools"},

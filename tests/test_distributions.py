@@ -26,6 +26,8 @@ def test_it_holds_what_the_runtime_loads() -> None:
     ]
     done = subprocess.run([sys.executable, "-c", LOADED], capture_output=True, text=True, check=True, cwd=REPOSITORY)
     for file in map(Path, done.stdout.split()):
+        if file.suffix == ".so":  # hatch_build.py adds it
+            continue
         assert any(file == path or path in file.parents for path in held), file
     dependencies = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]["dependencies"]
     assert set(project["project"]["dependencies"]) <= {line.partition(";")[0] for line in dependencies}

@@ -15,6 +15,7 @@ import pytest
 
 from shmgen import __version__
 from shmgen.diagnostics import CODES
+from shmgen.runtime import straight
 
 from ..support.command import Result, run, tree
 
@@ -467,7 +468,8 @@ def test_a_file_is_no_output_folder(tmp_path: Path) -> None:
 
 
 def test_help_and_version(tmp_path: Path) -> None:
-    assert __version__ in done(tmp_path, "--version")
+    written = f"shmgen, version {__version__}; publish and read in {'C' if straight.IN_C else 'Python'}\n"
+    assert done(tmp_path, "--version") == written
     for command in ("generate", "show", "types", "list", "explain"):
         assert command in done(tmp_path, "-h")
         assert done(tmp_path, f"{command} --help").startswith(f"Usage: shmgen {command}")

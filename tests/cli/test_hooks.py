@@ -50,6 +50,7 @@ def test_pre_commit_stops_what_has_drifted(project: Path, tmp_path: Path) -> Non
     for name in filter(None, listed.stdout.decode().split("\0")):
         needed = name.startswith(("src/", "templates/", ".pre-commit")) or name in (
             "pyproject.toml",
+            "hatch_build.py",
             "README.md",
             "LICENSE",
             "docs/diagnostics.md",

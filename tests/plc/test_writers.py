@@ -77,6 +77,7 @@ def python_stops_in_its_copy(demo: Demo, topic: str) -> Callable[[], None]:
         with demo.python.DemoPublisher(topic) as publisher:
             publisher.publish(demo.message(1))
             half = Halves(publisher._region.map)
+            publisher._disconnect()
             publisher._hot = tuple(half if item is publisher._region.map else item for item in publisher._hot)
             publisher.publish(demo.message(2))
 

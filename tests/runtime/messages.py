@@ -13,6 +13,7 @@ from shmgen import runtime
 from shmgen.runtime import header as h
 from shmgen.runtime import values
 
+WHY_NOT = "shmgen was installed without a compiler, so publish and read are Python's alone: pip install -e ."
 POSE = struct.Struct("<7d")
 SCAN = struct.Struct("<I12xI16sB")
 LONG = 6000

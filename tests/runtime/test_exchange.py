@@ -400,6 +400,7 @@ def test_who_is_inside_stands_in_the_header(topic):
                 seen.append((words[h.LOCK_HOLDER], words[h.BEGUN], words[h.COMPLETED], words[h.HEARTBEAT]))
                 publisher._region.map[where] = data
 
+        publisher._disconnect()
         publisher._hot = tuple(Spy() if item is publisher._region.map else item for item in publisher._hot)
         publisher.publish(pose(1))
         publisher.publish(pose(2))

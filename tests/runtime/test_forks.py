@@ -159,7 +159,7 @@ def test_a_fork_between_any_two_instructions(topic):
     assert forks > 100
     # Where a descriptor, or a view, is on its way from the call that made it to the name it gets.
     assert set(held) <= {"opened", "kept_from_children", "open_region", "__init__", "_made"}
-    assert len(held) <= 3
+    assert len(held) <= 5
 
 
 @pytest.mark.parametrize("semlock", [True, False])

@@ -343,6 +343,7 @@ def test_a_sample_between_the_look_and_the_wait_is_seen(topic, monkeypatch):
         monkeypatch.setattr(semaphores, "wait", lambda *_: pytest.fail("waited"))
         monkeypatch.setattr("shmgen.runtime.subscriber.fence", lambda: publisher.publish(pose(1)))
         subscriber.wait(0)
+        subscriber._disconnect()
         subscriber._sleep(60, 0)
         assert subscriber.read().position.x == 1.0
         assert subscriber._words[h.ARMED] == 0

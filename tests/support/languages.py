@@ -221,6 +221,7 @@ _CONFIGURATION = Language(_hash)
 
 LANGUAGES = [
     ("*.py", _PYTHON),
+    ("cpp_ros?/*", Language(c_tokens, keywords=C_WORDS)),  # tests/cpp/test_ros.py has ROS's headers
     ("matiec/*.h", Language(embedded_tokens, _c, C_WORDS)),
     ("*.h", _C),
     ("*.hpp", _C),

@@ -63,6 +63,13 @@ _FAMILIES = {
 }
 
 
+def _say_version(context: click.Context) -> None:
+    from shmgen.runtime.straight import IN_C  # nothing else asked here needs the runtime
+
+    click.echo(f"shmgen, version {__version__}; publish and read in {'C' if IN_C else 'Python'}")
+    context.exit()
+
+
 class _Families(click.Group):
     """Loads the module of the one command that is asked for; for a list of them, all."""
 
@@ -93,7 +100,15 @@ def _elsewhere(name: str) -> click.Command:
 
 
 @click.group(cls=_Families, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
-@click.version_option(__version__, "-V", "--version")
+@click.option(
+    "-V",
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=lambda context, _, asked: _say_version(context) if asked else None,
+    help="Show the version and exit.",
+)
 def cli() -> None:
     """Shared-memory bridge code between a CODESYS softPLC and ROS, from ROS message definitions.
 

@@ -40,7 +40,10 @@ _SHARED = (0, 128)
 
 
 class Semaphore(Protocol):
-    """What is asked of a semaphore."""
+    """What is asked of a semaphore. `handle` is the address of its sem_t, None where there is none to be had."""
+
+    @property
+    def handle(self) -> int | None: ...
 
     def acquire(self, block: bool, /) -> bool:
         """Tries, with False; True = taken."""

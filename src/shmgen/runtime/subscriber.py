@@ -10,7 +10,7 @@ from typing import Any, Generic, NamedTuple, TypeVar, cast
 
 from shmgen import abi
 from shmgen.runtime import header as h
-from shmgen.runtime import semaphores
+from shmgen.runtime import semaphores, straight
 from shmgen.runtime.closing import Gone, Holding
 from shmgen.runtime.header import (
     ARMED,
@@ -56,7 +56,7 @@ class _AtHand(NamedTuple):
     pid: int
 
 
-class Subscriber(Holding, Generic[M]):
+class Subscriber(Holding, straight.Reader, Generic[M]):
     """Reads one type from one topic. Not for two threads at a time; forked children open their own."""
 
     message_type: type[M]
@@ -101,19 +101,21 @@ class Subscriber(Holding, Generic[M]):
         )
         self._hot = cast(_AtHand, tuple(hot))
         self._last = max(0, self._words[COMPLETED] - 1)
-        self._stamp: int | None = None
+        self._stamp = None
         self._missed = 0
         self._event: Any = None
         self._polls = region.options.sync == "sequence"
         self._beat = self._words[HEARTBEAT]
         self._beat_since = time.monotonic()
+        straight.connect_reader(self, region, self._long)
         self._hold()
 
     def read(self) -> M | None:
         """The newest sample, or None if it has been read already (or cannot be had now)."""
-        if self._words[COMPLETED] == self._last:
+        number = self._words[COMPLETED]
+        if number == self._last:
             return None
-        data = self._newest()
+        data = self._straight(number) or self._newest()
         return self._make(data) if data else None
 
     def read_into(self, message: Any) -> bool:
@@ -224,6 +226,8 @@ class Subscriber(Holding, Generic[M]):
 
         A post for a sample that was read without it, or for a reader that died, ends one wait early.
         """
+        if self._doze(self._event.handle or 0, int(seconds * 1e9), newest):
+            return
         words = self._words
         if self._polls or words[ARMED]:
             # There is no event, or another reader has it. If that died waiting, the next sample clears the word.
@@ -240,6 +244,7 @@ class Subscriber(Holding, Generic[M]):
 
     def _let_go(self, gone: Gone) -> None:
         self._words = cast(memoryview, gone)
+        self._disconnect()
         self._lock.leave()
         self._region.close(gone)
 
@@ -255,6 +260,9 @@ class Subscriber(Holding, Generic[M]):
 
     def _copy(self, number: int) -> bytes | bytearray | None:
         """The payload of sample `number`, None if it was overwritten, or _LOCKED_OUT."""
+        data: bytes | bytearray | None = self._straight(number)
+        if data is not None:
+            return data
         places, map, words, quads, acquire, release, pid = self._hot
         slots = self._slots
         payload, stamp_at, number_at = places[number & slots - 1]

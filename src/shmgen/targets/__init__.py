@@ -118,6 +118,18 @@ def _cpp() -> Room:
     return target
 
 
+def _cpp_ros1() -> Room:
+    from shmgen.targets.cpp_ros import ros1
+
+    return ros1
+
+
+def _cpp_ros2() -> Room:
+    from shmgen.targets.cpp_ros import ros2
+
+    return ros2
+
+
 def _matiec() -> Room:
     from shmgen.targets.matiec import target
 
@@ -148,6 +160,8 @@ TARGETS = (
     Target("plcopen", _plcopen, after="st"),
     Target("c", _c),
     Target("cpp", _cpp, opt_in=True),
+    Target("cpp_ros1", _cpp_ros1, opt_in=True),
+    Target("cpp_ros2", _cpp_ros2, opt_in=True),
     Target("openplc", _openplc, after="c", opt_in=True),
     Target("matiec", _matiec, after="c", opt_in=True),
     Target("ros1", _ros1, opt_in=True),

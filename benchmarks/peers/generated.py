@@ -1,0 +1,29 @@
+"""Turns peers/cpp.cpp, and what shmgen generates for it, into a program."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+from shmgen import pipeline
+from shmgen.config import Config
+
+SIZES = {"Block56": 56, "Block320": 320, "Mebibyte": 1 << 20}
+
+
+def program(folder: Path) -> Path:
+    """Compiled in `folder` as -O2."""
+    for name, size in SIZES.items():
+        file = folder / "definitions" / "bench_msgs" / "msg" / f"{name}.msg"
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(f"uint64[{size // 8}] data\n")
+    types = [f"bench_msgs/{name}" for name in SIZES]
+    config = Config(folder, path=(folder / "definitions",), targets=("cpp",))
+    for path, text in pipeline.generate(config, [*types, "geometry_msgs/Pose"]).items():
+        file = folder / path
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text)
+    made = folder / "cpp_peer"
+    source = Path(__file__).with_name("cpp.cpp")
+    subprocess.run(["g++", "-O2", "-std=c++17", f"-I{folder / 'cpp'}", source, "-pthread", "-o", made], check=True)
+    return made

@@ -1,0 +1,77 @@
+"""Turns src/shmgen/runtime/straight.c into the extension that publish and read are quicker with, where a compiler is.
+
+Called by hatchling for each wheel, of shmgen and of packaging/shmgen-runtime, and each editable installation. Nothing
+depends on it: without a compiler, without Python's headers, and with SHMGEN_PURE set, what is made holds Python alone.
+"""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+
+HERE = Path(__file__).resolve().parent
+SOURCE = HERE / "src" / "shmgen" / "runtime" / "straight.c"
+HEADERS = HERE / "generated" / "c" / "shm_msgs"
+TARGET = Path("shmgen", "_straight.abi3.so")
+LIMITED = (3, 10)
+"""The oldest Python that the binary runs on; so it does on all later ones."""
+
+
+class StraightHook(BuildHookInterface[Any]):
+    """Adds the extension to a wheel, or puts it among the sources for an editable installation."""
+
+    PLUGIN_NAME = "custom"
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """As hatchling calls it before it builds: `version` is `standard` or `editable`."""
+        if version == "editable":
+            note = compiled(HERE / "src" / TARGET)
+        else:
+            self._folder = tempfile.TemporaryDirectory()  # until the wheel is made
+            made = Path(self._folder.name, TARGET.name)
+            note = compiled(made)
+            if not note:
+                platform = sysconfig.get_platform().replace("-", "_").replace(".", "_")
+                build_data["force_include"][str(made)] = str(TARGET)
+                build_data["tag"] = f"cp{LIMITED[0]}{LIMITED[1]}-abi3-{platform}"
+                build_data["pure_python"] = False
+        if note:
+            self.app.display_info(f"publish and read stay in Python: {note}")
+
+
+def compiled(target: Path) -> str:
+    """Compiles the extension into `target`. Empty, or why there is none."""
+    if os.environ.get("SHMGEN_PURE"):
+        return "SHMGEN_PURE is set"
+    if sys.platform != "linux" or sys.implementation.name != "cpython" or sysconfig.get_config_var("Py_GIL_DISABLED"):
+        return "the extension is for CPython with its lock, on Linux"
+    compiler = shlex.split(os.environ.get("CC", "")) or [shutil.which("cc") or shutil.which("gcc") or "clang"]
+    made = target.with_name(f"{target.name}.{os.getpid()}")  # whoever has the old one mapped keeps it
+    flags = [
+        "-O2",
+        "-std=gnu11",
+        "-fPIC",
+        "-shared",
+        "-pthread",
+        f"-DPy_LIMITED_API=0x{LIMITED[0]:02X}{LIMITED[1]:02X}0000",
+    ]
+    where = [f"-I{sysconfig.get_path('include')}", f"-I{HEADERS}", str(SOURCE), "-o", str(made)]
+    try:
+        done = subprocess.run([*compiler, *flags, *where], capture_output=True, text=True, check=False)
+        if done.returncode == 0:
+            made.replace(target)
+            return ""
+        return next((line for line in done.stderr.splitlines() if "error" in line), f"{compiler[0]} failed")
+    except OSError as error:
+        return str(error)
+    finally:
+        made.unlink(missing_ok=True)

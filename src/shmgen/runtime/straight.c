@@ -1,0 +1,470 @@
+/* The straight way of publish() and read() in one call each: free lock, topic still ours, sample whole. Wherever
+ * anything else is met nothing has been done, and Python goes its own way (publisher.py, subscriber.py), which knows
+ * how to wait, to heal and what to raise. So no call here waits but doze(), and none runs Python code inside the lock.
+ *
+ * Over the same header as generated C (templates/c), in CPython's limited API: one binary for 3.10 and all later.
+ */
+#define PY_SSIZE_T_CLEAN
+#include <Python.h>
+#include <structmember.h>
+
+#include <math.h>
+
+#include "shmgen_subscriber.h"
+
+/* One step of taking numbers out of an object: the attribute `name` of object number `from` of those met so far (0 is the
+ * message), which is the next object, or a number: `code` is struct's, and `at` its offset in scratch. */
+typedef struct Step {
+    PyObject *name;
+    size_t at;
+    unsigned int from;
+    char code; /* 0: an object */
+} Step;
+
+#define MOST_OBJECTS 32
+
+/* base == NULL: not connected. What it points at is kept by the region of the object in Python. */
+typedef struct Writer {
+    PyObject_HEAD
+    shmgen_link end;
+    unsigned char *scratch; /* header of a slot, then the message */
+    Step *steps;            /* NULL: Python encodes */
+    Py_ssize_t count;
+    sem_t *event;
+    size_t size;           /* bytes of a message */
+    unsigned int sequence; /* number of the newest sample */
+    unsigned int beat;
+    char direct; /* 1: connected */
+    char plain;  /* 1: and there are steps */
+} Writer;
+
+typedef struct Reader {
+    PyObject_HEAD
+    shmgen_link end;
+    PyObject *stamp; /* of the newest sample read, NULL: none yet */
+    size_t size;
+    unsigned long long missed;
+    unsigned int last;
+    int is_long; /* 1: samples become a bytearray, in which a message can lie */
+} Reader;
+
+static bool enter(const shmgen_link *end)
+{
+    if (sem_trywait(end->lock) != 0)
+        return false;
+    shmgen_store(end, SHMGEN_AT(lock_count), shmgen_load(end, SHMGEN_AT(lock_count)) + 1);
+    shmgen_store(end, SHMGEN_AT(lock_holder), end->pid);
+    return true;
+}
+
+static bool steps_of(Writer *self, PyObject *plan)
+{
+    const Py_ssize_t count = PyTuple_Size(plan);
+    Step *steps = count > 0 ? PyMem_Calloc((size_t)count, sizeof(Step)) : NULL;
+    if (count <= 0)
+        return count == 0;
+    self->steps = steps;
+    for (Py_ssize_t number = 0; steps != NULL && number < count; number++) {
+        unsigned long long at;
+        PyObject *name;
+        int code;
+        if (!PyArg_ParseTuple(PyTuple_GetItem(plan, number), "UiKI", &name, &code, &at, &steps[number].from))
+            return false;
+        Py_INCREF(name);
+        PyUnicode_InternInPlace(&name);
+        steps[number].name = name;
+        steps[number].code = (char)code;
+        steps[number].at = (size_t)at;
+        self->count = number + 1;
+    }
+    if (steps == NULL)
+        PyErr_NoMemory();
+    return steps != NULL;
+}
+
+static PyObject *writer_connect(PyObject *object, PyObject *arguments)
+{
+    Writer *self = (Writer *)object;
+    unsigned long long base, lock, event, scratch, size;
+    unsigned int slots, slot_size, pid;
+    PyObject *plan;
+    if (!PyArg_ParseTuple(arguments, "KKKKKIIIO!", &base, &lock, &event, &scratch, &size, &slots, &slot_size, &pid,
+                          &PyTuple_Type, &plan))
+        return NULL;
+    if (self->steps != NULL || !steps_of(self, plan))
+        return PyErr_Occurred() != NULL ? NULL : PyErr_Format(PyExc_RuntimeError, "connected twice");
+    self->end.lock = (sem_t *)(uintptr_t)lock;
+    self->end.slots = slots;
+    self->end.slot_size = slot_size;
+    self->end.pid = pid;
+    self->event = (sem_t *)(uintptr_t)event;
+    self->scratch = (unsigned char *)(uintptr_t)scratch;
+    self->size = (size_t)size;
+    self->end.base = (unsigned char *)(uintptr_t)base;
+    self->direct = 1;
+    self->plain = self->steps != NULL;
+    Py_RETURN_NONE;
+}
+
+static PyObject *writer_disconnect(PyObject *object, PyObject *nothing)
+{
+    Writer *self = (Writer *)object;
+    (void)nothing;
+    self->end.base = NULL;
+    self->direct = self->plain = 0;
+    Py_RETURN_NONE;
+}
+
+/* Publishes what lies in scratch. False: nothing was done. */
+static bool publish(Writer *self)
+{
+    shmgen_link *end = &self->end;
+    const bool locks = end->lock != NULL;
+    uint32_t number;
+    uint64_t stamp;
+    size_t slot;
+    bool ours;
+    if (end->base == NULL || (locks && !enter(end)))
+        return false;
+    if (shmgen_load(end, SHMGEN_AT(writer)) != end->pid) {
+        if (locks)
+            shmgen_leave(end);
+        return false;
+    }
+    number = shmgen_after(end, self->sequence, 1);
+    slot = shmgen_slot_of(end, number);
+    stamp = shmgen_wall();
+    shmgen_store(end, SHMGEN_AT(heartbeat), self->beat + 1);
+    shmgen_store(end, SHMGEN_AT(begun), number);
+    if (self->size < SHMGEN_STREAMED)
+        __atomic_thread_fence(__ATOMIC_RELEASE);
+    else
+        __atomic_thread_fence(__ATOMIC_SEQ_CST);
+    memcpy(end->base + slot + offsetof(shmgen_slot, stamp_ns), &stamp, sizeof stamp);
+    memcpy(end->base + slot + offsetof(shmgen_slot, number), &number, sizeof number);
+    memcpy(end->base + slot + SHMGEN_SLOT_HEADER, self->scratch + SHMGEN_SLOT_HEADER, self->size);
+    ours = shmgen_load(end, SHMGEN_AT(writer)) == end->pid;
+    if (ours) {
+        self->sequence = number;
+        self->beat++;
+        shmgen_store(end, SHMGEN_AT(completed), number);
+    } else {
+        shmgen_store(end, slot + offsetof(shmgen_slot, number), 0); /* what lies there may be of two writers */
+    }
+    if (locks)
+        shmgen_leave(end);
+    shmgen_fence(locks);
+    if (ours && shmgen_load(end, SHMGEN_AT(armed)) != 0) {
+        shmgen_store(end, SHMGEN_AT(armed), 0);
+        if (self->event != NULL)
+            shmgen_post(self->event);
+    }
+    return ours;
+}
+
+static PyObject *writer_straight(PyObject *object, PyObject *nothing)
+{
+    (void)nothing;
+    return PyBool_FromLong(publish((Writer *)object));
+}
+
+/* Writes a number of exactly the kind that needs no second look; false: Python looks at it, and at all others. */
+static bool store(unsigned char *into, char code, PyObject *value)
+{
+    if (code == 'd' || code == 'f') {
+        double number;
+        if (PyFloat_CheckExact(value))
+            number = PyFloat_AsDouble(value);
+        else if (!PyLong_CheckExact(value) || ((number = PyLong_AsDouble(value)) == -1.0 && PyErr_Occurred() != NULL))
+            return false;
+        if (code == 'd') {
+            memcpy(into, &number, sizeof number);
+        } else {
+            float single = (float)number;
+            if (isinf(single) && !isinf(number))
+                return false;
+            memcpy(into, &single, sizeof single);
+        }
+        return true;
+    }
+    if (code == '?') {
+        if (value != Py_True && value != Py_False)
+            return false;
+        *into = value == Py_True;
+        return true;
+    }
+    if (!PyLong_CheckExact(value))
+        return false;
+    if (code == 'Q') {
+        uint64_t number = PyLong_AsUnsignedLongLong(value);
+        memcpy(into, &number, sizeof number);
+        return number != UINT64_MAX || PyErr_Occurred() == NULL;
+    } else {
+        int overflow = 0;
+        int64_t number = PyLong_AsLongLongAndOverflow(value, &overflow);
+        if (overflow != 0)
+            return false;
+#define KEEP(type)                              \
+    {                                           \
+        type kept = (type)number;               \
+        memcpy(into, &kept, sizeof kept);       \
+        return (int64_t)kept == number;         \
+    }
+        switch (code) {
+        case 'b': KEEP(int8_t)
+        case 'B': KEEP(uint8_t)
+        case 'h': KEEP(int16_t)
+        case 'H': KEEP(uint16_t)
+        case 'i': KEEP(int32_t)
+        case 'I': KEEP(uint32_t)
+        case 'q': KEEP(int64_t)
+        default: return false;
+        }
+#undef KEEP
+    }
+}
+
+/* Takes the numbers out of any object, and publishes them. False: nothing was done. */
+static PyObject *writer_at_once(PyObject *object, PyObject *message)
+{
+    Writer *self = (Writer *)object;
+    PyObject *met[MOST_OBJECTS];
+    unsigned int known = 1;
+    bool taken = self->plain != 0;
+    met[0] = message;
+    for (Py_ssize_t number = 0; taken && number < self->count; number++) {
+        const Step *step = &self->steps[number];
+        PyObject *value = PyObject_GetAttr(met[step->from], step->name);
+        if (value == NULL) {
+            taken = false;
+        } else if (step->code == 0) {
+            met[known++] = value;
+        } else {
+            taken = store(self->scratch + step->at, step->code, value);
+            Py_DECREF(value);
+        }
+    }
+    while (known > 1)
+        Py_DECREF(met[--known]);
+    if (PyErr_Occurred() != NULL) {
+        if (!PyErr_ExceptionMatches(PyExc_Exception))
+            return NULL;
+        PyErr_Clear(); /* Python meets it once more, and says where */
+    }
+    return PyBool_FromLong(taken && publish(self));
+}
+
+static PyObject *reader_connect(PyObject *object, PyObject *arguments)
+{
+    Reader *self = (Reader *)object;
+    unsigned long long base, lock, size;
+    unsigned int slots, slot_size, pid;
+    int is_long;
+    if (!PyArg_ParseTuple(arguments, "KKKIIIp", &base, &lock, &size, &slots, &slot_size, &pid, &is_long))
+        return NULL;
+    self->end.lock = (sem_t *)(uintptr_t)lock;
+    self->end.slots = slots;
+    self->end.slot_size = slot_size;
+    self->end.pid = pid;
+    self->size = (size_t)size;
+    self->is_long = is_long;
+    self->end.base = (unsigned char *)(uintptr_t)base;
+    Py_RETURN_NONE;
+}
+
+static PyObject *reader_disconnect(PyObject *object, PyObject *nothing)
+{
+    (void)nothing;
+    ((Reader *)object)->end.base = NULL;
+    Py_RETURN_NONE;
+}
+
+/* The payload of a sample if it is whole, which then counts as read; None: nothing was done. */
+static PyObject *reader_straight(PyObject *object, PyObject *asked)
+{
+    Reader *self = (Reader *)object;
+    shmgen_link *end = &self->end;
+    const bool locks = end->lock != NULL;
+    const uint32_t number = (uint32_t)PyLong_AsUnsignedLong(asked);
+    const size_t slot = shmgen_slot_of(end, number);
+    PyObject *data, *taken, *former;
+    uint64_t stamp = 0;
+    uint32_t skipped;
+    bool whole;
+    if (PyErr_Occurred() != NULL)
+        return NULL;
+    if (end->base == NULL || number == 0)
+        Py_RETURN_NONE;
+    data = self->is_long ? PyByteArray_FromStringAndSize(NULL, (Py_ssize_t)self->size)
+                         : PyBytes_FromStringAndSize(NULL, (Py_ssize_t)self->size);
+    if (data == NULL)
+        return NULL;
+    if (locks && !enter(end)) {
+        Py_DECREF(data);
+        Py_RETURN_NONE;
+    }
+    whole = shmgen_is_whole(end, number, slot);
+    if (whole) {
+        memcpy(&stamp, end->base + slot + offsetof(shmgen_slot, stamp_ns), sizeof stamp);
+        memcpy(self->is_long ? PyByteArray_AsString(data) : PyBytes_AsString(data), end->base + slot + SHMGEN_SLOT_HEADER,
+               self->size);
+        __atomic_thread_fence(__ATOMIC_ACQUIRE);
+        whole = shmgen_is_whole(end, number, slot);
+    }
+    if (locks)
+        shmgen_leave(end);
+    taken = whole ? PyLong_FromUnsignedLongLong(stamp) : NULL;
+    if (taken == NULL) {
+        Py_DECREF(data);
+        if (whole)
+            return NULL;
+        Py_RETURN_NONE;
+    }
+    skipped = shmgen_steps(end, self->last, number) - 1;
+    if (skipped != 0 && skipped < SHMGEN_ANEW) {
+        self->missed += skipped;
+        shmgen_store(end, SHMGEN_AT(missed), shmgen_load(end, SHMGEN_AT(missed)) + skipped);
+    }
+    self->last = number;
+    former = self->stamp;
+    self->stamp = taken;
+    Py_XDECREF(former);
+    return data;
+}
+
+/* Waits so many ns for the event unless `completed` has left `newest` behind, or a signal comes, whose handler is then
+ * Python's to call. False: nothing was done. */
+static PyObject *reader_doze(PyObject *object, PyObject *arguments)
+{
+#ifdef SHMGEN_HAS_CLOCKWAIT
+    Reader *self = (Reader *)object;
+    const shmgen_link *end = &self->end;
+    unsigned long long event;
+    unsigned int newest;
+    long long ns;
+    bool came = false;
+    if (!PyArg_ParseTuple(arguments, "KLI", &event, &ns, &newest))
+        return NULL;
+    if (end->base == NULL || event == 0 || shmgen_load(end, SHMGEN_AT(armed)) != 0)
+        Py_RETURN_FALSE;
+    shmgen_store(end, SHMGEN_AT(armed), 1);
+    shmgen_fence(false);
+    if (shmgen_load(end, SHMGEN_AT(completed)) == newest) {
+        const int64_t until = shmgen_now() + ns;
+        struct timespec time;
+        time.tv_sec = (time_t)(until / INT64_C(1000000000));
+        time.tv_nsec = (long)(until % INT64_C(1000000000));
+        Py_BEGIN_ALLOW_THREADS
+        came = sem_clockwait((sem_t *)(uintptr_t)event, CLOCK_MONOTONIC, &time) == 0;
+        Py_END_ALLOW_THREADS
+    }
+    /* Another thread may have closed it. Left set, the word would look like another reader's. */
+    if (end->base != NULL && (!came || shmgen_load(end, SHMGEN_AT(armed)) != 0))
+        shmgen_store(end, SHMGEN_AT(armed), 0);
+    Py_RETURN_TRUE;
+#else
+    (void)object;
+    (void)arguments;
+    Py_RETURN_FALSE;
+#endif
+}
+
+static void object_free(PyObject *object)
+{
+    PyTypeObject *type = Py_TYPE(object);
+    freefunc release = (freefunc)PyType_GetSlot(type, Py_tp_free);
+    release(object);
+    Py_DECREF(type);
+}
+
+static void writer_free(PyObject *object)
+{
+    Writer *self = (Writer *)object;
+    for (Py_ssize_t number = 0; number < self->count; number++)
+        Py_DECREF(self->steps[number].name);
+    PyMem_Free(self->steps);
+    object_free(object);
+}
+
+static void reader_free(PyObject *object)
+{
+    Py_XDECREF(((Reader *)object)->stamp);
+    object_free(object);
+}
+
+static PyMemberDef writer_members[] = {
+    {"_sequence", T_UINT, offsetof(Writer, sequence), 0, NULL},
+    {"_heartbeat", T_UINT, offsetof(Writer, beat), 0, NULL},
+    {"_direct", T_BOOL, offsetof(Writer, direct), 0, NULL},
+    {"_plain", T_BOOL, offsetof(Writer, plain), 0, NULL},
+    {NULL, 0, 0, 0, NULL},
+};
+
+static PyMethodDef writer_methods[] = {
+    {"_connect", writer_connect, METH_VARARGS, NULL},
+    {"_disconnect", writer_disconnect, METH_NOARGS, NULL},
+    {"_straight", writer_straight, METH_NOARGS, NULL},
+    {"_at_once", writer_at_once, METH_O, NULL},
+    {NULL, NULL, 0, NULL},
+};
+
+static PyMemberDef reader_members[] = {
+    {"_last", T_UINT, offsetof(Reader, last), 0, NULL},
+    {"_missed", T_ULONGLONG, offsetof(Reader, missed), 0, NULL},
+    {"_stamp", T_OBJECT, offsetof(Reader, stamp), 0, NULL},
+    {NULL, 0, 0, 0, NULL},
+};
+
+static PyMethodDef reader_methods[] = {
+    {"_connect", reader_connect, METH_VARARGS, NULL},
+    {"_disconnect", reader_disconnect, METH_NOARGS, NULL},
+    {"_straight", reader_straight, METH_O, NULL},
+    {"_doze", reader_doze, METH_VARARGS, NULL},
+    {NULL, NULL, 0, NULL},
+};
+
+static PyType_Slot writer_slots[] = {
+    {Py_tp_members, writer_members},
+    {Py_tp_methods, writer_methods},
+    {Py_tp_dealloc, (void *)writer_free},
+    {0, NULL},
+};
+
+static PyType_Slot reader_slots[] = {
+    {Py_tp_members, reader_members},
+    {Py_tp_methods, reader_methods},
+    {Py_tp_dealloc, (void *)reader_free},
+    {0, NULL},
+};
+
+static PyType_Spec specifications[] = {
+    {"shmgen._straight.Writer", (int)sizeof(Writer), 0, Py_TPFLAGS_DEFAULT | Py_TPFLAGS_BASETYPE, writer_slots},
+    {"shmgen._straight.Reader", (int)sizeof(Reader), 0, Py_TPFLAGS_DEFAULT | Py_TPFLAGS_BASETYPE, reader_slots},
+};
+
+static int fill(PyObject *module)
+{
+    static const char *const names[] = {"Writer", "Reader"};
+    for (int number = 0; number < 2; number++) {
+        PyObject *type = PyType_FromSpec(&specifications[number]);
+        if (type == NULL || PyModule_AddObject(module, names[number], type) != 0) {
+            Py_XDECREF(type);
+            return -1;
+        }
+    }
+    return PyModule_AddIntConstant(module, "ABI", SHMGEN_ABI);
+}
+
+static PyModuleDef_Slot module_slots[] = {
+    {Py_mod_exec, (void *)fill},
+    {0, NULL},
+};
+
+static PyModuleDef definition = {
+    PyModuleDef_HEAD_INIT, "_straight", NULL, 0, NULL, module_slots, NULL, NULL, NULL,
+};
+
+PyMODINIT_FUNC PyInit__straight(void)
+{
+    return PyModuleDef_Init(&definition);
+}

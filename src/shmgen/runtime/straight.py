@@ -1,0 +1,136 @@
+"""Turns the straight way of publish and read into one call in C where there is the extension; without it into nothing.
+
+`_straight` of a publisher or a subscriber does all from the lock to `completed`, or nothing at all: then the Python
+beside it does, as it does without the extension and with SHMGEN_PURE in the environment (docs/python.md).
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from shmgen import abi
+from shmgen.runtime.checked import CODES
+from shmgen.runtime.header import SLOT_HEADER
+from shmgen.runtime.region import Region
+from shmgen.runtime.semaphores import NoSemaphore, Semaphore
+
+MOST_OBJECTS = 32
+"""The message and all that lie in it, that the extension takes numbers from."""
+
+Plan: TypeAlias = "tuple[tuple[str, int, int, int], ...]"
+"""Steps through a message: (attribute, struct's code or 0 for an object, offset in scratch, number of the object)."""
+
+
+class _PureWriter:
+    _sequence: int
+    _heartbeat: int
+    _direct: bool
+    """Whether _straight() may do anything, and _at_once() so; on the object, where Python finds it at once."""
+    _plain: bool
+
+    def _connect(self, *where: int | Plan) -> None:
+        pass
+
+    def _disconnect(self) -> None:
+        pass
+
+    def _straight(self) -> bool:
+        """Publishes what lies in scratch; False: has done nothing."""
+        return False
+
+    def _at_once(self, message: Any) -> bool:
+        """Publishes a message that is nothing but numbers, from an object in which they are plain; False: has not."""
+        return False
+
+
+class _PureReader:
+    _last: int
+    _missed: int
+    _stamp: int | None
+
+    def _connect(self, *where: int | bool) -> None:
+        pass
+
+    def _disconnect(self) -> None:
+        pass
+
+    def _straight(self, number: int) -> bytes | bytearray | None:
+        """The payload of sample `number`, which then counts as read; None: has done nothing."""
+        return None
+
+    def _doze(self, event: int, ns: int, newest: int) -> bool:
+        """Arms and waits for the event, so many ns at most; False: has done nothing."""
+        return False
+
+
+if TYPE_CHECKING:
+    Writer: TypeAlias = _PureWriter
+    Reader: TypeAlias = _PureReader
+    IN_C: bool
+    """Whether the extension is at work."""
+else:
+    try:
+        if os.environ.get("SHMGEN_PURE"):
+            raise ImportError
+        from shmgen import _straight
+
+        if _straight.ABI != abi.ABI:
+            raise ImportError
+        Writer, Reader, IN_C = _straight.Writer, _straight.Reader, True
+    except ImportError:
+        Writer, Reader, IN_C = _PureWriter, _PureReader, False
+
+
+def connect_writer(writer: Writer, region: Region, event: Semaphore, scratch: bytearray, kind: Any) -> None:
+    """To be called once all is open. `scratch` must not move any more."""
+    if _has_handles(region.semaphore):
+        header, place = region.header, ctypes.addressof(ctypes.c_char.from_buffer(scratch))
+        ends = _address(region), region.semaphore.handle or 0, event.handle or 0, place
+        writer._connect(*ends, header.payload_size, header.slots, header.slot_size, region.pid, _plan(kind))
+
+
+def connect_reader(reader: Reader, region: Region, long: bool) -> None:
+    """The same for a subscriber; `long`: its samples become a bytearray."""
+    if _has_handles(region.semaphore):
+        header, lock = region.header, region.semaphore.handle or 0
+        reader._connect(_address(region), lock, header.payload_size, header.slots, header.slot_size, region.pid, long)
+
+
+def _plan(kind: Any) -> Plan:
+    """Empty for a message that holds anything but numbers and such messages, or too many of them."""
+    steps: list[tuple[str, int, int, int]] = []
+    met = 1
+
+    def go(kind: Any, at: int, origin: int) -> bool:
+        nonlocal met
+        fields = {name: inner for name, inner, *_ in kind._fields_}
+        for name in kind._names_:
+            if name not in fields:
+                return False  # it is shown otherwise than it lies
+            here, inner = at + getattr(kind, name).offset, fields[name]
+            if issubclass(inner, ctypes.Structure):
+                steps.append((name, 0, 0, origin))
+                met += 1
+                if met > MOST_OBJECTS or not go(inner, here, met - 1):
+                    return False
+            elif inner in _CODES:
+                steps.append((name, ord(_CODES[inner]), here, origin))
+            else:
+                return False
+        return True
+
+    return tuple(steps) if go(kind, SLOT_HEADER, 0) else ()
+
+
+_CODES = CODES | {ctypes.c_double: "d"}
+
+
+def _has_handles(semaphore: Semaphore) -> bool:
+    """Not those of posix_ipc."""
+    return IN_C and (semaphore.handle is not None or isinstance(semaphore, NoSemaphore))
+
+
+def _address(region: Region) -> int:
+    return ctypes.addressof(ctypes.c_char.from_buffer(region.map))

@@ -1,0 +1,106 @@
+"""Turns layouts into C++ headers that convert between our classes and ROS's own, field by field, for either ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+from shmgen.diagnostics import Report
+from shmgen.model import Clock, Layout, Layouts, Output, Role, TypeName
+from shmgen.targets import Job
+from shmgen.targets.c.text import in_comment
+from shmgen.targets.cpp.names import class_name, cpp_name, header, namespace, qualified
+from shmgen.targets.naming import Made, Names
+
+
+class Ros(NamedTuple):
+    """`key` is the target's; `include` and `type` are of what split() gives, as that ROS calls them."""
+
+    key: str
+    include: Callable[[TypeName, str], str]
+    type: Callable[[TypeName, str], str]
+    adapts: bool
+
+
+def names(key: str) -> Names:
+    """A target's names: the classes are those of cpp and of ROS, the files its own."""
+
+    def made(layout: Layout, package: str) -> Iterator[Made]:
+        if split(layout.name):
+            yield Made("namespace", cpp_name(layout.name.package), package, layout.name.package)
+            yield Made("class", class_name(layout.name), namespace(layout.name, package))
+            yield Made("file", header(layout.name, _root(key, package)))
+
+    return Names(f"C++ for ROS {key[-1]}", member=cpp_name, constant=cpp_name, made=made)
+
+
+def split(name: TypeName) -> tuple[TypeName, str] | None:
+    """What ROS's file of it is called after, and which half of that it is: of a message none.
+
+    None for what is ours alone, as a service's `_Reply` is.
+    """
+    if name.kind == "msg":
+        return name, ""
+    whole, _, half = name.name.rpartition("_")
+    return (name._replace(name=whole), half) if half in _HALVES else None
+
+
+_HALVES = ("Request", "Response", "Goal", "Result", "Feedback")
+
+
+def _root(key: str, package: str) -> str:
+    return f"{package}_{key.removeprefix('cpp_')}"
+
+
+class Step(NamedTuple):
+    """`member` on either side; `kind` is a tag that tells a time from a duration, where it is one."""
+
+    member: str
+    kind: str
+
+
+class Header(NamedTuple):
+    """One message; all strings finished."""
+
+    title: str
+    origin: str
+    guard: str
+    includes: tuple[str, ...]
+    theirs: str
+    ours: str
+    type: str
+    steps: tuple[Step, ...]
+    adapts: bool
+
+
+def plan(ros: Ros, job: Job, report: Report) -> Iterator[Output]:
+    """`cpp_ros2/<package>_ros2/<ros package>/msg/pose.hpp` for all that ROS has, and what all share."""
+    root = _root(ros.key, job.package)
+    yield Output(f"{ros.key}/{root}/shmgen_ros.hpp", "cpp_ros/shmgen_ros.hpp", None)
+    for name, layout in job.layouts.items():
+        if split(name):
+            view = _header(ros, layout, job.layouts, job.package, root)
+            yield Output(f"{ros.key}/{header(name, root)}", "cpp_ros/convert.hpp.j2", view)
+
+
+def _header(ros: Ros, layout: Layout, layouts: Layouts, package: str, root: str) -> Header:
+    name, (whole, half) = layout.name, split(layout.name) or (layout.name, "")
+    inner = (header(one, root) for one in sorted(layout.dependencies))
+    return Header(
+        title=str(name),
+        origin=in_comment(layout.message.origin),
+        guard=header(name, root).upper().replace("/", "_").replace(".", "_"),
+        includes=(header(name, package), f"{root}/shmgen_ros.hpp", *inner),
+        theirs=ros.include(whole, half),
+        ours=qualified(name, package),
+        type=ros.type(whole, half),
+        steps=tuple(_steps(layout)),
+        adapts=ros.adapts,
+    )
+
+
+def _steps(layout: Layout) -> Iterator[Step]:
+    for slot in layout.slots:
+        if slot.role is Role.DATA:
+            kind = f"::shmgen::{slot.type.value}" if isinstance(slot.type, Clock) else "void"
+            yield Step(cpp_name(slot.name), kind)

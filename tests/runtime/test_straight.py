@@ -1,0 +1,204 @@
+"""The extension that does the straight way of publish and read: it is what its source says, and one with the Python."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import os
+import random
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from shmgen import pipeline, runtime
+from shmgen.config import Config
+from shmgen.model import TypeName
+from shmgen.runtime import header as h
+from shmgen.runtime import straight
+from tests.conftest import REPOSITORY
+from tests.support.build import classes, put
+
+from .messages import WHY_NOT, PosePublisher, PoseSubscriber, pose
+
+pytestmark = pytest.mark.skipif(not straight.IN_C, reason=WHY_NOT)
+
+KINDS = ["bool", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"]
+INNER = "".join(f"{kind} {kind}_one\n" for kind in KINDS)
+EDGES = (
+    0,
+    1,
+    *(sign * 2**bits + step for bits in (7, 8, 15, 16, 31, 32, 63, 64) for sign in (1, -1) for step in (-1, 0)),
+)
+ODD = (0.0, -0.5, 1e-50, 3.4e38, 3.5e38, 1e300, math.inf, -math.inf, math.nan, True, False, None, "1", [1], 1j, 10**30)
+
+
+def test_it_is_not_older_than_its_source() -> None:
+    made = Path(sys.modules["shmgen._straight"].__file__).stat().st_mtime
+    source = REPOSITORY / "src/shmgen/runtime/straight.c"
+    assert made >= source.stat().st_mtime, "pip install -e . makes it anew"
+
+
+def test_all_holds_without_it() -> None:
+    """What exchanges, once more in a process that does not load it."""
+    files = [f"tests/runtime/test_{name}.py" for name in ("exchange", "truncations")]
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *files]
+    pure = {**os.environ, "SHMGEN_PURE": "1"}
+    done = subprocess.run(command, cwd=REPOSITORY, env=pure, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-4000:]
+    assert "skipped" not in done.stdout
+
+
+@pytest.fixture(scope="module")
+def kinds(tmp_path_factory):
+    """A message of all kinds of numbers, alone and in others, with its publisher and its subscriber."""
+    folder = tmp_path_factory.mktemp("straight")
+    texts = {"Inner": INNER, "Outer": "straight_msgs/Inner one\nint8 between\nstraight_msgs/Inner two\n"}
+    put({f"straight_msgs/msg/{name}.msg": text for name, text in texts.items()}, folder / "definitions")
+    config = Config(folder, path=(folder / "definitions",), package="shm_straight", targets=("python",))
+    put(pipeline.generate(config, ["straight_msgs/Outer"]), folder)
+    return classes(folder, "shm_straight", TypeName("straight_msgs", "msg", "Outer"))
+
+
+def any_object(kind, value):
+    """With the fields of a message, each number made by `value`."""
+    inner = {name: inner for name, inner, *_ in kind._fields_}
+    fields = {
+        name: value(straight._CODES[inner[name]]) if inner[name] in straight._CODES else any_object(inner[name], value)
+        for name in kind._names_
+    }
+    return SimpleNamespace(**fields)
+
+
+def outcome(publisher, message):
+    """The bytes in the region, or what was raised; and that the former sample is there in that case."""
+    before = publisher.sequence
+    try:
+        publisher.publish(message)
+    except Exception as error:
+        assert publisher.sequence == before == publisher._region.words[h.COMPLETED]
+        return type(error), str(error)
+    assert publisher.sequence == before + 1
+    return publisher._region.map[publisher._region.payload(publisher.sequence)]
+
+
+def test_numbers_from_any_object_are_taken_and_refused_as_in_python(topic, kinds):
+    kind, publishers, _ = kinds
+    rng = random.Random(1)
+    with publishers(topic) as quick, publishers(f"{topic}/python") as python:
+        python._disconnect()
+        assert quick._plain
+        assert not python._plain
+
+        def fitting(code):
+            if code in "fd":
+                return rng.uniform(-1e3, 1e3)
+            bits = 8 * ctypes.sizeof(next(kind for kind, found in straight._CODES.items() if found == code))
+            return rng.random() < 0.5 if code == "?" else rng.randrange(2 ** (bits - code.islower()))
+
+        count = 0
+        for field in KINDS:
+            for value in (*EDGES, *map(float, EDGES), *ODD):
+                message = any_object(kind, fitting)
+                setattr(message.two, f"{field}_one", value)
+                found = outcome(python, message)
+                assert outcome(quick, message) == found, (field, value)
+                count += isinstance(found, bytes)
+        assert 100 < count < quick.sequence + 1
+        del message.one.int8_one
+        assert outcome(quick, message) == outcome(python, message)
+
+
+def test_an_attribute_that_is_interrupted_or_closes_the_publisher(topic, kinds):
+    """Attributes may be any code."""
+    kind, publishers, _ = kinds
+    publisher = publishers(topic)
+
+    class Interrupt(BaseException):
+        pass
+
+    class Odd:
+        def __init__(self, call):
+            self.call = call
+
+        def __getattr__(self, name):
+            self.call()
+            return 1
+
+    def interrupt():
+        raise Interrupt
+
+    message = any_object(kind, lambda code: 0.0 if code in "fd" else False if code == "?" else 0)
+    publisher.publish(message)
+    message.two = Odd(interrupt)
+    with pytest.raises(Interrupt):
+        publisher.publish(message)
+    message.two = Odd(publisher.close)
+    with pytest.raises(runtime.Closed):
+        publisher.publish(message)
+
+
+def test_nothing_of_it_stays_behind(topic):
+    """What publish and read have held is free again: 50,000 samples would be more than 2 MiB."""
+    message = SimpleNamespace(position=SimpleNamespace(x=1.5, y=2.5, z=3.5), orientation=pose(0).orientation)
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+
+        def exchange(times):
+            for _ in range(times):
+                publisher.publish(message)
+                subscriber.read()
+
+        exchange(1000)
+        held, before = sys.getrefcount(message.position), pages()
+        exchange(50_000)
+        holds, after = sys.getrefcount(message.position), pages()
+    assert holds == held
+    assert after - before < 512
+
+
+def pages() -> int:
+    return int(Path("/proc/self/statm").read_text().split()[1])
+
+
+def test_who_waits_may_be_closed_by_another_thread(topic):
+    subscriber = PoseSubscriber(topic)
+    threading.Timer(0.02, subscriber.close).start()
+    with pytest.raises((runtime.Closed, ValueError)):
+        subscriber.wait(30)
+
+
+def test_a_topic_that_another_took_over_meanwhile(topic):
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+        publisher.publish(pose(1))
+        publisher._region.words[h.WRITER] = h.PLC
+        with pytest.raises(runtime.ClaimLost):
+            publisher.publish(pose(2))
+        assert subscriber.read().position.x == 1.0
+        assert publisher._region.semaphore._get_value() == 1
+
+
+def test_a_mode_without_the_lock_and_a_lock_without_a_handle(topic, monkeypatch):
+    with PosePublisher(topic) as publisher:
+        assert publisher._direct
+    monkeypatch.setattr("shmgen.runtime.semaphores.SemLock", None)
+    with PosePublisher(topic) as publisher:
+        assert not publisher._direct
+
+
+def test_it_is_quicker(topic):
+    """Where it is not, it is not at work: a third of the time is what we see."""
+    message = SimpleNamespace(position=SimpleNamespace(x=1.5, y=2.5, z=3.5), orientation=pose(0).orientation)
+
+    def took(publisher):
+        start = time.process_time_ns()
+        for _ in range(2000):
+            publisher.publish(message)
+        return time.process_time_ns() - start
+
+    with PosePublisher(topic) as quick, PosePublisher(f"{topic}/python") as python:
+        python._disconnect()
+        assert min(took(quick) for _ in range(5)) < 0.7 * min(took(python) for _ in range(5))
