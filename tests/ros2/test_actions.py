@@ -36,7 +36,7 @@ type = "test_msgs/Fibonacci"
 action = "{space}/of/ros"
 type = "test_msgs/Fibonacci"
 server = "ros"
-timeout = 2.0
+timeout = 6.0
 """
 
 
@@ -216,7 +216,7 @@ def test_the_plc_seeks_and_ros_acts(cell: Cell) -> None:
     with cell.client() as plc:
         plc.send_goal(SimpleNamespace(order=5), 5)
         assert plc.result(LIMIT).status == ABORTED  # there is no server
-        cell.bridge.said("no server within 2 s")
+        cell.bridge.said("no server within 6 s")
         cell.peer.ask(do="act", action=cell.of_ros, type=FIBONACCI)
         plc.send_goal(SimpleNamespace(order=5), 5)
         seen = []
