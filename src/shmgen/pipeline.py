@@ -77,7 +77,7 @@ def printed_by(targets: Sequence[Target], keys: Sequence[str], job: Job, report:
     """{path: text} of those of `targets` that `keys` name, as they were planned. Raises Rejected."""
     waiting = _wanted(targets, keys)
     for target in waiting:
-        _check_names(target, targets, job, report)
+        _check_names(target, waiting, job, report)
     done: dict[str, tuple[Printed, ...]] = {}
     while waiting:
         ready = [target for target in waiting if not target.after or target.after in done]
@@ -102,9 +102,9 @@ def _wanted(targets: Sequence[Target], keys: Sequence[str]) -> list[Target]:
     return [target for target in targets if target.key in wanted]
 
 
-def _check_names(target: Target, targets: Sequence[Target], job: Job, report: Report) -> None:
+def _check_names(target: Target, wanted: Sequence[Target], job: Job, report: Report) -> None:
     if names := target.room().NAMES:
-        keys = [target.key, *(other.key for other in targets if other.after == target.key)]
+        keys = [target.key, *(other.key for other in wanted if other.after == target.key)]
         naming.check(job.layouts, job.package, job.uses, names, keys, report)
 
 

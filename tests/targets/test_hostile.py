@@ -119,12 +119,17 @@ def python_class(texts: Mapping[str, str]) -> Any:
     with tempfile.TemporaryDirectory() as folder:
         put({path: text for path, text in texts.items() if path.startswith("python/")}, Path(folder))
         sys.path.insert(0, f"{folder}/python")
+        _forget()  # what another test has left
         try:
             return importlib.import_module("shm_msgs.demo_msgs.msg").Foo
         finally:
             sys.path.remove(f"{folder}/python")
-            for name in [name for name in sys.modules if name.split(".")[0] == "shm_msgs"]:
-                del sys.modules[name]
+            _forget()
+
+
+def _forget() -> None:
+    for name in [name for name in sys.modules if name.split(".")[0] == "shm_msgs"]:
+        del sys.modules[name]
 
 
 @pytest.mark.parametrize("name", ["../../etc", "/etc", "a/../../b", "x y", "ｐkg", ""])  # noqa: RUF001
