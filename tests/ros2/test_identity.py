@@ -151,7 +151,7 @@ def test_a_service_of_another_definition(graph: Graph, stranger: dds.Graph, spac
     bridge = graph.bridge(
         f'source = "{graph.source}"\n'
         + SET_BOOL.format(space=space, server="plc", timeout=1)
-        + SET_BOOL.format(space=f"{space}/of", server="ros", timeout=1)
+        + SET_BOOL.format(space=f"{space}/of", server="ros", timeout=3)
     )
     peer = graph.peer()
     asked = {"do": "call", "service": f"{space}/flag", "type": "std_srvs/srv/SetBool", "request": {}, "timeout": 2}
@@ -165,7 +165,7 @@ def test_a_service_of_another_definition(graph: Graph, stranger: dds.Graph, spac
         return SimpleNamespace(success=True, message="")
 
     with plc_server(graph, f"{space}/flag", handler), calling(f"{space}/of/flag") as plc:
-        assert peer.ask(**asked) == {"success": True, "message": ""}
+        assert peer.ask(**asked | {"timeout": 20}) == {"success": True, "message": ""}  # they have to find each other
         assert plc.call(SimpleNamespace(data=True), 5) is not None
         served.clear()
         stranger.client(service(tmp_path, f"{space}/flag", "int8 data"))
