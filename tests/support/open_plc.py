@@ -144,7 +144,8 @@ def _defaults(name: str, message: Variable, types: Mapping[str, tuple[Variable, 
                 yield from of(place, member.type)
             elif member.value.startswith("["):
                 values = member.value.strip("[]").split(", ")
-                yield from (f"    {place}.table[{number}] = {value};" for number, value in enumerate(values))
+                unsigned = "ULL" if _array(member.type)[1] == "ULINT" else ""
+                yield from (f"    {place}.table[{number}] = {value}{unsigned};" for number, value in enumerate(values))
             elif member.value:
                 yield f"    {place} = {_literal(member)};"
 
