@@ -145,14 +145,14 @@ def init(hook: bool, ci: bool, wanted: str | None) -> None:
 
     from shmgen.cli import origin, start
 
-    requirement = wanted or origin.requirement()
-    if ci and requirement is None:
+    requirement = (wanted or origin.requirement()) if ci else ""
+    if requirement is None:
         said = "--ci: this shmgen was installed from a folder, which a CI machine does not have"
         raise click.UsageError(f"{said}; add --from git+https://HOST/shmgen, or whatever pip is to install there")
     begun = start.begin(Path.cwd())
     files = {"shmgen.toml": begun.configuration} if begun.configuration else {}
     files |= {start.HOOK_FILE: start.HOOK} if hook else {}
-    files |= {start.CI_FILE: start.CI.format(requirement=shlex.quote(str(requirement)))} if ci else {}
+    files |= {start.CI_FILE: start.CI.format(requirement=shlex.quote(requirement))} if ci else {}
     for path, text in files.items():
         file = Path(path)
         if file.exists():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 from shmgen.model import (
     Clock,
@@ -23,6 +22,7 @@ from shmgen.model import (
     ros_type,
 )
 from shmgen.targets.c.ends import limited
+from shmgen.targets.c.target import Member
 from shmgen.targets.c.text import in_comment, quoted, quoted_wide
 from shmgen.targets.counts import bound, counts
 from shmgen.targets.cpp.names import class_name, cpp_name, qualified
@@ -30,16 +30,6 @@ from shmgen.targets.cpp.names import class_name, cpp_name, qualified
 _TYPES = {Scalar.BOOL: "::shmgen::flag", Scalar.FLOAT32: "float", Scalar.FLOAT64: "double"}
 _CLOCKS = {"TIME": "::shmgen::clock_ms", "LTIME": "::shmgen::clock_ns", "struct": "::shmgen::clock_pair"}
 _CUT = {"utf-8": "cut_utf8", "latin-1": "cut_latin1"}
-
-
-class Member(NamedTuple):
-    """`declaration` with its comment; `offset` and `size` in bytes are asserted."""
-
-    declaration: str
-    name: str
-    offset: str
-    size: str
-    comment: str
 
 
 def members(layout: Layout, package: str) -> Iterator[Member]:

@@ -9,9 +9,10 @@ from shmgen.diagnostics import Report
 from shmgen.model import Layout, Layouts, Output, Regions
 from shmgen.targets import Job
 from shmgen.targets.c import ends, region
+from shmgen.targets.c.target import Member
 from shmgen.targets.c.text import in_comment, quoted
 from shmgen.targets.cpp import calls
-from shmgen.targets.cpp.members import Member, constant_line, members, misfits
+from shmgen.targets.cpp.members import constant_line, members, misfits
 from shmgen.targets.cpp.names import NAMES as NAMES
 from shmgen.targets.cpp.names import class_name, header, namespace, qualified
 from shmgen.wording import counted
