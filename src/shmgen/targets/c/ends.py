@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 from shmgen.model import Layout, Layouts, Output, Ref, Regions, Role, Slot, String
@@ -95,23 +95,19 @@ def _check(layout: Layout, layouts: Layouts) -> Iterator[str]:
     if any(isinstance(slot.type, Ref) for slot, _, _ in _fields(layout, layouts)):
         yield "shmgen_status status;"
     yield from _counts(layout)
-    for slot, path, last in _fields(layout, layouts):
-        member = f"message->{c_member(slot.name)}" + ("[element]" if last else "")
-        at = f"shmgen_at_element(path, {path}, element" if last else f"shmgen_at(path, {path}"
-        if last:
-            yield f"for (uint32_t element = 0; element < {last}; element++) {{"
-        indent = "    " if last else ""
-        if isinstance(slot.type, String):
-            ends = "shmgen_ends_wide" if slot.type.wide else "shmgen_ends"
-            yield f"{indent}if (!{ends}({member}, {(slot.type.capacity or 0) + 1}))"
-            yield f"{indent}    return {at}, SHMGEN_TEXT_TOO_LONG);"
-        else:
-            assert isinstance(slot.type, Ref)
-            yield f"{indent}status = shmgen_check_{struct_name(slot.type.name)}(&{member}, path);"
-            yield f"{indent}if (status != SHMGEN_OK)"
-            yield f"{indent}    return {at}, status);"
-        if last:
-            yield "}"
+    yield from _each(layout, layouts, _checked)
+
+
+def _checked(slot: Slot, member: str, at: str) -> Iterator[str]:
+    if isinstance(slot.type, String):
+        ends = "shmgen_ends_wide" if slot.type.wide else "shmgen_ends"
+        yield f"if (!{ends}({member}, {(slot.type.capacity or 0) + 1}))"
+        yield f"    return {at}, SHMGEN_TEXT_TOO_LONG);"
+    else:
+        assert isinstance(slot.type, Ref)
+        yield f"status = shmgen_check_{struct_name(slot.type.name)}(&{member}, path);"
+        yield "if (status != SHMGEN_OK)"
+        yield f"    return {at}, status);"
 
 
 def _receive(layout: Layout, layouts: Layouts) -> Iterator[str]:
@@ -121,22 +117,31 @@ def _receive(layout: Layout, layouts: Layouts) -> Iterator[str]:
     struct = struct_name(layout.name)
     yield f"{struct} *message = ({struct} *)copy;"
     yield from _counts(layout)
+    yield from _each(layout, layouts, _received)
+    yield "(void)path;"
+
+
+def _received(slot: Slot, member: str, at: str) -> Iterator[str]:
+    if isinstance(slot.type, String):
+        yield f"{member}[{slot.type.capacity or 0}] = 0;"
+    else:
+        assert isinstance(slot.type, Ref)
+        receive = f"shmgen_receive_{struct_name(slot.type.name)}(&{member}, path)"
+        yield f"if ({receive} != SHMGEN_OK)"
+        yield f"    return {at}, SHMGEN_COUNT_EXCEEDED);"
+
+
+def _each(layout: Layout, layouts: Layouts, statements: Callable[[Slot, str, str], Iterator[str]]) -> Iterator[str]:
+    """`statements` of each field that may not fit, in a loop where it has elements; they end a call that tells it."""
     for slot, path, last in _fields(layout, layouts):
-        member = f"message->{c_member(slot.name)}" + ("[element]" if last else "")
-        at = f"shmgen_at_element(path, {path}, element" if last else f"shmgen_at(path, {path}"
+        member = f"message->{c_member(slot.name)}"
         if last:
             yield f"for (uint32_t element = 0; element < {last}; element++) {{"
-        indent = "    " if last else ""
-        if isinstance(slot.type, String):
-            yield f"{indent}{member}[{slot.type.capacity or 0}] = 0;"
-        else:
-            assert isinstance(slot.type, Ref)
-            receive = f"shmgen_receive_{struct_name(slot.type.name)}(&{member}, path)"
-            yield f"{indent}if ({receive} != SHMGEN_OK)"
-            yield f"{indent}    return {at}, SHMGEN_COUNT_EXCEEDED);"
-        if last:
+            at = f"shmgen_at_element(path, {path}, element"
+            yield from (f"    {one}" for one in statements(slot, f"{member}[element]", at))
             yield "}"
-    yield "(void)path;"
+        else:
+            yield from statements(slot, member, f"shmgen_at(path, {path}")
 
 
 def _counts(layout: Layout) -> Iterator[str]:
