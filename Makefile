@@ -36,6 +36,9 @@ BROWSER := chromium
 # DDS that is not ours, for the tests of the backend dds: Fast DDS, and Cyclone's C library.
 DDS  := libfastrtps-dev fastddsgen cyclonedds-dev cyclonedds-tools
 
+# Real processes on a machine that others use too: what fails is tried once more, and told also when it then passes.
+BUSY := --reruns 1
+
 # The extra `bench`, one by one: who cannot be had here is left out.
 PEERS := iceoryx2 cyclonedds eclipse-zenoh pyzmq asyncua pymodbus
 
@@ -49,11 +52,11 @@ demo: $(VENV)/ready
 
 test: $(VENV)/ready-to-test  ## with what is here; three minutes of setting up at most
 	$(MAKE) --no-print-directory lint
-	$(BIN)/python -m pytest -n auto -m 'not slow'
+	$(BIN)/python -m pytest -n auto $(BUSY) -m 'not slow'
 
 test-all: $(VENV)/ready-for-all  ## brings ROS 1, ROS 2, DDS and other machines' compilers first, 3 GB; then all tests, the slow ones too
 	$(MAKE) --no-print-directory lint
-	$(BIN)/python -m pytest -n auto
+	$(BIN)/python -m pytest -n auto $(BUSY)
 
 lint: $(VENV)/ready-to-test
 	$(BIN)/ruff check .

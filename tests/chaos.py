@@ -300,11 +300,14 @@ class Actor:
             os._exit(0)
 
     def state(self) -> str:
-        """As `ps` has it, or how it ended."""
-        pid, status = os.waitpid(self.pid, os.WNOHANG | os.WUNTRACED) if self.pid else (0, 0)
-        return (
-            f"status {status:#x}" if pid else Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()[0]
-        )
+        """As `ps` has it, or how it ended, which only the first who asks is told."""
+        try:
+            pid, status = os.waitpid(self.pid, os.WNOHANG | os.WUNTRACED) if self.pid else (0, 0)
+            if pid:
+                return f"status {status:#x}"
+            return Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()[0]
+        except (ChildProcessError, FileNotFoundError):
+            return "ended"
 
     def kill(self) -> None:
         with suppress(ProcessLookupError, ChildProcessError):  # it had ended, and state() has told how

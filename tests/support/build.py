@@ -38,10 +38,19 @@ def put(texts: Mapping[str, str], folder: Path) -> None:
 def module(folder: Path, package: str, name: TypeName) -> ModuleType:
     """Where the classes of a message are, of a package written below `folder`/python."""
     root = str(folder / "python")
-    if root not in sys.path:
+    if sys.path[0] != root:
         sys.path.insert(0, root)
+    known = sys.modules.get(package)
+    if known is not None and folder / "python" / package not in map(Path, known.__path__):
+        forget(package)  # another test had it from elsewhere
     importlib.invalidate_caches()
     return importlib.import_module(f"{package}.{name.package}.{name.kind}")
+
+
+def forget(package: str) -> None:
+    """So that the next import reads what lies there then."""
+    for name in [name for name in sys.modules if name.partition(".")[0] == package]:
+        del sys.modules[name]
 
 
 def classes(folder: Path, package: str, name: TypeName) -> tuple[Any, Any, Any]:

@@ -21,7 +21,7 @@ from shmgen import pipeline
 from shmgen.bounds import Bounds
 from shmgen.config import Config
 from shmgen.diagnostics import Rejected
-from tests.support.build import put
+from tests.support.build import forget, put
 from tests.support.languages import st_tokens, xml_tokens
 
 from .contract import PIECES
@@ -119,17 +119,12 @@ def python_class(texts: Mapping[str, str]) -> Any:
     with tempfile.TemporaryDirectory() as folder:
         put({path: text for path, text in texts.items() if path.startswith("python/")}, Path(folder))
         sys.path.insert(0, f"{folder}/python")
-        _forget()  # what another test has left
+        forget("shm_msgs")  # what another test has left
         try:
             return importlib.import_module("shm_msgs.demo_msgs.msg").Foo
         finally:
             sys.path.remove(f"{folder}/python")
-            _forget()
-
-
-def _forget() -> None:
-    for name in [name for name in sys.modules if name.split(".")[0] == "shm_msgs"]:
-        del sys.modules[name]
+            forget("shm_msgs")
 
 
 @pytest.mark.parametrize("name", ["../../etc", "/etc", "a/../../b", "x y", "ｐkg", ""])  # noqa: RUF001
