@@ -59,7 +59,7 @@ def clean(topics: tuple[str, ...], everything: bool, force: bool, dry_run: bool)
     def leftovers(topic: str) -> list[str]:
         files = tool.leftovers(topic)
         if not force and (why := tool.in_use(topic, around)):
-            hint = f"stop it first; `shmgen clean --force {topic}` removes the files under its feet"
+            hint = f"stop it first; `shmgen clean --force {topic}` removes the files while they are in use"
             raise ShmError(f"{topic}: {why}\n  hint: {hint}")
         return files
 
