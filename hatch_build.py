@@ -1,12 +1,18 @@
-"""Turns src/shmgen/runtime/straight.c into the extension that publish and read are quicker with, where a compiler is.
+"""Two hooks of hatchling: the extension in C for each wheel, and README.md as PyPI shows it.
 
-Called by hatchling for each wheel, of shmgen and of packaging/shmgen-runtime, and each editable installation. Nothing
-depends on it: without a compiler, without Python's headers, and with SHMGEN_PURE set, what is made holds Python alone.
+The first turns src/shmgen/runtime/straight.c into the extension that publish and read are quicker with. It is called
+for each wheel, of shmgen and of packaging/shmgen-runtime, and each editable installation. Nothing depends on it:
+without a compiler, without Python's headers, and with SHMGEN_PURE set, what is made holds Python alone.
+
+The second makes links and pictures of README.md lead to the repository, at the tag of this version. The address is
+that in SHMGEN_REPOSITORY, which the release workflow sets to where it runs (https://github.com/OWNER/shmgen); without
+it links stay as they are, and there are no [project.urls].
 """
 
 from __future__ import annotations
 
 import os
+import re
 import shlex
 import shutil
 import subprocess
@@ -17,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+from hatchling.metadata.plugin.interface import MetadataHookInterface
 
 HERE = Path(__file__).resolve().parent
 SOURCE = HERE / "src" / "shmgen" / "runtime" / "straight.c"
@@ -24,6 +31,12 @@ HEADERS = HERE / "generated" / "c" / "shm_msgs"
 TARGET = Path("shmgen", "_straight.abi3.so")
 LIMITED = (3, 10)
 """The oldest Python that the binary runs on; so it does on all later ones."""
+_LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)#:\s]+)((?:#[^)]*)?)\)")
+PAGES = {
+    "Documentation": "tree/{tag}/docs",
+    "Changelog": "blob/{tag}/CHANGELOG.md",
+    "Issues": "issues",
+}
 
 
 class StraightHook(BuildHookInterface[Any]):
@@ -75,3 +88,33 @@ def compiled(target: Path) -> str:
         return str(error)
     finally:
         made.unlink(missing_ok=True)
+
+
+class Metadata(MetadataHookInterface):
+    """The fields `readme` and `urls`."""
+
+    PLUGIN_NAME = "custom"
+
+    def update(self, metadata: dict[str, Any]) -> None:
+        """As hatchling calls it, with what stands under [project] in pyproject.toml."""
+        repository, tag = os.environ.get("SHMGEN_REPOSITORY", "").rstrip("/"), f"v{metadata['version']}"
+        text = (Path(self.root) / "README.md").read_text(encoding="utf-8")
+        text = absolute(text, repository, tag) if repository else text
+        metadata["readme"] = {"content-type": "text/markdown", "text": text}
+        metadata["urls"] = urls(repository, tag) if repository else {}
+
+
+def urls(repository: str, tag: str) -> dict[str, str]:
+    """Of [project.urls]."""
+    return {"Repository": repository} | {name: f"{repository}/{page.format(tag=tag)}" for name, page in PAGES.items()}
+
+
+def absolute(text: str, repository: str, tag: str) -> str:
+    """Markdown whose relative links lead to files of the repository, pictures to their bytes."""
+
+    def moved(link: re.Match[str]) -> str:
+        picture, words, target, anchor = link.groups()
+        kind = "raw" if picture else "blob" if re.search(r"\.\w+$|LICENSE", target) else "tree"
+        return f"{picture}[{words}]({repository}/{kind}/{tag}/{target}{anchor})"
+
+    return _LINK.sub(moved, text)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import importlib.util
+import re
 import subprocess
 import sys
 from pathlib import Path
+
+import pytest
 
 from .conftest import REPOSITORY
 
@@ -31,6 +35,27 @@ def test_it_holds_what_the_runtime_loads() -> None:
         assert any(file == path or path in file.parents for path in held), file
     dependencies = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]["dependencies"]
     assert set(project["project"]["dependencies"]) <= {line.partition(";")[0] for line in dependencies}
+
+
+def test_links_of_the_readme_lead_to_the_repository(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As PyPI shows it: no link is relative any more, and each leads to a file, a folder, or bytes of a picture."""
+    monkeypatch.setenv("SHMGEN_REPOSITORY", "https://example.org/shmgen/")
+    spec = importlib.util.spec_from_file_location("hatch_build", REPOSITORY / "hatch_build.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    made = {"version": "1.2.3"}
+    module.Metadata(str(REPOSITORY), {}).update(made)
+    links = re.findall(r"\]\(([^)\s]+)\)", made["readme"]["text"])
+    ours = [link.removeprefix("https://example.org/shmgen/") for link in links if "example.org" in link]
+    assert len(ours) > 20
+    assert not [link for link in links if "://" not in link and not link.startswith("#")]
+    for link in ours:
+        kind, path = re.fullmatch(r"(raw|blob|tree)/v1\.2\.3/([^#]+).*", link).groups()
+        assert (REPOSITORY / path).is_dir() == (kind == "tree"), link
+        assert (kind == "raw") == path.endswith((".svg", ".gif")), link
+    assert made["urls"]["Changelog"] == "https://example.org/shmgen/blob/v1.2.3/CHANGELOG.md"
 
 
 def test_generated_code_without_it_says_what_it_needs() -> None:

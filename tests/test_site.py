@@ -26,5 +26,5 @@ def test_it_is_built_without_a_warning(tmp_path: Path) -> None:
     environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
     done = subprocess.run(command, cwd=REPOSITORY, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "PosePublisher" in (tmp_path / "site" / "index.html").read_text()
+    assert "PointPublisher" in (tmp_path / "site" / "index.html").read_text()
     assert "ClaimLost" in (tmp_path / "site" / "api" / "index.html").read_text()

@@ -17,7 +17,6 @@ _LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)#:\s]+)((?:#[^)]*)?)\)")
 def on_files(files: Files, config: Any) -> Files:
     for place, name in _elsewhere().items():
         files.append(File.generated(config, name, content=(ROOT / place).read_text()))
-    files.append(File.generated(config, "examples.md", content=_examples()))
     files.append(File.generated(config, "commands.md", content=_commands()))
     files.append(File.generated(config, "api.md", content="# Python runtime\n\n::: shmgen.runtime\n"))
     return files
@@ -48,16 +47,10 @@ def _elsewhere() -> dict[str, str]:
     """Pages by their place in the repository."""
     pages = {"README.md": "index.md", "CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}
     pages |= {"SECURITY.md": "security.md", "tests/softplc/README.md": "softplc.md"}
+    pages |= {"examples/README.md": "examples.md"}
     for readme in sorted((ROOT / "examples").glob("*/README.md")):
         pages[readme.relative_to(ROOT).as_posix()] = f"example-{readme.parent.name}.md"
     return pages
-
-
-def _examples() -> str:
-    names = [name for name in _elsewhere().values() if name.startswith("example-")]
-    titles = [name.removeprefix("example-").removesuffix(".md") for name in names]
-    lines = [f"* [{title}]({name})" for title, name in zip(titles, names, strict=True)]
-    return "# Examples\n\nEach is one command: `.venv/bin/python examples/NAME/demo.py`.\n\n" + "\n".join(lines) + "\n"
 
 
 def _commands() -> str:
