@@ -42,7 +42,7 @@ BUSY := --reruns 1
 # The extra `bench`, one by one: who cannot be had here is left out.
 PEERS := iceoryx2 cyclonedds eclipse-zenoh pyzmq asyncua pymodbus
 
-.PHONY: demo test test-all lint generated pictures chaos model load load-record load-view load-bridge fuzz fuzz-many hostile mutants bench site dist clean
+.PHONY: demo test test-all lint generated coverage pictures chaos model load load-record load-view load-bridge fuzz fuzz-many hostile mutants bench site dist clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/ready
@@ -66,6 +66,16 @@ lint: $(VENV)/ready-to-test
 generated: $(VENV)/ready  ## regenerate the committed output
 	$(BIN)/shmgen generate --quiet
 	$(BIN)/shmgen show sensor_msgs/BatteryState --svg > docs/memory_map.svg
+
+# Tests of what was generated, and of processes that are killed, say little about src/ and cost most.
+UNCOUNTED := plc openplc cpp softplc model dds ros2 test_chaos.py test_load.py test_examples.py test_builds.py test_mutants.py
+
+coverage: $(VENV)/ready-to-test  ## lines of src/ that tests run, also in processes they start; fails below the floor in pyproject.toml
+	@$(call pip,$(BIN)) 'coverage>=7.10'
+	$(BIN)/coverage erase
+	$(BIN)/coverage run -m pytest -n auto $(BUSY) -m 'not slow' $(UNCOUNTED:%=--ignore=tests/%)
+	$(BIN)/coverage combine --quiet
+	$(BIN)/coverage report
 
 pictures: $(VENV)/ready-to-test  ## docs/latency.svg, top.svg, and view.gif, which needs chromium
 	@$(call pip,$(BIN)) pillow
