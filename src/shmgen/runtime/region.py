@@ -22,6 +22,7 @@ from shmgen.runtime.access import PATIENCE, Access, RegionOptions, access_for, d
 from shmgen.runtime.closing import Gone, kept_from_children
 from shmgen.runtime.errors import LayoutMismatch, RegionMissing, RegionUnusable
 from shmgen.runtime.names import event_name, region_file, region_name, semaphore_file
+from shmgen.runtime.order import fence, has_barrier, ordered
 from shmgen.runtime.semaphores import EVENT_MOST, LOCK_MOST, NoSemaphore, Semaphore
 
 WRITER_LOCK = abi.WRITER_LOCK
@@ -66,6 +67,7 @@ class Region:
         self.semaphore = semaphore
         self._file = file
         kept_from_children(self)
+        self.words, self.quads = ordered(self.words), ordered(self.quads)
 
     @property
     def file(self) -> int:
@@ -101,7 +103,7 @@ class Region:
         Once is enough, but where an exception or a fork came upon it: the map has a descriptor, and the claim, as well.
         """
         for view in (self.words, self.quads):
-            if isinstance(view, memoryview):
+            if not isinstance(view, Gone):
                 view.release()
         if gone is not None:
             self.words = self.quads = cast(memoryview, gone)
@@ -119,10 +121,11 @@ def open_region(topic: str, ours: h.Header, options: RegionOptions = RegionOptio
     PermissionDenied and RegionUnusable.
     """
     name = region_name(topic)
-    if options.sync == "sequence" and not keeps_order():
+    if options.sync == "sequence" and not has_barrier():
         raise RegionUnusable(
-            f'{topic}: sync = "sequence" needs a machine that keeps the order of loads and stores, as x86-64 does; '
-            f'this is {os.uname().machine}: write sync = "lock" into shmgen.toml and generate both sides again'
+            f'{topic}: sync = "sequence" needs full memory barriers on {os.uname().machine}, and this Python has none: '
+            f"install shmgen with its extension in C (a compiler and Python's headers), or allow membarrier(2) here; "
+            'between programs of one bitness sync = "lock" works as well'
         )
     access = access_for(options)
     for _ in range(_ATTEMPTS):
@@ -148,11 +151,6 @@ def open_event(region: Region) -> Semaphore:
     """Opens the semaphore that wakes a waiting reader, or makes it. Raises PermissionDenied, RegionUnusable."""
     options = region.options
     return _open_semaphore(event_name(region.name), 0, EVENT_MOST, options, access_for(options))
-
-
-def keeps_order() -> bool:
-    """Whether loads and stores of this machine keep their order, so that the slots alone carry integrity."""
-    return os.uname().machine in ("x86_64", "AMD64")
 
 
 def read_header(name: str) -> h.Header:
@@ -294,6 +292,7 @@ def _complete_header(fd: int, map: mmap.mmap, ours: h.Header) -> None:
             magic, *others = h.MADE
             for place in others:
                 map[place] = data[place]
+            fence()
             with memoryview(map) as view, view[magic].cast("I") as word:
                 word[0] = h.MAGIC
             time.sleep(_OTHER_MAKER)
