@@ -33,6 +33,8 @@ REPAIR_LOCK = abi.REPAIR_LOCK
 _OTHER_MAKER = 2e-3
 """Seconds after which another maker of the same header has written his."""
 _ATTEMPTS = 10
+_LARGER_PAGES = (16384, 65536)
+"""Bytes: on a Raspberry Pi 5 and Apple's machines, and in kernels for servers with ARM or POWER."""
 _FLOCK = struct.Struct("hhqqi4x")
 
 
@@ -132,11 +134,11 @@ def open_region(topic: str, ours: h.Header, options: RegionOptions = RegionOptio
         file = _open_memory(name, ours.size, access)
         try:
             _await_size(file, name, ours.size)
-            _check(topic, ours, _peek(file.fileno()))
+            _check(topic, ours, file)
             with _typed(region_file(name)):
                 map = kept_from_children(mmap.mmap(file.fileno(), ours.size))
             _complete_header(file.fileno(), map, ours)
-            _check(topic, ours, _peek(file.fileno()))
+            _check(topic, ours, file)
             semaphore = _open_semaphore(name, 1, LOCK_MOST, options, access)
             if _leads_to(region_file(name), file):
                 return Region(topic, file, map, ours, semaphore, options)
@@ -300,7 +302,10 @@ def _complete_header(fd: int, map: mmap.mmap, ours: h.Header) -> None:
         _unlock_byte(fd, REPAIR_LOCK)
 
 
-def _check(topic: str, ours: h.Header, theirs: h.Header) -> None:
+def _check(topic: str, ours: h.Header, file: io.FileIO) -> None:
+    theirs = _peek(file.fileno())
+    if _is_rounded(ours.size, theirs.size, file):
+        theirs = theirs._replace(size=ours.size)
     if theirs.magic == 0 and theirs.size == ours.size:
         return
     if theirs.fixed == ours.fixed:
@@ -316,6 +321,13 @@ def _check(topic: str, ours: h.Header, theirs: h.Header) -> None:
         f"  here:  {ours}\n"
         f"  {advice}; if the region is a leftover, remove it: `shmgen clean {topic}`"
     )
+
+
+def _is_rounded(ours: int, theirs: int, file: io.FileIO) -> bool:
+    """Whether a runtime has rounded the size up to larger pages, with nothing in the rest."""
+    if theirs == ours or all(theirs != -(-ours // page) * page for page in _LARGER_PAGES):
+        return False
+    return not any(os.pread(file.fileno(), theirs - ours, ours))
 
 
 def _peek(fd: int) -> h.Header:
