@@ -37,6 +37,15 @@ def test_a_file_that_is_no_semaphore(topic, semaphore_file, data):
     assert f"RegionUnusable: {semaphore_file} is not a semaphore" in done.stderr
 
 
+def test_a_semaphore_of_the_other_bitness(topic, semaphore_file):
+    """glibc's sem_t has 16 bytes in programs of 32 bits, and 32 in those of 64."""
+    PosePublisher(topic).close()
+    data = semaphore_file.read_bytes()
+    semaphore_file.write_bytes(data[:16] if len(data) == 32 else data + bytes(16))
+    with pytest.raises(runtime.RegionUnusable, match=r'bits, this is one of \d\d, .*sync = "sequence".*shmgen clean'):
+        PosePublisher(topic)
+
+
 def test_no_descriptors_left(topic):
     limits = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (256, limits[1]))
