@@ -44,7 +44,7 @@ class _PureWriter:
         return False
 
     def _at_once(self, message: Any) -> bool:
-        """Publishes one of the message type, or numbers alone from any object in which they are plain; False: has not."""
+        """Publishes one of the message type, or plain numbers alone out of any object; False: has done nothing."""
         return False
 
 
