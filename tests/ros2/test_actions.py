@@ -191,7 +191,6 @@ def test_a_plc_that_is_not_there_says_nothing_or_is_killed(cell: Cell) -> None:
     cell.bridge.said("/reach +0 passed, 3 failed$")
 
 
-@pytest.mark.xfail(strict=False, reason="one time in four: the first answer of a server just found does not come")
 def test_what_a_killed_bridge_or_plc_leaves_is_cancelled(cell: Cell) -> None:
     """By the next bridge, which knows nothing of the goal; and a goal of ROS whose PLC is gone, by this one."""
     with cell.plc(count_up):
@@ -253,7 +252,6 @@ PROFILE = """<?xml version="1.0"?><profiles xmlns="http://www.eprosima.com/XMLSc
 </discovery_config></builtin></rtps></participant></profiles>"""
 
 
-@pytest.mark.xfail(strict=False, reason="one time in four: the first answer of a server just found does not come")
 def test_a_killed_server_of_ros_ends_in_an_aborted_goal(cell: Cell, tmp_path: Path) -> None:
     """As soon as DDS takes it for gone: 2 s here, 20 s as Fast DDS has it."""
     (tmp_path / "short.xml").write_text(PROFILE)

@@ -26,7 +26,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from shmgen.bridge import actions_of_ros2
 from shmgen.bridge import ros2_types as types
-from shmgen.bridge.backend import Answer, Caller, NoAnswer, Node, Outlet, Refuse, ServiceWire, Taker, Wire
+from shmgen.bridge.backend import Answer, Caller, Intake, NoAnswer, Node, Outlet, Refuse, ServiceWire, Taker, Wire
 from shmgen.bridge.cdr import Codec, codec
 from shmgen.bridge.identity import TAKES_OURS, Identity
 from shmgen.bridge.ros2_topics import Inlet
@@ -81,7 +81,7 @@ class Ros2:
         )
         return Outlet(made.new, lambda message: publisher.publish(made.encode(message)))
 
-    def subscribe(self, wire: Wire, taker: Taker) -> Callable[[], Any]:
+    def subscribe(self, wire: Wire, taker: Taker) -> Intake:
         kind, made = types.message(wire.messages), _codec(wire.messages)
         subscription = self._node.create_subscription(
             kind, wire.topic, _never, _qos(wire, wire.queue), callback_group=Ours(), raw=True
@@ -89,7 +89,7 @@ class Ros2:
         identity = Identity(wire.topic, wire.type, made.type_hash, self._tell, wire.accepts_other)
         inlet = Inlet(subscription, made, taker, identity, lambda: self._hashes(subscription.topic_name))
         self._wait(subscription, "subscription", inlet.take, wire.topic)
-        return made.new
+        return Intake(made.new, lambda: bool(subscription.handle.get_publisher_count()))
 
     def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
         kind = types.service(wire)
@@ -135,12 +135,17 @@ class Ros2:
         def servers() -> set[bytes]:
             return {bytes(end.endpoint_gid) for end in listed(asked, no_mangle=True)}
 
+        def is_connected() -> bool:
+            return self._closing.is_set() or client.service_is_ready()
+
         def call(message: Any, timeout: float) -> Any:
             deadline = time.monotonic() + timeout
-            while not client.service_is_ready():
+            while not is_connected():
                 if time.monotonic() >= deadline:
                     raise NoAnswer(f"no server within {timeout:g} s")
                 self._pause()
+            if self._closing.is_set():
+                raise NoAnswer("the bridge ends")
             if why := refusal() or answers():
                 raise NoAnswer(why)
             known, answered = servers(), threading.Event()
@@ -153,7 +158,7 @@ class Ros2:
                     raise NoAnswer("the server has gone" if is_alone else f"no answer within {timeout:g} s")
             return response.decode(serialize_message(future.result()))
 
-        return Caller(request.new, call)
+        return Caller(request.new, call, is_connected)
 
     def now(self) -> Time:
         stamp = self._node.get_clock().now().to_msg()
