@@ -169,16 +169,18 @@ def _await(pid: int, limit: float) -> int | None:
 
 
 class Lines:
-    """A plugin of pytest that notes which lines of some files each test runs in this process."""
+    """A plugin of pytest: which lines of some files each test runs in this process, and whether it starts others."""
 
     def __init__(self, files: list[str]) -> None:
         self.found: dict[str, dict[str, Any]] = {}
         self._names = {file: str(Path(file).relative_to(Path.cwd() / CODE)) for file in files}
         self._now: set[tuple[str, int]] = set()
+        self._elsewhere = False
+        sys.addaudithook(self._hear)
 
     @pytest.hookimpl(hookwrapper=True)
     def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
-        self._now = set()
+        self._now, self._elsewhere = set(), False
         begin = time.monotonic()
         threading.settrace(self._call)
         sys.settrace(self._call)
@@ -188,7 +190,11 @@ class Lines:
         lines: dict[str, list[int]] = {}
         for file, line in sorted(self._now):
             lines.setdefault(file, []).append(line)
-        self.found[item.nodeid] = {"seconds": time.monotonic() - begin, "lines": lines}
+        self.found[item.nodeid] = {"seconds": time.monotonic() - begin, "lines": lines, "elsewhere": self._elsewhere}
+
+    def _hear(self, event: str, arguments: tuple[Any, ...]) -> None:
+        if event in ("os.fork", "subprocess.Popen"):
+            self._elsewhere = True
 
     def _call(self, frame: FrameType, event: str, argument: Any) -> Callable[..., Any] | None:
         name = self._names.get(frame.f_code.co_filename)
