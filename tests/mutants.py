@@ -42,10 +42,14 @@ QUICK = 2
 
 @dataclass
 class Room:
-    """Files and the tests that matter for them; how long they last and what each runs is learnt at the start."""
+    """Files and the tests that matter for them; how long they last and what each runs is learnt at the start.
+
+    These run without the extension in C, `native` with it.
+    """
 
     files: list[str]
     tests: list[str]
+    native: list[str]
     seconds: float = 0.0
     known: dict[str, Any] | None = None
 
@@ -78,7 +82,7 @@ def plan() -> tuple[list[Room], list[dict[str, str]]]:
     for entry in said["room"]:
         taken = {file for room in rooms for file in room.files}
         matching = [file for file in every if any(fnmatch(file, pattern) for pattern in entry["files"])]
-        rooms.append(Room([file for file in matching if file not in taken], entry["tests"]))
+        rooms.append(Room([file for file in matching if file not in taken], entry["tests"], entry.get("native", [])))
     return rooms, said.get("survivor", [])
 
 
@@ -109,9 +113,12 @@ def tried(mutants: list[Mutant], rooms: list[Room], processes: int, seconds: flo
         worker = workers.get()
         try:
             how = "lives"
-            for tests, spent in room_of[mutant.file].tests_of(mutant):
+            room = room_of[mutant.file]
+            for tests, spent in room.tests_of(mutant):
                 if how == "lives":
                     how = worker.try_(mutant, tests, 3 * spent + SLACK)
+            if how == "lives" and room.native:
+                how = worker.try_(mutant, room.native, 3 * room.seconds + SLACK, pure=False)
             return mutant, how
         finally:
             workers.put(worker)
