@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from shmgen import runtime
-from shmgen.runtime import claim, lock, subscriber
+from shmgen.runtime import access, calls, claim, lock, subscriber
 from shmgen.runtime import header as h
 
 from ..chaos_faults import swap_map
@@ -52,6 +52,7 @@ def test_limits_are_those_of_the_protocol():
     assert (claim.WATCH, claim._CONFIRM) == (1.0, 0.1)
     assert (lock.LOCK_TIMEOUT, lock._DEAD_AFTER, lock._STUCK_AFTER) == (0.01, 0.05, 1.0)
     assert (subscriber._POLL, subscriber._SLICE) == (0.001, 0.01)
+    assert (calls._FRESH, calls._HEARTBEAT, access.PATIENCE) == (1.0, 0.05, 0.1)
 
 
 def test_a_plc_that_stands_still_is_watched_for_a_second_and_a_turn_is_left_to_it(region, clock):

@@ -265,6 +265,11 @@ def test_counters_turn_at_32_bits(topic):
         publisher._heartbeat = 0xFFFFFFFF
         publisher.heartbeat()
         assert words[h.HEARTBEAT] == 0
+        words[h.MISSED] = 0xFFFFFFFF
+        for x in range(3):
+            publisher.publish(pose(x))
+        subscriber.read()
+        assert (words[h.MISSED], subscriber.missed) == (1, 2)
 
 
 def test_the_next_writer_goes_on_counting(topic):
@@ -380,7 +385,7 @@ def test_where_stores_pass_each_other_the_lock_is_needed(topic, file, other):
             publisher.publish(pose(3))
         assert subscriber.read() is None
         assert subscriber.read_all() == []
-        assert subscriber.sequence == 0
+        assert (subscriber.sequence, subscriber.lock_misses) == (0, 2), "one try of the lock a call"
         assert file.read_bytes() == before
         holder.end()
         publisher.publish(pose(3))

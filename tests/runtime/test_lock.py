@@ -349,6 +349,50 @@ def test_a_sample_between_the_look_and_the_wait_is_seen(topic, monkeypatch):
         assert subscriber._words[h.ARMED] == 0
 
 
+def test_a_reader_naps_while_another_has_the_event_or_there_is_none(topic, monkeypatch):
+    naps = []
+    with PoseSubscriber(topic) as subscriber:
+        monkeypatch.setattr("shmgen.runtime.subscriber.time", SimpleNamespace(sleep=naps.append))
+        subscriber._disconnect()
+        subscriber._event = SimpleNamespace(handle=None)
+        words = subscriber._words
+        words[h.ARMED] = 1
+        subscriber._sleep(60, 0)
+        subscriber._sleep(0.0005, 0)
+        words[h.ARMED], subscriber._polls = 0, True
+        subscriber._sleep(60, 0)
+        assert (naps, words[h.ARMED]) == ([0.001, 0.0005, 0.001], 0)
+
+
+def test_without_a_handle_a_wait_looks_each_millisecond(monkeypatch):
+    naps, now = [], 0.0
+
+    def sleep(seconds):
+        nonlocal now
+        naps.append(seconds)
+        now += seconds
+
+    monkeypatch.setattr(semaphores, "time", SimpleNamespace(monotonic=lambda: now, sleep=sleep))
+    tries = [False, False, True]
+    semaphore = SimpleNamespace(handle=None, acquire=lambda block: not block and tries.pop(0))
+    assert semaphores.wait(semaphore, 1.0) is True
+    assert (naps, tries) == ([0.001, 0.001], [])
+    now, tries = 0.0, [False] * 9
+    assert semaphores.wait(semaphore, 0.0015) is False
+    assert naps[2:] == pytest.approx([0.001, 0.0005])
+
+
+@pytest.mark.parametrize("side", [PosePublisher, PoseSubscriber])
+def test_who_closes_gives_back_what_it_holds(topic, value, side):
+    """As where an exception came upon an exception."""
+    with PosePublisher(topic) as bystander:
+        bystander.publish(pose(1))
+        closing = bystander if side is PosePublisher else side(topic)
+        assert closing._region.semaphore.acquire(False)
+        closing.close()
+        assert value() == 1
+
+
 def test_each_of_several_waiting_readers_gets_it(topic, other):
     with PosePublisher(topic) as publisher:
         readers = [other("read", topic) for _ in range(3)]
