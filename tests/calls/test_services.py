@@ -25,6 +25,7 @@ from shm_service.cell_msgs.srv import (
 )
 
 from shmgen import runtime
+from shmgen.runtime import calls
 from shmgen.runtime import header as h
 
 RUNTIME = str(Path(runtime.__file__).parent)
@@ -211,6 +212,29 @@ def test_without_a_server_nothing_is_sent(topic, monkeypatch):
         with StartServer(topic):
             assert client.server_is_ready()
         assert not client.server_is_ready()
+
+
+def test_who_waits_for_a_server_looks_each_two_milliseconds(topic, monkeypatch):
+    naps, now = [], 100.0
+
+    def sleep(seconds):
+        nonlocal now
+        naps.append(seconds)
+        now += seconds
+
+    with StartClient(topic) as client:
+        monkeypatch.setattr(calls, "time", SimpleNamespace(monotonic=lambda: now, sleep=sleep))
+        assert not client.wait_for_server(0.005)
+        assert naps[:3] == pytest.approx([0.002, 0.002, 0.001])
+
+
+def test_a_closed_client_does_not_wait(topic):
+    client = StartClient(topic)
+    client.send(request())
+    client.close()
+    for use in (client.poll, lambda: client.wait(30), lambda: client.send(request())):
+        with pytest.raises(runtime.Closed):
+            use()
 
 
 def test_a_call_waits_for_a_server_that_comes(topic, peer):

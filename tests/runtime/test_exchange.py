@@ -252,16 +252,19 @@ def test_a_region_begun_anew_and_still_empty(topic):
         assert subscriber.wait(0.01) is None
 
 
-def test_counters_turn_at_32_bits(topic):
+@pytest.mark.parametrize("before", [1, 2])
+def test_counters_turn_at_32_bits(topic, before):
+    """The lock's at the publisher, or at the reader."""
     with PosePublisher(topic) as first:
-        first._region.words[h.HEARTBEAT] = first._region.words[h.LOCK_COUNT] = 0xFFFFFFFE
+        first._region.words[h.HEARTBEAT] = 0xFFFFFFFE
+        first._region.words[h.LOCK_COUNT] = 2**32 - before
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         for x in range(2):
             publisher.publish(pose(x))
             subscriber.read()
         publisher.heartbeat()
         words = publisher._region.words
-        assert (words[h.HEARTBEAT], words[h.LOCK_COUNT]) == (1, 2)
+        assert (words[h.HEARTBEAT], words[h.LOCK_COUNT]) == (1, 4 - before)
         publisher._heartbeat = 0xFFFFFFFF
         publisher.heartbeat()
         assert words[h.HEARTBEAT] == 0

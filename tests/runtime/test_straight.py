@@ -207,8 +207,10 @@ def test_a_topic_that_another_took_over_meanwhile(topic):
 
 
 def test_a_mode_without_the_lock_and_a_lock_without_a_handle(topic, monkeypatch):
-    with PosePublisher(topic) as publisher:
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         assert publisher._direct
+        publisher.publish(pose(1))
+        assert subscriber._straight(1) is not None
 
     class Lockless(Pose):
         _regions_ = runtime.RegionOptions(sync="sequence")
