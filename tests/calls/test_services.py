@@ -289,6 +289,7 @@ def test_a_reply_to_another_call_does_not_end_the_wait(topic, monkeypatch):
         monkeypatch.setattr(client._caller._answers, "wait", lambda left: replies.pop(0))
         assert client.wait(30) is not None
         assert not replies
+        assert client.wait(30) is None, "no call is open, so there is nothing to wait for"
 
 
 def test_a_request_that_could_not_be_sent_gives_the_one_before_up_all_the_same(topic):

@@ -113,12 +113,13 @@ def test_who_loses_the_topic_in_its_copy_voids_the_slot_and_gives_all_back(topic
         PosePublisher(topic, depth=3).close()  # the record lock is free while the loser is still open
 
 
-def test_who_has_lost_the_topic_writes_not_a_byte(topic):
+@pytest.mark.parametrize("use", [lambda publisher: publisher.publish(pose(2.0)), PosePublisher.heartbeat])
+def test_who_has_lost_the_topic_writes_not_a_byte(topic, use):
     with PosePublisher(topic) as publisher:
         publisher.publish(pose(1.0))
         publisher._disconnect()
         publisher._region.words[h.WRITER] = h.PLC
         before = bytes(publisher._region.map)
         with pytest.raises(runtime.ClaimLost, match="a PLC has taken the topic over"):
-            publisher.publish(pose(2.0))
+            use(publisher)
         assert bytes(publisher._region.map) == before

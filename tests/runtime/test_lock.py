@@ -382,15 +382,15 @@ def test_without_a_handle_a_wait_looks_each_millisecond(monkeypatch):
     assert naps[2:] == pytest.approx([0.001, 0.0005])
 
 
-@pytest.mark.parametrize("side", [PosePublisher, PoseSubscriber])
-def test_who_closes_gives_back_what_it_holds(topic, value, side):
-    """As where an exception came upon an exception."""
-    with PosePublisher(topic) as bystander:
-        bystander.publish(pose(1))
-        closing = bystander if side is PosePublisher else side(topic)
-        assert closing._region.semaphore.acquire(False)
-        closing.close()
-        assert value() == 1
+def test_without_the_lock_a_fence_stands_between_completed_and_the_look_for_a_reader(topic, monkeypatch):
+    with PosePublisher(topic, lock_timeout=0) as publisher:
+        words, fences = publisher._region.words, []
+        publisher._disconnect()
+        monkeypatch.setattr("shmgen.runtime.publisher.fence", lambda: fences.append(words[h.COMPLETED]))
+        publisher.publish(pose(1))
+        leave_locked(publisher, 0)
+        publisher.publish(pose(2))
+        assert fences == [2]
 
 
 def test_each_of_several_waiting_readers_gets_it(topic, other):

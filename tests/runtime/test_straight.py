@@ -118,16 +118,14 @@ def test_a_message_of_more_objects_than_the_extension_holds_is_left_to_python():
         _fields_ = [("x", ctypes.c_double)]
         _names_ = ("x",)
 
-    def steps(leaves):
-        names = tuple(f"leaf_{number}" for number in range(leaves))
-        return len(
-            straight._plan(
-                type("Many", (ctypes.Structure,), {"_fields_": [(n, Leaf) for n in names], "_names_": names})
-            )
-        )
+    def steps(*kinds):
+        names = [f"field_{number}" for number in range(len(kinds))]
+        fields = {"_fields_": list(zip(names, kinds, strict=True)), "_names_": names}
+        return len(straight._plan(type("Many", (ctypes.Structure,), fields)))
 
-    assert steps(straight.MOST_OBJECTS - 1) == 2 * 31
-    assert steps(straight.MOST_OBJECTS) == 0
+    assert steps(*[Leaf] * (straight.MOST_OBJECTS - 1)) == 2 * 31
+    assert steps(*[Leaf] * straight.MOST_OBJECTS) == 0
+    assert (steps(ctypes.c_int8, Leaf), steps(ctypes.c_int8, 3 * ctypes.c_int8)) == (3, 0), "nor are arrays taken"
 
 
 def test_an_attribute_that_is_interrupted_or_closes_the_publisher(topic, kinds):
