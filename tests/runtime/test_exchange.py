@@ -492,6 +492,7 @@ def test_a_long_structure_goes_as_it_is(topic):
         assert bytes(target) == bytes(ours)
         place = publisher._region.sample(2).start
         assert struct.unpack_from("<II", publisher._region.map, place + 8) == (2, 0)
+        assert publisher._region.map[place : place + h.SLOT_HEADER] == publisher._scratch[: h.SLOT_HEADER]
 
 
 # --- the messages themselves ---------------------------------------------------------------------
