@@ -19,6 +19,7 @@ from shm_service.cell_msgs.action import (
 )
 
 from shmgen import runtime
+from shmgen.runtime import header as h
 
 SERVE = """
 def move(goal):
@@ -197,6 +198,22 @@ def test_only_a_server_with_nothing_to_do_waits(pair, monkeypatch):
     assert asked == [0.0] * 3
     assert server.wait(0.01) is None
     assert 0 < asked[3] <= 0.01
+
+
+def test_a_plc_is_a_client_while_its_heartbeat_moves(topic, monkeypatch):
+    now = time.monotonic()
+    with MoveActionServer(topic) as server:
+        words = server._callee._questions._words
+        assert not server.client_lives()
+        words[h.WRITER], words[h.HEARTBEAT] = h.PLC, 5
+        assert server.client_lives()
+        monkeypatch.setattr("shmgen.runtime.subscriber.time", SimpleNamespace(monotonic=lambda: now))
+        now += 10.0
+        assert not server.client_lives()
+        for beat, later, lives in ((6, 0.0, True), (6, 0.99, True), (6, 0.02, False), (7, 0.0, True)):
+            now += later
+            words[h.HEARTBEAT] = beat
+            assert server.client_lives() is lives
 
 
 # --- cancels ---------------------------------------------------------------------------------------
