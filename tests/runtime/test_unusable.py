@@ -166,3 +166,17 @@ def test_the_lock_without_semlock(topic, monkeypatch):
         assert publisher._region.semaphore._get_value() == 1
         assert publisher._region.semaphore._count() == 0
         assert isinstance(publisher._lock, Lock)
+
+
+@pytest.mark.parametrize(
+    ("said", "raised"),
+    [(posix_ipc.ExistentialError, FileNotFoundError), (posix_ipc.PermissionsError, PermissionError)],
+)
+def test_what_posix_ipc_says_is_said_in_pythons_own_errors(monkeypatch, said, raised):
+    def refuse(name):
+        raise said(name)
+
+    monkeypatch.setattr(semaphores, "SemLock", None)
+    monkeypatch.setattr(semaphores.posix_ipc, "Semaphore", refuse)
+    with pytest.raises(raised, match="/shmgen_test_nothing"):
+        semaphores.opened("/shmgen_test_nothing", 1)
