@@ -16,8 +16,11 @@ import pytest
 from shmgen import runtime
 from shmgen.runtime import header as h
 from shmgen.runtime import region, semaphores
+from shmgen.runtime.access import RegionOptions
+from shmgen.runtime.errors import RegionUnusable
 from shmgen.runtime.lock import Lock
 
+from ..conftest import REPOSITORY
 from .messages import PosePublisher, PoseSubscriber, pose
 
 MANY = 2**31 - 3
@@ -35,6 +38,35 @@ def test_a_file_that_is_no_semaphore(topic, semaphore_file, data):
     done = subprocess.run([sys.executable, "-c", code], cwd=where, capture_output=True, text=True, timeout=60)
     assert done.returncode == 1, done.returncode
     assert f"RegionUnusable: {semaphore_file} is not a semaphore" in done.stderr
+
+
+@pytest.mark.parametrize("error", [OSError(22, "Invalid argument"), ValueError("unrecognized configuration name")])
+def test_another_c_library_than_glibc(topic, file, semaphore_file, monkeypatch, error):
+    """As confstr() answers in musl, where /dev/shm/NAME would be the region and the semaphore at a time."""
+
+    def confstr(name):
+        raise error
+
+    monkeypatch.setattr(os, "confstr", confstr)
+    with pytest.raises(RegionUnusable, match=r'musl \(Alpine\) does not have: .* sync = "sequence"'):
+        PosePublisher(topic)
+    assert not file.exists()
+    assert not semaphore_file.exists()
+    without = region.open_region(topic, h.header_for("std_msgs/msg/Bool", 1, 1, 1), RegionOptions(sync="sequence"))
+    without.close()
+
+
+def test_another_python_than_cpython():
+    """One sentence, from the runtime and from generated code alike."""
+    code = "import sys; sys.implementation.name = 'pypy'; import "
+    for module in ("shmgen.runtime", "shm_msgs"):
+        paths = {"PYTHONPATH": f"{REPOSITORY}/src:{REPOSITORY}/generated/python"}
+        done = subprocess.run(
+            [sys.executable, "-c", code + module], env=os.environ | paths, capture_output=True, text=True
+        )
+        assert done.stderr.splitlines()[-1].startswith(
+            "ImportError: shmgen.runtime needs CPython 3.10 or later, and this"
+        )
 
 
 def test_no_descriptors_left(topic):

@@ -124,6 +124,8 @@ def open_region(topic: str, ours: h.Header, options: RegionOptions = RegionOptio
             f'{topic}: sync = "sequence" needs a machine that keeps the order of loads and stores, as x86-64 does; '
             f'this is {os.uname().machine}: write sync = "lock" into shmgen.toml and generate both sides again'
         )
+    if options.sync == "lock":
+        semaphores.need_glibc(topic)
     access = access_for(options)
     for _ in range(_ATTEMPTS):
         file = _open_memory(name, ours.size, access)
