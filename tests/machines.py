@@ -51,8 +51,10 @@ class Machine:
     python: str = "python3"
 
     @property
-    def bits(self) -> int:
-        return 32 if self.architecture in ("armhf", "i386") else 64
+    def without(self) -> tuple[str, ...]:
+        """What a chaos leaves out: the soft PLC reckons in 128 bits, and compilers under an emulator take long."""
+        small = self.architecture in ("armhf", "i386")
+        return *(["--no-plc"] if small or self.emulator else []), *(["--no-cpp"] if self.emulator else [])
 
 
 MACHINES = {
@@ -95,24 +97,15 @@ class Commands:
 
     python: tuple[str, ...]
     told: list[str]
-    plc: bool = True
-    """Whether a chaos has a soft PLC, which reckons in 128 bits."""
+    without: tuple[str, ...] = ()
+    """Of chaos."""
 
     @property
     def pytest(self) -> tuple[str, ...]:
         return *self.python, "-m", "pytest", "-p", "no:cacheprovider", *(self.told or TESTS)
 
     def chaos(self, seconds: float) -> tuple[str, ...]:
-        return (
-            *self.python,
-            "-m",
-            "tests.chaos",
-            "--seed",
-            "1",
-            "--seconds",
-            str(seconds),
-            *([] if self.plc else ["--no-plc"]),
-        )
+        return *self.python, "-m", "tests.chaos", "--seed", "1", "--seconds", str(seconds), *self.without
 
 
 def run(command: tuple[str, ...]) -> tuple[int, str]:
@@ -147,9 +140,8 @@ def inside(name: str, folder: Path, told: list[str]) -> Commands:
     enter = ("unshare", "-mnpf", "--kill-child", "sh", "-c", mounts + f'chroot {root} "$@"; code=$?; exit $code', "sh")
     paths = ":".join((str(INSIDE / "src"), "/opt/built", "/opt/pure"))
     variables = (f"PYTHONPATH={paths}", "PATH=/usr/sbin:/usr/bin", "HOME=/root", "LANG=C.UTF-8")
-    return Commands(
-        (*enter, *machine.before, "env", "-i", "-C", str(INSIDE), *variables, machine.python), told, machine.bits == 64
-    )
+    command = (*enter, *machine.before, "env", "-i", "-C", str(INSIDE), *variables, machine.python)
+    return Commands(command, told, machine.without)
 
 
 def made(machine: Machine, folder: Path) -> Path:
