@@ -32,6 +32,8 @@ HOOK = rf"""repos:
 CI_FILE = ".github/workflows/shmgen.yml"
 CI = """name: shmgen
 on: [push, pull_request]
+permissions:
+  contents: read
 jobs:
   check:
     runs-on: ubuntu-latest
