@@ -72,12 +72,9 @@ generated: $(VENV)/ready  ## regenerate the committed output
 # Tests of what was generated, and of processes that are killed, say little about src/ and cost most.
 UNCOUNTED := plc openplc cpp softplc model dds ros2 test_chaos.py test_load.py test_examples.py test_builds.py test_mutants.py
 
-coverage: $(VENV)/ready-to-test  ## lines of src/ that tests run, also in processes they start; fails below the floor in pyproject.toml
-	@$(call pip,$(BIN)) 'coverage>=7.10'
-	$(BIN)/coverage erase
-	$(BIN)/coverage run -m pytest -n auto $(BUSY) -m 'not slow' $(UNCOUNTED:%=--ignore=tests/%)
-	$(BIN)/coverage combine --quiet
-	$(BIN)/coverage report
+coverage: $(VENV)/ready-to-test  ## lines of src/ that tests run in their own processes; fails below the floor in pyproject.toml
+	@$(call pip,$(BIN)) pytest-cov
+	$(BIN)/python -m pytest -n auto $(BUSY) -m 'not slow' --cov --cov-report=term:skip-covered $(UNCOUNTED:%=--ignore=tests/%)
 
 pictures: $(VENV)/ready-to-test  ## docs/latency.svg, top.svg, and view.gif, which needs chromium
 	@$(call pip,$(BIN)) pillow
