@@ -94,7 +94,7 @@ def test_bags_of_ros_itself(topic, workshop, tmp_path, shmgen):
     assert said.code == 1
     assert "geometry_msgs/msg/Point has another definition in the bag than here" in said.stderr
     (tmp_path / "no.mcap").write_bytes(b"nothing of the kind")
-    assert shmgen("play", "no.mcap").stderr == "error: no.mcap is no MCAP file\n"
+    assert shmgen("play", "no.mcap").stderr == "error: no.mcap is not an MCAP file\n"
 
 
 def test_bags_say_what_was_recorded(topic, workshop, recording, tmp_path):

@@ -99,12 +99,12 @@ def test_echo_of_a_field_in_every_form(topic, shmgen):
     assert "no sample within" in echo("--filter", "pose.position.x > 3", "--timeout", "0.1").stderr
     for wrong, said in (
         (("--field", "pose.positon.x"), "no field positon; did you mean position?"),
-        (("--field", "pose[0]"), "stands behind what is no array"),
+        (("--field", "pose[0]"), "follows something that is not an array"),
         (("--filter", "pos.x > 1"), "no field pos; did you mean pose?"),
-        (("--filter", "pose.__class__"), "__class__ is no field"),
+        (("--filter", "pose.__class__"), "__class__ is not a field"),
         (("--filter", "open('x')"), "functions are abs, "),
         (("--filter", "[x for x in pose]"), "ListComp cannot stand in a condition"),
-        (("--filter", "pose >"), "is no condition"),
+        (("--filter", "pose >"), "is not a condition"),
     ):
         found = echo(*wrong)
         assert (found.code, found.stdout) == (1, ""), wrong
@@ -135,7 +135,7 @@ def test_plot(topic, posing, shmgen):
     assert (done.code, "\x1b" in done.stdout) == (0, False)
     assert done.stdout.startswith("pose.position.x = 2.5\n")
     assert "values\n" in done.stdout
-    assert "header.frame_id is no number" in shmgen("plot", topic, "header.frame_id").stderr
+    assert "header.frame_id is not a number" in shmgen("plot", topic, "header.frame_id").stderr
 
 
 def test_a_drawing_is_where_the_numbers_are():

@@ -72,7 +72,7 @@ def _of_file(path: Path) -> Iterator[Channel | Message]:
     channels: dict[int, Channel] = {}
     with path.open("rb") as file:
         if file.read(len(mcap.MAGIC)) != mcap.MAGIC:
-            raise Unreadable(f"{path} is no MCAP file")
+            raise Unreadable(f"{path} is not an MCAP file")
         try:
             for code, content in _records(file):
                 if code == mcap.CHUNK:

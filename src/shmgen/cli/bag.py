@@ -28,7 +28,7 @@ def _size(context: click.Context, parameter: click.Parameter, value: str | None)
         return None
     number, unit = value.rstrip("KMGkmg"), value[len(value.rstrip("KMGkmg")) :].upper()
     if not number.isdecimal() or unit not in _UNITS or not int(number):
-        raise click.BadParameter(f"{value!r} is no size; write it as 500M or 2G", context, parameter)
+        raise click.BadParameter(f"{value!r} is not a size; write it as 500M or 2G", context, parameter)
     return int(number) * _UNITS[unit]
 
 

@@ -35,7 +35,9 @@ def import_(files: tuple[Path, ...], package: str | None, output: Path, skip: bo
 
     package = package or _package(files[0])
     if not re.fullmatch(r"[a-z](_?[a-z0-9])+", package):
-        raise click.BadParameter(f"{package} is no package: small letters, digits and single _", param_hint="-p")
+        raise click.BadParameter(
+            f"{package} is not a package name: lower-case letters, digits and single _", param_hint="-p"
+        )
     report = Report()
     project = sources.read(files, report)
     report.stop_if_any()

@@ -29,7 +29,7 @@ def getter(kind: type[Message], path: str) -> Getter:
     for part in path.split("."):
         found = _STEP.fullmatch(part)
         if found is None:
-            raise ValueError(f"{path}: {part!r} is no field; write pose.position.x, or points[2].x")
+            raise ValueError(f"{path}: {part!r} is not a field; write pose.position.x, or points[2].x")
         steps += [found[1], *map(int, _INDEX.findall(found[2]))]
     _check(kind(), steps, path)
 
@@ -51,7 +51,7 @@ def _check(value: Any, steps: list[str | int], path: str) -> None:
     for step in steps:
         if isinstance(step, int):
             if not isinstance(value, (ctypes.Array, list, tuple)) or hasattr(value, "_fields"):
-                raise ValueError(f"{path}: [{step}] stands behind what is no array")
+                raise ValueError(f"{path}: [{step}] follows something that is not an array")
             if len(value) <= step:
                 return  # a sequence, empty in a new message
             value = value[step]
@@ -99,13 +99,13 @@ def condition(kind: type[Message], text: str) -> Callable[[Message], bool]:
     try:
         tree = ast.parse(text, mode="eval")
     except (SyntaxError, ValueError):
-        raise ValueError(f"{text!r} is no condition; write it as position.x > 1 and name == 'a'") from None
+        raise ValueError(f"{text!r} is not a condition; write it as position.x > 1 and name == 'a'") from None
     for node in ast.walk(tree):
         if not isinstance(node, _ALLOWED):
             raise ValueError(f"{text!r}: {type(node).__name__} cannot stand in a condition")
         name = node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
         if name.startswith("_"):
-            raise ValueError(f"{text!r}: {name} is no field")
+            raise ValueError(f"{text!r}: {name} is not a field")
         if isinstance(node, ast.Call) and not (isinstance(node.func, ast.Name) and node.func.id in _FUNCTIONS):
             raise ValueError(f"{text!r}: functions are {', '.join(_FUNCTIONS)}")
         if isinstance(node, ast.Attribute):

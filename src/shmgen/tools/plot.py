@@ -75,7 +75,7 @@ class Curves:
 def _numeric(kind: type[Message], path: str) -> Getter:
     get = getter(kind, path)
     if number(get(kind())) is None and "[" not in path:
-        raise ValueError(f"{path} is no number; `shmgen echo --field {path}` prints it")
+        raise ValueError(f"{path} is not a number; `shmgen echo --field {path}` prints it")
     return get
 
 

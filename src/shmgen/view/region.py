@@ -98,7 +98,7 @@ class RegionScreen(Screen[None]):
             if kept:
                 self.query_one(TabbedContent).active = "plot"
             elif path not in self._source.curves:
-                self.notify(f"{path} is drawn no more, or is no number", markup=False, timeout=3)
+                self.notify(f"{path} is no longer drawn, or is not a number", markup=False, timeout=3)
 
     def on_button_pressed(self, event: Button.Pressed) -> None:
         if self._allow_write and event.button.id == "send":
