@@ -252,19 +252,27 @@ def test_a_region_begun_anew_and_still_empty(topic):
         assert subscriber.wait(0.01) is None
 
 
-def test_counters_turn_at_32_bits(topic):
+@pytest.mark.parametrize("before", [1, 2])
+def test_counters_turn_at_32_bits(topic, before):
+    """The lock's at the publisher, or at the reader."""
     with PosePublisher(topic) as first:
-        first._region.words[h.HEARTBEAT] = first._region.words[h.LOCK_COUNT] = 0xFFFFFFFE
+        first._region.words[h.HEARTBEAT] = 0xFFFFFFFE
+        first._region.words[h.LOCK_COUNT] = 2**32 - before
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         for x in range(2):
             publisher.publish(pose(x))
             subscriber.read()
         publisher.heartbeat()
         words = publisher._region.words
-        assert (words[h.HEARTBEAT], words[h.LOCK_COUNT]) == (1, 2)
+        assert (words[h.HEARTBEAT], words[h.LOCK_COUNT]) == (1, 4 - before)
         publisher._heartbeat = 0xFFFFFFFF
         publisher.heartbeat()
         assert words[h.HEARTBEAT] == 0
+        words[h.MISSED] = 0xFFFFFFFF
+        for x in range(3):
+            publisher.publish(pose(x))
+        subscriber.read()
+        assert (words[h.MISSED], subscriber.missed) == (1, 2)
 
 
 def test_the_next_writer_goes_on_counting(topic):
@@ -382,7 +390,7 @@ def test_where_stores_pass_each_other_the_lock_is_needed(topic, file, other):
             publisher.publish(pose(3))
         assert subscriber.read() is None
         assert subscriber.read_all() == []
-        assert subscriber.sequence == 0
+        assert (subscriber.sequence, subscriber.lock_misses) == (0, 2), "one try of the lock a call"
         assert file.read_bytes() == before
         holder.end()
         publisher.publish(pose(3))
@@ -486,6 +494,7 @@ def test_a_long_structure_goes_as_it_is(topic):
         assert bytes(target) == bytes(ours)
         place = publisher._region.sample(2).start
         assert struct.unpack_from("<II", publisher._region.map, place + 8) == (2, 0)
+        assert publisher._region.map[place : place + h.SLOT_HEADER] == publisher._scratch[: h.SLOT_HEADER]
 
 
 # --- the messages themselves ---------------------------------------------------------------------

@@ -394,6 +394,50 @@ def test_a_sample_between_the_look_and_the_wait_is_seen(topic, monkeypatch):
         assert subscriber._words[h.ARMED] == 0
 
 
+def test_a_reader_naps_while_another_has_the_event_or_there_is_none(topic, monkeypatch):
+    naps = []
+    with PoseSubscriber(topic) as subscriber:
+        monkeypatch.setattr("shmgen.runtime.subscriber.time", SimpleNamespace(sleep=naps.append))
+        subscriber._disconnect()
+        subscriber._event = SimpleNamespace(handle=None)
+        words = subscriber._words
+        words[h.ARMED] = 1
+        subscriber._sleep(60, 0)
+        subscriber._sleep(0.0005, 0)
+        words[h.ARMED], subscriber._polls = 0, True
+        subscriber._sleep(60, 0)
+        assert (naps, words[h.ARMED]) == ([0.001, 0.0005, 0.001], 0)
+
+
+def test_without_a_handle_a_wait_looks_each_millisecond(monkeypatch):
+    naps, now = [], 0.0
+
+    def sleep(seconds):
+        nonlocal now
+        naps.append(seconds)
+        now += seconds
+
+    monkeypatch.setattr(semaphores, "time", SimpleNamespace(monotonic=lambda: now, sleep=sleep))
+    tries = [False, False, True]
+    semaphore = SimpleNamespace(handle=None, acquire=lambda block: not block and tries.pop(0))
+    assert semaphores.wait(semaphore, 1.0) is True
+    assert (naps, tries) == ([0.001, 0.001], [])
+    now, tries = 0.0, [False] * 9
+    assert semaphores.wait(semaphore, 0.0015) is False
+    assert naps[2:] == pytest.approx([0.001, 0.0005])
+
+
+def test_without_the_lock_a_fence_stands_between_completed_and_the_look_for_a_reader(topic, monkeypatch):
+    with PosePublisher(topic, lock_timeout=0) as publisher:
+        words, fences = publisher._region.words, []
+        publisher._disconnect()
+        monkeypatch.setattr("shmgen.runtime.publisher.fence", lambda: fences.append(words[h.COMPLETED]))
+        publisher.publish(pose(1))
+        leave_locked(publisher, 0)
+        publisher.publish(pose(2))
+        assert fences == [2]
+
+
 def test_each_of_several_waiting_readers_gets_it(topic, other):
     with PosePublisher(topic) as publisher:
         readers = [other("read", topic) for _ in range(3)]

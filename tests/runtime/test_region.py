@@ -342,6 +342,9 @@ def test_no_permission_says_whose_it_is(topic, file, semaphore_file):
         from messages import PosePublisher
         from shmgen import runtime
         os.setgroups([]); os.setgid(65534); os.setuid(65534)
+        if not os.access(runtime.__file__, os.R_OK):
+            print("nothing can be read")
+            sys.exit()
         for call in (lambda: PosePublisher(sys.argv[1]), lambda: runtime.read_header(runtime.region_name(sys.argv[1]))):
             try:
                 call()
@@ -351,7 +354,7 @@ def test_no_permission_says_whose_it_is(topic, file, semaphore_file):
     command = [sys.executable, "-c", code, topic]
     run = lambda: subprocess.run(command, cwd=os.path.dirname(__file__), capture_output=True, text=True)  # noqa: E731
     said = run()
-    if "Permission denied" in said.stderr:
+    if said.stdout == "nothing can be read\n":
         pytest.skip("another user cannot read this checkout")
     assert said.stdout.count(f"{file} belongs to root:root with mode 600") == 2, said
     os.chown(file, 65534, 65534)

@@ -93,7 +93,6 @@ class Caller(Generic[Q, A]):
         return True
 
     def close(self) -> None:
-        self.number = 0
         self._questions.close()
         self._answers.close()
 

@@ -129,6 +129,8 @@ def open_region(topic: str, ours: h.Header, options: RegionOptions = RegionOptio
             f"install shmgen with its extension in C (a compiler and Python's headers), or allow membarrier(2) here; "
             'between programs of one bitness sync = "lock" works as well'
         )
+    if options.sync == "lock":
+        semaphores.need_glibc(topic)
     access = access_for(options)
     for _ in range(_ATTEMPTS):
         file = _open_memory(name, ours.size, access)

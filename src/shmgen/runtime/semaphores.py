@@ -60,6 +60,17 @@ class Semaphore(Protocol):
         """As sem_getvalue."""
 
 
+def need_glibc(topic: str) -> None:
+    """Raises RegionUnusable under any other C library: musl has its semaphores under the names of regions."""
+    try:
+        os.confstr("CS_GNU_LIBC_VERSION")
+    except (OSError, ValueError):
+        raise RegionUnusable(
+            f"{topic}: a lock takes glibc's semaphores, which musl (Alpine) does not have: run this in an image with "
+            'glibc, as Debian\'s, or write sync = "sequence" into shmgen.toml and generate both sides again'
+        ) from None
+
+
 class NoSemaphore:
     """Stands where a region has no lock: never entered, never posted."""
 

@@ -33,6 +33,7 @@ from shmgen.runtime.region import Region, open_event, open_region
 
 M = TypeVar("M", bound=Message)
 
+_IN_C = straight.IN_C
 _TRIES = 8
 """How often a sample overwritten while it was copied is given up for a newer one in one call."""
 _LOCKED_OUT = b""
@@ -116,7 +117,7 @@ class Subscriber(Holding, straight.Reader, Generic[M]):
         number = self._words[COMPLETED]
         if number == self._last:
             return None
-        data = self._straight(number) or self._newest()
+        data = (_IN_C and self._straight(number)) or self._newest()
         return self._make(data) if data else None
 
     def read_into(self, message: Any) -> bool:
@@ -261,8 +262,8 @@ class Subscriber(Holding, straight.Reader, Generic[M]):
 
     def _copy(self, number: int, deadline: float | None = None) -> bytes | bytearray | None:
         """The payload of sample `number`, None if it was overwritten, or _LOCKED_OUT."""
-        data: bytes | bytearray | None = self._straight(number)
-        if data is not None:
+        data: bytes | bytearray | None
+        if _IN_C and (data := self._straight(number)) is not None:
             return data
         places, map, words, quads, acquire, release, pid = self._hot
         slots = self._slots
