@@ -24,7 +24,7 @@ from shmgen.runtime import straight
 from tests.conftest import REPOSITORY
 from tests.support.build import classes, put
 
-from .messages import LONG, WHY_NOT, PosePublisher, PoseSubscriber, Scan, ScanPublisher, ScanSubscriber, pose
+from .messages import LONG, WHY_NOT, Pose, PosePublisher, PoseSubscriber, Scan, ScanPublisher, ScanSubscriber, pose
 
 pytestmark = pytest.mark.skipif(not straight.IN_C, reason=WHY_NOT)
 
@@ -112,6 +112,21 @@ def test_numbers_from_any_object_are_taken_and_refused_as_in_python(topic, kinds
         assert 100 < count < quick.sequence + 1
         del message.one.int8_one
         assert outcome(quick, message) == outcome(python, message)
+
+
+def test_a_message_of_more_objects_than_the_extension_holds_is_left_to_python():
+    class Leaf(ctypes.Structure):
+        _fields_ = [("x", ctypes.c_double)]
+        _names_ = ("x",)
+
+    def steps(*kinds):
+        names = [f"field_{number}" for number in range(len(kinds))]
+        fields = {"_fields_": list(zip(names, kinds, strict=True)), "_names_": names}
+        return len(straight._plan(type("Many", (ctypes.Structure,), fields)))
+
+    assert steps(*[Leaf] * (straight.MOST_OBJECTS - 1)) == 2 * 31
+    assert steps(*[Leaf] * straight.MOST_OBJECTS) == 0
+    assert (steps(ctypes.c_int8, Leaf), steps(ctypes.c_int8, 3 * ctypes.c_int8)) == (3, 0), "nor are arrays taken"
 
 
 def test_an_attribute_that_is_interrupted_or_closes_the_publisher(topic, kinds):
@@ -212,6 +227,14 @@ def test_who_waits_may_be_closed_by_another_thread(topic):
         subscriber.wait(30)
 
 
+def test_a_waiting_reader_is_woken(topic):
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+        assert subscriber.wait(0) is None
+        subscriber._words[h.ARMED] = 1
+        publisher.publish(pose(1))
+        assert (subscriber._words[h.ARMED], subscriber._event._get_value()) == (0, 1)
+
+
 def test_a_topic_that_another_took_over_meanwhile(topic):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         publisher.publish(pose(1))
@@ -223,8 +246,25 @@ def test_a_topic_that_another_took_over_meanwhile(topic):
 
 
 def test_a_mode_without_the_lock_and_a_lock_without_a_handle(topic, monkeypatch):
-    with PosePublisher(topic) as publisher:
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         assert publisher._direct
+        publisher.publish(pose(1))
+        assert subscriber._straight(1) is not None
+
+    class Lockless(Pose):
+        _regions_ = runtime.RegionOptions(sync="sequence")
+
+    class LocklessPublisher(runtime.Publisher):
+        message_type = Lockless
+
+    class LocklessSubscriber(runtime.Subscriber):
+        message_type = Lockless
+
+    with LocklessPublisher(f"{topic}/lockless") as publisher, LocklessSubscriber(f"{topic}/lockless") as subscriber:
+        assert publisher._direct
+        publisher._region.words[h.ARMED] = 1  # there is no event to post
+        publisher.publish(pose(1))
+        assert subscriber.wait(0).position.x == 1.0
     monkeypatch.setattr("shmgen.runtime.semaphores.SemLock", None)
     with PosePublisher(topic) as publisher:
         assert not publisher._direct

@@ -27,8 +27,9 @@ from shmgen.runtime.header import (
     STAMP,
     WRITER,
 )
-from shmgen.runtime.lock import LOCK_TIMEOUT, Lock, fence
+from shmgen.runtime.lock import UNTIL_HEALED, Lock
 from shmgen.runtime.message import CUT, LATE_FROM, Late, Message
+from shmgen.runtime.order import fence
 from shmgen.runtime.region import WRITER_LOCK, open_event, open_region
 
 M = TypeVar("M", bound=Message)
@@ -66,15 +67,16 @@ class Publisher(Holding, straight.Writer, Generic[M]):
         topic: str,
         *,
         depth: int = 1,
-        lock_timeout: float = LOCK_TIMEOUT,
+        lock_timeout: float | None = None,
         mode: int | None = None,
         group: str | int | None = None,
     ) -> None:
         """Opens the region or makes it, and claims it, which takes a second where a PLC was the writer before.
 
-        `depth` is how many samples a slow reader can still fetch, the same on both sides. `lock_timeout`,
-        in seconds, is the longest a call waits for the lock. `mode` (0o660) and `group` are for
-        files made here, or found and this user's; left out they are what shmgen.toml said, if it said anything.
+        `depth` is how many samples a slow reader can still fetch, the same on both sides. `lock_timeout`, in
+        seconds, is the longest a call waits for the lock; None: 0.01, and where the lock is needed (not on x86) until
+        its holder has come out or is taken for dead, 1.1 at most. `mode` (0o660) and `group` are for files made here,
+        or found and this user's; left out they are what shmgen.toml said, if it said anything.
         Raises ValueError (topic, depth, lock_timeout), LayoutMismatch, RegionInUse, PermissionDenied,
         RegionUnusable, LockTimeout.
         """
@@ -83,7 +85,8 @@ class Publisher(Holding, straight.Writer, Generic[M]):
         ours = h.header_for(kind._type_name_, kind._digest_, size, depth)
         self._region = region = open_region(topic, ours, kind._regions_.but(mode, group))
         try:
-            self._lock = Lock(region, lock_timeout)
+            self._lock = Lock(region, lock_timeout, UNTIL_HEALED)
+            self._deadline: float | None = None
             self._event = open_event(region)
             self._sequence, self._claim_doubtful = claim(region)
         except BaseException:
@@ -174,6 +177,14 @@ class Publisher(Holding, straight.Writer, Generic[M]):
         if words[ARMED] or not inside:
             self._attend(words, inside)
 
+    def _publish_by(self, message: Any, deadline: float | None) -> None:
+        """As publish(), with the lock's time limit that of a call that ends then, by time.monotonic()."""
+        self._deadline = deadline
+        try:
+            self.publish(message)
+        finally:
+            self._deadline = None
+
     def heartbeat(self) -> None:
         """Tells readers that the writer lives, without a sample. Raises ClaimLost."""
         self._assure()
@@ -237,12 +248,12 @@ class Publisher(Holding, straight.Writer, Generic[M]):
                 self._event.release()
 
     def _wait(self) -> bool:
-        if self._lock.wait():
+        if self._lock.wait(self._deadline):
             return True
         if not self._lock.keeps_order:
             raise LockTimeout(
-                f"{self.topic}: the lock was not free within {self._lock.timeout} s, held by process "
-                f"{self._region.words[LOCK_HOLDER]}; nothing was published. See `shmgen doctor`"
+                f"{self.topic}: the lock was not free in time, held by process {self._region.words[LOCK_HOLDER]}; "
+                "nothing was published. See `shmgen doctor`"
             )
         return False
 

@@ -562,13 +562,27 @@ static int fill(PyObject *module)
     return PyModule_AddIntConstant(module, "ABI", SHMGEN_ABI);
 }
 
+/* A full barrier, on every machine. */
+static PyObject *fence(PyObject *module, PyObject *nothing)
+{
+    (void)module;
+    (void)nothing;
+    __atomic_thread_fence(__ATOMIC_SEQ_CST);
+    Py_RETURN_NONE;
+}
+
+static PyMethodDef functions[] = {
+    {"fence", fence, METH_NOARGS, NULL},
+    {NULL, NULL, 0, NULL},
+};
+
 static PyModuleDef_Slot module_slots[] = {
     {Py_mod_exec, (void *)fill},
     {0, NULL},
 };
 
 static PyModuleDef definition = {
-    PyModuleDef_HEAD_INIT, "_straight", NULL, 0, NULL, module_slots, NULL, NULL, NULL,
+    PyModuleDef_HEAD_INIT, "_straight", NULL, 0, functions, module_slots, NULL, NULL, NULL,
 };
 
 PyMODINIT_FUNC PyInit__straight(void)

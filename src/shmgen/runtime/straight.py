@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import ctypes
 import mmap
-import os
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from shmgen import abi
 from shmgen.runtime.checked import CODES
 from shmgen.runtime.header import SLOT_HEADER
 from shmgen.runtime.message import Late
+from shmgen.runtime.order import EXTENSION
 from shmgen.runtime.region import Region
 from shmgen.runtime.semaphores import NoSemaphore, Semaphore
 
@@ -68,22 +67,13 @@ class _PureReader:
         return False
 
 
+IN_C = EXTENSION is not None
+"""Whether the extension is at work."""
 if TYPE_CHECKING:
     Writer: TypeAlias = _PureWriter
     Reader: TypeAlias = _PureReader
-    IN_C: bool
-    """Whether the extension is at work."""
 else:
-    try:
-        if os.environ.get("SHMGEN_PURE"):
-            raise ImportError
-        from shmgen import _straight
-
-        if _straight.ABI != abi.ABI:
-            raise ImportError
-        Writer, Reader, IN_C = _straight.Writer, _straight.Reader, True
-    except ImportError:
-        Writer, Reader, IN_C = _PureWriter, _PureReader, False
+    Writer, Reader = (EXTENSION.Writer, EXTENSION.Reader) if IN_C else (_PureWriter, _PureReader)
 
 
 def connect_writer(

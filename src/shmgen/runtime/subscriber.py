@@ -26,8 +26,9 @@ from shmgen.runtime.header import (
     after,
     steps,
 )
-from shmgen.runtime.lock import LOCK_TIMEOUT, Lock, fence
+from shmgen.runtime.lock import Lock
 from shmgen.runtime.message import LATE_FROM, Message
+from shmgen.runtime.order import fence
 from shmgen.runtime.region import Region, open_event, open_region
 
 M = TypeVar("M", bound=Message)
@@ -68,7 +69,7 @@ class Subscriber(Holding, straight.Reader, Generic[M]):
         topic: str,
         *,
         depth: int = 1,
-        lock_timeout: float = LOCK_TIMEOUT,
+        lock_timeout: float | None = None,
         mode: int | None = None,
         group: str | int | None = None,
     ) -> None:
@@ -180,7 +181,7 @@ class Subscriber(Holding, straight.Reader, Generic[M]):
             self._event = open_event(self._region)
         while True:
             newest = self._words[COMPLETED]
-            if newest not in (0, self._last) and (data := self._copy(newest)):
+            if newest not in (0, self._last) and (data := self._copy(newest, deadline)):
                 return self._make(data)
             left = deadline - time.monotonic()
             if left <= 0:
@@ -259,7 +260,7 @@ class Subscriber(Holding, straight.Reader, Generic[M]):
                 return data
         return None
 
-    def _copy(self, number: int) -> bytes | bytearray | None:
+    def _copy(self, number: int, deadline: float | None = None) -> bytes | bytearray | None:
         """The payload of sample `number`, None if it was overwritten, or _LOCKED_OUT."""
         data: bytes | bytearray | None
         if _IN_C and (data := self._straight(number)) is not None:
@@ -268,7 +269,7 @@ class Subscriber(Holding, straight.Reader, Generic[M]):
         slots = self._slots
         payload, stamp_at, number_at = places[number & slots - 1]
         try:
-            inside = acquire(False) or self._lock.wait()
+            inside = acquire(False) or self._lock.wait(deadline)
             if inside:
                 count = words[LOCK_COUNT]
                 words[LOCK_COUNT] = count + 1 if count != LAST else 0

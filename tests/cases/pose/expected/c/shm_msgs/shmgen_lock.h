@@ -115,19 +115,36 @@ static inline bool shmgen_take_over(shmgen_link *link, int64_t limit)
     return inside;
 }
 
-/* After a try that failed: waits, unless this same stay has been waited for already, and heals. */
+static inline int64_t shmgen_slice(int64_t limit)
+{
+    return limit < SHMGEN_LOCK_MS * SHMGEN_MS ? limit : SHMGEN_LOCK_MS * SHMGEN_MS;
+}
+
+/* After a try that failed: waits, unless this same stay has been waited for already, and heals. Where the lock is needed
+ * there is nothing else to do than to wait on, until the limit or the healing. */
 static inline bool shmgen_wait_for_lock(shmgen_link *link, int64_t limit)
 {
-    shmgen_note_stay(link);
-    if (limit > 0 && link->seen == 1) {
-        link->seen = 2;
-        if (shmgen_token(link->lock, limit))
+    const int64_t end = limit > 0 ? shmgen_now() + limit : 0;
+    int64_t left = limit;
+    do {
+        shmgen_note_stay(link);
+        if (left > 0 && (link->seen == 1 || !SHMGEN_KEEPS_ORDER)) {
+            link->seen = 2;
+            if (shmgen_token(link->lock, SHMGEN_KEEPS_ORDER ? left : shmgen_slice(left)))
+                return true;
+        }
+        if (shmgen_is_overdue(link) && shmgen_take_over(link, shmgen_slice(limit)))
             return true;
-    }
-    if (shmgen_is_overdue(link) && shmgen_take_over(link, limit))
-        return true;
+        left = end - (left > 0 ? shmgen_now() : end);
+    } while (left > 0 && !SHMGEN_KEEPS_ORDER);
     link->misses++;
     return false;
+}
+
+/* ns to wait for the lock within a call that has so many left: where the lock is needed all of them. */
+static inline int64_t shmgen_limit_within(const shmgen_link *link, int64_t left)
+{
+    return left <= 0 ? 0 : left < link->limit || !SHMGEN_KEEPS_ORDER ? left : link->limit;
 }
 
 /* Goes inside. False: the lock was not free in time, or there is none; see shmgen_may_go_on(). */
