@@ -248,11 +248,13 @@ def test_a_call_waits_for_a_server_that_comes(topic, peer):
 
 
 def test_time_runs_out(topic):
-    with StartServer(topic), StartClient(topic) as client:
+    with StartServer(topic) as server, StartClient(topic) as client:
         begin = time.monotonic()
         with pytest.raises(runtime.CallTimeout, match=r"call 1 was not answered within 0\.1 s"):
             client.call(request(), timeout=0.1)
         assert 0.1 <= time.monotonic() - begin < 2
+        assert server.reply(server.take(), Start_Response())
+        assert client.poll() is None, "it comes too late"
 
 
 # --- what is late, or old ------------------------------------------------------------------------

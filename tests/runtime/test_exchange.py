@@ -480,10 +480,15 @@ def test_a_late_array_that_does_not_fit(topic, file):
         data.append(1)
 
 
-def test_a_long_structure_goes_as_it_is(topic):
-    ours = Scan(id=9, name="whole")
+def test_a_long_structure_goes_as_it_is(topic, monkeypatch):
+    ours, fences = Scan(id=9, name="whole"), []
     with ScanPublisher(topic) as publisher, ScanSubscriber(topic) as subscriber:
+        words = publisher._region.words
+        monkeypatch.setattr(
+            "shmgen.runtime.publisher.fence", lambda: fences.append((words[h.BEGUN], words[h.COMPLETED]))
+        )
         publisher.publish(ours)
+        assert fences == [(1, 0)], "what is copied may not pass the number that says so"
         message = subscriber.read()
         assert bytes(message) == bytes(ours)
         publisher.publish(ours)

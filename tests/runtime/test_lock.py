@@ -317,6 +317,7 @@ def test_a_reader_that_died_waiting_does_no_harm(topic, value, locked):
         if locked:
             leave_locked(publisher, 0)
         publisher.publish(pose(1))
+        subscriber._words[h.ARMED] = 1
         publisher.publish(pose(2))
         assert (subscriber._words[h.ARMED], value(event)) == (0, 1)
         assert subscriber.wait(5).position.x == 2.0
