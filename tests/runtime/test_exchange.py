@@ -531,3 +531,13 @@ def test_long_arrays_are_shown_short_and_compared_by_value():
     assert one == two
     two.data[99] = 1
     assert one != two
+    assert (one == 5) is False
+
+    class AllShown(runtime.Message):
+        import ctypes
+
+        _fields_ = [("data", ctypes.c_uint8 * 32)]  # noqa: RUF012
+        _names_ = ("data",)
+
+    assert repr(AllShown()).count("0") == 32
+    assert "..." not in repr(AllShown())
