@@ -275,6 +275,15 @@ def test_a_signal_does_not_cut_a_wait_short():
         signal.signal(signal.SIGALRM, former)
 
 
+@wakes
+@pytest.mark.skipif(semaphores._sem_clockwait is None, reason="a C library without sem_clockwait")
+def test_a_wait_is_one_call_which_sleeps(monkeypatch):
+    semaphore, calls, wait = SemLock(1, 0, 1, f"/shmgen_test_wait_{os.getpid()}", True), [], semaphores._sem_clockwait
+    monkeypatch.setattr(semaphores, "_sem_clockwait", lambda *of: calls.append(of) or wait(*of))
+    assert semaphores.wait(semaphore, 0.01) is False
+    assert len(calls) == 1
+
+
 # --- waking up -----------------------------------------------------------------------------------
 
 

@@ -78,6 +78,15 @@ def test_text_capacity_is_in_bytes_characters_and_units():
     assert "9 UTF-16 code units" in rejected(runtime.StringTooLong, "n", values.wide_text, "a" + "😀" * 4, 8, "n")
 
 
+@pytest.mark.parametrize("cut", [values.text_cut, values.text_latin1_cut, values.wide_text_cut])
+def test_what_fits_exactly_is_not_cut(cut):
+    late = []
+    assert cut("abc", 3, "", late) == cut("abc", 9, "", late)
+    assert late == []
+    assert cut("abcd", 3, "", late) == cut("abc", 3, "", late)
+    assert len(late) == 1
+
+
 def test_cut_before_what_would_be_torn():
     assert values.text_cut("aé😀", 6, "n").decode() == "aé"
     assert values.text_cut("aé😀", 7, "n").decode() == "aé😀"
