@@ -164,6 +164,22 @@ def test_mismatch_is_refused_and_leaves_every_byte(topic, file, semaphore_file, 
     assert not semaphore_file.exists()
 
 
+@pytest.mark.parametrize("page", [16384, 65536])
+def test_a_region_that_a_runtime_has_rounded_up_to_larger_pages(topic, file, page):
+    """As on a Raspberry Pi 5; but not where something lies in the rest."""
+    PosePublisher(topic).close()
+    os.truncate(file, page)
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+        publisher.publish(pose(1))
+        assert subscriber.read().position.x == 1.0
+    file.write_bytes(bytes(page))  # still being made
+    PosePublisher(topic).close()
+    assert file.stat().st_size == page
+    change(file, page - 1, b"1")
+    with pytest.raises(runtime.LayoutMismatch, match=f"{page:,} bytes in all"):
+        PosePublisher(topic)
+
+
 def test_mismatch_of_size_and_type(topic, file):
     PosePublisher(topic).close()
     before = file.read_bytes()

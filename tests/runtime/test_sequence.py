@@ -10,6 +10,7 @@ import os
 import shutil
 import subprocess
 import time
+import types
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,7 +20,7 @@ import pytest
 from shmgen import pipeline
 from shmgen.config import Config
 from shmgen.model import Regions, TypeName
-from shmgen.runtime import region_name
+from shmgen.runtime import order, region_name
 from tests.softplc import Plc, compile_st
 
 from ..support.build import classes, put
@@ -250,10 +251,30 @@ def test_there_is_no_semaphore_and_nobody_misses_one(made: Made, topic: str) -> 
     assert "semaphore is missing" in run(["doctor", topic, "-I", "definitions"], made.folder.parent).stdout
 
 
+@pytest.mark.parametrize("machine", ["i686", "aarch64"])
+def test_a_machine_with_barriers_is_not_refused(
+    made: Made, topic: str, machine: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever passes each other there: each word is looked at and written between two full barriers, in Python too."""
+    monkeypatch.setattr(os, "uname", lambda: os.uname_result(("Linux", "", "", "", machine)))
+    barriers: list[None] = []
+    monkeypatch.setattr(order, "fence", lambda: barriers.append(None))
+    monkeypatch.setattr(order, "EXTENSION", order.EXTENSION or types.SimpleNamespace(fence=order.fence))
+    with made.publisher(topic) as publisher, made.subscriber(topic) as subscriber:
+        publisher._disconnect(), subscriber._disconnect()
+        publisher.publish(made.message(data=[7] * SIZE))
+        message = subscriber.wait(1.0)
+        assert message
+        assert whole(message)
+        assert (publisher.lock_misses, subscriber.lock_misses) == (0, 0)
+    assert bool(barriers) == (machine == "aarch64")
+
+
 def test_another_machine_is_refused(made: Made, topic: str, monkeypatch: pytest.MonkeyPatch) -> None:
     from shmgen.runtime import RegionUnusable
 
-    monkeypatch.setattr(os, "uname", lambda: os.uname_result(("Linux", "", "", "", "aarch64")))
-    with pytest.raises(RegionUnusable, match='this is aarch64: write sync = "lock"'):
+    monkeypatch.setattr(os, "uname", lambda: os.uname_result(("Linux", "", "", "", "sparc")))
+    monkeypatch.setattr(order, "EXTENSION", None)
+    with pytest.raises(RegionUnusable, match="needs full memory barriers on sparc, and this Python has none"):
         made.publisher(topic)
     assert not Path(f"/dev/shm/{region_name(topic)}").exists()

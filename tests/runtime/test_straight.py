@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -23,7 +24,18 @@ from shmgen.runtime import straight
 from tests.conftest import REPOSITORY
 from tests.support.build import classes, put
 
-from .messages import WHY_NOT, Point, Pose, PosePublisher, PoseSubscriber, pose
+from .messages import (
+    LONG,
+    WHY_NOT,
+    Point,
+    Pose,
+    PosePublisher,
+    PoseSubscriber,
+    Scan,
+    ScanPublisher,
+    ScanSubscriber,
+    pose,
+)
 
 pytestmark = pytest.mark.skipif(not straight.IN_C, reason=WHY_NOT)
 
@@ -157,20 +169,60 @@ def test_an_attribute_that_is_interrupted_or_closes_the_publisher(topic, kinds):
         publisher.publish(message)
 
 
+def scan(number, data, ranges=None):
+    return SimpleNamespace(id=number, ranges=ranges or [number + 0.5] * LONG, data=data, name="bow")
+
+
+def test_long_arrays_lie_where_python_puts_them(topic):
+    """Scratch around them too, and what an older and longer array has left behind a shorter one."""
+    view = memoryview(bytes(2 * LONG))
+    own = Scan(id=9, name="stern")
+    long = [
+        scan(1, bytes(LONG)),
+        scan(2, bytearray(b"ab")),
+        scan(3, b""),
+        scan(4, [1, 2, 255]),
+        scan(5, view[::2]),
+        own,
+    ]
+    with ScanPublisher(topic) as quick, ScanPublisher(f"{topic}/python") as python, ScanSubscriber(topic) as reader:
+        python._disconnect()
+        quick._parts = None  # so it must be in C
+        for message in long:
+            assert outcome(quick, message) == outcome(python, message)
+            assert reader.read() is not None
+        # Too many, too long, a number that does not fit, a view that was let go: as in Python.
+        del quick._parts
+        for message in (scan(6, bytes(LONG + 1)), scan(7, [256]), scan(2**32, b"a"), scan(8, b"", [0.0])):
+            kind, said = outcome(quick, message)
+            assert (kind, said) == outcome(python, message)
+        gone = memoryview(b"gone")
+        gone.release()
+        for late in ([(16, 8, gone)], [(16, 8, view)], [(1 << 40, 8, view)], [(0, 0, view)], [(16, 1)], [None]):
+            with suppress(ValueError, TypeError, IndexError, SystemError):
+                assert not quick._with_late(late)
+            assert quick.sequence == len(long)
+        healthy = quick._region.semaphore._get_value(), quick._region.words[h.LOCK_HOLDER]
+        assert healthy == (1, 0)
+
+
 def test_nothing_of_it_stays_behind(topic):
     """What publish and read have held is free again: 50,000 samples would be more than 2 MiB."""
     message = SimpleNamespace(position=SimpleNamespace(x=1.5, y=2.5, z=3.5), orientation=pose(0).orientation)
-    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+    scans = ScanPublisher(f"{topic}/scan")
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber, scans:
 
         def exchange(times):
             for _ in range(times):
                 publisher.publish(message)
                 subscriber.read()
+                scans.publish(long)
 
+        long = Scan()
         exchange(1000)
-        held, before = sys.getrefcount(message.position), pages()
+        held, before = (sys.getrefcount(message.position), sys.getrefcount(long)), pages()
         exchange(50_000)
-        holds, after = sys.getrefcount(message.position), pages()
+        holds, after = (sys.getrefcount(message.position), sys.getrefcount(long)), pages()
     assert holds == held
     assert after - before < 512
 
