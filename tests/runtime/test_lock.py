@@ -197,6 +197,7 @@ def test_a_token_that_others_post_at_each_try_is_not_ours(topic, monkeypatch):
 
 
 def test_a_region_without_a_lock_is_not_entered(topic, monkeypatch):
+    assert semaphores.NoSemaphore().acquire(False) is False
     with PosePublisher(topic) as publisher:
         publisher._region.semaphore = semaphores.NoSemaphore()
         assert not publisher._lock.wait()

@@ -51,6 +51,13 @@ def test_bad_topics_say_why(topic, reason):
         runtime.region_name(topic)
 
 
+def test_the_longest_name_leaves_room_for_its_event():
+    longest = 255 - len("sem.-event")
+    assert runtime.region_name("/" + "a" * longest) == "a" * longest
+    with pytest.raises(ValueError, match="246 characters; a file name leaves room for 245"):
+        runtime.region_name("/" + "a" * (longest + 1))
+
+
 def test_header_bytes(topic, file):
     with PosePublisher(topic, depth=3) as publisher:
         for x in (1.0, 2.0):

@@ -182,6 +182,11 @@ def test_no_stamp(stamp):
     assert "secs" in rejected(runtime.OutOfRange, "header.stamp", values.milliseconds, stamp, "header.stamp")
 
 
+def test_a_duration_of_nothing_and_the_longest_ones_back():
+    assert values.Duration() == (0, 0) == values.Time()
+    assert values.seconds_nanoseconds(values.Duration(-(2**31), 2**32 - 1), "") == (-(2**31), 2**32 - 1)
+
+
 def test_time_is_small_and_immutable():
     stamp = Time(1, 2)
     assert (stamp.secs, stamp.nsecs, Duration(3, 4).secs, Duration(3, 4).nsecs) == (1, 2, 3, 4)
