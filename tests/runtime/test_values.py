@@ -199,7 +199,8 @@ def test_time_is_small_and_immutable():
 def test_set_clock():
     for kind in (SimpleNamespace(sec=0, nanosec=0), SimpleNamespace(secs=0, nsecs=0)):
         before = set(vars(kind))
-        values.set_clock(kind, Time(3, 4))
+        assert values.set_clock(kind, Time(3, 4)) is kind
+        assert values.set_clock(Time(1, 2), Time(3, 4)) == (3, 4)
         assert set(vars(kind)) == before
         assert list(vars(kind).values()) == [3, 4]
 
