@@ -22,8 +22,10 @@ from .messages import Pose, PosePublisher, PoseSubscriber, Scan, ScanSubscriber,
 
 @pytest.mark.parametrize(
     ("topic", "name"),
-    [("/robot/pose", "robot.pose"), ("pose", "pose"), ("/a/b_2/C", "a.b_2.C"), ("/sem", "sem"), ("/_x", "_x")]
-    + [("/" + "a" * 245, "a" * 245)],
+    [
+        *(("/robot/pose", "robot.pose"), ("pose", "pose"), ("/a/b_2/C", "a.b_2.C"), ("/sem", "sem"), ("/_x", "_x")),
+        ("/" + "a" * 245, "a" * 245),
+    ],
 )
 def test_region_name(topic, name):
     assert runtime.region_name(topic) == name
