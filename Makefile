@@ -29,6 +29,9 @@ ROS2_PACKAGES := rclpy rmw-fastrtps-cpp common-interfaces std-srvs test-msgs
 # What builds packages there; the metadata of ament-cmake leaves two of its own out.
 ROS2_BUILD := colcon-common-extensions \
               ros-jazzy-ament-cmake ros-jazzy-ament-cmake-include-directories ros-jazzy-ament-package
+# Other machines' Debian, and what runs it; MACHINES: which, of tests/machines.py.
+ROOTS := mmdebstrap qemu-user-static
+MACHINES ?= named i386 i686 arm64 armhf armhf-t64 riscv64
 # What goes through the models of the protocol.
 MODELS := spin
 # What the page of `shmgen view` is looked at with.
@@ -42,7 +45,7 @@ BUSY := --reruns 1
 # The extra `bench`, one by one: who cannot be had here is left out.
 PEERS := iceoryx2 cyclonedds eclipse-zenoh pyzmq asyncua pymodbus
 
-.PHONY: demo test test-all lint generated chaos model load load-record load-view load-bridge fuzz fuzz-many hostile mutants bench site dist clean
+.PHONY: demo test test-all machines lint generated chaos model load load-record load-view load-bridge fuzz fuzz-many hostile mutants bench site dist clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/ready
@@ -57,6 +60,10 @@ test: $(VENV)/ready-to-test  ## with what is here; three minutes of setting up a
 test-all: $(VENV)/ready-for-all  ## brings ROS 1, ROS 2, DDS and other machines' compilers first, 3 GB; then all tests, the slow ones too
 	$(MAKE) --no-print-directory lint
 	$(BIN)/python -m pytest -n auto $(BUSY)
+
+machines: $(VENV)/ready-to-test  ## runtime, calls, tools and a chaos on other machines, under qemu-user where need be; needs root
+	@$(call debian,command -v mmdebstrap && ls /usr/lib/binfmt.d/qemu-arm.conf,$(ROOTS),exit 1)
+	$(BIN)/python -m tests.machines $(MACHINES)
 
 lint: $(VENV)/ready-to-test
 	$(BIN)/ruff check .

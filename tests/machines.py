@@ -48,7 +48,6 @@ class Machine:
     architecture: str
     emulator: str = ""
     before: tuple[str, ...] = ()
-    python: str = "python3"
 
     @property
     def without(self) -> tuple[str, ...]:
@@ -65,7 +64,6 @@ MACHINES = {
     "armhf-t64": Machine("trixie", "armhf", "arm"),
     "riscv64": Machine("trixie", "riscv64", "riscv64"),
     "python3.14": Machine("forky", "amd64"),
-    "pypy3": Machine("forky", "amd64", python="pypy3"),
 }
 """`i686`: the same as i386, and a kernel of 32 bits says its name. `t64`: with a time of 64 bits."""
 NAMED = "named"
@@ -140,7 +138,7 @@ def inside(name: str, folder: Path, told: list[str]) -> Commands:
     enter = ("unshare", "-mnpf", "--kill-child", "sh", "-c", mounts + f'chroot {root} "$@"; code=$?; exit $code', "sh")
     paths = ":".join((str(INSIDE / "src"), "/opt/built", "/opt/pure"))
     variables = (f"PYTHONPATH={paths}", "PATH=/usr/sbin:/usr/bin", "HOME=/root", "LANG=C.UTF-8")
-    command = (*enter, *machine.before, "env", "-i", "-C", str(INSIDE), *variables, machine.python)
+    command = (*enter, *machine.before, "env", "-i", "-C", str(INSIDE), *variables, "python3")
     return Commands(command, told, machine.without)
 
 
@@ -177,6 +175,8 @@ def linked(root: Path) -> None:
     """What installing would have done: packages are only taken apart."""
     for name in ("passwd", "group"):
         shutil.copy(root / f"usr/share/base-passwd/{name}.master", root / "etc" / name)
+    known = sorted((root / "usr/share/ca-certificates/mozilla").glob("*.crt"))
+    (root / "etc/ssl/certs/ca-certificates.crt").write_bytes(b"".join(file.read_bytes() for file in known))
     for library in ("blas", "lapack"):
         for file in root.glob(f"usr/lib/*/{library}/lib{library}.so.3"):
             link = file.parents[1] / file.name
