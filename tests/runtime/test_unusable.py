@@ -40,6 +40,15 @@ def test_a_file_that_is_no_semaphore(topic, semaphore_file, data):
     assert f"RegionUnusable: {semaphore_file} is not a semaphore" in done.stderr
 
 
+def test_a_semaphore_of_the_other_bitness(topic, semaphore_file):
+    """glibc's sem_t has 16 bytes in programs of 32 bits, and 32 in those of 64."""
+    PosePublisher(topic).close()
+    data = semaphore_file.read_bytes()
+    semaphore_file.write_bytes(data[:16] if len(data) == 32 else data + bytes(16))
+    with pytest.raises(runtime.RegionUnusable, match=r'bits, this is one of \d\d, .*sync = "sequence".*shmgen clean'):
+        PosePublisher(topic)
+
+
 @pytest.mark.parametrize("error", [OSError(22, "Invalid argument"), ValueError("unrecognized configuration name")])
 def test_another_c_library_than_glibc(topic, file, semaphore_file, monkeypatch, error):
     """As confstr() answers in musl, where /dev/shm/NAME would be the region and the semaphore at a time."""
@@ -189,3 +198,17 @@ def test_the_lock_without_semlock(topic, monkeypatch):
         assert publisher._region.semaphore._get_value() == 1
         assert publisher._region.semaphore._count() == 0
         assert isinstance(publisher._lock, Lock)
+
+
+@pytest.mark.parametrize(
+    ("said", "raised"),
+    [(posix_ipc.ExistentialError, FileNotFoundError), (posix_ipc.PermissionsError, PermissionError)],
+)
+def test_what_posix_ipc_says_is_said_in_pythons_own_errors(monkeypatch, said, raised):
+    def refuse(name):
+        raise said(name)
+
+    monkeypatch.setattr(semaphores, "SemLock", None)
+    monkeypatch.setattr(semaphores.posix_ipc, "Semaphore", refuse)
+    with pytest.raises(raised, match="/shmgen_test_nothing"):
+        semaphores.opened("/shmgen_test_nothing", 1)
