@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from .conftest import REPOSITORY
+from .support.machine import NAME
 
 PACKAGES = (
     *("base-files", "base-passwd", "bash", "coreutils", "dash", "mount", "procps", "util-linux"),
@@ -36,8 +37,6 @@ BUILT = "posix_ipc"
 TESTS = ("tests/runtime", "tests/calls", "tests/tools")
 HOOK = "/usr/share/mmdebstrap/hooks/merged-usr"
 INSIDE = Path("/work/shmgen")
-TOLD = "import os\nthis = os.uname()\nos.uname = lambda: os.uname_result((*this[:4], {machine!r}))\n"
-"""What Python runs when it starts, so that each process of the tests takes this machine for another."""
 
 
 @dataclass(frozen=True)
@@ -120,9 +119,7 @@ def run(command: tuple[str, ...]) -> tuple[int, str]:
 def named(told: list[str]) -> Commands:
     """This machine and this Python; no machine of either name keeps the other's promises."""
     other = "aarch64" if platform.machine() != "aarch64" else "riscv64"
-    folder = Path(tempfile.mkdtemp())
-    (folder / "sitecustomize.py").write_text(TOLD.format(machine=other))
-    return Commands(("env", f"PYTHONPATH={folder}", sys.executable), told)
+    return Commands(("env", f"{NAME}={other}", sys.executable), told)
 
 
 def inside(name: str, folder: Path, told: list[str]) -> Commands:

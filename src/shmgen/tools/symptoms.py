@@ -10,7 +10,7 @@ from shmgen.live.processes import alive, called
 from shmgen.live.regions import damage
 from shmgen.runtime import header as h
 from shmgen.runtime.names import region_file, semaphore_file
-from shmgen.runtime.region import keeps_order
+from shmgen.runtime.order import has_barrier
 from shmgen.tools import leave
 from shmgen.tools.evidence import SIZES, Evidence
 from shmgen.tools.problem import Problem
@@ -111,7 +111,7 @@ def _bitness(seen: Evidence) -> Iterator[Problem]:
         shown = ", ".join(f"{peer} has {peer.bits} bits" for peer in seen.peers if peer.bits)
         message = f"a semaphore does not cross bitness: {shown}; the semaphore was made in a {maker}-bit process"
         hint = 'write sync = "sequence" under [regions] in shmgen.toml, and generate both sides again'
-        if not keeps_order():
+        if not has_barrier():
             hint = f'run programs of one bitness on both sides: sync = "sequence" is refused on {os.uname().machine}'
         odd = next((peer.pid for peer in seen.peers if peer.bits == 32), None)
         yield Problem(seen.topic, message, hint, semaphore_file(seen.name), odd)
