@@ -27,11 +27,11 @@ PACKAGES = (
     *("base-files", "base-passwd", "bash", "coreutils", "dash", "mount", "procps", "util-linux"),
     *("g++", "gcc", "libc6-dev", "python3", "python3-dev", "python3-pip", "python3-setuptools", "python3-wheel"),
     *("python3-click", "python3-hypothesis", "python3-jinja2", "python3-lark", "python3-lxml", "python3-lz4"),
-    *("python3-numpy", "python3-pytest", "python3-pytest-timeout", "python3-pytest-xdist", "python3-ruamel.yaml"),
-    *("python3-typing-extensions", "python3-zstandard"),
+    *("python3-numpy", "python3-ruamel.yaml", "python3-typing-extensions", "python3-zstandard"),
 )
-PURE = ("blark", "rosbags")
-"""Of PyPI, and the same files for every machine."""
+PYTEST = ("execnet", "iniconfig", "packaging", "pluggy", "pygments", "pytest", "pytest-timeout", "pytest-xdist")
+PURE = ("blark", "rosbags", *PYTEST)
+"""Of PyPI, and the same files for every machine; Debian 12's pytest is too old."""
 BUILT = "posix_ipc"
 """Of PyPI, and compiled there."""
 TESTS = ("tests/runtime", "tests/calls", "tests/tools")
@@ -128,13 +128,12 @@ def inside(name: str, folder: Path, told: list[str]) -> Commands:
     root = made(machine, folder)
     filled(root)
     mounts = (
-        f"mount --rbind /dev {root}/dev; mount -t tmpfs -o mode=1777 tmpfs {root}/dev/shm; "
+        f"mount --bind {root} {root}; mount --rbind /dev {root}/dev; mount -t tmpfs -o mode=1777 tmpfs {root}/dev/shm; "
         f"mount -t tmpfs -o mode=1777 tmpfs {root}/tmp; mount -t proc proc {root}/proc; ip link set lo up 2>/dev/null; "
     )
     # The shell stays, as the first of the processes: it buries orphans.
     enter = ("unshare", "-mnpf", "--kill-child", "sh", "-c", mounts + f'chroot {root} "$@"; code=$?; exit $code', "sh")
-    paths = ":".join((str(INSIDE / "src"), "/opt/built", "/opt/pure"))
-    variables = (f"PYTHONPATH={paths}", "PATH=/usr/sbin:/usr/bin", "HOME=/root", "LANG=C.UTF-8")
+    variables = ("PATH=/usr/sbin:/usr/bin", "HOME=/root", "LANG=C.UTF-8")
     command = (*enter, *machine.before, "env", "-i", "-C", str(INSIDE), *variables, "python3")
     return Commands(command, told, machine.without)
 
@@ -219,6 +218,8 @@ def filled(root: Path) -> None:
         if source.is_file():
             (target / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(source, target / name)
+    paths = (f"{INSIDE}/src", "/opt/built", "/opt/pure")
+    (root / "usr/lib/python3/dist-packages/shmgen.pth").write_text(f"import sys; sys.path[:0] = {paths}\n")
     straight = f"{INSIDE}/src/shmgen/runtime/straight.c -o {INSIDE}/src/shmgen/_straight.abi3.so"
     flags = "-O2 -std=gnu11 -fPIC -shared -pthread -DPy_LIMITED_API=0x030A0000"
     include = "$(python3 -c 'import sysconfig; print(sysconfig.get_path(\"include\"))')"
