@@ -25,9 +25,8 @@ from shm_service.cell_msgs.srv import (
 )
 
 from shmgen import runtime
-from shmgen.runtime import calls
+from shmgen.runtime import calls, lock
 from shmgen.runtime import header as h
-from shmgen.runtime import lock
 
 RUNTIME = str(Path(runtime.__file__).parent)
 

@@ -74,7 +74,7 @@ def test_what_a_killed_run_staged_goes_though_its_file_was_given_up(tmp_path: Pa
     assert said.code == 1
     assert f"{stray}: error[SHM406]" in said.stderr
     assert run(["generate", "-t", "c", "std_msgs/Bool"], tmp_path).stdout == (
-        "generated: 0 files written, 13 unchanged, 1 removed\n"
+        "generated: 0 files written, 14 unchanged, 1 removed\n"
     )
     (tmp_path / mine).unlink()
     put({stray: "half"}, tmp_path)

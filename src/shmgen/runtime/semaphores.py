@@ -139,8 +139,8 @@ def check(file: int, path: str) -> None:
     if len(data) in _SIZES and len(data) != _OURS:
         raise RegionUnusable(
             f"{path} was made by a program of {2 * len(data)} bits, this is one of {2 * _OURS}, and no semaphore "
-            'crosses that: write sync = "sequence" under [regions] in shmgen.toml, generate both sides again, and remove it; '
-            "or remove it, if it is a leftover: `shmgen clean`"
+            'crosses that: write sync = "sequence" under [regions] in shmgen.toml, generate both sides again, and '
+            "remove it; or remove it, if it is a leftover: `shmgen clean`"
         )
     if len(data) != _OURS or _SHARING.unpack_from(data)[0] not in _SHARED:
         raise RegionUnusable(f"{path} is not a semaphore of this machine's C library: remove it and start again")
