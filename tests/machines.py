@@ -131,8 +131,10 @@ def inside(name: str, folder: Path, told: list[str]) -> Commands:
         f"mount --bind {root} {root}; mount --rbind /dev {root}/dev; mount -t tmpfs -o mode=1777 tmpfs {root}/dev/shm; "
         f"mount -t tmpfs -o mode=1777 tmpfs {root}/tmp; mount -t proc proc {root}/proc; ip link set lo up 2>/dev/null; "
     )
-    # The shell stays, as the first of the processes: it buries orphans.
-    enter = ("unshare", "-mnpf", "--kill-child", "sh", "-c", mounts + f'chroot {root} "$@"; code=$?; exit $code', "sh")
+    # Not chroot, which shows paths of other namespaces from the old root. The shell stays, the first of the processes:
+    # it buries orphans.
+    turn = f'cd {root}; mkdir -p old; pivot_root . old; cd /; umount -l old; "$@"; code=$?; exit $code'
+    enter = ("unshare", "-mnpf", "--kill-child", "sh", "-c", mounts + turn, "sh")
     variables = ("PATH=/usr/sbin:/usr/bin", "HOME=/root", "LANG=C.UTF-8")
     command = (*enter, *machine.before, "env", "-i", "-C", str(INSIDE), *variables, "python3")
     return Commands(command, told, machine.without)
