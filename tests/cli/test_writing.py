@@ -52,7 +52,7 @@ def test_two_that_join_a_folder_both_stay(monkeypatch: pytest.MonkeyPatch, tmp_p
     commands = [["generate", "-q", "-t", "c", f"std_msgs/{name}"] for name in ("Bool", "Int32", "String")]
     interrupted(monkeypatch, tmp_path, *commands[1:])
     assert run(commands[0], tmp_path).code == 0
-    assert run(["check", "-t", "c"], tmp_path).stdout == "generated: up to date, 3 messages in 17 files\n"
+    assert run(["check", "-t", "c"], tmp_path).stdout == "generated: up to date, 3 messages in 18 files\n"
 
 
 def test_many_at_once(tmp_path: Path) -> None:
