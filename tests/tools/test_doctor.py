@@ -16,7 +16,7 @@ from types import SimpleNamespace
 import posix_ipc
 import pytest
 
-from shmgen.runtime import RegionUnusable, region_name
+from shmgen.runtime import RegionUnusable, order, region_name
 from shmgen.runtime import header as h
 from shmgen.runtime.access import RegionOptions
 from shmgen.runtime.region import open_region
@@ -337,9 +337,9 @@ def test_the_semaphore_of_a_32_bit_process(topic, semaphore, file, shmgen, value
     assert report["regions"][0]["semaphore"] == value
 
 
-@pytest.mark.parametrize("machine", ["x86_64", "aarch64"])
+@pytest.mark.parametrize(("machine", "barrier"), [("x86_64", False), ("aarch64", False), ("aarch64", True)])
 @pytest.mark.skipif(not shutil.which("i686-linux-gnu-gcc") or BITS == 32, reason="no compiler of another bitness")
-def test_a_process_of_other_bitness(topic, file, tmp_path, shmgen, peer, machine, monkeypatch):
+def test_a_process_of_other_bitness(topic, file, tmp_path, shmgen, peer, machine, barrier, monkeypatch):
     """The advice is one that the runtime takes on that machine."""
     (tmp_path / "small.c").write_text(
         "#include <fcntl.h>\n#include <stdio.h>\n#include <sys/mman.h>\n"
@@ -351,6 +351,8 @@ def test_a_process_of_other_bitness(topic, file, tmp_path, shmgen, peer, machine
     subprocess.run(["i686-linux-gnu-gcc", "-static", "-o", program, program + ".c"], check=True)
     peer(PUBLISHER.format(topic=topic))
     monkeypatch.setattr(os, "uname", lambda: SimpleNamespace(machine=machine))
+    monkeypatch.setattr(order, "EXTENSION", None)
+    monkeypatch.setattr(order, "_membarrier", lambda: barrier or None)
     with subprocess.Popen([program, file], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as small:
         if small.stdout.readline() != "ready\n":
             pytest.skip("this kernel runs no 32-bit programs")
@@ -359,6 +361,7 @@ def test_a_process_of_other_bitness(topic, file, tmp_path, shmgen, peer, machine
     assert "has 32 bits" in fault["message"]
     assert fault["process"] == small.pid
     advised = 'write sync = "sequence" under [regions]' in fault["hint"]
+    assert advised == (barrier or machine == "x86_64")
     assert advised or "run programs of one bitness on both sides" in fault["hint"]
     options = RegionOptions(sync="sequence")
     with nullcontext() if advised else pytest.raises(RegionUnusable, match=f"sequence.*{machine}"):
