@@ -29,8 +29,8 @@ from fnmatch import fnmatch
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parents[1]
-PACKAGES = "python3,make,gcc"
-"""What README asks of whoever is root; besides, ca-certificates, so that an index can be reached."""
+PACKAGES = "python3,make,gcc,libc6-dev"
+"""What README asks of whoever is root, with what apt brings along. Besides, ca-certificates, to reach an index."""
 SYSTEMS = {
     "debian-12": ("bookworm", os.environ.get("DEBIAN_MIRROR", "http://deb.debian.org/debian")),
     "debian-13": ("trixie", os.environ.get("DEBIAN_MIRROR", "http://deb.debian.org/debian")),
