@@ -20,7 +20,7 @@ from ..support.command import run
 from .conftest import REPOSITORY
 
 PUBLISHER = "publisher = PosePublisher({topic!r}); publisher.publish(pose(1.0))"
-root_only = pytest.mark.skipif(os.geteuid() != 0, reason="makes another user, or another /dev/shm")
+root_only = pytest.mark.skipif(os.geteuid() != 0, reason="another user or another /dev/shm: root may make them")
 
 
 def faults(result):
@@ -222,7 +222,7 @@ def for_nobody(topic):
     for module in ("posix_ipc", "shmgen.tools.doctor", "tests.runtime.messages"):
         command = [*NOBODY, sys.executable, "-c", f"import {module}"]
         if not shutil.which("setpriv") or subprocess.run(command, cwd=REPOSITORY, capture_output=True).returncode:
-            pytest.skip("another user cannot read this checkout")
+            pytest.skip("another user may not enter the folder of this checkout")
 
     def doctor(*arguments):
         command = [*NOBODY, sys.executable, "-m", "shmgen", "doctor", *arguments, "--json"]
@@ -252,7 +252,7 @@ OWN = ["unshare", "-m", "sh", "-c", 'mount -t tmpfs tmpfs /dev/shm && exec "$@"'
 def container(peer):
     """A process with a /dev/shm of its own."""
     if os.geteuid() or not shutil.which("unshare") or subprocess.run([*OWN, "true"], capture_output=True).returncode:
-        pytest.skip("no namespaces here")
+        pytest.skip("no mount namespaces: root may make them")
     return lambda work, *before: peer(work, *OWN, *before)
 
 
@@ -305,7 +305,7 @@ def test_a_region_that_is_only_in_a_container_is_found_if_it_is_asked_for(topic,
     assert all("in a /dev/shm of its own" in finding["message"] for finding in found)
 
 
-@pytest.mark.skipif(not shutil.which("i686-linux-gnu-gcc"), reason="no 32-bit compiler")
+@pytest.mark.skipif(not shutil.which("i686-linux-gnu-gcc"), reason="no i686-linux-gnu-gcc: make test-all as root")
 def test_a_process_of_other_bitness(topic, file, tmp_path, shmgen, peer):
     (tmp_path / "small.c").write_text(
         "#include <fcntl.h>\n#include <stdio.h>\n#include <sys/mman.h>\n"
