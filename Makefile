@@ -44,7 +44,7 @@ TESTS :=
 # The extra `bench`, one by one: who cannot be had here is left out.
 PEERS := iceoryx2 cyclonedds eclipse-zenoh pyzmq asyncua pymodbus
 
-.PHONY: demo test test-all lint generated chaos model load load-record load-view load-bridge bare fuzz fuzz-many hostile mutants bench site dist clean
+.PHONY: demo test test-all lint generated pictures chaos model load load-record load-view load-bridge bare fuzz fuzz-many hostile mutants bench site dist clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/ready
@@ -68,6 +68,10 @@ lint: $(VENV)/ready-to-test
 generated: $(VENV)/ready  ## regenerate the committed output
 	$(BIN)/shmgen generate --quiet
 	$(BIN)/shmgen show sensor_msgs/BatteryState --svg > docs/memory_map.svg
+
+pictures: $(VENV)/ready-to-test  ## docs/latency.svg, top.svg, and view.gif, which needs chromium
+	@$(call pip,$(BIN)) pillow
+	$(BIN)/python -m tests.pictures
 
 chaos: $(VENV)/ready-to-test  ## 20,000 kills, at most ten minutes; then 10,000 calls with a PLC at one end, and at both
 	$(BIN)/python -m tests.chaos

@@ -18,6 +18,8 @@ from hypothesis import HealthCheck, settings
 
 from shmgen.wording import counted
 
+from .support import machine
+
 if TYPE_CHECKING:
     from tests.support.plc_calls import Calls
     from tests.support.plc_demo import Clock, Demo
@@ -28,6 +30,8 @@ SHARED = REPOSITORY.parent / "shared"
 # The machine may be busy, so how long an example takes says nothing about it.
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")
+
+machine.pretend()
 
 
 @pytest.fixture(scope="session")

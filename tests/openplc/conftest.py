@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -29,12 +29,22 @@ MESSAGES = {
     "Number": "uint32 value\n",
     "Empty": "",
 }
+CALLS = {
+    "srv/Start.srv": "bool on\nuint32 batch\nstring<=8 name\nint8[<=3] codes\n---\n"
+    "bool success\nuint32 batch\nstring<=20 message\nfloat64[<=2] values\n",
+    "srv/Stop.srv": "---\n",
+    "action/Move.action": "uint32 target\nint8[<=3] over\n---\nuint32 way\nint8[<=3] took\n---\n"
+    "uint32 way\nint8[<=3] past\n",
+}
 PACKAGE = "shm_msgs"
 
 
-def texts_of(folder: Path, messages: dict[str, str], **settings: Any) -> tuple[dict[str, str], Layouts]:
-    """All that is generated of messages of demo_msgs, and their layouts."""
+def texts_of(
+    folder: Path, messages: dict[str, str], calls: Mapping[str, str] | None = None, **settings: Any
+) -> tuple[dict[str, str], Layouts]:
+    """All that is generated of messages, services and actions of demo_msgs, and their layouts."""
     build.put({f"demo_msgs/msg/{name}.msg": text for name, text in messages.items()}, folder)
+    build.put({f"demo_msgs/{path}": text for path, text in (calls or {}).items()}, folder)
     targets = ("matiec", "openplc", "python")
     config = replace(Config(folder, source="jazzy", path=(folder,), package=PACKAGE, targets=targets), **settings)
     return pipeline.generate(config, ["demo_msgs"]), pipeline.lay_out(config, ["demo_msgs"])
@@ -48,7 +58,7 @@ def made(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> tuple[Path
     folder.mkdir(exist_ok=True)
     with (folder / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        texts, layouts = texts_of(folder, MESSAGES)
+        texts, layouts = texts_of(folder, MESSAGES, CALLS)
         if not (folder / "python").exists():
             build.put(texts, folder)
     return folder, texts, layouts

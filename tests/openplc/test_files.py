@@ -38,6 +38,7 @@ def test_a_library_says_what_it_holds_and_needs(made: Made) -> None:
     for name, chunk in chunks.items():
         needed = {dep["name"] for dep in chunk["deps"]}
         used = set(re.findall(r"\b(?:ST|FB)_[A-Z0-9_]+\b", chunk["header"])) & set(chunks)
+        used |= {"ST_" + found.upper() for found in re.findall(r"\bshm_(\w+?)_type\(\)", chunk["cpp"])}
         assert used - {name} == needed - {"SHMGEN_PROTOCOL"}, name
         assert "#include" not in chunk["header"] + chunk["cpp"], name
 

@@ -122,10 +122,8 @@ def matiec(source: Source) -> str:
             if one.value:
                 lines.append(f"    data__->{one.name.upper()}.value = {_literal(one)};")
         lines += ["}", f"static void {name}_body__({name} *data__) {{", block.body, "}"]
-        for one in block.variables:
-            if one.name == "Msg":
-                lines += _defaults(name, one, source.types)
-        lines += _calls(block, f"((({name} *)block)->{{}}.value)", f"{name}_body__(({name} *)block)")
+        lines += _defaults(block, source.types)
+        lines += _calls(block, source.types, f"((({name} *)block)->{{}}.value)", f"{name}_body__(({name} *)block)")
         lines += [
             f"SHMGEN_TEST_EXPORT void *new_{name}(void) {{",
             f"    {name} *made = ({name} *)malloc(sizeof *made);",
@@ -134,7 +132,7 @@ def matiec(source: Source) -> str:
     return "\n".join([*lines, *_moves(source.blocks, ".value"), ""])
 
 
-def _defaults(name: str, message: Variable, types: Mapping[str, tuple[Variable, ...]]) -> Iterator[str]:
+def _defaults(block: Block, types: Mapping[str, tuple[Variable, ...]]) -> Iterator[str]:
     """What iec2c makes of first values in structures."""
 
     def of(owner: str, type_: str) -> Iterator[str]:
@@ -149,9 +147,12 @@ def _defaults(name: str, message: Variable, types: Mapping[str, tuple[Variable, 
             elif member.value:
                 yield f"    {place} = {_literal(member)};"
 
+    name = block.name.upper()
     yield f"static void {name}_defaults({name} *data__) {{"
     yield "    (void)data__;"
-    yield from of("data__->MSG.value", message.type)
+    for one in block.variables:
+        if one.type in types:
+            yield from of(f"data__->{one.name.upper()}.value", one.type)
     yield "}"
 
 
@@ -170,7 +171,7 @@ def _array(spelled: str) -> tuple[int, str]:
 
 
 def _literal(variable: Variable) -> str:
-    known = {"TRUE": "1", "FALSE": "0", "T#1s": "seconds(1)"}
+    known = {"TRUE": "1", "FALSE": "0", "T#1s": "seconds(1)", "T#10s": "seconds(10)"}
     return known.get(variable.value, variable.value + ("ULL" if variable.type == "ULINT" else ""))
 
 
@@ -192,46 +193,68 @@ def strucpp(library: Mapping[str, Any]) -> str:
     lines = ['#include "strucpp.hpp"', *(f'#include "{name}"' for name in library["manifest"]["headers"])]
     lines += ["namespace strucpp {", *(chunk["header"] for chunk in ordered.values())]
     lines += [*(chunk["cpp"] for chunk in ordered.values()), "}", "using namespace strucpp;"]
+    types = {one["name"]: tuple(_member(field) for field in one["fields"]) for one in library["manifest"]["types"]}
     blocks = []
     for entry in library["manifest"]["functionBlocks"]:
-        members = [Variable(one["name"], one["type"], "") for one in (*entry["inputs"], *entry["outputs"])]
+        members = [_member(one) for one in (*entry["inputs"], *entry["outputs"])]
         block = Block(entry["name"], (*members, Variable("_UDIEND", "UDINT", "")), "")
         name = block.name
-        lines += _calls(block, f"((({name} *)block)->{{}})", f"(*({name} *)block)()")
+        lines += _calls(block, types, f"((({name} *)block)->{{}})", f"(*({name} *)block)()")
         lines += [f"SHMGEN_TEST_EXPORT void *new_{name}(void) {{ return new {name}(); }}"]
         blocks.append(block)
     return "\n".join([*lines, *_moves(blocks, ""), ""])
 
 
+def _member(entry: Mapping[str, str]) -> Variable:
+    return Variable(entry["name"], entry["type"], "")
+
+
 # --- both -----------------------------------------------------------------------------------------------------
 
 
-def _calls(block: Block, place: str, call: str) -> Iterator[str]:
-    """How Python reaches a block's variables; `place` takes a name."""
+def _calls(block: Block, types: Mapping[str, tuple[Variable, ...]], place: str, call: str) -> Iterator[str]:
+    """How Python reaches a block's variables and the members of those that are structures; `place` takes a name."""
     name = block.name.upper()
     yield f"SHMGEN_TEST_EXPORT void call_{name}(void *block) {{ {call}; }}"
     for one in block.variables:
-        variable, known = one.name.upper(), one.type.upper()
-        if known == "TIME":
-            at = place.format(variable)
-            yield f"SHMGEN_TEST_EXPORT void set_{name}_{variable}(void *block, double v) {{ put_time({at}, v); }}"
-        elif known == "STRING":
-            at = place.format(variable)
-            yield f"SHMGEN_TEST_EXPORT void set_{name}_{variable}(void *block, const char *v) {{ put_text({at}, v); }}"
-        elif known in ELEMENTARY:
-            at = place.format(variable)
-            yield f"SHMGEN_TEST_EXPORT double get_{name}_{variable}(void *block) {{ return number({at}); }}"
-            yield f"SHMGEN_TEST_EXPORT void set_{name}_{variable}(void *block, double v) {{ {at} = v; }}"
+        at = place.format(one.name.upper())
+        yield from _reached(f"{name}_{one.name.upper()}", one.type.upper(), at)
+        for member in types.get(one.type, ()):
+            inner = member.name.upper()
+            yield from _reached(f"{name}_{one.name.upper()}_{inner}", member.type.upper(), f"{at}.{inner}")
+
+
+def _reached(name: str, type_: str, at: str) -> Iterator[str]:
+    if type_ == "TIME":
+        yield f"SHMGEN_TEST_EXPORT void set_{name}(void *block, double v) {{ put_time({at}, v); }}"
+    elif type_ == "STRING":
+        yield f"SHMGEN_TEST_EXPORT void set_{name}(void *block, const char *v) {{ put_text({at}, v); }}"
+    elif type_ in ELEMENTARY:
+        yield f"SHMGEN_TEST_EXPORT double get_{name}(void *block) {{ return number({at}); }}"
+        yield f"SHMGEN_TEST_EXPORT void set_{name}(void *block, double v) {{ {at} = v; }}"
+
+
+MOVES = (
+    ("SUBSCRIBER", "PUBLISHER", "MSG"),
+    ("SERVER", "CLIENT", "REQUEST"),
+    ("CLIENT", "SERVER", "RESPONSE"),
+    ("ACTIONSERVER", "ACTIONCLIENT", "GOAL"),
+    ("ACTIONCLIENT", "ACTIONSERVER", "FEEDBACK"),
+    ("ACTIONCLIENT", "ACTIONSERVER", "RESULT"),
+)
+"""A message that comes out of one block and goes into the other."""
 
 
 def _moves(blocks: Any, tail: str) -> Iterator[str]:
-    """Msg := fbIn.Msg, for each pair."""
+    """fbOut.Msg := fbIn.Msg, for each pair."""
     names = {block.name.upper() for block in blocks}
     for name in sorted(names):
-        writer = name.removesuffix("_SUBSCRIBER") + "_PUBLISHER"
-        if name.endswith("_SUBSCRIBER") and writer in names:
-            places = f"(({writer} *)to)->MSG{tail} = (({name} *)from)->MSG{tail}"
-            yield f"SHMGEN_TEST_EXPORT void move_{name}(void *from, void *to) {{ {places}; }}"
+        stem, _, role = name.rpartition("_")
+        for giver, taker, variable in MOVES:
+            to = f"{stem}_{taker}"
+            if role == giver and to in names:
+                places = f"(({to} *)to)->{variable}{tail} = (({name} *)from)->{variable}{tail}"
+                yield f"SHMGEN_TEST_EXPORT void move_{name}_{variable}(void *from, void *to) {{ {places}; }}"
 
 
 class Program:
@@ -249,7 +272,7 @@ class Program:
 
 
 class Instance:
-    """A function block: `block.xEnable = True`, `block()`, `block.eErrorID`."""
+    """A function block: `block.xEnable = True`, `block()`, `block.eErrorID`, `block.Request_on`."""
 
     def __init__(self, library: ctypes.CDLL, name: str, inputs: Mapping[str, object]) -> None:
         make = getattr(library, f"new_{name}")
@@ -273,9 +296,9 @@ class Instance:
         put = getattr(self._library, f"set_{self._name}_{name.upper()}")
         put(self.address, value.encode() if isinstance(value, str) else ctypes.c_double(value))  # type: ignore[arg-type]
 
-    def move(self, to: Instance) -> None:
+    def move(self, to: Instance, variable: str = "Msg") -> None:
         """to.Msg := self.Msg"""
-        getattr(self._library, f"move_{self._name}")(self.address, to.address)
+        getattr(self._library, f"move_{self._name}_{variable.upper()}")(self.address, to.address)
 
 
 def compiled(

@@ -13,7 +13,7 @@ from shmgen.diagnostics import Report
 from shmgen.model import Output
 from shmgen.targets import Job
 from shmgen.targets.openplc import embedded, limits, names, program
-from shmgen.targets.openplc.blocks import Block, pair
+from shmgen.targets.openplc.blocks import Block
 from shmgen.targets.openplc.dialect import MATIEC
 from shmgen.targets.openplc.types import SECONDS, Structure, ordered, structure
 from shmgen.targets.st.names import ST_TIME
@@ -38,11 +38,11 @@ class Header(NamedTuple):
 
 
 def plan(job: Job, report: Report) -> Iterator[Output]:
-    """`matiec/<package>.st`, `matiec/<package>.h`, and where there are topics `matiec/upload.st`."""
+    """`matiec/<package>.st`, `matiec/<package>.h`, and for what shmgen.toml names `matiec/upload.st`."""
     limits.check(job.layouts, MATIEC, "matiec", report)
     if report.diagnostics:
         return
-    whole = [block for layout in program.carried(job) for block in pair(layout, job.layouts, MATIEC)]
+    whole = program.blocks(job, MATIEC)
     lines = (*_header(job), *(line for block in whole for line in _long(block)), "#endif")
     structures = [structure(layout, MATIEC) for layout in ordered(job.layouts)]
     if any(layout.options.time == "struct" for layout in ordered(job.layouts)):
@@ -52,7 +52,7 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
     view = Library(job.package, files, tuple(structures), tuple(blocks), False, None)
     yield Output(f"matiec/{job.package}.h", "matiec/header.h.j2", Header(job.package, lines))
     yield Output(f"matiec/{job.package}.st", "matiec/library.st.j2", view)
-    made = program.plan(job, MATIEC)
+    made = program.plan(job, MATIEC, whole)
     if made:
         view = view._replace(has_program=True, program=made)
         yield Output("matiec/upload.st", "matiec/library.st.j2", view)

@@ -5,7 +5,7 @@ Inputs, outputs and their meaning are those of the target st, but for eErrorID, 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from shmgen.model import Layout, Layouts, TypeName
@@ -54,13 +54,14 @@ def pair(layout: Layout, layouts: Layouts, dialect: Dialect) -> tuple[Block, Blo
     return _publisher(layout, layouts, dialect), _subscriber(layout, layouts, dialect)
 
 
-def _topic(dialect: Dialect) -> Variable:
-    spelled = dialect.text(80, in_array=False)
-    return Variable("sTopic", spelled, "'/robot/pose'; read on the rising edge of xEnable")
+def named(dialect: Dialect, name: str, example: str) -> Variable:
+    """The input with the name of what the block opens."""
+    return Variable(name, dialect.text(80, in_array=False), f"'{example}'; read on the rising edge of xEnable")
 
 
-def _message(layout: Layout, comment: str) -> Variable:
-    return Variable("Msg", whole(st.st_type(layout.name)), comment)
+def message(name: str, layout: Layout, comment: str) -> Variable:
+    """An input or output that is a structure."""
+    return Variable(name, whole(st.st_type(layout.name)), comment)
 
 
 def _publisher(layout: Layout, layouts: Layouts, dialect: Dialect) -> Block:
@@ -70,9 +71,9 @@ def _publisher(layout: Layout, layouts: Layouts, dialect: Dialect) -> Block:
         f"Publishes {layout.name} on one topic. Call it once in each cycle.",
         (
             _ENABLE,
-            _topic(dialect),
+            named(dialect, "sTopic", "/robot/pose"),
             Variable("xSend", "BOOL", "TRUE: writes Msg in this cycle", "TRUE"),
-            _message(layout, ""),
+            message("Msg", layout, ""),
             _DEPTH,
         ),
         (
@@ -98,7 +99,7 @@ def _subscriber(layout: Layout, layouts: Layouts, dialect: Dialect) -> Block:
         f"Reads {layout.name} from one topic. Call it once in each cycle.",
         (
             _ENABLE,
-            _topic(dialect),
+            named(dialect, "sTopic", "/robot/pose"),
             Variable("tTimeout", "TIME", "xStale after so long without a sign of the writer", "T#1s"),
             Variable("xNewest", "BOOL", "FALSE: the oldest unread sample, one a call", "TRUE"),
             _DEPTH,
@@ -107,7 +108,7 @@ def _subscriber(layout: Layout, layouts: Layouts, dialect: Dialect) -> Block:
             Variable("xValid", "BOOL", "Msg holds a sample received since the rising edge of xEnable"),
             Variable("xNewData", "BOOL", "Msg changed in this cycle"),
             *_STATE,
-            _message(layout, ""),
+            message("Msg", layout, ""),
             Variable("udiSequence", "UDINT", "number of the sample in Msg"),
             Variable("udiMissed", "UDINT", "samples that came and went unread"),
             Variable("udiLockMisses", "UDINT", "cycles in which the lock was not free"),
@@ -120,20 +121,27 @@ def _subscriber(layout: Layout, layouts: Layouts, dialect: Dialect) -> Block:
     )
 
 
-def _enter(layout: Layout, dialect: Dialect, writer: str) -> Iterator[str]:
-    """Finds the block's end, or opens it on the rising edge."""
-    text, topic, length = dialect.topic("STOPIC")
+def enter(dialect: Dialect, name: str, opened: Iterable[str]) -> Iterator[str]:
+    """Finds the block's end, or opens it on the rising edge: `opened` takes the text and length of the input `name`."""
+    statement, text, length = dialect.topic(name)
     yield f"const bool enabled = {dialect.get('XENABLE')} != 0;"
     yield f"uint32_t number = {dialect.get('_UDIEND')};"
     yield f"shmgen_block *end = shmgen_block_enter(&number, {dialect.owner}, enabled);"
     yield "if (end == NULL && enabled) {"
-    yield f"    const shmgen_type type = {struct_name(layout.name)}_type();"
-    if text:
-        yield f"    {text}"
-    depth = dialect.get("UDIDEPTH")
-    yield f"    end = shmgen_block_open(&number, {dialect.owner}, &type, {writer}, {topic}, {length}, {depth});"
+    if statement:
+        yield f"    {statement}"
+    yield from (f"    {line.format(text=text, length=length)}" for line in opened)
     yield "}"
     yield dialect.put("_UDIEND", "number")
+
+
+def _enter(layout: Layout, dialect: Dialect, writer: str) -> Iterator[str]:
+    depth = dialect.get("UDIDEPTH")
+    opened = (
+        f"const shmgen_type type = {struct_name(layout.name)}_type();",
+        f"end = shmgen_block_open(&number, {dialect.owner}, &type, {writer}, {{text}}, {{length}}, {depth});",
+    )
+    yield from enter(dialect, "STOPIC", opened)
 
 
 def _leave(dialect: Dialect) -> Iterator[str]:
@@ -144,18 +152,14 @@ def _leave(dialect: Dialect) -> Iterator[str]:
 
 
 def _publish(layout: Layout, layouts: Layouts, dialect: Dialect) -> Iterator[str]:
-    name = struct_name(layout.name)
     yield from _enter(layout, dialect, "true")
     yield "bool sent = false;"
     yield "if (end != NULL) {"
     yield f"    const bool send = {dialect.get('XSEND')} != 0;"
     yield "    shmgen_status fits = SHMGEN_OK;"
     yield "    if (send && shmgen_block_is_open(end)) {"
-    yield f"        {name} *message = ({name} *)end->message;"
-    for line in copies(layout, layouts, dialect, dialect.structure("MSG"), "message->", to_plc=False):
-        yield f"        {line}"
-    yield "        shmgen_path_clear(&end->publisher.path);"
-    yield f"        fits = shmgen_check_{name}(message, &end->publisher.path);"
+    filled = fill(layout, layouts, dialect, "end", (("MSG", "", layout.name),))
+    yield from (f"        {line}" for line in filled)
     yield "    }"
     yield "    sent = shmgen_block_write(end, send, fits);"
     yield f"    {dialect.put('UDISEQUENCE', 'end->sequence')}"
@@ -163,6 +167,19 @@ def _publish(layout: Layout, layouts: Layouts, dialect: Dialect) -> Iterator[str
     yield "}"
     yield dialect.put("XSENT", "sent")
     yield from _leave(dialect)
+
+
+def fill(
+    layout: Layout, layouts: Layouts, dialect: Dialect, end: str, parts: Iterable[tuple[str, str, TypeName]]
+) -> Iterator[str]:
+    """Copies inputs into the end's `message`, each to the member that it is, and looks whether they `fits`."""
+    name = struct_name(layout.name)
+    yield f"{name} *message = ({name} *){end}->message;"
+    for variable, at, part in parts:
+        place = dialect.structure(variable)
+        yield from copies(layouts[part], layouts, dialect, place, f"message->{at}", to_plc=False)
+    yield f"shmgen_path_clear(&{end}->publisher.path);"
+    yield f"fits = shmgen_check_{name}(message, &{end}->publisher.path);"
 
 
 def _read(layout: Layout, layouts: Layouts, dialect: Dialect) -> Iterator[str]:

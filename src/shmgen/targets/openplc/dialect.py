@@ -48,12 +48,53 @@ class Dialect(ABC):
     def element(self, array: str, index: str) -> str: ...
 
     @abstractmethod
-    def leaf_in(self, plc: str, c: str, type_: Element, options: TypeOptions) -> str:
-        """The statement that gives a value of the message to the program."""
+    def value(self, plc: str) -> str:
+        """The value of a member of the program's, of an elementary type."""
 
     @abstractmethod
+    def time_in(self, plc: str, c: str) -> str:
+        """The statement that gives a TIME of the message, in ms, to the program."""
+
+    @abstractmethod
+    def time_out(self, plc: str) -> str:
+        """A TIME of the program's in ms."""
+
+    @abstractmethod
+    def text_in(self, plc: str, c: str) -> str:
+        """The statement that gives a text of the message to the program."""
+
+    @abstractmethod
+    def text_out(self, plc: str, c: str, capacity: int) -> str:
+        """The other way round."""
+
+    def leaf_in(self, plc: str, c: str, type_: Element, options: TypeOptions) -> str:
+        """The statement that gives a value of the message to the program."""
+        match type_:
+            case Clock() if options.time == "struct":
+                return " ".join(f"{one} = {other};" for one, other in self._seconds(plc, c))
+            case Clock():
+                return self.time_in(plc, c)
+            case String():
+                return self.text_in(plc, c)
+            case Scalar.BOOL:
+                return f"{plc} = {c} != 0;"
+            case _:
+                return f"{plc} = {c};"
+
     def leaf_out(self, plc: str, c: str, type_: Element, options: TypeOptions) -> str:
         """The other way round."""
+        match type_:
+            case Clock() if options.time == "struct":
+                return " ".join(f"{other} = {self.value(one)};" for one, other in self._seconds(plc, c))
+            case Clock():
+                return f"{c} = (uint32_t)({self.time_out(plc)});"
+            case String(capacity, _):
+                assert capacity is not None, "bounds come before targets"
+                return self.text_out(plc, c, capacity)
+            case Scalar.BOOL:
+                return f"{c} = {self.value(plc)} != 0;"
+            case _:
+                return f"{c} = {self.value(plc)};"
 
     def spelled(self, type_: Element, options: TypeOptions, *, in_array: bool = False) -> str:
         """As Structured Text spells the type of a member or of an element of one."""
@@ -77,7 +118,7 @@ class Dialect(ABC):
         element = self.spelled(slot.type, options, in_array=slot.count is not None)
         return element if slot.count is None else f"ARRAY[0..{slot.count - 1}] OF {element}"
 
-    def seconds(self, plc: str, c: str) -> Iterator[tuple[str, str]]:
+    def _seconds(self, plc: str, c: str) -> Iterator[tuple[str, str]]:
         """The members of a time that is a structure, and those of the C structure."""
         yield f"{plc}.DISEC", f"{c}.sec"
         yield f"{plc}.UDINANOSEC", f"{c}.nanosec"
@@ -113,32 +154,21 @@ class Matiec(Dialect):
     def element(self, array: str, index: str) -> str:
         return f"{array}.table[{index}]"
 
-    def leaf_in(self, plc: str, c: str, type_: Element, options: TypeOptions) -> str:
-        match type_:
-            case Clock() if options.time == "struct":
-                return " ".join(f"{one} = {other};" for one, other in self.seconds(plc, c))
-            case Clock():
-                return f"{plc}.tv_sec = {c} / 1000; {plc}.tv_nsec = {c} % 1000 * {NS_PER_MS};"
-            case String():
-                return f"{plc}.len = shmgen_text_in({plc}.body, sizeof {plc}.body, {c});"
-            case Scalar.BOOL:
-                return f"{plc} = {c} != 0;"
-            case _:
-                return f"{plc} = {c};"
+    def value(self, plc: str) -> str:
+        return plc
 
-    def leaf_out(self, plc: str, c: str, type_: Element, options: TypeOptions) -> str:
-        match type_:
-            case Clock() if options.time == "struct":
-                return " ".join(f"{other} = {one};" for one, other in self.seconds(plc, c))
-            case Clock():
-                return f"{c} = (uint32_t)((int64_t){plc}.tv_sec * 1000 + {plc}.tv_nsec / {NS_PER_MS});"
-            case String(capacity, _):
-                length = f"(size_t)({plc}.len > 0 ? {plc}.len : 0)"
-                return f"shmgen_text_out({c}, {capacity}, {plc}.body, {length});"
-            case Scalar.BOOL:
-                return f"{c} = {plc} != 0;"
-            case _:
-                return f"{c} = {plc};"
+    def time_in(self, plc: str, c: str) -> str:
+        return f"{plc}.tv_sec = {c} / 1000; {plc}.tv_nsec = {c} % 1000 * {NS_PER_MS};"
+
+    def time_out(self, plc: str) -> str:
+        return f"(int64_t){plc}.tv_sec * 1000 + {plc}.tv_nsec / {NS_PER_MS}"
+
+    def text_in(self, plc: str, c: str) -> str:
+        return f"{plc}.len = shmgen_text_in({plc}.body, sizeof {plc}.body, {c});"
+
+    def text_out(self, plc: str, c: str, capacity: int) -> str:
+        length = f"(size_t)({plc}.len > 0 ? {plc}.len : 0)"
+        return f"shmgen_text_out({c}, {capacity}, {plc}.body, {length});"
 
 
 class Strucpp(Dialect):
@@ -169,30 +199,21 @@ class Strucpp(Dialect):
     def element(self, array: str, index: str) -> str:
         return f"{array}[{index}]"
 
-    def leaf_in(self, plc: str, c: str, type_: Element, options: TypeOptions) -> str:
-        match type_:
-            case Clock() if options.time == "struct":
-                return " ".join(f"{one} = {other};" for one, other in self.seconds(plc, c))
-            case Clock():
-                return f"{plc} = (int64_t){c} * {NS_PER_MS};"
-            case Scalar.BOOL:
-                return f"{plc} = {c} != 0;"
-            case _:
-                return f"{plc} = {c};"
+    def value(self, plc: str) -> str:
+        return f"{plc}.get()"
 
-    def leaf_out(self, plc: str, c: str, type_: Element, options: TypeOptions) -> str:
-        match type_:
-            case Clock() if options.time == "struct":
-                return " ".join(f"{other} = {one}.get();" for one, other in self.seconds(plc, c))
-            case Clock():
-                return f"{c} = (uint32_t)({plc}.get() / {NS_PER_MS});"
-            case String(capacity, _):
-                copy = f"shmgen_text_out({c}, {capacity}, text.c_str(), text.length());"
-                return f"{{ const auto text = {plc}.get(); {copy} }}"
-            case Scalar.BOOL:
-                return f"{c} = {plc}.get() != 0;"
-            case _:
-                return f"{c} = {plc}.get();"
+    def time_in(self, plc: str, c: str) -> str:
+        return f"{plc} = (int64_t){c} * {NS_PER_MS};"
+
+    def time_out(self, plc: str) -> str:
+        return f"{plc}.get() / {NS_PER_MS}"
+
+    def text_in(self, plc: str, c: str) -> str:
+        return f"{plc} = {c};"
+
+    def text_out(self, plc: str, c: str, capacity: int) -> str:
+        copy = f"shmgen_text_out({c}, {capacity}, text.c_str(), text.length());"
+        return f"{{ const auto text = {plc}.get(); {copy} }}"
 
 
 MATIEC = Matiec()

@@ -1,4 +1,5 @@
-"""Turns topics into the program that calls their blocks, its task, and the structures that other programs use.
+"""Turns topics, services and actions into the program that calls their blocks, its task, and the structures that other
+programs use.
 
 Neither open compiler calls a block that is global, so that the blocks are the program's own; what a program for CODESYS
 reads and writes as `GVL_Ros.robot_pose.Msg` is here a member of a global structure, under the same name.
@@ -6,17 +7,17 @@ reads and writes as `GVL_Ros.robot_pose.Msg` is here a member of a global struct
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
-from shmgen.model import Layout, Topic
+from shmgen.model import Layout
 from shmgen.targets import Job
-from shmgen.targets.openplc import names
+from shmgen.targets.openplc import calls, names
 from shmgen.targets.openplc.blocks import Block, Variable, pair
 from shmgen.targets.openplc.dialect import Dialect
 from shmgen.targets.openplc.types import Structure, constants, ordered
-from shmgen.targets.st import calls
+from shmgen.targets.st.calls import parts
 from shmgen.targets.st.names import gvl
+from shmgen.targets.st.program import Use, uses
 
 RESOURCE = "Res0"
 TASK = "RosTask"
@@ -32,40 +33,39 @@ class Instance(NamedTuple):
 
 
 class Program(NamedTuple):
-    """`structures` are the types of the `variables`, which are global; `left_out` is what has no block here."""
+    """`structures` are the types of the `variables`, which are global."""
 
     name: str
     structures: tuple[Structure, ...]
     variables: tuple[Variable, ...]
     instances: tuple[Instance, ...]
     interval: str
-    left_out: tuple[str, ...]
     resource: str = RESOURCE
     task: str = TASK
 
 
-def carried(job: Job) -> Iterator[Layout]:
-    """The messages that get a pair of blocks: those asked for, but for the parts of services and actions."""
-    called = calls.parts(job.layouts) - {topic.type for topic in job.topics}
-    for layout in ordered(job.layouts):
-        if layout.requested and layout.name not in called:
-            yield layout
+def blocks(job: Job, dialect: Dialect) -> tuple[Block, ...]:
+    """A pair for each message that was asked for, but for the parts of services and actions, which have their own."""
+    called = parts(job.layouts) - {topic.type for topic in job.topics}
+    carried = [one for one in ordered(job.layouts) if one.requested and one.name not in called]
+    pairs = [block for layout in carried for block in pair(layout, job.layouts, dialect)]
+    return (*pairs, *calls.blocks(job.layouts, dialect))
 
 
-def plan(job: Job, dialect: Dialect) -> Program | None:
-    """None where shmgen.toml lists no topic."""
-    if not job.topics:
+def plan(job: Job, dialect: Dialect, blocks: tuple[Block, ...]) -> Program | None:
+    """None where shmgen.toml lists no topic, service or action."""
+    if not job.uses:
         return None
-    order = sorted(job.topics, key=lambda topic: not topic.to_plc)
+    known = {block.name: block for block in blocks}
     structures: dict[str, Structure] = {}
     members, instances = [], []
-    for topic in order:
-        block = pair(job.layouts[topic.type], job.layouts, dialect)[1 if topic.to_plc else 0]
-        stored = _stored(block, topic)
+    for use in uses(job.topics, job.services, job.actions):
+        block = known[names.whole(use.block)]
+        stored = _stored(block)
         structures[stored.name] = stored
-        members.append(Variable(names.topic(topic.name), stored.name, f"{topic.name}, {topic.type}"))
-        instances.append(_instance(block, topic))
-    every = Structure("ST_Ros", "what the topics carry", tuple(members))
+        members.append(Variable(names.topic(use.name), stored.name, use.comment))
+        instances.append(_instance(block, use))
+    every = Structure("ST_Ros", "what the topics, services and actions carry", tuple(members))
     lists = [one for layout in ordered(job.layouts) if (one := _constants(layout, dialect))]
     return Program(
         names.PROGRAM,
@@ -73,32 +73,42 @@ def plan(job: Job, dialect: Dialect) -> Program | None:
         (Variable(names.GLOBALS, every.name, every.doc), *(variable for _, variable in lists)),
         tuple(instances),
         str(job.options.task_interval),
-        (*(f"{it.name}, {it.type}" for it in job.services), *(f"{it.name}, {it.type}" for it in job.actions)),
     )
 
 
-_HELD = {"xEnable", "sTopic", "udiDepth"}
+_HELD = {"xEnable", "sTopic", "sService", "sAction", "udiDepth"}
 """Inputs that the call gives."""
+_WHEN = {
+    "Msg": "{0}.xNewData",
+    "Request": "{0}.xExecute",
+    "Goal": "{0}.xExecute",
+    "Response": "{0}.xDone",
+    "Feedback": "{0}.xNewFeedback",
+    "Result": "{0}.xDone OR {0}.xAborted OR {0}.xError",
+}
+"""When a message that a block puts out can be new."""
 
 
-def _stored(block: Block, topic: Topic) -> Structure:
+def _stored(block: Block) -> Structure:
     """The structure with a block's outputs and those inputs that are the user's."""
     kept = [variable for variable in (*block.inputs, *block.outputs) if variable.name not in _HELD]
     return Structure(f"ST_Of_{block.name}", f"inputs and outputs of {block.name}", tuple(kept))
 
 
-def _instance(block: Block, topic: Topic) -> Instance:
-    name = names.topic(topic.name)
+def _instance(block: Block, use: Use) -> Instance:
+    name = names.topic(use.name)
     held = f"{names.GLOBALS}.{name}"
-    inputs = [variable.name for variable in block.inputs if variable.name not in _HELD]
-    call = ["xEnable := TRUE", f"sTopic := '{topic.name}'", f"udiDepth := {topic.depth}"]
-    call += [f"{one} := {held}.{one}" for one in inputs]
-    ends = [","] * (len(call) - 1) + [");"]
+    call = ["xEnable := TRUE,", *use.inputs]
+    inputs = [f"{one.name} := {held}.{one.name}" for one in block.inputs if one.name not in _HELD]
+    if inputs:
+        call[-1] = call[-1].removesuffix(");") + ","
+        call += [f"{one}," for one in inputs[:-1]] + [f"{inputs[-1]});"]
     behind = []
     for one in (variable.name for variable in block.outputs):
         line = f"{held}.{one} := {name}.{one};"
-        behind += [f"IF {name}.xNewData THEN", f"    {line}", "END_IF;"] if one == "Msg" else [line]
-    return Instance(name, block.name, tuple(map(str.__add__, call, ends)), tuple(behind))
+        when = _WHEN.get(one, "").format(name)
+        behind += [f"IF {when} THEN", f"    {line}", "END_IF;"] if when else [line]
+    return Instance(name, block.name, tuple(call), tuple(behind))
 
 
 def _constants(layout: Layout, dialect: Dialect) -> tuple[Structure, Variable] | None:

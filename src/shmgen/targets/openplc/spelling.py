@@ -43,8 +43,7 @@ def _literal(value: str, type_: str) -> str:
     if value in ("TRUE", "FALSE"):
         return value.lower()
     if type_ == "TIME":
-        assert value == "T#1s", "the only one there is"
-        return "INT64_C(1000000000)"
+        return f"INT64_C({value.removeprefix('T#').removesuffix('s')}000000000)"
     if type_ == "REAL":
         return f"{value}f"
     if type_ in ("ULINT", "LWORD"):

@@ -14,11 +14,12 @@ from shmgen.diagnostics import Report
 from shmgen.model import Output
 from shmgen.targets import Job
 from shmgen.targets.openplc import embedded, limits, names, program
-from shmgen.targets.openplc.blocks import Block, Variable, pair
+from shmgen.targets.openplc.blocks import Block, Variable
 from shmgen.targets.openplc.dialect import STRUCPP
+from shmgen.targets.openplc.names import whole
 from shmgen.targets.openplc.spelling import cpp_type, cpp_value, manifest_type
 from shmgen.targets.openplc.types import SECONDS, Structure, ordered, structure
-from shmgen.targets.st.names import ST_TIME
+from shmgen.targets.st.names import ST_TIME, st_type
 
 NAMES = names.capital_names("OpenPLC")
 PROTOCOL = "SHMGEN_PROTOCOL"
@@ -36,30 +37,31 @@ class Program(NamedTuple):
 
 
 def plan(job: Job, report: Report) -> Iterator[Output]:
-    """`openplc/<package>.stlib`, and where there are topics `openplc/PRG_Ros.st`."""
+    """`openplc/<package>.stlib`, and for what shmgen.toml names `openplc/PRG_Ros.st`."""
     limits.check(job.layouts, STRUCPP, "openplc", report)
     if report.diagnostics:
         return
-    made = program.plan(job, STRUCPP)
-    yield Output(f"openplc/{job.package}.stlib", "openplc/library.stlib.j2", Library(_library(job, made)))
+    blocks = program.blocks(job, STRUCPP)
+    made = program.plan(job, STRUCPP, blocks)
+    yield Output(f"openplc/{job.package}.stlib", "openplc/library.stlib.j2", Library(_library(job, blocks, made)))
     if made:
         yield Output(f"openplc/{names.PROGRAM}.st", "openplc/program_file.st.j2", Program(made))
 
 
-def _library(job: Job, made: program.Program | None) -> str:
+def _library(job: Job, blocks: tuple[Block, ...], made: program.Program | None) -> str:
     layouts = ordered(job.layouts)
     protocol = embedded.protocol(job)
-    blocks = [block for layout in program.carried(job) for block in pair(layout, job.layouts, STRUCPP)]
     own = [Structure(ST_TIME, "", SECONDS)] if any(layout.options.time == "struct" for layout in layouts) else []
-    carried = {structure(layout, STRUCPP): embedded.message(layout, job) for layout in layouts}
-    every = {**dict.fromkeys(own, ()), **carried, **dict.fromkeys(made.structures if made else (), ())}
+    messages = {structure(layout, STRUCPP): embedded.message(layout, job) for layout in layouts}
+    every = {**dict.fromkeys(own, ()), **messages, **dict.fromkeys(made.structures if made else (), ())}
     known = {one.name.upper() for one in every}
     chunks = [_chunk(job.package, PROTOCOL, "type", protocol.lines, (), ())]
     for one, lines in every.items():
         needs = [*([PROTOCOL] if lines else []), *_needs(one.members, known)]
         chunks.append(_chunk(job.package, one.name.upper(), "type", (*lines, *_structure(one)), (), needs))
     for block in blocks:
-        needs = [PROTOCOL, *_needs((*block.inputs, *block.outputs), known)]
+        carried = (whole(st_type(name)).upper() for name in block.needs)
+        needs = [PROTOCOL, *carried, *_needs((*block.inputs, *block.outputs), known)]
         chunks.append(_chunk(job.package, block.name.upper(), "functionBlock", _class(block), _body(block), needs))
     manifest = {
         "name": job.package,
