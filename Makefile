@@ -38,11 +38,13 @@ DDS  := libfastrtps-dev fastddsgen cyclonedds-dev cyclonedds-tools
 
 # Real processes on a machine that others use too: what fails is tried once more, and told also when it then passes.
 BUSY := --reruns 1
+# A part of the tests: make test TESTS=tests/cli
+TESTS :=
 
 # The extra `bench`, one by one: who cannot be had here is left out.
 PEERS := iceoryx2 cyclonedds eclipse-zenoh pyzmq asyncua pymodbus
 
-.PHONY: demo test test-all lint generated chaos model load load-record load-view load-bridge fuzz fuzz-many hostile mutants bench site dist clean
+.PHONY: demo test test-all lint generated pictures chaos model load load-record load-view load-bridge bare fuzz fuzz-many hostile mutants bench site dist clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/ready
@@ -52,11 +54,11 @@ demo: $(VENV)/ready
 
 test: $(VENV)/ready-to-test  ## with what is here; three minutes of setting up at most
 	$(MAKE) --no-print-directory lint
-	$(BIN)/python -m pytest -n auto $(BUSY) -m 'not slow'
+	$(BIN)/python -m pytest -n auto $(BUSY) -m 'not slow' $(TESTS)
 
 test-all: $(VENV)/ready-for-all  ## brings ROS 1, ROS 2, DDS and other machines' compilers first, 3 GB; then all tests, the slow ones too
 	$(MAKE) --no-print-directory lint
-	$(BIN)/python -m pytest -n auto $(BUSY)
+	$(BIN)/python -m pytest -n auto $(BUSY) $(TESTS)
 
 lint: $(VENV)/ready-to-test
 	$(BIN)/ruff check .
@@ -66,6 +68,10 @@ lint: $(VENV)/ready-to-test
 generated: $(VENV)/ready  ## regenerate the committed output
 	$(BIN)/shmgen generate --quiet
 	$(BIN)/shmgen show sensor_msgs/BatteryState --svg > docs/memory_map.svg
+
+pictures: $(VENV)/ready-to-test  ## docs/latency.svg, top.svg, and view.gif, which needs chromium
+	@$(call pip,$(BIN)) pillow
+	$(BIN)/python -m tests.pictures
 
 chaos: $(VENV)/ready-to-test  ## 20,000 kills, at most ten minutes; then 10,000 calls with a PLC at one end, and at both
 	$(BIN)/python -m tests.chaos
@@ -87,6 +93,9 @@ load-bridge: $(VENV)/ready-for-all  ## 10 topics at 100 Hz and one at 1 kHz thro
 	$(BIN)/python -m tests.load_bridge --backend ros1
 	$(BIN)/python -m tests.load_bridge --backend ros2
 	$(BIN)/python -m tests.load_bridge --backend dds
+
+bare:  ## as root: the commands of README on Debian 12, Debian 13 and Ubuntu 24.04 that have nothing, six times; ARGS="--help"
+	$(PYTHON) -m tests.bare $(ARGS)
 
 fuzz: $(VENV)/ready-to-test  ## five minutes of definitions nobody would write, guided by coverage
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[fuzz]'

@@ -10,6 +10,8 @@ import os
 import subprocess
 import sys
 import tempfile
+import threading
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -48,10 +50,16 @@ class Cell:
     def start_plc(self, *programs: str) -> None:
         """Compiles all Structured Text and calls PRG_Ros and `programs`, files of `here`, every millisecond."""
         sys.path.insert(0, str(REPOSITORY))
-        from tests.softplc import compile_st
+        own, generated = sorted(self.here.glob("*.st")), sorted((self.folder / "st").rglob("*.st"))
+        names = " and ".join(path.name for path in own)
+        print(
+            f"\nThe PLC: {names} and {len(generated)} generated files, compiled and called every millisecond",
+            flush=True,
+        )
+        with _told("compiling Structured Text by way of C++", "it is kept for the next time in .venv"):
+            from tests.softplc import compile_st
 
-        sources = [*(self.folder / "st").rglob("*.st"), *self.here.glob("*.st")]
-        compile_st({path.name: path.read_text() for path in sources}, self.folder / "plc")
+            compile_st({path.name: path.read_text() for path in (*generated, *own)}, self.folder / "plc")
         task = ["-m", "tests.softplc.task", self.folder / "plc" / "plc.so", "PRG_Ros", *programs]
         self.start("PLC", *task, "--period", "0.001", ready="running", cwd=REPOSITORY)
 
@@ -93,6 +101,26 @@ def cell(here: Path) -> Iterator[Cell]:
                 yield Cell(here, Path(folder), processes)
         finally:
             _clean(here / "shmgen.toml")
+
+
+@contextmanager
+def _told(doing: str, done: str) -> Iterator[None]:
+    """Says every ten seconds that something which takes long goes on, and how long it took."""
+    begun, over = time.monotonic(), threading.Event()
+
+    def tell() -> None:
+        while not over.wait(10):
+            print(f"   {doing}: {time.monotonic() - begun:.0f} s", flush=True)
+
+    thread = threading.Thread(target=tell, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+    if (took := time.monotonic() - begun) > 5:
+        print(f"   {doing} took {took:.0f} s; {done}", flush=True)
 
 
 def _clean(configuration: Path) -> None:

@@ -22,8 +22,7 @@ def one_slot(stage: Any) -> None:
     """Every sample lies in slot 0: a writer that dies half-way destroys the last complete one."""
     sample = Region.sample
     Region.sample = lambda region, number: sample(region, 0)  # type: ignore[method-assign]
-    for which in (PUBLISHER, SUBSCRIBER):
-        after_opening(stage, which, lambda side: side._disconnect())
+    in_python(stage)
 
 
 def completed_first(stage: Any) -> None:
@@ -118,6 +117,7 @@ def claim_kept(stage: Any) -> None:
 def second_token(stage: Any) -> None:
     """Who comes out of the lock posts it although there is a token already."""
     region.LOCK_MOST = 1 << 30
+    in_python(stage)
 
 
 def lock_lost(stage: Any) -> None:
@@ -128,6 +128,7 @@ def lock_lost(stage: Any) -> None:
         return isinstance(error, ValueError) and leave(self, error)
 
     Lock.leave = kept  # type: ignore[method-assign]
+    in_python(stage)
 
 
 CALM: tuple[Callable[[Any], None], ...] = (one_slot, completed_first, no_begun, begun_late, number_alone)
@@ -151,6 +152,12 @@ class Wrapped:
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.inner, name)
+
+
+def in_python(stage: Any) -> None:
+    """Nobody takes the way in C, in which no fault is planted: those who do would mend what others did wrong."""
+    for which in (PUBLISHER, SUBSCRIBER):
+        after_opening(stage, which, lambda side: side._disconnect())
 
 
 def after_opening(stage: Any, which: int, plant: Callable[[Any], None]) -> None:

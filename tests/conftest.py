@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import getpass
+import os
+import shutil
+import tempfile
 import uuid
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +17,8 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from shmgen.wording import counted
+
+from .support import machine
 
 if TYPE_CHECKING:
     from tests.support.plc_calls import Calls
@@ -23,6 +30,8 @@ SHARED = REPOSITORY.parent / "shared"
 # The machine may be busy, so how long an example takes says nothing about it.
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")
+
+machine.pretend()
 
 
 @pytest.fixture(scope="session")
@@ -41,6 +50,28 @@ def topic() -> Iterator[str]:
     yield f"/{name}"
     for file in Path("/dev/shm").glob(f"*{name.replace('/', '.')}*"):
         file.unlink()
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """What ROS, and whatever is killed, leaves in /tmp and ~/.ros goes with the session. Workers inherit this."""
+    if not hasattr(config, "workerinput"):
+        usual = os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", tempfile.gettempdir())  # folders of failed tests stay
+        before = {name: os.environ.get(name) for name in ("TMPDIR", "ROS_LOG_DIR")}
+        folder = tempfile.mkdtemp(prefix="shmgen-tests-")
+        os.environ |= {"TMPDIR": folder, "ROS_LOG_DIR": f"{folder}/ros"}
+        tempfile.tempdir = None  # asks again
+
+        def leave() -> None:
+            shutil.rmtree(folder, ignore_errors=True)
+            for name, value in before.items():
+                os.environ.pop(name)
+                os.environ |= {name: value} if value else {}
+            tempfile.tempdir = None
+            for empty in Path(usual).glob(f"pytest-of-{getpass.getuser()}"):
+                with suppress(OSError):
+                    empty.rmdir()
+
+        config.add_cleanup(leave)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

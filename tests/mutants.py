@@ -3,8 +3,8 @@
     python -m tests.mutants [FILE ...] [--sample N] [--seconds N] [--processes N]
 
 All happens in copies of the checkout. tests/mutants.toml says which tests matter for which file, and why a mutant that
-lives does no harm; those are not tried. A mutant meets the quickest tests that run its line first, and all that matter
-for its file if it lives on. Exit code 1 where one lives that is not explained there.
+lives does no harm; those are not tried. A mutant meets the quickest tests that run its line first, and if it lives on
+all that run it or start processes. Exit code 1 where one lives that is not explained there.
 """
 
 from __future__ import annotations
@@ -36,32 +36,42 @@ else:
 PLAN = REPOSITORY / "tests" / "mutants.toml"
 SLACK = 20
 """Seconds that tests of a mutant may last beyond three times what they last without one."""
-QUICK = 6
+QUICK = 2
 """Seconds that the first tests of a mutant last together, at most."""
 
 
 @dataclass
 class Room:
-    """Files and the tests that matter for them; how long they last and what each runs is learnt at the start."""
+    """Files and the tests that matter for them; how long they last and what each runs is learnt at the start.
+
+    These run without the extension in C, `native` with it.
+    """
 
     files: list[str]
     tests: list[str]
+    native: list[str]
     seconds: float = 0.0
     known: dict[str, Any] | None = None
 
-    def quick(self, mutant: Mutant) -> tuple[list[str], float]:
-        """The quickest tests that run a line of the mutant's, and their seconds."""
-        found: list[tuple[float, str]] = []
+    def tests_of(self, mutant: Mutant) -> list[tuple[list[str], float]]:
+        """The quickest tests that run a line of the mutant's, then all others that may, each with their seconds.
+
+        A test that starts processes may run any line; lines that no test runs are those of the module itself.
+        """
+        run, may = [], []
         for name, test in (self.known or {}).items():
             if any(mutant.line <= line <= mutant.last for line in test["lines"].get(mutant.file, ())):
-                found.append((test["seconds"], name))
-        chosen, spent = [], 0.0
-        for seconds, name in sorted(found):
-            if chosen and spent + seconds > QUICK:
-                break
-            chosen.append(name)
-            spent += seconds
-        return chosen, spent
+                run.append((test["seconds"], name))
+            elif test["elsewhere"]:
+                may.append((test["seconds"], name))
+        if not run:
+            return [(self.tests, self.seconds)]
+        run.sort()
+        first = 1
+        while first < len(run) and sum(seconds for seconds, _ in run[: first + 1]) < QUICK:
+            first += 1
+        parts = [run[:first], run[first:] + may]
+        return [([name for _, name in part], sum(seconds for seconds, _ in part)) for part in parts if part]
 
 
 def plan() -> tuple[list[Room], list[dict[str, str]]]:
@@ -72,7 +82,7 @@ def plan() -> tuple[list[Room], list[dict[str, str]]]:
     for entry in said["room"]:
         taken = {file for room in rooms for file in room.files}
         matching = [file for file in every if any(fnmatch(file, pattern) for pattern in entry["files"])]
-        rooms.append(Room([file for file in matching if file not in taken], entry["tests"]))
+        rooms.append(Room([file for file in matching if file not in taken], entry["tests"], entry.get("native", [])))
     return rooms, said.get("survivor", [])
 
 
@@ -100,13 +110,15 @@ def tried(mutants: list[Mutant], rooms: list[Room], processes: int, seconds: flo
     def one(mutant: Mutant) -> tuple[Mutant, str]:
         if time.monotonic() > end:
             return mutant, "not tried"
-        room = room_of[mutant.file]
-        first, spent = room.quick(mutant)
         worker = workers.get()
         try:
-            how = worker.try_(mutant, first, 3 * spent + SLACK) if first else "lives"
-            if how == "lives":
-                how = worker.try_(mutant, room.tests, 3 * room.seconds + SLACK)
+            how = "lives"
+            room = room_of[mutant.file]
+            for tests, spent in room.tests_of(mutant):
+                if how == "lives":
+                    how = worker.try_(mutant, tests, 3 * spent + SLACK)
+            if how == "lives" and room.native:
+                how = worker.try_(mutant, room.native, 3 * room.seconds + SLACK, pure=False)
             return mutant, how
         finally:
             workers.put(worker)

@@ -1,9 +1,10 @@
-"""Turns figures and screens into the pictures of the documentation: docs/latency.svg, top.svg, view.svg.
+"""Turns figures and screens into the pictures of the documentation: docs/latency.svg, top.svg, view.gif.
 
-    python -m tests.pictures
+    make pictures
 
-The latency is that of docs/performance.md, where benchmarks/latency.py's own lines stand; the screens are those of
-regions that this makes, with Textual's and Rich's drawings of them, which load nothing from anywhere.
+The latency is that of docs/performance.md, where benchmarks/latency.py's own lines stand. The screens are those of
+regions that a second process writes, as Textual and Rich draw them; `view.gif` also needs chromium, which turns such a
+drawing into dots, and Pillow, which makes one file of them.
 """
 
 from __future__ import annotations
@@ -13,10 +14,12 @@ import io
 import math
 import os
 import re
-import threading
+import subprocess
+import sys
+import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import escape
@@ -28,21 +31,29 @@ _TITLE = re.compile(r"(\d+) bytes at (\d+) Hz")
 _ROW = re.compile(r"  (spin|event|poll) +(.+?) +(\d+\.\d) +(\d+\.\d) +\d+\.\d +\d+\.\d\d +\d+")
 _FONTS = re.compile(r"@font-face \{.*?\}\s*", re.DOTALL)
 _LEFT, _WIDE, _LINE = 170, 560, 20
+_FILM = 1020
+"""Pixels; the width of view.gif."""
 _COLOURS = {"shmgen": "#1b7f4d", "by hand, Python": "#7a9e8a", "C": "#7a9e8a"}
 
 
 def main() -> None:
+    with suppress(PermissionError):  # for curves without gaps on a busy machine
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(5))
+    if sys.argv[1:] == ["move"]:
+        move()
     (DOCS / "latency.svg").write_text(latency((DOCS / "performance.md").read_text()))
     with moving():
         (DOCS / "top.svg").write_text(top())
-        (DOCS / "view.svg").write_text(asyncio.run(view()))
+        shots = asyncio.run(view())
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    film(shots, DOCS / "view.gif")
 
 
 def latency(page: str) -> str:
     """Bars to the median, lines to the 99th percentile, in microseconds on a logarithmic axis: 56 bytes, woken."""
     rows = [
         found.groups()
-        for found in map(_ROW.match, page[page.index("56 bytes at") : page.index("320 bytes at")].splitlines())
+        for found in map(_ROW.match, page[page.rindex("56 bytes at") : page.rindex("320 bytes at")].splitlines())
         if found
     ]
     rows = [(way, float(median), float(most)) for mode, way, median, most in rows if mode == "event"]
@@ -76,18 +87,24 @@ def latency(page: str) -> str:
     return "\n".join([*parts, "</svg>"]) + "\n"
 
 
-@contextmanager
-def moving() -> Iterator[None]:
-    """A cell at work: poses, a joint state, a temperature, a service that nobody calls."""
+def workshop() -> Any:
+    """Knows what `move` publishes."""
     from shmgen.config import load
     from shmgen.diagnostics import Report
-    from shmgen.live.classes import Workshop, publisher
+    from shmgen.live.classes import Workshop
     from shmgen.live.session import Session
+
+    with tempfile.NamedTemporaryFile("w", suffix=".toml") as file:
+        file.write('[bounds]\n"sensor_msgs/JointState" = 6\n')
+        file.flush()
+        return Workshop(Session(load(Path(file.name), "shmgen.toml", Report())), None)
+
+
+def move() -> None:
+    """A cell at work: poses, a joint state, a temperature, a speed, each 100 times a second until this is killed."""
+    from shmgen.live.classes import publisher
     from shmgen.tools import given
 
-    file = Path("/tmp") / f"shmgen-pictures-{os.getpid()}.toml"
-    file.write_text('[bounds]\n"sensor_msgs/JointState" = 6\n')
-    workshop = Workshop(Session(load(file, "shmgen.toml", Report())), None)
     names = [f"joint_{number}" for number in range(1, 7)]
 
     def values(angle: float) -> dict[str, tuple[str, int, Any]]:
@@ -104,28 +121,31 @@ def moving() -> Iterator[None]:
             "/cell/conveyor/speed": ("std_msgs/msg/Float64", 1, {"data": 0.25}),
         }
 
-    over = threading.Event()
+    known = workshop()
     with ExitStack() as held:
         made = {
-            topic: held.enter_context(publisher(workshop.message(kind), topic, depth))
+            topic: held.enter_context(publisher(known.message(kind), topic, depth))
             for topic, (kind, depth, _) in values(0.0).items()
         }
+        print("moving", flush=True)
+        begun = time.monotonic()
+        while True:
+            for topic, (_, _, data) in values(2 * (time.monotonic() - begun)).items():
+                made[topic].publish(given.build(made[topic].message_type, data))
+            time.sleep(0.01 - (time.monotonic() - begun) % 0.01)
 
-        def publish() -> None:
-            begun = time.monotonic()
-            while not over.wait(0.01):
-                for topic, (_, _, data) in values(2 * (time.monotonic() - begun)).items():
-                    made[topic].publish(given.build(made[topic].message_type, data))
 
-        thread = threading.Thread(target=publish)
-        thread.start()
-        moving.workshop = workshop  # type: ignore[attr-defined]
+@contextmanager
+def moving() -> Iterator[None]:
+    """Meanwhile another process moves."""
+    command = [sys.executable, "-m", "tests.pictures", "move"]
+    with subprocess.Popen(command, cwd=REPOSITORY, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
         try:
+            assert process.stdout.readline() == "moving\n"
             yield
         finally:
-            over.set()
-            thread.join()
-            file.unlink()
+            process.kill()
             for found in Path("/dev/shm").glob("*cell.*"):
                 found.unlink()
 
@@ -139,30 +159,81 @@ def top() -> str:
     for _ in range(4):
         rows = tool.look(past)
         time.sleep(0.5)
-    console = Console(record=True, width=142, file=io.StringIO())
-    first, *others = tool.table(tool.ordered(rows, "topic", reverse=False), "topic", 140)
-    console.print(first, style="reverse", highlight=False, markup=False)
-    for line in others:
+    lines = tool.table(tool.ordered(rows, "topic", reverse=False), "topic")
+    width = max(map(len, lines))
+    console = Console(record=True, width=width, file=io.StringIO())
+    console.print(lines[0].ljust(width), style="reverse", highlight=False, markup=False)
+    for line in lines[1:]:
         console.print(line, highlight=False, markup=False)
     return _FONTS.sub("", console.export_svg(title="shmgen top", unique_id="top"))
 
 
-async def view() -> str:
-    from textual.widgets import Tree
+async def view() -> list[tuple[str, int]]:
+    """Screens of a visit, and for how many milliseconds each is to be seen."""
+    from textual.widgets import TabbedContent, Tree
 
     from shmgen.view.app import Viewer
 
-    app = Viewer(moving.workshop, allow_write=False, topic="/cell/arm/pose")  # type: ignore[attr-defined]
-    async with app.run_test(size=(130, 34)) as pilot:
+    shots: list[tuple[str, int]] = []
+    app = Viewer(workshop(), allow_write=False)
+
+    def shoot(milliseconds: int) -> None:
+        shots.append((_FONTS.sub("", app.export_screenshot(title="shmgen view")), milliseconds))
+
+    async with app.run_test(size=(136, 24)) as pilot:
+        await pilot.pause(2.5)
+        await pilot.press("down")
+        await pilot.pause(0.2)
+        shoot(2500)
+        await pilot.press("enter")
         await pilot.pause(1)
+        shoot(1200)
         tree = app.screen.query_one(Tree)
         for axis in "xyz":
             tree.move_cursor(app.screen._fields[f"pose.position.{axis}"])  # type: ignore[attr-defined]
             await pilot.press("enter")
-            await pilot.pause(0.2)
-        await asyncio.sleep(11)
-        await pilot.pause(0.5)
-        return _FONTS.sub("", app.export_screenshot(title="shmgen view"))
+            for _ in range(3):
+                await pilot.pause(0.8)
+                shoot(600)
+        await pilot.pause(0.6)
+        shoot(2500)
+        app.screen.query_one(TabbedContent).active = "memory"
+        for milliseconds in (800, 2500):
+            await pilot.pause(0.6)
+            shoot(milliseconds)
+    return shots
+
+
+def film(shots: list[tuple[str, int]], target: Path) -> None:
+    """The drawings one after the other, in dots and few colours."""
+    from PIL import Image, ImageColor
+
+    frames = []
+    with tempfile.TemporaryDirectory() as folder:
+        for number, (drawing, _) in enumerate(shots):
+            width, height = (float(size) for size in re.findall(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', drawing)[0])
+            svg, dots = Path(folder, f"{number}.svg"), Path(folder, f"{number}.png")
+            svg.write_text(drawing)
+            size = f"--window-size={math.ceil(width)},{math.ceil(height)}"
+            how = ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", f"--screenshot={dots}", size]
+            subprocess.run(["chromium", *how, svg.as_uri()], check=True, capture_output=True, timeout=120)
+            small = (
+                Image.open(dots).convert("RGB").resize((_FILM, round(_FILM * height / width)), Image.Resampling.LANCZOS)
+            )
+            frames.append(small)
+    pure = sorted({found for drawing, _ in shots for found in re.findall(r"fill: ?(#[0-9a-f]{6})", drawing)})
+    ground = ImageColor.getrgb("#1e1e1e")  # edges of letters are between their colour and this
+    mixed = [
+        round(share * value + (1 - share) * below)
+        for colour in pure
+        for share in (1, 0.66, 0.33)
+        for value, below in zip(ImageColor.getrgb(colour), ground, strict=True)
+    ]
+    palette = Image.new("P", (1, 1))
+    palette.putpalette(mixed[: 3 * 256])
+    first, *others = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames)
+    times = [milliseconds for _, milliseconds in shots]
+    first.save(target, save_all=True, append_images=others, duration=times, loop=0, optimize=True)
 
 
 if __name__ == "__main__":

@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import posix_ipc
+
 from .conftest import REPOSITORY
 
 if sys.version_info >= (3, 11):
@@ -18,19 +20,49 @@ LOADED = (
 )
 
 
+PROJECT = tomllib.loads((REPOSITORY / "packaging/shmgen-runtime/pyproject.toml").read_text())
+HELD = tuple(
+    (REPOSITORY / "packaging/shmgen-runtime" / path).resolve()
+    for path in PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
+)
+
+
 def test_it_holds_what_the_runtime_loads() -> None:
-    folder = REPOSITORY / "packaging" / "shmgen-runtime"
-    project = tomllib.loads((folder / "pyproject.toml").read_text())
-    held = [
-        (folder / path).resolve() for path in project["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
-    ]
     done = subprocess.run([sys.executable, "-c", LOADED], capture_output=True, text=True, check=True, cwd=REPOSITORY)
     for file in map(Path, done.stdout.split()):
         if file.suffix == ".so":  # hatch_build.py adds it
             continue
-        assert any(file == path or path in file.parents for path in held), file
+        assert any(file == path or path in file.parents for path in HELD), file
     dependencies = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]["dependencies"]
-    assert set(project["project"]["dependencies"]) <= {line.partition(";")[0] for line in dependencies}
+    assert set(PROJECT["project"]["dependencies"]) <= {line.partition(";")[0] for line in dependencies}
+
+
+def test_beside_the_generated_code_it_needs_posix_ipc_only(tmp_path: Path, topic: str) -> None:
+    """In a Python that knows no shmgen. One that does uses its own, which may be quicker."""
+    (tmp_path / "shmgen.toml").write_text('messages = ["std_msgs/Int32"]\nruntime = "beside"\ntargets = ["python"]\n')
+    subprocess.run([sys.executable, "-m", "shmgen", "generate", "--quiet"], check=True, cwd=tmp_path)
+    generated = tmp_path / "generated" / "python"
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / Path(posix_ipc.__file__).name).symlink_to(posix_ipc.__file__)
+    code = f"""
+from shm_msgs.std_msgs.msg import Int32, Int32Publisher, Int32Subscriber
+with Int32Publisher({topic!r}) as publisher, Int32Subscriber({topic!r}) as subscriber:
+    publisher.publish(Int32(data=7))
+    print(subscriber.read().data)
+import shmgen.runtime
+print(shmgen.runtime.__file__)
+"""
+    paths = f"import sys; sys.path[:0] = [{str(generated)!r}, {str(other)!r}]\n"
+    alone = subprocess.run([sys.executable, "-I", "-S", "-c", paths + code], capture_output=True, text=True)
+    assert alone.stdout.split() == ["7", f"{generated}/shm_msgs/_beside/shmgen/runtime/__init__.py"], alone.stderr
+    installed = subprocess.run([sys.executable, "-c", paths + code], capture_output=True, text=True)
+    assert installed.stdout.split() == ["7", f"{REPOSITORY}/src/shmgen/runtime/__init__.py"], installed.stderr
+    held = {path for one in HELD for path in ([one] if one.suffix == ".py" else one.glob("*.py"))}
+    beside = generated / "shm_msgs" / "_beside"
+    assert {path.relative_to(beside) for path in beside.rglob("*.py")} == {
+        path.relative_to(REPOSITORY / "src") for path in held
+    }
 
 
 def test_generated_code_without_it_says_what_it_needs() -> None:

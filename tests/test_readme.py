@@ -52,6 +52,8 @@ def test_commands_print_what_the_page_shows(page: Path, tmp_path: Path, update_g
                 text=True,
                 check=False,
             )
+            told = any(word in shown for word in ("error", "fault", "hint"))
+            assert told or not result.returncode, f"$ {command}\n{result.stdout}"  # not even where `...` is shown
             if update_golden and "...\n" not in shown:
                 page.write_text(page.read_text().replace(f"$ {command}\n{shown}", f"$ {command}\n{result.stdout}"))
             else:

@@ -91,10 +91,14 @@ def cyclonedds(role: str, mode: str, size: int, name: str) -> Callable[..., Any]
 
 
 def zenoh(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
-    """Two peers that find each other on the loopback; its own thread receives."""
+    """Two peers that know each other's address, since the loopback has no multicast; its own thread receives."""
     import zenoh as z
 
-    session = z.open(z.Config())
+    config = z.Config()
+    address = f'["tcp/127.0.0.1:{20000 + sum(name.encode()) * 41 % 20000}"]'
+    config.insert_json5("connect/endpoints" if role == "send" else "listen/endpoints", address)
+    config.insert_json5("scouting/multicast/enabled", "false")
+    session = z.open(config)
     if role == "send":
         publisher = session.declare_publisher(name)
         encode = encoder(size)

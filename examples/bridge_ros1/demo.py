@@ -23,7 +23,6 @@ def main() -> int:
         sys.exit(f"{PYTHON} is not there: `make test-all` as root installs Debian's ROS 1 and makes it")
     with cell(HERE) as made, ExitStack() as processes:
         made.generate()
-        print("\nThe PLC: PRG_Belt.st and what was generated, compiled and called every millisecond", flush=True)
         made.start_plc("PRG_Belt")
         ros = Ros(processes, "/shmgen_demo/robot", "/shmgen_demo/speed")
         ros.start("rosmaster", "rosmaster_main", "--core", "-p", str(ros.port))

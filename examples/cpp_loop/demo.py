@@ -24,7 +24,6 @@ def main() -> int:
         print("\n$ g++ -std=c++17 -O2 -I generated/cpp loop.cpp -o loop", flush=True)
         flags = ["-std=c++17", "-O2", "-Wall", "-Wextra", "-Werror", f"-I{made.folder}/cpp"]
         subprocess.run(["g++", *flags, HERE / "loop.cpp", "-o", program, "-lrt", "-lpthread"], check=True)
-        print("\nThe PLC: PRG_Drive.st and what was generated, compiled and called every millisecond", flush=True)
         made.start_plc("PRG_Drive")
         print(f"\n$ ./loop {SECONDS}", flush=True)
         done = subprocess.run([program, str(SECONDS)], stdout=subprocess.PIPE, text=True, check=False)

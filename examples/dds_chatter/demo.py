@@ -15,7 +15,6 @@ def main() -> int:
     """Exit status of the talker."""
     with cell(HERE) as here:
         here.generate()
-        print("\nThe PLC: PRG_Listener.st and what was generated, compiled and called every millisecond", flush=True)
         here.start_plc("PRG_Listener")
         here.start_bridge("dds")
         return here.run("talker.py")

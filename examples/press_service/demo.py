@@ -15,7 +15,6 @@ def main() -> int:
     """Exit status of the robot."""
     with cell(HERE) as here:
         here.generate()
-        print("\nThe PLC: PRG_Press.st and what was generated, compiled and called every millisecond", flush=True)
         here.start_plc("PRG_Press")
         return here.run("robot.py", "/press/run", "/press/unload")
 

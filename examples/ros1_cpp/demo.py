@@ -29,7 +29,6 @@ def main() -> int:
     with cell(HERE) as made, ExitStack() as processes:
         made.generate()
         node = build(made)
-        print("\nThe PLC: PRG_Belt.st and what was generated, compiled and called every millisecond", flush=True)
         made.start_plc("PRG_Belt")
         ros = Ros(processes, "/shmgen_node/robot", "/shmgen_node/speed")
         ros.start("rosmaster", "rosmaster_main", "--core", "-p", str(ros.port))

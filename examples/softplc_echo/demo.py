@@ -19,7 +19,6 @@ def main() -> int:
             if path.is_file():
                 print(f"   {path.relative_to(here.folder)}")
         here.shmgen("show", "geometry_msgs/Pose")
-        print("\nThe PLC: PRG_Conveyor.st and what was generated, compiled and called every millisecond", flush=True)
         here.start_plc("PRG_Conveyor")
         return here.run("robot.py", "/cell/pose", "/cell/conveyor")
 

@@ -113,6 +113,7 @@ def job_of(config: Config, layouts: Layouts, report: Report) -> Job:
     options = Options(
         regions=config.regions,
         distribution=config.distribution,
+        beside=config.runtime == "beside",
         task_interval=config.task_interval,
         ros_package=config.ros_package,
         node=config.bridge.node,
@@ -192,6 +193,7 @@ def settings(config: Config) -> dict[str, object]:
         "targets": list(config.targets),
         "package": config.package,
         **({"distribution": config.distribution} if config.distribution else {}),
+        **({"runtime": config.runtime} if config.runtime != "installed" else {}),
         **({"ros_package": config.ros_package} if config.ros_package else {}),
         "bool": config.types.bool,
         "time": config.types.time,

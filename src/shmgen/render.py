@@ -21,6 +21,8 @@ def render(outputs: Iterable[Output]) -> dict[str, str]:
         assert output.path not in texts, f"two outputs at {output.path}"
         if output.template.endswith(".j2"):
             texts[output.path] = _environment().get_template(output.template).render(view=output.view)
+        elif output.template.startswith("shmgen/"):  # of this package
+            texts[output.path] = (Path(__file__).parents[1] / output.template).read_text(encoding="utf-8")
         else:  # written by hand
             texts[output.path] = (template_folder() / output.template).read_text(encoding="utf-8")
     return dict(sorted(texts.items()))

@@ -39,6 +39,7 @@ typedef struct shmgen_call {
     bool busy;
     bool aborted;
     bool failed;
+    uint8_t unused[7]; /* up to eight bytes */
 } shmgen_call;
 
 typedef struct shmgen_block {

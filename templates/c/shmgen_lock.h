@@ -15,6 +15,8 @@ extern "C" {
 
 /* Tokens too many that one call takes away at most. */
 #define SHMGEN_SURPLUS 64
+/* Tries before a wait: who has completed a sample comes out 50 ns later, and a sleep costs some 5,000. */
+#define SHMGEN_SPINS 64
 
 #if defined(__GLIBC_PREREQ)
 #if __GLIBC_PREREQ(2, 30)
@@ -54,6 +56,14 @@ static inline bool shmgen_token(sem_t *semaphore, int64_t ns)
     }
     return true;
 #endif
+}
+
+static inline bool shmgen_spin(sem_t *semaphore)
+{
+    for (int left = SHMGEN_SPINS; left > 0; left--)
+        if (sem_trywait(semaphore) == 0)
+            return true;
+    return false;
 }
 
 /* Posts unless there is a token already: two would let two in, or end a later wait early. */
@@ -105,19 +115,36 @@ static inline bool shmgen_take_over(shmgen_link *link, int64_t limit)
     return inside;
 }
 
-/* After a try that failed: waits, unless this same stay has been waited for already, and heals. */
+static inline int64_t shmgen_slice(int64_t limit)
+{
+    return limit < SHMGEN_LOCK_MS * SHMGEN_MS ? limit : SHMGEN_LOCK_MS * SHMGEN_MS;
+}
+
+/* After a try that failed: waits, unless this same stay has been waited for already, and heals. Where the lock is needed
+ * there is nothing else to do than to wait on, until the limit or the healing. */
 static inline bool shmgen_wait_for_lock(shmgen_link *link, int64_t limit)
 {
-    shmgen_note_stay(link);
-    if (limit > 0 && link->seen == 1) {
-        link->seen = 2;
-        if (shmgen_token(link->lock, limit))
+    const int64_t end = limit > 0 ? shmgen_now() + limit : 0;
+    int64_t left = limit;
+    do {
+        shmgen_note_stay(link);
+        if (left > 0 && (link->seen == 1 || !SHMGEN_KEEPS_ORDER)) {
+            link->seen = 2;
+            if (shmgen_token(link->lock, SHMGEN_KEEPS_ORDER ? left : shmgen_slice(left)))
+                return true;
+        }
+        if (shmgen_is_overdue(link) && shmgen_take_over(link, shmgen_slice(limit)))
             return true;
-    }
-    if (shmgen_is_overdue(link) && shmgen_take_over(link, limit))
-        return true;
+        left = end - (left > 0 ? shmgen_now() : end);
+    } while (left > 0 && !SHMGEN_KEEPS_ORDER);
     link->misses++;
     return false;
+}
+
+/* ns to wait for the lock within a call that has so many left: where the lock is needed all of them. */
+static inline int64_t shmgen_limit_within(const shmgen_link *link, int64_t left)
+{
+    return left <= 0 ? 0 : left < link->limit || !SHMGEN_KEEPS_ORDER ? left : link->limit;
 }
 
 /* Goes inside. False: the lock was not free in time, or there is none; see shmgen_may_go_on(). */
@@ -125,7 +152,7 @@ static inline bool shmgen_enter(shmgen_link *link, int64_t limit)
 {
     if (link->lock == NULL)
         return false;
-    if (sem_trywait(link->lock) != 0 && !shmgen_wait_for_lock(link, limit))
+    if (sem_trywait(link->lock) != 0 && (limit <= 0 || !shmgen_spin(link->lock)) && !shmgen_wait_for_lock(link, limit))
         return false;
     shmgen_store(link, SHMGEN_AT(lock_count), shmgen_load(link, SHMGEN_AT(lock_count)) + 1);
     shmgen_store(link, SHMGEN_AT(lock_holder), link->pid);

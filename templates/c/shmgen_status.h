@@ -23,7 +23,6 @@ typedef enum shmgen_status {
     SHMGEN_SIZEOF_MISMATCH = 5,
     SHMGEN_LIMIT_INVALID = 6,
     SHMGEN_GROUP_UNKNOWN = 7,
-    SHMGEN_NEEDS_LOCK = 8,
     SHMGEN_REGION_NO_ACCESS = 10,
     SHMGEN_REGION_NO_MEMORY = 11,
     SHMGEN_REGION_SIZE_MISMATCH = 12,
@@ -38,6 +37,7 @@ typedef enum shmgen_status {
     SHMGEN_SEMAPHORE_NO_ACCESS = 30,
     SHMGEN_SEMAPHORE_FAILED = 31,
     SHMGEN_LOCK_TIMEOUT = 33,
+    SHMGEN_SEMAPHORE_BITNESS = 34,
     SHMGEN_WRITER_IN_USE = 40,
     SHMGEN_CLAIM_LOST = 41,
     SHMGEN_CALL_TIMEOUT = 50,
@@ -64,7 +64,6 @@ static inline const char *shmgen_status_text(shmgen_status status)
     case SHMGEN_SIZEOF_MISMATCH: return "the buffer is not of the message's size";
     case SHMGEN_LIMIT_INVALID: return "the time limit of the lock is more than a second";
     case SHMGEN_GROUP_UNKNOWN: return "there is no such group here";
-    case SHMGEN_NEEDS_LOCK: return "sync = \"sequence\" needs a machine that keeps the order of loads and stores";
     case SHMGEN_REGION_NO_ACCESS: return "this user may not open or make the region: see docs/deploy.md";
     case SHMGEN_REGION_NO_MEMORY: return "no room in /dev/shm";
     case SHMGEN_REGION_SIZE_MISMATCH: return "the region has another size: another depth or message";
@@ -79,6 +78,7 @@ static inline const char *shmgen_status_text(shmgen_status status)
     case SHMGEN_SEMAPHORE_NO_ACCESS: return "this user may not open the semaphore: see docs/deploy.md";
     case SHMGEN_SEMAPHORE_FAILED: return "there is no semaphore of this machine's C library";
     case SHMGEN_LOCK_TIMEOUT: return "the lock was not free in time";
+    case SHMGEN_SEMAPHORE_BITNESS: return "the semaphore is of a program of other bitness: sync = \"sequence\" needs none";
     case SHMGEN_WRITER_IN_USE: return "somebody else publishes already: one writer a topic";
     case SHMGEN_CLAIM_LOST: return "another writer has taken the topic over";
     case SHMGEN_CALL_TIMEOUT: return "no answer in time";

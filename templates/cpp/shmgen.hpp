@@ -91,6 +91,11 @@ public:
     [[nodiscard]] Status publish(const T &message) noexcept { return send(message, end_.end.limit); }
     // Never waits, and where all is well makes no system call.
     [[nodiscard]] Status try_publish(const T &message) noexcept { return send(message, 0); }
+    // As publish(), in a call that has so long left: where the lock is needed all of it.
+    [[nodiscard]] Status publish_within(const T &message, std::chrono::nanoseconds left) noexcept
+    {
+        return send(message, shmgen_limit_within(&end_.end, left.count()));
+    }
     // Tells readers that the writer lives, without a sample.
     Status heartbeat() noexcept { return shmgen_publisher_heartbeat(&end_); }
 

@@ -41,13 +41,14 @@ public:
     template <class Rep, class Period>
     [[nodiscard]] Status send_goal(const Goal &goal, std::chrono::duration<Rep, Period> timeout) noexcept
     {
-        if (!caller_.wait_for_server(calls::time_of(timeout)))
+        const auto deadline = calls::deadline_of(calls::time_of(timeout));
+        if (!caller_.wait_for_server(calls::left(deadline)))
             return status_ = SHMGEN_NO_SERVER;
         goal_status_ = 0;
         feedback_.reset();
         Command command;
         command.goal = goal;
-        return status_ = caller_.ask(command);
+        return status_ = caller_.ask(command, deadline);
     }
     // The newest feedback on the goal, once.
     std::optional<Feedback> feedback() noexcept
@@ -178,8 +179,8 @@ public:
                     return status_;
                 continue;
             }
-            const Aborting aborting{*goal};
-            goal->accept();
+            const Aborting aborting{*goal, deadline};
+            callee_.insist(deadline, [&] { return goal->accept(); });
             handler(*goal);
         }
     }
@@ -205,7 +206,11 @@ private:
     using Progress = typename Action::Progress;
     struct Aborting {
         Goal &goal;
-        ~Aborting() { goal.abort(); }
+        calls::Clock::time_point deadline;
+        ~Aborting()
+        {
+            goal.server_->callee_.insist(deadline, [this] { return goal.abort(); });
+        }
     };
 
     // Takes one command. The number of the callee is that of the newest goal known.
@@ -225,7 +230,8 @@ private:
         } else { // nobody has taken that goal: it waits here, or its cancel has overwritten it
             callee_.begin(command->cancel);
             waiting_.reset();
-            end(command->cancel, Outcome::CANCELED, Result());
+            const auto deadline = calls::deadline_of(calls::Nanoseconds((SHMGEN_HEAL_MS + SHMGEN_PEER_MS) * SHMGEN_MS));
+            callee_.insist(deadline, [&] { return end(command->cancel, Outcome::CANCELED, Result()); });
         }
     }
     bool unwanted(std::uint32_t number) noexcept

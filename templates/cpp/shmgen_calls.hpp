@@ -54,12 +54,14 @@ public:
     // Sends a question, and gives the one before up.
     Status ask(const Question &question) noexcept
     {
-        number_ = 0;
-        answers_.skip(); // what is there answers nothing that is still to come
-        const Status status = questions_.publish(question);
-        if (status == SHMGEN_OK)
-            number_ = questions_.sequence();
-        return status;
+        give_way();
+        return asked(questions_.publish(question));
+    }
+    // The same in a call that ends then.
+    Status ask(const Question &question, Clock::time_point deadline) noexcept
+    {
+        give_way();
+        return asked(questions_.publish_within(question, left(deadline)));
     }
     Status tell(const Question &message) noexcept { return questions_.publish(message); }
     // Answers come in the order of their questions, so the newest is enough.
@@ -92,6 +94,17 @@ public:
     }
 
 private:
+    void give_way() noexcept
+    {
+        number_ = 0;
+        answers_.skip(); // what is there answers nothing that is still to come
+    }
+    Status asked(Status status) noexcept
+    {
+        if (status == SHMGEN_OK)
+            number_ = questions_.sequence();
+        return status;
+    }
     std::optional<Answer> own(std::optional<Answer> answer) noexcept
     {
         if (!answer || number_ == 0 || (*answer).*Key != number_)
@@ -180,6 +193,20 @@ public:
         return status;
     }
 
+    // Sends an answer as often as it takes until the lock lets it through: of a lock no server ends. Not beyond the
+    // deadline, nor once there is a newer question, since nobody waits for this answer any more.
+    template <class Send> Status insist(Clock::time_point deadline, Send &&send) noexcept
+    {
+        for (;;) {
+            const Status status = send();
+            if (status != SHMGEN_LOCK_TIMEOUT || left(deadline) == Nanoseconds::zero() ||
+                questions_.ready(Nanoseconds::zero()))
+                return status;
+            answers_.heartbeat();
+            shmgen_pause(2 * SHMGEN_MS);
+        }
+    }
+
 private:
     Subscriber<Question> questions_;
     Publisher<Answer> answers_;
@@ -220,7 +247,7 @@ public:
         const auto deadline = calls::deadline_of(calls::time_of(timeout));
         if (!caller_.wait_for_server(calls::left(deadline)))
             return ended(SHMGEN_NO_SERVER);
-        const Status status = caller_.ask(request);
+        const Status status = caller_.ask(request, deadline);
         if (status != SHMGEN_OK)
             return ended(status);
         const auto reply = caller_.wait(calls::left(deadline));
@@ -308,10 +335,10 @@ public:
                     return status_;
                 continue;
             }
-            const Failing failing{*this, *call};
+            const Failing failing{*this, *call, deadline};
             const std::optional<Response> response = handler(call->request);
             if (response)
-                status_ = reply(*call, *response);
+                status_ = callee_.insist(deadline, [&] { return reply(*call, *response); });
         }
     }
     // The newest request not taken yet. Take or wait often: it shows a PLC that the server lives.
@@ -351,7 +378,11 @@ private:
     struct Failing {
         Server &server;
         const Call &call;
-        ~Failing() { server.fail(call); }
+        calls::Clock::time_point deadline;
+        ~Failing()
+        {
+            server.callee_.insist(deadline, [this] { return server.fail(call); });
+        }
     };
 
     calls::Callee<Request, typename Service::Reply> callee_;

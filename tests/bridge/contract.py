@@ -109,7 +109,7 @@ class Line:
         self.others: list[Any] = []
         self.inside = 0
         self.most_inside = 0
-        self.new = scene.backend.subscribe(wire, self)
+        self.new = scene.backend.subscribe(wire, self).new
         self.outlet = scene.backend.publisher(wire)
 
     def take(self, message: Any) -> None:

@@ -14,7 +14,9 @@ sys.path.insert(0, str(GENERATED))
 
 PEER = f"""
 import sys, time
-sys.path.insert(0, {str(GENERATED)!r})
+sys.path[:0] = [{str(GENERATED)!r}, {str(REPOSITORY)!r}]
+from tests.support import machine
+machine.pretend()
 from shm_service.cell_msgs.srv import *
 from shm_service.cell_msgs.action import *
 

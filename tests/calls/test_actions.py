@@ -19,6 +19,7 @@ from shm_service.cell_msgs.action import (
 )
 
 from shmgen import runtime
+from shmgen.runtime import header as h
 
 SERVE = """
 def move(goal):
@@ -165,6 +166,56 @@ def test_an_interrupt_aborts_the_goal_and_ends_the_server(pair):
     assert client.result(1).status == Move_Outcome.ABORTED
 
 
+def test_what_is_handled_has_been_accepted_and_names_are_as_given(pair, topic):
+    server, client = pair
+    assert client.server_is_ready()
+    assert client.wait_for_server(0)
+    assert not server.take()
+    seen = []
+
+    def handler(goal):
+        seen.append((client.status, goal.number, goal.is_awaited))
+        goal.succeed(Move_Result())
+        seen.append(goal.is_awaited)
+
+    assert client.send_goal(Move_Goal(), timeout=1) == 1
+    server.serve(handler, timeout=0.05)
+    assert seen == [(Move_Progress.ACCEPTED, 1, True), False]
+    assert (client.action, server.action, server.client_lives()) == (topic, topic, True)
+    client.close()
+    assert not server.client_lives()
+
+
+def test_only_a_server_with_nothing_to_do_waits(pair, monkeypatch):
+    server, client = pair
+    first = sent(server, client)
+    client.send_goal(Move_Goal(position=2.0), timeout=1)
+    asked, take = [], server._callee.take
+    monkeypatch.setattr(server._callee, "take", lambda timeout: asked.append(timeout) or take(0.0))
+    assert first.is_cancel_requested
+    assert server.wait(30).request.position == 2.0
+    assert server.take() is None
+    assert asked == [0.0] * 3
+    assert server.wait(0.01) is None
+    assert 0 < asked[3] <= 0.01
+
+
+def test_a_plc_is_a_client_while_its_heartbeat_moves(topic, monkeypatch):
+    now = time.monotonic()
+    with MoveActionServer(topic) as server:
+        words = server._callee._questions._words
+        assert not server.client_lives()
+        words[h.WRITER], words[h.HEARTBEAT] = h.PLC, 5
+        assert server.client_lives()
+        monkeypatch.setattr("shmgen.runtime.subscriber.time", SimpleNamespace(monotonic=lambda: now))
+        now += 10.0
+        assert not server.client_lives()
+        for beat, later, lives in ((6, 0.0, True), (6, 0.99, True), (6, 0.02, False), (7, 0.0, True)):
+            now += later
+            words[h.HEARTBEAT] = beat
+            assert server.client_lives() is lives
+
+
 # --- cancels ---------------------------------------------------------------------------------------
 
 
@@ -250,6 +301,22 @@ time.sleep(20)
             assert client.poll() is None
             assert server.take().succeed(Move_Result(position=2.0))
             assert client.poll().result.position == 2.0
+
+
+def test_a_new_client_knows_nothing_of_a_goal_that_was_left_but_may_cancel_it(topic):
+    with MoveActionServer(topic) as server:
+        with MoveActionClient(topic) as former:
+            former.cancel_former()  # nothing has been left to it
+            assert server.take() is None
+            left = sent(server, former)
+            assert left.publish_feedback(Move_Feedback(position=0.5))
+            former.cancel_former()  # which has a goal itself
+            assert not left.is_cancel_requested
+        with MoveActionClient(topic) as client:
+            assert (client.status, client.feedback()) == (0, None)
+            assert left.publish_feedback(Move_Feedback(position=0.7))
+            client.cancel_former()
+            assert left.is_cancel_requested
 
 
 def test_without_a_server_nothing_is_sent(topic):

@@ -14,6 +14,7 @@ from types import SimpleNamespace
 import pytest
 from shm_service.cell_msgs.action import Move_CommandPublisher
 from shm_service.cell_msgs.srv import (
+    Start_Reply,
     Start_ReplyPublisher,
     Start_Request,
     Start_RequestPublisher,
@@ -24,6 +25,7 @@ from shm_service.cell_msgs.srv import (
 )
 
 from shmgen import runtime
+from shmgen.runtime import calls, lock
 from shmgen.runtime import header as h
 
 RUNTIME = str(Path(runtime.__file__).parent)
@@ -191,17 +193,48 @@ def test_an_exception_behind_any_step_of_an_answer(topic):
         assert step > 30
 
 
-def test_without_a_server_nothing_is_sent(topic):
+def test_without_a_server_nothing_is_sent(topic, monkeypatch):
     with StartClient(topic) as client, Start_RequestSubscriber(f"{topic}-request") as bystander:
         begin = time.monotonic()
         with pytest.raises(runtime.NoServer, match="the request was not sent"):
             client.call(request(), timeout=0.2)
         assert 0.2 <= time.monotonic() - begin < 2
         assert not client.server_is_ready()
+        asked, words = [], client._caller._answers._words
+        monkeypatch.setattr(client._caller, "wait_for_server", asked.append)
+        client.server_is_ready()
+        words[h.WRITER] = h.PLC
+        client.server_is_ready()
+        words[h.WRITER] = 0
+        monkeypatch.undo()
+        assert asked == [0.0, 1.0], "of a PLC it is known within a second"
         assert bystander.read() is None
         with StartServer(topic):
             assert client.server_is_ready()
         assert not client.server_is_ready()
+
+
+def test_who_waits_for_a_server_looks_each_two_milliseconds(topic, monkeypatch):
+    naps, now = [], 100.0
+
+    def sleep(seconds):
+        nonlocal now
+        naps.append(seconds)
+        now += seconds
+
+    with StartClient(topic) as client:
+        monkeypatch.setattr(calls, "time", SimpleNamespace(monotonic=lambda: now, sleep=sleep))
+        assert not client.wait_for_server(0.005)
+        assert naps[:3] == pytest.approx([0.002, 0.002, 0.001])
+
+
+def test_a_closed_client_does_not_wait(topic):
+    client = StartClient(topic)
+    client.send(request())
+    client.close()
+    for use in (client.poll, lambda: client.wait(30), lambda: client.send(request())):
+        with pytest.raises(runtime.Closed):
+            use()
 
 
 def test_a_call_waits_for_a_server_that_comes(topic, peer):
@@ -247,6 +280,25 @@ def test_a_reply_that_comes_between_two_calls_is_not_taken_for_the_second(topic)
         assert server.reply(late, answer(late.request))
         assert client.poll() is None
         assert server.take().request.batch == 2
+
+
+def test_a_reply_to_another_call_does_not_end_the_wait(topic, monkeypatch):
+    with StartServer(topic), StartClient(topic) as client:
+        number = client.send(request(1))
+        replies = [Start_Reply(call=call, status=Start_Reply.DONE) for call in (number + 1, number)]
+        monkeypatch.setattr(client._caller._answers, "wait", lambda left: replies.pop(0))
+        assert client.wait(30) is not None
+        assert not replies
+        assert client.wait(30) is None, "no call is open, so there is nothing to wait for"
+
+
+def test_a_request_that_could_not_be_sent_gives_the_one_before_up_all_the_same(topic):
+    with StartServer(topic) as server, StartClient(topic) as client:
+        assert client.send(request(1)) == 1
+        with pytest.raises(runtime.ValueRejected):
+            client.send(SimpleNamespace(on=True, batch=-1))
+        assert server.reply(server.take(), Start_Response())
+        assert client.poll() is None
 
 
 def test_a_request_overwritten_before_it_was_taken_is_dropped(topic):
@@ -441,3 +493,65 @@ def test_a_server_that_waits_shows_that_it_lives(topic):
         before = client._caller._answers._words[h.HEARTBEAT]
         assert server.wait(0.3) is None
         assert client._caller._answers._words[h.HEARTBEAT] - before >= 3
+
+
+# --- where the lock is needed --------------------------------------------------------------------
+
+
+@pytest.fixture
+def on_arm(monkeypatch):
+    monkeypatch.setattr(lock, "keeps_order", lambda: False)
+
+
+def leave_locked(side, holder):
+    """As a process killed inside leaves it."""
+    assert side._region.semaphore.acquire(False)
+    side._lock.forget()
+    side._region.words[h.LOCK_COUNT] += 1
+    side._region.words[h.LOCK_HOLDER] = holder
+
+
+@pytest.mark.usefixtures("on_arm")
+def test_no_server_ends_of_a_lock_that_a_dead_process_has(topic, caplog):
+    """Neither side raises, whatever its limit for the lock: the call lasts until the lock is healed."""
+    dead = 2**22 + 1  # beyond the greatest pid that Linux gives
+    with StartServer(topic, lock_timeout=0.001) as server, StartClient(topic, lock_timeout=0.001) as client:
+        server_thread = threading.Thread(target=server.serve, args=(answer, 5.0))
+        server_thread.start()
+        assert client.wait_for_server(5)
+        leave_locked(client._caller._questions, dead)
+        leave_locked(server._callee._answers, dead)
+        assert client.call(request(4), timeout=10).batch == 8
+        assert client.call(request(5), timeout=10).batch == 10
+        server_thread.join(10)
+    assert "waits for the lock" in caplog.text
+
+
+@pytest.mark.usefixtures("on_arm")
+def test_a_call_that_finds_no_free_lock_ends_in_its_time(topic):
+    with StartServer(topic) as server, StartClient(topic) as client:
+        leave_locked(client._caller._questions, h.PLC)
+        start = time.monotonic()
+        with pytest.raises(runtime.LockTimeout):
+            client.call(request(), timeout=0.1)
+        assert 0.1 <= time.monotonic() - start < 0.6
+        assert server.take() is None
+
+
+@pytest.mark.usefixtures("on_arm")
+def test_an_answer_that_waits_for_the_lock_gives_way_to_a_newer_call(topic):
+    with StartServer(topic, lock_timeout=0) as server, StartClient(topic) as client:
+        leave_locked(server._callee._answers, h.PLC)
+        server._callee._answers._lock._since += 3600
+        asked = []
+
+        def handler(request):
+            asked.append(request.batch)
+            if len(asked) == 1:
+                client.send(Start_Request(on=True, batch=2))
+            return answer(request)
+
+        client.send(request())
+        server.serve(handler, 0.2)
+        assert asked == [1, 2]
+        assert client.poll() is None

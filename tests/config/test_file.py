@@ -40,6 +40,7 @@ def test_an_empty_file_says_nothing(tmp_path: Path) -> None:
         ('package = "robot_shm"', {"package": "robot_shm"}),
         ("max_region = 4096", {"max_region": 4096}),
         ('distribution = "robot-shm 1.2.0rc1"', {"distribution": "robot-shm 1.2.0rc1"}),
+        ('runtime = "beside"', {"runtime": "beside"}),
         ("max_region = 0x7FFF_FFFF", {"max_region": 2**31 - 1}),
         ('[types]\nbool = "BOOL"', {"types": TypeOptions(bool="BOOL")}),
         ('types.time = "LTIME"', {"types": TypeOptions(time="LTIME")}),

@@ -34,8 +34,12 @@ static int self(const char *topic)
     if (!shmgen_enter(&reader.subscriber.end.end, 0))
         return said("enter", SHMGEN_LOCK_TIMEOUT);
     status = c_publish(&writer, 101, 0); /* while somebody is inside */
-    shmgen_leave(&reader.subscriber.end.end);
-    printf("100 samples; with the lock held: %d\n", (int)status);
+    printf("100 samples; with the lock held: %d", (int)status);
+    shmgen_store(&reader.subscriber.end.end, SHMGEN_AT(lock_holder), 0x7FFFFFFE); /* a pid that Linux gives nobody */
+    status = c_publish(&writer, 102, 1);
+    if (status == SHMGEN_OK)
+        status = c_read(&reader, "read", 0, &found);
+    printf(", by a dead process: %d %u\n", (int)status, (unsigned)found.a);
     c_close(&writer);
     c_close(&reader);
     return 0;

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import os
 import subprocess
 import sys
 import threading
@@ -23,8 +24,9 @@ from ..support import cpp_peer
 from ..support.build import module
 from ..support.cpp_peer import Peer
 from ..support.plc_calls import DEFINITIONS, PACKAGE, Calls
+from ..support.plc_demo import Memory, semaphore
 
-FAILED, TIMEOUT, NO_SERVER, NOTHING = 51, 50, 54, 100
+FAILED, TIMEOUT, NO_SERVER, NOTHING, LOCK_TIMEOUT = 51, 50, 54, 100, 33
 SUCCEEDED, CANCELED, REJECTED = 4, 5, -1
 
 
@@ -193,3 +195,32 @@ def test_cpp_serves_goals_of_python(serve: Callable[[str, str], Any], action: Mo
         client.send_goal(action.Count_Goal(target=10**9), timeout=20)
         client.send_goal(action.Count_Goal(target=3), timeout=20)
         assert client.result(timeout=20).status == SUCCEEDED, "the newer one"
+
+
+def test_where_the_lock_is_needed_a_dead_holder_ends_no_server(program: Path, generated: Path, topic: str) -> None:
+    """Of either region: the call lasts until it is healed, and a time limit is a time limit."""
+    options = ["-DSHMGEN_KEEPS_ORDER=0"]
+    needing = cpp_peer.compiled(generated / "calls", "needing", cpp_peer.HERE / "calls.cpp", options=options)
+    server, client = Peer(needing), Peer(needing)
+    try:
+        assert (server.does(f"serve {topic} 20000"), client.does(f"client {topic}")) == (0, 0)
+        assert client.ask("ask 1 0 0 10000") == "0 4"
+        for half, question in (("-request", 2), ("-response", 3)):
+            leave_locked(topic + half, dead=True)
+            assert client.ask(f"ask {question} 0 0 10000") == f"0 {3 * question + 1}"
+        leave_locked(topic + "-request", dead=False)
+        begun = time.monotonic()
+        assert client.ask("ask 4 0 0 100").split()[0] == str(LOCK_TIMEOUT)
+        assert 0.1 <= time.monotonic() - begun < 0.6
+        assert client.ask("ask 5 0 0 10000") == "0 16"
+    finally:
+        server.kill()
+        client.close()
+
+
+def leave_locked(topic: str, *, dead: bool) -> None:
+    """As a process killed inside leaves it, or one that is still there."""
+    semaphore(topic).acquire()
+    memory = Memory(topic)
+    memory["lock_count"] += 1
+    memory["lock_holder"] = 2**22 + 1 if dead else os.getpid()

@@ -41,7 +41,7 @@ def build(maker: str, folder: Path, messages: Sequence[Message], topics: Sequenc
 
 
 def _fast(folder: Path, topics: Sequence[TypeName]) -> None:
-    _run(folder, "fastddsgen", "-cs", "-replace", "-d", str(folder), "peer.idl")
+    _run(folder, "fastddsgen", "-cs", "-replace", "-t", str(folder), "-d", str(folder), "peer.idl")
     types = ", ".join(f"new {scoped(name)}PubSubType()" for name in topics)
     sources = ["peer.cxx", "peerPubSubTypes.cxx", str(HERE / "fast_peer.cpp")]
     flags = ["-O0", "-w", "-I.", f"-DPEER_TYPES={types}", "-lfastrtps", "-lfastcdr"]

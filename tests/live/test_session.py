@@ -11,7 +11,7 @@ import pytest
 
 from shmgen import config, layout, pipeline, render
 from shmgen.bridge import choice
-from shmgen.bridge.backend import Caller, Outlet
+from shmgen.bridge.backend import Caller, Intake, Outlet
 from shmgen.bridge.run import run as run_bridge
 from shmgen.definitions import library
 from shmgen.diagnostics import Rejected, Report
@@ -78,7 +78,7 @@ def test_a_bridge(folder: Path, counted: Counter[str], monkeypatch: pytest.Monke
     made = SimpleNamespace(header=SimpleNamespace(stamp=Time()), x=0.0, parts=[], name="")
     backend = SimpleNamespace(
         publisher=lambda wire, *_: Outlet(lambda: made, lambda message: None),
-        subscribe=lambda wire, callback, *_: lambda: made,
+        subscribe=lambda wire, callback, *_: Intake(lambda: made),
         serve=lambda wire, answer, *_: None,
         client=lambda wire, *_: Caller(lambda: None, lambda request, timeout: None),
         now=Time,

@@ -141,20 +141,24 @@ def call(service, type, request, timeout=10.0):
 
 
 def act(action, type, period=0.02):
-    """Serves a Fibonacci: an order below 0 is rejected, one of 13 aborted, the rest counted up to with feedback."""
+    """Serves a Fibonacci: an order below 0 is rejected, one of 13 aborted, the rest counted up to.
+
+    The feedback is the last eight numbers.
+    """
 
     def execute(goal):
-        so_far = kind.Feedback()
+        so_far, feedback = [], kind.Feedback()
         for number in range(goal.request.order):
             if goal.is_cancel_requested:
                 goal.canceled()
                 ended.append(number)
                 return made(kind.Result, {"sequence": [-number]})
-            so_far.sequence = [*so_far.sequence, number]
-            goal.publish_feedback(so_far)
+            so_far.append(number)
+            feedback.sequence = so_far[-8:]
+            goal.publish_feedback(feedback)
             time.sleep(period)
         goal.abort() if goal.request.order == 13 else goal.succeed()
-        return made(kind.Result, {"sequence": so_far.sequence})
+        return made(kind.Result, {"sequence": so_far})
 
     kind = kind_of(type)
     clients[f"server of {action}"] = ActionServer(

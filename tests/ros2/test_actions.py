@@ -18,7 +18,7 @@ from shmgen.live.classes import action_client, action_server, subscriber
 from shmgen.runtime import ServedGoal
 
 from ..conftest import REPOSITORY
-from ..support.ros1 import Bridge
+from ..support.ros1 import PROMPTLY, Bridge
 from ..support.ros2 import Graph, Peer
 from .test_bridge import session
 
@@ -146,7 +146,7 @@ def test_ros_seeks_and_the_plc_acts(cell: Cell) -> None:
         waiting = threading.Thread(target=lambda: ends.append(cell.outcome()[0]))
         waiting.start()
         time.sleep(0.3)  # its question is on the way
-        assert cell.bridge.stop(signal.SIGTERM) < 2
+        assert cell.bridge.stop(signal.SIGTERM) < PROMPTLY
         waiting.join()
         assert ends == [ABORTED]
     cell.bridge.said("/reach +4 passed, 3 failed$")
@@ -191,7 +191,6 @@ def test_a_plc_that_is_not_there_says_nothing_or_is_killed(cell: Cell) -> None:
     cell.bridge.said("/reach +0 passed, 3 failed$")
 
 
-@pytest.mark.xfail(strict=False, reason="one time in four: the first answer of a server just found does not come")
 def test_what_a_killed_bridge_or_plc_leaves_is_cancelled(cell: Cell) -> None:
     """By the next bridge, which knows nothing of the goal; and a goal of ROS whose PLC is gone, by this one."""
     with cell.plc(count_up):
@@ -226,7 +225,8 @@ def test_the_plc_seeks_and_ros_acts(cell: Cell) -> None:
                 seen.append(list(feedback.sequence))
             time.sleep(0.001)
         assert (outcome.status, list(outcome.result.sequence)) == (SUCCEEDED, [0, 1, 2, 3, 4])
-        assert [0, 1, 2] in seen
+        assert seen
+        assert all(numbers == list(range(len(numbers))) for numbers in seen)  # of a region there is the newest only
         for order, status in ((-1, REJECTED), (13, ABORTED), (20, ABORTED)):  # 20 do not fit
             plc.send_goal(SimpleNamespace(order=order), 5)
             assert plc.result(LIMIT).status == status, order
@@ -242,7 +242,7 @@ def test_the_plc_seeks_and_ros_acts(cell: Cell) -> None:
         assert list(plc.result(LIMIT).result.sequence) == [0, 1]
         plc.send_goal(SimpleNamespace(order=10**6), 5)
         wait(lambda: plc.status, "its begin")
-        assert cell.bridge.stop(signal.SIGTERM) < 2
+        assert cell.bridge.stop(signal.SIGTERM) < PROMPTLY
         assert plc.result(LIMIT).status == ABORTED
     assert not [line for line in cell.bridge.lines if "Traceback" in line or "Error" in line]
 
@@ -253,7 +253,6 @@ PROFILE = """<?xml version="1.0"?><profiles xmlns="http://www.eprosima.com/XMLSc
 </discovery_config></builtin></rtps></participant></profiles>"""
 
 
-@pytest.mark.xfail(strict=False, reason="one time in four: the first answer of a server just found does not come")
 def test_a_killed_server_of_ros_ends_in_an_aborted_goal(cell: Cell, tmp_path: Path) -> None:
     """As soon as DDS takes it for gone: 2 s here, 20 s as Fast DDS has it."""
     (tmp_path / "short.xml").write_text(PROFILE)

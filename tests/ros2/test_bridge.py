@@ -20,7 +20,7 @@ from shmgen.live.classes import client, publisher, server, subscriber
 from shmgen.live.session import Session
 from shmgen.runtime import ShmError
 
-from ..support.ros1 import wait_for
+from ..support.ros1 import PROMPTLY, wait_for
 from ..support.ros2 import Graph
 from ..support.schemas import plain, random_message
 
@@ -238,7 +238,7 @@ def test_the_end_comes_in_the_middle_of_calls(graph: Graph, space: str) -> None:
         time.sleep(0.3)
         took = bridge.stop(signal.SIGTERM)
         ended.set()
-    assert took < 2
+    assert took < PROMPTLY
     assert not [line for line in bridge.lines if "rror" in line or "never retrieved" in line or "Traceback" in line]
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from shmgen.live.classes import client, publisher, subscriber
 
-from ..support.ros1 import Peer, wait_for
+from ..support.ros1 import PROMPTLY, Peer, wait_for
 from ..support.ros2 import Graph
 from .test_bridge import SET_BOOL, by_rclpy, plc_server, session, topic
 
@@ -70,7 +70,7 @@ def test_data_flows_again(graph: Graph, space: str) -> None:
         bridge.kill()
         bridge = graph.bridge()
         flows(second)
-    assert bridge.stop(signal.SIGTERM) < 2
+    assert bridge.stop(signal.SIGTERM) < PROMPTLY
 
 
 @by_rclpy
@@ -94,4 +94,4 @@ def test_a_handler_of_the_plc_calls_ros(graph: Graph, space: str) -> None:
         with plc_server(graph, f"{space}/flag", handler):
             asked = {"service": f"{space}/flag", "type": kind, "request": {"data": True}, "timeout": 15}
             assert asking.ask(do="call", **asked) == {"success": True, "message": "the PLC heard: of ROS"}
-    assert bridge.stop(signal.SIGTERM) < 2
+    assert bridge.stop(signal.SIGTERM) < PROMPTLY

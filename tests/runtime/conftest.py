@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from shmgen.runtime import region_name
+from shmgen.runtime import lock, region_name
 
 HERE = Path(__file__).parent
 
@@ -22,6 +22,18 @@ def file(topic):
 @pytest.fixture
 def semaphore_file(topic):
     return Path("/dev/shm") / f"sem.{region_name(topic)}"
+
+
+@pytest.fixture
+def on_x86(monkeypatch):
+    """Where one goes on without the lock, on whatever machine the tests run."""
+    monkeypatch.setattr(lock, "keeps_order", lambda: True)
+
+
+@pytest.fixture
+def on_arm(monkeypatch):
+    """Where the lock is needed."""
+    monkeypatch.setattr(lock, "keeps_order", lambda: False)
 
 
 class Other:

@@ -7,11 +7,16 @@ import os
 import struct
 import sys
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
-from shmgen import runtime
-from shmgen.runtime import header as h
-from shmgen.runtime import values
+sys.path.append(str(Path(__file__).parents[2]))
+from tests.support import machine
+
+machine.pretend()
+from shmgen import runtime  # noqa: E402
+from shmgen.runtime import header as h  # noqa: E402
+from shmgen.runtime import values  # noqa: E402
 
 WHY_NOT = "shmgen was installed without a compiler, so publish and read are Python's alone: pip install -e ."
 POSE = struct.Struct("<7d")

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from shmgen import runtime
-from shmgen.runtime import claim, lock, subscriber
+from shmgen.runtime import access, calls, claim, lock, subscriber
 from shmgen.runtime import header as h
 
 from ..chaos_faults import swap_map
@@ -52,6 +52,7 @@ def test_limits_are_those_of_the_protocol():
     assert (claim.WATCH, claim._CONFIRM) == (1.0, 0.1)
     assert (lock.LOCK_TIMEOUT, lock._DEAD_AFTER, lock._STUCK_AFTER) == (0.01, 0.05, 1.0)
     assert (subscriber._POLL, subscriber._SLICE) == (0.001, 0.01)
+    assert (calls._FRESH, calls._HEARTBEAT, access.PATIENCE) == (1.0, 0.05, 0.1)
 
 
 def test_a_plc_that_stands_still_is_watched_for_a_second_and_a_turn_is_left_to_it(region, clock):
@@ -110,3 +111,15 @@ def test_who_loses_the_topic_in_its_copy_voids_the_slot_and_gives_all_back(topic
             publisher.heartbeat()
         words[h.WRITER] = 0
         PosePublisher(topic, depth=3).close()  # the record lock is free while the loser is still open
+
+
+@pytest.mark.parametrize("use", [lambda publisher: publisher.publish(pose(2.0)), PosePublisher.heartbeat])
+def test_who_has_lost_the_topic_writes_not_a_byte(topic, use):
+    with PosePublisher(topic) as publisher:
+        publisher.publish(pose(1.0))
+        publisher._disconnect()
+        publisher._region.words[h.WRITER] = h.PLC
+        before = bytes(publisher._region.map)
+        with pytest.raises(runtime.ClaimLost, match="a PLC has taken the topic over"):
+            use(publisher)
+        assert bytes(publisher._region.map) == before

@@ -93,6 +93,7 @@ def test_the_lock_of_a_killed_process_is_healed(topic, other, value):
         assert (found.recoveries, found.lock_holder, value()) == (1, 0, 1)
 
 
+@pytest.mark.usefixtures("on_x86")
 @pytest.mark.parametrize("holder", [dead_pid, lambda: 0, lambda: h.PLC, os.getppid, lambda: 1, lambda: 2**31])
 def test_only_a_dead_process_is_healed_early(topic, monkeypatch, value, holder):
     """A pid that lives may be another process by now; that, the PLC and nobody are judged by the long rule."""
@@ -113,6 +114,7 @@ def test_only_a_dead_process_is_healed_early(topic, monkeypatch, value, holder):
         assert (publisher._region.words[h.RECOVERIES], publisher._region.words[h.LOCK_HOLDER], value()) == (1, 0, 1)
 
 
+@pytest.mark.usefixtures("on_x86")
 def test_a_lock_is_watched_from_the_opening_on_only_if_it_is_not_free(topic, monkeypatch):
     monkeypatch.setattr(lock, "_STUCK_AFTER", 4 * SOON)
     for stuck in (True, False):
@@ -128,6 +130,7 @@ def test_a_lock_is_watched_from_the_opening_on_only_if_it_is_not_free(topic, mon
                 assert publisher.lock_misses == (not stuck)
 
 
+@pytest.mark.usefixtures("on_x86")
 @pytest.mark.parametrize(("holder", "after"), [(dead_pid, lock._DEAD_AFTER), (lambda: 0, lock._STUCK_AFTER)])
 def test_a_lock_that_others_pass_is_not_stuck(topic, monkeypatch, holder, after):
     now = 0.0  # so that sums are exact
@@ -148,6 +151,7 @@ def test_a_lock_that_others_pass_is_not_stuck(topic, monkeypatch, holder, after)
             assert words[h.RECOVERIES] == healed
 
 
+@pytest.mark.usefixtures("on_x86")
 def test_a_wait_yields_and_then_sleeps(topic, monkeypatch):
     """A processor is not burnt for as long as somebody else is inside."""
     naps, yields, now = [], [], 0.0
@@ -199,6 +203,7 @@ def test_a_region_without_a_lock_is_not_entered(topic, monkeypatch):
         assert publisher.lock_misses == 0
 
 
+@pytest.mark.usefixtures("on_x86")
 def test_one_healer_at_a_time(topic, monkeypatch, value):
     monkeypatch.setattr(lock, "_DEAD_AFTER", 0.0)
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
@@ -243,24 +248,64 @@ def test_a_holder_that_comes_back_leaves_no_surplus(topic, other, monkeypatch, v
         assert value() == 1, "it sees that the token is there, and posts none"
 
 
-def test_where_the_lock_is_needed_it_heals_too(topic, value):
+@pytest.mark.usefixtures("on_arm")
+def test_where_the_lock_is_needed_a_call_lasts_until_it_is_healed(topic, value):
+    """And raises nothing: publish() by its own limit, wait() by that of the call, read() has nothing new meanwhile."""
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
-        publisher._lock.keeps_order = subscriber._lock.keeps_order = False
         publisher.publish(pose(1))
-        leave_locked(publisher, dead_pid())
+        for holder, soonest in ((dead_pid(), lock._DEAD_AFTER), (h.PLC, lock._STUCK_AFTER)):
+            leave_locked(publisher, holder)
+            start = time.monotonic()
+            publisher.publish(pose(2))
+            assert soonest <= time.monotonic() - start < soonest + lock._STUCK_AFTER
+        leave_locked(publisher, os.getpid())
+        assert subscriber.read() is None
+        publisher._region.words[h.LOCK_HOLDER] = dead_pid()
+        assert subscriber.wait(10).position.x == 2.0
+        assert (publisher._region.words[h.RECOVERIES], value()) == (3, 1)
+        assert (publisher.lock_misses, subscriber.lock_misses) == (0, 1)
 
-        def published():
-            try:
-                publisher.publish(pose(2))
-            except runtime.LockTimeout:
-                return False
-            return True
 
-        assert not published()
-        until(published)
-        leave_locked(publisher, dead_pid())
-        until(subscriber.read)
-        assert (publisher._region.words[h.RECOVERIES], value()) == (2, 1)
+@pytest.mark.usefixtures("on_arm")
+def test_where_the_lock_is_needed_a_time_limit_is_a_time_limit(topic):
+    with (
+        PosePublisher(topic) as publisher,
+        PoseSubscriber(topic, lock_timeout=1) as subscriber,
+        PoseSubscriber(topic, lock_timeout=0) as impatient,
+    ):
+        publisher.publish(pose(1))
+        leave_locked(publisher, os.getpid())
+        threading.Timer(0.03, PosixRelease(topic)).start()
+        publisher.publish(pose(2))  # a live holder of 30 ms
+
+        leave_locked(publisher, os.getpid())
+        publisher._lock.timeout = 0.01
+        for call, least in (
+            (lambda: publisher.publish(pose(3)), 0.01),
+            (lambda: publisher._publish_by(pose(3), time.monotonic() + 0.05), 0.05),
+        ):
+            start = time.monotonic()
+            with pytest.raises(runtime.LockTimeout, match=f"held by process {os.getpid()}; nothing was published"):
+                call()
+            assert least <= time.monotonic() - start < least + 10 * SOON
+        for reader in (subscriber, impatient):
+            start = time.monotonic()
+            assert reader.wait(0.1) is None
+            assert 0.1 <= time.monotonic() - start < 0.1 + 10 * SOON
+        PosixRelease(topic)()
+        assert subscriber.read().position.x == 2.0
+
+
+class PosixRelease:
+    """What a holder does that comes out."""
+
+    def __init__(self, topic):
+        self.name = "/" + runtime.region_name(topic)
+
+    def __call__(self):
+        semaphore = posix_ipc.Semaphore(self.name)
+        semaphore.release()
+        semaphore.close()
 
 
 def test_a_signal_does_not_cut_a_wait_short():
@@ -347,6 +392,50 @@ def test_a_sample_between_the_look_and_the_wait_is_seen(topic, monkeypatch):
         subscriber._sleep(60, 0)
         assert subscriber.read().position.x == 1.0
         assert subscriber._words[h.ARMED] == 0
+
+
+def test_a_reader_naps_while_another_has_the_event_or_there_is_none(topic, monkeypatch):
+    naps = []
+    with PoseSubscriber(topic) as subscriber:
+        monkeypatch.setattr("shmgen.runtime.subscriber.time", SimpleNamespace(sleep=naps.append))
+        subscriber._disconnect()
+        subscriber._event = SimpleNamespace(handle=None)
+        words = subscriber._words
+        words[h.ARMED] = 1
+        subscriber._sleep(60, 0)
+        subscriber._sleep(0.0005, 0)
+        words[h.ARMED], subscriber._polls = 0, True
+        subscriber._sleep(60, 0)
+        assert (naps, words[h.ARMED]) == ([0.001, 0.0005, 0.001], 0)
+
+
+def test_without_a_handle_a_wait_looks_each_millisecond(monkeypatch):
+    naps, now = [], 0.0
+
+    def sleep(seconds):
+        nonlocal now
+        naps.append(seconds)
+        now += seconds
+
+    monkeypatch.setattr(semaphores, "time", SimpleNamespace(monotonic=lambda: now, sleep=sleep))
+    tries = [False, False, True]
+    semaphore = SimpleNamespace(handle=None, acquire=lambda block: not block and tries.pop(0))
+    assert semaphores.wait(semaphore, 1.0) is True
+    assert (naps, tries) == ([0.001, 0.001], [])
+    now, tries = 0.0, [False] * 9
+    assert semaphores.wait(semaphore, 0.0015) is False
+    assert naps[2:] == pytest.approx([0.001, 0.0005])
+
+
+def test_without_the_lock_a_fence_stands_between_completed_and_the_look_for_a_reader(topic, monkeypatch):
+    with PosePublisher(topic, lock_timeout=0) as publisher:
+        words, fences = publisher._region.words, []
+        publisher._disconnect()
+        monkeypatch.setattr("shmgen.runtime.publisher.fence", lambda: fences.append(words[h.COMPLETED]))
+        publisher.publish(pose(1))
+        leave_locked(publisher, 0)
+        publisher.publish(pose(2))
+        assert fences == [2]
 
 
 def test_each_of_several_waiting_readers_gets_it(topic, other):

@@ -164,6 +164,22 @@ def test_mismatch_is_refused_and_leaves_every_byte(topic, file, semaphore_file, 
     assert not semaphore_file.exists()
 
 
+@pytest.mark.parametrize("page", [16384, 65536])
+def test_a_region_that_a_runtime_has_rounded_up_to_larger_pages(topic, file, page):
+    """As on a Raspberry Pi 5; but not where something lies in the rest."""
+    PosePublisher(topic).close()
+    os.truncate(file, page)
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+        publisher.publish(pose(1))
+        assert subscriber.read().position.x == 1.0
+    file.write_bytes(bytes(page))  # still being made
+    PosePublisher(topic).close()
+    assert file.stat().st_size == page
+    change(file, page - 1, b"1")
+    with pytest.raises(runtime.LayoutMismatch, match=f"{page:,} bytes in all"):
+        PosePublisher(topic)
+
+
 def test_mismatch_of_size_and_type(topic, file):
     PosePublisher(topic).close()
     before = file.read_bytes()
@@ -326,6 +342,9 @@ def test_no_permission_says_whose_it_is(topic, file, semaphore_file):
         from messages import PosePublisher
         from shmgen import runtime
         os.setgroups([]); os.setgid(65534); os.setuid(65534)
+        if not os.access(runtime.__file__, os.R_OK):
+            print("nothing can be read")
+            sys.exit()
         for call in (lambda: PosePublisher(sys.argv[1]), lambda: runtime.read_header(runtime.region_name(sys.argv[1]))):
             try:
                 call()
@@ -335,7 +354,7 @@ def test_no_permission_says_whose_it_is(topic, file, semaphore_file):
     command = [sys.executable, "-c", code, topic]
     run = lambda: subprocess.run(command, cwd=os.path.dirname(__file__), capture_output=True, text=True)  # noqa: E731
     said = run()
-    if "Permission denied" in said.stderr:
+    if said.stdout == "nothing can be read\n":
         pytest.skip("another user cannot read this checkout")
     assert said.stdout.count(f"{file} belongs to root:root with mode 600") == 2, said
     os.chown(file, 65534, 65534)

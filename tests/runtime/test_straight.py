@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -23,7 +24,7 @@ from shmgen.runtime import straight
 from tests.conftest import REPOSITORY
 from tests.support.build import classes, put
 
-from .messages import WHY_NOT, PosePublisher, PoseSubscriber, pose
+from .messages import LONG, WHY_NOT, Pose, PosePublisher, PoseSubscriber, Scan, ScanPublisher, ScanSubscriber, pose
 
 pytestmark = pytest.mark.skipif(not straight.IN_C, reason=WHY_NOT)
 
@@ -113,6 +114,21 @@ def test_numbers_from_any_object_are_taken_and_refused_as_in_python(topic, kinds
         assert outcome(quick, message) == outcome(python, message)
 
 
+def test_a_message_of_more_objects_than_the_extension_holds_is_left_to_python():
+    class Leaf(ctypes.Structure):
+        _fields_ = [("x", ctypes.c_double)]
+        _names_ = ("x",)
+
+    def steps(*kinds):
+        names = [f"field_{number}" for number in range(len(kinds))]
+        fields = {"_fields_": list(zip(names, kinds, strict=True)), "_names_": names}
+        return len(straight._plan(type("Many", (ctypes.Structure,), fields)))
+
+    assert steps(*[Leaf] * (straight.MOST_OBJECTS - 1)) == 2 * 31
+    assert steps(*[Leaf] * straight.MOST_OBJECTS) == 0
+    assert (steps(ctypes.c_int8, Leaf), steps(ctypes.c_int8, 3 * ctypes.c_int8)) == (3, 0), "nor are arrays taken"
+
+
 def test_an_attribute_that_is_interrupted_or_closes_the_publisher(topic, kinds):
     """Attributes may be any code."""
     kind, publishers, _ = kinds
@@ -142,20 +158,60 @@ def test_an_attribute_that_is_interrupted_or_closes_the_publisher(topic, kinds):
         publisher.publish(message)
 
 
+def scan(number, data, ranges=None):
+    return SimpleNamespace(id=number, ranges=ranges or [number + 0.5] * LONG, data=data, name="bow")
+
+
+def test_long_arrays_lie_where_python_puts_them(topic):
+    """Scratch around them too, and what an older and longer array has left behind a shorter one."""
+    view = memoryview(bytes(2 * LONG))
+    own = Scan(id=9, name="stern")
+    long = [
+        scan(1, bytes(LONG)),
+        scan(2, bytearray(b"ab")),
+        scan(3, b""),
+        scan(4, [1, 2, 255]),
+        scan(5, view[::2]),
+        own,
+    ]
+    with ScanPublisher(topic) as quick, ScanPublisher(f"{topic}/python") as python, ScanSubscriber(topic) as reader:
+        python._disconnect()
+        quick._parts = None  # so it must be in C
+        for message in long:
+            assert outcome(quick, message) == outcome(python, message)
+            assert reader.read() is not None
+        # Too many, too long, a number that does not fit, a view that was let go: as in Python.
+        del quick._parts
+        for message in (scan(6, bytes(LONG + 1)), scan(7, [256]), scan(2**32, b"a"), scan(8, b"", [0.0])):
+            kind, said = outcome(quick, message)
+            assert (kind, said) == outcome(python, message)
+        gone = memoryview(b"gone")
+        gone.release()
+        for late in ([(16, 8, gone)], [(16, 8, view)], [(1 << 40, 8, view)], [(0, 0, view)], [(16, 1)], [None]):
+            with suppress(ValueError, TypeError, IndexError, SystemError):
+                assert not quick._with_late(late)
+            assert quick.sequence == len(long)
+        healthy = quick._region.semaphore._get_value(), quick._region.words[h.LOCK_HOLDER]
+        assert healthy == (1, 0)
+
+
 def test_nothing_of_it_stays_behind(topic):
     """What publish and read have held is free again: 50,000 samples would be more than 2 MiB."""
     message = SimpleNamespace(position=SimpleNamespace(x=1.5, y=2.5, z=3.5), orientation=pose(0).orientation)
-    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+    scans = ScanPublisher(f"{topic}/scan")
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber, scans:
 
         def exchange(times):
             for _ in range(times):
                 publisher.publish(message)
                 subscriber.read()
+                scans.publish(long)
 
+        long = Scan()
         exchange(1000)
-        held, before = sys.getrefcount(message.position), pages()
+        held, before = (sys.getrefcount(message.position), sys.getrefcount(long)), pages()
         exchange(50_000)
-        holds, after = sys.getrefcount(message.position), pages()
+        holds, after = (sys.getrefcount(message.position), sys.getrefcount(long)), pages()
     assert holds == held
     assert after - before < 512
 
@@ -171,6 +227,14 @@ def test_who_waits_may_be_closed_by_another_thread(topic):
         subscriber.wait(30)
 
 
+def test_a_waiting_reader_is_woken(topic):
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+        assert subscriber.wait(0) is None
+        subscriber._words[h.ARMED] = 1
+        publisher.publish(pose(1))
+        assert (subscriber._words[h.ARMED], subscriber._event._get_value()) == (0, 1)
+
+
 def test_a_topic_that_another_took_over_meanwhile(topic):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         publisher.publish(pose(1))
@@ -182,8 +246,25 @@ def test_a_topic_that_another_took_over_meanwhile(topic):
 
 
 def test_a_mode_without_the_lock_and_a_lock_without_a_handle(topic, monkeypatch):
-    with PosePublisher(topic) as publisher:
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         assert publisher._direct
+        publisher.publish(pose(1))
+        assert subscriber._straight(1) is not None
+
+    class Lockless(Pose):
+        _regions_ = runtime.RegionOptions(sync="sequence")
+
+    class LocklessPublisher(runtime.Publisher):
+        message_type = Lockless
+
+    class LocklessSubscriber(runtime.Subscriber):
+        message_type = Lockless
+
+    with LocklessPublisher(f"{topic}/lockless") as publisher, LocklessSubscriber(f"{topic}/lockless") as subscriber:
+        assert publisher._direct
+        publisher._region.words[h.ARMED] = 1  # there is no event to post
+        publisher.publish(pose(1))
+        assert subscriber.wait(0).position.x == 1.0
     monkeypatch.setattr("shmgen.runtime.semaphores.SemLock", None)
     with PosePublisher(topic) as publisher:
         assert not publisher._direct

@@ -6,14 +6,14 @@ import json
 import os
 import subprocess
 import sys
-import threading
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from shmgen import runtime
+from shmgen.runtime import access, semaphores
 from shmgen.runtime import region as regions
-from shmgen.runtime import semaphores
 
 from .messages import PosePublisher, PoseSubscriber, pose
 
@@ -22,9 +22,9 @@ root_only = pytest.mark.skipif(os.geteuid() != 0, reason="needs root, to become 
 
 PASSWD = """\
 root:x:0:0::/:/bin/sh
-codesyscontrol:x:998:998::/:/bin/sh
+codesyscontrol:x:999:998::/:/bin/sh
 robot:x:2001:2001::/:/bin/sh
-mallory:x:2002:2002::/:/bin/sh
+mallory:x:1000:1000::/:/bin/sh
 vision:x:2003:2003::/:/bin/sh
 """
 GROUP = """\
@@ -32,7 +32,7 @@ root:x:0:
 users:x:100:robot,mallory
 codesyscontrol:x:998:robot
 robot:x:2001:
-mallory:x:2002:
+mallory:x:1000:
 vision:x:2003:robot
 cell:x:2010:robot,vision,codesyscontrol
 """
@@ -157,14 +157,35 @@ def test_a_semaphore_that_all_may_write_is_refused_too(topic, semaphore_file):
     assert semaphore_file.stat().st_mode & 0o777 == 0o660
 
 
-def test_a_group_that_its_maker_is_about_to_give(topic, file):
+def test_a_group_that_its_maker_is_about_to_give(topic, file, monkeypatch):
     """Between the making of a file and its chmod a peer waits, as it does before its first byte."""
+    naps = []
+
+    def sleep(seconds):
+        naps.append(seconds)
+        if len(naps) == 3:
+            file.chmod(0o660)
+
     PosePublisher(topic).close()
     file.chmod(0o666)
-    mended = threading.Timer(0.02, file.chmod, [0o660])
-    mended.start()
+    monkeypatch.setattr(access, "time", SimpleNamespace(monotonic=lambda: len(naps) / 1000, sleep=sleep))
     PoseSubscriber(topic).close()
-    mended.join()
+    assert naps == [0.001] * 3
+
+
+def test_a_group_that_its_maker_may_not_give(topic, file, monkeypatch):
+    def refuse(*of):
+        raise PermissionError
+
+    monkeypatch.setattr(access.os, "fchown", refuse)
+    with pytest.raises(runtime.PermissionDenied, match=f"{file}: cannot be given to group 54321; join the group"):
+        PosePublisher(topic, group=54321)
+    assert not file.exists()
+
+
+def test_a_user_and_a_group_without_a_name_are_called_by_their_numbers():
+    assert (access.name_of_user(0), access.name_of_group(0)) == ("root", "root")
+    assert (access.name_of_user(54321), access.name_of_group(54321)) == ("54321", "54321")
 
 
 @pytest.fixture(params=["region", "semaphore"])

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import subprocess
 import sys
+from contextlib import suppress
 
 import pytest
 
@@ -11,9 +14,17 @@ from ..conftest import REPOSITORY
 
 
 @pytest.mark.slow
+@pytest.mark.skipif(sys.maxsize < 2**32, reason="the soft PLC is not to be had on 32-bit machines")
 def test_everybody_moves_within_1_3_seconds() -> None:
     """The best of three counts, where other tests take the processors."""
     command = [sys.executable, "-m", "tests.takeover", "--tries", "3"]
-    result = subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, check=False)
-    assert result.returncode == 0, result.stdout + result.stderr
-    assert len(result.stdout.splitlines()) == 14
+    with subprocess.Popen(
+        command, cwd=REPOSITORY, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
+    ) as process:
+        try:
+            said, _ = process.communicate(timeout=280)
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)  # its forks too
+    assert process.returncode == 0, said
+    assert len(said.splitlines()) == 14

@@ -16,8 +16,11 @@ import pytest
 from shmgen import runtime
 from shmgen.runtime import header as h
 from shmgen.runtime import region, semaphores
+from shmgen.runtime.access import RegionOptions
+from shmgen.runtime.errors import RegionUnusable
 from shmgen.runtime.lock import Lock
 
+from ..conftest import REPOSITORY
 from .messages import PosePublisher, PoseSubscriber, pose
 
 MANY = 2**31 - 3
@@ -35,6 +38,44 @@ def test_a_file_that_is_no_semaphore(topic, semaphore_file, data):
     done = subprocess.run([sys.executable, "-c", code], cwd=where, capture_output=True, text=True, timeout=60)
     assert done.returncode == 1, done.returncode
     assert f"RegionUnusable: {semaphore_file} is not a semaphore" in done.stderr
+
+
+def test_a_semaphore_of_the_other_bitness(topic, semaphore_file):
+    """glibc's sem_t has 16 bytes in programs of 32 bits, and 32 in those of 64."""
+    PosePublisher(topic).close()
+    data = semaphore_file.read_bytes()
+    semaphore_file.write_bytes(data[:16] if len(data) == 32 else data + bytes(16))
+    with pytest.raises(runtime.RegionUnusable, match=r'bits, this is one of \d\d, .*sync = "sequence".*shmgen clean'):
+        PosePublisher(topic)
+
+
+@pytest.mark.parametrize("error", [OSError(22, "Invalid argument"), ValueError("unrecognized configuration name")])
+def test_another_c_library_than_glibc(topic, file, semaphore_file, monkeypatch, error):
+    """As confstr() answers in musl, where /dev/shm/NAME would be the region and the semaphore at a time."""
+
+    def confstr(name):
+        raise error
+
+    monkeypatch.setattr(os, "confstr", confstr)
+    with pytest.raises(RegionUnusable, match=r'musl \(Alpine\) does not have: .* sync = "sequence"'):
+        PosePublisher(topic)
+    assert not file.exists()
+    assert not semaphore_file.exists()
+    without = region.open_region(topic, h.header_for("std_msgs/msg/Bool", 1, 1, 1), RegionOptions(sync="sequence"))
+    without.close()
+
+
+def test_another_python_than_cpython():
+    """One sentence, from the runtime and from generated code alike."""
+    code = "import sys; sys.implementation.name = 'pypy'; import "
+    for module in ("shmgen.runtime", "shm_msgs"):
+        paths = {"PYTHONPATH": f"{REPOSITORY}/src:{REPOSITORY}/generated/python"}
+        done = subprocess.run(
+            [sys.executable, "-c", code + module], env=os.environ | paths, capture_output=True, text=True
+        )
+        assert done.stderr.splitlines()[-1].startswith(
+            "ImportError: shmgen.runtime needs CPython 3.10 or later, and this"
+        )
 
 
 def test_no_descriptors_left(topic):
@@ -120,7 +161,7 @@ def test_posts_too_many_stop_nobody(topic, most, recoveries):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         publisher._region.words[h.RECOVERIES] = recoveries
         with open(f"/dev/shm/sem.{publisher._region.name}", "r+b") as file:
-            file.write(most.to_bytes(4, "little"))
+            file.write((most if sys.maxsize > 2**32 else most << 1).to_bytes(4, "little"))  # as glibc has it
         semaphore = posix_ipc.Semaphore("/" + publisher._region.name)
         longest = 0.0
         for number in range(1, 30):
@@ -157,3 +198,17 @@ def test_the_lock_without_semlock(topic, monkeypatch):
         assert publisher._region.semaphore._get_value() == 1
         assert publisher._region.semaphore._count() == 0
         assert isinstance(publisher._lock, Lock)
+
+
+@pytest.mark.parametrize(
+    ("said", "raised"),
+    [(posix_ipc.ExistentialError, FileNotFoundError), (posix_ipc.PermissionsError, PermissionError)],
+)
+def test_what_posix_ipc_says_is_said_in_pythons_own_errors(monkeypatch, said, raised):
+    def refuse(name):
+        raise said(name)
+
+    monkeypatch.setattr(semaphores, "SemLock", None)
+    monkeypatch.setattr(semaphores.posix_ipc, "Semaphore", refuse)
+    with pytest.raises(raised, match="/shmgen_test_nothing"):
+        semaphores.opened("/shmgen_test_nothing", 1)

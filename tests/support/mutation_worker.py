@@ -44,6 +44,8 @@ class Worker:
             (self.copy / name).parent.mkdir(parents=True, exist_ok=True)
             with suppress(FileNotFoundError):  # removed, and not yet committed
                 shutil.copy2(REPOSITORY / name, self.copy / name, follow_symlinks=False)
+        for extension in (REPOSITORY / CODE).glob("*.so"):
+            shutil.copy2(extension, self.copy / CODE)
         (self.copy / ".venv").symlink_to(Path(sys.prefix))
         (folder / "shared").symlink_to(SHARED)
         self._time = int(time.time())
@@ -52,14 +54,14 @@ class Worker:
         self._environment = environment
         self._start()
 
-    def try_(self, mutant: Mutant, tests: list[str], limit: float) -> str:
-        """`limit` is in seconds."""
+    def try_(self, mutant: Mutant, tests: list[str], limit: float, pure: bool = True) -> str:
+        """`limit` is in seconds; `pure`: without the extension in C, which does what most of the runtime does."""
         path = self.copy / CODE / mutant.file
         text = path.read_bytes()
         path.write_bytes(mutant.apply(text))
         self._age(path)
         try:
-            return self._ask(tests, limit, ())[0]
+            return self._ask(tests, limit, (), pure)[0]
         finally:
             path.write_bytes(text)
             self._age(path)
@@ -67,7 +69,7 @@ class Worker:
     def learn(self, tests: list[str], files: list[str]) -> tuple[float, dict[str, Any]]:
         """Seconds, and for each test its own and its lines of these files. Raises SystemExit where one fails."""
         (self.copy / _LINES).unlink(missing_ok=True)
-        how, seconds = self._ask(tests, 900, tuple(files))
+        how, seconds = self._ask(tests, 900, tuple(files), True)
         if how != "lives":
             raise SystemExit(f"{how} without a mutant: {tests}\n{(self.copy / _LOG).read_text()[-2000:]}")
         return seconds, json.loads((self.copy / _LINES).read_text())
@@ -89,10 +91,10 @@ class Worker:
         self._process.wait()
         self._process.stdout.close()
 
-    def _ask(self, tests: list[str], limit: float, files: tuple[str, ...]) -> tuple[str, float]:
+    def _ask(self, tests: list[str], limit: float, files: tuple[str, ...], pure: bool) -> tuple[str, float]:
         assert self._process.stdin is not None
         assert self._process.stdout is not None
-        self._process.stdin.write(json.dumps([tests, limit, files]) + "\n")
+        self._process.stdin.write(json.dumps([tests, limit, files, pure]) + "\n")
         self._process.stdin.flush()
         if answer := self._process.stdout.readline():
             how, seconds = json.loads(answer)
@@ -117,19 +119,21 @@ def main() -> None:
         with suppress(ImportError):
             __import__(module)
     for line in sys.stdin:
-        tests, limit, files = json.loads(line)
+        tests, limit, files, pure = json.loads(line)
         begin = time.monotonic()
         shutil.rmtree(_CACHE, ignore_errors=True)
         pid = os.fork()
         if pid == 0:
             os.setsid()
-            _run(tests, files)
+            _run(tests, files, pure)
         code = _await(pid, limit)
         how = "hung" if code is None else "killed" if code else "lives"
         print(json.dumps([how, time.monotonic() - begin]), flush=True)
 
 
-def _run(tests: list[str], files: list[str]) -> None:
+def _run(tests: list[str], files: list[str], pure: bool) -> None:
+    if pure:
+        os.environ["SHMGEN_PURE"] = "1"
     null = os.open(os.devnull, os.O_RDWR)
     log = os.open(_LOG, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     for file, into in enumerate((null, log, log)):
@@ -169,26 +173,46 @@ def _await(pid: int, limit: float) -> int | None:
 
 
 class Lines:
-    """A plugin of pytest that notes which lines of some files each test runs in this process."""
+    """A plugin of pytest: which lines of some files each test runs in this process, and whether it starts others."""
 
     def __init__(self, files: list[str]) -> None:
         self.found: dict[str, dict[str, Any]] = {}
         self._names = {file: str(Path(file).relative_to(Path.cwd() / CODE)) for file in files}
         self._now: set[tuple[str, int]] = set()
+        self._elsewhere = False
+        self._shared: dict[str, tuple[set[tuple[str, int]], bool]] = {}
+        sys.addaudithook(self._hear)
 
     @pytest.hookimpl(hookwrapper=True)
     def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
-        self._now = set()
+        self._now, self._elsewhere = set(), False
         begin = time.monotonic()
         threading.settrace(self._call)
         sys.settrace(self._call)
         yield
         sys.settrace(None)
         threading.settrace(None)  # type: ignore[arg-type]
+        for fixture in getattr(item, "fixturenames", ()):
+            now, elsewhere = self._shared.get(fixture, (set(), False))
+            self._now |= now
+            self._elsewhere |= elsewhere
         lines: dict[str, list[int]] = {}
         for file, line in sorted(self._now):
             lines.setdefault(file, []).append(line)
-        self.found[item.nodeid] = {"seconds": time.monotonic() - begin, "lines": lines}
+        self.found[item.nodeid] = {"seconds": time.monotonic() - begin, "lines": lines, "elsewhere": self._elsewhere}
+
+    @pytest.hookimpl(hookwrapper=True)
+    def pytest_fixture_setup(self, fixturedef: Any) -> Iterator[None]:
+        """What is made once for several tests, which each of them needs."""
+        before, elsewhere, self._elsewhere = set(self._now), self._elsewhere, False
+        yield
+        if fixturedef.scope != "function":
+            self._shared[fixturedef.argname] = self._now - before, self._elsewhere
+        self._elsewhere |= elsewhere
+
+    def _hear(self, event: str, arguments: tuple[Any, ...]) -> None:
+        if event in ("os.fork", "subprocess.Popen"):
+            self._elsewhere = True
 
     def _call(self, frame: FrameType, event: str, argument: Any) -> Callable[..., Any] | None:
         name = self._names.get(frame.f_code.co_filename)

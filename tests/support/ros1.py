@@ -24,6 +24,8 @@ from ..conftest import REPOSITORY
 
 LIMIT = 90.0
 """Seconds after which something that should have come has not."""
+PROMPTLY = 5.0
+"""Seconds that a bridge may take to end on a busy machine: 0.5 on a quiet one, and less than what it waits for."""
 
 
 def python() -> Path:

@@ -6,20 +6,26 @@ import grp
 import json
 import os
 import shutil
+import struct
 import subprocess
 import sys
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 
 import posix_ipc
 import pytest
 
-from shmgen.runtime import region_name
+from shmgen.runtime import RegionUnusable, region_name
+from shmgen.runtime import header as h
+from shmgen.runtime.access import RegionOptions
+from shmgen.runtime.region import open_region
 
 from ..support.command import run
 from .conftest import REPOSITORY
 
 PUBLISHER = "publisher = PosePublisher({topic!r}); publisher.publish(pose(1.0))"
+BITS = 64 if sys.maxsize > 2**32 else 32
 root_only = pytest.mark.skipif(os.geteuid() != 0, reason="makes another user, or another /dev/shm")
 
 
@@ -50,7 +56,7 @@ def test_a_healthy_region(topic, shmgen, peer):
 
     (region,) = json.loads(shmgen("doctor", topic, "--json").stdout)["regions"]
     assert (region["topic"], region["writer_pid"], region["semaphore"]) == (topic, writer.pid, 1)
-    assert region["processes"] == [{"pid": writer.pid, "name": region["processes"][0]["name"], "bits": 64}]
+    assert region["processes"] == [{"pid": writer.pid, "name": region["processes"][0]["name"], "bits": BITS}]
 
 
 def test_a_writer_that_ended_is_no_fault(topic, shmgen, peer):
@@ -305,8 +311,36 @@ def test_a_region_that_is_only_in_a_container_is_found_if_it_is_asked_for(topic,
     assert all("in a /dev/shm of its own" in finding["message"] for finding in found)
 
 
-@pytest.mark.skipif(not shutil.which("i686-linux-gnu-gcc"), reason="no 32-bit compiler")
-def test_a_process_of_other_bitness(topic, file, tmp_path, shmgen, peer):
+@pytest.mark.parametrize(
+    ("value", "waiters", "dead", "said"),
+    [
+        (0, 1, False, "its lock is held by process {holder} ("),
+        (0, 0, True, "its lock is held by process {holder}, which is dead, and nobody has got in for 1."),
+        (1, 1, True, ""),
+        (2, 0, True, "its semaphore is 2, so that as many get in at a time"),
+    ],
+)
+def test_the_semaphore_of_a_32_bit_process(topic, semaphore, file, shmgen, value, waiters, dead, said):
+    """glibc keeps whether somebody waits in its lowest bit, and the value above that (nptl's internaltypes.h)."""
+    holder = 2**22 + 1 if dead else os.getpid()
+    shmgen("pub", topic, "std_msgs/String", "--once")
+    semaphore.write_bytes(struct.pack("<4I", value << 1 | waiters, 128, 0, waiters))
+    with file.open("r+b") as region:
+        region.seek(4 * h.LOCK_HOLDER)
+        region.write(struct.pack("<I", holder))
+    if said:
+        assert said.format(holder=holder) in examined(shmgen, topic)["message"]
+    else:
+        result = shmgen("doctor", topic)
+        assert ("  lock: free, entered 0 times a second" in result.stdout, result.code) == (True, 0)
+    report = json.loads(shmgen("doctor", topic, "--json").stdout)
+    assert report["regions"][0]["semaphore"] == value
+
+
+@pytest.mark.parametrize("machine", ["x86_64", "aarch64"])
+@pytest.mark.skipif(not shutil.which("i686-linux-gnu-gcc") or BITS == 32, reason="no compiler of another bitness")
+def test_a_process_of_other_bitness(topic, file, tmp_path, shmgen, peer, machine, monkeypatch):
+    """The advice is one that the runtime takes on that machine."""
     (tmp_path / "small.c").write_text(
         "#include <fcntl.h>\n#include <stdio.h>\n#include <sys/mman.h>\n"
         "int main(int n, char **v) {\n"
@@ -316,14 +350,19 @@ def test_a_process_of_other_bitness(topic, file, tmp_path, shmgen, peer):
     program = str(tmp_path / "small")
     subprocess.run(["i686-linux-gnu-gcc", "-static", "-o", program, program + ".c"], check=True)
     peer(PUBLISHER.format(topic=topic))
+    monkeypatch.setattr(os, "uname", lambda: SimpleNamespace(machine=machine))
     with subprocess.Popen([program, file], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as small:
         if small.stdout.readline() != "ready\n":
             pytest.skip("this kernel runs no 32-bit programs")
         fault = examined(shmgen, topic)
     assert f"process {small.pid} (small" in fault["message"]
     assert "has 32 bits" in fault["message"]
-    assert 'sync = "sequence" under [regions]' in fault["hint"]
     assert fault["process"] == small.pid
+    advised = 'write sync = "sequence" under [regions]' in fault["hint"]
+    assert advised or "run programs of one bitness on both sides" in fault["hint"]
+    options = RegionOptions(sync="sequence")
+    with nullcontext() if advised else pytest.raises(RegionUnusable, match=f"sequence.*{machine}"):
+        open_region(f"{topic}_sequence", h.header_for("std_msgs/msg/Bool", 1, 1, 1), options).close()
 
 
 @contextmanager

@@ -98,8 +98,9 @@ class PlcActs:
                 time.sleep(_FAREWELL / 2)
 
     def close(self) -> None:
-        if self._loop.ended():
+        if self._loop.ended() and self._lock.acquire(timeout=2 * LOOK):  # else a goal still has the end in hand
             self._end.close()
+            self._lock.release()
 
     def _step(self) -> None:
         if self._goal is None:

@@ -6,6 +6,7 @@ Source: the ROS 2 design article *Actions*, rcl_action, and the .msg and .srv fi
 from __future__ import annotations
 
 import threading
+import time
 import uuid
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
@@ -38,6 +39,7 @@ _KEPT = 16
 """Goals whose end can still be asked for."""
 _FOREVER = 1e9
 """Seconds that a goal may take."""
+_LOOK = 0.01
 _GONE = 2.0
 """Seconds that a cancel may take of a goal that nobody waits for any more."""
 
@@ -168,7 +170,7 @@ class _Client:
         self._sending = backend.client(said.send)
         self._canceling = backend.client(said.cancel)
         self._results = backend.client(said.result)
-        backend.subscribe(said.feedback, self)
+        self._feedback = backend.subscribe(said.feedback, self)
 
     def take(self, message: Any) -> None:
         follower = self._followers.get(bytes(message.goal_id.uuid))
@@ -176,6 +178,7 @@ class _Client:
             follower.feedback(message.feedback)
 
     def send(self, fill: Fill, timeout: float, follower: Follower) -> Callable[[], threading.Thread] | None:
+        self._await_server(timeout)
         key = uuid.uuid4().bytes
         request = self._sending.new()
         request.goal_id.uuid[:] = list(key)
@@ -192,6 +195,14 @@ class _Client:
             return None
         threading.Thread(target=self._await, args=(key,), daemon=True).start()
         return lambda: self._cancel(key)
+
+    def _await_server(self, timeout: float) -> None:
+        """All of it: discovery brings its ends one after another, and the first feedback would come to nobody."""
+        deadline = time.monotonic() + timeout
+        while not all(end.is_connected() for end in (self._sending, self._results, self._canceling, self._feedback)):
+            if time.monotonic() >= deadline:
+                raise NoAnswer(f"no server within {timeout:g} s")
+            time.sleep(_LOOK)
 
     def _await(self, key: bytes) -> None:
         request = self._results.new()

@@ -153,14 +153,24 @@ class Outlet:
 
 
 @dataclass(frozen=True, slots=True)
+class Intake:
+    """A ROS subscription. `new()` makes an empty message, `is_connected()` says whether it hears a publisher now."""
+
+    new: Callable[[], Any]
+    is_connected: Callable[[], bool] = lambda: True
+
+
+@dataclass(frozen=True, slots=True)
 class Caller:
     """A ROS service client. `new()` makes an empty request; `call(request, timeout in seconds)` gives the response.
 
     `call` raises NoAnswer: no server, no answer in time, or the server failed or went. Calls may overlap.
+    `is_connected()` says whether there is a server now; also true when the bridge ends, so that nobody waits.
     """
 
     new: Callable[[], Any]
     call: Callable[[Any, float], Any]
+    is_connected: Callable[[], bool] = lambda: True
 
 
 Answer = Callable[[Any, Any], None]
@@ -239,8 +249,8 @@ class Backend(Protocol):
     def publisher(self, wire: Wire) -> Outlet:
         """Advertises the topic. Raises ValueError for a type that this ROS has otherwise or not at all."""
 
-    def subscribe(self, wire: Wire, taker: Taker) -> Callable[[], Any]:
-        """Hands each message to `taker`, in order; gives what makes an empty one. Raises as publisher()."""
+    def subscribe(self, wire: Wire, taker: Taker) -> Intake:
+        """Hands each message to `taker`, in order. Raises as publisher()."""
 
     def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
         """Offers the service; `answer` is called in a thread where it may wait. Raises as publisher()."""

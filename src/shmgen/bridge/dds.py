@@ -8,7 +8,6 @@ from __future__ import annotations
 import os
 import threading
 import time
-from collections.abc import Callable
 from typing import Any
 
 from cyclonedds.core import DDSException
@@ -16,7 +15,7 @@ from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.qos import Policy, Qos
 
 from shmgen.bridge import actions_of_ros2, dds_services
-from shmgen.bridge.backend import Answer, Caller, Node, Outlet, Refuse, ServiceWire, Taker, Wire
+from shmgen.bridge.backend import Answer, Caller, Intake, Node, Outlet, Refuse, ServiceWire, Taker, Wire
 from shmgen.bridge.cdr import Codec, codec
 from shmgen.bridge.dds_dropped import Dropped
 from shmgen.bridge.dds_ends import Ends, Peers, quality, send
@@ -77,7 +76,7 @@ class Graph:
             peers.matched(writer, handle)
         return Outlet(made.new, lambda message: send(writer, made.encode(message)))
 
-    def subscribe(self, wire: Wire, taker: Taker) -> Callable[[], Any]:
+    def subscribe(self, wire: Wire, taker: Taker) -> Intake:
         """Hands over in a thread of the topic's own. Raises as publisher()."""
         made = codec(wire.messages)
         name = topic_name(wire.topic)
@@ -110,7 +109,7 @@ class Graph:
 
         self._dropped.tell(name, reject)
         self._ends.listen(reader, take, name)
-        return made.new
+        return Intake(made.new, lambda: bool(reader.get_matched_publications()))
 
     def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
         """For clients on rmw_cyclonedds. Raises as publisher()."""

@@ -110,13 +110,16 @@ def client(ends: Ends, wire: ServiceWire) -> Caller:
         if whose == guid and (caller := waiting.get(number)):
             caller.put(NoAnswer(why) if (why := peers.refusal(replies, sample)) else answer)
 
+    def is_connected() -> bool:
+        return bool(requests.get_matched_subscriptions() and replies.get_matched_publications())
+
     def call(message: Any, timeout: float) -> Any:
         deadline = time.monotonic() + timeout
-        while not (servers := _readers(requests, "serviceid")) or not replies.get_matched_publications():
+        while not is_connected():
             if time.monotonic() >= deadline:
                 raise NoAnswer(f"no server within {timeout:g} s")
             time.sleep(_LOOK)
-        if not all(servers):
+        if not all(_readers(requests, "serviceid")):
             raise NoAnswer(_STRANGER)
         for handle in requests.get_matched_subscriptions():
             if why := asked.refusal(_identity_of(requests, handle, "typehash").partition("=")[2]):
@@ -140,7 +143,7 @@ def client(ends: Ends, wire: ServiceWire) -> Caller:
         return response.decode(answer)
 
     ends.listen(replies, replied, wire.service)
-    return Caller(request.new, call)
+    return Caller(request.new, call, is_connected)
 
 
 class _Strangers:

@@ -30,7 +30,7 @@ class Identity:
         then: str = "",
     ) -> None:
         """`then` is what comes of another definition, where it is not that nothing passes."""
-        self._accepts_other = accepts_other
+        self.accepts_other = accepts_other
         self._then = then or "nothing passes between us and it"
         self._where = where
         self._type = type_
@@ -47,7 +47,7 @@ class Identity:
             self._once("", f"a peer announces no type hash; its {self._type.short} is taken for ours")
             return ""
         why = f"a peer has another {self._type.short}: its type hash is {announced}, ours {self._ours}"
-        if self._accepts_other:
+        if self.accepts_other:
             self._once(announced, f'{why}; it is taken for ours, for other_definition = "accept"')
             return ""
         self._once(announced, f"{why}; {self._then}")

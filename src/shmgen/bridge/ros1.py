@@ -15,7 +15,7 @@ from rospy.impl import registration
 
 from shmgen.bridge import actions_of_ros1
 from shmgen.bridge import ros1_types as types
-from shmgen.bridge.backend import Answer, Caller, NoAnswer, Node, Outlet, Refuse, ServiceWire, Taker, Wire
+from shmgen.bridge.backend import Answer, Caller, Intake, NoAnswer, Node, Outlet, Refuse, ServiceWire, Taker, Wire
 from shmgen.runtime import Time
 
 _WATCH = 0.5
@@ -49,11 +49,11 @@ class Ros1:
         made = rospy.Publisher(wire.topic, kind, queue_size=wire.queue, latch=wire.latch, tcp_nodelay=True)
         return Outlet(kind, made.publish)
 
-    def subscribe(self, wire: Wire, taker: Taker) -> Callable[[], Any]:
+    def subscribe(self, wire: Wire, taker: Taker) -> Intake:
         kind = types.message(wire.messages)
         # Without a queue_size rospy hands over every message that a socket brought.
-        rospy.Subscriber(wire.topic, kind, taker.take, tcp_nodelay=True)
-        return kind  # type: ignore[no-any-return]
+        subscription = rospy.Subscriber(wire.topic, kind, taker.take, tcp_nodelay=True)
+        return Intake(kind, lambda: subscription.get_num_connections() > 0)
 
     def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
         kind = types.service(wire)

@@ -11,13 +11,13 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import partial
 from typing import Any
 
 import rclpy
-from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -26,9 +26,10 @@ from rclpy.signals import SignalHandlerOptions
 
 from shmgen.bridge import actions_of_ros2
 from shmgen.bridge import ros2_types as types
-from shmgen.bridge.backend import Answer, Caller, NoAnswer, Node, Outlet, Refuse, ServiceWire, Taker, Wire
+from shmgen.bridge.backend import Answer, Caller, Intake, NoAnswer, Node, Outlet, Refuse, ServiceWire, Taker, Wire
 from shmgen.bridge.cdr import Codec, codec
 from shmgen.bridge.identity import TAKES_OURS, Identity
+from shmgen.bridge.ros2_peers import Peers
 from shmgen.bridge.ros2_topics import Inlet
 from shmgen.bridge.ros2_waiter import Ours, Waiter
 from shmgen.model import Message
@@ -77,26 +78,40 @@ class Ros2:
                 identity.refusal(_hash(one))
 
         publisher = self._node.create_publisher(
-            kind, wire.topic, _qos(wire, 1 if wire.latch else wire.queue), event_callbacks=_when_matched(met)
+            kind,
+            wire.topic,
+            _qos(wire, 1 if wire.latch else wire.queue),
+            event_callbacks=_when_matched(PublisherEventCallbacks, met),
         )
         return Outlet(made.new, lambda message: publisher.publish(made.encode(message)))
 
-    def subscribe(self, wire: Wire, taker: Taker) -> Callable[[], Any]:
+    def subscribe(self, wire: Wire, taker: Taker) -> Intake:
         kind, made = types.message(wire.messages), _codec(wire.messages)
         subscription = self._node.create_subscription(
-            kind, wire.topic, _never, _qos(wire, wire.queue), callback_group=Ours(), raw=True
+            kind,
+            wire.topic,
+            _never,
+            _qos(wire, wire.queue),
+            callback_group=Ours(),
+            raw=True,
+            event_callbacks=_when_matched(SubscriptionEventCallbacks, lambda event: inlet.look()),
         )
         identity = Identity(wire.topic, wire.type, made.type_hash, self._tell, wire.accepts_other)
-        inlet = Inlet(subscription, made, taker, identity, lambda: self._hashes(subscription.topic_name))
+        find = self._node.get_publishers_info_by_topic
+        peers = Peers(identity, lambda: _hashes(find(subscription.topic_name)), taker.refuse)
+        inlet = Inlet(subscription, made, taker, peers, _rmw().startswith("rmw_fastrtps"))
+        for event in subscription.event_handlers:  # are the executor's: who comes and goes is looked at meanwhile
+            event.callback_group = self._node.default_callback_group
+            event.callback_group.add_entity(event)
         self._wait(subscription, "subscription", inlet.take, wire.topic)
-        return made.new
+        return Intake(made.new, lambda: bool(subscription.handle.get_publisher_count()))
 
     def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
         kind = types.service(wire)
         request, response = _codec(wire.request), _codec(wire.response)
         service = self._node.create_service(kind, wire.service, _never, callback_group=Ours())
         find = self._node.get_publishers_info_by_topic
-        refusal = self._meant(wire, wire.request, request, find, f"rq{service.service_name}Request")
+        peers = self._peers(wire, wire.request, request, find, f"rq{service.service_name}Request")
 
         def answered(asked: Any, whose: Any) -> None:
             message = response.new()
@@ -112,8 +127,10 @@ class Ros2:
             while not self._closing.is_set():
                 asked, whose = service.handle.service_take_request(kind.Request)
                 if whose is None:
+                    peers.forget()
                     return
-                if why := refusal():
+                peers.look()
+                if why := peers.refusal():
                     refuse(why)
                 elif wire.at_once:
                     work = self._guarded(partial(answered, asked, whose), wire.service)
@@ -129,20 +146,36 @@ class Ros2:
         client = self._node.create_client(kind, wire.service)
         asked, replied = f"rq{client.service_name}Request", f"rr{client.service_name}Reply"
         listed = self._node.get_subscriptions_info_by_topic
-        refusal = self._meant(wire, wire.request, request, listed, asked)
-        answers = self._meant(wire, wire.response, response, self._node.get_publishers_info_by_topic, replied)
+        find = self._node.get_publishers_info_by_topic
+        ends = (
+            self._peers(wire, wire.request, request, listed, asked),
+            self._peers(wire, wire.response, response, find, replied),
+        )
+
+        def check() -> None:
+            """Nobody says whose an answer is, so that a server that has gone meanwhile counts too."""
+            for peers in ends:
+                peers.look()
+                why = peers.refusal()
+                peers.forget()
+                if why:
+                    raise NoAnswer(why)
 
         def servers() -> set[bytes]:
             return {bytes(end.endpoint_gid) for end in listed(asked, no_mangle=True)}
 
+        def is_connected() -> bool:
+            return self._closing.is_set() or client.service_is_ready()
+
         def call(message: Any, timeout: float) -> Any:
             deadline = time.monotonic() + timeout
-            while not client.service_is_ready():
+            while not is_connected():
                 if time.monotonic() >= deadline:
                     raise NoAnswer(f"no server within {timeout:g} s")
                 self._pause()
-            if why := refusal() or answers():
-                raise NoAnswer(why)
+            if self._closing.is_set():
+                raise NoAnswer("the bridge ends")
+            check()
             known, answered = servers(), threading.Event()
             future = client.call_async(_rosidl(request, message, kind.Request))
             future.add_done_callback(lambda future: answered.set())
@@ -151,9 +184,10 @@ class Ros2:
                 if self._closing.is_set() or is_over or is_alone:
                     client.remove_pending_request(future)
                     raise NoAnswer("the server has gone" if is_alone else f"no answer within {timeout:g} s")
+            check()
             return response.decode(serialize_message(future.result()))
 
-        return Caller(request.new, call)
+        return Caller(request.new, call, is_connected)
 
     def now(self) -> Time:
         stamp = self._node.get_clock().now().to_msg()
@@ -190,22 +224,10 @@ class Ros2:
 
         return guarded
 
-    def _hashes(self, topic: str) -> dict[bytes, str]:
-        """Nothing where a ROS, such as Humble, knows nothing of type hashes."""
-        found = self._node.get_publishers_info_by_topic(topic)
-        return {bytes(one.endpoint_gid)[:16]: _hash(one) for one in found}
-
-    def _meant(
-        self, wire: ServiceWire, messages: tuple[Message, ...], made: Codec, find: Any, topic: str
-    ) -> Callable[[], str]:
-        """What says why nothing may pass while one of the ends of that topic of DDS has another definition."""
+    def _peers(self, wire: ServiceWire, messages: tuple[Message, ...], made: Codec, find: Any, topic: str) -> Peers:
+        """Those at the other ends of that topic of DDS."""
         identity = Identity(wire.service, messages[-1].name, made.type_hash, self._tell)
-
-        def refusal() -> str:
-            whys = (identity.refusal(_hash(end)) for end in find(topic, no_mangle=True))
-            return next((why for why in whys if why), "")
-
-        return refusal
+        return Peers(identity, lambda: _hashes(find(topic, no_mangle=True)))
 
     def _pause(self) -> None:
         if self._closing.wait(_LOOK):
@@ -222,12 +244,12 @@ class Ros2:
                     self._tell(f"{type(error).__name__}: {error}")
 
 
-def _when_matched(met: Callable[..., None]) -> PublisherEventCallbacks:
+def _when_matched(callbacks: Any, met: Callable[..., None]) -> Any:
     """Not in a ROS before Iron, which knows no type hashes either."""
     try:
-        return PublisherEventCallbacks(matched=met)
+        return callbacks(matched=met)
     except TypeError:
-        return PublisherEventCallbacks()
+        return callbacks()
 
 
 def _end_at_once() -> None:
@@ -246,12 +268,20 @@ def _hash(endpoint: Any) -> str:
     return str(found) if found is not None and found.version == 1 else ""
 
 
+def _hashes(ends: Iterable[Any]) -> dict[bytes, str]:
+    return {bytes(end.endpoint_gid)[:16]: _hash(end) for end in ends}
+
+
 def _rosidl(made: Codec, message: Any, kind: Any) -> Any:
     return deserialize_message(made.encode(message), kind)
 
 
+def _rmw() -> str:
+    return str(rclpy.get_rmw_implementation_identifier())
+
+
 def _codec(messages: tuple[Message, ...]) -> Codec:
-    return codec(messages, 2 if rclpy.get_rmw_implementation_identifier() == "rmw_cyclonedds_cpp" else 4)
+    return codec(messages, 2 if _rmw() == "rmw_cyclonedds_cpp" else 4)
 
 
 def _qos(wire: Wire, depth: int) -> QoSProfile:

@@ -2,40 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 from shmgen.bridge.backend import Taker
 from shmgen.bridge.cdr import Codec
-from shmgen.bridge.identity import Identity
-
-Hashes = Callable[[], dict[bytes, str]]
-"""Of each publisher that the graph knows of now, its GID and the type hash that it announces."""
+from shmgen.bridge.ros2_peers import Peers
 
 
 class Inlet:
-    """Takes all that waits in a subscription. Calls must not overlap.
+    """Takes all that waits in a subscription. Calls of take() must not overlap.
 
     The graph says what each publisher means by the type. Since Kilted each message says whose it is; before, nothing
     of a topic is taken while one of its publishers is of another definition.
     """
 
-    def __init__(self, subscription: Any, made: Codec, taker: Taker, identity: Identity, hashes: Hashes) -> None:
+    def __init__(self, subscription: Any, made: Codec, taker: Taker, peers: Peers, names_senders: bool) -> None:
+        """`names_senders`: whether a message, if it says whose it is, says it as the graph does."""
         self._handle = subscription.handle
         self._kind = subscription.msg_type
         self._decode = made.decode
         self._taker = taker
-        self._identity = identity
-        self._hashes = hashes
+        self._peers = peers
+        self._names_senders = names_senders
         self._numbers: list[int] = []
         self._publishers = -1
-        self._verdicts: dict[bytes, str] = {}
 
     def take(self) -> None:
         """All there is."""
         handle, kind = self._handle, self._kind
         if handle.get_publisher_count() != self._publishers:  # what it sends may be too long for a queue of this ROS
-            self._ask()
+            self.look()
         while (taken := handle.take_message(kind, True)) is not None:
             data, about = taken
             why = self._refusal(about)
@@ -48,26 +44,22 @@ class Inlet:
                 self._taker.reject(str(error))
                 continue
             self._taker.take(message)
+        self._peers.forget()
+
+    def look(self, *event: Any) -> None:
+        """At its publishers: one has come, or may have."""
+        count = self._handle.get_publisher_count()
+        self._peers.look()
+        self._publishers = count
 
     def _refusal(self, about: Any) -> str:
-        """Asks the graph again whenever there may be another publisher."""
+        """Looks at the graph again whenever there may be another publisher."""
         is_next = self._follows(about.get("publication_sequence_number"))
-        sender = (about.get("publisher_gid") or {}).get("data", b"")
+        sender = (about.get("publisher_gid") or {}).get("data", b"") if self._names_senders else b""
         count = self._handle.get_publisher_count()
-        if not is_next or count != self._publishers or (sender and sender not in self._verdicts):
-            self._ask()
-        if sender in self._verdicts:
-            return self._verdicts[sender]
-        return next((why for why in self._verdicts.values() if why), "")
-
-    def _ask(self) -> None:
-        """Who is there, and means what. One that is of another definition counts once itself."""
-        self._publishers = self._handle.get_publisher_count()
-        before = self._verdicts
-        self._verdicts = {gid: self._identity.refusal(hash_) for gid, hash_ in self._hashes().items()}
-        for gid, why in self._verdicts.items():
-            if why and gid not in before:
-                self._taker.refuse(why)
+        if not is_next or count != self._publishers or (sender and not self._peers.knows(sender)):
+            self.look()
+        return self._peers.refusal(sender)
 
     def _follows(self, number: int | None) -> bool:
         """Whether it is the one after another. Every publisher counts its own from 1, and a gap is lost."""

@@ -32,10 +32,14 @@ class PlcServes:
         backend.serve(self._route.wire, self._answer, self.counters.refuse)
 
     def tick(self) -> None:
+        if not self._one_at_a_time.acquire(blocking=False):
+            return  # a call has the end in hand
         try:
             self._end.renewed()
         except (ShmError, OSError) as error:
             self.counters.complain(str(error))
+        finally:
+            self._one_at_a_time.release()
 
     def silence(self) -> str:
         return ""
@@ -48,21 +52,20 @@ class PlcServes:
         pass
 
     def close(self) -> None:
-        self._end.close()
+        if self._one_at_a_time.acquire(timeout=2 * LOOK):  # else a call still has the end in hand
+            self._end.close()
+            self._one_at_a_time.release()
 
     def _answer(self, request: Any, response: Any) -> None:
         self.counters.came()
         try:
-            caller = self._end.now
-            if caller is None:
-                raise NoAnswer("there is no region")
-            answer = self._called(caller, request)
+            answer = self._called(request)
             self._route.kinds["_Response"]._decode(bytes(answer), 0, response)
             self.counters.passed += 1
         except Exception as error:  # CallTimeout, CallFailed, or whatever a ROS may raise
             raise NoAnswer(unanswered(self.counters, error)) from None
 
-    def _called(self, caller: ServiceClient[Any, Any], request: Any) -> Any:
+    def _called(self, request: Any) -> Any:
         """As ServiceClient.call, which would go on when the bridge ends, and hold up the end of the process."""
         timeout = self._route.service.timeout
         deadline = time.monotonic() + timeout
@@ -75,16 +78,21 @@ class PlcServes:
         if not self._one_at_a_time.acquire(timeout=timeout):
             raise CallTimeout(f"the calls before it took all of the {timeout:g} s")
         try:
-            while not caller.wait_for_server(max(0.0, left())):
-                if left() <= 0:
-                    raise NoServer(f"no server within {timeout:g} s; the request was not sent")
-            number = caller.send(request)
-            while (answer := caller.wait(max(0.0, left()))) is None:
-                if left() <= 0:
-                    raise CallTimeout(f"call {number} was not answered within {timeout:g} s")
-            return answer
+            caller = self._end.now
+            if caller is None:
+                raise NoAnswer("there is no region")
+            try:
+                while not caller.wait_for_server(max(0.0, left())):
+                    if left() <= 0:
+                        raise NoServer(f"no server within {timeout:g} s; the request was not sent")
+                number = caller.send(request)
+                while (answer := caller.wait(max(0.0, left()))) is None:
+                    if left() <= 0:
+                        raise CallTimeout(f"call {number} was not answered within {timeout:g} s")
+                return answer
+            finally:
+                caller.cancel()
         finally:
-            caller.cancel()
             self._one_at_a_time.release()
 
 

@@ -34,7 +34,7 @@ class ToPlc:
     def join(self, backend: Backend) -> None:
         if self.route.topic.carried.rate:
             threading.Thread(target=self._paced, args=(1 / self.route.topic.carried.rate,), daemon=True).start()
-        plan.check(self.route, backend.subscribe(self.route.wire, self)())
+        plan.check(self.route, backend.subscribe(self.route.wire, self).new())
 
     def take(self, message: Any) -> None:
         """From any thread."""

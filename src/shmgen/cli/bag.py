@@ -34,12 +34,17 @@ def _size(context: click.Context, parameter: click.Parameter, value: str | None)
 
 @click.command()
 @click.argument("topics", nargs=-1, metavar="[TOPIC]...", shell_complete=manners.topics)
-@click.option("-a", "--all", "everything", is_flag=True, help="Every region there is, and those that come meanwhile.")
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="The bag, a new folder.  [default: by date]")
-@click.option("--max-size", metavar="SIZE", callback=_size, help="A new file after so much: 500M, 2G.")
-@click.option("--max-duration", type=click.FloatRange(0.1), metavar="SECONDS", help="A new file after so long.")
-@click.option("-d", "--duration", type=click.FloatRange(0.1), metavar="SECONDS", help="Stop after so long.")
-@click.option("-q", "--quiet", is_flag=True, help="No line of progress.")
+@click.option("-a", "--all", "everything", is_flag=True, help="All regions, including those created later.")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    help="Folder to create for the bag.  [default: named by date and time]",
+)
+@click.option("--max-size", metavar="SIZE", callback=_size, help="Start a new file after this size: 500M, 2G.")
+@click.option("--max-duration", type=click.FloatRange(0.1), metavar="SECONDS", help="Start a new file after this time.")
+@click.option("-d", "--duration", type=click.FloatRange(0.1), metavar="SECONDS", help="Stop after this time.")
+@click.option("-q", "--quiet", is_flag=True, help="Print no progress.")
 @options.where
 @manners.polite
 def record(
@@ -53,11 +58,12 @@ def record(
     config_file: Path | None,
     include: tuple[Path, ...],
 ) -> None:
-    """Record the samples of live regions into a ROS 2 bag (MCAP), until Ctrl-C or SIGTERM.
+    """Record live regions into a ROS 2 bag (MCAP).
 
-    For `ros2 bag`, Foxglove, PlotJuggler and `shmgen play`. It only looks: nothing is written to a region, no lock is
-    taken. Waits for regions that do not exist yet. Services and actions are recorded by their regions. What is on the
-    disk stays readable, also after SIGKILL or on a full disk. Exit 1 if something asked for could not be recorded.
+    Records until Ctrl-C or SIGTERM, for `ros2 bag`, Foxglove, PlotJuggler and `shmgen play`. Read-only: nothing is
+    written to a region and no lock is taken. Waits for regions that do not exist yet. Services and actions are
+    recorded as their regions. The bag stays readable after SIGKILL or on a full disk. Exits with 1 if something could
+    not be recorded.
     """
     from shmgen.bag.folder import Bag
     from shmgen.bag.record import Recorder
@@ -88,11 +94,13 @@ def record(
 
 @click.command()
 @click.argument("path", metavar="BAG", type=click.Path(exists=True, path_type=Path))
-@click.option("-r", "--rate", type=click.FloatRange(0.001, 1000), default=1.0, show_default=True, help="So many times.")
-@click.option("-l", "--loop", is_flag=True, help="From the beginning again, until Ctrl-C.")
-@click.option("--start", type=click.FloatRange(0), default=0.0, metavar="SECONDS", help="From so far into it.")
-@click.option("--topics", "chosen", multiple=True, metavar="TOPIC", help="Only these; may be repeated.")
-@click.option("-q", "--quiet", is_flag=True, help="No line of progress.")
+@click.option("-r", "--rate", type=click.FloatRange(0.001, 1000), default=1.0, show_default=True, help="Speed factor.")
+@click.option("-l", "--loop", is_flag=True, help="Repeat until Ctrl-C.")
+@click.option(
+    "--start", type=click.FloatRange(0), default=0.0, metavar="SECONDS", help="Start this far into the recording."
+)
+@click.option("--topics", "chosen", multiple=True, metavar="TOPIC", help="Play this topic only; may be repeated.")
+@click.option("-q", "--quiet", is_flag=True, help="Print no progress.")
 @options.where
 @manners.polite
 def play(
@@ -105,11 +113,11 @@ def play(
     config_file: Path | None,
     include: tuple[Path, ...],
 ) -> None:
-    """Publish the samples of BAG on their topics again, at the pace they came in.
+    """Publish the samples of BAG again, at the pace they were recorded.
 
-    BAG is a folder or an .mcap file, recorded here or by `ros2 bag`; one that ends in the middle is played as far as
-    it goes. A stand-in for the robot or the PLC in a test: one writer a topic, so not beside them. Services and
-    actions are played only where --topics names them. A bag whose layouts differ from those here is refused.
+    BAG is a folder or an .mcap file, recorded here or by `ros2 bag`; a truncated one is played as far as it goes.
+    Replaces the robot or the PLC in a test, not beside it: a topic has one publisher. Services and actions are played
+    only if --topics names them. A bag with layouts other than those here is rejected.
     """
     from shmgen.bag.play import Player
 

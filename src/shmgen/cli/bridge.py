@@ -13,16 +13,17 @@ from shmgen.config.bridging import BACKENDS
 
 
 @click.command(context_settings={"ignore_unknown_options": True})
-@click.option("--backend", type=click.Choice(BACKENDS), help="Instead of what shmgen.toml says.")
+@click.option("--backend", type=click.Choice(BACKENDS), help="Overrides shmgen.toml.")
 @click.argument("ros_arguments", nargs=-1, type=click.UNPROCESSED, metavar="[ROS_ARGUMENT]...")
 @options.where
 def bridge(
     backend: str | None, ros_arguments: tuple[str, ...], config_file: Path | None, include: tuple[Path, ...]
 ) -> None:
-    """Carry the topics and services of shmgen.toml between ROS and their regions, until Ctrl-C or SIGTERM.
+    """Carry topics, services and actions between ROS and shared memory.
 
-    The backend is ros1 (rospy), ros2 (rclpy) or dds (a ROS 2 graph without ROS, by cyclonedds); by itself it takes
-    the ROS whose setup was sourced, else the one installed. SIGUSR1 shows the counters, and so does the end.
+    Runs what shmgen.toml lists, until Ctrl-C or SIGTERM. Backends: ros1 (rospy), ros2 (rclpy) and dds (a ROS 2 graph
+    through cyclonedds, without ROS); auto selects the ROS whose setup was sourced, otherwise the one installed.
+    Prints its counters on SIGUSR1 and at exit.
     """
     from shmgen.bridge.backend import BackendMissing
     from shmgen.bridge.run import run

@@ -40,16 +40,16 @@ def _report(command: F) -> F:
             type=click.Choice([severity.name.lower() for severity in reversed(Severity)]),
             default="cosmetic",
             show_default=True,
-            help="The least that makes the exit code 1; what is less is a note.",
+            help="Lowest severity that makes the exit code 1; anything below is printed as a note.",
         ),
-        click.option("--json", "form", flag_value="json", help="For machines."),
+        click.option("--json", "form", flag_value="json", help="The same as --format json."),
         click.option(
             "--format",
             "form",
             type=click.Choice(["text", "json", "github"]),
             default="text",
             show_default=True,
-            help="github: annotations in a workflow.",
+            help="Output format; github prints workflow annotations.",
         ),
     ):
         command = option(command)
@@ -58,8 +58,8 @@ def _report(command: F) -> F:
 
 @click.command()
 @_output
-@click.option("-t", "--target", multiple=True, type=click.Choice(KEYS), help="As given to generate.")
-@click.option("--diff", "with_diff", is_flag=True, help="Print what generate would change, line by line.")
+@click.option("-t", "--target", multiple=True, type=click.Choice(KEYS), help="As for generate.")
+@click.option("--diff", "with_diff", is_flag=True, help="Print what generate would change, as a patch.")
 @_report
 @options.where
 def check(
@@ -71,10 +71,10 @@ def check(
     config_file: Path | None,
     include: tuple[Path, ...],
 ) -> None:
-    """What has drifted: definitions, generated files, layout.lock. Writes nothing.
+    """Check that definitions, generated files and layout.lock agree. Writes nothing.
 
-    Exit 0 if `shmgen generate` would change nothing, else 1. breaking: bytes moved, both sides must be built anew;
-    compatible: comments, constants, defaults; cosmetic: text alone.
+    Exits with 0 if `shmgen generate` would change nothing, otherwise 1. Severities: breaking (bytes moved, rebuild
+    both sides), compatible (comments, constants, defaults) and cosmetic (text only).
     """
     from shmgen.cli import asked
     from shmgen.drift import check as checking
@@ -116,9 +116,10 @@ def check(
 @_output
 @_report
 def diff(old: str, new: str, output: Path, form: str, fail_on: str) -> None:
-    """What became of the messages from OLD to NEW, each a layout.lock, its folder, or a git revision.
+    """Compare message layouts between two git revisions or layout.lock files.
 
-    Exit 1 if something of the severity given did change.
+    OLD and NEW are each a layout.lock, its folder or a git revision. Exits with 1 if anything of the severity
+    given by --fail-on, or above, changed.
     """
     from shmgen.drift import revisions
     from shmgen.drift.compare import compare
@@ -131,16 +132,21 @@ def diff(old: str, new: str, output: Path, form: str, fail_on: str) -> None:
 
 
 @click.command()
-@click.option("--hook", is_flag=True, help="Add .pre-commit-config.yaml: a commit that has drifted is stopped.")
-@click.option("--ci", is_flag=True, help="Add .github/workflows/shmgen.yml: the same for a merge.")
+@click.option(
+    "--hook", is_flag=True, help="Also write .pre-commit-config.yaml, which runs `shmgen check` before each commit."
+)
+@click.option("--ci", is_flag=True, help="Also write .github/workflows/shmgen.yml, which runs it on each push.")
 @click.option(
     "--from",
     "wanted",
     metavar="REQUIREMENT",
-    help="What pip installs in the CI, such as git+https://HOST/shmgen@v0.1.0. Default: where this shmgen is from.",
+    help="What pip installs in CI, such as git+https://HOST/shmgen@v0.1.0.  [default: where this shmgen is from]",
 )
 def init(hook: bool, ci: bool, wanted: str | None) -> None:
-    """Write shmgen.toml for the message packages in this folder. Asks nothing, touches nothing that exists."""
+    """Write shmgen.toml for the message packages in the current folder.
+
+    Asks no questions and leaves existing files as they are.
+    """
     import shlex
 
     from shmgen.cli import origin, start

@@ -25,17 +25,17 @@ from shmgen.wording import counted
     type=click.Path(path_type=Path, file_okay=False),
     default=Path("generated"),
     show_default=True,
-    help="Folder for the files.",
+    help="Output folder.",
 )
 @click.option(
     "-t",
     "--target",
     multiple=True,
     type=click.Choice(KEYS),
-    help="Only this target, and the others' files removed; may be repeated.",
+    help="Generate this target only and remove the files of others; may be repeated.",
 )
-@click.option("--skip-unbounded", is_flag=True, help="Leave out what needs a bound that nobody set; `check` knows.")
-@click.option("-q", "--quiet", is_flag=True, help="Print nothing but diagnostics.")
+@click.option("--skip-unbounded", is_flag=True, help="Leave out messages that still need a bound, instead of failing.")
+@click.option("-q", "--quiet", is_flag=True, help="Print diagnostics only.")
 @options.where
 def generate(
     messages: tuple[str, ...],
@@ -46,10 +46,11 @@ def generate(
     config_file: Path | None,
     include: tuple[Path, ...],
 ) -> None:
-    """Write the bindings of messages: geometry_msgs/Pose, geometry_msgs (all of it), path/to/Foo.msg.
+    """Generate code for messages, services and actions.
 
-    With names, they join what the output folder already holds; without, the folder becomes what shmgen.toml
-    lists. Files are replaced whole, only where they differ; after an error none is touched.
+    Takes a type (geometry_msgs/Pose), a package (geometry_msgs) or a file (path/to/Foo.msg), which are added to what
+    the output folder already holds. Without arguments, generates what shmgen.toml lists and removes everything
+    else. Only files that differ are written; after an error no file is touched.
     """
     from shmgen.write import current, write
 
@@ -83,13 +84,13 @@ def generate(
 
 @click.command()
 @click.argument("type_name", metavar="TYPE")
-@click.option("--json", "as_json", is_flag=True, help="For machines.")
-@click.option("--svg", "as_svg", is_flag=True, help="A drawing of the memory map.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@click.option("--svg", "as_svg", is_flag=True, help="Print an SVG drawing of the memory map.")
 @options.where
 def show(type_name: str, as_json: bool, as_svg: bool, config_file: Path | None, include: tuple[Path, ...]) -> None:
-    """Where the bytes of a message go: offset, size, ROS type, IEC type, comment.
+    """Print the byte layout of a message: offset, size, ROS type, IEC type, comment.
 
-    TYPE may be a digest, as in a region's header and in error messages: 16#BB4625C354F90C85.
+    TYPE may also be a digest, as it stands in region headers and error messages: 16#BB4625C354F90C85.
     """
     from shmgen.show import table
 
@@ -135,7 +136,7 @@ def _of_digest(digest: int, config_file: Path | None, include: tuple[Path, ...])
 @click.command()
 @options.where
 def types(config_file: Path | None, include: tuple[Path, ...]) -> None:
-    """The table of types in force, between ROS, IEC 61131-3 and C."""
+    """Print the type table between ROS, IEC 61131-3 and C, as configured."""
     from shmgen.show import lists
 
     click.echo(lists.type_table(options.load(config_file, include).types), nl=False)
@@ -143,10 +144,10 @@ def types(config_file: Path | None, include: tuple[Path, ...]) -> None:
 
 @click.command("list")
 @click.argument("asked", metavar="[PACKAGE|TYPE]", required=False)
-@click.option("--json", "as_json", is_flag=True, help="For machines.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @options.where
 def list_(asked: str | None, as_json: bool, config_file: Path | None, include: tuple[Path, ...]) -> None:
-    """What can be generated, with its size, the fields that still need a bound, and what is at fault."""
+    """List the messages that can be generated, with size, missing bounds and faults."""
     from shmgen.show import lists
 
     config = options.load(config_file, include)
@@ -165,7 +166,7 @@ def _code(context: click.Context, parameter: click.Parameter, value: str) -> str
 @click.command()
 @click.argument("code", callback=_code, shell_complete=lambda *_: list(CODES))
 def explain(code: str) -> None:
-    """Explain a diagnostic and how to fix it; `SHM101` and `101` are the same."""
+    """Explain a diagnostic, such as SHM101, and how to fix it."""
     installed = Path(__file__).parents[1] / "diagnostics.md"
     document = installed if installed.is_file() else Path(__file__).parents[3] / "docs" / "diagnostics.md"
     text = document.read_text(encoding="utf-8")

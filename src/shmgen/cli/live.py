@@ -18,11 +18,11 @@ from shmgen.cli import manners, options
 @options.where
 @manners.polite
 def doctor(topic: str | None, as_json: bool, config_file: Path | None, include: tuple[Path, ...]) -> None:
-    """What is wrong with the regions in /dev/shm, or with one, and what to do about it.
+    """Diagnose live regions, or one, and print how to fix what is wrong.
 
-    Looks at owner and mode, writer, lock, semaphore, layout and depth (against shmgen.toml and
-    generated/layout.lock of this folder), the bitness of the processes that map a region, and at processes
-    that hold on to a removed one. Exit 1 if there is a fault; notes are none.
+    Checks owner and mode, writer, lock, semaphore, layout and depth (against shmgen.toml and generated/layout.lock
+    of the current folder), the bitness of the processes that map a region, and processes that still use a removed
+    region. Exits with 1 if there is a fault; notes do not count.
     """
     from shmgen.tools import doctor as tool
     from shmgen.tools import shown
@@ -34,15 +34,18 @@ def doctor(topic: str | None, as_json: bool, config_file: Path | None, include: 
 
 @click.command()
 @click.argument("topics", nargs=-1, metavar="[TOPIC]...", shell_complete=manners.topics)
-@click.option("--all", "everything", is_flag=True, help="Every region there is, and semaphores half made.")
-@click.option("--force", is_flag=True, help="Also what is in use: the processes then hold on to what nobody else sees.")
-@click.option("--dry-run", is_flag=True, help="Only say what would be removed.")
+@click.option(
+    "--all", "everything", is_flag=True, help="All regions, and semaphores left half-created by a killed process."
+)
+@click.option(
+    "--force", is_flag=True, help="Also regions in use: their processes then keep files that nobody else can see."
+)
+@click.option("--dry-run", is_flag=True, help="Print what would be removed, and remove nothing.")
 @manners.polite
 def clean(topics: tuple[str, ...], everything: bool, force: bool, dry_run: bool) -> None:
     """Remove regions and their semaphores from /dev/shm.
 
-    With --all also what a process left that was killed while it made a semaphore. Not while a writer lives or
-    a process has the region open. Exit 1 if one had to stay.
+    Refuses regions that have a live writer or that a process has open; exits with 1 if one had to stay.
     """
     from shmgen.live import processes, regions
     from shmgen.runtime import ShmError
@@ -56,7 +59,7 @@ def clean(topics: tuple[str, ...], everything: bool, force: bool, dry_run: bool)
     def leftovers(topic: str) -> list[str]:
         files = tool.leftovers(topic)
         if not force and (why := tool.in_use(topic, around)):
-            hint = f"stop it first; `shmgen clean --force {topic}` removes the files under its feet"
+            hint = f"stop it first; `shmgen clean --force {topic}` removes the files while they are in use"
             raise ShmError(f"{topic}: {why}\n  hint: {hint}")
         return files
 
@@ -85,14 +88,16 @@ def clean(topics: tuple[str, ...], everything: bool, force: bool, dry_run: bool)
 
 @click.command()
 @manners.topic
-@click.option("--once", is_flag=True, help="One sample, the newest if there is one already.")
+@click.option("--once", is_flag=True, help="Print one sample, the newest if there is one already.")
 @manners.count
 @manners.timeout
 @manners.for_machines
-@click.option("--csv", "as_csv", is_flag=True, help="One line each, a title for each column first.")
-@click.option("--field", metavar="PATH", shell_complete=manners.fields, help="Only this: pose.position.x, points[2].")
-@click.option("--filter", "only", metavar="CONDITION", help="Only samples of which it is true: position.x > 1.")
-@click.option("-f", "--full", is_flag=True, help="Arrays whole, not only their first 32 elements.")
+@click.option("--csv", "as_csv", is_flag=True, help="Print CSV with a header line.")
+@click.option(
+    "--field", metavar="PATH", shell_complete=manners.fields, help="Print this field only: pose.position.x, points[2]."
+)
+@click.option("--filter", "only", metavar="CONDITION", help="Print only samples that match: position.x > 1.")
+@click.option("-f", "--full", is_flag=True, help="Print arrays in full, not only the first 32 elements.")
 @options.where
 @manners.polite
 def echo(
@@ -108,11 +113,11 @@ def echo(
     config_file: Path | None,
     include: tuple[Path, ...],
 ) -> None:
-    """Print the samples of a topic as they come: YAML, or one line of JSON or CSV each.
+    """Print the samples of a topic as YAML, JSON or CSV.
 
-    The region's header names the type, so nothing needs to be generated. Own messages are found with -I or by
-    shmgen.toml, bounds there or in generated/layout.lock. Waits for a region that does not exist yet. A sample
-    whose counts are above their bounds is told instead of printed; exit 1 if there was one.
+    The region's header names the type, so nothing needs to be generated. Your own messages are found through -I or
+    shmgen.toml, their bounds there or in generated/layout.lock. Waits for a region that does not exist yet. A
+    sample with a count above its bound is reported instead of printed, and the exit code is then 1.
     """
     from shmgen.runtime import CountExceeded
     from shmgen.tools import echo as tool
@@ -148,7 +153,7 @@ def echo(
 @click.argument("type_name", metavar="TYPE", shell_complete=manners.types)
 @click.argument("values", default="{}", metavar="[VALUES]")
 @click.option("-r", "--rate", type=click.FloatRange(0.001, 10000), default=1.0, show_default=True, help="In Hz.")
-@click.option("--once", is_flag=True, help="One sample, which stays in the region.")
+@click.option("--once", is_flag=True, help="Publish one sample, which stays in the region.")
 @manners.count
 @options.where
 @manners.polite
@@ -162,7 +167,9 @@ def pub(
     config_file: Path | None,
     include: tuple[Path, ...],
 ) -> None:
-    """Publish VALUES, YAML or JSON, on a topic; fields left out get their default, a time may be `now`.
+    """Publish VALUES, in YAML or JSON, on a topic.
+
+    Fields left out get their default; a time may be `now`.
 
     \b
     shmgen pub /robot/pose geometry_msgs/Pose '{position: {x: 1.0}}' -r 10
@@ -180,7 +187,7 @@ def pub(
 @click.argument("service", shell_complete=manners.services)
 @click.argument("type_name", metavar="TYPE", shell_complete=manners.types)
 @click.argument("values", default="{}", metavar="[VALUES]")
-@click.option("--timeout", type=click.FloatRange(0), default=5.0, show_default=True, help="In seconds, all in all.")
+@click.option("--timeout", type=click.FloatRange(0), default=5.0, show_default=True, help="Seconds in total.")
 @manners.for_machines
 @options.where
 @manners.polite
@@ -193,12 +200,13 @@ def call(
     config_file: Path | None,
     include: tuple[Path, ...],
 ) -> None:
-    """Call a service with VALUES, YAML or JSON, and print its response.
+    """Call a service with VALUES, in YAML or JSON, and print the response.
 
     \b
     shmgen call /cell/start std_srvs/SetBool '{data: true}'
 
-    Waits for a server that is not there yet. One client a service: not while the PLC or a bridge has it open.
+    Waits for a server that has not started yet. A service has one client at a time, so this fails while the PLC or
+    a bridge is its client.
     """  # noqa: D301 click's own sign
     from shmgen.tools import call as tool
     from shmgen.tools import given, shown
@@ -213,13 +221,15 @@ def call(
 
 @click.command()
 @manners.topic
-@click.option("-w", "--window", type=click.IntRange(2), default=10_000, show_default=True, help="In samples.")
+@click.option(
+    "-w", "--window", type=click.IntRange(2), default=10_000, show_default=True, help="Window size, in samples."
+)
 @manners.count
 @manners.timeout
 @manners.for_machines
 @manners.polite
 def hz(topic: str, window: int, count: int | None, timeout: float | None, as_json: bool) -> None:
-    """The rate of a topic, and the shortest, longest and usual time between two samples, once a second."""
+    """Print the rate of a topic and the time between samples, once a second."""
     from shmgen.tools import hz as tool
 
     manners.show(tool.rates(topic, window, timeout, manners.note), count, as_json)
@@ -227,16 +237,16 @@ def hz(topic: str, window: int, count: int | None, timeout: float | None, as_jso
 
 @click.command()
 @click.option(
-    "-d", "--delay", type=click.FloatRange(0.1), default=1.0, show_default=True, help="Seconds between tables."
+    "-d", "--delay", type=click.FloatRange(0.1), default=1.0, show_default=True, help="Seconds between updates."
 )
-@click.option("--once", is_flag=True, help="One table.")
+@click.option("--once", is_flag=True, help="Print one table.")
 @manners.count
 @manners.for_machines
 @manners.polite
 def top(delay: float, once: bool, count: int | None, as_json: bool) -> None:
-    """All regions in a live table: type, writer, rate, age of the newest sample, use of the lock.
+    """Show all regions in a live table: writer, rate, age, lock, missed samples.
 
-    Keys: q quits, s sorts by the next column, r reverses. In a pipe it prints one table after the other.
+    Keys: q quits, s sorts by the next column, r reverses the order. In a pipe, prints one table after the other.
     """
     from shmgen.tools import screen
     from shmgen.tools import top as tool

@@ -11,14 +11,16 @@ import click
 from shmgen.cli import manners, options
 from shmgen.wording import counted
 
-_window = click.option("-w", "--window", type=click.IntRange(2), default=10_000, show_default=True, help="In samples.")
+_window = click.option(
+    "-w", "--window", type=click.IntRange(2), default=10_000, show_default=True, help="Window size, in samples."
+)
 
 
 @click.command()
 @manners.for_machines
 @manners.polite
 def topics(as_json: bool) -> None:
-    """The live regions: type, writer, how many readers, depth, age of the newest sample."""
+    """List live regions: type, writer, readers, depth, age of the newest sample."""
     from shmgen.tools import topics as tool
     from shmgen.tools.shown import as_line
 
@@ -37,7 +39,7 @@ def topics(as_json: bool) -> None:
 @manners.for_machines
 @manners.polite
 def info(topic: str, as_json: bool) -> None:
-    """One topic: type and digest, file, payload, samples, writer, and the processes that read it."""
+    """Print details of a topic: type, digest, file, payload, samples, writer, readers."""
     from shmgen.tools import topics as tool
     from shmgen.tools.shown import as_line
 
@@ -53,7 +55,7 @@ def info(topic: str, as_json: bool) -> None:
 @manners.for_machines
 @manners.polite
 def bw(topic: str, window: int, count: int | None, timeout: float | None, as_json: bool) -> None:
-    """Bytes a second on a topic, once a second."""
+    """Print the bandwidth of a topic, once a second."""
     from shmgen.tools import flow
 
     manners.show(flow.bandwidths(topic, window, timeout, manners.note), count, as_json)
@@ -76,7 +78,10 @@ def delay(
     config_file: Path | None,
     include: tuple[Path, ...],
 ) -> None:
-    """How old samples are when they are seen here, once a second: by header.stamp, or by the writer's own stamp."""
+    """Print the age of samples on arrival, once a second.
+
+    By header.stamp, or the writer's own time stamp where the message has none.
+    """
     from shmgen.tools import flow
 
     workshop = manners.workshop(config_file, include)
@@ -86,8 +91,8 @@ def delay(
 @click.command()
 @manners.topic
 @click.argument("paths", nargs=-1, required=True, metavar="FIELD...", shell_complete=manners.numbers)
-@click.option("-s", "--seconds", type=click.FloatRange(0.1), default=10.0, show_default=True, help="So much is shown.")
-@click.option("--once", is_flag=True, help="One drawing, once so much has come; so in a pipe.")
+@click.option("-s", "--seconds", type=click.FloatRange(0.1), default=10.0, show_default=True, help="Time span to show.")
+@click.option("--once", is_flag=True, help="Draw once, after that time span; the default in a pipe.")
 @options.where
 @manners.polite
 def plot(
@@ -98,7 +103,7 @@ def plot(
     config_file: Path | None,
     include: tuple[Path, ...],
 ) -> None:
-    """Draw numbers of a topic over time in the terminal, until Ctrl-C.
+    """Plot numeric fields of a topic in the terminal.
 
     \b
     shmgen plot /arm/pose position.x position.y
@@ -140,7 +145,10 @@ _SHELLS = {
 @click.command(epilog="\b\nTo turn it on:\n" + "\n".join(f"  {line}" for line in _SHELLS.values()))
 @click.argument("shell", type=click.Choice(list(_SHELLS)))
 def completion(shell: str) -> None:
-    """Print what makes a shell complete commands, options, live topics, types and fields."""
+    """Print the completion script of a shell.
+
+    Completes commands, options, live topics, types and fields.
+    """
     from click.shell_completion import get_completion_class
 
     from shmgen.cli.main import cli

@@ -110,12 +110,12 @@ def _elsewhere(name: str) -> click.Command:
     help="Show the version and exit.",
 )
 def cli() -> None:
-    """Shared-memory bridge code between a CODESYS softPLC and ROS, from ROS message definitions.
+    """Generate code that connects softPLCs and ROS through shared memory.
 
     \b
-    shmgen list                          what there is
-    shmgen show geometry_msgs/Pose       where its bytes go
-    shmgen generate geometry_msgs/Pose   Python, Structured Text and C that agree on them
-    shmgen bridge                        topics of ROS to regions and back
-    shmgen doctor                        how the regions fare that are live now
+    shmgen list                          list the messages that can be generated
+    shmgen show geometry_msgs/Pose       print the byte layout of a message
+    shmgen generate geometry_msgs/Pose   generate matching Python, Structured Text and C
+    shmgen bridge                        carry topics between ROS and shared memory
+    shmgen doctor                        diagnose the live regions of this machine
     """  # noqa: D301 click's own sign

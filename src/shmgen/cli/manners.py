@@ -106,10 +106,10 @@ def _load(context: click.Context) -> Config:
 
 
 topic = click.argument("topic", shell_complete=topics)
-for_machines = click.option("--json", "as_json", is_flag=True, help="For machines.")
-count = click.option("-n", "--count", type=click.IntRange(1), help="Stop after so many.")
+for_machines = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+count = click.option("-n", "--count", type=click.IntRange(1), help="Stop after this many.")
 timeout = click.option(
-    "--timeout", type=click.FloatRange(0), help="Give up, exit 1, after so many seconds without a sample."
+    "--timeout", type=click.FloatRange(0), help="Exit with 1 after this many seconds without a sample."
 )
 
 

@@ -33,14 +33,14 @@ def where(command: F) -> F:
             "--config",
             "config_file",
             type=click.Path(path_type=Path),
-            help="Configuration file.  [default: shmgen.toml or pyproject.toml in this folder, if there]",
+            help="Configuration file.  [default: shmgen.toml or pyproject.toml in the current folder]",
         ),
         click.option(
             "-I",
             "--include",
             type=click.Path(path_type=Path),
             multiple=True,
-            help="Folder to look for message packages in, before all others; may be repeated.",
+            help="Folder to search for message packages, before all others; may be repeated.",
         ),
         click.option(
             "--no-cache",
@@ -48,7 +48,7 @@ def where(command: F) -> F:
             is_eager=True,
             expose_value=False,
             callback=_without_cache,
-            help=f"Neither use nor fill the cache; so does the environment variable {cache.OFF}.",
+            help=f"Do not use the cache; the same as setting {cache.OFF}.",
         ),
     ):
         command = option(command)

@@ -15,21 +15,21 @@ from shmgen.wording import counted
 
 @click.command("import")
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE|FOLDER...")
-@click.option("-p", "--package", help="Name of the message package.  [default: of the first file, with _msgs]")
+@click.option("-p", "--package", help="Name of the message package.  [default: name of the first file, with _msgs]")
 @click.option(
     "-o",
     "--output",
     type=click.Path(path_type=Path, file_okay=False),
     default=Path("msgs"),
     show_default=True,
-    help="Folder for the package.",
+    help="Folder in which to create the package.",
 )
-@click.option("--skip", is_flag=True, help="Leave out what cannot be a message, and write the rest.")
+@click.option("--skip", is_flag=True, help="Leave out types that cannot be messages, and write the rest.")
 def import_(files: tuple[Path, ...], package: str | None, output: Path, skip: bool) -> None:
-    """Message definitions from the data types of a PLC project: PLCopen XML, .TcDUT, .st.
+    """Create message definitions from the data types (DUTs) of a PLC project.
 
-    Names, comments and bytes are kept: what is generated from them in Structured Text is what was imported. After an
-    error nothing is written.
+    Reads PLCopen XML, .TcDUT and .st files. Names, comments and bytes are kept: Structured Text generated from the
+    definitions has the imported types again. After an error nothing is written.
     """
     from shmgen.plc import messages, sources
 

@@ -15,14 +15,17 @@ _MISSING = "`shmgen view` needs {name}, which is not installed: `pip install '.[
 
 @click.command()
 @click.argument("topic", required=False, shell_complete=manners.topics)
-@click.option("-t", "--terminal", is_flag=True, help="In this terminal, also over ssh, instead of the browser.")
+@click.option("-t", "--terminal", is_flag=True, help="Use this terminal (also over ssh) instead of the browser.")
 @click.option(
-    "-p", "--port", type=click.IntRange(0, 65535), default=8642, show_default=True, help="0: one that is free."
+    "-p",
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=8642,
+    show_default=True,
+    help="Port of the page; 0 selects a free one.",
 )
-@click.option("--open", "opens", is_flag=True, help="Open the browser.")
-@click.option(
-    "--allow-write", is_flag=True, help="Let samples be published by hand. Off by itself: they move machines."
-)
+@click.option("--open", "opens", is_flag=True, help="Open the page in the browser.")
+@click.option("--allow-write", is_flag=True, help="Allow publishing by hand. Off by default: samples move machines.")
 @options.where
 @manners.polite
 def view(
@@ -34,10 +37,10 @@ def view(
     config_file: Path | None,
     include: tuple[Path, ...],
 ) -> None:
-    """Live regions on a screen: all in a table, and of each its fields, plots and memory.
+    """Show live regions in the browser or terminal: table, fields, plots, memory.
 
-    By itself a page on 127.0.0.1, at the address that it prints; nobody without the token in it is let in. Needs
-    the extra `view` (`pip install '.[view]'` in a checkout), and no internet.
+    Serves a page on 127.0.0.1 and prints its address; the token in the address is required for access. Needs the
+    extra `view` (`pip install '.[view]'` in a checkout) and no internet.
     """
     try:
         import textual  # noqa: F401

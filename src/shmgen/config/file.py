@@ -42,6 +42,7 @@ class Config:
     targets: tuple[str, ...] = USUAL
     package: str = "shm_msgs"
     distribution: str = ""
+    runtime: str = "installed"
     ros_package: str = ""
     document: Mapping[str, Any] = field(default_factory=dict, compare=False, repr=False)
     max_region: int = MAX_REGION
@@ -96,6 +97,7 @@ class _Sections:
             "targets",
             "package",
             "distribution",
+            "runtime",
             "max_region",
             "task_interval",
             "ros_package",
@@ -112,6 +114,7 @@ class _Sections:
             targets=self.read.texts("targets", data, USUAL, KEYS),
             package=self.package(data),
             distribution=self.distribution(data),
+            runtime=self.read.choice("", "runtime", data, ("installed", "beside"), "installed"),
             ros_package=self.ros_package(data),
             document=data,
             max_region=self.read.number("", "max_region", data, MAX_REGION),

@@ -73,7 +73,8 @@ class Session:
 
 def _imported(config: Config, layouts: Layouts) -> dict[str, type[Message]]:
     """The classes of generated modules, from a folder that lasts as long as it takes to import them."""
-    config = replace(config, targets=("python",), topics=(), services=(), actions=(), package=_PACKAGE, distribution="")
+    config = replace(config, targets=("python",), topics=(), services=(), actions=(), package=_PACKAGE)
+    config = replace(config, distribution="", runtime="installed")
     texts = pipeline.printed(config, layouts)
     with tempfile.TemporaryDirectory(prefix="shmgen-") as folder:
         for path, text in texts.items():

@@ -13,7 +13,7 @@ from shmgen.live.classes import subscriber
 from shmgen.live.regions import View, depth_of, sound, topic_of
 from shmgen.runtime import Message
 from shmgen.runtime import header as h
-from shmgen.runtime.region import keeps_order
+from shmgen.runtime.order import keeps_order, ordered
 
 _TRIES = 8
 
@@ -59,8 +59,8 @@ class Onlooker:
     def __init__(self, view: View, header: h.Header, whole: bool) -> None:
         size = h.HEADER_SIZE + header.slots * header.slot_size
         self._map = view.mapped(size)
-        self._words = memoryview(self._map).cast("I")
-        self._quads = memoryview(self._map).cast("Q")
+        self._words = ordered(memoryview(self._map).cast("I"))
+        self._quads = ordered(memoryview(self._map).cast("Q"))
         self._slots = header.slots
         self._places = tuple(_place(header, slot) for slot in range(header.slots))
         self._last = 0 if whole else max(0, self._words[h.COMPLETED] - 1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from shmgen.runtime import cpython as cpython  # before all that would fail elsewhere
 from shmgen.runtime import values
 from shmgen.runtime.access import RegionOptions
 from shmgen.runtime.action_client import ActionClient

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from contextlib import ExitStack
 from types import SimpleNamespace
 from typing import Any, Generic, TypeVar
@@ -9,7 +10,6 @@ from typing import Any, Generic, TypeVar
 from shmgen.runtime.calls import Caller
 from shmgen.runtime.closing import Closing
 from shmgen.runtime.errors import CallTimeout, NoServer
-from shmgen.runtime.lock import LOCK_TIMEOUT
 from shmgen.runtime.message import Message
 from shmgen.runtime.publisher import Publisher
 from shmgen.runtime.subscriber import Subscriber
@@ -30,7 +30,7 @@ class ActionClient(Closing, Generic[Goal, Feedback, Outcome]):
         self,
         action: str,
         *,
-        lock_timeout: float = LOCK_TIMEOUT,
+        lock_timeout: float | None = None,
         mode: int | None = None,
         group: str | int | None = None,
     ) -> None:
@@ -54,10 +54,11 @@ class ActionClient(Closing, Generic[Goal, Feedback, Outcome]):
         A goal that still runs is given up: its server is told to cancel it by the newer one. Raises NoServer, and
         nothing was sent; ValueRejected; LockTimeout.
         """
+        deadline = time.monotonic() + timeout
         if not self._caller.wait_for_server(timeout):
             raise NoServer(f"{self._action}: no server within {timeout:g} s; the request was not sent")
         self._status, self._feedback = 0, None
-        self._goal = self._caller.ask(SimpleNamespace(cancel=0, goal=goal))
+        self._goal = self._caller.ask(SimpleNamespace(cancel=0, goal=goal), deadline)
         return self._goal
 
     def feedback(self) -> Feedback | None:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
+from functools import partial
 from types import SimpleNamespace
 from typing import Any, Generic, TypeVar
 
-from shmgen.runtime.calls import Callee, log_exception, passed_over, until
+from shmgen.runtime.calls import Callee, deadline_of, log_exception, passed_over, until
 from shmgen.runtime.closing import Closing
-from shmgen.runtime.lock import LOCK_TIMEOUT
+from shmgen.runtime.errors import LockTimeout
+from shmgen.runtime.lock import UNTIL_HEALED
 from shmgen.runtime.message import Message
 from shmgen.runtime.publisher import Publisher
 from shmgen.runtime.subscriber import Subscriber
@@ -76,7 +78,7 @@ class ActionServer(Closing, Generic[Goal]):
         self,
         action: str,
         *,
-        lock_timeout: float = LOCK_TIMEOUT,
+        lock_timeout: float | None = None,
         mode: int | None = None,
         group: str | int | None = None,
     ) -> None:
@@ -100,16 +102,21 @@ class ActionServer(Closing, Generic[Goal]):
         """Accepts each goal and calls `handler(goal)`, which ends it: goal.succeed, goal.abort or goal.canceled.
 
         Ends after `timeout` seconds, or never. A goal that the handler leaves without an end is ABORTED; so is one in
-        which it raises an exception, which goes to the log `shmgen`; what is no Exception ends serve().
+        which it raises an exception, which goes to the log `shmgen`; what is no Exception ends serve(). A lock that is
+        not free in time does not: the outcome then waits, until the lock is free or a newer goal has come.
         """
-        for goal in until(timeout, self.wait):
+        deadline = deadline_of(timeout)
+        for goal in until(deadline, self.wait):
             try:
-                goal.accept()
+                self._callee.insist(goal.accept, deadline)
                 handler(goal)
             except Exception:
                 log_exception(f"{self._action}: goal {goal.number} aborted")
-            finally:
-                goal.abort()
+            except BaseException:
+                with suppress(LockTimeout):
+                    goal.abort()
+                raise
+            self._callee.insist(goal.abort, deadline)
 
     def take(self) -> ServedGoal[Goal] | None:
         """The newest goal not taken yet, or None. The one before it, if it has not ended, nobody waits for any more."""
@@ -155,7 +162,7 @@ class ActionServer(Closing, Generic[Goal]):
         else:  # nobody has taken that goal: it waits here, or its cancel has overwritten it
             self._callee.begin(command.cancel)
             self._waiting = None
-            self._end(command.cancel, "CANCELED", None)
+            self._callee.insist(partial(self._end, command.cancel, "CANCELED", None), deadline_of(UNTIL_HEALED))
 
     def _unwanted(self, number: int) -> bool:
         self._look()

@@ -158,6 +158,8 @@ def _buffer(value: Any, typecode: str, item_size: int) -> memoryview | None:
         view = memoryview(value)
     except (TypeError, ValueError, BufferError):
         return None
+    if typecode == "B" and view.format == "B" and view.ndim == 1 and view.c_contiguous:
+        return view  # of all the most usual, and at a quarter of the time
     form = view.format.lstrip("@=<")
     same = _KINDS.get(form) == _KINDS[typecode] or (form == "c" and typecode == "B")
     if not same or view.itemsize != item_size or view.ndim == 0:

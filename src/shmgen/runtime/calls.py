@@ -15,6 +15,7 @@ from typing import Any, Generic, TypeVar
 from shmgen import abi
 from shmgen.runtime import header as h
 from shmgen.runtime.claim import WATCH
+from shmgen.runtime.errors import LockTimeout
 from shmgen.runtime.message import Message
 from shmgen.runtime.publisher import Publisher
 from shmgen.runtime.region import WRITER_LOCK
@@ -47,11 +48,14 @@ class Caller(Generic[Q, A]):
         self._beat = -1
         self._looked = 0.0
 
-    def ask(self, question: Any) -> int:
-        """Sends a question and gives the one before up; returns its number. Raises as Publisher.publish."""
+    def ask(self, question: Any, deadline: float | None = None) -> int:
+        """Sends a question and gives the one before up; returns its number. Raises as Publisher.publish.
+
+        `deadline`, by time.monotonic(): how long it may wait for the lock, where that is needed.
+        """
         self.number = 0
         self._answers._skip()  # what is there answers nothing that is still to come
-        self.tell(question)
+        self._questions._publish_by(question, deadline)
         self.number = self._questions.sequence
         return self.number
 
@@ -89,7 +93,6 @@ class Caller(Generic[Q, A]):
         return True
 
     def close(self) -> None:
-        self.number = 0
         self._questions.close()
         self._answers.close()
 
@@ -153,6 +156,25 @@ class Callee(Generic[Q, A]):
         self._answers.publish(answer)
         return True
 
+    def insist(self, answer: Callable[[], object], deadline: float = inf) -> None:
+        """Calls `answer`, which sends one, until the lock lets it through: of a lock no server ends.
+
+        Gives up at the deadline, by time.monotonic(), and for a newer question, since nobody waits for this any more.
+        """
+        told = False
+        while True:
+            try:
+                answer()
+                return
+            except LockTimeout:
+                if not told:
+                    log_exception(f"{self._answers.topic}: the answer to {self.number} waits for the lock")
+                told = True
+            if time.monotonic() >= deadline or self._questions.ready(0.0):
+                return
+            self._answers.heartbeat()
+            time.sleep(_LOOK)
+
     def client_lives(self) -> bool:
         """A process holds its record lock; a PLC's heartbeat has moved within the last second."""
         questions = self._questions
@@ -165,9 +187,13 @@ class Callee(Generic[Q, A]):
         self._answers.close()
 
 
-def until(timeout: float | None, wait: Callable[[float], T | None]) -> Iterator[T]:
-    """What `wait` gives, for `timeout` seconds or for ever."""
-    deadline = inf if timeout is None else time.monotonic() + timeout
+def deadline_of(timeout: float | None) -> float:
+    """By time.monotonic(); None: never."""
+    return inf if timeout is None else time.monotonic() + timeout
+
+
+def until(deadline: float, wait: Callable[[float], T | None]) -> Iterator[T]:
+    """What `wait` gives, until that instant by time.monotonic()."""
     while (left := deadline - time.monotonic()) > 0:
         found = wait(min(left, _LONGEST_WAIT))
         if found is not None:

@@ -10,7 +10,6 @@ from typing import Any, Generic, TypeVar
 from shmgen.runtime.calls import Caller
 from shmgen.runtime.closing import Closing
 from shmgen.runtime.errors import CallFailed, CallTimeout, NoServer
-from shmgen.runtime.lock import LOCK_TIMEOUT
 from shmgen.runtime.message import Message
 from shmgen.runtime.publisher import Publisher
 from shmgen.runtime.subscriber import Subscriber
@@ -29,7 +28,7 @@ class ServiceClient(Closing, Generic[Request, Response]):
         self,
         service: str,
         *,
-        lock_timeout: float = LOCK_TIMEOUT,
+        lock_timeout: float | None = None,
         mode: int | None = None,
         group: str | int | None = None,
     ) -> None:
@@ -59,7 +58,7 @@ class ServiceClient(Closing, Generic[Request, Response]):
                 raise CallTimeout(f"{self._service}: another thread's call took all of the {timeout:g} s")
             if not self._caller.wait_for_server(deadline - time.monotonic()):
                 raise NoServer(f"{self._service}: no server within {timeout:g} s; the request was not sent")
-            number = self._caller.ask(request)
+            number = self._caller.ask(request, deadline)
             reply = self._caller.wait(deadline - time.monotonic())
             if reply is None:
                 self._caller.number = 0

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import os
-import threading
 import time
 
 from shmgen import abi
 from shmgen.runtime import header as h
-from shmgen.runtime.region import REPAIR_LOCK, Region, keeps_order
+from shmgen.runtime.order import keeps_order
+from shmgen.runtime.region import REPAIR_LOCK, Region
 from shmgen.runtime.semaphores import TOO_MANY, NoSemaphore
 
 LOCK_TIMEOUT = abi.LOCK_MS / 1000
-"""Seconds to wait for the lock, unless told otherwise."""
+"""Seconds to wait for the lock, unless told otherwise, and longest single wait."""
+UNTIL_HEALED = (abi.HEAL_MS + abi.PEER_MS) / 1000
+"""The same for a writer where the lock is needed: whatever has become of its holder, it is free or healed by then."""
 _DEAD_AFTER = abi.DEAD_MS / 1000
 _STUCK_AFTER = abi.HEAL_MS / 1000
 """Seconds of one stay inside, after which the lock of a dead process, and of anybody else, is taken over."""
@@ -27,8 +29,8 @@ _SURPLUS = 64
 class Lock:
     """What is done when a try of the semaphore failed; publisher and subscriber make the try themselves.
 
-    `keeps_order`: loads and stores of this machine keep their order (x86-64), so the slots alone carry
-    integrity and one may go on without the lock. `misses` counts how often that, or giving up, happened.
+    `keeps_order`: loads and stores of this machine keep their order (x86), or there is no lock, so the slots alone
+    carry integrity and one may go on without. `misses` counts how often that, or giving up, happened.
 
     Whoever made the try itself calls leave() for any exception: a signal handler may raise at every call, also at
     the try, before its result is known. The semaphore counts inside its own call, so its count is always right.
@@ -36,8 +38,12 @@ class Lock:
 
     __slots__ = ("_balance", "_region", "_repairing", "_seen", "_since", "_waited", "keeps_order", "misses", "timeout")
 
-    def __init__(self, region: Region, timeout: float) -> None:
-        if not 0 <= timeout <= _STUCK_AFTER:
+    def __init__(self, region: Region, timeout: float | None, where_needed: float = LOCK_TIMEOUT) -> None:
+        """`timeout` None: LOCK_TIMEOUT, or `where_needed` on a machine where nobody goes on without the lock."""
+        self.keeps_order = keeps_order() or isinstance(region.semaphore, NoSemaphore)
+        if timeout is None:
+            timeout = LOCK_TIMEOUT if self.keeps_order else where_needed
+        elif not 0 <= timeout <= _STUCK_AFTER:
             raise ValueError(f"lock_timeout is {timeout}; it goes from 0 to {_STUCK_AFTER:.0f} second")
         self._region = region
         # Who is inside when we open may be stuck: its time runs beside that in which a writer makes sure of its claim.
@@ -47,31 +53,44 @@ class Lock:
         # What the semaphore's count is short of our being inside: places of dead ones taken, less tokens taken away.
         self._balance = 0
         self._repairing = False
-        self.keeps_order = keeps_order()
         self.misses = 0
         self.timeout = timeout
 
-    def wait(self) -> bool:
+    def wait(self, deadline: float | None = None) -> bool:
         """Waits for the lock until the time limit; True = inside.
+
+        `deadline`, by time.monotonic(), is that of the whole call: a limit beyond it ends there, and where the lock is
+        needed one short of it lasts until then.
 
         Whoever gets in counts `lock_count` up and then writes its name into `lock_holder`. While both stand where
         they stood at the first try that failed, one stay inside lasts: waiting again would cost the limit each time
-        for nothing, until it has lasted for so long that its holder must be dead.
+        for nothing, until it has lasted for so long that its holder must be dead. Only where the lock is needed there
+        is nothing else to do.
         """
         if isinstance(self._region.semaphore, NoSemaphore):
             return False  # which is no miss
         self.leave()  # where an exception came upon an exception
+        now, left = time.monotonic(), self.timeout
+        if deadline is not None:
+            left = min(left, deadline - now) if self.keeps_order else deadline - now
+        end = now + left
+        while not self._try_once_more(left):
+            left = end - time.monotonic()
+            if self.keeps_order or left <= 0:
+                self.misses += 1
+                return False
+        return True
+
+    def _try_once_more(self, left: float) -> bool:
+        """Waits, `left` seconds at most, unless this stay has been waited for in vain, and heals."""
         stay = self._stay()
         if stay != self._seen:
             self._seen, self._since, self._waited = stay, time.monotonic(), False
-        if not self._waited:
+        if not self._waited or not self.keeps_order:
             self._waited = True
-            if self._try_for(self.timeout):
+            if self._try_for(left if self.keeps_order else min(left, LOCK_TIMEOUT)):
                 return True
-        if self._overdue(stay) and self._take_over(stay):
-            return True
-        self.misses += 1
-        return False
+        return self._overdue(stay) and self._take_over(stay)
 
     def leave(self, error: BaseException | None = None) -> bool:
         """Gives back what this side holds, if it holds anything; for all ways out but the straight one.
@@ -148,7 +167,7 @@ class Lock:
         try:
             if not region.lock_byte(REPAIR_LOCK):
                 return False
-            if self._try_for(self.timeout):
+            if self._try_for(min(self.timeout, LOCK_TIMEOUT)):
                 return True
             if self._stay() != stay:
                 return False
@@ -163,12 +182,6 @@ class Lock:
             self._repairing = False
 
 
-def fence() -> None:
-    """Keeps stores and loads on their side of it: taking any mutex is a locked instruction."""
-    with _mutex:
-        pass
-
-
 def _is_dead(pid: int) -> bool:
     """Whether `pid`, a word of the region, is that of no process. A PLC and nobody have none."""
     if not 0 < pid < 1 << 31:
@@ -180,6 +193,3 @@ def _is_dead(pid: int) -> bool:
     except PermissionError:
         pass
     return False
-
-
-_mutex = threading.Lock()

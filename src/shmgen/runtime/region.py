@@ -22,6 +22,7 @@ from shmgen.runtime.access import PATIENCE, Access, RegionOptions, access_for, d
 from shmgen.runtime.closing import Gone, kept_from_children
 from shmgen.runtime.errors import LayoutMismatch, RegionMissing, RegionUnusable
 from shmgen.runtime.names import event_name, region_file, region_name, semaphore_file
+from shmgen.runtime.order import fence, has_barrier, ordered
 from shmgen.runtime.semaphores import EVENT_MOST, LOCK_MOST, NoSemaphore, Semaphore
 
 WRITER_LOCK = abi.WRITER_LOCK
@@ -32,6 +33,8 @@ REPAIR_LOCK = abi.REPAIR_LOCK
 _OTHER_MAKER = 2e-3
 """Seconds after which another maker of the same header has written his."""
 _ATTEMPTS = 10
+_LARGER_PAGES = (16384, 65536)
+"""Bytes: on a Raspberry Pi 5 and Apple's machines, and in kernels for servers with ARM or POWER."""
 _FLOCK = struct.Struct("hhqqi4x")
 
 
@@ -66,6 +69,7 @@ class Region:
         self.semaphore = semaphore
         self._file = file
         kept_from_children(self)
+        self.words, self.quads = ordered(self.words), ordered(self.quads)
 
     @property
     def file(self) -> int:
@@ -101,7 +105,7 @@ class Region:
         Once is enough, but where an exception or a fork came upon it: the map has a descriptor, and the claim, as well.
         """
         for view in (self.words, self.quads):
-            if isinstance(view, memoryview):
+            if not isinstance(view, Gone):
                 view.release()
         if gone is not None:
             self.words = self.quads = cast(memoryview, gone)
@@ -119,21 +123,24 @@ def open_region(topic: str, ours: h.Header, options: RegionOptions = RegionOptio
     PermissionDenied and RegionUnusable.
     """
     name = region_name(topic)
-    if options.sync == "sequence" and not keeps_order():
+    if options.sync == "sequence" and not has_barrier():
         raise RegionUnusable(
-            f'{topic}: sync = "sequence" needs a machine that keeps the order of loads and stores, as x86-64 does; '
-            f'this is {os.uname().machine}: write sync = "lock" into shmgen.toml and generate both sides again'
+            f'{topic}: sync = "sequence" needs full memory barriers on {os.uname().machine}, and this Python has none: '
+            f"install shmgen with its extension in C (a compiler and Python's headers), or allow membarrier(2) here; "
+            'between programs of one bitness sync = "lock" works as well'
         )
+    if options.sync == "lock":
+        semaphores.need_glibc(topic)
     access = access_for(options)
     for _ in range(_ATTEMPTS):
         file = _open_memory(name, ours.size, access)
         try:
             _await_size(file, name, ours.size)
-            _check(topic, ours, _peek(file.fileno()))
+            _check(topic, ours, file)
             with _typed(region_file(name)):
                 map = kept_from_children(mmap.mmap(file.fileno(), ours.size))
             _complete_header(file.fileno(), map, ours)
-            _check(topic, ours, _peek(file.fileno()))
+            _check(topic, ours, file)
             semaphore = _open_semaphore(name, 1, LOCK_MOST, options, access)
             if _leads_to(region_file(name), file):
                 return Region(topic, file, map, ours, semaphore, options)
@@ -148,11 +155,6 @@ def open_event(region: Region) -> Semaphore:
     """Opens the semaphore that wakes a waiting reader, or makes it. Raises PermissionDenied, RegionUnusable."""
     options = region.options
     return _open_semaphore(event_name(region.name), 0, EVENT_MOST, options, access_for(options))
-
-
-def keeps_order() -> bool:
-    """Whether loads and stores of this machine keep their order, so that the slots alone carry integrity."""
-    return os.uname().machine in ("x86_64", "AMD64")
 
 
 def read_header(name: str) -> h.Header:
@@ -294,6 +296,7 @@ def _complete_header(fd: int, map: mmap.mmap, ours: h.Header) -> None:
             magic, *others = h.MADE
             for place in others:
                 map[place] = data[place]
+            fence()
             with memoryview(map) as view, view[magic].cast("I") as word:
                 word[0] = h.MAGIC
             time.sleep(_OTHER_MAKER)
@@ -301,7 +304,10 @@ def _complete_header(fd: int, map: mmap.mmap, ours: h.Header) -> None:
         _unlock_byte(fd, REPAIR_LOCK)
 
 
-def _check(topic: str, ours: h.Header, theirs: h.Header) -> None:
+def _check(topic: str, ours: h.Header, file: io.FileIO) -> None:
+    theirs = _peek(file.fileno())
+    if _is_rounded(ours.size, theirs.size, file):
+        theirs = theirs._replace(size=ours.size)
     if theirs.magic == 0 and theirs.size == ours.size:
         return
     if theirs.fixed == ours.fixed:
@@ -317,6 +323,13 @@ def _check(topic: str, ours: h.Header, theirs: h.Header) -> None:
         f"  here:  {ours}\n"
         f"  {advice}; if the region is a leftover, remove it: `shmgen clean {topic}`"
     )
+
+
+def _is_rounded(ours: int, theirs: int, file: io.FileIO) -> bool:
+    """Whether a runtime has rounded the size up to larger pages, with nothing in the rest."""
+    if theirs == ours or all(theirs != -(-ours // page) * page for page in _LARGER_PAGES):
+        return False
+    return not any(os.pread(file.fileno(), theirs - ours, ours))
 
 
 def _peek(fd: int) -> h.Header:

@@ -60,6 +60,17 @@ class Semaphore(Protocol):
         """As sem_getvalue."""
 
 
+def need_glibc(topic: str) -> None:
+    """Raises RegionUnusable under any other C library: musl has its semaphores under the names of regions."""
+    try:
+        os.confstr("CS_GNU_LIBC_VERSION")
+    except (OSError, ValueError):
+        raise RegionUnusable(
+            f"{topic}: a lock takes glibc's semaphores, which musl (Alpine) does not have: run this in an image with "
+            'glibc, as Debian\'s, or write sync = "sequence" into shmgen.toml and generate both sides again'
+        ) from None
+
+
 class NoSemaphore:
     """Stands where a region has no lock: never entered, never posted."""
 
@@ -121,10 +132,17 @@ def check(file: int, path: str) -> None:
     """Raises RegionUnusable for a file that is no semaphore: the C library believes what lies there.
 
     It maps as many bytes as its sem_t has, so that a process dies of SIGBUS where there are none, and aborts at a
-    post where the word that says private or shared is neither.
+    post where the word that says private or shared is neither. That of a program of other bitness it takes for held,
+    or for free, for ever.
     """
     data = os.pread(file, max(_SIZES) + 1, 0)
-    if len(data) not in _SIZES or (len(data) == _OURS and _SHARING.unpack_from(data)[0] not in _SHARED):
+    if len(data) in _SIZES and len(data) != _OURS:
+        raise RegionUnusable(
+            f"{path} was made by a program of {2 * len(data)} bits, this is one of {2 * _OURS}, and no semaphore "
+            'crosses that: write sync = "sequence" under [regions] in shmgen.toml, generate both sides again, and '
+            "remove it; or remove it, if it is a leftover: `shmgen clean`"
+        )
+    if len(data) != _OURS or _SHARING.unpack_from(data)[0] not in _SHARED:
         raise RegionUnusable(f"{path} is not a semaphore of this machine's C library: remove it and start again")
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
+from functools import partial
 from types import SimpleNamespace
 from typing import Any, Generic, NamedTuple, TypeVar
 
-from shmgen.runtime.calls import Callee, log_exception, passed_over, until
+from shmgen.runtime.calls import Callee, deadline_of, log_exception, passed_over, until
 from shmgen.runtime.closing import Closing
-from shmgen.runtime.lock import LOCK_TIMEOUT
+from shmgen.runtime.errors import LockTimeout
 from shmgen.runtime.message import Message
 from shmgen.runtime.publisher import Publisher
 from shmgen.runtime.subscriber import Subscriber
@@ -34,7 +35,7 @@ class ServiceServer(Closing, Generic[Request]):
         self,
         service: str,
         *,
-        lock_timeout: float = LOCK_TIMEOUT,
+        lock_timeout: float | None = None,
         mode: int | None = None,
         group: str | int | None = None,
     ) -> None:
@@ -59,16 +60,21 @@ class ServiceServer(Closing, Generic[Request]):
         """Answers each request with what `handler(request)` returns: a response, or any object with its attributes.
 
         Ends after `timeout` seconds, or never. An exception in the handler, or a response that does not fit, makes
-        that call FAILED and goes to the log `shmgen`; what is no Exception (KeyboardInterrupt) ends serve().
+        that call FAILED and goes to the log `shmgen`; what is no Exception (KeyboardInterrupt) ends serve(). A lock
+        that is not free in time does not: the response then waits, until the lock is free or the client has given up.
         """
-        for call in until(timeout, self.wait):
+        deadline = deadline_of(timeout)
+        for call in until(deadline, self.wait):
             try:
-                self.reply(call, handler(call.request))
-            except BaseException as error:
-                self.fail(call)
-                if not isinstance(error, Exception):
-                    raise
+                response = handler(call.request)
+                self._callee.insist(partial(self.reply, call, response), deadline)
+            except Exception:
+                self._callee.insist(partial(self.fail, call), deadline)
                 log_exception(f"{self._service}: call {call.number} failed")
+            except BaseException:
+                with suppress(LockTimeout):
+                    self.fail(call)
+                raise
 
     def take(self) -> Call | None:
         """The newest request not taken yet, or None. Take or wait often: it shows a PLC that the server lives."""

@@ -23,13 +23,26 @@ typedef struct Step {
 
 #define MOST_OBJECTS 32
 
-/* base == NULL: not connected. What it points at is kept by the region of the object in Python. */
+/* An array that is copied straight into its slot: room in scratch, which it is copied in place of, and where to. */
+typedef struct Late {
+    size_t offset;
+    size_t room;
+    PyObject *bytes; /* a memoryview, borrowed of the list of all */
+    PyObject *where; /* a slice of the region's map; NULL: no bytes */
+} Late;
+
+#define MOST_LATE 16
+
+/* base == NULL: not connected. What it points at, and the objects, are kept by the object in Python. */
 typedef struct Writer {
     PyObject_HEAD
     shmgen_link end;
     unsigned char *scratch; /* header of a slot, then the message */
     Step *steps;            /* NULL: Python encodes */
     Py_ssize_t count;
+    PyObject *map;
+    PyObject *kind;         /* the message type */
+    PyObject *message;      /* one message of it, an array's, that lies in scratch; NULL: too long for that */
     sem_t *event;
     size_t size;           /* bytes of a message */
     unsigned int sequence; /* number of the newest sample */
@@ -87,9 +100,9 @@ static PyObject *writer_connect(PyObject *object, PyObject *arguments)
     Writer *self = (Writer *)object;
     unsigned long long base, lock, event, scratch, size;
     unsigned int slots, slot_size, pid;
-    PyObject *plan;
-    if (!PyArg_ParseTuple(arguments, "KKKKKIIIO!", &base, &lock, &event, &scratch, &size, &slots, &slot_size, &pid,
-                          &PyTuple_Type, &plan))
+    PyObject *plan, *map, *kind, *message;
+    if (!PyArg_ParseTuple(arguments, "KKKKKIIIO!OOO", &base, &lock, &event, &scratch, &size, &slots, &slot_size, &pid,
+                          &PyTuple_Type, &plan, &map, &kind, &message))
         return NULL;
     if (self->steps != NULL || !steps_of(self, plan))
         return PyErr_Occurred() != NULL ? NULL : PyErr_Format(PyExc_RuntimeError, "connected twice");
@@ -97,6 +110,9 @@ static PyObject *writer_connect(PyObject *object, PyObject *arguments)
     self->end.slots = slots;
     self->end.slot_size = slot_size;
     self->end.pid = pid;
+    self->map = map;
+    self->kind = kind;
+    self->message = message != Py_None ? message : NULL;
     self->event = (sem_t *)(uintptr_t)event;
     self->scratch = (unsigned char *)(uintptr_t)scratch;
     self->size = (size_t)size;
@@ -115,8 +131,25 @@ static PyObject *writer_disconnect(PyObject *object, PyObject *nothing)
     Py_RETURN_NONE;
 }
 
-/* Publishes what lies in scratch. False: nothing was done. */
-static bool publish(Writer *self)
+/* Copies scratch, and late arrays in their room. False: an exception is set. */
+static bool copy(const Writer *self, unsigned char *payload, const Late *late, size_t count)
+{
+    const unsigned char *scratch = self->scratch + SHMGEN_SLOT_HEADER;
+    size_t done = 0;
+    for (const Late *one = late; one < late + count; one++) {
+        if (one->offset > done)
+            memcpy(payload + done, scratch + done, one->offset - done);
+        if (one->where != NULL && PyObject_SetItem(self->map, one->where, one->bytes) != 0)
+            return false;
+        done = one->offset + one->room;
+    }
+    if (done < self->size)
+        memcpy(payload + done, scratch + done, self->size - done);
+    return true;
+}
+
+/* Publishes what lies in scratch, and late arrays. False: nothing was done, or an exception is set. */
+static bool publish(Writer *self, const Late *late, size_t count)
 {
     shmgen_link *end = &self->end;
     const bool locks = end->lock != NULL;
@@ -142,7 +175,11 @@ static bool publish(Writer *self)
         __atomic_thread_fence(__ATOMIC_SEQ_CST);
     memcpy(end->base + slot + offsetof(shmgen_slot, stamp_ns), &stamp, sizeof stamp);
     memcpy(end->base + slot + offsetof(shmgen_slot, number), &number, sizeof number);
-    memcpy(end->base + slot + SHMGEN_SLOT_HEADER, self->scratch + SHMGEN_SLOT_HEADER, self->size);
+    if (!copy(self, end->base + slot + SHMGEN_SLOT_HEADER, late, count)) {
+        if (locks)
+            shmgen_leave(end);
+        return false;
+    }
     ours = shmgen_load(end, SHMGEN_AT(writer)) == end->pid;
     if (ours) {
         self->sequence = number;
@@ -165,7 +202,69 @@ static bool publish(Writer *self)
 static PyObject *writer_straight(PyObject *object, PyObject *nothing)
 {
     (void)nothing;
-    return PyBool_FromLong(publish((Writer *)object));
+    return PyBool_FromLong(publish((Writer *)object, NULL, 0));
+}
+
+static size_t next_slot(const Writer *self)
+{
+    return shmgen_slot_of(&self->end, shmgen_after(&self->end, self->sequence, 1));
+}
+
+static size_t number_of(PyObject *tuple, Py_ssize_t index)
+{
+    return PyLong_AsSize_t(PyTuple_GetItem(tuple, index));
+}
+
+/* Fills `one` of (offset in scratch, room, bytes). False: an exception is set, or it is none to be copied. All that may
+ * run code of anybody's is done here, before the lock. */
+static bool late_of(const Writer *self, PyObject *item, size_t slot, Late *one)
+{
+    PyObject *bytes = PyTuple_GetItem(item, 2), *length, *from, *to;
+    size_t count;
+    one->where = NULL;
+    if (bytes == NULL)
+        return false;
+    one->bytes = bytes;
+    one->offset = number_of(item, 0) - SHMGEN_SLOT_HEADER;
+    one->room = number_of(item, 1);
+    length = PyObject_GetAttrString(bytes, "nbytes");
+    if (length == NULL)
+        return false;
+    count = PyLong_AsSize_t(length);
+    Py_DECREF(length);
+    if (PyErr_Occurred() != NULL || one->room == 0 || one->offset > self->size ||
+        one->room > self->size - one->offset || count > one->room)
+        return false;
+    if (count == 0)
+        return true;
+    from = PyLong_FromSize_t(slot + SHMGEN_SLOT_HEADER + one->offset);
+    to = PyLong_FromSize_t(slot + SHMGEN_SLOT_HEADER + one->offset + count);
+    if (from != NULL && to != NULL)
+        one->where = PySlice_New(from, to, NULL);
+    Py_XDECREF(from);
+    Py_XDECREF(to);
+    return one->where != NULL;
+}
+
+/* The same with arrays that were left out of scratch. False: nothing was done. */
+static PyObject *writer_with_late(PyObject *object, PyObject *list)
+{
+    Writer *self = (Writer *)object;
+    const Py_ssize_t count = PyList_Size(list);
+    size_t known = 0;
+    Late late[MOST_LATE];
+    bool done = false;
+    if (count < 0)
+        return NULL;
+    if (self->end.base != NULL && count <= MOST_LATE) {
+        const size_t slot = next_slot(self);
+        while (known < (size_t)count && late_of(self, PyList_GetItem(list, (Py_ssize_t)known), slot, &late[known]))
+            known++;
+        done = known == (size_t)count && next_slot(self) == slot && publish(self, late, known);
+        while (known > 0)
+            Py_XDECREF(late[--known].where);
+    }
+    return PyErr_Occurred() != NULL ? NULL : PyBool_FromLong(done);
 }
 
 /* Writes a number of exactly the kind that needs no second look; false: Python looks at it, and at all others. */
@@ -224,13 +323,20 @@ static bool store(unsigned char *into, char code, PyObject *value)
     }
 }
 
-/* Takes the numbers out of any object, and publishes them. False: nothing was done. */
+/* Takes a message of the message type, or the numbers out of any object, and publishes it. False: nothing was done. */
 static PyObject *writer_at_once(PyObject *object, PyObject *message)
 {
     Writer *self = (Writer *)object;
     PyObject *met[MOST_OBJECTS];
     unsigned int known = 1;
     bool taken = self->plain != 0;
+    if ((PyObject *)Py_TYPE(message) == self->kind) {
+        if (self->message == NULL || self->end.base == NULL)
+            Py_RETURN_FALSE;
+        if (PySequence_SetItem(self->message, 0, message) != 0)
+            return NULL;
+        return PyBool_FromLong(publish(self, NULL, 0));
+    }
     met[0] = message;
     for (Py_ssize_t number = 0; taken && number < self->count; number++) {
         const Step *step = &self->steps[number];
@@ -251,7 +357,7 @@ static PyObject *writer_at_once(PyObject *object, PyObject *message)
             return NULL;
         PyErr_Clear(); /* Python meets it once more, and says where */
     }
-    return PyBool_FromLong(taken && publish(self));
+    return PyBool_FromLong(taken && publish(self, NULL, 0));
 }
 
 static PyObject *reader_connect(PyObject *object, PyObject *arguments)
@@ -404,6 +510,7 @@ static PyMethodDef writer_methods[] = {
     {"_connect", writer_connect, METH_VARARGS, NULL},
     {"_disconnect", writer_disconnect, METH_NOARGS, NULL},
     {"_straight", writer_straight, METH_NOARGS, NULL},
+    {"_with_late", writer_with_late, METH_O, NULL},
     {"_at_once", writer_at_once, METH_O, NULL},
     {NULL, NULL, 0, NULL},
 };
@@ -455,13 +562,27 @@ static int fill(PyObject *module)
     return PyModule_AddIntConstant(module, "ABI", SHMGEN_ABI);
 }
 
+/* A full barrier, on every machine. */
+static PyObject *fence(PyObject *module, PyObject *nothing)
+{
+    (void)module;
+    (void)nothing;
+    __atomic_thread_fence(__ATOMIC_SEQ_CST);
+    Py_RETURN_NONE;
+}
+
+static PyMethodDef functions[] = {
+    {"fence", fence, METH_NOARGS, NULL},
+    {NULL, NULL, 0, NULL},
+};
+
 static PyModuleDef_Slot module_slots[] = {
     {Py_mod_exec, (void *)fill},
     {0, NULL},
 };
 
 static PyModuleDef definition = {
-    PyModuleDef_HEAD_INIT, "_straight", NULL, 0, NULL, module_slots, NULL, NULL, NULL,
+    PyModuleDef_HEAD_INIT, "_straight", NULL, 0, functions, module_slots, NULL, NULL, NULL,
 };
 
 PyMODINIT_FUNC PyInit__straight(void)

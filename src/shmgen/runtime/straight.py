@@ -7,12 +7,13 @@ beside it does, as it does without the extension and with SHMGEN_PURE in the env
 from __future__ import annotations
 
 import ctypes
-import os
+import mmap
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from shmgen import abi
 from shmgen.runtime.checked import CODES
 from shmgen.runtime.header import SLOT_HEADER
+from shmgen.runtime.message import Late
+from shmgen.runtime.order import EXTENSION
 from shmgen.runtime.region import Region
 from shmgen.runtime.semaphores import NoSemaphore, Semaphore
 
@@ -26,11 +27,8 @@ Plan: TypeAlias = "tuple[tuple[str, int, int, int], ...]"
 class _PureWriter:
     _sequence: int
     _heartbeat: int
-    _direct: bool
-    """Whether _straight() may do anything, and _at_once() so; on the object, where Python finds it at once."""
-    _plain: bool
 
-    def _connect(self, *where: int | Plan) -> None:
+    def _connect(self, *where: int | Plan | mmap.mmap | type | ctypes.Array[Any] | None) -> None:
         pass
 
     def _disconnect(self) -> None:
@@ -40,8 +38,12 @@ class _PureWriter:
         """Publishes what lies in scratch; False: has done nothing."""
         return False
 
+    def _with_late(self, late: Late) -> bool:
+        """The same with arrays that were left out of scratch."""
+        return False
+
     def _at_once(self, message: Any) -> bool:
-        """Publishes a message that is nothing but numbers, from an object in which they are plain; False: has not."""
+        """Publishes one of the message type, or plain numbers alone out of any object; False: has done nothing."""
         return False
 
 
@@ -65,30 +67,24 @@ class _PureReader:
         return False
 
 
+IN_C = EXTENSION is not None
+"""Whether the extension is at work."""
 if TYPE_CHECKING:
     Writer: TypeAlias = _PureWriter
     Reader: TypeAlias = _PureReader
-    IN_C: bool
-    """Whether the extension is at work."""
 else:
-    try:
-        if os.environ.get("SHMGEN_PURE"):
-            raise ImportError
-        from shmgen import _straight
-
-        if _straight.ABI != abi.ABI:
-            raise ImportError
-        Writer, Reader, IN_C = _straight.Writer, _straight.Reader, True
-    except ImportError:
-        Writer, Reader, IN_C = _PureWriter, _PureReader, False
+    Writer, Reader = (EXTENSION.Writer, EXTENSION.Reader) if IN_C else (_PureWriter, _PureReader)
 
 
-def connect_writer(writer: Writer, region: Region, event: Semaphore, scratch: bytearray, kind: Any) -> None:
-    """To be called once all is open. `scratch` must not move any more."""
+def connect_writer(
+    writer: Writer, region: Region, event: Semaphore, scratch: bytearray, kind: Any, message: ctypes.Array[Any] | None
+) -> None:
+    """To be called once all is open. `scratch` must not move any more; the one `message` lies in it, None: too long."""
     if _has_handles(region.semaphore):
         header, place = region.header, ctypes.addressof(ctypes.c_char.from_buffer(scratch))
         ends = _address(region), region.semaphore.handle or 0, event.handle or 0, place
-        writer._connect(*ends, header.payload_size, header.slots, header.slot_size, region.pid, _plan(kind))
+        sizes = header.payload_size, header.slots, header.slot_size
+        writer._connect(*ends, *sizes, region.pid, _plan(kind), region.map, kind, message)
 
 
 def connect_reader(reader: Reader, region: Region, long: bool) -> None:

@@ -26,12 +26,14 @@ from shmgen.runtime.header import (
     after,
     steps,
 )
-from shmgen.runtime.lock import LOCK_TIMEOUT, Lock, fence
+from shmgen.runtime.lock import Lock
 from shmgen.runtime.message import LATE_FROM, Message
+from shmgen.runtime.order import fence
 from shmgen.runtime.region import Region, open_event, open_region
 
 M = TypeVar("M", bound=Message)
 
+_IN_C = straight.IN_C
 _TRIES = 8
 """How often a sample overwritten while it was copied is given up for a newer one in one call."""
 _LOCKED_OUT = b""
@@ -67,7 +69,7 @@ class Subscriber(Holding, straight.Reader, Generic[M]):
         topic: str,
         *,
         depth: int = 1,
-        lock_timeout: float = LOCK_TIMEOUT,
+        lock_timeout: float | None = None,
         mode: int | None = None,
         group: str | int | None = None,
     ) -> None:
@@ -115,7 +117,7 @@ class Subscriber(Holding, straight.Reader, Generic[M]):
         number = self._words[COMPLETED]
         if number == self._last:
             return None
-        data = self._straight(number) or self._newest()
+        data = (_IN_C and self._straight(number)) or self._newest()
         return self._make(data) if data else None
 
     def read_into(self, message: Any) -> bool:
@@ -179,7 +181,7 @@ class Subscriber(Holding, straight.Reader, Generic[M]):
             self._event = open_event(self._region)
         while True:
             newest = self._words[COMPLETED]
-            if newest not in (0, self._last) and (data := self._copy(newest)):
+            if newest not in (0, self._last) and (data := self._copy(newest, deadline)):
                 return self._make(data)
             left = deadline - time.monotonic()
             if left <= 0:
@@ -258,16 +260,16 @@ class Subscriber(Holding, straight.Reader, Generic[M]):
                 return data
         return None
 
-    def _copy(self, number: int) -> bytes | bytearray | None:
+    def _copy(self, number: int, deadline: float | None = None) -> bytes | bytearray | None:
         """The payload of sample `number`, None if it was overwritten, or _LOCKED_OUT."""
-        data: bytes | bytearray | None = self._straight(number)
-        if data is not None:
+        data: bytes | bytearray | None
+        if _IN_C and (data := self._straight(number)) is not None:
             return data
         places, map, words, quads, acquire, release, pid = self._hot
         slots = self._slots
         payload, stamp_at, number_at = places[number & slots - 1]
         try:
-            inside = acquire(False) or self._lock.wait()
+            inside = acquire(False) or self._lock.wait(deadline)
             if inside:
                 count = words[LOCK_COUNT]
                 words[LOCK_COUNT] = count + 1 if count != LAST else 0

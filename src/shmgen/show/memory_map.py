@@ -90,8 +90,8 @@ def _box(row: Row, line: tuple[int, int], y: int, style: str) -> Box:
     label = ""
     if last > first:
         label = f"\u22ee {counted(stop - start, 'byte')}"
-    elif row.role != "padding" and first in _labelled_lines(row):
-        label = _label(row, width)
+    elif row.role != "padding":
+        label = _label(row, first, width)
     title = f"{row.path}: {row.ros or row.role}, {row.iec}, offset {row.offset}, {counted(row.size, 'byte')}"
     x = _LEFT + start % BYTES_PER_LINE * _CELL + 1
     return Box(x, y + 1, width, _LINE - 2, style, _xml(label), _xml(title))
@@ -127,22 +127,24 @@ def _lines(leaves: list[Row], size: int) -> list[tuple[int, int]]:
     return lines
 
 
-def _labelled_lines(row: Row) -> tuple[int, ...]:
-    """The lines that the name stands on: the first, and the second where there is no room for it on the first."""
-    first = row.offset // BYTES_PER_LINE
+def _label(row: Row, line: int, pixels: int) -> str:
+    """Of a member where it begins; on its second line only if the name was cut there, marked as what goes on."""
+    begins = row.offset // BYTES_PER_LINE
     head = min(row.size, BYTES_PER_LINE - row.offset % BYTES_PER_LINE)
-    cut = _label(row, head * _CELL - 2).endswith(_CUT)
-    return (first, first + 1) if cut and row.size > head else (first,)
+    if line == begins:
+        return _fitting(row, pixels)
+    cut = _fitting(row, head * _CELL - 2).startswith(_CUT)
+    return f"{_CUT} {_fitting(row, pixels - 2 * _CHARACTER)}" if cut and line == begins + 1 else ""
 
 
-def _label(row: Row, pixels: int) -> str:
-    """As much as fits: path and type, path, name, or the beginning of the name."""
+def _fitting(row: Row, pixels: int) -> str:
+    """As much as fits: path and type, path, name, or the end of the name, by which neighbours differ."""
     room = (pixels - 10) // _CHARACTER
     name = row.path.rpartition(".")[2]
     for text in (f"{row.path} : {row.ros}", row.path, name):
         if len(text) <= room:
             return text
-    return name[: max(0, room - 1)] + _CUT
+    return _CUT + name[-(room - 1) :]
 
 
 def _xml(text: str) -> str:

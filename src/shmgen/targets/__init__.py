@@ -23,12 +23,14 @@ if TYPE_CHECKING:
 class Options:
     """What of shmgen.toml shapes a target's files beside the layouts.
 
-    `distribution` is `robot-shm 1.2.0` or nothing; `task_interval` is in milliseconds; `node` is the bridge's name in
-    the graph; `configuration` is what shmgen.toml says, as it was read.
+    `distribution` is `robot-shm 1.2.0` or nothing; with `beside`, Python's files bring the runtime with them;
+    `task_interval` is in milliseconds; `node` is the bridge's name in the graph; `configuration` is what shmgen.toml
+    says, as it was read.
     """
 
     regions: Regions = field(default_factory=Regions)
     distribution: str = ""
+    beside: bool = False
     task_interval: int = 10
     ros_package: str = ""
     node: str = "shmgen_bridge"

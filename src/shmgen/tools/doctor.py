@@ -92,7 +92,7 @@ def plain(report: Examination) -> dict[str, Any]:
                 "mode": f"{seen.status.st_mode & 0o7777:o}",
                 "writer": _writer(seen),
                 "writer_pid": seen.writer if seen.claimed else None,
-                "semaphore": seen.semaphores[1].word if seen.semaphores[1] else None,
+                "semaphore": seen.semaphores[1].value if seen.semaphores[1] else None,
                 "recoveries": seen.after.recoveries,
                 "processes": [asdict(peer) for peer in seen.peers],
             }
@@ -132,10 +132,10 @@ def _state(seen: Evidence) -> Iterator[str]:
     if others:
         yield f"open in: {', '.join(others)}"
     lock = seen.semaphores[1]
-    if lock and lock.word is not None:
+    if lock and lock.value is not None:
         entered = (seen.after.lock_count - seen.before.lock_count) % 2**32 / seen.seconds
         recovered = f", {seen.after.recoveries} times taken from the dead" if seen.after.recoveries else ""
-        yield f"lock: {'free' if lock.word else 'taken'}, entered {entered:.0f} times a second{recovered}"
+        yield f"lock: {'free' if lock.value else 'taken'}, entered {entered:.0f} times a second{recovered}"
     if seen.layout:
         same = (seen.layout.digest, seen.layout.size) == (seen.after.digest, seen.after.payload_size)
         yield f"layout: {'as' if same else 'not as'} in {seen.layout.origin}"

@@ -23,16 +23,18 @@ _WATCH_LOCK = 1.05
 
 SIZES = (16, 32)
 """Bytes: sem_t of 32-bit and of 64-bit processes, with glibc and with musl."""
+_WAITS = 1
+"""Bits below the value in glibc's sem_t of 32-bit processes, which have no atomic word for value and waiters both."""
 
 
 @dataclass(frozen=True, slots=True)
 class Semaphore:
-    """The file of a POSIX semaphore: its first word, in a 64-bit process its value, and the bitness of its maker.
+    """The file of a POSIX semaphore: its value, and the bitness of its maker.
 
-    `word` is None where this user may not read it, and of what is no semaphore.
+    `value` is None where this user may not read it, and of what is no semaphore.
     """
 
-    word: int | None
+    value: int | None
     bits: int
     status: os.stat_result
 
@@ -118,15 +120,16 @@ def gather(
 def semaphore(name: str) -> Semaphore | None:
     """The semaphore's file, read as a file: to open it as a semaphore takes the right to write. None: there is none."""
     file = semaphore_file(name)
-    word = None
+    value = None
     try:
         status = os.lstat(file)
         with suppress(PermissionError, RegionUnusable), opened(file, os.O_RDONLY) as found:
             status = os.fstat(found.fileno())
-            word = int.from_bytes(found.read(4), "little") if status.st_size in SIZES else None
+            word = int.from_bytes(found.read(4), "little")
+            value = {SIZES[0]: word >> _WAITS, SIZES[1]: word}.get(status.st_size)
     except FileNotFoundError:
         return None
-    return Semaphore(word, 32 if status.st_size == SIZES[0] else 64, status)
+    return Semaphore(value, 32 if status.st_size == SIZES[0] else 64, status)
 
 
 def own_device() -> int:
@@ -136,7 +139,7 @@ def own_device() -> int:
 
 def _seems_stuck(view: View, header: Header, before: Semaphore | None) -> bool:
     now = semaphore(view.name)
-    taken = before is not None and before.word == 0 and now is not None and now.word == 0
+    taken = before is not None and before.value == 0 and now is not None and now.value == 0
     return taken and view.header().lock_count == header.lock_count
 
 

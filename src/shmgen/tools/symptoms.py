@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import stat
 from collections.abc import Iterator
 
@@ -9,6 +10,7 @@ from shmgen.live.processes import alive, called
 from shmgen.live.regions import damage
 from shmgen.runtime import header as h
 from shmgen.runtime.names import region_file, semaphore_file
+from shmgen.runtime.order import has_barrier
 from shmgen.tools import leave
 from shmgen.tools.evidence import SIZES, Evidence
 from shmgen.tools.problem import Problem
@@ -77,15 +79,15 @@ def _semaphore(seen: Evidence) -> Iterator[Problem]:
         held = counted(now.status.st_size, "byte")
         message = f"its semaphore's file has {held}, and a semaphore has 32 (of 32-bit processes 16)"
         yield Problem(seen.topic, message, _ADVICE_CLEAN.format(topic=seen.topic), file)
-    elif before and min(before.word or 0, now.word or 0) > 1 and now.bits == 64:
-        message = f"its semaphore is {now.word}, so that as many get in at a time"
+    elif before and min(before.value or 0, now.value or 0) > 1:
+        message = f"its semaphore is {now.value}, so that as many get in at a time"
         hint = "it comes down by itself: each sample that Python writes or reads takes 64 of them away"
         yield Problem(seen.topic, message, hint, file)
 
 
 def _lock(seen: Evidence) -> Iterator[Problem]:
     before, now = seen.semaphores
-    stuck = before and now and before.word == 0 and now.word == 0 and before.bits == 64
+    stuck = before and now and before.value == 0 and now.value == 0
     if not stuck or seen.before.lock_count != seen.after.lock_count:
         return
     holder = seen.after.lock_holder
@@ -109,5 +111,7 @@ def _bitness(seen: Evidence) -> Iterator[Problem]:
         shown = ", ".join(f"{peer} has {peer.bits} bits" for peer in seen.peers if peer.bits)
         message = f"a semaphore does not cross bitness: {shown}; the semaphore was made in a {maker}-bit process"
         hint = 'write sync = "sequence" under [regions] in shmgen.toml, and generate both sides again'
+        if not has_barrier():
+            hint = f'run programs of one bitness on both sides: sync = "sequence" is refused on {os.uname().machine}'
         odd = next((peer.pid for peer in seen.peers if peer.bits == 32), None)
         yield Problem(seen.topic, message, hint, semaphore_file(seen.name), odd)

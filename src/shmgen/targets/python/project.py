@@ -11,9 +11,14 @@ class Project(NamedTuple):
     name: str
     version: str
     package: str
+    needs: str
 
 
-def plan(distribution: str, package: str) -> Output:
-    """`python/pyproject.toml`; `distribution` is such as `robot-shm 1.2.0`."""
+def plan(distribution: str, package: str, beside: bool) -> Output:
+    """`python/pyproject.toml`; `distribution` is such as `robot-shm 1.2.0`; `beside`: the runtime comes along."""
     name, _, version = distribution.partition(" ")
-    return Output("python/pyproject.toml", "python/pyproject.toml.j2", Project(name, version, package))
+    return Output(
+        "python/pyproject.toml",
+        "python/pyproject.toml.j2",
+        Project(name, version, package, "posix_ipc>=1.1" if beside else "shmgen"),
+    )

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from shmgen.diagnostics import Report
 from shmgen.model import Layout, Layouts, Output, Ref, Regions, Role, TypeName
 from shmgen.targets import Job
-from shmgen.targets.python import codec, interfaces, project
+from shmgen.targets.python import beside, codec, interfaces, project
 from shmgen.targets.python.members import Line, annotation, ctype, descriptor, hiding, is_shown, stored_name
 from shmgen.targets.python.names import NAMES as NAMES
 from shmgen.targets.python.names import PYTHON_USED, classes, module, python_class, python_member
@@ -44,6 +44,14 @@ class Module(NamedTuple):
     requested: bool
 
 
+class Root(NamedTuple):
+    """The `__init__.py` above all; `beside` is the folder with the runtime, where it is not left to be installed."""
+
+    title: str
+    beside: str
+    needs: str
+
+
 class Package(NamedTuple):
     """An `__init__.py` that lifts the classes of its modules."""
 
@@ -55,12 +63,13 @@ class Package(NamedTuple):
 def plan(job: Job, report: Report) -> Iterator[Output]:
     """`python/<package>/<ros package>/msg/_pose.py` for each message, and the packages above them.
 
-    With a `distribution` in shmgen.toml a pyproject.toml too, which makes them installable.
+    With a `distribution` in shmgen.toml a pyproject.toml too, which makes them installable; with
+    `runtime = "beside"` the runtime's own files, in a folder of the package.
     """
     layouts = job.layouts
     regions = _spelled(job.options.regions)
     root = f"python/{job.package}"
-    yield Output(f"{root}/__init__.py", "python/root.py.j2", Package("Messages in shared memory", (), ()))
+    yield Output(f"{root}/__init__.py", "python/root.py.j2", _root(job.options.beside))
     yield Output(f"{root}/py.typed", "python/py.typed.j2", None)
     for ros_package in dict.fromkeys(name.package for name in sorted(layouts)):
         title = f"Messages of {ros_package} in shared memory"
@@ -74,8 +83,19 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
             view = _module(layout, layouts, regions)
             yield Output(f"{folder}/{module(layout.name)}.py", "python/message.py.j2", view)
     yield from interfaces.plan(layouts, root)
+    if job.options.beside:
+        yield from beside.plan(root)
     if job.options.distribution:
-        yield project.plan(job.options.distribution, job.package)
+        yield project.plan(job.options.distribution, job.package, job.options.beside)
+
+
+def _root(brings: bool) -> Root:
+    title = "Messages in shared memory"
+    return (
+        Root(title, beside.FOLDER, "install it")
+        if brings
+        else Root(title, "", "install shmgen, or shmgen-runtime alone,")
+    )
 
 
 def _package(ros_package: str, kind: str, layouts: list[Layout]) -> Package:

@@ -64,7 +64,8 @@ typedef struct shmgen_options {
     const char *group;  /* of the files, by name or number; NULL: what shmgen.toml says, if anything */
     uint32_t depth;     /* samples a slow reader can still fetch, the same on both sides; 0: 1 */
     uint32_t mode;      /* of the files, as 0660; 0: what shmgen.toml says, or 0660 for those made here */
-    uint32_t lock_us;   /* the longest a call waits for the lock, 1000000 at most; 0: SHMGEN_LOCK_MS */
+    uint32_t lock_us;   /* the longest a call waits for the lock, 1000000 at most; 0: SHMGEN_LOCK_MS, and for a writer
+                         * where the lock is needed (not on x86) until it is free or healed, 1.1 s at most */
     uint32_t unstamped; /* 1: samples carry no time, which saves a look at the clock */
 } shmgen_options;
 

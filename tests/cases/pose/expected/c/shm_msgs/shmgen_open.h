@@ -8,6 +8,8 @@
 #include "shmgen_access.h"
 #include "shmgen_lock.h"
 
+#include <strings.h>
+
 #ifdef __cplusplus
 extern "C" {
 #endif
@@ -47,6 +49,8 @@ static inline shmgen_status shmgen_name_region(shmgen_link *link, const char *to
     link->name[length] = 0;
     if (strncmp(link->name, "/sem.", 5) == 0) /* where Linux keeps the semaphores */
         return SHMGEN_TOPIC_INVALID;
+    if (strcasecmp(link->name, "/CME") == 0 || strcasecmp(link->name, "/GWDrvSharedMemShm") == 0) /* CODESYS's own */
+        return SHMGEN_TOPIC_INVALID;
     if (length + strlen(topic) > SHMGEN_LONGEST + 1)
         return SHMGEN_TOPIC_TOO_LONG;
     memcpy(link->name + length, topic, strlen(topic) + 1);
@@ -77,8 +81,6 @@ static inline shmgen_status shmgen_link_start(
         return SHMGEN_LIMIT_INVALID;
     if (group != NULL && *group != 0 && link->group < 0)
         return SHMGEN_GROUP_UNKNOWN;
-    if (type->sequence != 0 && !SHMGEN_KEEPS_ORDER)
-        return SHMGEN_NEEDS_LOCK;
     for (link->slots = 2; link->slots <= depth;)
         link->slots *= 2;
     link->slot_size = (SHMGEN_SLOT_HEADER + type->size + SHMGEN_SLOT_STEP - 1) / SHMGEN_SLOT_STEP * SHMGEN_SLOT_STEP;
@@ -138,6 +140,25 @@ static inline shmgen_status shmgen_open_file(shmgen_link *link)
     return SHMGEN_RESTLESS;
 }
 
+/* Whether a file of so many bytes is as large as the region, or rounded up to larger pages (16 KiB on a Raspberry Pi 5,
+ * 64 KiB elsewhere) with nothing in the rest. */
+static inline bool shmgen_is_size(const shmgen_link *link, uint64_t found)
+{
+    char data[512];
+    if (found == link->size)
+        return true;
+    if (found != (link->size + 16383) / 16384 * 16384 && found != (link->size + 65535) / 65536 * 65536)
+        return false;
+    for (uint64_t at = link->size; at < found; at += sizeof data) {
+        if (pread(link->file, data, sizeof data, (off_t)at) != (ssize_t)sizeof data)
+            return false;
+        for (size_t index = 0; index < sizeof data; index++)
+            if (data[index] != 0)
+                return false;
+    }
+    return true;
+}
+
 /* What lies in the file: one of ours, or nothing yet. */
 static inline shmgen_status shmgen_check_header(const shmgen_link *link, uint32_t *magic)
 {
@@ -159,7 +180,7 @@ static inline shmgen_status shmgen_check_header(const shmgen_link *link, uint32_
         if (found.slots != link->slots)
             return SHMGEN_DEPTH_MISMATCH;
     }
-    return (uint64_t)status.st_size == link->size ? SHMGEN_OK : SHMGEN_REGION_SIZE_MISMATCH;
+    return shmgen_is_size(link, (uint64_t)status.st_size) ? SHMGEN_OK : SHMGEN_REGION_SIZE_MISMATCH;
 }
 
 /* Magic last. */
@@ -254,17 +275,20 @@ static inline shmgen_status shmgen_settle(shmgen_link *link)
     return checked == SHMGEN_OK ? shmgen_go(link, SHMGEN_STEP_LOCK) : checked;
 }
 
-/* Whether a file is a semaphore of this machine's C library, which believes what lies there: it maps as many bytes as
- * its sem_t has, and aborts at a post where the word that says private or shared is neither (FUTEX_SHARED is 128). */
-static inline bool shmgen_is_semaphore(int file)
+/* Looks whether a file is a semaphore of this machine's C library, which believes what lies there: it maps as many bytes
+ * as its sem_t has, and aborts at a post where the word that says private or shared is neither (FUTEX_SHARED is 128). Of
+ * 16 bytes it is in programs of 32 bits, of 32 bytes in those of 64, and neither can use the other's. */
+static inline shmgen_status shmgen_check_semaphore(int file)
 {
     unsigned char data[33];
     uint32_t sharing;
     ssize_t length = pread(file, data, sizeof data, 0);
     if (length != 16 && length != 32)
-        return false;
+        return SHMGEN_SEMAPHORE_FAILED;
+    if ((size_t)length != sizeof(sem_t))
+        return SHMGEN_SEMAPHORE_BITNESS;
     memcpy(&sharing, data + (sizeof(void *) == 8 ? 8 : 4), sizeof sharing);
-    return (size_t)length != sizeof(sem_t) || sharing == 0 || sharing == 128;
+    return sharing == 0 || sharing == 128 ? SHMGEN_OK : SHMGEN_SEMAPHORE_FAILED;
 }
 
 /* The semaphore of the region with that ending to its name, opened or made with that value. */
@@ -283,9 +307,9 @@ static inline shmgen_status shmgen_open_semaphore(shmgen_link *link, const char 
                 status = SHMGEN_SEMAPHORE_NO_ACCESS;
             else if (!shmgen_is_safe(link, file)) /* see shmgen_map() */
                 status = shmgen_elapsed(link) > SHMGEN_PEER_MS * SHMGEN_MS ? SHMGEN_STRANGER : SHMGEN_OPENING;
-            else if (!shmgen_is_semaphore(file))
-                status = SHMGEN_SEMAPHORE_FAILED;
-            else {
+            else
+                status = shmgen_check_semaphore(file);
+            if (status == SHMGEN_OK) {
                 sem_t *opened = sem_open(own, 0);
                 if (opened != SEM_FAILED && shmgen_leads_to(name, file)) /* its name may have gone to another */
                     *found = opened;

@@ -270,7 +270,7 @@ static inline shmgen_status shmgen_subscriber_wait(
         int64_t left = end - shmgen_now();
         shmgen_status status = shmgen_subscriber_ready(self, left > 0 ? left : 0);
         if (status == SHMGEN_OK)
-            status = shmgen_subscriber_read(self, into, size, self->end.limit, receive);
+            status = shmgen_subscriber_read(self, into, size, shmgen_limit_within(&self->end, end - shmgen_now()), receive);
         if (status != SHMGEN_NOTHING_NEW && status != SHMGEN_LOCK_TIMEOUT && status != SHMGEN_OVERWRITTEN)
             return status;
         if (shmgen_now() >= end)
