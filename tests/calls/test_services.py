@@ -538,7 +538,7 @@ def test_a_call_that_finds_no_free_lock_ends_in_its_time(topic):
         start = time.monotonic()
         with pytest.raises(runtime.LockTimeout):
             client.call(request(), timeout=0.1)
-        assert 0.1 <= time.monotonic() - start < 0.6
+        assert 0.1 <= time.monotonic() - start < 1
         assert server.take() is None
 
 

@@ -211,7 +211,7 @@ def test_where_the_lock_is_needed_a_dead_holder_ends_no_server(program: Path, ge
         leave_locked(topic + "-request", dead=False)
         begun = time.monotonic()
         assert client.ask("ask 4 0 0 100").split()[0] == str(LOCK_TIMEOUT)
-        assert 0.1 <= time.monotonic() - begun < 0.6
+        assert 0.1 <= time.monotonic() - begun < 1
         assert client.ask("ask 5 0 0 10000") == "0 16"
     finally:
         server.kill()

@@ -288,11 +288,11 @@ def test_where_the_lock_is_needed_a_time_limit_is_a_time_limit(topic):
             start = time.monotonic()
             with pytest.raises(runtime.LockTimeout, match=f"held by process {os.getpid()}; nothing was published"):
                 call()
-            assert least <= time.monotonic() - start < least + 10 * SOON
+            assert least <= time.monotonic() - start < 1
         for reader in (subscriber, impatient):
             start = time.monotonic()
             assert reader.wait(0.1) is None
-            assert 0.1 <= time.monotonic() - start < 0.1 + 10 * SOON
+            assert 0.1 <= time.monotonic() - start < 1
         PosixRelease(topic)()
         assert subscriber.read().position.x == 2.0
 
