@@ -29,6 +29,9 @@ ROS2_PACKAGES := rclpy rmw-fastrtps-cpp common-interfaces std-srvs test-msgs
 # What builds packages there; the metadata of ament-cmake leaves two of its own out.
 ROS2_BUILD := colcon-common-extensions \
               ros-jazzy-ament-cmake ros-jazzy-ament-cmake-include-directories ros-jazzy-ament-package
+# Other machines' Debian, and what runs it; MACHINES: which, of tests/machines.py.
+ROOTS := mmdebstrap qemu-user-static
+MACHINES ?= named i386 i686 arm64 armhf armhf-t64 riscv64
 # What goes through the models of the protocol.
 MODELS := spin
 # What the page of `shmgen view` is looked at with.
@@ -44,7 +47,7 @@ TESTS :=
 # The extra `bench`, one by one: who cannot be had here is left out.
 PEERS := iceoryx2 cyclonedds eclipse-zenoh pyzmq asyncua pymodbus
 
-.PHONY: demo test test-all test-pure lint generated pictures chaos model load load-record load-view load-bridge bare fuzz fuzz-many hostile mutants bench site dist clean
+.PHONY: demo test test-all test-pure machines lint generated pictures chaos model load load-record load-view load-bridge bare fuzz fuzz-many hostile mutants bench site dist clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/ready
@@ -62,6 +65,10 @@ test-all: $(VENV)/ready-for-all  ## brings ROS 1, ROS 2, DDS and other machines'
 
 test-pure: $(VENV)/ready-to-test  ## what exchanges samples, once more without the extension in C
 	SHMGEN_PURE=1 $(BIN)/python -m pytest -n auto $(BUSY) tests/runtime tests/calls tests/tools tests/live
+
+machines: $(VENV)/ready-to-test  ## runtime, calls, tools and a chaos on other machines, under qemu-user where need be; needs root
+	@$(call debian,command -v mmdebstrap && ls /usr/lib/binfmt.d/qemu-arm.conf,$(ROOTS),exit 1)
+	$(BIN)/python -m tests.machines $(MACHINES)
 
 lint: $(VENV)/ready-to-test
 	$(BIN)/ruff check .
