@@ -155,6 +155,7 @@ def test_a_definition_with_messages_in_it_and_a_plc_that_is_off(cell: Cell) -> N
 
     def drive(goal: ServedGoal[Any]) -> None:
         goal.publish_feedback(SimpleNamespace(base_position=goal.request.target_pose))
+        time.sleep(0.2)  # feedback and result are topics, and actionlib hears no feedback behind the result
         goal.succeed(SimpleNamespace())
 
     with cell.plc("drive", drive):
