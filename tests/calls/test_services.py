@@ -182,7 +182,7 @@ def test_an_exception_behind_any_step_of_an_answer(topic):
         for step in range(1, 1000):
             client.send(request(step))
             before = server._callee._answers.sequence
-            came = interrupted_behind(step, lambda: server.serve(answer, timeout=1e-3))
+            came = interrupted_behind(step, lambda: server.serve(answer, timeout=1e-2))
             answers = server._callee._answers.sequence - before
             assert answers <= 1
             client.send(request(2 * step))

@@ -438,6 +438,7 @@ def test_without_a_handle_a_wait_looks_each_millisecond(monkeypatch):
     assert naps[2:] == pytest.approx([0.001, 0.0005])
 
 
+@pytest.mark.usefixtures("on_x86")
 def test_without_the_lock_a_fence_stands_between_completed_and_the_look_for_a_reader(topic, monkeypatch):
     with PosePublisher(topic, lock_timeout=0) as publisher:
         words, fences = publisher._region.words, []

@@ -365,7 +365,7 @@ def test_no_permission_says_whose_it_is(topic, file, semaphore_file):
     run = lambda: subprocess.run(command, cwd=os.path.dirname(__file__), capture_output=True, text=True)  # noqa: E731
     said = run()
     if said.stdout == "nothing can be read\n":
-        pytest.skip("another user cannot read this checkout")
+        pytest.skip("another user may not enter the folder of this checkout")
     assert said.stdout.count(f"{file} belongs to root:root with mode 600") == 2, said
     os.chown(file, 65534, 65534)
     assert f"{semaphore_file} belongs to root:root with mode 600" in run().stdout
