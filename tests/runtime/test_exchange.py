@@ -249,6 +249,7 @@ def test_a_region_begun_anew_and_still_empty(topic):
     with PoseSubscriber(topic) as subscriber:
         subscriber._last = 5
         assert subscriber.read() is None
+        assert subscriber.read_all() == []
         assert subscriber.wait(0.01) is None
 
 
@@ -391,6 +392,7 @@ def test_where_stores_pass_each_other_the_lock_is_needed(topic, file, other):
         assert subscriber.read() is None
         assert subscriber.read_all() == []
         assert (subscriber.sequence, subscriber.lock_misses) == (0, 2), "one try of the lock a call"
+        assert subscriber.read_into(Pose()) is False
         assert file.read_bytes() == before
         holder.end()
         publisher.publish(pose(3))
