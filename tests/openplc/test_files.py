@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 from shmgen import config, pipeline
 from shmgen.diagnostics import Report
 from shmgen.model import Layouts
 
-from ..support import open_plc
+from ..support import build, open_plc
 from .conftest import MESSAGES
 
 Made = tuple[Path, dict[str, str], Layouts]
@@ -100,3 +101,61 @@ direction = "from_plc"
         assert line in program.splitlines(), line
     upload = open_plc.read(texts["matiec/upload.st"])
     assert [one.name for one in upload.types["ST_Ros"]] == ["cell_number", "type_0"]
+
+
+GOLDEN = Path(__file__).parent / "expected"
+CELL = """path = ["."]
+source = "jazzy"
+targets = ["matiec", "openplc"]
+[[topics]]
+topic = "/cell/speed"
+type = "cell_msgs/Speed"
+[[services]]
+service = "/cell/start"
+type = "cell_msgs/Start"
+server = "plc"
+[[services]]
+service = "/cell/ask"
+type = "cell_msgs/Start"
+server = "ros"
+[[actions]]
+action = "/arm/move"
+type = "cell_msgs/Move"
+server = "plc"
+"""
+DEFINITIONS = {
+    "cell_msgs/msg/Speed.msg": "float64 now  # [m/s]\n",
+    "cell_msgs/srv/Start.srv": "bool on\n---\nbool success\nstring<=20 message\n",
+    "cell_msgs/action/Move.action": "float64[<=2] way\n---\nfloat64 gone\n---\nfloat64 gone\n",
+}
+
+
+def test_a_topic_a_service_and_an_action_are_as_expected(tmp_path: Path, update_golden: bool) -> None:
+    """Without the protocol, which is the same in all and has tests of its own."""
+    build.put({"shmgen.toml": CELL, **DEFINITIONS}, tmp_path)
+    texts = pipeline.generate(config.load(tmp_path / "shmgen.toml", "shmgen.toml", Report()), [])
+    open_plc.read(texts["matiec/upload.st"])
+    found = {
+        "PRG_Ros.st": texts["openplc/PRG_Ros.st"],
+        "upload.st": re.sub(r"(?m)^\(\*FILE:.*\n", "", texts["matiec/upload.st"]),
+        "library.txt": as_text(json.loads(texts["openplc/shm_msgs.stlib"])),
+    }
+    if update_golden:
+        build.put(found, GOLDEN)
+    for name, text in found.items():
+        assert text == (GOLDEN / name).read_text(), name
+
+
+def as_text(library: dict[str, Any]) -> str:
+    blocks = [
+        f"{one['name']} {role} {', '.join(it['name'] + ' : ' + it['type'] for it in one[role])}\n"
+        for one in library["manifest"]["functionBlocks"]
+        for role in ("inputs", "outputs")
+    ]
+    chunks = [
+        f"--- {chunk['kind']} {chunk['name']} needs {', '.join(dep['name'] for dep in chunk['deps'])}\n"
+        f"{chunk['header']}{chunk['cpp']}"
+        for chunk in library["chunks"]
+        if chunk["name"] != "SHMGEN_PROTOCOL"
+    ]
+    return "".join([*blocks, *chunks])

@@ -26,7 +26,7 @@ from .conftest import REPOSITORY
 
 PUBLISHER = "publisher = PosePublisher({topic!r}); publisher.publish(pose(1.0))"
 BITS = 64 if sys.maxsize > 2**32 else 32
-root_only = pytest.mark.skipif(os.geteuid() != 0, reason="makes another user, or another /dev/shm")
+root_only = pytest.mark.skipif(os.geteuid() != 0, reason="another user or another /dev/shm: root may make them")
 
 
 def faults(result):
@@ -228,7 +228,7 @@ def for_nobody(topic):
     for module in ("posix_ipc", "shmgen.tools.doctor", "tests.runtime.messages"):
         command = [*NOBODY, sys.executable, "-c", f"import {module}"]
         if not shutil.which("setpriv") or subprocess.run(command, cwd=REPOSITORY, capture_output=True).returncode:
-            pytest.skip("another user cannot read this checkout")
+            pytest.skip("another user may not enter the folder of this checkout")
 
     def doctor(*arguments):
         command = [*NOBODY, sys.executable, "-m", "shmgen", "doctor", *arguments, "--json"]
@@ -258,7 +258,7 @@ OWN = ["unshare", "-m", "sh", "-c", 'mount -t tmpfs tmpfs /dev/shm && exec "$@"'
 def container(peer):
     """A process with a /dev/shm of its own."""
     if os.geteuid() or not shutil.which("unshare") or subprocess.run([*OWN, "true"], capture_output=True).returncode:
-        pytest.skip("no namespaces here")
+        pytest.skip("no mount namespaces: root may make them")
     return lambda work, *before: peer(work, *OWN, *before)
 
 
@@ -338,7 +338,9 @@ def test_the_semaphore_of_a_32_bit_process(topic, semaphore, file, shmgen, value
 
 
 @pytest.mark.parametrize(("machine", "barrier"), [("x86_64", False), ("aarch64", False), ("aarch64", True)])
-@pytest.mark.skipif(not shutil.which("i686-linux-gnu-gcc") or BITS == 32, reason="no compiler of another bitness")
+@pytest.mark.skipif(
+    not shutil.which("i686-linux-gnu-gcc") or BITS == 32, reason="no i686-linux-gnu-gcc: make test-all as root"
+)
 def test_a_process_of_other_bitness(topic, file, tmp_path, shmgen, peer, machine, barrier, monkeypatch):
     """The advice is one that the runtime takes on that machine."""
     (tmp_path / "small.c").write_text(
