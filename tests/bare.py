@@ -29,8 +29,8 @@ from fnmatch import fnmatch
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parents[1]
-PACKAGES = "python3,make,gcc"
-"""What README asks of whoever is root; besides, ca-certificates, so that an index can be reached."""
+PACKAGES = "python3,make,gcc,libc6-dev"
+"""What README asks of whoever is root, with what apt brings along. Besides, ca-certificates, to reach an index."""
 SYSTEMS = {
     "debian-12": ("bookworm", os.environ.get("DEBIAN_MIRROR", "http://deb.debian.org/debian")),
     "debian-13": ("trixie", os.environ.get("DEBIAN_MIRROR", "http://deb.debian.org/debian")),
@@ -38,6 +38,14 @@ SYSTEMS = {
 }
 KEPT = ("/.cache/pip", "/.cache/shmgen")
 """Below the home: the two caches, pip's and the one docs/configuration.md tells of."""
+
+
+APT = "apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq"
+DEB = f"{APT} python3-venv && shmgen/packaging/debian/make_deb.sh && {APT} ./shmgen_*.deb && shmgen --version"
+VENV = "python3 -m venv v && v/bin/pip -q install ./shmgen && v/bin/shmgen --version"
+UV = "python3 -m venv u && u/bin/pip -q install uv && u/bin/uv -q tool install ./shmgen && .local/bin/shmgen --version"
+PIPX = "pipx install ./shmgen && .local/bin/shmgen --version"
+"""Ways to install shmgen that docs/deploy.md names, by those who run the commands; a .deb by root."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +58,7 @@ class Run:
     closed: bool
     bytecode: bool
     cpp: bool = True
+    installed: str = DEB
 
     @property
     def name(self) -> str:
@@ -65,11 +74,11 @@ class Run:
 
 
 RUNS = (
-    Run("debian-12", user=True, git=False, closed=False, bytecode=False, cpp=False),
+    Run("debian-12", user=True, git=False, closed=False, bytecode=False, cpp=False, installed=VENV),
     Run("debian-12", user=False, git=True, closed=True, bytecode=True),
-    Run("debian-13", user=True, git=False, closed=True, bytecode=True),
+    Run("debian-13", user=True, git=False, closed=True, bytecode=True, installed=PIPX),
     Run("debian-13", user=False, git=True, closed=False, bytecode=False),
-    Run("ubuntu-24.04", user=True, git=True, closed=False, bytecode=True),
+    Run("ubuntu-24.04", user=True, git=True, closed=False, bytecode=True, installed=UV),
     Run("ubuntu-24.04", user=False, git=False, closed=True, bytecode=False),
 )
 """All pairs of two properties' values, in the fewest runs."""
@@ -264,12 +273,12 @@ def tried(run: Run, folder: Path, tests: str) -> bool:
     machine.lay()
     fine = True
 
-    def step(command: str, limit: float, as_root: bool = False, fails: bool = False) -> list[str]:
+    def step(command: str, limit: float, as_root: bool = False, fails: bool = False, leaves: bool = False) -> list[str]:
         nonlocal fine
         size, before = machine.size(), machine.files()
         code, seconds, said = machine.does(command, limit, as_root)
         left = [line for line in said if line.startswith("LEFT ")]
-        after = {} if as_root else machine.files()
+        after = {} if as_root or leaves else machine.files()
         left += [f"LEFT {path}" for path, text in sorted(after.items()) if before.get(path) != text]
         good = (code != 0) == fails and not left
         fine = fine and good
@@ -280,19 +289,20 @@ def tried(run: Run, folder: Path, tests: str) -> bool:
         return said
 
     print(run.name, flush=True)
-    install = "apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq"
     if run.git:
-        step(f"{install} git", 900, as_root=True)
+        step(f"{APT} git", 900, as_root=True)
     if run.user:
         said = step("make -C shmgen demo", 30, fails=True)
         fine = fine and any("sudo apt-get install python3-venv" in line for line in said)
-        step(f"{install} python3-venv{' g++' if run.cpp else ''}", 900, as_root=True)
+        step(f"{APT} python3-venv{' g++' if run.cpp else ''}", 900, as_root=True)
     step("make -C shmgen demo", 900)
     said = step(f"make -C shmgen test{f' TESTS={shlex.quote(tests)}' if tests else ''}", 3600)
     for line in said:
         if re.match(r"left out: |failed, and was|\d+ passed|FAILED|ERROR|\d+ failed", line):
             print(f"       {line}")
-    step("du -sm shmgen/.venv", 60)
+    if run.installed == PIPX:
+        step(f"{APT} pipx", 900, as_root=True)
+    step(run.installed, 900, leaves=True)
     return fine
 
 

@@ -131,7 +131,7 @@ def cut_short(stage: Any, rng: random.Random) -> Iterator[str]:
     time.sleep(rng.uniform(0.05, 0.15))
     file, size = Path(region_file(region_name(stage.topic))), _PAGE
     if file.exists():
-        size = rng.choice((0, 1, 100, 191, 192, 193, _PAGE - 1, _PAGE, file.stat().st_size - 1))
+        size = rng.choice((0, 1, 100, 191, 192, 193, _PAGE - 1, _PAGE, max(0, file.stat().st_size - 1)))
         os.truncate(file, size)
     time.sleep(0.02)
     yield from _looked_at(stage)

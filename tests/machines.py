@@ -21,23 +21,22 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from .conftest import REPOSITORY
+from .support.machine import NAME
 
 PACKAGES = (
     *("base-files", "base-passwd", "bash", "coreutils", "dash", "mount", "procps", "util-linux"),
     *("g++", "gcc", "libc6-dev", "python3", "python3-dev", "python3-pip", "python3-setuptools", "python3-wheel"),
     *("python3-click", "python3-hypothesis", "python3-jinja2", "python3-lark", "python3-lxml", "python3-lz4"),
-    *("python3-numpy", "python3-pytest", "python3-pytest-timeout", "python3-pytest-xdist", "python3-ruamel.yaml"),
-    *("python3-typing-extensions", "python3-zstandard"),
+    *("python3-numpy", "python3-ruamel.yaml", "python3-typing-extensions", "python3-zstandard"),
 )
-PURE = ("blark", "rosbags")
-"""Of PyPI, and the same files for every machine."""
+PYTEST = ("execnet", "iniconfig", "packaging", "pluggy", "pygments", "pytest", "pytest-timeout", "pytest-xdist")
+PURE = ("blark", "rosbags", *PYTEST)
+"""Of PyPI, and the same files for every machine; Debian 12's pytest is too old."""
 BUILT = "posix_ipc"
 """Of PyPI, and compiled there."""
 TESTS = ("tests/runtime", "tests/calls", "tests/tools")
 HOOK = "/usr/share/mmdebstrap/hooks/merged-usr"
 INSIDE = Path("/work/shmgen")
-TOLD = "import os\nthis = os.uname()\nos.uname = lambda: os.uname_result((*this[:4], {machine!r}))\n"
-"""What Python runs when it starts, so that each process of the tests takes this machine for another."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +47,6 @@ class Machine:
     architecture: str
     emulator: str = ""
     before: tuple[str, ...] = ()
-    python: str = "python3"
 
     @property
     def without(self) -> tuple[str, ...]:
@@ -65,7 +63,6 @@ MACHINES = {
     "armhf-t64": Machine("trixie", "armhf", "arm"),
     "riscv64": Machine("trixie", "riscv64", "riscv64"),
     "python3.14": Machine("forky", "amd64"),
-    "pypy3": Machine("forky", "amd64", python="pypy3"),
 }
 """`i686`: the same as i386, and a kernel of 32 bits says its name. `t64`: with a time of 64 bits."""
 NAMED = "named"
@@ -122,9 +119,7 @@ def run(command: tuple[str, ...]) -> tuple[int, str]:
 def named(told: list[str]) -> Commands:
     """This machine and this Python; no machine of either name keeps the other's promises."""
     other = "aarch64" if platform.machine() != "aarch64" else "riscv64"
-    folder = Path(tempfile.mkdtemp())
-    (folder / "sitecustomize.py").write_text(TOLD.format(machine=other))
-    return Commands(("env", f"PYTHONPATH={folder}", sys.executable), told)
+    return Commands(("env", f"{NAME}={other}", sys.executable), told)
 
 
 def inside(name: str, folder: Path, told: list[str]) -> Commands:
@@ -133,14 +128,15 @@ def inside(name: str, folder: Path, told: list[str]) -> Commands:
     root = made(machine, folder)
     filled(root)
     mounts = (
-        f"mount --rbind /dev {root}/dev; mount -t tmpfs -o mode=1777 tmpfs {root}/dev/shm; "
+        f"mount --bind {root} {root}; mount --rbind /dev {root}/dev; mount -t tmpfs -o mode=1777 tmpfs {root}/dev/shm; "
         f"mount -t tmpfs -o mode=1777 tmpfs {root}/tmp; mount -t proc proc {root}/proc; ip link set lo up 2>/dev/null; "
     )
-    # The shell stays, as the first of the processes: it buries orphans.
-    enter = ("unshare", "-mnpf", "--kill-child", "sh", "-c", mounts + f'chroot {root} "$@"; code=$?; exit $code', "sh")
-    paths = ":".join((str(INSIDE / "src"), "/opt/built", "/opt/pure"))
-    variables = (f"PYTHONPATH={paths}", "PATH=/usr/sbin:/usr/bin", "HOME=/root", "LANG=C.UTF-8")
-    command = (*enter, *machine.before, "env", "-i", "-C", str(INSIDE), *variables, machine.python)
+    # Not chroot, which shows paths of other namespaces from the old root. The shell stays, the first of the processes:
+    # it buries orphans.
+    turn = f'cd {root}; mkdir -p old; pivot_root . old; cd /; umount -l old; "$@"; code=$?; exit $code'
+    enter = ("unshare", "-mnpf", "--kill-child", "sh", "-c", mounts + turn, "sh")
+    variables = ("PATH=/usr/sbin:/usr/bin", "HOME=/root", "LANG=C.UTF-8")
+    command = (*enter, *machine.before, "env", "-i", "-C", str(INSIDE), *variables, "python3")
     return Commands(command, told, machine.without)
 
 
@@ -177,6 +173,8 @@ def linked(root: Path) -> None:
     """What installing would have done: packages are only taken apart."""
     for name in ("passwd", "group"):
         shutil.copy(root / f"usr/share/base-passwd/{name}.master", root / "etc" / name)
+    known = sorted((root / "usr/share/ca-certificates/mozilla").glob("*.crt"))
+    (root / "etc/ssl/certs/ca-certificates.crt").write_bytes(b"".join(file.read_bytes() for file in known))
     for library in ("blas", "lapack"):
         for file in root.glob(f"usr/lib/*/{library}/lib{library}.so.3"):
             link = file.parents[1] / file.name
@@ -222,6 +220,8 @@ def filled(root: Path) -> None:
         if source.is_file():
             (target / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(source, target / name)
+    paths = (f"{INSIDE}/src", "/opt/built", "/opt/pure")
+    (root / "usr/lib/python3/dist-packages/shmgen.pth").write_text(f"import sys; sys.path[:0] = {paths}\n")
     straight = f"{INSIDE}/src/shmgen/runtime/straight.c -o {INSIDE}/src/shmgen/_straight.abi3.so"
     flags = "-O2 -std=gnu11 -fPIC -shared -pthread -DPy_LIMITED_API=0x030A0000"
     include = "$(python3 -c 'import sysconfig; print(sysconfig.get_path(\"include\"))')"

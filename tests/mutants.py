@@ -4,7 +4,7 @@
 
 All happens in copies of the checkout. tests/mutants.toml says which tests matter for which file, and why a mutant that
 lives does no harm; those are not tried. A mutant meets the quickest tests that run its line first, and if it lives on
-all that run it or start processes. Exit code 1 where one lives that is not explained there.
+all that may. Exit code 1 where one lives that is not explained there.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Room:
     def tests_of(self, mutant: Mutant) -> list[tuple[list[str], float]]:
         """The quickest tests that run a line of the mutant's, then all others that may, each with their seconds.
 
-        A test that starts processes may run any line; lines that no test runs are those of the module itself.
+        A test of which not all is seen may run any line; lines that no test runs are those of the module itself.
         """
         run, may = [], []
         for name, test in (self.known or {}).items():

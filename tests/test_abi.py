@@ -289,7 +289,7 @@ SAID = {
     ],
     "docs/structured-text.md": ["at most {MAX_NAME} characters, a service or an action {MAX_CALL_NAME}"],
     "docs/protocol.md": [
-        "stood still for {DEAD_MS} ms", "16#{LAST:08X} comes `slots`", "waits for the event, {WAKE_MS} ms",
+        "unchanged for {DEAD_MS} ms", "16#{LAST:08X} comes `slots`", "waits for the event, {WAKE_MS} ms",
     ],
 }  # fmt: skip
 

@@ -56,6 +56,8 @@ SLOW = {"ros1_cpp"}  # roscpp takes its time to compile
     ],
 )
 def test_example(example: str) -> None:
+    if example != "moving_pose" and not shutil.which("g++"):
+        pytest.skip("no g++: apt-get install g++")
     for module in ASKS.get(example, ()):
         pytest.importorskip(module, reason=f"no {module} for this Python")
     if example in ("bridge_ros1", "ros1_cpp"):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -12,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from .conftest import REPOSITORY
+from .conftest import PROGRAMS, REPOSITORY
 
 PAGES = [REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").glob("*.md"))]
 BLOCK = re.compile(r"^```(console|python|toml|c|cpp)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -37,6 +38,9 @@ def alone() -> Iterator[list[str]]:
 )
 def test_commands_print_what_the_page_shows(page: Path, tmp_path: Path, update_golden: bool, alone: list[str]) -> None:
     """In order, in one folder. A block of Python, C or C++ becomes example.py and so on, a TOML block shmgen.toml."""
+    for tool in PROGRAMS:
+        if re.search(rf"^\$ (.*[ ;])?{re.escape(tool)} ", page.read_text(), re.MULTILINE) and not shutil.which(tool):
+            pytest.skip(f"no {tool}: apt-get install {tool}")
     environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "COLUMNS": "100"}
     for language, text in BLOCK.findall(page.read_text()):
         if language != "console":
@@ -68,6 +72,7 @@ def pattern(shown: str) -> str:
     return "".join("(?:.*\n)*" if line == "...\n" else re.escape(line) for line in shown.splitlines(keepends=True))
 
 
+@pytest.mark.skipif(shutil.which("g++") is None, reason="no g++: apt-get install g++")
 def test_make_demo() -> None:
     result = subprocess.run(["make", "demo"], cwd=REPOSITORY, capture_output=True, text=True, check=False, timeout=300)
     assert result.returncode == 0, result.stdout + result.stderr

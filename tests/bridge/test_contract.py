@@ -18,7 +18,7 @@ from typing import Any
 
 import pytest
 
-from shmgen.bridge.backend import Node, Outlet
+from shmgen.bridge.backend import Intake, Node, Outlet
 
 from ..conftest import REPOSITORY
 from ..support import pages, ros1, ros2
@@ -153,7 +153,7 @@ def two_at_once(module: ModuleType, backend: Any) -> None:
                 module.threading.Thread(target=lambda: taker.take(made.decode(data)), daemon=True).start()
 
         module.TOPICS[wire.topic].inlets.append(Direct())
-        return made.new
+        return Intake(made.new)
 
     backend.subscribe = subscribe
 

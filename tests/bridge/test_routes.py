@@ -14,7 +14,7 @@ import pytest
 from shmgen import pipeline
 from shmgen.bounds import Bound, Bounds
 from shmgen.bridge import plan
-from shmgen.bridge.backend import Outlet
+from shmgen.bridge.backend import Intake, Outlet
 from shmgen.bridge.counters import Counters
 from shmgen.bridge.cut import cut
 from shmgen.bridge.diagnostics import ERROR, OK, STALE, WARN, Reporter
@@ -62,7 +62,7 @@ class Line:
         self.side.join(
             SimpleNamespace(  # type: ignore[arg-type]
                 publisher=lambda wire: Outlet(message, send or self.sent.append),
-                subscribe=lambda wire, callback: message,
+                subscribe=lambda wire, callback: Intake(message),
                 now=lambda: Time(77, 5),
             )
         )

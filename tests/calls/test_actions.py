@@ -19,6 +19,7 @@ from shm_service.cell_msgs.action import (
 )
 
 from shmgen import runtime
+from shmgen.runtime import action_server
 from shmgen.runtime import header as h
 
 SERVE = """
@@ -281,6 +282,22 @@ def test_a_restarted_server_takes_no_old_goal_but_answers_its_cancel(topic, peer
             assert server.take() is None
             assert client.result(1).status == Move_Outcome.CANCELED
             assert sent(server, client, 2.0).request.position == 2.0
+
+
+@pytest.mark.parametrize("half", ["progress_publisher", "outcome_publisher"])
+def test_where_a_claim_is_in_doubt_goals_are_passed_over_once_more(topic, monkeypatch, half):
+    class Doubtful(getattr(MoveActionServer, half)):
+        def __init__(self, *arguments, **options):
+            super().__init__(*arguments, **options)
+            self._claim_doubtful = True
+
+    times = []
+    monkeypatch.setattr(action_server, "passed_over", times.append)
+    MoveActionServer(topic).close()
+    assert len(times) == 1
+    monkeypatch.setattr(MoveActionServer, half, Doubtful)
+    MoveActionServer(topic).close()
+    assert len(times) == 3
 
 
 def test_the_client_after_a_killed_one_hears_nothing_of_its_goal(topic, peer):

@@ -215,6 +215,7 @@ def test_where_the_lock_is_needed_a_dead_holder_ends_no_server(program: Path, ge
         assert client.ask("ask 5 0 0 10000") == "0 16"
     finally:
         server.kill()
+        server.close()
         client.close()
 
 

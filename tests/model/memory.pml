@@ -9,6 +9,21 @@
  */
 byte mem[WORDS];
 
+/* FENCES: both ends have full barriers, those of templates/c, of runtime/order.py, and Fence in FB_ShmRegion.st. */
+#if defined(FENCES) && !defined(F_NO_FENCE_P)
+#define FENCE_P DO(P, DRAINED(P)) skip }
+#else
+#define FENCE_P
+#endif
+#if defined(FENCES) && !defined(F_NO_FENCE_L)
+#define FENCE_L DO(L, DRAINED(L)) skip }
+#else
+#define FENCE_L
+#endif
+#if defined(WEAK) && (!defined(FENCES) || defined(F_NO_FENCE_R))
+#define LOADS_PASS
+#endif
+
 #if defined(TSO) || defined(WEAK)
 #define DEPTH 8
 chan buffer[ENDS] = [DEPTH] of { byte, byte };

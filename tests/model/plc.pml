@@ -59,6 +59,7 @@ inline l_write() {
         ST(L, BEGUN, l_number); l_number = (l_first -> l_first : l_number);
 #endif
         tags++; l_tag = tags }
+    FENCE_L
     DO(L, true) ST(L, NUMBER(l_number), l_number) }
     DO(L, true) ST(L, HALF1(l_number), l_tag) }
     DO(L, true) ST(L, HALF2(l_number), l_tag) }
@@ -71,6 +72,7 @@ inline l_write() {
     :: DO(L, true) ALONE(L) }
 #endif
     fi;
+    FENCE_L
     if
     :: DO(L, !l_first) ST(L, COMPLETED, l_number); COMPLETES(L); l_last = l_number }
 #ifdef F_PAIR_APART   /* a PLC of 32 bits */

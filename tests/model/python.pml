@@ -81,7 +81,7 @@ opened:
     do
     :: DO(P, p_tries > 0) p_tries--; busy[P] = 1; slept[P] = 0; p_number = NEXT(p_sequence) }
        p_acquire();
-#if defined(WEAK) && !defined(F_WITHOUT_LOCK)   /* LockTimeout: here nobody goes on without the lock */
+#if defined(WEAK) && !defined(F_WITHOUT_LOCK) && !defined(NOLOCK)   /* LockTimeout: here nobody goes on without the lock */
        if
        :: DO(P, !p_inside) goto release }
        :: DO(P, p_inside) skip }
@@ -111,6 +111,7 @@ opened:
            ST(P, BEGUN, p_number); p_number = (p_first -> p_first : p_number);
 #endif
            tags++; p_tag = tags }
+       FENCE_P
        if   /* memcpy promises no order */
        :: DO(P, true) ST(P, NUMBER(p_number), p_number) }
           DO(P, true) ST(P, HALF1(p_number), p_tag) }
@@ -119,6 +120,7 @@ opened:
           DO(P, true) ST(P, HALF2(p_number), p_tag) }
           DO(P, true) ST(P, NUMBER(p_number), p_number) }
        fi;
+       FENCE_P
        if
 #ifndef F_NO_VOID
        :: DO(P, LD(P, WRITER) != P + 1) ST(P, NUMBER(p_number), 0); p_tries = 0; late = 1; goto voided }
@@ -145,7 +147,7 @@ over:
 /* ---- Subscriber._copy ---- */
 byte r_number, r_found, r_one, r_two, r_last, r_reads = READS;
 bit r_inside, r_whole;
-#ifdef WEAK
+#ifdef LOADS_PASS
 bit r_done[4];
 #endif
 
@@ -164,7 +166,7 @@ proctype Reader()
 #endif
 #endif
        fi;
-#ifdef WEAK   /* loads between the two operations of the lock, in any order */
+#ifdef LOADS_PASS   /* between the two operations of the lock, in any order */
        do
        :: DO(R, !r_done[0]) r_done[0] = 1; r_one = mem[HALF1(r_number)] }
        :: DO(R, !r_done[1]) r_done[1] = 1; r_two = mem[HALF2(r_number)] }

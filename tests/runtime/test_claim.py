@@ -123,3 +123,7 @@ def test_who_has_lost_the_topic_writes_not_a_byte(topic, use):
         with pytest.raises(runtime.ClaimLost, match="a PLC has taken the topic over"):
             use(publisher)
         assert bytes(publisher._region.map) == before
+        publisher._region.words[h.WRITER] = publisher._region.pid  # another publisher of this process has it now
+        with pytest.raises(runtime.ClaimLost):
+            use(publisher)
+        assert publisher._region.words[h.COMPLETED] == 1

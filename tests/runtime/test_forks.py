@@ -14,8 +14,8 @@ import pytest
 
 from shmgen import runtime
 from shmgen.runtime import header as h
+from shmgen.runtime import holders, semaphores
 from shmgen.runtime import publisher as publishing
-from shmgen.runtime import semaphores
 from shmgen.runtime.region import _FLOCK, REPAIR_LOCK
 
 from ..chaos_faults import swap_map
@@ -251,6 +251,22 @@ if pid:
     os._exit(0)
 time.sleep(60)
 """
+
+
+@pytest.mark.parametrize(
+    ("line", "held"),
+    [
+        ("lock:\t1: OFDLCK ADVISORY  WRITE -1 00:19:42 1 1", [1]),
+        ("lock:\t1: OFDLCK ADVISORY  WRITE -1 00:19:42 0 1", [0, 1]),
+        ("lock:\t1: OFDLCK ADVISORY  WRITE -1 00:19:42 1 EOF", [1, 2]),
+        ("lock:\t1: POSIX  ADVISORY  WRITE 77 00:19:42 0 EOF", []),
+        ("ino:\t1: OFDLCK ADVISORY  WRITE -1 00:19:42 0 EOF", []),
+    ],
+)
+def test_which_bytes_a_process_has_locked(tmp_path, line, held):
+    info = tmp_path / "fdinfo"
+    info.write_text(f"pos:\t0\nflags:\t02100002\n{line}\n")
+    assert [byte for byte in range(3) if holders._locks(str(info), byte)] == held
 
 
 def test_who_really_holds_the_claim_is_named(topic):

@@ -197,6 +197,7 @@ def test_a_token_that_others_post_at_each_try_is_not_ours(topic, monkeypatch):
 
 
 def test_a_region_without_a_lock_is_not_entered(topic, monkeypatch):
+    assert semaphores.NoSemaphore().acquire(False) is False
     with PosePublisher(topic) as publisher:
         publisher._region.semaphore = semaphores.NoSemaphore()
         assert not publisher._lock.wait()
@@ -320,6 +321,15 @@ def test_a_signal_does_not_cut_a_wait_short():
         signal.signal(signal.SIGALRM, former)
 
 
+@wakes
+@pytest.mark.skipif(semaphores._sem_clockwait is None, reason="a C library without sem_clockwait")
+def test_a_wait_is_one_call_which_sleeps(monkeypatch):
+    semaphore, calls, wait = SemLock(1, 0, 1, f"/shmgen_test_wait_{os.getpid()}", True), [], semaphores._sem_clockwait
+    monkeypatch.setattr(semaphores, "_sem_clockwait", lambda *of: calls.append(of) or wait(*of))
+    assert semaphores.wait(semaphore, 0.01) is False
+    assert len(calls) == 1
+
+
 # --- waking up -----------------------------------------------------------------------------------
 
 
@@ -362,6 +372,7 @@ def test_a_reader_that_died_waiting_does_no_harm(topic, value, locked):
         if locked:
             leave_locked(publisher, 0)
         publisher.publish(pose(1))
+        subscriber._words[h.ARMED] = 1
         publisher.publish(pose(2))
         assert (subscriber._words[h.ARMED], value(event)) == (0, 1)
         assert subscriber.wait(5).position.x == 2.0
@@ -427,6 +438,7 @@ def test_without_a_handle_a_wait_looks_each_millisecond(monkeypatch):
     assert naps[2:] == pytest.approx([0.001, 0.0005])
 
 
+@pytest.mark.usefixtures("on_x86")
 def test_without_the_lock_a_fence_stands_between_completed_and_the_look_for_a_reader(topic, monkeypatch):
     with PosePublisher(topic, lock_timeout=0) as publisher:
         words, fences = publisher._region.words, []

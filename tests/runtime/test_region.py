@@ -22,7 +22,10 @@ from .messages import Pose, PosePublisher, PoseSubscriber, Scan, ScanSubscriber,
 
 @pytest.mark.parametrize(
     ("topic", "name"),
-    [("/robot/pose", "robot.pose"), ("pose", "pose"), ("/a/b_2/C", "a.b_2.C"), ("/sem", "sem"), ("/_x", "_x")],
+    [
+        *(("/robot/pose", "robot.pose"), ("pose", "pose"), ("/a/b_2/C", "a.b_2.C"), ("/sem", "sem"), ("/_x", "_x")),
+        ("/" + "a" * 245, "a" * 245),
+    ],
 )
 def test_region_name(topic, name):
     assert runtime.region_name(topic) == name
@@ -49,6 +52,13 @@ def test_region_name(topic, name):
 def test_bad_topics_say_why(topic, reason):
     with pytest.raises(ValueError, match=reason):
         runtime.region_name(topic)
+
+
+def test_the_longest_name_leaves_room_for_its_event():
+    longest = 255 - len("sem.-event")
+    assert runtime.region_name("/" + "a" * longest) == "a" * longest
+    with pytest.raises(ValueError, match="246 characters; a file name leaves room for 245"):
+        runtime.region_name("/" + "a" * (longest + 1))
 
 
 def test_header_bytes(topic, file):
@@ -355,7 +365,7 @@ def test_no_permission_says_whose_it_is(topic, file, semaphore_file):
     run = lambda: subprocess.run(command, cwd=os.path.dirname(__file__), capture_output=True, text=True)  # noqa: E731
     said = run()
     if said.stdout == "nothing can be read\n":
-        pytest.skip("another user cannot read this checkout")
+        pytest.skip("another user may not enter the folder of this checkout")
     assert said.stdout.count(f"{file} belongs to root:root with mode 600") == 2, said
     os.chown(file, 65534, 65534)
     assert f"{semaphore_file} belongs to root:root with mode 600" in run().stdout

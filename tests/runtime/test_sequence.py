@@ -148,9 +148,9 @@ class Peer:
 
 
 def until(seconds: float, enough: Callable[[], bool] = lambda: True) -> Iterator[int]:
-    """Numbers from 1, for so long, and on until there is enough; not for ever."""
-    begun, number = time.monotonic(), 0
-    while (passed := time.monotonic() - begun) < seconds or (passed < 60 and not enough()):
+    """Longer where the machine has other things to do, until there is `enough`."""
+    start, number = time.monotonic(), 0
+    while (lasted := time.monotonic() - start) < seconds or (lasted < 60 and not enough()):
         number += 1
         yield number
 
@@ -164,15 +164,31 @@ def whole(message: Any) -> bool:
     return bytes(message) == int(message.data[0]).to_bytes(4, "little") * SIZE
 
 
+def read_whole(peer: list[str], topic: str, write: Callable[[int], None]) -> int:
+    """Samples that 32 bits got of a flood; of more floods where the machine has other things to do."""
+    samples = number = 0
+    for _ in range(20):
+        reader = Peer(peer, "r", topic)
+        for _ in until(SECONDS / 2):
+            number += 1
+            write(number)
+        done, torn, _ = reader.end()
+        assert torn == 0
+        samples += done
+        if samples > 10:
+            break
+    return samples
+
+
 def test_python_writes_and_32_bits_read(made: Made, peer: list[str], topic: str) -> None:
     message = made.message()
+
+    def write(number: int) -> None:
+        fill(ctypes.addressof(message), number)
+        publisher.publish(message)
+
     with made.publisher(topic) as publisher:
-        reader = Peer(peer, "r", topic)
-        for number in until(SECONDS):
-            fill(ctypes.addressof(message), number)
-            publisher.publish(message)
-        done, torn, _ = reader.end()
-        assert (torn, done > 0) == (0, True), done
+        assert read_whole(peer, topic, write) > 10
         assert publisher.lock_misses == 0
 
 
@@ -187,7 +203,7 @@ def test_32_bits_write_and_python_reads(made: Made, peer: list[str], topic: str)
                 read.append(subscriber.sequence)
         assert subscriber.wait(1.0)
         done, _, _ = writer.end()
-        assert (len(read) > 10, done > len(read)) == (True, True), (read, done)
+        assert (len(read) > 10, done > len(read)) == (True, True), (len(read), done)
 
 
 def test_32_bits_and_the_plc(made: Made, peer: list[str], topic: str) -> None:
@@ -196,12 +212,12 @@ def test_32_bits_and_the_plc(made: Made, peer: list[str], topic: str) -> None:
     while not block(**inputs, xSend=False)._fbRegion.xReady:
         assert block.eErrorID == "NO_ERROR"
         time.sleep(0.01)
-    reader = Peer(peer, "r", topic)
-    for number in until(SECONDS / 2):
+
+    def write(number: int) -> None:
         fill(block.Msg._address, number)
         assert block(xSend=True).xSent
-    done, torn, _ = reader.end()
-    assert (torn, done > 0) == (0, True), done
+
+    assert read_whole(peer, topic, write) > 10
     block(xEnable=False)
 
     block = made.plc.block("FB_sequence_msgs_Block_Subscriber")
@@ -214,7 +230,7 @@ def test_32_bits_and_the_plc(made: Made, peer: list[str], topic: str) -> None:
             assert message.data[0] == block.udiSequence
             read.append(block.udiSequence)
     writer.end()
-    assert (len(read) > 10, block.udiLockMisses) == (True, 0), read
+    assert (len(read) > 10, block.udiLockMisses) == (True, 0), len(read)
 
 
 def test_there_is_no_semaphore_and_nobody_misses_one(made: Made, topic: str) -> None:
@@ -226,7 +242,8 @@ def test_there_is_no_semaphore_and_nobody_misses_one(made: Made, topic: str) -> 
         assert subscriber.wait(1.0) == message
         assert subscriber.wait(0.01) is None
         assert (publisher.lock_misses, subscriber.lock_misses, plc.udiLockMisses) == (0, 0, 0)
-    assert [file.name for file in Path("/dev/shm").glob(f"*{region_name(topic)}*")] == [region_name(topic)]
+    fence = f"sem.{region_name(topic)}-event"  # the PLC's alone: what it has for a memory barrier
+    assert {file.name for file in Path("/dev/shm").glob(f"*{region_name(topic)}*")} == {region_name(topic), fence}
     (made.folder / "shmgen.toml").write_text(
         f'path = ["definitions"]\n[regions]\nsync = "sequence"\n[[topics]]\ntopic = "{topic}"\ntype = "{NAME.short}"\n'
     )

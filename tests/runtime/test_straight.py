@@ -24,7 +24,18 @@ from shmgen.runtime import straight
 from tests.conftest import REPOSITORY
 from tests.support.build import classes, put
 
-from .messages import LONG, WHY_NOT, Pose, PosePublisher, PoseSubscriber, Scan, ScanPublisher, ScanSubscriber, pose
+from .messages import (
+    LONG,
+    WHY_NOT,
+    Point,
+    Pose,
+    PosePublisher,
+    PoseSubscriber,
+    Scan,
+    ScanPublisher,
+    ScanSubscriber,
+    pose,
+)
 
 pytestmark = pytest.mark.skipif(not straight.IN_C, reason=WHY_NOT)
 
@@ -238,9 +249,11 @@ def test_a_waiting_reader_is_woken(topic):
 def test_a_topic_that_another_took_over_meanwhile(topic):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         publisher.publish(pose(1))
-        publisher._region.words[h.WRITER] = h.PLC
-        with pytest.raises(runtime.ClaimLost):
-            publisher.publish(pose(2))
+        for writer in (h.PLC, os.getpid()):  # at last another publisher of this process
+            publisher._region.words[h.WRITER] = writer
+            for message in (pose(2), SimpleNamespace(position=pose(2).position, orientation=pose(2).orientation)):
+                with pytest.raises(runtime.ClaimLost):
+                    publisher.publish(message)
         assert subscriber.read().position.x == 1.0
         assert publisher._region.semaphore._get_value() == 1
 
@@ -248,7 +261,7 @@ def test_a_topic_that_another_took_over_meanwhile(topic):
 def test_a_mode_without_the_lock_and_a_lock_without_a_handle(topic, monkeypatch):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         assert publisher._direct
-        publisher.publish(pose(1))
+        assert publisher._at_once(SimpleNamespace(position=Point(x=1.0), orientation=pose(1).orientation))
         assert subscriber._straight(1) is not None
 
     class Lockless(Pose):

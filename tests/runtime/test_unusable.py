@@ -27,7 +27,9 @@ MANY = 2**31 - 3
 
 
 @pytest.mark.parametrize(
-    "data", [b"", b"\0" * 5, b"\xff" * 32, b"\1" * 32, b"\0" * 4096], ids=["empty", "short", "ones", "garbage", "long"]
+    "data",
+    [b"", b"\0" * 5, b"\xff" * semaphores._OURS, b"\1" * semaphores._OURS, b"\0" * 4096],
+    ids=["empty", "short", "ones", "garbage", "long"],
 )
 def test_a_file_that_is_no_semaphore(topic, semaphore_file, data):
     """In a process of its own: the C library would end it."""

@@ -78,6 +78,15 @@ def test_text_capacity_is_in_bytes_characters_and_units():
     assert "9 UTF-16 code units" in rejected(runtime.StringTooLong, "n", values.wide_text, "a" + "😀" * 4, 8, "n")
 
 
+@pytest.mark.parametrize("cut", [values.text_cut, values.text_latin1_cut, values.wide_text_cut])
+def test_what_fits_exactly_is_not_cut(cut):
+    late = []
+    assert cut("abc", 3, "", late) == cut("abc", 9, "", late)
+    assert late == []
+    assert cut("abcd", 3, "", late) == cut("abc", 3, "", late)
+    assert len(late) == 1
+
+
 def test_cut_before_what_would_be_torn():
     assert values.text_cut("aé😀", 6, "n").decode() == "aé"
     assert values.text_cut("aé😀", 7, "n").decode() == "aé😀"
@@ -173,6 +182,11 @@ def test_no_stamp(stamp):
     assert "secs" in rejected(runtime.OutOfRange, "header.stamp", values.milliseconds, stamp, "header.stamp")
 
 
+def test_a_duration_of_nothing_and_the_longest_ones_back():
+    assert values.Duration() == (0, 0) == values.Time()
+    assert values.seconds_nanoseconds(values.Duration(-(2**31), 2**32 - 1), "") == (-(2**31), 2**32 - 1)
+
+
 def test_time_is_small_and_immutable():
     stamp = Time(1, 2)
     assert (stamp.secs, stamp.nsecs, Duration(3, 4).secs, Duration(3, 4).nsecs) == (1, 2, 3, 4)
@@ -185,7 +199,8 @@ def test_time_is_small_and_immutable():
 def test_set_clock():
     for kind in (SimpleNamespace(sec=0, nanosec=0), SimpleNamespace(secs=0, nsecs=0)):
         before = set(vars(kind))
-        values.set_clock(kind, Time(3, 4))
+        assert values.set_clock(kind, Time(3, 4)) is kind
+        assert values.set_clock(Time(1, 2), Time(3, 4)) == (3, 4)
         assert set(vars(kind)) == before
         assert list(vars(kind).values()) == [3, 4]
 

@@ -64,7 +64,16 @@ def compile_headers(folder: Path, language: str = "c") -> None:
     headers = sorted(path.relative_to(folder / "c") for path in (folder / "c").rglob("*.h"))
     source = "".join(f'#include "{header}"\n' for header in headers) + "int main(void) { return 0; }\n"
     standard = {"c": "-std=c11", "c++": "-std=c++17"}[language]
-    command = ["gcc", f"-x{language}", standard, "-Wall", "-Wextra", "-Wpadded", "-Werror", "-pedantic"]
+    command = [
+        {"c": "gcc", "c++": "g++"}[language],
+        f"-x{language}",
+        standard,
+        "-Wall",
+        "-Wextra",
+        "-Wpadded",
+        "-Werror",
+        "-pedantic",
+    ]
     result = subprocess.run(
         [*command, f"-I{folder / 'c'}", "-fsyntax-only", "-"], input=source, capture_output=True, text=True
     )

@@ -174,7 +174,7 @@ def _c(texts: Mapping[str, str]) -> None:
             wanted = [name for name in names if name.endswith(".h") or standard.startswith("-xc++")]
             lines = "".join(f'#include "{name}"\n' for name in wanted)
             command = [
-                "gcc",
+                "g++" if standard.startswith("-xc++") else "gcc",
                 *standard.split(),
                 *(f"-I{folder}/{root}" for root in roots),
                 "-Werror",

@@ -173,7 +173,10 @@ def _await(pid: int, limit: float) -> int | None:
 
 
 class Lines:
-    """A plugin of pytest: which lines of some files each test runs in this process, and whether it starts others."""
+    """A plugin of pytest: which lines of some files each test runs, as far as is seen here.
+
+    What runs elsewhere is not: in processes that it starts, or while it traces itself.
+    """
 
     def __init__(self, files: list[str]) -> None:
         self.found: dict[str, dict[str, Any]] = {}
@@ -185,21 +188,23 @@ class Lines:
 
     @pytest.hookimpl(hookwrapper=True)
     def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
-        self._now, self._elsewhere = set(), False
+        self._now = set()
         begin = time.monotonic()
         threading.settrace(self._call)
         sys.settrace(self._call)
+        self._elsewhere = False
         yield
+        elsewhere = self._elsewhere
         sys.settrace(None)
         threading.settrace(None)  # type: ignore[arg-type]
         for fixture in getattr(item, "fixturenames", ()):
-            now, elsewhere = self._shared.get(fixture, (set(), False))
-            self._now |= now
-            self._elsewhere |= elsewhere
+            shared, started = self._shared.get(fixture, (set(), False))
+            self._now |= shared
+            elsewhere |= started
         lines: dict[str, list[int]] = {}
         for file, line in sorted(self._now):
             lines.setdefault(file, []).append(line)
-        self.found[item.nodeid] = {"seconds": time.monotonic() - begin, "lines": lines, "elsewhere": self._elsewhere}
+        self.found[item.nodeid] = {"seconds": time.monotonic() - begin, "lines": lines, "elsewhere": elsewhere}
 
     @pytest.hookimpl(hookwrapper=True)
     def pytest_fixture_setup(self, fixturedef: Any) -> Iterator[None]:
@@ -211,7 +216,7 @@ class Lines:
         self._elsewhere |= elsewhere
 
     def _hear(self, event: str, arguments: tuple[Any, ...]) -> None:
-        if event in ("os.fork", "subprocess.Popen"):
+        if event in ("os.fork", "subprocess.Popen", "sys.settrace"):
             self._elsewhere = True
 
     def _call(self, frame: FrameType, event: str, argument: Any) -> Callable[..., Any] | None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import signal
 import socket
 import subprocess
 import sys
@@ -145,6 +146,16 @@ class Bridge:
 
         wait_for(lambda: len(found()) >= times, f"{pattern!r}", lambda: "".join(self.lines))
         return found()[0]
+
+    def counted(self, pattern: str) -> None:
+        """As soon as a line of its counters ends so."""
+
+        def found() -> bool:
+            self.process.send_signal(signal.SIGUSR1)
+            time.sleep(0.05)
+            return any(re.search(f"{pattern}$", line) for line in list(self.lines))
+
+        wait_for(found, f"a count of {pattern!r}", lambda: "".join(self.lines))
 
     def stop(self, number: int) -> float:
         """How many seconds it took to end after the signal; that it ended well is true of every test."""

@@ -152,7 +152,15 @@ def test_any_type_and_package(tmp_path: Path) -> None:
     assert plain(kind.from_buffer_copy(data)) == plain(message)
     headers = "".join(f'#include "{path.relative_to(tmp_path / "c")}"\n' for path in (tmp_path / "c").rglob("*.h"))
     for language in ("c", "c++"):
-        command = ["gcc", f"-x{language}", "-Wall", "-Werror", f"-I{tmp_path}/c", "-fsyntax-only", "-"]
+        command = [
+            {"c": "gcc", "c++": "g++"}[language],
+            f"-x{language}",
+            "-Wall",
+            "-Werror",
+            f"-I{tmp_path}/c",
+            "-fsyntax-only",
+            "-",
+        ]
         done = subprocess.run(command, input=headers, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr[:3000]
     plc_bytes.compile_st({str(path): path.read_text() for path in (tmp_path / "st").rglob("*.st")})

@@ -21,6 +21,7 @@ from ..support.build import module, put
 
 DEFINITIONS = {
     "Joint": "string<=8 name\nint16 turns\nfloat32 torque # [Nm]\n",
+    "Picture": "uint8 first\nuint8[5000] data\nuint8 last\n",
     "Robot": (
         "# A robot.\n"
         "uint8 IDLE=0\nstring GREETING='say \"hi\"'\nfloat64 HALF=0.5\n"
@@ -29,6 +30,7 @@ DEFINITIONS = {
         "float64[3] axis [1.0, 0.0, 0.0]\nfloat32[2] thrust\n"
         "uint8[<=6000] image\nbool[<=3] flags\nstring<=3[<=2] tags\n"
         "builtin_interfaces/Time[2] window\nJoint arm\nJoint[<=3] joints\nJoint[2] wheels\n"
+        "Picture[<=2] pictures\nbuiltin_interfaces/Duration[<=3] pauses\n"
     ),
 }
 
@@ -57,7 +59,7 @@ def robot(**changed: Any) -> SimpleNamespace:
         "axis": [0.0, 1.0, 2.0], "thrust": [0.0, 0.0], "image": bytes(5000),
         "flags": [True, False], "tags": ["a", "bcd"],
         "window": [time(0), time(0)], "arm": joint(), "joints": [joint(name="one"), joint()],
-        "wheels": [joint(), joint()],
+        "wheels": [joint(), joint()], "pictures": [], "pauses": [],
     }  # fmt: skip
     return SimpleNamespace(**{**fields, **changed})
 
@@ -198,6 +200,24 @@ def test_the_limits_infinity_and_numpy_pass(demo: ModuleType, topic: str) -> Non
     assert (bytes(got.image), list(got.flags)) == (bytes([250, 0, 255, 253, 254, 255]), [True, True, False])
     assert got.thrust[0] == -math.inf
     assert math.isnan(got.thrust[1])
+
+
+def test_long_messages_and_times_are_set_and_shown_whole(demo: ModuleType) -> None:
+    data = bytes(range(250)) * 20
+    one = demo.Robot(
+        pictures=[SimpleNamespace(first=1, data=data, last=2), demo.Picture(first=3, data=data[::-1], last=4)],
+        pauses=[time(1), time(2, 5_000_000)],
+        patience=time(7, 9_000_000),
+    )
+    shown = [(picture.first, bytes(picture.data), picture.last) for picture in one.pictures]
+    assert shown == [(1, data, 2), (3, data[::-1], 4)]
+    assert [(pause.sec, pause.nanosec) for pause in (*one.pauses, one.patience)] == [
+        (1, 0),
+        (2, 5_000_000),
+        (7, 9_000_000),
+    ]
+    one.pauses = []
+    assert len(one.pauses) == 0
 
 
 def test_a_count_that_the_plc_got_wrong_is_told(demo: ModuleType) -> None:

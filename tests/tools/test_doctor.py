@@ -16,7 +16,7 @@ from types import SimpleNamespace
 import posix_ipc
 import pytest
 
-from shmgen.runtime import RegionUnusable, region_name
+from shmgen.runtime import RegionUnusable, order, region_name
 from shmgen.runtime import header as h
 from shmgen.runtime.access import RegionOptions
 from shmgen.runtime.region import open_region
@@ -26,7 +26,7 @@ from .conftest import REPOSITORY
 
 PUBLISHER = "publisher = PosePublisher({topic!r}); publisher.publish(pose(1.0))"
 BITS = 64 if sys.maxsize > 2**32 else 32
-root_only = pytest.mark.skipif(os.geteuid() != 0, reason="makes another user, or another /dev/shm")
+root_only = pytest.mark.skipif(os.geteuid() != 0, reason="another user or another /dev/shm: root may make them")
 
 
 def faults(result):
@@ -228,7 +228,7 @@ def for_nobody(topic):
     for module in ("posix_ipc", "shmgen.tools.doctor", "tests.runtime.messages"):
         command = [*NOBODY, sys.executable, "-c", f"import {module}"]
         if not shutil.which("setpriv") or subprocess.run(command, cwd=REPOSITORY, capture_output=True).returncode:
-            pytest.skip("another user cannot read this checkout")
+            pytest.skip("another user may not enter the folder of this checkout")
 
     def doctor(*arguments):
         command = [*NOBODY, sys.executable, "-m", "shmgen", "doctor", *arguments, "--json"]
@@ -258,7 +258,7 @@ OWN = ["unshare", "-m", "sh", "-c", 'mount -t tmpfs tmpfs /dev/shm && exec "$@"'
 def container(peer):
     """A process with a /dev/shm of its own."""
     if os.geteuid() or not shutil.which("unshare") or subprocess.run([*OWN, "true"], capture_output=True).returncode:
-        pytest.skip("no namespaces here")
+        pytest.skip("no mount namespaces: root may make them")
     return lambda work, *before: peer(work, *OWN, *before)
 
 
@@ -337,9 +337,11 @@ def test_the_semaphore_of_a_32_bit_process(topic, semaphore, file, shmgen, value
     assert report["regions"][0]["semaphore"] == value
 
 
-@pytest.mark.parametrize("machine", ["x86_64", "aarch64"])
-@pytest.mark.skipif(not shutil.which("i686-linux-gnu-gcc") or BITS == 32, reason="no compiler of another bitness")
-def test_a_process_of_other_bitness(topic, file, tmp_path, shmgen, peer, machine, monkeypatch):
+@pytest.mark.parametrize(("machine", "barrier"), [("x86_64", False), ("aarch64", False), ("aarch64", True)])
+@pytest.mark.skipif(
+    not shutil.which("i686-linux-gnu-gcc") or BITS == 32, reason="no i686-linux-gnu-gcc: make test-all as root"
+)
+def test_a_process_of_other_bitness(topic, file, tmp_path, shmgen, peer, machine, barrier, monkeypatch):
     """The advice is one that the runtime takes on that machine."""
     (tmp_path / "small.c").write_text(
         "#include <fcntl.h>\n#include <stdio.h>\n#include <sys/mman.h>\n"
@@ -351,6 +353,8 @@ def test_a_process_of_other_bitness(topic, file, tmp_path, shmgen, peer, machine
     subprocess.run(["i686-linux-gnu-gcc", "-static", "-o", program, program + ".c"], check=True)
     peer(PUBLISHER.format(topic=topic))
     monkeypatch.setattr(os, "uname", lambda: SimpleNamespace(machine=machine))
+    monkeypatch.setattr(order, "EXTENSION", None)
+    monkeypatch.setattr(order, "_membarrier", lambda: barrier or None)
     with subprocess.Popen([program, file], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as small:
         if small.stdout.readline() != "ready\n":
             pytest.skip("this kernel runs no 32-bit programs")
@@ -359,6 +363,7 @@ def test_a_process_of_other_bitness(topic, file, tmp_path, shmgen, peer, machine
     assert "has 32 bits" in fault["message"]
     assert fault["process"] == small.pid
     advised = 'write sync = "sequence" under [regions]' in fault["hint"]
+    assert advised == (barrier or machine == "x86_64")
     assert advised or "run programs of one bitness on both sides" in fault["hint"]
     options = RegionOptions(sync="sequence")
     with nullcontext() if advised else pytest.raises(RegionUnusable, match=f"sequence.*{machine}"):

@@ -207,10 +207,9 @@ def log_exception(text: str) -> None:
     logging.getLogger("shmgen").exception(text)
 
 
-def passed_over(questions: Subscriber[Q]) -> Subscriber[Q]:
-    """With what lies there taken for read: whether a server before this one has done it nobody knows.
+def passed_over(questions: Subscriber[Q]) -> None:
+    """Takes what lies there for read: whether a server before this one has done it nobody knows.
 
     Comes before the claim that shows clients a server, so that no call is lost between the two.
     """
     questions._skip()
-    return questions

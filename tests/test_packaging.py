@@ -1,0 +1,47 @@
+"""packaging/: what can be held of the container without a docker. `make bare` makes and installs the Debian package."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+from ruamel.yaml import YAML
+
+from .conftest import REPOSITORY
+from .test_distributions import tomllib
+
+DOCKER = REPOSITORY / "packaging" / "docker"
+
+
+def test_the_image_gets_all_that_the_wheel_is_made_of() -> None:
+    kept = [line[1:] for line in (DOCKER / "Dockerfile.dockerignore").read_text().split() if line[0] == "!"]
+    assert all((REPOSITORY / path).exists() for path in kept)
+    wheel = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]["wheel"]
+    for path in (*wheel["packages"], *wheel["force-include"], *wheel["shared-data"], wheel["hooks"]["custom"]["path"]):
+        assert any(path == one or path.startswith(f"{one}/") for one in kept), path
+
+
+def test_the_containers_of_compose_share_one_dev_shm(topic: str) -> None:
+    """Their commands do what they are to do, in two processes here."""
+    compose = YAML(typ="safe").load(DOCKER / "compose.yaml")
+    services = compose["services"]
+    owners = [name for name, service in services.items() if service["ipc"] == "shareable"]
+    assert len(owners) == 1
+    assert all(services[name]["ipc"] == f"service:{owners[0]}" for name in services if name not in owners)
+    for service in services.values():
+        build = service["build"]
+        assert (DOCKER / build["context"] / build["dockerfile"]).samefile(DOCKER / "Dockerfile")
+    assert 'ENTRYPOINT ["shmgen"]' in (DOCKER / "Dockerfile").read_text()
+    commands = [[topic if word == "/cell/pose" else word for word in services[name]["command"]] for name in services]
+    shmgen = [sys.executable, "-m", "shmgen"]
+    with subprocess.Popen([*shmgen, *commands[0]], stdout=subprocess.DEVNULL) as publisher:
+        try:
+            read = subprocess.run([*shmgen, *commands[1], "--once"], capture_output=True, text=True, timeout=60)
+        finally:
+            publisher.kill()
+    assert "x: 1.5" in read.stdout, read.stderr
+
+
+def test_the_scripts_are_sh(tmp_path: Path) -> None:
+    subprocess.run(["sh", "-n", REPOSITORY / "packaging" / "debian" / "make_deb.sh"], check=True, cwd=tmp_path)
