@@ -72,6 +72,11 @@ def pattern(shown: str) -> str:
     return "".join("(?:.*\n)*" if line == "...\n" else re.escape(line) for line in shown.splitlines(keepends=True))
 
 
+def test_the_demo_needs_nothing_of_the_tests() -> None:
+    code = "import sys; sys.modules['pytest'] = None; import tests.softplc.task, tests.softplc"
+    subprocess.run([sys.executable, "-c", code], cwd=REPOSITORY, check=True)
+
+
 @pytest.mark.skipif(shutil.which("g++") is None, reason="no g++: apt-get install g++")
 def test_make_demo() -> None:
     result = subprocess.run(["make", "demo"], cwd=REPOSITORY, capture_output=True, text=True, check=False, timeout=300)
