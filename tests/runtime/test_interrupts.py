@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import posix_ipc
 import pytest
@@ -32,7 +33,10 @@ class Interrupt(BaseException):
 
 
 def interrupted_at(step, call):
-    """Calls, and raises before instruction number `step` in the runtime; True if it came to that."""
+    """Calls, and raises before instruction number `step` in the runtime; True if it came to that.
+
+    In a thread of its own: one raised where Python leaves an `except` stays for good what that thread is handling.
+    """
     left = [step]
 
     def trace(frame, event, _):
@@ -45,14 +49,16 @@ def interrupted_at(step, call):
                 raise Interrupt
         return trace
 
-    sys.settrace(trace)
-    try:
-        call()
-    except Interrupt:
-        return True
-    finally:
-        sys.settrace(None)
-    return False
+    def traced():
+        sys.settrace(trace)
+        try:
+            call()
+        except Interrupt:
+            return True
+        return False
+
+    with ThreadPoolExecutor(1) as thread:
+        return thread.submit(traced).result()
 
 
 @pytest.fixture(params=WAYS)
