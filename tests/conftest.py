@@ -58,6 +58,7 @@ def pytest_configure(config: pytest.Config) -> None:
         usual = os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", tempfile.gettempdir())  # folders of failed tests stay
         before = {name: os.environ.get(name) for name in ("TMPDIR", "ROS_LOG_DIR")}
         folder = tempfile.mkdtemp(prefix="shmgen-tests-")
+        os.chmod(folder, 0o711)  # tests become other users
         os.environ |= {"TMPDIR": folder, "ROS_LOG_DIR": f"{folder}/ros"}
         tempfile.tempdir = None  # asks again
 

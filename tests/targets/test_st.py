@@ -467,7 +467,12 @@ def test_every_error_is_explained_and_no_other(texts: dict[str, str]) -> None:
 
 
 def test_every_input_and_output_is_explained(parsed: dict[str, list[Any]]) -> None:
-    page = (REPOSITORY / "docs" / "structured-text.md").read_text().partition("## The blocks")[2].partition("\n## ")[0]
+    page = (
+        (REPOSITORY / "docs" / "structured-text.md")
+        .read_text()
+        .partition("## The function blocks")[2]
+        .partition("\n## ")[0]
+    )
     for role, table in zip(("Subscriber", "Publisher"), page.split("| Publisher |"), strict=True):
         found = interface(parsed[f"st/demo_msgs/FB_demo_msgs_Everything_{role}.st"][0])
         for section, word in (("InputDeclarations", "in"), ("OutputDeclarations", "out")):
