@@ -16,6 +16,7 @@ import sys
 import threading
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -170,8 +171,9 @@ class Bridge:
 
     def _read(self) -> None:
         assert self.process.stdout
-        for line in self.process.stdout:
-            self.lines.append(line)
+        with suppress(ValueError):  # closed by who has ended the process
+            for line in self.process.stdout:
+                self.lines.append(line)
 
 
 class Peer:
