@@ -64,7 +64,7 @@ test-all: $(VENV)/ready-for-all  ## brings ROS 1, ROS 2, DDS and other machines'
 	$(BIN)/python -m pytest -n auto $(BUSY) $(TESTS)
 
 test-pure: $(VENV)/ready-to-test  ## what exchanges samples, once more without the extension in C
-	SHMGEN_PURE=1 $(BIN)/python -m pytest -n auto $(BUSY) tests/runtime tests/calls tests/tools tests/live
+	SHMGEN_PURE=1 $(BIN)/python -m pytest -n auto $(BUSY) -m 'not slow' tests/runtime tests/calls tests/tools tests/live
 
 machines: $(VENV)/ready-to-test  ## runtime, calls, tools and a chaos on other machines, under qemu-user where need be; needs root
 	@$(call debian,command -v mmdebstrap && ls /usr/lib/binfmt.d/qemu-arm.conf,$(ROOTS),exit 1)
