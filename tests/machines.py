@@ -36,7 +36,8 @@ BUILT = "posix_ipc"
 """Of PyPI, and compiled there."""
 TESTS = ("tests/runtime", "tests/calls", "tests/tools")
 HOOK = "/usr/share/mmdebstrap/hooks/merged-usr"
-INSIDE = Path("/work/shmgen")
+INSIDE = Path("/srv/shmgen")
+"""Where the checkout lies in each root."""
 
 
 @dataclass(frozen=True)
