@@ -44,6 +44,8 @@ _COMPLAIN = 10.0
 """Seconds from one line about what a peer sends to the next."""
 _FOREVER = 2**63 - 1
 _ANY = SampleState.Any | ViewState.Any | InstanceState.Any
+_ASKING = threading.Lock()
+"""Cyclone's Python puts the QoS of a peer, while it reads it, where all threads do: two at once read each other's."""
 _POLICIES = {2: "durability", 4: "deadline", 8: "liveliness", 11: "reliability", 23: "data representation", 24: "type"}
 """By dds_qos_policy_id_t, those of ROS 2 that can stand between two ends."""
 
@@ -170,10 +172,19 @@ class Peers:
         return why
 
 
+def matches(entity: Any) -> list[int]:
+    """The handles of the peers of a reader or writer."""
+    while True:
+        with suppress(IndexError):  # another one came while Cyclone's Python counted them
+            find = entity.get_matched_publications if isinstance(entity, DataReader) else None
+            return list((find or entity.get_matched_subscriptions)())
+
+
 def said_by(entity: Any, handle: int) -> list[str]:
     """The words in the user data of a peer of a reader or writer. Raises LookupError if it has gone."""
     find = entity.get_matched_publication_data if isinstance(entity, DataReader) else None
-    endpoint = (find or entity.get_matched_subscription_data)(handle)
+    with _ASKING:
+        endpoint = (find or entity.get_matched_subscription_data)(handle)
     if endpoint is None:
         raise LookupError(handle)
     data = endpoint.qos[Policy.Userdata].data if Policy.Userdata in endpoint.qos else b""
