@@ -78,6 +78,7 @@ class Ends:
         self.tell = tell
         self._participant = participant
         self._stop = GuardCondition(participant)
+        self._closing = False  # said by _stop too; but to ask it each time gives the GIL away
         self._threads: list[threading.Thread] = []
 
     def writer(self, topic: str, kind: type[Any], qos: Qos, matched: Matched | None = None) -> DataWriter:
@@ -103,6 +104,7 @@ class Ends:
 
     def close(self) -> None:
         """Deletes all; for the peers they are gone at once."""
+        self._closing = True
         with suppress(DDSException):
             self._stop.set(True)
         deadline = time.monotonic() + _FAREWELL
@@ -116,7 +118,7 @@ class Ends:
         waiting.attach(self._stop)
         complained = -_COMPLAIN
         with suppress(DDSException):  # deleted while a callback took its time
-            while not self._stop.read():
+            while not self._closing:
                 waiting.wait(_FOREVER)
                 for taken in reader.take(_AT_ONCE):
                     try:
