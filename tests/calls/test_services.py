@@ -286,8 +286,8 @@ def test_a_reply_that_comes_between_two_calls_is_not_taken_for_the_second(topic)
 
 
 def test_a_reply_to_another_call_does_not_end_the_wait(topic, monkeypatch):
-    with StartServer(topic), StartClient(topic) as client:
-        assert client.service == topic
+    with StartServer(topic) as server, StartClient(topic) as client:
+        assert client.service == server.service == topic
         number = client.send(request(1))
         replies = [Start_Reply(call=call, status=Start_Reply.DONE) for call in (number + 1, number)]
         monkeypatch.setattr(client._caller._answers, "wait", lambda left: replies.pop(0))
