@@ -104,15 +104,8 @@ def pytest_terminal_summary(terminalreporter: Any) -> None:
     skipped = Counter(report.longrepr[2].removeprefix("Skipped: ") for report in terminalreporter.getreports("skipped"))
     for reason, count in skipped.most_common():
         terminalreporter.write_line(f"left out: {counted(count, 'test')}: {reason}")
-    for report in terminalreporter.getreports("rerun"):
-        terminalreporter.write_line(f"failed, and was tried once more: {report.nodeid}: {_last_line(report)}")
     if terminalreporter.config.option.markexpr == "not slow":
         terminalreporter.write_line("left out: tests that take long: make test-all")
-
-
-def _last_line(report: pytest.TestReport) -> str:
-    crash = getattr(report.longrepr, "reprcrash", None)
-    return crash.message.partition("\n")[0] if crash else str(report.longrepr).rpartition("\n")[2]
 
 
 @pytest.fixture(scope="session")
