@@ -7,6 +7,7 @@ import os
 import struct
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -164,10 +165,11 @@ def main(work: str, topic: str, depth: int = 1) -> None:
             with PosePublisher(topic, depth=depth, lock_timeout=0) as publisher:
                 say("ready")
                 end = time.monotonic() + 20
-                number = 0
+                number = 1
                 while time.monotonic() < end:
-                    number += 1
-                    publisher.publish(pose(float(number)))
+                    with suppress(runtime.LockTimeout):  # where the lock is needed: nothing was published
+                        publisher.publish(pose(float(number)))
+                        number += 1
         case "inside":
             with PoseSubscriber(topic, depth=depth) as subscriber:
                 words = subscriber._region.words
