@@ -173,6 +173,10 @@ def test_a_wait_yields_and_then_sleeps(topic, monkeypatch):
             subscriber._last = 0
             assert subscriber.read().position.x == 2.0
             assert (len(yields), subscriber.lock_misses) == (40, 1)
+        del naps[:]
+        publisher._region.words[h.LOCK_COUNT] += 1  # another is inside
+        assert not publisher._lock.wait(now + 0.002)  # a call that ends before the limit does
+        assert len(naps) == pytest.approx(20, abs=1)
 
 
 def test_a_token_that_others_post_at_each_try_is_not_ours(topic, monkeypatch):
