@@ -173,6 +173,10 @@ def test_a_wait_yields_and_then_sleeps(topic, monkeypatch):
             subscriber._last = 0
             assert subscriber.read().position.x == 2.0
             assert (len(yields), subscriber.lock_misses) == (40, 1)
+        del naps[:]
+        publisher._region.words[h.LOCK_COUNT] += 1  # another is inside
+        assert not publisher._lock.wait(now + 0.002)  # a call that ends before the limit does
+        assert len(naps) == pytest.approx(20, abs=1)
 
 
 def test_a_token_that_others_post_at_each_try_is_not_ours(topic, monkeypatch):
@@ -280,10 +284,10 @@ def test_where_the_lock_is_needed_a_time_limit_is_a_time_limit(topic):
         publisher.publish(pose(2))  # a live holder of 30 ms
 
         leave_locked(publisher, os.getpid())
-        publisher._lock.timeout = 0.01
+        publisher._lock.timeout = 0.05
         for call, least in (
-            (lambda: publisher.publish(pose(3)), 0.01),
-            (lambda: publisher._publish_by(pose(3), time.monotonic() + 0.05), 0.05),
+            (lambda: publisher._publish_by(pose(3), time.monotonic() + 0.1), 0.1),
+            (lambda: publisher.publish(pose(3)), 0.05),  # again with its own
         ):
             start = time.monotonic()
             with pytest.raises(runtime.LockTimeout, match=f"held by process {os.getpid()}; nothing was published"):
