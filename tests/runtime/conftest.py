@@ -11,6 +11,8 @@ import pytest
 
 from shmgen.runtime import lock, region_name
 
+from ..support import machine
+
 HERE = Path(__file__).parent
 
 
@@ -34,6 +36,12 @@ def on_x86(monkeypatch):
 def on_arm(monkeypatch):
     """Where the lock is needed."""
     monkeypatch.setattr(lock, "keeps_order", lambda: False)
+
+
+@pytest.fixture
+def unhealed(monkeypatch):
+    """Who is inside is never taken for dead, however slow the machine is."""
+    monkeypatch.setattr(lock, "_STUCK_AFTER", 1e9)
 
 
 class Other:
@@ -61,7 +69,7 @@ class Other:
 
     def end(self) -> None:
         self.process.stdin.close()
-        self.process.wait(10)
+        self.process.wait(20 * machine.slower)
 
     def close(self) -> None:
         self.kill()

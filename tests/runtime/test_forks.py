@@ -19,6 +19,7 @@ from shmgen.runtime import publisher as publishing
 from shmgen.runtime.region import _FLOCK, REPAIR_LOCK
 
 from ..chaos_faults import swap_map
+from ..support import machine
 from .messages import PosePublisher, PoseSubscriber, pose
 
 
@@ -281,7 +282,7 @@ def test_who_really_holds_the_claim_is_named(topic):
             PosePublisher(topic)
         for command, expected in (("doctor", f"writer: process {child} "), ("clean", f"process {child} ")):
             line = [sys.executable, "-m", "shmgen", command, topic]
-            shown = subprocess.run(line, capture_output=True, text=True, check=False, timeout=60)
+            shown = subprocess.run(line, capture_output=True, text=True, check=False, timeout=60 * machine.slower)
             assert expected in shown.stdout + shown.stderr
     finally:
         os.kill(child, signal.SIGKILL)
