@@ -158,7 +158,7 @@ $(VENV)/ready: pyproject.toml
 	@touch $@
 
 $(VENV)/ready-to-test: $(VENV)/ready
-	@$(call debian,command -v gcc && command -v g++,$(TEST_PACKAGES),echo 'tests that compile are skipped' >&2)
+	@$(call debian,echo '#include <stdint.h>' | gcc -fsyntax-only -xc - && command -v g++,$(TEST_PACKAGES),echo 'tests that compile are skipped' >&2)
 	@echo 'installing what the tests need into $(VENV)'
 	@$(call pip,$(BIN)) --editable '.[test]'
 	@touch $@

@@ -228,7 +228,8 @@ def _paths() -> Iterator[Path]:
 def make_base(system: str, folder: Path) -> None:
     """A root with what README asks for and this machine's settings, once."""
     base, (suite, mirror) = folder / system, SYSTEMS[system]
-    if (base / "ready").exists():
+    ready = base / "ready"
+    if ready.exists() and ready.read_text() == PACKAGES:
         return
     shutil.rmtree(base, ignore_errors=True)
     key = Path(
@@ -264,7 +265,7 @@ def settle(base: Path) -> None:
     if name := users.stdout.strip():
         subprocess.run(["chroot", str(base), "userdel", "-r", name], stderr=subprocess.DEVNULL, check=True)
     subprocess.run(["chroot", str(base), "useradd", "--create-home", "--uid", "1000", "dev"], check=True)
-    (base / "ready").write_text("")
+    (base / "ready").write_text(PACKAGES)
 
 
 def tried(run: Run, folder: Path, tests: str) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import getpass
 import os
 import shutil
+import signal
 import tempfile
 import uuid
 from collections import Counter
@@ -32,6 +33,8 @@ settings.register_profile("any machine", deadline=None, suppress_health_check=[H
 settings.load_profile("any machine")
 
 machine.pretend()
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell's `make test &` has it: children would inherit it
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")

@@ -237,7 +237,7 @@ def test_a_claim_is_lost_between_two_samples(language: str, peer: Start, demo: D
     assert (process.does("heartbeat w"), process.does("publish w 1")) == (LOST, LOST)
     Memory(topic)["writer"] = 0
     with demo.python.DemoPublisher(topic) as publisher:  # its record lock is given back
-        Memory(topic)["writer"] = 7
+        Memory(topic)["writer"] = process.pid
         with pytest.raises(ClaimLost):
             publisher.publish(demo.message(1))
 

@@ -44,6 +44,8 @@ _COMPLAIN = 10.0
 """Seconds from one line about what a peer sends to the next."""
 _FOREVER = 2**63 - 1
 _ANY = SampleState.Any | ViewState.Any | InstanceState.Any
+_ASKING = threading.Lock()
+"""Cyclone's Python puts the QoS of a peer, while it reads it, where all threads do: two at once read each other's."""
 _POLICIES = {2: "durability", 4: "deadline", 8: "liveliness", 11: "reliability", 23: "data representation", 24: "type"}
 """By dds_qos_policy_id_t, those of ROS 2 that can stand between two ends."""
 
@@ -76,6 +78,7 @@ class Ends:
         self.tell = tell
         self._participant = participant
         self._stop = GuardCondition(participant)
+        self._closing = False  # said by _stop too; but to ask it each time gives the GIL away
         self._threads: list[threading.Thread] = []
 
     def writer(self, topic: str, kind: type[Any], qos: Qos, matched: Matched | None = None) -> DataWriter:
@@ -101,6 +104,7 @@ class Ends:
 
     def close(self) -> None:
         """Deletes all; for the peers they are gone at once."""
+        self._closing = True
         with suppress(DDSException):
             self._stop.set(True)
         deadline = time.monotonic() + _FAREWELL
@@ -114,7 +118,7 @@ class Ends:
         waiting.attach(self._stop)
         complained = -_COMPLAIN
         with suppress(DDSException):  # deleted while a callback took its time
-            while not self._stop.read():
+            while not self._closing:
                 waiting.wait(_FOREVER)
                 for taken in reader.take(_AT_ONCE):
                     try:
@@ -170,10 +174,19 @@ class Peers:
         return why
 
 
+def matches(entity: Any) -> list[int]:
+    """The handles of the peers of a reader or writer."""
+    while True:
+        with suppress(IndexError):  # another one came while Cyclone's Python counted them
+            find = entity.get_matched_publications if isinstance(entity, DataReader) else None
+            return list((find or entity.get_matched_subscriptions)())
+
+
 def said_by(entity: Any, handle: int) -> list[str]:
     """The words in the user data of a peer of a reader or writer. Raises LookupError if it has gone."""
     find = entity.get_matched_publication_data if isinstance(entity, DataReader) else None
-    endpoint = (find or entity.get_matched_subscription_data)(handle)
+    with _ASKING:
+        endpoint = (find or entity.get_matched_subscription_data)(handle)
     if endpoint is None:
         raise LookupError(handle)
     data = endpoint.qos[Policy.Userdata].data if Policy.Userdata in endpoint.qos else b""
