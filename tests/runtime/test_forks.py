@@ -218,9 +218,9 @@ from messages import PosePublisher
 publisher = PosePublisher(sys.argv[1])
 def work():
     print(os.getpid(), flush=True)
-    time.sleep(60)
+    time.sleep(600)
 multiprocessing.get_context("fork").Process(target=work).start()
-time.sleep(60)
+time.sleep(600)
 """
 
 
@@ -250,7 +250,7 @@ pid = fork()
 if pid:
     print(pid, flush=True)
     os._exit(0)
-time.sleep(60)
+time.sleep(600)
 """
 
 
