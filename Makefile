@@ -39,8 +39,6 @@ BROWSER := chromium
 # DDS that is not ours, for the tests of the backend dds: Fast DDS, and Cyclone's C library.
 DDS  := libfastrtps-dev fastddsgen cyclonedds-dev cyclonedds-tools
 
-# Real processes on a machine that others use too: what fails is tried once more, and told also when it then passes.
-BUSY := --reruns 1
 # A part of the tests: make test TESTS=tests/cli
 TESTS :=
 
@@ -57,14 +55,14 @@ demo: $(VENV)/ready
 
 test: $(VENV)/ready-to-test  ## with what is here; three minutes of setting up at most
 	$(MAKE) --no-print-directory lint
-	$(BIN)/python -m pytest -n auto $(BUSY) -m 'not slow' $(TESTS)
+	$(call pytest,-m 'not slow' $(TESTS))
 
 test-all: $(VENV)/ready-for-all  ## brings ROS 1, ROS 2, DDS and other machines' compilers first, 3 GB; then all tests, the slow ones too
 	$(MAKE) --no-print-directory lint
-	$(BIN)/python -m pytest -n auto $(BUSY) $(TESTS)
+	$(call pytest,$(TESTS))
 
 test-pure: $(VENV)/ready-to-test  ## what exchanges samples, once more without the extension in C
-	SHMGEN_PURE=1 $(BIN)/python -m pytest -n auto $(BUSY) -m 'not slow' tests/runtime tests/calls tests/tools tests/live
+	export SHMGEN_PURE=1; $(call pytest,-m 'not slow' tests/runtime tests/calls tests/tools tests/live)
 
 machines: $(VENV)/ready-to-test  ## runtime, calls, tools and a chaos on other machines, under qemu-user where need be; needs root
 	@$(call debian,command -v mmdebstrap && ls /usr/lib/binfmt.d/qemu-arm.conf,$(ROOTS),exit 1)
@@ -84,7 +82,7 @@ UNCOUNTED := plc openplc cpp softplc model dds ros2 test_chaos.py test_load.py t
 
 coverage: $(VENV)/ready-to-test  ## lines of src/ that tests run in their own processes; fails below the floor in pyproject.toml
 	@$(call pip,$(BIN)) pytest-cov
-	$(BIN)/python -m pytest -n auto $(BUSY) -m 'not slow' --cov --cov-report=term:skip-covered $(UNCOUNTED:%=--ignore=tests/%)
+	$(BIN)/python -m pytest -n auto -m 'not slow' --cov --cov-report=term:skip-covered $(UNCOUNTED:%=--ignore=tests/%)
 
 pictures: $(VENV)/ready-to-test  ## docs/latency.svg, top.svg, and view.gif, which needs chromium
 	@$(call pip,$(BIN)) pillow
@@ -160,7 +158,7 @@ $(VENV)/ready: pyproject.toml
 	@touch $@
 
 $(VENV)/ready-to-test: $(VENV)/ready
-	@$(call debian,command -v gcc && command -v g++,$(TEST_PACKAGES),echo 'tests that compile are skipped' >&2)
+	@$(call debian,echo '#include <stdint.h>' | gcc -fsyntax-only -xc - && command -v g++,$(TEST_PACKAGES),echo 'tests that compile are skipped' >&2)
 	@echo 'installing what the tests need into $(VENV)'
 	@$(call pip,$(BIN)) --editable '.[test]'
 	@touch $@
@@ -197,6 +195,13 @@ $(VENV)/ready-for-all: $(VENV)/ready-to-test
 
 # $(call pip,BIN) what to install
 pip = $(1)/python -m pip install --quiet --disable-pip-version-check
+
+# $(call pytest,ARGUMENTS): real processes share the machine with others, and with each other. What has failed (1) is tried
+# once more when all else has ended, alone; it stays in the output, and what fails again is red.
+define pytest
+$(BIN)/python -m pytest -n auto $(1) || { [ $$? = 1 ] && echo 'Once more and alone, what has failed:' && \
+$(BIN)/python -m pytest -n 0 -v --last-failed --last-failed-no-failures none $(1); }
+endef
 
 # $(call debian,CHECK,PACKAGES,ELSE): if CHECK fails, installs PACKAGES when we are root, else names them and does ELSE.
 define debian

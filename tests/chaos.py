@@ -281,7 +281,7 @@ class Actor:
             if self.interpreted:
                 chaos_still.tells(self.stage)
             if self.work in (write, read):
-                chaos_mishaps.prepare(self.stage, rng)
+                chaos_mishaps.prepare(self.stage, rng, self.work)
             while interrupts:
                 interrupts = False
                 try:

@@ -17,6 +17,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import posix_ipc
@@ -45,15 +46,17 @@ class Interrupted(BaseException):
     """What a signal handler raises, at any instruction."""
 
 
-def prepare(stage: Any, rng: random.Random) -> None:
-    """In a process that plays: SIGINT raises, SIGUSR1 forks."""
+def prepare(stage: Any, rng: random.Random, work: Callable[..., None]) -> None:
+    """In a process that plays `work`: SIGINT raises inside of it, where that is dealt with, and SIGUSR1 forks."""
     last, forking = 0.0, False
 
-    def interrupt(*_: Any) -> None:
+    def interrupt(_: int, frame: FrameType | None) -> None:
         nonlocal last
         if forking:  # others have hooks there (logging), which do not bear it
             return
-        if (now := time.monotonic()) - last > _SPARE:
+        while frame and frame.f_code is not work.__code__:
+            frame = frame.f_back
+        if frame and (now := time.monotonic()) - last > _SPARE:
             last = now
             raise Interrupted
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import getpass
 import os
 import shutil
+import signal
 import tempfile
 import uuid
 from collections import Counter
@@ -32,6 +33,8 @@ settings.register_profile("any machine", deadline=None, suppress_health_check=[H
 settings.load_profile("any machine")
 
 machine.pretend()
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell's `make test &` has it: children would inherit it
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")
@@ -101,15 +104,8 @@ def pytest_terminal_summary(terminalreporter: Any) -> None:
     skipped = Counter(report.longrepr[2].removeprefix("Skipped: ") for report in terminalreporter.getreports("skipped"))
     for reason, count in skipped.most_common():
         terminalreporter.write_line(f"left out: {counted(count, 'test')}: {reason}")
-    for report in terminalreporter.getreports("rerun"):
-        terminalreporter.write_line(f"failed, and was tried once more: {report.nodeid}: {_last_line(report)}")
     if terminalreporter.config.option.markexpr == "not slow":
         terminalreporter.write_line("left out: tests that take long: make test-all")
-
-
-def _last_line(report: pytest.TestReport) -> str:
-    crash = getattr(report.longrepr, "reprcrash", None)
-    return crash.message.partition("\n")[0] if crash else str(report.longrepr).rpartition("\n")[2]
 
 
 @pytest.fixture(scope="session")

@@ -56,7 +56,7 @@ class Room:
     def tests_of(self, mutant: Mutant) -> list[tuple[list[str], float]]:
         """The quickest tests that run a line of the mutant's, then all others that may, each with their seconds.
 
-        A test of which not all is seen may run any line; lines that no test runs are those of the module itself.
+        A test of which not all is seen may run any line; what a module does when it is loaded matters to all of them.
         """
         run, may = [], []
         for name, test in (self.known or {}).items():
@@ -64,7 +64,7 @@ class Room:
                 run.append((test["seconds"], name))
             elif test["elsewhere"]:
                 may.append((test["seconds"], name))
-        if not run:
+        if not (run and mutant.where):
             return [(self.tests, self.seconds)]
         run.sort()
         first = 1
@@ -157,8 +157,8 @@ def main() -> None:
     counts: dict[str, Counter[str]] = {file: Counter() for file in files}
     for done, (mutant, how) in enumerate(tried(mutants, rooms, given.processes, given.seconds), 1):
         counts[mutant.file][how] += 1
-        if how == "lives":
-            print(mutant, flush=True)
+        if how in ("lives", "hung"):  # a machine may be too busy for one that hangs, which is then no proof
+            print(f"{how}: {mutant}", flush=True)
         if done % 50 == 0:
             print(f"{done} of {len(mutants)}", flush=True)
     for file, count in counts.items():

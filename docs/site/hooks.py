@@ -62,6 +62,6 @@ def _commands() -> str:
     for name in cli.list_commands(context):
         command = cli.get_command(context, name)
         assert command is not None
-        inner = click.Context(command, info_name=name, parent=context, max_content_width=100, terminal_width=100)
+        inner = click.Context(command, info_name=name, parent=context, max_content_width=80, terminal_width=80)
         parts.append(f"## shmgen {name}\n\n```text\n{command.get_help(inner)}\n```\n")
     return "\n".join(parts)

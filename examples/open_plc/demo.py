@@ -1,5 +1,6 @@
-"""The conveyor on matiec, the compiler of Beremiz and of OpenPLC v3: generated, compiled by iec2c, started by a call, and
-met by a robot.
+"""The conveyor on matiec, the compiler of Beremiz and of OpenPLC v3: generated, compiled by iec2c, started by a call.
+
+Then a robot walks up to it.
 
 MATIEC is the folder of a built matiec, with iec2c and lib/. Without it the files are made, and the demo says so.
 """

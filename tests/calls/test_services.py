@@ -286,8 +286,8 @@ def test_a_reply_that_comes_between_two_calls_is_not_taken_for_the_second(topic)
 
 
 def test_a_reply_to_another_call_does_not_end_the_wait(topic, monkeypatch):
-    with StartServer(topic), StartClient(topic) as client:
-        assert client.service == topic
+    with StartServer(topic) as server, StartClient(topic) as client:
+        assert client.service == server.service == topic
         number = client.send(request(1))
         replies = [Start_Reply(call=call, status=Start_Reply.DONE) for call in (number + 1, number)]
         monkeypatch.setattr(client._caller._answers, "wait", lambda left: replies.pop(0))
@@ -499,6 +499,29 @@ def test_a_server_that_waits_shows_that_it_lives(topic):
         assert client._caller._answers._words[h.HEARTBEAT] - before >= 3
 
 
+def test_taking_does_not_wait(topic, monkeypatch):
+    waits = []
+    with StartServer(topic) as server:
+        monkeypatch.setattr(server, "wait", waits.append)
+        assert server.take() is None
+    assert waits == [0]
+
+
+def test_where_a_claim_is_in_doubt_requests_are_passed_over_once_more(topic, monkeypatch):
+    class Doubtful(StartServer.reply_publisher):
+        def __init__(self, *arguments, **options):
+            super().__init__(*arguments, **options)
+            self._claim_doubtful = True
+
+    times = []
+    monkeypatch.setattr("shmgen.runtime.server.passed_over", times.append)
+    StartServer(topic).close()
+    assert len(times) == 1
+    monkeypatch.setattr(StartServer, "reply_publisher", Doubtful)
+    StartServer(topic).close()
+    assert len(times) == 3
+
+
 # --- where the lock is needed --------------------------------------------------------------------
 
 
@@ -529,6 +552,19 @@ def test_no_server_ends_of_a_lock_that_a_dead_process_has(topic, caplog):
         assert client.call(request(5), timeout=10).batch == 10
         server_thread.join(10)
     assert "waits for the lock" in caplog.text
+
+
+@pytest.mark.usefixtures("on_arm")
+def test_a_server_that_begins_while_somebody_has_the_lock_serves_no_old_call(topic):
+    with StartClient(topic) as client:
+        with StartServer(topic) as before:
+            client.send(request())
+            assert before.take() is not None
+        semaphore = client._caller._questions._region.semaphore
+        assert semaphore.acquire(False)
+        with StartServer(topic) as server:
+            semaphore.release()
+            assert server.take() is None
 
 
 @pytest.mark.usefixtures("on_arm")

@@ -90,7 +90,8 @@ def test_a_configuration_stays_as_it_is(tmp_path: Path, path: str) -> None:
 
 def test_hook_and_ci_are_added(tmp_path: Path) -> None:
     write(tmp_path, PACKAGES)
-    init(tmp_path, "--hook", "--ci", "--from", SOURCE)
+    assert "  pre-commit install " in init(tmp_path, "--hook", "--ci", "--from", SOURCE)  # else no commit is stopped
+    assert "pre-commit" not in init(tmp_path)
     assert (tmp_path / start.HOOK_FILE).read_text() == start.HOOK
     assert (tmp_path / start.CI_FILE).read_text() == start.CI.format(requirement=SOURCE)
 

@@ -102,6 +102,29 @@ def test_each_word_that_the_maker_writes_is_looked_at(language: str, peer: Start
     assert process.opens("y", "sub", topic) == 0
 
 
+def test_a_region_that_a_runtime_has_rounded_up_to_larger_pages(language: str, peer: Start, topic: str) -> None:
+    """As on a Raspberry Pi 5; but not where something lies in the rest, or where it is no such rounding."""
+    process = peer(language)
+    assert process.opens("made", "pub", topic) == 0
+    data = file_of(topic).read_bytes()
+    process.does("close made")
+    for page in (16384, 65536):
+        for there in (data, b""):  # made, and still being made
+            file_of(topic).write_bytes(there.ljust(page, b"\0"))
+            assert (process.opens("w", "pub", topic), process.opens("r", "sub", topic)) == (0, 0)
+            assert process.does(f"publish w {page}") == 0
+            found = process.reads("read r")
+            assert found
+            assert (found[0], file_of(topic).stat().st_size) == (str(page), page)
+            process.does("close w"), process.does("close r")
+        for at in (len(data), page - 1):
+            file_of(topic).write_bytes(data.ljust(at, b"\0") + b"1".ljust(page - at, b"\0"))
+            assert (at, process.opens("x", "sub", topic)) == (at, SIZE)
+    for size in (8192, 3 * 16384):
+        file_of(topic).write_bytes(data.ljust(size, b"\0"))
+        assert (size, process.opens("x", "sub", topic)) == (size, SIZE)
+
+
 def test_what_is_no_file_of_ours(language: str, peer: Start, topic: str, tmp_path: Path) -> None:
     process = peer(language)
     file_of(topic).symlink_to(tmp_path / "x")
@@ -214,7 +237,7 @@ def test_a_claim_is_lost_between_two_samples(language: str, peer: Start, demo: D
     assert (process.does("heartbeat w"), process.does("publish w 1")) == (LOST, LOST)
     Memory(topic)["writer"] = 0
     with demo.python.DemoPublisher(topic) as publisher:  # its record lock is given back
-        Memory(topic)["writer"] = 7
+        Memory(topic)["writer"] = process.pid
         with pytest.raises(ClaimLost):
             publisher.publish(demo.message(1))
 

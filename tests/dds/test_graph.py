@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from queue import Queue
 from typing import Any
 
@@ -11,11 +13,13 @@ import pytest
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.idl import make_idl_struct
 from cyclonedds.pub import DataWriter
-from cyclonedds.qos import Policy, Qos
+from cyclonedds.qos import Policy, Qos, _CQos
 from cyclonedds.topic import Topic
 
 from shmgen.bridge import dds
 from shmgen.bridge.backend import Node
+from shmgen.bridge.dds_ends import matches, quality, said_by
+from shmgen.bridge.dds_types import structure
 from shmgen.model import Schema
 
 from .conftest import Taken, until, wire
@@ -120,3 +124,52 @@ def test_text_that_is_no_utf8(graph: dds.Graph, domain: int, schema: Schema, top
     assert came.get(timeout=5).data == "a"
     assert told[0] == f"{topic}: a peer announces no type hash; its std_msgs/String is taken for ours"
     assert "Could not deserialize 'std_msgs/msg/String'" in told[1]
+
+
+def test_what_two_peers_say_at_once_is_not_mixed(
+    graph: dds.Graph, schema: Schema, topic: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Cyclone's Python has one place for what any peer says: a good client was taken for a stranger, its call lost."""
+    ends, kind = graph._ends, structure(wire(schema, topic, "std_msgs/String").messages)
+    qualities = [quality("reliable", False, 1, f"who={number};") for number in range(2)]
+    writers = [ends.writer(f"rt{topic}{number}", kind, qos) for number, qos in enumerate(qualities)]
+    readers = [ends.reader(writer.topic.name, kind, qos) for writer, qos in zip(writers, qualities, strict=True)]
+    until(lambda: all(matches(reader) for reader in readers))
+    read, both = _CQos._get_userdata, threading.Barrier(2)
+
+    def slowly(*words: Any) -> Any:
+        found = read(*words)
+        with suppress(threading.BrokenBarrierError):  # the other one waits until we are done
+            both.wait(0.2)
+        return found
+
+    monkeypatch.setattr(_CQos, "_get_userdata", slowly)
+    with ThreadPoolExecutor() as threads:
+        said = threads.map(lambda reader: said_by(reader, *matches(reader)), readers)
+        assert [words[0] for words in said] == ["who=0", "who=1"]
+
+
+def test_a_queue_that_ran_over_is_told(graph: dds.Graph, schema: Schema, topic: str) -> None:
+    """Cyclone does not say what its history has overwritten, nor how much."""
+    there = wire(schema, topic, "std_msgs/String")
+    inside, go, came = threading.Event(), threading.Event(), []
+
+    def callback(message: Any) -> None:
+        came.append(message)
+        inside.set()
+        go.wait(60)
+
+    taker = Taken(callback)
+    graph.subscribe(there, taker)
+    outlet = graph.publisher(there)
+    message = outlet.new()
+    until(lambda: outlet.send(message) or inside.is_set())
+    for _ in range(there.queue + 10):
+        outlet.send(message)
+    assert not taker.lost
+    go.set()
+    until(lambda: len(came) > there.queue, 20)
+    assert taker.lost == 1
+    outlet.send(message)
+    until(lambda: len(came) > there.queue + 1, 20)
+    assert taker.lost == 1

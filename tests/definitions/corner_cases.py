@@ -17,28 +17,28 @@ class Case(NamedTuple):
     name: str = "Foo"
 
 
-ALONE = "references look at one file at a time"
-BLANKS = "blanks and tabs in front mean nothing"
-BYTES = "a capacity counts bytes of UTF-8, or UTF-16 units of a wstring"
-CHECKED = "rosbags checks no values"
-CONTROL = "nothing that a terminal or an editor obeys"
-DIGITS = "numbers are written with 0 to 9"
-ESCAPES = "escapes are read where they stand, not by a later step"
-LARGE = "no float32 or float64 holds it"
-LINES = "a line ends where an editor shows its end"
-LITERAL = "rosbags takes a value by its looks, not by the type"
-NAMES = "the rule of rosidl_adapter"
-NUMBER_NAME = "rosidl_parser takes it for the name of a constant"
-OCTAL = "rosidl_adapter and genmsg agree on ten"
-OPEN = "a quote that is never closed is a mistake"
-QUOTES = "within quotes `#`, `=` and `]` are ordinary"
-RANGE = "a range, an index or a sentence is no unit"
-SEPARATOR = "three dashes or more, blanks and a comment behind them"
-SHADOW = "rosidl_parser gives the first message the constants of all"
-SPELLING = "one spelling more does no harm"
-TWICE = "a name means one thing"
-WIDE = "rosbags knows no wstring"
-ZERO = "zero elements leave nothing to share"
+ALONE = "the references read one file at a time"
+BLANKS = "leading blanks and tabs are ignored"
+BYTES = "a bound counts bytes of UTF-8, in a wstring UTF-16 units"
+CHECKED = "rosbags does not check values"
+CONTROL = "control characters that terminals or editors act on are rejected"
+DIGITS = "only the digits 0 to 9 are accepted"
+ESCAPES = "escape sequences are decoded while parsing, not in a later step"
+LARGE = "beyond the range of float32 or float64"
+LINES = "only characters that editors show as a line break end a line"
+LITERAL = "rosbags infers the kind of a value from its spelling, not from the type"
+NAMES = "a rule of rosidl_adapter"
+NUMBER_NAME = "rosidl_parser reads it as the name of a constant"
+OCTAL = "rosidl_adapter and genmsg both read it as decimal"
+OPEN = "an unterminated string is an error"
+QUOTES = "inside quotes `#`, `=` and `]` have no special meaning"
+RANGE = "a range, an index or a sentence is not a unit"
+SEPARATOR = "three or more dashes, optionally followed by blanks and a comment"
+SHADOW = "rosidl_parser gives the constants of all parts to the first message"
+SPELLING = "an unambiguous spelling, so it is accepted"
+TWICE = "names are unique"
+WIDE = "rosbags does not know wstring"
+ZERO = "an array without elements has nothing to share"
 
 ROS2: dict[str, list[Case]] = {
     "Types": [
@@ -52,10 +52,10 @@ ROS2: dict[str, list[Case]] = {
         Case("time x", "an alias of builtin_interfaces/Time; rosidl_adapter has no .idl for it"),
         Case("duration[2] x", "as `time`"),
         Case("builtin_interfaces/Time x"),
-        Case("Header x", "a name alone is of the own package; only ROS 1 means std_msgs"),
+        Case("Header x", "a name without a package refers to the same package; only in ROS 1 does it mean std_msgs"),
         Case("std_msgs/Header x"),
-        Case("std_msgs/msg/Header x", "the full name, as ROS 2 writes it everywhere else"),
-        Case("std_msgs/srv/Header x", "a field holds a message"),
+        Case("std_msgs/msg/Header x", "the full name, as used everywhere else in ROS 2"),
+        Case("std_msgs/srv/Header x", "the type of a field is a message, not a service"),
         Case("Bar x"),
         Case("demo_msgs/Bar[<=3] x"),
         Case("Foo x", ALONE),
@@ -90,8 +90,8 @@ ROS2: dict[str, list[Case]] = {
         Case("int32[3 x"),
         Case("int32] x"),
         Case("int32<=5 x"),
-        Case("int32[99999999999] x", "a count travels as UDINT"),
-        Case("string<=0 x", "a capacity is at least 1"),
+        Case("int32[99999999999] x", "the count is a UDINT"),
+        Case("string<=0 x", "a bound is at least 1"),
         Case("string<= 5 x"),
         Case("string<=1_0 x", DIGITS),
         Case("string<5 x"),
@@ -155,13 +155,13 @@ ROS2: dict[str, list[Case]] = {
         Case("bool X=1", LITERAL),
         Case("bool X=2", LITERAL),
         Case("bool X=yes", LITERAL),
-        Case("string X=a b  # c", "a comment ends what stands without quotes"),
+        Case("string X=a b  # c", "a comment ends an unquoted value"),
         Case("string X=", "an empty string"),
         Case('string X="a # = b"  # c', QUOTES),
         Case("string X='it\\'s'", ESCAPES),
         Case('string X="it\'s"'),
         Case('string X="a\\nb"', ESCAPES),
-        Case('string X="\\u00b5"', "`\\u` is no escape here: ROS 2 carries UTF-8"),
+        Case('string X="\\u00b5"', "`\\u` is not an escape sequence here: ROS 2 uses UTF-8"),
         Case('string X="µ"'),
         Case('string X="a"b"'),
         Case('string X="a', OPEN),
@@ -175,7 +175,7 @@ ROS2: dict[str, list[Case]] = {
         Case("int32 x 5"),
         Case("int32 x 0x10"),
         Case("int32 x 010"),
-        Case("int32 x = 5", "`=` makes a constant; a default is written without"),
+        Case("int32 x = 5", "`=` declares a constant; a default is written without it"),
         Case("int32 x=5"),
         Case("int32 x 5 6"),
         Case("uint8 x 256", CHECKED),
@@ -188,7 +188,7 @@ ROS2: dict[str, list[Case]] = {
         Case('string x "a = b"', QUOTES),
         Case('string x ""'),
         Case('string x "a', OPEN),
-        Case('string x "a" b', "what is left over is told, not taken"),
+        Case('string x "a" b', "text after the closing quote is an error"),
         Case("string x 'it\\'s'"),
         Case('string x "a\\nb"', ESCAPES),
         Case('string x "\\\\"', ESCAPES),
@@ -211,7 +211,7 @@ ROS2: dict[str, list[Case]] = {
         Case('string[] x [""]'),
         Case('string[] x ["a",]'),
         Case("string[2] x [a, 'b',]"),
-        Case('string[] x ["a",,"b"]', "nothing is between the commas"),
+        Case('string[] x ["a",,"b"]', "an element is missing between the commas"),
         Case('string[] x ["a" "b"]', "a comma is missing"),
         Case("Bar x 1", CHECKED),
         Case("time x 1", CHECKED),
@@ -228,7 +228,7 @@ ROS2: dict[str, list[Case]] = {
         Case("int8\xa0x"),
         Case("int8 x\r\nint8 y\r\n"),
         Case("int8 x\rint8 y"),
-        Case("\ufeffint8 x", "some editors put it there, and nobody sees it"),
+        Case("\ufeffint8 x", "a byte order mark, which some editors add"),
         Case("int8 x# about"),
         Case("int8 x #"),
         Case("int8 x # a\u2028int8 y", LINES),
@@ -237,7 +237,7 @@ ROS2: dict[str, list[Case]] = {
         Case("int8 x # \x1b[2J", CONTROL),
         Case("int8 x\x00"),
         Case("int8 x // about", CHECKED),
-        Case("@optional\nint8 x", "an optional field has no fixed place"),
+        Case("@optional\nint8 x", "an optional field has no fixed offset"),
         Case('int8 x @unit(value="m")', CHECKED),
     ],
     "Units": [
@@ -245,7 +245,7 @@ ROS2: dict[str, list[Case]] = {
         Case("float32 x # Bearing angle[rad]"),
         Case("float32 x # [deg per second]"),
         Case("float32 x # [m] or [ft]"),
-        Case("float32 x # [m] and again [m]", "twice the same unit is one unit"),
+        Case("float32 x # [m] and again [m]", "the same unit given twice is one unit"),
         Case("float32 x # [-]"),
         Case("float32 x # [0, 1]"),
         Case("float32 x # [0.0-1.0]", RANGE),
@@ -279,15 +279,15 @@ ROS1: dict[str, list[Case]] = {
         Case("time x"),
         Case("duration[2] x"),
         Case("Header x"),
-        Case("Header[] x", "genmsg looks for demo_msgs/Header, which nobody has"),
+        Case("Header[] x", "genmsg looks for demo_msgs/Header, which does not exist"),
         Case("roslib/Header x", ALONE),
         Case("std_msgs/Header x"),
         Case("std_msgs/msg/Header x"),
         Case("Bar[3] x"),
         Case("Foo x", ALONE),
         Case("wstring x", ALONE),
-        Case("string<=5 x", "bounds came with ROS 2"),
-        Case("int32[<=5] x", "bounds came with ROS 2"),
+        Case("string<=5 x", "ROS 1 has no bounds"),
+        Case("int32[<=5] x", "ROS 1 has no bounds"),
         Case("int32[0] x", ZERO),
         Case("int32[-1] x", "a bound is at least 1"),
         Case("int32[٣] x", DIGITS),
@@ -295,11 +295,11 @@ ROS1: dict[str, list[Case]] = {
         Case("float64[9] K"),
         Case("float32 T__"),
         Case("int32 _x"),
-        Case("int32 größe", "neither C++ nor IEC 61131-3 has such a name"),
+        Case("int32 größe", "not a valid name in C++ or IEC 61131-3"),
         Case("int8 a\nint8 a", TWICE),
         Case("int8 A\nint8 A=1", TWICE),
         Case("int8 A=1\nint8 A=2", TWICE),
-        Case("int32 x 5", "defaults came with ROS 2"),
+        Case("int32 x 5", "ROS 1 has no defaults"),
         Case("int32 x[3]"),
     ],
     "ROS 1: constants": [
@@ -311,15 +311,15 @@ ROS1: dict[str, list[Case]] = {
         Case("byte X=200", CHECKED),
         Case("char X=97"),
         Case("char X='a'", LITERAL),
-        Case("int32 small = 1", "rosbags takes it for a default"),
+        Case("int32 small = 1", "rosbags reads it as a default"),
         Case("uint64 X=18446744073709551615"),
         Case("float32 X=1e60", LARGE),
         Case("float64 X=nan", LITERAL),
         Case("bool X=True"),
         Case("bool X=true", "as in ROS 2; genmsg wants Python's `True`"),
         Case("bool X=1", LITERAL),
-        Case("bool X=2", "true or false, 1 or 0"),
-        Case('string X="a" # not a comment ', "rosbags reads ROS 2's strings"),
+        Case("bool X=2", "only true, false, 1 and 0 are accepted"),
+        Case('string X="a" # not a comment ', "rosbags reads strings by the rules of ROS 2"),
         Case("string X=a=b"),
         Case("string X=", "an empty string"),
         Case("string X= a b "),
@@ -331,16 +331,16 @@ ROS1: dict[str, list[Case]] = {
     "ROS 1: lines": [
         Case(""),
         Case("  int8 x"),
-        Case("int8\tx", "a tab parts words as a blank does"),
+        Case("int8\tx", "a tab separates words like a blank"),
         Case("int8 x\r\nint8 y"),
-        Case("\ufeffint8 x", "some editors put it there, and nobody sees it"),
+        Case("\ufeffint8 x", "a byte order mark, which some editors add"),
         Case("int8 x # a = b"),
         Case("int8 x # a\u2028int8 y"),
         Case("int8 x\x0c", CONTROL),
         Case("int8 a\n--- # answer\nint8 b", kind="srv"),
         Case("int8 a\n-----\nint8 b", kind="srv"),
         Case("int8 a\n ---\nint8 b", kind="srv"),
-        Case("int8 a", "a missing `---` is a mistake more often than a service without answer", kind="srv"),
+        Case("int8 a", "a missing `---` is more often a mistake than a service without a response", kind="srv"),
         Case("---\n---", "one part too many", kind="srv"),
     ],
 }

@@ -143,17 +143,18 @@ NOT_ASKED = "?"
 HEAD = """\
 # Corner cases
 
-What shmgen makes of a definition that leaves room for doubt, and what the reference implementations make of it:
-{versions}. A test asks all of them and holds this page;
-`pytest --update-golden tests/definitions/test_corner_cases.py` writes it anew.
+How shmgen reads ambiguous or unusual definitions, and how the reference implementations read them:
+{versions}. A test runs all of them and compares the results with this page;
+`pytest --update-golden tests/definitions/test_corner_cases.py` regenerates it.
 
-* `␊` ends a line; `␉`, `␍` and `␀` are what their names say, and `U+2028` stands for that character.
-* **same**: the same fields, types, bounds, defaults, constants and units as here. rosbags and genmsg tell no defaults
-  and no units, so those are not compared.
-* **refused**: with a message about the definition. **crashes**: an exception that says nothing about it, or none meant.
-* **-**: nothing to read: rosidl_parser reads the .idl that rosidl_adapter makes, and rosbags reads no .srv or .action.
-* A code such as SHM003 is one of the [diagnostics](diagnostics.md). Each definition is `demo_msgs/Foo` if not said
-  otherwise, and lies beside `Bar.msg`, which has one field `int8 b`.
+* **definition**: `␊` stands for a line break, `␉` for a tab, `␍` for a carriage return, `␀` for a zero byte, and
+  `U+2028` for that character. Unless stated otherwise, the definition is the message `demo_msgs/Foo`; its package also
+  has `Bar.msg`, with one field `int8 b`.
+* **here**: what shmgen reads; a code such as SHM003 is the [diagnostic](diagnostics.md) that it reports.
+* **same**: the same fields, types, bounds, defaults, constants and units as shmgen. rosbags and genmsg do not return
+  defaults and units, so these are not compared.
+* **refused**: rejected with a message about the definition. **crashes**: an exception that does not describe it.
+* **-**: no input: rosidl_parser reads the .idl that rosidl_adapter generates, and rosbags reads no .srv or .action.
 """
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import ctypes
+import math
 import os
 import struct
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,8 +17,8 @@ from tests.support import machine
 
 machine.pretend()
 from shmgen import runtime  # noqa: E402
+from shmgen.runtime import claim, values  # noqa: E402
 from shmgen.runtime import header as h  # noqa: E402
-from shmgen.runtime import values  # noqa: E402
 
 WHY_NOT = "shmgen was installed without a compiler, so publish and read are Python's alone: pip install -e ."
 POSE = struct.Struct("<7d")
@@ -147,6 +149,7 @@ def say(line: object) -> None:
 
 def main(work: str, topic: str, depth: int = 1) -> None:
     """What the other process does; it says a line when it is ready, and ends when its input does."""
+    claim._STOOD_STILL = math.inf  # as in_time does for the tests
     match work:
         case "publish":
             with PosePublisher(topic, depth=depth) as publisher:
@@ -164,10 +167,11 @@ def main(work: str, topic: str, depth: int = 1) -> None:
             with PosePublisher(topic, depth=depth, lock_timeout=0) as publisher:
                 say("ready")
                 end = time.monotonic() + 20
-                number = 0
+                number = 1
                 while time.monotonic() < end:
-                    number += 1
-                    publisher.publish(pose(float(number)))
+                    with suppress(runtime.LockTimeout):  # where the lock is needed: nothing was published
+                        publisher.publish(pose(float(number)))
+                        number += 1
         case "inside":
             with PoseSubscriber(topic, depth=depth) as subscriber:
                 words = subscriber._region.words

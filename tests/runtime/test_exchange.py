@@ -68,16 +68,16 @@ def test_writer_first(topic, other):
 def test_a_killed_writer_leaves_its_last_sample_and_the_next_goes_on(topic, other):
     writer = other("flood", topic)
     with PoseSubscriber(topic) as subscriber, PoseSubscriber(topic) as second:
-        subscriber.wait(5)
+        subscriber.wait(20)
         writer.kill()
-        subscriber.read()
-        until = time.monotonic() + 5
+        until = time.monotonic() + 20
         while (last := second.read()) is None and time.monotonic() < until:
             pass  # where the lock is needed, and it was killed inside: until that is healed
         assert whole(last)
+        subscriber.read()
         with PosePublisher(topic) as publisher:
             before = publisher.sequence
-            assert before == subscriber.sequence or subscriber.read() is None
+            assert before == subscriber.sequence == second.sequence
             publisher.publish(pose(-1.0))
             assert publisher.sequence == before + 1
             assert subscriber.read().position.x == -1.0
@@ -89,8 +89,8 @@ def test_nothing_torn_and_everything_counted_under_a_flood(topic, other):
         other("flood", topic, 4)
         read = 0
         last = 0.0
-        end = time.monotonic() + 1.0
-        while time.monotonic() < end:
+        begun = time.monotonic()
+        while time.monotonic() < begun + (1.0 if read > 10 else 15.0):
             for message in subscriber.read_all():
                 assert whole(message)
                 assert message.position.x > last
@@ -353,7 +353,7 @@ def test_a_held_lock_does_not_stop_anybody(topic, other):
         assert publisher._region.words[h.LOCK_COUNT] == count + 2
 
 
-@pytest.mark.usefixtures("on_x86")
+@pytest.mark.usefixtures("on_x86", "unhealed")
 def test_a_stuck_lock_is_waited_for_once(topic, other, monkeypatch):
     noted = []
     try_for = lock.Lock._try_for
@@ -383,7 +383,7 @@ def test_a_stuck_lock_is_waited_for_once(topic, other, monkeypatch):
         assert publisher.lock_misses == 60
 
 
-@pytest.mark.usefixtures("on_arm")
+@pytest.mark.usefixtures("on_arm", "unhealed")
 def test_where_stores_pass_each_other_the_lock_is_needed(topic, file, other):
     with PosePublisher(topic, depth=4, lock_timeout=0.01) as publisher, PoseSubscriber(topic, depth=4) as subscriber:
         publisher.publish(pose(1))

@@ -16,6 +16,7 @@ from tests.conftest import REPOSITORY
 from tests.support import machine
 
 HERE = "tests/runtime"
+WHOLE = (pytest.mark.slow, pytest.mark.timeout(1200))
 ALL = [f"--ignore={HERE}/test_other_machine.py", HERE, "tests/calls/test_services.py", "tests/calls/test_actions.py"]
 
 
@@ -23,8 +24,8 @@ ALL = [f"--ignore={HERE}/test_other_machine.py", HERE, "tests/calls/test_service
     ("name", "where"),
     [
         ("aarch64", [f"{HERE}/test_exchange.py"]),
-        pytest.param("aarch64", ALL, marks=pytest.mark.slow, id="aarch64-all"),
-        pytest.param("i686", ALL, marks=pytest.mark.slow, id="i686-all"),
+        pytest.param("aarch64", ALL, marks=WHOLE, id="aarch64-all"),
+        pytest.param("i686", ALL, marks=WHOLE, id="i686-all"),
     ],
 )
 def test_all_holds_there(name: str, where: list[str]) -> None:

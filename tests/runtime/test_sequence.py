@@ -9,6 +9,7 @@ import ctypes
 import os
 import shutil
 import subprocess
+import sys
 import time
 import types
 from collections.abc import Callable, Iterator
@@ -25,6 +26,7 @@ from tests.softplc import Plc, compile_st
 
 from ..support.build import classes, put
 from ..support.command import run
+from ..support.machine import slower
 
 SIZE = 2048
 """Words; as many bytes as a copy takes long enough to be met half-way."""
@@ -39,7 +41,11 @@ PEER = r"""
 #include <sys/mman.h>
 #include <sys/stat.h>
 #include "shm_sequence/sequence_msgs/msg/block.h"
+#ifdef __i386__
 #define ORDERED() __asm__ __volatile__("" ::: "memory") /* x86 keeps the order that the compiler keeps */
+#else
+#define ORDERED() __sync_synchronize()
+#endif
 
 typedef shm_sequence_msgs_Block message;
 static message own;
@@ -113,13 +119,14 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
 @pytest.fixture(scope="module")
 def peer(made: Made) -> list[str]:
     """The command of a 32-bit program, run by the kernel or else by qemu."""
-    if not shutil.which("i686-linux-gnu-gcc"):
-        pytest.skip("i686-linux-gnu-gcc is not installed")
+    compiler = "gcc" if sys.maxsize < 2**32 else "i686-linux-gnu-gcc"
+    if not shutil.which(compiler):
+        pytest.skip(f"{compiler} is not installed")
     source, program = made.folder / "peer.c", made.folder / "peer"
     source.write_text(PEER)
     options = ["-std=gnu11", "-O2", "-Wall", "-Wno-address-of-packed-member", f"-DWORDS={SIZE}", "-static"]
     includes = ["-I", str(made.folder / "c")]
-    subprocess.run(["i686-linux-gnu-gcc", *options, *includes, str(source), "-o", str(program)], check=True)
+    subprocess.run([compiler, *options, *includes, str(source), "-o", str(program)], check=True)
     for command in ([str(program)], ["qemu-i386", str(program)]):
         try:
             asked = subprocess.run([*command, "r", "/dev/zero"], input="", capture_output=True, text=True)
@@ -142,7 +149,7 @@ class Peer:
 
     def end(self) -> tuple[int, int, int]:
         """Samples, words of another sample in them, samples overwritten while they were read."""
-        said, _ = self.process.communicate("end", timeout=20)
+        said, _ = self.process.communicate("end", timeout=20 * slower)
         done, torn, refused = map(int, said.split())
         return done, torn, refused
 

@@ -286,6 +286,9 @@ def test_buffers_are_taken_without_a_copy():
     assert bytes(values.numbers((ctypes.c_int64 * 2)(-1, 5), "q", 8, "d")) == struct.pack("<2q", -1, 5)
     assert bytes(values.numbers((ctypes.c_bool * 2)(True, False), "?", 1, "d")) == b"\1\0"
     assert bytes(values.numbers(ctypes.create_string_buffer(b"ab", 2), "B", 1, "d")) == b"ab"
+    assert bytes(values.numbers(array.array("b", [-5]), "b", 1, "d")) == b"\xfb"
+    table = values.numbers(memoryview(b"abcdef").cast("B", (2, 3)), "B", 1, "d", exactly=6)
+    assert (table.ndim, bytes(table)) == (1, b"abcdef")
 
 
 def test_ctypes_codes_are_understood():
@@ -302,6 +305,10 @@ def test_another_element_type_is_converted_never_reinterpreted():
     assert bytes(values.numbers(array.array("f", [0.5]), "d", 8, "d")) == struct.pack("<d", 0.5)
     rejected(runtime.OutOfRange, "d[0]", values.numbers, array.array("d", [1.0]), "q", 8, "d")
     rejected(runtime.OutOfRange, "d[0]", values.numbers, array.array("B", [200]), "b", 1, "d")
+    rejected(runtime.OutOfRange, "d[0]", values.numbers, array.array("b", [-5]), "B", 1, "d")
+    rejected(runtime.OutOfRange, "d[0]", values.numbers, ctypes.create_string_buffer(b"ab", 2), "b", 1, "d")
+    table = memoryview(bytes(16)).cast("i", (2, 2))
+    rejected(runtime.OutOfRange, "d[0]", values.numbers, table, "d", 8, "d")
     assert bytes(values.numbers(range(3), "H", 2, "d")) == struct.pack("<3H", 0, 1, 2)
 
 
@@ -337,6 +344,7 @@ def test_numpy():
     assert bytes(values.numbers([np.bool_(True), np.False_], "?", 1, "d")) == b"\1\0"
     assert bytes(values.numbers([np.float64(1), np.int32(2)], "d", 8, "d")) == struct.pack("<2d", 1, 2)
     assert values.numbers(np.zeros(0), "d", 8, "d", at_most=3).nbytes == 0
+    assert values.numbers(np.zeros((4, 0)), "d", 8, "d", at_most=3).nbytes == 0
     assert values.from_numbers(struct.pack("<6d", *range(6)), "d", six.reshape(2, 3)).shape == (2, 3)
     rejected(runtime.OutOfRange, "d[1]", values.numbers, np.array([1, 2**40]), "i", 4, "d")
     rejected(runtime.OutOfRange, "d[0]", values.numbers, np.array([1.5]), "i", 4, "d")

@@ -6,7 +6,6 @@ import functools
 import os
 import pickle
 import subprocess
-import sys
 import tempfile
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -29,10 +28,6 @@ def compile_st(files: Mapping[str, str], folder: Path | None = None) -> Plc:
     library stays for other processes (see task.py). Raises Unsupported for a construct that is not translated, and
     CompileError for what does not compile, such as an undeclared name or a wrong type.
     """
-    if sys.maxsize < 2**32:
-        import pytest  # demos have none
-
-        pytest.skip("the soft PLC reckons in 128 bits, which compilers for 32-bit machines do not")
     made = translate(files)
     if folder is not None:
         return Plc.load(_library(made, folder))

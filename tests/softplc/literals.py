@@ -1,4 +1,4 @@
-"""Turns literals of Structured Text into C++: untyped ones into `Integer<5>{}` and `Real{1.5}` of runtime.hpp."""
+"""Turns literals of Structured Text into C++: untyped ones into `Integer<5ULL>{}` and `Real{1.5}` of runtime.hpp."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def literal(tree: b.Literal) -> str:
         case b.Integer():
             base = {"HexInteger": 16, "OctalInteger": 8, "BinaryInteger": 2}.get(type(tree).__name__, 10)
             number = int(str(tree.value).replace("_", ""), base)
-            return _typed(tree.type_name, f"Integer<{'-' if number < 0 else ''}(__int128){abs(number)}ULL>{{}}")
+            return _typed(tree.type_name, f"Integer<{abs(number)}ULL{', true' if number < 0 else ''}>{{}}")
         case b.Real():
             return _typed(tree.type_name, f"Real{{{str(tree.value).replace('_', '')}}}")
         case b.Boolean():

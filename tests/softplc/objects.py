@@ -17,7 +17,9 @@ def declaration(one: Declaration, names: Mapping[str, Declaration]) -> Iterator[
     match one:
         case Enumeration():
             spelled = ", ".join(
-                variable(name) if value is None else f"{variable(name)} = {scope.expression(value)}.value"
+                variable(name)
+                if value is None
+                else f"{variable(name)} = as<{one.base.name}>({scope.expression(value)})"
                 for name, value in one.values
             )
             yield f"enum class {type_name(one.name)} : {one.base.name} {{ {spelled} }};"

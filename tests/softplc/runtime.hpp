@@ -42,9 +42,37 @@ struct LTIME { uint64_t ns = 0; };
 // Thrown instead of what stops a PLC: an index outside its bounds, a null pointer, a division by zero.
 struct Trap { const char *reason; };
 
+// What an untyped literal may be, from the least LINT to the largest ULINT: no type of 64 bits holds both, and
+// compilers for 32-bit machines have none of 128.
+struct Whole {
+    bool below;  // zero
+    uint64_t size;
+    template <class T> constexpr bool fits() const {
+        return size <= static_cast<uint64_t>(std::numeric_limits<T>::max()) + below && (std::is_signed_v<T> || !below);
+    }
+    template <class T> constexpr T as() const {
+        if constexpr (std::is_floating_point_v<T>) return below ? -static_cast<T>(size) : static_cast<T>(size);
+        else return static_cast<T>(below ? 0 - size : size);
+    }
+    constexpr uint64_t bits() const { return below ? throw Trap{"bits of a negative literal"} : size; }
+    constexpr Whole operator-() const { return {!below && size != 0, size}; }
+};
+constexpr Whole operator+(Whole a, Whole b) {
+    if (a.below != b.below)
+        return a.size > b.size ? Whole{a.below, a.size - b.size} : Whole{b.below && a.size != b.size, b.size - a.size};
+    return a.size + b.size < a.size ? throw Trap{"literals beyond 64 bits"} : Whole{a.below, a.size + b.size};
+}
+constexpr Whole operator*(Whole a, Whole b) {
+    if (b.size != 0 && a.size > UINT64_MAX / b.size) throw Trap{"literals beyond 64 bits"};
+    return {a.below != b.below && a.size * b.size != 0, a.size * b.size};
+}
+constexpr Whole operator/(Whole a, Whole b) { return {a.below != b.below && a.size >= b.size, a.size / b.size}; }
+constexpr Whole operator%(Whole a, Whole b) { return {a.below && a.size % b.size != 0, a.size % b.size}; }
+constexpr bool operator<(Whole a, Whole b) { return (b + -a).size != 0 && !(b + -a).below; }
+
 // An untyped literal takes the type of what it meets, and must fit it.
-template <__int128 V> struct Integer {
-    static constexpr __int128 value = V;
+template <uint64_t Size, bool Below = false> struct Integer {
+    static constexpr Whole value{Below, Size};
 };
 struct Real { double value; };
 
@@ -62,7 +90,7 @@ template <class T> struct Pointer {
     }
 };
 
-template <long First, long Last, class T> struct Array {
+template <int64_t First, int64_t Last, class T> struct Array {
     T items[Last - First + 1] = {};
 };
 
@@ -71,7 +99,7 @@ template <long First, long Last, class T> struct Array {
 template <class T> inline constexpr bool is_integer = std::is_integral_v<T> && !std::is_same_v<T, char16_t>;
 template <class T> inline constexpr bool is_number = is_integer<T> || std::is_floating_point_v<T>;
 template <class T> struct literal : std::false_type {};
-template <__int128 V> struct literal<Integer<V>> : std::true_type {};
+template <uint64_t Size, bool Below> struct literal<Integer<Size, Below>> : std::true_type {};
 template <class T> inline constexpr bool is_literal = literal<T>::value;
 template <class T> struct pointer : std::false_type {};
 template <class T> struct pointer<Pointer<T>> : std::true_type {};
@@ -91,9 +119,8 @@ template <class To, class From> constexpr bool widens() {
 template <class T, class From> constexpr T as(From from) {
     if constexpr (is_literal<From>) {
         if constexpr (is_integer<T>)
-            static_assert(From::value >= std::numeric_limits<T>::min() && From::value <= std::numeric_limits<T>::max(),
-                          "the literal does not fit the type");
-        return static_cast<T>(From::value);
+            static_assert(From::value.template fits<T>(), "the literal does not fit the type");
+        return From::value.template as<T>();
     } else if constexpr (std::is_same_v<From, Real>) {
         static_assert(std::is_floating_point_v<T>, "a REAL literal is no integer");
         return static_cast<T>(from.value);
@@ -124,7 +151,7 @@ template <class L, class R> void set(L &left, const R &right) {
     else if constexpr (is_number<L>) left = as<L>(right);
     else if constexpr (is_pointer<L> && is_pointer<R>) left.to = reinterpret_cast<decltype(left.to)>(right.to);
     else if constexpr (is_pointer<L> && is_literal<R>) {
-        static_assert(R::value == 0, "a pointer takes no number but 0");
+        static_assert(R::value.size == 0, "a pointer takes no number but 0");
         left.to = nullptr;
     } else static_assert(never<L>, "no conversion between these types");
 }
@@ -158,67 +185,78 @@ template <int N, class C> constexpr Text<N - 1, C> text(const C (&units)[N]) {
 
 // --- operators ------------------------------------------------------------------------------------------
 
-// Two's complement in 128 bits, then cut to the width of T: it wraps round in the declared width.
-using Wide = unsigned __int128;
+// Two's complement in 64 bits, then cut to the width of T: it wraps round in the declared width.
+using Wide = uint64_t;
 
 struct Add {
     template <class T> static constexpr T of(T a, T b) {
         if constexpr (std::is_floating_point_v<T>) return a + b;
         else return static_cast<T>(static_cast<Wide>(a) + static_cast<Wide>(b));
     }
+    static constexpr Whole of(Whole a, Whole b) { return a + b; }
 };
 struct Subtract {
     template <class T> static constexpr T of(T a, T b) {
         if constexpr (std::is_floating_point_v<T>) return a - b;
         else return static_cast<T>(static_cast<Wide>(a) - static_cast<Wide>(b));
     }
+    static constexpr Whole of(Whole a, Whole b) { return a + -b; }
 };
 struct Multiply {
     template <class T> static constexpr T of(T a, T b) {
         if constexpr (std::is_floating_point_v<T>) return a * b;
         else return static_cast<T>(static_cast<Wide>(a) * static_cast<Wide>(b));
     }
+    static constexpr Whole of(Whole a, Whole b) { return a * b; }
 };
 struct Divide {
     template <class T> static constexpr T of(T a, T b) {
         if constexpr (std::is_floating_point_v<T>) return a / b;
         else {
             if (b == 0) throw Trap{"a division by zero"};
-            return static_cast<T>(static_cast<__int128>(a) / static_cast<__int128>(b));
+            if (b == static_cast<T>(-1) && std::is_signed_v<T>) return Subtract::of(T{}, a);  // the least wraps
+            return static_cast<T>(a / b);
         }
     }
+    static constexpr Whole of(Whole a, Whole b) { return b.size == 0 ? throw Trap{"a division by zero"} : a / b; }
 };
 struct Modulo {
     template <class T> static constexpr T of(T a, T b) {
         static_assert(!std::is_floating_point_v<T>, "MOD is for integers");
         if (b == 0) throw Trap{"a division by zero"};
-        return static_cast<T>(static_cast<__int128>(a) % static_cast<__int128>(b));
+        if (b == static_cast<T>(-1) && std::is_signed_v<T>) return T{};
+        return static_cast<T>(a % b);
     }
+    static constexpr Whole of(Whole a, Whole b) { return b.size == 0 ? throw Trap{"a division by zero"} : a % b; }
 };
 
-template <class T> inline constexpr bool has_bits = is_integer<T> || std::is_same_v<T, __int128>;
 struct And {
     template <class T> static constexpr T of(T a, T b) {
-        static_assert(has_bits<T>, "AND is for BOOL and integers");
+        static_assert(is_integer<T>, "AND is for BOOL and integers");
         return static_cast<T>(a & b);
     }
+    static constexpr Whole of(Whole a, Whole b) { return {false, a.bits() & b.bits()}; }
 };
 struct Or {
     template <class T> static constexpr T of(T a, T b) {
-        static_assert(has_bits<T>, "OR is for BOOL and integers");
+        static_assert(is_integer<T>, "OR is for BOOL and integers");
         return static_cast<T>(a | b);
     }
+    static constexpr Whole of(Whole a, Whole b) { return {false, a.bits() | b.bits()}; }
 };
 struct Xor {
     template <class T> static constexpr T of(T a, T b) {
-        static_assert(has_bits<T>, "XOR is for BOOL and integers");
+        static_assert(is_integer<T>, "XOR is for BOOL and integers");
         return static_cast<T>(a ^ b);
     }
+    static constexpr Whole of(Whole a, Whole b) { return {false, a.bits() ^ b.bits()}; }
 };
 
 template <class Operation, class A, class B> constexpr auto combined(A a, B b) {
-    if constexpr (is_literal<A> && is_literal<B>) return Integer<Operation::of(A::value, B::value)>{};
-    else {
+    if constexpr (is_literal<A> && is_literal<B>) {
+        constexpr Whole made = Operation::of(A::value, B::value);
+        return Integer<made.size, made.below>{};
+    } else {
         using T = common_t<A, B>;
         return Operation::of(as<T>(a), as<T>(b));
     }
@@ -249,7 +287,7 @@ template <class A, class B> constexpr auto subtract(A a, B b) {
     else return combined<Subtract>(a, b);
 }
 template <class A> constexpr auto negative(A a) {
-    if constexpr (is_literal<A>) return Integer<-A::value>{};
+    if constexpr (is_literal<A>) return Integer<A::value.size, (-A::value).below>{};
     else if constexpr (std::is_same_v<A, Real>) return Real{-a.value};
     else {
         static_assert(std::is_signed_v<A>, "the negative of an unsigned number");
@@ -274,7 +312,7 @@ template <class A> constexpr A inverse(A a) {
 template <class A, class B> constexpr int compared(const A &a, const B &b) {
     if constexpr (is_pointer<A>) {
         if constexpr (is_literal<B>) {
-            static_assert(B::value == 0, "a pointer is compared with no number but 0");
+            static_assert(B::value.size == 0, "a pointer is compared with no number but 0");
             return a.to != nullptr;
         } else return static_cast<const void *>(a.to) != static_cast<const void *>(b.to);
     } else if constexpr (std::is_same_v<A, BOOL> && std::is_same_v<B, BOOL>) return (a.byte != 0) - (b.byte != 0);
@@ -283,7 +321,7 @@ template <class A, class B> constexpr int compared(const A &a, const B &b) {
     else if constexpr (std::is_enum_v<A> || std::is_enum_v<B>) {
         static_assert(std::is_same_v<A, B>, "a strict enumeration is compared with its own values only");
         return (a > b) - (a < b);
-    } else if constexpr (is_literal<A> && is_literal<B>) return (A::value > B::value) - (A::value < B::value);
+    } else if constexpr (is_literal<A> && is_literal<B>) return (B::value < A::value) - (A::value < B::value);
     else {
         using T = common_t<A, B>;
         return (as<T>(a) > as<T>(b)) - (as<T>(a) < as<T>(b));
@@ -310,19 +348,20 @@ template <class T> bool truth(T) = delete;
 
 // --- access ---------------------------------------------------------------------------------------------
 
-template <class I> constexpr __int128 index_of(I index) {
-    if constexpr (is_literal<I>) return I::value;
+template <class I> constexpr int64_t index_of(I index) {
+    if constexpr (is_literal<I>) return as<int64_t>(index);
     else {
         static_assert(is_integer<I>, "an index is an integer");
-        return index;
+        if (!std::is_signed_v<I> && static_cast<uint64_t>(index) > INT64_MAX) throw Trap{"an index outside the bounds"};
+        return static_cast<int64_t>(index);
     }
 }
-template <long First, long Last, class T, class I> T &element(Array<First, Last, T> &array, I index) {
-    const __int128 at = index_of(index);
+template <int64_t First, int64_t Last, class T, class I> T &element(Array<First, Last, T> &array, I index) {
+    const int64_t at = index_of(index);
     if (at < First || at > Last) throw Trap{"an index outside the bounds"};
     return array.items[at - First];
 }
-template <long First, long Last, class T, class I> const T &element(const Array<First, Last, T> &array, I index) {
+template <int64_t First, int64_t Last, class T, class I> const T &element(const Array<First, Last, T> &array, I index) {
     return element(const_cast<Array<First, Last, T> &>(array), index);
 }
 // p[i] counts in elements.

@@ -1,7 +1,8 @@
-"""Lets the runtime believe that it runs on another machine, whose name stands in SHMGEN_TEST_MACHINE (`aarch64`).
+"""Which machine the tests run on, or let the runtime believe that it runs on.
 
-For the processes of a test too. What differs by the name alone is met so, natively: whether one goes on without the
-lock, and what keeps the order of loads and stores.
+A name in SHMGEN_TEST_MACHINE (`aarch64`) is believed, by the processes of a test too. What differs by the name alone is
+met so, natively: whether one goes on without the lock, and what keeps the order of loads and stores.
+SHMGEN_TEST_PATIENCE says how many times as long all takes there: 20 under qemu-user.
 """
 
 from __future__ import annotations
@@ -10,6 +11,10 @@ import os
 
 REAL = os.uname()
 NAME = "SHMGEN_TEST_MACHINE"
+PATIENCE = "SHMGEN_TEST_PATIENCE"
+slower = float(os.environ.get(PATIENCE, 1))
+"""What limits of tests are multiplied with."""
+EMULATED = slower > 1
 
 
 def pretend() -> None:

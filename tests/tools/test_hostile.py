@@ -68,7 +68,10 @@ def test_orders_in_a_value_reach_no_terminal(topic, shmgen):
     assert line.isprintable()
     assert "ü😀" in line
     assert json.loads(line) == {"data": text}
-    assert shmgen("echo", topic, "--once").stdout.replace("\n", "").isprintable()
+    for way in ([], ["--csv"], ["--csv", "--field", "data"]):
+        shown = shmgen("echo", topic, "--once", *way).stdout
+        assert shown.replace("\n", "").isprintable()
+        assert "ü😀" in shown
 
 
 @pytest.mark.parametrize(

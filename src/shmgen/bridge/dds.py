@@ -18,7 +18,7 @@ from shmgen.bridge import actions_of_ros2, dds_services
 from shmgen.bridge.backend import Answer, Caller, Intake, Node, Outlet, Refuse, ServiceWire, Taker, Wire
 from shmgen.bridge.cdr import Codec, codec
 from shmgen.bridge.dds_dropped import Dropped
-from shmgen.bridge.dds_ends import Ends, Peers, quality, send
+from shmgen.bridge.dds_ends import Ends, Peers, matches, quality, send
 from shmgen.bridge.dds_network import confine, network, sockets
 from shmgen.bridge.dds_types import structure, topic_name
 from shmgen.bridge.identity import TAKES_OURS, Identity
@@ -72,7 +72,7 @@ class Graph:
         peers = Peers(identity, lambda why: None)
         name, kind = topic_name(wire.topic), structure(wire.messages)
         writer = self._ends.writer(name, kind, _quality(wire, made), peers.matched)
-        for handle in writer.get_matched_subscriptions():  # those of whom nobody was told while it was made
+        for handle in matches(writer):  # those of whom nobody was told while it was made
             peers.matched(writer, handle)
         return Outlet(made.new, lambda message: send(writer, made.encode(message)))
 
@@ -107,9 +107,13 @@ class Graph:
                 return
             taker.take(message)
 
+        def lose(count: int) -> None:
+            with turn:
+                taker.lose(count)
+
         self._dropped.tell(name, reject)
-        self._ends.listen(reader, take, name)
-        return Intake(made.new, lambda: bool(reader.get_matched_publications()))
+        self._ends.listen(reader, take, name, wire.queue, lose)
+        return Intake(made.new, lambda: bool(matches(reader)))
 
     def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
         """For clients on rmw_cyclonedds. Raises as publisher()."""

@@ -37,13 +37,15 @@ Matched = Callable[[Any, int], None]
 _PATIENCE = 10_000_000
 """Nanoseconds a writer may be held up; keep-last writers have not been seen to be."""
 _AT_ONCE = 64
-"""Samples taken from a reader in one go."""
+"""Samples taken from a reader in one go, or its queue if that is longer."""
 _FAREWELL = 0.4
 """Seconds that all threads together get to finish what they are at."""
 _COMPLAIN = 10.0
 """Seconds from one line about what a peer sends to the next."""
 _FOREVER = 2**63 - 1
 _ANY = SampleState.Any | ViewState.Any | InstanceState.Any
+_ASKING = threading.Lock()
+"""Cyclone's Python puts the QoS of a peer, while it reads it, where all threads do: two at once read each other's."""
 _POLICIES = {2: "durability", 4: "deadline", 8: "liveliness", 11: "reliability", 23: "data representation", 24: "type"}
 """By dds_qos_policy_id_t, those of ROS 2 that can stand between two ends."""
 
@@ -76,6 +78,7 @@ class Ends:
         self.tell = tell
         self._participant = participant
         self._stop = GuardCondition(participant)
+        self._closing = False  # said by _stop too; but to ask it each time gives the GIL away
         self._threads: list[threading.Thread] = []
 
     def writer(self, topic: str, kind: type[Any], qos: Qos, matched: Matched | None = None) -> DataWriter:
@@ -93,14 +96,27 @@ class Ends:
             self._watch(topic, "ask for", matched),
         )
 
-    def listen(self, reader: DataReader, callback: Callable[[Any], None], name: str) -> None:
-        """Calls `callback` with each sample, in order, in a thread of its own. What it raises is told, not often."""
-        thread = threading.Thread(target=self._run, args=(reader, callback, name), name=name, daemon=True)
+    def listen(
+        self,
+        reader: DataReader,
+        callback: Callable[[Any], None],
+        name: str,
+        queue: int = _AT_ONCE,
+        lose: Callable[[int], None] = lambda count: None,
+    ) -> None:
+        """Calls `callback` with each sample, in order, in a thread of its own. What it raises is told, not often.
+
+        A reader whose `queue` is found full has lost at least one: Cyclone says neither that nor how many. That is
+        told to `lose`, of a queue that is not so short that it may well be full with nothing lost.
+        """
+        words = (reader, callback, name, queue, lose)
+        thread = threading.Thread(target=self._run, args=words, name=name, daemon=True)
         self._threads.append(thread)
         thread.start()
 
     def close(self) -> None:
         """Deletes all; for the peers they are gone at once."""
+        self._closing = True
         with suppress(DDSException):
             self._stop.set(True)
         deadline = time.monotonic() + _FAREWELL
@@ -108,15 +124,25 @@ class Ends:
             thread.join(max(0.0, deadline - time.monotonic()))
         self._participant.__del__()  # there is no other way in Cyclone's Python; what is in it goes with it
 
-    def _run(self, reader: DataReader, callback: Callable[[Any], None], name: str) -> None:
+    def _run(
+        self,
+        reader: DataReader,
+        callback: Callable[[Any], None],
+        name: str,
+        queue: int,
+        lose: Callable[[int], None],
+    ) -> None:
         waiting = WaitSet(self._participant)
         waiting.attach(ReadCondition(reader, _ANY))
         waiting.attach(self._stop)
         complained = -_COMPLAIN
         with suppress(DDSException):  # deleted while a callback took its time
-            while not self._stop.read():
+            while not self._closing:
                 waiting.wait(_FOREVER)
-                for taken in reader.take(_AT_ONCE):
+                samples = reader.take(max(queue, _AT_ONCE))
+                if len(samples) >= queue > _AT_ONCE:
+                    lose(1)
+                for taken in samples:
                     try:
                         if not isinstance(taken, InvalidSample):  # a writer that went
                             callback(taken)
@@ -170,10 +196,19 @@ class Peers:
         return why
 
 
+def matches(entity: Any) -> list[int]:
+    """The handles of the peers of a reader or writer."""
+    while True:
+        with suppress(IndexError):  # another one came while Cyclone's Python counted them
+            find = entity.get_matched_publications if isinstance(entity, DataReader) else None
+            return list((find or entity.get_matched_subscriptions)())
+
+
 def said_by(entity: Any, handle: int) -> list[str]:
     """The words in the user data of a peer of a reader or writer. Raises LookupError if it has gone."""
     find = entity.get_matched_publication_data if isinstance(entity, DataReader) else None
-    endpoint = (find or entity.get_matched_subscription_data)(handle)
+    with _ASKING:
+        endpoint = (find or entity.get_matched_subscription_data)(handle)
     if endpoint is None:
         raise LookupError(handle)
     data = endpoint.qos[Policy.Userdata].data if Policy.Userdata in endpoint.qos else b""

@@ -25,7 +25,7 @@ from cyclonedds.sub import DataReader
 
 from shmgen.bridge.backend import QUEUE, Answer, Caller, NoAnswer, Refuse, ServiceWire
 from shmgen.bridge.cdr import Codec, codec
-from shmgen.bridge.dds_ends import Ends, Peers, quality, said_by, send, word_of
+from shmgen.bridge.dds_ends import Ends, Peers, matches, quality, said_by, send, word_of
 from shmgen.bridge.dds_types import CALL, reply_name, request_name, structure
 from shmgen.bridge.identity import Identity
 from shmgen.model import Message
@@ -33,8 +33,10 @@ from shmgen.model import Message
 _CALL = struct.Struct("<Qq")
 """Whose call, and which: CALL as bytes. Its 16 keep the alignment of what follows."""
 _ENCAPSULATION = 4
-_REPLY_READER = 0.1
-"""Seconds a reply waits until its client's reader is known here; rmw_cyclonedds waits as long."""
+_REPLY_READER = 2.0
+"""Seconds a reply waits until its client's reader is known here, while its writer is; rmw_cyclonedds waits 0.1."""
+_REPLY_READER_AT_ONCE = 20.0
+"""The same where nobody else waits behind it: what would be lost is the end of a goal."""
 _LOOK = 0.01
 _PATIENCE = 0.1
 """Seconds that a call waits before it looks whether there still is a server."""
@@ -56,7 +58,7 @@ def serve(ends: Ends, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None
         strangers.matched(entity, handle)
 
     requests = ends.reader(request_name(wire.service), structure(wire.request, before=CALL), _quality(us, request), met)
-    strangers.look(requests, requests.get_matched_publications())
+    strangers.look(requests, matches(requests))
     replies = ends.writer(reply_name(wire.service), structure(wire.response, before=CALL), _quality(us, response))
 
     def answered(sample: Any) -> None:
@@ -80,7 +82,8 @@ def serve(ends: Ends, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None
         except NoAnswer as error:  # ROS 2 has no word for it: the client waits in vain
             ends.tell(f"{wire.service}: no answer: {error}")
             return
-        _await_reader(replies, theirs)
+        patience = _REPLY_READER_AT_ONCE if wire.at_once else _REPLY_READER
+        _await_reader(replies, requests, theirs, patience)
         with suppress(DDSException):  # the bridge has ended meanwhile
             send(replies, _joined(call, response.encode(message)))
 
@@ -95,7 +98,7 @@ def client(ends: Ends, wire: ServiceWire) -> Caller:
     requests = ends.writer(
         request_name(wire.service), structure(wire.request, before=CALL), _quality(us, request), strangers.matched
     )
-    strangers.look(requests, requests.get_matched_subscriptions())
+    strangers.look(requests, matches(requests))
     peers = Peers(_meant(ends, wire.service, wire.response, response), lambda why: None)
     replies = ends.reader(
         reply_name(wire.service), structure(wire.response, before=CALL), _quality(us, response), peers.matched
@@ -111,7 +114,7 @@ def client(ends: Ends, wire: ServiceWire) -> Caller:
             caller.put(NoAnswer(why) if (why := peers.refusal(replies, sample)) else answer)
 
     def is_connected() -> bool:
-        return bool(requests.get_matched_subscriptions() and replies.get_matched_publications())
+        return bool(matches(requests) and matches(replies))
 
     def call(message: Any, timeout: float) -> Any:
         deadline = time.monotonic() + timeout
@@ -119,12 +122,12 @@ def client(ends: Ends, wire: ServiceWire) -> Caller:
             if time.monotonic() >= deadline:
                 raise NoAnswer(f"no server within {timeout:g} s")
             time.sleep(_LOOK)
-        if not all(_readers(requests, "serviceid")):
+        if not all(_identities(requests, "serviceid")):
             raise NoAnswer(_STRANGER)
-        for handle in requests.get_matched_subscriptions():
+        for handle in matches(requests):
             if why := asked.refusal(_identity_of(requests, handle, "typehash").partition("=")[2]):
                 raise NoAnswer(why)
-        number, known = next(numbers), set(requests.get_matched_subscriptions())
+        number, known = next(numbers), set(matches(requests))
         waiting[number] = queue.SimpleQueue()
         try:
             send(requests, _joined((guid, number), request.encode(message)))
@@ -132,7 +135,7 @@ def client(ends: Ends, wire: ServiceWire) -> Caller:
                 with suppress(queue.Empty):
                     answer = waiting[number].get(timeout=max(0.0, min(_PATIENCE, deadline - time.monotonic())))
                     break
-                if not known & set(requests.get_matched_subscriptions()):
+                if not known & set(matches(requests)):
                     raise NoAnswer("the server has gone")
                 if time.monotonic() >= deadline:
                     raise NoAnswer(f"no answer within {timeout:g} s")
@@ -189,16 +192,19 @@ def _joined(call: tuple[int, int], cdr: bytes) -> bytes:
     return cdr[:_ENCAPSULATION] + _CALL.pack(*call) + cdr[_ENCAPSULATION:]
 
 
-def _await_reader(replies: DataWriter, client: str) -> None:
+def _await_reader(replies: DataWriter, requests: DataReader, client: str, patience: float) -> None:
     """A client whose writer we know may have a reader that we do not know yet, and that the reply would miss."""
-    deadline = time.monotonic() + _REPLY_READER
-    while client not in _readers(replies, "clientid") and time.monotonic() < deadline:
-        time.sleep(_LOOK)
+    deadline = time.monotonic() + patience
+    with suppress(DDSException):  # the bridge has ended meanwhile
+        while client not in _identities(replies, "clientid") and client in _identities(requests, "clientid"):
+            if time.monotonic() >= deadline:
+                return
+            time.sleep(_LOOK)
 
 
-def _readers(writer: DataWriter, role: str) -> list[str]:
-    """The identities of those who read what we write, empty where one has none."""
-    return [_identity_of(writer, handle, role) for handle in writer.get_matched_subscriptions()]
+def _identities(end: DataReader | DataWriter, role: str) -> list[str]:
+    """Of those whom we read, or who read what we write; empty where one has none."""
+    return [_identity_of(end, handle, role) for handle in matches(end)]
 
 
 def _identity_of(end: DataReader | DataWriter, handle: int, role: str) -> str:

@@ -73,7 +73,7 @@ class FromPlc:
         rate = self.route.topic.carried.rate
         if rate and self._stopping.wait(max(0.0, self._due - time.monotonic())):
             return
-        reader = self._end.renewed()
+        reader = self._end.looked_after()
         if not reader.ready(LOOK):
             return
         if rate:

@@ -172,6 +172,8 @@ def init(hook: bool, ci: bool, wanted: str | None) -> None:
                 raise Rejected([found]) from error
             click.echo(f"{path} written")
     click.echo("\n".join(begun.advice))
+    if hook:
+        click.echo("  pre-commit install    once in each clone; to have it: pipx install pre-commit")
 
 
 COMMANDS = (check, diff, init)
