@@ -188,6 +188,19 @@ def test_a_user_and_a_group_without_a_name_are_called_by_their_numbers():
     assert (access.name_of_user(54321), access.name_of_group(54321)) == ("54321", "54321")
 
 
+@pytest.mark.parametrize(
+    ("primary", "name", "known"), [(7000, "vision", True), (7000, "users", False), (7001, "vision", False)]
+)
+def test_a_persons_own_group_is_his_first_and_has_his_name(monkeypatch, primary, name, known):
+    """One that many have as their first is nobody's own, nor is one that is only called like its owner."""
+    person = SimpleNamespace(pw_gid=primary, pw_name="vision")
+    group = SimpleNamespace(gr_gid=7000, gr_name=name)
+    monkeypatch.setattr(access, "pwd", SimpleNamespace(getpwuid=lambda uid: person))
+    monkeypatch.setattr(access, "grp", SimpleNamespace(getgrgid=lambda gid: group))
+    monkeypatch.setattr(access.os, "getgroups", lambda: [7000])
+    assert access._known(SimpleNamespace(st_uid=54321, st_gid=7000)) is known
+
+
 @pytest.fixture(params=["region", "semaphore"])
 def place(request, file, semaphore_file):
     return file if request.param == "region" else semaphore_file
