@@ -14,6 +14,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 
 from shmgen import config
@@ -93,8 +94,13 @@ class Cell:
 
 
 @contextmanager
-def cell(here: Path) -> Iterator[Cell]:
-    """A cell for the example in folder `here`; with it end its processes and its regions."""
+def cell(here: Path, *packages: str) -> Iterator[Cell]:
+    """A cell for the example in folder `here`; with it end its processes and its regions.
+
+    Raises SystemExit, before anything takes long, if a package that the example needs is not installed.
+    """
+    if missing := [package for package in packages if not find_spec(package)]:
+        raise SystemExit(f"this example needs: {sys.executable} -m pip install {' '.join(missing)}")
     with tempfile.TemporaryDirectory() as folder:
         try:
             with ExitStack() as processes:

@@ -3,11 +3,11 @@
     sudo make bare                                             # six runs: each pair of what may differ is in one
     sudo make bare ARGS="--only debian-13 --tests tests/cli"   # runs with this in their name; a part of the tests
 
-Needs root, debootstrap, git and overlayfs, and takes an hour and more. Each run has a root of its own above the bare
-one, with its own mounts, processes, /dev/shm and time limit. Package indexes are reached as this machine reaches
-them: apt's and pip's settings are copied (DEBIAN_MIRROR and UBUNTU_MIRROR name other servers). Exit code 1 if a
-command fails, leaves something in /dev/shm, /tmp, the home or the checkout, or leaves a process. Logs and bare roots
-stay in --folder for the next time.
+Needs root, debootstrap, git and overlayfs, and takes an hour and more, several on a busy machine. Each run has a root
+of its own above the bare one, with its own mounts, processes, /dev/shm and time limit. Package indexes are reached as
+this machine reaches them: apt's and pip's settings are copied (DEBIAN_MIRROR and UBUNTU_MIRROR name other servers).
+Exit code 1 if a command fails, leaves something in /dev/shm, /tmp, the home or the checkout, or leaves a process. Logs
+and bare roots stay in --folder for the next time.
 """
 
 from __future__ import annotations
@@ -297,7 +297,7 @@ def tried(run: Run, folder: Path, tests: str) -> bool:
         fine = fine and any("sudo apt-get install python3-venv" in line for line in said)
         step(f"{APT} python3-venv{' g++' if run.cpp else ''}", 900, as_root=True)
     step("make -C shmgen demo", 900)
-    said = step(f"make -C shmgen test{f' TESTS={shlex.quote(tests)}' if tests else ''}", 3600)
+    said = step(f"make -C shmgen test{f' TESTS={shlex.quote(tests)}' if tests else ''}", 7200)
     for line in said:
         if re.match(r"left out: |failed, and was|\d+ passed|FAILED|ERROR|\d+ failed", line):
             print(f"       {line}")

@@ -57,9 +57,8 @@ class Machine:
 
     @property
     def without(self) -> tuple[str, ...]:
-        """What a chaos leaves out: the soft PLC reckons in 128 bits, and compilers under an emulator take long."""
-        small = self.architecture in ("armhf", "i386")
-        return *(["--no-plc"] if small or self.emulator else []), *(["--no-cpp"] if self.emulator else [])
+        """What a chaos leaves out: compilers under an emulator take long."""
+        return ("--no-plc", "--no-cpp") if self.emulator else ()
 
 
 MACHINES = {

@@ -45,6 +45,18 @@ def test_all_examples_are_here() -> None:
     assert {path.parent.name for path in (REPOSITORY / "examples").glob("*/demo.py")} == set(SAYS)
 
 
+@pytest.mark.parametrize("name", ASKS)
+def test_a_missing_package_is_named_before_anything_takes_long(name: str) -> None:
+    """And on the example's page."""
+    page = (REPOSITORY / "examples" / name / "README.md").read_text()
+    assert f".venv/bin/pip install {' '.join(ASKS[name])}\n" in page
+    without = f"import runpy, sys; sys.modules |= dict.fromkeys({ASKS[name]!r}, None)"
+    code = f"{without}; runpy.run_path('examples/{name}/demo.py', run_name='__main__')"
+    done = subprocess.run([sys.executable, "-c", code], cwd=REPOSITORY, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr.endswith(f"pip install {' '.join(ASKS[name])}\n")
+
+
 SLOW = {"ros1_cpp"}  # roscpp takes its time to compile
 
 

@@ -127,7 +127,7 @@ def slow(module: ModuleType, backend: Any) -> None:
 
     def publisher(wire: Any) -> Outlet:
         outlet = usual(wire)
-        return Outlet(outlet.new, lambda message: time.sleep(0.01) or outlet.send(message))
+        return Outlet(outlet.new, lambda message: time.sleep(contract.AT_ONCE / 80) or outlet.send(message))
 
     backend.publisher = publisher
 
@@ -180,7 +180,7 @@ def patient(module: ModuleType, backend: Any) -> None:
     """A call waits as long as it likes."""
     usual = backend.client
     backend.client = lambda wire: contract.Caller(
-        usual(wire).new, lambda request, timeout: usual(wire).call(request, 5 * timeout)
+        usual(wire).new, lambda request, timeout: usual(wire).call(request, 20 * timeout)
     )
 
 
@@ -199,7 +199,7 @@ def silent(module: ModuleType, backend: Any) -> None:
 
 
 def lingering(module: ModuleType, backend: Any) -> None:
-    backend.close = lambda: time.sleep(1.0)
+    backend.close = lambda: time.sleep(contract.AT_ONCE + 0.1)
 
 
 def deaf(module: ModuleType, backend: Any) -> None:
@@ -248,6 +248,7 @@ def test_a_broken_one_is_found(
     memory: ModuleType, fault: Callable[[ModuleType, Any], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(contract, "LIMIT", 3.0)
+    monkeypatch.setattr(contract, "AT_ONCE", 1.0)
     memory.TOPICS.clear()
     memory.SERVICES.clear()
     backend = memory.connect(Node("broken", None, lambda line: None, lambda: False))

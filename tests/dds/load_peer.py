@@ -24,7 +24,8 @@ from cyclonedds.topic import Topic
 
 RATES = {f"t{number}": 100.0 for number in range(10)} | {"fast": 1000.0}
 """Hz, by topic."""
-RELIABLE = Qos(Policy.Reliability.Reliable(10**9), Policy.History.KeepLast(1000))
+RELIABLE = Qos(Policy.Reliability.Reliable(10**9), Policy.History.KeepLast(100_000))
+"""So much that no peer loses any itself, which Cyclone would not tell; the bridge has 1000."""
 POSE = struct.Struct("<4s8xI12s2d")
 """Encapsulation, stamp, the frame `load` with what fills it up to a double, x and y of the position."""
 HEAD = b"\0\1\0\0"

@@ -147,3 +147,29 @@ def test_what_two_peers_say_at_once_is_not_mixed(
     with ThreadPoolExecutor() as threads:
         said = threads.map(lambda reader: said_by(reader, *matches(reader)), readers)
         assert [words[0] for words in said] == ["who=0", "who=1"]
+
+
+def test_a_queue_that_ran_over_is_told(graph: dds.Graph, schema: Schema, topic: str) -> None:
+    """Cyclone does not say what its history has overwritten, nor how much."""
+    there = wire(schema, topic, "std_msgs/String")
+    inside, go, came = threading.Event(), threading.Event(), []
+
+    def callback(message: Any) -> None:
+        came.append(message)
+        inside.set()
+        go.wait(60)
+
+    taker = Taken(callback)
+    graph.subscribe(there, taker)
+    outlet = graph.publisher(there)
+    message = outlet.new()
+    until(lambda: outlet.send(message) or inside.is_set())
+    for _ in range(there.queue + 10):
+        outlet.send(message)
+    assert not taker.lost
+    go.set()
+    until(lambda: len(came) > there.queue, 20)
+    assert taker.lost == 1
+    outlet.send(message)
+    until(lambda: len(came) > there.queue + 1, 20)
+    assert taker.lost == 1

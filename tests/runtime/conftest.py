@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
 import sys
 from contextlib import suppress
@@ -9,7 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from shmgen.runtime import lock, region_name
+from shmgen.runtime import claim, lock, region_name
+
+from ..support import machine
 
 HERE = Path(__file__).parent
 
@@ -34,6 +37,18 @@ def on_x86(monkeypatch):
 def on_arm(monkeypatch):
     """Where the lock is needed."""
     monkeypatch.setattr(lock, "keeps_order", lambda: False)
+
+
+@pytest.fixture(autouse=True)
+def in_time(monkeypatch):
+    """No publisher leaves out a turn of numbers because a busy machine let it stand still while it was opened."""
+    monkeypatch.setattr(claim, "_STOOD_STILL", math.inf)
+
+
+@pytest.fixture
+def unhealed(monkeypatch):
+    """Who is inside is never taken for dead, however slow the machine is."""
+    monkeypatch.setattr(lock, "_STUCK_AFTER", 1e9)
 
 
 class Other:
@@ -61,7 +76,7 @@ class Other:
 
     def end(self) -> None:
         self.process.stdin.close()
-        self.process.wait(10)
+        self.process.wait(20 * machine.slower)
 
     def close(self) -> None:
         self.kill()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import math
 import os
 import struct
 import sys
@@ -16,8 +17,8 @@ from tests.support import machine
 
 machine.pretend()
 from shmgen import runtime  # noqa: E402
+from shmgen.runtime import claim, values  # noqa: E402
 from shmgen.runtime import header as h  # noqa: E402
-from shmgen.runtime import values  # noqa: E402
 
 WHY_NOT = "shmgen was installed without a compiler, so publish and read are Python's alone: pip install -e ."
 POSE = struct.Struct("<7d")
@@ -148,6 +149,7 @@ def say(line: object) -> None:
 
 def main(work: str, topic: str, depth: int = 1) -> None:
     """What the other process does; it says a line when it is ready, and ends when its input does."""
+    claim._STOOD_STILL = math.inf  # as in_time does for the tests
     match work:
         case "publish":
             with PosePublisher(topic, depth=depth) as publisher:

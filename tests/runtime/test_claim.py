@@ -14,6 +14,8 @@ from ..chaos_faults import swap_map
 from .messages import PosePublisher, PoseSubscriber, pose
 
 NUMBER = 41
+STOOD_STILL = claim._STOOD_STILL
+"""Before in_time lets it never come."""
 
 
 @pytest.fixture
@@ -41,6 +43,7 @@ def clock(monkeypatch):
         monotonic()
 
     monkeypatch.setattr(claim, "time", SimpleNamespace(monotonic=monotonic, sleep=sleep))
+    monkeypatch.setattr(claim, "_STOOD_STILL", STOOD_STILL)
     return clock
 
 
@@ -49,7 +52,7 @@ def says(region, word, value):
 
 
 def test_limits_are_those_of_the_protocol():
-    assert (claim.WATCH, claim._CONFIRM) == (1.0, 0.1)
+    assert (claim.WATCH, claim._CONFIRM, STOOD_STILL) == (1.0, 0.1, 0.05)
     assert (lock.LOCK_TIMEOUT, lock.UNTIL_HEALED, lock._DEAD_AFTER, lock._STUCK_AFTER) == (0.01, 1.1, 0.05, 1.0)
     assert (subscriber._POLL, subscriber._SLICE) == (0.001, 0.01)
     assert (calls._FRESH, calls._HEARTBEAT, access.PATIENCE) == (1.0, 0.05, 0.1)

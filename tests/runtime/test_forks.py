@@ -19,6 +19,7 @@ from shmgen.runtime import publisher as publishing
 from shmgen.runtime.region import _FLOCK, REPAIR_LOCK
 
 from ..chaos_faults import swap_map
+from ..support import machine
 from .messages import PosePublisher, PoseSubscriber, pose
 
 
@@ -217,9 +218,9 @@ from messages import PosePublisher
 publisher = PosePublisher(sys.argv[1])
 def work():
     print(os.getpid(), flush=True)
-    time.sleep(60)
+    time.sleep(600)
 multiprocessing.get_context("fork").Process(target=work).start()
-time.sleep(60)
+time.sleep(600)
 """
 
 
@@ -249,7 +250,7 @@ pid = fork()
 if pid:
     print(pid, flush=True)
     os._exit(0)
-time.sleep(60)
+time.sleep(600)
 """
 
 
@@ -281,7 +282,7 @@ def test_who_really_holds_the_claim_is_named(topic):
             PosePublisher(topic)
         for command, expected in (("doctor", f"writer: process {child} "), ("clean", f"process {child} ")):
             line = [sys.executable, "-m", "shmgen", command, topic]
-            shown = subprocess.run(line, capture_output=True, text=True, check=False, timeout=60)
+            shown = subprocess.run(line, capture_output=True, text=True, check=False, timeout=60 * machine.slower)
             assert expected in shown.stdout + shown.stderr
     finally:
         os.kill(child, signal.SIGKILL)

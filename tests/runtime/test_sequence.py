@@ -26,6 +26,7 @@ from tests.softplc import Plc, compile_st
 
 from ..support.build import classes, put
 from ..support.command import run
+from ..support.machine import slower
 
 SIZE = 2048
 """Words; as many bytes as a copy takes long enough to be met half-way."""
@@ -148,7 +149,7 @@ class Peer:
 
     def end(self) -> tuple[int, int, int]:
         """Samples, words of another sample in them, samples overwritten while they were read."""
-        said, _ = self.process.communicate("end", timeout=20)
+        said, _ = self.process.communicate("end", timeout=20 * slower)
         done, torn, refused = map(int, said.split())
         return done, torn, refused
 

@@ -21,6 +21,7 @@ from shmgen.runtime.errors import RegionUnusable
 from shmgen.runtime.lock import Lock
 
 from ..conftest import REPOSITORY
+from ..support import machine
 from .messages import PosePublisher, PoseSubscriber, pose
 
 MANY = 2**31 - 3
@@ -37,7 +38,9 @@ def test_a_file_that_is_no_semaphore(topic, semaphore_file, data):
     semaphore_file.write_bytes(data)
     code = f"from messages import *; PosePublisher({topic!r}).publish(pose(1))"
     where = os.path.dirname(__file__)
-    done = subprocess.run([sys.executable, "-c", code], cwd=where, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=where, capture_output=True, text=True, timeout=60 * machine.slower
+    )
     assert done.returncode == 1, done.returncode
     assert f"RegionUnusable: {semaphore_file} is not a semaphore" in done.stderr
 
@@ -167,11 +170,11 @@ def test_posts_too_many_stop_nobody(topic, most, recoveries):
         semaphore = posix_ipc.Semaphore("/" + publisher._region.name)
         longest = 0.0
         for number in range(1, 30):
-            before = time.monotonic()
+            before = time.process_time()
             publisher.publish(pose(number))
             assert subscriber.read().position.x == number
-            longest = max(longest, time.monotonic() - before)
-        assert longest < 0.5
+            longest = max(longest, time.process_time() - before)
+        assert longest < 0.5 * machine.slower
         assert semaphore.value == max(1, most - 58 * 65)
         semaphore.close()
         assert (publisher.lock_misses, subscriber.lock_misses) == (0, 0)

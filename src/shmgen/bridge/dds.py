@@ -107,8 +107,12 @@ class Graph:
                 return
             taker.take(message)
 
+        def lose(count: int) -> None:
+            with turn:
+                taker.lose(count)
+
         self._dropped.tell(name, reject)
-        self._ends.listen(reader, take, name)
+        self._ends.listen(reader, take, name, wire.queue, lose)
         return Intake(made.new, lambda: bool(matches(reader)))
 
     def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:

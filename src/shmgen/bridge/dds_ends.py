@@ -37,7 +37,7 @@ Matched = Callable[[Any, int], None]
 _PATIENCE = 10_000_000
 """Nanoseconds a writer may be held up; keep-last writers have not been seen to be."""
 _AT_ONCE = 64
-"""Samples taken from a reader in one go."""
+"""Samples taken from a reader in one go, or its queue if that is longer."""
 _FAREWELL = 0.4
 """Seconds that all threads together get to finish what they are at."""
 _COMPLAIN = 10.0
@@ -96,9 +96,21 @@ class Ends:
             self._watch(topic, "ask for", matched),
         )
 
-    def listen(self, reader: DataReader, callback: Callable[[Any], None], name: str) -> None:
-        """Calls `callback` with each sample, in order, in a thread of its own. What it raises is told, not often."""
-        thread = threading.Thread(target=self._run, args=(reader, callback, name), name=name, daemon=True)
+    def listen(
+        self,
+        reader: DataReader,
+        callback: Callable[[Any], None],
+        name: str,
+        queue: int = _AT_ONCE,
+        lose: Callable[[int], None] = lambda count: None,
+    ) -> None:
+        """Calls `callback` with each sample, in order, in a thread of its own. What it raises is told, not often.
+
+        A reader whose `queue` is found full has lost at least one: Cyclone says neither that nor how many. That is
+        told to `lose`, of a queue that is not so short that it may well be full with nothing lost.
+        """
+        words = (reader, callback, name, queue, lose)
+        thread = threading.Thread(target=self._run, args=words, name=name, daemon=True)
         self._threads.append(thread)
         thread.start()
 
@@ -112,7 +124,14 @@ class Ends:
             thread.join(max(0.0, deadline - time.monotonic()))
         self._participant.__del__()  # there is no other way in Cyclone's Python; what is in it goes with it
 
-    def _run(self, reader: DataReader, callback: Callable[[Any], None], name: str) -> None:
+    def _run(
+        self,
+        reader: DataReader,
+        callback: Callable[[Any], None],
+        name: str,
+        queue: int,
+        lose: Callable[[int], None],
+    ) -> None:
         waiting = WaitSet(self._participant)
         waiting.attach(ReadCondition(reader, _ANY))
         waiting.attach(self._stop)
@@ -120,7 +139,10 @@ class Ends:
         with suppress(DDSException):  # deleted while a callback took its time
             while not self._closing:
                 waiting.wait(_FOREVER)
-                for taken in reader.take(_AT_ONCE):
+                samples = reader.take(max(queue, _AT_ONCE))
+                if len(samples) >= queue > _AT_ONCE:
+                    lose(1)
+                for taken in samples:
                     try:
                         if not isinstance(taken, InvalidSample):  # a writer that went
                             callback(taken)

@@ -15,6 +15,8 @@ WATCH = abi.CLAIM_MS / 1000
 """Seconds within which a PLC that still runs counts its heartbeat up."""
 _CONFIRM = abi.CONFIRM_MS / 1000
 """Seconds within which whoever claimed at the same time has put his name over ours."""
+_STOOD_STILL = _CONFIRM / 2
+"""Seconds from a look to our name, behind which somebody else may have begun meanwhile."""
 _LOOK = 2e-3
 """Seconds between two looks at a PLC."""
 
@@ -42,8 +44,7 @@ def claim(region: Region) -> Claim:
         if words[h.WRITER] != h.PLC or (doubtful := _stands_still(region)):
             break
     words[h.WRITER] = region.pid
-    # Where we ourselves stood still between the look and the name, somebody else may have begun meanwhile.
-    doubtful = doubtful or time.monotonic() - looked > _CONFIRM / 2
+    doubtful = doubtful or time.monotonic() - looked > _STOOD_STILL
     if doubtful:
         time.sleep(_CONFIRM)
         if words[h.WRITER] != region.pid:

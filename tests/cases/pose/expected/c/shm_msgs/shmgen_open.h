@@ -352,7 +352,6 @@ static inline shmgen_status shmgen_open_event(shmgen_link *link)
 static inline shmgen_status shmgen_open_lock(shmgen_link *link)
 {
     shmgen_status status = SHMGEN_OK;
-    int value = 1;
     if (link->type.sequence == 0 && link->lock == NULL)
         status = shmgen_open_semaphore(link, "", 1, &link->lock);
     if (status != SHMGEN_OK)
@@ -364,7 +363,7 @@ static inline shmgen_status shmgen_open_lock(shmgen_link *link)
         return attempts < SHMGEN_ATTEMPTS ? shmgen_go(link, SHMGEN_STEP_FILE) : SHMGEN_RESTLESS;
     }
     /* Who is inside may be stuck: its time runs beside that in which a writer makes sure of its claim. */
-    if (link->lock != NULL && sem_getvalue(link->lock, &value) == 0 && value < 1)
+    if (link->lock != NULL && shmgen_tokens(link->lock) < 1)
         shmgen_note_stay(link);
     link->step = SHMGEN_STEP_CLAIM;
     return SHMGEN_OK;
