@@ -284,7 +284,8 @@ def tried(run: Run, folder: Path, tests: str) -> bool:
         good = (code != 0) == fails and not left
         fine = fine and good
         print(f"  {'ok  ' if good else 'RED '} {command}: {seconds:.0f} s, {machine.size() - size:+} MB, exit {code}")
-        for line in [*left, *([] if (code != 0) == fails else said[-30:])]:
+        more = [f"LEFT {len(left) - 20} more"] if len(left) > 20 else []  # a failed test keeps its folder
+        for line in [*left[:20], *more, *([] if (code != 0) == fails else said[-30:])]:
             print(f"       {line}")
         sys.stdout.flush()
         return said

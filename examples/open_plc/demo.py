@@ -1,4 +1,6 @@
-"""The conveyor on matiec, the compiler of Beremiz and of OpenPLC v3: generated, compiled by iec2c, and met by a robot.
+"""The conveyor on matiec, the compiler of Beremiz and of OpenPLC v3: generated, compiled by iec2c, started by a call.
+
+Then a robot walks up to it.
 
 MATIEC is the folder of a built matiec, with iec2c and lib/. Without it the files are made, and the demo says so.
 """
@@ -32,7 +34,10 @@ def main() -> int:
         (made / "cell.st").write_text(source)
         compile_by(Path(matiec), made)
         here.start_program("PLC", made / "plc", ready="running")
-        return here.run("../softplc_echo/robot.py", "/open/pose", "/open/conveyor")
+        here.shmgen("call", "/open/drive", "belt_msgs/Drive", "{may_run: true}")
+        status = here.run("../softplc_echo/robot.py", "/open/pose", "/open/conveyor")
+        here.shmgen("call", "/open/drive", "belt_msgs/Drive", "{may_run: false}")
+        return status
 
 
 def with_program(upload: str, program: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -94,7 +95,7 @@ def test_c_calls_nothing_that_takes_memory_or_prints(generated: Path, tmp_path: 
     lines = subprocess.run(["nm", made], capture_output=True, text=True, check=True).stdout.splitlines()
     symbols = [(words[-2], words[-1]) for words in map(str.split, lines)]
     assert ("t", "shmgen_publisher_complete") in symbols
-    asked = {name for kind, name in symbols if kind == "U"}
+    asked = {re.sub(r"^__(\w+)_chk$", r"\1", name) for kind, name in symbols if kind == "U"}  # Ubuntu's gcc fortifies
     assert asked <= {name for names in ASKED.values() for name in names.split()}
     assert not [name for kind, name in symbols if kind in "BbDdCGgSs"]
 

@@ -66,7 +66,8 @@ def test_all_kinds_of_fields_there_and_back(
             heard.move(said)
             assert said(xSend=True).xSent
             assert plain(back.read()) == plain(message)
-        assert (heard.udiSequence, said.udiSequence, heard.udiMissed, heard.xValid) == (20, 20, 0, 1)
+        assert (heard.udiSequence, heard.udiMissed, heard.xValid) == (20, 0, 1)
+        assert said.udiSequence in (20, 22), "two more where this process stood still while it claimed the topic"
         assert not heard().xNewData
 
 
@@ -76,6 +77,18 @@ def test_a_block_begins_with_the_defaults(plc: Program, python: Classes, topic: 
     with subscriber_kind(topic) as reader:
         said(xSend=True)
         assert plain(reader.read()) == plain(kind())
+
+
+def test_the_first_sample_is_whole_whichever_call_opens(plc: Program, python: Classes, topic: str) -> None:
+    """xSend is TRUE from the first call, as a program leaves it; where there is a region already, and where not."""
+    kind, _, subscriber_kind = python("Given")
+    for turn in range(8):
+        name = f"{topic}/of_{turn // 4}"
+        said = plc.block("FB_demo_msgs_Given_Publisher", xEnable=True, sTopic=name)
+        assert until(lambda said=said: said().xSent == 1, within=20)
+        with subscriber_kind(name) as reader:
+            assert plain(reader.read()) == plain(kind()), f"turn {turn}"
+        said(xEnable=False)
 
 
 def test_a_count_above_its_bound_is_refused(

@@ -100,9 +100,6 @@ class Ros2:
         find = self._node.get_publishers_info_by_topic
         peers = Peers(identity, lambda: _hashes(find(subscription.topic_name)), taker.refuse)
         inlet = Inlet(subscription, made, taker, peers, _rmw().startswith("rmw_fastrtps"))
-        for event in subscription.event_handlers:  # are the executor's: who comes and goes is looked at meanwhile
-            event.callback_group = self._node.default_callback_group
-            event.callback_group.add_entity(event)
         self._wait(subscription, "subscription", inlet.take, wire.topic)
         return Intake(made.new, lambda: bool(subscription.handle.get_publisher_count()))
 

@@ -155,13 +155,14 @@ def _publish(layout: Layout, layouts: Layouts, dialect: Dialect) -> Iterator[str
     yield from _enter(layout, dialect, "true")
     yield "bool sent = false;"
     yield "if (end != NULL) {"
-    yield f"    const bool send = {dialect.get('XSEND')} != 0;"
+    yield "    const bool is_open = shmgen_block_is_open(end);"  # asked once: a call may be the one that opens
+    yield f"    const bool send = is_open && {dialect.get('XSEND')} != 0;"
     yield "    shmgen_status fits = SHMGEN_OK;"
-    yield "    if (send && shmgen_block_is_open(end)) {"
+    yield "    if (send) {"
     filled = fill(layout, layouts, dialect, "end", (("MSG", "", layout.name),))
     yield from (f"        {line}" for line in filled)
     yield "    }"
-    yield "    sent = shmgen_block_write(end, send, fits);"
+    yield "    sent = is_open && shmgen_block_write(end, send, fits);"
     yield f"    {dialect.put('UDISEQUENCE', 'end->sequence')}"
     yield f"    {dialect.put('UDILOCKMISSES', 'shmgen_block_misses(end)')}"
     yield "}"
