@@ -88,7 +88,8 @@ def topic(plc: Plc) -> None:
 def service(plc: Plc) -> None:
     program = plc.block("PRG_Calls")
     program.sService = SERVICE
-    program.run(PERIOD, 10)  # opens the regions
+    while not program.udiDone:  # the regions are open, and claimed, which takes a second
+        program.run(PERIOD, 10)
     report("client and server, lock free", program)
     with_lock_held("client and server, Python holds the lock", program, f"{SERVICE}-request")
     assert program.udiDone > CYCLES // 5

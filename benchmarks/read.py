@@ -45,7 +45,7 @@ def of_folder(folder: Path) -> list[tuple[TypeName, str, str]]:
 
 def of_store() -> list[tuple[TypeName, str, str]]:
     packages = store.catalogue("jazzy")
-    found = [one for (package,) in packages.values() for one in package.definitions.values()]
+    found = [one for (package,) in packages.values() for one in package.definitions.values() if one.name.kind == "msg"]
     return [(one.name, str(one.content), "jazzy") for one in found]
 
 
