@@ -343,7 +343,7 @@ def play(
     if plc:
         scenes += [[write, read, plc_read], [plc_write, read, plc_read]]
     if cpp:
-        scenes += [[cpp_write, read, cpp_read], [write, cpp_read, cpp_read]]
+        scenes += [[cpp_write, read, cpp_read], [write, cpp_read, cpp_read], [cpp_write, cpp_read, cpp_read]]
     if plc and cpp:
         scenes += [[cpp_write, cpp_read, plc_read], [plc_write, cpp_read, read]]
     try:

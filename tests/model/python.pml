@@ -161,8 +161,8 @@ proctype Reader()
        :: DO(R, true) r_inside = 0 }
 #else
        :: DO(R, sem > 0) sem--; r_inside = 1; ENTER(R) }
-#if !defined(WEAK) || defined(F_WITHOUT_LOCK)
-       :: DO(R, sem == 0) r_inside = 0 }
+#if !defined(WEAK) || defined(F_WITHOUT_LOCK)   /* not free; or left alone, as C does at its first try */
+       :: DO(R, true) r_inside = 0 }
 #endif
 #endif
        fi;

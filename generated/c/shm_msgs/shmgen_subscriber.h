@@ -87,13 +87,23 @@ static inline bool shmgen_is_whole(const shmgen_link *end, uint32_t number, size
     return found == number && shmgen_steps(end, number, begun) < end->slots;
 }
 
+/* A limit for the lock: leave it alone. */
+#define SHMGEN_OUTSIDE INT64_C(-1)
+
+/* The limit for a try of which so many are left. The first leaves the lock alone where the slots carry integrity: a
+ * writer may then go on, and finds the lines of the lock where it left them. In the others it has to wait. */
+static inline int64_t shmgen_limit_of_try(const shmgen_link *link, int left, int64_t limit)
+{
+    return left == SHMGEN_TRIES && SHMGEN_LOOKS_FIRST && shmgen_may_go_on(link) ? SHMGEN_OUTSIDE : limit;
+}
+
 /* Copies sample `number`. SHMGEN_OVERWRITTEN: it is gone; what `into` holds is then nothing. */
 static inline shmgen_status shmgen_copy(
     shmgen_subscriber *self, uint32_t number, void *into, size_t size, int64_t limit, uint64_t *stamp)
 {
     shmgen_link *end = &self->end;
     const size_t slot = shmgen_slot_of(end, number);
-    const bool inside = shmgen_enter(end, limit);
+    const bool inside = limit != SHMGEN_OUTSIDE && shmgen_enter(end, limit);
     bool whole;
     if (!inside && !shmgen_may_go_on(end))
         return SHMGEN_LOCK_TIMEOUT;
@@ -184,7 +194,7 @@ static inline shmgen_status shmgen_subscriber_read(
         uint32_t number = shmgen_load(&self->end, SHMGEN_AT(completed));
         if (number == 0 || number == self->last)
             return SHMGEN_NOTHING_NEW;
-        status = shmgen_take(self, number, into, size, limit, receive);
+        status = shmgen_take(self, number, into, size, shmgen_limit_of_try(&self->end, left, limit), receive);
         if (status != SHMGEN_OVERWRITTEN)
             return status;
     }
@@ -210,7 +220,8 @@ static inline shmgen_status shmgen_subscriber_read_next(
             continue;
         }
         for (step = unread >= end->slots ? unread - end->slots + 1 : 1; step <= unread; step++) {
-            status = shmgen_take(self, shmgen_after(end, start, step), into, size, limit, receive);
+            status = shmgen_take(
+                self, shmgen_after(end, start, step), into, size, shmgen_limit_of_try(end, left, limit), receive);
             if (status != SHMGEN_OVERWRITTEN)
                 return status;
         }

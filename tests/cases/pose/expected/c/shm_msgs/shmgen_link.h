@@ -35,6 +35,21 @@ extern "C" {
 #endif
 #endif
 
+/* Whether a reader tries without the lock first, where it may. Not under the thread sanitizer, which would take a copy
+ * that is thrown away for one that is used. */
+#ifndef SHMGEN_LOOKS_FIRST
+#if defined(__SANITIZE_THREAD__)
+#define SHMGEN_LOOKS_FIRST 0
+#elif defined(__has_feature)
+#if __has_feature(thread_sanitizer)
+#define SHMGEN_LOOKS_FIRST 0
+#endif
+#endif
+#endif
+#ifndef SHMGEN_LOOKS_FIRST
+#define SHMGEN_LOOKS_FIRST 1
+#endif
+
 /* What copies a payload to its slot and from it. */
 #ifndef SHMGEN_COPY
 #define SHMGEN_COPY memcpy
