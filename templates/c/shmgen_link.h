@@ -98,30 +98,32 @@ typedef enum shmgen_step {
     SHMGEN_STEP_READY
 } shmgen_step;
 
+/* What a cycle needs lies at the end, beside what publishers and subscribers keep: few lines of memory for one that has
+ * slept, and found others in its cache. */
 typedef struct shmgen_link {
+    char name[256];       /* "/robot.pose" */
+    int64_t since;        /* ns, start of the present step */
+    int64_t stood;        /* ns, since when the stay inside the lock that is known has lasted */
+    int64_t group;        /* wanted of the files, -1: none in particular */
+    uint32_t mode;        /* the same, 0: none in particular */
+    uint32_t seen_holder; /* the stay that is known */
+    uint32_t seen_count;
+    uint32_t seen;    /* 1: one is known, 2: and has been waited for */
+    uint32_t misses;  /* how often the lock was not free in time */
+    uint32_t refused; /* messages that did not fit, or said so of a sequence */
+    uint32_t attempts;
+    int file;
+    shmgen_type type;
     unsigned char *base; /* the region */
     unsigned char *mine; /* a page whose first byte is 1, and 0 in a forked child; NULL: not to be had */
     sem_t *lock;         /* NULL: none */
     sem_t *event;        /* NULL: not opened, or none */
-    shmgen_type type;
-    uint64_t size;  /* bytes of the region */
-    int64_t limit;  /* ns to wait for the lock */
-    int64_t since;  /* ns, start of the present step */
-    int64_t stood;  /* ns, since when the stay inside the lock that is known has lasted */
-    int64_t group;  /* wanted of the files, -1: none in particular */
-    uint32_t mode;  /* the same, 0: none in particular */
-    uint32_t step;  /* a shmgen_step */
+    uint64_t size;       /* bytes of the region */
+    int64_t limit;       /* ns to wait for the lock */
+    uint32_t step;       /* a shmgen_step */
     uint32_t slots;
     uint32_t slot_size;
-    uint32_t pid;         /* of the process that opened it; it is the only one that may use it */
-    uint32_t seen_holder; /* the stay that is known */
-    uint32_t seen_count;
-    uint32_t seen;     /* 1: one is known, 2: and has been waited for */
-    uint32_t misses;   /* how often the lock was not free in time */
-    uint32_t refused;  /* messages that did not fit, or said so of a sequence */
-    uint32_t attempts;
-    int file;
-    char name[256]; /* "/robot.pose" */
+    uint32_t pid; /* of the process that opened it; it is the only one that may use it */
 } shmgen_link;
 
 #define SHMGEN_AT(word) offsetof(shmgen_region, word)
