@@ -22,6 +22,7 @@ from shmgen.runtime.lock import Lock
 
 from ..conftest import REPOSITORY
 from ..support import machine
+from ..support.guard import within
 from .messages import PosePublisher, PoseSubscriber, pose
 
 MANY = 2**31 - 3
@@ -163,7 +164,8 @@ def test_a_region_whose_maker_gave_up_is_opened_anew(topic, file, monkeypatch):
 @pytest.mark.parametrize("most", [3, 1000, MANY])
 def test_posts_too_many_stop_nobody(topic, most, recoveries):
     """`most` at once cannot be posted in a test: the value is written into the semaphore's own file."""
-    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+    guard = within(5 * machine.slower)
+    with guard, PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         publisher._region.words[h.RECOVERIES] = recoveries
         with open(f"/dev/shm/sem.{publisher._region.name}", "r+b") as file:
             file.write((most if sys.maxsize > 2**32 else most << 1).to_bytes(4, "little"))  # as glibc has it
