@@ -114,6 +114,13 @@ def test_elements_may_be_of_any_class(positions: Any) -> None:
     assert (point.time_from_start.sec, point.time_from_start.nanosec) == (1, 5)
 
 
+def test_what_needs_no_conversion_gets_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its bytes would be the same, but each field would be gone through."""
+    codec = cdr.codec(messages("sensor_msgs/Imu"))
+    monkeypatch.delattr(cdr, "_converted")
+    assert codec.encode(codec.new())
+
+
 @pytest.mark.parametrize("field", ["wstring word", "wstring<=5[3] word", "wstring[] word"])
 def test_no_wide_strings(tmp_path: Path, field: str) -> None:
     file = tmp_path / "cell_msgs" / "msg" / "Wide.msg"
