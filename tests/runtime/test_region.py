@@ -15,6 +15,8 @@ import pytest
 
 from shmgen import runtime
 from shmgen.runtime import header as h
+from shmgen.runtime import region
+from shmgen.runtime.access import RegionOptions
 from shmgen.runtime.region import REPAIR_LOCK, WRITER_LOCK, _complete_header, open_region
 
 from .messages import Pose, PosePublisher, PoseSubscriber, Scan, ScanSubscriber, pose
@@ -226,6 +228,67 @@ def test_a_header_completed_meanwhile_is_not_written_again(topic, file):
         other = h.header_for("other_msgs/msg/Pose", 77, 56, 1)
         _complete_header(opened.fileno(), mmap.mmap(opened.fileno(), 4096), other)
     assert file.read_bytes() == before
+
+
+def test_a_header_is_looked_at_again_once_it_is_there(topic, file, monkeypatch):
+    """Two makers of different types at once: the first finds that the second has written over it, and refuses."""
+    complete = region._complete_header
+
+    def both(*arguments):
+        complete(*arguments)
+        change(file, 8, b"\x99")
+
+    monkeypatch.setattr(region, "_complete_header", both)
+    with pytest.raises(runtime.LayoutMismatch):
+        PosePublisher(topic)
+
+
+def test_an_object_whose_maker_lives_is_waited_for(topic, file, monkeypatch):
+    naps = on_sleep(monkeypatch, lambda: os.truncate(file, 4096))
+    file.touch(mode=0o600)
+    monkeypatch.setattr(region, "_allocate", None)
+    PosePublisher(topic).close()
+    assert naps[0] == 0.001
+
+
+def test_who_writes_a_header_is_waited_for(topic, file, monkeypatch):
+    PosePublisher(topic).close()
+    header = file.read_bytes()[:192]
+    change(file, 0, bytes(192))
+    with file.open("r+b") as other:
+
+        def written():
+            change(file, 0, header)
+            region._unlock_byte(other.fileno(), REPAIR_LOCK)
+
+        assert region._lock_byte(other.fileno(), REPAIR_LOCK)
+        naps = on_sleep(monkeypatch, written)
+        monkeypatch.setattr(region, "fence", None)
+        PosePublisher(topic).close()
+    assert naps[0] == 0.001
+
+
+def on_sleep(monkeypatch, work):
+    """Whoever sleeps finds `work` done when he wakes, however long it takes; how long each wanted to sleep."""
+    sleep, naps = time.sleep, []
+
+    def slept(seconds):
+        naps.append(seconds)
+        work()
+        sleep(seconds)
+
+    monkeypatch.setattr(time, "sleep", slept)
+    monkeypatch.setattr(region, "PATIENCE", 60)
+    return naps
+
+
+def test_without_barriers_a_region_has_a_lock(topic, file, monkeypatch):
+    monkeypatch.setattr(region, "has_barrier", lambda: False)
+    ours = h.header_for("std_msgs/msg/Bool", 1, 1, 1)
+    with pytest.raises(runtime.RegionUnusable, match=r'sync = "sequence" needs full memory barriers'):
+        open_region(topic, ours, RegionOptions(sync="sequence"))
+    assert not file.exists()
+    open_region(topic, ours).close()
 
 
 def test_an_object_without_bytes_is_waited_for_and_then_taken_over(topic, file):
