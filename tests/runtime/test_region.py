@@ -230,6 +230,14 @@ def test_a_header_completed_meanwhile_is_not_written_again(topic, file):
     assert file.read_bytes() == before
 
 
+def test_a_barrier_stands_between_a_header_and_its_magic(topic, file, monkeypatch):
+    seen = []
+    monkeypatch.setattr(region, "fence", lambda: seen.append(struct.unpack_from("<I4xQ", file.read_bytes())))
+    PosePublisher(topic).close()
+    assert seen == [(0, 0x0123456789ABCDEF)]
+    assert struct.unpack_from("<I", file.read_bytes()) == (h.MAGIC,)
+
+
 def test_a_header_is_looked_at_again_once_it_is_there(topic, file, monkeypatch):
     """Two makers of different types at once: the first finds that the second has written over it, and refuses."""
     complete = region._complete_header
@@ -248,7 +256,7 @@ def test_an_object_whose_maker_lives_is_waited_for(topic, file, monkeypatch):
     file.touch(mode=0o600)
     monkeypatch.setattr(region, "_allocate", None)
     PosePublisher(topic).close()
-    assert naps[0] == 0.001
+    assert naps[:2] == [0.001, 0.002], "for its bytes, and for another who makes the same header"
 
 
 def test_who_writes_a_header_is_waited_for(topic, file, monkeypatch):
