@@ -204,6 +204,18 @@ def test_a_server_that_was_replaced_hands_out_no_call(calls: Calls, srv: ModuleT
             old.wait(0.1)
 
 
+def test_a_plc_that_was_replaced_within_its_cycle_takes_no_call(calls: Calls, srv: ModuleType, topic: str) -> None:
+    server = ready(calls.server(topic))
+    with srv.AskClient(topic) as client:
+        for owner, taken in ((4242, False), (header.PLC, True)):
+            client._caller.ask(srv.Ask_Request(question=5))
+            server._fbServer.method("Cycle", iJob=0, xOther=True, eOther="NO_ERROR")
+            Memory(topic, "-response")["writer"] = owner
+            assert server._fbServer.method("BeginTake")
+            assert server._fbServer.method("EndTake", udiCancel=0) == taken
+            Memory(topic, "-response")["writer"] = header.PLC
+
+
 def test_a_call_that_a_former_server_has_taken_is_not_taken_again(
     srv: ModuleType, topic: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -169,6 +169,7 @@ def test_mismatch_is_refused_and_leaves_every_byte(topic, file, semaphore_file, 
         side(topic)
     text = str(caught.value)
     assert word in text
+    assert ("the depth differs" in text) == (word == "the depth differs")
     assert "here:  geometry_msgs/msg/Pose, 56 bytes, digest 16#0123456789ABCDEF" in text
     assert str(file) in text
     assert f"shmgen clean {topic}" in text
@@ -486,8 +487,15 @@ def test_record_locks_are_of_one_byte_each(topic):
         assert second.lock_byte(WRITER_LOCK)
         first.unlock_byte(REPAIR_LOCK)
         assert (first.byte_is_locked(WRITER_LOCK), second.byte_is_locked(REPAIR_LOCK)) == (True, False)
+        assert second.lock_byte(REPAIR_LOCK)
         second.unlock_byte(WRITER_LOCK)
-        assert not first.byte_is_locked(WRITER_LOCK)
+        assert (first.byte_is_locked(WRITER_LOCK), first.byte_is_locked(REPAIR_LOCK)) == (False, True)
+
+
+def test_a_record_lock_that_cannot_be_is_no_lock_of_another(topic, file):
+    PosePublisher(topic).close()
+    with file.open("rb") as opened, pytest.raises(OSError, match="Bad file descriptor"):
+        region._lock_byte(opened.fileno(), WRITER_LOCK)
 
 
 def test_an_abandoned_publisher_frees_the_claim(topic):
