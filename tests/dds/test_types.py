@@ -114,11 +114,21 @@ def test_elements_may_be_of_any_class(positions: Any) -> None:
     assert (point.time_from_start.sec, point.time_from_start.nanosec) == (1, 5)
 
 
-def test_what_needs_no_conversion_gets_none(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("request_", ["sensor_msgs/Imu", "diagnostic_msgs/DiagnosticStatus"])
+def test_what_needs_no_conversion_gets_none(request_: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its bytes would be the same, but each field would be gone through."""
-    codec = cdr.codec(messages("sensor_msgs/Imu"))
+    codec = cdr.codec(messages(request_))
     monkeypatch.delattr(cdr, "_converted")
     assert codec.encode(codec.new())
+
+
+def test_elements_without_fields(tmp_path: Path) -> None:
+    """Each is one byte on the wire, of which their class knows nothing."""
+    file = tmp_path / "cell_msgs" / "msg" / "Ticks.msg"
+    file.parent.mkdir(parents=True)
+    file.write_text("std_msgs/Empty[] ticks\n")
+    codec = cdr.codec(messages("cell_msgs/Ticks", tmp_path))
+    assert codec.encode(SimpleNamespace(ticks=[SimpleNamespace()] * 2)) == bytes.fromhex("00010000 02000000 0000")
 
 
 @pytest.mark.parametrize("field", ["wstring word", "wstring<=5[3] word", "wstring[] word"])
