@@ -132,6 +132,8 @@ def test_elements_without_fields(tmp_path: Path) -> None:
     file.write_text("wstring word\nstd_msgs/Empty tick\n")
     codec = cdr.codec(messages("cell_msgs/Ticks", tmp_path))
     assert codec.encode(codec.new()) == bytes.fromhex("00010000 00000000 00")
+    codec = cdr.codec(messages("std_msgs/Empty"))
+    assert codec.encode(codec.new()) == bytes.fromhex("00010000 00")
 
 
 @pytest.mark.parametrize("field", ["wstring word", "wstring<=5[3] word", "wstring[] word"])
