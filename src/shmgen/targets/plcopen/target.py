@@ -13,7 +13,6 @@ import html
 import re
 import uuid
 from collections.abc import Iterable, Iterator
-from pathlib import PurePosixPath
 from typing import NamedTuple
 
 from shmgen.diagnostics import Report
@@ -132,14 +131,14 @@ class Folder(NamedTuple):
 class Project(NamedTuple):
     """The XML file and the script; the interval in seconds for PLCopen, in milliseconds for CODESYS.
 
-    `folders` and the `loose` objects lie in `folder`; each object is in `data_types`, `lists` or `units` too.
+    `folders` and the objects of the `loose` one lie in `folder`; each is in `data_types`, `lists` or `units` too.
     """
 
     data_types: tuple[DataType, ...]
     lists: tuple[GlobalList, ...]
     units: tuple[Unit, ...]
     folders: tuple[Folder, ...]
-    loose: tuple[DataType | GlobalList | Unit, ...]
+    loose: tuple[Folder, ...]
     libraries: tuple[Library, ...]
     has_task: bool
     seconds: str
@@ -154,7 +153,7 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
     """`plcopen/` of what the target st planned and printed, and of the interval of the task."""
     folders: dict[str, list[DataType | GlobalList | Unit]] = {}
     for printed in sorted(job.printed["st"], key=lambda printed: printed.output.path):
-        _, *below, _ = PurePosixPath(printed.output.path).parts
+        _, *below, _ = printed.output.path.split("/")
         folders.setdefault("/".join(below), []).append(_stored(_object(printed), printed.text.rstrip("\n")))
     loose = tuple(folders.pop("", ()))
     found = [*(one for objects in folders.values() for one in objects), *loose]
@@ -164,7 +163,7 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
         lists=tuple(one for one in found if isinstance(one, GlobalList)),
         units=tuple(one for one in found if isinstance(one, Unit)),
         folders=tuple(Folder(name, tuple(objects)) for name, objects in folders.items()),
-        loose=loose,
+        loose=(Folder("", loose),) if loose else (),
         libraries=tuple(_libraries()),
         has_task=any(one.head.name == PRG_TOPICS for one in loose),
         seconds=f"{interval / 1000:f}".rstrip("0").rstrip("."),
@@ -186,7 +185,7 @@ def _object(printed: Printed) -> objects.DataType | objects.GlobalList | objects
         case objects.Dut() | objects.Gvl() as view:
             return view.object
         case _:
-            return reader.read(PurePosixPath(printed.output.path).stem, printed.text)
+            return reader.read(printed.output.path.rpartition("/")[2].removesuffix(".st"), printed.text)
 
 
 def _stored(found: objects.DataType | objects.GlobalList | objects.Unit, text: str) -> DataType | GlobalList | Unit:
@@ -249,17 +248,19 @@ def _head(name: str, head: objects.Head, text: str, within: str = "") -> Head:
 
 
 def _variables(found: Iterable[objects.Variable]) -> tuple[Variable, ...]:
-    return tuple(
-        Variable(
-            variable.name,
-            _type(variable.type) if variable.type else "",
-            bool(variable.value),
-            _value(variable.value),
-            _text(variable.value) if isinstance(variable.value, str) else "",
-            bool(variable.comment),
-            _text(variable.comment),
-        )
-        for variable in found
+    return tuple(map(_variable, found))
+
+
+@functools.lru_cache(4096)  # most stand in many blocks
+def _variable(found: objects.Variable) -> Variable:
+    return Variable(
+        found.name,
+        _type(found.type) if found.type else "",
+        bool(found.value),
+        _value(found.value),
+        _text(found.value) if isinstance(found.value, str) else "",
+        bool(found.comment),
+        _text(found.comment),
     )
 
 
