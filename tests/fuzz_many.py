@@ -18,7 +18,8 @@ from pathlib import Path
 from random import Random
 
 from tests.conftest import REPOSITORY, SHARED
-from tests.support.definitions import Fuzzed, from_files, from_grammar, generated, read, within
+from tests.support.definitions import Fuzzed, from_files, from_grammar, generated, read
+from tests.support.guard import within
 
 AT_ONCE = 1000
 """Definitions that one seed makes."""

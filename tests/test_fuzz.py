@@ -14,7 +14,8 @@ from lxml import etree
 from tests.conftest import REPOSITORY, SHARED
 from tests.softplc.reading import read as read_st
 from tests.support.build import compile_headers, put
-from tests.support.definitions import Fuzzed, TooLong, from_files, from_grammar, generated, read, within
+from tests.support.definitions import Fuzzed, from_files, from_grammar, generated, read
+from tests.support.guard import TooLong, within
 
 FILES = sorted(
     [*(SHARED / "corpus").glob("*/*/*/*.[msa]*"), *(REPOSITORY / "tests" / "cases").glob("*/msgs/*/*/*.[msa]*")]

@@ -9,7 +9,7 @@ import pytest
 from shmgen import pipeline
 from shmgen.config import Config
 from shmgen.diagnostics import Diagnostic, Rejected
-from tests.support.definitions import within
+from tests.support.guard import within
 
 MANY = 20_000
 SECONDS = 20

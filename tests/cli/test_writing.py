@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import fcntl
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -53,6 +55,23 @@ def test_two_that_join_a_folder_both_stay(monkeypatch: pytest.MonkeyPatch, tmp_p
     interrupted(monkeypatch, tmp_path, *commands[1:])
     assert run(commands[0], tmp_path).code == 0
     assert run(["check", "-t", "c"], tmp_path).stdout == "generated: up to date, 3 messages in 18 files\n"
+
+
+def test_while_files_are_written_nobody_else_writes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    staged: list[Path] = []
+
+    def stage(path: Path, text: str) -> Path:
+        staged.append(path)
+        folder = os.open(tmp_path / "generated", os.O_RDONLY)
+        with pytest.raises(BlockingIOError):
+            fcntl.flock(folder, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        os.close(folder)
+        return genuine(path, text)
+
+    genuine = shmgen.write._stage
+    monkeypatch.setattr(shmgen.write, "_stage", stage)
+    assert run(configured(tmp_path, 3), tmp_path).code == 0
+    assert staged
 
 
 def test_many_at_once(tmp_path: Path) -> None:

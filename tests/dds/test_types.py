@@ -114,6 +114,28 @@ def test_elements_may_be_of_any_class(positions: Any) -> None:
     assert (point.time_from_start.sec, point.time_from_start.nanosec) == (1, 5)
 
 
+@pytest.mark.parametrize("request_", ["sensor_msgs/Imu", "diagnostic_msgs/DiagnosticStatus"])
+def test_what_needs_no_conversion_gets_none(request_: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its bytes would be the same, but each field would be gone through."""
+    codec = cdr.codec(messages(request_))
+    monkeypatch.delattr(cdr, "_converted")
+    assert codec.encode(codec.new())
+
+
+def test_elements_without_fields(tmp_path: Path) -> None:
+    """Each is one byte on the wire, of which their class knows nothing."""
+    file = tmp_path / "cell_msgs" / "msg" / "Ticks.msg"
+    file.parent.mkdir(parents=True)
+    file.write_text("std_msgs/Empty[] ticks\n")
+    codec = cdr.codec(messages("cell_msgs/Ticks", tmp_path))
+    assert codec.encode(SimpleNamespace(ticks=[SimpleNamespace()] * 2)) == bytes.fromhex("00010000 02000000 0000")
+    file.write_text("wstring word\nstd_msgs/Empty tick\n")
+    codec = cdr.codec(messages("cell_msgs/Ticks", tmp_path))
+    assert codec.encode(codec.new()) == bytes.fromhex("00010000 00000000 00")
+    codec = cdr.codec(messages("std_msgs/Empty"))
+    assert codec.encode(codec.new()) == bytes.fromhex("00010000 00")
+
+
 @pytest.mark.parametrize("field", ["wstring word", "wstring<=5[3] word", "wstring[] word"])
 def test_no_wide_strings(tmp_path: Path, field: str) -> None:
     file = tmp_path / "cell_msgs" / "msg" / "Wide.msg"
@@ -136,6 +158,19 @@ def test_a_large_bound_and_awkward_names(tmp_path: Path) -> None:
     odd.from_ = 1.25
     again = codec.decode(codec.encode(odd))
     assert (again.from_, list(again.class_), again.c) == (1.25, [0, 0], 0)
+
+
+def test_a_new_message_holds_nothing(tmp_path: Path) -> None:
+    file = tmp_path / "cell_msgs" / "msg" / "All.msg"
+    file.parent.mkdir(parents=True)
+    file.write_text(
+        "bool flag\nfloat64 x\nint32 n\nstring s\nbuiltin_interfaces/Time t\n"
+        "uint8[2] a\nbool[2] flags\nfloat64[] many\nstring[2] words\nstd_msgs/Bool[1] inner\nstd_msgs/Empty[] none\n"
+    )
+    new = cdr.codec(messages("cell_msgs/All", tmp_path)).new()
+    assert (new.flag, new.x, new.n, new.s, new.t.sec, new.t.nanosec) == (False, 0.0, 0, "", 0, 0)
+    assert (list(new.a), list(new.flags), list(new.many), new.words) == ([0, 0], [False, False], [], ["", ""])
+    assert ([inner.data for inner in new.inner], new.none) == ([False], [])
 
 
 def test_new_messages_share_nothing() -> None:

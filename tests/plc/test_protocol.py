@@ -296,7 +296,7 @@ def test_a_writer_on_standby_takes_over_a_second_after_the_last_sign_of_life(
             publisher.publish(demo.message(1))
             assert (block().eErrorID, block.xBusy, block.xSent) == ("WRITER_IN_USE", False, False)
             clock.add(CLAIM - 1)
-        assert not block().xSent
+        assert (block().xSent, Memory(topic)["writer"]) == (False, os.getpid())
     clock.add(1)
     assert not block().xSent
     clock.add(CONFIRM)

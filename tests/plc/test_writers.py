@@ -6,6 +6,7 @@ of its own, stopped by a real signal. The letters are those of the faults that w
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import subprocess
@@ -144,13 +145,32 @@ def test_a_plc_stops_between_begin_and_end_and_python_takes_over(demo: Demo, clo
         publisher.publish(demo.message(20))
         assert publisher.sequence == before + SLOTS + 1
         assert seen(demo, topic) == 20
+        ctypes.memset(place, 1, 1)  # the rest of its copy, into the slot in which Python's sample lies by now
         assert plc.method("EndWrite") is False
         assert (plc.xReady, plc.eErrorID) == (False, "WRITER_IN_USE")
-        assert seen(demo, topic) in (20, None)
+        assert seen(demo, topic) is None
         for number in range(21, 26):
             publisher.publish(demo.message(number))
             block()
             assert (seen(demo, topic), block.xSent) == (number, False)
+
+
+def test_a_plc_that_lost_the_topic_within_its_cycle_begins_no_sample(demo: Demo, topic: str) -> None:
+    plc, memory = demo.opened(topic)._fbRegion, Memory(topic)
+    memory["writer"], begun = os.getppid(), memory["begun"]
+    assert plc.method("BeginWrite") == 0
+    assert (plc.xReady, plc.eErrorID, memory["begun"]) == (False, "WRITER_IN_USE", begun)
+    assert semaphore(topic).value == 1
+
+
+@pytest.mark.parametrize(("word", "value"), [("writer", 4242), ("heartbeat", 4242)])
+def test_a_plc_whose_topic_another_beats_for_counts_no_heartbeat(demo: Demo, topic: str, word: str, value: int) -> None:
+    block = ready(demo.publisher(topic, xSend=False))
+    assert block._fbRegion.xReady
+    memory = Memory(topic)
+    memory[word] = value
+    heartbeat = memory["heartbeat"]
+    assert (block().eErrorID, memory["heartbeat"]) == ("WRITER_IN_USE", heartbeat)
 
 
 # --- b, g: calls --------------------------------------------------------------------------------------
@@ -182,6 +202,18 @@ def test_a_server_that_was_replaced_hands_out_no_call(calls: Calls, srv: ModuleT
             old.take()
         with pytest.raises(ClaimLost):
             old.wait(0.1)
+
+
+def test_a_plc_that_was_replaced_within_its_cycle_takes_no_call(calls: Calls, srv: ModuleType, topic: str) -> None:
+    server = ready(calls.server(topic))
+    with srv.AskClient(topic) as client:
+        for owner, taken in ((4242, False), (header.PLC, True)):
+            client._caller.ask(srv.Ask_Request(question=5))
+            server._fbServer.method("Cycle", iJob=0, xOther=True, eOther="NO_ERROR")
+            Memory(topic, "-response")["writer"] = owner
+            assert server._fbServer.method("BeginTake")
+            assert server._fbServer.method("EndTake", udiCancel=0) == taken
+            Memory(topic, "-response")["writer"] = header.PLC
 
 
 def test_a_call_that_a_former_server_has_taken_is_not_taken_again(
@@ -295,6 +327,22 @@ def test_of_two_that_claim_at_once_one_writes(demo: Demo, clock: Clock, topic: s
         assert (block().xSent, block.eErrorID) == (False, "WRITER_IN_USE")
         publisher.publish(demo.message(1))
     assert WATCH * 1000 == CLAIM
+
+
+def test_who_claims_while_a_plc_watches_is_watched_anew(demo: Demo, clock: Clock, topic: str) -> None:
+    demo.python.DemoSubscriber(topic).close()
+    memory = Memory(topic)
+    memory["writer"] = 4241
+    block = demo.publisher(topic)()
+    clock.add(CLAIM - 1)
+    memory["writer"] = 4242
+    block()
+    clock.add(CLAIM - 1)
+    block()
+    assert memory["writer"] == 4242
+    clock.add(1)
+    block()
+    assert memory["writer"] == header.PLC
 
 
 def test_python_that_claims_over_a_claim_gives_way(demo: Demo, topic: str, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -318,6 +318,12 @@ def test_wait(topic, other):
         assert subscriber.wait(5).position.x == 3.0
 
 
+def test_ready_sleeps_until_it_is_woken(topic, monkeypatch):
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+        monkeypatch.setattr(PoseSubscriber, "_sleep", lambda *_: publisher.publish(pose(1)))
+        assert subscriber.ready(20)
+
+
 def test_ready_waits_and_reads_nothing(topic, other):
     writer = other("publish", topic)
     with PoseSubscriber(topic) as subscriber:

@@ -10,6 +10,7 @@ import threading
 import time
 from _multiprocessing import SemLock
 from types import SimpleNamespace
+from unittest.mock import Mock, call
 
 import posix_ipc
 import pytest
@@ -114,6 +115,13 @@ def test_only_a_dead_process_is_healed_early(topic, monkeypatch, value, holder):
         # A reader heals as well.
         until(lambda: publisher.publish(pose(2)) or (subscriber.read() and publisher._region.words[h.RECOVERIES]))
         assert (publisher._region.words[h.RECOVERIES], publisher._region.words[h.LOCK_HOLDER], value()) == (1, 0, 1)
+
+
+def test_a_holder_is_only_asked_after(monkeypatch):
+    kill = Mock(side_effect=[None, PermissionError, ProcessLookupError])
+    monkeypatch.setattr(os, "kill", kill)
+    assert [lock._is_dead(4242) for _ in range(3)] == [False, False, True]
+    assert kill.mock_calls == [call(4242, 0)] * 3
 
 
 @pytest.mark.usefixtures("on_x86")

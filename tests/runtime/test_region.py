@@ -15,6 +15,8 @@ import pytest
 
 from shmgen import runtime
 from shmgen.runtime import header as h
+from shmgen.runtime import region
+from shmgen.runtime.access import RegionOptions
 from shmgen.runtime.region import REPAIR_LOCK, WRITER_LOCK, _complete_header, open_region
 
 from .messages import Pose, PosePublisher, PoseSubscriber, Scan, ScanSubscriber, pose
@@ -167,6 +169,7 @@ def test_mismatch_is_refused_and_leaves_every_byte(topic, file, semaphore_file, 
         side(topic)
     text = str(caught.value)
     assert word in text
+    assert ("the depth differs" in text) == (word == "the depth differs")
     assert "here:  geometry_msgs/msg/Pose, 56 bytes, digest 16#0123456789ABCDEF" in text
     assert str(file) in text
     assert f"shmgen clean {topic}" in text
@@ -226,6 +229,75 @@ def test_a_header_completed_meanwhile_is_not_written_again(topic, file):
         other = h.header_for("other_msgs/msg/Pose", 77, 56, 1)
         _complete_header(opened.fileno(), mmap.mmap(opened.fileno(), 4096), other)
     assert file.read_bytes() == before
+
+
+def test_a_barrier_stands_between_a_header_and_its_magic(topic, file, monkeypatch):
+    seen = []
+    monkeypatch.setattr(region, "fence", lambda: seen.append(struct.unpack_from("<I4xQ", file.read_bytes())))
+    PosePublisher(topic).close()
+    assert seen == [(0, 0x0123456789ABCDEF)]
+    assert struct.unpack_from("<I", file.read_bytes()) == (h.MAGIC,)
+
+
+def test_a_header_is_looked_at_again_once_it_is_there(topic, file, monkeypatch):
+    """Two makers of different types at once: the first finds that the second has written over it, and refuses."""
+    complete = region._complete_header
+
+    def both(*arguments):
+        complete(*arguments)
+        change(file, 8, b"\x99")
+
+    monkeypatch.setattr(region, "_complete_header", both)
+    with pytest.raises(runtime.LayoutMismatch):
+        PosePublisher(topic)
+
+
+def test_an_object_whose_maker_lives_is_waited_for(topic, file, monkeypatch):
+    naps = on_sleep(monkeypatch, lambda: os.truncate(file, 4096))
+    file.touch(mode=0o600)
+    monkeypatch.setattr(region, "_allocate", None)
+    PosePublisher(topic).close()
+    assert naps[:2] == [0.001, 0.002], "for its bytes, and for another who makes the same header"
+
+
+def test_who_writes_a_header_is_waited_for(topic, file, monkeypatch):
+    PosePublisher(topic).close()
+    header = file.read_bytes()[:192]
+    change(file, 0, bytes(192))
+    with file.open("r+b") as other:
+
+        def written():
+            change(file, 0, header)
+            region._unlock_byte(other.fileno(), REPAIR_LOCK)
+
+        assert region._lock_byte(other.fileno(), REPAIR_LOCK)
+        naps = on_sleep(monkeypatch, written)
+        monkeypatch.setattr(region, "fence", None)
+        PosePublisher(topic).close()
+    assert naps[0] == 0.001
+
+
+def on_sleep(monkeypatch, work):
+    """Whoever sleeps finds `work` done when he wakes, however long it takes; how long each wanted to sleep."""
+    sleep, naps = time.sleep, []
+
+    def slept(seconds):
+        naps.append(seconds)
+        work()
+        sleep(seconds)
+
+    monkeypatch.setattr(time, "sleep", slept)
+    monkeypatch.setattr(region, "PATIENCE", 60)
+    return naps
+
+
+def test_without_barriers_a_region_has_a_lock(topic, file, monkeypatch):
+    monkeypatch.setattr(region, "has_barrier", lambda: False)
+    ours = h.header_for("std_msgs/msg/Bool", 1, 1, 1)
+    with pytest.raises(runtime.RegionUnusable, match=r'sync = "sequence" needs full memory barriers'):
+        open_region(topic, ours, RegionOptions(sync="sequence"))
+    assert not file.exists()
+    open_region(topic, ours).close()
 
 
 def test_an_object_without_bytes_is_waited_for_and_then_taken_over(topic, file):
@@ -415,8 +487,15 @@ def test_record_locks_are_of_one_byte_each(topic):
         assert second.lock_byte(WRITER_LOCK)
         first.unlock_byte(REPAIR_LOCK)
         assert (first.byte_is_locked(WRITER_LOCK), second.byte_is_locked(REPAIR_LOCK)) == (True, False)
+        assert second.lock_byte(REPAIR_LOCK)
         second.unlock_byte(WRITER_LOCK)
-        assert not first.byte_is_locked(WRITER_LOCK)
+        assert (first.byte_is_locked(WRITER_LOCK), first.byte_is_locked(REPAIR_LOCK)) == (False, True)
+
+
+def test_a_record_lock_that_cannot_be_is_no_lock_of_another(topic, file):
+    PosePublisher(topic).close()
+    with file.open("rb") as opened, pytest.raises(OSError, match="Bad file descriptor"):
+        region._lock_byte(opened.fileno(), WRITER_LOCK)
 
 
 def test_an_abandoned_publisher_frees_the_claim(topic):

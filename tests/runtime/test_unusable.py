@@ -9,19 +9,21 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
+from unittest.mock import Mock
 
 import posix_ipc
 import pytest
 
 from shmgen import runtime
 from shmgen.runtime import header as h
-from shmgen.runtime import region, semaphores
+from shmgen.runtime import names, region, semaphores
 from shmgen.runtime.access import RegionOptions
 from shmgen.runtime.errors import RegionUnusable
 from shmgen.runtime.lock import Lock
 
 from ..conftest import REPOSITORY
 from ..support import machine
+from ..support.guard import within
 from .messages import PosePublisher, PoseSubscriber, pose
 
 MANY = 2**31 - 3
@@ -137,14 +139,14 @@ def test_an_open_that_failed_leaves_no_file(topic, file, monkeypatch, error, tex
     PosePublisher(topic).close()
 
 
-@pytest.mark.parametrize("place", ["/dev/shm/sem.", "/dev/shm/"])
+@pytest.mark.parametrize("place", [names.region_file, names.semaphore_file])
 def test_what_vanishes_again_and_again_is_given_up(topic, monkeypatch, place):
     """Somebody removes the semaphore, or the region, at each try between its opening and the last look."""
     leads = region._leads_to
     tries = []
 
     def vanished(path, file):
-        if path.startswith(place):
+        if path == place(runtime.region_name(topic)):
             tries.append(path)
             return False
         return leads(path, file)
@@ -153,6 +155,26 @@ def test_what_vanishes_again_and_again_is_given_up(topic, monkeypatch, place):
     with pytest.raises(runtime.RegionUnusable, match="keeps appearing and vanishing"):
         PosePublisher(topic)
     assert len(tries) >= 10 - 1
+
+
+def test_what_is_there_only_for_who_makes_it_is_given_up(topic, monkeypatch):
+    monkeypatch.setattr(region, "_found", Mock(side_effect=FileNotFoundError))
+    monkeypatch.setattr(region, "_made", Mock(side_effect=posix_ipc.ExistentialError))
+    with pytest.raises(runtime.RegionUnusable, match="keeps appearing and vanishing"):
+        PosePublisher(topic)
+
+
+@pytest.mark.parametrize("error", [FileNotFoundError, PermissionError])
+def test_a_semaphore_that_changes_between_a_look_and_its_opening(topic, monkeypatch, error):
+    opened = semaphores.opened
+    tries = Mock(side_effect=[error, opened, opened])
+    monkeypatch.setattr(semaphores, "opened", lambda *arguments: tries()(*arguments))
+    if error is PermissionError:
+        with pytest.raises(runtime.PermissionDenied, match="join the group"):
+            PosePublisher(topic)
+    else:
+        PosePublisher(topic).close()
+        assert tries.call_count == 3, "the lock twice, and the event"
 
 
 def test_a_region_whose_maker_gave_up_is_opened_anew(topic, file, monkeypatch):
@@ -177,7 +199,8 @@ def test_a_region_whose_maker_gave_up_is_opened_anew(topic, file, monkeypatch):
 @pytest.mark.parametrize("most", [3, 1000, MANY])
 def test_posts_too_many_stop_nobody(topic, most, recoveries):
     """`most` at once cannot be posted in a test: the value is written into the semaphore's own file."""
-    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+    guard = within(5 * machine.slower)
+    with guard, PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         publisher._region.words[h.RECOVERIES] = recoveries
         with open(f"/dev/shm/sem.{publisher._region.name}", "r+b") as file:
             file.write((most if sys.maxsize > 2**32 else most << 1).to_bytes(4, "little"))  # as glibc has it

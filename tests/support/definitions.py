@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import signal
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from random import Random
-from types import FrameType
 from typing import NamedTuple
 
 from shmgen import pipeline
@@ -67,26 +64,6 @@ def assert_tells(rejected: Rejected) -> None:
         text = str(diagnostic)
         assert len(text) < 4000
         assert all(c.isprintable() or c == "\n" for c in text), ascii(text)
-
-
-class TooLong(Exception):
-    """It would have gone on."""
-
-
-@contextmanager
-def within(seconds: float) -> Iterator[None]:
-    """A guard against hanging, no measurement: seconds of CPU, of which a busy machine takes no more."""
-
-    def stop(number: int, frame: FrameType | None) -> None:
-        raise TooLong(f"{seconds} s of CPU were not enough")
-
-    before = signal.signal(signal.SIGPROF, stop)
-    signal.setitimer(signal.ITIMER_PROF, seconds)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_PROF, 0)
-        signal.signal(signal.SIGPROF, before)
 
 
 # --- made from a grammar, mostly right ------------------------------------------------------------------

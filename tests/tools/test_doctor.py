@@ -238,11 +238,18 @@ def for_nobody(topic):
 
 
 @root_only
-@pytest.mark.parametrize("kept", ["its file is open", "its file is closed"])
-def test_a_removed_region_of_a_process_of_one_s_own(topic, file, for_nobody, shmgen, peer, kept):
+@pytest.mark.parametrize(
+    "closed",
+    [
+        "publisher._region._file.close()",
+        "import mmap; opened = open({file!r}, 'r+b'); kept = mmap.mmap(opened.fileno(), 0); publisher.close(); "
+        "del publisher",
+    ],
+    ids=["its file", "its semaphore"],
+)
+def test_a_removed_region_of_a_process_of_one_s_own(topic, file, for_nobody, shmgen, peer, closed):
     """Only root may look into map_files; the process's own descriptor tells as much, or the semaphore beside."""
-    closed = "; publisher._region._file.close()" if kept == "its file is closed" else ""
-    writer = peer(PUBLISHER.format(topic=topic) + closed, *NOBODY)
+    writer = peer(f"{PUBLISHER}; {closed}".format(topic=topic, file=str(file)), *NOBODY)
     file.unlink()
     for asked in ((), (topic,)):
         found = [finding for finding in for_nobody(*asked)["findings"] if finding["topic"] == topic]

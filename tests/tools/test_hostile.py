@@ -184,12 +184,14 @@ def test_what_belongs_to_a_stranger_is_told_to_root(topic, file, semaphore, shmg
 
 
 def test_a_process_with_a_name_that_gives_orders(topic, shmgen, started):
-    code = PEER.format(repository=str(REPOSITORY), work=PUBLISHER.format(topic=topic))
-    command = [sys.executable, "-c", code, "\x1b]0;x\x07\u202e"]
+    work = PEER.format(repository=str(REPOSITORY), work=PUBLISHER.format(topic=topic))
+    command = [sys.executable, "-c", f"'\x1b]0;x\x07\u202e'\n{work}"]  # of a long line the end is not shown
     with subprocess.Popen(command, stdin=-1, stdout=-1) as process:
         process.stdout.readline()
         for tool in (["doctor", topic], ["top", "--once", "-d", "0.1"]):
-            assert shmgen(*tool).stdout.replace("\n", "").isprintable()
+            shown = shmgen(*tool).stdout
+            assert "\\u001b]0;x\\u0007\\u202e" in shown
+            assert shown.replace("\n", "").isprintable()
         process.stdin.close()
 
 
