@@ -50,6 +50,7 @@ def interrupted_at(step, call):
         return trace
 
     def traced():
+        sys._getframe().f_trace_opcodes = True  # Python 3.12 heeds it from the next settrace on
         sys.settrace(trace)
         try:
             call()
