@@ -1,5 +1,6 @@
 """The `shmgen` command, and `python -m shmgen`: loads the rest only if a check is not known to be clean."""
 
+import atexit
 import gc
 import sys
 
@@ -8,6 +9,7 @@ def main() -> None:
     """Exit 0 clean, 1 diagnostics, 2 wrong usage."""
     if sys.argv[1:2] in (["generate"], ["check"]):
         gc.disable()  # they end before what they leave takes more memory than looking for it takes time
+        atexit.register(gc.freeze)  # else Python looks for it when all is done
     if sys.argv[1:2] == ["check"]:
         from shmgen.drift import verdict
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import dataclasses
 import math
 import re
 import subprocess
@@ -19,7 +20,7 @@ from textual.widgets import DataTable, TabbedContent, TextArea, Tree  # noqa: E4
 from shmgen.config import Config  # noqa: E402
 from shmgen.live.classes import Workshop, publisher, subscriber  # noqa: E402
 from shmgen.live.session import Session  # noqa: E402
-from shmgen.tools import given  # noqa: E402
+from shmgen.tools import given, top  # noqa: E402
 from shmgen.view.app import Viewer  # noqa: E402
 from shmgen.view.curves import _thinned  # noqa: E402
 from shmgen.view.memory import Memory  # noqa: E402
@@ -97,6 +98,39 @@ def test_table_fields_curves_and_memory(moving, workshop):
             await until(pilot, lambda: app.screen.query(DataTable))
 
     asyncio.run(walk())
+
+
+def test_the_table_is_not_looked_after_where_nobody_sees_it_and_measures_only_what_is_wider(
+    topic, workshop, monkeypatch
+):
+    """Each narrower cell measures its whole column: with 200 regions that took most of a core."""
+
+    async def walk():
+        app = Viewer(workshop, allow_write=False)
+        async with app.run_test(size=(150, 40)) as pilot:
+            await until(pilot, lambda: app.screen.query(DataTable) and topic in app.screen.query_one(DataTable).rows)
+            regions, looks, measured, update = app.screen, [], [], DataTable.update_cell
+            mine = next(row for row in top.look({}) if row.topic == topic)
+
+            def updated(self, row, column, value, *, update_width):
+                measured.append((column, str(value), update_width))
+                update(self, row, column, value, update_width=update_width)
+
+            monkeypatch.setattr(DataTable, "update_cell", updated)
+            for missed, wider in ((0, None), (1, False), (12_345_678, True), (7, False)):
+                row = dataclasses.replace(mine, missed=missed)
+                monkeypatch.setattr(top, "look", lambda past, row=row: looks.append(1) or [row])
+                regions.look()
+                assert wider is None or measured[-1] == ("MISSED", f"{missed:,}", wider)
+                await pilot.pause()
+            app.open(topic)
+            await until(pilot, lambda: app.screen.query(Tree))
+            looks.clear()
+            regions.look()
+            assert looks == []
+
+    with publisher(workshop.message("std_msgs/msg/Int32"), topic, 1):
+        asyncio.run(walk())
 
 
 def test_a_sample_by_hand_only_where_it_is_allowed(topic, workshop):

@@ -17,7 +17,9 @@ def configured(config: Config) -> list[str]:
     return [*config.messages, *config.types_used]
 
 
-def former(output: Path, kept: bytes | None) -> tuple[lockfile.Lock, dict[str, Span]]:
+def former(
+    output: Path, kept: bytes | None, read: lockfile.Reading = lockfile.read
+) -> tuple[lockfile.Lock, dict[str, Span]]:
     """What a former run left in the folder, and where each of its requests stands there. Raises Rejected: SHM408.
 
     `kept` are the bytes of layout.lock there, None if there is none.
@@ -26,7 +28,7 @@ def former(output: Path, kept: bytes | None) -> tuple[lockfile.Lock, dict[str, S
         return lockfile.Lock(), {}
     file, report = output / lockfile.LOCK, Report()
     text = kept.decode(errors="replace")
-    lock = lockfile.read(text, str(file), report)
+    lock = read(text, str(file), report)
     report.stop_if_any()
     return lock, document.quoted(text, str(file), lock.requested)
 

@@ -78,6 +78,7 @@ def check(
     """
     from shmgen.cli import asked
     from shmgen.drift import check as checking
+    from shmgen.drift import lockfile
     from shmgen.write import current
 
     began = time.time_ns()
@@ -86,10 +87,10 @@ def check(
     try:
         config = options.load(config_file, include)
         config = replace(config, targets=target) if target else config
-        lock, formerly = asked.former(output, current(output, "layout.lock"))
+        lock, formerly = asked.former(output, current(output, lockfile.LOCK), lockfile.read_asked)
         config = replace(config, skip_unbounded=lock.settings.get("skip_unbounded") is True)
         requests = asked.configured(config) or list(lock.requested)
-        if requests or (output / "layout.lock").is_file():
+        if requests or (output / lockfile.LOCK).is_file():
             texts = asked.texts(config, requests, formerly, output)
         findings = checking.check(texts, output)
     except Rejected as rejected:
@@ -101,7 +102,7 @@ def check(
         if with_diff and form == "text":
             click.echo(checking.differences(texts, output), nl=False)
         sys.exit((worst(findings) or 0) >= severity)
-    messages = sum(line.startswith("[messages.") for line in texts["layout.lock"].splitlines())
+    messages = sum(line.startswith("[messages.") for line in texts[lockfile.LOCK].splitlines())
     said = f"{output}: up to date, {counted(messages, 'message')} in {counted(len(texts), 'file')}"
     if form == "text":
         click.echo(said)

@@ -6,7 +6,7 @@ import functools
 import hashlib
 import json
 import re
-from collections.abc import Container, Iterable, Mapping
+from collections.abc import Callable, Container, Iterable, Mapping
 from dataclasses import field
 from typing import Any
 
@@ -66,6 +66,10 @@ class Lock:
     files: Mapping[str, str] = field(default_factory=dict)
 
 
+Reading = Callable[[str, str, Report], Lock]
+"""`read`, or `read_asked`."""
+
+
 def write(layouts: Layouts, texts: Mapping[str, str], settings: Mapping[str, object]) -> str:
     """The text of layout.lock: stable order, one line a slot, no date, no host, no version of ours."""
     lines = [
@@ -96,6 +100,12 @@ def read(text: str, shown: str, report: Report) -> Lock:
             hint="restore it from version control, or delete it and the generated files, and run `shmgen generate`",
         )
     return lock or Lock()
+
+
+def read_asked(text: str, shown: str, report: Report) -> Lock:
+    """The same of what stands before the messages alone, which take long: what was asked for, and the settings."""
+    asked, found, _ = text.partition("\n[messages.")
+    return read(f"{asked}\n[files]\n" if found else text, shown, report)
 
 
 @functools.lru_cache(2)

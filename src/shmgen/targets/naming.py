@@ -75,31 +75,40 @@ def check(
     way_out = f"rename one of them, or leave {quoted} out of `targets` in shmgen.toml"
     _check_messages(layouts, package, names, way_out, report)
     for layout in layouts.values():
-        _check_one(layout.name, _members(layout), names, names.member, way_out, report)
-        _check_one(layout.name, _constants(layout, names), names, names.constant, way_out, report)
+        if _meet((slot.name for slot in layout.slots), names, names.member):
+            _check_one(layout.name, _members(layout), names, names.member, way_out, report)
+        constants = (constant.name for constant in layout.message.constants)
+        if _meet((*names.own_constants, *constants), names, names.constant):
+            _check_one(layout.name, _constants(layout, names), names, names.constant, way_out, report)
     _check_uses(uses, names, way_out, report)
 
 
 def _check_messages(layouts: Layouts, package: str, names: Names, way_out: str, report: Report) -> None:
     own = {names.fold(name) for name in names.own}
     all_made = [(layout, made) for layout in layouts.values() for made in names.made(layout, package)]
-    kinds = list(dict.fromkeys(made.what for _, made in all_made))
+    kinds = {what: number for number, what in enumerate(dict.fromkeys(made.what for _, made in all_made))}
     seen: dict[tuple[str, str, str], tuple[Layout, Made]] = {}
     told: set[tuple[TypeName, TypeName]] = set()
-    for layout, made in sorted(all_made, key=lambda found: kinds.index(found[1].what)):
-        place, name = layout.message.span, layout.name
-        if names.fold(made.name) in own:
+    for layout, made in sorted(all_made, key=lambda found: kinds[found[1].what]):
+        place, name, folded = layout.message.span, layout.name, names.fold(made.name)
+        if folded in own:
             fault = f"{name} becomes the {made.what} `{made.name}`, which shmgen adds in {names.title}"
             report.error("SHM204", fault, place, hint="rename the message")
-        space = names.fold(made.space), made.what, names.fold(made.name)
+        space = names.fold(made.space), made.what, folded
         other, first = seen.setdefault(space, (layout, made))
-        if made.follows and (other.name, name) in told:
+        if first is made or (made.follows and (other.name, name) in told):
             continue
         if (first.of or str(other.name)) != (made.of or str(name)):
             told.add((other.name, name))
             case = "" if made.name == first.name else ", which ignores case"
             fault = f"{other.name} and {name} both become the {made.what} `{made.name}` in {names.title}{case}"
             report.error("SHM203", fault, place, hint=way_out)
+
+
+def _meet(found: Iterable[str], names: Names, escape: Callable[[str], str]) -> bool:
+    """Whether any do, which is rare, and sooner seen than where they stand."""
+    folded = [names.fold(escape(name)) for name in found]
+    return len(set(folded)) < len(folded)
 
 
 class _Named(NamedTuple):

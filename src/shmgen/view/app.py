@@ -9,6 +9,7 @@ from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
 from textual.screen import Screen
 from textual.widgets import DataTable, Footer, Header, Static
+from textual.widgets.data_table import ColumnKey
 
 from shmgen.diagnostics import Rejected
 from shmgen.live.classes import Workshop
@@ -57,8 +58,8 @@ class Regions(Screen[None]):
         self.set_interval(_PERIOD, self.look)
 
     def look(self) -> None:
-        """Row by row, only what is another one than before is drawn anew."""
-        if not self.is_current:
+        """Only what is another one than before is drawn anew. Columns only grow: to shrink one reads it whole."""
+        if self.app.screen is not self:  # is_current is true also for the screen below another
             return
         table = self.query_one(DataTable)
         rows = top.ordered(top.look(self._past), self._column, reverse=False)
@@ -75,7 +76,8 @@ class Regions(Screen[None]):
             for row in rows:
                 for column, cell in zip(_COLUMNS, _cells(row), strict=True):
                     if table.get_cell(row.topic, column) != cell:
-                        table.update_cell(row.topic, column, cell, update_width=True)
+                        wider = cell.cell_len > table.columns[ColumnKey(column)].content_width
+                        table.update_cell(row.topic, column, cell, update_width=wider)
         note = f"{counted(len(rows), 'region')}, sorted by {self._column}" if rows else "no regions"
         self.query_one("#note", Static).update(note)
 

@@ -39,11 +39,12 @@ def ends_header(name: TypeName, package: str) -> str:
 
 def _made(layout: Layout, package: str) -> Iterator[Made]:
     """Structures and macros share C's one space for names."""
-    yield Made("name", struct_name(layout.name))
+    struct = struct_name(layout.name)
+    yield Made("name", struct)
     for constant in layout.message.constants:
         yield Made("name", macro(layout.name, constant.name))
     for ending in _ENDS if layout.requested else ():
-        yield Made("name", struct_name(layout.name) + ending, follows=True)
+        yield Made("name", struct + ending, follows=True)
     yield Made("file", header(layout.name, package))
     yield Made("file", ends_header(layout.name, package), follows=True)
 

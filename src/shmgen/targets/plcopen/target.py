@@ -132,14 +132,14 @@ class Folder(NamedTuple):
 class Project(NamedTuple):
     """The XML file and the script; the interval in seconds for PLCopen, in milliseconds for CODESYS.
 
-    `folders` and the `loose` objects lie in `folder`; each object is in `data_types`, `lists` or `units` too.
+    `folders` and the objects of the `loose` one lie in `folder`; each is in `data_types`, `lists` or `units` too.
     """
 
     data_types: tuple[DataType, ...]
     lists: tuple[GlobalList, ...]
     units: tuple[Unit, ...]
     folders: tuple[Folder, ...]
-    loose: tuple[DataType | GlobalList | Unit, ...]
+    loose: tuple[Folder, ...]
     libraries: tuple[Library, ...]
     has_task: bool
     seconds: str
@@ -164,7 +164,7 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
         lists=tuple(one for one in found if isinstance(one, GlobalList)),
         units=tuple(one for one in found if isinstance(one, Unit)),
         folders=tuple(Folder(name, tuple(objects)) for name, objects in folders.items()),
-        loose=loose,
+        loose=(Folder("", loose),) if loose else (),
         libraries=tuple(_libraries()),
         has_task=any(one.head.name == PRG_TOPICS for one in loose),
         seconds=f"{interval / 1000:f}".rstrip("0").rstrip("."),
@@ -249,17 +249,19 @@ def _head(name: str, head: objects.Head, text: str, within: str = "") -> Head:
 
 
 def _variables(found: Iterable[objects.Variable]) -> tuple[Variable, ...]:
-    return tuple(
-        Variable(
-            variable.name,
-            _type(variable.type) if variable.type else "",
-            bool(variable.value),
-            _value(variable.value),
-            _text(variable.value) if isinstance(variable.value, str) else "",
-            bool(variable.comment),
-            _text(variable.comment),
-        )
-        for variable in found
+    return tuple(map(_variable, found))
+
+
+@functools.lru_cache(4096)  # most stand in many blocks
+def _variable(found: objects.Variable) -> Variable:
+    return Variable(
+        found.name,
+        _type(found.type) if found.type else "",
+        bool(found.value),
+        _value(found.value),
+        _text(found.value) if isinstance(found.value, str) else "",
+        bool(found.comment),
+        _text(found.comment),
     )
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field
 from itertools import groupby
+from typing import NamedTuple
 
 from shmgen.model import Clock, Layout, Layouts, Ref, Role, Scalar, Slot, String, TypeName, TypeOptions, assert_never
 from shmgen.records import dataclass
@@ -230,8 +231,7 @@ class Codec:
         return name
 
 
-@dataclass(frozen=True, slots=True)
-class _Leaf:
+class _Leaf(NamedTuple):
     """A slot at its place in the whole message: absolute offset, the expression that reads it, its path."""
 
     slot: Slot

@@ -7,6 +7,7 @@ the user's but identifiers stands in them; what holds the words of a definition 
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Iterable, Iterator
 from itertools import dropwhile
@@ -20,14 +21,15 @@ class NotInStyle(Exception):
 
 def read(name: str, text: str) -> DataType | GlobalList | Unit:
     """The one object in the file `name`.st. Raises NotInStyle."""
-    head, lines = _head(text.splitlines())
+    whole = text.splitlines()
+    head, lines = _head(whole)
     if lines[0].startswith("TYPE"):
         return _data_type(name, head, lines)
     if lines[0].startswith("VAR_GLOBAL"):
         section, rest = _section(lines)
         _expect(not rest, "the end of the file", rest)
         return GlobalList(name, head, section)
-    unit, *methods = _units(text.splitlines())
+    unit, *methods = _units(whole)
     _expect(unit.name == name, name, [unit.name])
     _expect(all(method.keyword == "METHOD" for method in methods), "METHOD", [method.keyword for method in methods])
     return unit._replace(methods=tuple(methods))
@@ -91,13 +93,22 @@ def _variables(lines: Iterable[str], pattern: re.Pattern[str]) -> Iterator[Varia
         if line.startswith("//"):
             above.append(line[2:].strip())
         elif line:
-            found = pattern.fullmatch(line)
-            _expect(found, "a declaration", [line])
-            assert found
-            name, type_, value, beside = found.group("name", "type", "value", "comment")
-            comment = "\n".join([*above, *([beside.strip()] if beside else [])])
-            yield Variable(name, type_, value or "", comment)
+            variable = _variable(line, pattern)
+            if above:
+                beside = [variable.comment] if variable.comment else []
+                variable = variable._replace(comment="\n".join([*above, *beside]))
+            yield variable
             above = []
+
+
+@functools.lru_cache(4096)  # most stand in many blocks
+def _variable(line: str, pattern: re.Pattern[str]) -> Variable:
+    """With the comment beside it."""
+    found = pattern.fullmatch(line)
+    _expect(found, "a declaration", [line])
+    assert found
+    name, type_, value, comment = found.group("name", "type", "value", "comment")
+    return Variable(name, type_, value or "", (comment or "").strip())
 
 
 def _units(lines: list[str]) -> Iterator[Unit]:
