@@ -56,6 +56,8 @@ def interrupted_at(step, call):
             call()
         except Interrupt:
             return True
+        finally:
+            sys.settrace(None)  # Python 3.12 dies of a thread that ends traced
         return False
 
     with ThreadPoolExecutor(1) as thread:
