@@ -81,7 +81,8 @@ def current(folder: Path, path: str) -> bytes | None:
     try:
         name = os.path.join(folder, path) if os.name != "nt" else _reachable(folder) / path
         with open(name, "rb", buffering=0) as file:
-            return file.read().replace(b"\r\n", b"\n")
+            kept: bytes = file.read()
+            return kept.replace(b"\r\n", b"\n") if b"\r" in kept else kept
     except OSError:
         return None
 

@@ -200,15 +200,15 @@ def matches(entity: Any) -> list[int]:
     """The handles of the peers of a reader or writer."""
     while True:
         with suppress(IndexError):  # another one came while Cyclone's Python counted them
-            find = entity.get_matched_publications if isinstance(entity, DataReader) else None
-            return list((find or entity.get_matched_subscriptions)())
+            reads = isinstance(entity, DataReader)
+            return list(entity.get_matched_publications() if reads else entity.get_matched_subscriptions())
 
 
 def said_by(entity: Any, handle: int) -> list[str]:
     """The words in the user data of a peer of a reader or writer. Raises LookupError if it has gone."""
-    find = entity.get_matched_publication_data if isinstance(entity, DataReader) else None
+    reads = isinstance(entity, DataReader)
     with _ASKING:
-        endpoint = (find or entity.get_matched_subscription_data)(handle)
+        endpoint = (entity.get_matched_publication_data if reads else entity.get_matched_subscription_data)(handle)
     if endpoint is None:
         raise LookupError(handle)
     data = endpoint.qos[Policy.Userdata].data if Policy.Userdata in endpoint.qos else b""

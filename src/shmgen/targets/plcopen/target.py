@@ -13,7 +13,6 @@ import html
 import re
 import uuid
 from collections.abc import Iterable, Iterator
-from pathlib import PurePosixPath
 from typing import NamedTuple
 
 from shmgen.diagnostics import Report
@@ -154,7 +153,7 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
     """`plcopen/` of what the target st planned and printed, and of the interval of the task."""
     folders: dict[str, list[DataType | GlobalList | Unit]] = {}
     for printed in sorted(job.printed["st"], key=lambda printed: printed.output.path):
-        _, *below, _ = PurePosixPath(printed.output.path).parts
+        _, *below, _ = printed.output.path.split("/")
         folders.setdefault("/".join(below), []).append(_stored(_object(printed), printed.text.rstrip("\n")))
     loose = tuple(folders.pop("", ()))
     found = [*(one for objects in folders.values() for one in objects), *loose]
@@ -186,7 +185,7 @@ def _object(printed: Printed) -> objects.DataType | objects.GlobalList | objects
         case objects.Dut() | objects.Gvl() as view:
             return view.object
         case _:
-            return reader.read(PurePosixPath(printed.output.path).stem, printed.text)
+            return reader.read(printed.output.path.rpartition("/")[2].removesuffix(".st"), printed.text)
 
 
 def _stored(found: objects.DataType | objects.GlobalList | objects.Unit, text: str) -> DataType | GlobalList | Unit:
