@@ -134,6 +134,7 @@ def open_region(topic: str, ours: h.Header, options: RegionOptions = RegionOptio
     access = access_for(options)
     for _ in range(_ATTEMPTS):
         file = _open_memory(name, ours.size, access)
+        map = None
         try:
             _await_size(file, name, ours.size)
             _check(topic, ours, file)
@@ -144,11 +145,19 @@ def open_region(topic: str, ours: h.Header, options: RegionOptions = RegionOptio
             semaphore = _open_semaphore(name, 1, LOCK_MOST, options, access)
             if _leads_to(region_file(name), file):
                 return Region(topic, file, map, ours, semaphore, options)
-            file.close()
+            _close(file, map)
         except BaseException:
-            file.close()
+            _close(file, map)
             raise
     raise _restless(region_file(name))
+
+
+def _close(file: io.FileIO, map: mmap.mmap | None) -> None:
+    """Both have a descriptor, and an exception that is looked at keeps what it came through."""
+    file.close()
+    if map is not None:
+        with suppress(BufferError):
+            map.close()
 
 
 def open_event(region: Region) -> Semaphore:
