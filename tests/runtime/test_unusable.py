@@ -108,6 +108,20 @@ def test_no_descriptors_left(topic):
     assert "Too many open files" in text
 
 
+def test_an_open_that_failed_holds_nothing(topic, monkeypatch):
+    """Whoever keeps the error keeps all that was on its way; Python 3.13 on riscv64 did."""
+
+    def refuse(*_):
+        raise runtime.RegionUnusable("for once")
+
+    PosePublisher(topic).close()
+    monkeypatch.setattr(region, "_open_semaphore", refuse)
+    before = os.listdir("/proc/self/fd")
+    with pytest.raises(runtime.RegionUnusable, match="for once") as kept:
+        PosePublisher(topic)
+    assert len(os.listdir("/proc/self/fd")) == len(before), kept.traceback
+
+
 @pytest.mark.parametrize(
     ("error", "text"), [(errno.ENOSPC, "no room for 4096 bytes"), (errno.EIO, "Input/output error")]
 )

@@ -10,7 +10,7 @@ import os
 import struct
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from typing import cast
 
 import posix_ipc
@@ -112,8 +112,7 @@ class Region:
         if not self._file.closed and os.getpid() == self.pid:
             self.unlock_byte(WRITER_LOCK)  # a child that was forked just now may not have closed the file yet
         self._file.close()
-        with suppress(BufferError):  # in a child, forked in the middle of a copy
-            self.map.close()
+        _unmap(self.map)
 
 
 def open_region(topic: str, ours: h.Header, options: RegionOptions = RegionOptions()) -> Region:  # noqa: B008 a tuple
@@ -133,31 +132,27 @@ def open_region(topic: str, ours: h.Header, options: RegionOptions = RegionOptio
         semaphores.need_glibc(topic)
     access = access_for(options)
     for _ in range(_ATTEMPTS):
-        file = _open_memory(name, ours.size, access)
-        map = None
-        try:
+        with ExitStack() as ours_so_far:
+            file = ours_so_far.enter_context(_open_memory(name, ours.size, access))
             _await_size(file, name, ours.size)
             _check(topic, ours, file)
             with _typed(region_file(name)):
                 map = kept_from_children(mmap.mmap(file.fileno(), ours.size))
+            ours_so_far.callback(_unmap, map)
             _complete_header(file.fileno(), map, ours)
             _check(topic, ours, file)
             semaphore = _open_semaphore(name, 1, LOCK_MOST, options, access)
             if _leads_to(region_file(name), file):
-                return Region(topic, file, map, ours, semaphore, options)
-            _close(file, map)
-        except BaseException:
-            _close(file, map)
-            raise
+                region = Region(topic, file, map, ours, semaphore, options)
+                ours_so_far.pop_all()
+                return region
     raise _restless(region_file(name))
 
 
-def _close(file: io.FileIO, map: mmap.mmap | None) -> None:
-    """Both have a descriptor, and an exception that is looked at keeps what it came through."""
-    file.close()
-    if map is not None:
-        with suppress(BufferError):
-            map.close()
+def _unmap(map: mmap.mmap) -> None:
+    """Its descriptor too."""
+    with suppress(BufferError):  # in a child, forked in the middle of a copy
+        map.close()
 
 
 def open_event(region: Region) -> Semaphore:

@@ -1,0 +1,36 @@
+"""The scripts in benchmarks/ run to their end, with as little to measure as they take, so that none breaks unseen."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+
+import pytest
+
+from .conftest import REPOSITORY
+
+SCRIPTS = {path.stem: path for path in (REPOSITORY / "benchmarks").glob("*.py") if path.stem != "run"}
+SMALL = {"RUNS": 1, "ROUNDS": 3, "MESSAGES": 11, "CYCLES": 20}
+ARGUMENTS = {
+    "call": ["--rounds", "1", "--calls", "3"],
+    "latency": ["--rounds", "1", "--seconds", "0.1", "--sizes", "56", "--only", "UDP"],
+}
+RUN = f"""
+import os, runpy, sys
+sys.argv = sys.argv[1:]
+sys.path.insert(0, os.path.dirname(sys.argv[0]))
+main = runpy.run_path(sys.argv[0])["main"]
+main.__globals__.update({{key: value for key, value in {SMALL}.items() if key in main.__globals__}})
+main()
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("name", sorted(SCRIPTS))
+def test_a_benchmark_runs(name: str) -> None:
+    command = [sys.executable, "-c", RUN, str(SCRIPTS[name]), *ARGUMENTS.get(name, [])]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=500, check=False)
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"\d", done.stdout), done.stdout
