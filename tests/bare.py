@@ -2,6 +2,7 @@
 
     sudo make bare                                             # six runs: each pair of what may differ is in one
     sudo make bare ARGS="--only debian-13 --tests tests/cli"   # runs with this in their name; a part of the tests
+    sudo make bare ARGS=--set-up                               # what `make test` sets up, and no test: minutes and MB
 
 Needs root, debootstrap, git and overlayfs, and takes an hour and more, several on a busy machine. Each run has a root
 of its own above the bare one, with its own mounts, processes, /dev/shm and time limit. Package indexes are reached as
@@ -40,6 +41,9 @@ KEPT = ("/.cache/pip", "/.cache/shmgen")
 """Below the home: the two caches, pip's and the one docs/configuration.md tells of."""
 
 
+SET_UP_SECONDS, SET_UP_MB = 180, 600
+"""What setting up for `make test` may take, packages of README included, where nothing else goes on."""
+
 APT = "apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq"
 DEB = f"{APT} python3-venv && shmgen/packaging/debian/make_deb.sh && {APT} ./shmgen_*.deb && shmgen --version"
 VENV = "python3 -m venv v && v/bin/pip -q install ./shmgen && v/bin/shmgen --version"
@@ -66,6 +70,11 @@ class Run:
         words = [self.system, "user" if self.user else "root", "git" if self.git else "no-git"]
         words += ["closed" if self.closed else "open", "bytecode" if self.bytecode else "no-bytecode"]
         return " ".join(words + ([] if self.cpp else ["no-g++"]))
+
+    @property
+    def needed(self) -> str:
+        """What README names and the bare root has not."""
+        return f"python3-venv{' g++' if self.cpp else ''}"
 
     @property
     def home(self) -> str:
@@ -268,6 +277,25 @@ def settle(base: Path) -> None:
     (base / "ready").write_text(PACKAGES)
 
 
+def set_up(run: Run, folder: Path) -> bool:
+    """Sets up for `make test` on a new machine; prints what that took, and how busy this machine was."""
+    machine = Machine(run, folder)
+    machine.lay()
+    start, size, busy = time.monotonic(), machine.size(), os.getloadavg()[0]
+    code, said = 0, []
+    if run.user:
+        code, _, said = machine.does(f"{APT} {run.needed}", 900, as_root=True)
+    if code == 0:
+        code, _, said = machine.does("make -C shmgen .venv/ready-to-test", 900)
+    seconds, more = time.monotonic() - start, machine.size() - size
+    good = code == 0 and seconds < SET_UP_SECONDS and more < SET_UP_MB
+    print(f"{'ok  ' if good else 'RED '} {run.name}: {seconds:.0f} s, {more:+} MB, exit {code}; load {busy:.1f} before")
+    for line in said[-30:] if code else []:
+        print(f"       {line}")
+    sys.stdout.flush()
+    return good
+
+
 def tried(run: Run, folder: Path, tests: str) -> bool:
     """Both commands on a new machine; prints a line for each."""
     machine = Machine(run, folder)
@@ -296,7 +324,7 @@ def tried(run: Run, folder: Path, tests: str) -> bool:
     if run.user:
         said = step("make -C shmgen demo", 30, fails=True)
         fine = fine and any("sudo apt-get install python3-venv" in line for line in said)
-        step(f"{APT} python3-venv{' g++' if run.cpp else ''}", 900, as_root=True)
+        step(f"{APT} {run.needed}", 900, as_root=True)
     step("make -C shmgen demo", 900)
     said = step(f"make -C shmgen test{f' TESTS={shlex.quote(tests)}' if tests else ''}", 7200)
     for line in said:
@@ -313,6 +341,7 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--only", default="", help="words that the name of a run holds, such as `debian-12 user`")
     parser.add_argument("--tests", default="", help="what `make test` is given, such as `tests/cli`; all by default")
+    parser.add_argument("--set-up", action="store_true", help="only what `make test` sets up, and how long that takes")
     parser.add_argument(
         "--folder", type=Path, default=Path("/var/tmp/shmgen-bare"), help="where the roots and logs are"
     )
@@ -324,7 +353,10 @@ def main() -> None:
     runs = [run for run in RUNS if all(word in run.name.split() for word in options.only.split())]
     for system in dict.fromkeys(run.system for run in runs):
         make_base(system, options.folder)
-    red = [run.name for run in runs if not tried(run, options.folder, options.tests)]
+    if options.set_up:
+        red = [run.name for run in runs if not set_up(run, options.folder)]
+    else:
+        red = [run.name for run in runs if not tried(run, options.folder, options.tests)]
     shutil.rmtree(options.folder / "run", ignore_errors=True)
     print(f"{len(runs) - len(red)} of {len(runs)} runs are green" + "".join(f"\nred: {name}" for name in red))
     sys.exit(bool(red))

@@ -551,7 +551,7 @@ def main() -> None:
         )
     print(
         f"seed {given.seed}: {verdict.kills} kills and {verdict.stops} stops in {verdict.rounds} bursts on "
-        f"{verdict.regions} regions; {verdict.recoveries} locks healed, {verdict.half_made} semaphores half made; "
+        f"{verdict.regions} regions; {verdict.recoveries} locks recovered, {verdict.half_made} semaphores half made; "
         f"mishaps: {dict(verdict.mishaps)}; "
         f"samples: {verdict.moves}; all moved again within {verdict.pause:.2f} s"
     )

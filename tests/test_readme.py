@@ -28,7 +28,7 @@ def alone() -> Iterator[list[str]]:
         assert holder.stdout is not None
         made = holder.stdout.readline() == "made\n"
         try:
-            yield ["nsenter", "-m", "-t", str(holder.pid)] if made else []
+            yield ["nsenter", "-m", "-r", "-w", "-t", str(holder.pid)] if made else []  # -r: this may be a chroot
         finally:
             holder.kill()
 

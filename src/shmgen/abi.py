@@ -52,30 +52,30 @@ class Number(NamedTuple):
 
 NUMBERS = (
     Number("MAGIC", MAGIC, "DWORD", "'SHMG': this is a region"),
-    Number("ABI", ABI, "UINT", "the generation of all this"),
+    Number("ABI", ABI, "UINT", "version of the protocol"),
     Number("HEADER_SIZE", HEADER_SIZE, "UINT", "bytes before slot 0"),
     Number("SLOT_HEADER", SLOT_HEADER, "UDINT", "bytes before the payload of a slot"),
-    Number("SLOT_STEP", SLOT_STEP, "UDINT", "bytes; a slot takes a multiple of it"),
-    Number("PAGE", PAGE, "UDINT", "bytes; a region takes a multiple of it"),
-    Number("PLC", PLC, "UDINT", "stands for a process id, which a PLC does not know"),
-    Number("LAST", LAST, "UDINT", "the greatest number of a sample; after it comes the number of slots"),
-    Number("ANEW", ANEW, "UDINT", "samples; so many cannot be missed: the region was begun anew"),
+    Number("SLOT_STEP", SLOT_STEP, "UDINT", "bytes; the size of a slot is a multiple of it"),
+    Number("PAGE", PAGE, "UDINT", "bytes; the size of a region is a multiple of it"),
+    Number("PLC", PLC, "UDINT", "in place of a process id, which a PLC does not know"),
+    Number("LAST", LAST, "UDINT", "the greatest number of a sample; then it wraps around to the number of slots"),
+    Number("ANEW", ANEW, "UDINT", "samples; so many cannot be missed: the numbers have started again"),
     Number("MAX_DEPTH", MAX_DEPTH, "UDINT", "samples a slow reader can still fetch"),
     Number("MAX_TYPE_NAME", MAX_TYPE_NAME, "UDINT", "bytes of a type's name, before the 0 that ends it"),
     Number("MAX_NAME", MAX_NAME, "UDINT", "characters of a region's name: STRING(80) less '-event'"),
     Number("MAX_CALL_NAME", MAX_CALL_NAME, "", "characters of a service or an action: MAX_NAME less '-response'"),
-    Number("WRITER_LOCK", WRITER_LOCK, "", "the byte under a record lock as long as somebody publishes"),
-    Number("REPAIR_LOCK", REPAIR_LOCK, "", "the byte under one while the header is written or a lock is healed"),
-    Number("RETRY_MS", RETRY_MS, "UDINT", "a PLC tries again to open what could not be opened"),
-    Number("CLAIM_MS", CLAIM_MS, "UDINT", "a writer whose heartbeat stands still for so long is gone"),
-    Number("CONFIRM_MS", CONFIRM_MS, "UDINT", "a name put into `writer` that still stands after it is a claim"),
-    Number("HEAL_MS", HEAL_MS, "UDINT", "a lock that nobody has passed for so long is stuck"),
-    Number("DEAD_MS", DEAD_MS, "", "the same, if its holder is a process that is no more"),
-    Number("LOCK_MS", LOCK_MS, "", "a wait for the lock, unless told otherwise"),
+    Number("WRITER_LOCK", WRITER_LOCK, "", "the byte under a record lock while a writer has the region open"),
+    Number("REPAIR_LOCK", REPAIR_LOCK, "", "the byte under one while the header is written or the lock is recovered"),
+    Number("RETRY_MS", RETRY_MS, "UDINT", "a PLC tries again to open what it could not open"),
+    Number("CLAIM_MS", CLAIM_MS, "UDINT", "a writer whose heartbeat does not change for this long is gone"),
+    Number("CONFIRM_MS", CONFIRM_MS, "UDINT", "an id in `writer` that is unchanged after this time is a claim"),
+    Number("HEAL_MS", HEAL_MS, "UDINT", "a lock that nobody has acquired for this long is stuck"),
+    Number("DEAD_MS", DEAD_MS, "", "the same, if its holder is a process that no longer exists"),
+    Number("LOCK_MS", LOCK_MS, "", "timeout for the lock, by default"),
     Number("WAKE_MS", WAKE_MS, "", "the longest single wait for the event: what a lost wake-up costs"),
     Number("POLL_MS", POLL_MS, "", "between two looks where there is no event, or another reader has it"),
-    Number("SIGN_MS", SIGN_MS, "", "a server that waits counts its heartbeat up so often at least"),
-    Number("PEER_MS", PEER_MS, "", "a peer between two system calls has made the second, or is dead"),
+    Number("SIGN_MS", SIGN_MS, "", "a waiting server increments its heartbeat at least this often"),
+    Number("PEER_MS", PEER_MS, "", "a peer between two system calls has made the second by then, or is dead"),
 )
 """Names end with _MS where they are milliseconds."""
 
@@ -84,7 +84,7 @@ NUMBERS = (
 
 SIZES = {"u8": 1, "char": 1, "u16": 2, "u32": 4, "u64": 8}
 
-MAKER = "maker"
+MAKER = "creator"
 """Who writes the words that both sides must agree on: whoever finds no magic, in Python or in a PLC."""
 
 
@@ -118,7 +118,7 @@ class Word(NamedTuple):
 
 _PLC = f"16#{PLC:08X} = a PLC"
 HEADER = (
-    Word(0, "u32", "magic", "dwMagic", MAKER, f"16#{MAGIC:08X}, 'SHMG'; written last, 0 = still being made"),
+    Word(0, "u32", "magic", "dwMagic", MAKER, f"16#{MAGIC:08X}, 'SHMG'; written last, 0 = being created"),
     Word(4, "u16", "abi", "uiAbi", MAKER, f"{ABI}"),
     Word(6, "u16", "header_size", "uiHeaderSize", MAKER, f"{HEADER_SIZE}"),
     Word(8, "u64", "digest", "lwDigest", MAKER, "layout digest of the message"),
@@ -129,11 +129,11 @@ HEADER = (
     Word(32, f"char[{MAX_TYPE_NAME + 1}]", "type_name", "abyTypeName", MAKER, "'geometry_msgs/msg/Pose', the rest 0"),
     Word(128, "u32", "begun", "udiBegun", "writer", "number of the newest write begun"),
     Word(132, "u32", "completed", "udiCompleted", "writer", "number of the newest write completed, 0 = none yet"),
-    Word(152, "u32", "heartbeat", "udiHeartbeat", "writer", "counted up in each cycle, with or without data"),
-    Word(156, "u32", "lock_holder", "udiLockHolder", "who is inside", f"process id; {_PLC}, 0 = nobody"),
-    Word(160, "u32", "recoveries", "udiRecoveries", "who heals", "how often a dead holder's lock was freed"),
+    Word(152, "u32", "heartbeat", "udiHeartbeat", "writer", "incremented in each cycle, with or without data"),
+    Word(156, "u32", "lock_holder", "udiLockHolder", "lock holder", f"process id; {_PLC}, 0 = nobody"),
+    Word(160, "u32", "recoveries", "udiRecoveries", "whoever recovers", "how often a stuck lock was recovered"),
     Word(164, "u32", "armed", "udiArmed", "a waiting reader", "1 = a reader waits; the writer clears it and posts"),
-    Word(168, "u32", "lock_count", "udiLockCount", "who is inside", "counted up by whoever gets in"),
+    Word(168, "u32", "lock_count", "udiLockCount", "lock holder", "incremented at each acquisition"),
     Word(172, "u32", "missed", "udiMissed", "readers", "samples that readers missed, for people to see"),
 )
 

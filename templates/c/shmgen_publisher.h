@@ -19,7 +19,7 @@ typedef struct shmgen_publisher {
     uint32_t number;    /* of the sample between begin and complete */
     uint32_t beat;      /* heartbeat as last written, or as seen while a PLC is watched */
     uint32_t jump;      /* 1: a writer before may only stand still, and its numbers are left to it */
-    uint32_t inside;    /* 1: in the lock */
+    uint32_t inside;    /* 1: holds the lock */
     uint32_t unstamped;
     uint32_t reserved;
     shmgen_path path; /* the field that did not fit */
@@ -45,7 +45,7 @@ static inline shmgen_status shmgen_publisher_start(
     self->gone = shmgen_link_start(&self->end, topic, type, options);
     self->unstamped = options != NULL ? options->unstamped : 0;
     if (!SHMGEN_KEEPS_ORDER && (options == NULL || options->lock_us == 0))
-        self->end.limit = (SHMGEN_HEAL_MS + SHMGEN_PEER_MS) * SHMGEN_MS; /* by then it is free, or healed */
+        self->end.limit = (SHMGEN_HEAL_MS + SHMGEN_PEER_MS) * SHMGEN_MS; /* by then it is free, or recovered */
     if (self->gone == SHMGEN_OK)
         self->gone = SHMGEN_OPENING;
     return self->gone;

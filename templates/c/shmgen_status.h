@@ -84,7 +84,7 @@ static inline const char *shmgen_status_text(shmgen_status status)
     case SHMGEN_CALL_TIMEOUT: return "no answer in time";
     case SHMGEN_CALL_FAILED: return "the server answered that it could not do it";
     case SHMGEN_COUNT_EXCEEDED: return "more elements than the bound";
-    case SHMGEN_TEXT_TOO_LONG: return "a text that does not fit: longer than its capacity, or with a NUL inside";
+    case SHMGEN_TEXT_TOO_LONG: return "a string that does not fit: longer than its bound, or with a NUL in it";
     case SHMGEN_NO_SERVER: return "nobody serves; nothing was sent";
     case SHMGEN_CALL_OVER: return "nobody waits for this answer any more";
     case SHMGEN_NOTHING_NEW: return "no sample that has not been read";

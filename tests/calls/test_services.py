@@ -144,6 +144,7 @@ def interrupted_behind(step, call):
                 raise KeyboardInterrupt
         return trace
 
+    sys._getframe().f_trace_opcodes = True  # Python 3.12 heeds it from the next settrace on
     sys.settrace(trace)
     try:
         call()

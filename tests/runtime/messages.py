@@ -20,7 +20,7 @@ from shmgen import runtime  # noqa: E402
 from shmgen.runtime import claim, values  # noqa: E402
 from shmgen.runtime import header as h  # noqa: E402
 
-WHY_NOT = "shmgen was installed without a compiler, so publish and read are Python's alone: pip install -e ."
+WHY_NOT = "shmgen was installed without gcc or Python's headers: apt-get install gcc python3-dev; pip install -e ."
 POSE = struct.Struct("<7d")
 SCAN = struct.Struct("<I12xI16sB")
 LONG = 6000

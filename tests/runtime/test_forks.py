@@ -147,6 +147,7 @@ def test_a_fork_between_any_two_instructions(topic):
                         held.append(frame.f_code.co_name)
             return trace
 
+        sys._getframe().f_trace_opcodes = True  # Python 3.12 heeds it from the next settrace on
         sys.settrace(trace)
         try:
             work()

@@ -50,11 +50,14 @@ def interrupted_at(step, call):
         return trace
 
     def traced():
+        sys._getframe().f_trace_opcodes = True  # Python 3.12 heeds it from the next settrace on
         sys.settrace(trace)
         try:
             call()
         except Interrupt:
             return True
+        finally:
+            sys.settrace(None)  # Python 3.12 dies of a thread that ends traced
         return False
 
     with ThreadPoolExecutor(1) as thread:

@@ -106,7 +106,7 @@ def test_no_descriptors_left(topic):
         for descriptor in taken:
             os.close(descriptor)
         resource.setrlimit(resource.RLIMIT_NOFILE, limits)
-    assert 1 < spare < 20
+    assert 1 < spare < 20, text
     assert "Too many open files" in text
 
 

@@ -37,12 +37,13 @@ def run(arguments: Sequence[str], folder: Path) -> Result:
 
 @contextlib.contextmanager
 def inside(folder: Path) -> Iterator[None]:
-    before = Path.cwd()
+    before = os.open(".", os.O_RDONLY)  # its path may lead through a folder that the present user may not enter
     os.chdir(folder)
     try:
         yield
     finally:
-        os.chdir(before)
+        os.fchdir(before)
+        os.close(before)
 
 
 def tree(folder: Path) -> dict[str, bytes | None]:

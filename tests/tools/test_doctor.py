@@ -16,6 +16,7 @@ from types import SimpleNamespace
 import posix_ipc
 import pytest
 
+import shmgen.tools.clean  # noqa: F401 nobody() may not be able to read it
 from shmgen.runtime import RegionUnusable, order, region_name
 from shmgen.runtime import header as h
 from shmgen.runtime.access import RegionOptions

@@ -109,7 +109,10 @@ def bits(pid: int) -> int | None:
         return None
 
 
-_LINE = re.compile(r"([0-9a-f]+)-([0-9a-f]+) \S+ \S+ ([0-9a-f]+):([0-9a-f]+) (\d+) +/dev/shm/(.+?)( \(deleted\))?\n?")
+_PATH = r"(?:/.*)?/dev/shm/(.+?)( \(deleted\))?\n?"
+"""Seen out of a chroot, the path of what lies outside begins with that of the chroot."""
+
+_LINE = re.compile(r"([0-9a-f]+)-([0-9a-f]+) \S+ \S+ ([0-9a-f]+):([0-9a-f]+) (\d+) +" + _PATH)
 
 
 def _mapped(pid: int) -> Iterator[Mapping]:

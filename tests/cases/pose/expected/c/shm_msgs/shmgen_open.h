@@ -14,7 +14,7 @@
 extern "C" {
 #endif
 
-/* Another maker of the same header has written his after so many ns. */
+/* Another creator of the same region has written its header after so many ns. */
 #define SHMGEN_OTHER_MAKER (2 * SHMGEN_MS)
 /* Characters that a file name leaves a region: 255 less those of "sem." and "-event". */
 #define SHMGEN_LONGEST 245
@@ -222,7 +222,7 @@ static inline shmgen_status shmgen_map(shmgen_link *link)
     uint32_t magic;
     shmgen_status checked;
     void *base;
-    if (!shmgen_is_safe(link, link->file)) /* its maker may be about to give it its group */
+    if (!shmgen_is_safe(link, link->file)) /* its creator may be about to set its group */
         return shmgen_elapsed(link) > SHMGEN_PEER_MS * SHMGEN_MS ? SHMGEN_STRANGER : SHMGEN_OPENING;
     if (fstat(link->file, &status) != 0)
         return SHMGEN_REGION_OPEN_FAILED;
@@ -362,7 +362,7 @@ static inline shmgen_status shmgen_open_lock(shmgen_link *link)
         link->attempts = attempts;
         return attempts < SHMGEN_ATTEMPTS ? shmgen_go(link, SHMGEN_STEP_FILE) : SHMGEN_RESTLESS;
     }
-    /* Who is inside may be stuck: its time runs beside that in which a writer makes sure of its claim. */
+    /* The lock may be stuck: its time runs beside that in which a writer makes sure of its claim. */
     if (link->lock != NULL && shmgen_tokens(link->lock) < 1)
         shmgen_note_stay(link);
     link->step = SHMGEN_STEP_CLAIM;
