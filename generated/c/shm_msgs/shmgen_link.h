@@ -80,7 +80,7 @@ typedef struct shmgen_options {
     uint32_t depth;     /* samples a slow reader can still fetch, the same on both sides; 0: 1 */
     uint32_t mode;      /* of the files, as 0660; 0: what shmgen.toml says, or 0660 for those made here */
     uint32_t lock_us;   /* the longest a call waits for the lock, 1000000 at most; 0: SHMGEN_LOCK_MS, and for a writer
-                         * where the lock is needed (not on x86) until it is free or healed, 1.1 s at most */
+                         * where the lock is needed (not on x86) until it is free or recovered, 1.1 s at most */
     uint32_t unstamped; /* 1: samples carry no time, which saves a look at the clock */
 } shmgen_options;
 
@@ -103,7 +103,7 @@ typedef enum shmgen_step {
 typedef struct shmgen_link {
     char name[256];       /* "/robot.pose" */
     int64_t since;        /* ns, start of the present step */
-    int64_t stood;        /* ns, since when the stay inside the lock that is known has lasted */
+    int64_t stood;        /* ns, since when the holder that is known has held the lock */
     int64_t group;        /* wanted of the files, -1: none in particular */
     uint32_t mode;        /* the same, 0: none in particular */
     uint32_t seen_holder; /* the stay that is known */
