@@ -18,7 +18,7 @@ import struct
 import sys
 import time
 from collections.abc import Callable
-from contextlib import suppress
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -99,11 +99,8 @@ def main() -> None:
         _pose(*topics[:1], topics[2])
         _image(topics[1], topics[3])
     finally:
-        for topic in topics:
-            name = "/" + runtime.region_name(topic)
-            for unlink in (posix_ipc.unlink_shared_memory, posix_ipc.unlink_semaphore):
-                with suppress(posix_ipc.ExistentialError):
-                    unlink(name)
+        for file in Path("/dev/shm").glob(f"*shmgen_benchmark_{os.getpid()}.*"):
+            file.unlink()
 
 
 def _pose(topic: str, hand_topic: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dis
+import gc
 import os
 import random
 import signal
@@ -50,6 +51,7 @@ def interrupted_at(step, call):
         return trace
 
     def traced():
+        gc.freeze()  # what other tests have left is not put away in here, where nobody would hear of the exception
         sys._getframe().f_trace_opcodes = True  # Python 3.12 heeds it from the next settrace on
         sys.settrace(trace)
         try:
@@ -58,6 +60,7 @@ def interrupted_at(step, call):
             return True
         finally:
             sys.settrace(None)  # Python 3.12 dies of a thread that ends traced
+            gc.unfreeze()
         return False
 
     with ThreadPoolExecutor(1) as thread:
