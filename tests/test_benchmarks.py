@@ -33,7 +33,10 @@ main()
 def test_a_benchmark_runs(name: str) -> None:
     command = [sys.executable, "-c", RUN, str(SCRIPTS[name]), *ARGUMENTS.get(name, [])]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
-        said, _ = process.communicate(timeout=500)
+        try:
+            said, _ = process.communicate(timeout=500)
+        finally:
+            process.kill()
     assert process.returncode == 0, said
     assert re.search(r"\d", said), said
     assert not list(Path("/dev/shm").glob(f"*benchmark_{process.pid}*"))

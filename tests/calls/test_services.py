@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dis
 import logging
-import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -27,6 +26,8 @@ from shm_service.cell_msgs.srv import (
 from shmgen import runtime
 from shmgen.runtime import calls, lock
 from shmgen.runtime import header as h
+
+from ..support.tracing import traced
 
 RUNTIME = str(Path(runtime.__file__).parent)
 
@@ -144,14 +145,11 @@ def interrupted_behind(step, call):
                 raise KeyboardInterrupt
         return trace
 
-    sys._getframe().f_trace_opcodes = True  # Python 3.12 heeds it from the next settrace on
-    sys.settrace(trace)
     try:
-        call()
+        with traced(trace):
+            call()
     except KeyboardInterrupt:
         return True
-    finally:
-        sys.settrace(None)
     return False
 
 

@@ -20,6 +20,7 @@ from shmgen.runtime.region import _FLOCK, REPAIR_LOCK
 
 from ..chaos_faults import swap_map
 from ..support import machine
+from ..support.tracing import traced
 from .messages import PosePublisher, PoseSubscriber, pose
 
 
@@ -147,12 +148,8 @@ def test_a_fork_between_any_two_instructions(topic):
                         held.append(frame.f_code.co_name)
             return trace
 
-        sys._getframe().f_trace_opcodes = True  # Python 3.12 heeds it from the next settrace on
-        sys.settrace(trace)
-        try:
+        with traced(trace):
             work()
-        finally:
-            sys.settrace(None)
         return left <= 0
 
     steps = iter(range(1, 100_000, 37))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dis
-import gc
 import os
 import random
 import signal
@@ -20,6 +19,7 @@ from shmgen.runtime import header as h
 from shmgen.runtime import lock, straight
 from shmgen.runtime.region import REPAIR_LOCK
 
+from ..support.tracing import traced
 from .messages import WHY_NOT, PosePublisher, PoseSubscriber, pose
 
 RUNTIME = os.path.dirname(runtime.__file__)
@@ -50,21 +50,16 @@ def interrupted_at(step, call):
                 raise Interrupt
         return trace
 
-    def traced():
-        gc.freeze()  # what other tests have left is not put away in here, where nobody would hear of the exception
-        sys._getframe().f_trace_opcodes = True  # Python 3.12 heeds it from the next settrace on
-        sys.settrace(trace)
+    def work():
         try:
-            call()
+            with traced(trace):
+                call()
         except Interrupt:
             return True
-        finally:
-            sys.settrace(None)  # Python 3.12 dies of a thread that ends traced
-            gc.unfreeze()
         return False
 
     with ThreadPoolExecutor(1) as thread:
-        return thread.submit(traced).result()
+        return thread.submit(work).result()
 
 
 @pytest.fixture(params=WAYS)
