@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import shutil
 import subprocess
 import sys
@@ -10,15 +9,11 @@ import time
 
 import pytest
 
-from shmgen import config, pipeline
-from shmgen.diagnostics import Report
-
 from ..conftest import REPOSITORY
 from ..softplc import compile_st
 from ..support.ros1 import LIMIT
 from ..support.ros2 import Graph
-
-PAGE = (REPOSITORY / "docs" / "tutorial-plc.md").read_text()
+from ..support.tutorial import project
 
 
 @pytest.mark.slow
@@ -26,13 +21,8 @@ PAGE = (REPOSITORY / "docs" / "tutorial-plc.md").read_text()
 @pytest.mark.parametrize("graph", [("jazzy", "ros2")], indirect=True, ids="-".join)
 def test_a_ros_2_topic_in_the_plc_of_the_tutorial(graph: Graph, space: str) -> None:
     """A target from rclpy through the bridge to the tutorial's own program, and the belt's speed back."""
-    (settings,), (program,) = (re.findall(rf"```{kind}\n(.*?)```", PAGE, re.DOTALL) for kind in ("toml", "iecst"))
-    (graph.folder / "shmgen.toml").write_text(settings)
-    texts = pipeline.generate(config.load(graph.folder / "shmgen.toml", "shmgen.toml", Report()), ())
-    st = {
-        path: text.replace("sTopic := '", f"sTopic := '{space}") for path, text in texts.items() if path.endswith(".st")
-    }
-    compile_st(st | {"yours.st": f"PROGRAM PRG_Conveyor\n{program}END_PROGRAM\n"}, graph.folder / "plc")
+    settings, _, st = project(graph.folder, space)
+    compile_st(st, graph.folder / "plc")
     graph.bridge(settings.replace('topic = "', f'topic = "{space}'))
     peer = graph.peer()
     peer.ask(do="advertise", topic=f"{space}/robot/target", type="geometry_msgs/msg/Pose")
