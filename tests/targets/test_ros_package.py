@@ -151,8 +151,14 @@ def test_the_launch_file_of_ros_2_starts_what_setup_installs(project: Path) -> N
 def test_setup_installs_it_and_the_bridge_starts_from_there(project: Path) -> None:
     pytest.importorskip("setuptools")
     folder, target = project / "generated" / "ros2" / "cell_bridge", project / "install"
-    command = [sys.executable, "setup.py", "-q", "install", f"--root={target}", "--prefix=/", "--single-version-ext"]
-    done = subprocess.run([*command, "--install-lib=/lib"], cwd=folder, capture_output=True, text=True, check=False)
+    command = [sys.executable, "setup.py", "-q", "install", f"--prefix={target}", f"--record={project}/record"]
+    done = subprocess.run(
+        [*command, "--single-version-ext", f"--install-lib={target}/lib"],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     assert {str(path.relative_to(target)) for path in (target / "share").rglob("*") if path.is_file()} == {
         "share/ament_index/resource_index/packages/cell_bridge",
