@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import random
 import stat
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -22,6 +23,7 @@ from ..support.schemas import plain, random_message
 from .conftest import MESSAGES, texts_of
 
 Classes = Callable[[str], tuple[Any, Any, Any]]
+ENDS = ("Publisher", "Subscriber")
 
 
 def publisher(plc: Program, message: str, topic: str, **inputs: object) -> Instance:
@@ -222,6 +224,23 @@ def test_nothing_is_left_mapped_when_the_program_is_unloaded(shared: Path, topic
         assert heard().xNewData
         program.unload()
         assert held(topic) == []
+
+
+def test_in_openplc_v4_an_end_goes_with_its_task(plc: Program, shared: Path, topic: str) -> None:
+    """Which stops with the program, while the shared object may stay loaded; whoever goes on opens it again."""
+    said, heard = (plc.block(f"FB_demo_msgs_Number_{end}", xEnable=True, sTopic=topic) for end in ENDS)
+    tasks = [threading.Thread(target=ready, args=(block,)) for block in (said, heard)]
+    for task in tasks:
+        task.start()
+        task.join()
+    assert said.xBusy == heard.xBusy == 0
+    if shared.parent.name == "openplc-v4":
+        assert until(lambda: held(topic) == [], within=20), "Python's join() does not wait for the thread's own end"
+    else:
+        assert held(topic)
+    assert ready(said)().xSent
+    assert ready(heard).xValid
+    assert held(topic)
 
 
 def held(topic: str) -> list[str]:

@@ -10,6 +10,7 @@
 #include "shmgen_publisher.h"
 #include "shmgen_subscriber.h"
 
+#include <pthread.h>
 #include <stdlib.h>
 
 #ifdef __cplusplus
@@ -65,6 +66,9 @@ typedef struct shmgen_block {
     uint32_t place; /* in the table */
     uint32_t reserved;
     char topic[256];
+#ifdef SHMGEN_CLOSED_WITH_THREAD
+    pthread_t thread; /* that opened it */
+#endif
 } shmgen_block;
 
 static shmgen_block *shmgen_blocks[SHMGEN_BLOCKS];
@@ -146,11 +150,62 @@ static inline void shmgen_block_close(shmgen_block *self)
     __atomic_store_n(&shmgen_blocks[place], (shmgen_block *)NULL, __ATOMIC_RELEASE);
 }
 
+/* An end goes with the thread that opened it, if SHMGEN_CLOSED_WITH_THREAD is defined: a runtime whose dlclose() unloads
+ * nothing, since the compiler made symbols of C++ unique, still ends its tasks' threads when it stops a program. */
+#ifdef SHMGEN_CLOSED_WITH_THREAD
+static pthread_once_t shmgen_thread_once = PTHREAD_ONCE_INIT;
+static pthread_key_t shmgen_thread_key;
+static uint8_t shmgen_thread_known;
+
+static inline void shmgen_thread_ended(void *unused)
+{
+    (void)unused;
+    for (uint32_t place = 0; place < SHMGEN_BLOCKS; place++) {
+        shmgen_block *self;
+        if (__atomic_exchange_n(&shmgen_busy[place], (uint8_t)1, __ATOMIC_ACQUIRE) != 0)
+            continue;
+        self = __atomic_load_n(&shmgen_blocks[place], __ATOMIC_ACQUIRE);
+        if (self != NULL && pthread_equal(self->thread, pthread_self()) != 0)
+            shmgen_block_close(self);
+        __atomic_store_n(&shmgen_busy[place], (uint8_t)0, __ATOMIC_RELEASE);
+    }
+}
+
+static inline void shmgen_thread_made(void)
+{
+    shmgen_thread_known = pthread_key_create(&shmgen_thread_key, shmgen_thread_ended) == 0 ? 1 : 0;
+}
+
+static inline void shmgen_thread_opens(shmgen_block *self)
+{
+    self->thread = pthread_self();
+    pthread_once(&shmgen_thread_once, shmgen_thread_made);
+    if (shmgen_thread_known != 0)
+        pthread_setspecific(shmgen_thread_key, self);
+}
+
+static inline void shmgen_thread_unload(void)
+{
+    if (shmgen_thread_known != 0)
+        pthread_key_delete(shmgen_thread_key);
+}
+#else
+static inline void shmgen_thread_opens(const shmgen_block *self)
+{
+    (void)self;
+}
+
+static inline void shmgen_thread_unload(void)
+{
+}
+#endif
+
 /* Nothing is left mapped when the program is unloaded. A thread that is inside a call still keeps its end: the process
  * is about to end then. */
 __attribute__((destructor, unused)) static void shmgen_unload(void)
 {
     __atomic_store_n(&shmgen_unloaded, (uint8_t)1, __ATOMIC_SEQ_CST);
+    shmgen_thread_unload();
     for (uint32_t place = 0; place < SHMGEN_BLOCKS; place++)
         if (__atomic_exchange_n(&shmgen_busy[place], (uint8_t)1, __ATOMIC_SEQ_CST) == 0 && shmgen_blocks[place] != NULL)
             shmgen_block_close(shmgen_blocks[place]);
@@ -216,6 +271,7 @@ static inline shmgen_block *shmgen_block_placed(shmgen_block *self, uint32_t *nu
         }
         self->owner = owner;
         self->place = place;
+        shmgen_thread_opens(self);
         __atomic_store_n(&shmgen_blocks[place], self, __ATOMIC_RELEASE);
         *number = place + 1;
         return self;
