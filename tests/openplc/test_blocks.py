@@ -231,21 +231,38 @@ def test_nothing_is_left_mapped_when_the_program_is_unloaded(shared: Path, topic
         assert held(topic) == []
 
 
-def test_in_openplc_v4_an_end_goes_with_its_task(plc: Program, shared: Path, topic: str) -> None:
-    """Which stops with the program, while the shared object may stay loaded; whoever goes on opens it again."""
+def test_an_end_goes_with_the_task_that_opened_it(plc: Program, topic: str) -> None:
+    """Which ends with the program, while the shared object may stay loaded; then whoever goes on opens it again."""
     said, heard = (plc.block(f"FB_demo_msgs_Number_{end}", xEnable=True, sTopic=topic) for end in ENDS)
-    tasks = [threading.Thread(target=ready, args=(block,)) for block in (said, heard)]
-    for task in tasks:
-        task.start()
-        task.join()
-    assert said.xBusy == heard.xBusy == 0
-    if shared.parent.name == "openplc-v4":
-        assert until(lambda: held(topic) == [], within=20), "Python's join() does not wait for the thread's own end"
-    else:
-        assert held(topic)
+    for block in (said, heard):
+        in_a_thread(ready, block)
+        assert block.xBusy == 0
+    assert until(lambda: held(topic) == [], within=20), "join() does not wait for all of the thread's end"
     assert ready(said)().xSent
     assert ready(heard).xValid
-    assert held(topic)
+
+
+def test_an_end_stays_where_each_call_has_a_thread_of_its_own(plc: Program, topic: str) -> None:
+    said = plc.block("FB_demo_msgs_Number_Publisher", xEnable=True, sTopic=topic)
+    assert until(lambda: (in_a_thread(said), said.xSent == 1)[1], within=20)
+    for _ in range(3):
+        in_a_thread(said)
+        assert said.xSent
+
+
+def test_a_block_with_first_values_again_closes_what_it_had_open(plc: Program, topic: str) -> None:
+    """Beremiz starts a program again without loading it again: a publisher must not be kept out by itself."""
+    said = publisher(plc, "Number", topic)
+    before = len(held(topic))
+    said._udiEnd = 0
+    assert ready(said)().xSent
+    assert len(held(topic)) == before
+
+
+def in_a_thread(call: Callable[..., object], *given: object) -> None:
+    thread = threading.Thread(target=call, args=given)
+    thread.start()
+    thread.join()
 
 
 def held(topic: str) -> list[str]:

@@ -24,8 +24,6 @@ from shmgen.targets.st.names import ST_TIME, st_type
 NAMES = names.capital_names("OpenPLC")
 PROTOCOL = "SHMGEN_PROTOCOL"
 """The chunk that every block needs."""
-CLOSED_WITH_THREAD = "#define SHMGEN_CLOSED_WITH_THREAD 1"
-"""OpenPLC v4 ends its tasks when a program is stopped; what dlclose() does then depends on how it was compiled."""
 
 
 class Library(NamedTuple):
@@ -57,7 +55,7 @@ def _library(job: Job, blocks: tuple[Block, ...], made: program.Program | None) 
     messages = {structure(layout, STRUCPP): embedded.message(layout, job) for layout in layouts}
     every = {**dict.fromkeys(own, ()), **messages, **dict.fromkeys(made.structures if made else (), ())}
     known = {one.name.upper() for one in every}
-    chunks = [_chunk(job.package, PROTOCOL, "type", (CLOSED_WITH_THREAD, *protocol.lines), (), ())]
+    chunks = [_chunk(job.package, PROTOCOL, "type", protocol.lines, (), ())]
     for one, lines in every.items():
         needs = [*([PROTOCOL] if lines else []), *_needs(one.members, known)]
         chunks.append(_chunk(job.package, one.name.upper(), "type", (*lines, *_structure(one)), (), needs))
