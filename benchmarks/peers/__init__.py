@@ -171,10 +171,12 @@ def _block(size: int) -> tuple[Any, Any]:
         else:
             into[at + 8 : at + size] = data
 
-    fields = [("stamp", ctypes.c_uint64), ("data", ctypes.c_uint8 * (size - 8))]
+    fields = [("stamp", ctypes.c_uint64), ("_data", ctypes.c_uint8 * (size - 8))]
     body = {
         "_pack_": 1,
         "_fields_": fields,
+        "_names_": ("stamp", "data"),
+        "data": runtime.Elements(8, ctypes.c_uint8, size - 8),
         "_type_name_": "benchmark/msg/Block",
         "_digest_": size,
         "_encode": staticmethod(encode),

@@ -93,7 +93,7 @@ else:
         graph = dds.connect(Node("ours", 7, notes.append, lambda: False))
         wanted, deadline = set(json.loads(sys.argv[2])), time.monotonic() + 20
         settled = None
-        for seen in names(graph._ends._participant):
+        for seen in names(graph._ends.participant):
             if wanted <= seen and settled is None:
                 settled = time.monotonic() + 3  # so long for one who must not come
             if time.monotonic() > (settled or deadline):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import array
 import ctypes
 import math
 import os
@@ -21,6 +22,7 @@ from shmgen.config import Config
 from shmgen.model import TypeName
 from shmgen.runtime import header as h
 from shmgen.runtime import straight
+from shmgen.runtime.fields import Elements
 from tests.conftest import REPOSITORY
 from tests.support.build import classes, put
 
@@ -40,7 +42,7 @@ from .messages import (
 pytestmark = pytest.mark.skipif(not straight.IN_C, reason=WHY_NOT)
 
 KINDS = ["bool", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"]
-INNER = "".join(f"{kind} {kind}_one\n" for kind in KINDS)
+INNER = "".join(f"{kind} {kind}_one\n{kind}[3] {kind}_three\n{kind}[<=4] {kind}_some\n" for kind in KINDS)
 EDGES = (
     0,
     1,
@@ -79,15 +81,18 @@ def kinds(tmp_path_factory):
 def any_object(kind, value):
     """With the fields of a message, each number made by `value`."""
     inner = {name: inner for name, inner, *_ in kind._fields_}
-    fields = {
-        name: value(straight._CODES[inner[name]]) if inner[name] in straight._CODES else any_object(inner[name], value)
-        for name in kind._names_
-    }
-    return SimpleNamespace(**fields)
+
+    def made(name):
+        shown = vars(kind)[name]
+        if isinstance(shown, Elements):
+            return [value(straight._CODES[shown.kind]) for _ in range(shown.length)]
+        return value(straight._CODES[inner[name]]) if inner[name] in straight._CODES else any_object(inner[name], value)
+
+    return SimpleNamespace(**{name: made(name) for name in kind._names_})
 
 
 def outcome(publisher, message):
-    """The bytes in the region, or what was raised; and that the former sample is there in that case."""
+    """The message in the region, or what was raised; and that the former sample is there in that case."""
     before = publisher.sequence
     try:
         publisher.publish(message)
@@ -95,7 +100,13 @@ def outcome(publisher, message):
         assert publisher.sequence == before == publisher._region.words[h.COMPLETED]
         return type(error), str(error)
     assert publisher.sequence == before + 1
-    return publisher._region.map[publisher._region.payload(publisher.sequence)]
+    return newest(publisher)
+
+
+def newest(publisher):
+    """As text: nan is nan, and what lies behind a count is nothing."""
+    lies = publisher._region.map[publisher._region.payload(publisher.sequence)]
+    return repr(publisher.message_type.from_buffer_copy(lies))
 
 
 def test_numbers_from_any_object_are_taken_and_refused_as_in_python(topic, kinds):
@@ -119,10 +130,67 @@ def test_numbers_from_any_object_are_taken_and_refused_as_in_python(topic, kinds
                 setattr(message.two, f"{field}_one", value)
                 found = outcome(python, message)
                 assert outcome(quick, message) == found, (field, value)
-                count += isinstance(found, bytes)
+                setattr(message.two, f"{field}_one", 0)
+                getattr(message.one, f"{field}_three")[1] = value
+                assert outcome(quick, message) == outcome(python, message), (field, value)
+                count += isinstance(found, str)
         assert 100 < count < quick.sequence + 1
         del message.one.int8_one
         assert outcome(quick, message) == outcome(python, message)
+
+
+SEQUENCES = (
+    [],
+    [1],
+    (1, 0, 1),
+    [1, 0, 1, 0],
+    (1,) * 5,
+    [True, False, True],
+    b"",
+    b"abc",
+    bytearray(b"abcd"),
+    b"abcde",
+    memoryview(b"abcdef")[::2],
+    *(array.array(code, [1, 2, 3]) for code in "bBhHiIlLqQfd"),
+    array.array("B"),
+    memoryview(array.array("d", range(6)))[::2],
+    memoryview(bytes(8)).cast("B", (2, 2, 2)),
+    (3 * ctypes.c_double)(1, 2, 3),
+    (3 * ctypes.c_bool)(True, False, True),
+    (4 * ctypes.c_char)(b"a"),
+    ctypes.c_uint8(7),
+    range(3),
+    "abc",
+    {1: 2, 3: 4, 5: 6},
+    None,
+    7,
+    [[1], [2], [3]],
+)
+
+
+def test_arrays_from_any_object_are_taken_and_refused_as_in_python(topic, kinds):
+    """Each kind of number, always full and with a bound, out of whatever one may give for it."""
+    kind, publishers, _ = kinds
+    numpy = pytest.importorskip("numpy")
+    many = [numpy.array(values) for values in ([1.5, 2, 3], [1, 2, 3], [[1, 2], [3, 4]], [True, False, True], 7, [])]
+    each = [one.astype(code) for one in many[:2] for code in ("f4", "f8", "i4", "u4", "u1", "i8", ">i4", ">f8", "f2")]
+    each.append(numpy.arange(12, dtype="u2")[::4])
+    with publishers(topic) as quick, publishers(f"{topic}/python") as python:
+        python._disconnect()
+        taken = set()
+        for end in ("three", "some"):
+            for field in KINDS:
+                for value in (*SEQUENCES, *many, *each):
+                    message = any_object(kind, lambda code: 0.5 if code in "fd" else code == "?" or 1)
+                    setattr(message.two, f"{field}_{end}", value)
+                    found = outcome(python, message)
+                    if quick._at_once(message):
+                        taken.add(type(value))
+                        assert newest(quick) == found, (field, end, value)
+                    else:
+                        assert outcome(quick, message) == found, (field, end, value)
+    assert taken >= {list, tuple, bytes, bytearray, memoryview, array.array, numpy.ndarray, 3 * ctypes.c_double}
+    assert not taken & {range, str, dict, type(None), int}
 
 
 def test_a_message_of_more_objects_than_the_extension_holds_is_left_to_python():
@@ -137,7 +205,7 @@ def test_a_message_of_more_objects_than_the_extension_holds_is_left_to_python():
 
     assert steps(*[Leaf] * (straight.MOST_OBJECTS - 1)) == 2 * 31
     assert steps(*[Leaf] * straight.MOST_OBJECTS) == 0
-    assert (steps(ctypes.c_int8, Leaf), steps(ctypes.c_int8, 3 * ctypes.c_int8)) == (3, 0), "nor are arrays taken"
+    assert (steps(ctypes.c_int8, Leaf), steps(ctypes.c_int8, 3 * ctypes.c_int8)) == (3, 0), "bare arrays are not"
 
 
 def test_an_attribute_that_is_interrupted_or_closes_the_publisher(topic, kinds):
@@ -206,14 +274,19 @@ def test_long_arrays_lie_where_python_puts_them(topic):
         assert healthy == (1, 0)
 
 
-def test_nothing_of_it_stays_behind(topic):
+def test_nothing_of_it_stays_behind(topic, kinds):
     """What publish and read have held is free again: 50,000 samples would be more than 2 MiB."""
+    kind, publishers, _ = kinds
+    arrays = any_object(kind, lambda code: 0.5 if code in "fd" else code == "?" or 1)
+    arrays.one.float64_three, arrays.one.uint8_some = array.array("d", [1, 2, 3]), b"abc"
     message = SimpleNamespace(position=SimpleNamespace(x=1.5, y=2.5, z=3.5), orientation=pose(0).orientation)
     scans = ScanPublisher(f"{topic}/scan")
-    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber, scans:
+    more = publishers(f"{topic}/arrays")
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber, scans, more:
 
         def exchange(times):
-            for _ in range(times):
+            for number in range(times):
+                assert number % 4 or more._at_once(arrays)
                 publisher.publish(message)
                 subscriber.read()
                 scans.publish(long)

@@ -145,11 +145,12 @@ class Outlet:
     """A ROS publisher. `new()` makes an empty message, `send(message)` publishes one that `new` made.
 
     Lists in it may hold any objects with the attributes of the element's type, such as those of our own classes.
-    `send` neither waits for subscribers nor raises for want of them.
+    `send` neither waits for subscribers nor raises for want of them. What it `keeps` nobody changes later.
     """
 
     new: Callable[[], Any]
     send: Callable[[Any], None]
+    keeps: bool = True
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,7 @@ from shmgen.bridge import actions_of_ros2, dds_services
 from shmgen.bridge.backend import Answer, Caller, Intake, Node, Outlet, Refuse, ServiceWire, Taker, Wire
 from shmgen.bridge.cdr import Codec, codec
 from shmgen.bridge.dds_dropped import Dropped
-from shmgen.bridge.dds_ends import Ends, Peers, matches, quality, send
+from shmgen.bridge.dds_ends import Ends, Heard, Peers, matches, quality, send
 from shmgen.bridge.dds_network import confine, network, sockets
 from shmgen.bridge.dds_types import structure, topic_name
 from shmgen.bridge.identity import TAKES_OURS, Identity
@@ -74,10 +74,10 @@ class Graph:
         writer = self._ends.writer(name, kind, _quality(wire, made), peers.matched)
         for handle in matches(writer):  # those of whom nobody was told while it was made
             peers.matched(writer, handle)
-        return Outlet(made.new, lambda message: send(writer, made.encode(message)))
+        return Outlet(made.new, lambda message: send(writer, made.encode(message)), keeps=False)
 
     def subscribe(self, wire: Wire, taker: Taker) -> Intake:
-        """Hands over in a thread of the topic's own. Raises as publisher()."""
+        """Hands over in the thread of all topics. Raises as publisher()."""
         made = codec(wire.messages)
         name = topic_name(wire.topic)
         identity = Identity(wire.topic, wire.type, made.type_hash, self._ends.tell, wire.accepts_other)
@@ -112,7 +112,7 @@ class Graph:
                 taker.lose(count)
 
         self._dropped.tell(name, reject)
-        self._ends.listen(reader, take, name, wire.queue, lose)
+        self._ends.topics.add(Heard(reader, take, name, wire.queue, lose))
         return Intake(made.new, lambda: bool(matches(reader)))
 
     def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:

@@ -1,4 +1,4 @@
-"""Turns names, types and QoS into Cyclone's readers and writers, each reader with a thread of its own.
+"""Turns names, types and QoS into Cyclone's readers and writers: one thread for all topics, and one for each service.
 
 A thread that waits costs less than Cyclone's listener, for which Python makes a thread state at each message.
 """
@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import Any, Literal
 
 from cyclonedds.core import (
@@ -76,80 +77,40 @@ class Ends:
 
     def __init__(self, participant: DomainParticipant, tell: Callable[[str], None]) -> None:
         self.tell = tell
-        self._participant = participant
-        self._stop = GuardCondition(participant)
-        self._closing = False  # said by _stop too; but to ask it each time gives the GIL away
-        self._threads: list[threading.Thread] = []
+        self.participant = participant
+        self.stop = GuardCondition(participant)
+        self.closing = False  # said by `stop` too; but to ask it each time gives the GIL away
+        self.threads: list[threading.Thread] = []
+        self.topics = Ear(self)
 
     def writer(self, topic: str, kind: type[Any], qos: Qos, matched: Matched | None = None) -> DataWriter:
         """Of the structure `kind`."""
         listener = self._watch(topic, "offer", matched)
-        return DataWriter(self._participant, Topic(self._participant, topic, kind), qos, listener)
+        return DataWriter(self.participant, Topic(self.participant, topic, kind), qos, listener)
 
     def reader(self, topic: str, kind: type[Any], qos: Qos, matched: Matched | None = None) -> DataReader:
         """Of the structure `kind`; what it takes are objects with `cdr`."""
         without_service = qos - Qos(qos[Policy.DurabilityService]) if Policy.DurabilityService in qos else qos
         return DataReader(
-            self._participant,
-            Topic(self._participant, topic, kind),
+            self.participant,
+            Topic(self.participant, topic, kind),
             without_service,
             self._watch(topic, "ask for", matched),
         )
 
-    def listen(
-        self,
-        reader: DataReader,
-        callback: Callable[[Any], None],
-        name: str,
-        queue: int = _AT_ONCE,
-        lose: Callable[[int], None] = lambda count: None,
-    ) -> None:
-        """Calls `callback` with each sample, in order, in a thread of its own. What it raises is told, not often.
-
-        A reader whose `queue` is found full has lost at least one: Cyclone says neither that nor how many. That is
-        told to `lose`, of a queue that is not so short that it may well be full with nothing lost.
-        """
-        words = (reader, callback, name, queue, lose)
-        thread = threading.Thread(target=self._run, args=words, name=name, daemon=True)
-        self._threads.append(thread)
-        thread.start()
+    def listen(self, reader: DataReader, callback: Callable[[Any], None], name: str) -> None:
+        """Calls `callback` with each sample, in order, in a thread of its own."""
+        Ear(self).add(Heard(reader, callback, name))
 
     def close(self) -> None:
         """Deletes all; for the peers they are gone at once."""
-        self._closing = True
+        self.closing = True
         with suppress(DDSException):
-            self._stop.set(True)
+            self.stop.set(True)
         deadline = time.monotonic() + _FAREWELL
-        for thread in self._threads:
+        for thread in self.threads:
             thread.join(max(0.0, deadline - time.monotonic()))
-        self._participant.__del__()  # there is no other way in Cyclone's Python; what is in it goes with it
-
-    def _run(
-        self,
-        reader: DataReader,
-        callback: Callable[[Any], None],
-        name: str,
-        queue: int,
-        lose: Callable[[int], None],
-    ) -> None:
-        waiting = WaitSet(self._participant)
-        waiting.attach(ReadCondition(reader, _ANY))
-        waiting.attach(self._stop)
-        complained = -_COMPLAIN
-        with suppress(DDSException):  # deleted while a callback took its time
-            while not self._closing:
-                waiting.wait(_FOREVER)
-                samples = reader.take(max(queue, _AT_ONCE))
-                if len(samples) >= queue > _AT_ONCE:
-                    lose(1)
-                for taken in samples:
-                    try:
-                        if not isinstance(taken, InvalidSample):  # a writer that went
-                            callback(taken)
-                    except Exception as error:  # one message is not worth the topic
-                        if time.monotonic() - complained >= _COMPLAIN:
-                            complained = time.monotonic()
-                            self.tell(f"{name}: {type(error).__name__}: {error}")
+        self.participant.__del__()  # there is no other way in Cyclone's Python; what is in it goes with it
 
     def _watch(self, name: str, verb: str, matched: Matched | None) -> Listener:
         def told(entity: Any, status: Any) -> None:
@@ -164,6 +125,64 @@ class Ends:
         if verb == "offer":
             return Listener(on_offered_incompatible_qos=told, on_publication_matched=met)
         return Listener(on_requested_incompatible_qos=told, on_subscription_matched=met)
+
+
+@dataclass(slots=True)
+class Heard:
+    """A reader, and what is called with each of its samples, in order.
+
+    A reader whose `queue` is found full has lost at least one: Cyclone says neither that nor how many. That is told to
+    `lose`, of a queue that is not so short that it may well be full with nothing lost.
+    """
+
+    reader: DataReader
+    callback: Callable[[Any], None]
+    name: str
+    queue: int = _AT_ONCE
+    lose: Callable[[int], None] = lambda count: None
+    complained: float = float("-inf")
+
+
+class Ear:
+    """A thread that hears all readers it is given, and tells what their callbacks raise, not often.
+
+    One for many: ten samples that come at once wake it once, and are taken without ten threads asking for the GIL.
+    """
+
+    def __init__(self, ends: Ends) -> None:
+        self._ends = ends
+        self._heard: list[Heard] = []
+
+    def add(self, heard: Heard) -> None:
+        """From any thread but its own."""
+        self._heard.append(heard)
+        if len(self._heard) == 1:
+            self._waiting = WaitSet(self._ends.participant)
+            self._waiting.attach(self._ends.stop)
+            thread = threading.Thread(target=self._run, name=heard.name, daemon=True)
+            self._ends.threads.append(thread)
+            thread.start()
+        self._waiting.attach(ReadCondition(heard.reader, _ANY))
+
+    def _run(self) -> None:
+        with suppress(DDSException):  # deleted while a callback took its time
+            while not self._ends.closing:
+                self._waiting.wait(_FOREVER)
+                for heard in tuple(self._heard):
+                    self._take(heard)
+
+    def _take(self, heard: Heard) -> None:
+        samples = heard.reader.take(max(heard.queue, _AT_ONCE))
+        if len(samples) >= heard.queue > _AT_ONCE:
+            heard.lose(1)
+        for taken in samples:
+            try:
+                if not isinstance(taken, InvalidSample):  # a writer that went
+                    heard.callback(taken)
+            except Exception as error:  # one message is not worth the topic
+                if time.monotonic() - heard.complained >= _COMPLAIN:
+                    heard.complained = time.monotonic()
+                    self._ends.tell(f"{heard.name}: {type(error).__name__}: {error}")
 
 
 class Peers:

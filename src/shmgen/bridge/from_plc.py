@@ -39,7 +39,8 @@ class FromPlc:
 
     def join(self, backend: Backend) -> None:
         self._outlet, self._now = backend.publisher(self.route.wire), backend.now
-        plan.check(self.route, self._outlet.new())
+        self._message = self._outlet.new()
+        plan.check(self.route, self._message)
         self._loop.start()
 
     def tick(self) -> None:
@@ -90,7 +91,7 @@ class FromPlc:
     def _send(self, sample: Message) -> None:
         self.counters.came()
         try:
-            message = self._outlet.new()
+            message = self._outlet.new() if self._outlet.keeps else self._message
             self.route.kind._decode(bytes(sample), 0, message)
             if self.route.topic.carried.stamp == "now":
                 self._stamp(message)

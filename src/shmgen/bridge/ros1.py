@@ -47,7 +47,7 @@ class Ros1:
     def publisher(self, wire: Wire) -> Outlet:
         kind = types.message(wire.messages)
         made = rospy.Publisher(wire.topic, kind, queue_size=wire.queue, latch=wire.latch, tcp_nodelay=True)
-        return Outlet(kind, made.publish)
+        return Outlet(kind, made.publish, keeps=wire.latch)
 
     def subscribe(self, wire: Wire, taker: Taker) -> Intake:
         kind = types.message(wire.messages)

@@ -83,7 +83,7 @@ class Ros2:
             _qos(wire, 1 if wire.latch else wire.queue),
             event_callbacks=_when_matched(PublisherEventCallbacks, met),
         )
-        return Outlet(made.new, lambda message: publisher.publish(made.encode(message)))
+        return Outlet(made.new, lambda message: publisher.publish(made.encode(message)), keeps=False)
 
     def subscribe(self, wire: Wire, taker: Taker) -> Intake:
         kind, made = types.message(wire.messages), _codec(wire.messages)

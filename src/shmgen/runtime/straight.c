@@ -13,10 +13,13 @@
 #include "shmgen_subscriber.h"
 
 /* One step of taking numbers out of an object: the attribute `name` of object number `from` of those met so far (0 is the
- * message), which is the next object, or a number: `code` is struct's, and `at` its offset in scratch. */
+ * message), which is the next object, a number, or an array of `most` numbers: `code` is struct's, `at` the offset in
+ * scratch. */
 typedef struct Step {
     PyObject *name;
     size_t at;
+    size_t most;     /* 0: no array */
+    size_t count_at; /* offset of the count of one with a bound, 0: all are there */
     unsigned int from;
     char code; /* 0: an object */
 } Step;
@@ -78,16 +81,19 @@ static bool steps_of(Writer *self, PyObject *plan)
         return count == 0;
     self->steps = steps;
     for (Py_ssize_t number = 0; steps != NULL && number < count; number++) {
-        unsigned long long at;
+        unsigned long long at, most, count_at;
         PyObject *name;
         int code;
-        if (!PyArg_ParseTuple(PyTuple_GetItem(plan, number), "UiKI", &name, &code, &at, &steps[number].from))
+        if (!PyArg_ParseTuple(PyTuple_GetItem(plan, number), "UiKIKK", &name, &code, &at, &steps[number].from, &most,
+                              &count_at))
             return false;
         Py_INCREF(name);
         PyUnicode_InternInPlace(&name);
         steps[number].name = name;
         steps[number].code = (char)code;
         steps[number].at = (size_t)at;
+        steps[number].most = (size_t)most;
+        steps[number].count_at = (size_t)count_at;
         self->count = number + 1;
     }
     if (steps == NULL)
@@ -267,6 +273,11 @@ static PyObject *writer_with_late(PyObject *object, PyObject *list)
     return PyErr_Occurred() != NULL ? NULL : PyBool_FromLong(done);
 }
 
+static size_t size_of(char code)
+{
+    return strchr("qQd", code) != NULL ? 8 : strchr("iIf", code) != NULL ? 4 : strchr("hH", code) != NULL ? 2 : 1;
+}
+
 /* Writes a number of exactly the kind that needs no second look; false: Python looks at it, and at all others. */
 static bool store(unsigned char *into, char code, PyObject *value)
 {
@@ -323,6 +334,79 @@ static bool store(unsigned char *into, char code, PyObject *value)
     }
 }
 
+static char family(char code)
+{
+    if (strchr("bhilqn", code) != NULL)
+        return 'i';
+    if (strchr("BHILQNc", code) != NULL)
+        return 'u';
+    return strchr("fd", code) != NULL ? 'f' : code;
+}
+
+/* A number that is an attribute; -1 and an exception: it is none. */
+static Py_ssize_t number_at(PyObject *object, const char *name)
+{
+    PyObject *value = PyObject_GetAttrString(object, name);
+    const Py_ssize_t number = value != NULL ? PyLong_AsSsize_t(value) : -1;
+    Py_XDECREF(value);
+    return number;
+}
+
+/* A copy of a buffer's bytes (array.array, numpy's), in order; NULL: it has none, or they are no such numbers. */
+static PyObject *bytes_of(PyObject *value, char code)
+{
+    PyObject *view = PyMemoryView_FromObject(value), *bytes = NULL;
+    PyObject *format = view != NULL ? PyObject_GetAttrString(view, "format") : NULL;
+    const char *text = format != NULL ? PyUnicode_AsUTF8AndSize(format, NULL) : NULL;
+    if (text != NULL) {
+        text += strspn(text, "@=<");
+        if (*text != 0 && text[1] == 0 && family(*text) == family(code) &&
+            number_at(view, "itemsize") == (Py_ssize_t)size_of(code) && number_at(view, "ndim") > 0)
+            bytes = PyBytes_FromObject(view);
+    }
+    Py_XDECREF(format);
+    Py_XDECREF(view);
+    return bytes;
+}
+
+static bool counted(unsigned char *scratch, const Step *step, Py_ssize_t length)
+{
+    const uint32_t count = (uint32_t)length;
+    if (length < 0 || (size_t)length > step->most || (step->count_at == 0 && (size_t)length < step->most))
+        return false;
+    if (step->count_at != 0)
+        memcpy(scratch + step->count_at, &count, sizeof count);
+    return true;
+}
+
+/* The same for an array: a list or a tuple number by number, in which no code of anybody's runs; of others the bytes. */
+static bool store_all(unsigned char *scratch, const Step *step, PyObject *value)
+{
+    const size_t size = size_of(step->code);
+    unsigned char *into = scratch + step->at;
+    const bool is_list = PyList_CheckExact(value);
+    PyObject *bytes;
+    bool taken;
+    if (is_list || PyTuple_CheckExact(value)) {
+        const Py_ssize_t length = is_list ? PyList_Size(value) : PyTuple_Size(value);
+        taken = counted(scratch, step, length);
+        for (Py_ssize_t index = 0; taken && index < length; index++, into += size)
+            taken = store(into, step->code, is_list ? PyList_GetItem(value, index) : PyTuple_GetItem(value, index));
+        return taken;
+    }
+    if (PyBytes_CheckExact(value) && step->code == 'B') {
+        bytes = value;
+        Py_INCREF(bytes);
+    } else {
+        bytes = bytes_of(value, step->code);
+    }
+    taken = bytes != NULL && counted(scratch, step, PyBytes_Size(bytes) / (Py_ssize_t)size);
+    if (taken)
+        memcpy(into, PyBytes_AsString(bytes), (size_t)PyBytes_Size(bytes));
+    Py_XDECREF(bytes);
+    return taken;
+}
+
 /* Takes a message of the message type, or the numbers out of any object, and publishes it. False: nothing was done. */
 static PyObject *writer_at_once(PyObject *object, PyObject *message)
 {
@@ -346,7 +430,8 @@ static PyObject *writer_at_once(PyObject *object, PyObject *message)
         } else if (step->code == 0) {
             met[known++] = value;
         } else {
-            taken = store(self->scratch + step->at, step->code, value);
+            taken = step->most != 0 ? store_all(self->scratch, step, value)
+                                    : store(self->scratch + step->at, step->code, value);
             Py_DECREF(value);
         }
     }

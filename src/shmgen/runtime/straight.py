@@ -11,8 +11,9 @@ import mmap
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from shmgen.runtime.checked import CODES
+from shmgen.runtime.fields import Elements
 from shmgen.runtime.header import SLOT_HEADER
-from shmgen.runtime.message import Late
+from shmgen.runtime.message import LATE_FROM, Late
 from shmgen.runtime.order import EXTENSION
 from shmgen.runtime.region import Region
 from shmgen.runtime.semaphores import NoSemaphore, Semaphore
@@ -20,8 +21,9 @@ from shmgen.runtime.semaphores import NoSemaphore, Semaphore
 MOST_OBJECTS = 32
 """The message and all that lie in it, that the extension takes numbers from."""
 
-Plan: TypeAlias = "tuple[tuple[str, int, int, int], ...]"
-"""Steps through a message: (attribute, struct's code or 0 for an object, offset in scratch, number of the object)."""
+Plan: TypeAlias = "tuple[tuple[str, int, int, int, int, int], ...]"
+"""Steps through a message: (attribute, struct's code or 0 for an object, offset in scratch, number of the object, most
+elements or 0 for no array, offset of their count or 0 for one that is always full)."""
 
 
 class _PureWriter:
@@ -95,24 +97,30 @@ def connect_reader(reader: Reader, region: Region, long: bool) -> None:
 
 
 def _plan(kind: Any) -> Plan:
-    """Empty for a message that holds anything but numbers and such messages, or too many of them."""
-    steps: list[tuple[str, int, int, int]] = []
+    """Empty for a message that holds anything but numbers, short arrays of them and messages of such, or too many."""
+    steps: list[tuple[str, int, int, int, int, int]] = []
     met = 1
 
     def go(kind: Any, at: int, origin: int) -> bool:
         nonlocal met
         fields = {name: inner for name, inner, *_ in kind._fields_}
         for name in kind._names_:
-            if name not in fields:
-                return False  # it is shown otherwise than it lies
-            here, inner = at + getattr(kind, name).offset, fields[name]
-            if issubclass(inner, ctypes.Structure):
-                steps.append((name, 0, 0, origin))
-                met += 1
-                if met > MOST_OBJECTS or not go(inner, here, met - 1):
+            shown = next(vars(base)[name] for base in kind.__mro__ if name in vars(base))
+            if isinstance(shown, Elements):
+                if shown.kind not in _CODES or shown.size * shown.length >= LATE_FROM:
                     return False
-            elif inner in _CODES:
-                steps.append((name, ord(_CODES[inner]), here, origin))
+                count_at = 0 if shown.count_at is None else at + shown.count_at
+                code, here = ord(_CODES[shown.kind]), at + shown.offset
+                steps.append((name, code, here, origin, shown.length, count_at))
+            elif name not in fields:
+                return False  # it is shown otherwise than it lies
+            elif issubclass(fields[name], ctypes.Structure):
+                steps.append((name, 0, 0, origin, 0, 0))
+                met += 1
+                if met > MOST_OBJECTS or not go(fields[name], at + shown.offset, met - 1):
+                    return False
+            elif fields[name] in _CODES:
+                steps.append((name, ord(_CODES[fields[name]]), at + shown.offset, origin, 0, 0))
             else:
                 return False
         return True
