@@ -6,9 +6,11 @@ import os
 import re
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -33,9 +35,25 @@ def alone() -> Iterator[list[str]]:
             holder.kill()
 
 
+@pytest.fixture
+def tidied(page: Path, tmp_path: Path) -> Iterator[None]:
+    """Ends what a page has left running if a command of it failed, and removes the regions that it names."""
+    yield
+    for file in tmp_path.rglob("pid"):
+        with suppress(OSError):  # it has ended
+            if Path(f"/proc/{int(file.read_text())}/cwd").resolve().is_relative_to(tmp_path):
+                os.kill(int(file.read_text()), signal.SIGTERM)
+    named = re.findall(r"(?:(?:Publisher|Subscriber|Client|Server)\(\"|shmgen pub )/([\w/]+)", page.read_text())
+    for topic in set(named):
+        for prefix in ("", "sem."):
+            for region in Path("/dev/shm").glob(f"{prefix}{topic.replace('/', '.')}*"):
+                region.unlink(missing_ok=True)
+
+
 @pytest.mark.parametrize(
     "page", [page for page in PAGES if "```console" in page.read_text()], ids=lambda page: page.name
 )
+@pytest.mark.usefixtures("tidied")
 def test_commands_print_what_the_page_shows(page: Path, tmp_path: Path, update_golden: bool, alone: list[str]) -> None:
     """In order, in one folder. A block of Python, C or C++ becomes example.py and so on, a TOML block shmgen.toml."""
     for tool in PROGRAMS:
@@ -62,9 +80,6 @@ def test_commands_print_what_the_page_shows(page: Path, tmp_path: Path, update_g
                 page.write_text(page.read_text().replace(f"$ {command}\n{shown}", f"$ {command}\n{result.stdout}"))
             else:
                 assert re.fullmatch(pattern(shown), result.stdout), f"$ {command}\n{result.stdout}"
-    for topic in set(re.findall(r"(?:Publisher|Subscriber|Client|Server)\(\"/([\w/]+)", page.read_text())):
-        for file in Path("/dev/shm").glob(f"*{topic.replace('/', '.')}*"):
-            file.unlink()
 
 
 def pattern(shown: str) -> str:

@@ -16,7 +16,7 @@ NAMESPACE = "urn:shmgen:examples:opcua_gateway"
 
 async def watch(endpoint: str, seconds: float = 60.0) -> int:
     """0 once ten poses and the joints have come through."""
-    async with Client(endpoint) as client:
+    async with Client(endpoint, timeout=30, watchdog_intervall=30) as client:  # seconds: machines may be busy
         index = await client.get_namespace_index(NAMESPACE)
         await client.load_data_type_definitions()
         for _ in range(int(seconds / 0.1)):

@@ -240,7 +240,7 @@ public:
     {
         return shmgen_subscriber_is_stale(&end_, ns_of(timeout));
     }
-    // Samples that came and went unread.
+    // Samples overwritten unread.
     std::uint32_t missed() const noexcept { return end_.missed; }
     // Number of the newest sample read, 0 = none yet.
     std::uint32_t sequence() const noexcept { return end_.sequence; }

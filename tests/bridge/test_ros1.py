@@ -184,7 +184,7 @@ def test_through_a_plc_and_back(graph: Graph, plc: Softplc, space: str) -> None:
     answers = [{"success": True, "message": "ja"}, None, {"success": False, "message": "nein"}]
     peer.ask(do="serve", service=f"{space}/ask", type="std_srvs/SetBool", answers=answers)
     assert 'success: True\nmessage: "ja"' in called(graph, f"{space}/flag", "data: true")
-    assert "the server says that call 2 failed" in called(graph, f"{space}/flag", "data: true")
+    assert "the server reported that call 2 failed" in called(graph, f"{space}/flag", "data: true")
     assert 'success: False\nmessage: "nein"' in called(graph, f"{space}/flag", "data: false")
 
     def flows() -> bool:

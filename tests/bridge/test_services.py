@@ -124,7 +124,7 @@ def test_both_ways(cell: Cell) -> None:
     assert seen == [[("a", 1.5), ("b", 0.0)]]
 
     shown = cell.call("start", "{parts: [{name: a}], when: 0}")
-    assert "the server says that call 2 failed" in shown
+    assert "the server reported that call 2 failed" in shown
     shown = cell.call("start", "{parts: [{name: much too long a name}, {}], when: 0}")
     assert "service cannot process request: parts[0].name: 20 bytes of UTF-8, capacity 16" in shown
     stopping.set()

@@ -108,7 +108,7 @@ def test_a_handler_that_raises_fails_its_call_and_the_server_goes_on(topic, capl
         thread = threading.Thread(target=server.serve, args=(handler, 2.0))
         thread.start()
         for batch in (1, 2):
-            with pytest.raises(runtime.CallFailed, match=rf"{topic}: the server says that call {batch} failed"):
+            with pytest.raises(runtime.CallFailed, match=rf"{topic}: the server reported that call {batch} failed"):
                 client.call(request(batch), timeout=10)
         assert client.call(request(3), timeout=10).batch == 6
         thread.join()
@@ -250,7 +250,7 @@ def test_a_call_waits_for_a_server_that_comes(topic, peer):
 def test_time_runs_out(topic):
     with StartServer(topic) as server, StartClient(topic) as client:
         begin = time.monotonic()
-        with pytest.raises(runtime.CallTimeout, match=r"call 1 was not answered within 0\.1 s"):
+        with pytest.raises(runtime.CallTimeout, match=r"call 1 got no response within 0\.1 s"):
             client.call(request(), timeout=0.1)
         assert 0.1 <= time.monotonic() - begin < 2
         assert server.reply(server.take(), Start_Response())

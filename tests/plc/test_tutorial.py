@@ -2,30 +2,20 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
-from shmgen import config, pipeline
-from shmgen.diagnostics import Report
 from shmgen.model import TypeName
 
-from ..conftest import REPOSITORY
 from ..softplc import compile_st
 from ..support.build import classes, put
-
-PAGE = (REPOSITORY / "docs" / "tutorial-plc.md").read_text()
+from ..support.tutorial import project
 
 
 def test_the_program_of_the_tutorial(tmp_path: Path, topic: str) -> None:
     """Half of the robot's x; 0 before it has come, and after it has gone."""
-    (settings,), (program,) = (re.findall(rf"```{kind}\n(.*?)```", PAGE, re.DOTALL) for kind in ("toml", "iecst"))
-    (tmp_path / "shmgen.toml").write_text(settings)
-    texts = pipeline.generate(config.load(tmp_path / "shmgen.toml", "shmgen.toml", Report()), ())
+    _, texts, st = project(tmp_path, topic)
     put(texts, tmp_path)
-    st = {
-        path: text.replace("sTopic := '", f"sTopic := '{topic}") for path, text in texts.items() if path.endswith(".st")
-    }
-    plc = compile_st(st | {"yours.st": f"PROGRAM PRG_Conveyor\n{program}END_PROGRAM\n"})
+    plc = compile_st(st)
     programs = [plc.block(name) for name in ("PRG_Ros", "PRG_Conveyor")]
 
     def after(ms: int) -> float | None:

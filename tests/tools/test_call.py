@@ -77,7 +77,7 @@ def test_a_call(served, shmgen, topic):
     assert json.loads(result.stdout) == {"success": True, "batches": [*range(1, 41)], "message": "on its way"}
     result = shmgen("call", topic, "cell_msgs/Start")
     assert (result.code, result.stdout) == (1, "requesting: Start_Request(on=False, batch=7)\n")
-    assert re.fullmatch(rf"error: {topic}: the server says that call 3 failed\n", result.stderr)
+    assert re.fullmatch(rf"error: {topic}: the server reported that call 3 failed\n", result.stderr)
     for half, line in (("request", "batch: 7"), ("response", "status: 2")):
         assert line in shmgen("echo", f"{topic}-{half}", "--once").stdout
     whole = shmgen("doctor", topic)

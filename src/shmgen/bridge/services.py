@@ -88,7 +88,7 @@ class PlcServes:
                 number = caller.send(request)
                 while (answer := caller.wait(max(0.0, left()))) is None:
                     if left() <= 0:
-                        raise CallTimeout(f"call {number} was not answered within {timeout:g} s")
+                        raise CallTimeout(f"call {number} got no response within {timeout:g} s")
                 return answer
             finally:
                 caller.cancel()

@@ -23,10 +23,10 @@ _FIRST_PERSON = 1000
 
 
 class RegionOptions(NamedTuple):
-    """How the files of a region look that are made here, and whether it has a lock.
+    """Permissions of the files of a region that are created here, and whether it has a lock.
 
-    `mode` None: 0o660, and a file that is there stays as it is; any other mode and group are also given to a file
-    that is there, if it is this user's. `sync` is `lock`, or `sequence` for none: the slots alone carry integrity.
+    `mode` None: 0o660, and an existing file stays as it is; any other mode and group are also given to an existing
+    file, if it is this user's. `sync` is `lock`, or `sequence` for none: the slots alone carry integrity.
     """
 
     mode: int | None = None
@@ -34,7 +34,7 @@ class RegionOptions(NamedTuple):
     sync: str = "lock"
 
     def but(self, mode: int | None, group: str | int | None) -> RegionOptions:
-        """The same, with what a caller asks for."""
+        """The same, with the mode and group that are given here."""
         return self._replace(mode=self.mode if mode is None else mode, group=self.group if group is None else group)
 
 

@@ -34,7 +34,7 @@ class ActionClient(Closing, Generic[Goal, Feedback, Outcome]):
         mode: int | None = None,
         group: str | int | None = None,
     ) -> None:
-        """Opens the action's regions or makes them; parameters and errors as for a ServiceClient."""
+        """Opens the action's regions or creates them; parameters and errors as for a ServiceClient."""
         options: dict[str, Any] = {"lock_timeout": lock_timeout, "mode": mode, "group": group}
         with ExitStack() as opened:
             questions = opened.enter_context(self.command_publisher(f"{action}-goal", **options))
@@ -51,7 +51,7 @@ class ActionClient(Closing, Generic[Goal, Feedback, Outcome]):
     def send_goal(self, goal: Any, timeout: float) -> int:
         """Waits `timeout` seconds for a server, sends `goal` (any object with its attributes), returns its number.
 
-        A goal that still runs is given up: its server is told to cancel it by the newer one. Raises NoServer, and
+        A goal that still runs is abandoned: the newer one makes the server cancel it. Raises NoServer, and
         nothing was sent; ValueRejected; LockTimeout.
         """
         deadline = time.monotonic() + timeout
@@ -69,7 +69,7 @@ class ActionClient(Closing, Generic[Goal, Feedback, Outcome]):
 
     @property
     def status(self) -> int:
-        """ACCEPTED, EXECUTING or CANCELING of the progress, as of action_msgs/GoalStatus; 0 = not taken yet."""
+        """ACCEPTED, EXECUTING or CANCELING of the progress, as of action_msgs/GoalStatus; 0 = not accepted yet."""
         self._look()
         return self._status
 
@@ -78,7 +78,7 @@ class ActionClient(Closing, Generic[Goal, Feedback, Outcome]):
         return self._caller.poll()
 
     def result(self, timeout: float) -> Outcome:
-        """Waits for the end of the goal. Raises CallTimeout after `timeout` seconds; the goal then goes on."""
+        """Waits for the end of the goal. Raises CallTimeout after `timeout` seconds; the goal then continues."""
         number = self._caller.number
         if not number:
             raise CallTimeout(f"{self._action}: no goal is under way")
@@ -88,26 +88,26 @@ class ActionClient(Closing, Generic[Goal, Feedback, Outcome]):
         return outcome
 
     def cancel(self) -> None:
-        """Asks the server to cancel the goal; result() then says how it ended. Without a goal it does nothing."""
+        """Requests that the server cancel the goal; result() then returns how it ended. Does nothing without a goal."""
         if self._caller.number:
             self._caller.tell(self._command(cancel=self._caller.number))
 
     def cancel_former(self) -> None:
-        """Asks the server to cancel what a client before this one has left to it, if it has not ended."""
+        """Requests that the server cancel the goal of a former client, if that goal has not ended."""
         progress = self._progress.read()
         if progress is not None and not self._caller.number:
             self._caller.tell(self._command(cancel=progress.goal))
 
     def server_is_ready(self) -> bool:
-        """Whether somebody serves now. Takes up to a second where a PLC served and may have stopped."""
+        """Whether a server is available now. Takes up to a second where a PLC was the server and may have stopped."""
         return self._caller.server_is_ready()
 
     def wait_for_server(self, timeout: float) -> bool:
-        """Whether somebody serves, as soon as somebody does or after `timeout` seconds."""
+        """Whether a server is available, as soon as one is or after `timeout` seconds."""
         return self._caller.wait_for_server(timeout)
 
     def close(self) -> None:
-        """Gives the action free for another client; the regions stay, and a goal goes on."""
+        """Releases the action for another client; the regions stay, and a running goal continues."""
         self._caller.close()
         self._progress.close()
 

@@ -23,8 +23,8 @@ Goal = TypeVar("Goal", bound=Message)
 class ServedGoal(Generic[Goal]):
     """A goal that a server works on, with the words of rclpy's goal handle.
 
-    What its methods send goes nowhere, and they say False, once the goal has ended or a newer one has come. They
-    raise ValueRejected for a value that does not fit, and LockTimeout.
+    Once the goal has ended or a newer one has arrived, its methods send nothing and return False. They raise
+    ValueRejected for a value that does not fit, and LockTimeout.
     """
 
     def __init__(self, server: ActionServer[Goal], number: int, request: Goal) -> None:
@@ -34,20 +34,20 @@ class ServedGoal(Generic[Goal]):
 
     @property
     def is_cancel_requested(self) -> bool:
-        """Whether the client has asked to cancel it, or sent a newer goal. Looking shows that the server lives."""
+        """Whether the client has requested a cancel, or sent a newer goal. Reading it is the server's heartbeat."""
         return self._server._unwanted(self.number)
 
     @property
     def is_awaited(self) -> bool:
-        """Whether it has not ended, and no newer one has come."""
+        """Whether it has not ended, and no newer one has arrived."""
         return self._server._callee.awaits(self.number)
 
     def accept(self) -> bool:
-        """Tells the client that the goal has been taken."""
+        """Reports to the client that the goal has been accepted."""
         return self._server._accept(self.number)
 
     def publish_feedback(self, feedback: Any) -> bool:
-        """Sends how far it is: the action's feedback, or any object with its attributes."""
+        """Publishes the action's feedback: its message, or any object with the same attributes."""
         return self._server._publish_feedback(self.number, feedback)
 
     def succeed(self, result: Any) -> bool:
@@ -82,7 +82,7 @@ class ActionServer(Closing, Generic[Goal]):
         mode: int | None = None,
         group: str | int | None = None,
     ) -> None:
-        """Opens the action's regions or makes them; parameters, errors and old goals as for a ServiceServer."""
+        """Opens the action's regions or creates them; parameters, errors and stale goals as for a ServiceServer."""
         options: dict[str, Any] = {"lock_timeout": lock_timeout, "mode": mode, "group": group}
         with ExitStack() as opened:
             questions = opened.enter_context(self.command_subscriber(f"{action}-goal", **options))
@@ -102,8 +102,8 @@ class ActionServer(Closing, Generic[Goal]):
         """Accepts each goal and calls `handler(goal)`, which ends it: goal.succeed, goal.abort or goal.canceled.
 
         Ends after `timeout` seconds, or never. A goal that the handler leaves without an end is ABORTED; so is one in
-        which it raises an exception, which goes to the log `shmgen`; what is no Exception ends serve(). A lock that is
-        not free in time does not: the outcome then waits, until the lock is free or a newer goal has come.
+        which it raises an exception, which is logged as `shmgen`; another BaseException ends serve(). A lock timeout
+        does not: the outcome then waits until the lock is free or a newer goal has arrived.
         """
         deadline = deadline_of(timeout)
         for goal in until(deadline, self.wait):
@@ -119,7 +119,7 @@ class ActionServer(Closing, Generic[Goal]):
             self._callee.insist(goal.abort, deadline)
 
     def take(self) -> ServedGoal[Goal] | None:
-        """The newest goal not taken yet, or None. The one before it, if it has not ended, nobody waits for any more."""
+        """The newest goal not taken yet, or None. The client has abandoned the one before it, if that has not ended."""
         return self.wait(0.0)
 
     def wait(self, timeout: float) -> ServedGoal[Goal] | None:
@@ -134,11 +134,11 @@ class ActionServer(Closing, Generic[Goal]):
         return goal
 
     def client_lives(self) -> bool:
-        """Whether there is a client now; of a PLC that has stopped, it is known a second later. Call it often."""
+        """Whether there is a client now; that a PLC has stopped is known a second later. Call it often."""
         return self._callee.client_lives()
 
     def close(self) -> None:
-        """Gives the action free for another server; the regions stay."""
+        """Releases the action for another server; the regions stay."""
         self._callee.close()
         self._progress.close()
 

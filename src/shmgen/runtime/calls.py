@@ -168,7 +168,7 @@ class Callee(Generic[Q, A]):
                 return
             except LockTimeout:
                 if not told:
-                    log_exception(f"{self._answers.topic}: the answer to {self.number} waits for the lock")
+                    log_exception(f"{self._answers.topic}: the reply to {self.number} waits for the lock")
                 told = True
             if time.monotonic() >= deadline or self._questions.ready(0.0):
                 return

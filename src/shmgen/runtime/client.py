@@ -32,7 +32,7 @@ class ServiceClient(Closing, Generic[Request, Response]):
         mode: int | None = None,
         group: str | int | None = None,
     ) -> None:
-        """Opens the service's regions or makes them; one client a service. Whether there is a server does not matter.
+        """Opens the service's regions or creates them; one client for each service. No server is needed yet.
 
         `lock_timeout` (seconds), `mode` and `group` as for a Publisher, and its errors: ValueError, LayoutMismatch,
         RegionInUse, PermissionDenied, RegionUnusable.
@@ -62,7 +62,7 @@ class ServiceClient(Closing, Generic[Request, Response]):
             reply = self._caller.wait(deadline - time.monotonic())
             if reply is None:
                 self._caller.number = 0
-                raise CallTimeout(f"{self._service}: call {number} was not answered within {timeout:g} s")
+                raise CallTimeout(f"{self._service}: call {number} got no response within {timeout:g} s")
             response = self._response(reply)
             return response  # noqa: RET504 no call is the last thing before the release
         finally:
@@ -74,9 +74,9 @@ class ServiceClient(Closing, Generic[Request, Response]):
                 pass
 
     def send(self, request: Any) -> int:
-        """Sends `request`, whether there is a server or not, and returns the call's number; then poll().
+        """Sends `request`, whether a server is available or not, and returns the call's number; then use poll().
 
-        A call that still runs is given up. Raises ValueRejected and LockTimeout.
+        A call that is still pending is abandoned. Raises ValueRejected and LockTimeout.
         """
         with self._one_at_a_time:
             return self._caller.ask(request)
@@ -94,22 +94,22 @@ class ServiceClient(Closing, Generic[Request, Response]):
             return None if reply is None else self._response(reply)
 
     def cancel(self) -> None:
-        """Gives up what send() sent, on this side only: the server may do it, its answer is passed over."""
+        """Abandons what send() sent, on the client side only: the server may handle it, its response is discarded."""
         with self._one_at_a_time:
             self._caller.number = 0
 
     def server_is_ready(self) -> bool:
-        """Whether somebody serves now. Takes up to a second where a PLC served and may have stopped."""
+        """Whether a server is available now. Takes up to a second where a PLC was the server and may have stopped."""
         with self._one_at_a_time:
             return self._caller.server_is_ready()
 
     def wait_for_server(self, timeout: float) -> bool:
-        """Whether somebody serves, as soon as somebody does or after `timeout` seconds."""
+        """Whether a server is available, as soon as one is or after `timeout` seconds."""
         with self._one_at_a_time:
             return self._caller.wait_for_server(timeout)
 
     def close(self) -> None:
-        """Gives the service free for another client; the regions stay."""
+        """Releases the service for another client; the regions stay."""
         self._caller.close()
 
     @property
@@ -119,6 +119,6 @@ class ServiceClient(Closing, Generic[Request, Response]):
 
     def _response(self, reply: Any) -> Response:
         if reply.status != reply.DONE:
-            raise CallFailed(f"{self._service}: the server says that call {reply.call} failed")
+            raise CallFailed(f"{self._service}: the server reported that call {reply.call} failed")
         response: Response = reply.response
         return response

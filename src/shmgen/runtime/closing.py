@@ -27,7 +27,7 @@ class Closing(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Lets go of the regions, which stay as they are."""
+        """Closes the regions, which stay as they are."""
 
     def __enter__(self: C) -> C:
         return self
@@ -51,7 +51,7 @@ class Holding(Closing):
     _lock: Lock
 
     def close(self) -> None:
-        """Lets go of the region, which stays as it is."""
+        """Closes the region, which stays as it is."""
         self._let_go(Gone(Closed, f"{self.topic}: this {self._word} is closed"))
 
     def _hold(self) -> None:

@@ -8,7 +8,7 @@ _Self = TypeVar("_Self", bound="ValueRejected")
 
 
 class ShmError(Exception):
-    """Whatever the runtime refuses to do."""
+    """Base class of the errors that the runtime raises."""
 
 
 class RegionMissing(ShmError):
@@ -16,7 +16,7 @@ class RegionMissing(ShmError):
 
 
 class RegionUnusable(ShmError):
-    """The region cannot be made or mapped: no room in /dev/shm, or its file keeps appearing and vanishing."""
+    """The region cannot be created or mapped: /dev/shm is full, or its file keeps appearing and vanishing."""
 
 
 class LayoutMismatch(ShmError):
@@ -28,15 +28,15 @@ class RegionInUse(ShmError):
 
 
 class ClaimLost(RegionInUse):
-    """Another writer has taken the topic over from this one, which stood still for a second or more."""
+    """Another writer has taken over the topic: this one's heartbeat was stale for a second or more."""
 
 
 class Closed(ShmError):
-    """It has been closed."""
+    """The object has been closed."""
 
 
 class InForkedChild(Closed):
-    """It belongs to the process from which this one was forked."""
+    """The object belongs to the process from which this one was forked."""
 
 
 class LockTimeout(ShmError):
@@ -44,19 +44,19 @@ class LockTimeout(ShmError):
 
 
 class PermissionDenied(ShmError):
-    """The operating system refuses access to region, semaphore or group; or strangers can write what is there."""
+    """The operating system denies access to region, semaphore or group; or other users could write the region."""
 
 
 class CallTimeout(ShmError):
-    """A call was not answered in time. The server may still be at it; nobody hears its answer."""
+    """No response came in time. The server may still handle the request; its response is discarded."""
 
 
 class NoServer(CallTimeout):
-    """Nobody served in time, so the call was not even sent."""
+    """No server was available in time; the request was not sent."""
 
 
 class CallFailed(ShmError):
-    """The server has answered that the call failed."""
+    """The server has reported that the call failed."""
 
 
 class ValueRejected(ShmError, ValueError):
@@ -77,7 +77,7 @@ class ValueRejected(ShmError, ValueError):
 
 
 class StringTooLong(ValueRejected):
-    """A string longer than its capacity."""
+    """A string longer than its bound."""
 
 
 class OutOfRange(ValueRejected):

@@ -1,4 +1,4 @@
-"""Turns the region's semaphore into a lock that nobody waits for longer than the time limit, and that heals."""
+"""Turns the region's semaphore into a lock that nobody waits for longer than the time limit, and that recovers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from shmgen.runtime.semaphores import TOO_MANY, NoSemaphore
 LOCK_TIMEOUT = abi.LOCK_MS / 1000
 """Seconds to wait for the lock, unless told otherwise, and longest single wait."""
 UNTIL_HEALED = (abi.HEAL_MS + abi.PEER_MS) / 1000
-"""The same for a writer where the lock is needed: whatever has become of its holder, it is free or healed by then."""
+"""The same for a writer where the lock is needed: whatever has become of its holder, it is free or recovered then."""
 _DEAD_AFTER = abi.DEAD_MS / 1000
 _STUCK_AFTER = abi.HEAL_MS / 1000
 """Seconds of one stay inside, after which the lock of a dead process, and of anybody else, is taken over."""
@@ -57,7 +57,7 @@ class Lock:
         self.timeout = timeout
 
     def wait(self, deadline: float | None = None) -> bool:
-        """Waits for the lock until the time limit; True = inside.
+        """Waits for the lock until the time limit; True = acquired.
 
         `deadline`, by time.monotonic(), is that of the whole call: a limit beyond it ends there, and where the lock is
         needed one short of it lasts until then.
@@ -82,7 +82,7 @@ class Lock:
         return True
 
     def _try_once_more(self, left: float) -> bool:
-        """Waits, `left` seconds at most, unless this stay has been waited for in vain, and heals."""
+        """Waits, `left` seconds at most, unless this stay has been waited for in vain, and recovers the lock."""
         stay = self._stay()
         if stay != self._seen:
             self._seen, self._since, self._waited = stay, time.monotonic(), False
@@ -117,7 +117,7 @@ class Lock:
     def _take_surplus(self) -> None:
         """For one who is inside and may not release: there is a token already.
 
-        A holder that was taken for dead has come back, two sides have healed, or somebody has posted. Ours goes, and
+        A holder taken for dead has come back, two sides have recovered it, or somebody has posted. Ours goes, and
         of others so many that the work stays bounded; what is left goes at the next times.
         """
         semaphore = self._region.semaphore
@@ -157,7 +157,7 @@ class Lock:
         return stood >= _STUCK_AFTER or (stood >= _DEAD_AFTER and _is_dead(stay[0]))
 
     def _take_over(self, stay: tuple[int, int]) -> bool:
-        """Takes the dead holder's place, which the caller's release then ends; True = inside.
+        """Takes the dead holder's place, which the caller's release then ends; True = acquired.
 
         One process at a time, and each looks once more: had the one before only released, somebody who is in
         but has not counted yet would be taken for dead in turn.

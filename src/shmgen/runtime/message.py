@@ -21,11 +21,11 @@ _SHOWN = 32
 
 
 class Message(CheckedStructure):
-    """One message as it lies in shared memory. Generated classes say the fields; here is what all can do."""
+    """A message as it is in shared memory: the base of generated classes, which add the fields."""
 
     _pack_ = 1
     _layout_ = "ms"
-    """What `_pack_` means without it: CPython from 3.14 on warns, and from 3.19 on refuses, where it is not said."""
+    """What `_pack_` means without it: CPython from 3.14 on warns without it, and from 3.19 on raises an error."""
     _type_name_: ClassVar[str]
     _digest_: ClassVar[int]
     _regions_: ClassVar[RegionOptions] = RegionOptions()

@@ -1,4 +1,4 @@
-"""Turns messages into samples of a topic's region, one writer a topic."""
+"""Turns messages into samples of a topic's region, one writer for each topic."""
 
 from __future__ import annotations
 
@@ -71,12 +71,12 @@ class Publisher(Holding, straight.Writer, Generic[M]):
         mode: int | None = None,
         group: str | int | None = None,
     ) -> None:
-        """Opens the region or makes it, and claims it, which takes a second where a PLC was the writer before.
+        """Opens the region or creates it, and claims it, which takes a second where a PLC was the writer before.
 
         `depth` is how many samples a slow reader can still fetch, the same on both sides. `lock_timeout`, in
         seconds, is the longest a call waits for the lock; None: 0.01, and where the lock is needed (not on x86) until
-        its holder has come out or is taken for dead, 1.1 at most. `mode` (0o660) and `group` are for files made here,
-        or found and this user's; left out they are what shmgen.toml said, if it said anything.
+        its holder releases it or is considered dead, 1.1 at most. `mode` (0o660) and `group` are for files created
+        here, or found and owned by this user; left out they are those of shmgen.toml, if it has any.
         Raises ValueError (topic, depth, lock_timeout), LayoutMismatch, RegionInUse, PermissionDenied,
         RegionUnusable, LockTimeout.
         """
@@ -186,7 +186,7 @@ class Publisher(Holding, straight.Writer, Generic[M]):
             self._deadline = None
 
     def heartbeat(self) -> None:
-        """Tells readers that the writer lives, without a sample. Raises ClaimLost."""
+        """Shows readers that the writer is alive, without a sample. Raises ClaimLost."""
         self._assure()
         self._heartbeat = self._heartbeat + 1 & LAST
         self._words[HEARTBEAT] = self._heartbeat
@@ -208,7 +208,7 @@ class Publisher(Holding, straight.Writer, Generic[M]):
 
     @property
     def truncations(self) -> int:
-        """How many texts publish() has cut; always 0 unless `overflow = "truncate"` in shmgen.toml."""
+        """How many strings publish() has cut; always 0 unless `overflow = "truncate"` in shmgen.toml."""
         return self._truncations
 
     def _parts(self, start: int, late: Late) -> list[tuple[slice, memoryview]] | None:

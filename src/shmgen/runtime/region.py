@@ -1,4 +1,4 @@
-"""Turns a topic into its mapped region and semaphore, made or found in either order (ABI 1)."""
+"""Turns a topic into its mapped region and semaphore, created or found in either order (ABI 1)."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from shmgen.runtime.semaphores import EVENT_MOST, LOCK_MOST, NoSemaphore, Semaph
 WRITER_LOCK = abi.WRITER_LOCK
 """The byte under a record lock as long as somebody publishes."""
 REPAIR_LOCK = abi.REPAIR_LOCK
-"""The byte under a record lock while the header is written, and while a lock is healed."""
+"""The byte under a record lock while the header is written, and while a lock is recovered."""
 
 _OTHER_MAKER = 2e-3
 """Seconds after which another maker of the same header has written his."""
@@ -116,7 +116,7 @@ class Region:
 
 
 def open_region(topic: str, ours: h.Header, options: RegionOptions = RegionOptions()) -> Region:  # noqa: B008 a tuple
-    """Opens the topic's region and semaphore, or makes what is missing.
+    """Opens the topic's region and semaphore, or creates what is missing.
 
     `ours` is the header expected there. Raises ValueError for an impossible topic, LayoutMismatch,
     PermissionDenied and RegionUnusable.
@@ -162,7 +162,7 @@ def open_event(region: Region) -> Semaphore:
 
 
 def read_header(name: str) -> h.Header:
-    """The header of the region `name` (`robot.pose`), whatever its type; `magic` tells whether it is one of ours.
+    """The header of the region `name` (`robot.pose`), whatever its type; `magic` shows whether it is one of shmgen's.
 
     Raises RegionMissing, PermissionDenied and RegionUnusable.
     """

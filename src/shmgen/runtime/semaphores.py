@@ -93,7 +93,7 @@ class PosixSemaphore:
     """posix_ipc behind the calls of SemLock: three times as slow, and there wherever this package is.
 
     Its count is kept in Python: a signal handler that raises between a call and the count is a token lost, which
-    others heal as that of a dead process.
+    others recover as that of a dead process.
     """
 
     handle = None

@@ -1,4 +1,4 @@
-"""Turns requests in shared memory into calls for Python to answer, and responses into replies."""
+"""Turns requests in shared memory into calls for Python to handle, and responses into replies."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Request = TypeVar("Request", bound=Message)
 
 
 class Call(NamedTuple):
-    """What a server has to answer; `number` counts the requests of the service."""
+    """A pending request; `number` counts the requests of the service."""
 
     number: int
     request: Any
@@ -39,7 +39,7 @@ class ServiceServer(Closing, Generic[Request]):
         mode: int | None = None,
         group: str | int | None = None,
     ) -> None:
-        """Opens the service's regions or makes them; one server a service. A request that is there already is old.
+        """Opens the service's regions or creates them; one server for each service. Requests pending before are stale.
 
         `lock_timeout` (seconds), `mode` and `group` as for a Publisher, and its errors: ValueError, LayoutMismatch,
         RegionInUse, PermissionDenied, RegionUnusable.
@@ -57,11 +57,11 @@ class ServiceServer(Closing, Generic[Request]):
         self._service = service
 
     def serve(self, handler: Callable[[Request], Any], timeout: float | None = None) -> None:
-        """Answers each request with what `handler(request)` returns: a response, or any object with its attributes.
+        """Replies to each request with what `handler(request)` returns: a response, or any object with its attributes.
 
         Ends after `timeout` seconds, or never. An exception in the handler, or a response that does not fit, makes
-        that call FAILED and goes to the log `shmgen`; what is no Exception (KeyboardInterrupt) ends serve(). A lock
-        that is not free in time does not: the response then waits, until the lock is free or the client has given up.
+        that call FAILED and is logged as `shmgen`; a KeyboardInterrupt or another BaseException ends serve(). A lock
+        timeout does not: the response then waits until the lock is free or the client has abandoned the call.
         """
         deadline = deadline_of(timeout)
         for call in until(deadline, self.wait):
@@ -77,13 +77,13 @@ class ServiceServer(Closing, Generic[Request]):
                 raise
 
     def take(self) -> Call | None:
-        """The newest request not taken yet, or None. Take or wait often: it shows a PLC that the server lives."""
+        """The newest request not taken yet, or None. Take or wait often: that is the heartbeat for a PLC."""
         return self.wait(0.0)
 
     def wait(self, timeout: float) -> Call | None:
         """The newest request as soon as there is a new one, or None after `timeout` seconds.
 
-        A request before it that was not taken is dropped: its client has given it up.
+        A request before it that was not taken is dropped: its client has abandoned it.
         """
         taken = self._callee.take(timeout)
         if taken is None:
@@ -92,20 +92,20 @@ class ServiceServer(Closing, Generic[Request]):
         return Call(*taken)
 
     def reply(self, call: Call, response: Any) -> bool:
-        """Answers; False if it was answered, or a newer call has been taken: then nobody waits for this one.
+        """Sends the response; False if the call has one already, or a newer call has been taken.
 
-        Raises ValueRejected, with the path of the field, and LockTimeout; the call then still waits.
+        Raises ValueRejected, with the path of the field, and LockTimeout; the call is then still pending.
         """
         return self._callee.answer(
             call.number, SimpleNamespace(call=call.number, status=self._reply.DONE, response=response)
         )
 
     def fail(self, call: Call) -> bool:
-        """Tells the client that the call failed; False as in reply(). Raises LockTimeout."""
+        """Reports to the client that the call failed; False as in reply(). Raises LockTimeout."""
         return self._callee.answer(call.number, self._reply(call=call.number, status=self._reply.FAILED))
 
     def close(self) -> None:
-        """Gives the service free for another server; the regions stay."""
+        """Releases the service for another server; the regions stay."""
         self._callee.close()
 
     @property

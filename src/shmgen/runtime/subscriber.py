@@ -73,9 +73,9 @@ class Subscriber(Holding, straight.Reader, Generic[M]):
         mode: int | None = None,
         group: str | int | None = None,
     ) -> None:
-        """Opens the region, or makes it when the writer comes later; parameters and errors as for a publisher.
+        """Opens the region, or creates it if the writer has not yet; parameters and errors as for a publisher.
 
-        The newest sample that is there already counts as unread, the ones before it do not.
+        The newest sample published before counts as unread, older ones do not.
         """
         kind = self.message_type
         ours = h.header_for(kind._type_name_, kind._digest_, ctypes.sizeof(kind), depth)
@@ -113,7 +113,7 @@ class Subscriber(Holding, straight.Reader, Generic[M]):
         self._hold()
 
     def read(self) -> M | None:
-        """The newest sample, or None if it has been read already (or cannot be had now)."""
+        """The newest sample, or None if it has been read already (or the lock is needed and not free)."""
         number = self._words[COMPLETED]
         if number == self._last:
             return None
@@ -134,7 +134,7 @@ class Subscriber(Holding, straight.Reader, Generic[M]):
         return True
 
     def read_all(self) -> list[M]:
-        """Every unread sample that is still there, the oldest first."""
+        """Every unread sample not overwritten yet, the oldest first."""
         samples: list[M] = []
         for _ in range(_TRIES):
             newest = self._words[COMPLETED]
@@ -174,7 +174,7 @@ class Subscriber(Holding, straight.Reader, Generic[M]):
     def wait(self, timeout: float) -> M | None:
         """The newest sample as soon as there is a new one, or None after `timeout` seconds.
 
-        The writer wakes one waiting reader of a region, others look each millisecond. Raises PermissionDenied.
+        The writer wakes one waiting reader of a region, others poll every millisecond. Raises PermissionDenied.
         """
         deadline = time.monotonic() + timeout
         if self._event is None:
@@ -200,7 +200,7 @@ class Subscriber(Holding, straight.Reader, Generic[M]):
 
     @property
     def missed(self) -> int:
-        """Samples that came and went unread: what was read and what was missed add up to what was written."""
+        """Samples overwritten unread: samples read and samples missed add up to samples written."""
         return self._missed
 
     @property
@@ -214,9 +214,9 @@ class Subscriber(Holding, straight.Reader, Generic[M]):
         return (time.time_ns() - self._stamp) / 1e9 if self._stamp else None
 
     def is_stale(self, timeout: float) -> bool:
-        """Whether the writer's heartbeat has stood still for `timeout` seconds, as seen by calls of this method.
+        """Whether the writer's heartbeat has not changed for `timeout` seconds, as seen by calls of this method.
 
-        Call it in each cycle; before the first the time counts from the opening.
+        Call it in each cycle; before the first call the time counts from the opening.
         """
         beat, now = self._words[HEARTBEAT], time.monotonic()
         if beat != self._beat:

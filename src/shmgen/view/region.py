@@ -167,7 +167,7 @@ class RegionScreen(Screen[None]):
         self.query_one("#about", Static).update(
             f"{legible(header.type_name)}   sample {header.completed:,}   {state}   age {age}   "
             f"{header.payload_size:,} bytes   digest 16#{header.digest:016X}\n"
-            f"{self._source.missed:,} samples came and went between two looks here; Enter on a number draws it"
+            f"{self._source.missed:,} samples were overwritten between two looks here; Enter on a number draws it"
         )
         if not self._paused:
             self._values()

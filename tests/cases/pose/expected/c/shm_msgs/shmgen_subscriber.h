@@ -22,7 +22,7 @@ typedef struct shmgen_subscriber {
     shmgen_status gone; /* what calls say once it is not open */
     uint32_t last;      /* number of the sample that counts as read last */
     uint32_t sequence;  /* number of the newest sample read, 0 = none yet */
-    uint32_t missed;    /* samples that came and went unread */
+    uint32_t missed;    /* samples overwritten unread */
     uint32_t beat;
     uint32_t reserved;
     shmgen_path path; /* the field whose count was too high */
