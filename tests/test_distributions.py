@@ -6,7 +6,9 @@ import importlib.util
 import re
 import subprocess
 import sys
+import sysconfig
 from pathlib import Path
+from types import ModuleType, SimpleNamespace
 
 import posix_ipc
 import pytest
@@ -68,16 +70,20 @@ print(shmgen.runtime.__file__)
     }
 
 
-def test_links_of_the_readme_lead_to_the_repository(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As PyPI shows it: no link is relative any more, and each leads to a file, a folder, or bytes of a picture."""
-    monkeypatch.setenv("SHMGEN_REPOSITORY", "https://example.org/shmgen/")
+def hook() -> ModuleType:
     spec = importlib.util.spec_from_file_location("hatch_build", REPOSITORY / "hatch_build.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
+    return module
+
+
+def test_links_of_the_readme_lead_to_the_repository(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As PyPI shows it: no link is relative any more, and each leads to a file, a folder, or bytes of a picture."""
+    monkeypatch.setenv("SHMGEN_REPOSITORY", "https://example.org/shmgen/")
     made = {"version": "1.2.3"}
-    module.Metadata(str(REPOSITORY), {}).update(made)
+    hook().Metadata(str(REPOSITORY), {}).update(made)
     links = re.findall(r"\]\(([^)\s]+)\)", made["readme"]["text"])
     ours = [link.removeprefix("https://example.org/shmgen/") for link in links if "example.org" in link]
     assert len(ours) > 20
@@ -87,6 +93,25 @@ def test_links_of_the_readme_lead_to_the_repository(monkeypatch: pytest.MonkeyPa
         assert (REPOSITORY / path).is_dir() == (kind == "tree"), link
         assert (kind == "raw") == path.endswith((".svg", ".gif")), link
     assert made["urls"]["Changelog"] == "https://example.org/shmgen/blob/v1.2.3/CHANGELOG.md"
+
+
+@pytest.mark.parametrize(
+    ("of", "name", "value"),
+    [
+        (sysconfig, "get_config_var", {"Py_GIL_DISABLED": 1}.get),  # a free-threaded Python
+        (sys, "implementation", SimpleNamespace(name="pypy")),
+        (sys, "platform", "darwin"),
+    ],
+)
+def test_the_extension_is_compiled_for_no_other_python(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, of: object, name: str, value: object
+) -> None:
+    compiled = hook().compiled
+    monkeypatch.delenv("SHMGEN_PURE", raising=False)
+    with monkeypatch.context() as there:
+        there.setattr(of, name, value)
+        note = compiled(tmp_path / "made.so")
+    assert (note, [*tmp_path.iterdir()]) == ("the extension is for CPython with its lock, on Linux", [])
 
 
 def test_generated_code_without_it_says_what_it_needs() -> None:

@@ -539,18 +539,32 @@ def leave_locked(side, holder):
 
 @pytest.mark.usefixtures("on_arm")
 def test_no_server_ends_of_a_lock_that_a_dead_process_has(topic, caplog):
-    """Neither side raises, whatever its limit for the lock: the call lasts until the lock is healed."""
+    """Neither side raises, whatever its limit for the lock: the call lasts until the lock is healed, failed or not."""
     dead = 2**22 + 1  # beyond the greatest pid that Linux gives
-    with StartServer(topic, lock_timeout=0.001) as server, StartClient(topic, lock_timeout=0.001) as client:
-        server_thread = threading.Thread(target=server.serve, args=(answer, 5.0))
-        server_thread.start()
+
+    def handler(request):
+        if request.batch > 5:
+            raise {6: OSError("jammed"), 7: KeyboardInterrupt("over")}[request.batch]
+        return answer(request)
+
+    with (
+        ThreadPoolExecutor(1) as pool,
+        StartServer(topic, lock_timeout=0.001) as server,
+        StartClient(topic, lock_timeout=0.001) as client,
+    ):
+        served = pool.submit(server.serve, handler, 60.0)
         assert client.wait_for_server(5)
         leave_locked(client._caller._questions, dead)
         leave_locked(server._callee._answers, dead)
-        assert client.call(request(4), timeout=10).batch == 8
-        assert client.call(request(5), timeout=10).batch == 10
-        server_thread.join(10)
-    assert "waits for the lock" in caplog.text
+        assert client.call(request(4), timeout=20).batch == 8
+        assert client.call(request(5), timeout=20).batch == 10
+        leave_locked(server._callee._answers, dead)
+        for batch in (6, 7):
+            with pytest.raises(runtime.CallFailed):
+                client.call(request(batch), timeout=20)
+        with pytest.raises(KeyboardInterrupt, match="over"):
+            served.result(20)
+    assert caplog.text.count("waits for the lock") == 2
 
 
 @pytest.mark.usefixtures("on_arm")

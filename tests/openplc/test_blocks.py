@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import random
 import stat
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -22,6 +23,7 @@ from ..support.schemas import plain, random_message
 from .conftest import MESSAGES, texts_of
 
 Classes = Callable[[str], tuple[Any, Any, Any]]
+ENDS = ("Publisher", "Subscriber")
 
 
 def publisher(plc: Program, message: str, topic: str, **inputs: object) -> Instance:
@@ -43,10 +45,13 @@ def ready(block: Any, within: float = 5.0) -> Any:
 
 
 def until(said: Callable[[], bool], within: float = 5.0) -> bool:
+    """Whether it was said in time; not asked again then, since a publisher sends with each call."""
     end = time.monotonic() + within
-    while not said() and time.monotonic() < end:
+    while time.monotonic() < end:
+        if said():
+            return True
         time.sleep(0.005)
-    return said()
+    return False
 
 
 @pytest.mark.parametrize("name", MESSAGES)
@@ -79,15 +84,17 @@ def test_a_block_begins_with_the_defaults(plc: Program, python: Classes, topic: 
         assert plain(reader.read()) == plain(kind())
 
 
-def test_the_first_sample_is_whole_whichever_call_opens(plc: Program, python: Classes, topic: str) -> None:
-    """xSend is TRUE from the first call, as a program leaves it; where there is a region already, and where not."""
+@pytest.mark.parametrize("silent", range(2))
+def test_the_first_sample_is_whole_whichever_call_opens(plc: Program, python: Classes, topic: str, silent: int) -> None:
+    """Opening takes a few calls, and xSend is TRUE from any of them on: in the one that ends it there is a message."""
     kind, _, subscriber_kind = python("Given")
-    for turn in range(8):
-        name = f"{topic}/of_{turn // 4}"
-        said = plc.block("FB_demo_msgs_Given_Publisher", xEnable=True, sTopic=name)
-        assert until(lambda said=said: said().xSent == 1, within=20)
-        with subscriber_kind(name) as reader:
-            assert plain(reader.read()) == plain(kind()), f"turn {turn}"
+    for turn in ("makes the region", "finds it"):
+        said = plc.block("FB_demo_msgs_Given_Publisher", xEnable=True, sTopic=topic, xSend=False)
+        for _ in range(silent):
+            said()
+        assert until(lambda said=said: said(xSend=True).xSent == 1, within=20)
+        with subscriber_kind(topic) as reader:
+            assert plain(reader.read()) == plain(kind()), turn
         said(xEnable=False)
 
 
@@ -222,6 +229,40 @@ def test_nothing_is_left_mapped_when_the_program_is_unloaded(shared: Path, topic
         assert heard().xNewData
         program.unload()
         assert held(topic) == []
+
+
+def test_an_end_goes_with_the_task_that_opened_it(plc: Program, topic: str) -> None:
+    """Which ends with the program, while the shared object may stay loaded; then whoever goes on opens it again."""
+    said, heard = (plc.block(f"FB_demo_msgs_Number_{end}", xEnable=True, sTopic=topic) for end in ENDS)
+    for block in (said, heard):
+        in_a_thread(ready, block)
+        assert block.xBusy == 0
+    assert until(lambda: held(topic) == [], within=20), "join() does not wait for all of the thread's end"
+    assert ready(said)().xSent
+    assert ready(heard).xValid
+
+
+def test_an_end_stays_where_each_call_has_a_thread_of_its_own(plc: Program, topic: str) -> None:
+    said = plc.block("FB_demo_msgs_Number_Publisher", xEnable=True, sTopic=topic)
+    assert until(lambda: (in_a_thread(said), said.xSent == 1)[1], within=20)
+    for _ in range(3):
+        in_a_thread(said)
+        assert said.xSent
+
+
+def test_a_block_with_first_values_again_closes_what_it_had_open(plc: Program, topic: str) -> None:
+    """Beremiz starts a program again without loading it again: a publisher must not be kept out by itself."""
+    said = publisher(plc, "Number", topic)
+    before = len(held(topic))
+    said._udiEnd = 0
+    assert ready(said)().xSent
+    assert len(held(topic)) == before
+
+
+def in_a_thread(call: Callable[..., object], *given: object) -> None:
+    thread = threading.Thread(target=call, args=given)
+    thread.start()
+    thread.join()
 
 
 def held(topic: str) -> list[str]:

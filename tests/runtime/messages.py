@@ -21,6 +21,8 @@ from shmgen.runtime import claim, values  # noqa: E402
 from shmgen.runtime import header as h  # noqa: E402
 
 WHY_NOT = "shmgen was installed without gcc or Python's headers: apt-get install gcc python3-dev; pip install -e ."
+if "t" in sys.abiflags:
+    WHY_NOT = "a free-threaded Python has no extension in C"
 POSE = struct.Struct("<7d")
 SCAN = struct.Struct("<I12xI16sB")
 LONG = 6000

@@ -157,7 +157,7 @@ def test_a_fork_between_any_two_instructions(topic):
         pass
     assert forks > 100
     # Where a descriptor, or a view, is on its way from the call that made it to the name it gets.
-    assert set(held) <= {"opened", "kept_from_children", "open_region", "__init__", "_made"}
+    assert set(held) <= {"opened", "kept_from_children", "open_region", "__init__", "_made", "_address"}
     assert len(held) <= 5
 
 

@@ -103,9 +103,14 @@ def test_each_word_stands_between_two_barriers(machine, monkeypatch):
     assert steps == [fence, ("load", 3), fence, fence, ("store", 4, 6), fence, ("words.release",)]
 
 
-@pytest.mark.parametrize(("pure", "abi_of_it", "taken"), [("", 0, True), ("1", 0, False), ("", 1, False)])
-def test_an_extension_that_is_older_is_not_taken(monkeypatch, pure, abi_of_it, taken):
+@pytest.mark.parametrize(
+    ("pure", "flags", "abi_of_it", "taken"),
+    [("", "", 0, True), ("1", "", 0, False), ("", "", 1, False), ("", "t", 0, False)],
+)
+def test_an_extension_that_is_older_or_of_another_python_is_not_taken(monkeypatch, pure, flags, abi_of_it, taken):
+    """A free-threaded Python (flag t) finds one made by its neighbour by name, and would fail in the middle of it."""
     extension = SimpleNamespace(ABI=abi.ABI + abi_of_it, fence=lambda: None)
     monkeypatch.setenv("SHMGEN_PURE", pure)
+    monkeypatch.setattr(sys, "abiflags", flags)
     monkeypatch.setattr(shmgen, "_straight", extension, raising=False)
     assert runpy.run_path(order.__file__)["EXTENSION"] is (extension if taken else None)

@@ -21,6 +21,7 @@ import pytest
 from shmgen import pipeline
 from shmgen.config import Config
 from shmgen.model import Regions, TypeName
+from shmgen.runtime import header as h
 from shmgen.runtime import order, region_name
 from tests.softplc import Plc, compile_st
 
@@ -257,6 +258,27 @@ def test_there_is_no_semaphore_and_nobody_misses_one(made: Made, topic: str) -> 
     result = run(["doctor", topic], made.folder)
     assert (result.code, "semaphore" in result.stdout) == (0, False)
     assert "semaphore is missing" in run(["doctor", topic, "-I", "definitions"], made.folder.parent).stdout
+
+
+def test_a_plc_has_its_barriers_at_the_five_places(made: Made, topic: str) -> None:
+    """Each is a post and a try of the event (docs/protocol.md); what is begun, completed, there and copied by then."""
+    writing, reading = (made.plc.block(f"FB_sequence_msgs_Block_{side}") for side in ("Publisher", "Subscriber"))
+    inputs = {"xEnable": True, "sTopic": topic}
+    for _ in until(0, lambda: writing._fbRegion.xReady and reading._fbRegion.xReady):
+        writing(**inputs, xSend=False), reading(**inputs)
+    fill(writing.Msg._address, 1)
+    sample = writing.Msg.bytes()
+    seen: list[tuple[int, int, bool, bool]] = []
+
+    def look() -> None:
+        data = Path(f"/dev/shm/{region_name(topic)}").read_bytes()
+        begun, completed = (int.from_bytes(data[4 * word :][:4], "little") for word in (h.BEGUN, h.COMPLETED))
+        seen.append((begun, completed, sample in data, reading._Received.bytes() == sample))
+
+    with made.plc.at_each_post(look):
+        assert writing(xSend=True).xSent
+        assert reading(**inputs).xNewData
+    assert seen == [(1, 0, False, False), (1, 0, True, False), (1, 1, True, False), *[(1, 1, True, True)] * 2]
 
 
 @pytest.mark.parametrize("machine", ["i686", "aarch64"])

@@ -28,4 +28,4 @@ def test_everybody_moves_within_1_3_seconds() -> None:
             with suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)  # its forks too
     assert process.returncode == 0, said
-    assert len(said.splitlines()) == 14
+    assert len([line for line in said.splitlines() if line.endswith(" s")]) == 14, said

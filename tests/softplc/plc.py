@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import ctypes
 import pickle
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -126,6 +127,16 @@ class Plc:
     def fail(self, function: str, result: int) -> None:
         """Lets the next calls of a system function give `result`; 0 ends that."""
         self.library.shim_fail(function.encode(), ctypes.c_uint32(result))
+
+    @contextmanager
+    def at_each_post(self, look: Callable[[], object]) -> Iterator[None]:
+        """Calls `look` each time that a semaphore is posted, just before."""
+        call = ctypes.CFUNCTYPE(None)(look)
+        self.library.shim_on_leave(call)
+        try:
+            yield
+        finally:
+            self.library.shim_on_leave(None)
 
     def set_clock(self, ms: int) -> None:
         """Stops the clock of TIME() there."""

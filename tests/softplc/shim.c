@@ -29,6 +29,7 @@ static unsigned born = 1;
 static int rounding = 0;
 static uint32_t stopped_clock, waits;
 static int clock_stands = 0;
+static void (*on_leave)(void);
 static struct {
     char function[32];
     uint32_t result;
@@ -37,6 +38,7 @@ static struct {
 void shim_sem_born(unsigned value) { born = value; }
 void shim_shm_round(int rounded) { rounding = rounded; }
 uint32_t shim_waits(void) { return waits; }
+void shim_on_leave(void (*call)(void)) { on_leave = call; }
 
 void shim_fail(const char *function, uint32_t result) {
     snprintf(failing.function, sizeof failing.function, "%s", function);
@@ -178,6 +180,7 @@ uint32_t shim_sem_enter(uint64_t handle, uint32_t timeout_ms) {
 }
 
 uint32_t shim_sem_leave(uint64_t handle) {
+    if (on_leave) on_leave();
     if (handle == INVALID) return PARAMETER;
     return sem_post((sem_t *)(uintptr_t)handle) == 0 ? OK : FAILED;
 }

@@ -227,6 +227,13 @@ def test_construct(plc: Plc, title: str) -> None:
     assert {path: found(block, path) for path in CASES[title].expected} == CASES[title].expected
 
 
+def test_what_is_packed_begins_where_its_members_lie_well() -> None:
+    """A generated DUT has its gaps as members, and counts on its place: ARM of 32 bits does not read beside it."""
+    text = program("P", "x : BYTE; a : ST_Packed; y : BYTE; b : ARRAY[0..1] OF ST_Packed;", "y := x;")
+    plc = compile_st(FILES | {"P.st": text})
+    assert [plc.offsets["P"][name.upper()][0] % 8 for name in ("a", "b")] == [0, 0]
+
+
 def found(view: Any, path: str) -> Any:
     for part in path.split("."):
         view = view[int(part)] if part.lstrip("-").isdigit() else getattr(view, part)

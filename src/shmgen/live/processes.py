@@ -89,10 +89,13 @@ def alive(pid: int) -> bool:
 def called(pid: int) -> str:
     """`talker.py`, with its arguments, shortened; nothing if it is gone. Of a script the interpreter goes unnamed."""
     try:
-        with open(f"/proc/{pid}/cmdline", "rb") as file:
-            words = file.read().decode(errors="replace").split("\0")
+        words = _command(pid)
     except OSError:
         return ""
+    while len(words) > 2 and _EMULATOR.fullmatch(words[0]) and not words[1].startswith("-"):
+        # The program's file, and behind it its own first word where the kernel was told to keep that.
+        kept = words[0].endswith("-P") or os.path.basename(words[1]) == os.path.basename(words[2])
+        del words[: 1 + kept]
     if len(words) > 2 and os.path.basename(words[0]).startswith("python") and not words[1].startswith("-"):
         del words[0]
     line = " ".join([os.path.basename(words[0]), *(word for word in words[1:] if word)])
@@ -101,12 +104,26 @@ def called(pid: int) -> str:
 
 
 def bits(pid: int) -> int | None:
-    """32 or 64: the ELF class of its program; None if this user may not look."""
+    """32 or 64: the ELF class of its program, or what its emulator stands for; None if this user may not look."""
     try:
         with open(f"/proc/{pid}/exe", "rb") as file:
-            return {1: 32, 2: 64}.get(file.read(5)[-1])
+            found = {1: 32, 2: 64}.get(file.read(5)[-1])
+        emulator = _EMULATOR.fullmatch(_command(pid)[0])
     except (OSError, IndexError):
         return None
+    if emulator:
+        return 64 if "64" in (emulator[1] or emulator[2]) else 32
+    return found
+
+
+_KIND = "aarch64|arm|i386|riscv64|x86_64"
+_EMULATOR = re.compile(rf"(?:.*/)?(?:qemu-({_KIND})(?:-static)?|({_KIND})-binfmt-P)")
+"""qemu-user, by the names that its makers, docker's images and Debian give it."""
+
+
+def _command(pid: int) -> list[str]:
+    with open(f"/proc/{pid}/cmdline", "rb") as file:
+        return file.read().decode(errors="replace").split("\0")
 
 
 _PATH = r"(?:/.*)?/dev/shm/(.+?)( \(deleted\))?\n?"

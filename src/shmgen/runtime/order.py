@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     """The extension in C, None where it is not at work."""
 else:
     try:
-        if os.environ.get("SHMGEN_PURE"):
+        if os.environ.get("SHMGEN_PURE") or "t" in getattr(sys, "abiflags", ""):  # objects of 3.13t look otherwise
             raise ImportError
         from shmgen import _straight as EXTENSION
 

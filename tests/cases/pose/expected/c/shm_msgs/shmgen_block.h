@@ -10,7 +10,9 @@
 #include "shmgen_publisher.h"
 #include "shmgen_subscriber.h"
 
+#include <pthread.h>
 #include <stdlib.h>
+#include <sys/syscall.h>
 
 #ifdef __cplusplus
 extern "C" {
@@ -63,6 +65,8 @@ typedef struct shmgen_block {
     uint32_t missed;
     uint32_t refused;
     uint32_t place; /* in the table */
+    uint32_t bound; /* 1: goes with the thread */
+    int32_t thread; /* that opens it */
     uint32_t reserved;
     char topic[256];
 } shmgen_block;
@@ -71,6 +75,33 @@ static shmgen_block *shmgen_blocks[SHMGEN_BLOCKS];
 /* 1: inside a call, or unloaded. */
 static uint8_t shmgen_busy[SHMGEN_BLOCKS];
 static uint8_t shmgen_unloaded;
+static pthread_once_t shmgen_thread_once = PTHREAD_ONCE_INIT;
+static pthread_key_t shmgen_thread_key;
+static uint8_t shmgen_thread_known;
+
+static inline void shmgen_thread_ended(void *unused);
+
+static inline int32_t shmgen_thread(void)
+{
+    return (int32_t)syscall(SYS_gettid);
+}
+
+static inline void shmgen_thread_made(void)
+{
+    shmgen_thread_known = pthread_key_create(&shmgen_thread_key, shmgen_thread_ended) == 0 ? 1 : 0;
+}
+
+/* An end goes with the thread that opened it: OpenPLC v4 and Beremiz stop a program by ending its tasks' threads, and may
+ * leave it loaded. One that more than one thread opened stays: there each cycle may be a thread of its own. */
+static inline void shmgen_block_bind(shmgen_block *self)
+{
+    self->bound = 0;
+    if (self->thread != shmgen_thread())
+        return;
+    pthread_once(&shmgen_thread_once, shmgen_thread_made);
+    if (shmgen_thread_known != 0 && pthread_setspecific(shmgen_thread_key, shmgen_blocks) == 0)
+        self->bound = 1;
+}
 
 static inline void shmgen_block_rest(shmgen_block *self)
 {
@@ -98,6 +129,7 @@ static inline void shmgen_block_start(shmgen_block *self)
         self->writer != 0 ? shmgen_publisher_start(&self->publisher, self->topic, &self->type, &self->options)
                           : shmgen_subscriber_start(&self->subscriber, self->topic, &self->type, &self->options);
     self->opening = 1;
+    self->thread = shmgen_thread();
     if (status != SHMGEN_OPENING)
         shmgen_block_fail(self, status);
 }
@@ -124,6 +156,7 @@ static inline bool shmgen_block_is_open(shmgen_block *self)
     }
     self->error = SHMGEN_OK;
     self->ready = 1;
+    shmgen_block_bind(self);
     return true;
 }
 
@@ -146,11 +179,29 @@ static inline void shmgen_block_close(shmgen_block *self)
     __atomic_store_n(&shmgen_blocks[place], (shmgen_block *)NULL, __ATOMIC_RELEASE);
 }
 
+/* Of all ends that the thread opened. */
+static inline void shmgen_thread_ended(void *unused)
+{
+    const int32_t thread = shmgen_thread();
+    (void)unused;
+    for (uint32_t place = 0; place < SHMGEN_BLOCKS; place++) {
+        const shmgen_block *self;
+        if (__atomic_exchange_n(&shmgen_busy[place], (uint8_t)1, __ATOMIC_ACQUIRE) != 0)
+            continue;
+        self = __atomic_load_n(&shmgen_blocks[place], __ATOMIC_ACQUIRE);
+        if (self != NULL && self->bound != 0 && self->thread == thread)
+            shmgen_block_close(shmgen_blocks[place]);
+        __atomic_store_n(&shmgen_busy[place], (uint8_t)0, __ATOMIC_RELEASE);
+    }
+}
+
 /* Nothing is left mapped when the program is unloaded. A thread that is inside a call still keeps its end: the process
  * is about to end then. */
 __attribute__((destructor, unused)) static void shmgen_unload(void)
 {
     __atomic_store_n(&shmgen_unloaded, (uint8_t)1, __ATOMIC_SEQ_CST);
+    if (shmgen_thread_known != 0)
+        pthread_key_delete(shmgen_thread_key);
     for (uint32_t place = 0; place < SHMGEN_BLOCKS; place++)
         if (__atomic_exchange_n(&shmgen_busy[place], (uint8_t)1, __ATOMIC_SEQ_CST) == 0 && shmgen_blocks[place] != NULL)
             shmgen_block_close(shmgen_blocks[place]);
@@ -202,10 +253,27 @@ static inline shmgen_block *shmgen_block_made(
     return self;
 }
 
+/* Closes what a block had open before its data was set to first values: a program that is started again, but not loaded
+ * again. */
+static inline void shmgen_block_forget(const void *owner)
+{
+    for (uint32_t place = 0; place < SHMGEN_BLOCKS; place++) {
+        shmgen_block *self = __atomic_load_n(&shmgen_blocks[place], __ATOMIC_ACQUIRE);
+        if (self == NULL || self->owner != owner ||
+            __atomic_exchange_n(&shmgen_busy[place], (uint8_t)1, __ATOMIC_ACQUIRE) != 0)
+            continue;
+        self = __atomic_load_n(&shmgen_blocks[place], __ATOMIC_ACQUIRE);
+        if (self != NULL && self->owner == owner)
+            shmgen_block_close(self);
+        __atomic_store_n(&shmgen_busy[place], (uint8_t)0, __ATOMIC_RELEASE);
+    }
+}
+
 /* Gives it a place in the table, held as by shmgen_block_enter(). NULL: there is none, and it is gone. */
 static inline shmgen_block *shmgen_block_placed(shmgen_block *self, uint32_t *number, const void *owner)
 {
     const bool unloaded = __atomic_load_n(&shmgen_unloaded, __ATOMIC_SEQ_CST) != 0;
+    shmgen_block_forget(owner);
     for (uint32_t place = 0; self != NULL && !unloaded && place < SHMGEN_BLOCKS; place++) {
         if (shmgen_blocks[place] != NULL ||
             __atomic_exchange_n(&shmgen_busy[place], (uint8_t)1, __ATOMIC_ACQUIRE) != 0)
