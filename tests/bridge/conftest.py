@@ -12,7 +12,8 @@ from ..support.ros1 import Graph
 
 
 @pytest.fixture
-def graph(tmp_path: Path) -> Iterator[Graph]:
+def graph(tmp_path: Path, space: str) -> Iterator[Graph]:
+    """Ends before the regions of `space` go: a bridge makes them anew."""
     made = Graph(tmp_path)
     try:
         yield made

@@ -20,7 +20,8 @@ def domain(testrun_uid: str, worker_id: str) -> int:
 
 
 @pytest.fixture(params=["jazzy", "kilted"])
-def graph(request: pytest.FixtureRequest, tmp_path: Path, domain: int) -> Iterator[Graph]:
+def graph(request: pytest.FixtureRequest, tmp_path: Path, domain: int, space: str) -> Iterator[Graph]:
+    """Ends before the regions of `space` go: a bridge makes them anew."""
     made = Graph(tmp_path, domain, *(request.param if isinstance(request.param, tuple) else (request.param,)))
     try:
         yield made
