@@ -72,6 +72,8 @@ typedef struct shmgen_block {
 } shmgen_block;
 
 static shmgen_block *shmgen_blocks[SHMGEN_BLOCKS];
+/* Whose they are or were, for who does not hold them: another thread may free them at any time. */
+static const void *shmgen_owners[SHMGEN_BLOCKS];
 /* 1: inside a call, or unloaded. */
 static uint8_t shmgen_busy[SHMGEN_BLOCKS];
 static uint8_t shmgen_unloaded;
@@ -179,20 +181,25 @@ static inline void shmgen_block_close(shmgen_block *self)
     __atomic_store_n(&shmgen_blocks[place], (shmgen_block *)NULL, __ATOMIC_RELEASE);
 }
 
-/* Of all ends that the thread opened. */
+/* Closes the end there if it is that owner's, or goes with that thread, and nobody is inside. */
+static inline void shmgen_block_drop(uint32_t place, const void *owner, int32_t thread)
+{
+    shmgen_block *self;
+    if (__atomic_exchange_n(&shmgen_busy[place], (uint8_t)1, __ATOMIC_ACQUIRE) != 0)
+        return;
+    self = __atomic_load_n(&shmgen_blocks[place], __ATOMIC_ACQUIRE);
+    if (self != NULL && (self->owner == owner || (self->bound != 0 && self->thread == thread)))
+        shmgen_block_close(self);
+    __atomic_store_n(&shmgen_busy[place], (uint8_t)0, __ATOMIC_RELEASE);
+}
+
+/* Closes all ends that the thread opened. */
 static inline void shmgen_thread_ended(void *unused)
 {
     const int32_t thread = shmgen_thread();
     (void)unused;
-    for (uint32_t place = 0; place < SHMGEN_BLOCKS; place++) {
-        const shmgen_block *self;
-        if (__atomic_exchange_n(&shmgen_busy[place], (uint8_t)1, __ATOMIC_ACQUIRE) != 0)
-            continue;
-        self = __atomic_load_n(&shmgen_blocks[place], __ATOMIC_ACQUIRE);
-        if (self != NULL && self->bound != 0 && self->thread == thread)
-            shmgen_block_close(shmgen_blocks[place]);
-        __atomic_store_n(&shmgen_busy[place], (uint8_t)0, __ATOMIC_RELEASE);
-    }
+    for (uint32_t place = 0; place < SHMGEN_BLOCKS; place++)
+        shmgen_block_drop(place, NULL, thread);
 }
 
 /* Nothing is left mapped when the program is unloaded. A thread that is inside a call still keeps its end: the process
@@ -257,16 +264,9 @@ static inline shmgen_block *shmgen_block_made(
  * again. */
 static inline void shmgen_block_forget(const void *owner)
 {
-    for (uint32_t place = 0; place < SHMGEN_BLOCKS; place++) {
-        shmgen_block *self = __atomic_load_n(&shmgen_blocks[place], __ATOMIC_ACQUIRE);
-        if (self == NULL || self->owner != owner ||
-            __atomic_exchange_n(&shmgen_busy[place], (uint8_t)1, __ATOMIC_ACQUIRE) != 0)
-            continue;
-        self = __atomic_load_n(&shmgen_blocks[place], __ATOMIC_ACQUIRE);
-        if (self != NULL && self->owner == owner)
-            shmgen_block_close(self);
-        __atomic_store_n(&shmgen_busy[place], (uint8_t)0, __ATOMIC_RELEASE);
-    }
+    for (uint32_t place = 0; place < SHMGEN_BLOCKS; place++)
+        if (__atomic_load_n(&shmgen_owners[place], __ATOMIC_RELAXED) == owner)
+            shmgen_block_drop(place, owner, 0);
 }
 
 /* Gives it a place in the table, held as by shmgen_block_enter(). NULL: there is none, and it is gone. */
@@ -284,6 +284,7 @@ static inline shmgen_block *shmgen_block_placed(shmgen_block *self, uint32_t *nu
         }
         self->owner = owner;
         self->place = place;
+        __atomic_store_n(&shmgen_owners[place], owner, __ATOMIC_RELAXED);
         __atomic_store_n(&shmgen_blocks[place], self, __ATOMIC_RELEASE);
         *number = place + 1;
         return self;
