@@ -130,7 +130,7 @@ def monkeypatched(graph: Graph) -> Iterator[None]:
         yield
 
 
-@by_rclpy
+@all_ways
 def test_services_both_ways_while_a_topic_flows(graph: Graph, space: str) -> None:
     """A call that waits for the PLC holds up no message, and no other call."""
     bridge = graph.bridge(
@@ -211,7 +211,7 @@ def call(plc: Any) -> str:
         return str(error)
 
 
-@by_rclpy
+@all_ways
 def test_the_end_comes_in_the_middle_of_calls(graph: Graph, space: str) -> None:
     bridge = graph.bridge(
         f'source = "{graph.source}"\n'

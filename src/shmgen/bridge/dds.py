@@ -21,6 +21,7 @@ from shmgen.bridge.dds_dropped import Dropped
 from shmgen.bridge.dds_ends import Ends, Heard, Peers, matches, quality, send
 from shmgen.bridge.dds_network import confine, network, sockets
 from shmgen.bridge.dds_types import structure, topic_name
+from shmgen.bridge.dds_ways import Ways, chosen
 from shmgen.bridge.identity import TAKES_OURS, Identity
 from shmgen.runtime import Time
 
@@ -53,7 +54,9 @@ def connect(node: Node) -> Graph:
             confine(before)
     except (DDSException, OSError) as error:
         raise ValueError(f"dds: cannot join domain {domain}: {error}") from error
-    return Graph(Ends(participant, node.tell), dropped)
+    ends = Ends(participant, node.tell)
+    ways = Ways(lambda ended: chosen(ends, node, domain, joined, os.environ, ended), node.tell)
+    return Graph(ends, dropped, ways)
 
 
 class Graph:
@@ -61,9 +64,10 @@ class Graph:
 
     actions = actions_of_ros2
 
-    def __init__(self, ends: Ends, dropped: Dropped) -> None:
+    def __init__(self, ends: Ends, dropped: Dropped, ways: Ways) -> None:
         self._ends = ends
         self._dropped = dropped
+        self._ways = ways
 
     def publisher(self, wire: Wire) -> Outlet:
         """Advertises the topic. Raises ValueError for a type with a `wstring`."""
@@ -116,12 +120,12 @@ class Graph:
         return Intake(made.new, lambda: bool(matches(reader)))
 
     def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
-        """For clients on rmw_cyclonedds. Raises as publisher()."""
-        dds_services.serve(self._ends, wire, answer, refuse)
+        """Soon. Raises as publisher()."""
+        dds_services.serve(self._ways.opened, wire, self._ends.tell, answer, refuse)
 
     def client(self, wire: ServiceWire) -> Caller:
-        """For servers on rmw_cyclonedds. Raises as publisher()."""
-        return dds_services.client(self._ends, wire)
+        """Raises as publisher()."""
+        return dds_services.client(self._ways.opened, wire, self._ends.tell)
 
     def now(self) -> Time:
         """The wall's clock."""
@@ -133,6 +137,7 @@ class Graph:
 
     def close(self) -> None:
         """Leaves the domain."""
+        self._ways.leave()
         self._ends.close()
 
 

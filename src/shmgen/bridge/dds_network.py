@@ -22,11 +22,16 @@ _PROCESSES = 32
 
 @dataclass(frozen=True, slots=True)
 class Network:
-    """How the domain is joined: Cyclone's configuration, whether nobody but this machine is heard, and what to tell."""
+    """How the domain is joined: Cyclone's configuration, whether nobody but this machine is heard, and what to tell.
+
+    `reach` is the discovery range, if one counts, and `peers` are the static ones that do.
+    """
 
     config: str
     alone: bool
     notes: tuple[str, ...]
+    reach: str
+    peers: tuple[str, ...]
 
 
 def network(environment: Mapping[str, str], largest: int) -> Network:
@@ -56,7 +61,9 @@ def network(environment: Mapping[str, str], largest: int) -> Network:
         notes.append(
             "only this machine is heard" if reach == "LOCALHOST" else "nobody is looked for, and nobody finds us"
         )
-    return Network(",".join(filter(None, (ours, environment.get("CYCLONEDDS_URI")))), alone, tuple(notes))
+    return Network(
+        ",".join(filter(None, (ours, environment.get("CYCLONEDDS_URI")))), alone, tuple(notes), reach, tuple(peers)
+    )
 
 
 def _discovery(reach: str, peers: list[str]) -> str:

@@ -1,9 +1,9 @@
-"""Turns services of ROS 2 into two topics, request and reply, as rmw_cyclonedds does.
+"""Turns services of ROS 2 into two topics, request and reply, as rmw_cyclonedds and as rmw_fastrtps do.
 
-Before each request and its reply go 16 bytes that say whose they are. rmw_fastrtps says it in the inline QoS
-instead, which Cyclone neither shows nor lets us set: its clients and servers are not reached. They would take those 16
-bytes for a message, and we theirs for the 16; so nothing passes between us and an end that has no identity in its user
-data, and that is said as soon as the two meet: Cyclone drops what such an end sends before we see it.
+Both must say whose call a request or a reply is. rmw_cyclonedds puts 16 bytes before it, and rmw_fastrtps says it
+inline, which Cyclone neither shows nor lets us set, and Fast DDS does. Who has an identity in its user data is of the
+first kind, as we are. An end of the other kind would take those 16 bytes for a message, and we its message for them: so
+what goes to a server depends on the server, and where our ends are Cyclone's nothing passes between us and such a peer.
 """
 
 from __future__ import annotations
@@ -14,25 +14,24 @@ import struct
 import threading
 import time
 import uuid
-from collections.abc import Iterable
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from cyclonedds.core import DDSException
-from cyclonedds.pub import DataWriter
-from cyclonedds.qos import Qos
-from cyclonedds.sub import DataReader
-
-from shmgen.bridge.backend import QUEUE, Answer, Caller, NoAnswer, Refuse, ServiceWire
-from shmgen.bridge.cdr import Codec, codec
-from shmgen.bridge.dds_ends import Ends, Peers, matches, quality, said_by, send, word_of
-from shmgen.bridge.dds_types import CALL, reply_name, request_name, structure
+from shmgen.bridge.backend import Answer, Caller, NoAnswer, Refuse, ServiceWire
+from shmgen.bridge.cdr import codec
+from shmgen.bridge.dds_ends import word_of
+from shmgen.bridge.dds_types import CALL, reply_name, request_name, structure, type_name
 from shmgen.bridge.identity import Identity
+from shmgen.bridge.service_pair import Came, Pair, Side, Way
 from shmgen.model import Message
 
 _CALL = struct.Struct("<Qq")
 """Whose call, and which: CALL as bytes. Its 16 keep the alignment of what follows."""
 _ENCAPSULATION = 4
+_READER = 0x04
+"""The bit of a GUID's last byte that a reader has and a writer has not (DDSI-RTPS 2.5, 9.3.1.2)."""
+_GUID = 16
 _REPLY_READER = 2.0
 """Seconds a reply waits until its client's reader is known here, while its writer is; rmw_cyclonedds waits 0.1."""
 _REPLY_READER_AT_ONCE = 20.0
@@ -41,178 +40,201 @@ _LOOK = 0.01
 _PATIENCE = 0.1
 """Seconds that a call waits before it looks whether there still is a server."""
 
-
 _STRANGER = "a peer is not on rmw_cyclonedds: nothing passes between us and it"
 _HINT = "start it with RMW_IMPLEMENTATION=rmw_cyclonedds_cpp, or the bridge with --backend ros2"
+_BOTH = "there are servers on rmw_cyclonedds and on rmw_fastrtps, and each would take the other's request for its own"
+
+Open = Callable[[Callable[[Way], None]], None]
+"""Calls back as soon as it is known how services are had, which may take seconds: see dds_ways.py."""
 
 
-def serve(ends: Ends, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
+def serve(opened: Open, wire: ServiceWire, tell: Callable[[str], None], answer: Answer, refuse: Refuse) -> None:
     """Calls `answer` in the thread of the service, request after request. Raises ValueError for a `wstring`."""
-    request, response = codec(wire.request), codec(wire.response)
-    us = _identity("serviceid")
-    peers = Peers(_meant(ends, wire.service, wire.request, request), refuse)
-    strangers = _Strangers(ends, wire.service, "clientid", refuse)
-
-    def met(entity: Any, handle: int) -> None:
-        peers.matched(entity, handle)
-        strangers.matched(entity, handle)
-
-    requests = ends.reader(request_name(wire.service), structure(wire.request, before=CALL), _quality(us, request), met)
-    strangers.look(requests, matches(requests))
-    replies = ends.writer(reply_name(wire.service), structure(wire.response, before=CALL), _quality(us, response))
-
-    def answered(sample: Any) -> None:
-        theirs = _identity_of(requests, sample.sample_info.publication_handle, "clientid")
-        if why := peers.refusal(requests, sample):
-            refuse(why)
-            return
-        if not theirs:
-            refuse(_STRANGER)
-            return
-        if wire.at_once:
-            threading.Thread(target=reply, args=(sample, theirs), daemon=True).start()
-        else:
-            reply(sample, theirs)
-
-    def reply(sample: Any, theirs: str) -> None:
-        call, asked = _split(sample.cdr)
-        message = response.new()
-        try:
-            answer(request.decode(asked), message)
-        except NoAnswer as error:  # ROS 2 has no word for it: the client waits in vain
-            ends.tell(f"{wire.service}: no answer: {error}")
-            return
-        patience = _REPLY_READER_AT_ONCE if wire.at_once else _REPLY_READER
-        _await_reader(replies, requests, theirs, patience)
-        with suppress(DDSException):  # the bridge has ended meanwhile
-            send(replies, _joined(call, response.encode(message)))
-
-    ends.listen(requests, answered, wire.service)
+    served = _Served(wire, tell, answer, refuse)
+    opened(served.open)
 
 
-def client(ends: Ends, wire: ServiceWire) -> Caller:
+def client(opened: Open, wire: ServiceWire, tell: Callable[[str], None]) -> Caller:
     """Raises ValueError for a `wstring`."""
-    request, response = codec(wire.request), codec(wire.response)
-    us = _identity("clientid")
-    strangers = _Strangers(ends, wire.service, "serviceid", lambda why: None)
-    requests = ends.writer(
-        request_name(wire.service), structure(wire.request, before=CALL), _quality(us, request), strangers.matched
-    )
-    strangers.look(requests, matches(requests))
-    peers = Peers(_meant(ends, wire.service, wire.response, response), lambda why: None)
-    replies = ends.reader(
-        reply_name(wire.service), structure(wire.response, before=CALL), _quality(us, response), peers.matched
-    )
-    asked = _meant(ends, wire.service, wire.request, request)
-    guid = requests.get_instance_handle() & (2**64 - 1)
-    numbers = itertools.count(1)
-    waiting: dict[int, queue.SimpleQueue[bytes | NoAnswer]] = {}
+    asking = _Client(wire, tell)
+    opened(asking.open)
+    return Caller(asking.request.new, asking.call, asking.is_connected)
 
-    def replied(sample: Any) -> None:
-        (whose, number), answer = _split(sample.cdr)
-        if whose == guid and (caller := waiting.get(number)):
-            caller.put(NoAnswer(why) if (why := peers.refusal(replies, sample)) else answer)
 
-    def is_connected() -> bool:
-        return bool(matches(requests) and matches(replies))
+class _Half:
+    """What the two ends of a service have in common."""
 
-    def call(message: Any, timeout: float) -> Any:
-        deadline = time.monotonic() + timeout
-        while not is_connected():
-            if time.monotonic() >= deadline:
-                raise NoAnswer(f"no server within {timeout:g} s")
-            time.sleep(_LOOK)
-        if not all(_identities(requests, "serviceid")):
-            raise NoAnswer(_STRANGER)
-        for handle in matches(requests):
-            if why := asked.refusal(_identity_of(requests, handle, "typehash").partition("=")[2]):
-                raise NoAnswer(why)
-        number, known = next(numbers), set(matches(requests))
-        waiting[number] = queue.SimpleQueue()
+    def __init__(self, wire: ServiceWire, tell: Callable[[str], None], ours: str, theirs: str, refuse: Refuse) -> None:
+        self.request, self.response = codec(wire.request), codec(wire.response)
+        self.pair: Pair | None = None
+        self._name = wire.service
+        self._tell = tell
+        self._theirs = theirs
+        self._refuse = refuse
+        self._told = False
+        us = f"{ours}={'.'.join(f'{byte:x}' for byte in uuid.uuid4().bytes)};"
+        self._asks = _side(request_name(wire.service), wire.request, f"{us}typehash={self.request.type_hash};")
+        self._answers = _side(reply_name(wire.service), wire.response, f"{us}typehash={self.response.type_hash};")
+        self._asked = Identity(wire.service, wire.request[-1].name, self.request.type_hash, tell)
+        self._answered = Identity(wire.service, wire.response[-1].name, self.response.type_hash, tell)
+
+    def _id(self, words: list[str]) -> str:
+        """Nothing of one that says inline whose call it is."""
+        return word_of(words, self._theirs)
+
+    def _strange(self, way: Way) -> None:
+        self._refuse(_STRANGER)
+        if not self._told:
+            self._told = True
+            self._tell(f"{self._name}: {_STRANGER}; {way.why}{_HINT}")
+
+
+class _Served(_Half):
+    def __init__(self, wire: ServiceWire, tell: Callable[[str], None], answer: Answer, refuse: Refuse) -> None:
+        super().__init__(wire, tell, "serviceid", "clientid", refuse)
+        self._answer = answer
+        self._at_once = wire.at_once
+
+    def open(self, way: Way) -> None:
+        def met(words: list[str], heard: bool) -> None:
+            if heard and (why := self._asked.refusal(_hash(words))):
+                self._refuse(why)
+            elif heard and not way.inline and not self._id(words):
+                self._strange(way)
+
+        self.pair = way.pair(self._asks, self._answers, met)
+        self.pair.listen(self._came, self._name)
+
+    def _came(self, came: Came) -> None:
+        assert self.pair
+        if why := self._asked.refusal(_hash(came.words)):
+            self._refuse(why)
+        elif not self._id(came.words) and not self.pair.inline:
+            self._refuse(_STRANGER)
+        elif self._at_once:
+            threading.Thread(target=self._reply, args=(self.pair, came), daemon=True).start()
+        else:
+            self._reply(self.pair, came)
+
+    def _reply(self, pair: Pair, came: Came) -> None:
+        before, asked = _split(came.cdr) if self._id(came.words) else (b"", came.cdr)
+        message = self.response.new()
         try:
-            send(requests, _joined((guid, number), request.encode(message)))
-            while True:
-                with suppress(queue.Empty):
-                    answer = waiting[number].get(timeout=max(0.0, min(_PATIENCE, deadline - time.monotonic())))
-                    break
-                if not known & set(matches(requests)):
-                    raise NoAnswer("the server has gone")
-                if time.monotonic() >= deadline:
-                    raise NoAnswer(f"no answer within {timeout:g} s")
-        finally:
-            del waiting[number]
-        if isinstance(answer, NoAnswer):
-            raise answer
-        return response.decode(answer)
+            self._answer(self.request.decode(asked), message)
+        except NoAnswer as error:  # ROS 2 has no word for it: the client waits in vain
+            self._tell(f"{self._name}: no answer: {error}")
+            return
+        self._await_reader(pair, came)
+        reply = self.response.encode(message)
+        pair.send(_joined(before, reply), came.call if not before else None)
 
-    ends.listen(replies, replied, wire.service)
-    return Caller(request.new, call, is_connected)
-
-
-class _Strangers:
-    """Those who keep to another middleware's services; told of once a service."""
-
-    def __init__(self, ends: Ends, service: str, role: str, refuse: Refuse) -> None:
-        self._ends, self._service, self._role, self._refuse = ends, service, role, refuse
-        self._known: set[int] = set()
-
-    def matched(self, entity: Any, handle: int) -> None:
-        """A Matched."""
-        self.look(entity, [handle])
-
-    def look(self, entity: Any, handles: Iterable[int]) -> None:
-        """At peers that came before we could be told."""
-        for handle in handles:
-            with suppress(LookupError):  # gone meanwhile
-                if handle not in self._known and not word_of(said_by(entity, handle), self._role):
-                    if not self._known:
-                        self._ends.tell(f"{self._service}: {_STRANGER}; {_HINT}")
-                    self._known.add(handle)
-                    self._refuse(_STRANGER)
-
-
-def _identity(role: str) -> str:
-    """By which rmw_cyclonedds tells which reader and which writer belong together."""
-    return f"{role}={'.'.join(f'{byte:x}' for byte in uuid.uuid4().bytes)};"
-
-
-def _quality(identity: str, made: Codec) -> Qos:
-    return quality("reliable", False, QUEUE, f"{identity}typehash={made.type_hash};")
-
-
-def _split(cdr: bytes) -> tuple[tuple[int, int], bytes]:
-    """The call, and the message without it. Raises ValueError for another byte order than ours."""
-    if cdr[1] != 1:
-        raise ValueError("a call from a big-endian machine")
-    start = _ENCAPSULATION + _CALL.size
-    return _CALL.unpack_from(cdr, _ENCAPSULATION), cdr[:_ENCAPSULATION] + cdr[start:]
-
-
-def _joined(call: tuple[int, int], cdr: bytes) -> bytes:
-    return cdr[:_ENCAPSULATION] + _CALL.pack(*call) + cdr[_ENCAPSULATION:]
-
-
-def _await_reader(replies: DataWriter, requests: DataReader, client: str, patience: float) -> None:
-    """A client whose writer we know may have a reader that we do not know yet, and that the reply would miss."""
-    deadline = time.monotonic() + patience
-    with suppress(DDSException):  # the bridge has ended meanwhile
-        while client not in _identities(replies, "clientid") and client in _identities(requests, "clientid"):
+    def _await_reader(self, pair: Pair, came: Came) -> None:
+        """A client whose writer we know may have a reader that we do not know yet, and that the reply would miss."""
+        deadline = time.monotonic() + (_REPLY_READER_AT_ONCE if self._at_once else _REPLY_READER)
+        while came.sender in pair.peers(heard=True) and not self._hears(pair, came):
             if time.monotonic() >= deadline:
                 return
             time.sleep(_LOOK)
 
-
-def _identities(end: DataReader | DataWriter, role: str) -> list[str]:
-    """Of those whom we read, or who read what we write; empty where one has none."""
-    return [_identity_of(end, handle, role) for handle in matches(end)]
-
-
-def _identity_of(end: DataReader | DataWriter, handle: int, role: str) -> str:
-    try:
-        return word_of(said_by(end, handle), role)
-    except LookupError:  # gone meanwhile
-        return ""
+    def _hears(self, pair: Pair, came: Came) -> bool:
+        hearing = pair.peers(heard=False)
+        if theirs := self._id(came.words):
+            return any(theirs == self._id(words) for words in hearing.values())
+        return not came.call[_GUID - 1] & _READER or came.call[:_GUID] in hearing
 
 
-def _meant(ends: Ends, service: str, messages: tuple[Message, ...], made: Codec) -> Identity:
-    return Identity(service, messages[-1].name, made.type_hash, ends.tell)
+class _Client(_Half):
+    def __init__(self, wire: ServiceWire, tell: Callable[[str], None]) -> None:
+        super().__init__(wire, tell, "clientid", "serviceid", lambda why: None)
+        self._guid = uuid.uuid4().int & (2**64 - 1)
+        self._numbers = itertools.count(1)
+        self._waiting: dict[bytes, queue.SimpleQueue[bytes | NoAnswer]] = {}
+        self._sending = threading.Lock()
+        """Held until it is known by what the reply will be known."""
+
+    def open(self, way: Way) -> None:
+        def met(words: list[str], heard: bool) -> None:
+            if not heard and not way.inline and not self._id(words):
+                self._strange(way)
+
+        pair = way.pair(self._answers, self._asks, met)
+        pair.listen(self._came, self._name)
+        self.pair = pair
+
+    def is_connected(self) -> bool:
+        return bool(self.pair and self.pair.peers(heard=True) and self.pair.peers(heard=False))
+
+    def call(self, message: Any, timeout: float) -> Any:
+        deadline = time.monotonic() + timeout
+        while not self.pair or not self.is_connected():
+            if time.monotonic() >= deadline:
+                raise NoAnswer(f"no server within {timeout:g} s")
+            time.sleep(_LOOK)
+        pair = self.pair
+        servers = pair.peers(heard=False)
+        inline = self._inline(pair, list(servers.values()))
+        answer: queue.SimpleQueue[bytes | NoAnswer] = queue.SimpleQueue()
+        with self._sending:
+            call = self._send(pair, self.request.encode(message), inline)
+            self._waiting[call] = answer
+        try:
+            while True:
+                with suppress(queue.Empty):
+                    came = answer.get(timeout=max(0.0, min(_PATIENCE, deadline - time.monotonic())))
+                    break
+                if not servers.keys() & pair.peers(heard=False).keys():
+                    raise NoAnswer("the server has gone")
+                if time.monotonic() >= deadline:
+                    raise NoAnswer(f"no answer within {timeout:g} s")
+        finally:
+            del self._waiting[call]
+        if isinstance(came, NoAnswer):
+            raise came
+        return self.response.decode(came)
+
+    def _inline(self, pair: Pair, servers: list[list[str]]) -> bool:
+        """Whether these want to be asked so. Raises NoAnswer if they may not be asked at all."""
+        strangers = [words for words in servers if not self._id(words)]
+        if strangers and not pair.inline:
+            raise NoAnswer(_STRANGER)
+        if strangers and len(strangers) < len(servers):
+            raise NoAnswer(_BOTH)
+        for words in servers:
+            if why := self._asked.refusal(_hash(words)):
+                raise NoAnswer(why)
+        return bool(strangers)
+
+    def _send(self, pair: Pair, request: bytes, inline: bool) -> bytes:
+        """Gives what its reply is known by."""
+        if inline:
+            return pair.send(request)
+        call = _CALL.pack(self._guid, next(self._numbers))
+        pair.send(_joined(call, request))
+        return call
+
+    def _came(self, came: Came) -> None:
+        call, answer = _split(came.cdr) if self._id(came.words) else (came.call, came.cdr)
+        with self._sending:
+            caller = self._waiting.get(call)
+        if caller:
+            caller.put(NoAnswer(why) if (why := self._answered.refusal(_hash(came.words))) else answer)
+
+
+def _side(topic: str, messages: tuple[Message, ...], words: str) -> Side:
+    return Side(topic, type_name(messages[-1].name), structure(messages, before=CALL), words)
+
+
+def _hash(words: list[str]) -> str:
+    return word_of(words, "typehash").partition("=")[2]
+
+
+def _split(cdr: bytes) -> tuple[bytes, bytes]:
+    """The call, and the message without it. Raises ValueError for another byte order than ours."""
+    if cdr[1] != 1:
+        raise ValueError("a call from a big-endian machine")
+    start = _ENCAPSULATION + _CALL.size
+    return cdr[_ENCAPSULATION:start], cdr[:_ENCAPSULATION] + cdr[start:]
+
+
+def _joined(call: bytes, cdr: bytes) -> bytes:
+    return cdr[:_ENCAPSULATION] + call + cdr[_ENCAPSULATION:]
