@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from pathlib import Path
@@ -20,6 +21,7 @@ from shmgen.bridge import dds
 from shmgen.bridge.backend import NoAnswer, ServiceWire
 from shmgen.config import Config
 
+from ..support.dds import without_fast_dds
 from .conftest import until
 
 SERVICE = "int64 number\nstring word\n---\nbool success\nstring message\n"
@@ -28,6 +30,18 @@ HEAD = {"client_guid_": types.uint64, "sequence_number_": types.int64}
 REQUEST = make_idl_struct("Q", "cell_msgs::srv::dds_::Ask_Request_", {**HEAD, "number_": types.int64, "word_": str})
 REPLY = make_idl_struct("A", "cell_msgs::srv::dds_::Ask_Response_", {**HEAD, "success_": bool, "message_": str})
 """After serdata.cpp of rmw_cyclonedds: 16 bytes of header, then the message."""
+
+
+@pytest.fixture(autouse=True, params=["cyclone", "fast"])
+def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of Cyclone by the user's word, or with it for want of a compiler; or of Fast DDS."""
+    if request.param == "cyclone":
+        monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")
+    if request.param == "no compiler":
+        monkeypatch.setenv("CXX", "no-such-compiler -O2")
+    if request.param == "fast":
+        without_fast_dds()
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 
 
 @pytest.fixture
@@ -62,6 +76,11 @@ class Theirs:
 
     def matched(self) -> bool:
         return bool(self.writer.get_matched_subscriptions() and self.reader.get_matched_publications())
+
+
+def of_service(told: list[str]) -> list[str]:
+    """But for what is told of the domain."""
+    return [line for line in told if line.startswith("/")]
 
 
 def test_serve(graph: dds.Graph, domain: int, wire: ServiceWire) -> None:
@@ -100,13 +119,13 @@ def test_a_failure_is_told(graph: dds.Graph, domain: int, wire: ServiceWire, tol
     client = Theirs(domain, wire.service, "clientid")
     until(client.matched)
     client.writer.write(REQUEST(1, 1, 1, ""))
-    until(lambda: told[1:])
-    assert told[1:] == [f"{wire.service}: no answer: the PLC is in stop"]
+    until(lambda: told[-1] == f"{wire.service}: no answer: the PLC is in stop", 20)
 
 
 def test_call(graph: dds.Graph, domain: int, wire: ServiceWire) -> None:
     caller = graph.client(wire)
     server = Theirs(domain, wire.service, "serviceid")
+    until(server.matched, 20)
 
     def serve() -> None:
         for _ in range(3):
@@ -156,7 +175,7 @@ def test_a_client_of_another_definition_does_not_reach_the_plc(
     until(client.matched)
     client.writer.write(REQUEST(1, 1, 1, ""))
     until(lambda: len(refused) >= 2)
-    (line,) = told
+    (line,) = of_service(told)
     assert line.startswith(f"{wire.service}: a peer has another cell_msgs/Ask_Request: its type hash is RIHS01_1111")
 
 
@@ -169,6 +188,10 @@ def test_a_server_of_another_definition_is_not_asked(graph: dds.Graph, domain: i
     assert not server.reader.take(1)
 
 
+without_fast = pytest.mark.parametrize("way", ["cyclone", "no compiler"], indirect=True)
+
+
+@without_fast
 def test_a_client_of_another_middleware_does_not_reach_the_plc(
     graph: dds.Graph, domain: int, wire: ServiceWire, told: list[str]
 ) -> None:
@@ -178,12 +201,29 @@ def test_a_client_of_another_middleware_does_not_reach_the_plc(
     until(client.matched)
     client.writer.write(REQUEST(1, 1, 1, ""))
     until(lambda: len(refused) >= 2)
-    (line,) = told[1:]
-    assert line.startswith(
-        f"{wire.service}: a peer is not on rmw_cyclonedds: nothing passes between us and it; start it"
-    )
+    (line,) = [line for line in of_service(told) if "rmw_cyclonedds" in line]
+    before, _, hint = line.partition("nothing passes between us and it; ")
+    assert before == f"{wire.service}: a peer is not on rmw_cyclonedds: "
+    if "CXX" in os.environ:
+        assert hint.startswith("no C++ compiler, no-such-compiler: ")
+        assert "sudo apt-get install g++ libfastrtps-dev, or start it with" in hint
+    assert hint.endswith("start it with RMW_IMPLEMENTATION=rmw_cyclonedds_cpp, or the bridge with --backend ros2")
 
 
+@pytest.mark.parametrize("way", ["fast"], indirect=True)
+def test_what_is_no_request_is_refused(graph: dds.Graph, domain: int, wire: ServiceWire, told: list[str]) -> None:
+    """The header of the one kind, from who does not say that it is of it."""
+    refused: list[str] = []
+    graph.serve(wire, lambda request, response: told.append("answered"), refused.append)
+    client = Theirs(domain, wire.service, "clientid", known=False)
+    until(client.matched, 20)
+    client.writer.write(REQUEST(1, 1, 1, ""))
+    until(lambda: refused, 20)
+    assert any("CDR message size mismatch" in line for line in of_service(told))
+    assert "answered" not in told
+
+
+@without_fast
 def test_a_server_of_another_middleware_is_not_asked(graph: dds.Graph, domain: int, wire: ServiceWire) -> None:
     caller = graph.client(wire)
     server = Theirs(domain, wire.service, "serviceid", known=False)

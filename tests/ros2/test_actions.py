@@ -20,7 +20,7 @@ from shmgen.runtime import ServedGoal
 from ..conftest import REPOSITORY
 from ..support.ros1 import PROMPTLY, Bridge
 from ..support.ros2 import Graph, Peer
-from .test_bridge import session
+from .test_bridge import all_ways, session
 
 SUCCEEDED, CANCELED, ABORTED, REJECTED = 4, 5, 6, -1
 FIBONACCI = "test_msgs/action/Fibonacci"
@@ -109,6 +109,9 @@ def count_up(goal: ServedGoal[Any]) -> None:
         goal.publish_feedback(sequence(*range(number % 8 + 1)))
         time.sleep(0.02)
     (goal.abort if order == 13 else goal.succeed)(sequence(*range(min(order, 8))))
+
+
+pytestmark = all_ways
 
 
 @pytest.fixture

@@ -9,6 +9,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import pytest
+
+from shmgen.bridge import fast_library
+
 from ..conftest import REPOSITORY
 from .ros1 import Bridge
 
@@ -18,6 +22,14 @@ LOOPBACK = """<CycloneDDS><Domain Id="any">
     <Peers><Peer address="127.0.0.1"/></Peers></Discovery>
 </Domain></CycloneDDS>"""
 """Cyclone's configuration: no other machine hears the tests, and none is heard."""
+
+
+def without_fast_dds() -> None:
+    """Skips what wants the bridge's part of Fast DDS; the first who asks compiles it, for all tests of this user."""
+    try:
+        fast_library.load(lambda line: None, lambda: False)
+    except fast_library.Missing as error:
+        pytest.skip(str(error))
 
 
 class Domain:

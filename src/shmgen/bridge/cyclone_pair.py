@@ -28,11 +28,11 @@ class CyclonePair(Pair):
 
     def _matched_now(self, entity: Any, handle: int) -> None:
         with suppress(LookupError):
-            self._words_of(handle, isinstance(entity, DataReader))
+            self._words_of(_key(handle), isinstance(entity, DataReader))
 
     def _matched(self, heard: bool) -> list[Hashable]:
         with suppress(DDSException):  # the bridge has ended meanwhile
-            return cast(list[Hashable], matches(self._ours[heard]))
+            return [_key(handle) for handle in matches(self._ours[heard])]
         return []
 
     def _said(self, peer: Hashable, heard: bool) -> list[str]:
@@ -45,7 +45,7 @@ class CyclonePair(Pair):
 
     def listen(self, callback: Callable[[Came], None], name: str) -> None:
         def take(sample: Any) -> None:
-            sender = sample.sample_info.publication_handle
+            sender = _key(sample.sample_info.publication_handle)
             callback(Came(sample.cdr, self._words_of(sender, True), sender))
 
         self._ends.listen(self._reader, take, name)
@@ -65,6 +65,11 @@ class Cyclone:
 
     def leave(self) -> None:
         """Ends.close() does."""
+
+
+def _key(handle: int) -> int:
+    """Cyclone's Python gives the same handle with a sign, and without."""
+    return handle % 2**64
 
 
 def _quality(side: Side) -> Any:

@@ -111,21 +111,27 @@ class _Served(_Half):
             self._refuse(why)
         elif not self._id(came.words) and not self.pair.inline:
             self._refuse(_STRANGER)
-        elif self._at_once:
-            threading.Thread(target=self._reply, args=(self.pair, came), daemon=True).start()
         else:
-            self._reply(self.pair, came)
+            try:
+                before, asked = _split(came.cdr) if self._id(came.words) else (b"", came.cdr)
+                request = self.request.decode(asked)
+            except ValueError as error:
+                self._refuse(str(error))
+                raise  # who listens tells, not too often
+            if self._at_once:
+                threading.Thread(target=self._reply, args=(self.pair, came, before, request), daemon=True).start()
+            else:
+                self._reply(self.pair, came, before, request)
 
-    def _reply(self, pair: Pair, came: Came) -> None:
-        before, asked = _split(came.cdr) if self._id(came.words) else (b"", came.cdr)
-        message = self.response.new()
+    def _reply(self, pair: Pair, came: Came, before: bytes, request: Any) -> None:
+        response = self.response.new()
         try:
-            self._answer(self.request.decode(asked), message)
+            self._answer(request, response)
         except NoAnswer as error:  # ROS 2 has no word for it: the client waits in vain
             self._tell(f"{self._name}: no answer: {error}")
             return
         self._await_reader(pair, came)
-        reply = self.response.encode(message)
+        reply = self.response.encode(response)
         pair.send(_joined(before, reply), came.call if not before else None)
 
     def _await_reader(self, pair: Pair, came: Came) -> None:
