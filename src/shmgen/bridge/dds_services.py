@@ -203,11 +203,11 @@ class _Client(_Half):
         strangers = [words for words in servers if not self._id(words)]
         if strangers and not pair.inline:
             raise NoAnswer(_STRANGER)
-        if strangers and len(strangers) < len(servers):
-            raise NoAnswer(_BOTH)
         for words in servers:
             if why := self._asked.refusal(_hash(words)):
                 raise NoAnswer(why)
+        if strangers and len(strangers) < len(servers):
+            raise NoAnswer(_BOTH)
         return bool(strangers)
 
     def _send(self, pair: Pair, request: bytes, inline: bool) -> bytes:

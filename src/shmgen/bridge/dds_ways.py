@@ -16,6 +16,14 @@ from shmgen.bridge.dds_network import Network
 from shmgen.bridge.fast import Fast
 from shmgen.bridge.service_pair import Way
 
+_BOUNDS = (
+    "ROS_AUTOMATIC_DISCOVERY_RANGE",
+    "ROS_LOCALHOST_ONLY",
+    "ROS_STATIC_PEERS",
+    "FASTDDS_DEFAULT_PROFILES_FILE",
+    "FASTRTPS_DEFAULT_PROFILES_FILE",
+)
+"""What says where Fast DDS may go."""
 _FAREWELL = 0.3
 """Seconds that the end of services may take."""
 
@@ -59,9 +67,11 @@ class Ways:
 def chosen(
     ends: Ends, node: Node, domain: int, network: Network, environment: Mapping[str, str], ended: Callable[[], bool]
 ) -> Way:
-    """Fast DDS reaches all of ROS 2, unless RMW_IMPLEMENTATION says that all of it is on Cyclone."""
+    """Fast DDS reaches all of ROS 2, but goes nowhere that Cyclone was told not to go."""
     if environment.get("RMW_IMPLEMENTATION") == "rmw_cyclonedds_cpp" or network.reach == "OFF":
         return Cyclone(ends, "")
+    if environment.get("CYCLONEDDS_URI") and not any(map(environment.get, _BOUNDS)):
+        return Cyclone(ends, f"CYCLONEDDS_URI does not bind Fast DDS: for it, set {_BOUNDS[0]} or {_BOUNDS[-1]}")
     try:
         return Fast(fast_library.load(node.tell, ended), domain, node.name, network, node.largest, node.tell)
     except (fast_library.Missing, OSError) as error:

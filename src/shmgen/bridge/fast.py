@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Hashable, Iterable
 
 from shmgen.bridge.backend import QUEUE
-from shmgen.bridge.dds_network import Network
+from shmgen.bridge.dds_network import Network, addresses, confine, sockets
 from shmgen.bridge.service_pair import Came, Met, Pair, Side
 
 _GUID = 16
@@ -37,17 +37,25 @@ class Fast:
     def __init__(
         self, library: ctypes.CDLL, domain: int, name: str, network: Network, largest: int, tell: Callable[[str], None]
     ) -> None:
-        """Raises OSError where it cannot join."""
+        """As the participant `<name>_services`. Raises OSError where it cannot join."""
         for function in (library.fast_join, library.fast_open):
             function.restype = ctypes.c_void_p
         self._library, self._tell = library, tell
         self._largest = largest + _HEADER
-        local = network.reach == "LOCALHOST"
-        peers = [*(["127.0.0.1"] if local else []), *_addresses(network.peers, tell)]
-        if network.peers and not local:
+        ours = addresses() or ["127.0.0.1"] if network.reach == "LOCALHOST" else []
+        peers = [*ours, *_resolved(network.peers, tell)]
+        if peers and not ours:
             peers.append(_EVERYBODY)
-        size = ctypes.c_uint32(self._largest)
-        found = library.fast_join(domain, name.encode(), " ".join(peers).encode(), local, network.alone, size)
+        before = sockets()
+        found = library.fast_join(
+            domain,
+            f"{name}_services".encode(),
+            " ".join(peers).encode(),
+            " ".join(ours).encode(),
+            ctypes.c_uint32(self._largest),
+        )
+        if network.alone:
+            confine(before)
         if not found:
             raise OSError(f"Fast DDS cannot join domain {domain}")
         self._handle = ctypes.c_void_p(found)
@@ -121,7 +129,7 @@ class FastPair(Pair):
                     self._tell(f"{name}: {type(error).__name__}: {error}")
 
 
-def _addresses(names: Iterable[str], tell: Callable[[str], None]) -> list[str]:
+def _resolved(names: Iterable[str], tell: Callable[[str], None]) -> list[str]:
     found = []
     for name in names:
         try:

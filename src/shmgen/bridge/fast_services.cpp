@@ -28,6 +28,7 @@
 #include <condition_variable>
 #include <cstdint>
 #include <cstring>
+#include <iterator>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -214,7 +215,12 @@ struct Domain : DomainParticipantListener {
     }
 };
 
-DomainParticipantQos quality_of(const char *peers, bool silent, bool alone) {
+std::vector<std::string> words_of(const char *text) {
+    std::istringstream words(text);
+    return {std::istream_iterator<std::string>(words), {}};
+}
+
+DomainParticipantQos quality_of(const char *peers, const char *interfaces) {
     auto *factory = DomainParticipantFactory::get_instance();
     factory->load_profiles();
     DomainParticipantQos quality = factory->get_default_participant_qos();
@@ -224,16 +230,15 @@ DomainParticipantQos quality_of(const char *peers, bool silent, bool alone) {
     if (quality.transport().user_transports.empty()) {  // else a profile of the user's has them
         auto transport = std::make_shared<Transport>();
         transport->maxInitialPeersRange = PROCESSES;
-        if (alone) transport->interfaceWhiteList = {"127.0.0.1"};
+        transport->interfaceWhiteList = words_of(interfaces);
         quality.transport().use_builtin_transports = false;  // they have one that leaves files in /dev/shm
         quality.transport().user_transports.push_back(transport);
     }
-    if (silent) {
+    if (*interfaces) {  // no multicast
         discovery.metatrafficMulticastLocatorList.clear();
         discovery.metatrafficUnicastLocatorList.push_back(rtps::Locator_t());
     }
-    std::istringstream each(peers);
-    for (std::string peer; each >> peer;) {
+    for (const std::string &peer : words_of(peers)) {
         rtps::Locator_t locator;
         rtps::IPLocator::setIPv4(locator, peer);
         discovery.initialPeersList.push_back(locator);
@@ -273,13 +278,13 @@ template <typename Result, typename Body> Result guarded(Result failed, Body bod
 
 extern "C" {
 
-// Joins a domain; `peers` are IPv4 addresses with spaces between. silent: without multicast; alone: by this machine's
-// loopback only. NULL: cannot.
-void *fast_join(int number, const char *name, const char *peers, int silent, int alone, std::uint32_t largest) {
+// Joins a domain; `peers` and our `interfaces` are IPv4 addresses with spaces between. Interfaces that are named are
+// the only ones, and do without multicast. NULL: cannot.
+void *fast_join(int number, const char *name, const char *peers, const char *interfaces, std::uint32_t largest) {
     return guarded<void *>(nullptr, [&]() -> void * {
         auto domain = std::make_unique<Domain>();
         domain->largest = largest;
-        DomainParticipantQos quality = quality_of(peers, silent, alone);
+        DomainParticipantQos quality = quality_of(peers, interfaces);
         quality.name(name);
         domain->participant = DomainParticipantFactory::get_instance()->create_participant(
             number, quality, domain.get(), StatusMask::none());
