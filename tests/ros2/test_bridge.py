@@ -176,34 +176,6 @@ def test_services_both_ways_while_a_topic_flows(graph: Graph, space: str) -> Non
     assert not [line for line in bridge.lines if "Error" in line or "never retrieved" in line]
 
 
-@pytest.mark.parametrize("graph", [("jazzy", "dds"), ("kilted", "dds")], indirect=True, ids="-".join)
-def test_services_of_another_middleware_are_told_of(graph: Graph, space: str) -> None:
-    """Through Cyclone nobody on rmw_fastrtps can be answered or asked: said once, as soon as the two meet."""
-    bridge = graph.bridge(
-        f'source = "{graph.source}"\n'
-        + SET_BOOL.format(space=space, server="plc", timeout=1)
-        + SET_BOOL.format(space=f"{space}/of", server="ros", timeout=1)
-    )
-    peer = graph.peer()
-    asked = {"do": "call", "service": f"{space}/flag", "type": "std_srvs/srv/SetBool", "request": {}, "timeout": 1}
-    peer.ask(do="serve", service=f"{space}/of/flag", type="std_srvs/srv/SetBool", answers=[])
-    kinds = session(graph).classes(["std_srvs/SetBool"])
-    calling = client(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
-    with (
-        plc_server(graph, f"{space}/flag", lambda request: SimpleNamespace(success=True, message="")),
-        calling(f"{space}/of/flag") as plc,
-    ):
-        assert {peer.ask(**asked) for _ in range(2)} <= {"no answer", "no server"}
-        for _ in range(2):
-            assert "failed" in call(plc)
-    for name in ("flag", "of/flag"):
-        bridge.said(f"^{space}/{name}: a peer is not on rmw_cyclonedds.*--backend ros2")
-    bridge.stop(signal.SIGTERM)
-    assert len([line for line in bridge.lines if "--backend ros2" in line]) == 2
-    bridge.said(f"{space}/flag +0 passed, 1 refused$")
-    bridge.said(f"{space}/of/flag +0 passed, 2 failed$")
-
-
 def call(plc: Any) -> str:
     try:
         return str(plc.call(SimpleNamespace(data=True), 3).message)
