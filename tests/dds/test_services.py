@@ -17,8 +17,11 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
 from shmgen import pipeline
-from shmgen.bridge import dds
-from shmgen.bridge.backend import NoAnswer, ServiceWire
+from shmgen.bridge import dds, fast_library
+from shmgen.bridge.backend import LARGEST, NoAnswer, ServiceWire
+from shmgen.bridge.dds_network import network
+from shmgen.bridge.fast import Fast
+from shmgen.bridge.service_pair import Side
 from shmgen.config import Config
 
 from ..support.dds import without_fast_dds
@@ -204,7 +207,7 @@ def test_a_client_of_another_middleware_does_not_reach_the_plc(
     (line,) = [line for line in of_service(told) if "rmw_cyclonedds" in line]
     before, _, hint = line.partition("nothing passes between us and it; ")
     assert before == f"{wire.service}: a peer is not on rmw_cyclonedds: "
-    if "CXX" in os.environ:
+    if "RMW_IMPLEMENTATION" not in os.environ:
         assert hint.startswith("no C++ compiler, no-such-compiler: ")
         assert "sudo apt-get install g++ libfastrtps-dev, or start it with" in hint
     assert hint.endswith("start it with RMW_IMPLEMENTATION=rmw_cyclonedds_cpp, or the bridge with --backend ros2")
@@ -231,3 +234,41 @@ def test_a_server_of_another_middleware_is_not_asked(graph: dds.Graph, domain: i
     with pytest.raises(NoAnswer, match="a peer is not on rmw_cyclonedds"):
         caller.call(caller.new(), 1.0)
     assert not server.reader.take(1)
+
+
+@pytest.mark.parametrize("way", ["fast"], indirect=True)
+def test_two_of_fast_dds_and_what_they_leave(domain: int, topic: str) -> None:
+    """Each hears whose call it is; in the end there is no thread, no descriptor and no file in /dev/shm."""
+
+    def there() -> set[str]:
+        folders = ("/proc/self/task", "/proc/self/fd", "/dev/shm")
+        return {f"{folder}/{name}" for folder in folders for name in os.listdir(folder)}
+
+    def side(name: str) -> Side:
+        return Side(name, "cell_msgs::srv::dds_::Ask_", object, "typehash=;")
+
+    library = fast_library.load(print, lambda: False)
+    before, told, answers = there(), [], {}
+    way = Fast(library, domain, "brief", network(os.environ, LARGEST), LARGEST, told.append)
+    asks, answered = side(f"rq{topic}Request"), side(f"rr{topic}Reply")
+    serving, calling, other = (
+        way.pair(asks, answered, met),
+        way.pair(answered, asks, met),
+        way.pair(answered, asks, met),
+    )
+    serving.listen(lambda came: serving.send(came.cdr + came.cdr, came.call) and None, "serving")
+    for pair in (calling, other):
+        pair.listen(lambda came, pair=pair: answers.setdefault(came.call, []).append((pair, came.cdr)), "calling")
+    until(lambda: len(serving.peers(True)) == 2 and all(pair.peers(True) for pair in (calling, other)), 20)
+    calls = {pair.send(cdr): (pair, cdr * 2) for pair, cdr in ((calling, b"\0\1\0\0 a"), (other, b"\0\1\0\0b"))}
+    until(lambda: all(answer in answers.get(call, []) for call, answer in calls.items()), 20)
+    assert len(calls) == 2
+    assert not {name for name in there() - before if "/dev/shm" in name}
+    way.leave()
+    until(lambda: not there() - before, 20)
+    assert calling.send(b"late") is not None
+    assert told == []
+
+
+def met(words: list[str], heard: bool) -> None:
+    """Nobody wants to know."""

@@ -80,6 +80,8 @@ def test_each_value_and_each_client(graph: Graph, space: str) -> None:
     plc = threading.Thread(target=serve)
     plc.start()
     try:
+        too_long = {"do": "call", "service": f"{space}/plc", "type": BASIC, "request": {"string_value": "x" * 300_000}}
+        wait_for(lambda: peers[0].ask(**too_long, timeout=1) == "no answer", "a server")  # and so it does not come in
         for thread in threads:
             thread.start()
         for thread in threads:
