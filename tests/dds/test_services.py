@@ -237,6 +237,16 @@ def test_a_server_of_another_middleware_is_not_asked(graph: dds.Graph, domain: i
 
 
 @pytest.mark.parametrize("way", ["fast"], indirect=True)
+def test_servers_of_both_kinds_are_not_asked(graph: dds.Graph, domain: int, wire: ServiceWire) -> None:
+    caller = graph.client(wire)
+    servers = [Theirs(domain, wire.service, "serviceid", known=known) for known in (True, False)]
+    until(lambda: all(server.matched() for server in servers), 20)
+    with pytest.raises(NoAnswer, match="each would take the other's request for its own"):
+        caller.call(caller.new(), 5.0)
+    assert [server.reader.take(1) for server in servers] == [[], []]
+
+
+@pytest.mark.parametrize("way", ["fast"], indirect=True)
 def test_two_of_fast_dds_and_what_they_leave(domain: int, topic: str) -> None:
     """Each hears whose call it is; in the end there is no thread, no descriptor and no file in /dev/shm."""
 

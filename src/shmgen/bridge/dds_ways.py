@@ -55,13 +55,15 @@ class Ways:
 
     def _run(self) -> None:
         way = self._choose(self._ended.is_set)
-        while (then := self._asked.get()) and not self._ended.is_set():
-            try:
-                then(way)
-            except (DDSException, OSError) as error:
-                if not self._ended.is_set():
-                    self._tell(str(error))
-        way.leave()
+        try:
+            while (then := self._asked.get()) and not self._ended.is_set():
+                try:
+                    then(way)
+                except (DDSException, OSError) as error:
+                    if not self._ended.is_set():
+                        self._tell(f"dds: {error}")
+        finally:
+            way.leave()
 
 
 def chosen(

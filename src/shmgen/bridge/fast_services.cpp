@@ -173,7 +173,7 @@ struct End : DataReaderListener, DataWriterListener {
     }
 };
 
-// `life` is shared by all who use the participant, and taken by who deletes it. Ends are opened by one thread.
+// `life` is shared by all who use the participant, and taken by who deletes it. One thread opens ends and leaves.
 struct Domain : DomainParticipantListener {
     std::shared_mutex life;
     DomainParticipant *participant = nullptr;
