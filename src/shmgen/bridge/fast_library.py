@@ -51,8 +51,8 @@ def load(tell: Callable[[str], None], ended: Callable[[], bool]) -> ctypes.CDLL:
     which = _run([*compiler, "-E", "-P", "-x", "c++", "-"], ended, _WHICH)
     if not which.startswith("-l"):
         raise Missing(f"no Fast DDS is installed; {_GET}")
-    source = _SOURCE.read_bytes()
-    key = hashlib.sha256(source + repr((which, compiler, _FLAGS, os.uname().machine)).encode()).hexdigest()
+    sources = [path.read_bytes() for path in (_SOURCE, _SOURCE.with_name("fast_versions.hpp"))]
+    key = hashlib.sha256(repr((sources, which, compiler, _FLAGS, os.uname().machine)).encode()).hexdigest()
     name = f"fast-services-{key[:32]}"
     library = cache.read(name)
     if library is None:

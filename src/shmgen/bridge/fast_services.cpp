@@ -1,30 +1,9 @@
 // Services of ROS 2 as rmw_fastrtps has them: a reader and a writer of Fast DDS, with the inline QoS that says whose a
 // sample is. Bytes pass through unread. fast_library.py compiles it on the user's machine, against Fast DDS 2.9 to 3,
 // and fast.py calls the functions at the end.
-#include <fastdds/dds/domain/DomainParticipant.hpp>
-#include <fastdds/dds/domain/DomainParticipantFactory.hpp>
-#include <fastdds/dds/domain/DomainParticipantListener.hpp>
-#include <fastdds/dds/publisher/DataWriter.hpp>
-#include <fastdds/dds/publisher/DataWriterListener.hpp>
-#include <fastdds/dds/publisher/Publisher.hpp>
-#include <fastdds/dds/subscriber/DataReader.hpp>
-#include <fastdds/dds/subscriber/DataReaderListener.hpp>
-#include <fastdds/dds/subscriber/SampleInfo.hpp>
-#include <fastdds/dds/subscriber/Subscriber.hpp>
-#include <fastdds/dds/topic/TopicDataType.hpp>
-#if __has_include(<fastdds/rtps/transport/UDPv4TransportDescriptor.hpp>)
-#include <fastdds/rtps/common/WriteParams.hpp>
-#include <fastdds/rtps/transport/UDPv4TransportDescriptor.hpp>
-#include <fastdds/utils/IPLocator.hpp>
-#define FAST_DDS_3 1
-#else
-#include <fastdds/rtps/common/WriteParams.h>
-#include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
-#include <fastrtps/utils/IPLocator.h>
-#define FAST_DDS_3 0
-#endif
+#include "fast_versions.hpp"
 
-#include <atomic>
+#include <algorithm>
 #include <condition_variable>
 #include <cstdint>
 #include <cstring>
@@ -40,20 +19,6 @@
 
 namespace {
 
-using namespace eprosima::fastdds::dds;
-#if FAST_DDS_3
-namespace rtps = eprosima::fastdds::rtps;
-const auto OK = RETCODE_OK;
-bool written(ReturnCode_t code) { return code == OK; }
-#else
-namespace rtps = eprosima::fastrtps::rtps;
-const ReturnCode_t OK = ReturnCode_t::RETCODE_OK;
-bool written(bool done) { return done; }
-#endif
-using Transport = eprosima::fastdds::rtps::UDPv4TransportDescriptor;
-using rtps::GUID_t;
-using rtps::SampleIdentity;
-
 // What may be found without multicast on one machine, as rmw_fastrtps has it.
 const unsigned PROCESSES = 32;
 
@@ -61,11 +26,6 @@ const unsigned PROCESSES = 32;
 struct Call {
     unsigned char guid[16];
     std::int64_t number;
-};
-
-struct Bytes {
-    unsigned char *at;
-    std::uint32_t room, size;
 };
 
 void copy(const GUID_t &guid, unsigned char *to) {
@@ -86,61 +46,6 @@ Call call_of(const GUID_t &guid, const rtps::SequenceNumber_t &number) {
     found.number = static_cast<std::int64_t>(number.to64long());
     return found;
 }
-
-// A message that Python has made, or will take apart.
-struct Raw : TopicDataType {
-    bool pack(const Bytes &bytes, rtps::SerializedPayload_t &payload) {
-        if (bytes.size > payload.max_size) return false;
-        std::memcpy(payload.data, bytes.at, bytes.size);
-        payload.length = bytes.size;
-        payload.encapsulation = CDR_LE;
-        return true;
-    }
-    bool unpack(const rtps::SerializedPayload_t &payload, Bytes &bytes) {
-        if (payload.length > bytes.room) return false;
-        std::memcpy(bytes.at, payload.data, payload.length);
-        bytes.size = payload.length;
-        return true;
-    }
-#if FAST_DDS_3
-    Raw(const std::string &name, std::uint32_t largest) {
-        set_name(name);
-        max_serialized_type_size = largest;
-    }
-    bool serialize(const void *const data, rtps::SerializedPayload_t &payload, DataRepresentationId_t) override {
-        return pack(*static_cast<const Bytes *>(data), payload);
-    }
-    bool deserialize(rtps::SerializedPayload_t &payload, void *data) override {
-        return unpack(payload, *static_cast<Bytes *>(data));
-    }
-    std::uint32_t calculate_serialized_size(const void *const data, DataRepresentationId_t) override {
-        return static_cast<const Bytes *>(data)->size;
-    }
-    void *create_data() override { return new Bytes(); }
-    void delete_data(void *data) override { delete static_cast<Bytes *>(data); }
-    bool compute_key(rtps::SerializedPayload_t &, rtps::InstanceHandle_t &, bool) override { return false; }
-    bool compute_key(const void *const, rtps::InstanceHandle_t &, bool) override { return false; }
-#else
-    Raw(const std::string &name, std::uint32_t largest) {
-        setName(name.c_str());
-        m_typeSize = largest;
-        auto_fill_type_object(false);
-        auto_fill_type_information(false);
-    }
-    bool serialize(void *data, rtps::SerializedPayload_t *payload) override {
-        return pack(*static_cast<Bytes *>(data), *payload);
-    }
-    bool deserialize(rtps::SerializedPayload_t *payload, void *data) override {
-        return unpack(*payload, *static_cast<Bytes *>(data));
-    }
-    std::function<std::uint32_t()> getSerializedSizeProvider(void *data) override {
-        return [data] { return static_cast<Bytes *>(data)->size; };
-    }
-    void *createData() override { return new Bytes(); }
-    void deleteData(void *data) override { delete static_cast<Bytes *>(data); }
-    bool getKey(void *, rtps::InstanceHandle_t *, bool) override { return false; }
-#endif
-};
 
 // A service's two ends. Who listens here must not be waited for with `mutex` in hand.
 struct End : DataReaderListener, DataWriterListener {
@@ -260,7 +165,8 @@ template <typename Quality> void adapt(Quality &quality, const char *words, int 
 }
 
 Topic *topic_of(Domain &domain, const char *name, const char *type) {
-    if (domain.participant->find_type(type).empty()) TypeSupport(new Raw(type, domain.largest)).register_type(domain.participant);
+    if (domain.participant->find_type(type).empty())
+        TypeSupport(new Raw(type, domain.largest)).register_type(domain.participant);
     if (auto *found = dynamic_cast<Topic *>(domain.participant->lookup_topicdescription(name))) return found;
     return domain.participant->create_topic(name, type, TOPIC_QOS_DEFAULT);
 }
