@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from shmgen import pipeline
-from shmgen.bag.transcode import encoder
 from shmgen.bridge.cdr import Codec, codec
+from shmgen.bridge.encode import encoder
 from shmgen.bridge.plan import closure
 from shmgen.drift import lockfile
 from shmgen.live.classes import Workshop
