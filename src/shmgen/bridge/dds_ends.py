@@ -186,8 +186,8 @@ class Ear:
                     self._ends.tell(f"{heard.name}: {type(error).__name__}: {error}")
 
 
-class _Waiting(WaitSet):
-    """Tells which of what was attached has come, where Cyclone's Python tells how many: ten readers need not be asked."""
+class _Waiting(WaitSet):  # type: ignore[misc]
+    """Tells which of what was attached has come, where Cyclone's own tells how many: nobody has to be asked in vain."""
 
     def __init__(self, participant: DomainParticipant) -> None:
         super().__init__(participant)

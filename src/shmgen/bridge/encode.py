@@ -98,9 +98,7 @@ class _Steps:
     def _filler(self, data: bytes | bytearray, base: int, out: bytearray) -> None:
         out += self._dialect.filler
 
-    def _field(
-        self, slot: Slot, layout: Layout, base: int, count_at: int | None, path: tuple[str, ...]
-    ) -> list[Step]:
+    def _field(self, slot: Slot, layout: Layout, base: int, count_at: int | None, path: tuple[str, ...]) -> list[Step]:
         offset = base + slot.offset
         if count_at is None and slot.count is None and isinstance(slot.type, Ref):
             return self.of(self._layouts[slot.type.name], offset, path)
