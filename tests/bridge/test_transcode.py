@@ -10,9 +10,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from shmgen.bridge.cdr import codec
-from shmgen.bridge.decode import decoder
-from shmgen.bridge.encode import encoder
 from shmgen.bridge.plan import closure
+from shmgen.bridge.transcode import Transcoder
 from shmgen.model import Schema, TypeOptions
 from shmgen.runtime import CountExceeded
 
@@ -36,7 +35,8 @@ class TestAnyMessage:
         for layout in layouts.values():
             kind, _, _ = build.classes(folder, package, layout.name)
             long = codec(closure(Schema(tuple(one.message for one in layouts.values())), layout.name))
-            short, back = encoder(layout, layouts), decoder(layout, layouts)
+            made = Transcoder(layout, layouts)
+            short, back = made.encode, made.decode
             draw = random.Random(seed)
             for _ in range(3):
                 sample = bytearray(kind())
@@ -84,7 +84,7 @@ def test_a_count_beyond_its_bound_is_no_message(path, count, tmp_path):
         types.SimpleNamespace(**{k.rpartition("/")[2]: v for k, v in session.classes(["counts_msgs/Tree"]).items()}), 1
     )
     assert isinstance(message, kind)
-    encode = encoder(session.layout("counts_msgs/Tree"), layouts)
+    encode = Transcoder(session.layout("counts_msgs/Tree"), layouts).encode
     assert encode(bytes(message))
     counts.spoil(message, path, count)
     with pytest.raises(CountExceeded):

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from shmgen.bridge.decode import decoder
 from shmgen.bridge.dialect import Dialect
-from shmgen.bridge.encode import Stamp, encoder
+from shmgen.bridge.transcode import Transcoder
 from shmgen.model import Layout, Layouts, String
 from shmgen.runtime import LATE_FROM, Message, Time
 
@@ -23,7 +22,7 @@ class ShortWay:
 
     def into_region(self, dialect: Dialect) -> Callable[[bytes], Message | None]:
         """What makes of ROS's bytes what a publisher takes, or None of what has to go the long way."""
-        decode, make = decoder(self.layout, self.layouts, dialect), self.kind.from_buffer
+        decode, make = Transcoder(self.layout, self.layouts, dialect).decode, self.kind.from_buffer
 
         def message(data: bytes) -> Message | None:
             payload = decode(data)
@@ -33,7 +32,8 @@ class ShortWay:
 
     def out_of_region(self, dialect: Dialect, now: Callable[[], Time]) -> Callable[[bytes], bytes]:
         """What makes of a payload ROS's bytes; it raises ValueRejected, and struct.error for a time ROS cannot hold."""
-        return encoder(self.layout, self.layouts, dialect, Stamp(self.stamp, now) if self.stamp else None)
+        encode = Transcoder(self.layout, self.layouts, dialect, self.stamp).encode
+        return lambda payload: encode(payload, now)
 
 
 def short_way(kind: type[Message], layout: Layout, layouts: Layouts, stamp: tuple[str, ...]) -> ShortWay | None:
