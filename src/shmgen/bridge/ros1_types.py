@@ -61,7 +61,7 @@ def means(kind: Any, messages: tuple[Message, ...]) -> bool:
             spec = genmsg.msg_loader.load_msg_from_string(context, message.text, name)
             context.register(name, spec)
         return bool(compute_md5(context, spec) == kind._md5sum)
-    except (genmsg.InvalidMsgSpec, genmsg.MsgNotFound):
+    except (genmsg.InvalidMsgSpec, genmsg.MsgNotFound, KeyError):  # not of ROS 1
         return False
 
 

@@ -94,20 +94,17 @@ class _Taking:
 def _joined(steps: Iterable[Step]) -> Iterator[Step]:
     """Numbers of one size that lie side by side as one step."""
     former: Step | None = None
-    inside = 0  # so many of the next steps are an element's, and joined already
+    inside = 0  # so many of the next steps are those of an element, and joined already
     for step in steps:
-        alike = former and not inside and (former.code, former.size, former.count_at) == (step.code, step.size, -1)
-        if former and alike and step.code == "numbers" and step.count_at < 0:
-            if former.at + former.size * former.most == step.at:
-                former = former._replace(most=former.most + step.most)
-                continue
+        plain = step.code == "numbers" and step.count_at < 0 and not inside
+        if former and plain and (former.size, former.at + former.size * former.most) == (step.size, step.at):
+            former = former._replace(most=former.most + step.most)
+            continue
         if former:
             yield former
-        former, inside = (None, inside - 1) if inside else (step, step.inner)
-        if former is None:
+        former = step if plain else None
+        if not plain:
             yield step
-        elif former.inner:
-            yield former
-            former = None
+        inside = inside - 1 if inside else step.inner
     if former:
         yield former

@@ -6,9 +6,7 @@ in C (transcode.c) does the ordinary at a tenth of the time, and leaves the rest
 
 from __future__ import annotations
 
-import os
 import struct
-import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -16,16 +14,16 @@ from shmgen.bridge.dialect import CDR, Dialect
 from shmgen.bridge.steps import CODES, KINDS, UNITS, Step, steps_of
 from shmgen.model import Clock, Layout, Layouts
 from shmgen.runtime import CountExceeded, Time, ValueRejected, values
+from shmgen.runtime.straight import IN_C
 
 if TYPE_CHECKING:
     EXTENSION: Any
 else:
     try:
-        if os.environ.get("SHMGEN_PURE") or "t" in getattr(sys, "abiflags", ""):
-            raise ImportError
-        from shmgen import _transcode as EXTENSION
+        from shmgen import _transcode
     except ImportError:
-        EXTENSION = None
+        _transcode = None
+    EXTENSION = _transcode if IN_C else None
 
 _U32 = struct.Struct("<I")
 _KEPT = [struct.Struct({"TIME": "<I", "LTIME": "<Q", "struct": "<iI"}[units]) for _, units in KINDS]
