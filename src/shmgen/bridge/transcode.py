@@ -163,7 +163,7 @@ class Transcoder:
             made = _IN[step.kind](Time(*self._dialect.clocks[clock].unpack_from(data, at)), "")
             _KEPT[step.kind].pack_into(out, place, *(made if isinstance(made, tuple) else (made,)))
             return at + 8
-        (length,) = _U32.unpack_from(data, at)
+        length: int = _U32.unpack_from(data, at)[0]
         end = at + 4 + length
         text = data[at + 4 : end]
         kept = text.removesuffix(self._dialect.end)
