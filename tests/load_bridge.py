@@ -82,7 +82,7 @@ def main() -> None:
         graph = made(arguments.backend, Path(folder))
         space = f"/load{os.getpid()}"
         try:
-            for role, name in graph.plain.items():
+            for role, name in graph.plain:
                 print(plain(graph, role, name, f"{space}/{role}", seconds), flush=True)
             results = [bridged(graph, f"{space}/shm", seconds)]
             print(results[0], flush=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from shmgen.bridge.dialect import Dialect
 from shmgen.bridge.transcode import Transcoder
-from shmgen.model import Layout, Layouts, String
+from shmgen.model import Layout, Layouts
 from shmgen.runtime import LATE_FROM, Message, Time
 
 
@@ -37,6 +37,5 @@ class ShortWay:
 
 
 def short_way(kind: type[Message], layout: Layout, layouts: Layouts, stamp: tuple[str, ...]) -> ShortWay | None:
-    """None where the long way is no longer, as for pictures, or the only one, as for a `wstring`."""
-    wide = any(isinstance(slot.type, String) and slot.type.wide for one in layouts.values() for slot in one.slots)
-    return None if wide or layout.size >= LATE_FROM else ShortWay(kind, layout, layouts, stamp)
+    """None where the long way is no longer, as for pictures."""
+    return None if layout.size >= LATE_FROM else ShortWay(kind, layout, layouts, stamp)
