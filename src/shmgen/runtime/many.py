@@ -20,7 +20,7 @@ _SLICE = abi.WAKE_MS / 1000
 
 
 def can_wait_for_many() -> bool:
-    """Whether ready_any() sleeps until it is woken: it does in 64-bit processes with the extension in C, glibc and
+    """Whether ready_any() of several sleeps until it is woken: in 64-bit processes with the extension in C, glibc and
     futex_waitv(2) (Linux 5.16, and nothing that forbids it). Elsewhere it looks every millisecond.
     """
     return straight.HAS_MANY
@@ -33,6 +33,8 @@ def ready_any(subscribers: Iterable[S], timeout: float) -> list[S]:
     128 topics, which is the kernel's limit, it looks at all every millisecond. Raises what Subscriber.ready() does.
     """
     several = tuple(subscribers)
+    if len(several) == 1:
+        return list(several) if several[0].ready(timeout) else []
     deadline = time.monotonic() + timeout
     for one in several:
         if one._event is None:
