@@ -8,12 +8,13 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from types import SimpleNamespace
 from typing import Any
 
 import genpy
 import rosgraph
 import rospy
-from rospy.impl import registration
+from rospy.impl import registration, tcpros_pubsub
 
 from shmgen.bridge import actions_of_ros1
 from shmgen.bridge import ros1_types as types
@@ -33,6 +34,7 @@ def connect(node: Node) -> Ros1 | None:
     """Joins the graph of ROS_MASTER_URI as soon as there is one."""
     if not _await_master(node):
         return None
+    _without_naps()
     threading.Thread(target=_watch_master, args=(node,), daemon=True).start()
     try:
         rospy.init_node(node.name, argv=list(node.arguments), disable_signals=True, disable_rosout=True)
@@ -111,6 +113,13 @@ class Ros1:
         leaving = threading.Thread(target=rospy.signal_shutdown, args=("the bridge ends",), daemon=True)
         leaving.start()
         leaving.join(_FAREWELL)  # a service that answers somebody holds rospy up for seconds
+
+
+def _without_naps() -> None:
+    """Rospy gives up its turn behind each message that it queues, by a sleep of nothing; Linux makes 60 us of that, and
+    all topics from the PLC would wait for it.
+    """
+    tcpros_pubsub.time = SimpleNamespace(sleep=lambda seconds: seconds and time.sleep(seconds))
 
 
 def _within(seconds: float, call: Callable[[], Any]) -> Any:
