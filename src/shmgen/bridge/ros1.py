@@ -119,7 +119,12 @@ def _without_naps() -> None:
     """Rospy gives up its turn behind each message that it queues, by a sleep of nothing; Linux makes 60 us of that, and
     all topics from the PLC would wait for it.
     """
-    tcpros_pubsub.time = SimpleNamespace(sleep=lambda seconds: seconds and time.sleep(seconds))
+    tcpros_pubsub.time = SimpleNamespace(sleep=_sleep)
+
+
+def _sleep(seconds: float) -> None:
+    if seconds:
+        time.sleep(seconds)
 
 
 def _within(seconds: float, call: Callable[[], Any]) -> Any:
