@@ -42,7 +42,7 @@ class Topic:
         self.cannot: list[Exception] = []
         self._heard = heard
 
-    def opened(self) -> Subscriber[Any]:
+    def renewed(self) -> Subscriber[Any]:
         self.looks += 1
         if self.cannot:
             raise self.cannot.pop()

@@ -74,13 +74,14 @@ class FromPlc:
         if self._listener.ended():
             self._end.close()
 
-    def opened(self) -> Subscriber[Message]:
+    def renewed(self) -> Subscriber[Message]:
         return self._end.renewed()
 
     def take(self, reader: Subscriber[Message]) -> bool:
         rate = self.route.topic.carried.rate
         if rate:
-            self._stopping.wait(max(0.0, self._due - time.monotonic()))
+            if self._stopping.wait(max(0.0, self._due - time.monotonic())):
+                return True
             self._due = time.monotonic() + 1 / rate
             samples = [sample] if (sample := reader.read()) else []
         else:

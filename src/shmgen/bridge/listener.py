@@ -21,7 +21,7 @@ class Heard(Protocol):
 
     counters: Counters
 
-    def opened(self) -> Subscriber[Any]:
+    def renewed(self) -> Subscriber[Any]:
         """The end of the region that is there now; is asked for each LOOK. Raises what a Subscriber raises."""
 
     def take(self, reader: Subscriber[Any]) -> bool:
@@ -68,7 +68,7 @@ class Listener:
         for topic in tuple(self._topics):
             if time.monotonic() >= self._failed.get(topic, 0.0):
                 try:
-                    reader = topic.opened()
+                    reader = topic.renewed()
                     reader.ready(0)  # whatever it cannot do is said now, of this one
                     self._readers[reader] = topic
                 except Exception as error:

@@ -60,7 +60,7 @@ typedef struct Reader {
     PyObject_HEAD
     shmgen_link end;
     PyObject *stamp; /* of the newest sample read, NULL: none yet */
-    unsigned long long event; /* address of the sem_t, which outlives this object; 0: none, or not opened yet */
+    unsigned long long event; /* address of the sem_t, which stays mapped also when it is closed; 0: there is none */
     size_t size;
     unsigned long long missed;
     unsigned int last;
