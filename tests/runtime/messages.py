@@ -165,6 +165,12 @@ def main(work: str, topic: str, depth: int = 1) -> None:
                 for _ in sys.stdin:
                     message = subscriber.wait(5)
                     say(message and message.position.x)
+        case "await":
+            subscribers = [PoseSubscriber(f"{topic}/t{number}") for number in range(depth)]
+            say("ready")
+            while True:
+                for one in runtime.ready_any(subscribers, 60):
+                    say(one.read().position.x)
         case "flood":
             with PosePublisher(topic, depth=depth, lock_timeout=0) as publisher:
                 say("ready")

@@ -133,8 +133,9 @@ def in_own_shm(script):
 def test_all_means_also_a_semaphore_whose_maker_was_killed():
     """The kernel kills a process as it gives its semaphore the right name, and as it takes the first name away."""
     script = """
-import ctypes, mmap, os, sys, threading, time
+import mmap, os, sys, threading, time
 from pathlib import Path
+from tests.support import seccomp
 from tests.support.command import run
 from shmgen.tools import unfinished
 
@@ -142,21 +143,10 @@ def killed_at(call):
     pid = os.fork()
     if pid == 0:
         import posix_ipc
-        # Load the number of the system call; kill if it is that one; allow.
-        code = [(0x20, 0, 0, 0), (0x15, 0, 1, call), (0x06, 0, 0, 0x80000000), (0x06, 0, 0, 0x7FFF0000)]
-        packed = b"".join(ctypes.string_at(ctypes.byref(Step(*step)), 8) for step in code)
-        program = Program(4, ctypes.cast(ctypes.create_string_buffer(packed), ctypes.c_void_p))
-        libc = ctypes.CDLL(None, use_errno=True)
-        assert libc.prctl(38, 1, 0, 0, 0) == 0 and libc.prctl(22, 2, ctypes.byref(program)) == 0
+        seccomp.forbid(call)
         posix_ipc.Semaphore("/made", posix_ipc.O_CREX, mode=0o660, initial_value=1)
         os._exit(0)
     return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
-
-class Step(ctypes.Structure):
-    _fields_ = [("code", ctypes.c_ushort), ("jt", ctypes.c_ubyte), ("jf", ctypes.c_ubyte), ("k", ctypes.c_uint)]
-
-class Program(ctypes.Structure):
-    _fields_ = [("len", ctypes.c_ushort), ("filter", ctypes.c_void_p)]
 
 # link and unlink; linkat and unlinkat where there are no others.
 wide = sys.maxsize > 2**32

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable
 from typing import Generic, Protocol, TypeVar
 
@@ -36,7 +35,6 @@ class End(Generic[T]):
         self._region = region
         self.now: T | None = None
         self._view: View
-        self._due = 0.0
         self.renewed()
 
     def renewed(self) -> T:
@@ -52,14 +50,6 @@ class End(Generic[T]):
             self.now = made
         return self.now
 
-    def looked_after(self) -> T:
-        """As renewed(), but each LOOK: for every sample that would cost a system call, and give the GIL away."""
-        now = time.monotonic()
-        if self.now is not None and now < self._due:
-            return self.now
-        self._due = now + LOOK
-        return self.renewed()
-
     def close(self) -> None:
         if self.now is not None:
             held, self.now = self.now, None
@@ -70,11 +60,9 @@ class End(Generic[T]):
 class Loop:
     """A thread that takes step after step until the bridge stops; one that a region fails is told, and tried again."""
 
-    def __init__(
-        self, step: Callable[[], None], counters: Counters, stopping: threading.Event, again: float = LOOK
-    ) -> None:
-        """`again` is in seconds; a step looks at `stopping` each LOOK itself."""
-        self._step, self._counters, self._stopping, self._again = step, counters, stopping, again
+    def __init__(self, step: Callable[[], None], counters: Counters, stopping: threading.Event) -> None:
+        """A step looks at `stopping` each LOOK itself."""
+        self._step, self._counters, self._stopping = step, counters, stopping
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def start(self) -> None:
@@ -92,4 +80,4 @@ class Loop:
                 self._step()
             except (ShmError, OSError) as error:
                 self._counters.complain(str(error))
-                self._stopping.wait(self._again)
+                self._stopping.wait(LOOK)

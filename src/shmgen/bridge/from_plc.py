@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import threading
 import time
 from contextlib import suppress
@@ -10,20 +11,23 @@ from typing import Any
 from shmgen.bridge import plan
 from shmgen.bridge.backend import Backend
 from shmgen.bridge.counters import Counters
-from shmgen.bridge.end import LOOK, End, Loop
+from shmgen.bridge.end import End
+from shmgen.bridge.listener import Listener
 from shmgen.bridge.plan import Route
 from shmgen.live.classes import subscriber
 from shmgen.runtime import Message, ShmError, Subscriber, ValueRejected
 from shmgen.runtime.values import set_clock
 
-_AGAIN = 0.5
-"""Seconds until a region that could not be opened is tried again."""
-
 
 class FromPlc:
-    """A Side: a thread for each topic, asleep until the PLC wakes it."""
+    """A Side: what the PLC writes goes to ROS, by a thread that sleeps until it does.
 
-    def __init__(self, route: Route, counters: Counters, stopping: threading.Event) -> None:
+    It shares `listener` with others; without one, and with a `rate`, for which it waits itself, it has its own.
+    """
+
+    def __init__(
+        self, route: Route, counters: Counters, stopping: threading.Event, listener: Listener | None = None
+    ) -> None:
         self.route = route
         self.about = route.about
         self.counters = counters
@@ -32,7 +36,7 @@ class FromPlc:
         self._stale = False
         self._due = 0.0
         self._end = End(self._opened, route.region)
-        self._loop = Loop(self._step, counters, stopping, _AGAIN)
+        self._listener = listener if listener and not route.topic.carried.rate else Listener(stopping)
         if not route.topic.carried.latch:
             # As in ROS: who comes later does not hear what was said before, least of all a command of yesterday.
             self._end.renewed().read()
@@ -41,7 +45,7 @@ class FromPlc:
         self._outlet, self._now = backend.publisher(self.route.wire), backend.now
         self._message = self._outlet.new()
         plan.check(self.route, self._message)
-        self._loop.start()
+        self._listener.add(self)
 
     def tick(self) -> None:
         limit = self.route.topic.carried.stale
@@ -67,17 +71,17 @@ class FromPlc:
         pass
 
     def close(self) -> None:
-        if self._loop.ended():
+        if self._listener.ended():
             self._end.close()
 
-    def _step(self) -> None:
+    def renewed(self) -> Subscriber[Message]:
+        return self._end.renewed()
+
+    def take(self, reader: Subscriber[Message]) -> bool:
         rate = self.route.topic.carried.rate
-        if rate and self._stopping.wait(max(0.0, self._due - time.monotonic())):
-            return
-        reader = self._end.looked_after()
-        if not reader.ready(LOOK):
-            return
         if rate:
+            if self._stopping.wait(max(0.0, self._due - time.monotonic())):
+                return True
             self._due = time.monotonic() + 1 / rate
             samples = [sample] if (sample := reader.read()) else []
         else:
@@ -85,12 +89,16 @@ class FromPlc:
         for sample in samples:
             self._send(sample)
         self._count(reader)
-        if not samples:  # locked out: try again, but not at once
-            self._stopping.wait(0.001)
+        return bool(samples)
 
     def _send(self, sample: Message) -> None:
         self.counters.came()
         try:
+            if self._outlet.send_payload is not None:
+                with suppress(ValueRejected, struct.error):  # the long way says what is wrong with it
+                    self._outlet.send_payload(bytes(sample))
+                    self.counters.passed += 1
+                    return
             message = self._outlet.new() if self._outlet.keeps else self._message
             self.route.kind._decode(bytes(sample), 0, message)
             if self.route.topic.carried.stamp == "now":

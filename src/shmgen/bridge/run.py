@@ -17,12 +17,14 @@ from shmgen.bridge.backend import Backend, Node, Outlet
 from shmgen.bridge.counters import Counters
 from shmgen.bridge.diagnostics import Reporter
 from shmgen.bridge.from_plc import FromPlc
+from shmgen.bridge.listener import Listener
 from shmgen.bridge.services import PlcCalls, PlcServes
 from shmgen.bridge.side import Side
 from shmgen.bridge.to_plc import ToPlc
 from shmgen.config import Config
 from shmgen.diagnostics import Rejected
 from shmgen.live.session import Session
+from shmgen.runtime import can_wait_for_many
 
 TICK = 0.1
 """Seconds from one look at everything to the next; the PLC's blocks take a writer for dead after a second."""
@@ -85,11 +87,15 @@ def counted(sides: Iterable[Side]) -> list[str]:
 
 def _sides(session: Session, stopping: threading.Event, tell: Say) -> list[Side]:
     routes, services, actions = plan.routes(session), plan.services(session), plan.actions(session)
+    listener = Listener(stopping) if can_wait_for_many() else None
     sides: list[Side] = []
     try:
         for route in routes:
             counters = Counters(route.topic.topic, tell)
-            sides.append((ToPlc if route.to_plc else FromPlc)(route, counters, stopping))
+            if route.to_plc:
+                sides.append(ToPlc(route, counters, stopping))
+            else:
+                sides.append(FromPlc(route, counters, stopping, listener))
         for service in services:
             counters = Counters(service.service.name, tell)
             sides.append((PlcServes if service.service.on_plc else PlcCalls)(service, counters, stopping))

@@ -29,6 +29,7 @@ from shmgen.runtime.errors import (
 )
 from shmgen.runtime.fields import Clock, Clocks, Elements, Text, Texts
 from shmgen.runtime.header import Header
+from shmgen.runtime.many import can_wait_for_many, ready_any
 from shmgen.runtime.message import LATE_FROM, Late, Message
 from shmgen.runtime.names import region_name
 from shmgen.runtime.publisher import Publisher
@@ -75,7 +76,9 @@ __all__ = [
     "Texts",
     "Time",
     "ValueRejected",
+    "can_wait_for_many",
     "read_header",
+    "ready_any",
     "region_name",
     "values",
 ]

@@ -1,6 +1,7 @@
 /* The straight way of publish() and read() in one call each: free lock, topic still ours, sample whole. Wherever
  * anything else is met nothing has been done, and Python goes its own way (publisher.py, subscriber.py), which knows
- * how to wait, to heal and what to raise. So no call here waits but doze(), and none runs Python code inside the lock.
+ * how to wait, to heal and what to raise. So no call here waits but the two that doze, and none runs Python code inside
+ * the lock.
  *
  * Over the same header as generated C (templates/c), in CPython's limited API: one binary for 3.10 and all later.
  */
@@ -9,6 +10,7 @@
 #include <structmember.h>
 
 #include <math.h>
+#include <sys/syscall.h>
 
 #include "shmgen_subscriber.h"
 
@@ -58,6 +60,7 @@ typedef struct Reader {
     PyObject_HEAD
     shmgen_link end;
     PyObject *stamp; /* of the newest sample read, NULL: none yet */
+    unsigned long long event; /* address of the sem_t, which stays mapped also when it is closed; 0: there is none */
     size_t size;
     unsigned long long missed;
     unsigned int last;
@@ -523,38 +526,138 @@ static PyObject *reader_straight(PyObject *object, PyObject *asked)
     return data;
 }
 
+#ifdef SHMGEN_HAS_CLOCKWAIT
+/* Left set, `armed` would look like another reader's. While the GIL was let go another thread may have closed it. */
+static void disarm(const Reader *self, bool came)
+{
+    if (self->end.base != NULL && (!came || shmgen_load(&self->end, SHMGEN_AT(armed)) != 0))
+        shmgen_store(&self->end, SHMGEN_AT(armed), 0);
+}
+
+/* True: it was nobody else's, there is an event, and we are to look at `completed` behind a fence, doze, and disarm. */
+static bool arm(const Reader *self)
+{
+    if (self->end.base == NULL || self->event == 0 || shmgen_load(&self->end, SHMGEN_AT(armed)) != 0)
+        return false;
+    shmgen_store(&self->end, SHMGEN_AT(armed), 1);
+    return true;
+}
+
+static struct timespec in_ns(int64_t ns)
+{
+    const int64_t until = shmgen_now() + ns;
+    struct timespec time;
+    time.tv_sec = (time_t)(until / INT64_C(1000000000));
+    time.tv_nsec = (long)(until % INT64_C(1000000000));
+    return time;
+}
+#endif
+
 /* Waits so many ns for the event unless `completed` has left `newest` behind, or a signal comes, whose handler is then
  * Python's to call. False: nothing was done. */
 static PyObject *reader_doze(PyObject *object, PyObject *arguments)
 {
 #ifdef SHMGEN_HAS_CLOCKWAIT
     Reader *self = (Reader *)object;
-    const shmgen_link *end = &self->end;
-    unsigned long long event;
     unsigned int newest;
     long long ns;
     bool came = false;
-    if (!PyArg_ParseTuple(arguments, "KLI", &event, &ns, &newest))
+    if (!PyArg_ParseTuple(arguments, "LI", &ns, &newest))
         return NULL;
-    if (end->base == NULL || event == 0 || shmgen_load(end, SHMGEN_AT(armed)) != 0)
+    if (!arm(self))
         Py_RETURN_FALSE;
-    shmgen_store(end, SHMGEN_AT(armed), 1);
     shmgen_fence(false);
-    if (shmgen_load(end, SHMGEN_AT(completed)) == newest) {
-        const int64_t until = shmgen_now() + ns;
-        struct timespec time;
-        time.tv_sec = (time_t)(until / INT64_C(1000000000));
-        time.tv_nsec = (long)(until % INT64_C(1000000000));
+    if (shmgen_load(&self->end, SHMGEN_AT(completed)) == newest) {
+        const struct timespec until = in_ns(ns);
         Py_BEGIN_ALLOW_THREADS
-        came = sem_clockwait((sem_t *)(uintptr_t)event, CLOCK_MONOTONIC, &time) == 0;
+        came = sem_clockwait((sem_t *)(uintptr_t)self->event, CLOCK_MONOTONIC, &until) == 0;
         Py_END_ALLOW_THREADS
     }
-    /* Another thread may have closed it. Left set, the word would look like another reader's. */
-    if (end->base != NULL && (!came || shmgen_load(end, SHMGEN_AT(armed)) != 0))
-        shmgen_store(end, SHMGEN_AT(armed), 0);
+    disarm(self, came);
     Py_RETURN_TRUE;
 #else
     (void)object;
+    (void)arguments;
+    Py_RETURN_FALSE;
+#endif
+}
+
+/* One sleep on many events asks for futex_waitv (Linux 5.16) and for the sem_t of a 64-bit glibc, the same since 2.21:
+ * eight bytes, of which the lower four are the value and the upper four count who waits. sem_post() adds one to the
+ * value, and wakes one of those who wait for that word if the count is not 0. (sem_clockwait came with 2.30.) */
+#if defined(SHMGEN_HAS_CLOCKWAIT) && defined(__LP64__) && __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__
+#define HAS_MANY 1
+#define WAITS (UINT64_C(1) << 32)
+#ifndef SYS_futex_waitv
+#define SYS_futex_waitv 449
+#endif
+
+/* struct futex_waitv of linux/futex.h, which older headers lack. */
+typedef struct Wait {
+    uint64_t value;
+    uint64_t word;
+    uint32_t flags;
+    uint32_t reserved;
+} Wait;
+#define SHARED_32 2 /* FUTEX_32 */
+#define MOST_WAITS 128
+
+/* Until a post of any, a signal, or the time. False: this kernel, or who guards it, does not do that. */
+static bool sleep_on(Reader *const *readers, size_t count, int64_t ns)
+{
+    const struct timespec until = in_ns(ns);
+    Wait waits[MOST_WAITS];
+    bool could;
+    for (size_t number = 0; number < count; number++) {
+        waits[number] = (Wait){0, readers[number]->event, SHARED_32, 0};
+        __atomic_fetch_add((uint64_t *)(uintptr_t)readers[number]->event, WAITS, __ATOMIC_SEQ_CST);
+    }
+    Py_BEGIN_ALLOW_THREADS
+    could = syscall(SYS_futex_waitv, waits, (unsigned int)count, 0, &until, CLOCK_MONOTONIC) >= 0 || errno == EAGAIN ||
+            errno == EINTR || errno == ETIMEDOUT;
+    Py_END_ALLOW_THREADS
+    for (size_t number = 0; number < count; number++)
+        __atomic_fetch_sub((uint64_t *)(uintptr_t)waits[number].word, WAITS, __ATOMIC_SEQ_CST);
+    return could;
+}
+#endif
+
+/* Dozes as above for all of a tuple of readers at once, so many ns at most, or as many as the second number says where
+ * there is one that nobody would wake us for. False: it was no sleep. */
+static PyObject *readers_doze(PyObject *type, PyObject *arguments)
+{
+#ifdef HAS_MANY
+    Reader *armed[MOST_WAITS];
+    PyObject *readers;
+    long long ns, poll;
+    size_t count = 0;
+    bool slept = false, unread = false;
+    Py_ssize_t length;
+    if (!PyArg_ParseTuple(arguments, "O!LL", &PyTuple_Type, &readers, &ns, &poll))
+        return NULL;
+    length = PyTuple_Size(readers);
+    for (Py_ssize_t number = 0; number < length; number++)
+        if (!PyObject_TypeCheck(PyTuple_GetItem(readers, number), (PyTypeObject *)type))
+            return PyErr_Format(PyExc_TypeError, "these are for subscribers");
+    for (Py_ssize_t number = 0; number < length; number++) {
+        Reader *self = (Reader *)PyTuple_GetItem(readers, number);
+        if (count < MOST_WAITS && arm(self))
+            armed[count++] = self;
+        else if (poll < ns)
+            ns = poll;
+    }
+    shmgen_fence(false);
+    for (size_t number = 0; number < count; number++) {
+        const uint32_t newest = shmgen_load(&armed[number]->end, SHMGEN_AT(completed));
+        unread = unread || (newest != 0 && newest != armed[number]->last);
+    }
+    if (count != 0 && !unread)
+        slept = sleep_on(armed, count, ns);
+    for (size_t number = 0; number < count; number++)
+        disarm(armed[number], sem_trywait((sem_t *)(uintptr_t)armed[number]->event) == 0);
+    return PyBool_FromLong(slept || unread);
+#else
+    (void)type;
     (void)arguments;
     Py_RETURN_FALSE;
 #endif
@@ -604,6 +707,7 @@ static PyMemberDef reader_members[] = {
     {"_last", T_UINT, offsetof(Reader, last), 0, NULL},
     {"_missed", T_ULONGLONG, offsetof(Reader, missed), 0, NULL},
     {"_stamp", T_OBJECT, offsetof(Reader, stamp), 0, NULL},
+    {"_event_at", T_ULONGLONG, offsetof(Reader, event), 0, NULL},
     {NULL, 0, 0, 0, NULL},
 };
 
@@ -612,6 +716,7 @@ static PyMethodDef reader_methods[] = {
     {"_disconnect", reader_disconnect, METH_NOARGS, NULL},
     {"_straight", reader_straight, METH_O, NULL},
     {"_doze", reader_doze, METH_VARARGS, NULL},
+    {"_doze_all", readers_doze, METH_VARARGS | METH_CLASS, NULL},
     {NULL, NULL, 0, NULL},
 };
 
@@ -656,8 +761,21 @@ static PyObject *fence(PyObject *module, PyObject *nothing)
     Py_RETURN_NONE;
 }
 
+/* Whether _doze_all() of readers can sleep. A kernel that knows the call says that none at all is too few. */
+static PyObject *has_many(PyObject *module, PyObject *nothing)
+{
+    (void)module;
+    (void)nothing;
+#ifdef HAS_MANY
+    return PyBool_FromLong(syscall(SYS_futex_waitv, NULL, 0, 0, NULL, CLOCK_MONOTONIC) != 0 && errno == EINVAL);
+#else
+    Py_RETURN_FALSE;
+#endif
+}
+
 static PyMethodDef functions[] = {
     {"fence", fence, METH_NOARGS, NULL},
+    {"has_many", has_many, METH_NOARGS, NULL},
     {NULL, NULL, 0, NULL},
 };
 

@@ -53,6 +53,7 @@ class _PureReader:
     _last: int
     _missed: int
     _stamp: int | None
+    _event_at: int
 
     def _connect(self, *where: int | bool) -> None:
         pass
@@ -64,13 +65,20 @@ class _PureReader:
         """The payload of sample `number`, which then counts as read; None: has done nothing."""
         return None
 
-    def _doze(self, event: int, ns: int, newest: int) -> bool:
+    def _doze(self, ns: int, newest: int) -> bool:
         """Arms and waits for the event, so many ns at most; False: has done nothing."""
+        return False
+
+    @classmethod
+    def _doze_all(cls, readers: tuple[_PureReader, ...], ns: int, poll: int) -> bool:
+        """The same for several at once; `poll` is the most where there is one that cannot be armed."""
         return False
 
 
 IN_C = EXTENSION is not None
 """Whether the extension is at work."""
+HAS_MANY = IN_C and bool(EXTENSION.has_many())
+"""Whether a thread can sleep on the events of several readers: on 64-bit Linux 5.16 or later, with glibc."""
 if TYPE_CHECKING:
     Writer: TypeAlias = _PureWriter
     Reader: TypeAlias = _PureReader

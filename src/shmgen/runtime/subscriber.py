@@ -106,6 +106,7 @@ class Subscriber(Holding, straight.Reader, Generic[M]):
         self._stamp = None
         self._missed = 0
         self._event: Any = None
+        self._event_at = 0
         self._polls = region.options.sync == "sequence"
         self._beat = self._words[HEARTBEAT]
         self._beat_since = time.monotonic()
@@ -163,7 +164,7 @@ class Subscriber(Holding, straight.Reader, Generic[M]):
         """
         deadline = time.monotonic() + timeout
         if self._event is None:
-            self._event = open_event(self._region)
+            self._listen()
         while (newest := self._words[COMPLETED]) in (0, self._last):
             left = deadline - time.monotonic()
             if left <= 0:
@@ -178,7 +179,7 @@ class Subscriber(Holding, straight.Reader, Generic[M]):
         """
         deadline = time.monotonic() + timeout
         if self._event is None:
-            self._event = open_event(self._region)
+            self._listen()
         while True:
             newest = self._words[COMPLETED]
             if newest not in (0, self._last) and (data := self._copy(newest, deadline)):
@@ -223,12 +224,17 @@ class Subscriber(Holding, straight.Reader, Generic[M]):
             self._beat, self._beat_since = beat, now
         return now - self._beat_since >= timeout
 
+    def _listen(self) -> None:
+        event = open_event(self._region)
+        self._event_at = event.handle or 0
+        self._event = event
+
     def _sleep(self, seconds: float, newest: int) -> None:
         """Until the writer posts the event, unless `completed` has left `newest` behind already.
 
         A post for a sample that was read without it, or for a reader that died, ends one wait early.
         """
-        if self._doze(self._event.handle or 0, int(seconds * 1e9), newest):
+        if self._doze(int(seconds * 1e9), newest):
             return
         words = self._words
         if self._polls or words[ARMED]:

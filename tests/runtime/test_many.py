@@ -1,0 +1,263 @@
+"""One thread that waits for many topics."""
+
+from __future__ import annotations
+
+import os
+import signal
+import struct
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+
+import pytest
+
+from shmgen import runtime
+from shmgen.runtime import header as h
+from shmgen.runtime import many, ready_any
+from shmgen.runtime.names import event_name, semaphore_file
+from tests.conftest import REPOSITORY
+from tests.support import machine
+
+from .messages import Pose, PosePublisher, PoseSubscriber, pose
+
+COUNT = 3
+LONG = 600 * 10**9
+"""Nanoseconds: who is not woken from this fails by the time limit of a test."""
+doze_all = runtime.Subscriber._doze_all
+sleeps = pytest.mark.skipif(not runtime.can_wait_for_many(), reason="this process cannot wait for many")
+
+
+class LocklessSubscriber(runtime.Subscriber):
+    message_type = type("Lockless", (Pose,), {"_regions_": runtime.RegionOptions(sync="sequence")})
+
+
+@pytest.fixture
+def several(topic):
+    """Subscribers of some topics, their events open."""
+    with ExitStack() as stack:
+        made = [stack.enter_context(PoseSubscriber(f"{topic}/t{number}")) for number in range(COUNT)]
+        assert ready_any(made, 0) == []
+        yield made
+
+
+@pytest.fixture
+def writers(topic):
+    with ExitStack() as stack:
+        yield [stack.enter_context(PosePublisher(f"{topic}/t{number}")) for number in range(COUNT)]
+
+
+@pytest.fixture(params=["C", "Python"])
+def ways(request, monkeypatch):
+    """Asleep on all events, and where that cannot be."""
+    if request.param == "Python":
+        monkeypatch.setattr(runtime.Subscriber, "_doze_all", lambda *_: False)
+    elif not runtime.can_wait_for_many():
+        pytest.skip("this process cannot wait for many")
+
+
+def event_of(subscriber):
+    """Its value, and how many wait for it."""
+    with open(semaphore_file(event_name(subscriber._region.name)), "rb") as file:
+        return struct.unpack("<II", file.read(8))
+
+
+def at_rest(subscribers):
+    """Nobody waits, and nothing is left that would end a wait early or make another poll."""
+    return [(event_of(one), one._words[h.ARMED]) for one in subscribers] == [((0, 0), 0)] * len(subscribers)
+
+
+def dozing(subscribers):
+    return all(event_of(one)[1] == 1 for one in subscribers)
+
+
+def until(said):
+    end = time.monotonic() + 60 * machine.slower
+    while not said():
+        assert time.monotonic() < end
+        os.sched_yield()
+
+
+@pytest.mark.usefixtures("ways")
+def test_those_with_a_sample_and_no_others(several, writers):
+    assert ready_any([], 0.01) == []
+    writers[2].publish(pose(1))
+    writers[0].publish(pose(2))
+    assert ready_any(several, 0) == [several[0], several[2]]
+    assert several[0].read_all()
+    assert ready_any(iter(several), 60) == [several[2]]
+    assert several[2].read().position.x == 1.0
+    before = time.monotonic()
+    assert ready_any(several, 0.03) == []
+    assert time.monotonic() - before >= 0.03
+    assert at_rest(several)
+
+
+@sleeps
+def test_any_writer_wakes_who_sleeps_and_nobody_polls(several, other, monkeypatch):
+    monkeypatch.setattr(many, "_SLICE", LONG / 1e9)
+    monkeypatch.setattr(many, "_POLL", LONG / 1e9)
+    processes = [other("publish", one.topic) for one in several]
+
+    def woken(number):
+        until(lambda: dozing(several))
+        processes[number].tell(number)
+
+    for number in (1, 0, 2, 2, 1):
+        threading.Thread(target=woken, args=(number,)).start()
+        assert ready_any(several, 600) == [several[number]]
+        assert processes[number].hear()
+        assert several[number].read().position.x == number
+        assert at_rest(several)
+
+
+@sleeps
+def test_a_sample_or_a_post_before_the_sleep(several, writers):
+    several[1]._event.release()
+    assert doze_all(tuple(several), LONG, LONG)  # a post too many ends one sleep early
+    assert at_rest(several)
+    writers[2].publish(pose(1))
+    assert doze_all(tuple(several), LONG, LONG)
+    several[2].read()
+    assert at_rest(several)
+
+
+@sleeps
+def test_whose_writer_wakes_another_is_looked_at_each_millisecond(several, writers, topic):
+    """And so is what has no event; and none of it is kept from sleeping on the others."""
+    several[0]._words[h.ARMED] = 1
+    with LocklessSubscriber(f"{topic}/lockless") as lockless:
+        assert ready_any([lockless], 0.01) == []
+        for odd in (several[0], lockless):
+            assert not doze_all((odd,), LONG, LONG)  # there is nothing to sleep on
+            assert doze_all((odd, several[1]), LONG, 10**6)
+            assert doze_all((several[1], odd), LONG, 10**6)
+            threading.Thread(target=lambda: (until(lambda: dozing(several[1:2])), writers[1].publish(pose(1)))).start()
+            assert doze_all((odd, several[1]), LONG, LONG)
+            assert several[1].read().position.x == 1.0
+    assert several[0]._words[h.ARMED] == 1
+    assert at_rest(several[1:])
+    # The same topic twice: the second has no event of its own.
+    with PoseSubscriber(several[1].topic) as again:
+        assert ready_any([again, several[1]], 0) == [again]
+        assert again.read().position.x == 1.0
+        assert ready_any([again, several[1]], 0.01) == []
+    assert at_rest(several[1:])
+
+
+@sleeps
+def test_more_than_the_kernel_takes_at_once(several):
+    readers = tuple(several) + tuple(PoseSubscriber(f"{several[0].topic}/t{number}") for number in range(127))
+    try:
+        assert ready_any(readers, 0) == []
+        with PosePublisher(readers[-1].topic) as last:
+            threading.Thread(target=lambda: (until(lambda: dozing(readers[:128])), last.publish(pose(1)))).start()
+            assert ready_any(readers, 60) == [readers[-1]]
+            assert readers[-1].read().position.x == 1.0
+            assert doze_all(readers, LONG, 10**6)
+        assert at_rest(readers)
+    finally:
+        for one in readers[COUNT:]:
+            one.close()
+    with pytest.raises(TypeError):
+        doze_all((several[0], 1), LONG, LONG)
+    assert at_rest(several)
+
+
+@sleeps
+def test_one_of_them_closed_by_another_thread(several):
+    """The event that is slept on stays mapped until nobody does; a region's map is gone at once."""
+
+    def close():
+        until(lambda: dozing(several))
+        several[1].close()
+
+    with ThreadPoolExecutor(1) as thread:
+        closing = thread.submit(close)
+        with pytest.raises(runtime.Closed):
+            ready_any(several, 600)
+        closing.result()
+    assert event_of(several[1]) == (0, 0)
+    with pytest.raises(runtime.Closed):
+        ready_any(several, 600)
+    others = [several[0], several[2]]
+    assert ready_any(others, 0.02) == []
+    assert at_rest(others)
+
+
+@sleeps
+def test_a_signal_ends_the_sleep_for_its_handler(several):
+    came = []
+    former = signal.signal(signal.SIGALRM, lambda *_: came.append(dozing(several)))
+    signal.setitimer(signal.ITIMER_REAL, 0.01, 0.01)
+    try:
+        assert doze_all(tuple(several), LONG, LONG)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, former)
+    assert came
+    assert not any(came)
+    assert at_rest(several)
+
+
+@sleeps
+def test_one_killed_in_its_sleep_does_no_harm(several, writers, topic, other):
+    """It is counted among those who wait for good: a post then makes a system call that wakes nobody."""
+    process = other("await", topic, COUNT).process
+
+    def stopped_asleep():
+        until(lambda: dozing(several))
+        process.send_signal(signal.SIGSTOP)
+        os.waitid(os.P_PID, process.pid, os.WSTOPPED | os.WNOWAIT)
+        return dozing(several) or process.send_signal(signal.SIGCONT)
+
+    until(stopped_asleep)
+    process.kill()
+    process.wait()
+    assert [(event_of(one), one._words[h.ARMED]) for one in several] == [((0, 1), 1)] * COUNT
+    for number, writer in enumerate(writers):
+        writer.publish(pose(number))
+    assert ready_any(several, 0) == several
+    for number, one in enumerate(several):
+        assert (one.read().position.x, event_of(one), one._words[h.ARMED]) == (number, (1, 1), 0)
+    assert doze_all(tuple(several), LONG, LONG)  # takes what was posted for the dead one
+    armed = threading.Thread(target=lambda: (until(lambda: several[2]._words[h.ARMED]), writers[2].publish(pose(9))))
+    armed.start()
+    assert doze_all(tuple(several), LONG, LONG)
+    armed.join()
+    assert several[2].read().position.x == 9.0
+    assert [event_of(one) for one in several] == [(0, 1)] * COUNT
+
+
+SCRIPT = """
+import os, sys, threading
+from shmgen.runtime import can_wait_for_many, ready_any, straight
+from tests.runtime.messages import PosePublisher, PoseSubscriber, pose
+from tests.support import seccomp
+
+print(can_wait_for_many())
+if os.environ.get("SHMGEN_PURE") != "1":
+    seccomp.forbid(449, int(sys.argv[2]))
+    print(straight.EXTENSION.has_many())
+topic = sys.argv[1]
+with PoseSubscriber(topic) as first, PoseSubscriber(topic + "/second") as second, PosePublisher(topic) as writer:
+    assert ready_any([second, first], 0.01) == []
+    threading.Timer(0.02, lambda: writer.publish(pose(1))).start()
+    assert ready_any([second, first], 60) == [first]
+    assert first._words[41] == second._words[41] == 0
+"""
+
+
+@pytest.mark.skipif(machine.EMULATED, reason="qemu-user has no seccomp")
+@pytest.mark.parametrize("pure", [False, True], ids=["forbidden", "pure"])
+def test_where_it_cannot_be_it_polls_and_says_so(topic, pure):
+    here = runtime.can_wait_for_many()
+    if not (pure or here):
+        pytest.skip("this process cannot wait for many")
+    command = [sys.executable, "-c", SCRIPT, topic, "38"]  # ENOSYS: as a kernel before 5.16
+    environment = {**os.environ, "SHMGEN_PURE": "1" if pure else ""}
+    done = subprocess.run(command, cwd=REPOSITORY, env=environment, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.split() == (["False"] if pure else ["True", "False"])
