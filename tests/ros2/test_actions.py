@@ -18,9 +18,10 @@ from shmgen.live.classes import action_client, action_server, subscriber
 from shmgen.runtime import ServedGoal
 
 from ..conftest import REPOSITORY
+from ..support.dds import without_fast_dds
 from ..support.ros1 import PROMPTLY, Bridge
 from ..support.ros2 import Graph, Peer
-from .test_bridge import all_ways, session
+from .test_bridge import WAYS, all_ways, session
 
 SUCCEEDED, CANCELED, ABORTED, REJECTED = 4, 5, 6, -1
 FIBONACCI = "test_msgs/action/Fibonacci"
@@ -111,14 +112,22 @@ def count_up(goal: ServedGoal[Any]) -> None:
     (goal.abort if order == 13 else goal.succeed)(sequence(*range(min(order, 8))))
 
 
-pytestmark = all_ways
-
-
 @pytest.fixture
 def cell(graph: Graph, space: str) -> Cell:
+    if graph.backend == "dds":
+        without_fast_dds()
     return Cell(graph, space)
 
 
+some_ways = pytest.mark.parametrize(
+    "graph",
+    [*WAYS[:3], pytest.param(WAYS[3], marks=pytest.mark.slow)],
+    indirect=True,
+    ids=["-".join(way) for way in WAYS],
+)
+
+
+@all_ways
 def test_ros_seeks_and_the_plc_acts(cell: Cell) -> None:
     with cell.plc(count_up):
         assert cell.seek(5) is True
@@ -172,6 +181,7 @@ with action_server(route.kinds)(route.action.name) as served:
 """
 
 
+@some_ways
 def test_a_plc_that_is_not_there_says_nothing_or_is_killed(cell: Cell) -> None:
     assert cell.seek(5) is False
     cell.bridge.said("no server within 1 s; the request was not sent")
@@ -194,6 +204,7 @@ def test_a_plc_that_is_not_there_says_nothing_or_is_killed(cell: Cell) -> None:
     cell.bridge.said("/reach +0 passed, 3 failed$")
 
 
+@some_ways
 def test_what_a_killed_bridge_or_plc_leaves_is_cancelled(cell: Cell) -> None:
     """By the next bridge, which knows nothing of the goal; and a goal of ROS whose PLC is gone, by this one."""
     with cell.plc(count_up):
@@ -215,6 +226,7 @@ def test_what_a_killed_bridge_or_plc_leaves_is_cancelled(cell: Cell) -> None:
     wait(lambda: cell.peer.ask(do="canceled"), "the end of ROS's goal")
 
 
+@all_ways
 def test_the_plc_seeks_and_ros_acts(cell: Cell) -> None:
     with cell.client() as plc:
         plc.send_goal(SimpleNamespace(order=5), 5)
@@ -256,6 +268,7 @@ PROFILE = """<?xml version="1.0"?><profiles xmlns="http://www.eprosima.com/XMLSc
 </discovery_config></builtin></rtps></participant></profiles>"""
 
 
+@some_ways
 def test_a_killed_server_of_ros_ends_in_an_aborted_goal(cell: Cell, tmp_path: Path) -> None:
     """As soon as DDS takes it for gone: 2 s here, 20 s as Fast DDS has it."""
     (tmp_path / "short.xml").write_text(PROFILE)

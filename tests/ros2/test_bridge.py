@@ -20,6 +20,7 @@ from shmgen.live.classes import client, publisher, server, subscriber
 from shmgen.live.session import Session
 from shmgen.runtime import ShmError
 
+from ..support.dds import without_fast_dds
 from ..support.ros1 import PROMPTLY, wait_for
 from ..support.ros2 import Graph
 from ..support.schemas import plain, random_message
@@ -133,6 +134,8 @@ def monkeypatched(graph: Graph) -> Iterator[None]:
 @all_ways
 def test_services_both_ways_while_a_topic_flows(graph: Graph, space: str) -> None:
     """A call that waits for the PLC holds up no message, and no other call."""
+    if graph.backend == "dds":
+        without_fast_dds()
     bridge = graph.bridge(
         f'source = "{graph.source}"\n'
         + topic(f"{space}/pose", "geometry_msgs/Pose", "depth = 50")
@@ -185,6 +188,8 @@ def call(plc: Any) -> str:
 
 @all_ways
 def test_the_end_comes_in_the_middle_of_calls(graph: Graph, space: str) -> None:
+    if graph.backend == "dds":
+        without_fast_dds()
     bridge = graph.bridge(
         f'source = "{graph.source}"\n'
         + SET_BOOL.format(space=space, server="plc", timeout=20)

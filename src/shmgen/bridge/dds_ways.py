@@ -73,7 +73,9 @@ def chosen(
     if environment.get("RMW_IMPLEMENTATION") == "rmw_cyclonedds_cpp" or network.reach == "OFF":
         return Cyclone(ends, "")
     if environment.get("CYCLONEDDS_URI") and not any(map(environment.get, _BOUNDS)):
-        return Cyclone(ends, f"CYCLONEDDS_URI does not bind Fast DDS: for it, set {_BOUNDS[0]} or {_BOUNDS[-1]}")
+        return Cyclone(
+            ends, f"CYCLONEDDS_URI says nothing to Fast DDS, which reaches it: set {_BOUNDS[0]} or {_BOUNDS[-1]}"
+        )
     try:
         return Fast(fast_library.load(node.tell, ended), domain, node.name, network, node.largest, node.tell)
     except (fast_library.Missing, OSError) as error:

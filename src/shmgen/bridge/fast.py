@@ -54,11 +54,15 @@ class Fast:
             " ".join(ours).encode(),
             ctypes.c_uint32(self._largest),
         )
-        if network.alone:
-            confine(before)
         if not found:
             raise OSError(f"Fast DDS cannot join domain {domain}")
         self._handle = ctypes.c_void_p(found)
+        if network.alone:
+            try:
+                confine(before)
+            except OSError:
+                self.leave()
+                raise
 
     def pair(self, hears: Side, says: Side, met: Met) -> Pair:
         """Raises OSError, also after `leave()`."""
@@ -91,7 +95,8 @@ class FastPair(Pair):
     def _matched(self, heard: bool) -> list[Hashable]:
         found = ctypes.create_string_buffer(_GUID * _PEERS)
         count = min(_PEERS, self._library.fast_peers(self._handle, not heard, found, _PEERS))
-        return [found.raw[start : start + _GUID] for start in range(0, count * _GUID, _GUID)]
+        guids = ctypes.string_at(found, count * _GUID)
+        return [guids[start : start + _GUID] for start in range(0, len(guids), _GUID)]
 
     def _said(self, peer: Hashable, heard: bool) -> list[str]:
         words = ctypes.create_string_buffer(_WORDS)
@@ -120,9 +125,10 @@ class FastPair(Pair):
                 continue
             try:
                 words = self._words_of(sender.raw, True)
-                callback(Came(ctypes.string_at(taken, size), words, sender.raw, call.raw))
             except LookupError:  # it came and went while we looked away: nobody waits for an answer
-                pass
+                continue
+            try:
+                callback(Came(ctypes.string_at(taken, size), words, sender.raw, call.raw))
             except Exception as error:  # one message is not worth the service
                 if time.monotonic() - complained >= _COMPLAIN:
                     complained = time.monotonic()
