@@ -151,7 +151,7 @@ clean:
 	rm -rf $(VENV) dist site .fuzz .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
 # The headers are those that the extension in C is made of.
-$(VENV)/ready: pyproject.toml src/shmgen/runtime/straight.c $(wildcard templates/c/shmgen_*.h)
+$(VENV)/ready: pyproject.toml src/shmgen/runtime/straight.c src/shmgen/bridge/transcode.c $(wildcard templates/c/shmgen_*.h)
 	@$(call debian,$(PYTHON) -c 'import ensurepip',$(SETUP_PACKAGES),exit 1)
 	@test -x $(BIN)/python || { echo 'making $(VENV)'; $(PYTHON) -m venv $(VENV); }
 	@echo 'installing shmgen into $(VENV)'

@@ -1,8 +1,9 @@
-"""Two hooks of hatchling: the extension in C for each wheel, and README.md as PyPI shows it.
+"""Two hooks of hatchling: the extensions in C for each wheel, and README.md as PyPI shows it.
 
-The first turns src/shmgen/runtime/straight.c into the extension that publish and read are quicker with. It is called
-for each wheel, of shmgen and of packaging/shmgen-runtime, and each editable installation. Nothing depends on it:
-without a compiler, without Python's headers, and with SHMGEN_PURE set, what is made holds Python alone.
+The first turns src/shmgen/runtime/straight.c into the extension that publish and read are quicker with, and for shmgen
+itself bridge/transcode.c into that of the bridge. It is called for each wheel, of shmgen and of
+packaging/shmgen-runtime, and each editable installation. Nothing depends on it: without a compiler, without Python's
+headers, and with SHMGEN_PURE set, what is made holds Python alone.
 
 The second makes links and pictures of README.md lead to the repository, at the tag of this version. The address is
 that in SHMGEN_REPOSITORY, which the release workflow sets to where it runs (https://github.com/OWNER/shmgen); without
@@ -26,9 +27,10 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 from hatchling.metadata.plugin.interface import MetadataHookInterface
 
 HERE = Path(__file__).resolve().parent
-SOURCE = HERE / "src" / "shmgen" / "runtime" / "straight.c"
+SOURCES = HERE / "src" / "shmgen"
 HEADERS = HERE / "generated" / "c" / "shm_msgs"
-TARGET = Path("shmgen", "_straight.abi3.so")
+RUNTIME = {"_straight.abi3.so": "runtime/straight.c"}
+ALL = RUNTIME | {"_transcode.abi3.so": "bridge/transcode.c"}
 LIMITED = (3, 10)
 """The oldest Python that the binary runs on; so it does on all later ones."""
 _LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)#:\s]+)((?:#[^)]*)?)\)")
@@ -46,23 +48,24 @@ class StraightHook(BuildHookInterface[Any]):
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """As hatchling calls it before it builds: `version` is `standard` or `editable`."""
+        wanted = ALL if Path(self.root).resolve() == HERE else RUNTIME
         if version == "editable":
-            note = compiled(HERE / "src" / TARGET)
+            notes = [compiled(source, SOURCES / name) for name, source in wanted.items()]
         else:
             self._folder = tempfile.TemporaryDirectory()  # until the wheel is made
-            made = Path(self._folder.name, TARGET.name)
-            note = compiled(made)
-            if not note:
+            folder = Path(self._folder.name)
+            notes = [compiled(source, folder / name) for name, source in wanted.items()]
+            if not any(notes):
                 platform = sysconfig.get_platform().replace("-", "_").replace(".", "_")
-                build_data["force_include"][str(made)] = str(TARGET)
+                build_data["force_include"] |= {str(folder / name): f"shmgen/{name}" for name in wanted}
                 build_data["tag"] = f"cp{LIMITED[0]}{LIMITED[1]}-abi3-{platform}"
                 build_data["pure_python"] = False
-        if note:
-            self.app.display_info(f"publish and read stay in Python: {note}")
+        if any(notes):
+            self.app.display_info(f"publish and read stay in Python: {max(notes)}")
 
 
-def compiled(target: Path) -> str:
-    """Compiles the extension into `target`. Empty, or why there is none."""
+def compiled(source: str, target: Path) -> str:
+    """Compiles the extension `source` into `target`. Empty, or why there is none."""
     if os.environ.get("SHMGEN_PURE"):
         return "SHMGEN_PURE is set"
     if sys.platform != "linux" or sys.implementation.name != "cpython" or sysconfig.get_config_var("Py_GIL_DISABLED"):
@@ -77,7 +80,7 @@ def compiled(target: Path) -> str:
         "-pthread",
         f"-DPy_LIMITED_API=0x{LIMITED[0]:02X}{LIMITED[1]:02X}0000",
     ]
-    where = [f"-I{sysconfig.get_path('include')}", f"-I{HEADERS}", str(SOURCE), "-o", str(made)]
+    where = [f"-I{sysconfig.get_path('include')}", f"-I{HEADERS}", str(SOURCES / source), "-o", str(made)]
     try:
         done = subprocess.run([*compiler, *flags, *where], capture_output=True, text=True, check=False)
         if done.returncode == 0:

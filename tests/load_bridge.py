@@ -2,9 +2,10 @@
 
     python -m tests.load_bridge --seconds 30 --backend ros1
 
-First through a plain echo: in rospy, in rclpy of Jazzy with `--backend ros2`, in cyclonedds with `--backend dds`; then
-through the bridge, the regions, an echo in Python there, and back; with ROS once more while calls wait for a PLC that
-is not there. Exit code 1 if the bridge let a message go that neither came nor was counted.
+First through a plain echo: in rospy, in rclpy of Jazzy with `--backend ros2`, in cyclonedds with `--backend dds`, where
+a second one does not look at the bytes; then through the bridge, the regions, an echo in Python there, and back; with
+ROS once more while calls wait for a PLC that is not there. Exit code 1 if the bridge let a message go that neither came
+nor was counted.
 """
 
 from __future__ import annotations
@@ -81,7 +82,8 @@ def main() -> None:
         graph = made(arguments.backend, Path(folder))
         space = f"/load{os.getpid()}"
         try:
-            print(plain(graph, f"{space}/plain", seconds), flush=True)
+            for role, name in graph.plain:
+                print(plain(graph, role, name, f"{space}/{role}", seconds), flush=True)
             results = [bridged(graph, f"{space}/shm", seconds)]
             print(results[0], flush=True)
             if arguments.backend != "dds":
@@ -102,10 +104,10 @@ def made(backend: str, folder: Path) -> Ros:
     return ros2.Graph(folder, number) if backend == "ros2" else Domain(folder, number)
 
 
-def plain(graph: Ros, space: str, seconds: float) -> Result:
+def plain(graph: Ros, role: str, name: str, space: str, seconds: float) -> Result:
     """An echo with nothing of ours."""
-    echo = peer(graph, "echo", space)
-    return Result(graph.plain_echo, run(graph, space, seconds, {"echo": echo.pid}), 0)
+    echo = peer(graph, role, space)
+    return Result(name, run(graph, space, seconds, {"echo": echo.pid}), 0)
 
 
 def bridged(graph: Ros, space: str, seconds: float, calls: bool = False) -> Result:

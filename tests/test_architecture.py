@@ -45,7 +45,8 @@ ARROWS = {
     "live": WORDS | {"abi", "bounds", "config", "definitions", "live", "pipeline", "runtime", "toml"},
     "bag": WORDS | {"", "bag", "bridge", "drift", "live", "pipeline", "runtime", "type_hash"},
     "tools": WORDS | {"config", "live", "runtime", "targets", "tools"},
-    "bridge": WORDS | {"bridge", "config", "live", "pipeline", "resolve", "runtime", "targets", "type_hash"},
+    "bridge": WORDS
+    | {"_transcode", "bridge", "config", "live", "pipeline", "resolve", "runtime", "targets", "type_hash"},
     "view": WORDS | {"live", "runtime", "show", "targets", "tools", "view"},
     "cli": WORDS
     | {"", "bag", "bridge", "cache", "cli", "config", "definitions", "drift", "live", "pipeline", "render", "runtime"}

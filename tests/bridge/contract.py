@@ -35,6 +35,7 @@ from shmgen.bridge.backend import (
     Wire,
 )
 from shmgen.bridge.plan import closure
+from shmgen.bridge.short_way import ShortWay, short_way
 from shmgen.config import Config
 from shmgen.diagnostics import Span
 from shmgen.live.session import Session
@@ -80,6 +81,10 @@ class Scene:
     def kind(self, type_: str) -> type[Any]:
         """The class that has its bytes."""
         return self._session.message(type_)
+
+    def short(self, type_: str) -> ShortWay | None:
+        layouts = self._session.layouts([type_])
+        return short_way(self.kind(type_), self._session.layout(type_), layouts, ("header", "stamp"))
 
     def service(self) -> ServiceWire:
         halves = (self._messages(f"std_srvs/SetBool_{half}") for half in ("Request", "Response"))
@@ -186,6 +191,25 @@ def what_is_sent_arrives_in_order(scene: Scene) -> None:
     got = [(one.header.frame_id, list(one.name), list(one.position), list(one.effort)) for one in line.taken]
     assert got == [(f"frame {number}", ["a", "\xe4\u2603"], [number + 0.5, -1.0], []) for number in range(200)]
     assert not line.others
+
+
+def the_short_way_leads_to_the_same(scene: Scene) -> None:
+    """What a region holds arrives as that itself where it is ordinary, else as a message; in order, with a stamp."""
+    name = "sensor_msgs/JointState"
+    kind = scene.kind(name)
+    line = scene.line(name, short=scene.short(name))
+    if type(scene.backend).__module__ not in ("shmgen.bridge.ros1", "shmgen.bridge.dds"):
+        assert line.outlet.send_payload is None
+        return
+    names = ["plain", "\xe4\u2603"]
+    for name in names:
+        line.outlet.send_payload(bytes(kind(name=[name], position=[1.5])))
+    until(lambda: len(line.taken) >= 2)
+    assert [(list(one.name), list(one.position)) for one in line.taken] == [([name], [1.5]) for name in names]
+    assert [type(one) is kind for one in line.taken] == [True, False]
+    for one in line.taken:
+        seconds = getattr(one.header.stamp, "secs", None) or one.header.stamp.sec
+        assert abs(time.time() - seconds) < LIMIT
 
 
 def lists_may_hold_objects_of_any_class(scene: Scene) -> None:
@@ -484,6 +508,7 @@ def _quietly(call: Callable[[], Any]) -> None:
 CHECKS: tuple[Callable[[Scene], None], ...] = (
     an_empty_message_has_every_field,
     what_is_sent_arrives_in_order,
+    the_short_way_leads_to_the_same,
     lists_may_hold_objects_of_any_class,
     a_message_is_as_it_was_when_it_was_sent,
     one_at_a_time_is_handed_over,

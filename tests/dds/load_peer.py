@@ -1,8 +1,10 @@
 """The same nodes as tests/bridge/load_peer.py on Cyclone DDS, with no code of ours: a source, an echo, a sink.
 
-    python load_peer.py source SPACE SECONDS | echo SPACE | sink SPACE
+    python load_peer.py source SPACE SECONDS | echo SPACE | bytes SPACE | sink SPACE
 
-They handle the bytes of a geometry_msgs/PoseStamped themselves, so that what is measured is DDS and the bridge.
+The echo gets and sends messages, as any node does. `bytes` is one that sends back bytes it has not looked at, and the
+source and the sink handle those of a geometry_msgs/PoseStamped themselves, so that what is measured is DDS and the
+bridge.
 """
 
 from __future__ import annotations
@@ -50,13 +52,12 @@ def raw(data, *_, **__):
     return sample
 
 
-STAMPED.serialize = lambda self, **_: self.data
-STAMPED.deserialize = staticmethod(raw)
-
-
 def main(role, space, *more):
     node = DomainParticipant(int(os.environ["ROS_DOMAIN_ID"]))
-    {"source": source, "echo": echo, "sink": sink}[role](node, space, *more)
+    if role != "echo":
+        STAMPED.serialize = lambda self, **_: self.data
+        STAMPED.deserialize = staticmethod(raw)
+    {"source": source, "echo": echo, "bytes": echo, "sink": sink}[role](node, space, *more)
 
 
 def source(node, space, seconds):

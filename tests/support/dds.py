@@ -24,7 +24,7 @@ class Domain:
     """Processes in a folder for shmgen.toml, all of one domain."""
 
     source = "jazzy"
-    plain_echo = "cyclonedds echo"
+    plain = (("echo", "cyclonedds echo"), ("bytes", "the same, bytes only"))
     load_peer = REPOSITORY / "tests" / "dds" / "load_peer.py"
 
     def __init__(self, folder: Path, number: int) -> None:

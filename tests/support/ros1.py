@@ -43,7 +43,7 @@ class Graph:
     """A master that can die and return, in a folder for logs and shmgen.toml; `modules` are for peers alone."""
 
     source = "noetic"
-    plain_echo = "rospy echo"
+    plain = (("echo", "rospy echo"),)
     load_peer = REPOSITORY / "tests" / "bridge" / "load_peer.py"
 
     def __init__(self, folder: Path) -> None:

@@ -43,7 +43,7 @@ def hashes(distribution: str) -> dict[str, str]:
 class Graph:
     """Processes in a folder for shmgen.toml, all of one domain of one machine; what support/ros1.py is for ROS 1."""
 
-    plain_echo = "rclpy echo"
+    plain = (("echo", "rclpy echo"),)
     load_peer = REPOSITORY / "tests" / "ros2" / "load_peer.py"
 
     def __init__(self, folder: Path, number: int, distribution: str = "jazzy", backend: str = "ros2") -> None:

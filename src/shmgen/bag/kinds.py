@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from shmgen import pipeline
-from shmgen.bag.transcode import encoder
 from shmgen.bridge.cdr import Codec, codec
 from shmgen.bridge.plan import closure
+from shmgen.bridge.transcode import Transcoder
 from shmgen.drift import lockfile
 from shmgen.live.classes import Workshop
 from shmgen.live.session import Session
@@ -83,7 +83,7 @@ class Kind:
     @cached_property
     def encode(self) -> Callable[[bytes | bytearray], bytes]:
         """CDR of a payload. Raises CountExceeded, and struct.error for a time that ROS 2 cannot hold."""
-        return encoder(self.layout, self.layouts)
+        return Transcoder(self.layout, self.layouts).encode
 
     @cached_property
     def lock(self) -> str:

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
+from shmgen.bridge.short_way import ShortWay
 from shmgen.model import Message, TypeName
 from shmgen.runtime import Time
 
@@ -55,7 +56,8 @@ class Wire:
     """One topic as ROS sees it. `messages` are its definitions as written, dependencies first, its own type last.
 
     What is unbounded there is unbounded in ROS, whatever shmgen.toml bounds it to. `latch` keeps the newest message
-    for late subscribers (ROS 2: transient local). `depth` is the region's, `room` the bytes of a message in it.
+    for late subscribers (ROS 2: transient local). `depth` is the region's, `room` the bytes of a message in it, and
+    `short` the way between those and ROS's, where there is one.
     """
 
     topic: str
@@ -65,6 +67,7 @@ class Wire:
     depth: int = 1
     room: int = 0
     accepts_other: bool = False
+    short: ShortWay | None = None
 
     @property
     def type(self) -> TypeName:
@@ -146,11 +149,13 @@ class Outlet:
 
     Lists in it may hold any objects with the attributes of the element's type, such as those of our own classes.
     `send` neither waits for subscribers nor raises for want of them. What it `keeps` nobody changes later.
+    `send_payload` does the same with the bytes of a sample; what it raises is to be sent as a message.
     """
 
     new: Callable[[], Any]
     send: Callable[[Any], None]
     keeps: bool = True
+    send_payload: Callable[[bytes], None] | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,6 +21,7 @@ from shmgen.bridge.dds_dropped import Dropped
 from shmgen.bridge.dds_ends import Ends, Heard, Peers, matches, quality, send
 from shmgen.bridge.dds_network import confine, network, sockets
 from shmgen.bridge.dds_types import structure, topic_name
+from shmgen.bridge.dialect import CDR
 from shmgen.bridge.identity import TAKES_OURS, Identity
 from shmgen.runtime import Time
 
@@ -74,7 +75,9 @@ class Graph:
         writer = self._ends.writer(name, kind, _quality(wire, made), peers.matched)
         for handle in matches(writer):  # those of whom nobody was told while it was made
             peers.matched(writer, handle)
-        return Outlet(made.new, lambda message: send(writer, made.encode(message)), keeps=False)
+        encode = wire.short.out_of_region(CDR, self.now) if wire.short else None
+        straight = (lambda payload: send(writer, encode(payload))) if encode else None
+        return Outlet(made.new, lambda message: send(writer, made.encode(message)), False, straight)
 
     def subscribe(self, wire: Wire, taker: Taker) -> Intake:
         """Hands over in the thread of all topics. Raises as publisher()."""
@@ -83,6 +86,7 @@ class Graph:
         identity = Identity(wire.topic, wire.type, made.type_hash, self._ends.tell, wire.accepts_other)
         peers = Peers(identity, taker.refuse)
         reader = self._ends.reader(name, structure(wire.messages), _quality(wire, made), peers.matched)
+        straight = wire.short.into_region(CDR) if wire.short else None
         turn = threading.Lock()
 
         def reject(why: str) -> None:
@@ -99,6 +103,9 @@ class Graph:
                 return
             if len(sample.cdr) > wire.largest:
                 taker.reject(f"{len(sample.cdr):,} bytes, and more than {wire.largest:,} are no message for its region")
+                return
+            if straight and (message := straight(sample.cdr)):
+                taker.take(message)
                 return
             try:
                 message = made.decode(sample.cdr)

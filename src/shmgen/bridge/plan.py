@@ -9,6 +9,7 @@ from typing import Any
 from shmgen import resolve
 from shmgen.bridge import backend
 from shmgen.bridge.backend import ActionWire, ServiceWire, Wire
+from shmgen.bridge.short_way import short_way
 from shmgen.bridge.side import About
 from shmgen.config.entries import ActionEntry, ServiceEntry, TopicEntry
 from shmgen.diagnostics import Report
@@ -96,11 +97,12 @@ def routes(session: Session) -> list[Route]:
     made = []
     for topic, typed in zip(config.topics, found, strict=True):
         messages = closure(schema, typed.type)
-        room = layouts[typed.type].size
+        layout, kind, stamp = layouts[typed.type], kinds[str(typed.type)], _stamp(messages[-1])
         carried = topic.carried
         accepts = carried.other_definition == "accept"
-        wire = Wire(topic.topic, messages, carried.qos, carried.latch, topic.depth, room, accepts)
-        made.append(Route(topic, wire, kinds[str(typed.type)], layouts, _stamp(messages[-1])))
+        short = short_way(kind, layout, layouts, stamp if carried.stamp == "now" else ())
+        wire = Wire(topic.topic, messages, carried.qos, carried.latch, topic.depth, layout.size, accepts, short)
+        made.append(Route(topic, wire, kind, layouts, stamp))
     return made
 
 

@@ -5,6 +5,7 @@ Either way the md5 sums are genmsg's own, so that ROS 1 compares them as always.
 
 from __future__ import annotations
 
+import struct
 from types import SimpleNamespace
 from typing import Any
 
@@ -16,6 +17,7 @@ from genpy.dynamic import generate_dynamic
 from shmgen.bridge.backend import ServiceWire
 from shmgen.model import Message
 
+_U32 = struct.Struct("<I")
 _RULE = "\n" + "=" * 80 + "\n"
 """What stands between the definitions in a connection header and in a bag."""
 
@@ -24,6 +26,43 @@ def message(messages: tuple[Message, ...]) -> Any:
     """The class of the last of `messages`. Raises ValueError where genmsg cannot read its definition."""
     wanted = messages[-1].name.short
     return genpy.message.get_message_class(wanted) or _made(wanted, messages)
+
+
+def raw(kind: Any) -> Any:
+    """A class that rospy takes for `kind`, whose objects hold the bytes of a message as `data`."""
+
+    class Raw(kind):  # type: ignore[misc]
+        __slots__ = ("data", "frame_id", "seq")
+
+        def __init__(self, data: bytes = b"") -> None:
+            self.data, self.frame_id = data, ""
+
+        @property
+        def header(self) -> Raw:
+            """Where rospy counts what it sends."""
+            return self
+
+        def deserialize(self, data: bytes) -> Raw:
+            self.data = data
+            return self
+
+        def serialize(self, into: Any) -> None:
+            into.write(_U32.pack(self.seq) + self.data[4:] if kind._has_header else self.data)
+
+    return Raw
+
+
+def means(kind: Any, messages: tuple[Message, ...]) -> bool:
+    """Whether the class has the very fields of the last of `messages`: one that is installed may have others."""
+    context = genmsg.MsgContext.create_default()
+    try:
+        for message in messages:
+            name = message.name.short
+            spec = genmsg.msg_loader.load_msg_from_string(context, message.text, name)
+            context.register(name, spec)
+        return bool(compute_md5(context, spec) == kind._md5sum)
+    except (genmsg.InvalidMsgSpec, genmsg.MsgNotFound, KeyError):  # not of ROS 1
+        return False
 
 
 def service(wire: ServiceWire) -> Any:
