@@ -151,7 +151,8 @@ def test_what_is_ordinary_goes_in_c(session, name, dialect):
     made = Both(session.layout(name), layouts, dialect)
     payload = bytes(kind(**SOME[name]))
     sent = made.made._encode_ordinary(payload, Time)
-    assert sent == made.encode(payload)
+    assert sent == made.made._encode_ordinary(bytearray(payload), Time) == made.encode(payload)
+    assert made.made._encode_ordinary(payload + b"x", Time) is None
     assert made.made._decode_ordinary(sent) == made.decode(sent) == payload
 
 

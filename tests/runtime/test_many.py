@@ -82,10 +82,11 @@ def until(said):
 
 @pytest.mark.usefixtures("ways")
 def test_those_with_a_sample_and_no_others(several, writers):
-    assert ready_any([], 0.01) == []
+    assert ready_any([], 0.01) == ready_any(several[:1], 0.01) == []
     writers[2].publish(pose(1))
     writers[0].publish(pose(2))
     assert ready_any(several, 0) == [several[0], several[2]]
+    assert ready_any(several[2:], 60) == [several[2]]
     assert several[0].read_all()
     assert ready_any(iter(several), 60) == [several[2]]
     assert several[2].read().position.x == 1.0

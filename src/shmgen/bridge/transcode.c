@@ -312,6 +312,16 @@ static bool stamped(Way *way, PyObject *now)
     return true;
 }
 
+/* NULL: they are no bytes, or not as many as a payload has. */
+static unsigned char *payload_of(const Transcoder *self, PyObject *payload)
+{
+    if (PyBytes_Check(payload) && (size_t)PyBytes_Size(payload) == self->size)
+        return (unsigned char *)PyBytes_AsString(payload);
+    if (PyByteArray_Check(payload) && (size_t)PyByteArray_Size(payload) == self->size)
+        return (unsigned char *)PyByteArray_AsString(payload);
+    return NULL;
+}
+
 static PyObject *transcoder_encode(PyObject *object, PyObject *arguments)
 {
     const Transcoder *self = (Transcoder *)object;
@@ -321,12 +331,12 @@ static PyObject *transcoder_encode(PyObject *object, PyObject *arguments)
     unsigned char *buffer;
     if (!PyArg_ParseTuple(arguments, "OO", &payload, &now))
         return NULL;
-    if (PyBytes_Check(payload) && (size_t)PyBytes_Size(payload) == self->size)
-        way.payload = (unsigned char *)PyBytes_AsString(payload);
-    else
-        Py_RETURN_NONE;
-    if (!stamped(&way, now))
+    way.payload = payload_of(self, payload);
+    if (way.payload != NULL && !stamped(&way, now))
         return NULL;
+    way.payload = payload_of(self, payload); /* once more: Python has run */
+    if (way.payload == NULL)
+        Py_RETURN_NONE;
     buffer = PyMem_Malloc(head + most);
     if (buffer == NULL)
         return PyErr_NoMemory();
