@@ -240,8 +240,19 @@ def test_a_server_of_another_middleware_is_not_asked(graph: dds.Graph, domain: i
 def test_servers_of_both_kinds_are_not_asked(graph: dds.Graph, domain: int, wire: ServiceWire) -> None:
     caller = graph.client(wire)
     servers = [Theirs(domain, wire.service, "serviceid", known=known) for known in (True, False)]
-    until(lambda: all(server.matched() for server in servers), 20)
-    with pytest.raises(NoAnswer, match="each would take the other's request for its own"):
+    why = "each would take the other's request for its own"
+
+    def knows_both() -> bool:
+        try:
+            caller.call(caller.new(), 0.2)
+        except NoAnswer as error:
+            return why in str(error)
+        return False
+
+    until(knows_both, 20)
+    for server in servers:
+        server.reader.take(100)  # of the time when one of them was not known yet
+    with pytest.raises(NoAnswer, match=why):
         caller.call(caller.new(), 5.0)
     assert [server.reader.take(1) for server in servers] == [[], []]
 
