@@ -18,7 +18,7 @@ from cyclonedds.topic import Topic
 
 from shmgen.bridge import dds
 from shmgen.bridge.backend import Node
-from shmgen.bridge.dds_ends import matches, quality, said_by
+from shmgen.bridge.dds_ends import keep, matches, quality, said_by
 from shmgen.bridge.dds_types import structure
 from shmgen.model import Schema
 
@@ -173,3 +173,11 @@ def test_a_queue_that_ran_over_is_told(graph: dds.Graph, schema: Schema, topic: 
     outlet.send(message)
     until(lambda: len(came) > there.queue + 1, 20)
     assert taker.lost == 1
+
+
+def test_who_came_and_went_is_forgotten() -> None:
+    """A bridge runs for years, and each `ros2 service call` is one more client."""
+    known: dict[int, str] = {}
+    for handle in range(5000):
+        keep(known, handle, "")
+    assert list(known) == list(range(4000, 5000))

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 from cyclonedds.core import (
     DDSException,
@@ -33,6 +33,9 @@ from cyclonedds.topic import Topic
 from shmgen.bridge.dds_types import sample
 from shmgen.bridge.identity import Identity
 
+T = TypeVar("T")
+V = TypeVar("V")
+
 Matched = Callable[[Any, int], None]
 """Is called with our end and the handle of a peer of it, as soon as they have found each other."""
 
@@ -44,6 +47,8 @@ _FAREWELL = 0.4
 """Seconds that all threads together get to finish what they are at."""
 _COMPLAIN = 10.0
 """Seconds from one line about what a peer sends to the next."""
+_MOST = 1000
+"""Peers of one reader or writer that are remembered, of those that have gone too."""
 _FOREVER = 2**63 - 1
 _ANY = SampleState.Any | ViewState.Any | InstanceState.Any
 _ASKING = threading.Lock()
@@ -221,14 +226,18 @@ class Peers:
 
     def matched(self, entity: Any, handle: int) -> None:
         """A Matched: before anything of the peer comes, and before it can go."""
-        self._known[handle] = self._judged(entity, handle)
+        self._remember(entity, handle)
 
     def refusal(self, reader: DataReader, sample: Any) -> str:
         """Why a sample may not pass; nothing if it may."""
         handle = sample.sample_info.publication_handle
-        if handle not in self._known:
-            self._known[handle] = self._judged(reader, handle)
-        return self._known[handle]
+        known = self._known.get(handle)
+        return self._remember(reader, handle) if known is None else known
+
+    def _remember(self, entity: Any, handle: int) -> str:
+        why = self._judged(entity, handle)
+        keep(self._known, handle, why)
+        return why
 
     def _judged(self, entity: Any, handle: int) -> str:
         try:
@@ -238,6 +247,13 @@ class Peers:
         if why := self._identity.refusal(word_of(words, "typehash").partition("=")[2]):
             self._refuse(why)
         return why
+
+
+def keep(known: dict[T, V], peer: T, what: V) -> None:
+    """Forgets who was met first where there are very many: peers come and go as long as the bridge runs."""
+    known[peer] = what
+    if len(known) > _MOST:
+        del known[next(iter(known))]
 
 
 def matches(entity: Any) -> list[int]:

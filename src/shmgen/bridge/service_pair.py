@@ -9,6 +9,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
+from shmgen.bridge.dds_ends import keep
+
 Met = Callable[[list[str], bool], None]
 """Is called with the words in the user data of a peer, and whether it is one that we hear; once for each."""
 
@@ -54,11 +56,12 @@ class Pair(ABC):
         return found
 
     def _words_of(self, peer: Hashable, heard: bool) -> list[str]:
-        """Also of one that has gone, if it was ever met. Raises LookupError."""
+        """Also of one that has gone, if it was met not long ago. Raises LookupError."""
         with self._meeting:
             if peer in self._words:
                 return self._words[peer]
-            words = self._words[peer] = self._said(peer, heard)
+            words = self._said(peer, heard)
+            keep(self._words, peer, words)
         self._met(words, heard)
         return words
 
