@@ -1,6 +1,6 @@
 """The same nodes as tests/bridge/load_peer.py on Cyclone DDS, with no code of ours: a source, an echo, a sink.
 
-    python load_peer.py source SPACE SECONDS | echo SPACE | bytes SPACE | sink SPACE
+    python load_peer.py source SPACE SECONDS | echo SPACE | bytes SPACE | sink SPACE | caller SPACE
 
 The echo gets and sends messages, as any node does. `bytes` is one that sends back bytes it has not looked at, and the
 source and the sink handle those of a geometry_msgs/PoseStamped themselves, so that what is measured is DDS and the
@@ -9,6 +9,7 @@ bridge.
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import struct
@@ -43,6 +44,10 @@ HEADER = made("std_msgs.msg.dds_.Header", stamp_=TIME, frame_id_=str)
 POINT = made("geometry_msgs.msg.dds_.Point", **{f"{axis}_": types.float64 for axis in "xyz"})
 QUATERNION = made("geometry_msgs.msg.dds_.Quaternion", **{f"{axis}_": types.float64 for axis in "xyzw"})
 POSE_TYPE = made("geometry_msgs.msg.dds_.Pose", position_=POINT, orientation_=QUATERNION)
+CALL = {"client_guid_": types.uint64, "sequence_number_": types.int64}
+"""As rmw_cyclonedds has it before a request and a reply."""
+REQUEST = made("std_srvs.srv.dds_.SetBool_Request", **CALL, data_=bool)
+RESPONSE = made("std_srvs.srv.dds_.SetBool_Response", **CALL, success_=bool, message_=str)
 STAMPED = made("geometry_msgs.msg.dds_.PoseStamped", header_=HEADER, pose_=POSE_TYPE)
 
 
@@ -57,7 +62,7 @@ def main(role, space, *more):
     if role != "echo":
         STAMPED.serialize = lambda self, **_: self.data
         STAMPED.deserialize = staticmethod(raw)
-    {"source": source, "echo": echo, "bytes": echo, "sink": sink}[role](node, space, *more)
+    {"source": source, "echo": echo, "bytes": echo, "sink": sink, "caller": caller}[role](node, space, *more)
 
 
 def source(node, space, seconds):
@@ -111,6 +116,19 @@ def sink(node, space):
     print("ready", flush=True)
     sys.stdin.readline()
     print(json.dumps({"seen": seen, "dropped": 0}), flush=True)
+
+
+def caller(node, space):
+    """There is always a call that waits."""
+    us = RELIABLE + Qos(Policy.Userdata(b"clientid=1.2.3;"))
+    requests = DataWriter(node, Topic(node, f"rq{space}/callRequest", REQUEST), us)
+    replies = DataReader(node, Topic(node, f"rr{space}/callReply", RESPONSE), us)
+    while not (requests.get_matched_subscriptions() and replies.get_matched_publications()):
+        time.sleep(0.01)
+    print("ready", flush=True)
+    for number in itertools.count(1):
+        requests.write(REQUEST(1, number, True))
+        time.sleep(0.5)
 
 
 def writer(node, topic):
