@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import threading
 import time
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from shmgen.bridge.fast import Fast
 from shmgen.bridge.service_pair import Came, Side
 from shmgen.config import Config
 
-from ..support.dds import without_fast_dds
+from ..support.dds import this_machine, without_fast_dds
 from .conftest import until
 
 SERVICE = "int64 number\nstring word\n---\nbool success\nstring message\n"
@@ -33,6 +34,13 @@ HEAD = {"client_guid_": types.uint64, "sequence_number_": types.int64}
 REQUEST = make_idl_struct("Q", "cell_msgs::srv::dds_::Ask_Request_", {**HEAD, "number_": types.int64, "word_": str})
 REPLY = make_idl_struct("A", "cell_msgs::srv::dds_::Ask_Response_", {**HEAD, "success_": bool, "message_": str})
 """After serdata.cpp of rmw_cyclonedds: 16 bytes of header, then the message."""
+
+
+@pytest.fixture(scope="session")
+def domain(testrun_uid: str, worker_id: str) -> int:
+    """One more for each worker: Cyclone sets a domain up once in a process."""
+    number = int(worker_id.removeprefix("gw")) if worker_id.startswith("gw") else 0
+    return 1 + (zlib.crc32(testrun_uid.encode()) + number + 25) % 100
 
 
 @pytest.fixture(autouse=True, params=["cyclone", "fast"])
@@ -45,6 +53,7 @@ def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None
     if request.param == "fast":
         without_fast_dds()
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.setenv("CYCLONEDDS_URI", this_machine())
 
 
 @pytest.fixture

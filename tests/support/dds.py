@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from shmgen.bridge import fast_library
+from shmgen.bridge.dds_network import addresses
 
 from ..conftest import REPOSITORY
 from .ros1 import Bridge
@@ -30,6 +31,12 @@ def without_fast_dds() -> None:
         fast_library.load(lambda line: None, lambda: False)
     except fast_library.Missing as error:
         pytest.skip(str(error))
+
+
+def this_machine() -> str:
+    """The same by an interface of this machine, if it has one: with LOCALHOST, Fast DDS has no other."""
+    address = (addresses() or ["127.0.0.1"])[0]
+    return LOOPBACK.replace('name="lo"', f'address="{address}"').replace("127.0.0.1", address)
 
 
 class Domain:
