@@ -71,8 +71,8 @@ def _loopback(monkeypatch: pytest.MonkeyPatch, domain: int) -> None:
 
 
 @pytest.fixture
-def cell(domain: int, tmp_path: Path) -> Iterator[Domain]:
-    """Where bridges and other processes are."""
+def cell(domain: int, tmp_path: Path, topic: str) -> Iterator[Domain]:
+    """Where bridges and other processes are. They end before the region of `topic` goes: a bridge makes it anew."""
     made = Domain(tmp_path, domain)
     yield made
     made.close()
