@@ -76,12 +76,17 @@ class Wire:
     @property
     def queue(self) -> int:
         """How many messages may wait in ROS."""
-        return max(self.depth, min(QUEUE, _MEMORY // self.largest))
+        return max(self.depth, queue_of(self.largest))
 
     @property
     def largest(self) -> int:
         """Bytes that a message may have on its way; what is longer need not be read to know that it does not fit."""
         return largest(self.room)
+
+
+def queue_of(largest: int) -> int:
+    """How many messages of so many bytes may wait: QUEUE small ones, one at least."""
+    return max(1, min(QUEUE, _MEMORY // largest))
 
 
 def largest(room: int) -> int:

@@ -108,11 +108,8 @@ class Graph:
             if len(sample.cdr) > wire.largest:
                 taker.reject(f"{len(sample.cdr):,} bytes, and more than {wire.largest:,} are no message for its region")
                 return
-            if straight and (message := straight(sample.cdr)):
-                taker.take(message)
-                return
             try:
-                message = made.decode(sample.cdr)
+                message = (straight and straight(sample.cdr)) or made.decode(sample.cdr)
             except ValueError as error:
                 taker.reject(str(error))
                 return

@@ -133,7 +133,20 @@ class Ends:
         return Listener(on_requested_incompatible_qos=told, on_subscription_matched=met)
 
 
-@dataclass(slots=True)
+class Grumble:
+    """Tells what a callback raises for what a peer sends, not often."""
+
+    def __init__(self, name: str, tell: Callable[[str], None]) -> None:
+        self._name, self._tell = name, tell
+        self._told = float("-inf")
+
+    def __call__(self, error: Exception) -> None:
+        if time.monotonic() - self._told >= _COMPLAIN:
+            self._told = time.monotonic()
+            self._tell(f"{self._name}: {type(error).__name__}: {error}")
+
+
+@dataclass(frozen=True, slots=True)
 class Heard:
     """A reader, and what is called with each of its samples, in order.
 
@@ -146,7 +159,6 @@ class Heard:
     name: str
     queue: int = _AT_ONCE
     lose: Callable[[int], None] = lambda count: None
-    complained: float = float("-inf")
 
 
 class Ear:
@@ -157,11 +169,11 @@ class Ear:
 
     def __init__(self, ends: Ends) -> None:
         self._ends = ends
-        self._heard: list[Heard] = []
+        self._heard: list[tuple[Heard, Grumble]] = []
 
     def add(self, heard: Heard) -> None:
         """From any thread but its own."""
-        self._heard.append(heard)
+        self._heard.append((heard, Grumble(heard.name, self._ends.tell)))
         if len(self._heard) == 1:
             self._waiting = _Waiting(self._ends.participant)
             self._waiting.attach(self._ends.stop)
@@ -175,9 +187,9 @@ class Ear:
             while not self._ends.closing:
                 for number in self._waiting.which():
                     if number:  # 0 is `stop`
-                        self._take(self._heard[number - 1])
+                        self._take(*self._heard[number - 1])
 
-    def _take(self, heard: Heard) -> None:
+    def _take(self, heard: Heard, grumble: Grumble) -> None:
         samples = heard.reader.take(max(heard.queue, _AT_ONCE))
         if len(samples) >= heard.queue > _AT_ONCE:
             heard.lose(1)
@@ -186,9 +198,7 @@ class Ear:
                 if not isinstance(taken, InvalidSample):  # a writer that went
                     heard.callback(taken)
             except Exception as error:  # one message is not worth the topic
-                if time.monotonic() - heard.complained >= _COMPLAIN:
-                    heard.complained = time.monotonic()
-                    self._ends.tell(f"{heard.name}: {type(error).__name__}: {error}")
+                grumble(error)
 
 
 class _Waiting(WaitSet):  # type: ignore[misc]

@@ -5,10 +5,10 @@ from __future__ import annotations
 import ctypes
 import socket
 import threading
-import time
 from collections.abc import Callable, Hashable, Iterable
 
-from shmgen.bridge.backend import QUEUE
+from shmgen.bridge.backend import queue_of
+from shmgen.bridge.dds_ends import Grumble
 from shmgen.bridge.dds_network import Network, addresses, confine, sockets
 from shmgen.bridge.service_pair import Came, Met, Pair, Side
 
@@ -17,10 +17,6 @@ _CALL = 24
 """Bytes of what says whose call it is: the GUID of who asks, and a number."""
 _HEADER = 20
 """Bytes that may come before a message: encapsulation, and whose call it is as rmw_cyclonedds has it."""
-_MEMORY = 2**26
-"""Bytes that what waits for one service may come to."""
-_COMPLAIN = 10.0
-"""Seconds from one line about what comes to the next."""
 _WORDS = 4096
 _PEERS = 1024
 """Ends of others that one service may have."""
@@ -70,8 +66,7 @@ class Fast:
             (ctypes.c_char_p * 3)(side.topic.encode(), side.type_name.encode(), side.words.encode())
             for side in (hears, says)
         ]
-        queue = max(1, min(QUEUE, _MEMORY // self._largest))
-        found = self._library.fast_open(self._handle, *sides, queue)
+        found = self._library.fast_open(self._handle, *sides, queue_of(self._largest))
         if not found:
             raise OSError(f"Fast DDS cannot open {hears.topic} and {says.topic}")
         return FastPair(self._library, ctypes.c_void_p(found), self._largest, met, self._tell)
@@ -117,7 +112,7 @@ class FastPair(Pair):
     def _run(self, callback: Callable[[Came], None], name: str) -> None:
         taken = ctypes.create_string_buffer(self._largest)
         sender, call = ctypes.create_string_buffer(_GUID), ctypes.create_string_buffer(_CALL)
-        room, complained = ctypes.c_uint32(self._largest), float("-inf")
+        room, grumble = ctypes.c_uint32(self._largest), Grumble(name, self._tell)
         while (size := self._library.fast_take(self._handle, taken, room, sender, call)) >= 0:
             if not size:
                 self.peers(True)
@@ -130,9 +125,7 @@ class FastPair(Pair):
             try:
                 callback(Came(ctypes.string_at(taken, size), words, sender.raw, call.raw))
             except Exception as error:  # one message is not worth the service
-                if time.monotonic() - complained >= _COMPLAIN:
-                    complained = time.monotonic()
-                    self._tell(f"{name}: {type(error).__name__}: {error}")
+                grumble(error)
 
 
 def _resolved(names: Iterable[str], tell: Callable[[str], None]) -> list[str]:

@@ -69,11 +69,8 @@ class Ros1:
         decode = wire.short.into_region(ROS1) if wire.short and types.means(kind, wire.messages) else None
 
         def take(message: Any) -> None:
-            if decode and (made := decode(message.data)):
-                taker.take(made)
-                return
             try:
-                taker.take(kind().deserialize(message.data))
+                taker.take((decode and decode(message.data)) or kind().deserialize(message.data))
             except genpy.DeserializationError as error:
                 taker.reject(str(error))
 

@@ -56,11 +56,8 @@ def means(kind: Any, messages: tuple[Message, ...]) -> bool:
     """Whether the class has the very fields of the last of `messages`: one that is installed may have others."""
     context = genmsg.MsgContext.create_default()
     try:
-        for message in messages:
-            name = message.name.short
-            spec = genmsg.msg_loader.load_msg_from_string(context, message.text, name)
-            context.register(name, spec)
-        return bool(compute_md5(context, spec) == kind._md5sum)
+        specs = [_known(context, message, message.text) for message in messages]
+        return bool(compute_md5(context, specs[-1]) == kind._md5sum)
     except (genmsg.InvalidMsgSpec, genmsg.MsgNotFound, KeyError):  # not of ROS 1
         return False
 
@@ -96,10 +93,17 @@ def _definition(message: Message) -> str:
 def _service_md5(wire: ServiceWire) -> str:
     context = genmsg.MsgContext.create_default()
     for message in (*wire.request[:-1], *wire.response[:-1]):
-        name = message.name.short
-        context.register(name, genmsg.msg_loader.load_msg_from_string(context, _definition(message), name))
+        _known(context, message, _definition(message))
     text = f"{wire.request[-1].text}\n---\n{wire.response[-1].text}"
     return str(compute_md5(context, genmsg.msg_loader.load_srv_from_string(context, text, wire.type.short)))
+
+
+def _known(context: Any, message: Message, text: str) -> Any:
+    """Read, and known to the context from now on."""
+    name = message.name.short
+    spec = genmsg.msg_loader.load_msg_from_string(context, text, name)
+    context.register(name, spec)
+    return spec
 
 
 def _unreadable(message: Message, error: Exception) -> ValueError:

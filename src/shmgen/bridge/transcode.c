@@ -31,6 +31,7 @@ typedef struct {
     Step *steps;
     Py_ssize_t count;
     size_t size; /* of a payload */
+    size_t most; /* bytes that it comes to in ROS, behind the head */
     bool is_ros1;
 } Transcoder;
 
@@ -325,8 +326,8 @@ static unsigned char *payload_of(const Transcoder *self, PyObject *payload)
 static PyObject *transcoder_encode(PyObject *object, PyObject *arguments)
 {
     const Transcoder *self = (Transcoder *)object;
-    const size_t head = self->is_ros1 ? 0 : 4, most = most_of(self, 0, self->count);
-    Way way = {.self = self, .room = most};
+    const size_t head = self->is_ros1 ? 0 : 4;
+    Way way = {.self = self, .room = self->most};
     PyObject *payload, *now, *made = NULL;
     unsigned char *buffer;
     if (!PyArg_ParseTuple(arguments, "OO", &payload, &now))
@@ -337,7 +338,7 @@ static PyObject *transcoder_encode(PyObject *object, PyObject *arguments)
     way.payload = payload_of(self, payload); /* once more: Python has run */
     if (way.payload == NULL)
         Py_RETURN_NONE;
-    buffer = PyMem_Malloc(head + most);
+    buffer = PyMem_Malloc(head + self->most);
     if (buffer == NULL)
         return PyErr_NoMemory();
     memcpy(buffer, "\0\1\0", head); /* of XCDR1, little-endian: four bytes with the NUL */
@@ -412,6 +413,7 @@ static PyObject *transcoder_new(PyTypeObject *type, PyObject *arguments, PyObjec
         step->most = (size_t)most;
         step->count_at = (ptrdiff_t)count_at;
     }
+    self->most = most_of(self, 0, self->count);
     return (PyObject *)self;
 }
 
