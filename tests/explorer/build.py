@@ -1,0 +1,106 @@
+"""Compiles the explorer with what shmgen generates: the C headers as they are, and the Structured Text translated to C++."""
+
+from __future__ import annotations
+
+import functools
+import json
+import os
+import shutil
+import subprocess
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+from shmgen import pipeline
+from shmgen.config import Config
+from shmgen.model import Regions
+from tests.softplc import kept
+from tests.softplc.translate import translate
+
+HERE = Path(__file__).parent
+PACKAGE = "shm_ex"
+DEFINITIONS = {
+    "ex_msgs/msg/Pair.msg": "uint64 a\nuint64 b\n",
+    "ex_msgs/srv/Ask.srv": "uint64 a\nuint64 b\n---\nuint64 a\nuint64 b\n",
+}
+_SOFTPLC = HERE.parent / "softplc"
+_CORE = ("search.c", "actors.c", "memory.c", "files.c", "system.c", "checks.c")
+"""The explorer itself; all other sources are ends, in which the compiler calls memory.c for each access."""
+_ENDS = ("ends.c", "calls.c", "litmus.c")
+_STEPS = ("-O1", "-fsanitize=thread", "-Wno-tsan", "-DSHMGEN_LOOKS_FIRST=1")
+"""The headers look less, when they see the thread sanitizer, than they do as shipped: so they are told."""
+_C = ("gcc", "-std=gnu11", "-g", "-Wall", "-Wextra", "-Wno-unused-parameter", "-Werror")
+_CPP = ("g++", "-std=gnu++17", "-g", "-w", "-fno-gnu-unique")
+TOOLS = ("gcc", "g++")
+
+
+def missing() -> list[str]:
+    """What is not here: the explorer's coroutines are x86-64's."""
+    return [tool for tool in TOOLS if shutil.which(tool) is None] + (["x86-64"] if os.uname().machine != "x86_64" else [])
+
+
+def generated(folder: Path, sync: str = "lock") -> dict[str, str]:
+    """What shmgen writes for the explorer's messages today, by path."""
+    for path, text in DEFINITIONS.items():
+        file = folder / "definitions" / path
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text)
+    regions = Regions(sync=sync)  # type: ignore[arg-type]
+    where = (folder / "definitions",)
+    return pipeline.generate(Config(folder, path=where, package=PACKAGE, regions=regions, targets=("c", "st")), ["ex_msgs"])
+
+
+def build(folder: Path, texts: Mapping[str, str]) -> Path:
+    """The program, in that folder. What was compiled of the same texts before is kept, as by tests/softplc."""
+    program = folder / "explore"
+    headers = folder / "c"
+    for path, text in texts.items():
+        file = folder / path
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text)
+    unit = "\n".join(translate({path: text for path, text in texts.items() if path.endswith(".st")}).units)
+    (folder / "plc.hpp").write_text(unit)
+    where = [f"-I{path}" for path in (HERE, headers, headers / PACKAGE, _SOFTPLC)]
+    c = {name: text for name, text in texts.items() if name.endswith(".h")}
+    jobs = [(HERE / name, [*_C, "-O2", *where], c if name == "files.c" else {}) for name in _CORE]
+    jobs += [(HERE / name, [*_C, *_STEPS, "-Dmemcpy=explored_memcpy", *where], c) for name in _ENDS]
+    jobs += [(HERE / "plc.cpp", [*_CPP, *_STEPS, *where, "-include", str(folder / "plc.hpp")], {"plc.hpp": unit})]
+    jobs += [(_SOFTPLC / "shim.c", [*_C, "-O1", "-w", *where], {})]
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        objects = list(pool.map(lambda job: _object(folder, *job), jobs))
+    _call(["g++", "-o", str(program), *map(str, objects)])
+    return program
+
+
+def explore(program: Path, arguments: list[str], seconds: float) -> tuple[dict[str, Any], str]:
+    """What the search says, and the schedule that it found, step by step."""
+    command = ["nice", "-n", "5", str(program), f"seconds={seconds}", *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=3 * seconds + 60, check=False)
+    assert done.returncode == 0, f"{' '.join(command)}: {done.stderr}"
+    verdict, _, steps = done.stdout.rpartition('{"found"')[2].partition("\n")
+    told = done.stdout.partition('{"found"')[0] + steps
+    return json.loads('{"found"' + verdict), told
+
+
+def _object(folder: Path, source: Path, command: list[str], texts: Mapping[str, str]) -> Path:
+    made = folder / f"{source.stem}.o"
+    options = [part.replace(str(folder), "") for part in command]
+    name = f"explorer-{kept.key(_ours(), source.read_text(), *options, *(x for item in texts.items() for x in item))}"
+    if (known := kept.find(name)) is not None:
+        made.write_bytes(known)
+    else:
+        _call([*command, "-c", str(source), "-o", str(made)])
+        kept.keep(name, made.read_bytes())
+    return made
+
+
+@functools.cache
+def _ours() -> str:
+    compiler = subprocess.run(["g++", "--version"], capture_output=True, check=True).stdout
+    return kept.key(compiler, *(path.read_bytes() for path in sorted((*HERE.glob("*.h"), *_SOFTPLC.glob("*.h*")))))
+
+
+def _call(command: list[str]) -> None:
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, f"{' '.join(command)}: {done.stderr[:6000]}"

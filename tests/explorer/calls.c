@@ -1,0 +1,2 @@
+#include "explorer.h"
+const end call_ends[] = {{NULL, NULL}};

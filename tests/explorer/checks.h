@@ -1,0 +1,26 @@
+/* What must hold for samples, whoever writes and reads them. A message is two words, equal in a whole one. */
+#ifndef CHECKS_H
+#define CHECKS_H
+
+#include "explorer.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define TOPIC "/t"
+
+uint64_t new_content(void);                          /* of the next message, another each time */
+void published(uint32_t number, uint64_t content);   /* the writer was told that it is complete */
+void received(uint32_t number, uint64_t a, uint64_t b);
+bool is_later(uint32_t number, uint32_t than);       /* numbers wrap around */
+uint32_t newest_published(void);                     /* 0: none */
+int64_t since_published(uint32_t number);            /* ns; of one that nobody was told of 0 */
+uint32_t received_by(int actor);                     /* how many */
+void plc_was_here(int samples, uint32_t number);     /* a PLC wrote so many, up to that number, and stopped */
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

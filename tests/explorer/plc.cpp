@@ -1,0 +1,69 @@
+// The function blocks as a PLC runs them: Structured Text, translated by tests/softplc and included before this file.
+// SysShm and SysSem are those of the soft PLC, on the explorer's files and semaphores.
+#include "checks.h"
+
+extern "C" {
+
+static void begin(T_fb_ex_msgs_pair_publisher &block) {
+    block.v_xenable = BOOL(true);
+    block.v_udidepth = static_cast<UDINT>(told("depth", 1));
+    strcpy(block.v_stopic.units, TOPIC);
+}
+
+static void cycle(T_fb_ex_msgs_pair_publisher &block) {
+    const uint64_t content = new_content();
+    block.v_msg.v_a = block.v_msg.v_b = content;
+    const char *trap = guarded([&] { block.body(); });
+    settle();
+    if (trap != nullptr) fail("TRAP: %s", trap);
+    if (block.v_xsent.byte) published(block.v_udisequence, content);
+    else say("-- PLC: %s, error %d", block.v_xbusy.byte ? "busy" : "has not sent", static_cast<int>(block.v_eerrorid));
+}
+
+static void wait_for_start() {
+    if (told("start", 0)) pause_ms(told("start", 0));
+}
+
+// n cycles, one each `every` ms.
+static void plc_writer() {
+    T_fb_ex_msgs_pair_publisher block{};
+    wait_for_start();
+    begin(block);
+    for (int64_t n = told("n", 3); n > 0; n--) {
+        cycle(block);
+        pause_ms(told("every", 100));
+    }
+}
+
+static void plc_reader() {
+    T_fb_ex_msgs_pair_subscriber block{};
+    wait_for_start();
+    block.v_xenable = BOOL(true);
+    block.v_udidepth = static_cast<UDINT>(told("depth", 1));
+    block.v_xnewest = BOOL(!told("next", 0));
+    strcpy(block.v_stopic.units, TOPIC);
+    for (int64_t n = told("n", 3); n > 0; n--) {
+        const char *trap = guarded([&] { block.body(); });
+        settle();
+        if (trap != nullptr) fail("TRAP: %s", trap);
+        if (block.v_xnewdata.byte) received(block.v_udisequence, block.v_msg.v_a, block.v_msg.v_b);
+        if (told("every", 0)) pause_ms(told("every", 0));
+    }
+}
+
+void plc_was_here(int samples, uint32_t number) {
+    T_fb_ex_msgs_pair_publisher block{};
+    begin(block);
+    block.v_xsend = BOOL(false);
+    while (!block.v__fbregion.v_xready.byte) {
+        block.body();
+        now += 100 * MS;
+    }
+    if (number != 0) block.v__fbregion.v__udilast = number - static_cast<uint32_t>(samples);
+    block.v_xsend = BOOL(true);
+    while (samples-- > 0) cycle(block);
+}
+
+extern const end plc_ends[] = {{"plc_writer", plc_writer}, {"plc_reader", plc_reader}, {nullptr, nullptr}};
+
+}

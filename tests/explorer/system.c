@@ -1,0 +1,151 @@
+/* What the ends ask of Linux and of the C library but for files: semaphores, futexes, clocks, processes.
+ *
+ * The linker takes these before the C library's. Each is a step, but for looks at the clock.
+ */
+#define _GNU_SOURCE
+#include "explorer.h"
+
+#include <errno.h>
+#include <linux/futex.h>
+#include <semaphore.h>
+#include <stdarg.h>
+#include <sys/syscall.h>
+#include <time.h>
+
+/* --- semaphores and futexes -------------------------------------------------------------------------------- */
+
+static bool take_token(sem_t *semaphore)
+{
+    const uint32_t value = (uint32_t)get(semaphore, 4);
+    if (value == 0)
+        return false;
+    put(semaphore, value - 1, 4);
+    return true;
+}
+
+int sem_trywait(sem_t *semaphore)
+{
+    bool got;
+    step();
+    if ((uint32_t)get(semaphore, 4) != 0)
+        let_out(self); /* a locked instruction; a load alone where there is none */
+    got = take_token(semaphore);
+    saw('s', semaphore, got);
+    say(got ? "takes %s" : "%s is not free", name_of(semaphore));
+    errno = EAGAIN;
+    return got ? 0 : -1;
+}
+
+int sem_clockwait(sem_t *semaphore, clockid_t clock_id, const struct timespec *until)
+{
+    const sleep_word word = {semaphore, 0, false};
+    bool got;
+    (void)clock_id;
+    settle();
+    say("waits for %s", name_of(semaphore));
+    sleep_until(until->tv_sec * INT64_C(1000000000) + until->tv_nsec, &word, 1);
+    got = take_token(semaphore);
+    say(got ? "has %s" : "%s did not come in time", name_of(semaphore));
+    errno = ETIMEDOUT;
+    return got ? 0 : -1;
+}
+
+int sem_post(sem_t *semaphore)
+{
+    step();
+    let_out(self);
+    put(semaphore, get(semaphore, 4) + 1, 4);
+    say("posts %s", name_of(semaphore));
+    wake(semaphore, 1); /* who sleeps in sem_clockwait sees the value; this is for futex_waitv */
+    return 0;
+}
+
+int sem_getvalue(sem_t *semaphore, int *value)
+{
+    step();
+    *value = (int)get(semaphore, 4);
+    saw('v', semaphore, (uint64_t)*value);
+    return 0;
+}
+
+/* struct futex_waitv, which older headers lack. */
+typedef struct waited { uint64_t value, at; uint32_t flags, reserved; } waited;
+
+static long futex_waitv(const waited *asked, unsigned count, const struct timespec *until)
+{
+    sleep_word words[4];
+    int which;
+    for (unsigned i = 0; i < count; i++) {
+        words[i] = (sleep_word){(const void *)(uintptr_t)asked[i].at, (uint32_t)asked[i].value, true};
+        if ((uint32_t)get(words[i].at, 4) != words[i].value) {
+            saw('f', words[i].at, 1);
+            say("futex: %s is another already", name_of(words[i].at));
+            errno = EAGAIN;
+            return -1;
+        }
+    }
+    say("sleeps on %s", name_of(words[0].at));
+    which = sleep_until(until ? until->tv_sec * INT64_C(1000000000) + until->tv_nsec : NEVER, words, (int)count);
+    say(which < 0 ? "has slept enough" : "is woken");
+    errno = ETIMEDOUT;
+    return which;
+}
+
+long syscall(long number, ...)
+{
+    va_list values;
+    long first, second, third, fourth;
+    va_start(values, number);
+    first = va_arg(values, long), second = va_arg(values, long), third = va_arg(values, long), fourth = va_arg(values, long);
+    va_end(values);
+    if (number == SYS_gettid)
+        return PID_OF(self);
+    step();
+    let_out(self);
+    if (number == 449) /* futex_waitv(words, count, flags, until, clock) */
+        return futex_waitv((const waited *)first, (unsigned)second, (const struct timespec *)fourth);
+    if (number == SYS_futex && (second & FUTEX_CMD_MASK) == FUTEX_WAKE)
+        return wake((const void *)first, (int)third);
+    fail("system call %ld is not explored", number);
+    return -1;
+}
+
+/* --- time and processes ------------------------------------------------------------------------------------ */
+
+int clock_gettime(clockid_t clock_id, struct timespec *time)
+{
+    (void)clock_id;
+    time->tv_sec = now / INT64_C(1000000000);
+    time->tv_nsec = now % INT64_C(1000000000);
+    saw('t', NULL, (uint64_t)now);
+    return 0;
+}
+
+int nanosleep(const struct timespec *time, struct timespec *rest)
+{
+    (void)rest;
+    settle();
+    sleep_until(now + time->tv_sec * INT64_C(1000000000) + time->tv_nsec, NULL, 0);
+    return 0;
+}
+
+int sched_yield(void)
+{
+    settle();
+    turn(true);
+    return 0;
+}
+
+int getpid(void)
+{
+    return PID_OF(self);
+}
+
+int kill(int pid, int signal)
+{
+    const bool gone = !is_alive(pid - PID_OF(0));
+    (void)signal;
+    saw('p', NULL, gone);
+    errno = ESRCH;
+    return gone ? -1 : 0;
+}
