@@ -1,6 +1,7 @@
+/* What must hold, and what is known of it: part of the state. */
 #include "checks.h"
 
-enum { WRITTEN, NEWEST, LAST = 8, COUNT = LAST + ACTORS + 1, TIME = 32, CONTENT = TIME + 32, CONTENTS = 32 };
+enum { WRITTEN, NEWEST, ANSWERED, LAST = 8, COUNT = LAST + ACTORS + 1, TIME = 32, CONTENT = TIME + 32, CONTENTS = 32, SERVED = CONTENT + 32, CALLS = 16 };
 
 uint64_t new_content(void)
 {
@@ -52,4 +53,38 @@ int64_t since_published(uint32_t number)
 uint32_t received_by(int actor)
 {
     return (uint32_t)known[COUNT + actor];
+}
+
+uint64_t new_question(void)
+{
+    const uint64_t question = new_content();
+    say("-- asks %u", (unsigned)question);
+    return question;
+}
+
+uint64_t taken(uint64_t a, uint64_t b)
+{
+    uint64_t *served = &known[SERVED + a % CALLS];
+    say("-- is asked %u", (unsigned)a);
+    if (a != b)
+        fail("TORN: a question is %u and %u", (unsigned)a, (unsigned)b);
+    if (*served == a)
+        fail("AGAIN: question %u is served twice", (unsigned)a);
+    *served = a;
+    return a + 1000;
+}
+
+void answered(uint64_t question, uint64_t a, uint64_t b)
+{
+    say("-- is answered %u", (unsigned)a);
+    if (a != b)
+        fail("TORN: an answer is %u and %u", (unsigned)a, (unsigned)b);
+    if (a != question + 1000)
+        fail("OTHER: question %u is answered with %u", (unsigned)question, (unsigned)a);
+    known[ANSWERED]++;
+}
+
+uint64_t answers(void)
+{
+    return known[ANSWERED];
 }

@@ -151,7 +151,8 @@ int shm_open(const char *name, int flags, mode_t mode)
     (void)mode;
     opening_step();
     found = find_inode(name);
-    say("opens %s%s: %s", name, flags & O_CREAT ? " anew" : "", found < 0 ? "not there" : "there");
+    if (told("opening", 0))
+        say("opens %s%s: %s", name, flags & O_CREAT ? " anew" : "", found < 0 ? "not there" : "there");
     if (found < 0 && !(flags & O_CREAT))
         return answer(-1, ENOENT);
     if (found >= 0 && flags & O_EXCL)

@@ -2,6 +2,12 @@
 // SysShm and SysSem are those of the soft PLC, on the explorer's files and semaphores.
 #include "checks.h"
 
+template <class Block> static void run(Block &block) {
+    const char *trap = guarded([&] { block.body(); });
+    settle();
+    if (trap != nullptr) fail("TRAP: %s", trap);
+}
+
 extern "C" {
 
 static void begin(T_fb_ex_msgs_pair_publisher &block) {
@@ -13,9 +19,7 @@ static void begin(T_fb_ex_msgs_pair_publisher &block) {
 static void cycle(T_fb_ex_msgs_pair_publisher &block) {
     const uint64_t content = new_content();
     block.v_msg.v_a = block.v_msg.v_b = content;
-    const char *trap = guarded([&] { block.body(); });
-    settle();
-    if (trap != nullptr) fail("TRAP: %s", trap);
+    run(block);
     if (block.v_xsent.byte) published(block.v_udisequence, content);
     else say("-- PLC: %s, error %d", block.v_xbusy.byte ? "busy" : "has not sent", static_cast<int>(block.v_eerrorid));
 }
@@ -43,11 +47,41 @@ static void plc_reader() {
     block.v_xnewest = BOOL(!told("next", 0));
     strcpy(block.v_stopic.units, TOPIC);
     for (int64_t n = told("n", 3); n > 0; n--) {
-        const char *trap = guarded([&] { block.body(); });
-        settle();
-        if (trap != nullptr) fail("TRAP: %s", trap);
+        run(block);
         if (block.v_xnewdata.byte) received(block.v_udisequence, block.v_msg.v_a, block.v_msg.v_b);
         if (told("every", 0)) pause_ms(told("every", 0));
+    }
+}
+
+// One call after the other for n cycles; each times out after `patience` ms.
+static void plc_client() {
+    T_fb_ex_msgs_ask_client block{};
+    wait_for_start();
+    block.v_xenable = BOOL(true);
+    block.v_ttimeout = TIME{static_cast<uint32_t>(told("patience", 0))};
+    strcpy(block.v_sservice.units, SERVICE);
+    for (int64_t n = told("n", 5); n > 0; n--) {
+        if (!block.v_xbusy.byte && !block.v_xexecute.byte) block.v_request.v_a = block.v_request.v_b = new_question();
+        block.v_xexecute = BOOL(block.v_xbusy.byte || !block.v_xexecute.byte);
+        run(block);
+        if (block.v_xdone.byte) answered(block.v_request.v_a, block.v_response.v_a, block.v_response.v_b);
+        pause_ms(told("every", 100));
+    }
+}
+
+// For n cycles; answers each call in the cycle after it took it.
+static void plc_server() {
+    T_fb_ex_msgs_ask_server block{};
+    wait_for_start();
+    block.v_xenable = BOOL(true);
+    strcpy(block.v_sservice.units, SERVICE);
+    for (int64_t n = told("n", 5); n > 0; n--) {
+        const bool executed = block.v_xexecute.byte;
+        block.v_xdone = BOOL(executed);
+        run(block);
+        if (block.v_xexecute.byte && !executed)
+            block.v_response.v_a = block.v_response.v_b = taken(block.v_request.v_a, block.v_request.v_b);
+        pause_ms(told("every", 100));
     }
 }
 
@@ -64,6 +98,7 @@ void plc_was_here(int samples, uint32_t number) {
     while (samples-- > 0) cycle(block);
 }
 
-extern const end plc_ends[] = {{"plc_writer", plc_writer}, {"plc_reader", plc_reader}, {nullptr, nullptr}};
+extern const end plc_ends[] = {{"plc_writer", plc_writer}, {"plc_reader", plc_reader}, {"plc_client", plc_client},
+    {"plc_server", plc_server}, {nullptr, nullptr}};
 
 }

@@ -211,5 +211,6 @@ int main(int count, char **texts)
         fixed = depth;
         run_once();
     }
+    quiet = true; /* the blocks close what they hold when the program ends */
     return 0;
 }
