@@ -1,4 +1,4 @@
-"""Compiles the explorer with what shmgen generates: the C headers as they are, and the Structured Text translated to C++."""
+"""Compiles the explorer with what shmgen generates: C headers as they are, Structured Text translated to C++."""
 
 from __future__ import annotations
 
@@ -38,7 +38,8 @@ TOOLS = ("gcc", "g++")
 
 def missing() -> list[str]:
     """What is not here: the explorer's coroutines are x86-64's."""
-    return [tool for tool in TOOLS if shutil.which(tool) is None] + (["x86-64"] if os.uname().machine != "x86_64" else [])
+    machine = [] if os.uname().machine == "x86_64" else ["x86-64"]
+    return [tool for tool in TOOLS if shutil.which(tool) is None] + machine
 
 
 def generated(folder: Path, sync: str = "lock") -> dict[str, str]:
@@ -47,13 +48,18 @@ def generated(folder: Path, sync: str = "lock") -> dict[str, str]:
         file = folder / "definitions" / path
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(text)
-    regions = Regions(sync=sync)  # type: ignore[arg-type]
-    where = (folder / "definitions",)
-    return pipeline.generate(Config(folder, path=where, package=PACKAGE, regions=regions, targets=("c", "st")), ["ex_msgs"])
+    config = Config(
+        folder,
+        path=(folder / "definitions",),
+        package=PACKAGE,
+        regions=Regions(sync=sync),  # type: ignore[arg-type]
+        targets=("c", "st"),
+    )
+    return pipeline.generate(config, ["ex_msgs"])
 
 
 def instead(texts: Mapping[str, str], folder: Path) -> dict[str, str]:
-    """`texts` with those of that folder in place of the files of the same name: a protocol that is still being decided."""
+    """`texts` with those of that folder in place of what has their names: a protocol that is still being decided."""
     others = {path.name: path.read_text() for path in folder.rglob("*") if path.suffix in (".h", ".st")}
     assert others.keys() <= {Path(path).name for path in texts}, f"{folder} holds files that are not generated"
     return {path: others.get(Path(path).name, text) for path, text in texts.items()}

@@ -1,4 +1,7 @@
-"""Scenes: which ends meet, what may happen to them, and what then has to hold."""
+"""Scenes: which ends meet, what may happen to them, and what then has to hold.
+
+Settings are explained in search.c (p, c, s, b, ...) and where an end asks for them: `told("every", 0)`.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Scene:
-    """`settings` and `ends` are the words of search.c and of the ends; `sync` is that of shmgen.toml."""
+    """`sync` is that of shmgen.toml."""
 
     name: str
     settings: str
@@ -21,10 +24,11 @@ class Scene:
 
 @dataclass(frozen=True)
 class Known:
-    """What today's code is known to do wrong: how the first word of the verdict reads, and why it is not mended yet."""
+    """What today's code does wrong: the first word of the verdict, a schedule that shows it, and what it is."""
 
     scene: Scene
     found: str
+    schedule: str
     why: str
 
 
@@ -32,28 +36,114 @@ def _scene(name: str, settings: str, *ends: str, sync: str = "lock") -> Scene:
     return Scene(name, settings, ends, sync)
 
 
+_C, _PLC = "writer n=3 every=100 stays=1 crash=1 stall=1", "plc_writer n=5 crash=1 stall=1"
+"""Who has the topic first, and may stand still or die at any step."""
+_THEN_C = "writer start=250 n=1 every=100 stays=1 tries=12 crash=1"
+_THEN_PLC = "plc_writer start=250 every=250 n=7 crash=1"
+"""Who takes it over, and writes one sample."""
+_LOOKS = "reader start=100 n=25 every=100"
+_SERVED = "start=500 n=6 crash=1"
+
 QUICK = [
-    # One writer and what goes on beside it.
     _scene("a writer and a reader", "p=2 c=1", "writer n=3 crash=1", "reader n=3 crash=1"),
-    _scene("a writer and a reader of all", "p=2 c=1 depth=3", "writer n=4 crash=1", "reader n=3 next=1 crash=1"),
+    _scene("a writer and a reader of all", "p=1 c=1 depth=3", "writer n=6 crash=1", "reader n=4 next=1 crash=1"),
+    _scene("a writer and a PLC that reads", "p=1 c=1", "writer n=3 crash=1", "plc_reader n=3 crash=1"),
+    _scene("a PLC and a reader", "p=1 c=1", "plc_writer n=5 crash=1", "reader start=200 n=4 every=100 crash=1"),
     _scene("one waits", "p=2 b=1 ms=1000", "writer n=3", "waiter n=3"),
-    _scene("one of two holds the lock and dies", "p=3 c=1", "locker crash=1", "locker crash=1"),
-    _scene("a PLC writes", "p=1 c=1", "plc_writer n=3 crash=1", "reader start=100 n=4 every=100 crash=1"),
-    _scene("a PLC reads", "p=1 c=1", "writer n=3 crash=1", "plc_reader n=3 crash=1"),
-]
-"""Some seconds: `make test`. Nothing may be found in these and the next."""
+    _scene("one waits at a pace", "p=1 ms=1000", "writer n=2 every=25", "waiter n=2 all=1"),
+    _scene("two want the lock", "p=3 c=1", "locker crash=1", "locker crash=1"),
+    _scene("two write", "p=1 c=1", "writer n=2 crash=1", "writer n=2 crash=1", "reader n=2"),
+    _scene("the numbers wrap around", "p=1 c=1 c_wrote=1 number=0xFFFFFFFE depth=3", "writer n=6 crash=1",
+           "reader n=5 next=1 crash=1"),
+    _scene("a region comes to be", "p=1 c=1 opening=1 bare=1", "writer n=1 crash=1", "reader n=1 crash=1"),
+]  # fmt: skip
+"""Some seconds together: `make test`. Nothing may be found in these and in those that follow."""
 
-FULL: list[Scene] = []
-"""A minute: `make test-all`."""
+FULL = [
+    # One writer.
+    _scene("without a bound on pre-emptions", "p=90 c=1", "writer n=2 crash=1", "reader n=2 crash=1"),
+    _scene("with store buffers", "p=2 c=1 b=2", "writer n=3 crash=1", "reader n=2 crash=1"),
+    _scene("with stalls", "p=1 c=1 s=1", "writer n=3 crash=1 stall=1", "reader n=3 crash=1 stall=1"),
+    _scene("two readers", "p=1 c=1", "writer n=3 crash=1", "reader n=3 crash=1", "reader n=3 crash=1"),
+    _scene("who waits for the lock", "p=2 c=1 lock_ms=10", "writer n=2 crash=1", "reader n=2 crash=1"),
+    _scene("a PLC and a PLC", "p=2 c=1", "plc_writer n=5 crash=1", "plc_reader n=5 every=100 crash=1"),
+    _scene("a PLC with store buffers", "p=1 c=1 b=1", "plc_writer n=4 crash=1",
+           "reader start=200 n=3 every=100 crash=1"),
+    _scene("a PLC that reads, with store buffers", "p=1 c=1 b=1", "writer n=3 crash=1", "plc_reader n=3 crash=1"),
+    _scene("blocks of an open PLC", "p=1 c=1", "block_writer n=6 crash=1", "block_reader n=6 crash=1"),
+    # The lock.
+    _scene("three want the lock", "p=1 c=1", *["locker crash=1"] * 3),
+    _scene("the lock is held for long", "p=1", *["locker n=3 hold=700"] * 3),
+    _scene("who holds the lock stands still", "p=1 c=1 s=1", *["locker crash=1 stall=1"] * 2),
+    _scene("a PLC meets a lock left behind", "p=0 c=1", "locker n=1 crash=1", "plc_writer n=14 every=200", _LOOKS),
+    # The wake-up.
+    _scene("a PLC wakes one who waits", "p=1", "plc_writer n=6", "waiter n=3 all=1"),
+    _scene("who waits dies", "p=1 c=1 b=1 ms=1000", "writer n=2 every=5", "waiter n=2 crash=1"),
+    _scene("one waits, and the writer has no lock", "p=2 b=1 ms=1000", "locker n=1 hold=3", "writer n=2", "waiter n=2"),
+    # Numbers.
+    _scene("a PLC's numbers wrap around", "p=1 plc_wrote=1 number=0xFFFFFFFE", "plc_writer n=16",
+           "reader start=1300 n=4 every=100"),
+    _scene("numbers wrap around for a PLC", "p=1 c=1 c_wrote=1 number=0xFFFFFFFE depth=3", "writer n=6 crash=1",
+           "plc_reader n=5 next=1 crash=1"),
+    # Opening.
+    _scene("a region comes to be by a PLC", "p=1 c=1 opening=1 bare=1", "plc_writer n=4 crash=1", "reader n=4 crash=1"),
+    _scene("three make a region", "p=1 c=1 opening=1 bare=1", "writer n=1 crash=1", "plc_reader n=4 every=100",
+           "reader n=1"),
+    # Without the lock.
+    _scene("sequence", "p=2 c=1 b=1 sequence=1", "writer n=3 crash=1", "reader n=3 crash=1", sync="sequence"),
+    _scene("sequence and a PLC", "p=1 c=1 sequence=1", "plc_writer n=5 crash=1",
+           "reader start=200 n=4 every=100 crash=1", sync="sequence"),
+    _scene("sequence and a PLC that reads", "p=1 c=1 sequence=1", "writer n=3 crash=1", "plc_reader n=3 crash=1",
+           sync="sequence"),
+    # Take-overs in which nobody stands still.
+    _scene("C after C", "p=1 c=1", "writer n=2 crash=1", "writer n=2 tries=3 crash=1", "reader n=2"),
+    _scene("C after a PLC that lives", "p=1", "plc_writer n=6", _THEN_C),
+    _scene("a PLC after C that lives", "p=1", "writer n=6 every=100 stays=1", "plc_writer start=50 every=400 n=2"),
+    # Services.
+    *(_scene(f"a call from {client} to {server}", "p=1 c=1 service=1 answers=1", f"{server}_server n=12 crash=1",
+             f"{client}_client {_SERVED}") for client in ("plc", "block") for server in ("plc", "block")),
+    _scene("clients change over", "s=1 service=1", "block_server n=6 stall=1", "plc_client start=500 n=4 patience=300",
+           "block_client start=700 n=20 patience=300"),
+    _scene("a client comes while one asks", "s=1 service=1", "plc_server n=6 stall=1",
+           "block_client start=500 n=4 patience=300 stall=1", "plc_client start=700 n=20 patience=300"),
+]  # fmt: skip
+"""A minute with the quick ones: `make test-all`."""
 
-LARGE: list[Scene] = []
+LARGE = [
+    _scene("one waits, larger", "p=3 b=2 ms=1000", "writer n=3", "waiter n=3"),
+    _scene("two readers, larger", "p=2 c=1", "writer n=3 crash=1", "reader n=3 crash=1", "reader n=2 crash=1"),
+    _scene("two write, larger", "p=2 c=1", "writer n=2 crash=1", "writer n=2 crash=1", "reader n=2"),
+    _scene("three want the lock, larger", "p=2 c=1", *["locker crash=1"] * 3),
+    _scene("with store buffers, larger", "p=3 c=1 b=2", "writer n=3 crash=1", "reader n=3 crash=1"),
+    _scene("a PLC reads, larger", "p=2 c=1", "writer n=3 crash=1", "plc_reader n=3 crash=1"),
+    _scene("a region comes to be, larger", "p=2 c=1 opening=1 bare=1", "writer n=1 crash=1", "plc_writer n=4 crash=1"),
+    _scene("servers change over", "s=1 service=1", "plc_server n=6 stall=1", "block_server start=600 n=20",
+           "plc_client start=500 n=26 patience=300"),
+]  # fmt: skip
 """`make explore` goes through these as well."""
 
-_SEAMS = "the protocol at its seams is to be mended as a whole"
+_WAITING = "two readers that wait share one event and one `armed`: each may get half of the samples"
+_HIDDEN = "a writer that dies, or gives up, in its first write after a take-over hides the newest sample"
+_LATE = "what a writer that stood still stores late hides the newest sample, or is taken for whole"
+_TORN = "a turn of the slots left out ends in the slot that the former writer has in hand: a torn sample at rest"
+
 KNOWN = [
-    Known(_scene("two wait", "p=2 ms=1000", *("writer n=4 every=5", *["waiter n=4 bound_us=1000 all=1"] * 2)), "LATE",
-          f"two readers that wait share one event: {_SEAMS}"),
-]
-"""Found today. When one is mended it moves up."""
+    Known(_scene("two wait", "p=2 ms=1000", "writer n=4 every=5", *["waiter n=4 bound_us=1000 all=1"] * 2), "LATE", "",
+          _WAITING),
+    Known(_scene("C after a PLC dies", "c=1 plc_wrote=1", "writer n=1 crash=1"), "HIDDEN", "", _HIDDEN),
+    Known(_scene("C after a PLC gives up", "plc_wrote=1", "writer n=1 cancel=1"), "HIDDEN", "", _HIDDEN),
+    Known(_scene("a PLC after C, one dies", "c=1", _C, _THEN_PLC), "HIDDEN", "", _HIDDEN),
+    Known(_scene("C after a PLC, one dies", "c=1", _PLC, _THEN_C), "HIDDEN", "", _HIDDEN),
+    Known(_scene("a PLC after C that stood still", "s=1", _C, _THEN_PLC), "HIDDEN", "", _LATE),
+    Known(_scene("C after a PLC that stood still", "s=1", _PLC, _THEN_C), "HIDDEN", "", _LATE),
+    Known(_scene("a PLC after a PLC that stood still", "s=1", _PLC, _THEN_PLC), "HIDDEN", "", _LATE),
+    Known(_scene("a PLC after C, torn", "s=1 c=1 may_hide=1", _C, _THEN_PLC), "TORN", "", _TORN),
+    Known(_scene("C after a PLC, torn", "s=1 c=1 may_hide=1", _PLC, _THEN_C), "TORN", "", _TORN),
+    Known(_scene("a PLC after a PLC, torn", "s=1 c=1 may_hide=1", _PLC, _THEN_PLC), "TWO", "", _TORN),
+    Known(_scene("a reader beside a PLC after a PLC", "p=1 s=1", _PLC, _THEN_PLC, _LOOKS), "BACK", "", _LATE),
+    Known(_scene("two tokens", "s=1 one_token=1", _C, _THEN_PLC), "SURPLUS", "",
+          "a holder that stood still between its look and its post leaves the lock at two, until the next release"),
+]  # fmt: skip
+"""Found today, and to be mended: then they move up."""
 
 SCENES = {scene.name: scene for scene in [*QUICK, *FULL, *LARGE, *(known.scene for known in KNOWN)]}

@@ -1,0 +1,36 @@
+"""Faults to plant in what is generated, of faults.toml."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+
+@dataclass(frozen=True)
+class Fault:
+    """In `file` each of `edits`: what stands there, and what instead. `reason`: why `scene` finds nothing."""
+
+    name: str
+    file: str
+    scene: str
+    edits: tuple[tuple[str, str], ...]
+    reason: str = ""
+
+    def planted(self, texts: Mapping[str, str]) -> dict[str, str]:
+        """`texts` with the fault in them."""
+        path = next(path for path in texts if path.endswith(f"/{self.file}"))
+        text = texts[path]
+        for old, new in self.edits:
+            assert text.count(old) == 1, f"{self.name}: {self.file} has {text.count(old)} times {old!r}"
+            text = text.replace(old, new)
+        return {**texts, path: text}
+
+
+FAULTS = [Fault(**fault) for fault in tomllib.loads(Path(__file__).with_name("faults.toml").read_text())["fault"]]
