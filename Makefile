@@ -45,7 +45,7 @@ TESTS :=
 # The extra `bench`, one by one: who cannot be had here is left out.
 PEERS := iceoryx2 cyclonedds eclipse-zenoh pyzmq asyncua pymodbus
 
-.PHONY: demo test test-all test-pure machines lint generated coverage pictures chaos model load load-record load-view load-bridge bare fuzz fuzz-many hostile mutants bench site dist clean
+.PHONY: demo test test-all test-pure machines lint generated coverage pictures chaos model explore load load-record load-view load-bridge bare fuzz fuzz-many hostile mutants bench site dist clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/ready
@@ -78,7 +78,7 @@ generated: $(VENV)/ready  ## regenerate the committed output
 	$(BIN)/shmgen show sensor_msgs/BatteryState --svg > docs/memory_map.svg
 
 # Tests of what was generated, and of processes that are killed, say little about src/ and cost most.
-UNCOUNTED := plc openplc cpp softplc model dds ros2 test_chaos.py test_load.py test_examples.py test_builds.py test_mutants.py
+UNCOUNTED := plc openplc cpp softplc model explorer dds ros2 test_chaos.py test_load.py test_examples.py test_builds.py test_mutants.py
 
 coverage: $(VENV)/ready-to-test  ## lines of src/ that tests run in their own processes; fails below the floor in pyproject.toml
 	@$(call pip,$(BIN)) pytest-cov
@@ -94,6 +94,9 @@ chaos: $(VENV)/ready-to-test  ## 20,000 kills, at most ten minutes; then 10,000 
 
 model: $(VENV)/ready-to-test  ## the protocol's models, also in sizes that take long
 	$(BIN)/python -m tests.model
+
+explore: $(VENV)/ready-to-test  ## the shipped ends in all schedules, also of scenes that take long, and with each planted fault
+	$(BIN)/python -m tests.explorer --faults
 
 load: $(VENV)/ready-to-test  ## 64 topics at 1 kHz for a minute
 	$(BIN)/python -m tests.load

@@ -98,6 +98,8 @@ static shmgen_status publish(shmgen_publisher *publisher)
     settle();
     if (status == SHMGEN_OK)
         published(publisher->sequence, content);
+    else if (status == SHMGEN_CLAIM_LOST && stalls == 0)
+        fail("STOLEN: %c lives, and has lost the topic", 'A' + self);
     else
         say("-- publish: %s", shmgen_status_text(status));
     return status;
@@ -279,6 +281,8 @@ void look_after(void)
     }
     if (answers() < (uint64_t)told("answers", 0) && nobody_died && stalls == 0)
         fail("UNANSWERED: %u answers", (unsigned)answers());
+    if (newest_published() == 0 && told("sends", 0))
+        fail("UNSENT: nothing was published");
     if (newest_published() == 0)
         return;
     status = shmgen_subscriber_read(&subscriber, &message, sizeof message, 0, NULL);

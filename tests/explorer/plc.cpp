@@ -30,11 +30,15 @@ static void wait_for_start() {
 
 // n cycles, one each `every` ms.
 static void plc_writer() {
+    enum { IN_USE = 40 };
     T_fb_ex_msgs_pair_publisher block{};
     wait_for_start();
     begin(block);
     for (int64_t n = told("n", 3); n > 0; n--) {
+        const bool was_ready = block.v__fbregion.v_xready.byte;
         cycle(block);
+        if (was_ready && static_cast<int>(block.v_eerrorid) == IN_USE && stalls == 0)
+            fail("STOLEN: %c lives, and has lost the topic", 'A' + self);
         pause_ms(told("every", 100));
     }
 }

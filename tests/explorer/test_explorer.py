@@ -52,13 +52,12 @@ def test_nothing_is_found_where_it_takes_longer(program: Callable[[str], Path], 
 
 @pytest.mark.parametrize("known", KNOWN, ids=lambda known: known.scene.name)
 def test_what_is_known_is_found(program: Callable[[str], Path], known: Known) -> None:
-    """When one holds, it is mended: its scene moves up to those that hold."""
+    """When one holds, it is mended: its scene moves up to those that hold. The printed schedule shows it again."""
     verdict, _ = explore(program(known.scene.sync), known.scene.arguments, SECONDS)
     assert verdict["found"].partition(":")[0] == known.found, verdict
-    # The schedule that was printed shows it again, and so does the one that is written down.
-    for schedule in {verdict["schedule"], known.schedule}:
-        again, told = explore(program(known.scene.sync), [f"replay={schedule}", *known.scene.arguments], SECONDS)
-        assert (again["schedules"], again["found"].partition(":")[0]) == (1, known.found), told
+    again, told = explore(program(known.scene.sync), [f"replay={verdict['schedule']}", *known.scene.arguments], SECONDS)
+    assert (again["schedules"], again["found"]) == (1, verdict["found"]), told
+    assert told.count("\n") > 20
 
 
 @pytest.mark.slow
@@ -97,15 +96,13 @@ def test_the_explorer_finds_what_it_must(program: Callable[[str], Path], setting
 
 
 @pytest.mark.parametrize(
-    "scene", ["a writer and a reader", "a PLC and a reader", "one waits at a pace", "two want the lock"]
+    "scene", ["a writer and a reader", "a PLC and a reader", "a writer and a PLC that reads", "two want the lock"]
 )
 def test_the_table_of_states_hides_no_end(program: Callable[[str], Path], scene: str) -> None:
     """What is cut off would have come to the same ends; with one pre-emption it can be done without the table."""
     ends = SCENES[scene].ends
-    with_it, without = (
-        explore(program("lock"), ["p=1", "c=1", "b=1", "ends=1", f"table={table}", *ends], SECONDS)[0]
-        for table in (1, 0)
-    )
+    settings = ["p=1", "c=1" if "PLC" not in scene else "c=0", "ends=1", *ends]
+    with_it, without = (explore(program("lock"), [f"table={table}", *settings], SECONDS)[0] for table in (1, 0))
     assert with_it["complete"]
     assert without["complete"]
     assert with_it["ends"] == without["ends"] > 1
