@@ -170,11 +170,12 @@ static void waiter(void)
     if (open_subscriber(&subscriber) != SHMGEN_OK)
         return;
     while (!is_later(subscriber.sequence, last) && subscriber.sequence != last) {
+        const uint32_t there = newest_published();
         shmgen_status status = shmgen_subscriber_wait(&subscriber, &message, sizeof message, 100 * MS, NULL);
         settle();
         if (status == SHMGEN_NOTHING_NEW) { /* its writer has died, or is late */
-            if (is_later(newest_published(), subscriber.sequence))
-                fail("LATE: sample %u was not there for 100 ms", newest_published());
+            if (is_later(there, subscriber.sequence))
+                fail("LATE: sample %u was not there for 100 ms", there);
             if (!is_alive(0))
                 return;
             continue;
