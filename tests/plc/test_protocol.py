@@ -167,6 +167,7 @@ TOPICS = {
     "/1a": "TOPIC_INVALID", "/a/1b": "TOPIC_INVALID", "/a.b": "TOPIC_INVALID", "/a-b": "TOPIC_INVALID",
     "/a b": "TOPIC_INVALID", "/sem/x": "TOPIC_INVALID", "/caf\N{LATIN SMALL LETTER E WITH ACUTE}": "TOPIC_INVALID",
     "/" + "x" * 75: "TOPIC_TOO_LONG", "/CME": "TOPIC_INVALID", "GWDrvSharedMemShm": "TOPIC_INVALID",
+    "RetainMemory": "TOPIC_INVALID",
 }  # fmt: skip
 
 
