@@ -1,7 +1,7 @@
 """Two hooks of hatchling: the extensions in C for each wheel, and README.md as PyPI shows it.
 
-The first turns src/shmgen/runtime/straight.c into the extension that publish and read are quicker with, and for shmgen
-itself bridge/transcode.c into that of the bridge. It is called for each wheel, of shmgen and of
+The first turns src/shmgen/runtime/core.c into the extension that publish and read are quicker with, and for shmgen
+itself bridge/codec/transcode.c into that of the bridge. It is called for each wheel, of shmgen and of
 packaging/shmgen-runtime, and each editable installation. Nothing depends on it: without a compiler, without Python's
 headers, and with SHMGEN_PURE set, what is made holds Python alone.
 
@@ -29,8 +29,8 @@ from hatchling.metadata.plugin.interface import MetadataHookInterface
 HERE = Path(__file__).resolve().parent
 SOURCES = HERE / "src" / "shmgen"
 HEADERS = HERE / "generated" / "c" / "shm_msgs"
-RUNTIME = {"_straight.abi3.so": "runtime/straight.c"}
-ALL = RUNTIME | {"_transcode.abi3.so": "bridge/transcode.c"}
+RUNTIME = {"_core.abi3.so": "runtime/core.c"}
+ALL = RUNTIME | {"_transcode.abi3.so": "bridge/codec/transcode.c"}
 LIMITED = (3, 10)
 """The oldest Python that the binary runs on; so it does on all later ones."""
 _LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)#:\s]+)((?:#[^)]*)?)\)")

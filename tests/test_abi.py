@@ -15,11 +15,11 @@ from pathlib import Path
 
 import pytest
 
-from shmgen import abi
-from shmgen.abi import Word
-from shmgen.render import render
-from shmgen.runtime import header as h
+from shmgen.core import abi
+from shmgen.core.abi import Word
+from shmgen.generator.render import render
 from shmgen.runtime import region_name
+from shmgen.runtime.region import header as h
 from shmgen.targets.c import region
 from shmgen.targets.st import common
 
@@ -325,7 +325,7 @@ def test_nobody_says_a_number_himself() -> None:
 
 COUNTER = '    Word(176, "u32", "refused", "udiRefused", "readers", "samples they refused"),\n'
 LOOK = """
-from shmgen.runtime import header
+from shmgen.runtime.region import header
 from tests.support.region_page import tables
 print(header.words(bytes(range(192)))["refused"].to_bytes(4, "little")[0])
 print(*next(tables()), sep="\\n")

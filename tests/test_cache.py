@@ -14,7 +14,8 @@ from pathlib import Path
 import pytest
 from jinja2.bccache import Bucket
 
-from shmgen import cache, render
+from shmgen.core import cache
+from shmgen.generator import render
 
 from .support.command import run
 

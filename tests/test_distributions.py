@@ -110,7 +110,7 @@ def test_the_extension_is_compiled_for_no_other_python(
     monkeypatch.delenv("SHMGEN_PURE", raising=False)
     with monkeypatch.context() as there:
         there.setattr(of, name, value)
-        note = compiled("runtime/straight.c", tmp_path / "made.so")
+        note = compiled("runtime/core.c", tmp_path / "made.so")
     assert (note, [*tmp_path.iterdir()]) == ("the extension is for CPython with its lock, on Linux", [])
 
 

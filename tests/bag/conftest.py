@@ -53,7 +53,7 @@ def workshop(tmp_path):
 
 def shop(folder: Path) -> Workshop:
     from shmgen.config import load
-    from shmgen.diagnostics import Report
+    from shmgen.core.diagnostics import Report
 
     file = folder / "shmgen.toml"
     return Workshop(Session(load(file, "shmgen.toml", Report()) if file.exists() else Config(folder)), None)

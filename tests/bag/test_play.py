@@ -7,7 +7,7 @@ import time
 from shmgen.bag import read
 from shmgen.bag.play import Player
 from shmgen.live.classes import publisher, subscriber
-from shmgen.tools import given
+from shmgen.tools.messages import parse
 
 from .conftest import shop
 from .test_record import FULL, full, writer_of
@@ -104,4 +104,4 @@ def test_bags_say_what_was_recorded(topic, workshop, recording, tmp_path):
     assert 'string WORD="a b"\n' in channel.text
     assert len(messages) == 5
     assert shop(tmp_path).message("demo_msgs/msg/Full", int(channel.metadata["shmgen_digest"], 16))
-    assert given.build(workshop.message("demo_msgs/msg/Full"), FULL)
+    assert parse.build(workshop.message("demo_msgs/msg/Full"), FULL)

@@ -17,12 +17,12 @@ from rosbags.rosbag2 import Reader as RosbagsReader
 
 from shmgen.bag import read
 from shmgen.bag.kinds import kind_of
-from shmgen.live import tap as tapping
+from shmgen.live import passive_reader as tapping
 from shmgen.live.classes import publisher
 from shmgen.live.regions import View
-from shmgen.runtime import header as h
 from shmgen.runtime import region_name
-from shmgen.tools import given
+from shmgen.runtime.region import header as h
+from shmgen.tools.messages import parse
 
 from ..support.ros2 import prefix
 from ..support.schemas import plain
@@ -46,7 +46,7 @@ def writer_of(workshop, topic, kind="demo_msgs/msg/Full", depth=15):
 
 
 def full(workshop, **values):
-    return given.build(workshop.message("demo_msgs/msg/Full"), FULL | values)
+    return parse.build(workshop.message("demo_msgs/msg/Full"), FULL | values)
 
 
 def bags(folder):
@@ -105,7 +105,7 @@ def test_rclpy_reads_what_is_recorded(topic, workshop, recording, tmp_path):
     data = {"header": {"frame_id": "map"}, "pose": {"position": {"x": 1.5}}}
     kind = workshop.message("geometry_msgs/msg/PoseStamped")
     with publisher(kind, topic, 1) as writer:
-        writer.publish(given.build(kind, data))
+        writer.publish(parse.build(kind, data))
         with recording(topic):
             pass
     (message,) = (one for one in read.messages(tmp_path / "bag") if isinstance(one, read.Message))

@@ -19,8 +19,6 @@ from typing import Any
 
 import numpy
 
-from shmgen import pipeline
-from shmgen.bounds import Bound, Bounds
 from shmgen.bridge import choice
 from shmgen.bridge.backend import (
     ABORTED,
@@ -34,12 +32,14 @@ from shmgen.bridge.backend import (
     ServiceWire,
     Wire,
 )
+from shmgen.bridge.codec.direct import ShortWay, short_way
 from shmgen.bridge.plan import closure
-from shmgen.bridge.short_way import ShortWay, short_way
 from shmgen.config import Config
-from shmgen.diagnostics import Span
+from shmgen.config.entries import Bound, Bounds
+from shmgen.core.diagnostics import Span
+from shmgen.core.model import Schema
+from shmgen.generator import pipeline
 from shmgen.live.session import Session
-from shmgen.model import Schema
 
 LIMIT = 20.0
 """Seconds after which what should have come has not."""
@@ -198,7 +198,7 @@ def the_short_way_leads_to_the_same(scene: Scene) -> None:
     name = "sensor_msgs/JointState"
     kind = scene.kind(name)
     line = scene.line(name, short=scene.short(name))
-    if type(scene.backend).__module__ not in ("shmgen.bridge.ros1", "shmgen.bridge.dds"):
+    if type(scene.backend).__module__ not in ("shmgen.bridge.ros1.backend", "shmgen.bridge.dds.backend"):
         assert line.outlet.send_payload is None
         return
     names = ["plain", "\xe4\u2603"]

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from shmgen import pipeline
-from shmgen.bridge import actions_of_ros2
 from shmgen.bridge.backend import ActionWire, Caller, Intake, NoAnswer, ServiceWire, Wire
+from shmgen.bridge.ros2 import actions as ros2_actions
 from shmgen.config import Config
+from shmgen.generator import pipeline
 
 
 class Backend:
@@ -45,7 +45,7 @@ def test_a_server_that_is_found_in_part(missing: str, tmp_path: Path) -> None:
     parts = {message.name.name: message for message in schema.messages}
     wire = ActionWire("/reach", *((parts[f"Fibonacci_{part}"],) for part in ("Goal", "Result", "Feedback")))
     backend: Any = Backend(missing)
-    seeker = actions_of_ros2.seeker(backend, wire, SimpleNamespace(reject=None, refuse=None, lose=None))  # type: ignore[arg-type]
+    seeker = ros2_actions.seeker(backend, wire, SimpleNamespace(reject=None, refuse=None, lose=None))  # type: ignore[arg-type]
     follower: Any = None
     if missing == "nothing":
         assert seeker.send(lambda goal: None, 0.03, follower) is None

@@ -13,14 +13,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rosbags.typesys.store import Typestore
 
-from shmgen.bridge import cdr, transcode
-from shmgen.bridge.cdr import codec
-from shmgen.bridge.dialect import CDR, ROS1
+from shmgen.bridge.codec import cdr, transcode
+from shmgen.bridge.codec.cdr import codec
+from shmgen.bridge.codec.transcode import Transcoder
+from shmgen.bridge.codec.wire_format import CDR, ROS1
 from shmgen.bridge.plan import closure
-from shmgen.bridge.transcode import Transcoder
 from shmgen.config import Config
+from shmgen.core.model import Role, Schema, TypeOptions
 from shmgen.live.session import Session
-from shmgen.model import Role, Schema, TypeOptions
 from shmgen.runtime import CountExceeded, Time
 
 from ..conftest import REPOSITORY
@@ -38,7 +38,9 @@ needs_c = pytest.mark.skipif(not transcode.EXTENSION, reason=WHY_NOT)
 @needs_c
 def test_the_extension_is_not_older_than_its_source() -> None:
     made = Path(sys.modules["shmgen._transcode"].__file__).stat().st_mtime
-    assert made >= (REPOSITORY / "src/shmgen/bridge/transcode.c").stat().st_mtime, "pip install -e . makes it anew"
+    assert made >= (REPOSITORY / "src/shmgen/bridge/codec/transcode.c").stat().st_mtime, (
+        "pip install -e . makes it anew"
+    )
 
 
 @given(schema=schemas.schemas(), options=st.sampled_from(OPTIONS), seed=st.integers(0, 2**32))
@@ -136,8 +138,8 @@ SOME = {
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory) -> Session:
-    from shmgen.bounds import Bound, Bounds
-    from shmgen.diagnostics import Span
+    from shmgen.config.entries import Bound, Bounds
+    from shmgen.core.diagnostics import Span
 
     bounds = Bounds({}, {package: Bound(4, Span("test")) for package in ("sensor_msgs", "diagnostic_msgs")})
     return Session(Config(tmp_path_factory.mktemp("some"), source="jazzy", bounds=bounds))

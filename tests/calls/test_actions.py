@@ -20,7 +20,7 @@ from shm_service.cell_msgs.action import (
 
 from shmgen import runtime
 from shmgen.runtime import action_server
-from shmgen.runtime import header as h
+from shmgen.runtime.region import header as h
 
 SERVE = """
 def move(goal):

@@ -24,8 +24,9 @@ from shm_service.cell_msgs.srv import (
 )
 
 from shmgen import runtime
-from shmgen.runtime import calls, lock
-from shmgen.runtime import header as h
+from shmgen.runtime import calls
+from shmgen.runtime.region import header as h
+from shmgen.runtime.region import lock
 
 from ..support.tracing import traced
 

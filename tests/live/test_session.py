@@ -9,12 +9,13 @@ from typing import Any
 
 import pytest
 
-from shmgen import config, layout, pipeline, render
+from shmgen import config
 from shmgen.bridge import choice
 from shmgen.bridge.backend import Caller, Intake, Outlet
 from shmgen.bridge.run import run as run_bridge
+from shmgen.core.diagnostics import Rejected, Report
 from shmgen.definitions import library
-from shmgen.diagnostics import Rejected, Report
+from shmgen.generator import layout, pipeline, render
 from shmgen.live.classes import Workshop
 from shmgen.live.session import Session
 from shmgen.runtime import Time

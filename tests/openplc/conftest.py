@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 
-from shmgen import pipeline
 from shmgen.config import Config
-from shmgen.model import Layouts
+from shmgen.core.model import Layouts
+from shmgen.generator import pipeline
 
 from ..support import build, open_plc
 from ..support.open_plc import DIALECTS, Program

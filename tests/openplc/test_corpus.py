@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from shmgen import pipeline
-from shmgen.bounds import Bound, Bounds
 from shmgen.config import Config
-from shmgen.diagnostics import Rejected, Span
+from shmgen.config.entries import Bound, Bounds
+from shmgen.core.diagnostics import Rejected, Span
+from shmgen.generator import pipeline
 from shmgen.targets.st import names as st
 
 from ..support import build, open_plc, plc_bytes

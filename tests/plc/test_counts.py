@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
-from shmgen import pipeline
 from shmgen.config import Config
+from shmgen.generator import pipeline
 from tests.softplc import Block, Plc, compile_st
 
 from ..support.build import put

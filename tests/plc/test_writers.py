@@ -20,9 +20,10 @@ from typing import Any
 
 import pytest
 
-from shmgen.model import TypeName
-from shmgen.runtime import ClaimLost, LayoutMismatch, RegionInUse, header, lock, region
-from shmgen.runtime.claim import WATCH
+from shmgen.core.model import TypeName
+from shmgen.runtime import ClaimLost, LayoutMismatch, RegionInUse
+from shmgen.runtime.region import header, lock, region
+from shmgen.runtime.region.claim import WATCH
 
 from ..conftest import REPOSITORY
 from ..softplc import Block

@@ -13,9 +13,9 @@ from typing import Any
 
 import pytest
 
-from shmgen import pipeline
-from shmgen.diagnostics import Report
-from shmgen.model import Layout, Output, Ref, Role, Scalar, Slot, String
+from shmgen.core.diagnostics import Report
+from shmgen.core.model import Layout, Output, Ref, Role, Scalar, Slot, String
+from shmgen.generator import pipeline
 from shmgen.targets import TARGETS, Job, Target
 from shmgen.targets.naming import Made, Names, file_stem
 

@@ -11,11 +11,11 @@ from pathlib import Path
 import pytest
 
 from shmgen import config
-from shmgen.diagnostics import Report
+from shmgen.core.diagnostics import Report
 from shmgen.live.classes import Workshop
 from shmgen.live.session import Session
 from shmgen.runtime import Publisher, ServiceServer, Subscriber
-from shmgen.tools import call as tool
+from shmgen.tools.messages import call as tool
 
 DEFINITION = "bool on\nuint32 batch 7\n---\nbool success\nuint32[<=40] batches\nstring message\n"
 CONFIGURATION = '[strings]\n"cell_msgs/Start_Response.message" = 12\n'

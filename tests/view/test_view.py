@@ -20,7 +20,8 @@ from textual.widgets import DataTable, TabbedContent, TextArea, Tree  # noqa: E4
 from shmgen.config import Config  # noqa: E402
 from shmgen.live.classes import Workshop, publisher, subscriber  # noqa: E402
 from shmgen.live.session import Session  # noqa: E402
-from shmgen.tools import given, top  # noqa: E402
+from shmgen.tools.messages import parse  # noqa: E402
+from shmgen.tools.watch import top  # noqa: E402
 from shmgen.view.app import Viewer  # noqa: E402
 from shmgen.view.curves import _thinned  # noqa: E402
 from shmgen.view.memory import Memory  # noqa: E402
@@ -46,7 +47,7 @@ def moving(topic, workshop):
         while not over.wait(0.01):
             angle += 0.05
             position = {"x": math.sin(angle), "y": math.cos(angle), "z": 2.5}
-            writer.publish(given.build(kind, {"header": {"frame_id": HOSTILE}, "pose": {"position": position}}))
+            writer.publish(parse.build(kind, {"header": {"frame_id": HOSTILE}, "pose": {"position": position}}))
 
     with publisher(kind, topic, 3) as writer:
         thread = threading.Thread(target=publish)
@@ -281,7 +282,7 @@ def test_without_the_extra_it_says_what_to_install(tmp_path, monkeypatch):
 
 def test_the_picture_of_the_latency_is_that_of_the_page():
     """The screens are drawn anew by hand: `make pictures`."""
-    from ..pictures import DOCS, latency
+    from ..rigs.pictures import DOCS, latency
 
     assert latency((DOCS / "performance.md").read_text()) == (DOCS / "latency.svg").read_text()
     assert "url(" not in re.sub(r"url\(#[\w-]+\)", "", (DOCS / "top.svg").read_text())

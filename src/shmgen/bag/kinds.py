@@ -7,14 +7,10 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
-from shmgen import pipeline
-from shmgen.bridge.cdr import Codec, codec
+from shmgen.bridge.codec.cdr import Codec, codec
+from shmgen.bridge.codec.transcode import Transcoder
 from shmgen.bridge.plan import closure
-from shmgen.bridge.transcode import Transcoder
-from shmgen.drift import lockfile
-from shmgen.live.classes import Workshop
-from shmgen.live.session import Session
-from shmgen.model import (
+from shmgen.core.model import (
     Array,
     Clock,
     Constant,
@@ -28,9 +24,13 @@ from shmgen.model import (
     TypeName,
     ros_type,
 )
-from shmgen.model import Message as Definition
+from shmgen.core.model import Message as Definition
+from shmgen.core.type_hash import TIMES, type_hash
+from shmgen.drift import lockfile
+from shmgen.generator import pipeline
+from shmgen.live.classes import Workshop
+from shmgen.live.session import Session
 from shmgen.runtime import Message
-from shmgen.type_hash import TIMES, type_hash
 
 _RULE = "=" * 80
 

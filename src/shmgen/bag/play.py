@@ -10,15 +10,15 @@ from pathlib import Path
 
 from shmgen.bag.kinds import Kind, kind_of
 from shmgen.bag.read import Channel, Message, Unreadable, messages
-from shmgen.diagnostics import Rejected, Report
+from shmgen.core.diagnostics import Rejected, Report
 from shmgen.drift import lockfile
 from shmgen.drift.compare import compare
 from shmgen.live.classes import Workshop, publisher
 from shmgen.live.regions import View, depth_of
 from shmgen.runtime import Publisher, ShmError, region_name
 from shmgen.runtime.errors import LayoutMismatch, RegionMissing, ValueRejected
-from shmgen.runtime.message import Message as Sample
-from shmgen.runtime.names import HALVES
+from shmgen.runtime.messages.message import Message as Sample
+from shmgen.runtime.region.names import HALVES
 
 _HEARTBEAT = 0.05
 """Seconds between two signs of life while nothing is due."""

@@ -17,15 +17,15 @@ from dataclasses import dataclass
 from shmgen.bag.folder import Bag, Channel
 from shmgen.bag.kinds import Kind, kind_of
 from shmgen.bag.mcap import Chunk
-from shmgen.diagnostics import Rejected
+from shmgen.core.diagnostics import Rejected
 from shmgen.live import regions
 from shmgen.live.classes import Workshop
+from shmgen.live.passive_reader import Tap, tap
 from shmgen.live.regions import View, depth_of, sound, topic_of
-from shmgen.live.tap import Tap, tap
 from shmgen.runtime import ShmError, region_name
-from shmgen.runtime import header as h
 from shmgen.runtime.errors import RegionMissing, ValueRejected
-from shmgen.runtime.names import HALVES, region_file
+from shmgen.runtime.region import header as h
+from shmgen.runtime.region.names import HALVES, region_file
 
 _LOOK = 5e-4
 """Seconds between two looks at all regions. One that keeps two samples at 1 kHz has each of them for a millisecond."""

@@ -12,7 +12,7 @@ from typing import Any
 
 from shmgen.bridge.backend import ABORTED, CANCELED, SUCCEEDED, Backend, Goal, NoAnswer
 from shmgen.bridge.counters import Counters
-from shmgen.bridge.end import LOOK, End, Loop
+from shmgen.bridge.endpoint import LOOK, End, Loop
 from shmgen.bridge.plan import ActionRoute
 from shmgen.bridge.services import unanswered
 from shmgen.live.classes import action_client, action_server

@@ -12,8 +12,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
-from shmgen.bridge.short_way import ShortWay
-from shmgen.model import Message, TypeName
+from shmgen.bridge.codec.direct import ShortWay
+from shmgen.core.model import Message, TypeName
 from shmgen.runtime import Time
 
 QUEUE = 1000
@@ -243,7 +243,7 @@ class Seeker(Protocol):
 
 
 class Actions(Protocol):
-    """How a kind of ROS makes actions of topics and services: actions_of_ros1, actions_of_ros2."""
+    """How a kind of ROS makes actions of topics and services: `ros1/actions.py`, `ros2/actions.py`."""
 
     def serve(self, backend: Backend, wire: ActionWire, worker: Worker, mishaps: Mishaps) -> None:
         """Offers the action. Raises as Backend.publisher()."""

@@ -11,12 +11,12 @@ from typing import Any
 from shmgen.bridge import plan
 from shmgen.bridge.backend import Backend
 from shmgen.bridge.counters import Counters
-from shmgen.bridge.end import End
+from shmgen.bridge.endpoint import End
 from shmgen.bridge.listener import Listener
 from shmgen.bridge.plan import Route
 from shmgen.live.classes import subscriber
 from shmgen.runtime import Message, ShmError, Subscriber, ValueRejected
-from shmgen.runtime.values import set_clock
+from shmgen.runtime.messages.values import set_clock
 
 
 class FromPlc:

@@ -22,7 +22,7 @@ from shmgen.bridge.services import PlcCalls, PlcServes
 from shmgen.bridge.side import Side
 from shmgen.bridge.to_plc import ToPlc
 from shmgen.config import Config
-from shmgen.diagnostics import Rejected
+from shmgen.core.diagnostics import Rejected
 from shmgen.live.session import Session
 from shmgen.runtime import can_wait_for_many
 

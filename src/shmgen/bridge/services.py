@@ -8,7 +8,7 @@ from typing import Any
 
 from shmgen.bridge.backend import Backend, Caller, NoAnswer
 from shmgen.bridge.counters import Counters
-from shmgen.bridge.end import LOOK, End, Loop
+from shmgen.bridge.endpoint import LOOK, End, Loop
 from shmgen.bridge.plan import ServiceRoute
 from shmgen.live.classes import client, server
 from shmgen.runtime import CallTimeout, NoServer, ServiceClient, ServiceServer, ShmError, ValueRejected

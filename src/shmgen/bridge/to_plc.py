@@ -8,9 +8,9 @@ from typing import Any
 
 from shmgen.bridge import plan
 from shmgen.bridge.backend import Backend
+from shmgen.bridge.codec.cut import cut
 from shmgen.bridge.counters import Counters
-from shmgen.bridge.cut import cut
-from shmgen.bridge.end import End
+from shmgen.bridge.endpoint import End
 from shmgen.bridge.plan import Route
 from shmgen.live.classes import publisher
 from shmgen.runtime import CountExceeded, Message, Publisher, ShmError, StringTooLong, ValueRejected

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 
-from shmgen.diagnostics import Rejected
+from shmgen.core.diagnostics import Rejected
 from shmgen.live import regions
 from shmgen.live.classes import Workshop
 from shmgen.live.session import Session

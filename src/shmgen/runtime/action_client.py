@@ -8,10 +8,10 @@ from types import SimpleNamespace
 from typing import Any, Generic, TypeVar
 
 from shmgen.runtime.calls import Caller
-from shmgen.runtime.closing import Closing
 from shmgen.runtime.errors import CallTimeout, NoServer
-from shmgen.runtime.message import Message
+from shmgen.runtime.messages.message import Message
 from shmgen.runtime.publisher import Publisher
+from shmgen.runtime.region.resource import Closing
 from shmgen.runtime.subscriber import Subscriber
 
 Goal = TypeVar("Goal", bound=Message)

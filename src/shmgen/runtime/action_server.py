@@ -10,11 +10,11 @@ from types import SimpleNamespace
 from typing import Any, Generic, TypeVar
 
 from shmgen.runtime.calls import Callee, deadline_of, log_exception, passed_over, until
-from shmgen.runtime.closing import Closing
 from shmgen.runtime.errors import LockTimeout
-from shmgen.runtime.lock import UNTIL_HEALED
-from shmgen.runtime.message import Message
+from shmgen.runtime.messages.message import Message
 from shmgen.runtime.publisher import Publisher
+from shmgen.runtime.region.lock import UNTIL_HEALED
+from shmgen.runtime.region.resource import Closing
 from shmgen.runtime.subscriber import Subscriber
 
 Goal = TypeVar("Goal", bound=Message)

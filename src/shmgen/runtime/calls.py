@@ -12,13 +12,13 @@ from collections.abc import Callable, Iterator
 from math import inf
 from typing import Any, Generic, TypeVar
 
-from shmgen import abi
-from shmgen.runtime import header as h
-from shmgen.runtime.claim import WATCH
+from shmgen.core import abi
 from shmgen.runtime.errors import LockTimeout
-from shmgen.runtime.message import Message
+from shmgen.runtime.messages.message import Message
 from shmgen.runtime.publisher import Publisher
-from shmgen.runtime.region import WRITER_LOCK
+from shmgen.runtime.region import header as h
+from shmgen.runtime.region.claim import WATCH
+from shmgen.runtime.region.region import WRITER_LOCK
 from shmgen.runtime.subscriber import Subscriber
 
 Q = TypeVar("Q", bound=Message)

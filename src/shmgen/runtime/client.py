@@ -8,10 +8,10 @@ from contextlib import ExitStack
 from typing import Any, Generic, TypeVar
 
 from shmgen.runtime.calls import Caller
-from shmgen.runtime.closing import Closing
 from shmgen.runtime.errors import CallFailed, CallTimeout, NoServer
-from shmgen.runtime.message import Message
+from shmgen.runtime.messages.message import Message
 from shmgen.runtime.publisher import Publisher
+from shmgen.runtime.region.resource import Closing
 from shmgen.runtime.subscriber import Subscriber
 
 Request = TypeVar("Request", bound=Message)

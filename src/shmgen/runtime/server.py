@@ -9,10 +9,10 @@ from types import SimpleNamespace
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from shmgen.runtime.calls import Callee, deadline_of, log_exception, passed_over, until
-from shmgen.runtime.closing import Closing
 from shmgen.runtime.errors import LockTimeout
-from shmgen.runtime.message import Message
+from shmgen.runtime.messages.message import Message
 from shmgen.runtime.publisher import Publisher
+from shmgen.runtime.region.resource import Closing
 from shmgen.runtime.subscriber import Subscriber
 
 Request = TypeVar("Request", bound=Message)

@@ -8,11 +8,12 @@ import time
 from collections.abc import Callable
 from typing import Any, Generic, NamedTuple, TypeVar, cast
 
-from shmgen import abi
-from shmgen.runtime import header as h
-from shmgen.runtime import semaphores, straight
-from shmgen.runtime.closing import Gone, Holding
-from shmgen.runtime.header import (
+from shmgen.core import abi
+from shmgen.runtime import core
+from shmgen.runtime.messages.message import LATE_FROM, Message
+from shmgen.runtime.region import header as h
+from shmgen.runtime.region import semaphores
+from shmgen.runtime.region.header import (
     ARMED,
     BEGUN,
     COMPLETED,
@@ -26,14 +27,15 @@ from shmgen.runtime.header import (
     after,
     steps,
 )
-from shmgen.runtime.lock import Lock
-from shmgen.runtime.message import LATE_FROM, Message
-from shmgen.runtime.order import fence
-from shmgen.runtime.region import Region, open_event, open_region
+from shmgen.runtime.region.lock import Lock
+from shmgen.runtime.region.memory_order import fence
+from shmgen.runtime.region.opening import open_event, open_region
+from shmgen.runtime.region.region import Region
+from shmgen.runtime.region.resource import Gone, Holding
 
 M = TypeVar("M", bound=Message)
 
-_IN_C = straight.IN_C
+_IN_C = core.IN_C
 _TRIES = 8
 """How often a sample overwritten while it was copied is given up for a newer one in one call."""
 _LOCKED_OUT = b""
@@ -58,11 +60,12 @@ class _AtHand(NamedTuple):
     pid: int
 
 
-class Subscriber(Holding, straight.Reader, Generic[M]):
+class Subscriber(Holding, core.Reader, Generic[M]):
     """Reads one type from one topic. Not for two threads at a time; forked children open their own."""
 
     message_type: type[M]
     _word = "subscriber"
+    _lock: Lock
 
     def __init__(
         self,
@@ -110,7 +113,7 @@ class Subscriber(Holding, straight.Reader, Generic[M]):
         self._polls = region.options.sync == "sequence"
         self._beat = self._words[HEARTBEAT]
         self._beat_since = time.monotonic()
-        straight.connect_reader(self, region, self._long)
+        core.connect_reader(self, region, self._long)
         self._hold()
 
     def read(self) -> M | None:

@@ -11,9 +11,9 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import field
 from typing import TYPE_CHECKING, Any, Protocol
 
-from shmgen.diagnostics import Report
-from shmgen.model import Action, Layouts, Output, Regions, Service, Topic
-from shmgen.records import dataclass
+from shmgen.core.diagnostics import Report
+from shmgen.core.fast_dataclass import dataclass
+from shmgen.core.model import Action, Layouts, Output, Regions, Service, Topic
 
 if TYPE_CHECKING:
     from shmgen.targets.naming import Names
@@ -133,7 +133,7 @@ def _cpp_ros2() -> Room:
 
 
 def _matiec() -> Room:
-    from shmgen.targets.matiec import target
+    from shmgen.targets.openplc import matiec as target
 
     return target
 

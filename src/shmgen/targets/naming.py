@@ -10,9 +10,9 @@ import re
 from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import NamedTuple
 
-from shmgen.diagnostics import Report, Span
-from shmgen.model import Action, Layout, Layouts, Role, Service, Topic, TypeName
-from shmgen.records import dataclass
+from shmgen.core.diagnostics import Report, Span
+from shmgen.core.fast_dataclass import dataclass
+from shmgen.core.model import Action, Layout, Layouts, Role, Service, Topic, TypeName
 
 
 class Made(NamedTuple):

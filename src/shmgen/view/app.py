@@ -11,14 +11,14 @@ from textual.screen import Screen
 from textual.widgets import DataTable, Footer, Header, Static
 from textual.widgets.data_table import ColumnKey
 
-from shmgen.diagnostics import Rejected
+from shmgen.core.diagnostics import Rejected
+from shmgen.core.escape import legible, lines
+from shmgen.core.plural import counted
 from shmgen.live.classes import Workshop
 from shmgen.runtime import ShmError
-from shmgen.runtime.legible import legible, lines
-from shmgen.tools import top
+from shmgen.tools.watch import top
 from shmgen.view.region import RegionScreen
 from shmgen.view.source import Source
-from shmgen.wording import counted
 
 _PERIOD = 1.0
 """Seconds between two looks at all regions."""

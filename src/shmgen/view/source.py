@@ -6,15 +6,15 @@ import time
 from collections import deque
 from collections.abc import Iterator
 
+from shmgen.core.model import Layout, Layouts, Role
 from shmgen.live.classes import Workshop, publisher
+from shmgen.live.passive_reader import Sample, Tap, tap
 from shmgen.live.regions import View, damage, depth_of, topic_of
-from shmgen.live.tap import Sample, Tap, tap
-from shmgen.model import Layout, Layouts, Role
 from shmgen.runtime import Message, region_name
-from shmgen.runtime import header as h
-from shmgen.tools import given
-from shmgen.tools.paths import Getter, getter
-from shmgen.tools.plot import Point, number
+from shmgen.runtime.region import header as h
+from shmgen.tools.messages import parse
+from shmgen.tools.messages.paths import Getter, getter
+from shmgen.tools.watch.plot import Point, number
 
 _MOST = 20_000
 """Points that are kept of a curve."""
@@ -87,7 +87,7 @@ class Source:
 
         Raises ValueError, ValueRejected, and what a Publisher raises.
         """
-        message = given.build(self._kind, given.parse(text))
+        message = parse.build(self._kind, parse.parse(text))
         with publisher(self._kind, self.topic, depth_of(self.header())) as writer:
             writer.publish(message)
             return f"sample {writer.sequence} is in the region"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from shmgen.model import Layout, TypeName
+from shmgen.core.model import Layout, TypeName
 from shmgen.targets.naming import Made, Names, file_stem, words
 
 

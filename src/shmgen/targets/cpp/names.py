@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from shmgen.model import Layout, TypeName
+from shmgen.core.model import Layout, TypeName
 from shmgen.targets.c.names import c_member
 from shmgen.targets.naming import Made, Names, file_stem
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
-from shmgen.diagnostics import Report
-from shmgen.model import Clock, Layout, Layouts, Output, Role, TypeName
+from shmgen.core.diagnostics import Report
+from shmgen.core.model import Clock, Layout, Layouts, Output, Role, TypeName
 from shmgen.targets import Job
 from shmgen.targets.c.text import in_comment
 from shmgen.targets.cpp.names import class_name, cpp_name, header, namespace, qualified

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from shmgen.model import Layout, Layouts, TypeName
+from shmgen.core.model import Layout, Layouts, TypeName
 from shmgen.targets.c.names import struct_name
 from shmgen.targets.counts import holds_counts
 from shmgen.targets.openplc.blocks import enter, fill

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from shmgen.model import Layout, Layouts
+from shmgen.core.model import Layout, Layouts
 from shmgen.targets import interfaces
 from shmgen.targets.counts import holds_counts
 from shmgen.targets.openplc.blocks import END, Block, Variable, message, named

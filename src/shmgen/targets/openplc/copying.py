@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from shmgen.model import Layout, Layouts, Ref, Role
+from shmgen.core.model import Layout, Layouts, Ref, Role
 from shmgen.targets.c.names import c_member
 from shmgen.targets.counts import bound, counts
 from shmgen.targets.openplc.dialect import Dialect

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 
-from shmgen.model import Clock, Element, Ref, Scalar, Slot, String, TypeOptions, assert_never
+from shmgen.core.model import Clock, Element, Ref, Scalar, Slot, String, TypeOptions, assert_never
 from shmgen.targets.openplc.names import whole
 from shmgen.targets.st import names as st
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from shmgen.diagnostics import Report
-from shmgen.model import Clock, Layout, Layouts, Slot, String
+from shmgen.core.diagnostics import Report
+from shmgen.core.model import Clock, Layout, Layouts, Slot, String
 from shmgen.targets.openplc.dialect import Dialect
 
 

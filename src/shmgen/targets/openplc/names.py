@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import replace
 
-from shmgen.model import Layout
+from shmgen.core.model import Layout
 from shmgen.targets.naming import Made, Names, words
 from shmgen.targets.openplc.macros import MACROS
 from shmgen.targets.st import names as st

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from shmgen.model import Layout
+from shmgen.core.model import Layout
 from shmgen.targets import Job
 from shmgen.targets.openplc import calls, names
 from shmgen.targets.openplc.blocks import Block, Variable, pair

@@ -10,8 +10,8 @@ import json
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-from shmgen.diagnostics import Report
-from shmgen.model import Output
+from shmgen.core.diagnostics import Report
+from shmgen.core.model import Output
 from shmgen.targets import Job
 from shmgen.targets.openplc import embedded, limits, names, program
 from shmgen.targets.openplc.blocks import Block, Variable

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from shmgen.model import Layout, Layouts, Role, Scalar, Slot, String, TypeName
+from shmgen.core.model import Layout, Layouts, Role, Scalar, Slot, String, TypeName
 from shmgen.targets.openplc.blocks import Variable
 from shmgen.targets.openplc.dialect import Dialect
 from shmgen.targets.openplc.names import member, whole

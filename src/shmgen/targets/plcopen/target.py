@@ -15,8 +15,8 @@ import uuid
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-from shmgen.diagnostics import Report
-from shmgen.model import Output
+from shmgen.core.diagnostics import Report
+from shmgen.core.model import Output
 from shmgen.targets import Job, Printed
 from shmgen.targets.st import objects, reader
 from shmgen.targets.st.names import PRG_TOPICS

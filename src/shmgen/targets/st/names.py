@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from shmgen.model import Clock, Element, Layout, Ref, Scalar, Slot, String, TypeName, TypeOptions, assert_never
+from shmgen.core.model import Clock, Element, Layout, Ref, Scalar, Slot, String, TypeName, TypeOptions, assert_never
 from shmgen.targets.naming import Made, Names, words
 
 GVL_SIZE = "SHM_SIZE"
