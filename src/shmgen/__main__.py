@@ -13,7 +13,7 @@ def main() -> None:
     if sys.argv[1:2] == ["check"]:
         from shmgen.drift import check_cache
 
-        said = check_cache.recall(sys.argv[1:])
+        said = check_cache.load(sys.argv[1:])
         if said is not None:
             try:
                 print(said, end="", flush=True)

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from shmgen.bridge import plan
-from shmgen.bridge.backend import Intake, Outlet
+from shmgen.bridge.backend import RosPublisher, RosSubscription
 from shmgen.bridge.codec.cut import cut
 from shmgen.bridge.counters import Counters
 from shmgen.bridge.diagnostics import ERROR, OK, STALE, WARN, Reporter
@@ -61,8 +61,8 @@ class Line:
         """Joins what looks like a ROS."""
         self.side.join(
             SimpleNamespace(  # type: ignore[arg-type]
-                publisher=lambda wire: Outlet(message, send or self.sent.append),
-                subscribe=lambda wire, callback: Intake(message),
+                publisher=lambda wire: RosPublisher(message, send or self.sent.append),
+                subscribe=lambda wire, callback: RosSubscription(message),
                 now=lambda: Time(77, 5),
             )
         )

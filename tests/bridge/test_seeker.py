@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from shmgen.bridge.backend import ActionWire, Caller, Intake, NoAnswer, ServiceWire, Wire
+from shmgen.bridge.backend import ActionWire, NoAnswer, RosClient, RosSubscription, ServiceWire, Wire
 from shmgen.bridge.ros2 import actions as ros2_actions
 from shmgen.config import Config
 from shmgen.generator import pipeline
@@ -21,19 +21,19 @@ class Backend:
         self.missing = missing
         self.called: list[str] = []
 
-    def client(self, wire: ServiceWire) -> Caller:
+    def client(self, wire: ServiceWire) -> RosClient:
         def call(request: Any, timeout: float) -> Any:
             self.called.append(wire.service)
             return SimpleNamespace(accepted=False)
 
-        return Caller(
+        return RosClient(
             lambda: SimpleNamespace(goal_id=SimpleNamespace(uuid=[0] * 16), goal=SimpleNamespace(order=0)),
             call,
             lambda: not wire.service.endswith(self.missing),
         )
 
-    def subscribe(self, wire: Wire, taker: Any) -> Intake:
-        return Intake(lambda: None, lambda: not wire.topic.endswith(self.missing))
+    def subscribe(self, wire: Wire, taker: Any) -> RosSubscription:
+        return RosSubscription(lambda: None, lambda: not wire.topic.endswith(self.missing))
 
 
 @pytest.mark.parametrize("missing", ["send_goal", "get_result", "cancel_goal", "feedback", "nothing"])

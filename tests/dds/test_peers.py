@@ -12,7 +12,7 @@ from typing import Any
 import numpy
 import pytest
 
-from shmgen.bridge.backend import Outlet, Wire
+from shmgen.bridge.backend import RosPublisher, Wire
 from shmgen.bridge.dds import backend
 from shmgen.bridge.dds.types import topic_name, type_name
 from shmgen.core.model import Schema
@@ -37,7 +37,7 @@ def test_what_a_peer_sends_back_is_what_was_sent(
     peer: Path, graph: backend.Graph, domain: int, schema: Schema, topic: str
 ) -> None:
     drawn = values(TYPES)
-    ends: list[tuple[Wire, Outlet, Queue[Any]]] = []
+    ends: list[tuple[Wire, RosPublisher, Queue[Any]]] = []
     tasks: list[str] = []
     for number, request in enumerate(TYPES):
         there, back = wire(schema, f"{topic}/there{number}", request), wire(schema, f"{topic}/back{number}", request)

@@ -19,7 +19,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from shmgen.config import Config
-from shmgen.live.classes import Workshop, publisher
+from shmgen.live.classes import ClassRegistry, publisher
 from shmgen.live.session import Session
 from shmgen.runtime import region_name
 
@@ -45,7 +45,7 @@ def main() -> None:
 
 
 def run(names: list[str], kind: str, depth: int, seconds: float, folder: Path) -> int:
-    made = Workshop(Session(Config(folder)), None).message(kind)
+    made = ClassRegistry(Session(Config(folder)), None).message(kind)
     writers = [publisher(made, name, depth) for name in names]
     alone = write(writers, made(), min(10.0, seconds))
     before = sum(writer.sequence for writer in writers)

@@ -18,7 +18,7 @@ import time
 from pathlib import Path
 
 from shmgen.config import Config
-from shmgen.live.classes import Workshop, publisher
+from shmgen.live.classes import ClassRegistry, publisher
 from shmgen.live.session import Session
 
 REGIONS = 200
@@ -26,19 +26,19 @@ IMAGE = "sensor_msgs/msg/Image"
 NAME = "/shmgen_load/view"
 
 
-def workshop(folder: Path) -> Workshop:
+def registry(folder: Path) -> ClassRegistry:
     from shmgen.config import load
     from shmgen.core.diagnostics import Report
 
     file = folder / "shmgen.toml"
     file.write_text('[bounds]\n"sensor_msgs/Image" = 1048576\n')
-    return Workshop(Session(load(file, "shmgen.toml", Report())), None)
+    return ClassRegistry(Session(load(file, "shmgen.toml", Report())), None)
 
 
 def write(folder: Path, seconds: float) -> None:
     """Each region 10 times a second, the image 30 times."""
-    pose = Workshop(Session(Config(folder)), None).message("geometry_msgs/msg/PoseStamped")
-    image = workshop(folder).message(IMAGE)
+    pose = ClassRegistry(Session(Config(folder)), None).message("geometry_msgs/msg/PoseStamped")
+    image = registry(folder).message(IMAGE)
     writers = [publisher(pose, f"{NAME}/n{number}", 1) for number in range(REGIONS)]
     camera = publisher(image, f"{NAME}/image", 1)
     message, picture = pose(), image(width=1024, height=1024, step=1024, data=bytes(range(256)) * 4096)
@@ -77,7 +77,7 @@ def main() -> None:
 async def show(folder: Path, topic: str | None, seconds: float) -> None:
     from shmgen.view.app import Viewer
 
-    app = Viewer(workshop(folder), allow_write=False, topic=topic)
+    app = Viewer(registry(folder), allow_write=False, topic=topic)
     async with app.run_test(size=(140, 40)) as pilot:
         await pilot.pause(2)
         if topic:

@@ -87,17 +87,17 @@ def latency(page: str) -> str:
     return "\n".join([*parts, "</svg>"]) + "\n"
 
 
-def workshop() -> Any:
+def registry() -> Any:
     """Knows what `move` publishes."""
     from shmgen.config import load
     from shmgen.core.diagnostics import Report
-    from shmgen.live.classes import Workshop
+    from shmgen.live.classes import ClassRegistry
     from shmgen.live.session import Session
 
     with tempfile.NamedTemporaryFile("w", suffix=".toml") as file:
         file.write('[bounds]\n"sensor_msgs/JointState" = 6\n')
         file.flush()
-        return Workshop(Session(load(Path(file.name), "shmgen.toml", Report())), None)
+        return ClassRegistry(Session(load(Path(file.name), "shmgen.toml", Report())), None)
 
 
 def move() -> None:
@@ -121,7 +121,7 @@ def move() -> None:
             "/cell/conveyor/speed": ("std_msgs/msg/Float64", 1, {"data": 0.25}),
         }
 
-    known = workshop()
+    known = registry()
     with ExitStack() as held:
         made = {
             topic: held.enter_context(publisher(known.message(kind), topic, depth))
@@ -175,7 +175,7 @@ async def view() -> list[tuple[str, int]]:
     from shmgen.view.app import Viewer
 
     shots: list[tuple[str, int]] = []
-    app = Viewer(workshop(), allow_write=False)
+    app = Viewer(registry(), allow_write=False)
 
     def shoot(milliseconds: int) -> None:
         shots.append((_FONTS.sub("", app.export_screenshot(title="shmgen view")), milliseconds))

@@ -54,7 +54,7 @@ def says(region, word, value):
 
 def test_limits_are_those_of_the_protocol():
     assert (claim.WATCH, claim._CONFIRM, STOOD_STILL) == (1.0, 0.1, 0.05)
-    assert (lock.LOCK_TIMEOUT, lock.UNTIL_HEALED, lock._DEAD_AFTER, lock._STUCK_AFTER) == (0.01, 1.1, 0.05, 1.0)
+    assert (lock.LOCK_TIMEOUT, lock.UNTIL_RECOVERED, lock._DEAD_AFTER, lock._STUCK_AFTER) == (0.01, 1.1, 0.05, 1.0)
     assert (subscriber._POLL, subscriber._SLICE) == (wait_any._POLL, wait_any._SLICE) == (0.001, 0.01)
     assert (calls._FRESH, calls._HEARTBEAT, access.PATIENCE) == (1.0, 0.05, 0.1)
 

@@ -28,7 +28,7 @@ from shmgen.core.model import Message as Definition
 from shmgen.core.type_hash import TIMES, type_hash
 from shmgen.drift import lockfile
 from shmgen.generator import pipeline
-from shmgen.live.classes import Workshop
+from shmgen.live.classes import ClassRegistry
 from shmgen.live.session import Session
 from shmgen.runtime import Message
 
@@ -93,9 +93,9 @@ class Kind:
         return lockfile.write(layouts, {}, pipeline.settings(self.session.config))
 
 
-def kind_of(workshop: Workshop, request: str, digest: int | None) -> Kind:
-    """Raises Rejected and LayoutMismatch as Workshop.message(), and ValueError for a name that is several."""
-    return Kind(workshop.session_of(request, digest), request)
+def kind_of(registry: ClassRegistry, request: str, digest: int | None) -> Kind:
+    """Raises Rejected and LayoutMismatch as ClassRegistry.message(), and ValueError for a name that is several."""
+    return Kind(registry.session_of(request, digest), request)
 
 
 def _texts(definitions: Iterable[Definition]) -> str:

@@ -23,7 +23,7 @@ class Closable(Protocol):
 T = TypeVar("T", bound=Closable)
 
 
-class End(Generic[T]):
+class ReopeningEndpoint(Generic[T]):
     """Our end of a region, or of the regions of a service, which follows it when it is removed and made anew.
 
     `now` is None while there is none.
@@ -57,7 +57,7 @@ class End(Generic[T]):
             self._view.close()
 
 
-class Loop:
+class WorkerThread:
     """A thread that takes step after step until the bridge stops; one that a region fails is told, and tried again."""
 
     def __init__(self, step: Callable[[], None], counters: Counters, stopping: threading.Event) -> None:

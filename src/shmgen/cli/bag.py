@@ -71,14 +71,14 @@ def record(
     if everything == bool(topics):
         raise click.UsageError("Name topics, or --all; `shmgen topics` lists what there is.")
     folder = output or Path(time.strftime("shmgen_%Y_%m_%d-%H_%M_%S"))
-    workshop = common.workshop(config_file, include)
+    registry = common.registry(config_file, include)
     chosen = None if everything else topics
     stopping = threading.Event()
     try:
         bag = Bag(folder, max_size, max_duration)
     except FileExistsError:
         raise ValueError(f"{folder} is there already; a bag is a folder of its own") from None
-    recorder = Recorder(workshop, bag, chosen, common.note)
+    recorder = Recorder(registry, bag, chosen, common.note)
     with _ended_by_signals(stopping), _progress(lambda: _line(recorder.figures), quiet):
         try:
             recorder.run(stopping, duration)
@@ -122,7 +122,7 @@ def play(
     from shmgen.bag.play import Player
 
     words = [topic for topics in chosen for topic in topics.replace(",", " ").split()]
-    player = Player(path, common.workshop(config_file, include), words or None, common.note)
+    player = Player(path, common.registry(config_file, include), words or None, common.note)
     length, at = (player.last - player.first) / 1e9, [0.0]
     try:
         with _progress(lambda: f"{at[0]:.1f} of {length:.1f} s, {counted(player.played, 'sample')}", quiet):

@@ -19,7 +19,7 @@ from shmgen.cli import options
 
 if TYPE_CHECKING:
     from shmgen.config import Config
-    from shmgen.live.classes import Workshop
+    from shmgen.live.classes import ClassRegistry
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -92,7 +92,7 @@ def _fields(context: click.Context, parameter: click.Parameter, incomplete: str,
     try:
         with View(region_name(named)) as view:
             header = view.header()
-        session = workshop(context.params.get("config_file"), context.params.get("include") or ()).session_of(
+        session = registry(context.params.get("config_file"), context.params.get("include") or ()).session_of(
             header.type_name, header.digest
         )
         layout, layouts = session.layout(header.type_name), session.layouts([header.type_name])
@@ -113,8 +113,8 @@ timeout = click.option(
 )
 
 
-def workshop(file: Path | None, include: tuple[Path, ...]) -> Workshop:
-    from shmgen.live.classes import Workshop
+def registry(file: Path | None, include: tuple[Path, ...]) -> ClassRegistry:
+    from shmgen.live.classes import ClassRegistry
     from shmgen.live.config_of_lock import LOCK
     from shmgen.live.session import Session
 
@@ -122,7 +122,7 @@ def workshop(file: Path | None, include: tuple[Path, ...]) -> Workshop:
     found = options.file_in_force(file)
     lock = Path(os.path.relpath(config.root / LOCK))
     name = found.name if found else "the defaults, as there is no shmgen.toml here"
-    return Workshop(Session(config, name), lock)
+    return ClassRegistry(Session(config, name), lock)
 
 
 class Report(Protocol):

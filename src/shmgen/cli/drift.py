@@ -197,4 +197,4 @@ def _remember(said: str, config: Config, config_file: Path | None, files: list[s
     anywhere = config.source == "env" or any(Path(message).suffix for message in config.messages)
     if not anywhere:
         configurations = [str(config_file)] if config_file else ["shmgen.toml", "pyproject.toml"]
-        check_cache.remember(sys.argv[1:], said, map(str, config.path), [*configurations, *files], began)
+        check_cache.store(sys.argv[1:], said, map(str, config.path), [*configurations, *files], began)

@@ -123,8 +123,8 @@ def _of_digest(digest: int, config_file: Path | None, include: tuple[Path, ...])
     from shmgen.cli import common
     from shmgen.live.digests import find
 
-    workshop = common.workshop(config_file, include)
-    if found := find(workshop, digest):
+    registry = common.registry(config_file, include)
+    if found := find(registry, digest):
         session, request = found
         return session.layouts([request])
     hint = "it was made with other bounds or types: call this where the shmgen.toml of that side is, or its layout.lock"

@@ -27,7 +27,7 @@ def doctor(topic: str | None, as_json: bool, config_file: Path | None, include: 
     from shmgen.tools.doctor import doctor as tool
     from shmgen.tools.messages import format
 
-    report = tool.examine(topic, common.workshop(config_file, include))
+    report = tool.examine(topic, common.registry(config_file, include))
     click.echo(format.as_line(tool.plain(report), indent=2) if as_json else tool.text(report))
     sys.exit(0 if report.healthy else 1)
 
@@ -125,7 +125,7 @@ def echo(
 
     if as_json and as_csv:
         raise click.UsageError("--json or --csv, not both.")
-    samples = stream.samples(topic, common.workshop(config_file, include), timeout, common.note)
+    samples = stream.samples(topic, common.registry(config_file, include), timeout, common.note)
     refused = False
     shown = 0
     printer = tool.Printer("json" if as_json else "csv" if as_csv else "yaml", field, only, full)
@@ -178,7 +178,7 @@ def pub(
     from shmgen.tools.messages import pub as tool
 
     data = parse.parse(values)
-    samples = tool.publish(topic, type_name, data, common.workshop(config_file, include), rate, 1 if once else count)
+    samples = tool.publish(topic, type_name, data, common.registry(config_file, include), rate, 1 if once else count)
     for number, message in enumerate(samples, start=1):
         click.echo(f"publishing #{number}: {message}")
 
@@ -211,7 +211,7 @@ def call(
     from shmgen.tools.messages import call as tool
     from shmgen.tools.messages import format, parse
 
-    request, kind = tool.build(service, type_name, parse.parse(values), common.workshop(config_file, include))
+    request, kind = tool.build(service, type_name, parse.parse(values), common.registry(config_file, include))
     with kind(service) as client:
         if not as_json:
             click.echo(f"requesting: {request}")

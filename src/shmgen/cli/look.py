@@ -84,8 +84,8 @@ def delay(
     """
     from shmgen.tools.watch import flow
 
-    workshop = common.workshop(config_file, include)
-    common.show(flow.delays(topic, workshop, window, timeout, common.note), count, as_json)
+    registry = common.registry(config_file, include)
+    common.show(flow.delays(topic, registry, window, timeout, common.note), count, as_json)
 
 
 @click.command()
@@ -110,7 +110,7 @@ def plot(
     """  # noqa: D301 click's own sign
     from shmgen.tools.watch import plot as tool
 
-    curves = tool.Curves(topic, paths, seconds, common.workshop(config_file, include), common.note)
+    curves = tool.Curves(topic, paths, seconds, common.registry(config_file, include), common.note)
     plain = not common.shows_unicode(sys.stdout)
 
     def drawn() -> list[str]:

@@ -54,7 +54,7 @@ def view(
         from shmgen.view.serve import Page, listen
     except ImportError as error:
         raise ValueError(_MISSING.format(name=error.name)) from None
-    common.workshop(config_file, include)  # what is wrong with shmgen.toml is told here
+    common.registry(config_file, include)  # what is wrong with shmgen.toml is told here
     try:
         listening = listen(port)
     except OSError as error:
@@ -80,7 +80,7 @@ def _in_terminal(topic: str | None, allow_write: bool, config_file: Path | None,
     driven = bool(os.environ.get("TEXTUAL_DRIVER"))
     if not driven and not (sys.stdin.isatty() and common.can_overwrite(sys.stdout)):
         raise ValueError("there is no terminal to draw on; `shmgen topics` and `shmgen echo` print lines")
-    Viewer(common.workshop(config_file, include), allow_write=allow_write, topic=topic).run()
+    Viewer(common.registry(config_file, include), allow_write=allow_write, topic=topic).run()
 
 
 COMMANDS = (view,)

@@ -19,7 +19,7 @@ SLOT_STEP = 64
 PAGE = 4096
 PLC = 0xFFFFFFFF
 LAST = 0xFFFFFFFF
-ANEW = 0x80000000
+RESTART_GAP = 0x80000000
 MAX_DEPTH = 65535
 MAX_TYPE_NAME = 95
 EVENT = "-event"
@@ -32,12 +32,12 @@ REPAIR_LOCK = 1
 RETRY_MS = 500
 CLAIM_MS = 1000
 CONFIRM_MS = 100
-HEAL_MS = 1000
+RECOVER_MS = 1000
 DEAD_MS = 50
 LOCK_MS = 10
 WAKE_MS = 10
 POLL_MS = 1
-SIGN_MS = 50
+HEARTBEAT_MS = 50
 PEER_MS = 100
 
 
@@ -59,7 +59,7 @@ NUMBERS = (
     Number("PAGE", PAGE, "UDINT", "bytes; the size of a region is a multiple of it"),
     Number("PLC", PLC, "UDINT", "in place of a process id, which a PLC does not know"),
     Number("LAST", LAST, "UDINT", "the greatest number of a sample; then it wraps around to the number of slots"),
-    Number("ANEW", ANEW, "UDINT", "samples; so many cannot be missed: the numbers have started again"),
+    Number("RESTART_GAP", RESTART_GAP, "UDINT", "samples; so many cannot be missed: the numbers have started again"),
     Number("MAX_DEPTH", MAX_DEPTH, "UDINT", "samples a slow reader can still fetch"),
     Number("MAX_TYPE_NAME", MAX_TYPE_NAME, "UDINT", "bytes of a type's name, before the 0 that ends it"),
     Number("MAX_NAME", MAX_NAME, "UDINT", "characters of a region's name: STRING(80) less '-event'"),
@@ -69,12 +69,12 @@ NUMBERS = (
     Number("RETRY_MS", RETRY_MS, "UDINT", "a PLC tries again to open what it could not open"),
     Number("CLAIM_MS", CLAIM_MS, "UDINT", "a writer whose heartbeat does not change for this long is gone"),
     Number("CONFIRM_MS", CONFIRM_MS, "UDINT", "an id in `writer` that is unchanged after this time is a claim"),
-    Number("HEAL_MS", HEAL_MS, "UDINT", "a lock that nobody has acquired for this long is stuck"),
+    Number("RECOVER_MS", RECOVER_MS, "UDINT", "a lock that nobody has acquired for this long is stuck"),
     Number("DEAD_MS", DEAD_MS, "", "the same, if its holder is a process that no longer exists"),
     Number("LOCK_MS", LOCK_MS, "", "timeout for the lock, by default"),
     Number("WAKE_MS", WAKE_MS, "", "the longest single wait for the event: what a lost wake-up costs"),
     Number("POLL_MS", POLL_MS, "", "between two looks where there is no event, or another reader has it"),
-    Number("SIGN_MS", SIGN_MS, "", "a waiting server increments its heartbeat at least this often"),
+    Number("HEARTBEAT_MS", HEARTBEAT_MS, "", "a waiting server increments its heartbeat at least this often"),
     Number("PEER_MS", PEER_MS, "", "a peer between two system calls has made the second by then, or is dead"),
 )
 """Names end with _MS where they are milliseconds."""
@@ -84,7 +84,7 @@ NUMBERS = (
 
 SIZES = {"u8": 1, "char": 1, "u16": 2, "u32": 4, "u64": 8}
 
-MAKER = "creator"
+CREATOR = "creator"
 """Who writes the words that both sides must agree on: whoever finds no magic, in Python or in a PLC."""
 
 
@@ -118,15 +118,15 @@ class Word(NamedTuple):
 
 _PLC = f"16#{PLC:08X} = a PLC"
 HEADER = (
-    Word(0, "u32", "magic", "dwMagic", MAKER, f"16#{MAGIC:08X}, 'SHMG'; written last, 0 = being created"),
-    Word(4, "u16", "abi", "uiAbi", MAKER, f"{ABI}"),
-    Word(6, "u16", "header_size", "uiHeaderSize", MAKER, f"{HEADER_SIZE}"),
-    Word(8, "u64", "digest", "lwDigest", MAKER, "layout digest of the message"),
-    Word(16, "u32", "payload_size", "udiPayloadSize", MAKER, "bytes of one message"),
-    Word(20, "u32", "slot_size", "udiSlotSize", MAKER, f"{SLOT_HEADER} + payload_size, rounded up to {SLOT_STEP}"),
+    Word(0, "u32", "magic", "dwMagic", CREATOR, f"16#{MAGIC:08X}, 'SHMG'; written last, 0 = being created"),
+    Word(4, "u16", "abi", "uiAbi", CREATOR, f"{ABI}"),
+    Word(6, "u16", "header_size", "uiHeaderSize", CREATOR, f"{HEADER_SIZE}"),
+    Word(8, "u64", "digest", "lwDigest", CREATOR, "layout digest of the message"),
+    Word(16, "u32", "payload_size", "udiPayloadSize", CREATOR, "bytes of one message"),
+    Word(20, "u32", "slot_size", "udiSlotSize", CREATOR, f"{SLOT_HEADER} + payload_size, rounded up to {SLOT_STEP}"),
     Word(24, "u32", "writer", "udiWriter", "writer", f"process id; {_PLC}, 0 = none yet"),
-    Word(28, "u32", "slots", "udiSlots", MAKER, "a power of two, 2 at least"),
-    Word(32, f"char[{MAX_TYPE_NAME + 1}]", "type_name", "abyTypeName", MAKER, "'geometry_msgs/msg/Pose', the rest 0"),
+    Word(28, "u32", "slots", "udiSlots", CREATOR, "a power of two, 2 at least"),
+    Word(32, f"char[{MAX_TYPE_NAME + 1}]", "type_name", "abyTypeName", CREATOR, "'geometry_msgs/msg/Pose', the rest 0"),
     Word(128, "u32", "begun", "udiBegun", "writer", "number of the newest write begun"),
     Word(132, "u32", "completed", "udiCompleted", "writer", "number of the newest write completed, 0 = none yet"),
     Word(152, "u32", "heartbeat", "udiHeartbeat", "writer", "incremented in each cycle, with or without data"),

@@ -24,7 +24,7 @@ _CONTENT, _STATE, _NAMES = "CSN"
 """What of a path counts: the bytes of a file, its size and time, the names in a folder."""
 
 
-def recall(arguments: Sequence[str]) -> str | None:
+def load(arguments: Sequence[str]) -> str | None:
     """What `shmgen arguments…` would print in this folder, if nothing has changed since it was clean."""
     kept = None if "--no-cache" in arguments else cache.read(_name(arguments))
     if kept is None:
@@ -33,7 +33,7 @@ def recall(arguments: Sequence[str]) -> str | None:
     return f"{said}\n" if digest == _digest(watched) else None
 
 
-def remember(arguments: Sequence[str], said: str, folders: Iterable[str], files: Sequence[str], began: int) -> None:
+def store(arguments: Sequence[str], said: str, folders: Iterable[str], files: Sequence[str], began: int) -> None:
     """`folders` are where definitions are looked for, `files` all others that were read or might have been.
 
     What was touched since the check `began`, in ns since 1970, may not be what it saw: then nothing is remembered.

@@ -16,7 +16,7 @@ from shmgen.core.fast_dataclass import dataclass
 from shmgen.core.model import Layouts, Schema, TypeName, TypeOptions
 from shmgen.drift import lockfile
 from shmgen.generator import bounds, layout, resolve
-from shmgen.targets import TARGETS, Job, Options, Printed, Target, naming
+from shmgen.targets import TARGETS, Job, Options, RenderedFile, Target, naming
 
 
 def library(config: Config) -> definitions.Library:
@@ -79,7 +79,7 @@ def printed_by(targets: Sequence[Target], keys: Sequence[str], job: Job, report:
     waiting = _wanted(targets, keys)
     for target in waiting:
         _check_names(target, waiting, job, report)
-    done: dict[str, tuple[Printed, ...]] = {}
+    done: dict[str, tuple[RenderedFile, ...]] = {}
     while waiting:
         ready = [target for target in waiting if not target.after or target.after in done]
         planned = {target.key: list(target.room().plan(replace(job, printed=done), report)) for target in ready}
@@ -89,7 +89,7 @@ def printed_by(targets: Sequence[Target], keys: Sequence[str], job: Job, report:
 
         texts = render(output for outputs in planned.values() for output in outputs)
         for key, outputs in planned.items():
-            done[key] = tuple(Printed(output, texts[output.path]) for output in outputs)
+            done[key] = tuple(RenderedFile(output, texts[output.path]) for output in outputs)
         waiting = [target for target in waiting if target.key not in done]
     return {one.output.path: one.text for key in keys for one in done[key]}
 

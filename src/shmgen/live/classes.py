@@ -15,7 +15,7 @@ from shmgen.runtime import ActionClient, ActionServer, Message, Publisher, Servi
 from shmgen.runtime.errors import LayoutMismatch
 
 
-class Workshop:
+class ClassRegistry:
     """What classes are made from: the configuration in force, and a layout.lock to fall back on."""
 
     def __init__(self, session: Session, lock: Path | None) -> None:

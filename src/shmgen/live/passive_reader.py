@@ -75,7 +75,7 @@ class Onlooker:
         for _ in range(_TRIES):
             start, slots = self._last, self._slots
             unread = h.steps(start, newest, slots)
-            if unread >= abi.ANEW:  # the region was begun anew
+            if unread >= abi.RESTART_GAP:  # the region was begun anew
                 start, unread = newest - 1, 1
                 self._last = start
             for step in range(max(1, unread - slots + 1), unread + 1):
@@ -96,7 +96,7 @@ class Onlooker:
 
     def finish(self) -> None:
         newest = self._words[h.COMPLETED]
-        if newest and (left := h.steps(self._last, newest, self._slots)) < abi.ANEW:
+        if newest and (left := h.steps(self._last, newest, self._slots)) < abi.RESTART_GAP:
             self.missed += left
             self._last = newest
 

@@ -515,7 +515,7 @@ static PyObject *reader_straight(PyObject *object, PyObject *asked)
         Py_RETURN_NONE;
     }
     skipped = shmgen_steps(end, self->last, number) - 1;
-    if (skipped != 0 && skipped < SHMGEN_ANEW) {
+    if (skipped != 0 && skipped < SHMGEN_RESTART_GAP) {
         self->missed += skipped;
         shmgen_store(end, SHMGEN_AT(missed), shmgen_load(end, SHMGEN_AT(missed)) + skipped);
     }

@@ -27,11 +27,11 @@ from shmgen.runtime.region.header import (
     STAMP,
     WRITER,
 )
-from shmgen.runtime.region.lock import UNTIL_HEALED, Lock
+from shmgen.runtime.region.lock import UNTIL_RECOVERED, Lock
 from shmgen.runtime.region.memory_order import fence
 from shmgen.runtime.region.opening import open_event, open_region
 from shmgen.runtime.region.region import WRITER_LOCK
-from shmgen.runtime.region.resource import Gone, Holding
+from shmgen.runtime.region.resource import ClosedProxy, RegionHolder
 
 M = TypeVar("M", bound=Message)
 
@@ -57,7 +57,7 @@ class _AtHand(NamedTuple):
     pid: int
 
 
-class Publisher(Holding, core.Writer, Generic[M]):
+class Publisher(RegionHolder, core.Writer, Generic[M]):
     """Publishes one type on one topic. Not for two threads at a time; forked children open their own."""
 
     message_type: type[M]
@@ -87,7 +87,7 @@ class Publisher(Holding, core.Writer, Generic[M]):
         ours = h.header_for(kind._type_name_, kind._digest_, size, depth)
         self._region = region = open_region(topic, ours, kind._regions_.but(mode, group))
         try:
-            self._lock = Lock(region, lock_timeout, UNTIL_HEALED)
+            self._lock = Lock(region, lock_timeout, UNTIL_RECOVERED)
             self._deadline: float | None = None
             self._event = open_event(region)
             self._sequence, self._claim_doubtful = claim(region)
@@ -97,7 +97,7 @@ class Publisher(Holding, core.Writer, Generic[M]):
         self._scratch = bytearray(SLOT_HEADER + size)
         self._heartbeat: int = region.words[HEARTBEAT]
         self._truncations = 0
-        self._words: memoryview | Gone = region.words
+        self._words: memoryview | ClosedProxy = region.words
         hot = _AtHand(
             kind=kind,
             encode=kind._encode,
@@ -271,19 +271,21 @@ class Publisher(Holding, core.Writer, Generic[M]):
 
     def _lose(self) -> NoReturn:
         """Leaves the topic to the writer who has claimed it: this one stood still for a second, or seemed to."""
-        gone = Gone(ClaimLost, f"{self.topic}: {writer(self._region)} has taken the topic over; nothing was published")
+        gone = ClosedProxy(
+            ClaimLost, f"{self.topic}: {writer(self._region)} has taken the topic over; nothing was published"
+        )
         self._stop(gone)
         self._region.unlock_byte(WRITER_LOCK)
         gone()
 
-    def _stop(self, gone: Gone) -> None:
+    def _stop(self, gone: ClosedProxy) -> None:
         """From now on publish() and heartbeat() raise that."""
         self._disconnect()
         # No message is of the type Message, so publish() goes on to encode it.
         self._hot = cast(_AtHand, (Message, gone, *self._hot[2:]))
         self._words = gone
 
-    def _let_go(self, gone: Gone) -> None:
+    def _let_go(self, gone: ClosedProxy) -> None:
         self._stop(gone)
         self._lock.leave()
         self._region.close(gone)

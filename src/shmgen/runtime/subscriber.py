@@ -31,7 +31,7 @@ from shmgen.runtime.region.lock import Lock
 from shmgen.runtime.region.memory_order import fence
 from shmgen.runtime.region.opening import open_event, open_region
 from shmgen.runtime.region.region import Region
-from shmgen.runtime.region.resource import Gone, Holding
+from shmgen.runtime.region.resource import ClosedProxy, RegionHolder
 
 M = TypeVar("M", bound=Message)
 
@@ -40,7 +40,7 @@ _TRIES = 8
 """How often a sample overwritten while it was copied is given up for a newer one in one call."""
 _LOCKED_OUT = b""
 """Instead of a sample, which is never empty: the lock is needed here and was not free in time."""
-_ANEW = abi.ANEW
+_RESTART_GAP = abi.RESTART_GAP
 """So many samples cannot have come since the last look: the region was begun anew and counts from 1 again."""
 _POLL = abi.POLL_MS / 1000
 """Seconds between two looks of wait() while another reader has the event."""
@@ -60,7 +60,7 @@ class _AtHand(NamedTuple):
     pid: int
 
 
-class Subscriber(Holding, core.Reader, Generic[M]):
+class Subscriber(RegionHolder, core.Reader, Generic[M]):
     """Reads one type from one topic. Not for two threads at a time; forked children open their own."""
 
     message_type: type[M]
@@ -145,7 +145,7 @@ class Subscriber(Holding, core.Reader, Generic[M]):
             if newest in (0, self._last):
                 break
             unread = steps(self._last, newest, self._slots)
-            if unread >= _ANEW:
+            if unread >= _RESTART_GAP:
                 self._last, unread = newest - 1, 1
             first = max(1, unread - self._slots + 1)
             start = self._last
@@ -253,7 +253,7 @@ class Subscriber(Holding, core.Reader, Generic[M]):
         """What is there counts as read."""
         self._last = self._words[COMPLETED]
 
-    def _let_go(self, gone: Gone) -> None:
+    def _let_go(self, gone: ClosedProxy) -> None:
         self._words = cast(memoryview, gone)
         self._disconnect()
         self._lock.leave()
@@ -301,7 +301,7 @@ class Subscriber(Holding, core.Reader, Generic[M]):
         if found != number or steps(number, begun, slots) >= slots:
             return None
         skipped = steps(self._last, number, slots) - 1
-        if 0 < skipped < _ANEW:
+        if 0 < skipped < _RESTART_GAP:
             self._missed += skipped
             # Outside of the lock: of two readers that add at once one may be lost, which a figure for people survives.
             words[MISSED] = words[MISSED] + skipped & 0xFFFFFFFF

@@ -6,13 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from shmgen.bridge.codec.transcode import Transcoder
-from shmgen.bridge.codec.wire_format import Dialect
+from shmgen.bridge.codec.wire_format import WireFormat
 from shmgen.core.model import Layout, Layouts
 from shmgen.runtime import LATE_FROM, Message, Time
 
 
 @dataclass(frozen=True, slots=True)
-class ShortWay:
+class DirectPath:
     """How a region holds the messages of a wire. `stamp` leads to what becomes ROS's now where it is zero, if any."""
 
     kind: type[Message]
@@ -20,9 +20,9 @@ class ShortWay:
     layouts: Layouts
     stamp: tuple[str, ...] = ()
 
-    def into_region(self, dialect: Dialect) -> Callable[[bytes], Message | None]:
+    def into_region(self, wire_format: WireFormat) -> Callable[[bytes], Message | None]:
         """What makes of ROS's bytes what a publisher takes, or None of what has to go the long way."""
-        decode, make = Transcoder(self.layout, self.layouts, dialect).decode, self.kind.from_buffer
+        decode, make = Transcoder(self.layout, self.layouts, wire_format).decode, self.kind.from_buffer
 
         def message(data: bytes) -> Message | None:
             payload = decode(data)
@@ -30,12 +30,12 @@ class ShortWay:
 
         return message
 
-    def out_of_region(self, dialect: Dialect, now: Callable[[], Time]) -> Callable[[bytes], bytes]:
+    def out_of_region(self, wire_format: WireFormat, now: Callable[[], Time]) -> Callable[[bytes], bytes]:
         """What makes of a payload ROS's bytes; it raises ValueRejected, and struct.error for a time ROS cannot hold."""
-        encode = Transcoder(self.layout, self.layouts, dialect, self.stamp).encode
+        encode = Transcoder(self.layout, self.layouts, wire_format, self.stamp).encode
         return lambda payload: encode(payload, now)
 
 
-def short_way(kind: type[Message], layout: Layout, layouts: Layouts, stamp: tuple[str, ...]) -> ShortWay | None:
+def short_way(kind: type[Message], layout: Layout, layouts: Layouts, stamp: tuple[str, ...]) -> DirectPath | None:
     """None where the long way is no longer, as for pictures."""
-    return None if layout.size >= LATE_FROM else ShortWay(kind, layout, layouts, stamp)
+    return None if layout.size >= LATE_FROM else DirectPath(kind, layout, layouts, stamp)

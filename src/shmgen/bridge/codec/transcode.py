@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from shmgen.bridge.codec.steps import CODES, KINDS, UNITS, Step, steps_of
-from shmgen.bridge.codec.wire_format import CDR, Dialect
+from shmgen.bridge.codec.wire_format import CDR, WireFormat
 from shmgen.core.model import Clock, Layout, Layouts
 from shmgen.runtime import CountExceeded, Time, ValueRejected, values
 from shmgen.runtime.core import IN_C
@@ -38,14 +38,16 @@ _BOOLS = b"\0\1"
 class Transcoder:
     """For payloads of one layout, and one kind of ROS."""
 
-    def __init__(self, layout: Layout, layouts: Layouts, dialect: Dialect = CDR, stamp: tuple[str, ...] = ()) -> None:
+    def __init__(
+        self, layout: Layout, layouts: Layouts, wire_format: WireFormat = CDR, stamp: tuple[str, ...] = ()
+    ) -> None:
         """`stamp` are the names of the fields that lead to the time that encode()'s `now` is for."""
-        self._dialect, self._size = dialect, layout.size
+        self._wire_format, self._size = wire_format, layout.size
         self._steps = steps_of(layout, layouts, stamp)
-        self._pads = {size: dialect.pads(size) for size in (1, 2, 4, 8)}
+        self._pads = {size: wire_format.pads(size) for size in (1, 2, 4, 8)}
         if EXTENSION:
             steps = [(CODES.index(step.code), *step[1:]) for step in self._steps]
-            made = EXTENSION.Transcoder(steps, layout.size, not dialect.aligned)
+            made = EXTENSION.Transcoder(steps, layout.size, not wire_format.aligned)
             self._encode_ordinary, self._decode_ordinary = made.encode, made.decode
         else:
             self._encode_ordinary = self._decode_ordinary = lambda *_: None
@@ -68,17 +70,17 @@ class Transcoder:
     def _encoded(self, payload: bytes | bytearray, now: Callable[[], Time]) -> bytes:
         out = bytearray()
         self._put(0, len(self._steps), 0, payload, out, now)
-        return self._dialect.head + out
+        return self._wire_format.head + out
 
     def _decoded(self, data: bytes) -> bytearray | None:
-        head, out = self._dialect.head, bytearray(self._size)
+        head, out = self._wire_format.head, bytearray(self._size)
         if not data.startswith(head[:2]):
             return None
         try:
             rest = len(data) - self._take(0, len(self._steps), 0, data, len(head), out)
         except (_Odd, struct.error, ValueRejected):
             return None
-        return out if 0 <= rest <= self._dialect.rest else None
+        return out if 0 <= rest <= self._wire_format.rest else None
 
     def _put(
         self, first: int, last: int, base: int, data: bytes | bytearray, out: bytearray, now: Callable[[], Time]
@@ -99,7 +101,7 @@ class Transcoder:
             elif step.code == "bools":
                 out += bytes(map(bool, data[at : places.stop]))
             elif step.code == "filler":
-                out += self._dialect.filler
+                out += self._wire_format.filler
             elif step.code == "messages":
                 for place in places:
                     self._put(first, first + step.inner, place, data, out, now)
@@ -113,13 +115,13 @@ class Transcoder:
             clock, _ = KINDS[step.kind]
             parts = _KEPT[step.kind].unpack_from(data, at)
             unset = step.code == "stamp" and not any(parts)
-            return self._dialect.clocks[clock].pack(*(now() if unset else _OUT[step.kind](*parts)))
+            return self._wire_format.clocks[clock].pack(*(now() if unset else _OUT[step.kind](*parts)))
         kept = data[at : at + step.size]
         if step.code == "wide texts":  # four bytes a unit, as rosidl's code for Fast DDS has them
             units = values.from_wide(kept).encode("utf-16-le")
             text = b"".join(units[place : place + 2] + b"\0\0" for place in range(0, len(units), 2))
             return _U32.pack(len(text) // 4) + text
-        text = (values.from_latin1 if step.kind else values.from_text)(kept).encode() + self._dialect.end
+        text = (values.from_latin1 if step.kind else values.from_text)(kept).encode() + self._wire_format.end
         return _U32.pack(len(text)) + text
 
     def _take(self, first: int, last: int, base: int, data: bytes, at: int, out: bytearray) -> int:
@@ -147,7 +149,7 @@ class Transcoder:
                 out[place : places.stop] = found
                 at += len(found)
             elif step.code == "filler":
-                at += len(self._dialect.filler)
+                at += len(self._wire_format.filler)
             elif step.code == "messages":
                 for place in places:
                     at = self._take(first, first + step.inner, place, data, at, out)
@@ -160,21 +162,21 @@ class Transcoder:
     def _take_element(self, step: Step, data: bytes, at: int, out: bytearray, place: int) -> int:
         if step.code in ("clocks", "stamp"):
             clock, _ = KINDS[step.kind]
-            made = _IN[step.kind](Time(*self._dialect.clocks[clock].unpack_from(data, at)), "")
+            made = _IN[step.kind](Time(*self._wire_format.clocks[clock].unpack_from(data, at)), "")
             _KEPT[step.kind].pack_into(out, place, *(made if isinstance(made, tuple) else (made,)))
             return at + 8
         length: int = _U32.unpack_from(data, at)[0]
         end = at + 4 + length
         text = data[at + 4 : end]
-        kept = text.removesuffix(self._dialect.end)
-        is_whole = len(text) == length and len(kept) == length - len(self._dialect.end)
+        kept = text.removesuffix(self._wire_format.end)
+        is_whole = len(text) == length and len(kept) == length - len(self._wire_format.end)
         if step.code == "wide texts" or not is_whole or len(kept) >= step.size or 0 in kept or not kept.isascii():
             raise _Odd
         out[place : place + len(kept)] = kept
         return end
 
     def _aligned(self, at: int, size: int) -> int:
-        return at + len(self._pads[size][(at - len(self._dialect.head)) % size])
+        return at + len(self._pads[size][(at - len(self._wire_format.head)) % size])
 
 
 class _Odd(Exception):

@@ -10,7 +10,7 @@ from shmgen.core.model import Clock
 
 
 @dataclass(frozen=True, slots=True)
-class Dialect:
+class WireFormat:
     """`head` goes before a message; its numbers are `aligned` behind that, or not at all; `end` goes after a text.
 
     `filler` stands for a message without fields; at most `rest` bytes may follow a message. `clocks` are seconds and
@@ -30,7 +30,7 @@ class Dialect:
 
 
 _ROS2 = struct.Struct("<iI")
-CDR = Dialect(b"\0\1\0\0", True, b"\0", b"\0", 3, {Clock.TIME: _ROS2, Clock.DURATION: _ROS2})
+CDR = WireFormat(b"\0\1\0\0", True, b"\0", b"\0", 3, {Clock.TIME: _ROS2, Clock.DURATION: _ROS2})
 """XCDR1 of OMG's DDS-XTypes, little-endian, as ROS 2 sends it: with what fills it up to four bytes."""
-ROS1 = Dialect(b"", False, b"", b"", 0, {Clock.TIME: struct.Struct("<II"), Clock.DURATION: struct.Struct("<ii")})
+ROS1 = WireFormat(b"", False, b"", b"", 0, {Clock.TIME: struct.Struct("<II"), Clock.DURATION: struct.Struct("<ii")})
 """As genpy packs it."""

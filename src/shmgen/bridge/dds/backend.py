@@ -14,15 +14,25 @@ from cyclonedds.core import DDSException
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.qos import Policy, Qos
 
-from shmgen.bridge.backend import Answer, Caller, Intake, Node, Outlet, Refuse, ServiceWire, Taker, Wire
+from shmgen.bridge.backend import (
+    Answer,
+    MessageSink,
+    Node,
+    Refuse,
+    RosClient,
+    RosPublisher,
+    RosSubscription,
+    ServiceWire,
+    Wire,
+)
 from shmgen.bridge.codec.cdr import Codec, codec
 from shmgen.bridge.codec.type_identity import TAKES_OURS, Identity
 from shmgen.bridge.codec.wire_format import CDR
 from shmgen.bridge.dds import services
 from shmgen.bridge.dds.dropped import Dropped
-from shmgen.bridge.dds.entities import Ends, Heard, Peers, matches, quality, send
+from shmgen.bridge.dds.entities import Ends, Peers, Subscription, matches, quality, send
 from shmgen.bridge.dds.network import confine, network, sockets
-from shmgen.bridge.dds.service_transport import Ways, chosen
+from shmgen.bridge.dds.service_transport import ServiceTransports, chosen
 from shmgen.bridge.dds.types import structure, topic_name
 from shmgen.bridge.ros2 import actions as ros2_actions
 from shmgen.runtime import Time
@@ -57,7 +67,7 @@ def connect(node: Node) -> Graph:
     except (DDSException, OSError) as error:
         raise ValueError(f"dds: cannot join domain {domain}: {error}") from error
     ends = Ends(participant, node.tell)
-    ways = Ways(lambda ended: chosen(ends, node, domain, joined, os.environ, ended), node.tell)
+    ways = ServiceTransports(lambda ended: chosen(ends, node, domain, joined, os.environ, ended), node.tell)
     return Graph(ends, dropped, ways)
 
 
@@ -66,12 +76,12 @@ class Graph:
 
     actions = ros2_actions
 
-    def __init__(self, ends: Ends, dropped: Dropped, ways: Ways) -> None:
+    def __init__(self, ends: Ends, dropped: Dropped, ways: ServiceTransports) -> None:
         self._ends = ends
         self._dropped = dropped
         self._ways = ways
 
-    def publisher(self, wire: Wire) -> Outlet:
+    def publisher(self, wire: Wire) -> RosPublisher:
         """Advertises the topic. Raises ValueError for a type with a `wstring`."""
         made = codec(wire.messages)
         identity = Identity(wire.topic, wire.type, made.type_hash, self._ends.tell, then=TAKES_OURS)
@@ -82,9 +92,9 @@ class Graph:
             peers.matched(writer, handle)
         encode = wire.short.out_of_region(CDR, self.now) if wire.short else None
         straight = (lambda payload: send(writer, encode(payload))) if encode else None
-        return Outlet(made.new, lambda message: send(writer, made.encode(message)), False, straight)
+        return RosPublisher(made.new, lambda message: send(writer, made.encode(message)), False, straight)
 
-    def subscribe(self, wire: Wire, taker: Taker) -> Intake:
+    def subscribe(self, wire: Wire, taker: MessageSink) -> RosSubscription:
         """Hands over in the thread of all topics. Raises as publisher()."""
         made = codec(wire.messages)
         name = topic_name(wire.topic)
@@ -121,14 +131,14 @@ class Graph:
                 taker.lose(count)
 
         self._dropped.tell(name, reject)
-        self._ends.topics.add(Heard(reader, take, name, wire.queue, lose))
-        return Intake(made.new, lambda: bool(matches(reader)))
+        self._ends.topics.add(Subscription(reader, take, name, wire.queue, lose))
+        return RosSubscription(made.new, lambda: bool(matches(reader)))
 
     def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
         """Soon. Raises as publisher()."""
         services.serve(self._ways.opened, wire, self._ends.tell, answer, refuse)
 
-    def client(self, wire: ServiceWire) -> Caller:
+    def client(self, wire: ServiceWire) -> RosClient:
         """Raises as publisher()."""
         return services.client(self._ways.opened, wire, self._ends.tell)
 

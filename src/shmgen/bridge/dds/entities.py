@@ -87,7 +87,7 @@ class Ends:
         self.stop = GuardCondition(participant)
         self.closing = False  # said by `stop` too; but to ask it each time gives the GIL away
         self.threads: list[threading.Thread] = []
-        self.topics = Ear(self)
+        self.topics = ReaderThread(self)
 
     def writer(self, topic: str, kind: type[Any], qos: Qos, matched: Matched | None = None) -> DataWriter:
         """Of the structure `kind`."""
@@ -106,7 +106,7 @@ class Ends:
 
     def listen(self, reader: DataReader, callback: Callable[[Any], None], name: str) -> None:
         """Calls `callback` with each sample, in order, in a thread of its own."""
-        Ear(self).add(Heard(reader, callback, name))
+        ReaderThread(self).add(Subscription(reader, callback, name))
 
     def close(self) -> None:
         """Deletes all; for the peers they are gone at once."""
@@ -133,7 +133,7 @@ class Ends:
         return Listener(on_requested_incompatible_qos=told, on_subscription_matched=met)
 
 
-class Grumble:
+class RateLimitedLog:
     """Tells what a callback raises for what a peer sends, not often."""
 
     def __init__(self, name: str, tell: Callable[[str], None]) -> None:
@@ -147,7 +147,7 @@ class Grumble:
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class Subscription:
     """A reader, and what is called with each of its samples, in order.
 
     A reader whose `queue` is found full has lost at least one: Cyclone says neither that nor how many. That is told to
@@ -161,7 +161,7 @@ class Heard:
     lose: Callable[[int], None] = lambda count: None
 
 
-class Ear:
+class ReaderThread:
     """A thread that hears all readers it is given, and tells what their callbacks raise, not often.
 
     One for many: ten samples that come at once wake it once, and are taken without ten threads asking for the GIL.
@@ -169,11 +169,11 @@ class Ear:
 
     def __init__(self, ends: Ends) -> None:
         self._ends = ends
-        self._heard: list[tuple[Heard, Grumble]] = []
+        self._heard: list[tuple[Subscription, RateLimitedLog]] = []
 
-    def add(self, heard: Heard) -> None:
+    def add(self, heard: Subscription) -> None:
         """From any thread but its own."""
-        self._heard.append((heard, Grumble(heard.name, self._ends.tell)))
+        self._heard.append((heard, RateLimitedLog(heard.name, self._ends.tell)))
         if len(self._heard) == 1:
             self._waiting = _Waiting(self._ends.participant)
             self._waiting.attach(self._ends.stop)
@@ -189,7 +189,7 @@ class Ear:
                     if number:  # 0 is `stop`
                         self._take(*self._heard[number - 1])
 
-    def _take(self, heard: Heard, grumble: Grumble) -> None:
+    def _take(self, heard: Subscription, grumble: RateLimitedLog) -> None:
         samples = heard.reader.take(max(heard.queue, _AT_ONCE))
         if len(samples) >= heard.queue > _AT_ONCE:
             heard.lose(1)

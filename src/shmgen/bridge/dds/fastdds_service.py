@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable, Hashable, Iterable
 
 from shmgen.bridge.backend import queue_of
-from shmgen.bridge.dds.entities import Grumble
+from shmgen.bridge.dds.entities import RateLimitedLog
 from shmgen.bridge.dds.network import Network, addresses, confine, sockets
 from shmgen.bridge.dds.service_pair import Came, Met, Pair, Side
 
@@ -112,7 +112,7 @@ class FastPair(Pair):
     def _run(self, callback: Callable[[Came], None], name: str) -> None:
         taken = ctypes.create_string_buffer(self._largest)
         sender, call = ctypes.create_string_buffer(_GUID), ctypes.create_string_buffer(_CALL)
-        room, grumble = ctypes.c_uint32(self._largest), Grumble(name, self._tell)
+        room, grumble = ctypes.c_uint32(self._largest), RateLimitedLog(name, self._tell)
         while (size := self._library.fast_take(self._handle, taken, room, sender, call)) >= 0:
             if not size:
                 self.peers(True)

@@ -82,7 +82,7 @@ class Pair(ABC):
         """Calls back with whatever comes, in order, in a thread of its own."""
 
 
-class Way(Protocol):
+class ServiceTransport(Protocol):
     """How services are had."""
 
     inline: bool

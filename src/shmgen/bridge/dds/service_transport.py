@@ -14,7 +14,7 @@ from shmgen.bridge.dds.cyclone_service import Cyclone
 from shmgen.bridge.dds.entities import Ends
 from shmgen.bridge.dds.fastdds_service import Fast
 from shmgen.bridge.dds.network import Network
-from shmgen.bridge.dds.service_pair import Way
+from shmgen.bridge.dds.service_pair import ServiceTransport
 
 _BOUNDS = (
     "ROS_AUTOMATIC_DISCOVERY_RANGE",
@@ -28,18 +28,18 @@ _FAREWELL = 0.3
 """Seconds that the end of services may take."""
 
 
-class Ways:
+class ServiceTransports:
     """Chooses once, in a thread of its own: to compile takes seconds, and topics do not wait for it."""
 
-    def __init__(self, choose: Callable[[Callable[[], bool]], Way], tell: Callable[[str], None]) -> None:
+    def __init__(self, choose: Callable[[Callable[[], bool]], ServiceTransport], tell: Callable[[str], None]) -> None:
         """`choose` is given what tells whether it need not go on."""
         self._choose, self._tell = choose, tell
-        self._asked: queue.SimpleQueue[Callable[[Way], None] | None] = queue.SimpleQueue()
+        self._asked: queue.SimpleQueue[Callable[[ServiceTransport], None] | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._run, name="services", daemon=True)
         self._ended = threading.Event()
         self._begun = False
 
-    def opened(self, then: Callable[[Way], None]) -> None:
+    def opened(self, then: Callable[[ServiceTransport], None]) -> None:
         """Calls it as soon as it is known, one after the other. From one thread."""
         self._asked.put(then)
         if not self._begun:
@@ -68,7 +68,7 @@ class Ways:
 
 def chosen(
     ends: Ends, node: Node, domain: int, network: Network, environment: Mapping[str, str], ended: Callable[[], bool]
-) -> Way:
+) -> ServiceTransport:
     """Fast DDS reaches all of ROS 2, but goes nowhere that Cyclone was told not to go."""
     if environment.get("RMW_IMPLEMENTATION") == "rmw_cyclonedds_cpp" or network.reach == "OFF":
         return Cyclone(ends, "")

@@ -18,11 +18,11 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from shmgen.bridge.backend import Answer, Caller, NoAnswer, Refuse, ServiceWire
+from shmgen.bridge.backend import Answer, NoAnswer, Refuse, RosClient, ServiceWire
 from shmgen.bridge.codec.cdr import codec
 from shmgen.bridge.codec.type_identity import Identity
 from shmgen.bridge.dds.entities import word_of
-from shmgen.bridge.dds.service_pair import Came, Pair, Side, Way
+from shmgen.bridge.dds.service_pair import Came, Pair, ServiceTransport, Side
 from shmgen.bridge.dds.types import CALL, reply_name, request_name, structure, type_name
 from shmgen.core.model import Message
 
@@ -44,7 +44,7 @@ _STRANGER = "a peer is not on rmw_cyclonedds: nothing passes between us and it"
 _HINT = "start it with RMW_IMPLEMENTATION=rmw_cyclonedds_cpp, or the bridge with --backend ros2"
 _BOTH = "there are servers on rmw_cyclonedds and on rmw_fastrtps, and each would take the other's request for its own"
 
-Open = Callable[[Callable[[Way], None]], None]
+Open = Callable[[Callable[[ServiceTransport], None]], None]
 """Calls back as soon as it is known how services are had, which may take seconds: see dds_ways.py."""
 
 
@@ -54,11 +54,11 @@ def serve(opened: Open, wire: ServiceWire, tell: Callable[[str], None], answer: 
     opened(served.open)
 
 
-def client(opened: Open, wire: ServiceWire, tell: Callable[[str], None]) -> Caller:
+def client(opened: Open, wire: ServiceWire, tell: Callable[[str], None]) -> RosClient:
     """Raises ValueError for a `wstring`."""
     asking = _Client(wire, tell)
     opened(asking.open)
-    return Caller(asking.request.new, asking.call, asking.is_connected)
+    return RosClient(asking.request.new, asking.call, asking.is_connected)
 
 
 class _Half:
@@ -82,7 +82,7 @@ class _Half:
         """Nothing of one that says inline whose call it is."""
         return word_of(words, self._theirs)
 
-    def _strange(self, way: Way) -> None:
+    def _strange(self, way: ServiceTransport) -> None:
         self._refuse(_STRANGER)
         if not self._told:
             self._told = True
@@ -95,7 +95,7 @@ class _Served(_Half):
         self._answer = answer
         self._at_once = wire.at_once
 
-    def open(self, way: Way) -> None:
+    def open(self, way: ServiceTransport) -> None:
         def met(words: list[str], heard: bool) -> None:
             if heard and (why := self._asked.refusal(_hash(words))):
                 self._refuse(why)
@@ -158,7 +158,7 @@ class _Client(_Half):
         self._sending = threading.Lock()
         """Held until it is known by what the reply will be known."""
 
-    def open(self, way: Way) -> None:
+    def open(self, way: ServiceTransport) -> None:
         def met(words: list[str], heard: bool) -> None:
             if not heard and not way.inline and not self._id(words):
                 self._strange(way)

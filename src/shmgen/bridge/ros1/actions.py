@@ -21,9 +21,9 @@ from shmgen.bridge.backend import (
     SUCCEEDED,
     ActionWire,
     Backend,
+    ErrorSink,
     Fill,
-    Follower,
-    Mishaps,
+    GoalObserver,
     NoAnswer,
     Wire,
     Worker,
@@ -47,12 +47,12 @@ _AGAIN = 0.2
 _LOOK = 0.02
 
 
-def serve(backend: Backend, wire: ActionWire, worker: Worker, mishaps: Mishaps) -> None:
+def serve(backend: Backend, wire: ActionWire, worker: Worker, mishaps: ErrorSink) -> None:
     """As Actions says it."""
     _Server(backend, wire, worker, mishaps)
 
 
-def seeker(backend: Backend, wire: ActionWire, mishaps: Mishaps) -> _Client:
+def seeker(backend: Backend, wire: ActionWire, mishaps: ErrorSink) -> _Client:
     """As Actions says it."""
     return _Client(backend, wire, mishaps)
 
@@ -60,7 +60,7 @@ def seeker(backend: Backend, wire: ActionWire, mishaps: Mishaps) -> _Client:
 class _Taker:
     """A Taker that calls one function."""
 
-    def __init__(self, take: Callable[[Any], None], mishaps: Mishaps) -> None:
+    def __init__(self, take: Callable[[Any], None], mishaps: ErrorSink) -> None:
         self.take = take
         self.reject, self.refuse, self.lose = mishaps.reject, mishaps.refuse, mishaps.lose
 
@@ -85,7 +85,7 @@ class _Served:
 class _Server:
     """All its methods may be called from any thread."""
 
-    def __init__(self, backend: Backend, wire: ActionWire, worker: Worker, mishaps: Mishaps) -> None:
+    def __init__(self, backend: Backend, wire: ActionWire, worker: Worker, mishaps: ErrorSink) -> None:
         said = _Said(wire)
         self._backend = backend
         self._worker = worker
@@ -167,7 +167,7 @@ class _Server:
 class _Sent:
     """A goal of ours, and who follows it; `seen` is when a status last had it in it."""
 
-    def __init__(self, follower: Follower) -> None:
+    def __init__(self, follower: GoalObserver) -> None:
         self.follower = follower
         self.status: int | None = None
         self.seen = time.monotonic()
@@ -176,7 +176,7 @@ class _Sent:
 class _Client:
     """A Seeker."""
 
-    def __init__(self, backend: Backend, wire: ActionWire, mishaps: Mishaps) -> None:
+    def __init__(self, backend: Backend, wire: ActionWire, mishaps: ErrorSink) -> None:
         said = _Said(wire)
         self._backend = backend
         self._numbers = itertools.count(1)
@@ -188,7 +188,7 @@ class _Client:
         backend.subscribe(said.feedback, _Taker(self._take_feedback, mishaps))
         backend.subscribe(said.result, _Taker(self._take_result, mishaps))
 
-    def send(self, fill: Fill, timeout: float, follower: Follower) -> Callable[[], threading.Thread] | None:
+    def send(self, fill: Fill, timeout: float, follower: GoalObserver) -> Callable[[], threading.Thread] | None:
         deadline = time.monotonic() + timeout
         key = f"shmgen-{uuid.uuid4().hex}-{next(self._numbers)}"
         message = self._goal.new()

@@ -16,7 +16,18 @@ import rosgraph
 import rospy
 from rospy.impl import registration, tcpros_pubsub
 
-from shmgen.bridge.backend import Answer, Caller, Intake, NoAnswer, Node, Outlet, Refuse, ServiceWire, Taker, Wire
+from shmgen.bridge.backend import (
+    Answer,
+    MessageSink,
+    NoAnswer,
+    Node,
+    Refuse,
+    RosClient,
+    RosPublisher,
+    RosSubscription,
+    ServiceWire,
+    Wire,
+)
 from shmgen.bridge.codec.wire_format import ROS1
 from shmgen.bridge.ros1 import actions as ros1_actions
 from shmgen.bridge.ros1 import types
@@ -49,7 +60,7 @@ class Ros1:
 
     actions = ros1_actions
 
-    def publisher(self, wire: Wire) -> Outlet:
+    def publisher(self, wire: Wire) -> RosPublisher:
         kind = types.message(wire.messages)
         raw = types.raw(kind)
         made = rospy.Publisher(wire.topic, raw, queue_size=wire.queue, latch=wire.latch, tcp_nodelay=True)
@@ -60,11 +71,11 @@ class Ros1:
             made.publish(raw(into.getvalue()))
 
         if not wire.short or not types.means(kind, wire.messages):
-            return Outlet(kind, send, keeps=False)
+            return RosPublisher(kind, send, keeps=False)
         encode = wire.short.out_of_region(ROS1, self.now)
-        return Outlet(kind, send, False, lambda payload: made.publish(raw(encode(payload))))
+        return RosPublisher(kind, send, False, lambda payload: made.publish(raw(encode(payload))))
 
-    def subscribe(self, wire: Wire, taker: Taker) -> Intake:
+    def subscribe(self, wire: Wire, taker: MessageSink) -> RosSubscription:
         kind = types.message(wire.messages)
         decode = wire.short.into_region(ROS1) if wire.short and types.means(kind, wire.messages) else None
 
@@ -76,7 +87,7 @@ class Ros1:
 
         # Without a queue_size rospy hands over every message that a socket brought.
         subscription = rospy.Subscriber(wire.topic, types.raw(kind), take, tcp_nodelay=True)
-        return Intake(kind, lambda: subscription.get_num_connections() > 0)
+        return RosSubscription(kind, lambda: subscription.get_num_connections() > 0)
 
     def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
         kind = types.service(wire)
@@ -91,13 +102,13 @@ class Ros1:
 
         rospy.Service(wire.service, kind, handle)
 
-    def client(self, wire: ServiceWire) -> Caller:
+    def client(self, wire: ServiceWire) -> RosClient:
         kind = types.service(wire)
 
         def call(request: Any, timeout: float) -> Any:
             return _within(timeout, lambda: rospy.ServiceProxy(wire.service, kind)(request))
 
-        return Caller(kind._request_class, call)
+        return RosClient(kind._request_class, call)
 
     def now(self) -> Time:
         stamp = rospy.Time.now()

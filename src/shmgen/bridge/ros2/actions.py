@@ -19,9 +19,9 @@ from shmgen.bridge.backend import (
     SUCCEEDED,
     ActionWire,
     Backend,
+    ErrorSink,
     Fill,
-    Follower,
-    Mishaps,
+    GoalObserver,
     NoAnswer,
     ServiceWire,
     Wire,
@@ -44,12 +44,12 @@ _GONE = 2.0
 """Seconds that a cancel may take of a goal that nobody waits for any more."""
 
 
-def serve(backend: Backend, wire: ActionWire, worker: Worker, mishaps: Mishaps) -> None:
+def serve(backend: Backend, wire: ActionWire, worker: Worker, mishaps: ErrorSink) -> None:
     """As Actions says it."""
     _Server(backend, wire, worker, mishaps)
 
 
-def seeker(backend: Backend, wire: ActionWire, mishaps: Mishaps) -> _Client:
+def seeker(backend: Backend, wire: ActionWire, mishaps: ErrorSink) -> _Client:
     """As Actions says it."""
     return _Client(backend, wire, mishaps)
 
@@ -77,7 +77,7 @@ class _Served:
 class _Server:
     """All its methods may be called from any thread."""
 
-    def __init__(self, backend: Backend, wire: ActionWire, worker: Worker, mishaps: Mishaps) -> None:
+    def __init__(self, backend: Backend, wire: ActionWire, worker: Worker, mishaps: ErrorSink) -> None:
         self._worker = worker
         self._now = backend.now
         self._goals: dict[bytes, _Served] = {}
@@ -163,7 +163,7 @@ class _Server:
 class _Client:
     """A Seeker, and the Taker of the feedback."""
 
-    def __init__(self, backend: Backend, wire: ActionWire, mishaps: Mishaps) -> None:
+    def __init__(self, backend: Backend, wire: ActionWire, mishaps: ErrorSink) -> None:
         self.reject, self.refuse, self.lose = mishaps.reject, mishaps.refuse, mishaps.lose
         said = Said(wire)
         self._followers: dict[bytes, _Once] = {}
@@ -177,7 +177,7 @@ class _Client:
         if follower:
             follower.feedback(message.feedback)
 
-    def send(self, fill: Fill, timeout: float, follower: Follower) -> Callable[[], threading.Thread] | None:
+    def send(self, fill: Fill, timeout: float, follower: GoalObserver) -> Callable[[], threading.Thread] | None:
         self._await_server(timeout)
         key = uuid.uuid4().bytes
         request = self._sending.new()
@@ -231,7 +231,7 @@ class _Client:
 class _Once:
     """Hands over one after another, and nothing behind the end."""
 
-    def __init__(self, follower: Follower) -> None:
+    def __init__(self, follower: GoalObserver) -> None:
         self._follower = follower
         self._lock = threading.Lock()
         self._ended = False

@@ -24,7 +24,18 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.signals import SignalHandlerOptions
 
-from shmgen.bridge.backend import Answer, Caller, Intake, NoAnswer, Node, Outlet, Refuse, ServiceWire, Taker, Wire
+from shmgen.bridge.backend import (
+    Answer,
+    MessageSink,
+    NoAnswer,
+    Node,
+    Refuse,
+    RosClient,
+    RosPublisher,
+    RosSubscription,
+    ServiceWire,
+    Wire,
+)
 from shmgen.bridge.codec.cdr import Codec, codec
 from shmgen.bridge.codec.type_identity import TAKES_OURS, Identity
 from shmgen.bridge.ros2 import actions as ros2_actions
@@ -69,7 +80,7 @@ class Ros2:
         self._thread = threading.Thread(target=self._spin, name="executor", daemon=True)
         self._thread.start()
 
-    def publisher(self, wire: Wire) -> Outlet:
+    def publisher(self, wire: Wire) -> RosPublisher:
         kind, made = types.message(wire.messages), _codec(wire.messages)
         identity = Identity(wire.topic, wire.type, made.type_hash, self._tell, then=TAKES_OURS)
 
@@ -83,9 +94,9 @@ class Ros2:
             _qos(wire, 1 if wire.latch else wire.queue),
             event_callbacks=_when_matched(PublisherEventCallbacks, met),
         )
-        return Outlet(made.new, lambda message: publisher.publish(made.encode(message)), keeps=False)
+        return RosPublisher(made.new, lambda message: publisher.publish(made.encode(message)), keeps=False)
 
-    def subscribe(self, wire: Wire, taker: Taker) -> Intake:
+    def subscribe(self, wire: Wire, taker: MessageSink) -> RosSubscription:
         kind, made = types.message(wire.messages), _codec(wire.messages)
         subscription = self._node.create_subscription(
             kind,
@@ -101,7 +112,7 @@ class Ros2:
         peers = Peers(identity, lambda: _hashes(find(subscription.topic_name)), taker.refuse)
         inlet = Inlet(subscription, made, taker, peers, _rmw().startswith("rmw_fastrtps"))
         self._wait(subscription, "subscription", inlet.take, wire.topic)
-        return Intake(made.new, lambda: bool(subscription.handle.get_publisher_count()))
+        return RosSubscription(made.new, lambda: bool(subscription.handle.get_publisher_count()))
 
     def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
         kind = types.service(wire)
@@ -137,7 +148,7 @@ class Ros2:
 
         self._wait(service, "service", take, wire.service)
 
-    def client(self, wire: ServiceWire) -> Caller:
+    def client(self, wire: ServiceWire) -> RosClient:
         kind = types.service(wire)
         request, response = _codec(wire.request), _codec(wire.response)
         client = self._node.create_client(kind, wire.service)
@@ -184,7 +195,7 @@ class Ros2:
             check()
             return response.decode(serialize_message(future.result()))
 
-        return Caller(request.new, call, is_connected)
+        return RosClient(request.new, call, is_connected)
 
     def now(self) -> Time:
         stamp = self._node.get_clock().now().to_msg()

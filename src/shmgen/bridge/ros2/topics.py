@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from shmgen.bridge.backend import Taker
+from shmgen.bridge.backend import MessageSink
 from shmgen.bridge.codec.cdr import Codec
 from shmgen.bridge.ros2.peers import Peers
 
@@ -16,7 +16,7 @@ class Inlet:
     of a topic is taken while one of its publishers is of another definition.
     """
 
-    def __init__(self, subscription: Any, made: Codec, taker: Taker, peers: Peers, names_senders: bool) -> None:
+    def __init__(self, subscription: Any, made: Codec, taker: MessageSink, peers: Peers, names_senders: bool) -> None:
         """`names_senders`: whether a message, if it says whose it is, says it as the graph does."""
         self._handle = subscription.handle
         self._kind = subscription.msg_type

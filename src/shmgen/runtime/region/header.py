@@ -44,7 +44,7 @@ def codes(words: Iterable[Word], size: int) -> str:
 
 _HEADER = struct.Struct(codes(abi.HEADER, HEADER_SIZE))
 _NAMES = tuple(word.name for word in abi.HEADER)
-_MADE = tuple(word for word in abi.HEADER if word.by == abi.MAKER)
+_MADE = tuple(word for word in abi.HEADER if word.by == abi.CREATOR)
 
 MADE = tuple(slice(word.offset, word.offset + word.size) for word in _MADE)
 """Where in a header the words stand that whoever makes a region writes, the magic first."""

@@ -13,10 +13,10 @@ from shmgen.runtime.region.semaphores import TOO_MANY, NoSemaphore
 
 LOCK_TIMEOUT = abi.LOCK_MS / 1000
 """Seconds to wait for the lock, unless told otherwise, and longest single wait."""
-UNTIL_HEALED = (abi.HEAL_MS + abi.PEER_MS) / 1000
+UNTIL_RECOVERED = (abi.RECOVER_MS + abi.PEER_MS) / 1000
 """The same for a writer where the lock is needed: whatever has become of its holder, it is free or recovered then."""
 _DEAD_AFTER = abi.DEAD_MS / 1000
-_STUCK_AFTER = abi.HEAL_MS / 1000
+_STUCK_AFTER = abi.RECOVER_MS / 1000
 """Seconds of one stay inside, after which the lock of a dead process, and of anybody else, is taken over."""
 _YIELDS = 20
 """Tries that follow each other at once: who is inside comes out within a few microseconds, if it has a processor."""

@@ -16,7 +16,7 @@ from shmgen.runtime.region import header as h
 from shmgen.runtime.region.access import RegionOptions
 from shmgen.runtime.region.memory_order import ordered
 from shmgen.runtime.region.names import region_name
-from shmgen.runtime.region.resource import Gone, kept_from_children
+from shmgen.runtime.region.resource import ClosedProxy, kept_from_children
 from shmgen.runtime.region.semaphores import Semaphore
 
 WRITER_LOCK = abi.WRITER_LOCK
@@ -88,13 +88,13 @@ class Region:
         start = h.HEADER_SIZE + number % self.header.slots * self.header.slot_size
         return slice(start, start + h.SLOT_HEADER + self.header.payload_size)
 
-    def close(self, gone: Gone | None = None) -> None:
+    def close(self, gone: ClosedProxy | None = None) -> None:
         """Lets go of everything; the region stays for the peer. Whoever looks at `words` then meets `gone`.
 
         Once is enough, but where an exception or a fork came upon it: the map has a descriptor, and the claim, as well.
         """
         for view in (self.words, self.quads):
-            if not isinstance(view, Gone):
+            if not isinstance(view, ClosedProxy):
                 view.release()
         if gone is not None:
             self.words = self.quads = cast(memoryview, gone)

@@ -11,11 +11,11 @@ from typing import Any, ClassVar, NoReturn, Protocol, TypeVar
 
 from shmgen.runtime.errors import Closed, InForkedChild, ShmError
 
-C = TypeVar("C", bound="Closing")
-F = TypeVar("F", bound="_Closable")
+C = TypeVar("C", bound="Closable")
+F = TypeVar("F", bound="_HasClose")
 
 
-class _Closable(Protocol):
+class _HasClose(Protocol):
     def close(self) -> None: ...
 
 
@@ -23,7 +23,7 @@ class _Lock(Protocol):
     def forget(self) -> None: ...
 
 
-class Closing(ABC):
+class Closable(ABC):
     """Base of publishers, subscribers, clients and servers."""
 
     @abstractmethod
@@ -39,7 +39,7 @@ class Closing(ABC):
         self.close()
 
 
-class Holding(Closing):
+class RegionHolder(Closable):
     """Base of those that hold a region themselves, and must not hold it in a forked child.
 
     The child has the same open file, and with it the parent's claim on the topic: it would outlive the parent. So
@@ -53,18 +53,18 @@ class Holding(Closing):
 
     def close(self) -> None:
         """Closes the region, which stays as it is."""
-        self._let_go(Gone(Closed, f"{self.topic}: this {self._word} is closed"))
+        self._let_go(ClosedProxy(Closed, f"{self.topic}: this {self._word} is closed"))
 
     def _hold(self) -> None:
         """To be called once it is open."""
         _holding.add(self)
 
     @abstractmethod
-    def _let_go(self, gone: Gone) -> None:
+    def _let_go(self, gone: ClosedProxy) -> None:
         """Lets go of all, puts `gone` in its place; does nothing the second time."""
 
 
-class Gone:
+class ClosedProxy:
     """Stands where the words of a region were, or a call on them was: every use raises the same error."""
 
     def __init__(self, kind: type[ShmError], text: str) -> None:
@@ -85,8 +85,8 @@ def kept_from_children(made: F) -> F:
     return made
 
 
-_holding: weakref.WeakSet[Holding] = weakref.WeakSet()
-_kept: weakref.WeakSet[_Closable] = weakref.WeakSet()
+_holding: weakref.WeakSet[RegionHolder] = weakref.WeakSet()
+_kept: weakref.WeakSet[_HasClose] = weakref.WeakSet()
 
 
 def _in_child() -> None:
@@ -97,7 +97,7 @@ def _in_child() -> None:
             "open one here, or start processes by the method `spawn`"
         )
         side._lock.forget()
-        side._let_go(Gone(InForkedChild, text))
+        side._let_go(ClosedProxy(InForkedChild, text))
     for made in list(_kept):
         with suppress(BufferError):  # a map that its region closes; or forked in the middle of a copy
             made.close()

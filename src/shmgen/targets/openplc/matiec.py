@@ -14,7 +14,7 @@ from shmgen.core.model import Output
 from shmgen.targets import Job
 from shmgen.targets.openplc import embedded, limits, names, program
 from shmgen.targets.openplc.blocks import Block
-from shmgen.targets.openplc.dialect import MATIEC
+from shmgen.targets.openplc.compiler import MATIEC
 from shmgen.targets.openplc.types import SECONDS, Structure, ordered, structure
 from shmgen.targets.st.names import ST_TIME
 

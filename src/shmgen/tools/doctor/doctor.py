@@ -9,7 +9,7 @@ from typing import Any
 from shmgen.config import Config
 from shmgen.core.plural import counted
 from shmgen.live import processes
-from shmgen.live.classes import Workshop
+from shmgen.live.classes import ClassRegistry
 from shmgen.live.processes import called
 from shmgen.live.regions import depth_of, live, meant, missing
 from shmgen.runtime import region_name
@@ -33,7 +33,7 @@ class Examination:
         return all(finding.note for finding in self.findings)
 
 
-def examine(topic: str | None, workshop: Workshop) -> Examination:
+def examine(topic: str | None, registry: ClassRegistry) -> Examination:
     """Looks at every region, or at one, for a quarter of a second, or a whole one where a lock seems stuck.
 
     Raises RegionMissing, PermissionDenied, Rejected for a wrong shmgen.toml, and ValueError for a wrong topic.
@@ -41,10 +41,10 @@ def examine(topic: str | None, workshop: Workshop) -> Examination:
     asked = None if topic is None else meant(topic)
     names = live() if asked is None else [region_name(one) for one in asked]
     around = processes.look()
-    said = Wanted(regions=workshop.config.regions)
-    wanted = dict.fromkeys(map(_full, asked or ()), said) | _wanted(workshop.config)
+    said = Wanted(regions=registry.config.regions)
+    wanted = dict.fromkeys(map(_full, asked or ()), said) | _wanted(registry.config)
     meant_to_be = {*live(), *map(region_name, wanted)}
-    known, wrong = workshop.known() if names else ({}, ())
+    known, wrong = registry.known() if names else ({}, ())
     regions = gather(names, around, wanted, known)
     found = [finding for seen in regions for finding in checks.of_region(seen)]
     found += [Problem("", f"{one.message} ({one.code})", one.hint, one.span.path) for one in wrong]

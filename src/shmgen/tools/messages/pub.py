@@ -7,7 +7,7 @@ from collections.abc import Callable, Generator
 from contextlib import suppress
 from typing import Any
 
-from shmgen.live.classes import Workshop, publisher
+from shmgen.live.classes import ClassRegistry, publisher
 from shmgen.live.regions import View, depth_of
 from shmgen.runtime import Message, region_name
 from shmgen.runtime.errors import RegionMissing
@@ -18,15 +18,15 @@ HEARTBEAT = 0.05
 
 
 def publish(
-    topic: str, request: str, data: Any, workshop: Workshop, rate: float, count: int | None
+    topic: str, request: str, data: Any, registry: ClassRegistry, rate: float, count: int | None
 ) -> Generator[Message, None, None]:
     """Publishes `rate` times a second, `count` times or without end, and yields each sample published.
 
     The depth is that of the region that is there, else that of [[topics]], else 1. Raises Rejected, ValueRejected
     and ValueError before the region is touched, and what a Publisher raises.
     """
-    digest, depth = _expected(topic, request, workshop)
-    kind = workshop.message(request, digest)
+    digest, depth = _expected(topic, request, registry)
+    kind = registry.message(request, digest)
     message = parse.build(kind, data)
     with publisher(kind, topic, depth) as writer:
         due = time.monotonic()
@@ -42,7 +42,7 @@ def publish(
             message = parse.build(kind, data)  # anew: a stamp may be `now`
 
 
-def _expected(topic: str, request: str, workshop: Workshop) -> tuple[int | None, int]:
+def _expected(topic: str, request: str, registry: ClassRegistry) -> tuple[int | None, int]:
     """The digest wanted, if the region holds that type, and the depth."""
     with suppress(RegionMissing), View(region_name(topic)) as view:
         header = view.header()
@@ -51,7 +51,7 @@ def _expected(topic: str, request: str, workshop: Workshop) -> tuple[int | None,
         if same:
             return header.digest, depth_of(header)
     asked = "/" + topic.removeprefix("/")
-    return None, next((entry.depth for entry in workshop.config.topics if "/" + entry.topic.lstrip("/") == asked), 1)
+    return None, next((entry.depth for entry in registry.config.topics if "/" + entry.topic.lstrip("/") == asked), 1)
 
 
 def _sleep_until(due: float, heartbeat: Callable[[], None]) -> None:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Generator
 
 from shmgen.core.plural import counted
-from shmgen.live.classes import Workshop, subscriber
+from shmgen.live.classes import ClassRegistry, subscriber
 from shmgen.live.regions import View, depth_of, missing, sound
 from shmgen.runtime import Message, region_name
 from shmgen.runtime.errors import RegionMissing, RegionUnusable
@@ -20,16 +20,16 @@ Tell = Callable[[str], None]
 """Takes a note for whoever sits at the terminal."""
 
 
-def samples(topic: str, workshop: Workshop, timeout: float | None, tell: Tell) -> Generator[Message, None, None]:
+def samples(topic: str, registry: ClassRegistry, timeout: float | None, tell: Tell) -> Generator[Message, None, None]:
     """Each sample, the newest that is there already first; ends only by an error, or when it is closed.
 
     Waits for a region that does not exist yet, and for the next one when it is removed. Raises TimeoutError
-    after `timeout` seconds without a sample, and what a Subscriber and Workshop.message() raise.
+    after `timeout` seconds without a sample, and what a Subscriber and ClassRegistry.message() raise.
     """
     while True:
         with appeared(topic, timeout, tell) as view:
             header = sound(view)
-            kind = workshop.message(header.type_name, header.digest)
+            kind = registry.message(header.type_name, header.digest)
             with subscriber(kind, topic, depth_of(header)) as reader:
                 heard = time.monotonic()
                 try:

@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable, Generator
 from dataclasses import asdict, dataclass
 
-from shmgen.live.classes import Workshop
+from shmgen.live.classes import ClassRegistry
 from shmgen.live.passive_reader import Sample, tap
 from shmgen.live.regions import sound
 from shmgen.runtime import Message
@@ -78,7 +78,7 @@ class Delay:
 
 
 def delays(
-    topic: str, workshop: Workshop, window: int, timeout: float | None, tell: Tell
+    topic: str, registry: ClassRegistry, window: int, timeout: float | None, tell: Tell
 ) -> Generator[Delay, None, None]:
     """A report each second in which something came, by `header.stamp` or `stamp`, else by the writer's stamp.
 
@@ -88,7 +88,7 @@ def delays(
     while True:
         with appeared(topic, timeout, tell) as view:
             header = sound(view)
-            kind = workshop.message(header.type_name, header.digest)
+            kind = registry.message(header.type_name, header.digest)
             by, stamp = _stamp(kind)
             looking = tap(view, kind, whole=True)
             looking.take()  # what is there was not seen coming

@@ -7,7 +7,7 @@ import time
 from collections import deque
 from collections.abc import Collection, Sequence
 
-from shmgen.live.classes import Workshop
+from shmgen.live.classes import ClassRegistry
 from shmgen.live.passive_reader import tap
 from shmgen.live.regions import sound
 from shmgen.runtime import Message
@@ -26,7 +26,7 @@ Point = tuple[float, float]
 class Curves:
     """The numbers at some paths of a topic, over the last seconds."""
 
-    def __init__(self, topic: str, paths: Sequence[str], seconds: float, workshop: Workshop, tell: Tell) -> None:
+    def __init__(self, topic: str, paths: Sequence[str], seconds: float, registry: ClassRegistry, tell: Tell) -> None:
         """Waits for the region. Raises ValueError for a path that is no number, and as follow.samples()."""
         self.paths = tuple(paths)
         self.seconds = seconds
@@ -34,7 +34,7 @@ class Curves:
         self._view = appeared(topic, None, tell)
         try:
             header = sound(self._view)
-            self._kind = workshop.message(header.type_name, header.digest)
+            self._kind = registry.message(header.type_name, header.digest)
             self._get = [_numeric(self._kind, path) for path in paths]
             self._tap = tap(self._view, self._kind)
         except BaseException:

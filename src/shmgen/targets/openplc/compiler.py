@@ -12,7 +12,7 @@ from shmgen.targets.st import names as st
 NS_PER_MS = 1_000_000
 
 
-class Dialect(ABC):
+class Compiler(ABC):
     """`longest` is the number of characters that a text may have."""
 
     title: str
@@ -124,7 +124,7 @@ class Dialect(ABC):
         yield f"{plc}.UDINANOSEC", f"{c}.nanosec"
 
 
-class Matiec(Dialect):
+class Matiec(Compiler):
     """A block's data is `data__`, each variable a structure of value and flags, and within it all is plain C."""
 
     title = "matiec"
@@ -171,7 +171,7 @@ class Matiec(Dialect):
         return f"shmgen_text_out({c}, {capacity}, {plc}.body, {length});"
 
 
-class Strucpp(Dialect):
+class Strucpp(Compiler):
     """A block is a class; each elementary value in it is wrapped, so that a debugger can force it."""
 
     title = "OpenPLC"
