@@ -14,9 +14,9 @@ from typing import Any
 
 import pytest
 
-from shmgen import pipeline
+from shmgen.generator import pipeline
 from shmgen.config import Config
-from shmgen.runtime.names import region_name
+from shmgen.runtime.region.names import region_name
 from tests.softplc import Block, CompileError, Plc, compile_st, online_change
 
 from ..support.build import module, put
