@@ -14,8 +14,8 @@ from typing import Any
 
 import pytest
 
-from shmgen.generator import pipeline
 from shmgen.config import Config
+from shmgen.generator import pipeline
 from shmgen.runtime.region.names import region_name
 from tests.softplc import Block, CompileError, Plc, compile_st, online_change
 

@@ -17,7 +17,7 @@ _ALIASES = {"__UXINT": "ULINT", "__XWORD": "LWORD", "RTS_IEC_RESULT": "UDINT", "
 
 @dataclass(frozen=True)
 class Variable:
-    """`section` is input, output, local, retained or constant; `initial` is a tree, a list of them for an array, or None."""
+    """`section` is input, output, local, retained or constant; `initial` is a tree, a list for an array, or None."""
 
     name: str
     type: Type

@@ -1,8 +1,8 @@
 """Turns a running block into the same block of a changed program, as an online change of CODESYS does.
 
-The steps are those of its help ("FB_Init, FB_Reinit, FB_Exit"): FB_Exit of the old instance with bInCopyCode, FB_Init of
-the new one, the copy of each member whose name and type are the same in both, FB_Reinit. Handles and mapped memory are
-the process's, which goes on.
+The steps are those of its help ("FB_Init, FB_Reinit, FB_Exit"): FB_Exit of the old instance with bInCopyCode, FB_Init
+of the new one, the copy of each member whose name and type are the same in both, FB_Reinit. Handles and mapped memory
+are the process's, which goes on.
 """
 
 from __future__ import annotations

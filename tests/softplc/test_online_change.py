@@ -18,7 +18,9 @@ METHOD FB_Init : BOOL VAR_INPUT bInitRetains : BOOL; bInCopyCode : BOOL; END_VAR
 IF bInCopyCode AND NOT bInitRetains THEN a := 77; made := TRUE; END_IF END_METHOD
 """
 BEFORE = "a : UDINT; b : INT := 2; made : BOOL; s : STRING(8); c : E_Colour; v : ARRAY[0..1] OF ST_Inner; "
+BEFORE += "l : ARRAY[0..2] OF INT;"
 AFTER = "made : BOOL; b : DINT := 3; new : INT := 4; s : STRING(8); c : E_Colour; v : ARRAY[0..1] OF ST_Inner; "
+AFTER += "a : UDINT; l : ARRAY[0..3] OF INT;"
 
 
 def program(inner: str, counter: str, outer: str) -> Plc:
@@ -27,13 +29,13 @@ def program(inner: str, counter: str, outer: str) -> Plc:
 
 
 def test_an_online_change() -> None:
-    before = program("x : INT; y : INT; w : ARRAY[0..1] OF INT;", "", BEFORE + "l : ARRAY[0..2] OF INT;")
+    before = program("x : INT; y : INT; w : ARRAY[0..1] OF INT;", "", BEFORE)
     old = before.block("FB_Outer")()
     old.a, old.b, old.s, old.c = 1, 20, "kept", "GREEN"
     for place in (0, 1):
         old.v[place].x, old.v[place].y, old.v[place].w[1] = 30 + place, 40 + place, 50 + place
         old.l[place] = 60
-    after = program("y : INT; x : LINT; w : ARRAY[0..1] OF INT;", "m : UDINT := 9;", AFTER + "a : UDINT; l : ARRAY[0..3] OF INT;")
+    after = program("y : INT; x : LINT; w : ARRAY[0..1] OF INT;", "m : UDINT := 9;", AFTER)
     new = online_change(old, after)
     assert (new.a, new.made, new.s, new.c) == (1, False, "kept", "GREEN")  # what FB_Init wrote is copied over
     assert (new.b, new.new, list(new.l)) == (3, 4, [0] * 4)  # of another type, or not there before
