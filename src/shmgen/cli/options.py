@@ -70,9 +70,14 @@ def file_in_force(file: Path | None) -> Path | None:
 def complain(diagnostics: Iterable[Diagnostic], *, to_stderr: bool = True) -> None:
     """Prints them, in colour on a terminal."""
     for diagnostic in diagnostics:
-        first, _, rest = str(diagnostic).partition("\n")
+        first, _, rest = legible(str(diagnostic)).partition("\n")
         where, mark, message = first.partition(f": {diagnostic.level}[")
         colour = "red" if diagnostic.level == "error" else "cyan"
         click.echo(click.style(where, bold=True) + click.style(mark + message, fg=colour), err=to_stderr)
         if rest:
             click.echo(rest, err=to_stderr)
+
+
+def legible(text: str) -> str:
+    """What a terminal shows and does not obey; runtime.legible is only where regions are."""
+    return "".join(c if c.isprintable() or c == "\n" else f"\\u{ord(c):04x}" for c in text)
