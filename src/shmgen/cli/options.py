@@ -10,10 +10,11 @@ from typing import Any, TypeVar
 
 import click
 
-from shmgen import cache
 from shmgen import config as configuration
 from shmgen.config import Config
-from shmgen.diagnostics import Diagnostic, Report
+from shmgen.core import cache
+from shmgen.core.diagnostics import Diagnostic, Report
+from shmgen.core.escape import lines
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -70,14 +71,9 @@ def file_in_force(file: Path | None) -> Path | None:
 def complain(diagnostics: Iterable[Diagnostic], *, to_stderr: bool = True) -> None:
     """Prints them, in colour on a terminal."""
     for diagnostic in diagnostics:
-        first, _, rest = legible(str(diagnostic)).partition("\n")
+        first, _, rest = lines(str(diagnostic)).partition("\n")
         where, mark, message = first.partition(f": {diagnostic.level}[")
         colour = "red" if diagnostic.level == "error" else "cyan"
         click.echo(click.style(where, bold=True) + click.style(mark + message, fg=colour), err=to_stderr)
         if rest:
             click.echo(rest, err=to_stderr)
-
-
-def legible(text: str) -> str:
-    """What a terminal shows and does not obey; runtime.legible is only where regions are."""
-    return "".join(c if c.isprintable() or c == "\n" else f"\\u{ord(c):04x}" for c in text)

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 import click
 
 from shmgen.cli import options
-from shmgen.diagnostics import Report, Span
-from shmgen.wording import counted
+from shmgen.core.diagnostics import Report, Span
+from shmgen.core.escape import legible
+from shmgen.core.plural import counted
 
 if TYPE_CHECKING:
     from shmgen.plc.messages import Row
@@ -35,8 +36,8 @@ def import_(files: tuple[Path, ...], package: str | None, output: Path, skip: bo
     Reads PLCopen XML, .TcDUT and .st files. Names, comments and bytes are kept: Structured Text generated from the
     definitions has the imported types again. After an error nothing is written.
     """
+    from shmgen.core.write import current, write
     from shmgen.plc import messages, sources
-    from shmgen.write import current, write
 
     package = package or _package(files[0])
     if not re.fullmatch(r"[a-z](_?[a-z0-9])+", package):
@@ -77,7 +78,7 @@ def _package(file: Path) -> str:
 
 def _became(row: Row, package: str) -> str:
     if not row.message:
-        return options.legible(f"left out: {row.why}")
+        return legible(f"left out: {row.why}")
     return f"{package}/{row.message}, {counted(row.size, 'byte')}{'' if row.sure else ', not verified'}"
 
 

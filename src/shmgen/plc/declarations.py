@@ -10,7 +10,8 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-from shmgen.diagnostics import Span
+from shmgen.core.diagnostics import Span
+from shmgen.core.escape import legible
 
 MOST = 1_000_000
 """Members of all types of a project, or elements of one XML; the largest known to us has some 50,000."""
@@ -50,13 +51,8 @@ class Unreadable(Exception):
 def name(text: str, span: Span) -> str:
     """A name as the IDE allows it, so that it is one wherever it is printed. Raises Unreadable."""
     if not _NAME.fullmatch(text):
-        raise Unreadable(f"`{printable(text[:40])}` is not a name", span)
+        raise Unreadable(f"`{legible(text[:40])}` is not a name", span)
     return text
-
-
-def printable(text: str) -> str:
-    """On one line, whatever is in it."""
-    return "".join(sign if sign.isprintable() else "\N{REPLACEMENT CHARACTER}" for sign in text)
 
 
 def pack_mode(digits: str) -> int:

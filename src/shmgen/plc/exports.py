@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from xml.parsers import expat
 
-from shmgen.diagnostics import Span
+from shmgen.core.diagnostics import Span
 from shmgen.plc import declarations
 from shmgen.plc.declarations import MOST, Declared, Member, Unreadable, name, pack_mode
 

@@ -9,14 +9,14 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
-from shmgen.diagnostics import Diagnostic, Report, Span
+from shmgen.core.diagnostics import Diagnostic, Report, Span
+from shmgen.core.plural import counted
 from shmgen.plc import package as around
 from shmgen.plc import types
 from shmgen.plc.declarations import MOST, Declared, Member
 from shmgen.plc.names import of_messages, snake, unique
 from shmgen.plc.numbers import Nothing, Numbers
 from shmgen.plc.sources import Project
-from shmgen.wording import counted
 
 
 class Row(NamedTuple):

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple, TypeVar
 
-from shmgen.diagnostics import Span
+from shmgen.core.diagnostics import Span
 from shmgen.plc.declarations import Declared
 
 T = TypeVar("T")

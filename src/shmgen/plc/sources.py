@@ -6,9 +6,10 @@ import codecs
 from collections.abc import Iterable
 from pathlib import Path
 
-from shmgen.diagnostics import Report, Span
+from shmgen.core.diagnostics import Report, Span
+from shmgen.core.escape import legible
 from shmgen.plc import declarations, exports
-from shmgen.plc.declarations import MOST, Declared, Member, Unreadable, printable
+from shmgen.plc.declarations import MOST, Declared, Member, Unreadable
 from shmgen.plc.numbers import Constant
 
 SUFFIXES = (".xml", ".st", ".tcdut", ".tcgvl")
@@ -68,7 +69,7 @@ def read(paths: Iterable[Path], report: Report) -> Project:
                 "SHM001", "no such file" if not path.exists() else "nothing to import", Span(str(path)), hint=hint
             )
         for file in found:
-            _read(file, printable(file.as_posix()), project, report)
+            _read(file, legible(file.as_posix()), project, report)
     return project
 
 
