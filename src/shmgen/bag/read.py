@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import stat
 import struct
 import sys
 import zlib
@@ -13,6 +12,8 @@ from pathlib import Path
 from typing import BinaryIO
 
 from shmgen.bag import mcap
+from shmgen.core.escape import legible
+from shmgen.core.files import opened
 from shmgen.core.plural import counted
 
 _HEAD = struct.Struct("<BQ")
@@ -21,7 +22,10 @@ _LARGEST_CHUNK = 1 << 28
 
 
 class Unreadable(ValueError):
-    """It is no bag, or not one of messages of ROS 2."""
+    """It is no bag, or not one of messages of ROS 2. What it says of the bag is on one line."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(legible(text))
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,14 +76,12 @@ def files(path: Path) -> list[Path]:
 def _of_file(path: Path) -> Iterator[Channel | Message]:
     schemas: dict[int, tuple[str, str, str]] = {}
     channels: dict[int, Channel] = {}
-    with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
-        status = os.fstat(file.fileno())
-        if not stat.S_ISREG(status.st_mode):
-            raise Unreadable(f"{path} is not a file")
+    with opened(path) as file:
+        size = os.fstat(file.fileno()).st_size
         if file.read(len(mcap.MAGIC)) != mcap.MAGIC:
             raise Unreadable(f"{path} is not an MCAP file")
         try:
-            for code, content in _records(file, status.st_size):
+            for code, content in _records(file, size):
                 if code == mcap.CHUNK:
                     inner = _unpacked(content, path)
                     yield from _contents(inner, schemas, channels, path)

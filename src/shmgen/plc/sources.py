@@ -6,6 +6,7 @@ import codecs
 from collections.abc import Iterable
 from pathlib import Path
 
+from shmgen.core import files
 from shmgen.core.diagnostics import Report, Span
 from shmgen.core.escape import legible
 from shmgen.plc import declarations, exports
@@ -84,7 +85,7 @@ def _read(file: Path, shown: str, project: Project, report: Report) -> None:
         report.error("SHM003", error.message, error.span, hint=_HINT)
 
     try:
-        with file.open("rb") as opened:
+        with files.opened(file) as opened:
             data = opened.read(LARGEST_FILE + 1)
         if len(data) > LARGEST_FILE:
             report.error("SHM001", f"larger than {LARGEST_FILE >> 20} MiB", Span(shown))
