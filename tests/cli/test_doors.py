@@ -62,3 +62,10 @@ def test_init_does_not_write_through_links(tmp_path: Path) -> None:
     assert (said.code, said.stdout.partition(",")[0]) == (1, "shmgen.toml is there")
     assert "cannot write: .github is a symbolic link" in said.stderr
     assert not list((tmp_path / "elsewhere").iterdir())
+
+
+def test_a_peer_begins_no_line_of_the_bridges_log(capsys: pytest.CaptureFixture[str]) -> None:
+    from shmgen.cli import bridge
+
+    bridge._tell("/a: a peer says \x1b[2J\nrunning")
+    assert capsys.readouterr().err == "/a: a peer says \\u001b[2J\n  running\n"
