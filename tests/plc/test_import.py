@@ -341,3 +341,9 @@ def test_a_package_is_not_written_through_links(tmp_path: Path) -> None:
     said = imported(tmp_path, a=TYPES)
     assert (said.code, "SHM007" in said.stderr) == (1, True)
     assert not list((tmp_path / "elsewhere").iterdir())
+
+
+def test_an_enumeration_is_no_base(tmp_path: Path) -> None:
+    text = "TYPE E : (A, B); END_TYPE\nTYPE ST_A EXTENDS Lib.E : STRUCT n : INT; END_STRUCT END_TYPE\n"
+    said = imported(tmp_path, a=text)
+    assert (said.code, "ST_A extends Lib.E, which is no structure" in said.stderr) == (1, True)

@@ -191,8 +191,10 @@ class _Work:
                 raise Nothing(f"no data type {base} is here, which {declared.name} extends", _IMPORT, "SHM602")
             if any(it.name.upper() == found.name.upper() for it in line):
                 raise Nothing(f"{declared.name} extends itself", "take one EXTENDS away", "SHM301")
-            if found.kind != "struct" or found.name.upper() in self.twice:
-                raise _Held(found, Nothing("", ""))
+            if found.name.upper() in self.twice:
+                raise _Held(found)
+            if found.kind != "struct":
+                raise Nothing(f"{declared.name} extends {base}, which is no structure", "write what it is made of")
             line.append(found)
             if len(line) > _DEEPEST:
                 raise Nothing(f"more than {_DEEPEST} bases of each other", "take some of them out", "SHM304")
@@ -240,8 +242,8 @@ class _Work:
             raise Nothing(f"{declared.name} holds itself", "a message cannot: take one of the members out", "SHM301")
         if len(self.path) > _DEEPEST:
             raise Nothing(f"more than {_DEEPEST} structures in each other", "share a part of it", "SHM304")
-        if isinstance(made := self.made(declared), Nothing):
-            raise _Held(declared, made)
+        if isinstance(self.made(declared), Nothing):
+            raise _Held(declared)
         return self.names[declared.name.upper()], declared.name
 
     def _tell(self, nothing: Nothing, declared: Declared, member: Member | None) -> Nothing:
@@ -260,8 +262,8 @@ _IMPORT = "import what declares it too; of a function block or a library's type 
 class _Held(Nothing):
     """That a structure holds one that cannot be a message."""
 
-    def __init__(self, declared: Declared, made: Nothing) -> None:
-        super().__init__(f"it holds {declared.name}, which is left out", made.hint, made.code)
+    def __init__(self, declared: Declared) -> None:
+        super().__init__(f"it holds {declared.name}, which is left out", "mend that one first")
 
 
 class _Sum:
