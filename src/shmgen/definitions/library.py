@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Sequence
-from dataclasses import field
+from dataclasses import field, replace
 from pathlib import Path
 
 from shmgen.definitions import store
@@ -78,9 +79,9 @@ class Library:
 
     def message(self, name: TypeName) -> Message | None:
         """One of the definitions of its package; None if its file cannot be used, which the report then says."""
-        package = self.package(name.package)
+        package, definition = self.package(name.package), self.definition(name)
         assert package is not None
-        definition = package.definitions[name]
+        assert definition is not None
         if definition not in self._read:
             text = read(definition, self.report)
             source = Source(definition.name, text or "", definition.path, definition.origin)
@@ -94,7 +95,17 @@ class Library:
                 parsed = parse(source, package.dialect or self._dialect(), self.report)
             made = wrappers(definition.name, definition.path, definition.origin) if parsed else ()
             self._read[definition] = {message.name: message for message in (*parsed, *made)}
-        return self._read[definition].get(name)
+        found = self._read[definition].get(_part_of(name) if name not in package.definitions else name)
+        return found and replace(found, name=name)
+
+    def definition(self, name: TypeName) -> Definition | None:
+        """What holds a message. ROS 1 makes messages of an action, such as `pkg/FooGoal`, which have no file."""
+        package = self.package(name.package)
+        if package is None:
+            return None
+        if name not in package.definitions and (package.dialect or self._dialect()) == "ros1":
+            name = _part_of(name)
+        return package.definitions.get(name)
 
     def known(self) -> list[TypeName]:
         """All that could be asked for, sorted."""
@@ -131,6 +142,11 @@ class Library:
             else:
                 self.beyond = store.catalogue(self.sources.source)
         return self.beyond
+
+
+def _part_of(name: TypeName) -> TypeName:
+    """`pkg/action/Foo_Goal` of `pkg/msg/FooGoal`."""
+    return TypeName(name.package, "action", re.sub("(Goal|Result|Feedback)$", r"_\1", name.name))
 
 
 def open_library(sources: Sources, report: Report) -> Library:

@@ -49,8 +49,8 @@ def load_usable(library: Library, requests: Iterable[str], report: Report) -> tu
         by_place.setdefault(diagnostic.span.path, []).append(diagnostic)
 
     def own(name: TypeName) -> list[Diagnostic]:
-        package = library.package(name.package)
-        places = (package.place, package.definitions[name].path) if package and name in package.definitions else ()
+        package, definition = library.package(name.package), library.definition(name)
+        places = (package.place, definition.path) if package and definition else ()
         return [diagnostic for place in places for diagnostic in by_place.get(place, ())]
 
     faults: dict[TypeName, tuple[Diagnostic, ...]] = {}
@@ -112,6 +112,7 @@ def _named(request: str, library: Library) -> list[TypeName]:
     else:
         found = [held_name for held_name in held if name == held_name.name and kind in (None, held_name.kind)]
         found = found or [other for other in held if name == held[other].name.name and kind in (None, other.kind)]
+        found = found or [made for made in (TypeName(package_name, kind or "msg", name),) if library.definition(made)]
     if not found:
         wanted = TypeName(package_name, kind or "msg", name or "")
         hint = _hint(wanted, library, package)
@@ -177,9 +178,8 @@ def _leads_on(message: Message, field: Field, other: TypeName, path: Collection[
         hint = "a message cannot hold itself: take one of these fields out"
         library.report.error("SHM301", f"recursive: {' -> '.join(chain)}", field.span, field=where, hint=hint)
         return False
-    package = library.package(other.package)
-    if package is None or other not in package.definitions:
-        hint = _hint(other, library, package)
+    if library.definition(other) is None:
+        hint = _hint(other, library, library.package(other.package))
         library.report.error("SHM004", f"unknown message type {shown(other.short)}", field.span, field=where, hint=hint)
         return False
     return True
