@@ -48,7 +48,7 @@ APT = "apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -
 DEB = f"{APT} python3-venv && shmgen/packaging/debian/make_deb.sh && {APT} ./shmgen_*.deb && shmgen --version"
 VENV = "python3 -m venv v && v/bin/pip -q install ./shmgen && v/bin/shmgen --version"
 UV = "python3 -m venv u && u/bin/pip -q install uv && u/bin/uv -q tool install ./shmgen && .local/bin/shmgen --version"
-PIPX = "pipx install ./shmgen && .local/bin/shmgen --version"
+PIPX = "pipx install './shmgen[idl]' && .local/bin/shmgen --version"
 """Ways to install shmgen that docs/deploy.md names, by those who run the commands; a .deb by root."""
 
 
