@@ -64,9 +64,12 @@ _FAMILIES = {
 
 
 def _say_version(context: click.Context) -> None:
-    from shmgen.runtime.straight import IN_C  # nothing else asked here needs the runtime
+    said = f"shmgen, version {__version__}"
+    if options.HAS_REGIONS:
+        from shmgen.runtime.straight import IN_C  # nothing else asked here needs the runtime
 
-    click.echo(f"shmgen, version {__version__}; publish and read in {'C' if IN_C else 'Python'}")
+        said += f"; publish and read in {'C' if IN_C else 'Python'}"
+    click.echo(said)
     context.exit()
 
 
@@ -78,13 +81,13 @@ class _Families(click.Group):
 
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
         family = next((family for family, names in _FAMILIES.items() if name in names), None)
-        if family in _LIVE and not sys.platform.startswith("linux"):
+        if family in _LIVE and name != "completion" and not options.HAS_REGIONS:
             return _elsewhere(name)
         commands = importlib.import_module(f"shmgen.cli.{family}").COMMANDS if family else ()
         return next((command for command in commands if command.name == name), None)
 
 
-_LIVE = ("bridge", "live")
+_LIVE = ("bridge", "live", "look", "bag", "view")
 
 
 def _elsewhere(name: str) -> click.Command:

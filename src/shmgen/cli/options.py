@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +17,7 @@ from shmgen.config import Config
 from shmgen.diagnostics import Diagnostic, Report
 
 F = TypeVar("F", bound=Callable[..., Any])
+HAS_REGIONS = sys.platform.startswith("linux")
 
 
 def _without_cache(context: click.Context, parameter: click.Parameter, value: bool) -> None:
