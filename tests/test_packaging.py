@@ -50,7 +50,7 @@ INSTALLS = rf"""(?:pipx|pip"?|uv tool) install (?:--\S+ )*['"]?(?:{OURS})\S*"""
 
 def test_what_we_say_to_install_reads_idl() -> None:
     """What is installed for one purpose more, `.[view]`, is installed over that."""
-    places = ["README.md", "action.yml", "packaging/docker/Dockerfile", "tests/bare.py"]
+    places = ["README.md", "action.yml", "packaging/docker/Dockerfile", "tests/rigs/bare.py"]
     texts = [(REPOSITORY / place).read_text() for place in places]
     texts += [path.read_text() for path in (REPOSITORY / "docs").glob("*.md")]
     found = [re.findall(INSTALLS, text) for text in texts]

@@ -11,12 +11,14 @@ from typing import Any
 
 import pytest
 
-from shmgen import records
+from shmgen.core import fast_dataclass
 
 
 def pair(make: Any, **options: bool) -> list[Any]:
     """The class with ours and with theirs."""
-    return [decorator(slots=True, **options)(make()) for decorator in (records._dataclass, dataclasses.dataclass)]
+    return [
+        decorator(slots=True, **options)(make()) for decorator in (fast_dataclass._dataclass, dataclasses.dataclass)
+    ]
 
 
 def place() -> type:
@@ -82,7 +84,7 @@ def test_hashes_leave_out_what_they_should() -> None:
 
 
 def test_it_can_be_matched_and_pickled() -> None:
-    from shmgen.diagnostics import Span
+    from shmgen.core.diagnostics import Span
 
     assert pickle.loads(pickle.dumps(Span("a", 3))) == Span("a", 3)
     match Span("a", 3):

@@ -183,7 +183,7 @@ def _plant(fault: str) -> None:
     elif fault == "server":
         from shmgen.runtime import server
 
-        server.passed_over = lambda questions: questions  # type: ignore[attr-defined]
+        server.skip_stale = lambda questions: questions  # type: ignore[attr-defined]
 
 
 def main() -> None:

@@ -88,7 +88,7 @@ def test_each_mistake_has_its_line(tmp_path: Path, text: str, code: str, line: i
 
 def test_what_the_bridge_does_changes_no_byte(tmp_path: Path) -> None:
     """So none of it is in layout.lock, and a new `rate` asks nobody to rebuild the PLC's program."""
-    from shmgen import pipeline
+    from shmgen.generator import pipeline
 
     plain = TO_PLC.replace("a/B", "std_msgs/Bool")
     texts: list[Any] = [

@@ -14,10 +14,11 @@ import posix_ipc
 import pytest
 
 from shmgen import runtime
-from shmgen.runtime import header as h
-from shmgen.runtime import region
-from shmgen.runtime.access import RegionOptions
-from shmgen.runtime.region import REPAIR_LOCK, WRITER_LOCK, _complete_header, open_region
+from shmgen.runtime.region import header as h
+from shmgen.runtime.region import region
+from shmgen.runtime.region.access import RegionOptions
+from shmgen.runtime.region.opening import _complete_header, open_region
+from shmgen.runtime.region.region import REPAIR_LOCK, WRITER_LOCK
 
 from .messages import Pose, PosePublisher, PoseSubscriber, Scan, ScanSubscriber, pose
 
@@ -513,7 +514,7 @@ def test_import_is_light():
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     top = {name.partition(".")[0] for name in loaded}
     assert not top & {"jinja2", "click", "rosbags", "numpy", "multiprocessing", "tomli", "blark"}
-    ours = {"shmgen", "shmgen.abi", "shmgen.wording", "shmgen._straight", *runtime_modules()}
+    ours = {"shmgen", "shmgen.core.abi", "shmgen.core.plural", "shmgen._core", *runtime_modules()}
     assert {name for name in loaded if name.startswith("shmgen")} <= ours
 
 

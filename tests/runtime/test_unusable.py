@@ -15,11 +15,11 @@ import posix_ipc
 import pytest
 
 from shmgen import runtime
-from shmgen.runtime import header as h
-from shmgen.runtime import names, region, semaphores
-from shmgen.runtime.access import RegionOptions
 from shmgen.runtime.errors import RegionUnusable
-from shmgen.runtime.lock import Lock
+from shmgen.runtime.region import header as h
+from shmgen.runtime.region import names, region, semaphores
+from shmgen.runtime.region.access import RegionOptions
+from shmgen.runtime.region.lock import Lock
 
 from ..conftest import REPOSITORY
 from ..support import machine

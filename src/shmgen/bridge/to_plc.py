@@ -8,9 +8,9 @@ from typing import Any
 
 from shmgen.bridge import plan
 from shmgen.bridge.backend import Backend
+from shmgen.bridge.codec.cut import cut
 from shmgen.bridge.counters import Counters
-from shmgen.bridge.cut import cut
-from shmgen.bridge.end import End
+from shmgen.bridge.endpoint import ReopeningEndpoint
 from shmgen.bridge.plan import Route
 from shmgen.live.classes import publisher
 from shmgen.runtime import CountExceeded, Message, Publisher, ShmError, StringTooLong, ValueRejected
@@ -29,7 +29,7 @@ class ToPlc:
         self._waiting: Any = None
         self._came = threading.Event()
         topic = route.topic
-        self._end = End(lambda: publisher(route.kind, topic.topic, topic.depth), route.region)
+        self._end = ReopeningEndpoint(lambda: publisher(route.kind, topic.topic, topic.depth), route.region)
 
     def join(self, backend: Backend) -> None:
         if self.route.topic.carried.rate:
