@@ -9,7 +9,7 @@ from pathlib import Path
 
 from shmgen import config as configuration
 from shmgen.config import Config
-from shmgen.core.diagnostics import Diagnostic, Rejected, Report
+from shmgen.core.diagnostics import Diagnostic, Rejected
 from shmgen.definitions.folders import catalogue
 from shmgen.generator import pipeline
 
@@ -59,9 +59,7 @@ def begin(folder: Path) -> Beginning:
     """Finds the packages in and below a folder, and what must be bounded. Raises Rejected: a definition is wrong."""
     if there := configuration.find(folder):
         return Beginning("", (f"{there.name} has a configuration, and is left as it is", "", *_next(True)))
-    report = Report()
-    found = {name: packages for name, packages in catalogue(folder, folder, report).items() if packages[0].definitions}
-    report.stop_if_any()
+    found = {name: packages for name, packages in catalogue(folder, folder).items() if packages[0].definitions}
     places = sorted({_parent(package.place) for packages in found.values() for package in packages})
     places = [place for place in places if not any(_is_above(other, place) for other in places)]
     source = "noetic" if any(packages[0].dialect == "ros1" for packages in found.values()) else "jazzy"

@@ -7,12 +7,13 @@ import importlib
 import io
 import os
 import sys
+from typing import Any
 
 import click
 
 from shmgen import __version__
 from shmgen.cli import options
-from shmgen.core.diagnostics import Diagnostic, Rejected, Span
+from shmgen.core.diagnostics import Diagnostic, Rejected, Span, closest
 
 
 def main() -> None:
@@ -85,6 +86,14 @@ class _Families(click.Group):
             return _elsewhere(name)
         commands = importlib.import_module(f"shmgen.cli.{family}").COMMANDS if family else ()
         return next((command for command in commands if command.name == name), None)
+
+    def resolve_command(self, context: click.Context, words: list[str]) -> Any:
+        known = {**{name: name for name in self.list_commands(context)}, "help": "--help", "version": "--version"}
+        meant = known.get(words[0]) or next((name for name in known if name.startswith(words[0])), "")
+        meant = meant or known.get(closest(words[0], known), "")
+        if words[0] != meant and meant:
+            context.fail(f"no command is called {words[0]!r}; did you mean `shmgen {meant}`?")
+        return super().resolve_command(context, words)
 
 
 _LIVE = ("bridge", "live", "look", "bag", "view")

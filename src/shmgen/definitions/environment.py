@@ -50,7 +50,7 @@ def catalogue(variables: Mapping[str, str], report: Report) -> Catalogue:
         elif place == DEBIAN:
             packages = {package.name: (package,) for package in _loose(place)}
         else:
-            crawled = folders.catalogue(place, _NOWHERE, report)
+            crawled = folders.catalogue(place, _NOWHERE)
             packages = {name: tuple(_of_ros1(package) for package in several) for name, several in crawled.items()}
         found = {**packages, **found}
     if not found:

@@ -22,11 +22,8 @@ LARGEST_FILE = 2**19
 """Bytes. The largest definition known to us, px4_msgs/VehicleCommand, has 24 KiB."""
 
 
-def catalogue(folder: Path, relative_to: Path, report: Report) -> Catalogue:
-    """Every package in and below `folder`. SHM001 where there is no such folder."""
-    if not folder.is_dir():
-        report.error("SHM001", "no such folder", Span(shorten(folder, relative_to)), hint="correct `path`, or -I")
-        return {}
+def catalogue(folder: Path, relative_to: Path) -> Catalogue:
+    """Every package in and below `folder`."""
     found: dict[str, tuple[Package, ...]] = {}
     for package in _packages(folder, relative_to):
         found[package.name] = (*found.get(package.name, ()), package)
@@ -77,7 +74,8 @@ def read(definition: Definition, report: Report) -> str | None:
     try:
         if not definition.content.is_file():
             what = "not a file" if definition.content.exists() else "no such file"
-            report.error("SHM001", what, nowhere)
+            hint = "a message is named by package and name, `geometry_msgs/Pose`, or by the path of its file"
+            report.error("SHM001", what, nowhere, hint=hint)
             return None
         with definition.content.open("rb") as file:
             data = file.read(LARGEST_FILE + 1)

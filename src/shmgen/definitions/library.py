@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 from pathlib import Path
 
@@ -25,12 +25,13 @@ class Sources:
 
     `source` is "env" for the ROS that is sourced in this shell, instead of a store.
 
-    `relative_to` is the folder that origins and spans are printed relative to.
+    `relative_to` is the folder that origins and spans are printed relative to; `written` where each of `path` is said.
     """
 
     path: tuple[Path, ...] = ()
     source: str = "jazzy"
     relative_to: Path = Path()
+    written: Mapping[str, Span] = field(default_factory=dict, compare=False)
 
 
 @dataclass(slots=True)
@@ -154,6 +155,11 @@ def open_library(sources: Sources, report: Report) -> Library:
     if sources.source not in ("env", *store.names()):
         names = ", ".join(("env", *store.names()))
         report.error("SHM502", f"no source is called {sources.source!r}", Span("source"), hint=f"choose one of {names}")
-    catalogues = [catalogue(folder, sources.relative_to, report) for folder in sources.path]
+    written = {sources.relative_to / word: span for word, span in sources.written.items()}
+    for folder in sources.path:
+        if not folder.is_dir():
+            place = written.get(folder, Span(shorten(folder, sources.relative_to)))
+            report.error("SHM001", "no such folder", place, hint="correct `path`, or -I")
     report.stop_if_any()
+    catalogues = [catalogue(folder, sources.relative_to) for folder in sources.path]
     return Library(sources, report, catalogues)

@@ -184,7 +184,7 @@ def _faults(config: Config, layouts: Layouts) -> dict[TypeName, tuple[Diagnostic
 
 
 def _sources(config: Config) -> definitions.Sources:
-    return definitions.Sources(config.path, config.source, config.root)
+    return definitions.Sources(config.path, config.source, config.root, config.places)
 
 
 def settings(config: Config) -> dict[str, object]:
