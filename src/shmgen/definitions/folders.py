@@ -74,8 +74,7 @@ def read(definition: Definition, report: Report) -> str | None:
     try:
         if not definition.content.is_file():
             what = "not a file" if definition.content.exists() else "no such file"
-            hint = "a message is named by package and name, `geometry_msgs/Pose`, or by the path of its file"
-            report.error("SHM001", what, nowhere, hint=hint)
+            report.error("SHM001", what, nowhere)
             return None
         with definition.content.open("rb") as file:
             data = file.read(LARGEST_FILE + 1)

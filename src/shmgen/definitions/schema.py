@@ -121,6 +121,10 @@ def _in_file(file: Path, library: Library) -> list[TypeName]:
         hint = "rename the folder, or put a package.xml with a <name> into it"
         library.report.error("SHM202", "the folder's name cannot be a package's", Span(str(file)), hint=hint)
         return []
+    if not file.exists():
+        hint = "a message is named by package and name, `geometry_msgs/Pose`, or by the path of its file"
+        library.report.error("SHM001", "no such file", Span(str(file)), hint=hint)
+        return []
     library.add(package)
     kind = folders.kind_of(file)
     return list(package.definitions[TypeName(package.name, kind, file.stem + SECTIONS[kind][0])].messages)
