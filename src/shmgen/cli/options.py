@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +18,7 @@ from shmgen.core.diagnostics import Diagnostic, Report
 from shmgen.core.escape import lines
 
 F = TypeVar("F", bound=Callable[..., Any])
+HAS_REGIONS = sys.platform.startswith("linux")
 
 
 def _without_cache(context: click.Context, parameter: click.Parameter, value: bool) -> None:
