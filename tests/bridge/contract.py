@@ -392,7 +392,7 @@ class Work:
         self.heard: list[list[int]] = []
         self.ends: list[tuple[int, Any, str]] = []
         wire = scene.action()
-        told = _Mishaps(scene.told)
+        told = _ErrorSink(scene.told)
         scene.backend.actions.serve(scene.backend, wire, self, told)
         self.seeker = scene.backend.actions.seeker(scene.backend, wire, told)
 
@@ -414,7 +414,7 @@ class Work:
         return self.seeker.send(lambda goal: setattr(goal, "order", order), LIMIT, self)
 
 
-class _Mishaps:
+class _ErrorSink:
     def __init__(self, told: list[str]) -> None:
         self.reject = self.refuse = told.append
 
@@ -462,7 +462,7 @@ def a_cancel_reaches_its_goal(scene: Scene) -> None:
 
 def a_goal_that_nobody_takes_is_no_answer(scene: Scene) -> None:
     """And says so within its time."""
-    seeker = scene.backend.actions.seeker(scene.backend, scene.action(), _Mishaps(scene.told))
+    seeker = scene.backend.actions.seeker(scene.backend, scene.action(), _ErrorSink(scene.told))
     begun = time.monotonic()
     try:
         seeker.send(lambda goal: None, 0.5, None)  # type: ignore[arg-type]

@@ -107,7 +107,7 @@ def peer(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 
 
 class Taken:
-    """A Taker: messages go to `take`; the rest is `told`."""
+    """A MessageSink: messages go to `take`; the rest is `told`."""
 
     def __init__(self, take: Callable[[Any], Any], told: list[str] | None = None) -> None:
         self.take = take

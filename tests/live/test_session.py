@@ -11,7 +11,7 @@ import pytest
 
 from shmgen import config
 from shmgen.bridge import choice
-from shmgen.bridge.backend import Caller, Intake, Outlet
+from shmgen.bridge.backend import RosClient, RosPublisher, RosSubscription
 from shmgen.bridge.run import run as run_bridge
 from shmgen.core.diagnostics import Rejected, Report
 from shmgen.definitions import library
@@ -78,10 +78,10 @@ def ended_well(done: Result) -> None:
 def test_a_bridge(folder: Path, counted: Counter[str], monkeypatch: pytest.MonkeyPatch) -> None:
     made = SimpleNamespace(header=SimpleNamespace(stamp=Time()), x=0.0, parts=[], name="")
     backend = SimpleNamespace(
-        publisher=lambda wire, *_: Outlet(lambda: made, lambda message: None),
-        subscribe=lambda wire, callback, *_: Intake(lambda: made),
+        publisher=lambda wire, *_: RosPublisher(lambda: made, lambda message: None),
+        subscribe=lambda wire, callback, *_: RosSubscription(lambda: made),
         serve=lambda wire, answer, *_: None,
-        client=lambda wire, *_: Caller(lambda: None, lambda request, timeout: None),
+        client=lambda wire, *_: RosClient(lambda: None, lambda request, timeout: None),
         now=Time,
         alive=lambda: False,
         close=lambda: None,

@@ -22,7 +22,7 @@ import pytest
 
 from shmgen.core.model import TypeName
 from shmgen.runtime import ClaimLost, LayoutMismatch, RegionInUse
-from shmgen.runtime.region import header, lock, region
+from shmgen.runtime.region import header, lock, opening
 from shmgen.runtime.region.claim import WATCH
 
 from ..conftest import REPOSITORY
@@ -418,7 +418,7 @@ def test_a_header_written_over_by_another_maker(demo: Demo, topic: str, monkeypa
     other, sleep = f"{topic}/python", time.sleep
 
     def slept(seconds: float) -> None:
-        if seconds == region._OTHER_MAKER:
+        if seconds == opening._OTHER_MAKER:
             Memory(other).poke(8, b"\x99")
         sleep(seconds)
 

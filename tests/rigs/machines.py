@@ -20,6 +20,9 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from shmgen.generator.render import render
+from shmgen.targets.c import region
+
 from ..conftest import REPOSITORY
 from ..support.machine import NAME, PATIENCE
 
@@ -231,10 +234,12 @@ def filled(root: Path) -> None:
             shutil.copy2(source, target / name)
     paths = (f"{INSIDE}/src", "/opt/built", "/opt/pure")
     (root / "usr/lib/python3/dist-packages/shmgen.pth").write_text(f"import sys; sys.path[:0] = {paths}\n")
-    straight = f"{INSIDE}/src/shmgen/runtime/core.c -o {INSIDE}/src/shmgen/_core.abi3.so"
+    header = render([region.plan("engine")])["c/engine/shmgen.h"]
+    (target / "shmgen.h").write_text(header)
+    core = f"{INSIDE}/src/shmgen/runtime/core.c -o {INSIDE}/src/shmgen/_core.abi3.so"
     flags = "-O2 -std=gnu11 -fPIC -shared -pthread -DPy_LIMITED_API=0x030A0000"
     include = "$(python3 -c 'import sysconfig; print(sysconfig.get_path(\"include\"))')"
-    build = f"gcc {flags} -I{include} -I{INSIDE}/generated/c/shm_msgs {straight}"
+    build = f"gcc {flags} -I{include} -I{INSIDE}/templates/c -I{INSIDE} {core}"
     subprocess.run(["chroot", root, "env", "-i", "PATH=/usr/bin", "sh", "-c", build], check=True)
 
 

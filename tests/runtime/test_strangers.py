@@ -13,7 +13,7 @@ import pytest
 
 from shmgen import runtime
 from shmgen.runtime.region import access, semaphores
-from shmgen.runtime.region import region as regions
+from shmgen.runtime.region import opening as regions
 
 from .messages import PosePublisher, PoseSubscriber, pose
 

@@ -17,7 +17,7 @@ from shmgen.runtime import CountExceeded, Message, Publisher, ShmError, StringTo
 
 
 class ToPlc:
-    """A Side, and a Taker: what its backend could not hand over is counted."""
+    """A Side, and a MessageSink: what its backend could not hand over is counted."""
 
     def __init__(self, route: Route, counters: Counters, stopping: threading.Event) -> None:
         self.route = route

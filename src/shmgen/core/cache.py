@@ -1,4 +1,4 @@
-"""Keeps what only saves time, in the user's cache folder: definitions of the store, compiled templates, clean checks.
+"""Keeps what only saves time, in the user's cache folder: definitions of the store, and clean checks.
 
 Some of it is code, so nothing counts that another user could have put there, and whoever runs as root trusts no cache
 of others: folder and file belong to this user, and nobody else may write to them. On Windows, which tells neither this

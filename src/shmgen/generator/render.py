@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import functools
-import sys
 from collections.abc import Iterable
 from pathlib import Path
 
-from jinja2 import BytecodeCache, Environment, FileSystemLoader, StrictUndefined
-from jinja2.bccache import Bucket
+import jinja2
 
-from shmgen.core import cache
 from shmgen.core.model import Output
+
+COMPILED = f"compiled-{jinja2.__version__}"
+"""The folder below that of the templates with what a build has compiled of them, for this very Jinja."""
 
 
 def render(outputs: Iterable[Output]) -> dict[str, str]:
@@ -28,33 +28,25 @@ def render(outputs: Iterable[Output]) -> dict[str, str]:
     return dict(sorted(texts.items()))
 
 
+def compile_templates(folder: Path) -> None:
+    """Writes what Jinja makes of all templates into `folder`, for a wheel."""
+    _environment(False).compile_templates(str(folder), extensions=["j2"], zip=None, ignore_errors=False)
+
+
 @functools.cache
-def _environment() -> Environment:
-    return Environment(
-        loader=FileSystemLoader(template_folder()),
-        undefined=StrictUndefined,
+def _environment(may_be_compiled: bool = True) -> jinja2.Environment:
+    templates = template_folder()
+    compiled = templates / COMPILED
+    use_compiled = may_be_compiled and compiled.is_dir()
+    return jinja2.Environment(
+        loader=jinja2.ModuleLoader(compiled) if use_compiled else jinja2.FileSystemLoader(templates),
+        undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
         auto_reload=False,  # nobody edits them within one run
-        bytecode_cache=_Compiled(),
         autoescape=False,  # targets hand over finished strings; what is printed is not HTML
     )
-
-
-class _Compiled(BytecodeCache):
-    """Templates as Python has compiled them; Jinja itself finds those whose source is another by now."""
-
-    def load_bytecode(self, bucket: Bucket) -> None:
-        if (kept := cache.read(_name(bucket))) is not None:
-            bucket.bytecode_from_string(kept)
-
-    def dump_bytecode(self, bucket: Bucket) -> None:
-        cache.write(_name(bucket), bucket.bytecode_to_string())
-
-
-def _name(bucket: Bucket) -> str:
-    return f"template-{bucket.key}-{sys.implementation.cache_tag}"
 
 
 def template_folder() -> Path:

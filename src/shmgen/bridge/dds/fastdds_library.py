@@ -1,4 +1,4 @@
-"""Turns fast_services.cpp into a library of this process: compiled here once, against the Fast DDS that is installed.
+"""Turns fastdds_services.cpp into a library of this process, compiled here once against the Fast DDS installed here.
 
 It is kept in the user's cache folder, and loaded from memory, so that no file needs to be believed twice.
 """
@@ -18,7 +18,7 @@ from pathlib import Path
 
 from shmgen.core import cache
 
-_SOURCE = Path(__file__).with_name("fast_services.cpp")
+_SOURCE = Path(__file__).with_name("fastdds_services.cpp")
 _GET = "for those on rmw_fastrtps: sudo apt-get install g++ libfastrtps-dev"
 _FLAGS = ("-std=c++17", "-O1", "-fPIC", "-shared", "-w")
 _WHICH = """
@@ -51,7 +51,7 @@ def load(tell: Callable[[str], None], ended: Callable[[], bool]) -> ctypes.CDLL:
     which = _run([*compiler, "-E", "-P", "-x", "c++", "-"], ended, _WHICH)
     if not which.startswith("-l"):
         raise Missing(f"no Fast DDS is installed; {_GET}")
-    sources = [path.read_bytes() for path in (_SOURCE, _SOURCE.with_name("fast_versions.hpp"))]
+    sources = [path.read_bytes() for path in (_SOURCE, _SOURCE.with_name("fastdds_versions.hpp"))]
     key = hashlib.sha256(repr((sources, which, compiler, _FLAGS, os.uname().machine)).encode()).hexdigest()
     name = f"fast-services-{key[:32]}"
     library = cache.read(name)

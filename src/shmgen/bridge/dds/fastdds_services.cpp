@@ -1,7 +1,7 @@
 // Services of ROS 2 as rmw_fastrtps has them: a reader and a writer of Fast DDS, with the inline QoS that says whose a
 // sample is. Bytes pass through unread. fast_library.py compiles it on the user's machine, against Fast DDS 2.9 to 3,
 // and fast.py calls the functions at the end.
-#include "fast_versions.hpp"
+#include "fastdds_versions.hpp"
 
 #include <algorithm>
 #include <condition_variable>

@@ -1,4 +1,4 @@
-// What fast_services.cpp needs of Fast DDS and has another name in 2 and in 3, and the one type that it tells both of.
+// What fastdds_services.cpp needs of Fast DDS and has another name in 2 and in 3, and the one type that it tells both of.
 #pragma once
 
 #include <fastdds/dds/domain/DomainParticipant.hpp>

@@ -58,7 +58,7 @@ def seeker(backend: Backend, wire: ActionWire, mishaps: ErrorSink) -> _Client:
 
 
 class _Taker:
-    """A Taker that calls one function."""
+    """A MessageSink that calls one function."""
 
     def __init__(self, take: Callable[[Any], None], mishaps: ErrorSink) -> None:
         self.take = take

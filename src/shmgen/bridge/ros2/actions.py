@@ -161,7 +161,7 @@ class _Server:
 
 
 class _Client:
-    """A Seeker, and the Taker of the feedback."""
+    """A RosActionClient, and the MessageSink of the feedback."""
 
     def __init__(self, backend: Backend, wire: ActionWire, mishaps: ErrorSink) -> None:
         self.reject, self.refuse, self.lose = mishaps.reject, mishaps.refuse, mishaps.lose
