@@ -93,10 +93,12 @@ class ClassRegistry:
         return Session(config_of_lock.settings(lock, self.config), str(self.lock), self.session) if lock else None
 
 
-def subscriber(kind: type[Message], topic: str, depth: int) -> Subscriber[Message]:
+def subscriber(
+    kind: type[Message], topic: str, depth: int, *, passive: bool = False, history: bool = False
+) -> Subscriber[Message]:
     """Opens the topic's region for reading. Raises what a Subscriber raises."""
     made: type[Subscriber[Message]] = type("LiveSubscriber", (Subscriber,), {"message_type": kind})
-    return made(topic, depth=depth)
+    return made(topic, depth=depth, passive=passive, history=history)
 
 
 def watcher(
@@ -108,8 +110,7 @@ def watcher(
     """
     header = sound(view)
     kind = kind or _without_fields(header)
-    made: type[Subscriber[Message]] = type("LiveSubscriber", (Subscriber,), {"message_type": kind})
-    return made(topic_of(view.name), depth=depth_of(header), passive=passive, history=history)
+    return subscriber(kind, topic_of(view.name), depth_of(header), passive=passive, history=history)
 
 
 def publisher(kind: type[Message], topic: str, depth: int) -> Publisher[Message]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import stat
 import struct
@@ -17,11 +16,10 @@ from shmgen.runtime.region import header as h
 from shmgen.runtime.region.holders import holder
 from shmgen.runtime.region.names import HALVES, region_file, semaphore_file
 from shmgen.runtime.region.opening import opened_to_read
-from shmgen.runtime.region.region import WRITER_LOCK
+from shmgen.runtime.region.region import WRITER_LOCK, byte_is_locked
 
 FOLDER = "/dev/shm"
 
-_FLOCK = struct.Struct("hhqqi4x")
 _SLOT = struct.Struct("<QI")
 
 
@@ -52,9 +50,7 @@ class View:
 
     def claimed(self) -> bool:
         """Whether a living process holds the record lock of the writer; PLCs take none."""
-        lock = _FLOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, WRITER_LOCK, 1, 0)
-        kind, *_ = _FLOCK.unpack(fcntl.fcntl(self._file.fileno(), fcntl.F_OFD_GETLK, lock))
-        return bool(kind != fcntl.F_UNLCK)
+        return byte_is_locked(self._file.fileno(), WRITER_LOCK)
 
     def writer(self, said: int) -> int:
         """The process that holds it; `said`, what stands in the header, where this user cannot see."""

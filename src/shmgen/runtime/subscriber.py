@@ -111,7 +111,6 @@ class Subscriber(RegionHolder, core.Reader, Generic[M]):
         self._stamp = None
         self._missed = 0
         self._event: Any = None
-        self._event_at = 0
         self._passive = passive
         self._polls = passive or region.options.sync == "sequence"
         self._beat = self._words[HEARTBEAT]
