@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Generator, Iterator
+from contextlib import closing
 
 from shmgen.core.plural import counted
 from shmgen.live.classes import ClassRegistry, watcher
@@ -26,14 +27,15 @@ def messages(topic: str, registry: ClassRegistry, timeout: float | None, tell: T
     Waits for a region that does not exist yet, and for the next one when it is removed. Raises TimeoutError
     after `timeout` seconds without a sample, and what a Subscriber and ClassRegistry.message() raise.
     """
-    for view, reader in regions(topic, registry, timeout, tell, passive=False):
-        try:
-            for taken in looks(topic, view, reader, timeout):
-                for sample in taken:
-                    yield sample.message
-        finally:
-            if reader.missed:
-                tell(f"{topic}: {counted(reader.missed, 'sample')} overwritten before they could be read here")
+    with closing(regions(topic, registry, timeout, tell, passive=False)) as found:
+        for view, reader in found:
+            try:
+                for taken in looks(topic, view, reader, timeout):
+                    for sample in taken:
+                        yield sample.message
+            finally:
+                if reader.missed:
+                    tell(f"{topic}: {counted(reader.missed, 'sample')} overwritten before they could be read here")
 
 
 def regions(

@@ -64,8 +64,12 @@ class Plot:
         self.points = self._curves.points
         self._regions = stream.regions(topic, registry, None, tell)
         self._view, self._reader = next(self._regions)
-        for path in paths:
-            self._curves.add(path, self._reader.message_type())
+        try:
+            for path in paths:
+                self._curves.add(path, self._reader.message_type())
+        except BaseException:
+            self.close()
+            raise
 
     @property
     def missed(self) -> int:

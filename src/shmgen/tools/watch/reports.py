@@ -6,7 +6,7 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Generator, Sequence
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import pairwise
@@ -115,22 +115,23 @@ def reports(
     Samples are seen each millisecond, so no arrival is known better. `registry` is for delays. Raises as
     stream.messages(), and ValueError where a delay has no stamp to go by.
     """
-    for view, reader in stream.regions(topic, registry, timeout, tell):
-        header, (by, stamp) = sound(view), _stamp(reader.message_type)
-        reader.samples()  # what is there was not seen coming
-        seen: deque[Seen] = deque(maxlen=window)
-        due, fresh = time.monotonic() + _PERIOD, False
-        for taken in stream.looks(topic, view, reader, timeout):
-            now = time.time()
-            for sample in taken:
-                written = stamp(sample)
-                seen.append(Seen(sample.number, sample.stamp / 1e9 or now, now - written if written else None))
-                fresh = True
-            if (since := time.monotonic()) >= due:
-                due += _PERIOD * (1 + (since - due) // _PERIOD)
-                if fresh and (report := make(Window(topic, seen, reader.missed, header, by))):
-                    yield report
-                fresh = False
+    with closing(stream.regions(topic, registry, timeout, tell)) as found:
+        for view, reader in found:
+            header, (by, stamp) = sound(view), _stamp(reader.message_type)
+            reader.samples()  # what is there was not seen coming
+            seen: deque[Seen] = deque(maxlen=window)
+            due, fresh = time.monotonic() + _PERIOD, False
+            for taken in stream.looks(topic, view, reader, timeout):
+                now = time.time()
+                for sample in taken:
+                    written = stamp(sample)
+                    seen.append(Seen(sample.number, sample.stamp / 1e9 or now, now - written if written else None))
+                    fresh = True
+                if (since := time.monotonic()) >= due:
+                    due += _PERIOD * (1 + (since - due) // _PERIOD)
+                    if fresh and (report := make(Window(topic, seen, reader.missed, header, by))):
+                        yield report
+                    fresh = False
 
 
 def rate(window: Window) -> Rate | None:
