@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from shmgen.live.passive_reader import tap
+from shmgen.live.classes import watcher
 from shmgen.live.regions import View
 from shmgen.runtime import read_header, region_name
 from shmgen.runtime.errors import RegionInUse
@@ -73,14 +73,12 @@ def test_plc_first(demo: Demo, clock: Clock, topic: str, born: int) -> None:
 def test_a_sample_has_the_time_that_the_plc_was_given(demo: Demo, topic: str) -> None:
     """As delay and the recorder see it; 0 is none."""
     block, clock = demo.opened(topic), demo.plc.globals("GVL_ShmClock")
-    with View(region_name(topic)) as view:
-        seen = tap(view)
+    with View(region_name(topic)) as view, watcher(view) as seen:
         for now in (0, 1_700_000_000_123_456_789, 0):
             clock.lwNow = now
             number = block().udiSequence
-            assert [(one.number, one.stamp) for one in seen.take()][-1] == (number, now)
+            assert [(one.number, one.stamp) for one in seen.samples()][-1] == (number, now)
             assert view.stamp(number, view.header()) == now
-        seen.close()
 
 
 def test_both_sides_write_the_same_header(demo: Demo, topic: str) -> None:
