@@ -12,9 +12,9 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from shmgen import pipeline
 from shmgen.config import Config
-from shmgen.model import Regions
+from shmgen.core.model import Regions
+from shmgen.generator import pipeline
 from tests.softplc import kept
 from tests.softplc.translate import translate
 

@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
-from shmgen import pipeline
 from shmgen.config import Config
+from shmgen.generator import pipeline
 from tests.softplc import Block, Plc, compile_st
 
 from ..support.build import put
@@ -82,6 +82,26 @@ def test_what_is_not_valid_is_not_looked_at(counts: Counts, topic: str, path: st
         assert (block.xValid, block.eErrorID) == (True, "NO_ERROR")
 
 
+@pytest.mark.parametrize(("path", "count"), PLACES)
+def test_a_sample_with_a_count_too_high_is_not_written(counts: Counts, topic: str, path: str, count: int) -> None:
+    block = counts.block("Tree_Publisher", sTopic=topic, udiDepth=1)
+    assert (block.xSent, block.udiSequence, block.eErrorID) == (True, 1, "NO_ERROR")
+    member = block.Msg
+    *owners, name = path.split(".")
+    for owner in owners:
+        field, _, index = owner.rstrip("]").partition("[")
+        inner = getattr(member, field)
+        if index and field != "pair":  # as many are valid, so that the last is looked at
+            setattr(member, f"{field}_count", int(index) + 1)
+        member = inner[int(index)] if index else inner
+    setattr(member, f"{name}_count", count)
+    for _ in range(2):
+        assert (block().xSent, block.xError, block.eErrorID, block.udiSequence) == (False, True, "COUNT_EXCEEDED", 1)
+    assert (block(xSend=False).eErrorID, block.xError) == ("NO_ERROR", False)
+    setattr(member, f"{name}_count", 0)
+    assert (block(xSend=True).xSent, block.eErrorID, block.udiSequence) == (True, "NO_ERROR", 2)
+
+
 def test_each_sample_counts_where_each_is_read(counts: Counts, topic: str) -> None:
     with counts.msg.TreePublisher(topic, depth=4) as publisher:
         block = counts.block("Tree_Subscriber", sTopic=topic, xNewest=False, udiDepth=4)
@@ -104,15 +124,15 @@ def test_a_call_with_a_count_too_high_is_answered_without_a_job(counts: Counts, 
             request = counts.srv.Sort_Request(id=number, items=[3, 1])
             if number == 1:
                 request._items_count = 5
-            client._caller.ask(request)
+            client._calls.send_request(request)
             server()
             if number == 1:
                 assert (server.xExecute, server.eErrorID, server.xError) == (False, "COUNT_EXCEEDED", True)
                 assert (server.udiRefused, server.Request.id, server.Request.items_count) == (1, 0, 0)
                 assert server().xExecute is False
-                reply = client._caller.poll()
+                reply = client._calls.poll()
                 assert (reply.call, reply.status == counts.srv.Sort_Reply.FAILED) == (1, True)
-                assert client._caller.poll() is None
+                assert client._calls.poll() is None
             else:
                 assert (server.xExecute, server.eErrorID, server.Request.id) == (True, "NO_ERROR", 2)
                 assert (server.Request.items_count, list(server.Request.items)[:2]) == (2, [3, 1])

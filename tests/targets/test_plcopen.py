@@ -7,8 +7,9 @@ from typing import Any
 
 import pytest
 
-from shmgen import config, pipeline
-from shmgen.diagnostics import Report
+from shmgen import config
+from shmgen.core.diagnostics import Report
+from shmgen.generator import pipeline
 
 from ..conftest import SHARED
 from ..support.ide import Found, Ide, Reference
@@ -183,7 +184,7 @@ def test_a_declaration_ends_where_the_code_begins(objects: dict[str, Any]) -> No
     assert plain(block).endswith("END_VAR")
     assert body(block).startswith("xNewData := FALSE;")
     methods = {method.get("name"): method for method in data(block, "method")}
-    assert list(methods) == ["Init", "Read"]
+    assert list(methods) == ["Init", "FB_Reinit", "Read"]
     assert plain(methods["Read"]).split("\n")[-4:] == [
         "METHOD PUBLIC Read : BOOL",
         "VAR",

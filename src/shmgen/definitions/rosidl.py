@@ -8,9 +8,9 @@ from importlib.machinery import PathFinder
 from importlib.util import find_spec, module_from_spec
 from typing import Any
 
+from shmgen.core.diagnostics import Span
 from shmgen.definitions.annotations import Text
 from shmgen.definitions.tokens import Wrong
-from shmgen.diagnostics import Span
 
 LARGEST = 2**14
 """Characters: some seconds. VehicleCommand of px4_msgs, the largest known, has 8,000 without its comments."""
@@ -57,8 +57,10 @@ def _parser(text: Text) -> Any:
             spec.loader.exec_module(sys.modules["rosidl_parser"])
         return import_module("rosidl_parser.parser")
     except ImportError as error:
-        hint = "source a ROS 2, type `pip install ros-rosidl-parser`, or `apt install python3-rosidl`"
+        hint = "source a ROS 2, type `pip install ros-rosidl-parser` there, or `apt install python3-rosidl`"
         if error.name == "lark":
-            hint = "rosidl_parser needs it: type `pip install lark`"
+            hint = "rosidl_parser needs it: type `pip install lark` there"
         hint += "; a .msg, .srv or .action beside the .idl would be read instead"
-        raise Wrong("SHM008", f"what reads .idl is not here: {error}", Span(text.lines[0].path), hint) from None
+        raise Wrong(
+            "SHM008", f"what reads .idl is not in {sys.prefix}: {error}", Span(text.lines[0].path), hint
+        ) from None

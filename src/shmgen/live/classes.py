@@ -2,20 +2,32 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from shmgen.config import Config
-from shmgen.diagnostics import Diagnostic, Rejected
-from shmgen.live import locked
+from shmgen.core.diagnostics import Diagnostic, Rejected
+from shmgen.live import config_of_lock
+from shmgen.live.regions import View, depth_of, sound, topic_of
 from shmgen.live.session import Session
-from shmgen.runtime import ActionClient, ActionServer, Message, Publisher, ServiceClient, ServiceServer, Subscriber
+from shmgen.runtime import (
+    ActionClient,
+    ActionServer,
+    Header,
+    Message,
+    Publisher,
+    RegionOptions,
+    ServiceClient,
+    ServiceServer,
+    Subscriber,
+)
 from shmgen.runtime.errors import LayoutMismatch
 
 
-class Workshop:
+class ClassRegistry:
     """What classes are made from: the configuration in force, and a layout.lock to fall back on."""
 
     def __init__(self, session: Session, lock: Path | None) -> None:
@@ -39,7 +51,7 @@ class Workshop:
         Raises Rejected for a type that is not to be found or laid out, and LayoutMismatch, with every digest
         found, where none is the one wanted.
         """
-        tried: list[locked.Known] = []
+        tried: list[config_of_lock.Known] = []
         rejected: Rejected | None = None
         for session in self._sessions():
             try:
@@ -49,25 +61,25 @@ class Workshop:
                 continue
             if digest in (None, layout.digest):
                 return session
-            tried.append(locked.Known(layout.digest, layout.size, session.name))
+            tried.append(config_of_lock.Known(layout.digest, layout.size, session.name))
         if tried:
             raise _mismatch(request, digest, tried)
         assert rejected is not None
         raise rejected
 
-    def known(self) -> tuple[dict[str, locked.Known], tuple[Diagnostic, ...]]:
+    def known(self) -> tuple[dict[str, config_of_lock.Known], tuple[Diagnostic, ...]]:
         """The layouts of all messages that shmgen.toml and layout.lock name; the former counts. Raises Rejected.
 
         And what is wrong with the lock, of which nothing is taken then.
         """
         wrong: tuple[Diagnostic, ...] = ()
         try:
-            lock = locked.layouts(locked.read(self.lock), str(self.lock)) if self.lock else {}
+            lock = config_of_lock.layouts(config_of_lock.read(self.lock), str(self.lock)) if self.lock else {}
         except Rejected as damaged:
             lock, wrong = {}, damaged.diagnostics
         layouts = self.session.layouts(dict.fromkeys([*self.config.messages, *self.config.types_used]))
         name = self.session.name
-        ours = {str(layout.name): locked.Known(layout.digest, layout.size, name) for layout in layouts.values()}
+        ours = {str(layout.name): config_of_lock.Known(layout.digest, layout.size, name) for layout in layouts.values()}
         return lock | ours, wrong
 
     def _sessions(self) -> Iterator[Session]:
@@ -77,14 +89,28 @@ class Workshop:
 
     @cached_property
     def _former(self) -> Session | None:
-        lock = locked.read(self.lock) if self.lock else {}
-        return Session(locked.settings(lock, self.config), str(self.lock), self.session) if lock else None
+        lock = config_of_lock.read(self.lock) if self.lock else {}
+        return Session(config_of_lock.settings(lock, self.config), str(self.lock), self.session) if lock else None
 
 
-def subscriber(kind: type[Message], topic: str, depth: int) -> Subscriber[Message]:
+def subscriber(
+    kind: type[Message], topic: str, depth: int, *, passive: bool = False, history: bool = False
+) -> Subscriber[Message]:
     """Opens the topic's region for reading. Raises what a Subscriber raises."""
     made: type[Subscriber[Message]] = type("LiveSubscriber", (Subscriber,), {"message_type": kind})
-    return made(topic, depth=depth)
+    return made(topic, depth=depth, passive=passive, history=history)
+
+
+def watcher(
+    view: View, kind: type[Message] | None = None, *, passive: bool = True, history: bool = False
+) -> Subscriber[Message]:
+    """Opens the region in `view`; without `kind` only for numbers and stamps, its messages have no fields.
+
+    Raises RegionUnusable for a damaged one, and what a Subscriber raises.
+    """
+    header = sound(view)
+    kind = kind or _without_fields(header)
+    return subscriber(kind, topic_of(view.name), depth_of(header), passive=passive, history=history)
 
 
 def publisher(kind: type[Message], topic: str, depth: int) -> Publisher[Message]:
@@ -131,7 +157,13 @@ def action_server(kinds: Mapping[str, type[Message]]) -> type[ActionServer[Any]]
     return type("LiveActionServer", (ActionServer,), ends)
 
 
-def _mismatch(request: str, digest: int | None, tried: list[locked.Known]) -> LayoutMismatch:
+def _without_fields(header: Header) -> type[Message]:
+    """One of the same size. What is in it is nothing that a lock would have to order."""
+    about = {"_type_name_": header.type_name, "_digest_": header.digest, "_regions_": RegionOptions(sync="sequence")}
+    return type("Opaque", (Message,), {"_fields_": [("bytes", ctypes.c_uint8 * header.payload_size)], **about})
+
+
+def _mismatch(request: str, digest: int | None, tried: list[config_of_lock.Known]) -> LayoutMismatch:
     here = "\n".join(f"  here:  {known}" for known in tried)
     return LayoutMismatch(
         f"{request} has another layout in the region than here\n"

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from shmgen import abi
-from shmgen.abi import Number, Word
-from shmgen.model import Output
+from shmgen.core import abi
+from shmgen.core.abi import Number, Word
+from shmgen.core.model import Output
 from shmgen.targets.st.names import GVL_REGION, ST_TIME
 from shmgen.targets.st.objects import (
     Attribute,
@@ -41,7 +41,7 @@ def plan(*, locks: bool, struct_time: bool) -> Iterator[Output]:
     yield words("ST_ShmHeader", _HEADER, abi.HEADER, abi.HEADER_SIZE)
     yield words("ST_ShmSlot", _SLOT, abi.SLOT, abi.SLOT_HEADER)
     yield numbers(abi.NUMBERS, locks)
-    yield from by_hand("E_ShmError", "E_ShmState", "FB_ShmRegion", *([ST_TIME] if struct_time else []))
+    yield from by_hand("E_ShmError", "E_ShmState", "FB_ShmRegion", "GVL_ShmClock", *([ST_TIME] if struct_time else []))
 
 
 def by_hand(*names: str) -> Iterator[Output]:

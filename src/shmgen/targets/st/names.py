@@ -11,8 +11,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from shmgen.model import Clock, Element, Layout, Ref, Scalar, Slot, String, TypeName, TypeOptions, assert_never
-from shmgen.targets.naming import Made, Names, words
+from shmgen.core.model import Clock, Element, Layout, Ref, Scalar, Slot, String, TypeName, TypeOptions, assert_never
+from shmgen.targets.naming import ClaimedName, Names, words
 
 GVL_SIZE = "SHM_SIZE"
 GVL_DIGEST = "SHM_DIGEST"
@@ -57,7 +57,8 @@ def own_member(plc: str, options: TypeOptions) -> tuple[str, str]:
 
 
 def _is_usable(name: str) -> bool:
-    return "__" not in name and name.upper() not in ST_RESERVED
+    """As the name of a PLC that has it: whatever we know of words that others reserve, that one does not."""
+    return "__" not in name and name.upper() not in _RESERVED_BY_ALL
 
 
 _OWN_TYPE = re.compile(
@@ -130,8 +131,8 @@ def iec_element(type_: Element, options: TypeOptions) -> str:
             assert_never(type_)
 
 
-def _made(layout: Layout, package: str) -> Iterator[Made]:
-    yield Made("type", st_type(layout.name, layout.options))
+def _made(layout: Layout, package: str) -> Iterator[ClaimedName]:
+    yield ClaimedName("type", st_type(layout.name, layout.options))
 
 
 def _st(prefix: str, name: TypeName) -> str:
@@ -181,6 +182,12 @@ _CONVERSIONS = frozenset(
 )
 ST_RESERVED = _ELEMENTARY_TYPES | _KEYWORDS | _OPERATORS | _STANDARD_FUNCTIONS | _CODESYS | _CONVERSIONS
 """In capitals; Structured Text ignores case. Words such as `__NEW` cannot be met: their underscores become one."""
+_OF_EDITION_3 = words("""
+    LTIME LDATE LTIME_OF_DAY LTOD LDATE_AND_TIME LDT CHAR WCHAR
+    ABSTRACT CLASS CONTINUE FINAL FROM INTERFACE INTERNAL INTERVAL METHOD NAMESPACE NULL ON OVERLAP OVERRIDE PRIORITY
+    PRIVATE PROTECTED PUBLIC REF REF_TO SINGLE SUPER TASK THIS USING
+""")
+_RESERVED_BY_ALL = (_ELEMENTARY_TYPES | _KEYWORDS | words("AND MOD NOT OR XOR")) - _OF_EDITION_3
 
 NAMES = Names(
     "Structured Text",
@@ -190,5 +197,6 @@ NAMES = Names(
     fold=str.upper,
     own=(ST_TIME,),
     own_constants=(GVL_TYPE_NAME, GVL_SIZE, GVL_DIGEST),
+    constants_apart=True,
     use=st_topic,
 )
