@@ -64,12 +64,16 @@ def view(
     words += ["-c", str(config_file)] if config_file else []
     words += [word for folder in include for word in ("-I", str(folder))]
 
-    page = Page(shlex.join(words), listening)
-    click.echo(f"{page.address}\nCtrl-C ends it")
-    sys.stdout.flush()
-    if opens:
-        click.launch(page.address)
+    page = Page(shlex.join(words), listening, _tell)
+    _tell(f"{page.address}\nCtrl-C ends it")
+    if opens and click.launch(page.door()):
+        manners.note("no browser could be started: xdg-open is missing; open the address")
     page.serve()
+
+
+def _tell(text: str) -> None:
+    click.echo(text)
+    sys.stdout.flush()
 
 
 def _in_terminal(topic: str | None, allow_write: bool, config_file: Path | None, include: tuple[Path, ...]) -> None:

@@ -7,6 +7,7 @@ import mmap
 import os
 import stat
 import struct
+from collections.abc import Sized
 from contextlib import suppress
 from types import TracebackType
 
@@ -17,7 +18,7 @@ from shmgen.runtime.access import opened
 from shmgen.runtime.errors import RegionMissing, RegionUnusable, ShmError
 from shmgen.runtime.holders import holder
 from shmgen.runtime.names import HALVES, region_file, semaphore_file
-from shmgen.runtime.region import WRITER_LOCK
+from shmgen.runtime.region import WRITER_LOCK, foreign
 from shmgen.wording import counted
 
 FOLDER = "/dev/shm"
@@ -32,13 +33,20 @@ class View:
     __slots__ = ("_file", "name")
 
     def __init__(self, name: str) -> None:
-        """Opens the file of the region `name`: `robot.pose`. Raises RegionMissing, PermissionDenied, RegionUnusable."""
+        """Opens the file of the region `name`: `robot.pose`. Raises RegionMissing, PermissionDenied, RegionUnusable.
+
+        It may have no header yet; what something else has made is not opened.
+        """
         self.name = name
         try:
             self._file = opened(region_file(name), os.O_RDONLY)
         except (FileNotFoundError, PermissionError):
             read_header(name)  # says it better
             raise
+        header = self.header()
+        if header.foreign:
+            self.close()
+            raise foreign(region_file(name), header)
 
     def header(self) -> h.Header:
         """As it is now; a file shorter than a header is read as if zeros followed."""
@@ -101,6 +109,13 @@ def closed() -> list[str]:
     return [name for name in _files() if _is_closed(region_file(name)) and os.path.lexists(semaphore_file(name))]
 
 
+def unlisted(listed: Sized) -> str:
+    """What to say beside a list of all regions: that some cannot be read by this user, or why there are none."""
+    if hidden := len(closed()):
+        return f"{counted(hidden, 'region')} that this user may not read; `shmgen doctor` says which group to join"
+    return "" if listed else "no regions; `shmgen pub` makes one, and so does every publisher and subscriber"
+
+
 def is_region(name: str) -> bool:
     with suppress(ShmError, OSError), View(name) as view:
         return view.header().magic == h.MAGIC
@@ -120,7 +135,7 @@ def meant(topic: str) -> list[str]:
 
 def missing(topic: str) -> RegionMissing:
     """What to say of a topic that has no region: which regions there are, and which of them may be meant."""
-    topics = [topic_of(name) for name in live()]
+    topics = [topic_of(name) for name in (*live(), *closed())]
     close = closest("/" + topic.removeprefix("/"), topics, 0.75)
     there = f"there are {', '.join(topics[:20])}{', ...' if len(topics) > 20 else ''}" if topics else "there are none"
     advice = f"did you mean {close}?" if close else "a region comes with its first publisher or subscriber"
@@ -129,6 +144,8 @@ def missing(topic: str) -> RegionMissing:
 
 def damage(header: h.Header) -> str:
     """What in a header cannot be, or nothing: no number of a damaged one may be counted with."""
+    if header.magic == 0:
+        return "nobody has completed its header yet"
     if (header.abi, header.header_size) != (h.ABI, h.HEADER_SIZE):
         return f"it was made by another version of shmgen: ABI {header.abi}, here {h.ABI}"
     if header.slots < 2 or header.slots & header.slots - 1:
