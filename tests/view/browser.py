@@ -109,13 +109,13 @@ class Page:
             await self.call("Input.dispatchKeyEvent", type="keyUp", **data)
             await asyncio.sleep(0.05)
 
-    async def until(self, text: str) -> int:
-        """The first line that shows it."""
-        for _ in range(80):
+    async def until(self, text: str) -> tuple[int, int]:
+        """The first line that shows it, and the column."""
+        for _ in range(300):
             await self.run("document.body.classList.contains('-first-byte')")
             for number, line in enumerate(self.screen.display):
                 if text in line:
-                    return number
+                    return number, line.index(text)
             await asyncio.sleep(0.1)
         raise AssertionError(f"no {text!r} in\n" + "\n".join(self.screen.display))
 
@@ -126,9 +126,8 @@ class Page:
 
     async def click_on(self, text: str) -> None:
         """Where a person sees it."""
-        line, drawn = await self.until(text), await self.canvas()
-        column = self.screen.display[line].index(text) + len(text) / 2
-        x = drawn["left"] + column * (drawn["right"] - drawn["left"]) / self.screen.columns
+        (line, column), drawn = await self.until(text), await self.canvas()
+        x = drawn["left"] + (column + len(text) / 2) * (drawn["right"] - drawn["left"]) / self.screen.columns
         y = drawn["top"] + (line + 0.5) * (drawn["bottom"] - drawn["top"]) / self.screen.lines
         await self.click(int(x), int(y))
 
