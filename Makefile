@@ -29,7 +29,7 @@ ROS2_PACKAGES := rclpy rmw-fastrtps-cpp common-interfaces std-srvs test-msgs
 # What builds packages there; the metadata of ament-cmake leaves two of its own out.
 ROS2_BUILD := colcon-common-extensions \
               ros-jazzy-ament-cmake ros-jazzy-ament-cmake-include-directories ros-jazzy-ament-package
-# Other machines' Debian, and what runs it; MACHINES: which, of tests/machines.py.
+# Other machines' Debian, and what runs it; MACHINES: which, of tests/rigs/machines.py.
 ROOTS := mmdebstrap qemu-user-static
 MACHINES ?= named i386 i686 arm64 armhf armhf-t64 riscv64
 # What goes through the models of the protocol.
@@ -66,7 +66,7 @@ test-pure: $(VENV)/ready-to-test  ## what exchanges samples, once more without t
 
 machines: $(VENV)/ready-to-test  ## runtime, calls, tools and a chaos on other machines, under qemu-user where need be; needs root
 	@$(call debian,command -v mmdebstrap && ls /usr/lib/binfmt.d/qemu-arm.conf,$(ROOTS),exit 1)
-	$(BIN)/python -m tests.machines $(MACHINES)
+	$(BIN)/python -m tests.rigs.machines $(MACHINES)
 
 lint: $(VENV)/ready-to-test
 	$(BIN)/ruff check .
@@ -86,41 +86,41 @@ coverage: $(VENV)/ready-to-test  ## lines of src/ that tests run in their own pr
 
 pictures: $(VENV)/ready-to-test  ## docs/latency.svg, top.svg, and view.gif, which needs chromium
 	@$(call pip,$(BIN)) pillow
-	$(BIN)/python -m tests.pictures
+	$(BIN)/python -m tests.rigs.pictures
 
 chaos: $(VENV)/ready-to-test  ## 20,000 kills, at most ten minutes; then 10,000 calls with a PLC at one end, and at both
-	$(BIN)/python -m tests.chaos
+	$(BIN)/python -m tests.rigs.chaos
 	$(BIN)/python -m tests.calls.plc_chaos
 
 model: $(VENV)/ready-to-test  ## the protocol's models, also in sizes that take long
 	$(BIN)/python -m tests.model
 
 load: $(VENV)/ready-to-test  ## 64 topics at 1 kHz for a minute
-	$(BIN)/python -m tests.load
+	$(BIN)/python -m tests.rigs.load
 
 load-record: $(VENV)/ready-to-test  ## the same recorded into a bag, and the bag read by PyPI's mcap
-	$(BIN)/python -m tests.load_record
+	$(BIN)/python -m tests.rigs.load_record
 
 load-view: $(VENV)/ready-to-test  ## what 200 regions and an image of 1 MiB take of a core on the screens of view
-	$(BIN)/python -m tests.load_view
+	$(BIN)/python -m tests.rigs.load_view
 
 load-bridge: $(VENV)/ready-for-all  ## 10 topics at 100 Hz and one at 1 kHz through ROS 1, ROS 2 and DDS, for 30 s each
-	$(BIN)/python -m tests.load_bridge --backend ros1
-	$(BIN)/python -m tests.load_bridge --backend ros2
-	$(BIN)/python -m tests.load_bridge --backend dds
+	$(BIN)/python -m tests.rigs.load_bridge --backend ros1
+	$(BIN)/python -m tests.rigs.load_bridge --backend ros2
+	$(BIN)/python -m tests.rigs.load_bridge --backend dds
 
 bare:  ## as root: the commands of README on Debian 12, Debian 13 and Ubuntu 24.04 that have nothing, six times; ARGS="--help"
-	$(PYTHON) -m tests.bare $(ARGS)
+	$(PYTHON) -m tests.rigs.bare $(ARGS)
 
 fuzz: $(VENV)/ready-to-test  ## five minutes of definitions nobody would write, guided by coverage
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[fuzz]'
-	$(BIN)/python -m tests.fuzz 300
+	$(BIN)/python -m tests.rigs.fuzz 300
 
 fuzz-many: $(VENV)/ready-to-test  ## a million definitions, not guided
-	$(BIN)/python -m tests.fuzz_many 1000000
+	$(BIN)/python -m tests.rigs.fuzz_many 1000000
 
 mutants: $(VENV)/ready-for-all  ## the core made wrong in some two thousand ways, one at a time: which does no test mind?
-	$(BIN)/python -m tests.mutants
+	$(BIN)/python -m tests.rigs.mutants
 
 hostile: $(VENV)/ready-to-test  ## a million regions in which anything may lie, read by C and C++
 	$(BIN)/python -m tests.cpp.hostile
@@ -143,7 +143,7 @@ dist: $(VENV)/ready  ## sdist and wheels in dist/, of Python alone and with the 
 	$(BIN)/python -m twine check --strict dist/*
 	for wheel in dist/*.whl; do \
 	    $(PYTHON) -m venv $(VENV)/dist && $(call pip,$(VENV)/dist/bin) $$wheel && \
-	    $(VENV)/dist/bin/python -c "import shmgen.runtime.straight as s; assert s.IN_C == ('abi3' in '$$wheel')" && \
+	    $(VENV)/dist/bin/python -c "import shmgen.runtime.core as s; assert s.IN_C == ('abi3' in '$$wheel')" && \
 	    du -sh $(VENV)/dist && rm -rf $(VENV)/dist || exit 1; \
 	done
 
@@ -151,7 +151,7 @@ clean:
 	rm -rf $(VENV) dist site .fuzz .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
 # The headers are those that the extension in C is made of.
-$(VENV)/ready: pyproject.toml src/shmgen/runtime/straight.c src/shmgen/bridge/transcode.c $(wildcard templates/c/shmgen_*.h)
+$(VENV)/ready: pyproject.toml src/shmgen/runtime/core.c src/shmgen/bridge/codec/transcode.c $(wildcard templates/c/shmgen_*.h)
 	@$(call debian,$(PYTHON) -c 'import ensurepip',$(SETUP_PACKAGES),exit 1)
 	@test -x $(BIN)/python || { echo 'making $(VENV)'; $(PYTHON) -m venv $(VENV); }
 	@echo 'installing shmgen into $(VENV)'

@@ -1,9 +1,9 @@
-"""Two hooks of hatchling: the extensions in C for each wheel, and README.md as PyPI shows it.
+"""Two hooks of hatchling: what is compiled for each wheel, and README.md as PyPI shows it.
 
-The first turns src/shmgen/runtime/straight.c into the extension that publish and read are quicker with, and for shmgen
-itself bridge/transcode.c into that of the bridge. It is called for each wheel, of shmgen and of
-packaging/shmgen-runtime, and each editable installation. Nothing depends on it: without a compiler, without Python's
-headers, and with SHMGEN_PURE set, what is made holds Python alone.
+The first turns src/shmgen/runtime/core.c into the extension that publish and read are quicker with, and for shmgen
+itself bridge/codec/transcode.c into that of the bridge, and the templates into Python. It is called for each wheel, of
+shmgen and of packaging/shmgen-runtime, and each editable installation, which reads its templates as they are. Nothing
+depends on the extensions: without a compiler, without Python's headers, and with SHMGEN_PURE set, there are none.
 
 The second makes links and pictures of README.md lead to the repository, at the tag of this version. The address is
 that in SHMGEN_REPOSITORY, which the release workflow sets to where it runs (https://github.com/OWNER/shmgen); without
@@ -12,6 +12,7 @@ it links stay as they are, and there are no [project.urls].
 
 from __future__ import annotations
 
+import importlib
 import os
 import re
 import shlex
@@ -28,9 +29,10 @@ from hatchling.metadata.plugin.interface import MetadataHookInterface
 
 HERE = Path(__file__).resolve().parent
 SOURCES = HERE / "src" / "shmgen"
-HEADERS = HERE / "generated" / "c" / "shm_msgs"
-RUNTIME = {"_straight.abi3.so": "runtime/straight.c"}
-ALL = RUNTIME | {"_transcode.abi3.so": "bridge/transcode.c"}
+HEADERS = HERE / "templates" / "c"
+"""The engine; `shmgen.h`, which all of it includes, is printed from shmgen/core/abi.py."""
+RUNTIME = {"_core.abi3.so": "runtime/core.c"}
+ALL = RUNTIME | {"_transcode.abi3.so": "bridge/codec/transcode.c"}
 LIMITED = (3, 10)
 """The oldest Python that the binary runs on; so it does on all later ones."""
 _LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)#:\s]+)((?:#[^)]*)?)\)")
@@ -54,6 +56,8 @@ class StraightHook(BuildHookInterface[Any]):
         else:
             self._folder = tempfile.TemporaryDirectory()  # until the wheel is made
             folder = Path(self._folder.name)
+            if wanted == ALL:
+                build_data["force_include"] |= compiled_templates(folder)
             notes = [compiled(source, folder / name) for name, source in wanted.items()]
             if not any(notes):
                 platform = sysconfig.get_platform().replace("-", "_").replace(".", "_")
@@ -71,6 +75,7 @@ def compiled(source: str, target: Path) -> str:
     if sys.platform != "linux" or sys.implementation.name != "cpython" or sysconfig.get_config_var("Py_GIL_DISABLED"):
         return "the extension is for CPython with its lock, on Linux"
     compiler = shlex.split(os.environ.get("CC", "")) or [shutil.which("cc") or shutil.which("gcc") or "clang"]
+    printed = tempfile.TemporaryDirectory()
     made = target.with_name(f"{target.name}.{os.getpid()}")  # whoever has the old one mapped keeps it
     flags = [
         "-O2",
@@ -80,8 +85,10 @@ def compiled(source: str, target: Path) -> str:
         "-pthread",
         f"-DPy_LIMITED_API=0x{LIMITED[0]:02X}{LIMITED[1]:02X}0000",
     ]
-    where = [f"-I{sysconfig.get_path('include')}", f"-I{HEADERS}", str(SOURCES / source), "-o", str(made)]
+    folders = (sysconfig.get_path("include"), HEADERS, printed.name)
+    where = [*(f"-I{folder}" for folder in folders), str(SOURCES / source), "-o", str(made)]
     try:
+        print_header(Path(printed.name))
         done = subprocess.run([*compiler, *flags, *where], capture_output=True, text=True, check=False)
         if done.returncode == 0:
             made.replace(target)
@@ -91,6 +98,28 @@ def compiled(source: str, target: Path) -> str:
         return str(error)
     finally:
         made.unlink(missing_ok=True)
+        printed.cleanup()
+
+
+def print_header(folder: Path) -> None:
+    """`shmgen.h`, as C programs get it."""
+    render, region = _of_shmgen("generator.render"), _of_shmgen("targets.c.region")
+    for text in render.render([region.plan("engine")]).values():
+        (folder / "shmgen.h").write_text(text, encoding="utf-8")
+
+
+def compiled_templates(folder: Path) -> dict[str, str]:
+    """What Jinja makes of the templates, and where it goes in a wheel. Who has another Jinja compiles them himself."""
+    render = _of_shmgen("generator.render")
+    render.compile_templates(folder / render.COMPILED)
+    return {str(folder / render.COMPILED): f"shmgen/templates/{render.COMPILED}"}
+
+
+def _of_shmgen(module: str) -> Any:
+    """A module of this checkout, which is not installed yet."""
+    if str(SOURCES.parent) not in sys.path:
+        sys.path.insert(0, str(SOURCES.parent))
+    return importlib.import_module(f"shmgen.{module}")
 
 
 class Metadata(MetadataHookInterface):

@@ -21,8 +21,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from shmgen import pipeline
 from shmgen.config import Config
+from shmgen.generator import pipeline
 
 SERVICE = "/shmgen_benchmark/call"
 DEFINITION = "int64 a\nint64 b\n---\nint64 sum\n"

@@ -15,9 +15,9 @@ from pathlib import Path
 
 import posix_ipc
 
-from shmgen import pipeline
 from shmgen.config import Config
-from shmgen.runtime.names import region_name
+from shmgen.generator import pipeline
+from shmgen.runtime.region.names import region_name
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 

@@ -13,10 +13,10 @@ from pathlib import Path
 
 from rosbags.typesys import get_types_from_msg
 
+from shmgen.core.diagnostics import Report
+from shmgen.core.model import TypeName
 from shmgen.definitions import store
 from shmgen.definitions.parser import Source, parse
-from shmgen.diagnostics import Report
-from shmgen.model import TypeName
 
 RUNS = 5
 

@@ -18,8 +18,8 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from shmgen import config
-from shmgen.diagnostics import Report
-from shmgen.runtime.names import region_file, region_name
+from shmgen.core.diagnostics import Report
+from shmgen.runtime.region.names import region_file, region_name
 
 REPOSITORY = Path(__file__).parents[1]
 SHMGEN = (sys.executable, "-m", "shmgen")

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from hypothesis import HealthCheck, settings
 
-from shmgen.wording import counted
+from shmgen.core.plural import counted
 
 from .support import machine
 

@@ -15,11 +15,11 @@ from pathlib import Path
 
 import pytest
 
-from shmgen import abi
-from shmgen.abi import Word
-from shmgen.render import render
-from shmgen.runtime import header as h
+from shmgen.core import abi
+from shmgen.core.abi import Word
+from shmgen.generator.render import render
 from shmgen.runtime import region_name
+from shmgen.runtime.region import header as h
 from shmgen.targets.c import region
 from shmgen.targets.st import common
 
@@ -51,14 +51,14 @@ HEADER = {
 SLOT = {"stamp_ns": (0, 8, "lwStamp"), "number": (8, 4, "udiNumber")}
 NUMBERS = {
     "MAGIC": 0x474D4853, "ABI": 1, "HEADER_SIZE": 192, "SLOT_HEADER": 16, "SLOT_STEP": 64, "PAGE": 4096,
-    "PLC": 0xFFFFFFFF, "LAST": 0xFFFFFFFF, "ANEW": 0x80000000,
+    "PLC": 0xFFFFFFFF, "LAST": 0xFFFFFFFF, "RESTART_GAP": 0x80000000,
     "MAX_DEPTH": 65535, "MAX_TYPE_NAME": 95, "MAX_NAME": 74, "MAX_CALL_NAME": 65, "WRITER_LOCK": 0, "REPAIR_LOCK": 1,
-    "RETRY_MS": 500, "CLAIM_MS": 1000, "CONFIRM_MS": 100, "HEAL_MS": 1000, "DEAD_MS": 50, "LOCK_MS": 10,
-    "WAKE_MS": 10, "POLL_MS": 1, "SIGN_MS": 50, "PEER_MS": 100,
+    "RETRY_MS": 500, "CLAIM_MS": 1000, "CONFIRM_MS": 100, "RECOVER_MS": 1000, "DEAD_MS": 50, "LOCK_MS": 10,
+    "WAKE_MS": 10, "POLL_MS": 1, "HEARTBEAT_MS": 50, "PEER_MS": 100,
 }  # fmt: skip
 OF_A_PLC = {
-    "MAGIC", "ABI", "HEADER_SIZE", "SLOT_HEADER", "SLOT_STEP", "PAGE", "PLC", "LAST", "ANEW", "MAX_DEPTH",
-    "MAX_TYPE_NAME", "MAX_NAME", "RETRY_MS", "CLAIM_MS", "CONFIRM_MS", "HEAL_MS",
+    "MAGIC", "ABI", "HEADER_SIZE", "SLOT_HEADER", "SLOT_STEP", "PAGE", "PLC", "LAST", "RESTART_GAP", "MAX_DEPTH",
+    "MAX_TYPE_NAME", "MAX_NAME", "RETRY_MS", "CLAIM_MS", "CONFIRM_MS", "RECOVER_MS",
 }  # fmt: skip
 
 Places = dict[str, tuple[int, int]]
@@ -325,7 +325,7 @@ def test_nobody_says_a_number_himself() -> None:
 
 COUNTER = '    Word(176, "u32", "refused", "udiRefused", "readers", "samples they refused"),\n'
 LOOK = """
-from shmgen.runtime import header
+from shmgen.runtime.region import header
 from tests.support.region_page import tables
 print(header.words(bytes(range(192)))["refused"].to_bytes(4, "little")[0])
 print(*next(tables()), sep="\\n")
@@ -336,7 +336,7 @@ def test_a_new_counter_is_one_line(tmp_path: Path) -> None:
     """In a copy of the project: it is there in Python, C, Structured Text and the docs."""
     for folder in ("src", "templates"):
         shutil.copytree(REPOSITORY / folder, tmp_path / folder, ignore=shutil.ignore_patterns("__pycache__"))
-    table = tmp_path / "src" / "shmgen" / "abi.py"
+    table = tmp_path / "src" / "shmgen" / "core" / "abi.py"
     head, last, rest = table.read_text().partition('    Word(172, "u32", "missed"')
     line, end, rest = rest.partition("\n")
     table.write_text(head + last + line + end + COUNTER + rest)

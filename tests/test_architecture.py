@@ -6,57 +6,57 @@ import ast
 import re
 import subprocess
 import sys
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
 from jinja2 import Environment, nodes
 
-from shmgen.diagnostics import CODES
+from shmgen.core.diagnostics import CODES
 
 from .conftest import REPOSITORY
 
 SOURCE = REPOSITORY / "src" / "shmgen"
 TEMPLATES = sorted((REPOSITORY / "templates").rglob("*.j2"))
 
-# Room -> what of shmgen it may import. `model` and `diagnostics` are the words all rooms share, made with `records`.
-WORDS = {"diagnostics", "model", "records", "wording"}
-ARROWS = {
-    "abi": set(),
-    "records": set(),
-    "diagnostics": {"records"},
-    "model": {"diagnostics", "records"},
-    "cache": set(),
-    "wording": set(),
-    "toml": set(),
-    "definitions": WORDS | {"definitions", "cache"},
-    "bounds": WORDS,
-    "layout": WORDS | {"abi"},
-    "config": WORDS | {"abi", "bounds", "config", "targets", "toml"},
-    "targets": WORDS | {"abi", "targets", "toml"},
-    "render": {"model", "cache"},
-    "write": {"diagnostics", "records"},
-    "type_hash": {"model"},
-    "drift": WORDS | {"cache", "drift", "toml", "type_hash", "write"},
-    "resolve": WORDS | {"config", "targets"},
-    "pipeline": WORDS | {"bounds", "config", "definitions", "drift", "layout", "render", "resolve", "targets"},
-    "plc": WORDS | {"plc"},
-    "show": WORDS | {"layout", "pipeline", "show", "targets", "type_hash"},
-    "runtime": {"_straight", "abi", "runtime", "wording"},
-    "live": WORDS | {"abi", "bounds", "config", "definitions", "live", "pipeline", "runtime", "toml"},
-    "bag": WORDS | {"", "bag", "bridge", "drift", "live", "pipeline", "runtime", "type_hash"},
-    "tools": WORDS | {"config", "live", "runtime", "targets", "tools"},
-    "bridge": WORDS
-    | {"_transcode", "bridge", "cache", "config", "live", "pipeline", "resolve", "runtime", "targets", "type_hash"},
-    "view": WORDS | {"live", "runtime", "show", "targets", "tools", "view"},
-    "cli": WORDS
-    | {"", "bag", "bridge", "cache", "cli", "config", "definitions", "drift", "live", "pipeline", "render", "runtime"}
-    | {"plc", "show", "targets", "tools", "view", "write"},
+# Room, a folder of src/shmgen -> the rooms it may import. Each stands above all that it imports.
+ARROWS: dict[str, set[str]] = {
+    "core": set(),
+    "definitions": {"core"},
+    "targets": {"core"},
+    "drift": {"core"},
+    "plc": {"core"},
+    "runtime": {"core", "_core"},
+    "config": {"core", "targets"},
+    "generator": {"config", "core", "definitions", "drift", "targets"},
+    "show": {"core", "generator", "targets"},
+    "live": {"config", "core", "definitions", "generator", "runtime"},
+    "tools": {"config", "core", "live", "runtime", "targets"},
+    "bridge": {"_transcode", "config", "core", "generator", "live", "runtime", "targets"},
+    "view": {"core", "live", "runtime", "show", "targets", "tools"},
+    "bag": {"", "bridge", "core", "drift", "generator", "live", "runtime"},
+    "cli": {"", "bag", "bridge", "config", "core", "definitions", "drift", "generator", "live", "plc", "runtime"}
+    | {"show", "targets", "tools", "view"},
     "__init__": set(),
     "__main__": {"cli", "drift"},
 }
+# A folder within a room -> what else of its room it may import; the room's own modules may import all of it.
+INNER_ARROWS: dict[str, set[str]] = {
+    "bridge/codec": set(),
+    "bridge/ros1": {"backend", "codec"},
+    "bridge/ros2": {"backend", "codec"},
+    "bridge/dds": {"backend", "codec", "ros2"},
+    "runtime/region": {"errors"},
+    "runtime/messages": {"errors", "region"},
+    "tools/messages": set(),
+    "tools/watch": {"messages"},
+    "tools/doctor": set(),
+}
+ROOMS, DRAWN, LOOSE, ENTRIES = 20, 70, 6, 18
+"""At most so many rooms, arrows between them, modules beside them, and entries of bridge, runtime and tools."""
 ONLY_IN = {
     "click": {"cli"},
-    "jinja2": {"render"},
+    "jinja2": {"generator"},
     "rosbags": {"bag", "bridge", "definitions"},
     "aiohttp": {"view"},
     "rich": {"view"},
@@ -73,7 +73,7 @@ ONLY_IN = {
 }
 
 
-def stage(path: Path) -> str:
+def room(path: Path) -> str:
     return path.relative_to(SOURCE).parts[0].removesuffix(".py")
 
 
@@ -92,14 +92,43 @@ def imports(path: Path) -> set[str]:
 
 @pytest.mark.parametrize("path", sorted(SOURCE.rglob("*.py")), ids=lambda path: str(path.relative_to(SOURCE)))
 def test_imports_follow_the_arrows(path: Path) -> None:
+    here = room(path)
+    inner = "/".join(path.relative_to(SOURCE).parts[:2])
     for name in imports(path):
-        first, _, rest = name.partition(".")
+        first, *others = name.split(".")
         if first == "shmgen":
-            other = rest.partition(".")[0]
-            other = "" if other.startswith("__") else other
-            assert other in ARROWS[stage(path)], f"{stage(path)} imports {name}"
+            other = "" if others[0].startswith("__") else others[0]
+            assert other in ARROWS[here] | {here}, f"{here} imports {name}"
+            if other == here and inner in INNER_ARROWS:
+                assert others[1] in INNER_ARROWS[inner] | {inner.partition("/")[2]}, f"{inner} imports {name}"
         elif first in ONLY_IN:
-            assert stage(path) in ONLY_IN[first], f"{stage(path)} imports {name}"
+            assert here in ONLY_IN[first], f"{here} imports {name}"
+
+
+def test_the_arrows_go_down() -> None:
+    for inner in INNER_ARROWS:
+        assert (SOURCE / inner).is_dir(), inner
+    for arrows in (ARROWS, {key.partition("/")[2]: to for key, to in INNER_ARROWS.items()}):
+        TopologicalSorter(arrows).prepare()  # raises CycleError
+
+
+def test_no_two_modules_import_each_other() -> None:
+    modules = {".".join(path.relative_to(SOURCE.parent).with_suffix("").parts): path for path in SOURCE.rglob("*.py")}
+    arrows = {}
+    for module, path in modules.items():
+        names = {name if name in modules else name.rpartition(".")[0] for name in imports(path)}
+        arrows[module] = names & set(modules) - {module}
+    TopologicalSorter(arrows).prepare()
+
+
+def test_the_plan_fits_a_head() -> None:
+    drawn = sum(len(to - {"", "_core", "_transcode"}) for to in ARROWS.values())
+    assert len(ARROWS) <= ROOMS
+    assert drawn <= DRAWN
+    assert len(list(SOURCE.glob("*.py"))) <= LOOSE
+    for name in ("bridge", "runtime", "tools"):
+        entries = [entry for entry in (SOURCE / name).iterdir() if entry.name != "__pycache__"]
+        assert len(entries) <= ENTRIES, name
 
 
 def test_the_configuration_loads_no_target() -> None:

@@ -8,12 +8,12 @@ import sys
 
 import pytest
 
-from .chaos_faults import PLANTED
 from .conftest import REPOSITORY
+from .rigs.chaos_faults import PLANTED
 
 
 def play(*arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "tests.chaos", *arguments]
+    command = [sys.executable, "-m", "tests.rigs.chaos", *arguments]
     return subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, check=False)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import re
+import shutil
 import subprocess
 import sys
 import sysconfig
@@ -12,6 +13,10 @@ from types import ModuleType, SimpleNamespace
 
 import posix_ipc
 import pytest
+from jinja2 import TemplateNotFound
+
+from shmgen.config import Config
+from shmgen.generator import pipeline, render
 
 from .conftest import REPOSITORY
 
@@ -63,7 +68,7 @@ print(shmgen.runtime.__file__)
     assert alone.stdout.split() == ["7", f"{generated}/shm_msgs/_beside/shmgen/runtime/__init__.py"], alone.stderr
     installed = subprocess.run([sys.executable, "-c", paths + code], capture_output=True, text=True)
     assert installed.stdout.split() == ["7", f"{REPOSITORY}/src/shmgen/runtime/__init__.py"], installed.stderr
-    held = {path for one in HELD for path in ([one] if one.suffix == ".py" else one.glob("*.py"))}
+    held = {path for one in HELD for path in ([one] if one.suffix == ".py" else one.rglob("*.py"))}
     beside = generated / "shm_msgs" / "_beside"
     assert {path.relative_to(beside) for path in beside.rglob("*.py")} == {
         path.relative_to(REPOSITORY / "src") for path in held
@@ -110,8 +115,25 @@ def test_the_extension_is_compiled_for_no_other_python(
     monkeypatch.delenv("SHMGEN_PURE", raising=False)
     with monkeypatch.context() as there:
         there.setattr(of, name, value)
-        note = compiled("runtime/straight.c", tmp_path / "made.so")
+        note = compiled("runtime/core.c", tmp_path / "made.so")
     assert (note, [*tmp_path.iterdir()]) == ("the extension is for CPython with its lock, on Linux", [])
+
+
+def test_a_wheel_needs_no_text_of_its_templates(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are compiled when it is built, and print the same; another Jinja than that of the build reads the texts."""
+    pose = Config(tmp_path, messages=("geometry_msgs/Pose",))
+    texts = pipeline.generate(pose, pose.messages)
+    ((made, place),) = hook().compiled_templates(tmp_path / "built").items()
+    assert place == f"shmgen/templates/{render.COMPILED}"
+    templates = tmp_path / "templates"
+    shutil.copytree(render.template_folder(), templates, ignore=shutil.ignore_patterns("*.j2"))
+    shutil.copytree(made, templates / render.COMPILED)
+    monkeypatch.setattr(render, "template_folder", lambda: templates)
+    monkeypatch.setattr(render, "_environment", render._environment.__wrapped__)
+    assert pipeline.generate(pose, pose.messages) == texts
+    monkeypatch.setattr(render, "COMPILED", "compiled-0.0")
+    with pytest.raises(TemplateNotFound):
+        pipeline.generate(pose, pose.messages)
 
 
 def test_generated_code_without_it_says_what_it_needs() -> None:

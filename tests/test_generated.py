@@ -6,8 +6,9 @@ import os
 import subprocess
 import sys
 
-from shmgen import config, pipeline
-from shmgen.diagnostics import Report
+from shmgen import config
+from shmgen.core.diagnostics import Report
+from shmgen.generator import pipeline
 
 from .conftest import REPOSITORY
 
@@ -24,8 +25,8 @@ def test_generated_is_up_to_date() -> None:
 
 
 def test_the_pictures_are_up_to_date() -> None:
-    from shmgen.model import TypeName
-    from shmgen.render import render
+    from shmgen.core.model import TypeName
+    from shmgen.generator.render import render
     from shmgen.show import memory_map
 
     settings = config.load(REPOSITORY / "shmgen.toml", "shmgen.toml", Report())

@@ -11,8 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from shmgen import config, pipeline
-from shmgen.diagnostics import Report
+from shmgen import config
+from shmgen.core.diagnostics import Report
+from shmgen.generator import pipeline
 
 from .conftest import REPOSITORY
 from .support.build import compile_headers, put

@@ -11,9 +11,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from shmgen.diagnostics import Rejected, Report, Span
-from shmgen.layout import canonical_text, check_size, region_size
-from shmgen.model import (
+from shmgen.core.diagnostics import Rejected, Report, Span
+from shmgen.core.model import (
     Array,
     Constant,
     Field,
@@ -29,6 +28,7 @@ from shmgen.model import (
     TypeName,
     TypeOptions,
 )
+from shmgen.generator.layout import canonical_text, check_size, region_size
 
 from .support.build import classes, compile_headers, layouts_of, put, texts_of
 from .support.schemas import plain, random_message, schemas
@@ -114,8 +114,8 @@ def test_gcc_agrees_with_random_schemas(tmp_path: Path) -> None:
 
 
 def test_pose_is_where_the_paper_has_it() -> None:
-    from shmgen import pipeline
     from shmgen.config import Config
+    from shmgen.generator import pipeline
 
     layouts = pipeline.lay_out(Config(Path.cwd()), ["geometry_msgs/Pose"])
     layout = layouts[TypeName("geometry_msgs", "msg", "Pose")]

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from shmgen import pipeline
 from shmgen.config import Config
-from shmgen.diagnostics import Diagnostic, Rejected
+from shmgen.core.diagnostics import Diagnostic, Rejected
+from shmgen.generator import pipeline
 from tests.support.guard import within
 
 MANY = 20_000

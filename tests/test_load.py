@@ -9,6 +9,6 @@ from .conftest import REPOSITORY
 
 
 def test_64_topics_at_1_khz_do_not_grow() -> None:
-    command = [sys.executable, "-m", "tests.load", "--seconds", "3"]
+    command = [sys.executable, "-m", "tests.rigs.load", "--seconds", "3"]
     result = subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, check=False)
     assert result.returncode == 0, result.stdout + result.stderr

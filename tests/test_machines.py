@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from shmgen import pipeline
 from shmgen.config import Config, load
-from shmgen.diagnostics import Report
-from shmgen.model import Layouts, TypeName
+from shmgen.core.diagnostics import Report
+from shmgen.core.model import Layouts, TypeName
+from shmgen.generator import pipeline
 from shmgen.targets.c.names import struct_name
 
 from .conftest import REPOSITORY

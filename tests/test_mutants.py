@@ -6,7 +6,7 @@ import tempfile
 from pathlib import Path
 
 from .conftest import REPOSITORY
-from .mutants import plan, unexplained
+from .rigs.mutants import plan, unexplained
 from .support.mutation_worker import CODE, Worker
 from .support.mutations import mutants_of
 

@@ -12,11 +12,11 @@ import numpy
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
-from shmgen import pipeline
-from shmgen.bounds import Bound, Bounds
 from shmgen.config import Config
-from shmgen.diagnostics import Span
-from shmgen.model import Clock, Layout, Layouts, Ref, Role, Scalar, Slot, TypeName
+from shmgen.config.entries import Bound, Bounds
+from shmgen.core.diagnostics import Span
+from shmgen.core.model import Clock, Layout, Layouts, Ref, Role, Scalar, Slot, TypeName
+from shmgen.generator import pipeline
 
 from .support.build import classes, compile_headers, put
 from .support.schemas import plain, random_message

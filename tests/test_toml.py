@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from shmgen import toml
+from shmgen.core import toml
 
 texts = st.text(st.characters(exclude_categories=["Cs"]))
 plain = st.booleans() | st.integers(-(2**63), 2**63 - 1) | st.floats(allow_nan=False) | texts

@@ -8,15 +8,15 @@ from pathlib import Path
 
 import pytest
 
-from shmgen import pipeline
-from shmgen.bounds import Bound, Bounds
-from shmgen.bridge import actions_of_ros2
 from shmgen.bridge.backend import ActionWire
 from shmgen.bridge.plan import closure
+from shmgen.bridge.ros2 import actions as ros2_actions
 from shmgen.config import Config
+from shmgen.config.entries import Bound, Bounds
+from shmgen.core.diagnostics import Span
+from shmgen.core.type_hash import TIMES, hash_of, type_hash
 from shmgen.definitions import Sources, available
-from shmgen.diagnostics import Span
-from shmgen.type_hash import TIMES, hash_of, type_hash
+from shmgen.generator import pipeline
 
 from .support import ros2
 
@@ -50,7 +50,7 @@ def test_what_ros_makes_of_an_action(distribution: str, monkeypatch: pytest.Monk
     goal, result, feedback = (
         closure(schema, parts[f"NestedMessage_{part}"]) for part in ("Goal", "Result", "Feedback")
     )
-    said = actions_of_ros2.Said(ActionWire("/a", goal, result, feedback))
+    said = ros2_actions.Said(ActionWire("/a", goal, result, feedback))
     halves = [half for service in (said.send, said.cancel, said.result) for half in (service.request, service.response)]
     ours = {str(wire[-1].name): type_hash(wire) for wire in (*halves, said.feedback.messages, said.status.messages)}
     theirs = ros2.hashes(distribution)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import subprocess
 from pathlib import Path
 
-from shmgen import pipeline
 from shmgen.config import Config
+from shmgen.generator import pipeline
 
 SIZES = {"Block56": 56, "Block320": 320, "Mebibyte": 1 << 20}
 

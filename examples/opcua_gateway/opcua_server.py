@@ -18,9 +18,10 @@ from asyncua import Server, ua
 from asyncua.common.structures104 import new_struct, new_struct_field
 from shm_msgs.gateway_msgs.msg import RobotStateSubscriber
 
-from shmgen import config, pipeline
-from shmgen.diagnostics import Report
-from shmgen.model import Array, Clock, Element, FieldType, Message, Ref, Scalar, Sequence, String
+from shmgen import config
+from shmgen.core.diagnostics import Report
+from shmgen.core.model import Array, Clock, Element, FieldType, Message, Ref, Scalar, Sequence, String
+from shmgen.generator import pipeline
 
 NAMESPACE = "urn:shmgen:examples:opcua_gateway"
 TOPIC, TYPE = "/gateway/state", "gateway_msgs/RobotState"

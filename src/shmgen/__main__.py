@@ -11,9 +11,9 @@ def main() -> None:
         gc.disable()  # they end before what they leave takes more memory than looking for it takes time
         atexit.register(gc.freeze)  # else Python looks for it when all is done
     if sys.argv[1:2] == ["check"]:
-        from shmgen.drift import verdict
+        from shmgen.drift import check_cache
 
-        said = verdict.recall(sys.argv[1:])
+        said = check_cache.load(sys.argv[1:])
         if said is not None:
             try:
                 print(said, end="", flush=True)

@@ -102,7 +102,7 @@ static inline void shmgen_note_stay(shmgen_link *link)
 static inline bool shmgen_is_overdue(const shmgen_link *link)
 {
     int64_t stood = shmgen_now() - link->stood;
-    if (stood >= SHMGEN_HEAL_MS * SHMGEN_MS)
+    if (stood >= SHMGEN_RECOVER_MS * SHMGEN_MS)
         return true;
     return stood >= SHMGEN_DEAD_MS * SHMGEN_MS && link->seen_holder != 0 && link->seen_holder < UINT32_C(0x80000000) &&
            kill((pid_t)link->seen_holder, 0) != 0 && errno == ESRCH;

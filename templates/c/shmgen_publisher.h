@@ -45,7 +45,7 @@ static inline shmgen_status shmgen_publisher_start(
     self->gone = shmgen_link_start(&self->end, topic, type, options);
     self->unstamped = options != NULL ? options->unstamped : 0;
     if (!SHMGEN_KEEPS_ORDER && (options == NULL || options->lock_us == 0))
-        self->end.limit = (SHMGEN_HEAL_MS + SHMGEN_PEER_MS) * SHMGEN_MS; /* by then it is free, or recovered */
+        self->end.limit = (SHMGEN_RECOVER_MS + SHMGEN_PEER_MS) * SHMGEN_MS; /* by then it is free, or recovered */
     if (self->gone == SHMGEN_OK)
         self->gone = SHMGEN_OPENING;
     return self->gone;

@@ -26,14 +26,14 @@ public:
 #endif
     [[nodiscard]] Status open(const std::string &action, const Options &options = {}) noexcept
     {
-        status_ = caller_.open(action + "-goal", action + "-result", options);
+        status_ = calls_.open(action + "-goal", action + "-result", options);
         if (status_ == SHMGEN_OK)
             status_ = progress_.open((action + "-feedback").c_str(), options);
         return status_;
     }
     void close() noexcept
     {
-        caller_.close();
+        calls_.close();
         progress_.close();
     }
 
@@ -42,13 +42,13 @@ public:
     [[nodiscard]] Status send_goal(const Goal &goal, std::chrono::duration<Rep, Period> timeout) noexcept
     {
         const auto deadline = calls::deadline_of(calls::time_of(timeout));
-        if (!caller_.wait_for_server(calls::left(deadline)))
+        if (!calls_.wait_for_server(calls::left(deadline)))
             return status_ = SHMGEN_NO_SERVER;
         goal_status_ = 0;
         feedback_.reset();
         Command command;
         command.goal = goal;
-        return status_ = caller_.ask(command, deadline);
+        return status_ = calls_.send_request(command, deadline);
     }
     // The newest feedback on the goal, once.
     std::optional<Feedback> feedback() noexcept
@@ -63,11 +63,11 @@ public:
         return goal_status_;
     }
     // How the goal ended, once: `status` and `result`.
-    std::optional<Outcome> poll() noexcept { return caller_.poll(); }
+    std::optional<Outcome> poll() noexcept { return calls_.poll(); }
     // Waits for the end of the goal, which goes on if that time runs out.
     template <class Rep, class Period> std::optional<Outcome> result(std::chrono::duration<Rep, Period> timeout) noexcept
     {
-        std::optional<Outcome> outcome = caller_.wait(calls::time_of(timeout));
+        std::optional<Outcome> outcome = calls_.wait(calls::time_of(timeout));
         status_ = outcome ? SHMGEN_OK : SHMGEN_CALL_TIMEOUT;
         return outcome;
     }
@@ -75,18 +75,18 @@ public:
     Status cancel() noexcept
     {
         Command command;
-        command.cancel = caller_.number();
-        return command.cancel != 0 ? caller_.tell(command) : SHMGEN_CALL_OVER;
+        command.cancel = calls_.number();
+        return command.cancel != 0 ? calls_.tell(command) : SHMGEN_CALL_OVER;
     }
-    bool server_is_ready() noexcept { return caller_.server_is_ready(); }
+    bool server_is_ready() noexcept { return calls_.server_is_ready(); }
     template <class Rep, class Period> bool wait_for_server(std::chrono::duration<Rep, Period> timeout) noexcept
     {
-        return caller_.wait_for_server(calls::time_of(timeout));
+        return calls_.wait_for_server(calls::time_of(timeout));
     }
     // Of the goal that has not ended, 0 = none.
-    std::uint32_t number() const noexcept { return caller_.number(); }
+    std::uint32_t number() const noexcept { return calls_.number(); }
     Status status() const noexcept { return status_; }
-    std::string_view rejected() const noexcept { return caller_.rejected(); }
+    std::string_view rejected() const noexcept { return calls_.rejected(); }
 
 private:
     using Command = typename Action::Command;
@@ -94,14 +94,14 @@ private:
     void look() noexcept
     {
         const std::optional<Progress> progress = progress_.read();
-        if (progress && caller_.number() != 0 && progress->goal == caller_.number()) {
+        if (progress && calls_.number() != 0 && progress->goal == calls_.number()) {
             goal_status_ = progress->status;
             if (goal_status_ != Progress::ACCEPTED)
                 feedback_ = progress->feedback;
         }
     }
 
-    calls::Caller<Command, Outcome, &Outcome::goal> caller_;
+    calls::CallClient<Command, Outcome, &Outcome::goal> calls_;
     Subscriber<Progress> progress_;
     std::optional<Feedback> feedback_;
     std::int8_t goal_status_ = 0;
@@ -158,12 +158,12 @@ public:
     {
         status_ = progress_.open((action + "-feedback").c_str(), options);
         if (status_ == SHMGEN_OK)
-            status_ = callee_.open(action + "-goal", action + "-result", options);
+            status_ = calls_.open(action + "-goal", action + "-result", options);
         return status_;
     }
     void close() noexcept
     {
-        callee_.close();
+        calls_.close();
         progress_.close();
     }
 
@@ -180,7 +180,7 @@ public:
                 continue;
             }
             const Aborting aborting{*goal, deadline};
-            callee_.insist(deadline, [&] { return goal->accept(); });
+            calls_.retry_until_sent(deadline, [&] { return goal->accept(); });
             handler(*goal);
         }
     }
@@ -199,7 +199,7 @@ public:
         }
     }
     Status status() const noexcept { return status_; }
-    std::string_view rejected() const noexcept { return callee_.rejected(); }
+    std::string_view rejected() const noexcept { return calls_.rejected(); }
 
 private:
     using Command = typename Action::Command;
@@ -209,7 +209,7 @@ private:
         calls::Clock::time_point deadline;
         ~Aborting()
         {
-            goal.server_->callee_.insist(deadline, [this] { return goal.abort(); });
+            goal.server_->calls_.retry_until_sent(deadline, [this] { return goal.abort(); });
         }
     };
 
@@ -218,30 +218,30 @@ private:
     {
         std::optional<Command> command;
         std::uint32_t number = 0;
-        status_ = callee_.take(timeout, command, number);
+        status_ = calls_.take(timeout, command, number);
         if (status_ != SHMGEN_OK || !command)
             return;
         if (command->cancel == 0) {
-            callee_.begin(number);
+            calls_.begin(number);
             is_unwanted_ = false;
             waiting_.emplace(Goal(number, command->goal, this));
-        } else if (command->cancel == callee_.number() && !waiting_) {
+        } else if (command->cancel == calls_.number() && !waiting_) {
             is_unwanted_ = true;
         } else { // nobody has taken that goal: it waits here, or its cancel has overwritten it
-            callee_.begin(command->cancel);
+            calls_.begin(command->cancel);
             waiting_.reset();
-            const auto deadline = calls::deadline_of(calls::Nanoseconds((SHMGEN_HEAL_MS + SHMGEN_PEER_MS) * SHMGEN_MS));
-            callee_.insist(deadline, [&] { return end(command->cancel, Outcome::CANCELED, Result()); });
+            const auto deadline = calls::deadline_of(calls::Nanoseconds((SHMGEN_RECOVER_MS + SHMGEN_PEER_MS) * SHMGEN_MS));
+            calls_.retry_until_sent(deadline, [&] { return end(command->cancel, Outcome::CANCELED, Result()); });
         }
     }
     bool unwanted(std::uint32_t number) noexcept
     {
         look(calls::Nanoseconds::zero());
-        return is_unwanted_ || !callee_.awaits(number);
+        return is_unwanted_ || !calls_.awaits(number);
     }
     Status progress(std::uint32_t number, std::int8_t status, const Feedback &feedback) noexcept
     {
-        if (!callee_.awaits(number))
+        if (!calls_.awaits(number))
             return SHMGEN_CALL_OVER;
         Progress made;
         made.goal = number;
@@ -255,10 +255,10 @@ private:
         made.goal = number;
         made.status = status;
         made.result = result;
-        return callee_.answer(number, made);
+        return calls_.send_response(number, made);
     }
 
-    calls::Callee<Command, Outcome> callee_;
+    calls::CallServer<Command, Outcome> calls_;
     Publisher<Progress> progress_;
     std::optional<Goal> waiting_;
     bool is_unwanted_ = false;

@@ -12,7 +12,7 @@ import pytest
 from shmgen.bag.folder import Bag
 from shmgen.bag.record import Recorder
 from shmgen.config import Config
-from shmgen.live.classes import Workshop
+from shmgen.live.classes import ClassRegistry
 from shmgen.live.session import Session
 
 from ..support.command import run
@@ -42,7 +42,7 @@ def wait_for(condition):
 
 
 @pytest.fixture
-def workshop(tmp_path):
+def registry(tmp_path):
     """With demo_msgs/Full, which has some of everything."""
     file = tmp_path / "msgs" / "demo_msgs" / "msg" / "Full.msg"
     file.parent.mkdir(parents=True)
@@ -51,12 +51,12 @@ def workshop(tmp_path):
     return shop(tmp_path)
 
 
-def shop(folder: Path) -> Workshop:
+def shop(folder: Path) -> ClassRegistry:
     from shmgen.config import load
-    from shmgen.diagnostics import Report
+    from shmgen.core.diagnostics import Report
 
     file = folder / "shmgen.toml"
-    return Workshop(Session(load(file, "shmgen.toml", Report()) if file.exists() else Config(folder)), None)
+    return ClassRegistry(Session(load(file, "shmgen.toml", Report()) if file.exists() else Config(folder)), None)
 
 
 @pytest.fixture
@@ -66,14 +66,14 @@ def shmgen(tmp_path):
 
 
 @pytest.fixture
-def recording(tmp_path, workshop):
+def recording(tmp_path, registry):
     """Records topics into tmp_path/bag while its block runs; says what it told."""
 
     @contextmanager
     def record(*topics, count=None, name="bag", **limits):
         told: list[str] = []
         bag = Bag(tmp_path / name, **limits)
-        recorder, stopping = Recorder(workshop, bag, topics, told.append), threading.Event()
+        recorder, stopping = Recorder(registry, bag, topics, told.append), threading.Event()
         recorder.told = told
         thread = threading.Thread(target=recorder.run, args=[stopping])
         thread.start()

@@ -7,34 +7,34 @@ import time
 from shmgen.bag import read
 from shmgen.bag.play import Player
 from shmgen.live.classes import publisher, subscriber
-from shmgen.tools import given
+from shmgen.tools.messages import parse
 
 from .conftest import shop
 from .test_record import FULL, full, writer_of
 
 
-def recorded(topic, workshop, recording, values=range(5), pause=0.0):
-    with writer_of(workshop, topic) as writer, recording(topic):
+def recorded(topic, registry, recording, values=range(5), pause=0.0):
+    with writer_of(registry, topic) as writer, recording(topic):
         for number in values:
-            writer.publish(full(workshop, small=number))
+            writer.publish(full(registry, small=number))
             time.sleep(pause)
 
 
-def test_all_of_it_comes_again(topic, workshop, recording, tmp_path, shmgen):
-    recorded(topic, workshop, recording)
+def test_all_of_it_comes_again(topic, registry, recording, tmp_path, shmgen):
+    recorded(topic, registry, recording)
     assert shmgen("clean", topic).code == 0
-    with subscriber(workshop.message("demo_msgs/msg/Full"), topic, 15) as reader:
+    with subscriber(registry.message("demo_msgs/msg/Full"), topic, 15) as reader:
         said = shmgen("play", "bag", "--rate", "100")
         assert (said.code, said.stdout, said.stderr) == (0, "bag: 5 samples on 1 topic\n", "")
         samples = reader.read_all()
     assert [sample.small for sample in samples] == [0, 1, 2, 3, 4]
-    assert samples[-1] == full(workshop, small=4)
+    assert samples[-1] == full(registry, small=4)
 
 
-def test_at_its_pace_and_from_somewhere(topic, workshop, recording, tmp_path):
-    recorded(topic, workshop, recording, pause=0.1)
+def test_at_its_pace_and_from_somewhere(topic, registry, recording, tmp_path):
+    recorded(topic, registry, recording, pause=0.1)
     for rate, start, samples, least in ((1, 0, 5, 0.4), (2, 0, 5, 0.2), (1, 0.25, 2, 0.15)):
-        player = Player(tmp_path / "bag", workshop, None, print)
+        player = Player(tmp_path / "bag", registry, None, print)
         begun = time.monotonic()
         assert len(list(player.play(rate, start))) == samples
         assert least <= time.monotonic() - begun + 0.01 < least + 2
@@ -44,8 +44,8 @@ def test_at_its_pace_and_from_somewhere(topic, workshop, recording, tmp_path):
         player.close()
 
 
-def test_what_is_played_is_chosen(topic, workshop, recording, tmp_path, shmgen):
-    kind = workshop.message("std_msgs/msg/Int32")
+def test_what_is_played_is_chosen(topic, registry, recording, tmp_path, shmgen):
+    kind = registry.message("std_msgs/msg/Int32")
     with publisher(kind, topic, 3) as one, publisher(kind, topic + "b", 3) as two, recording(topic, topic + "b"):
         one.publish(kind(data=1))
         two.publish(kind(data=2))
@@ -56,8 +56,8 @@ def test_what_is_played_is_chosen(topic, workshop, recording, tmp_path, shmgen):
     assert "there is nothing to play" in shmgen("play", "bag", "--start", "5").stderr
 
 
-def test_a_bag_of_another_layout_is_refused_in_words(topic, workshop, recording, tmp_path, shmgen):
-    recorded(topic, workshop, recording)
+def test_a_bag_of_another_layout_is_refused_in_words(topic, registry, recording, tmp_path, shmgen):
+    recorded(topic, registry, recording)
     assert shmgen("clean", topic).code == 0
     toml = tmp_path / "shmgen.toml"
     toml.write_text(toml.read_text().replace("= 6", "= 9"))
@@ -69,7 +69,7 @@ def test_a_bag_of_another_layout_is_refused_in_words(topic, workshop, recording,
     assert shmgen("doctor", topic).code == 1  # no region was made
 
 
-def test_bags_of_ros_itself(topic, workshop, tmp_path, shmgen):
+def test_bags_of_ros_itself(topic, registry, tmp_path, shmgen):
     """Written by rosbags, as ros2 bag does it: packed, and as SQLite; a definition that is another one is refused."""
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
@@ -97,11 +97,11 @@ def test_bags_of_ros_itself(topic, workshop, tmp_path, shmgen):
     assert shmgen("play", "no.mcap").stderr == "error: no.mcap is not an MCAP file\n"
 
 
-def test_bags_say_what_was_recorded(topic, workshop, recording, tmp_path):
-    recorded(topic, workshop, recording)
+def test_bags_say_what_was_recorded(topic, registry, recording, tmp_path):
+    recorded(topic, registry, recording)
     channel, *messages = read.messages(tmp_path / "bag")
     assert channel.metadata["shmgen_topic"] == topic
     assert 'string WORD="a b"\n' in channel.text
     assert len(messages) == 5
     assert shop(tmp_path).message("demo_msgs/msg/Full", int(channel.metadata["shmgen_digest"], 16))
-    assert given.build(workshop.message("demo_msgs/msg/Full"), FULL)
+    assert parse.build(registry.message("demo_msgs/msg/Full"), FULL)

@@ -17,12 +17,12 @@ from rosbags.rosbag2 import Reader as RosbagsReader
 
 from shmgen.bag import read
 from shmgen.bag.kinds import kind_of
-from shmgen.live import tap as tapping
+from shmgen.live import passive_reader as tapping
 from shmgen.live.classes import publisher
 from shmgen.live.regions import View
-from shmgen.runtime import header as h
 from shmgen.runtime import region_name
-from shmgen.tools import given
+from shmgen.runtime.region import header as h
+from shmgen.tools.messages import parse
 
 from ..support.ros2 import prefix
 from ..support.schemas import plain
@@ -41,12 +41,12 @@ FULL = {
 }
 
 
-def writer_of(workshop, topic, kind="demo_msgs/msg/Full", depth=15):
-    return publisher(workshop.message(kind), topic, depth)
+def writer_of(registry, topic, kind="demo_msgs/msg/Full", depth=15):
+    return publisher(registry.message(kind), topic, depth)
 
 
-def full(workshop, **values):
-    return given.build(workshop.message("demo_msgs/msg/Full"), FULL | values)
+def full(registry, **values):
+    return parse.build(registry.message("demo_msgs/msg/Full"), FULL | values)
 
 
 def bags(folder):
@@ -73,13 +73,13 @@ def as_plain(message):
     return [as_plain(item) for item in message] if isinstance(message, list) else message
 
 
-def test_every_sample_in_order_with_both_stamps_and_equal_values(topic, workshop, recording, tmp_path):
-    with writer_of(workshop, topic) as writer:
-        writer.publish(full(workshop, small=-1))
+def test_every_sample_in_order_with_both_stamps_and_equal_values(topic, registry, recording, tmp_path):
+    with writer_of(registry, topic) as writer:
+        writer.publish(full(registry, small=-1))
         with recording(topic) as recorder:
             for number in range(100):
                 before = time.time_ns()
-                writer.publish(full(workshop, small=number))
+                writer.publish(full(registry, small=number))
                 wait_for(lambda number=number: recorder.figures.samples == number + 2)
     assert (recorder.figures.missed, recorder.figures.damaged, recorder.told) == (0, 0, [])
     (file,) = bags(tmp_path / "bag")
@@ -89,23 +89,23 @@ def test_every_sample_in_order_with_both_stamps_and_equal_values(topic, workshop
     assert 0 <= found[-1].at.publish_time - before < 10**9
     assert 0 < found[-1].at.log_time - found[-1].at.publish_time < 10**9
     assert [one.at.log_time for one in found] == sorted(one.at.log_time for one in found)
-    wanted = full(workshop, small=99)
+    wanted = full(registry, small=99)
     assert as_plain(found[-1].ros) == plain(wanted)
     assert found[-1].topic == topic
     with RosbagsReader(tmp_path / "bag") as reader:
         (connection,) = reader.connections
         assert (reader.message_count, connection.msgtype) == (101, "demo_msgs/msg/Full")
         raw = [data for _, _, data in reader.messages()]
-    kind = kind_of(workshop, "demo_msgs/msg/Full", None)
+    kind = kind_of(registry, "demo_msgs/msg/Full", None)
     assert plain(kind.codec.decode(raw[-1])) == plain(wanted)
 
 
-def test_rclpy_reads_what_is_recorded(topic, workshop, recording, tmp_path):
+def test_rclpy_reads_what_is_recorded(topic, registry, recording, tmp_path):
     python = prefix("jazzy") / "bin" / "python"
     data = {"header": {"frame_id": "map"}, "pose": {"position": {"x": 1.5}}}
-    kind = workshop.message("geometry_msgs/msg/PoseStamped")
+    kind = registry.message("geometry_msgs/msg/PoseStamped")
     with publisher(kind, topic, 1) as writer:
-        writer.publish(given.build(kind, data))
+        writer.publish(parse.build(kind, data))
         with recording(topic):
             pass
     (message,) = (one for one in read.messages(tmp_path / "bag") if isinstance(one, read.Message))
@@ -118,14 +118,14 @@ def test_rclpy_reads_what_is_recorded(topic, workshop, recording, tmp_path):
     assert said.stdout.split() == [b"map", b"1.5"], said.stderr
 
 
-def test_regions_that_come_and_go_and_what_was_missed(topic, workshop, recording, tmp_path, shmgen):
+def test_regions_that_come_and_go_and_what_was_missed(topic, registry, recording, tmp_path, shmgen):
     """From its first sample on, with the number of what was overwritten; the next region of the topic as well."""
     with recording(topic, count=0) as recorder:
         for life in (1, 2):
-            with writer_of(workshop, topic, depth=3) as writer:
+            with writer_of(registry, topic, depth=3) as writer:
                 wait_for(lambda: recorder.figures.topics == 1)
                 for number in range(3):
-                    writer.publish(full(workshop, small=number))
+                    writer.publish(full(registry, small=number))
                 wait_for(
                     lambda life=life: sum(map(recorder.figures.__getattribute__, ("samples", "missed"))) >= 3 * life
                 )
@@ -139,23 +139,23 @@ def test_regions_that_come_and_go_and_what_was_missed(topic, workshop, recording
 
 
 @pytest.mark.parametrize("ordered", [True, False], ids=["only looks", "with the lock"])
-def test_a_tap_counts_what_it_missed_and_touches_nothing(topic, workshop, monkeypatch, ordered):
+def test_a_tap_counts_what_it_missed_and_touches_nothing(topic, registry, monkeypatch, ordered):
     monkeypatch.setattr(tapping, "keeps_order", lambda: ordered)
-    with writer_of(workshop, topic, depth=3) as writer, View(region_name(topic)) as view:
-        kind = workshop.message("demo_msgs/msg/Full")
+    with writer_of(registry, topic, depth=3) as writer, View(region_name(topic)) as view:
+        kind = registry.message("demo_msgs/msg/Full")
         for number in range(7):
-            writer.publish(full(workshop, small=number))
+            writer.publish(full(registry, small=number))
         tap, late = tapping.tap(view, kind), tapping.tap(view, kind, whole=True)
         assert [(one.number, kind.from_buffer_copy(one.payload).small) for one in tap.take()] == [(7, 6)]
         assert [one.number for one in late.take()] == [4, 5, 6, 7]
         assert (tap.missed, late.missed) == (0, 3)
         before = view.header()
         for number in range(10):
-            writer.publish(full(workshop, small=number))
+            writer.publish(full(registry, small=number))
         assert [one.number for one in tap.take()] == [14, 15, 16, 17]
         assert [one.stamp for one in late.take()][-1] == view.stamp(17, view.header())
         assert (tap.missed, late.missed, tap.take()) == (6, 9, [])
-        writer.publish(full(workshop))
+        writer.publish(full(registry))
         tap.finish()
         assert tap.missed == 7
         if ordered:
@@ -165,10 +165,10 @@ def test_a_tap_counts_what_it_missed_and_touches_nothing(topic, workshop, monkey
         late.close()
 
 
-def test_a_torn_sample_is_not_taken(topic, workshop):
+def test_a_torn_sample_is_not_taken(topic, registry):
     """A writer that began to overwrite it meanwhile has said so."""
-    with writer_of(workshop, topic, depth=1) as writer, View(region_name(topic)) as view:
-        writer.publish(full(workshop))
+    with writer_of(registry, topic, depth=1) as writer, View(region_name(topic)) as view:
+        writer.publish(full(registry))
         tap = tapping.tap(view)
         writer._region.words[h.BEGUN] = 3  # as if sample 3 were on its way into the slot of 1
         assert tap.take() == []
@@ -177,12 +177,12 @@ def test_a_torn_sample_is_not_taken(topic, workshop):
         tap.close()
 
 
-def test_services_and_actions_by_their_regions(topic, workshop, recording, tmp_path, shmgen):
+def test_services_and_actions_by_their_regions(topic, registry, recording, tmp_path, shmgen):
     put = tmp_path / "msgs" / "demo_msgs" / "srv" / "Start.srv"
     put.parent.mkdir()
     put.write_text("bool on\n---\nbool success\n")
     assert shmgen("call", topic, "demo_msgs/Start", "{on: true}", "--timeout", "0.1").code == 1  # nobody serves
-    kind = workshop.message("demo_msgs/srv/Start_Request", part_of="demo_msgs/srv/Start")
+    kind = registry.message("demo_msgs/srv/Start_Request", part_of="demo_msgs/srv/Start")
     with recording(topic, count=2) as recorder, publisher(kind, f"{topic}-request", 1) as writer:
         writer.publish(kind(on=True))
         wait_for(lambda: recorder.figures.samples == 1)
@@ -194,8 +194,8 @@ def test_services_and_actions_by_their_regions(topic, workshop, recording, tmp_p
     )
 
 
-def test_a_new_file_after_so_much(topic, workshop, recording, tmp_path):
-    kind = workshop.message("std_msgs/msg/Int32")
+def test_a_new_file_after_so_much(topic, registry, recording, tmp_path):
+    kind = registry.message("std_msgs/msg/Int32")
     with publisher(kind, topic, 15) as writer, recording(topic, most=1) as recorder:
         for number in range(3):
             writer.publish(kind(data=number))
@@ -212,8 +212,8 @@ def count(file):
     return sum(isinstance(one, read.Message) for one in read.messages(file)) if file.stat().st_size else 0
 
 
-def test_killed_and_still_readable(topic, workshop, tmp_path):
-    kind = workshop.message("std_msgs/msg/Int32")
+def test_killed_and_still_readable(topic, registry, tmp_path):
+    kind = registry.message("std_msgs/msg/Int32")
     with publisher(kind, topic, 15) as writer:
         writer.publish(kind(data=0))
         command = [sys.executable, "-m", "shmgen", "record", topic, "-o", "bag"]
@@ -234,8 +234,8 @@ def test_killed_and_still_readable(topic, workshop, tmp_path):
     assert found == []
 
 
-def test_a_full_disk_is_told_and_leaves_a_readable_bag(topic, workshop, tmp_path):
-    kind = workshop.message("geometry_msgs/msg/PoseStamped")
+def test_a_full_disk_is_told_and_leaves_a_readable_bag(topic, registry, tmp_path):
+    kind = registry.message("geometry_msgs/msg/PoseStamped")
 
     def limited():
         resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
@@ -255,11 +255,11 @@ def test_a_full_disk_is_told_and_leaves_a_readable_bag(topic, workshop, tmp_path
     assert len(found) == kept > 0
 
 
-def test_what_cannot_be_recorded_is_told_once_and_the_rest_is(topic, workshop, recording, tmp_path, shmgen):
+def test_what_cannot_be_recorded_is_told_once_and_the_rest_is(topic, registry, recording, tmp_path, shmgen):
     from ..runtime.messages import PosePublisher
 
-    with PosePublisher(topic + "x"), writer_of(workshop, topic) as writer:
-        writer.publish(full(workshop))
+    with PosePublisher(topic + "x"), writer_of(registry, topic) as writer:
+        writer.publish(full(registry))
         with recording(topic, topic + "x", count=1) as recorder:
             time.sleep(0.6)  # it looks for others four times a second
     assert recorder.failed
@@ -268,11 +268,11 @@ def test_what_cannot_be_recorded_is_told_once_and_the_rest_is(topic, workshop, r
     assert recorder.figures.samples == 1
 
 
-def test_the_command(topic, workshop, tmp_path, shmgen):
+def test_the_command(topic, registry, tmp_path, shmgen):
     assert shmgen("record").code == 2
     assert shmgen("record", "-a", "--max-size", "5X").code == 2
-    with writer_of(workshop, topic) as writer:
-        writer.publish(full(workshop))
+    with writer_of(registry, topic) as writer:
+        writer.publish(full(registry))
         done = shmgen("record", topic, "-o", "bag", "-d", "0.3")
         assert (done.code, done.stderr) == (0, "")
         assert done.stdout.startswith("bag: 1 file, 1 sample of 1 topic, 0 missed, 0.0 MB")

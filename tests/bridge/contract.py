@@ -19,8 +19,6 @@ from typing import Any
 
 import numpy
 
-from shmgen import pipeline
-from shmgen.bounds import Bound, Bounds
 from shmgen.bridge import choice
 from shmgen.bridge.backend import (
     ABORTED,
@@ -28,18 +26,20 @@ from shmgen.bridge.backend import (
     SUCCEEDED,
     ActionWire,
     Backend,
-    Caller,
     NoAnswer,
     Node,
+    RosClient,
     ServiceWire,
     Wire,
 )
+from shmgen.bridge.codec.direct import DirectPath, short_way
 from shmgen.bridge.plan import closure
-from shmgen.bridge.short_way import ShortWay, short_way
 from shmgen.config import Config
-from shmgen.diagnostics import Span
+from shmgen.config.entries import Bound, Bounds
+from shmgen.core.diagnostics import Span
+from shmgen.core.model import Schema
+from shmgen.generator import pipeline
 from shmgen.live.session import Session
-from shmgen.model import Schema
 
 LIMIT = 20.0
 """Seconds after which what should have come has not."""
@@ -82,7 +82,7 @@ class Scene:
         """The class that has its bytes."""
         return self._session.message(type_)
 
-    def short(self, type_: str) -> ShortWay | None:
+    def short(self, type_: str) -> DirectPath | None:
         layouts = self._session.layouts([type_])
         return short_way(self.kind(type_), self._session.layout(type_), layouts, ("header", "stamp"))
 
@@ -198,7 +198,7 @@ def the_short_way_leads_to_the_same(scene: Scene) -> None:
     name = "sensor_msgs/JointState"
     kind = scene.kind(name)
     line = scene.line(name, short=scene.short(name))
-    if type(scene.backend).__module__ not in ("shmgen.bridge.ros1", "shmgen.bridge.dds"):
+    if type(scene.backend).__module__ not in ("shmgen.bridge.ros1.backend", "shmgen.bridge.dds.backend"):
         assert line.outlet.send_payload is None
         return
     names = ["plain", "\xe4\u2603"]
@@ -343,7 +343,7 @@ def _say_so(request: Any, response: Any) -> None:
     response.success, response.message = bool(request.data), f"asked {bool(request.data)}"
 
 
-def _served(scene: Scene, answer: Callable[[Any, Any], None]) -> Caller:
+def _served(scene: Scene, answer: Callable[[Any, Any], None]) -> RosClient:
     """A caller of a service that is there: the first call is answered."""
     wire = scene.service()
     scene.backend.serve(wire, answer, scene.told.append)
@@ -352,20 +352,20 @@ def _served(scene: Scene, answer: Callable[[Any, Any], None]) -> Caller:
     return caller
 
 
-def _tried(caller: Caller) -> bool:
+def _tried(caller: RosClient) -> bool:
     try:
         return not _asked(caller, False, LIMIT / 4).success
     except NoAnswer:
         return False
 
 
-def _asked(caller: Caller, data: bool, timeout: float = 20.0) -> Any:
+def _asked(caller: RosClient, data: bool, timeout: float = 20.0) -> Any:
     request = caller.new()
     request.data = data
     return caller.call(request, timeout)
 
 
-def _no_answer(caller: Caller, timeout: float) -> None:
+def _no_answer(caller: RosClient, timeout: float) -> None:
     request = caller.new()
     request.data = True
     begun = time.monotonic()
@@ -392,7 +392,7 @@ class Work:
         self.heard: list[list[int]] = []
         self.ends: list[tuple[int, Any, str]] = []
         wire = scene.action()
-        told = _Mishaps(scene.told)
+        told = _ErrorSink(scene.told)
         scene.backend.actions.serve(scene.backend, wire, self, told)
         self.seeker = scene.backend.actions.seeker(scene.backend, wire, told)
 
@@ -414,7 +414,7 @@ class Work:
         return self.seeker.send(lambda goal: setattr(goal, "order", order), LIMIT, self)
 
 
-class _Mishaps:
+class _ErrorSink:
     def __init__(self, told: list[str]) -> None:
         self.reject = self.refuse = told.append
 
@@ -462,7 +462,7 @@ def a_cancel_reaches_its_goal(scene: Scene) -> None:
 
 def a_goal_that_nobody_takes_is_no_answer(scene: Scene) -> None:
     """And says so within its time."""
-    seeker = scene.backend.actions.seeker(scene.backend, scene.action(), _Mishaps(scene.told))
+    seeker = scene.backend.actions.seeker(scene.backend, scene.action(), _ErrorSink(scene.told))
     begun = time.monotonic()
     try:
         seeker.send(lambda goal: None, 0.5, None)  # type: ignore[arg-type]

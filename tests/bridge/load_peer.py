@@ -1,4 +1,4 @@
-"""The rospy nodes of tests/load_bridge.py: a source of numbered poses, an echo, and a sink that times them.
+"""The rospy nodes of tests/rigs/load_bridge.py: a source of numbered poses, an echo, and a sink that times them.
 
     python load_peer.py source SPACE SECONDS | echo SPACE | sink SPACE | caller SPACE
 

@@ -15,7 +15,7 @@ import pytest
 
 from shmgen.bridge.plan import actions
 from shmgen.config import load
-from shmgen.diagnostics import Report
+from shmgen.core.diagnostics import Report
 from shmgen.live.classes import action_client, action_server
 from shmgen.live.session import Session
 from shmgen.runtime import ServedGoal

@@ -54,7 +54,7 @@ def test_a_missing_one_says_what_to_install(installed: set[str], backend: str) -
 
 
 def test_none_at_all(installed: set[str]) -> None:
-    with pytest.raises(BackendMissing, match=r"one of these is needed\n  ros1: .*\n  ros2: .*\n  dds: "):
+    with pytest.raises(BackendMissing, match=r"one of these is needed\n  ros2: .*\n  ros1: .*\n  dds: "):
         choice.chosen("auto")
 
 

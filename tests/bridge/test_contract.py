@@ -18,7 +18,7 @@ from typing import Any
 
 import pytest
 
-from shmgen.bridge.backend import Intake, Node, Outlet
+from shmgen.bridge.backend import Node, RosPublisher, RosSubscription
 
 from ..conftest import REPOSITORY
 from ..support import pages, ros1, ros2
@@ -94,7 +94,7 @@ def test_it_is_kept(outcome: dict[str, str], check: Callable[[contract.Scene], N
 def memory(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
     """The module of the page."""
     folder = pages.copy(tmp_path_factory.mktemp("memory"))
-    (file,) = pages.follow(PAGE, folder)
+    file = pages.follow(PAGE, folder)[-1]
     spec = importlib.util.spec_from_file_location("shmgen_memory_of_the_page", file)
     assert spec
     assert spec.loader
@@ -107,7 +107,7 @@ def memory(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
 def out_of_order(module: ModuleType, backend: Any) -> None:
     usual, held = backend.publisher, []
 
-    def publisher(wire: Any) -> Outlet:
+    def publisher(wire: Any) -> RosPublisher:
         outlet = usual(wire)
 
         def send(message: Any) -> None:
@@ -117,7 +117,7 @@ def out_of_order(module: ModuleType, backend: Any) -> None:
                     outlet.send(one)
                 held.clear()
 
-        return Outlet(outlet.new, send)
+        return RosPublisher(outlet.new, send)
 
     backend.publisher = publisher
 
@@ -125,9 +125,9 @@ def out_of_order(module: ModuleType, backend: Any) -> None:
 def slow(module: ModuleType, backend: Any) -> None:
     usual = backend.publisher
 
-    def publisher(wire: Any) -> Outlet:
+    def publisher(wire: Any) -> RosPublisher:
         outlet = usual(wire)
-        return Outlet(outlet.new, lambda message: time.sleep(contract.AT_ONCE / 80) or outlet.send(message))
+        return RosPublisher(outlet.new, lambda message: time.sleep(contract.AT_ONCE / 80) or outlet.send(message))
 
     backend.publisher = publisher
 
@@ -153,7 +153,7 @@ def two_at_once(module: ModuleType, backend: Any) -> None:
                 module.threading.Thread(target=lambda: taker.take(made.decode(data)), daemon=True).start()
 
         module.TOPICS[wire.topic].inlets.append(Direct())
-        return Intake(made.new)
+        return RosSubscription(made.new)
 
     backend.subscribe = subscribe
 
@@ -171,7 +171,7 @@ def impatient(module: ModuleType, backend: Any) -> None:
             except contract.NoAnswer as error:
                 raise TimeoutError(str(error)) from None
 
-        return contract.Caller(caller.new, call)
+        return contract.RosClient(caller.new, call)
 
     backend.client = client
 
@@ -179,7 +179,7 @@ def impatient(module: ModuleType, backend: Any) -> None:
 def patient(module: ModuleType, backend: Any) -> None:
     """A call waits as long as it likes."""
     usual = backend.client
-    backend.client = lambda wire: contract.Caller(
+    backend.client = lambda wire: contract.RosClient(
         usual(wire).new, lambda request, timeout: usual(wire).call(request, 20 * timeout)
     )
 

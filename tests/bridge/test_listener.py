@@ -16,7 +16,7 @@ from shmgen.bridge.counters import Counters
 from shmgen.bridge.from_plc import FromPlc
 from shmgen.bridge.listener import Listener
 from shmgen.config import load
-from shmgen.diagnostics import Report
+from shmgen.core.diagnostics import Report
 from shmgen.live.session import Session
 from shmgen.runtime import LayoutMismatch, Subscriber
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..load_bridge import RATES, bridged
+from ..rigs.load_bridge import RATES, bridged
 from ..support.ros1 import Graph
 
 SECONDS = 3

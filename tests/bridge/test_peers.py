@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from shmgen.bridge.identity import Identity
-from shmgen.bridge.ros2_peers import Peers
-from shmgen.model import TypeName
+from shmgen.bridge.codec.type_identity import Identity
+from shmgen.bridge.ros2.peers import Peers
+from shmgen.core.model import TypeName
 
 OURS, OTHER = "RIHS01_" + "1" * 64, "RIHS01_" + "2" * 64
 FRIEND, STRANGER = b"friend", b"stranger"

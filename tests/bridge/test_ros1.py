@@ -15,9 +15,9 @@ from xmlrpc.client import ServerProxy
 import pytest
 from ruamel.yaml import YAML
 
-from shmgen import pipeline
 from shmgen.config import load
-from shmgen.diagnostics import Report
+from shmgen.core.diagnostics import Report
+from shmgen.generator import pipeline
 from shmgen.live.classes import publisher
 from shmgen.live.session import Session
 from tests.softplc import compile_st

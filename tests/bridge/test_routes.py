@@ -11,22 +11,22 @@ from typing import Any
 
 import pytest
 
-from shmgen import pipeline
-from shmgen.bounds import Bound, Bounds
 from shmgen.bridge import plan
-from shmgen.bridge.backend import Intake, Outlet
+from shmgen.bridge.backend import RosPublisher, RosSubscription
+from shmgen.bridge.codec.cut import cut
 from shmgen.bridge.counters import Counters
-from shmgen.bridge.cut import cut
 from shmgen.bridge.diagnostics import ERROR, OK, STALE, WARN, Reporter
 from shmgen.bridge.from_plc import FromPlc
 from shmgen.bridge.to_plc import ToPlc
 from shmgen.config import Config, load
-from shmgen.diagnostics import Rejected, Report, Span
+from shmgen.config.entries import Bound, Bounds
+from shmgen.core.diagnostics import Rejected, Report, Span
+from shmgen.core.model import Role
+from shmgen.generator import pipeline
 from shmgen.live.classes import publisher, subscriber
 from shmgen.live.session import Session
-from shmgen.model import Role
 from shmgen.runtime import Publisher, RegionInUse, Subscriber, Time, region_name
-from shmgen.runtime.names import region_file
+from shmgen.runtime.region.names import region_file
 
 PATH = """
 std_msgs/Header header
@@ -61,8 +61,8 @@ class Line:
         """Joins what looks like a ROS."""
         self.side.join(
             SimpleNamespace(  # type: ignore[arg-type]
-                publisher=lambda wire: Outlet(message, send or self.sent.append),
-                subscribe=lambda wire, callback: Intake(message),
+                publisher=lambda wire: RosPublisher(message, send or self.sent.append),
+                subscribe=lambda wire, callback: RosSubscription(message),
                 now=lambda: Time(77, 5),
             )
         )

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from shmgen import pipeline
-from shmgen.bridge import actions_of_ros2
-from shmgen.bridge.backend import ActionWire, Caller, Intake, NoAnswer, ServiceWire, Wire
+from shmgen.bridge.backend import ActionWire, NoAnswer, RosClient, RosSubscription, ServiceWire, Wire
+from shmgen.bridge.ros2 import actions as ros2_actions
 from shmgen.config import Config
+from shmgen.generator import pipeline
 
 
 class Backend:
@@ -21,19 +21,19 @@ class Backend:
         self.missing = missing
         self.called: list[str] = []
 
-    def client(self, wire: ServiceWire) -> Caller:
+    def client(self, wire: ServiceWire) -> RosClient:
         def call(request: Any, timeout: float) -> Any:
             self.called.append(wire.service)
             return SimpleNamespace(accepted=False)
 
-        return Caller(
+        return RosClient(
             lambda: SimpleNamespace(goal_id=SimpleNamespace(uuid=[0] * 16), goal=SimpleNamespace(order=0)),
             call,
             lambda: not wire.service.endswith(self.missing),
         )
 
-    def subscribe(self, wire: Wire, taker: Any) -> Intake:
-        return Intake(lambda: None, lambda: not wire.topic.endswith(self.missing))
+    def subscribe(self, wire: Wire, taker: Any) -> RosSubscription:
+        return RosSubscription(lambda: None, lambda: not wire.topic.endswith(self.missing))
 
 
 @pytest.mark.parametrize("missing", ["send_goal", "get_result", "cancel_goal", "feedback", "nothing"])
@@ -45,7 +45,7 @@ def test_a_server_that_is_found_in_part(missing: str, tmp_path: Path) -> None:
     parts = {message.name.name: message for message in schema.messages}
     wire = ActionWire("/reach", *((parts[f"Fibonacci_{part}"],) for part in ("Goal", "Result", "Feedback")))
     backend: Any = Backend(missing)
-    seeker = actions_of_ros2.seeker(backend, wire, SimpleNamespace(reject=None, refuse=None, lose=None))  # type: ignore[arg-type]
+    seeker = ros2_actions.seeker(backend, wire, SimpleNamespace(reject=None, refuse=None, lose=None))  # type: ignore[arg-type]
     follower: Any = None
     if missing == "nothing":
         assert seeker.send(lambda goal: None, 0.03, follower) is None

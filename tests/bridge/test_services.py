@@ -13,7 +13,7 @@ import pytest
 
 from shmgen.bridge.plan import ServiceRoute, services
 from shmgen.config import load
-from shmgen.diagnostics import Report
+from shmgen.core.diagnostics import Report
 from shmgen.live.session import Session
 from shmgen.runtime import CallFailed, Publisher, ServiceClient, ServiceServer, Subscriber
 

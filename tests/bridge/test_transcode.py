@@ -13,14 +13,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rosbags.typesys.store import Typestore
 
-from shmgen.bridge import cdr, transcode
-from shmgen.bridge.cdr import codec
-from shmgen.bridge.dialect import CDR, ROS1
+from shmgen.bridge.codec import cdr, transcode
+from shmgen.bridge.codec.cdr import codec
+from shmgen.bridge.codec.transcode import Transcoder
+from shmgen.bridge.codec.wire_format import CDR, ROS1
 from shmgen.bridge.plan import closure
-from shmgen.bridge.transcode import Transcoder
 from shmgen.config import Config
+from shmgen.core.model import Role, Schema, TypeOptions
 from shmgen.live.session import Session
-from shmgen.model import Role, Schema, TypeOptions
 from shmgen.runtime import CountExceeded, Time
 
 from ..conftest import REPOSITORY
@@ -38,7 +38,9 @@ needs_c = pytest.mark.skipif(not transcode.EXTENSION, reason=WHY_NOT)
 @needs_c
 def test_the_extension_is_not_older_than_its_source() -> None:
     made = Path(sys.modules["shmgen._transcode"].__file__).stat().st_mtime
-    assert made >= (REPOSITORY / "src/shmgen/bridge/transcode.c").stat().st_mtime, "pip install -e . makes it anew"
+    assert made >= (REPOSITORY / "src/shmgen/bridge/codec/transcode.c").stat().st_mtime, (
+        "pip install -e . makes it anew"
+    )
 
 
 @given(schema=schemas.schemas(), options=st.sampled_from(OPTIONS), seed=st.integers(0, 2**32))
@@ -86,8 +88,8 @@ def test_any_message_goes_as_the_long_way(schema, options, seed, tmp_path_factor
 class Both:
     """The Python and the C, which may leave to the Python what is out of the ordinary, and has no other word for it."""
 
-    def __init__(self, layout, layouts, dialect, stamp=()):
-        self.made = Transcoder(layout, layouts, dialect, stamp)
+    def __init__(self, layout, layouts, wire_format, stamp=()):
+        self.made = Transcoder(layout, layouts, wire_format, stamp)
 
     def encode(self, payload, now=Time):
         wanted = self.made._encoded(payload, now)
@@ -136,19 +138,19 @@ SOME = {
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory) -> Session:
-    from shmgen.bounds import Bound, Bounds
-    from shmgen.diagnostics import Span
+    from shmgen.config.entries import Bound, Bounds
+    from shmgen.core.diagnostics import Span
 
     bounds = Bounds({}, {package: Bound(4, Span("test")) for package in ("sensor_msgs", "diagnostic_msgs")})
     return Session(Config(tmp_path_factory.mktemp("some"), source="jazzy", bounds=bounds))
 
 
 @needs_c
-@pytest.mark.parametrize("dialect", [CDR, ROS1], ids=["ROS 2", "ROS 1"])
+@pytest.mark.parametrize("wire_format", [CDR, ROS1], ids=["ROS 2", "ROS 1"])
 @pytest.mark.parametrize("name", SOME)
-def test_what_is_ordinary_goes_in_c(session, name, dialect):
+def test_what_is_ordinary_goes_in_c(session, name, wire_format):
     layouts, kind = session.layouts([name]), session.message(name)
-    made = Both(session.layout(name), layouts, dialect)
+    made = Both(session.layout(name), layouts, wire_format)
     payload = bytes(kind(**SOME[name]))
     sent = made.made._encode_ordinary(payload, Time)
     assert sent == made.made._encode_ordinary(bytearray(payload), Time) == made.encode(payload)
@@ -156,15 +158,15 @@ def test_what_is_ordinary_goes_in_c(session, name, dialect):
     assert made.made._decode_ordinary(sent) == made.decode(sent) == payload
 
 
-@pytest.mark.parametrize("dialect", [CDR, ROS1], ids=["ROS 2", "ROS 1"])
-def test_an_unset_stamp_becomes_now(session, dialect):
+@pytest.mark.parametrize("wire_format", [CDR, ROS1], ids=["ROS 2", "ROS 1"])
+def test_an_unset_stamp_becomes_now(session, wire_format):
     name = "geometry_msgs/PoseStamped"
     layouts, kind = session.layouts([name]), session.message(name)
-    made = Both(session.layout(name), layouts, dialect, ("header", "stamp"))
+    made = Both(session.layout(name), layouts, wire_format, ("header", "stamp"))
     now = Time(1_700_000_000, 123_456_789)
     unset, set_ = kind(), kind()
     set_.header.stamp = recent = Time(int(time.time()) - 5, 5_000_000)
-    at = len(dialect.head)
+    at = len(wire_format.head)
     assert struct.unpack_from("<iI", made.encode(bytes(unset), lambda: now), at) == now
     assert struct.unpack_from("<iI", made.encode(bytes(set_), lambda: now), at) == recent
     assert struct.unpack_from("<iI", made.encode(bytes(unset)), at) == (0, 0)

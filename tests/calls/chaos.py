@@ -174,16 +174,16 @@ def _plant(fault: str) -> None:
     if fault == "client":
         SLOW = 0.5
 
-        def own(caller: Any, answer: Any) -> Any:
-            if answer is not None:
-                caller.number = 0
-            return answer
+        def own(client: Any, response: Any) -> Any:
+            if response is not None:
+                client.number = 0
+            return response
 
-        calls.Caller._own = own  # type: ignore[method-assign]
+        calls.CallClient._own = own  # type: ignore[method-assign]
     elif fault == "server":
         from shmgen.runtime import server
 
-        server.passed_over = lambda questions: questions  # type: ignore[attr-defined]
+        server.skip_stale = lambda questions: questions  # type: ignore[attr-defined]
 
 
 def main() -> None:

@@ -28,7 +28,7 @@ from types import ModuleType, SimpleNamespace
 from typing import Any, NamedTuple, TypeAlias
 
 from shmgen import runtime
-from shmgen.model import TypeName
+from shmgen.core.model import TypeName
 from tests.support.build import module
 from tests.support.plc_calls import FAULTS, PACKAGE, Calls, open_or_make
 

@@ -20,7 +20,7 @@ from shm_service.cell_msgs.action import (
 
 from shmgen import runtime
 from shmgen.runtime import action_server
-from shmgen.runtime import header as h
+from shmgen.runtime.region import header as h
 
 SERVE = """
 def move(goal):
@@ -191,8 +191,8 @@ def test_only_a_server_with_nothing_to_do_waits(pair, monkeypatch):
     server, client = pair
     first = sent(server, client)
     client.send_goal(Move_Goal(position=2.0), timeout=1)
-    asked, take = [], server._callee.take
-    monkeypatch.setattr(server._callee, "take", lambda timeout: asked.append(timeout) or take(0.0))
+    asked, take = [], server._calls.take
+    monkeypatch.setattr(server._calls, "take", lambda timeout: asked.append(timeout) or take(0.0))
     assert first.is_cancel_requested
     assert server.wait(30).request.position == 2.0
     assert server.take() is None
@@ -204,7 +204,7 @@ def test_only_a_server_with_nothing_to_do_waits(pair, monkeypatch):
 def test_a_plc_is_a_client_while_its_heartbeat_moves(topic, monkeypatch):
     now = time.monotonic()
     with MoveActionServer(topic) as server:
-        words = server._callee._questions._words
+        words = server._calls._requests._words
         assert not server.client_lives()
         words[h.WRITER], words[h.HEARTBEAT] = h.PLC, 5
         assert server.client_lives()
@@ -285,14 +285,14 @@ def test_a_restarted_server_takes_no_old_goal_but_answers_its_cancel(topic, peer
 
 
 @pytest.mark.parametrize("half", ["progress_publisher", "outcome_publisher"])
-def test_where_a_claim_is_in_doubt_goals_are_passed_over_once_more(topic, monkeypatch, half):
+def test_where_a_claim_is_in_doubt_goals_are_skip_stale_once_more(topic, monkeypatch, half):
     class Doubtful(getattr(MoveActionServer, half)):
         def __init__(self, *arguments, **options):
             super().__init__(*arguments, **options)
             self._claim_doubtful = True
 
     times = []
-    monkeypatch.setattr(action_server, "passed_over", times.append)
+    monkeypatch.setattr(action_server, "skip_stale", times.append)
     MoveActionServer(topic).close()
     assert len(times) == 1
     monkeypatch.setattr(MoveActionServer, half, Doubtful)

@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 
 import pytest
 
-from shmgen.model import TypeName
+from shmgen.core.model import TypeName
 from shmgen.runtime import CallFailed, CallTimeout
 
 from ..conftest import REPOSITORY

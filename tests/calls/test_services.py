@@ -24,8 +24,9 @@ from shm_service.cell_msgs.srv import (
 )
 
 from shmgen import runtime
-from shmgen.runtime import calls, lock
-from shmgen.runtime import header as h
+from shmgen.runtime import calls
+from shmgen.runtime.region import header as h
+from shmgen.runtime.region import lock
 
 from ..support.tracing import traced
 
@@ -180,9 +181,9 @@ def test_an_exception_behind_any_step_of_an_answer(topic):
         server.wait(1e-3)  # opens the event
         for step in range(1, 1000):
             client.send(request(step))
-            before = server._callee._answers.sequence
+            before = server._calls._responses.sequence
             came = interrupted_behind(step, lambda: server.serve(answer, timeout=1e-2))
-            answers = server._callee._answers.sequence - before
+            answers = server._calls._responses.sequence - before
             assert answers <= 1
             client.send(request(2 * step))
             call = server.take()
@@ -200,8 +201,8 @@ def test_without_a_server_nothing_is_sent(topic, monkeypatch):
             client.call(request(), timeout=0.2)
         assert 0.2 <= time.monotonic() - begin < 2
         assert not client.server_is_ready()
-        asked, words = [], client._caller._answers._words
-        monkeypatch.setattr(client._caller, "wait_for_server", asked.append)
+        asked, words = [], client._calls._responses._words
+        monkeypatch.setattr(client._calls, "wait_for_server", asked.append)
         client.server_is_ready()
         words[h.WRITER] = h.PLC
         client.server_is_ready()
@@ -260,7 +261,7 @@ def test_time_runs_out(topic):
 # --- what is late, or old ------------------------------------------------------------------------
 
 
-def test_a_late_reply_is_passed_over(topic):
+def test_a_late_reply_is_skip_stale(topic):
     with StartServer(topic) as server, StartClient(topic) as client:
         client.send(request(1))
         late = server.take()
@@ -289,7 +290,7 @@ def test_a_reply_to_another_call_does_not_end_the_wait(topic, monkeypatch):
         assert client.service == server.service == topic
         number = client.send(request(1))
         replies = [Start_Reply(call=call, status=Start_Reply.DONE) for call in (number + 1, number)]
-        monkeypatch.setattr(client._caller._answers, "wait", lambda left: replies.pop(0))
+        monkeypatch.setattr(client._calls._responses, "wait", lambda left: replies.pop(0))
         assert client.wait(30) is not None
         assert not replies
         assert client.wait(30) is None, "no call is open, so there is nothing to wait for"
@@ -380,7 +381,7 @@ time.sleep(20)
             assert client.poll().batch == 16
 
 
-def test_a_reply_of_former_times_with_the_same_number_is_passed_over(topic):
+def test_a_reply_of_former_times_with_the_same_number_is_skip_stale(topic):
     """As after `shmgen clean` of the request's region alone: the numbers begin anew."""
     with Start_ReplyPublisher(f"{topic}-response") as former:
         former.publish(SimpleNamespace(call=1, status=1, response=Start_Response(batch=99)))
@@ -471,7 +472,7 @@ def test_a_thread_waits_for_the_call_of_another_no_longer_than_its_time(topic):
 
 def test_a_plc_serves_while_its_heartbeat_moves(topic):
     with StartClient(topic) as client:
-        words = client._caller._answers._words
+        words = client._calls._responses._words
         words[h.WRITER], words[h.HEARTBEAT] = h.PLC, 5
         assert not client.server_is_ready()
         stop = threading.Event()
@@ -493,9 +494,9 @@ def test_a_plc_serves_while_its_heartbeat_moves(topic):
 
 def test_a_server_that_waits_shows_that_it_lives(topic):
     with StartServer(topic) as server, StartClient(topic) as client:
-        before = client._caller._answers._words[h.HEARTBEAT]
+        before = client._calls._responses._words[h.HEARTBEAT]
         assert server.wait(0.3) is None
-        assert client._caller._answers._words[h.HEARTBEAT] - before >= 3
+        assert client._calls._responses._words[h.HEARTBEAT] - before >= 3
 
 
 def test_taking_does_not_wait(topic, monkeypatch):
@@ -506,14 +507,14 @@ def test_taking_does_not_wait(topic, monkeypatch):
     assert waits == [0]
 
 
-def test_where_a_claim_is_in_doubt_requests_are_passed_over_once_more(topic, monkeypatch):
+def test_where_a_claim_is_in_doubt_requests_are_skip_stale_once_more(topic, monkeypatch):
     class Doubtful(StartServer.reply_publisher):
         def __init__(self, *arguments, **options):
             super().__init__(*arguments, **options)
             self._claim_doubtful = True
 
     times = []
-    monkeypatch.setattr("shmgen.runtime.server.passed_over", times.append)
+    monkeypatch.setattr("shmgen.runtime.server.skip_stale", times.append)
     StartServer(topic).close()
     assert len(times) == 1
     monkeypatch.setattr(StartServer, "reply_publisher", Doubtful)
@@ -554,11 +555,11 @@ def test_no_server_ends_of_a_lock_that_a_dead_process_has(topic, caplog):
     ):
         served = pool.submit(server.serve, handler, 60.0)
         assert client.wait_for_server(5)
-        leave_locked(client._caller._questions, dead)
-        leave_locked(server._callee._answers, dead)
+        leave_locked(client._calls._requests, dead)
+        leave_locked(server._calls._responses, dead)
         assert client.call(request(4), timeout=20).batch == 8
         assert client.call(request(5), timeout=20).batch == 10
-        leave_locked(server._callee._answers, dead)
+        leave_locked(server._calls._responses, dead)
         for batch in (6, 7):
             with pytest.raises(runtime.CallFailed):
                 client.call(request(batch), timeout=20)
@@ -573,7 +574,7 @@ def test_a_server_that_begins_while_somebody_has_the_lock_serves_no_old_call(top
         with StartServer(topic) as before:
             client.send(request())
             assert before.take() is not None
-        semaphore = client._caller._questions._region.semaphore
+        semaphore = client._calls._requests._region.semaphore
         assert semaphore.acquire(False)
         with StartServer(topic) as server:
             semaphore.release()
@@ -583,7 +584,7 @@ def test_a_server_that_begins_while_somebody_has_the_lock_serves_no_old_call(top
 @pytest.mark.usefixtures("on_arm")
 def test_a_call_that_finds_no_free_lock_ends_in_its_time(topic):
     with StartServer(topic) as server, StartClient(topic) as client:
-        leave_locked(client._caller._questions, h.PLC)
+        leave_locked(client._calls._requests, h.PLC)
         start = time.monotonic()
         with pytest.raises(runtime.LockTimeout):
             client.call(request(), timeout=0.1)
@@ -594,8 +595,8 @@ def test_a_call_that_finds_no_free_lock_ends_in_its_time(topic):
 @pytest.mark.usefixtures("on_arm")
 def test_an_answer_that_waits_for_the_lock_gives_way_to_a_newer_call(topic):
     with StartServer(topic, lock_timeout=0) as server, StartClient(topic) as client:
-        leave_locked(server._callee._answers, h.PLC)
-        server._callee._answers._lock._since += 3600
+        leave_locked(server._calls._responses, h.PLC)
+        server._calls._responses._lock._since += 3600
         asked = []
 
         def handler(request):

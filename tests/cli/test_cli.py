@@ -14,8 +14,8 @@ from xml.etree import ElementTree
 import pytest
 
 from shmgen import __version__
-from shmgen.diagnostics import CODES
-from shmgen.runtime import straight
+from shmgen.core.diagnostics import CODES
+from shmgen.runtime import core
 
 from ..support.command import Result, run, tree
 
@@ -468,7 +468,7 @@ def test_a_file_is_no_output_folder(tmp_path: Path) -> None:
 
 
 def test_help_and_version(tmp_path: Path) -> None:
-    written = f"shmgen, version {__version__}; publish and read in {'C' if straight.IN_C else 'Python'}\n"
+    written = f"shmgen, version {__version__}; publish and read in {'C' if core.IN_C else 'Python'}\n"
     assert done(tmp_path, "--version") == written
     for command in ("generate", "show", "types", "list", "explain"):
         assert command in done(tmp_path, "-h")
@@ -489,7 +489,7 @@ def test_colour_is_for_terminals(tmp_path: Path) -> None:
 
 
 def test_a_fault_of_ours_is_shown_to_who_wants_to_see_it(tmp_path: Path) -> None:
-    fault = "from shmgen import layout; from shmgen.cli.main import main; layout.region_size = None; main()"
+    fault = "from shmgen.generator import layout; from shmgen.cli.main import main; layout.region_size = None; main()"
     command = [sys.executable, "-c", fault, "generate", "std_msgs/Bool"]
     result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (result.returncode, "Traceback" in result.stderr) == (1, False)

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from shmgen.diagnostics import CODES
+from shmgen.core.diagnostics import CODES
 
 from ..conftest import REPOSITORY
 from ..support.command import Result, run, tree

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from shmgen import __version__
-from shmgen.cli import origin, start
+from shmgen.cli import init, install_source
 
 from ..conftest import REPOSITORY
 from ..drift.test_check import write
@@ -27,7 +27,7 @@ PACKAGES = {
 }
 
 
-def init(folder: Path, *options: str) -> str:
+def begun(folder: Path, *options: str) -> str:
     result = run(["init", *options], folder)
     assert (result.code, result.stderr) == (0, ""), result.stderr
     return result.stdout
@@ -35,7 +35,7 @@ def init(folder: Path, *options: str) -> str:
 
 def test_it_lists_packages_and_what_must_be_bounded(tmp_path: Path) -> None:
     write(tmp_path, PACKAGES)
-    assert init(tmp_path).splitlines() == [
+    assert begun(tmp_path).splitlines() == [
         "shmgen.toml written",
         "found demo_msgs, robot_msgs; 3 sequences hold at most 32, unless [bounds] says otherwise",
         "",
@@ -59,19 +59,19 @@ def test_it_lists_packages_and_what_must_be_bounded(tmp_path: Path) -> None:
 def test_a_package_is_a_place_to_start_too(tmp_path: Path) -> None:
     folder = tmp_path / "demo_msgs"
     write(folder, {"package.xml": "<package><name>demo_msgs</name></package>", "msg/Arm.msg": "int8 a\n"})
-    assert "found demo_msgs\n" in init(folder)
+    assert "found demo_msgs\n" in begun(folder)
     assert run(["generate"], folder).code == 0
 
 
 def test_a_catkin_package_is_read_as_ros_1(tmp_path: Path) -> None:
     manifest = "<package><name>old_msgs</name><buildtool_depend>catkin</buildtool_depend></package>"
     write(tmp_path, {"old_msgs/package.xml": manifest, "old_msgs/msg/Arm.msg": "Header header\nint8 aB\n"})
-    init(tmp_path)
+    begun(tmp_path)
     assert run(["generate"], tmp_path).code == 0
 
 
 def test_an_empty_folder(tmp_path: Path) -> None:
-    said = init(tmp_path)
+    said = begun(tmp_path)
     assert "no message package is in this folder" in said
     assert said.endswith("next:\n  shmgen list\n  shmgen generate\n")
     assert "error[SHM504]" in run(["generate"], tmp_path).stderr
@@ -79,21 +79,21 @@ def test_an_empty_folder(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("path", ["shmgen.toml", "pyproject.toml"])
 def test_a_configuration_stays_as_it_is(tmp_path: Path, path: str) -> None:
-    write(tmp_path, {**PACKAGES, path: "[tool.shmgen]\n", start.HOOK_FILE: "repos: []\n", start.CI_FILE: "name: CI\n"})
+    write(tmp_path, {**PACKAGES, path: "[tool.shmgen]\n", init.HOOK_FILE: "repos: []\n", init.CI_FILE: "name: CI\n"})
     before = tree(tmp_path)
-    said = init(tmp_path, "--hook", "--ci", "--from", SOURCE)
+    said = begun(tmp_path, "--hook", "--ci", "--from", SOURCE)
     assert f"{path} has a configuration, and is left as it is" in said
-    assert start.HOOK in said
-    assert start.CI.format(requirement=SOURCE) in said
+    assert init.HOOK in said
+    assert init.CI.format(requirement=SOURCE) in said
     assert tree(tmp_path) == before
 
 
 def test_hook_and_ci_are_added(tmp_path: Path) -> None:
     write(tmp_path, PACKAGES)
-    assert "  pre-commit install " in init(tmp_path, "--hook", "--ci", "--from", SOURCE)  # else no commit is stopped
-    assert "pre-commit" not in init(tmp_path)
-    assert (tmp_path / start.HOOK_FILE).read_text() == start.HOOK
-    assert (tmp_path / start.CI_FILE).read_text() == start.CI.format(requirement=SOURCE)
+    assert "  pre-commit install " in begun(tmp_path, "--hook", "--ci", "--from", SOURCE)  # else no commit is stopped
+    assert "pre-commit" not in begun(tmp_path)
+    assert (tmp_path / init.HOOK_FILE).read_text() == init.HOOK
+    assert (tmp_path / init.CI_FILE).read_text() == init.CI.format(requirement=SOURCE)
 
 
 @pytest.mark.parametrize(
@@ -110,12 +110,12 @@ def test_a_ci_installs_what_was_installed_here(
     monkeypatch: pytest.MonkeyPatch, noted: dict[str, Any] | None, requirement: str | None
 ) -> None:
     text = noted and json.dumps(noted)
-    monkeypatch.setattr(origin, "distribution", lambda _: SimpleNamespace(read_text=lambda _: text))
-    assert origin.requirement() == requirement
+    monkeypatch.setattr(install_source, "distribution", lambda _: SimpleNamespace(read_text=lambda _: text))
+    assert install_source.requirement() == requirement
 
 
 def test_a_folder_of_this_machine_is_nothing_for_a_ci(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(origin, "requirement", lambda: None)
+    monkeypatch.setattr(install_source, "requirement", lambda: None)
     result = run(["init", "--ci"], tmp_path)
     assert result.code == 2
     assert "--from git+https://" in result.stderr
@@ -132,5 +132,5 @@ def test_a_wrong_definition_is_told_and_nothing_written(tmp_path: Path) -> None:
 
 def test_our_hooks_look_at_the_same_files() -> None:
     hooks = (REPOSITORY / ".pre-commit-hooks.yaml").read_text()
-    assert hooks.count(f"  files: {start.FILES}\n") == 2
-    assert f"        files: {start.FILES}\n" in start.HOOK
+    assert hooks.count(f"  files: {init.FILES}\n") == 2
+    assert f"        files: {init.FILES}\n" in init.HOOK

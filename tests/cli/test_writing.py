@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-import shmgen.write
+import shmgen.core.write
 
 from ..support.build import put
 from ..support.command import run, tree
@@ -27,14 +27,14 @@ def configured(folder: Path, bound: int) -> list[str]:
 
 def interrupted(monkeypatch: pytest.MonkeyPatch, folder: Path, *commands: list[str]) -> None:
     """The next runs find that another one has written in the moment before they write."""
-    genuine, left = shmgen.write.write, list(commands)
+    genuine, left = shmgen.core.write.write, list(commands)
 
     def write(*arguments: object, **keywords: object) -> object:
         if left:
             assert run(left.pop(), folder).code == 0
         return genuine(*arguments, **keywords)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(shmgen.write, "write", write)
+    monkeypatch.setattr(shmgen.core.write, "write", write)
 
 
 @pytest.mark.parametrize("before", [None, 4, 7, 9])
@@ -68,8 +68,8 @@ def test_while_files_are_written_nobody_else_writes(monkeypatch: pytest.MonkeyPa
         os.close(folder)
         return genuine(path, text)
 
-    genuine = shmgen.write._stage
-    monkeypatch.setattr(shmgen.write, "_stage", stage)
+    genuine = shmgen.core.write._stage
+    monkeypatch.setattr(shmgen.core.write, "_stage", stage)
     assert run(configured(tmp_path, 3), tmp_path).code == 0
     assert staged
 

@@ -58,7 +58,7 @@ def test_each_key_of_a_topic(tmp_path: Path, text: str, meant: Carrying) -> None
     ("text", "code", "line", "says"),
     [
         ("bridge = 3", "SHM502", 1, "write [bridge]"),
-        ("[bridge]\nbackend = 'ros'", "SHM502", 2, "auto, ros1, ros2, dds"),
+        ("[bridge]\nbackend = 'ros'", "SHM502", 2, "auto, ros2, ros1, dds"),
         ("[bridge]\nbackand = 'ros1'", "SHM501", 2, "did you mean backend?"),
         ("[bridge]\nnode = '/bridge'", "SHM502", 2, "letters, digits and _"),
         ("[bridge]\nnode = 3", "SHM502", 2, "not 3"),
@@ -88,7 +88,7 @@ def test_each_mistake_has_its_line(tmp_path: Path, text: str, code: str, line: i
 
 def test_what_the_bridge_does_changes_no_byte(tmp_path: Path) -> None:
     """So none of it is in layout.lock, and a new `rate` asks nobody to rebuild the PLC's program."""
-    from shmgen import pipeline
+    from shmgen.generator import pipeline
 
     plain = TO_PLC.replace("a/B", "std_msgs/Bool")
     texts: list[Any] = [

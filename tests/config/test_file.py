@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 
 from shmgen import config
-from shmgen.bounds import Bound
 from shmgen.config import Config
+from shmgen.config.entries import Bound
 from shmgen.config.file import ActionEntry, ServiceEntry, TopicEntry
-from shmgen.diagnostics import Diagnostic, Rejected, Report, Span
-from shmgen.model import Regions, TypeOptions
+from shmgen.core.diagnostics import Diagnostic, Rejected, Report, Span
+from shmgen.core.model import Regions, TypeOptions
 
 
 def load(folder: Path, text: str | bytes, name: str = "shmgen.toml") -> Config:

@@ -1,4 +1,4 @@
-// A writer or a reader of tests/chaos.py in C++, which is killed and stopped at random instants.
+// A writer or a reader of tests/rigs/chaos.py in C++, which is killed and stopped at random instants.
 //
 //   chaos write|read|next|wait Small|Large TOPIC DEPTH PLACE MOVES COMPLAINTS PATTERNS SEED
 //

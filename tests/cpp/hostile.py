@@ -16,8 +16,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-from shmgen.bounds import Bound, Bounds
-from shmgen.diagnostics import Span
+from shmgen.config.entries import Bound, Bounds
+from shmgen.core.diagnostics import Span
 
 from ..support import cpp_peer
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from shmgen.model import TypeName
+from shmgen.core.model import TypeName
 from shmgen.runtime import CallFailed, CallTimeout
 
 from ..conftest import REPOSITORY

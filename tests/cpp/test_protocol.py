@@ -270,7 +270,7 @@ def test_a_lock_heals(language: str, peer: Start, demo: Demo, topic: str) -> Non
 
 
 def test_a_reader_leaves_the_lock_alone(language: str, peer: Start, topic: str) -> None:
-    """On x86, be it free or held, until a writer is quicker than a copy: tests/chaos.py."""
+    """On x86, be it free or held, until a writer is quicker than a copy: tests/rigs/chaos.py."""
     process = peer(language)
     assert (process.opens("w", "pub", topic), process.opens("r", "sub", topic)) == (0, 0)
     for a, call in enumerate(("read", "next", "try"), 1):

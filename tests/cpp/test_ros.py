@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from shmgen import pipeline
-from shmgen.bounds import Bound, Bounds
 from shmgen.config import Config
-from shmgen.diagnostics import Span
+from shmgen.config.entries import Bound, Bounds
+from shmgen.core.diagnostics import Span
+from shmgen.generator import pipeline
 
 from ..support import ros2
 from ..support.build import put

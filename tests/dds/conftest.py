@@ -12,17 +12,17 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import pytest
 
-from shmgen import pipeline
 from shmgen.bridge.backend import Node, Wire
 from shmgen.bridge.plan import closure
 from shmgen.config import Config
-from shmgen.model import Schema
+from shmgen.core.model import Schema
+from shmgen.generator import pipeline
 
 from ..support.dds import LOOPBACK, Domain
 from . import peers
 
 if TYPE_CHECKING:
-    from shmgen.bridge.dds import Graph
+    from shmgen.bridge.dds.backend import Graph
 
 TYPES = (
     "diagnostic_msgs/DiagnosticArray",
@@ -87,9 +87,9 @@ def told() -> list[str]:
 @pytest.fixture
 def graph(told: list[str]) -> Iterator[Graph]:
     """Our node in the domain."""
-    from shmgen.bridge import dds
+    from shmgen.bridge.dds import backend
 
-    made = dds.connect(Node("shmgen_test", None, told.append, lambda: False, largest=2**20))
+    made = backend.connect(Node("shmgen_test", None, told.append, lambda: False, largest=2**20))
     yield made
     made.close()
 
@@ -107,7 +107,7 @@ def peer(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 
 
 class Taken:
-    """A Taker: messages go to `take`; the rest is `told`."""
+    """A MessageSink: messages go to `take`; the rest is `told`."""
 
     def __init__(self, take: Callable[[Any], Any], told: list[str] | None = None) -> None:
         self.take = take

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from shmgen.model import Array, Clock, Element, Field, Message, Ref, Scalar, Sequence, String, TypeName
+from shmgen.core.model import Array, Clock, Element, Field, Message, Ref, Scalar, Sequence, String, TypeName
 
 SPELLED = {
     Scalar.BOOL: "boolean",

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from shmgen.model import Message, TypeName
+from shmgen.core.model import Message, TypeName
 
 from ..support.dds import LOOPBACK
 from ..support.ros1 import Bridge

@@ -11,18 +11,18 @@ from typing import Any
 
 import pytest
 
-from shmgen import pipeline
-from shmgen.bridge import dds
 from shmgen.bridge.backend import NoAnswer
-from shmgen.bridge.dds_types import topic_name
+from shmgen.bridge.dds import backend
+from shmgen.bridge.dds.types import topic_name
 from shmgen.bridge.plan import ServiceRoute, services
 from shmgen.config import load
-from shmgen.diagnostics import Report
+from shmgen.core.diagnostics import Report
+from shmgen.generator import pipeline
 from shmgen.live.session import Session
 from shmgen.runtime import Publisher, ServiceClient, ServiceServer, Subscriber
 from tests.softplc import compile_st
 
-from ..load_bridge import RATES, bridged
+from ..rigs.load_bridge import RATES, bridged
 from ..support.dds import Domain
 from ..support.ros1 import LIMIT, Bridge
 from .peers import running
@@ -113,7 +113,7 @@ def test_through_a_plc_and_back(peer: Path, cell: Domain, library: Path, domain:
     bridge.said("/joints_back +[0-9]+ passed")
 
 
-def test_services_both_ways(cell: Domain, graph: dds.Graph, topic: str) -> None:
+def test_services_both_ways(cell: Domain, graph: backend.Graph, topic: str) -> None:
     """Python plays the PLC; our backend, in this process, the ends on rmw_cyclonedds."""
     file = cell.folder / "msgs" / "cell_msgs" / "srv" / "Start.srv"
     file.parent.mkdir(parents=True)

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from shmgen.bridge import fast_library
-from shmgen.bridge.fast_library import Missing
+from shmgen.bridge.dds import fastdds_library
+from shmgen.bridge.dds.fastdds_library import Missing
 
 # Says which Fast DDS there is, and makes a library of nothing.
 COMPILER = """#!/bin/sh
@@ -39,14 +39,14 @@ def compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def loads(folder: Path) -> int:
     """How often it has been compiled, after one more start."""
-    fast_library.load(lambda line: None, lambda: False)
+    fastdds_library.load(lambda line: None, lambda: False)
     return len((folder / "compiled").read_text().splitlines())
 
 
 def test_it_is_compiled_once(compiler: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """And again for another Fast DDS, where nothing may be kept, and where others may write."""
     told: list[str] = []
-    fast_library.load(told.append, lambda: False)
+    fastdds_library.load(told.append, lambda: False)
     assert told == ["services of rmw_fastrtps: compiling, once, with Fast DDS 2.9.1"]
     assert loads(compiler) == loads(compiler) == 1
     (compiler / "version").write_text(VERSION.replace("9.1", "9.2"))

@@ -16,17 +16,17 @@ from cyclonedds.pub import DataWriter
 from cyclonedds.qos import Policy, Qos, _CQos
 from cyclonedds.topic import Topic
 
-from shmgen.bridge import dds
 from shmgen.bridge.backend import Node
-from shmgen.bridge.dds_ends import keep, matches, quality, said_by
-from shmgen.bridge.dds_types import structure
-from shmgen.model import Schema
+from shmgen.bridge.dds import backend
+from shmgen.bridge.dds.entities import keep, matches, quality, said_by
+from shmgen.bridge.dds.types import structure
+from shmgen.core.model import Schema
 
 from .conftest import Taken, until, wire
 
 
-def joined(domain: int | None, told: list[str], arguments: tuple[str, ...] = ()) -> dds.Graph:
-    return dds.connect(Node("shmgen_test", domain, told.append, lambda: False, arguments, largest=2**20))
+def joined(domain: int | None, told: list[str], arguments: tuple[str, ...] = ()) -> backend.Graph:
+    return backend.connect(Node("shmgen_test", domain, told.append, lambda: False, arguments, largest=2**20))
 
 
 @pytest.mark.parametrize("text", ["x", "-1", "233", "1.5"])
@@ -48,7 +48,7 @@ def test_what_is_not_looked_at_is_told(told: list[str]) -> None:
     assert told == ["dds: there is no ROS here to take --ros-args -r __node:=x"]
 
 
-def test_domains_are_apart(graph: dds.Graph, domain: int, schema: Schema, topic: str, told: list[str]) -> None:
+def test_domains_are_apart(graph: backend.Graph, domain: int, schema: Schema, topic: str, told: list[str]) -> None:
     there = wire(schema, topic, "std_msgs/String")
     other = joined(domain % 100 + 1 if domain != 100 else 50, told)
     came: list[Any] = []
@@ -62,7 +62,7 @@ def test_domains_are_apart(graph: dds.Graph, domain: int, schema: Schema, topic:
 
 
 def test_leaving_takes_no_time_and_no_thread_stays(
-    graph: dds.Graph, schema: Schema, topic: str, told: list[str]
+    graph: backend.Graph, schema: Schema, topic: str, told: list[str]
 ) -> None:
     there = wire(schema, topic, "std_msgs/String")
     outlet = graph.publisher(there)
@@ -81,7 +81,7 @@ def test_leaving_takes_no_time_and_no_thread_stays(
 
 
 def test_a_callback_that_waits_does_not_hold_up_the_end(
-    graph: dds.Graph, schema: Schema, topic: str, told: list[str]
+    graph: backend.Graph, schema: Schema, topic: str, told: list[str]
 ) -> None:
     there = wire(schema, topic, "std_msgs/String")
     outlet = graph.publisher(there)
@@ -95,7 +95,7 @@ def test_a_callback_that_waits_does_not_hold_up_the_end(
     go.set()
 
 
-def test_what_a_callback_raises_is_told_once(graph: dds.Graph, schema: Schema, topic: str, told: list[str]) -> None:
+def test_what_a_callback_raises_is_told_once(graph: backend.Graph, schema: Schema, topic: str, told: list[str]) -> None:
     there = wire(schema, topic, "std_msgs/String")
     came: Queue[Any] = Queue()
 
@@ -109,7 +109,7 @@ def test_what_a_callback_raises_is_told_once(graph: dds.Graph, schema: Schema, t
     assert told == [f"rt{topic}: RuntimeError: of ours"]
 
 
-def test_text_that_is_no_utf8(graph: dds.Graph, domain: int, schema: Schema, topic: str, told: list[str]) -> None:
+def test_text_that_is_no_utf8(graph: backend.Graph, domain: int, schema: Schema, topic: str, told: list[str]) -> None:
     """As a Latin-1 peer sends it: told, and the next message passes."""
     came: Queue[Any] = Queue()
     graph.subscribe(wire(schema, topic, "std_msgs/String"), Taken(came.put, told))
@@ -127,7 +127,7 @@ def test_text_that_is_no_utf8(graph: dds.Graph, domain: int, schema: Schema, top
 
 
 def test_what_two_peers_say_at_once_is_not_mixed(
-    graph: dds.Graph, schema: Schema, topic: str, monkeypatch: pytest.MonkeyPatch
+    graph: backend.Graph, schema: Schema, topic: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Cyclone's Python has one place for what any peer says: a good client was taken for a stranger, its call lost."""
     ends, kind = graph._ends, structure(wire(schema, topic, "std_msgs/String").messages)
@@ -149,7 +149,7 @@ def test_what_two_peers_say_at_once_is_not_mixed(
         assert [words[0] for words in said] == ["who=0", "who=1"]
 
 
-def test_a_queue_that_ran_over_is_told(graph: dds.Graph, schema: Schema, topic: str) -> None:
+def test_a_queue_that_ran_over_is_told(graph: backend.Graph, schema: Schema, topic: str) -> None:
     """Cyclone does not say what its history has overwritten, nor how much."""
     there = wire(schema, topic, "std_msgs/String")
     inside, go, came = threading.Event(), threading.Event(), []

@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 from shmgen.bridge.backend import LARGEST
-from shmgen.bridge.dds_network import network
-from shmgen.model import Schema
+from shmgen.bridge.dds.network import network
+from shmgen.core.model import Schema
 
 from ..conftest import REPOSITORY
 from ..support.dds import LOOPBACK, Domain
@@ -87,10 +87,10 @@ else:
     inside = start(*me, "peer", "inside")
     try:
         assert [peer.stdout.readline() for peer in (inside, outside)] == ["ready\\n"] * 2
-        from shmgen.bridge import dds
+        from shmgen.bridge.dds import backend
         from shmgen.bridge.backend import Node
         notes = []
-        graph = dds.connect(Node("ours", 7, notes.append, lambda: False))
+        graph = backend.connect(Node("ours", 7, notes.append, lambda: False))
         graph._ways.opened(lambda way: None)
         wanted, deadline = set(json.loads(sys.argv[2])), time.monotonic() + 20
         settled = None

@@ -12,10 +12,10 @@ from typing import Any
 import numpy
 import pytest
 
-from shmgen.bridge import dds
-from shmgen.bridge.backend import Outlet, Wire
-from shmgen.bridge.dds_types import topic_name, type_name
-from shmgen.model import Schema
+from shmgen.bridge.backend import RosPublisher, Wire
+from shmgen.bridge.dds import backend
+from shmgen.bridge.dds.types import topic_name, type_name
+from shmgen.core.model import Schema
 
 from ..support.schemas import plain
 from .conftest import TYPES, Taken, until, wire
@@ -34,10 +34,10 @@ def words(wire: Wire, back: Wire | None = None) -> list[str]:
 
 
 def test_what_a_peer_sends_back_is_what_was_sent(
-    peer: Path, graph: dds.Graph, domain: int, schema: Schema, topic: str
+    peer: Path, graph: backend.Graph, domain: int, schema: Schema, topic: str
 ) -> None:
     drawn = values(TYPES)
-    ends: list[tuple[Wire, Outlet, Queue[Any]]] = []
+    ends: list[tuple[Wire, RosPublisher, Queue[Any]]] = []
     tasks: list[str] = []
     for number, request in enumerate(TYPES):
         there, back = wire(schema, f"{topic}/there{number}", request), wire(schema, f"{topic}/back{number}", request)
@@ -59,7 +59,7 @@ def test_what_a_peer_sends_back_is_what_was_sent(
 
 @pytest.mark.parametrize("qos", ["reliable", "best_effort"])
 def test_a_peer_reads_our_values_and_we_read_its(
-    peer: Path, graph: dds.Graph, domain: int, schema: Schema, topic: str, qos: str
+    peer: Path, graph: backend.Graph, domain: int, schema: Schema, topic: str, qos: str
 ) -> None:
     there = wire(schema, f"{topic}/there", JOINT_STATE, qos=qos)
     back = wire(schema, f"{topic}/back", JOINT_STATE, qos=qos)
@@ -77,7 +77,9 @@ def test_a_peer_reads_our_values_and_we_read_its(
         program.said(f"^took {re.escape(SAID)}$")
 
 
-def test_who_comes_late_hears_the_newest(peer: Path, graph: dds.Graph, domain: int, schema: Schema, topic: str) -> None:
+def test_who_comes_late_hears_the_newest(
+    peer: Path, graph: backend.Graph, domain: int, schema: Schema, topic: str
+) -> None:
     there, back, said = (wire(schema, f"{topic}/{name}", JOINT_STATE, latch=True) for name in ("there", "back", "said"))
     outlet = graph.publisher(there)
     for second in range(3):
@@ -96,7 +98,7 @@ def test_who_comes_late_hears_the_newest(peer: Path, graph: dds.Graph, domain: i
 
 
 def test_a_peer_that_went_and_came_is_known_again(
-    peer: Path, graph: dds.Graph, domain: int, schema: Schema, topic: str
+    peer: Path, graph: backend.Graph, domain: int, schema: Schema, topic: str
 ) -> None:
     said = wire(schema, topic, JOINT_STATE)
     came: Queue[Any] = Queue()
@@ -110,7 +112,7 @@ def test_a_peer_that_went_and_came_is_known_again(
 
 
 def test_a_peer_of_another_reliability_is_told_of(
-    peer: Path, graph: dds.Graph, domain: int, schema: Schema, topic: str, told: list[str]
+    peer: Path, graph: backend.Graph, domain: int, schema: Schema, topic: str, told: list[str]
 ) -> None:
     said = wire(schema, topic, JOINT_STATE)
     graph.subscribe(said, Taken(lambda message: told.append("a message")))
@@ -127,7 +129,7 @@ def assert_said(state: Any) -> None:
 
 
 def test_a_reliable_peer_that_stands_still_holds_nobody_up(
-    peer: Path, graph: dds.Graph, domain: int, schema: Schema, topic: str
+    peer: Path, graph: backend.Graph, domain: int, schema: Schema, topic: str
 ) -> None:
     large_one = "std_msgs/ByteMultiArray"
     there, back = (wire(schema, f"{topic}/{name}", large_one, room=100_000) for name in ("there", "back"))

@@ -17,13 +17,13 @@ from cyclonedds.qos import Policy, Qos
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
-from shmgen import pipeline
-from shmgen.bridge import dds, fast_library
 from shmgen.bridge.backend import LARGEST, NoAnswer, ServiceWire
-from shmgen.bridge.dds_network import network
-from shmgen.bridge.fast import Fast
-from shmgen.bridge.service_pair import Came, Side
+from shmgen.bridge.dds import backend, fastdds_library
+from shmgen.bridge.dds.fastdds_service import Fast
+from shmgen.bridge.dds.network import network
+from shmgen.bridge.dds.service_pair import Came, Side
 from shmgen.config import Config
+from shmgen.generator import pipeline
 
 from ..support.dds import this_machine, without_fast_dds
 from .conftest import until
@@ -95,7 +95,7 @@ def of_service(told: list[str]) -> list[str]:
     return [line for line in told if line.startswith("/")]
 
 
-def test_serve(graph: dds.Graph, domain: int, wire: ServiceWire) -> None:
+def test_serve(graph: backend.Graph, domain: int, wire: ServiceWire) -> None:
     def answer(request: Any, response: Any) -> None:
         if request.number < 0:
             raise NoAnswer("the PLC is in stop")
@@ -110,7 +110,7 @@ def test_serve(graph: dds.Graph, domain: int, wire: ServiceWire) -> None:
     assert reply == REPLY(2**63 + 1, 8, True, f"grün {2**40}")
 
 
-def test_a_reply_waits_until_its_reader_is_known(graph: dds.Graph, domain: int, wire: ServiceWire) -> None:
+def test_a_reply_waits_until_its_reader_is_known(graph: backend.Graph, domain: int, wire: ServiceWire) -> None:
     """Discovery brings the ends of a client one after another, and on a busy machine not at once."""
     asked = threading.Event()
     graph.serve(wire, lambda request, response: asked.set(), [].append)
@@ -123,7 +123,7 @@ def test_a_reply_waits_until_its_reader_is_known(graph: dds.Graph, domain: int, 
     assert client.reader.take_one(timeout=20 * 10**9) == REPLY(1, 9, False, "")
 
 
-def test_a_failure_is_told(graph: dds.Graph, domain: int, wire: ServiceWire, told: list[str]) -> None:
+def test_a_failure_is_told(graph: backend.Graph, domain: int, wire: ServiceWire, told: list[str]) -> None:
     def answer(request: Any, response: Any) -> None:
         raise NoAnswer("the PLC is in stop")
 
@@ -134,7 +134,7 @@ def test_a_failure_is_told(graph: dds.Graph, domain: int, wire: ServiceWire, tol
     until(lambda: told[-1] == f"{wire.service}: no answer: the PLC is in stop", 20)
 
 
-def test_call(graph: dds.Graph, domain: int, wire: ServiceWire) -> None:
+def test_call(graph: backend.Graph, domain: int, wire: ServiceWire) -> None:
     caller = graph.client(wire)
     server = Theirs(domain, wire.service, "serviceid")
     until(server.matched, 20)
@@ -158,7 +158,7 @@ def test_call(graph: dds.Graph, domain: int, wire: ServiceWire) -> None:
 
 
 @pytest.mark.parametrize("there", [False, True], ids=["no server", "no answer"])
-def test_no_answer(graph: dds.Graph, domain: int, wire: ServiceWire, there: bool) -> None:
+def test_no_answer(graph: backend.Graph, domain: int, wire: ServiceWire, there: bool) -> None:
     caller = graph.client(wire)
     server = Theirs(domain, wire.service, "serviceid") if there else None
     begun = time.monotonic()
@@ -167,7 +167,7 @@ def test_no_answer(graph: dds.Graph, domain: int, wire: ServiceWire, there: bool
     assert 0.9 < time.monotonic() - begun < 5
 
 
-def test_we_call_ourselves(graph: dds.Graph, wire: ServiceWire) -> None:
+def test_we_call_ourselves(graph: backend.Graph, wire: ServiceWire) -> None:
     graph.serve(wire, lambda request, response: setattr(response, "message", request.word), [].append)
     caller = graph.client(wire)
     request = caller.new()
@@ -179,7 +179,7 @@ ANOTHER = f"typehash=RIHS01_{'1' * 64};"
 
 
 def test_a_client_of_another_definition_does_not_reach_the_plc(
-    graph: dds.Graph, domain: int, wire: ServiceWire, told: list[str]
+    graph: backend.Graph, domain: int, wire: ServiceWire, told: list[str]
 ) -> None:
     refused: list[str] = []
     graph.serve(wire, lambda request, response: told.append("answered"), refused.append)
@@ -191,7 +191,7 @@ def test_a_client_of_another_definition_does_not_reach_the_plc(
     assert line.startswith(f"{wire.service}: a peer has another cell_msgs/Ask_Request: its type hash is RIHS01_1111")
 
 
-def test_a_server_of_another_definition_is_not_asked(graph: dds.Graph, domain: int, wire: ServiceWire) -> None:
+def test_a_server_of_another_definition_is_not_asked(graph: backend.Graph, domain: int, wire: ServiceWire) -> None:
     caller = graph.client(wire)
     server = Theirs(domain, wire.service, "serviceid", words=ANOTHER)
     until(server.matched)
@@ -205,7 +205,7 @@ without_fast = pytest.mark.parametrize("way", ["cyclone", "no compiler"], indire
 
 @without_fast
 def test_a_client_of_another_middleware_does_not_reach_the_plc(
-    graph: dds.Graph, domain: int, wire: ServiceWire, told: list[str]
+    graph: backend.Graph, domain: int, wire: ServiceWire, told: list[str]
 ) -> None:
     refused: list[str] = []
     graph.serve(wire, lambda request, response: told.append("answered"), refused.append)
@@ -223,7 +223,7 @@ def test_a_client_of_another_middleware_does_not_reach_the_plc(
 
 
 @pytest.mark.parametrize("way", ["fast"], indirect=True)
-def test_what_is_no_request_is_refused(graph: dds.Graph, domain: int, wire: ServiceWire, told: list[str]) -> None:
+def test_what_is_no_request_is_refused(graph: backend.Graph, domain: int, wire: ServiceWire, told: list[str]) -> None:
     """The header of the one kind, from who does not say that it is of it."""
     refused: list[str] = []
     graph.serve(wire, lambda request, response: told.append("answered"), refused.append)
@@ -236,7 +236,7 @@ def test_what_is_no_request_is_refused(graph: dds.Graph, domain: int, wire: Serv
 
 
 @without_fast
-def test_a_server_of_another_middleware_is_not_asked(graph: dds.Graph, domain: int, wire: ServiceWire) -> None:
+def test_a_server_of_another_middleware_is_not_asked(graph: backend.Graph, domain: int, wire: ServiceWire) -> None:
     caller = graph.client(wire)
     server = Theirs(domain, wire.service, "serviceid", known=False)
     until(server.matched)
@@ -246,7 +246,7 @@ def test_a_server_of_another_middleware_is_not_asked(graph: dds.Graph, domain: i
 
 
 @pytest.mark.parametrize("way", ["fast"], indirect=True)
-def test_servers_of_both_kinds_are_not_asked(graph: dds.Graph, domain: int, wire: ServiceWire) -> None:
+def test_servers_of_both_kinds_are_not_asked(graph: backend.Graph, domain: int, wire: ServiceWire) -> None:
     caller = graph.client(wire)
     servers = [Theirs(domain, wire.service, "serviceid", known=known) for known in (True, False)]
     why = "each would take the other's request for its own"
@@ -284,7 +284,7 @@ def test_two_of_fast_dds_and_what_they_leave(domain: int, topic: str) -> None:
         older = came.cdr.endswith(b"older")
         serving.send(came.cdr * 2, came.sender + came.call[16:] if older else came.call)
 
-    library = fast_library.load(print, lambda: False)
+    library = fastdds_library.load(print, lambda: False)
     before = there()
     told: list[str] = []
     heard: list[tuple[str, bytes, bytes]] = []

@@ -15,14 +15,14 @@ from cyclonedds.qos import Policy, Qos
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
-from shmgen import pipeline
-from shmgen.bridge import dds
 from shmgen.bridge.backend import Wire
-from shmgen.bridge.dds_types import structure, topic_name
+from shmgen.bridge.dds import backend
+from shmgen.bridge.dds.types import structure, topic_name
 from shmgen.bridge.plan import closure
 from shmgen.config import Config
+from shmgen.core.model import Message
+from shmgen.generator import pipeline
 from shmgen.live.classes import publisher, subscriber
-from shmgen.model import Message
 
 from ..support.schemas import plain, random_message
 from .conftest import Taken
@@ -32,7 +32,9 @@ RELIABLE = Qos(Policy.Reliability.Reliable(10**9), Policy.History.KeepLast(10))
 
 
 @pytest.mark.parametrize("part", range(4))
-def test_every_message_passes_through_dds_and_a_region(graph: dds.Graph, domain: int, topic: str, part: int) -> None:
+def test_every_message_passes_through_dds_and_a_region(
+    graph: backend.Graph, domain: int, topic: str, part: int
+) -> None:
     everything = [str(entry.name) for entry in pipeline.inventory(Config(Path.cwd())) if entry.name.kind == "msg"]
     assert len(everything) == 162
     names = everything[part::4]

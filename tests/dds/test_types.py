@@ -9,10 +9,11 @@ from typing import Any
 
 import pytest
 
-from shmgen import pipeline
-from shmgen.bridge import cdr, dds_types
+from shmgen.bridge.codec import cdr
+from shmgen.bridge.dds import types
 from shmgen.config import Config
-from shmgen.model import Message, TypeName
+from shmgen.core.model import Message, TypeName
+from shmgen.generator import pipeline
 
 HASHES = {
     "builtin_interfaces/Time": "b106235e25a4c5ed35098aa0a61a3ee9c9b18d197f398b0e4206cea9acf9c197",
@@ -35,12 +36,10 @@ def test_type_hash(request_: str, hash_: str) -> None:
 
 
 def test_names() -> None:
-    assert (
-        dds_types.type_name(TypeName("std_srvs", "srv", "SetBool_Request")) == "std_srvs::srv::dds_::SetBool_Request_"
-    )
-    assert dds_types.topic_name("/robot/pose") == "rt/robot/pose"
-    assert dds_types.request_name("/robot/stop") == "rq/robot/stopRequest"
-    assert dds_types.reply_name("/robot/stop") == "rr/robot/stopReply"
+    assert types.type_name(TypeName("std_srvs", "srv", "SetBool_Request")) == "std_srvs::srv::dds_::SetBool_Request_"
+    assert types.topic_name("/robot/pose") == "rt/robot/pose"
+    assert types.request_name("/robot/stop") == "rq/robot/stopRequest"
+    assert types.reply_name("/robot/stop") == "rr/robot/stopReply"
 
 
 def test_bytes_of_a_header() -> None:
@@ -142,7 +141,7 @@ def test_no_wide_strings(tmp_path: Path, field: str) -> None:
     file.parent.mkdir(parents=True)
     file.write_text(field)
     with pytest.raises(ValueError, match=r"cell_msgs/Wide\.word: no wstring.* through DDS"):
-        dds_types.structure(messages("cell_msgs/Wide", tmp_path))
+        types.structure(messages("cell_msgs/Wide", tmp_path))
 
 
 def test_a_large_bound_and_awkward_names(tmp_path: Path) -> None:
@@ -150,7 +149,7 @@ def test_a_large_bound_and_awkward_names(tmp_path: Path) -> None:
     file.parent.mkdir(parents=True)
     file.write_text("uint8[<=100000] data\nfloat64 from\nbyte[2] class\nchar c\nstring<=4 s\nbool[<=3] flags\n")
     definitions = messages("cell_msgs/Odd", tmp_path)
-    kind = dds_types.structure(definitions)
+    kind = types.structure(definitions)
     kind.__idl__.populate()
     kind.__idl__.fill_type_data()
     codec = cdr.codec(definitions)

@@ -9,12 +9,12 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from shmgen import pipeline
-from shmgen.bounds import Bound, Bounds
 from shmgen.config import Config
-from shmgen.diagnostics import Span
+from shmgen.config.entries import Bound, Bounds
+from shmgen.core.diagnostics import Span
+from shmgen.core.model import Layouts, TypeName
+from shmgen.generator import pipeline
 from shmgen.live.session import Session
-from shmgen.model import Layouts, TypeName
 from shmgen.runtime import Message
 
 from ..support.schemas import random_message

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from shmgen import bounds
-from shmgen.bounds import Bound, Bounds
-from shmgen.diagnostics import Rejected, Report, Span
-from shmgen.model import Field, Message, Scalar, Schema, Sequence, String, TypeName
+from shmgen.config.entries import Bound, Bounds
+from shmgen.core.diagnostics import Rejected, Report, Span
+from shmgen.core.model import Field, Message, Scalar, Schema, Sequence, String, TypeName
+from shmgen.generator import bounds
 
 HERE = Span("shmgen.toml")
 NAME = TypeName("demo_msgs", "msg", "Foo")

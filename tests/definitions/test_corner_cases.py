@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import pytest
 
+from shmgen.core.diagnostics import Rejected, Report
 from shmgen.definitions import Sources, load
 from shmgen.definitions.tokens import Dialect
-from shmgen.diagnostics import Rejected, Report
 from tests.conftest import REPOSITORY
 from tests.definitions import references
 from tests.definitions.corner_cases import ROS1, ROS2, Case

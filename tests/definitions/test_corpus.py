@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from rosbags.typesys import get_types_from_msg
 
+from shmgen.core.diagnostics import Rejected, Report
+from shmgen.core.model import Array, Ref, Schema, Sequence, String, TypeName
 from shmgen.definitions import Sources, load, store
 from shmgen.definitions.parser import Source, parse
-from shmgen.diagnostics import Rejected, Report
-from shmgen.model import Array, Ref, Schema, Sequence, String, TypeName
 from tests.conftest import SHARED
 from tests.definitions.test_idl import HAS_ROSIDL
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from rosbags.typesys import get_types_from_msg
 
-from shmgen import pipeline
 from shmgen.config import Config
+from shmgen.core.diagnostics import Rejected, Report
+from shmgen.core.model import Message, Schema
 from shmgen.definitions import Sources, available, environment, load
-from shmgen.diagnostics import Rejected, Report
-from shmgen.model import Message, Schema
+from shmgen.generator import pipeline
 from tests.definitions import references
 from tests.definitions.test_requests import MANIFEST, write
 from tests.support.command import run

@@ -11,12 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from shmgen import bounds, layout
-from shmgen.bounds import Bound, Bounds
-from shmgen.definitions import Sources, idl, load, rosidl
-from shmgen.definitions.parser import Source
-from shmgen.diagnostics import Report, Span
-from shmgen.model import (
+from shmgen.config.entries import Bound, Bounds
+from shmgen.core.diagnostics import Report, Span
+from shmgen.core.model import (
     Array,
     Clock,
     Constant,
@@ -30,6 +27,9 @@ from shmgen.model import (
     TypeName,
     TypeOptions,
 )
+from shmgen.definitions import Sources, idl, load, rosidl
+from shmgen.definitions.parser import Source
+from shmgen.generator import bounds, layout
 from tests.definitions import references
 from tests.definitions.test_requests import from_folder, names, write
 from tests.support.command import run

@@ -6,9 +6,9 @@ import math
 
 import pytest
 
+from shmgen.core.diagnostics import Report
+from shmgen.core.model import Array, Clock, Constant, Field, Message, Ref, Scalar, Sequence, String, TypeName
 from shmgen.definitions.parser import Source, parse
-from shmgen.diagnostics import Report
-from shmgen.model import Array, Clock, Constant, Field, Message, Ref, Scalar, Sequence, String, TypeName
 
 
 def read(text: str, dialect: str = "ros2", kind: str = "msg") -> tuple[list[Message], list]:

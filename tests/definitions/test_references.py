@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import pytest
 
+from shmgen.core.diagnostics import Report
+from shmgen.core.model import TypeName
 from shmgen.definitions.parser import Source, parse
 from shmgen.definitions.tokens import Dialect
-from shmgen.diagnostics import Report
-from shmgen.model import TypeName
 from tests.conftest import SHARED
 from tests.definitions import references
 from tests.definitions.references import Answer, Definition, Read, Refused

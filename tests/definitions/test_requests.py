@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from shmgen.core.diagnostics import Rejected, Report
+from shmgen.core.model import Schema
 from shmgen.definitions import Sources, available, load
-from shmgen.diagnostics import Rejected, Report
-from shmgen.model import Schema
 
 
 @pytest.fixture(autouse=True)

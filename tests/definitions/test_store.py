@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
+from shmgen.core.diagnostics import Report
+from shmgen.core.model import Clock, Scalar, Schema
 from shmgen.definitions import Sources, available, load, store
-from shmgen.diagnostics import Report
-from shmgen.model import Clock, Scalar, Schema
 from tests.definitions import references
 
 ORIGINAL = {store.value.partition("_")[2]: store for store in Stores if "_" in store.value}
@@ -116,7 +116,7 @@ def loaded_by(*requests: str, path: str = "") -> str:
     """Which of the slow modules a run that reads `requests` loads."""
     code = (
         "import sys; from pathlib import Path\n"
-        "from shmgen.definitions import *; from shmgen.diagnostics import Report\n"
+        "from shmgen.definitions import *; from shmgen.core.diagnostics import Report\n"
         f"load({requests!r}, Sources(({f'Path({path!r}),' if path else ''})), Report())\n"
         "print(*(name for name in ('rosbags', 'importlib.metadata', 'xml') if name in sys.modules))"
     )

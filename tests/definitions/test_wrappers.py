@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from shmgen import config, pipeline
-from shmgen.diagnostics import Rejected
-from shmgen.model import Layouts, TypeName
+from shmgen import config
+from shmgen.core.diagnostics import Rejected
+from shmgen.core.model import Layouts, TypeName
+from shmgen.generator import pipeline
 from shmgen.targets import interfaces
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from shmgen.drift import verdict
+from shmgen.drift import check_cache
 
 from ..support.command import Result, run, tree
 
@@ -264,7 +264,7 @@ def recalled(folder: Path, options: str = "") -> Result:
 @pytest.fixture
 def remembered(folder: Path) -> Path:
     """A clean check, after the moment in which a file might still have been written."""
-    time.sleep(3 * verdict._TICK / 1e9)
+    time.sleep(3 * check_cache._TICK / 1e9)
     assert check(folder).code == 0
     assert recalled(folder) == (0, "generated: up to date, 2 messages in 16 files\n", "")
     return folder
@@ -299,7 +299,7 @@ def test_a_change_that_keeps_size_and_time_is_seen(remembered: Path) -> None:
 
 
 def test_what_changes_while_it_is_checked_is_not_remembered(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(verdict, "_TICK", 10**9)  # so that a busy machine does not take longer before it begins
+    monkeypatch.setattr(check_cache, "_TICK", 10**9)  # so that a busy machine does not take longer before it begins
     (folder / "msgs/demo_msgs/msg/Arm.msg").touch()
     assert check(folder).code == 0
     assert recalled(folder).code == 1
@@ -312,7 +312,7 @@ def test_a_damaged_memory_is_none(remembered: Path) -> None:
 
 
 def test_only_the_newest_are_kept(folder: Path) -> None:
-    time.sleep(3 * verdict._TICK / 1e9)
+    time.sleep(3 * check_cache._TICK / 1e9)
     for number in range(25):
         assert check(folder, f"-I {'./' * number}msgs").code == 0
-    assert len(list((folder.parent / "cache/shmgen").glob("clean-*"))) == verdict._KEPT
+    assert len(list((folder.parent / "cache/shmgen").glob("clean-*"))) == check_cache._KEPT

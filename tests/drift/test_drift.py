@@ -9,14 +9,15 @@ from typing import NamedTuple
 
 import pytest
 
-from shmgen import bounds, pipeline
 from shmgen.config import Config
+from shmgen.config.entries import Bounds
 from shmgen.config.file import ServiceEntry, TopicEntry
-from shmgen.diagnostics import Report, Span
+from shmgen.core.diagnostics import Report, Span
+from shmgen.core.model import TypeOptions
 from shmgen.drift import lockfile
 from shmgen.drift.compare import compare
 from shmgen.drift.findings import Finding, worst
-from shmgen.model import TypeOptions
+from shmgen.generator import pipeline
 
 MESSAGES = {
     "Finger": "float32 force\nint16 id\n",
@@ -139,7 +140,7 @@ SETTINGS = {
     "time mode": ({"types": TypeOptions(time="LTIME")}, "breaking", "stored as LTIME, was TIME"),
     "bool mode": ({"types": TypeOptions(bool="BOOL")}, "breaking", "ready   stored as BOOL, was USINT"),
     "encoding": ({"types": TypeOptions(encoding="latin-1")}, "breaking", "label      stored as latin-1, was utf-8"),
-    "default capacity": ({"bounds": bounds.Bounds({}, {}, 16)}, "breaking", "arm.name   capacity 80 -> 16"),
+    "default capacity": ({"bounds": Bounds({}, {}, 16)}, "breaking", "arm.name   capacity 80 -> 16"),
     "overflow": ({"types": TypeOptions(overflow="truncate")}, "compatible", "overflow   error -> truncate"),
     "targets": ({"targets": ("c", "python")}, "compatible", "targets   c -> c python"),
     "a topic": (

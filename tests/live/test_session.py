@@ -9,13 +9,14 @@ from typing import Any
 
 import pytest
 
-from shmgen import config, layout, pipeline, render
+from shmgen import config
 from shmgen.bridge import choice
-from shmgen.bridge.backend import Caller, Intake, Outlet
+from shmgen.bridge.backend import RosClient, RosPublisher, RosSubscription
 from shmgen.bridge.run import run as run_bridge
+from shmgen.core.diagnostics import Rejected, Report
 from shmgen.definitions import library
-from shmgen.diagnostics import Rejected, Report
-from shmgen.live.classes import Workshop
+from shmgen.generator import layout, pipeline, render
+from shmgen.live.classes import ClassRegistry
 from shmgen.live.session import Session
 from shmgen.runtime import Time
 from tests.support.command import Result, run
@@ -77,10 +78,10 @@ def ended_well(done: Result) -> None:
 def test_a_bridge(folder: Path, counted: Counter[str], monkeypatch: pytest.MonkeyPatch) -> None:
     made = SimpleNamespace(header=SimpleNamespace(stamp=Time()), x=0.0, parts=[], name="")
     backend = SimpleNamespace(
-        publisher=lambda wire, *_: Outlet(lambda: made, lambda message: None),
-        subscribe=lambda wire, callback, *_: Intake(lambda: made),
+        publisher=lambda wire, *_: RosPublisher(lambda: made, lambda message: None),
+        subscribe=lambda wire, callback, *_: RosSubscription(lambda: made),
         serve=lambda wire, answer, *_: None,
-        client=lambda wire, *_: Caller(lambda: None, lambda request, timeout: None),
+        client=lambda wire, *_: RosClient(lambda: None, lambda request, timeout: None),
         now=Time,
         alive=lambda: False,
         close=lambda: None,
@@ -162,11 +163,11 @@ def test_a_session_gives_what_the_pipeline_does(folder: Path) -> None:
     kinds = one.classes(["cell_msgs/Ask"])
     assert one.classes(["cell_msgs/Ask"]) is kinds
     assert one.message("cell_msgs/srv/Ask_Reply", "cell_msgs/srv/Ask") is not kinds["cell_msgs/srv/Ask_Reply"]
-    workshop = Workshop(one, None)
-    pair = [workshop.message(f"cell_msgs/srv/Ask_{half}", None, "cell_msgs/srv/Ask") for half in ("Request", "Reply")]
+    registry = ClassRegistry(one, None)
+    pair = [registry.message(f"cell_msgs/srv/Ask_{half}", None, "cell_msgs/srv/Ask") for half in ("Request", "Reply")]
     assert [kind._type_name_ for kind in pair] == ["cell_msgs/srv/Ask_Request", "cell_msgs/srv/Ask_Reply"]
     with pytest.raises(ValueError, match="cell_msgs/Ask is 3 messages"):
-        workshop.message("cell_msgs/Ask")
+        registry.message("cell_msgs/Ask")
 
 
 def test_strings_that_do_not_fit_are_the_bridges_to_cut(folder: Path, topic: str) -> None:

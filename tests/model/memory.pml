@@ -9,7 +9,7 @@
  */
 byte mem[WORDS];
 
-/* FENCES: both ends have full barriers, those of templates/c, of runtime/order.py, and Fence in FB_ShmRegion.st. */
+/* FENCES: both ends have full barriers, those of templates/c, of runtime/region/memory_order.py, and Fence in FB_ShmRegion.st. */
 #if defined(FENCES) && !defined(F_NO_FENCE_P)
 #define FENCE_P DO(P, DRAINED(P)) skip }
 #else

@@ -11,12 +11,12 @@ from typing import Any
 
 import pytest
 
-from shmgen import pipeline
 from shmgen.config import Config
-from shmgen.model import Layouts
+from shmgen.core.model import Layouts
+from shmgen.generator import pipeline
 
 from ..support import build, open_plc
-from ..support.open_plc import DIALECTS, Program
+from ..support.open_plc import COMPILERS, Program
 
 MESSAGES = {
     "Part": "string<=12 name\nint64 big\nuint64 bigger\nbool[3] flags\n",
@@ -64,18 +64,18 @@ def made(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> tuple[Path
     return folder, texts, layouts
 
 
-@pytest.fixture(scope="session", params=DIALECTS)
+@pytest.fixture(scope="session", params=COMPILERS)
 def shared(request: pytest.FixtureRequest, made: tuple[Path, dict[str, str], Layouts]) -> Path:
     """The shared object of one dialect."""
-    dialect = str(request.param)
-    if shutil.which(DIALECTS[dialect][0]) is None:
-        pytest.skip(f"{DIALECTS[dialect][0]} is not installed")
-    folder = made[0] / dialect
+    compiler = str(request.param)
+    if shutil.which(COMPILERS[compiler][0]) is None:
+        pytest.skip(f"{COMPILERS[compiler][0]} is not installed")
+    folder = made[0] / compiler
     folder.mkdir(exist_ok=True)
     with (folder / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not (folder / "plc.so").exists():
-            open_plc.compiled(made[1], dialect, folder)
+            open_plc.compiled(made[1], compiler, folder)
     return folder / "plc.so"
 
 

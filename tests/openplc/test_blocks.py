@@ -13,8 +13,9 @@ from typing import Any
 
 import pytest
 
-from shmgen import abi, runtime
-from shmgen.model import Layouts, Regions, TypeName
+from shmgen import runtime
+from shmgen.core import abi
+from shmgen.core.model import Layouts, Regions, TypeName
 
 from ..support import build, open_plc
 from ..support.open_plc import Instance, Program

@@ -14,8 +14,9 @@ from typing import Any
 
 import pytest
 
-from shmgen import abi, runtime
-from shmgen.model import Layouts, TypeName
+from shmgen import runtime
+from shmgen.core import abi
+from shmgen.core.model import Layouts, TypeName
 
 from ..support import build
 from ..support.open_plc import Instance, Program

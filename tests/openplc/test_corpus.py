@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from shmgen import pipeline
-from shmgen.bounds import Bound, Bounds
 from shmgen.config import Config
-from shmgen.diagnostics import Rejected, Span
+from shmgen.config.entries import Bound, Bounds
+from shmgen.core.diagnostics import Rejected, Span
+from shmgen.generator import pipeline
 from shmgen.targets.st import names as st
 
 from ..support import build, open_plc, plc_bytes
@@ -19,15 +19,15 @@ from .test_blocks import ready
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("dialect", open_plc.DIALECTS)
+@pytest.mark.parametrize("compiler", open_plc.COMPILERS)
 @pytest.mark.parametrize(("distribution", "count", "refused"), [("noetic", 221, 0), ("jazzy", 624, 7)])
 def test_every_message(
-    distribution: str, count: int, refused: int, dialect: str, corpus: Path, tmp_path: Path, topic: str
+    distribution: str, count: int, refused: int, compiler: str, corpus: Path, tmp_path: Path, topic: str
 ) -> None:
     """At -O0: compiling is what takes the time."""
-    folder, package = corpus / distribution, f"shm_open_{distribution}_{dialect.replace('-', '_')}"
+    folder, package = corpus / distribution, f"shm_open_{distribution}_{compiler.replace('-', '_')}"
     bounds = Bounds({}, {path.name: Bound(3, Span("shmgen.toml")) for path in folder.iterdir()})
-    targets = ("openplc" if dialect == "openplc-v4" else "matiec", "python")
+    targets = ("openplc" if compiler == "openplc-v4" else "matiec", "python")
     config = Config(corpus, source=distribution, path=(folder,), package=package, bounds=bounds, targets=targets)
     names = plc_bytes.corpus_names(config)
     assert len(names) == count
@@ -35,7 +35,7 @@ def test_every_message(
     assert count - len(names) <= refused
     layouts = pipeline.lay_out(config, names)
     build.put(texts, tmp_path)
-    program = open_plc.Program(open_plc.compiled(texts, dialect, tmp_path, package, "-O0"))
+    program = open_plc.Program(open_plc.compiled(texts, compiler, tmp_path, package, "-O0"))
     for number, (name, layout) in enumerate(layouts.items()):
         if not layout.requested:
             continue

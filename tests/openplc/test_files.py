@@ -7,9 +7,10 @@ import re
 from pathlib import Path
 from typing import Any
 
-from shmgen import config, pipeline
-from shmgen.diagnostics import Report
-from shmgen.model import Layouts
+from shmgen import config
+from shmgen.core.diagnostics import Report
+from shmgen.core.model import Layouts
+from shmgen.generator import pipeline
 
 from ..support import build, open_plc
 from .conftest import MESSAGES

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from shmgen.bounds import Bound, Bounds
 from shmgen.config import Config
-from shmgen.diagnostics import Span
+from shmgen.config.entries import Bound, Bounds
+from shmgen.core.diagnostics import Span
 
 from ..support import plc_bytes
 

@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
-from shmgen import pipeline
 from shmgen.config import Config
+from shmgen.generator import pipeline
 from tests.softplc import Block, Plc, compile_st
 
 from ..support.build import put
@@ -104,15 +104,15 @@ def test_a_call_with_a_count_too_high_is_answered_without_a_job(counts: Counts, 
             request = counts.srv.Sort_Request(id=number, items=[3, 1])
             if number == 1:
                 request._items_count = 5
-            client._caller.ask(request)
+            client._calls.send_request(request)
             server()
             if number == 1:
                 assert (server.xExecute, server.eErrorID, server.xError) == (False, "COUNT_EXCEEDED", True)
                 assert (server.udiRefused, server.Request.id, server.Request.items_count) == (1, 0, 0)
                 assert server().xExecute is False
-                reply = client._caller.poll()
+                reply = client._calls.poll()
                 assert (reply.call, reply.status == counts.srv.Sort_Reply.FAILED) == (1, True)
-                assert client._caller.poll() is None
+                assert client._calls.poll() is None
             else:
                 assert (server.xExecute, server.eErrorID, server.Request.id) == (True, "NO_ERROR", 2)
                 assert (server.Request.items_count, list(server.Request.items)[:2]) == (2, [3, 1])

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from shmgen.diagnostics import Report
+from shmgen.core.diagnostics import Report
 from shmgen.plc import declarations, sources
 from tests.softplc import compile_st
 
@@ -136,7 +136,7 @@ def test_what_is_generated_has_the_names_and_the_bytes_of_the_project(folder: Pa
 
 
 def test_the_plc_is_read_by_python_under_its_own_names(folder: Path, topic: str) -> None:
-    from shmgen.model import TypeName
+    from shmgen.core.model import TypeName
 
     _, _, subscriber = classes(folder / "generated", "shm_msgs", TypeName("plant_msgs", "msg", "Plant"))
     texts = {}

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from shmgen.model import Layouts, TypeName
+from shmgen.core.model import Layouts, TypeName
 
 from ..softplc import CompileError, compile_st
 from ..support.build import classes

@@ -12,11 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from shmgen import pipeline
-from shmgen.bounds import Bound, Bounds
 from shmgen.config import Config
-from shmgen.diagnostics import Span
-from shmgen.model import (
+from shmgen.config.entries import Bound, Bounds
+from shmgen.core.diagnostics import Span
+from shmgen.core.model import (
     Array,
     Clock,
     Element,
@@ -30,6 +29,7 @@ from shmgen.model import (
     TypeName,
     TypeOptions,
 )
+from shmgen.generator import pipeline
 
 from ..support import plc_bytes
 from ..test_machines import MACHINES

@@ -14,7 +14,7 @@ import pytest
 
 from shmgen.runtime import read_header, region_name
 from shmgen.runtime.errors import RegionInUse
-from shmgen.runtime.header import header_for
+from shmgen.runtime.region.header import header_for
 
 from ..support.plc_demo import CLAIM, CONFIRM, HEAL, RETRY, SLOTS, Clock, Demo, Memory, semaphore
 

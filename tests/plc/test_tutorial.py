@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from shmgen.model import TypeName
+from shmgen.core.model import TypeName
 
 from ..softplc import compile_st
 from ..support.build import classes, put

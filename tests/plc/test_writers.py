@@ -20,9 +20,10 @@ from typing import Any
 
 import pytest
 
-from shmgen.model import TypeName
-from shmgen.runtime import ClaimLost, LayoutMismatch, RegionInUse, header, lock, region
-from shmgen.runtime.claim import WATCH
+from shmgen.core.model import TypeName
+from shmgen.runtime import ClaimLost, LayoutMismatch, RegionInUse
+from shmgen.runtime.region import header, lock, opening
+from shmgen.runtime.region.claim import WATCH
 
 from ..conftest import REPOSITORY
 from ..softplc import Block
@@ -196,7 +197,7 @@ def test_a_client_that_was_idle_takes_no_answer_of_another(calls: Calls, srv: Mo
 def test_a_server_that_was_replaced_hands_out_no_call(calls: Calls, srv: ModuleType, topic: str) -> None:
     with srv.AskServer(topic) as old, srv.AskClient(topic) as client:
         new = ready(calls.server(topic), CLAIM)
-        client._caller.ask(srv.Ask_Request(question=5))
+        client._calls.send_request(srv.Ask_Request(question=5))
         assert (new().xExecute, new.Request.question) == (True, 5)
         with pytest.raises(ClaimLost):
             old.take()
@@ -208,7 +209,7 @@ def test_a_plc_that_was_replaced_within_its_cycle_takes_no_call(calls: Calls, sr
     server = ready(calls.server(topic))
     with srv.AskClient(topic) as client:
         for owner, taken in ((4242, False), (header.PLC, True)):
-            client._caller.ask(srv.Ask_Request(question=5))
+            client._calls.send_request(srv.Ask_Request(question=5))
             server._fbServer.method("Cycle", iJob=0, xOther=True, eOther="NO_ERROR")
             Memory(topic, "-response")["writer"] = owner
             assert server._fbServer.method("BeginTake")
@@ -417,7 +418,7 @@ def test_a_header_written_over_by_another_maker(demo: Demo, topic: str, monkeypa
     other, sleep = f"{topic}/python", time.sleep
 
     def slept(seconds: float) -> None:
-        if seconds == region._OTHER_MAKER:
+        if seconds == opening._OTHER_MAKER:
             Memory(other).poke(8, b"\x99")
         sleep(seconds)
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from shmgen import pipeline
 from shmgen.config import Config
-from shmgen.model import TypeName
+from shmgen.core.model import TypeName
+from shmgen.generator import pipeline
 from tests.softplc import compile_st
 
 from ..support.build import classes, put

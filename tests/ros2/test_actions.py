@@ -169,7 +169,7 @@ TAKES_ONE = """
 import sys, time
 from shmgen.bridge.plan import actions
 from shmgen.config import load
-from shmgen.diagnostics import Report
+from shmgen.core.diagnostics import Report
 from shmgen.live.classes import action_server
 from shmgen.live.session import Session
 route = actions(Session(load(__import__("pathlib").Path("shmgen.toml"), "shmgen.toml", Report())))[0]

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from shmgen.config import load
-from shmgen.diagnostics import Report
+from shmgen.core.diagnostics import Report
 from shmgen.live.classes import client, publisher, server, subscriber
 from shmgen.live.session import Session
 from shmgen.runtime import ShmError

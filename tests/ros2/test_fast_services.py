@@ -14,8 +14,8 @@ import pytest
 
 pytest.importorskip("cyclonedds")
 
-from shmgen.bridge import dds
 from shmgen.bridge.backend import Node
+from shmgen.bridge.dds import backend
 from shmgen.live.classes import client, publisher, server
 from shmgen.runtime import ShmError
 
@@ -126,7 +126,7 @@ def test_clients_of_both_kinds(graph: Graph, space: str, tmp_path: Path, monkeyp
     peer = graph.peer()
     asked = {"do": "call", "service": f"{space}/flag", "type": "std_srvs/srv/SetBool", "request": {}, "timeout": 20}
     of_fast: list[Any] = []
-    cyclone = dds.connect(Node("cyclone", graph.number, print, lambda: False))
+    cyclone = backend.connect(Node("cyclone", graph.number, print, lambda: False))
     try:
         caller = cyclone.client(service(tmp_path, f"{space}/flag", "bool data"))
         request = caller.new()

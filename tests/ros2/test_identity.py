@@ -15,10 +15,10 @@ import pytest
 
 pytest.importorskip("cyclonedds")
 
-from shmgen import pipeline
-from shmgen.bridge import dds
 from shmgen.bridge.backend import Node, ServiceWire, Wire
+from shmgen.bridge.dds import backend
 from shmgen.config import Config
+from shmgen.generator import pipeline
 from shmgen.live.classes import client, subscriber
 from shmgen.runtime import ShmError
 
@@ -47,10 +47,10 @@ WAYS = pytest.mark.parametrize("graph", [("jazzy", "ros2"), ("kilted", "ros2")],
 
 
 @pytest.fixture
-def stranger(graph: Graph, monkeypatch: pytest.MonkeyPatch) -> Iterator[dds.Graph]:
+def stranger(graph: Graph, monkeypatch: pytest.MonkeyPatch) -> Iterator[backend.Graph]:
     """A peer whose definitions are its own: it has ROS 2's names on the wire, and announces their type hashes."""
     monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)
-    made = dds.connect(Node("stranger", graph.number, print, lambda: False))
+    made = backend.connect(Node("stranger", graph.number, print, lambda: False))
     yield made
     made.close()
 
@@ -66,7 +66,7 @@ def wire(folder: Path, name: str, text: str) -> Wire:
 
 
 @WAYS
-def test_another_definition_is_no_value(graph: Graph, stranger: dds.Graph, space: str, tmp_path: Path) -> None:
+def test_another_definition_is_no_value(graph: Graph, stranger: backend.Graph, space: str, tmp_path: Path) -> None:
     names = ["same", "accepted", *OTHERS]
     bridge = graph.bridge(
         f'source = "{graph.source}"\n[bridge]\ndiagnostics = 0.3\n'
@@ -119,7 +119,7 @@ def test_another_definition_is_no_value(graph: Graph, stranger: dds.Graph, space
 
 @WAYS
 def test_a_subscriber_of_another_definition_is_told_of(
-    graph: Graph, stranger: dds.Graph, space: str, tmp_path: Path
+    graph: Graph, stranger: backend.Graph, space: str, tmp_path: Path
 ) -> None:
     """What it makes of our bytes is its own matter, but somebody should know; it may come first or last."""
     texts = {"same": "float64 x\nfloat64 y\nfloat64 z\n", "first": "float64 a\n", "last": "float64 a\n"}
@@ -149,7 +149,7 @@ def service(folder: Path, name: str, request: str) -> ServiceWire:
 
 
 @WAYS
-def test_a_service_of_another_definition(graph: Graph, stranger: dds.Graph, space: str, tmp_path: Path) -> None:
+def test_a_service_of_another_definition(graph: Graph, stranger: backend.Graph, space: str, tmp_path: Path) -> None:
     """While such a client or server is there, real rclpy hears nothing through rclpy, and the PLC is not asked."""
     bridge = graph.bridge(
         f'source = "{graph.source}"\n'
@@ -204,7 +204,7 @@ def test_where_ours_is_another(graph: Graph, space: str, tmp_path: Path, monkeyp
     monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)
     told: list[str] = []
     outlets: list[Any] = []  # or they are gone at once
-    ours = dds.connect(Node("ours", graph.number, told.append, lambda: False))
+    ours = backend.connect(Node("ours", graph.number, told.append, lambda: False))
     definitions = {"same": "float64 x\nfloat64 y\nfloat64 z\n", "accepted": OTHERS["renamed"], **OTHERS}
     came: dict[str, list[Any]] = {name: [] for name in definitions}
     takers = {name: Taken(came[name].append) for name in definitions}

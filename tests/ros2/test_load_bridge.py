@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from ..load_bridge import RATES, bridged
+from ..rigs.load_bridge import RATES, bridged
 from ..support.ros2 import Graph
 
 SECONDS = 3

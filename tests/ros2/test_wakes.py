@@ -11,12 +11,12 @@ MESSAGES = 300
 SCRIPT = f"""
 import threading
 from rclpy import executors
-from shmgen.bridge import ros2
+from shmgen.bridge.ros2 import backend
 from shmgen.bridge.backend import Node, Wire
 from shmgen.bridge.counters import Counters
 from shmgen.bridge.plan import closure
 from shmgen.config import Config
-from shmgen import pipeline
+from shmgen.generator import pipeline
 from pathlib import Path
 
 wakes = 0
@@ -33,7 +33,7 @@ class Counted:
 executors._rclpy = Counted()
 schema = pipeline.read(Config(Path.cwd()), ["geometry_msgs/Pose"])
 wire = Wire("/wakes", closure(schema, schema.messages[-1].name))
-graph = ros2.connect(Node("wakes", None, print, lambda: False))
+graph = backend.connect(Node("wakes", None, print, lambda: False))
 came = threading.Semaphore(0)
 
 class Taken(Counters):

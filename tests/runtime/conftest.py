@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from shmgen.runtime import claim, lock, region_name
+from shmgen.runtime import region_name
+from shmgen.runtime.region import claim, lock
 
 from ..support import machine
 

@@ -17,8 +17,9 @@ from tests.support import machine
 
 machine.pretend()
 from shmgen import runtime  # noqa: E402
-from shmgen.runtime import claim, values  # noqa: E402
-from shmgen.runtime import header as h  # noqa: E402
+from shmgen.runtime.messages import values  # noqa: E402
+from shmgen.runtime.region import claim  # noqa: E402
+from shmgen.runtime.region import header as h  # noqa: E402
 
 WHY_NOT = "shmgen was installed without gcc or Python's headers: apt-get install gcc python3-dev; pip install -e ."
 if "t" in sys.abiflags:

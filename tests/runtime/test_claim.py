@@ -7,10 +7,11 @@ from types import SimpleNamespace
 import pytest
 
 from shmgen import runtime
-from shmgen.runtime import access, calls, claim, lock, many, subscriber
-from shmgen.runtime import header as h
+from shmgen.runtime import calls, subscriber, wait_any
+from shmgen.runtime.region import access, claim, lock
+from shmgen.runtime.region import header as h
 
-from ..chaos_faults import swap_map
+from ..rigs.chaos_faults import swap_map
 from .messages import PosePublisher, PoseSubscriber, pose
 
 NUMBER = 41
@@ -53,8 +54,8 @@ def says(region, word, value):
 
 def test_limits_are_those_of_the_protocol():
     assert (claim.WATCH, claim._CONFIRM, STOOD_STILL) == (1.0, 0.1, 0.05)
-    assert (lock.LOCK_TIMEOUT, lock.UNTIL_HEALED, lock._DEAD_AFTER, lock._STUCK_AFTER) == (0.01, 1.1, 0.05, 1.0)
-    assert (subscriber._POLL, subscriber._SLICE) == (many._POLL, many._SLICE) == (0.001, 0.01)
+    assert (lock.LOCK_TIMEOUT, lock.UNTIL_RECOVERED, lock._DEAD_AFTER, lock._STUCK_AFTER) == (0.01, 1.1, 0.05, 1.0)
+    assert (subscriber._POLL, subscriber._SLICE) == (wait_any._POLL, wait_any._SLICE) == (0.001, 0.01)
     assert (calls._FRESH, calls._HEARTBEAT, access.PATIENCE) == (1.0, 0.05, 0.1)
 
 

@@ -10,9 +10,9 @@ from types import SimpleNamespace
 import pytest
 
 from shmgen import runtime
-from shmgen.runtime import header as h
-from shmgen.runtime import lock
-from shmgen.runtime.header import after
+from shmgen.runtime.region import header as h
+from shmgen.runtime.region import lock
+from shmgen.runtime.region.header import after
 
 from .messages import (
     LONG,

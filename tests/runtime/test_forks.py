@@ -13,12 +13,12 @@ import posix_ipc
 import pytest
 
 from shmgen import runtime
-from shmgen.runtime import header as h
-from shmgen.runtime import holders, semaphores
 from shmgen.runtime import publisher as publishing
-from shmgen.runtime.region import _FLOCK, REPAIR_LOCK
+from shmgen.runtime.region import header as h
+from shmgen.runtime.region import holders, semaphores
+from shmgen.runtime.region.region import _FLOCK, REPAIR_LOCK
 
-from ..chaos_faults import swap_map
+from ..rigs.chaos_faults import swap_map
 from ..support import machine
 from ..support.tracing import traced
 from .messages import PosePublisher, PoseSubscriber, pose

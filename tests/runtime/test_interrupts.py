@@ -15,9 +15,10 @@ import posix_ipc
 import pytest
 
 from shmgen import runtime
-from shmgen.runtime import header as h
-from shmgen.runtime import lock, straight
-from shmgen.runtime.region import REPAIR_LOCK
+from shmgen.runtime import core
+from shmgen.runtime.region import header as h
+from shmgen.runtime.region import lock
+from shmgen.runtime.region.region import REPAIR_LOCK
 
 from ..support.tracing import traced
 from .messages import WHY_NOT, PosePublisher, PoseSubscriber, pose
@@ -26,7 +27,7 @@ RUNTIME = os.path.dirname(runtime.__file__)
 INTERRUPTS = 300
 NOT_TAKEN = dis.opmap.get("NOT_TAKEN")
 """An instruction of 3.14 that does nothing: no signal comes there, and some of them stand in no exception table."""
-WAYS = ["Python", pytest.param("C", marks=pytest.mark.skipif(not straight.IN_C, reason=WHY_NOT))]
+WAYS = ["Python", pytest.param("C", marks=pytest.mark.skipif(not core.IN_C, reason=WHY_NOT))]
 
 
 class Interrupt(BaseException):

@@ -16,10 +16,10 @@ import posix_ipc
 import pytest
 
 from shmgen import runtime
-from shmgen.runtime import header as h
-from shmgen.runtime import lock, semaphores
-from shmgen.runtime.names import event_name
-from shmgen.runtime.region import REPAIR_LOCK
+from shmgen.runtime.region import header as h
+from shmgen.runtime.region import lock, semaphores
+from shmgen.runtime.region.names import event_name
+from shmgen.runtime.region.region import REPAIR_LOCK
 
 from .messages import PosePublisher, PoseSubscriber, pose
 

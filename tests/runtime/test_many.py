@@ -15,9 +15,9 @@ from contextlib import ExitStack
 import pytest
 
 from shmgen import runtime
-from shmgen.runtime import header as h
-from shmgen.runtime import many, ready_any
-from shmgen.runtime.names import event_name, semaphore_file
+from shmgen.runtime import ready_any, wait_any
+from shmgen.runtime.region import header as h
+from shmgen.runtime.region.names import event_name, semaphore_file
 from tests.conftest import REPOSITORY
 from tests.support import machine
 
@@ -98,8 +98,8 @@ def test_those_with_a_sample_and_no_others(several, writers):
 
 @sleeps
 def test_any_writer_wakes_who_sleeps_and_nobody_polls(several, other, monkeypatch):
-    monkeypatch.setattr(many, "_SLICE", LONG / 1e9)
-    monkeypatch.setattr(many, "_POLL", LONG / 1e9)
+    monkeypatch.setattr(wait_any, "_SLICE", LONG / 1e9)
+    monkeypatch.setattr(wait_any, "_POLL", LONG / 1e9)
     processes = [other("publish", one.topic) for one in several]
 
     def woken(number):
@@ -234,14 +234,15 @@ def test_one_killed_in_its_sleep_does_no_harm(several, writers, topic, other):
 
 SCRIPT = """
 import os, sys, threading
-from shmgen.runtime import can_wait_for_many, ready_any, straight
+from shmgen.runtime import can_wait_for_many, ready_any
+from shmgen.runtime import core
 from tests.runtime.messages import PosePublisher, PoseSubscriber, pose
 from tests.support import seccomp
 
 print(can_wait_for_many())
 if os.environ.get("SHMGEN_PURE") != "1":
     seccomp.forbid(449, int(sys.argv[2]))
-    print(straight.EXTENSION.has_many())
+    print(core.EXTENSION.has_many())
 topic = sys.argv[1]
 with PoseSubscriber(topic) as first, PoseSubscriber(topic + "/second") as second, PosePublisher(topic) as writer:
     assert ready_any([second, first], 0.01) == []

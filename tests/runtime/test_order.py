@@ -1,4 +1,4 @@
-"""Which machine keeps loads and stores in their order, and what stands between them on one that does not."""
+"""Which machine keeps loads and stores in their memory_order, and what stands between them on one that does not."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from unittest.mock import Mock
 import pytest
 
 import shmgen
-from shmgen import abi
-from shmgen.runtime import order
+from shmgen.core import abi
+from shmgen.runtime.region import memory_order
 
 WORDS = 2**63 - 1, 2**31 - 1
 """sys.maxsize of a process of 64 and of 32 bits."""
@@ -33,7 +33,7 @@ def machine(monkeypatch):
         monkeypatch.setattr(os, "uname", lambda: SimpleNamespace(machine=name))
         monkeypatch.setattr(sys, "maxsize", maxsize)
         monkeypatch.setattr(ctypes, "CDLL", lambda name: SimpleNamespace(syscall=syscall))
-        monkeypatch.setattr(order, "EXTENSION", extension)
+        monkeypatch.setattr(memory_order, "EXTENSION", extension)
         return calls
 
     yield pretend
@@ -43,11 +43,11 @@ def machine(monkeypatch):
 @pytest.mark.parametrize("name", ["x86_64", "AMD64", "i386", "i486", "i586", "i686"])
 def test_x86_keeps_its_order(machine, name):
     calls = machine(name, answer=-1)
-    assert order.keeps_order()
-    assert order.has_barrier()
-    assert order._chosen() is order._locked
+    assert memory_order.keeps_order()
+    assert memory_order.has_barrier()
+    assert memory_order._chosen() is memory_order._locked
     words = memoryview(bytearray(8))
-    assert order.ordered(words) is words
+    assert memory_order.ordered(words) is words
     assert not calls
 
 
@@ -64,9 +64,9 @@ def test_x86_keeps_its_order(machine, name):
 def test_linux_has_a_barrier_for_others(machine, name, maxsize, number):
     """Numbers of asm/unistd.h; 2 is MEMBARRIER_CMD_GLOBAL_EXPEDITED. Each call of the fence is one of Linux."""
     calls = machine(name, maxsize)
-    assert not order.keeps_order()
-    assert order.has_barrier()
-    fence = order._chosen()
+    assert not memory_order.keeps_order()
+    assert memory_order.has_barrier()
+    fence = memory_order._chosen()
     del calls[:]
     fence()
     assert calls == [[(ctypes.c_long, value) for value in (number, 2, 0, 0)]]
@@ -75,16 +75,16 @@ def test_linux_has_a_barrier_for_others(machine, name, maxsize, number):
 @pytest.mark.parametrize(("name", "maxsize", "answer"), [("aarch64", WORDS[0], -1), ("riscv64", WORDS[1], 0)])
 def test_machines_without_any(machine, name, maxsize, answer):
     machine(name, maxsize, answer)
-    assert not order.has_barrier()
-    assert order._chosen() is order._locked
-    order._locked()
+    assert not memory_order.has_barrier()
+    assert memory_order._chosen() is memory_order._locked
+    memory_order._locked()
 
 
 def test_the_extension_comes_first(machine):
     extension = SimpleNamespace(fence=lambda: None)
     calls = machine("aarch64", answer=-1, extension=extension)
-    assert order.has_barrier()
-    assert order._chosen() is extension.fence
+    assert memory_order.has_barrier()
+    assert memory_order._chosen() is extension.fence
     assert not calls
 
 
@@ -93,8 +93,8 @@ def test_each_word_stands_between_two_barriers(machine, monkeypatch):
     log = Mock()
     log.words.__getitem__ = lambda _, at: log.load(at) and 5
     log.words.__setitem__ = lambda _, at, value: log.store(at, value)
-    monkeypatch.setattr(order, "fence", log.fence)
-    words = order.ordered(log.words)
+    monkeypatch.setattr(memory_order, "fence", log.fence)
+    words = memory_order.ordered(log.words)
     assert words[3] == 5
     words[4] = 6
     words.release()
@@ -112,5 +112,5 @@ def test_an_extension_that_is_older_or_of_another_python_is_not_taken(monkeypatc
     extension = SimpleNamespace(ABI=abi.ABI + abi_of_it, fence=lambda: None)
     monkeypatch.setenv("SHMGEN_PURE", pure)
     monkeypatch.setattr(sys, "abiflags", flags)
-    monkeypatch.setattr(shmgen, "_straight", extension, raising=False)
-    assert runpy.run_path(order.__file__)["EXTENSION"] is (extension if taken else None)
+    monkeypatch.setattr(shmgen, "_core", extension, raising=False)
+    assert runpy.run_path(memory_order.__file__)["EXTENSION"] is (extension if taken else None)

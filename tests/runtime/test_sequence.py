@@ -18,11 +18,12 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from shmgen import pipeline
 from shmgen.config import Config
-from shmgen.model import Regions, TypeName
-from shmgen.runtime import header as h
-from shmgen.runtime import order, region_name
+from shmgen.core.model import Regions, TypeName
+from shmgen.generator import pipeline
+from shmgen.runtime import region_name
+from shmgen.runtime.region import header as h
+from shmgen.runtime.region import memory_order
 from tests.softplc import Plc, compile_st
 
 from ..support.build import classes, put
@@ -288,8 +289,10 @@ def test_a_machine_with_barriers_is_not_refused(
     """Whatever passes each other there: each word is looked at and written between two full barriers, in Python too."""
     monkeypatch.setattr(os, "uname", lambda: os.uname_result(("Linux", "", "", "", machine)))
     barriers: list[None] = []
-    monkeypatch.setattr(order, "fence", lambda: barriers.append(None))
-    monkeypatch.setattr(order, "EXTENSION", order.EXTENSION or types.SimpleNamespace(fence=order.fence))
+    monkeypatch.setattr(memory_order, "fence", lambda: barriers.append(None))
+    monkeypatch.setattr(
+        memory_order, "EXTENSION", memory_order.EXTENSION or types.SimpleNamespace(fence=memory_order.fence)
+    )
     with made.publisher(topic) as publisher, made.subscriber(topic) as subscriber:
         publisher._disconnect(), subscriber._disconnect()
         publisher.publish(made.message(data=[7] * SIZE))
@@ -304,7 +307,7 @@ def test_another_machine_is_refused(made: Made, topic: str, monkeypatch: pytest.
     from shmgen.runtime import RegionUnusable
 
     monkeypatch.setattr(os, "uname", lambda: os.uname_result(("Linux", "", "", "", "sparc")))
-    monkeypatch.setattr(order, "EXTENSION", None)
+    monkeypatch.setattr(memory_order, "EXTENSION", None)
     with pytest.raises(RegionUnusable, match="needs full memory barriers on sparc, and this Python has none"):
         made.publisher(topic)
     assert not Path(f"/dev/shm/{region_name(topic)}").exists()

@@ -17,12 +17,13 @@ from types import SimpleNamespace
 
 import pytest
 
-from shmgen import pipeline, runtime
+from shmgen import runtime
 from shmgen.config import Config
-from shmgen.model import TypeName
-from shmgen.runtime import header as h
-from shmgen.runtime import straight
-from shmgen.runtime.fields import Elements
+from shmgen.core.model import TypeName
+from shmgen.generator import pipeline
+from shmgen.runtime import core
+from shmgen.runtime.messages.fields import Elements
+from shmgen.runtime.region import header as h
 from tests.conftest import REPOSITORY
 from tests.support.build import classes, put
 
@@ -39,7 +40,7 @@ from .messages import (
     pose,
 )
 
-pytestmark = pytest.mark.skipif(not straight.IN_C, reason=WHY_NOT)
+pytestmark = pytest.mark.skipif(not core.IN_C, reason=WHY_NOT)
 
 KINDS = ["bool", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"]
 INNER = "".join(f"{kind} {kind}_one\n{kind}[3] {kind}_three\n{kind}[<=4] {kind}_some\n" for kind in KINDS)
@@ -52,8 +53,8 @@ ODD = (0.0, -0.5, 1e-50, 3.4e38, 3.5e38, 1e300, math.inf, -math.inf, math.nan, T
 
 
 def test_it_is_not_older_than_its_source() -> None:
-    made = Path(sys.modules["shmgen._straight"].__file__).stat().st_mtime
-    source = REPOSITORY / "src/shmgen/runtime/straight.c"
+    made = Path(sys.modules["shmgen._core"].__file__).stat().st_mtime
+    source = REPOSITORY / "src/shmgen/runtime/core.c"
     assert made >= source.stat().st_mtime, "pip install -e . makes it anew"
 
 
@@ -85,8 +86,8 @@ def any_object(kind, value):
     def made(name):
         shown = vars(kind)[name]
         if isinstance(shown, Elements):
-            return [value(straight._CODES[shown.kind]) for _ in range(shown.length)]
-        return value(straight._CODES[inner[name]]) if inner[name] in straight._CODES else any_object(inner[name], value)
+            return [value(core._CODES[shown.kind]) for _ in range(shown.length)]
+        return value(core._CODES[inner[name]]) if inner[name] in core._CODES else any_object(inner[name], value)
 
     return SimpleNamespace(**{name: made(name) for name in kind._names_})
 
@@ -120,7 +121,7 @@ def test_numbers_from_any_object_are_taken_and_refused_as_in_python(topic, kinds
         def fitting(code):
             if code in "fd":
                 return rng.uniform(-1e3, 1e3)
-            bits = 8 * ctypes.sizeof(next(kind for kind, found in straight._CODES.items() if found == code))
+            bits = 8 * ctypes.sizeof(next(kind for kind, found in core._CODES.items() if found == code))
             return rng.random() < 0.5 if code == "?" else rng.randrange(2 ** (bits - code.islower()))
 
         count = 0
@@ -201,10 +202,10 @@ def test_a_message_of_more_objects_than_the_extension_holds_is_left_to_python():
     def steps(*kinds):
         names = [f"field_{number}" for number in range(len(kinds))]
         fields = {"_fields_": list(zip(names, kinds, strict=True)), "_names_": names}
-        return len(straight._plan(type("Many", (ctypes.Structure,), fields)))
+        return len(core._plan(type("Many", (ctypes.Structure,), fields)))
 
-    assert steps(*[Leaf] * (straight.MOST_OBJECTS - 1)) == 2 * 31
-    assert steps(*[Leaf] * straight.MOST_OBJECTS) == 0
+    assert steps(*[Leaf] * (core.MOST_OBJECTS - 1)) == 2 * 31
+    assert steps(*[Leaf] * core.MOST_OBJECTS) == 0
     assert (steps(ctypes.c_int8, Leaf), steps(ctypes.c_int8, 3 * ctypes.c_int8)) == (3, 0), "bare arrays are not"
 
 
@@ -351,7 +352,7 @@ def test_a_mode_without_the_lock_and_a_lock_without_a_handle(topic, monkeypatch)
         publisher._region.words[h.ARMED] = 1  # there is no event to post
         publisher.publish(pose(1))
         assert subscriber.wait(0).position.x == 1.0
-    monkeypatch.setattr("shmgen.runtime.semaphores.SemLock", None)
+    monkeypatch.setattr("shmgen.runtime.region.semaphores.SemLock", None)
     with PosePublisher(topic) as publisher:
         assert not publisher._direct
 

@@ -18,7 +18,7 @@ from ..support import machine
 @pytest.mark.skipif(machine.EMULATED, reason="a promise in seconds, which qemu-user does not keep")
 def test_everybody_moves_within_1_3_seconds() -> None:
     """The best of three counts, where other tests take the processors."""
-    command = [sys.executable, "-m", "tests.takeover", "--tries", "3"]
+    command = [sys.executable, "-m", "tests.rigs.takeover", "--tries", "3"]
     with subprocess.Popen(
         command, cwd=REPOSITORY, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
     ) as process:

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from shmgen import pipeline
 from shmgen.config import Config
-from shmgen.model import TypeName, TypeOptions
+from shmgen.core.model import TypeName, TypeOptions
+from shmgen.generator import pipeline
 from shmgen.runtime import StringTooLong
 
 from ..support.build import module, put

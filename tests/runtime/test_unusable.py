@@ -15,11 +15,11 @@ import posix_ipc
 import pytest
 
 from shmgen import runtime
-from shmgen.runtime import header as h
-from shmgen.runtime import names, region, semaphores
-from shmgen.runtime.access import RegionOptions
 from shmgen.runtime.errors import RegionUnusable
-from shmgen.runtime.lock import Lock
+from shmgen.runtime.region import header as h
+from shmgen.runtime.region import names, opening, semaphores
+from shmgen.runtime.region.access import RegionOptions
+from shmgen.runtime.region.lock import Lock
 
 from ..conftest import REPOSITORY
 from ..support import machine
@@ -68,7 +68,7 @@ def test_another_c_library_than_glibc(topic, file, semaphore_file, monkeypatch, 
         PosePublisher(topic)
     assert not file.exists()
     assert not semaphore_file.exists()
-    without = region.open_region(topic, h.header_for("std_msgs/msg/Bool", 1, 1, 1), RegionOptions(sync="sequence"))
+    without = opening.open_region(topic, h.header_for("std_msgs/msg/Bool", 1, 1, 1), RegionOptions(sync="sequence"))
     without.close()
 
 
@@ -117,7 +117,7 @@ def test_an_open_that_failed_holds_nothing(topic, monkeypatch):
         raise runtime.RegionUnusable("for once")
 
     PosePublisher(topic).close()
-    monkeypatch.setattr(region, "_open_semaphore", refuse)
+    monkeypatch.setattr(opening, "_open_semaphore", refuse)
     before = os.listdir("/proc/self/fd")
     with pytest.raises(runtime.RegionUnusable, match="for once") as kept:
         PosePublisher(topic)
@@ -142,7 +142,7 @@ def test_an_open_that_failed_leaves_no_file(topic, file, monkeypatch, error, tex
 @pytest.mark.parametrize("place", [names.region_file, names.semaphore_file])
 def test_what_vanishes_again_and_again_is_given_up(topic, monkeypatch, place):
     """Somebody removes the semaphore, or the region, at each try between its opening and the last look."""
-    leads = region._leads_to
+    leads = opening._leads_to
     tries = []
 
     def vanished(path, file):
@@ -151,15 +151,15 @@ def test_what_vanishes_again_and_again_is_given_up(topic, monkeypatch, place):
             return False
         return leads(path, file)
 
-    monkeypatch.setattr(region, "_leads_to", vanished)
+    monkeypatch.setattr(opening, "_leads_to", vanished)
     with pytest.raises(runtime.RegionUnusable, match="keeps appearing and vanishing"):
         PosePublisher(topic)
     assert len(tries) >= 10 - 1
 
 
 def test_what_is_there_only_for_who_makes_it_is_given_up(topic, monkeypatch):
-    monkeypatch.setattr(region, "_found", Mock(side_effect=FileNotFoundError))
-    monkeypatch.setattr(region, "_made", Mock(side_effect=posix_ipc.ExistentialError))
+    monkeypatch.setattr(opening, "_found", Mock(side_effect=FileNotFoundError))
+    monkeypatch.setattr(opening, "_made", Mock(side_effect=posix_ipc.ExistentialError))
     with pytest.raises(runtime.RegionUnusable, match="keeps appearing and vanishing"):
         PosePublisher(topic)
 
@@ -179,7 +179,7 @@ def test_a_semaphore_that_changes_between_a_look_and_its_opening(topic, monkeypa
 
 def test_a_region_whose_maker_gave_up_is_opened_anew(topic, file, monkeypatch):
     """Removed by who made it, between another's opening and his last look."""
-    complete = region._complete_header
+    complete = opening._complete_header
     seen = []
 
     def removed(*arguments):
@@ -188,7 +188,7 @@ def test_a_region_whose_maker_gave_up_is_opened_anew(topic, file, monkeypatch):
             file.unlink()
         seen.append(1)
 
-    monkeypatch.setattr(region, "_complete_header", removed)
+    monkeypatch.setattr(opening, "_complete_header", removed)
     with PosePublisher(topic) as publisher:
         publisher.publish(pose(1))
     assert len(seen) == 2

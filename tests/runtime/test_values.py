@@ -15,8 +15,8 @@ from types import SimpleNamespace
 import pytest
 
 from shmgen import runtime
-from shmgen.runtime import values
-from shmgen.runtime.values import Duration, Time
+from shmgen.runtime.messages import values
+from shmgen.runtime.messages.values import Duration, Time
 
 from .messages import Point
 
@@ -369,7 +369,7 @@ def test_numbers_come_back_as_what_was_there():
 
 def test_ndarray_without_numpy_loaded():
     code = (
-        "import sys; from shmgen.runtime import values;"
+        "import sys; from shmgen.runtime.messages import values;"
         "print(values.from_numbers(b'ab', 'B', None), 'numpy' in sys.modules)"
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout

@@ -8,7 +8,7 @@ import os
 import posix_ipc
 import pytest
 
-from shmgen.runtime.names import region_name
+from shmgen.runtime.region.names import region_name
 from tests.softplc import Block, Plc, compile_st
 from tests.softplc.objects_for_tests import program
 

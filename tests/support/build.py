@@ -10,16 +10,17 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from shmgen import bounds, layout, pipeline
-from shmgen.diagnostics import Report
-from shmgen.model import Layouts, Schema, TypeName, TypeOptions
+from shmgen.config.entries import Bounds
+from shmgen.core.diagnostics import Report
+from shmgen.core.model import Layouts, Schema, TypeName, TypeOptions
+from shmgen.generator import bounds, layout, pipeline
 from shmgen.targets import TARGETS, Job
 
 MAX_REGION = 2**26
 
 
 def layouts_of(schema: Schema, options: TypeOptions | None = None) -> Layouts:
-    bounded = bounds.apply(schema, bounds.Bounds({}, {}), Report())
+    bounded = bounds.apply(schema, Bounds({}, {}), Report())
     return layout.lay_out(bounded, options or TypeOptions(), MAX_REGION, Report())
 
 

@@ -11,9 +11,9 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
-from shmgen import pipeline
 from shmgen.config import Config
-from shmgen.model import Layouts
+from shmgen.core.model import Layouts
+from shmgen.generator import pipeline
 
 from .build import put
 from .plc_demo import MESSAGES, PACKAGE

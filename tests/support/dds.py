@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
-from shmgen.bridge import fast_library
-from shmgen.bridge.dds_network import addresses
+from shmgen.bridge.dds import fastdds_library
+from shmgen.bridge.dds.network import addresses
 
 from ..conftest import REPOSITORY
 from .ros1 import Bridge
@@ -28,8 +28,8 @@ LOOPBACK = """<CycloneDDS><Domain Id="any">
 def without_fast_dds() -> None:
     """Skips what wants the bridge's part of Fast DDS; the first who asks compiles it, for all tests of this user."""
     try:
-        fast_library.load(lambda line: None, lambda: False)
-    except fast_library.Missing as error:
+        fastdds_library.load(lambda line: None, lambda: False)
+    except fastdds_library.Missing as error:
         pytest.skip(str(error))
 
 

@@ -7,11 +7,11 @@ from pathlib import Path
 from random import Random
 from typing import NamedTuple
 
-from shmgen import pipeline
-from shmgen.bounds import Bound, Bounds
 from shmgen.config import Config
-from shmgen.diagnostics import CODES, Rejected, Span
-from shmgen.model import Schema
+from shmgen.config.entries import Bound, Bounds
+from shmgen.core.diagnostics import CODES, Rejected, Span
+from shmgen.core.model import Schema
+from shmgen.generator import pipeline
 
 KINDS = ("msg", "srv", "action")
 SOURCES = ("jazzy", "noetic")

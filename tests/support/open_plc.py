@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 HERE = Path(__file__).parents[1] / "openplc"
-DIALECTS = {
+COMPILERS = {
     "beremiz": ("gcc", "-std=gnu99", "-DSHMGEN_TEST_LENGTH=uint8_t", "-DSHMGEN_TEST_SECONDS=long"),
     "openplc-v3": ("g++", "-std=gnu++11", "-DSHMGEN_TEST_LENGTH=int8_t", "-DSHMGEN_TEST_SECONDS=int32_t"),
     "openplc-v4": ("g++", "-std=c++17"),
@@ -302,19 +302,19 @@ class Instance:
 
 
 def compiled(
-    texts: Mapping[str, str], dialect: str, folder: Path, package: str = "shm_msgs", optimised: str = "-O1"
+    texts: Mapping[str, str], compiler: str, folder: Path, package: str = "shm_msgs", optimised: str = "-O1"
 ) -> Path:
     """A shared object of what was generated."""
-    command, *options = DIALECTS[dialect]
-    if dialect == "openplc-v4":
+    command, *options = COMPILERS[compiler]
+    if compiler == "openplc-v4":
         source = strucpp(json.loads(texts[f"openplc/{package}.stlib"]))
     else:
         found = read(texts[f"matiec/{package}.st"])
         source = matiec(found)
-        header = found.header if dialect == "openplc-v3" else texts[f"matiec/{package}.h"]
+        header = found.header if compiler == "openplc-v3" else texts[f"matiec/{package}.h"]
         (folder / "c_blocks.h").write_text(header)
-        options += ["-include", str(folder / "c_blocks.h")] if dialect == "beremiz" else ["-D_IEC_STD_LIB_H"]
-    suffix = ".c" if dialect == "beremiz" else ".cpp"
+        options += ["-include", str(folder / "c_blocks.h")] if compiler == "beremiz" else ["-D_IEC_STD_LIB_H"]
+    suffix = ".c" if compiler == "beremiz" else ".cpp"
     (folder / f"plc{suffix}").write_text(source)
     made = folder / "plc.so"
     warnings = ["-Wall", "-Wextra", "-Werror", "-Wno-unused-function"]

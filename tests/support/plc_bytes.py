@@ -10,10 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any
 
-from shmgen import definitions, pipeline
+from shmgen import definitions
 from shmgen.config import Config
+from shmgen.core.model import Array, Clock, Layout, Layouts, Ref, Role, Scalar, Slot, String, TypeName, TypeOptions
 from shmgen.definitions.wrappers import WRAPPERS
-from shmgen.model import Array, Clock, Layout, Layouts, Ref, Role, Scalar, Slot, String, TypeName, TypeOptions
+from shmgen.generator import pipeline
 from shmgen.targets.c import names as c_names
 from shmgen.targets.c.names import struct_name
 from shmgen.targets.st import names as st_names

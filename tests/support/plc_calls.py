@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from shmgen import pipeline
 from shmgen.config import Config
+from shmgen.generator import pipeline
 from tests.softplc import Block, Plc, compile_st
 
 from .build import put

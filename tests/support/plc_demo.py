@@ -12,11 +12,11 @@ from typing import Any, ClassVar
 
 import posix_ipc
 
-from shmgen import pipeline
 from shmgen.config import Config
-from shmgen.model import Layouts
-from shmgen.runtime import header
-from shmgen.runtime.names import region_file, region_name
+from shmgen.core.model import Layouts
+from shmgen.generator import pipeline
+from shmgen.runtime.region import header
+from shmgen.runtime.region.names import region_file, region_name
 from tests.softplc import Block, Plc, compile_st
 
 from .build import module, put

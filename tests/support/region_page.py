@@ -5,8 +5,8 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Sequence
 
-from shmgen import abi
-from shmgen.abi import Number, Word
+from shmgen.core import abi
+from shmgen.core.abi import Number, Word
 
 
 def tables(

@@ -11,8 +11,8 @@ from typing import Any
 
 from hypothesis import strategies as st
 
-from shmgen.diagnostics import Span
-from shmgen.model import (
+from shmgen.core.diagnostics import Span
+from shmgen.core.model import (
     Array,
     Clock,
     Field,

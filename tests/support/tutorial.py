@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from shmgen import config, pipeline
-from shmgen.diagnostics import Report
+from shmgen import config
+from shmgen.core.diagnostics import Report
+from shmgen.generator import pipeline
 
 from ..conftest import REPOSITORY
 

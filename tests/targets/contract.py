@@ -14,11 +14,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import zip_longest
 from pathlib import Path
 
-from shmgen import config, pipeline
-from shmgen.bounds import Bound, Bounds
+from shmgen import config
 from shmgen.config import Config
-from shmgen.diagnostics import Rejected, Report, Span
-from shmgen.model import Layouts, Role
+from shmgen.config.entries import Bound, Bounds
+from shmgen.core.diagnostics import Rejected, Report, Span
+from shmgen.core.model import Layouts, Role
+from shmgen.generator import pipeline
 from shmgen.targets import TARGETS, Job, Target
 
 from ..support.build import put

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from shmgen import pipeline
 from shmgen.config import Config
+from shmgen.generator import pipeline
 
 from ..conftest import REPOSITORY
 from ..support.build import put

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from shmgen import toml
+from shmgen.core import toml
 
 from .test_plcopen import generate
 

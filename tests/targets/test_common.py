@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from shmgen.render import render
+from shmgen.generator.render import render
 from shmgen.targets.st import common
 
 from ..conftest import REPOSITORY

@@ -13,11 +13,11 @@ from typing import Any
 
 import pytest
 
-from shmgen import pipeline
-from shmgen.diagnostics import Report
-from shmgen.model import Layout, Output, Ref, Role, Scalar, Slot, String
+from shmgen.core.diagnostics import Report
+from shmgen.core.model import Layout, Output, Ref, Role, Scalar, Slot, String
+from shmgen.generator import pipeline
 from shmgen.targets import TARGETS, Job, Target
-from shmgen.targets.naming import Made, Names, file_stem
+from shmgen.targets.naming import ClaimedName, Names, file_stem
 
 from ..conftest import REPOSITORY
 from ..support.languages import C_WORDS, ST_WORDS
@@ -62,11 +62,11 @@ def escaped(name: str) -> str:
     return f"{name}_" if name in C_WORDS else name
 
 
-def made(layout: Layout, package: str) -> Iterator[Made]:
-    yield Made("type", struct(layout))
+def made(layout: Layout, package: str) -> Iterator[ClaimedName]:
+    yield ClaimedName("type", struct(layout))
     for constant in layout.message.constants:
-        yield Made("type", f"{struct(layout)}_{constant.name}")
-    yield Made("file", f"{file_stem(layout.name)}.h", layout.name.package)
+        yield ClaimedName("type", f"{struct(layout)}_{constant.name}")
+    yield ClaimedName("file", f"{file_stem(layout.name)}.h", layout.name.package)
 
 
 def struct(layout: Layout) -> str:
@@ -160,7 +160,7 @@ BROKEN: dict[str, tuple[contract.Check, dict[str, Any]]] = {
     "to be the same": (contract.twice_is_the_same, {"counted": True}),
     "a name that it says": (
         contract.every_message_of_the_store,
-        {"NAMES": names(made=lambda layout, package: [Made("type", f"x_{struct(layout)}")])},
+        {"NAMES": names(made=lambda layout, package: [ClaimedName("type", f"x_{struct(layout)}")])},
     ),
 }
 

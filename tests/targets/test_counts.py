@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from shmgen import pipeline
 from shmgen.config import Config
-from shmgen.model import TypeName
+from shmgen.core.model import TypeName
+from shmgen.generator import pipeline
 
 from ..support.build import module, put
 from ..support.counts import DEFINITIONS, MOST, PACKAGE, PLACES, spoil, tree

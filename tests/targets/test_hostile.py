@@ -17,10 +17,10 @@ import pytest
 from hypothesis import HealthCheck, Phase, example, given, settings
 from hypothesis import strategies as st
 
-from shmgen import pipeline
-from shmgen.bounds import Bounds
 from shmgen.config import Config
-from shmgen.diagnostics import Rejected
+from shmgen.config.entries import Bounds
+from shmgen.core.diagnostics import Rejected
+from shmgen.generator import pipeline
 from tests.support.build import forget, put
 from tests.support.languages import st_tokens, xml_tokens
 

@@ -11,10 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from shmgen import pipeline, runtime
+from shmgen import runtime
 from shmgen.config import Config
-from shmgen.diagnostics import Rejected
-from shmgen.model import Layouts, TypeName
+from shmgen.core.diagnostics import Rejected
+from shmgen.core.model import Layouts, TypeName
+from shmgen.generator import pipeline
 from shmgen.targets.c import names as c_names
 from shmgen.targets.python import names as python_names
 from shmgen.targets.st import names as st_names

@@ -4,8 +4,8 @@ import keyword
 
 import pytest
 
-from shmgen.diagnostics import Report, Span
-from shmgen.model import Field, FieldType, Layout, Message, Scalar, Schema, Sequence, TypeName, ros_type
+from shmgen.core.diagnostics import Report, Span
+from shmgen.core.model import Field, FieldType, Layout, Message, Scalar, Schema, Sequence, TypeName, ros_type
 from shmgen.targets import naming
 from shmgen.targets.c import names as c_names
 from shmgen.targets.python import names as python_names

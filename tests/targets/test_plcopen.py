@@ -7,8 +7,9 @@ from typing import Any
 
 import pytest
 
-from shmgen import config, pipeline
-from shmgen.diagnostics import Report
+from shmgen import config
+from shmgen.core.diagnostics import Report
+from shmgen.generator import pipeline
 
 from ..conftest import SHARED
 from ..support.ide import Found, Ide, Reference

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shmgen import layout, pipeline, runtime
+from shmgen import runtime
 from shmgen.config import Config
-from shmgen.model import TypeName
-from shmgen.runtime import header
+from shmgen.core.model import TypeName
+from shmgen.generator import layout, pipeline
+from shmgen.runtime.region import header
 
 from ..conftest import REPOSITORY
 from ..support.build import module, put

@@ -8,9 +8,11 @@ from typing import Any
 
 import pytest
 
-from shmgen import bounds, definitions, layout
-from shmgen.diagnostics import Rejected, Report
-from shmgen.model import Layout, Layouts, Scalar, String, TypeName, TypeOptions
+from shmgen import definitions
+from shmgen.config.entries import Bounds
+from shmgen.core.diagnostics import Rejected, Report
+from shmgen.core.model import Layout, Layouts, Scalar, String, TypeName, TypeOptions
+from shmgen.generator import bounds, layout
 from shmgen.targets import naming
 from shmgen.targets.st.names import NAMES
 from shmgen.targets.st.text import ascii_text, comment_lines, literal
@@ -52,7 +54,7 @@ def lay_out(
         file.write_text(text, encoding="utf-8")
     packages = sorted({name.rpartition("/")[0] or "demo_msgs" for name in messages})
     sources = definitions.Sources((folder,), source, folder)
-    schema = bounds.apply(definitions.load(packages, sources, Report()), bounds.Bounds({}, {}), Report())
+    schema = bounds.apply(definitions.load(packages, sources, Report()), Bounds({}, {}), Report())
     return layout.lay_out(schema, options or TypeOptions(), 2**26, Report())
 
 
@@ -135,7 +137,7 @@ def test_blocks_only_for_messages_the_user_named(tmp_path: Path) -> None:
     lay_out(tmp_path, MESSAGES)
     sources = definitions.Sources((tmp_path,), "jazzy", tmp_path)
     schema = definitions.load(["demo_msgs/Tagged"], sources, Report())
-    layouts = layout.lay_out(bounds.apply(schema, bounds.Bounds({}, {}), Report()), TypeOptions(), 2**26, Report())
+    layouts = layout.lay_out(bounds.apply(schema, Bounds({}, {}), Report()), TypeOptions(), 2**26, Report())
     assert sorted(path for path in texts_of(layouts) if "/demo_msgs/" in path) == [
         "st/demo_msgs/FB_demo_msgs_Tagged_Publisher.st",
         "st/demo_msgs/FB_demo_msgs_Tagged_Subscriber.st",

@@ -6,8 +6,9 @@ from typing import Any
 
 import pytest
 
-from shmgen import config, pipeline
-from shmgen.diagnostics import Diagnostic, Rejected, Report
+from shmgen import config
+from shmgen.core.diagnostics import Diagnostic, Rejected, Report
+from shmgen.generator import pipeline
 
 blark = pytest.importorskip("blark")
 

@@ -19,7 +19,7 @@ PEER = """
 import os, sys
 sys.path.insert(0, {repository!r})
 from tests.runtime.messages import PosePublisher, PoseSubscriber, pose
-from shmgen.runtime import header as h
+from shmgen.runtime.region import header as h
 {work}
 print("ready", flush=True)
 sys.stdin.read()

@@ -11,11 +11,11 @@ from pathlib import Path
 import pytest
 
 from shmgen import config
-from shmgen.diagnostics import Report
-from shmgen.live.classes import Workshop
+from shmgen.core.diagnostics import Report
+from shmgen.live.classes import ClassRegistry
 from shmgen.live.session import Session
 from shmgen.runtime import Publisher, ServiceServer, Subscriber
-from shmgen.tools import call as tool
+from shmgen.tools.messages import call as tool
 
 DEFINITION = "bool on\nuint32 batch 7\n---\nbool success\nuint32[<=40] batches\nstring message\n"
 CONFIGURATION = '[strings]\n"cell_msgs/Start_Response.message" = 12\n'
@@ -32,8 +32,8 @@ def folder(shmgen, tmp_path):
 @pytest.fixture
 def served(folder, topic):
     """A server in a thread, for the command in another; it answers as the PLC or a bridge would."""
-    workshop = Workshop(Session(config.load(folder / "shmgen.toml", "shmgen.toml", Report())), None)
-    _, client = tool.build(topic, "cell_msgs/Start", {}, workshop)
+    registry = ClassRegistry(Session(config.load(folder / "shmgen.toml", "shmgen.toml", Report())), None)
+    _, client = tool.build(topic, "cell_msgs/Start", {}, registry)
     request, reply = client.request_publisher.message_type, client.reply_subscriber.message_type
     kinds = {
         "request_subscriber": type("LiveSubscriber", (Subscriber,), {"message_type": request}),

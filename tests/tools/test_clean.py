@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from shmgen.runtime import header as h
+from shmgen.runtime.region import header as h
 
 from ..runtime.messages import PosePublisher
 from ..support import machine
@@ -137,7 +137,7 @@ import mmap, os, sys, threading, time
 from pathlib import Path
 from tests.support import seccomp
 from tests.support.command import run
-from shmgen.tools import unfinished
+from shmgen.tools.doctor import orphan_semaphores
 
 def killed_at(call):
     pid = os.fork()
@@ -164,7 +164,7 @@ with open(shm / "sem.uSeD01", "r+b") as used:
     map = mmap.mmap(used.fileno(), 32)
 opened = open(shm / "sem.oPeN01")
 print(run(["clean", "--all", "--dry-run"], Path("/")).stdout, end="")
-time.sleep(unfinished.AGE)
+time.sleep(orphan_semaphores.AGE)
 young = shm / "sem.y0UnGx"
 young.write_bytes(bytes(32))
 def stay_young():  # however long the rest takes on a busy machine

@@ -17,13 +17,14 @@ from types import SimpleNamespace
 import posix_ipc
 import pytest
 
-import shmgen.tools.clean
-import shmgen.tools.top
-import shmgen.tools.topics  # noqa: F401 nobody() may not be able to read them
-from shmgen.runtime import RegionUnusable, order, region_name
-from shmgen.runtime import header as h
-from shmgen.runtime.access import RegionOptions
-from shmgen.runtime.region import open_region
+import shmgen.tools.doctor.clean
+import shmgen.tools.watch.top
+import shmgen.tools.watch.topics  # noqa: F401 nobody() may not be able to read them
+from shmgen.runtime import RegionUnusable, region_name
+from shmgen.runtime.region import header as h
+from shmgen.runtime.region import memory_order
+from shmgen.runtime.region.access import RegionOptions
+from shmgen.runtime.region.opening import open_region
 
 from ..runtime.messages import PosePublisher
 from ..support.command import run
@@ -230,7 +231,7 @@ NOBODY = ["setpriv", "--reuid=65534", "--regid=65534", "--clear-groups"]
 @pytest.fixture
 def for_nobody(topic):
     """A process, and `shmgen doctor`, of a user who may do nothing but with what is his own."""
-    for module in ("posix_ipc", "shmgen.tools.doctor", "tests.runtime.messages"):
+    for module in ("posix_ipc", "shmgen.tools.doctor.doctor", "tests.runtime.messages"):
         command = [*NOBODY, sys.executable, "-c", f"import {module}"]
         if not shutil.which("setpriv") or subprocess.run(command, cwd=REPOSITORY, capture_output=True).returncode:
             pytest.skip("another user may not enter the folder of this checkout")
@@ -364,8 +365,8 @@ def test_a_process_of_other_bitness(topic, file, tmp_path, shmgen, peer, machine
     subprocess.run(["i686-linux-gnu-gcc", "-static", "-o", program, program + ".c"], check=True)
     peer(PUBLISHER.format(topic=topic))
     monkeypatch.setattr(os, "uname", lambda: SimpleNamespace(machine=machine))
-    monkeypatch.setattr(order, "EXTENSION", None)
-    monkeypatch.setattr(order, "_membarrier", lambda: barrier or None)
+    monkeypatch.setattr(memory_order, "EXTENSION", None)
+    monkeypatch.setattr(memory_order, "_membarrier", lambda: barrier or None)
     with subprocess.Popen([program, file], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as small:
         if small.stdout.readline() != "ready\n":
             pytest.skip("this kernel runs no 32-bit programs")

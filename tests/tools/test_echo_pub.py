@@ -13,13 +13,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from ruamel.yaml import YAML
 
-from shmgen import pipeline
 from shmgen.config import Config, load
-from shmgen.diagnostics import Report
-from shmgen.model import TypeName
-from shmgen.runtime import CountExceeded, header
-from shmgen.tools import given as typed
-from shmgen.tools import shown
+from shmgen.core.diagnostics import Report
+from shmgen.core.model import TypeName
+from shmgen.generator import pipeline
+from shmgen.runtime import CountExceeded
+from shmgen.runtime.region import header
+from shmgen.tools.messages import format
+from shmgen.tools.messages import parse as typed
 
 from ..support import build, counts, schemas
 
@@ -158,9 +159,9 @@ def test_the_count_at_fault_is_named(path, count, tmp_path_factory):
     build.put(pipeline.generate(config, ["counts_msgs/Tree"]), folder)
     msg = build.module(folder, "shm_counts_shown", TypeName("counts_msgs", "msg", "Tree"))
     message = counts.tree(msg, 1)
-    assert shown.yaml(message)
+    assert format.yaml(message)
     counts.spoil(message, path, count)
-    for show in (shown.yaml, shown.as_json):
+    for show in (format.yaml, format.as_json):
         with pytest.raises(CountExceeded) as raised:
             show(message)
         assert raised.value.path == path
@@ -268,7 +269,7 @@ def test_a_second_writer_and_a_time_limit(topic, shmgen, started):
 @given(text=st.text(max_size=20))
 @settings(max_examples=200, deadline=None)
 def test_any_text_is_yaml(text):
-    line = f"data: {shown._text(text)}\n"
+    line = f"data: {format._text(text)}\n"
     assert YAML(typ="safe", pure=True).load(line) == {"data": text}
 
 
@@ -285,7 +286,7 @@ class TestAnyMessage:
             kind, _, _ = build.classes(folder, package, layout.name)
             original = schemas.random_message(layout, layouts, random.Random(seed))
             message = typed.build(kind, schemas.plain(original))
-            for text in (shown.yaml(message, None), shown.as_json(message)):
+            for text in (format.yaml(message, None), format.as_json(message)):
                 assert typed.build(kind, typed.parse(text)) == message, text
 
 

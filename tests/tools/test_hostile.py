@@ -10,8 +10,8 @@ import sys
 
 import pytest
 
-from shmgen.runtime import header as h
 from shmgen.runtime import region_name
+from shmgen.runtime.region import header as h
 
 from ..runtime.messages import PosePublisher, pose
 from .conftest import PEER, REPOSITORY

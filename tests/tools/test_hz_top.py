@@ -12,8 +12,8 @@ import sys
 import termios
 import time
 
-from shmgen.runtime import header as h
-from shmgen.tools import hz, top
+from shmgen.runtime.region import header as h
+from shmgen.tools.watch import hz, top
 
 from ..runtime.messages import PosePublisher, PoseSubscriber, pose
 

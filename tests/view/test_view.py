@@ -23,9 +23,10 @@ textual = pytest.importorskip("textual", reason="no Textual: pip install '.[view
 from textual.widgets import DataTable, TabbedContent, TextArea, Tree  # noqa: E402
 
 from shmgen.config import Config  # noqa: E402
-from shmgen.live.classes import Workshop, publisher, subscriber  # noqa: E402
+from shmgen.live.classes import ClassRegistry, publisher, subscriber  # noqa: E402
 from shmgen.live.session import Session  # noqa: E402
-from shmgen.tools import given, top  # noqa: E402
+from shmgen.tools.messages import parse  # noqa: E402
+from shmgen.tools.watch import top  # noqa: E402
 from shmgen.view.app import Viewer  # noqa: E402
 from shmgen.view.curves import _thinned  # noqa: E402
 from shmgen.view.memory import Memory  # noqa: E402
@@ -37,21 +38,21 @@ HOSTILE = "[red]x[/red]<img src=x onerror=alert(1)>\x1b]0;hi\x07"
 
 
 @pytest.fixture
-def workshop(tmp_path):
-    return Workshop(Session(Config(tmp_path)), None)
+def registry(tmp_path):
+    return ClassRegistry(Session(Config(tmp_path)), None)
 
 
 @pytest.fixture
-def moving(topic, workshop):
+def moving(topic, registry):
     """A pose that goes round, at 100 Hz, with a name that would like to be more than text."""
-    kind, over = workshop.message("geometry_msgs/msg/PoseStamped"), threading.Event()
+    kind, over = registry.message("geometry_msgs/msg/PoseStamped"), threading.Event()
 
     def publish():
         angle = 0.0
         while not over.wait(0.01):
             angle += 0.05
             position = {"x": math.sin(angle), "y": math.cos(angle), "z": 2.5}
-            writer.publish(given.build(kind, {"header": {"frame_id": HOSTILE}, "pose": {"position": position}}))
+            writer.publish(parse.build(kind, {"header": {"frame_id": HOSTILE}, "pose": {"position": position}}))
 
     with publisher(kind, topic, 3) as writer:
         thread = threading.Thread(target=publish)
@@ -69,9 +70,9 @@ async def until(pilot, condition):
     raise AssertionError
 
 
-def test_table_fields_curves_and_memory(moving, workshop):
+def test_table_fields_curves_and_memory(moving, registry):
     async def walk():
-        app = Viewer(workshop, allow_write=False)
+        app = Viewer(registry, allow_write=False)
         async with app.run_test(size=(150, 40)) as pilot:
             await until(pilot, lambda: app.screen.query(DataTable) and moving in app.screen.query_one(DataTable).rows)
             table = app.screen.query_one(DataTable)
@@ -106,12 +107,12 @@ def test_table_fields_curves_and_memory(moving, workshop):
 
 
 def test_the_table_is_not_looked_after_where_nobody_sees_it_and_measures_only_what_is_wider(
-    topic, workshop, monkeypatch
+    topic, registry, monkeypatch
 ):
     """Each narrower cell measures its whole column: with 200 regions that took most of a core."""
 
     async def walk():
-        app = Viewer(workshop, allow_write=False)
+        app = Viewer(registry, allow_write=False)
         async with app.run_test(size=(150, 40)) as pilot:
             await until(pilot, lambda: app.screen.query(DataTable) and topic in app.screen.query_one(DataTable).rows)
             regions, looks, measured, update = app.screen, [], [], DataTable.update_cell
@@ -134,15 +135,15 @@ def test_the_table_is_not_looked_after_where_nobody_sees_it_and_measures_only_wh
             regions.look()
             assert looks == []
 
-    with publisher(workshop.message("std_msgs/msg/Int32"), topic, 1):
+    with publisher(registry.message("std_msgs/msg/Int32"), topic, 1):
         asyncio.run(walk())
 
 
-def test_a_sample_by_hand_only_where_it_is_allowed(topic, workshop):
-    kind = workshop.message("std_msgs/msg/Int32")
+def test_a_sample_by_hand_only_where_it_is_allowed(topic, registry):
+    kind = registry.message("std_msgs/msg/Int32")
 
     async def walk():
-        app = Viewer(workshop, allow_write=True, topic=topic)
+        app = Viewer(registry, allow_write=True, topic=topic)
         async with app.run_test(size=(120, 40)) as pilot:
             await until(pilot, lambda: app.screen.query(TextArea))
             said = app.screen.query_one("#said")
@@ -161,15 +162,15 @@ def test_a_sample_by_hand_only_where_it_is_allowed(topic, workshop):
         assert reader.read().data == 7
 
 
-def test_a_source_follows_its_region(topic, workshop, tmp_path):
+def test_a_source_follows_its_region(topic, registry, tmp_path):
     from ..support.command import run
 
     source = None
     for name, value in (("std_msgs/msg/Int32", 5), ("std_msgs/msg/Float64", 2.5)):
-        kind = workshop.message(name)
+        kind = registry.message(name)
         with publisher(kind, topic, 1) as writer:
             writer.publish(kind(data=value))
-            source = source or Source(topic, workshop)
+            source = source or Source(topic, registry)
             assert source.look()
             assert source.message.data == value
             assert source.toggle("data")
@@ -311,9 +312,9 @@ def test_a_click_opens_the_row_under_it(topic, server, size):
 
 
 @pytest.mark.slow
-def test_a_sample_by_hand_in_a_real_browser(topic, server, workshop):
+def test_a_sample_by_hand_in_a_real_browser(topic, server, registry):
     """On the topic that was clicked, and only with --allow-write."""
-    kind = workshop.message("std_msgs/msg/Int32")
+    kind = registry.message("std_msgs/msg/Int32")
 
     async def walk(page, name):
         async with Page() as browser:
@@ -421,7 +422,7 @@ def test_without_the_extra_it_says_what_to_install(tmp_path, monkeypatch):
 
 def test_the_picture_of_the_latency_is_that_of_the_page():
     """The screens are drawn anew by hand: `make pictures`."""
-    from ..pictures import DOCS, latency
+    from ..rigs.pictures import DOCS, latency
 
     assert latency((DOCS / "performance.md").read_text()) == (DOCS / "latency.svg").read_text()
     assert "url(" not in re.sub(r"url\(#[\w-]+\)", "", (DOCS / "top.svg").read_text())

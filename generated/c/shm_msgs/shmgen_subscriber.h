@@ -136,7 +136,7 @@ static inline shmgen_status shmgen_take(
     if (status != SHMGEN_OK)
         return status;
     skipped = shmgen_steps(end, self->last, number) - 1;
-    if (skipped != 0 && skipped < SHMGEN_ANEW) {
+    if (skipped != 0 && skipped < SHMGEN_RESTART_GAP) {
         self->missed += skipped;
         /* Outside of the lock: of two readers that add at once one may be lost, which a figure for people survives. */
         shmgen_store(end, SHMGEN_AT(missed), shmgen_load(end, SHMGEN_AT(missed)) + skipped);
@@ -215,7 +215,7 @@ static inline shmgen_status shmgen_subscriber_read_next(
         if (newest == 0 || newest == self->last)
             return SHMGEN_NOTHING_NEW;
         unread = shmgen_steps(end, start, newest);
-        if (unread >= SHMGEN_ANEW) { /* the region was begun anew and counts from 1 again */
+        if (unread >= SHMGEN_RESTART_GAP) { /* the region was begun anew and counts from 1 again */
             self->last = newest - 1;
             continue;
         }

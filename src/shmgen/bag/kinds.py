@@ -7,14 +7,10 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
-from shmgen import pipeline
-from shmgen.bridge.cdr import Codec, codec
+from shmgen.bridge.codec.cdr import Codec, codec
+from shmgen.bridge.codec.transcode import Transcoder
 from shmgen.bridge.plan import closure
-from shmgen.bridge.transcode import Transcoder
-from shmgen.drift import lockfile
-from shmgen.live.classes import Workshop
-from shmgen.live.session import Session
-from shmgen.model import (
+from shmgen.core.model import (
     Array,
     Clock,
     Constant,
@@ -28,9 +24,13 @@ from shmgen.model import (
     TypeName,
     ros_type,
 )
-from shmgen.model import Message as Definition
+from shmgen.core.model import Message as Definition
+from shmgen.core.type_hash import TIMES, type_hash
+from shmgen.drift import lockfile
+from shmgen.generator import pipeline
+from shmgen.live.classes import ClassRegistry
+from shmgen.live.session import Session
 from shmgen.runtime import Message
-from shmgen.type_hash import TIMES, type_hash
 
 _RULE = "=" * 80
 
@@ -93,9 +93,9 @@ class Kind:
         return lockfile.write(layouts, {}, pipeline.settings(self.session.config))
 
 
-def kind_of(workshop: Workshop, request: str, digest: int | None) -> Kind:
-    """Raises Rejected and LayoutMismatch as Workshop.message(), and ValueError for a name that is several."""
-    return Kind(workshop.session_of(request, digest), request)
+def kind_of(registry: ClassRegistry, request: str, digest: int | None) -> Kind:
+    """Raises Rejected and LayoutMismatch as ClassRegistry.message(), and ValueError for a name that is several."""
+    return Kind(registry.session_of(request, digest), request)
 
 
 def _texts(definitions: Iterable[Definition]) -> str:

@@ -10,15 +10,15 @@ from pathlib import Path
 
 from shmgen.bag.kinds import Kind, kind_of
 from shmgen.bag.read import Channel, Message, Unreadable, messages
-from shmgen.diagnostics import Rejected, Report
+from shmgen.core.diagnostics import Rejected, Report
 from shmgen.drift import lockfile
 from shmgen.drift.compare import compare
-from shmgen.live.classes import Workshop, publisher
+from shmgen.live.classes import ClassRegistry, publisher
 from shmgen.live.regions import View, depth_of
 from shmgen.runtime import Publisher, ShmError, region_name
 from shmgen.runtime.errors import LayoutMismatch, RegionMissing, ValueRejected
-from shmgen.runtime.message import Message as Sample
-from shmgen.runtime.names import HALVES
+from shmgen.runtime.messages.message import Message as Sample
+from shmgen.runtime.region.names import HALVES
 
 _HEARTBEAT = 0.05
 """Seconds between two signs of life while nothing is due."""
@@ -42,7 +42,7 @@ class _Outlet:
 class Player:
     """Publishes what a bag has; a stand-in for the robot or for the PLC."""
 
-    def __init__(self, path: Path, workshop: Workshop, topics: Collection[str] | None, tell: Tell) -> None:
+    def __init__(self, path: Path, registry: ClassRegistry, topics: Collection[str] | None, tell: Tell) -> None:
         """Reads through the bag once and opens all regions; None: all topics, but not the halves of services.
 
         Raises Unreadable, LayoutMismatch in words, Rejected, and what a Publisher raises; no region is touched then.
@@ -56,12 +56,12 @@ class Player:
         if not chosen:
             halves = " but of services and actions, which --topics names" if channels else ""
             raise ValueError(f"{path}: there is nothing to play: it has no topics{halves}")
-        kinds = {topic: _checked(channel, workshop, path) for topic, channel in chosen.items()}
+        kinds = {topic: _checked(channel, registry, path) for topic, channel in chosen.items()}
         self._outlets: dict[str, _Outlet] = {}
         try:
             for name, channel in chosen.items():
                 topic = topic_in(channel)
-                made = publisher(kinds[name].message, topic, _depth(channel, topic, workshop))
+                made = publisher(kinds[name].message, topic, _depth(channel, topic, registry))
                 self._outlets[name] = _Outlet(topic, kinds[name], made)
         except BaseException:
             self.close()
@@ -171,13 +171,13 @@ def _when(message: Message) -> int:
     return message.published if apart < _APART else message.logged
 
 
-def _checked(channel: Channel, workshop: Workshop, path: Path) -> Kind:
+def _checked(channel: Channel, registry: ClassRegistry, path: Path) -> Kind:
     """The message as it is here. Raises LayoutMismatch where it is another one than in the bag, and Rejected."""
     digest = channel.metadata.get("shmgen_digest")
     try:
-        kind = kind_of(workshop, channel.type, int(digest, 16) if digest else None)
+        kind = kind_of(registry, channel.type, int(digest, 16) if digest else None)
     except LayoutMismatch as error:
-        told = "\n".join(_differences(channel, workshop)) or str(error)
+        told = "\n".join(_differences(channel, registry)) or str(error)
         raise LayoutMismatch(
             f"{path}: {topic_in(channel)} was recorded with another layout than {channel.type} has here\n{told}\n"
             "  hint: play it in the folder whose shmgen.toml it was recorded with, or name that file with -c"
@@ -190,14 +190,14 @@ def _checked(channel: Channel, workshop: Workshop, path: Path) -> Kind:
     return kind
 
 
-def _differences(channel: Channel, workshop: Workshop) -> Iterator[str]:
+def _differences(channel: Channel, registry: ClassRegistry) -> Iterator[str]:
     """Line by line, what became of the fields from the bag to here."""
     report = Report()
     before = lockfile.read(channel.metadata.get("shmgen_layout", ""), "the bag", report)
     if report.diagnostics:
         return
     try:
-        kind = kind_of(workshop, channel.type, None)
+        kind = kind_of(registry, channel.type, None)
     except Rejected:
         return
     for found in compare(before, lockfile.read(kind.lock, "here", report), "here"):
@@ -206,7 +206,7 @@ def _differences(channel: Channel, workshop: Workshop) -> Iterator[str]:
             yield from (f"    {change.field}: {change.text}" for change in found.changes)
 
 
-def _depth(channel: Channel, topic: str, workshop: Workshop) -> int:
+def _depth(channel: Channel, topic: str, registry: ClassRegistry) -> int:
     """That of the region that is there, else what was recorded, else what shmgen.toml says, else 1."""
     try:
         with View(region_name(topic)) as view:
@@ -215,7 +215,7 @@ def _depth(channel: Channel, topic: str, workshop: Workshop) -> int:
         pass
     if depth := channel.metadata.get("shmgen_depth"):
         return int(depth)
-    return next((entry.depth for entry in workshop.config.topics if "/" + entry.topic.lstrip("/") == topic), 1)
+    return next((entry.depth for entry in registry.config.topics if "/" + entry.topic.lstrip("/") == topic), 1)
 
 
 def _plain(text: str) -> list[list[str]]:

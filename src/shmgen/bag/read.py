@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from shmgen.bag import mcap
-from shmgen.wording import counted
+from shmgen.core.plural import counted
 
 _HEAD = struct.Struct("<BQ")
 _LONGEST = 1 << 32

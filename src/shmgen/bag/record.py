@@ -17,15 +17,15 @@ from dataclasses import dataclass
 from shmgen.bag.folder import Bag, Channel
 from shmgen.bag.kinds import Kind, kind_of
 from shmgen.bag.mcap import Chunk
-from shmgen.diagnostics import Rejected
+from shmgen.core.diagnostics import Rejected
 from shmgen.live import regions
-from shmgen.live.classes import Workshop
+from shmgen.live.classes import ClassRegistry
+from shmgen.live.passive_reader import Tap, tap
 from shmgen.live.regions import View, depth_of, sound, topic_of
-from shmgen.live.tap import Tap, tap
 from shmgen.runtime import ShmError, region_name
-from shmgen.runtime import header as h
 from shmgen.runtime.errors import RegionMissing, ValueRejected
-from shmgen.runtime.names import HALVES, region_file
+from shmgen.runtime.region import header as h
+from shmgen.runtime.region.names import HALVES, region_file
 
 _LOOK = 5e-4
 """Seconds between two looks at all regions. One that keeps two samples at 1 kHz has each of them for a millisecond."""
@@ -70,9 +70,9 @@ class _Source:
 class Recorder:
     """Looks at the regions in one thread, writes the bag in another."""
 
-    def __init__(self, workshop: Workshop, bag: Bag, topics: Collection[str] | None, tell: Tell) -> None:
+    def __init__(self, registry: ClassRegistry, bag: Bag, topics: Collection[str] | None, tell: Tell) -> None:
         """Of `topics`, services and actions with all their halves; None: of all regions that there are and will be."""
-        self._workshop, self._bag, self._tell = workshop, bag, tell
+        self._registry, self._bag, self._tell = registry, bag, tell
         self._wanted = None if topics is None else {name for topic in topics for name in _names(topic)}
         self._sources: dict[str, _Source] = {}
         self._done: dict[str, tuple[int, int, int]] = {}
@@ -161,7 +161,7 @@ class Recorder:
                 view.close()
                 return
             header = sound(view)
-            kind = kind_of(self._workshop, header.type_name, header.digest)
+            kind = kind_of(self._registry, header.type_name, header.digest)
             kind.encode  # noqa: B018 made now, while nothing waits for it
             opened = tap(view, kind.message, whole=not first)
         except BaseException:

@@ -12,7 +12,7 @@ from typing import Any
 
 from shmgen.bridge.backend import ABORTED, CANCELED, SUCCEEDED, Backend, Goal, NoAnswer
 from shmgen.bridge.counters import Counters
-from shmgen.bridge.end import LOOK, End, Loop
+from shmgen.bridge.endpoint import LOOK, ReopeningEndpoint, WorkerThread
 from shmgen.bridge.plan import ActionRoute
 from shmgen.bridge.services import unanswered
 from shmgen.live.classes import action_client, action_server
@@ -28,7 +28,7 @@ _FAREWELL = 0.2
 """Seconds that a cancel gets to be sent when the bridge ends; the end of a goal gets half of it."""
 
 
-class PlcActs:
+class PlcActionServer:
     """A Side, and a Worker: ROS sends goals, the PLC reaches them, one at a time; a newer one ends the one before."""
 
     lock_misses = 0
@@ -39,12 +39,14 @@ class PlcActs:
         self._route = route
         self._stopping = stopping
         made = action_client(route.kinds)
-        self._end: End[ActionClient[Any, Any, Any]] = End(lambda: made(route.action.name), route.region)
+        self._end: ReopeningEndpoint[ActionClient[Any, Any, Any]] = ReopeningEndpoint(
+            lambda: made(route.action.name), route.region
+        )
         self._lock = threading.Lock()
         self._goal: Goal | None = None
         self._outcome: Any = None
         self._due = 0.0
-        self._loop = Loop(self._step, counters, stopping)
+        self._loop = WorkerThread(self._step, counters, stopping)
 
     def join(self, backend: Backend) -> None:
         self._end.renewed().cancel_former()
@@ -168,7 +170,7 @@ class PlcActs:
         self._route.kinds[part]._decode(bytes(message), 0, empty)
 
 
-class PlcSeeks:
+class PlcActionClient:
     """A Side: the PLC sends goals, ROS reaches them, in a thread of the action's own."""
 
     lock_misses = 0
@@ -179,8 +181,10 @@ class PlcSeeks:
         self._route = route
         self._stopping = stopping
         made = action_server(route.kinds)
-        self._end: End[ActionServer[Any]] = End(lambda: made(route.action.name), route.region)
-        self._loop = Loop(self._step, counters, stopping)
+        self._end: ReopeningEndpoint[ActionServer[Any]] = ReopeningEndpoint(
+            lambda: made(route.action.name), route.region
+        )
+        self._loop = WorkerThread(self._step, counters, stopping)
 
     def join(self, backend: Backend) -> None:
         self._seeker = backend.actions.seeker(backend, self._route.wire, self.counters)

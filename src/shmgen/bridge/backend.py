@@ -12,8 +12,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
-from shmgen.bridge.short_way import ShortWay
-from shmgen.model import Message, TypeName
+from shmgen.bridge.codec.direct import DirectPath
+from shmgen.core.model import Message, TypeName
 from shmgen.runtime import Time
 
 QUEUE = 1000
@@ -67,7 +67,7 @@ class Wire:
     depth: int = 1
     room: int = 0
     accepts_other: bool = False
-    short: ShortWay | None = None
+    short: DirectPath | None = None
 
     @property
     def type(self) -> TypeName:
@@ -128,7 +128,7 @@ class ActionWire:
         return self.goal[-1].name._replace(name=self.goal[-1].name.name.removesuffix("_Goal"))
 
 
-class Mishaps(Protocol):
+class ErrorSink(Protocol):
     """Where what has come to nothing is told: from any thread."""
 
     def reject(self, why: str) -> None:
@@ -141,7 +141,7 @@ class Mishaps(Protocol):
         """So many that a publisher has sent and this ROS has handed to nobody."""
 
 
-class Taker(Mishaps, Protocol):
+class MessageSink(ErrorSink, Protocol):
     """Where what comes from a topic goes: from any thread, but never two at once."""
 
     def take(self, message: Any) -> None:
@@ -149,7 +149,7 @@ class Taker(Mishaps, Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Outlet:
+class RosPublisher:
     """A ROS publisher. `new()` makes an empty message, `send(message)` publishes one that `new` made.
 
     Lists in it may hold any objects with the attributes of the element's type, such as those of our own classes.
@@ -164,7 +164,7 @@ class Outlet:
 
 
 @dataclass(frozen=True, slots=True)
-class Intake:
+class RosSubscription:
     """A ROS subscription. `new()` makes an empty message, `is_connected()` says whether it hears a publisher now."""
 
     new: Callable[[], Any]
@@ -172,7 +172,7 @@ class Intake:
 
 
 @dataclass(frozen=True, slots=True)
-class Caller:
+class RosClient:
     """A ROS service client. `new()` makes an empty request; `call(request, timeout in seconds)` gives the response.
 
     `call` raises NoAnswer: no server, no answer in time, or the server failed or went. Calls may overlap.
@@ -221,7 +221,7 @@ class Worker(Protocol):
         """Whether it will be tried; the goal ends when it can."""
 
 
-class Follower(Protocol):
+class GoalObserver(Protocol):
     """Who waits for a goal that ROS reaches: from any thread, but never two at once."""
 
     def feedback(self, feedback: Any) -> None:
@@ -231,10 +231,10 @@ class Follower(Protocol):
         """How it ended, once; `result` is None where there is none, and `why` says so."""
 
 
-class Seeker(Protocol):
+class RosActionClient(Protocol):
     """The client of an action."""
 
-    def send(self, fill: Fill, timeout: float, follower: Follower) -> Callable[[], threading.Thread] | None:
+    def send(self, fill: Fill, timeout: float, follower: GoalObserver) -> Callable[[], threading.Thread] | None:
         """Sends a goal; gives what asks to cancel it, in a thread that ends when that is sent. None: it was rejected.
 
         Raises NoAnswer where within `timeout` seconds there is no server or it does not accept; what it does then is
@@ -243,12 +243,12 @@ class Seeker(Protocol):
 
 
 class Actions(Protocol):
-    """How a kind of ROS makes actions of topics and services: actions_of_ros1, actions_of_ros2."""
+    """How a kind of ROS makes actions of topics and services: `ros1/actions.py`, `ros2/actions.py`."""
 
-    def serve(self, backend: Backend, wire: ActionWire, worker: Worker, mishaps: Mishaps) -> None:
+    def serve(self, backend: Backend, wire: ActionWire, worker: Worker, mishaps: ErrorSink) -> None:
         """Offers the action. Raises as Backend.publisher()."""
 
-    def seeker(self, backend: Backend, wire: ActionWire, mishaps: Mishaps) -> Seeker:
+    def seeker(self, backend: Backend, wire: ActionWire, mishaps: ErrorSink) -> RosActionClient:
         """Prepares goals of the action, which need not be there yet. Raises as Backend.publisher()."""
 
 
@@ -257,16 +257,16 @@ class Backend(Protocol):
 
     actions: Actions
 
-    def publisher(self, wire: Wire) -> Outlet:
+    def publisher(self, wire: Wire) -> RosPublisher:
         """Advertises the topic. Raises ValueError for a type that this ROS has otherwise or not at all."""
 
-    def subscribe(self, wire: Wire, taker: Taker) -> Intake:
+    def subscribe(self, wire: Wire, taker: MessageSink) -> RosSubscription:
         """Hands each message to `taker`, in order. Raises as publisher()."""
 
     def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
         """Offers the service; `answer` is called in a thread where it may wait. Raises as publisher()."""
 
-    def client(self, wire: ServiceWire) -> Caller:
+    def client(self, wire: ServiceWire) -> RosClient:
         """Prepares calls of the service, which need not be there yet. Raises as publisher()."""
 
     def now(self) -> Time:

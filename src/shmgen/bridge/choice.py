@@ -8,31 +8,27 @@ import os
 from types import ModuleType
 
 from shmgen.bridge.backend import BackendMissing
-
-INSTALL = {
-    "ros1": "rospy is missing: `apt-get install python3-rospy`, or `source /opt/ros/noetic/setup.bash`",
-    "ros2": "rclpy is missing: `source /opt/ros/jazzy/setup.bash`, in the Python that ROS was built for",
-    "dds": "cyclonedds is missing: `pip install cyclonedds`",
-}
-_MADE_OF = {"ros1": "rospy", "ros2": "rclpy", "dds": "cyclonedds"}
-_BY_VERSION = {"1": "ros1", "2": "ros2"}
+from shmgen.config.bridging import BACKENDS
 
 
-def chosen(name: str) -> tuple[str, str]:
-    """The backend's name, and why it is this one. Raises BackendMissing."""
-    if name != "auto":
-        return name, "as told"
-    if by_version := _BY_VERSION.get(os.environ.get("ROS_VERSION", "")):
-        return by_version, f"ROS_VERSION is {os.environ['ROS_VERSION']}"
-    for backend in ("ros2", "ros1", "dds"):
-        if importlib.util.find_spec(_MADE_OF[backend]):
-            return backend, f"{_MADE_OF[backend]} is installed"
-    lines = "\n".join(f"  {backend}: {hint}" for backend, hint in INSTALL.items())
+def chosen(key: str) -> tuple[str, str]:
+    """The backend's key, and why it is this one. Raises BackendMissing."""
+    if key != "auto":
+        return key, "as told"
+    version = os.environ.get("ROS_VERSION", "")
+    for backend in BACKENDS:
+        if version and backend.ros_version == version:
+            return backend.key, f"ROS_VERSION is {version}"
+    for backend in BACKENDS:
+        if importlib.util.find_spec(backend.imports):
+            return backend.key, f"{backend.imports} is installed"
+    lines = "\n".join(f"  {backend.key}: {backend.imports} is missing: {backend.install}" for backend in BACKENDS)
     raise BackendMissing(f"there is no ROS here, and no DDS; one of these is needed\n{lines}")
 
 
-def module(backend: str) -> ModuleType:
+def module(key: str) -> ModuleType:
     """Of `shmgen.bridge`. Raises BackendMissing."""
-    if not importlib.util.find_spec(_MADE_OF[backend]):
-        raise BackendMissing(f"backend {backend}: {INSTALL[backend]}")
-    return importlib.import_module(f"shmgen.bridge.{backend}")
+    backend = next(one for one in BACKENDS if one.key == key)
+    if not importlib.util.find_spec(backend.imports):
+        raise BackendMissing(f"backend {key}: {backend.imports} is missing: {backend.install}")
+    return importlib.import_module(f"shmgen.bridge.{key}.backend")

@@ -9,7 +9,7 @@ from typing import Any
 
 from shmgen.bridge.side import Side
 from shmgen.runtime import Time
-from shmgen.runtime.values import set_clock
+from shmgen.runtime.messages.values import set_clock
 
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
 """Constants of diagnostic_msgs/DiagnosticStatus."""

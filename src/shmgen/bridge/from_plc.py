@@ -11,12 +11,12 @@ from typing import Any
 from shmgen.bridge import plan
 from shmgen.bridge.backend import Backend
 from shmgen.bridge.counters import Counters
-from shmgen.bridge.end import End
+from shmgen.bridge.endpoint import ReopeningEndpoint
 from shmgen.bridge.listener import Listener
 from shmgen.bridge.plan import Route
 from shmgen.live.classes import subscriber
 from shmgen.runtime import Message, ShmError, Subscriber, ValueRejected
-from shmgen.runtime.values import set_clock
+from shmgen.runtime.messages.values import set_clock
 
 
 class FromPlc:
@@ -35,7 +35,7 @@ class FromPlc:
         self._missed = 0
         self._stale = False
         self._due = 0.0
-        self._end = End(self._opened, route.region)
+        self._end = ReopeningEndpoint(self._opened, route.region)
         self._listener = listener if listener and not route.topic.carried.rate else Listener(stopping)
         if not route.topic.carried.latch:
             # As in ROS: who comes later does not hear what was said before, least of all a command of yesterday.

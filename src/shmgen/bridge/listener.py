@@ -7,7 +7,7 @@ import time
 from typing import Any, Protocol
 
 from shmgen.bridge.counters import Counters
-from shmgen.bridge.end import LOOK
+from shmgen.bridge.endpoint import LOOK
 from shmgen.runtime import ShmError, Subscriber, ready_any
 
 _AGAIN = 0.5

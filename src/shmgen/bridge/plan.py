@@ -6,18 +6,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from shmgen import resolve
 from shmgen.bridge import backend
 from shmgen.bridge.backend import ActionWire, ServiceWire, Wire
-from shmgen.bridge.short_way import short_way
+from shmgen.bridge.codec.direct import short_way
 from shmgen.bridge.side import About
 from shmgen.config.entries import ActionEntry, ServiceEntry, TopicEntry
-from shmgen.diagnostics import Report
+from shmgen.core.diagnostics import Report
+from shmgen.core.model import Action, Clock, Layouts, Ref, Schema, Service, TypeName, element_of
+from shmgen.core.model import Message as Definition
+from shmgen.generator import resolve
 from shmgen.live.session import Session
-from shmgen.model import Action, Clock, Layouts, Ref, Schema, Service, TypeName, element_of
-from shmgen.model import Message as Definition
 from shmgen.runtime import Message, ValueRejected, region_name
-from shmgen.runtime.names import region_file
+from shmgen.runtime.region.names import region_file
 
 DIAGNOSTICS = "diagnostic_msgs/DiagnosticArray"
 _HEADER = "std_msgs/Header"

@@ -12,17 +12,17 @@ from contextlib import suppress
 from types import FrameType
 
 from shmgen.bridge import choice, plan
-from shmgen.bridge.actions import PlcActs, PlcSeeks
-from shmgen.bridge.backend import Backend, Node, Outlet
+from shmgen.bridge.actions import PlcActionClient, PlcActionServer
+from shmgen.bridge.backend import Backend, Node, RosPublisher
 from shmgen.bridge.counters import Counters
 from shmgen.bridge.diagnostics import Reporter
 from shmgen.bridge.from_plc import FromPlc
 from shmgen.bridge.listener import Listener
-from shmgen.bridge.services import PlcCalls, PlcServes
+from shmgen.bridge.services import PlcServiceClient, PlcServiceServer
 from shmgen.bridge.side import Side
 from shmgen.bridge.to_plc import ToPlc
 from shmgen.config import Config
-from shmgen.diagnostics import Rejected
+from shmgen.core.diagnostics import Rejected
 from shmgen.live.session import Session
 from shmgen.runtime import can_wait_for_many
 
@@ -98,10 +98,12 @@ def _sides(session: Session, stopping: threading.Event, tell: Say) -> list[Side]
                 sides.append(FromPlc(route, counters, stopping, listener))
         for service in services:
             counters = Counters(service.service.name, tell)
-            sides.append((PlcServes if service.service.on_plc else PlcCalls)(service, counters, stopping))
+            sides.append(
+                (PlcServiceServer if service.service.on_plc else PlcServiceClient)(service, counters, stopping)
+            )
         for action in actions:
             counters = Counters(action.action.name, tell)
-            sides.append((PlcActs if action.action.on_plc else PlcSeeks)(action, counters, stopping))
+            sides.append((PlcActionServer if action.action.on_plc else PlcActionClient)(action, counters, stopping))
     except BaseException:
         for side in sides:
             side.close()
@@ -116,7 +118,7 @@ def _reports(session: Session, backend: Backend, sides: list[Side], tell: Say) -
     if not period:
         return lambda: None
     try:
-        outlet: Outlet = backend.publisher(plan.diagnostics(session))
+        outlet: RosPublisher = backend.publisher(plan.diagnostics(session))
     except (Rejected, ValueError) as error:
         tell(f"no diagnostics are published: {str(error).partition(chr(10))[0]}")
         return lambda: None

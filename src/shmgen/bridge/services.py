@@ -6,15 +6,15 @@ import threading
 import time
 from typing import Any
 
-from shmgen.bridge.backend import Backend, Caller, NoAnswer
+from shmgen.bridge.backend import Backend, NoAnswer, RosClient
 from shmgen.bridge.counters import Counters
-from shmgen.bridge.end import LOOK, End, Loop
+from shmgen.bridge.endpoint import LOOK, ReopeningEndpoint, WorkerThread
 from shmgen.bridge.plan import ServiceRoute
 from shmgen.live.classes import client, server
 from shmgen.runtime import CallTimeout, NoServer, ServiceClient, ServiceServer, ShmError, ValueRejected
 
 
-class PlcServes:
+class PlcServiceServer:
     """A Side: ROS calls, the PLC answers. Calls that come at the same time follow one another."""
 
     lock_misses = 0
@@ -26,7 +26,9 @@ class PlcServes:
         self._stopping = stopping
         self._one_at_a_time = threading.Lock()
         made = client(route.kinds["_Request"], route.kinds["_Reply"])
-        self._end: End[ServiceClient[Any, Any]] = End(lambda: made(route.service.name), route.region)
+        self._end: ReopeningEndpoint[ServiceClient[Any, Any]] = ReopeningEndpoint(
+            lambda: made(route.service.name), route.region
+        )
 
     def join(self, backend: Backend) -> None:
         backend.serve(self._route.wire, self._answer, self.counters.refuse)
@@ -96,7 +98,7 @@ class PlcServes:
             self._one_at_a_time.release()
 
 
-class PlcCalls:
+class PlcServiceClient:
     """A Side: the PLC calls, ROS answers, in a thread of the service's own."""
 
     lock_misses = 0
@@ -106,11 +108,13 @@ class PlcCalls:
         self.counters = counters
         self._route = route
         made = server(route.kinds["_Request"], route.kinds["_Reply"])
-        self._end: End[ServiceServer[Any]] = End(lambda: made(route.service.name), route.region)
-        self._loop = Loop(self._step, counters, stopping)
+        self._end: ReopeningEndpoint[ServiceServer[Any]] = ReopeningEndpoint(
+            lambda: made(route.service.name), route.region
+        )
+        self._loop = WorkerThread(self._step, counters, stopping)
 
     def join(self, backend: Backend) -> None:
-        self._caller: Caller = backend.client(self._route.wire)
+        self._caller: RosClient = backend.client(self._route.wire)
         self._loop.start()
 
     def tick(self) -> None:

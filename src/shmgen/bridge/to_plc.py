@@ -8,16 +8,16 @@ from typing import Any
 
 from shmgen.bridge import plan
 from shmgen.bridge.backend import Backend
+from shmgen.bridge.codec.cut import cut
 from shmgen.bridge.counters import Counters
-from shmgen.bridge.cut import cut
-from shmgen.bridge.end import End
+from shmgen.bridge.endpoint import ReopeningEndpoint
 from shmgen.bridge.plan import Route
 from shmgen.live.classes import publisher
 from shmgen.runtime import CountExceeded, Message, Publisher, ShmError, StringTooLong, ValueRejected
 
 
 class ToPlc:
-    """A Side, and a Taker: what its backend could not hand over is counted."""
+    """A Side, and a MessageSink: what its backend could not hand over is counted."""
 
     def __init__(self, route: Route, counters: Counters, stopping: threading.Event) -> None:
         self.route = route
@@ -29,7 +29,7 @@ class ToPlc:
         self._waiting: Any = None
         self._came = threading.Event()
         topic = route.topic
-        self._end = End(lambda: publisher(route.kind, topic.topic, topic.depth), route.region)
+        self._end = ReopeningEndpoint(lambda: publisher(route.kind, topic.topic, topic.depth), route.region)
 
     def join(self, backend: Backend) -> None:
         if self.route.topic.carried.rate:

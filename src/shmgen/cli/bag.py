@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from shmgen.cli import manners, options
-from shmgen.wording import counted
+from shmgen.cli import common, options
+from shmgen.core.plural import counted
 
 if TYPE_CHECKING:
     from shmgen.bag.record import Figures
@@ -33,7 +33,7 @@ def _size(context: click.Context, parameter: click.Parameter, value: str | None)
 
 
 @click.command()
-@click.argument("topics", nargs=-1, metavar="[TOPIC]...", shell_complete=manners.topics)
+@click.argument("topics", nargs=-1, metavar="[TOPIC]...", shell_complete=common.topics)
 @click.option("-a", "--all", "everything", is_flag=True, help="All regions, including those created later.")
 @click.option(
     "-o",
@@ -46,7 +46,7 @@ def _size(context: click.Context, parameter: click.Parameter, value: str | None)
 @click.option("-d", "--duration", type=click.FloatRange(0.1), metavar="SECONDS", help="Stop after this time.")
 @click.option("-q", "--quiet", is_flag=True, help="Print no progress.")
 @options.where
-@manners.polite
+@common.polite
 def record(
     topics: tuple[str, ...],
     everything: bool,
@@ -71,14 +71,14 @@ def record(
     if everything == bool(topics):
         raise click.UsageError("Name topics, or --all; `shmgen topics` lists what there is.")
     folder = output or Path(time.strftime("shmgen_%Y_%m_%d-%H_%M_%S"))
-    workshop = manners.workshop(config_file, include)
+    registry = common.registry(config_file, include)
     chosen = None if everything else topics
     stopping = threading.Event()
     try:
         bag = Bag(folder, max_size, max_duration)
     except FileExistsError:
         raise ValueError(f"{folder} is there already; a bag is a folder of its own") from None
-    recorder = Recorder(workshop, bag, chosen, manners.note)
+    recorder = Recorder(registry, bag, chosen, common.note)
     with _ended_by_signals(stopping), _progress(lambda: _line(recorder.figures), quiet):
         try:
             recorder.run(stopping, duration)
@@ -102,7 +102,7 @@ def record(
 @click.option("--topics", "chosen", multiple=True, metavar="TOPIC", help="Play this topic only; may be repeated.")
 @click.option("-q", "--quiet", is_flag=True, help="Print no progress.")
 @options.where
-@manners.polite
+@common.polite
 def play(
     path: Path,
     rate: float,
@@ -122,7 +122,7 @@ def play(
     from shmgen.bag.play import Player
 
     words = [topic for topics in chosen for topic in topics.replace(",", " ").split()]
-    player = Player(path, manners.workshop(config_file, include), words or None, manners.note)
+    player = Player(path, common.registry(config_file, include), words or None, common.note)
     length, at = (player.last - player.first) / 1e9, [0.0]
     try:
         with _progress(lambda: f"{at[0]:.1f} of {length:.1f} s, {counted(player.played, 'sample')}", quiet):
@@ -164,10 +164,10 @@ def _progress(line: Callable[[], str], quiet: bool) -> Iterator[None]:
         begun = time.monotonic()
         while not over.wait(1):
             text = f"{time.monotonic() - begun:.0f} s: {line()}"
-            sys.stderr.write(f"\r{manners.fitting(text)}\x1b[K")
+            sys.stderr.write(f"\r{common.fitting(text)}\x1b[K")
             sys.stderr.flush()
 
-    if quiet or not manners.can_overwrite(sys.stderr):
+    if quiet or not common.can_overwrite(sys.stderr):
         yield
         return
     thread = threading.Thread(target=show, daemon=True)

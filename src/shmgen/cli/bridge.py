@@ -9,11 +9,11 @@ from pathlib import Path
 import click
 
 from shmgen.cli import options
-from shmgen.config.bridging import BACKENDS
+from shmgen.config.bridging import BACKEND_KEYS
 
 
 @click.command(context_settings={"ignore_unknown_options": True})
-@click.option("--backend", type=click.Choice(BACKENDS), help="Overrides shmgen.toml.")
+@click.option("--backend", type=click.Choice(BACKEND_KEYS), help="Overrides shmgen.toml.")
 @click.argument("ros_arguments", nargs=-1, type=click.UNPROCESSED, metavar="[ROS_ARGUMENT]...")
 @options.where
 def bridge(
@@ -55,6 +55,6 @@ def _say(text: str) -> None:
 
 
 def _tell(text: str) -> None:
-    from shmgen.runtime.legible import lines
+    from shmgen.core.escape import lines
 
     click.echo(click.style(lines(text), fg="yellow"), err=True)  # peers had a word in it

@@ -14,11 +14,11 @@ import click
 
 from shmgen.cli import options
 from shmgen.config import Config
-from shmgen.diagnostics import Diagnostic, Rejected, Span
-from shmgen.drift import verdict
+from shmgen.core.diagnostics import Diagnostic, Rejected, Span
+from shmgen.core.plural import counted
+from shmgen.drift import check_cache
 from shmgen.drift.findings import Finding, Severity, as_annotations, as_json, summary, worst
 from shmgen.targets import KEYS
-from shmgen.wording import counted
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -76,10 +76,10 @@ def check(
     Exits with 0 if `shmgen generate` would change nothing, otherwise 1. Severities: breaking (bytes moved, rebuild
     both sides), compatible (comments, constants, defaults) and cosmetic (text only).
     """
-    from shmgen.cli import asked
+    from shmgen.cli import requested
+    from shmgen.core.write import current
     from shmgen.drift import check as checking
     from shmgen.drift import lockfile
-    from shmgen.write import current
 
     began = time.time_ns()
     severity = Severity[fail_on.upper()]
@@ -87,11 +87,11 @@ def check(
     try:
         config = options.load(config_file, include)
         config = replace(config, targets=target) if target else config
-        lock, formerly = asked.former(output, current(output, lockfile.LOCK), lockfile.read_asked)
+        lock, formerly = requested.former(output, current(output, lockfile.LOCK), lockfile.read_asked)
         config = replace(config, skip_unbounded=lock.settings.get("skip_unbounded") is True)
-        requests = asked.configured(config) or list(lock.requested)
+        requests = requested.configured(config) or list(lock.requested)
         if requests or (output / lockfile.LOCK).is_file():
-            texts = asked.texts(config, requests, formerly, output)
+            texts = requested.texts(config, requests, formerly, output)
         findings = checking.check(texts, output)
     except Rejected as rejected:
         if form == "text":
@@ -150,16 +150,16 @@ def init(hook: bool, ci: bool, wanted: str | None) -> None:
     """
     import shlex
 
-    from shmgen.cli import origin, start
+    from shmgen.cli import init, install_source
 
-    requirement = (wanted or origin.requirement()) if ci else ""
+    requirement = (wanted or install_source.requirement()) if ci else ""
     if requirement is None:
         said = "--ci: this shmgen was installed from a folder, which a CI machine does not have"
         raise click.UsageError(f"{said}; add --from git+https://HOST/shmgen, or whatever pip is to install there")
-    begun = start.begin(Path.cwd())
+    begun = init.begin(Path.cwd())
     files = {"shmgen.toml": begun.configuration} if begun.configuration else {}
-    files |= {start.HOOK_FILE: start.HOOK} if hook else {}
-    files |= {start.CI_FILE: start.CI.format(requirement=shlex.quote(requirement))} if ci else {}
+    files |= {init.HOOK_FILE: init.HOOK} if hook else {}
+    files |= {init.CI_FILE: init.CI.format(requirement=shlex.quote(requirement))} if ci else {}
     for path, text in files.items():
         file = Path(path)
         if file.exists():
@@ -197,4 +197,4 @@ def _remember(said: str, config: Config, config_file: Path | None, files: list[s
     anywhere = config.source == "env" or any(Path(message).suffix for message in config.messages)
     if not anywhere:
         configurations = [str(config_file)] if config_file else ["shmgen.toml", "pyproject.toml"]
-        verdict.remember(sys.argv[1:], said, map(str, config.path), [*configurations, *files], began)
+        check_cache.store(sys.argv[1:], said, map(str, config.path), [*configurations, *files], began)

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import click
 
-from shmgen import pipeline
-from shmgen.cli import asked, options
-from shmgen.diagnostics import CODES, Diagnostic, Rejected, Span, closest
+from shmgen.cli import options, requested
+from shmgen.core.diagnostics import CODES, Diagnostic, Rejected, Span, closest
+from shmgen.core.model import Layouts
+from shmgen.core.plural import counted
 from shmgen.drift import lockfile
-from shmgen.model import Layouts
+from shmgen.generator import pipeline
 from shmgen.targets import KEYS
-from shmgen.wording import counted
 
 
 @click.command()
@@ -52,7 +52,7 @@ def generate(
     the output folder already holds. Without arguments, generates what shmgen.toml lists and removes everything
     else. Only files that differ are written; after an error no file is touched.
     """
-    from shmgen.write import current, write
+    from shmgen.core.write import current, write
 
     config = options.load(config_file, include)
     if target:
@@ -61,12 +61,12 @@ def generate(
     written = None
     while written is None:  # or another run has written since, and what it has done counts
         kept = current(output, lockfile.LOCK)
-        lock, formerly = asked.former(output, kept)
+        lock, formerly = requested.former(output, kept)
         if messages:
             requests = [*messages, *lock.requested]
         else:
-            requests, formerly = asked.configured(config), {}
-        texts = asked.texts(config, requests, formerly, output)
+            requests, formerly = requested.configured(config), {}
+        texts = requested.texts(config, requests, formerly, output)
         leftovers = sorted(set(lock.files) - set(texts))
         written = write(output, texts, leftovers, last=lockfile.LOCK, former=kept)
     if not quiet:
@@ -76,7 +76,7 @@ def generate(
         )
         for path in written.changed:
             click.echo(f"  {output / path}")
-        if skip_unbounded and (skipped := asked.left_out(config, requests)):
+        if skip_unbounded and (skipped := requested.left_out(config, requests)):
             click.echo(f"{counted(len(skipped), 'message')} left out for want of a bound, see `shmgen list`:")
             for name in skipped:
                 click.echo(f"  {name}")
@@ -104,7 +104,7 @@ def show(type_name: str, as_json: bool, as_svg: bool, config_file: Path | None, 
     if as_json:
         click.echo(table.as_json(shown, layouts), nl=False)
     elif as_svg:
-        from shmgen.render import render
+        from shmgen.generator.render import render
         from shmgen.show import memory_map
 
         if len(shown) > 1:
@@ -120,11 +120,11 @@ _DIGEST = re.compile(r"(?:16#|0x)?([0-9a-fA-F]{16})")
 
 def _of_digest(digest: int, config_file: Path | None, include: tuple[Path, ...]) -> Layouts:
     """What live regions, shmgen.toml, layout.lock and all definitions in reach know under it."""
-    from shmgen.cli import manners
+    from shmgen.cli import common
     from shmgen.live.digests import find
 
-    workshop = manners.workshop(config_file, include)
-    if found := find(workshop, digest):
+    registry = common.registry(config_file, include)
+    if found := find(registry, digest):
         session, request = found
         return session.layouts([request])
     hint = "it was made with other bounds or types: call this where the shmgen.toml of that side is, or its layout.lock"

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import click
 
-from shmgen.cli import manners, options
+from shmgen.cli import common, options
 
 
 @click.command()
-@click.argument("topic", required=False, shell_complete=manners.topics)
-@manners.for_machines
+@click.argument("topic", required=False, shell_complete=common.topics)
+@common.for_machines
 @options.where
-@manners.polite
+@common.polite
 def doctor(topic: str | None, as_json: bool, config_file: Path | None, include: tuple[Path, ...]) -> None:
     """Diagnose live regions, or one, and print how to fix what is wrong.
 
@@ -24,16 +24,16 @@ def doctor(topic: str | None, as_json: bool, config_file: Path | None, include: 
     of the current folder), the bitness of the processes that map a region, and processes that still use a removed
     region. Exits with 1 if there is a fault; notes do not count.
     """
-    from shmgen.tools import doctor as tool
-    from shmgen.tools import shown
+    from shmgen.tools.doctor import doctor as tool
+    from shmgen.tools.messages import format
 
-    report = tool.examine(topic, manners.workshop(config_file, include))
-    click.echo(shown.as_line(tool.plain(report), indent=2) if as_json else tool.text(report))
+    report = tool.examine(topic, common.registry(config_file, include))
+    click.echo(format.as_line(tool.plain(report), indent=2) if as_json else tool.text(report))
     sys.exit(0 if report.healthy else 1)
 
 
 @click.command()
-@click.argument("topics", nargs=-1, metavar="[TOPIC]...", shell_complete=manners.topics)
+@click.argument("topics", nargs=-1, metavar="[TOPIC]...", shell_complete=common.topics)
 @click.option(
     "--all", "everything", is_flag=True, help="All regions, and semaphores left half-created by a killed process."
 )
@@ -41,7 +41,7 @@ def doctor(topic: str | None, as_json: bool, config_file: Path | None, include: 
     "--force", is_flag=True, help="Also regions in use: their processes then keep files that nobody else can see."
 )
 @click.option("--dry-run", is_flag=True, help="Print what would be removed, and remove nothing.")
-@manners.polite
+@common.polite
 def clean(topics: tuple[str, ...], everything: bool, force: bool, dry_run: bool) -> None:
     """Remove regions and their semaphores from /dev/shm.
 
@@ -49,8 +49,8 @@ def clean(topics: tuple[str, ...], everything: bool, force: bool, dry_run: bool)
     """
     from shmgen.live import processes, regions
     from shmgen.runtime import ShmError
-    from shmgen.tools import clean as tool
-    from shmgen.tools import unfinished
+    from shmgen.tools.doctor import clean as tool
+    from shmgen.tools.doctor import orphan_semaphores
 
     if everything == bool(topics):
         raise click.UsageError("Name topics, or --all; `shmgen doctor` lists what there is.")
@@ -70,7 +70,7 @@ def clean(topics: tuple[str, ...], everything: bool, force: bool, dry_run: bool)
     )
     finds = [functools.partial(leftovers, topic) for topic in chosen]
     if everything:
-        finds.append(functools.partial(unfinished.semaphores, around))
+        finds.append(functools.partial(orphan_semaphores.semaphores, around))
     stays = False
     for find in finds:
         try:
@@ -78,7 +78,7 @@ def clean(topics: tuple[str, ...], everything: bool, force: bool, dry_run: bool)
             if not dry_run:
                 tool.remove(files)
         except ShmError as error:
-            manners.complain(str(error))
+            common.complain(str(error))
             stays = True
         else:
             for file in files:
@@ -87,19 +87,19 @@ def clean(topics: tuple[str, ...], everything: bool, force: bool, dry_run: bool)
 
 
 @click.command()
-@manners.topic
+@common.topic
 @click.option("--once", is_flag=True, help="Print one sample, the newest if there is one already.")
-@manners.count
-@manners.timeout
-@manners.for_machines
+@common.count
+@common.timeout
+@common.for_machines
 @click.option("--csv", "as_csv", is_flag=True, help="Print CSV with a header line.")
 @click.option(
-    "--field", metavar="PATH", shell_complete=manners.fields, help="Print this field only: pose.position.x, points[2]."
+    "--field", metavar="PATH", shell_complete=common.fields, help="Print this field only: pose.position.x, points[2]."
 )
 @click.option("--filter", "only", metavar="CONDITION", help="Print only samples that match: position.x > 1.")
 @click.option("-f", "--full", is_flag=True, help="Print arrays in full, not only the first 32 elements.")
 @options.where
-@manners.polite
+@common.polite
 def echo(
     topic: str,
     once: bool,
@@ -120,12 +120,12 @@ def echo(
     sample with a count above its bound is reported instead of printed, and the exit code is then 1.
     """
     from shmgen.runtime import CountExceeded
-    from shmgen.tools import echo as tool
-    from shmgen.tools import follow
+    from shmgen.tools.messages import echo as tool
+    from shmgen.tools.messages import stream
 
     if as_json and as_csv:
         raise click.UsageError("--json or --csv, not both.")
-    samples = follow.samples(topic, manners.workshop(config_file, include), timeout, manners.note)
+    samples = stream.samples(topic, common.registry(config_file, include), timeout, common.note)
     refused = False
     shown = 0
     printer = tool.Printer("json" if as_json else "csv" if as_csv else "yaml", field, only, full)
@@ -134,7 +134,7 @@ def echo(
             try:
                 text = printer.text(message)
             except CountExceeded as error:
-                manners.complain(f"{topic}: damaged sample: {error}")
+                common.complain(f"{topic}: damaged sample: {error}")
                 refused = True
             else:
                 if text is None:
@@ -149,14 +149,14 @@ def echo(
 
 
 @click.command(context_settings={"ignore_unknown_options": True})
-@manners.topic
-@click.argument("type_name", metavar="TYPE", shell_complete=manners.types)
+@common.topic
+@click.argument("type_name", metavar="TYPE", shell_complete=common.types)
 @click.argument("values", default="{}", metavar="[VALUES]")
 @click.option("-r", "--rate", type=click.FloatRange(0.001, 10000), default=1.0, show_default=True, help="In Hz.")
 @click.option("--once", is_flag=True, help="Publish one sample, which stays in the region.")
-@manners.count
+@common.count
 @options.where
-@manners.polite
+@common.polite
 def pub(
     topic: str,
     type_name: str,
@@ -174,23 +174,23 @@ def pub(
     \b
     shmgen pub /robot/pose geometry_msgs/Pose '{position: {x: 1.0}}' -r 10
     """  # noqa: D301 click's own sign
-    from shmgen.tools import given
-    from shmgen.tools import pub as tool
+    from shmgen.tools.messages import parse
+    from shmgen.tools.messages import pub as tool
 
-    data = given.parse(values)
-    samples = tool.publish(topic, type_name, data, manners.workshop(config_file, include), rate, 1 if once else count)
+    data = parse.parse(values)
+    samples = tool.publish(topic, type_name, data, common.registry(config_file, include), rate, 1 if once else count)
     for number, message in enumerate(samples, start=1):
         click.echo(f"publishing #{number}: {message}")
 
 
 @click.command(context_settings={"ignore_unknown_options": True})
-@click.argument("service", shell_complete=manners.services)
-@click.argument("type_name", metavar="TYPE", shell_complete=manners.types)
+@click.argument("service", shell_complete=common.services)
+@click.argument("type_name", metavar="TYPE", shell_complete=common.types)
 @click.argument("values", default="{}", metavar="[VALUES]")
 @click.option("--timeout", type=click.FloatRange(0), default=5.0, show_default=True, help="Seconds in total.")
-@manners.for_machines
+@common.for_machines
 @options.where
-@manners.polite
+@common.polite
 def call(
     service: str,
     type_name: str,
@@ -208,31 +208,31 @@ def call(
     Waits for a server that has not started yet. A service has one client at a time, so this fails while the PLC or
     a bridge is its client.
     """  # noqa: D301 click's own sign
-    from shmgen.tools import call as tool
-    from shmgen.tools import given, shown
+    from shmgen.tools.messages import call as tool
+    from shmgen.tools.messages import format, parse
 
-    request, kind = tool.build(service, type_name, given.parse(values), manners.workshop(config_file, include))
+    request, kind = tool.build(service, type_name, parse.parse(values), common.registry(config_file, include))
     with kind(service) as client:
         if not as_json:
             click.echo(f"requesting: {request}")
         response = client.call(request, timeout)
-        click.echo(shown.as_json(response) if as_json else shown.yaml(response, None), nl=as_json)
+        click.echo(format.as_json(response) if as_json else format.yaml(response, None), nl=as_json)
 
 
 @click.command()
-@manners.topic
+@common.topic
 @click.option(
     "-w", "--window", type=click.IntRange(2), default=10_000, show_default=True, help="Window size, in samples."
 )
-@manners.count
-@manners.timeout
-@manners.for_machines
-@manners.polite
+@common.count
+@common.timeout
+@common.for_machines
+@common.polite
 def hz(topic: str, window: int, count: int | None, timeout: float | None, as_json: bool) -> None:
     """Print the rate of a topic and the time between samples, once a second."""
-    from shmgen.tools import hz as tool
+    from shmgen.tools.watch import hz as tool
 
-    manners.show(tool.rates(topic, window, timeout, manners.note), count, as_json)
+    common.show(tool.rates(topic, window, timeout, common.note), count, as_json)
 
 
 @click.command()
@@ -240,18 +240,18 @@ def hz(topic: str, window: int, count: int | None, timeout: float | None, as_jso
     "-d", "--delay", type=click.FloatRange(0.1), default=1.0, show_default=True, help="Seconds between updates."
 )
 @click.option("--once", is_flag=True, help="Print one table.")
-@manners.count
-@manners.for_machines
-@manners.polite
+@common.count
+@common.for_machines
+@common.polite
 def top(delay: float, once: bool, count: int | None, as_json: bool) -> None:
     """Show all regions in a live table: writer, rate, age, lock, missed samples.
 
     Keys: q quits, s sorts by the next column, r reverses the order. In a pipe, prints one table after the other.
     """
     from shmgen.live.regions import unlisted
-    from shmgen.tools import screen
-    from shmgen.tools import top as tool
-    from shmgen.tools.shown import as_line
+    from shmgen.tools.messages.format import as_line
+    from shmgen.tools.watch import screen
+    from shmgen.tools.watch import top as tool
 
     number = 1 if once else count
     if screen.can_draw() and number is None and not as_json:
@@ -260,7 +260,7 @@ def top(delay: float, once: bool, count: int | None, as_json: bool) -> None:
     past: tool.Past = {}
     widths: dict[str, int] = {}
     if said := unlisted(tool.look(past)):
-        manners.note(said)
+        common.note(said)
     shown = 0
     while shown != number:
         time.sleep(delay)

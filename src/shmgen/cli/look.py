@@ -8,8 +8,8 @@ from pathlib import Path
 
 import click
 
-from shmgen.cli import manners, options
-from shmgen.wording import counted
+from shmgen.cli import common, options
+from shmgen.core.plural import counted
 
 _window = click.option(
     "-w", "--window", type=click.IntRange(2), default=10_000, show_default=True, help="Window size, in samples."
@@ -17,13 +17,13 @@ _window = click.option(
 
 
 @click.command()
-@manners.for_machines
-@manners.polite
+@common.for_machines
+@common.polite
 def topics(as_json: bool) -> None:
     """List live regions: type, writer, readers, depth, age of the newest sample."""
     from shmgen.live.regions import unlisted
-    from shmgen.tools import topics as tool
-    from shmgen.tools.shown import as_line
+    from shmgen.tools.messages.format import as_line
+    from shmgen.tools.watch import topics as tool
 
     found = tool.look()
     if as_json:
@@ -32,44 +32,44 @@ def topics(as_json: bool) -> None:
         width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
         click.echo("\n".join(tool.table(found, width)))
     if said := unlisted(found):
-        manners.note(said)
+        common.note(said)
 
 
 @click.command()
-@manners.topic
-@manners.for_machines
-@manners.polite
+@common.topic
+@common.for_machines
+@common.polite
 def info(topic: str, as_json: bool) -> None:
     """Print details of a topic: type, digest, file, payload, samples, writer, readers."""
-    from shmgen.tools import topics as tool
-    from shmgen.tools.shown import as_line
+    from shmgen.tools.messages.format import as_line
+    from shmgen.tools.watch import topics as tool
 
     found, hidden = tool.one(topic)
     click.echo(as_line(found.plain()) if as_json else tool.text(found, hidden))
 
 
 @click.command()
-@manners.topic
+@common.topic
 @_window
-@manners.count
-@manners.timeout
-@manners.for_machines
-@manners.polite
+@common.count
+@common.timeout
+@common.for_machines
+@common.polite
 def bw(topic: str, window: int, count: int | None, timeout: float | None, as_json: bool) -> None:
     """Print the bandwidth of a topic, once a second."""
-    from shmgen.tools import flow
+    from shmgen.tools.watch import flow
 
-    manners.show(flow.bandwidths(topic, window, timeout, manners.note), count, as_json)
+    common.show(flow.bandwidths(topic, window, timeout, common.note), count, as_json)
 
 
 @click.command()
-@manners.topic
+@common.topic
 @_window
-@manners.count
-@manners.timeout
-@manners.for_machines
+@common.count
+@common.timeout
+@common.for_machines
 @options.where
-@manners.polite
+@common.polite
 def delay(
     topic: str,
     window: int,
@@ -83,19 +83,19 @@ def delay(
 
     By header.stamp, or the writer's own time stamp where the message has none.
     """
-    from shmgen.tools import flow
+    from shmgen.tools.watch import flow
 
-    workshop = manners.workshop(config_file, include)
-    manners.show(flow.delays(topic, workshop, window, timeout, manners.note), count, as_json)
+    registry = common.registry(config_file, include)
+    common.show(flow.delays(topic, registry, window, timeout, common.note), count, as_json)
 
 
 @click.command()
-@manners.topic
-@click.argument("paths", nargs=-1, required=True, metavar="FIELD...", shell_complete=manners.numbers)
+@common.topic
+@click.argument("paths", nargs=-1, required=True, metavar="FIELD...", shell_complete=common.numbers)
 @click.option("-s", "--seconds", type=click.FloatRange(0.1), default=10.0, show_default=True, help="Time span to show.")
 @click.option("--once", is_flag=True, help="Draw once, after that time span; the default in a pipe.")
 @options.where
-@manners.polite
+@common.polite
 def plot(
     topic: str,
     paths: tuple[str, ...],
@@ -109,17 +109,17 @@ def plot(
     \b
     shmgen plot /arm/pose position.x position.y
     """  # noqa: D301 click's own sign
-    from shmgen.tools import plot as tool
+    from shmgen.tools.watch import plot as tool
 
-    curves = tool.Curves(topic, paths, seconds, manners.workshop(config_file, include), manners.note)
-    plain = not manners.shows_unicode(sys.stdout)
+    curves = tool.Curves(topic, paths, seconds, common.registry(config_file, include), common.note)
+    plain = not common.shows_unicode(sys.stdout)
 
     def drawn() -> list[str]:
         size = shutil.get_terminal_size()
         return tool.drawing(curves.paths, curves.points, size.columns, min(24, size.lines - 1), plain=plain)
 
     try:
-        if once or not manners.can_overwrite(sys.stdout):
+        if once or not common.can_overwrite(sys.stdout):
             curves.watch(seconds)
             click.echo("\n".join(drawn()))
             return
@@ -128,11 +128,11 @@ def plot(
             back = f"\x1b[{len(lines)}A\r" if lines else ""
             lines = drawn()
             click.echo(f"{back}" + "\n".join(f"{line}\x1b[K" for line in lines) + "\x1b[J")
-        manners.note(f"{topic}: the region was removed")
+        common.note(f"{topic}: the region was removed")
     finally:
         if curves.missed:
             samples = counted(curves.missed, "sample")
-            manners.note(f"{topic}: {samples} overwritten before they could be read here")
+            common.note(f"{topic}: {samples} overwritten before they could be read here")
         curves.close()
 
 

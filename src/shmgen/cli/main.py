@@ -12,7 +12,7 @@ import click
 
 from shmgen import __version__
 from shmgen.cli import options
-from shmgen.diagnostics import Diagnostic, Rejected, Span
+from shmgen.core.diagnostics import Diagnostic, Rejected, Span
 
 
 def main() -> None:
@@ -64,7 +64,7 @@ _FAMILIES = {
 
 
 def _say_version(context: click.Context) -> None:
-    from shmgen.runtime.straight import IN_C  # nothing else asked here needs the runtime
+    from shmgen.runtime.core import IN_C  # nothing else asked here needs the runtime
 
     click.echo(f"shmgen, version {__version__}; publish and read in {'C' if IN_C else 'Python'}")
     context.exit()

@@ -10,10 +10,10 @@ from typing import Any, TypeVar
 
 import click
 
-from shmgen import cache
 from shmgen import config as configuration
 from shmgen.config import Config
-from shmgen.diagnostics import Diagnostic, Report
+from shmgen.core import cache
+from shmgen.core.diagnostics import Diagnostic, Report
 
 F = TypeVar("F", bound=Callable[..., Any])
 

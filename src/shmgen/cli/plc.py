@@ -9,8 +9,8 @@ from pathlib import Path
 import click
 
 from shmgen.cli import options
-from shmgen.diagnostics import Diagnostic, Rejected, Report, Span
-from shmgen.wording import counted
+from shmgen.core.diagnostics import Diagnostic, Rejected, Report, Span
+from shmgen.core.plural import counted
 
 
 @click.command("import")

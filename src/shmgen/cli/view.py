@@ -8,13 +8,13 @@ from pathlib import Path
 
 import click
 
-from shmgen.cli import manners, options
+from shmgen.cli import common, options
 
 _MISSING = "`shmgen view` needs {name}, which is not installed: `pip install '.[view]'` in a checkout of shmgen"
 
 
 @click.command()
-@click.argument("topic", required=False, shell_complete=manners.topics)
+@click.argument("topic", required=False, shell_complete=common.topics)
 @click.option("-t", "--terminal", is_flag=True, help="Use this terminal (also over ssh) instead of the browser.")
 @click.option(
     "-p",
@@ -27,7 +27,7 @@ _MISSING = "`shmgen view` needs {name}, which is not installed: `pip install '.[
 @click.option("--open", "opens", is_flag=True, help="Open the page in the browser.")
 @click.option("--allow-write", is_flag=True, help="Allow publishing by hand. Off by default: samples move machines.")
 @options.where
-@manners.polite
+@common.polite
 def view(
     topic: str | None,
     terminal: bool,
@@ -54,7 +54,7 @@ def view(
         from shmgen.view.serve import Page, listen
     except ImportError as error:
         raise ValueError(_MISSING.format(name=error.name)) from None
-    manners.workshop(config_file, include)  # what is wrong with shmgen.toml is told here
+    common.registry(config_file, include)  # what is wrong with shmgen.toml is told here
     try:
         listening = listen(port)
     except OSError as error:
@@ -67,7 +67,7 @@ def view(
     page = Page(shlex.join(words), listening, _tell)
     _tell(f"{page.address}\nCtrl-C ends it")
     if opens and click.launch(page.door()):
-        manners.note("no browser could be started: xdg-open is missing; open the address")
+        common.note("no browser could be started: xdg-open is missing; open the address")
     page.serve()
 
 
@@ -82,9 +82,9 @@ def _in_terminal(topic: str | None, allow_write: bool, config_file: Path | None,
     from shmgen.view.app import Viewer
 
     driven = bool(os.environ.get("TEXTUAL_DRIVER"))
-    if not driven and not (sys.stdin.isatty() and manners.can_overwrite(sys.stdout)):
+    if not driven and not (sys.stdin.isatty() and common.can_overwrite(sys.stdout)):
         raise ValueError("there is no terminal to draw on; `shmgen topics` and `shmgen echo` print lines")
-    Viewer(manners.workshop(config_file, include), allow_write=allow_write, topic=topic).run()
+    Viewer(common.registry(config_file, include), allow_write=allow_write, topic=topic).run()
 
 
 COMMANDS = (view,)

@@ -2,18 +2,39 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from shmgen.config.document import Reader
-from shmgen.records import dataclass
+from shmgen.core.fast_dataclass import dataclass
 
-BACKENDS = ("auto", "ros1", "ros2", "dds")
 CARRYING = ("rate", "qos", "latch", "stamp", "overflow", "stale", "other_definition")
 """Keys of `[[topics]]` that only the bridge reads; none of them changes a byte of a region."""
 MAX_RATE = 10_000.0
 MAX_SECONDS = 86_400.0
 MAX_DOMAIN = 232
 """The highest DDS domain whose ports are below 65536 (RTPS, 9.6.2.3)."""
+
+
+class Backend(NamedTuple):
+    """A backend of the bridge, the package `shmgen.bridge.<key>`.
+
+    `imports` is what it is made of, `install` what to type where that is missing, and `ros_version` what ROS_VERSION
+    is where the setup of its ROS was sourced.
+    """
+
+    key: str
+    imports: str
+    install: str
+    ros_version: str = ""
+
+
+BACKENDS = (
+    Backend("ros2", "rclpy", "`source /opt/ros/jazzy/setup.bash`, in the Python that ROS was built for", "2"),
+    Backend("ros1", "rospy", "`apt-get install python3-rospy`, or `source /opt/ros/noetic/setup.bash`", "1"),
+    Backend("dds", "cyclonedds", "`pip install cyclonedds`"),
+)
+"""In the order in which `auto` looks for them."""
+BACKEND_KEYS = ("auto", *(backend.key for backend in BACKENDS))
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +88,7 @@ def bridge(read: Reader, table: dict[str, Any]) -> Bridge:
         read.wrong("bridge", "domain", f"domain is a whole number from 0 to {MAX_DOMAIN}, not {domain!r}")
     seconds = read.real("bridge", "diagnostics", table, usual.diagnostics, 0, MAX_SECONDS, "seconds")
     return Bridge(
-        backend=read.choice("bridge", "backend", table, BACKENDS, "auto"),
+        backend=read.choice("bridge", "backend", table, BACKEND_KEYS, "auto"),
         node=str(node),
         diagnostics=usual.diagnostics if seconds is None else seconds,
         domain=domain,

@@ -8,9 +8,9 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
-from shmgen import toml
-from shmgen.diagnostics import Report, Span, closest
-from shmgen.records import dataclass
+from shmgen.core import toml
+from shmgen.core.diagnostics import Report, Span, closest
+from shmgen.core.fast_dataclass import dataclass
 
 
 def read(path: Path, shown: str, prefix: str, report: Report) -> tuple[dict[str, Any], Reader]:

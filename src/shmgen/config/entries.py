@@ -1,18 +1,43 @@
-"""Turns `[[topics]]`, `[[services]]` and `[[actions]]` of shmgen.toml into data, with the line of a mistake."""
+"""Turns bounds, `[[topics]]`, `[[services]]` and `[[actions]]` of shmgen.toml into data, with the line of a mistake."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import field
 from typing import Any, NamedTuple
 
-from shmgen import abi
 from shmgen.config import bridging
 from shmgen.config.bridging import CARRYING, MAX_SECONDS, Carrying
 from shmgen.config.document import Reader
-from shmgen.diagnostics import Span
-from shmgen.records import dataclass
+from shmgen.core import abi
+from shmgen.core.diagnostics import Span
+from shmgen.core.fast_dataclass import dataclass
+
+DEFAULT_STRING = 80
+"""CODESYS's own default, STRING = STRING(80)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bound:
+    """One line of `[bounds]` or `[strings]`: the number, and where it was written."""
+
+    value: int
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """`[strings]` and `[bounds]` of shmgen.toml.
+
+    Keys are `package/Message.field`, `package/Message` or `package`; the most specific wins, and a bound in
+    the definition wins over all of them.
+    """
+
+    strings: Mapping[str, Bound]
+    sequences: Mapping[str, Bound]
+    default_string: int = DEFAULT_STRING
+    default_sequence: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,4 +168,4 @@ def _not_a_name(name: str, longest: int) -> str:
 
 
 _TAKEN = ("CME", "GWDRVSHAREDMEMSHM")
-"""As runtime/names.py has them."""
+"""As runtime/region/names.py has them."""

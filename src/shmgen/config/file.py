@@ -9,14 +9,13 @@ from dataclasses import field, replace
 from pathlib import Path
 from typing import Any
 
-from shmgen.bounds import DEFAULT_STRING, Bound, Bounds
 from shmgen.config import bridging, document, entries
 from shmgen.config.bridging import Bridge
 from shmgen.config.document import Reader
-from shmgen.config.entries import ActionEntry, ServiceEntry, TopicEntry
-from shmgen.diagnostics import Report, Span, closest
-from shmgen.model import Regions, TypeOptions
-from shmgen.records import dataclass
+from shmgen.config.entries import DEFAULT_STRING, ActionEntry, Bound, Bounds, ServiceEntry, TopicEntry
+from shmgen.core.diagnostics import Report, Span, closest
+from shmgen.core.fast_dataclass import dataclass
+from shmgen.core.model import Regions, TypeOptions
 from shmgen.targets import KEYS, USUAL
 
 FILE_NAME = "shmgen.toml"

@@ -11,8 +11,8 @@ from bisect import bisect
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+from shmgen.core.fast_dataclass import dataclass
 from shmgen.definitions.tokens import Line, Token
-from shmgen.records import dataclass
 
 
 class Annotation(NamedTuple):

@@ -7,11 +7,11 @@ from dataclasses import field
 from pathlib import Path
 from typing import TypeAlias
 
+from shmgen.core.fast_dataclass import dataclass
+from shmgen.core.model import TypeName
 from shmgen.definitions.parser import SECTIONS
 from shmgen.definitions.tokens import Dialect
 from shmgen.definitions.wrappers import WRAPPERS
-from shmgen.model import TypeName
-from shmgen.records import dataclass
 
 
 @dataclass(frozen=True, slots=True)

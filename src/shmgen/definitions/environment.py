@@ -12,12 +12,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from shmgen.core.diagnostics import Report, Span
+from shmgen.core.model import TypeName
 from shmgen.definitions import folders
 from shmgen.definitions.catalogue import Catalogue, Definition, Package, package_of
 from shmgen.definitions.parser import SECTIONS
 from shmgen.definitions.tokens import Dialect
-from shmgen.diagnostics import Report, Span
-from shmgen.model import TypeName
 
 DEBIAN = Path("/usr/share")
 """Where Debian's packages ros-std-msgs and others put <package>/msg, without a package.xml."""

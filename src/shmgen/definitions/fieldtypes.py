@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 
+from shmgen.core.model import Array, Clock, Element, FieldType, Ref, Scalar, Sequence, String, TypeName
 from shmgen.definitions.tokens import Dialect, Token, shown
-from shmgen.model import Array, Clock, Element, FieldType, Ref, Scalar, Sequence, String, TypeName
 
 LARGEST_BOUND = 2**32 - 1
 """A count travels as UDINT."""

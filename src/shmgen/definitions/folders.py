@@ -12,11 +12,11 @@ import os
 import re
 from pathlib import Path
 
+from shmgen.core.diagnostics import Report, Span
+from shmgen.core.model import TypeName
 from shmgen.definitions.catalogue import Catalogue, Definition, Package, package_of
 from shmgen.definitions.parser import SECTIONS
 from shmgen.definitions.tokens import Dialect
-from shmgen.diagnostics import Report, Span
-from shmgen.model import TypeName
 
 LARGEST_FILE = 2**19
 """Bytes. The largest definition known to us, px4_msgs/VehicleCommand, has 24 KiB."""

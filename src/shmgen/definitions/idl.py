@@ -13,6 +13,8 @@ from contextlib import contextmanager
 from textwrap import dedent
 from typing import Any, NamedTuple, TypeVar
 
+from shmgen.core.diagnostics import Report, Span
+from shmgen.core.model import Array, Constant, Field, FieldType, Message, Ref, Scalar, Sequence, String, TypeName
 from shmgen.definitions import comments
 from shmgen.definitions.annotations import Annotation, Text, spelled, take_out, text_of
 from shmgen.definitions.fieldtypes import CLOCKS, read_bound
@@ -20,8 +22,6 @@ from shmgen.definitions.literals import read_constant, read_default
 from shmgen.definitions.parser import SECTIONS, Source, lines_of
 from shmgen.definitions.rosidl import syntax_tree, words
 from shmgen.definitions.tokens import Token, Wrong, shown
-from shmgen.diagnostics import Report, Span
-from shmgen.model import Array, Constant, Field, FieldType, Message, Ref, Scalar, Sequence, String, TypeName
 
 
 def parse(source: Source, report: Report) -> tuple[Message, ...]:

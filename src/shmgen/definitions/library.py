@@ -7,15 +7,15 @@ from collections.abc import Sequence
 from dataclasses import field
 from pathlib import Path
 
+from shmgen.core.diagnostics import Report, Span
+from shmgen.core.fast_dataclass import dataclass
+from shmgen.core.model import Message, TypeName
 from shmgen.definitions import store
 from shmgen.definitions.catalogue import Catalogue, Definition, Package
 from shmgen.definitions.folders import catalogue, read, shorten
 from shmgen.definitions.parser import Source, parse
 from shmgen.definitions.tokens import Dialect
 from shmgen.definitions.wrappers import wrappers
-from shmgen.diagnostics import Report, Span
-from shmgen.model import Message, TypeName
-from shmgen.records import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,9 +9,21 @@ from __future__ import annotations
 import math
 import re
 
+from shmgen.core.model import (
+    Array,
+    Clock,
+    Default,
+    Element,
+    FieldType,
+    Ref,
+    Scalar,
+    Sequence,
+    String,
+    Value,
+    assert_never,
+)
+from shmgen.core.plural import counted
 from shmgen.definitions.tokens import Dialect, Token, shown
-from shmgen.model import Array, Clock, Default, Element, FieldType, Ref, Scalar, Sequence, String, Value, assert_never
-from shmgen.wording import counted
 
 
 def read_default(rest: Token, type: FieldType) -> tuple[Default, Token]:

@@ -9,12 +9,12 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
+from shmgen.core.diagnostics import Report, Span
+from shmgen.core.model import Constant, Default, Field, FieldType, Message, Scalar, String, TypeName
 from shmgen.definitions import comments
 from shmgen.definitions.fieldtypes import read_type, type_word
 from shmgen.definitions.literals import read_constant, read_default
 from shmgen.definitions.tokens import Dialect, Line, Token, Wrong, shown
-from shmgen.diagnostics import Report, Span
-from shmgen.model import Constant, Default, Field, FieldType, Message, Scalar, String, TypeName
 
 SECTIONS = {"msg": ("",), "srv": ("_Request", "_Response"), "action": ("_Goal", "_Result", "_Feedback")}
 """Kind -> the endings of the messages in such a file."""

@@ -8,9 +8,9 @@ from importlib.machinery import PathFinder
 from importlib.util import find_spec, module_from_spec
 from typing import Any
 
+from shmgen.core.diagnostics import Span
 from shmgen.definitions.annotations import Text
 from shmgen.definitions.tokens import Wrong
-from shmgen.diagnostics import Span
 
 LARGEST = 2**14
 """Characters: some seconds. VehicleCommand of px4_msgs, the largest known, has 8,000 without its comments."""

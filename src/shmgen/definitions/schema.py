@@ -7,13 +7,13 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TypeAlias
 
+from shmgen.core.diagnostics import Diagnostic, Report, Span, closest
+from shmgen.core.model import Field, Message, Ref, Schema, TypeName, element_of
 from shmgen.definitions import folders
 from shmgen.definitions.catalogue import Package
 from shmgen.definitions.library import Library, Sources, open_library
 from shmgen.definitions.parser import SECTIONS
 from shmgen.definitions.tokens import shown
-from shmgen.diagnostics import Diagnostic, Report, Span, closest
-from shmgen.model import Field, Message, Ref, Schema, TypeName, element_of
 
 
 def load(requests: Iterable[str], sources: Sources, report: Report) -> Schema:

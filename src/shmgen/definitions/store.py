@@ -14,10 +14,10 @@ from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import Any, cast
 
-from shmgen import cache
+from shmgen.core import cache
+from shmgen.core.model import TypeName
 from shmgen.definitions.catalogue import Catalogue, Definition, package_of
 from shmgen.definitions.tokens import Dialect
-from shmgen.model import TypeName
 
 ROS1 = frozenset({"noetic"})
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal, NamedTuple, TypeAlias
 
-from shmgen.diagnostics import Span
+from shmgen.core.diagnostics import Span
 
 Dialect: TypeAlias = Literal["ros1", "ros2"]
 

@@ -6,8 +6,8 @@ wrapped. How they are used: docs/protocol.md, "Services" and "Actions".
 
 from __future__ import annotations
 
-from shmgen.diagnostics import Span
-from shmgen.model import Constant, Field, FieldType, Message, Ref, Scalar, TypeName, ros_type
+from shmgen.core.diagnostics import Span
+from shmgen.core.model import Constant, Field, FieldType, Message, Ref, Scalar, TypeName, ros_type
 
 WRAPPERS = {"msg": (), "srv": ("_Reply",), "action": ("_Command", "_Progress", "_Outcome")}
 """Kind -> the endings of the messages that are made for such a file."""

@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from shmgen import write
-from shmgen.diagnostics import Diagnostic, Report, Span
+from shmgen.core import write
+from shmgen.core.diagnostics import Diagnostic, Report, Span
+from shmgen.core.fast_dataclass import dataclass
 from shmgen.drift import lockfile
 from shmgen.drift.compare import compare
 from shmgen.drift.findings import Finding, Severity, worst
-from shmgen.records import dataclass
 
 REGENERATE = "run `shmgen generate` and commit the result"
 REBUILD = "run `shmgen generate`, commit the result, rebuild both sides"

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
-from shmgen.diagnostics import Diagnostic, Span
+from shmgen.core.diagnostics import Diagnostic, Span
 from shmgen.drift.findings import Change, Finding, Severity
 from shmgen.drift.lockfile import LISTS, Block, Entry, Lock, short
 

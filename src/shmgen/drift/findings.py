@@ -6,8 +6,8 @@ import json
 from collections.abc import Iterable, Sequence
 from enum import IntEnum
 
-from shmgen.diagnostics import Diagnostic
-from shmgen.records import dataclass
+from shmgen.core.diagnostics import Diagnostic
+from shmgen.core.fast_dataclass import dataclass
 
 
 class Severity(IntEnum):

@@ -10,11 +10,11 @@ from collections.abc import Callable, Container, Iterable, Mapping
 from dataclasses import field
 from typing import Any
 
-from shmgen import toml
-from shmgen.diagnostics import Report, Span
-from shmgen.model import Default, Layout, Layouts, Ref, Role, Slot, ros_type
-from shmgen.records import dataclass
-from shmgen.type_hash import hashes
+from shmgen.core import toml
+from shmgen.core.diagnostics import Report, Span
+from shmgen.core.fast_dataclass import dataclass
+from shmgen.core.model import Default, Layout, Layouts, Ref, Role, Slot, ros_type
+from shmgen.core.type_hash import hashes
 
 LOCK = "layout.lock"
 VERSION = 1

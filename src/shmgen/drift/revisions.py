@@ -6,7 +6,7 @@ import os
 import subprocess
 from pathlib import Path
 
-from shmgen.diagnostics import Report, Span
+from shmgen.core.diagnostics import Report, Span
 from shmgen.drift import lockfile
 
 

@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from shmgen.config import Config
-from shmgen.diagnostics import Diagnostic, Rejected
-from shmgen.live import locked
+from shmgen.core.diagnostics import Diagnostic, Rejected
+from shmgen.live import config_of_lock
 from shmgen.live.session import Session
 from shmgen.runtime import ActionClient, ActionServer, Message, Publisher, ServiceClient, ServiceServer, Subscriber
 from shmgen.runtime.errors import LayoutMismatch
 
 
-class Workshop:
+class ClassRegistry:
     """What classes are made from: the configuration in force, and a layout.lock to fall back on."""
 
     def __init__(self, session: Session, lock: Path | None) -> None:
@@ -39,7 +39,7 @@ class Workshop:
         Raises Rejected for a type that is not to be found or laid out, and LayoutMismatch, with every digest
         found, where none is the one wanted.
         """
-        tried: list[locked.Known] = []
+        tried: list[config_of_lock.Known] = []
         rejected: Rejected | None = None
         for session in self._sessions():
             try:
@@ -49,25 +49,25 @@ class Workshop:
                 continue
             if digest in (None, layout.digest):
                 return session
-            tried.append(locked.Known(layout.digest, layout.size, session.name))
+            tried.append(config_of_lock.Known(layout.digest, layout.size, session.name))
         if tried:
             raise _mismatch(request, digest, tried)
         assert rejected is not None
         raise rejected
 
-    def known(self) -> tuple[dict[str, locked.Known], tuple[Diagnostic, ...]]:
+    def known(self) -> tuple[dict[str, config_of_lock.Known], tuple[Diagnostic, ...]]:
         """The layouts of all messages that shmgen.toml and layout.lock name; the former counts. Raises Rejected.
 
         And what is wrong with the lock, of which nothing is taken then.
         """
         wrong: tuple[Diagnostic, ...] = ()
         try:
-            lock = locked.layouts(locked.read(self.lock), str(self.lock)) if self.lock else {}
+            lock = config_of_lock.layouts(config_of_lock.read(self.lock), str(self.lock)) if self.lock else {}
         except Rejected as damaged:
             lock, wrong = {}, damaged.diagnostics
         layouts = self.session.layouts(dict.fromkeys([*self.config.messages, *self.config.types_used]))
         name = self.session.name
-        ours = {str(layout.name): locked.Known(layout.digest, layout.size, name) for layout in layouts.values()}
+        ours = {str(layout.name): config_of_lock.Known(layout.digest, layout.size, name) for layout in layouts.values()}
         return lock | ours, wrong
 
     def _sessions(self) -> Iterator[Session]:
@@ -77,8 +77,8 @@ class Workshop:
 
     @cached_property
     def _former(self) -> Session | None:
-        lock = locked.read(self.lock) if self.lock else {}
-        return Session(locked.settings(lock, self.config), str(self.lock), self.session) if lock else None
+        lock = config_of_lock.read(self.lock) if self.lock else {}
+        return Session(config_of_lock.settings(lock, self.config), str(self.lock), self.session) if lock else None
 
 
 def subscriber(kind: type[Message], topic: str, depth: int) -> Subscriber[Message]:
@@ -131,7 +131,7 @@ def action_server(kinds: Mapping[str, type[Message]]) -> type[ActionServer[Any]]
     return type("LiveActionServer", (ActionServer,), ends)
 
 
-def _mismatch(request: str, digest: int | None, tried: list[locked.Known]) -> LayoutMismatch:
+def _mismatch(request: str, digest: int | None, tried: list[config_of_lock.Known]) -> LayoutMismatch:
     here = "\n".join(f"  here:  {known}" for known in tried)
     return LayoutMismatch(
         f"{request} has another layout in the region than here\n"

@@ -5,30 +5,30 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 
-from shmgen.diagnostics import Rejected
+from shmgen.core.diagnostics import Rejected
 from shmgen.live import regions
-from shmgen.live.classes import Workshop
+from shmgen.live.classes import ClassRegistry
 from shmgen.live.session import Session
 from shmgen.runtime import ShmError
 
 
-def find(workshop: Workshop, digest: int) -> tuple[Session, str] | None:
+def find(registry: ClassRegistry, digest: int) -> tuple[Session, str] | None:
     """The session that lays it out so, and its name; None if nothing in reach has that digest. Raises Rejected."""
-    for name in dict.fromkeys(_likely(workshop, digest)):
+    for name in dict.fromkeys(_likely(registry, digest)):
         with suppress(Rejected, ShmError, ValueError):
-            return workshop.session_of(name, digest), name
+            return registry.session_of(name, digest), name
     return None
 
 
-def _likely(workshop: Workshop, digest: int) -> Iterator[str]:
+def _likely(registry: ClassRegistry, digest: int) -> Iterator[str]:
     """What is said to have it, then all there is."""
     for region in regions.live():
         with suppress(ShmError, OSError), regions.View(region) as view:
             header = view.header()
             if header.digest == digest:
                 yield header.type_name
-    laid_out, _ = workshop.known()
+    laid_out, _ = registry.known()
     for name, known in laid_out.items():
         if known.digest == digest:
             yield name
-    yield from map(str, workshop.session.library.known())
+    yield from map(str, registry.session.library.known())

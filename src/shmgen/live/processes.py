@@ -8,9 +8,9 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 
+from shmgen.core.escape import legible
 from shmgen.live.regions import FOLDER
-from shmgen.runtime import header as h
-from shmgen.runtime.legible import legible
+from shmgen.runtime.region import header as h
 
 
 @dataclass(frozen=True, slots=True)

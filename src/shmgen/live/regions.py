@@ -11,15 +11,16 @@ from collections.abc import Sized
 from contextlib import suppress
 from types import TracebackType
 
-from shmgen.diagnostics import closest
-from shmgen.runtime import header as h
+from shmgen.core.diagnostics import closest
+from shmgen.core.plural import counted
 from shmgen.runtime import read_header, region_name
-from shmgen.runtime.access import opened
 from shmgen.runtime.errors import RegionMissing, RegionUnusable, ShmError
-from shmgen.runtime.holders import holder
-from shmgen.runtime.names import HALVES, region_file, semaphore_file
-from shmgen.runtime.region import WRITER_LOCK, foreign
-from shmgen.wording import counted
+from shmgen.runtime.region import header as h
+from shmgen.runtime.region.access import opened
+from shmgen.runtime.region.holders import holder
+from shmgen.runtime.region.names import HALVES, region_file, semaphore_file
+from shmgen.runtime.region.opening import foreign
+from shmgen.runtime.region.region import WRITER_LOCK
 
 FOLDER = "/dev/shm"
 

@@ -10,10 +10,10 @@ from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 
-from shmgen import pipeline
 from shmgen.config import Config
+from shmgen.core.model import Layout, Layouts, Schema
 from shmgen.definitions import Library
-from shmgen.model import Layout, Layouts, Schema
+from shmgen.generator import pipeline
 from shmgen.runtime import Message
 
 _PACKAGE = "shmgen_live"

@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from shmgen.diagnostics import Span
+from shmgen.core.diagnostics import Span
 
 
 class Member(NamedTuple):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
-from shmgen.diagnostics import Report
+from shmgen.core.diagnostics import Report
 from shmgen.plc import types
 from shmgen.plc.declarations import Declared, Member
 from shmgen.plc.sources import Project

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from xml.parsers import expat
 
-from shmgen.diagnostics import Report, Span
+from shmgen.core.diagnostics import Report, Span
 from shmgen.plc import declarations
 from shmgen.plc.declarations import Declared, Member, Unreadable
 

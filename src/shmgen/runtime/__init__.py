@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from shmgen.runtime import cpython as cpython  # before all that would fail elsewhere
-from shmgen.runtime import values
-from shmgen.runtime.access import RegionOptions
 from shmgen.runtime.action_client import ActionClient
 from shmgen.runtime.action_server import ActionServer, ServedGoal
 from shmgen.runtime.client import ServiceClient
@@ -27,16 +25,18 @@ from shmgen.runtime.errors import (
     StringTooLong,
     ValueRejected,
 )
-from shmgen.runtime.fields import Clock, Clocks, Elements, Text, Texts
-from shmgen.runtime.header import Header
-from shmgen.runtime.many import can_wait_for_many, ready_any
-from shmgen.runtime.message import LATE_FROM, Late, Message
-from shmgen.runtime.names import region_name
+from shmgen.runtime.messages import values
+from shmgen.runtime.messages.fields import Clock, Clocks, Elements, Text, Texts
+from shmgen.runtime.messages.message import LATE_FROM, Late, Message
+from shmgen.runtime.messages.times import Duration, Time
 from shmgen.runtime.publisher import Publisher
-from shmgen.runtime.region import read_header
+from shmgen.runtime.region.access import RegionOptions
+from shmgen.runtime.region.header import Header
+from shmgen.runtime.region.names import region_name
+from shmgen.runtime.region.opening import read_header
 from shmgen.runtime.server import Call, ServiceServer
 from shmgen.runtime.subscriber import Subscriber
-from shmgen.runtime.times import Duration, Time
+from shmgen.runtime.wait_any import can_wait_for_many, ready_any
 
 __all__ = [
     "LATE_FROM",

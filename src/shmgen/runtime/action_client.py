@@ -7,11 +7,11 @@ from contextlib import ExitStack
 from types import SimpleNamespace
 from typing import Any, Generic, TypeVar
 
-from shmgen.runtime.calls import Caller
-from shmgen.runtime.closing import Closing
+from shmgen.runtime.calls import CallClient
 from shmgen.runtime.errors import CallTimeout, NoServer
-from shmgen.runtime.message import Message
+from shmgen.runtime.messages.message import Message
 from shmgen.runtime.publisher import Publisher
+from shmgen.runtime.region.resource import Closable
 from shmgen.runtime.subscriber import Subscriber
 
 Goal = TypeVar("Goal", bound=Message)
@@ -19,7 +19,7 @@ Feedback = TypeVar("Feedback", bound=Message)
 Outcome = TypeVar("Outcome", bound=Message)
 
 
-class ActionClient(Closing, Generic[Goal, Feedback, Outcome]):
+class ActionClient(Closable, Generic[Goal, Feedback, Outcome]):
     """Sends goals to one action, one at a time. Not for two threads at a time; forked children open their own."""
 
     command_publisher: type[Publisher[Any]]
@@ -37,12 +37,12 @@ class ActionClient(Closing, Generic[Goal, Feedback, Outcome]):
         """Opens the action's regions or creates them; parameters and errors as for a ServiceClient."""
         options: dict[str, Any] = {"lock_timeout": lock_timeout, "mode": mode, "group": group}
         with ExitStack() as opened:
-            questions = opened.enter_context(self.command_publisher(f"{action}-goal", **options))
-            answers = opened.enter_context(self.outcome_subscriber(f"{action}-result", **options))
+            requests = opened.enter_context(self.command_publisher(f"{action}-goal", **options))
+            responses = opened.enter_context(self.outcome_subscriber(f"{action}-result", **options))
             self._progress = opened.enter_context(self.progress_subscriber(f"{action}-feedback", **options))
             opened.pop_all()
         self._command: Any = self.command_publisher.message_type
-        self._caller: Caller[Any, Outcome] = Caller(questions, answers, "goal")
+        self._calls: CallClient[Any, Outcome] = CallClient(requests, responses, "goal")
         self._action = action
         self._goal = 0
         self._status = 0
@@ -55,10 +55,10 @@ class ActionClient(Closing, Generic[Goal, Feedback, Outcome]):
         nothing was sent; ValueRejected; LockTimeout.
         """
         deadline = time.monotonic() + timeout
-        if not self._caller.wait_for_server(timeout):
+        if not self._calls.wait_for_server(timeout):
             raise NoServer(f"{self._action}: no server within {timeout:g} s; the request was not sent")
         self._status, self._feedback = 0, None
-        self._goal = self._caller.ask(SimpleNamespace(cancel=0, goal=goal), deadline)
+        self._goal = self._calls.send_request(SimpleNamespace(cancel=0, goal=goal), deadline)
         return self._goal
 
     def feedback(self) -> Feedback | None:
@@ -75,40 +75,40 @@ class ActionClient(Closing, Generic[Goal, Feedback, Outcome]):
 
     def poll(self) -> Outcome | None:
         """How the goal ended, once, or None if it has not yet: `status` and `result`."""
-        return self._caller.poll()
+        return self._calls.poll()
 
     def result(self, timeout: float) -> Outcome:
         """Waits for the end of the goal. Raises CallTimeout after `timeout` seconds; the goal then continues."""
-        number = self._caller.number
+        number = self._calls.number
         if not number:
             raise CallTimeout(f"{self._action}: no goal is under way")
-        outcome = self._caller.wait(timeout)
+        outcome = self._calls.wait(timeout)
         if outcome is None:
             raise CallTimeout(f"{self._action}: goal {number} has not ended within {timeout:g} s")
         return outcome
 
     def cancel(self) -> None:
         """Requests that the server cancel the goal; result() then returns how it ended. Does nothing without a goal."""
-        if self._caller.number:
-            self._caller.tell(self._command(cancel=self._caller.number))
+        if self._calls.number:
+            self._calls.tell(self._command(cancel=self._calls.number))
 
     def cancel_former(self) -> None:
         """Requests that the server cancel the goal of a former client, if that goal has not ended."""
         progress = self._progress.read()
-        if progress is not None and not self._caller.number:
-            self._caller.tell(self._command(cancel=progress.goal))
+        if progress is not None and not self._calls.number:
+            self._calls.tell(self._command(cancel=progress.goal))
 
     def server_is_ready(self) -> bool:
         """Whether a server is available now. Takes up to a second where a PLC was the server and may have stopped."""
-        return self._caller.server_is_ready()
+        return self._calls.server_is_ready()
 
     def wait_for_server(self, timeout: float) -> bool:
         """Whether a server is available, as soon as one is or after `timeout` seconds."""
-        return self._caller.wait_for_server(timeout)
+        return self._calls.wait_for_server(timeout)
 
     def close(self) -> None:
         """Releases the action for another client; the regions stay, and a running goal continues."""
-        self._caller.close()
+        self._calls.close()
         self._progress.close()
 
     @property

@@ -9,12 +9,12 @@ from functools import partial
 from types import SimpleNamespace
 from typing import Any, Generic, TypeVar
 
-from shmgen.runtime.calls import Callee, deadline_of, log_exception, passed_over, until
-from shmgen.runtime.closing import Closing
+from shmgen.runtime.calls import CallServer, deadline_of, log_exception, skip_stale, until
 from shmgen.runtime.errors import LockTimeout
-from shmgen.runtime.lock import UNTIL_HEALED
-from shmgen.runtime.message import Message
+from shmgen.runtime.messages.message import Message
 from shmgen.runtime.publisher import Publisher
+from shmgen.runtime.region.lock import UNTIL_RECOVERED
+from shmgen.runtime.region.resource import Closable
 from shmgen.runtime.subscriber import Subscriber
 
 Goal = TypeVar("Goal", bound=Message)
@@ -40,7 +40,7 @@ class ServedGoal(Generic[Goal]):
     @property
     def is_awaited(self) -> bool:
         """Whether it has not ended, and no newer one has arrived."""
-        return self._server._callee.awaits(self.number)
+        return self._server._calls.awaits(self.number)
 
     def accept(self) -> bool:
         """Reports to the client that the goal has been accepted."""
@@ -67,7 +67,7 @@ class ServedGoal(Generic[Goal]):
         return self._server._end(self.number, "REJECTED", None)
 
 
-class ActionServer(Closing, Generic[Goal]):
+class ActionServer(Closable, Generic[Goal]):
     """Serves one action, one goal at a time. Not for two threads at a time; forked children open their own."""
 
     command_subscriber: type[Subscriber[Any]]
@@ -85,14 +85,14 @@ class ActionServer(Closing, Generic[Goal]):
         """Opens the action's regions or creates them; parameters, errors and stale goals as for a ServiceServer."""
         options: dict[str, Any] = {"lock_timeout": lock_timeout, "mode": mode, "group": group}
         with ExitStack() as opened:
-            questions = opened.enter_context(self.command_subscriber(f"{action}-goal", **options))
-            passed_over(questions)
+            requests = opened.enter_context(self.command_subscriber(f"{action}-goal", **options))
+            skip_stale(requests)
             self._progress = opened.enter_context(self.progress_publisher(f"{action}-feedback", **options))
-            answers = opened.enter_context(self.outcome_publisher(f"{action}-result", **options))
-            if self._progress._claim_doubtful or answers._claim_doubtful:
-                passed_over(questions)
+            responses = opened.enter_context(self.outcome_publisher(f"{action}-result", **options))
+            if self._progress._claim_doubtful or responses._claim_doubtful:
+                skip_stale(requests)
             opened.pop_all()
-        self._callee = Callee(questions, answers)
+        self._calls = CallServer(requests, responses)
         self._kinds: Any = self.progress_publisher.message_type, self.outcome_publisher.message_type
         self._waiting: ServedGoal[Goal] | None = None
         self._is_unwanted = False
@@ -108,7 +108,7 @@ class ActionServer(Closing, Generic[Goal]):
         deadline = deadline_of(timeout)
         for goal in until(deadline, self.wait):
             try:
-                self._callee.insist(goal.accept, deadline)
+                self._calls.retry_until_sent(goal.accept, deadline)
                 handler(goal)
             except Exception:
                 log_exception(f"{self._action}: goal {goal.number} aborted")
@@ -116,7 +116,7 @@ class ActionServer(Closing, Generic[Goal]):
                 with suppress(LockTimeout):
                     goal.abort()
                 raise
-            self._callee.insist(goal.abort, deadline)
+            self._calls.retry_until_sent(goal.abort, deadline)
 
     def take(self) -> ServedGoal[Goal] | None:
         """The newest goal not taken yet, or None. The client has abandoned the one before it, if that has not ended."""
@@ -135,11 +135,11 @@ class ActionServer(Closing, Generic[Goal]):
 
     def client_lives(self) -> bool:
         """Whether there is a client now; that a PLC has stopped is known a second later. Call it often."""
-        return self._callee.client_lives()
+        return self._calls.client_lives()
 
     def close(self) -> None:
         """Releases the action for another server; the regions stay."""
-        self._callee.close()
+        self._calls.close()
         self._progress.close()
 
     @property
@@ -149,24 +149,26 @@ class ActionServer(Closing, Generic[Goal]):
 
     def _look(self, timeout: float = 0.0) -> None:
         """Takes one command. The number of the callee is that of the newest goal known."""
-        taken = self._callee.take(timeout)
+        taken = self._calls.take(timeout)
         if taken is None:
             return
         number, command = taken
         if not command.cancel:
-            self._callee.begin(number)
+            self._calls.begin(number)
             self._is_unwanted = False
             self._waiting = ServedGoal(self, number, command.goal)
-        elif command.cancel == self._callee.number and not self._waiting:
+        elif command.cancel == self._calls.number and not self._waiting:
             self._is_unwanted = True
         else:  # nobody has taken that goal: it waits here, or its cancel has overwritten it
-            self._callee.begin(command.cancel)
+            self._calls.begin(command.cancel)
             self._waiting = None
-            self._callee.insist(partial(self._end, command.cancel, "CANCELED", None), deadline_of(UNTIL_HEALED))
+            self._calls.retry_until_sent(
+                partial(self._end, command.cancel, "CANCELED", None), deadline_of(UNTIL_RECOVERED)
+            )
 
     def _unwanted(self, number: int) -> bool:
         self._look()
-        return self._is_unwanted or not self._callee.awaits(number)
+        return self._is_unwanted or not self._calls.awaits(number)
 
     def _accept(self, number: int) -> bool:
         progress, _ = self._kinds
@@ -178,7 +180,7 @@ class ActionServer(Closing, Generic[Goal]):
         return self._publish(number, SimpleNamespace(goal=number, status=status, feedback=feedback))
 
     def _publish(self, number: int, progress: Any) -> bool:
-        if not self._callee.awaits(number):
+        if not self._calls.awaits(number):
             return False
         self._progress.publish(progress)
         return True
@@ -187,5 +189,5 @@ class ActionServer(Closing, Generic[Goal]):
         _, outcome = self._kinds
         value = getattr(outcome, status)
         if result is None:
-            return self._callee.answer(number, outcome(goal=number, status=value))
-        return self._callee.answer(number, SimpleNamespace(goal=number, status=value, result=result))
+            return self._calls.send_response(number, outcome(goal=number, status=value))
+        return self._calls.send_response(number, SimpleNamespace(goal=number, status=value, result=result))

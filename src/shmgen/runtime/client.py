@@ -7,18 +7,18 @@ import time
 from contextlib import ExitStack
 from typing import Any, Generic, TypeVar
 
-from shmgen.runtime.calls import Caller
-from shmgen.runtime.closing import Closing
+from shmgen.runtime.calls import CallClient
 from shmgen.runtime.errors import CallFailed, CallTimeout, NoServer
-from shmgen.runtime.message import Message
+from shmgen.runtime.messages.message import Message
 from shmgen.runtime.publisher import Publisher
+from shmgen.runtime.region.resource import Closable
 from shmgen.runtime.subscriber import Subscriber
 
 Request = TypeVar("Request", bound=Message)
 Response = TypeVar("Response", bound=Message)
 
 
-class ServiceClient(Closing, Generic[Request, Response]):
+class ServiceClient(Closable, Generic[Request, Response]):
     """Calls one service, one call at a time; threads may share it, forked children open their own."""
 
     request_publisher: type[Publisher[Request]]
@@ -39,10 +39,10 @@ class ServiceClient(Closing, Generic[Request, Response]):
         """
         options: dict[str, Any] = {"lock_timeout": lock_timeout, "mode": mode, "group": group}
         with ExitStack() as opened:
-            questions = opened.enter_context(self.request_publisher(f"{service}-request", **options))
-            answers = opened.enter_context(self.reply_subscriber(f"{service}-response", **options))
+            requests = opened.enter_context(self.request_publisher(f"{service}-request", **options))
+            responses = opened.enter_context(self.reply_subscriber(f"{service}-response", **options))
             opened.pop_all()
-        self._caller = Caller(questions, answers, "call")
+        self._calls = CallClient(requests, responses, "call")
         self._one_at_a_time = threading.RLock()
         self._service = service
 
@@ -56,12 +56,12 @@ class ServiceClient(Closing, Generic[Request, Response]):
         try:
             if not self._one_at_a_time.acquire(timeout=max(0.0, timeout)):
                 raise CallTimeout(f"{self._service}: another thread's call took all of the {timeout:g} s")
-            if not self._caller.wait_for_server(deadline - time.monotonic()):
+            if not self._calls.wait_for_server(deadline - time.monotonic()):
                 raise NoServer(f"{self._service}: no server within {timeout:g} s; the request was not sent")
-            number = self._caller.ask(request, deadline)
-            reply = self._caller.wait(deadline - time.monotonic())
+            number = self._calls.send_request(request, deadline)
+            reply = self._calls.wait(deadline - time.monotonic())
             if reply is None:
-                self._caller.number = 0
+                self._calls.number = 0
                 raise CallTimeout(f"{self._service}: call {number} got no response within {timeout:g} s")
             response = self._response(reply)
             return response  # noqa: RET504 no call is the last thing before the release
@@ -79,38 +79,38 @@ class ServiceClient(Closing, Generic[Request, Response]):
         A call that is still pending is abandoned. Raises ValueRejected and LockTimeout.
         """
         with self._one_at_a_time:
-            return self._caller.ask(request)
+            return self._calls.send_request(request)
 
     def poll(self) -> Response | None:
         """The response to what send() sent, once, or None if it is not there yet. Raises CallFailed."""
         with self._one_at_a_time:
-            reply = self._caller.poll()
+            reply = self._calls.poll()
             return None if reply is None else self._response(reply)
 
     def wait(self, timeout: float) -> Response | None:
         """The same as soon as it is there, or None after `timeout` seconds. Raises CallFailed."""
         with self._one_at_a_time:
-            reply = self._caller.wait(timeout)
+            reply = self._calls.wait(timeout)
             return None if reply is None else self._response(reply)
 
     def cancel(self) -> None:
         """Abandons what send() sent, on the client side only: the server may handle it, its response is discarded."""
         with self._one_at_a_time:
-            self._caller.number = 0
+            self._calls.number = 0
 
     def server_is_ready(self) -> bool:
         """Whether a server is available now. Takes up to a second where a PLC was the server and may have stopped."""
         with self._one_at_a_time:
-            return self._caller.server_is_ready()
+            return self._calls.server_is_ready()
 
     def wait_for_server(self, timeout: float) -> bool:
         """Whether a server is available, as soon as one is or after `timeout` seconds."""
         with self._one_at_a_time:
-            return self._caller.wait_for_server(timeout)
+            return self._calls.wait_for_server(timeout)
 
     def close(self) -> None:
         """Releases the service for another client; the regions stay."""
-        self._caller.close()
+        self._calls.close()
 
     @property
     def service(self) -> str:

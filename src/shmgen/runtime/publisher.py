@@ -9,12 +9,12 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, Generic, NamedTuple, NoReturn, TypeVar, cast
 
-from shmgen.runtime import header as h
-from shmgen.runtime import straight
-from shmgen.runtime.claim import claim, writer
-from shmgen.runtime.closing import Gone, Holding
+from shmgen.runtime import core
 from shmgen.runtime.errors import ClaimLost, LockTimeout
-from shmgen.runtime.header import (
+from shmgen.runtime.messages.message import CUT, LATE_FROM, Late, Message
+from shmgen.runtime.region import header as h
+from shmgen.runtime.region.claim import claim, writer
+from shmgen.runtime.region.header import (
     ARMED,
     BEGUN,
     COMPLETED,
@@ -27,14 +27,15 @@ from shmgen.runtime.header import (
     STAMP,
     WRITER,
 )
-from shmgen.runtime.lock import UNTIL_HEALED, Lock
-from shmgen.runtime.message import CUT, LATE_FROM, Late, Message
-from shmgen.runtime.order import fence
-from shmgen.runtime.region import WRITER_LOCK, open_event, open_region
+from shmgen.runtime.region.lock import UNTIL_RECOVERED, Lock
+from shmgen.runtime.region.memory_order import fence
+from shmgen.runtime.region.opening import open_event, open_region
+from shmgen.runtime.region.region import WRITER_LOCK
+from shmgen.runtime.region.resource import ClosedProxy, RegionHolder
 
 M = TypeVar("M", bound=Message)
 
-_IN_C = straight.IN_C
+_IN_C = core.IN_C
 """Here, where Python finds it in 3 ns, and in 20 on the object."""
 
 
@@ -56,11 +57,12 @@ class _AtHand(NamedTuple):
     pid: int
 
 
-class Publisher(Holding, straight.Writer, Generic[M]):
+class Publisher(RegionHolder, core.Writer, Generic[M]):
     """Publishes one type on one topic. Not for two threads at a time; forked children open their own."""
 
     message_type: type[M]
     _word = "publisher"
+    _lock: Lock
 
     def __init__(
         self,
@@ -85,7 +87,7 @@ class Publisher(Holding, straight.Writer, Generic[M]):
         ours = h.header_for(kind._type_name_, kind._digest_, size, depth)
         self._region = region = open_region(topic, ours, kind._regions_.but(mode, group))
         try:
-            self._lock = Lock(region, lock_timeout, UNTIL_HEALED)
+            self._lock = Lock(region, lock_timeout, UNTIL_RECOVERED)
             self._deadline: float | None = None
             self._event = open_event(region)
             self._sequence, self._claim_doubtful = claim(region)
@@ -95,7 +97,7 @@ class Publisher(Holding, straight.Writer, Generic[M]):
         self._scratch = bytearray(SLOT_HEADER + size)
         self._heartbeat: int = region.words[HEARTBEAT]
         self._truncations = 0
-        self._words: memoryview | Gone = region.words
+        self._words: memoryview | ClosedProxy = region.words
         hot = _AtHand(
             kind=kind,
             encode=kind._encode,
@@ -114,7 +116,7 @@ class Publisher(Holding, straight.Writer, Generic[M]):
         self._hot = cast(_AtHand, tuple(hot))
         self._scratch_message = (kind * 1).from_buffer(self._scratch, SLOT_HEADER)
         message = self._scratch_message if len(self._scratch) < LATE_FROM else None
-        straight.connect_writer(self, region, self._event, self._scratch, kind, message)
+        core.connect_writer(self, region, self._event, self._scratch, kind, message)
         self._hold()
 
     def publish(self, message: Any) -> None:
@@ -269,19 +271,21 @@ class Publisher(Holding, straight.Writer, Generic[M]):
 
     def _lose(self) -> NoReturn:
         """Leaves the topic to the writer who has claimed it: this one stood still for a second, or seemed to."""
-        gone = Gone(ClaimLost, f"{self.topic}: {writer(self._region)} has taken the topic over; nothing was published")
+        gone = ClosedProxy(
+            ClaimLost, f"{self.topic}: {writer(self._region)} has taken the topic over; nothing was published"
+        )
         self._stop(gone)
         self._region.unlock_byte(WRITER_LOCK)
         gone()
 
-    def _stop(self, gone: Gone) -> None:
+    def _stop(self, gone: ClosedProxy) -> None:
         """From now on publish() and heartbeat() raise that."""
         self._disconnect()
         # No message is of the type Message, so publish() goes on to encode it.
         self._hot = cast(_AtHand, (Message, gone, *self._hot[2:]))
         self._words = gone
 
-    def _let_go(self, gone: Gone) -> None:
+    def _let_go(self, gone: ClosedProxy) -> None:
         self._stop(gone)
         self._lock.leave()
         self._region.close(gone)

@@ -8,11 +8,11 @@ from functools import partial
 from types import SimpleNamespace
 from typing import Any, Generic, NamedTuple, TypeVar
 
-from shmgen.runtime.calls import Callee, deadline_of, log_exception, passed_over, until
-from shmgen.runtime.closing import Closing
+from shmgen.runtime.calls import CallServer, deadline_of, log_exception, skip_stale, until
 from shmgen.runtime.errors import LockTimeout
-from shmgen.runtime.message import Message
+from shmgen.runtime.messages.message import Message
 from shmgen.runtime.publisher import Publisher
+from shmgen.runtime.region.resource import Closable
 from shmgen.runtime.subscriber import Subscriber
 
 Request = TypeVar("Request", bound=Message)
@@ -25,7 +25,7 @@ class Call(NamedTuple):
     request: Any
 
 
-class ServiceServer(Closing, Generic[Request]):
+class ServiceServer(Closable, Generic[Request]):
     """Serves one service, one call at a time. Not for two threads at a time; forked children open their own."""
 
     request_subscriber: type[Subscriber[Request]]
@@ -46,13 +46,13 @@ class ServiceServer(Closing, Generic[Request]):
         """
         options: dict[str, Any] = {"lock_timeout": lock_timeout, "mode": mode, "group": group}
         with ExitStack() as opened:
-            questions = opened.enter_context(self.request_subscriber(f"{service}-request", **options))
-            passed_over(questions)
-            answers = opened.enter_context(self.reply_publisher(f"{service}-response", **options))
-            if answers._claim_doubtful:
-                passed_over(questions)
+            requests = opened.enter_context(self.request_subscriber(f"{service}-request", **options))
+            skip_stale(requests)
+            responses = opened.enter_context(self.reply_publisher(f"{service}-response", **options))
+            if responses._claim_doubtful:
+                skip_stale(requests)
             opened.pop_all()
-        self._callee = Callee(questions, answers)
+        self._calls = CallServer(requests, responses)
         self._reply: Any = self.reply_publisher.message_type
         self._service = service
 
@@ -67,9 +67,9 @@ class ServiceServer(Closing, Generic[Request]):
         for call in until(deadline, self.wait):
             try:
                 response = handler(call.request)
-                self._callee.insist(partial(self.reply, call, response), deadline)
+                self._calls.retry_until_sent(partial(self.reply, call, response), deadline)
             except Exception:
-                self._callee.insist(partial(self.fail, call), deadline)
+                self._calls.retry_until_sent(partial(self.fail, call), deadline)
                 log_exception(f"{self._service}: call {call.number} failed")
             except BaseException:
                 with suppress(LockTimeout):
@@ -85,10 +85,10 @@ class ServiceServer(Closing, Generic[Request]):
 
         A request before it that was not taken is dropped: its client has abandoned it.
         """
-        taken = self._callee.take(timeout)
+        taken = self._calls.take(timeout)
         if taken is None:
             return None
-        self._callee.begin(taken[0])
+        self._calls.begin(taken[0])
         return Call(*taken)
 
     def reply(self, call: Call, response: Any) -> bool:
@@ -96,17 +96,17 @@ class ServiceServer(Closing, Generic[Request]):
 
         Raises ValueRejected, with the path of the field, and LockTimeout; the call is then still pending.
         """
-        return self._callee.answer(
+        return self._calls.send_response(
             call.number, SimpleNamespace(call=call.number, status=self._reply.DONE, response=response)
         )
 
     def fail(self, call: Call) -> bool:
         """Reports to the client that the call failed; False as in reply(). Raises LockTimeout."""
-        return self._callee.answer(call.number, self._reply(call=call.number, status=self._reply.FAILED))
+        return self._calls.send_response(call.number, self._reply(call=call.number, status=self._reply.FAILED))
 
     def close(self) -> None:
         """Releases the service for another server; the regions stay."""
-        self._callee.close()
+        self._calls.close()
 
     @property
     def service(self) -> str:

@@ -8,11 +8,12 @@ import time
 from collections.abc import Callable
 from typing import Any, Generic, NamedTuple, TypeVar, cast
 
-from shmgen import abi
-from shmgen.runtime import header as h
-from shmgen.runtime import semaphores, straight
-from shmgen.runtime.closing import Gone, Holding
-from shmgen.runtime.header import (
+from shmgen.core import abi
+from shmgen.runtime import core
+from shmgen.runtime.messages.message import LATE_FROM, Message
+from shmgen.runtime.region import header as h
+from shmgen.runtime.region import semaphores
+from shmgen.runtime.region.header import (
     ARMED,
     BEGUN,
     COMPLETED,
@@ -26,19 +27,20 @@ from shmgen.runtime.header import (
     after,
     steps,
 )
-from shmgen.runtime.lock import Lock
-from shmgen.runtime.message import LATE_FROM, Message
-from shmgen.runtime.order import fence
-from shmgen.runtime.region import Region, open_event, open_region
+from shmgen.runtime.region.lock import Lock
+from shmgen.runtime.region.memory_order import fence
+from shmgen.runtime.region.opening import open_event, open_region
+from shmgen.runtime.region.region import Region
+from shmgen.runtime.region.resource import ClosedProxy, RegionHolder
 
 M = TypeVar("M", bound=Message)
 
-_IN_C = straight.IN_C
+_IN_C = core.IN_C
 _TRIES = 8
 """How often a sample overwritten while it was copied is given up for a newer one in one call."""
 _LOCKED_OUT = b""
 """Instead of a sample, which is never empty: the lock is needed here and was not free in time."""
-_ANEW = abi.ANEW
+_RESTART_GAP = abi.RESTART_GAP
 """So many samples cannot have come since the last look: the region was begun anew and counts from 1 again."""
 _POLL = abi.POLL_MS / 1000
 """Seconds between two looks of wait() while another reader has the event."""
@@ -58,11 +60,12 @@ class _AtHand(NamedTuple):
     pid: int
 
 
-class Subscriber(Holding, straight.Reader, Generic[M]):
+class Subscriber(RegionHolder, core.Reader, Generic[M]):
     """Reads one type from one topic. Not for two threads at a time; forked children open their own."""
 
     message_type: type[M]
     _word = "subscriber"
+    _lock: Lock
 
     def __init__(
         self,
@@ -110,7 +113,7 @@ class Subscriber(Holding, straight.Reader, Generic[M]):
         self._polls = region.options.sync == "sequence"
         self._beat = self._words[HEARTBEAT]
         self._beat_since = time.monotonic()
-        straight.connect_reader(self, region, self._long)
+        core.connect_reader(self, region, self._long)
         self._hold()
 
     def read(self) -> M | None:
@@ -142,7 +145,7 @@ class Subscriber(Holding, straight.Reader, Generic[M]):
             if newest in (0, self._last):
                 break
             unread = steps(self._last, newest, self._slots)
-            if unread >= _ANEW:
+            if unread >= _RESTART_GAP:
                 self._last, unread = newest - 1, 1
             first = max(1, unread - self._slots + 1)
             start = self._last
@@ -250,7 +253,7 @@ class Subscriber(Holding, straight.Reader, Generic[M]):
         """What is there counts as read."""
         self._last = self._words[COMPLETED]
 
-    def _let_go(self, gone: Gone) -> None:
+    def _let_go(self, gone: ClosedProxy) -> None:
         self._words = cast(memoryview, gone)
         self._disconnect()
         self._lock.leave()
@@ -298,7 +301,7 @@ class Subscriber(Holding, straight.Reader, Generic[M]):
         if found != number or steps(number, begun, slots) >= slots:
             return None
         skipped = steps(self._last, number, slots) - 1
-        if 0 < skipped < _ANEW:
+        if 0 < skipped < _RESTART_GAP:
             self._missed += skipped
             # Outside of the lock: of two readers that add at once one may be lost, which a figure for people survives.
             words[MISSED] = words[MISSED] + skipped & 0xFFFFFFFF

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 
-from shmgen.layout import CLOCK
-from shmgen.model import Clock, Scalar, TypeOptions
-from shmgen.pipeline import Item
+from shmgen.core.model import Clock, Scalar, TypeOptions
+from shmgen.core.plural import counted
+from shmgen.generator.layout import CLOCK
+from shmgen.generator.pipeline import Item
 from shmgen.targets.c.text import element as c_element
 from shmgen.targets.st.names import iec_element
-from shmgen.wording import counted
 
 
 def type_table(options: TypeOptions) -> str:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from shmgen.model import Layout, Layouts, Output
+from shmgen.core.model import Layout, Layouts, Output
+from shmgen.core.plural import counted
 from shmgen.show.table import Row, rows
-from shmgen.wording import counted
 
 BYTES_PER_LINE = 8
 LONGEST = 3

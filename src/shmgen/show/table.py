@@ -7,11 +7,11 @@ import os
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 
-from shmgen.layout import region_size
-from shmgen.model import Layout, Layouts, Message, Ref, Role, Slot, TypeName, ros_type
+from shmgen.core.model import Layout, Layouts, Message, Ref, Role, Slot, TypeName, ros_type
+from shmgen.core.plural import counted
+from shmgen.core.type_hash import hash_of
+from shmgen.generator.layout import region_size
 from shmgen.targets.st.names import iec_type
-from shmgen.type_hash import hash_of
-from shmgen.wording import counted
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,9 +11,9 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import field
 from typing import TYPE_CHECKING, Any, Protocol
 
-from shmgen.diagnostics import Report
-from shmgen.model import Action, Layouts, Output, Regions, Service, Topic
-from shmgen.records import dataclass
+from shmgen.core.diagnostics import Report
+from shmgen.core.fast_dataclass import dataclass
+from shmgen.core.model import Action, Layouts, Output, Regions, Service, Topic
 
 if TYPE_CHECKING:
     from shmgen.targets.naming import Names
@@ -38,7 +38,7 @@ class Options:
 
 
 @dataclass(frozen=True, slots=True)
-class Printed:
+class RenderedFile:
     """A file of another target, as it was planned and as it was printed."""
 
     output: Output
@@ -58,7 +58,7 @@ class Job:
     services: tuple[Service, ...] = ()
     actions: tuple[Action, ...] = ()
     options: Options = field(default_factory=Options)
-    printed: Mapping[str, tuple[Printed, ...]] = field(default_factory=dict)
+    printed: Mapping[str, tuple[RenderedFile, ...]] = field(default_factory=dict)
 
     @property
     def uses(self) -> tuple[Topic | Service | Action, ...]:
@@ -66,7 +66,7 @@ class Job:
         return (*self.topics, *self.services, *self.actions)
 
 
-class Room(Protocol):
+class TargetModule(Protocol):
     """The module with a target's code. `NAMES` is None only where it makes no name of the user's."""
 
     @property
@@ -85,72 +85,72 @@ class Target:
     """
 
     key: str
-    room: Callable[[], Room]
+    room: Callable[[], TargetModule]
     after: str = ""
     opt_in: bool = False
 
 
-def _python() -> Room:
+def _python() -> TargetModule:
     from shmgen.targets.python import target
 
     return target
 
 
-def _st() -> Room:
+def _st() -> TargetModule:
     from shmgen.targets.st import target
 
     return target
 
 
-def _plcopen() -> Room:
+def _plcopen() -> TargetModule:
     from shmgen.targets.plcopen import target
 
     return target
 
 
-def _c() -> Room:
+def _c() -> TargetModule:
     from shmgen.targets.c import target
 
     return target
 
 
-def _cpp() -> Room:
+def _cpp() -> TargetModule:
     from shmgen.targets.cpp import target
 
     return target
 
 
-def _cpp_ros1() -> Room:
+def _cpp_ros1() -> TargetModule:
     from shmgen.targets.cpp_ros import ros1
 
     return ros1
 
 
-def _cpp_ros2() -> Room:
+def _cpp_ros2() -> TargetModule:
     from shmgen.targets.cpp_ros import ros2
 
     return ros2
 
 
-def _matiec() -> Room:
-    from shmgen.targets.matiec import target
+def _matiec() -> TargetModule:
+    from shmgen.targets.openplc import matiec as target
 
     return target
 
 
-def _openplc() -> Room:
+def _openplc() -> TargetModule:
     from shmgen.targets.openplc import target
 
     return target
 
 
-def _ros1() -> Room:
+def _ros1() -> TargetModule:
     from shmgen.targets.ros import ros1
 
     return ros1
 
 
-def _ros2() -> Room:
+def _ros2() -> TargetModule:
     from shmgen.targets.ros import ros2
 
     return ros2

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from shmgen.model import Layout, Layouts, Ref, Role, Sequence, Slot
+from shmgen.core.model import Layout, Layouts, Ref, Role, Sequence, Slot
 
 
 def holds_counts(layout: Layout, layouts: Layouts) -> bool:

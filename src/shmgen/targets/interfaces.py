@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from shmgen.model import Layouts, TypeName
+from shmgen.core.model import Layouts, TypeName
 
 
 def services(layouts: Layouts) -> Iterator[TypeName]:

@@ -10,12 +10,12 @@ import re
 from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import NamedTuple
 
-from shmgen.diagnostics import Report, Span
-from shmgen.model import Action, Layout, Layouts, Role, Service, Topic, TypeName
-from shmgen.records import dataclass
+from shmgen.core.diagnostics import Report, Span
+from shmgen.core.fast_dataclass import dataclass
+from shmgen.core.model import Action, Layout, Layouts, Role, Service, Topic, TypeName
 
 
-class Made(NamedTuple):
+class ClaimedName(NamedTuple):
     """What a message becomes in a target: `what` it is ("class", "file"), its name, and the space it must be alone in.
 
     `of` is what it stands for where that is not the one message, such as its package. `follows`: it is made of another
@@ -42,7 +42,7 @@ class Names:
     title: str
     member: Callable[[str], str]
     constant: Callable[[str], str]
-    made: Callable[[Layout, str], Iterable[Made]]
+    made: Callable[[Layout, str], Iterable[ClaimedName]]
     fold: Callable[[str], str] = str
     own: Collection[str] = ()
     own_constants: Collection[str] = ()
@@ -87,7 +87,7 @@ def _check_messages(layouts: Layouts, package: str, names: Names, way_out: str, 
     own = {names.fold(name) for name in names.own}
     all_made = [(layout, made) for layout in layouts.values() for made in names.made(layout, package)]
     kinds = {what: number for number, what in enumerate(dict.fromkeys(made.what for _, made in all_made))}
-    seen: dict[tuple[str, str, str], tuple[Layout, Made]] = {}
+    seen: dict[tuple[str, str, str], tuple[Layout, ClaimedName]] = {}
     told: set[tuple[TypeName, TypeName]] = set()
     for layout, made in sorted(all_made, key=lambda found: kinds[found[1].what]):
         place, name, folded = layout.message.span, layout.name, names.fold(made.name)

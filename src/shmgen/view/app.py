@@ -13,15 +13,15 @@ from textual.screen import Screen
 from textual.widgets import DataTable, Footer, Header, Static
 from textual.widgets.data_table import ColumnKey
 
-from shmgen.diagnostics import Rejected
-from shmgen.live.classes import Workshop
+from shmgen.core.diagnostics import Rejected
+from shmgen.core.escape import legible, lines
+from shmgen.core.plural import counted
+from shmgen.live.classes import ClassRegistry
 from shmgen.live.regions import unlisted
 from shmgen.runtime import ShmError
-from shmgen.runtime.legible import legible, lines
-from shmgen.tools import top
+from shmgen.tools.watch import top
 from shmgen.view.region import RegionScreen
 from shmgen.view.source import Source
-from shmgen.wording import counted
 
 _PERIOD = 1.0
 """Seconds between two looks at all regions."""
@@ -134,9 +134,9 @@ class Viewer(App[None]):
     DataTable { height: 1fr; }
     """
 
-    def __init__(self, workshop: Workshop, *, allow_write: bool, topic: str | None = None) -> None:
+    def __init__(self, registry: ClassRegistry, *, allow_write: bool, topic: str | None = None) -> None:
         super().__init__()
-        self.workshop, self.allow_write, self._first = workshop, allow_write, topic
+        self.registry, self.allow_write, self._first = registry, allow_write, topic
 
     def on_mount(self) -> None:
         self.push_screen(Regions())
@@ -146,7 +146,7 @@ class Viewer(App[None]):
     def open(self, topic: str) -> None:
         """Shows one region, or says why that cannot be."""
         try:
-            source = Source(topic, self.workshop)
+            source = Source(topic, self.registry)
         except (ShmError, Rejected, ValueError, OSError) as error:
             self.notify(lines(str(error)), severity="error", timeout=15, markup=False)
             return

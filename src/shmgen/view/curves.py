@@ -9,8 +9,8 @@ from collections.abc import Mapping
 
 from textual_plotext import PlotextPlot
 
-from shmgen.runtime.legible import legible
-from shmgen.tools.plot import Point
+from shmgen.core.escape import legible
+from shmgen.tools.watch.plot import Point
 
 _SECONDS = 10.0
 _LEAST, _MOST = 0.1, 600.0

@@ -10,8 +10,8 @@ from textual.geometry import Size
 from textual.scroll_view import ScrollView
 from textual.strip import Strip
 
-from shmgen.runtime import header as h
-from shmgen.runtime.legible import legible
+from shmgen.core.escape import legible
+from shmgen.runtime.region import header as h
 from shmgen.view.source import Source, stretches
 
 _BYTES = 16

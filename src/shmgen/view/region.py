@@ -15,15 +15,15 @@ from textual.screen import Screen
 from textual.widgets import Button, Footer, Header, Static, TabbedContent, TabPane, TextArea, Tree
 from textual.widgets.tree import TreeNode
 
-from shmgen.diagnostics import Rejected
+from shmgen.core.diagnostics import Rejected
+from shmgen.core.escape import legible, lines
+from shmgen.core.plural import counted
 from shmgen.runtime import CountExceeded, Message, ShmError
-from shmgen.runtime.legible import legible, lines
 from shmgen.targets.python.names import python_member
-from shmgen.tools import shown
+from shmgen.tools.messages import format
 from shmgen.view.curves import Curves
 from shmgen.view.memory import Memory
 from shmgen.view.source import Source
-from shmgen.wording import counted
 
 _LOOK, _DRAW = 0.05, 0.25
 """Seconds between two looks at the region, and between two drawings of it."""
@@ -127,11 +127,11 @@ class RegionScreen(Screen[None]):
         self.app.call_from_thread(self.query_one("#said", Static).update, lines(said))
 
     def _draft(self) -> str:
-        return shown.yaml(self._source.message or self._source.kind(), None) if self._source.kind._names_ else "{}"
+        return format.yaml(self._source.message or self._source.kind(), None) if self._source.kind._names_ else "{}"
 
     def _grow(self, node: TreeNode[str], value: Message, within: str) -> None:
         for member in value._names_:
-            name = shown.ros_name(member)
+            name = format.ros_name(member)
             path = f"{within}.{name}" if within else name
             inner = getattr(value, member)
             if isinstance(inner, Message):
@@ -214,7 +214,7 @@ def in_short(value: Any) -> str:
         few = ", ".join(in_short(item) for item in value[:_SHORT])
         return f"[{few}]" if len(value) <= _SHORT else f"[{few}, ... {len(value):,} in all]"
     if isinstance(value, Message):
-        return ", ".join(f"{shown.ros_name(name)}={in_short(getattr(value, name))}" for name in value._names_)
+        return ", ".join(f"{format.ros_name(name)}={in_short(getattr(value, name))}" for name in value._names_)
     if hasattr(value, "sec") and hasattr(value, "nanosec"):
         return f"{value.sec}.{value.nanosec:09}"
     return repr(value) if isinstance(value, str) else str(value)

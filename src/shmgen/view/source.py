@@ -6,15 +6,15 @@ import time
 from collections import deque
 from collections.abc import Iterator
 
-from shmgen.live.classes import Workshop, publisher
+from shmgen.core.model import Layout, Layouts, Role
+from shmgen.live.classes import ClassRegistry, publisher
+from shmgen.live.passive_reader import Sample, Tap, tap
 from shmgen.live.regions import View, damage, depth_of, topic_of
-from shmgen.live.tap import Sample, Tap, tap
-from shmgen.model import Layout, Layouts, Role
 from shmgen.runtime import Message, region_name
-from shmgen.runtime import header as h
-from shmgen.tools import given
-from shmgen.tools.paths import Getter, getter
-from shmgen.tools.plot import Point, number
+from shmgen.runtime.region import header as h
+from shmgen.tools.messages import parse
+from shmgen.tools.messages.paths import Getter, getter
+from shmgen.tools.watch.plot import Point, number
 
 _MOST = 20_000
 """Points that are kept of a curve."""
@@ -23,10 +23,10 @@ _MOST = 20_000
 class Source:
     """One region, followed when it is made anew. Only looked at; `publish` is the exception."""
 
-    def __init__(self, topic: str, workshop: Workshop) -> None:
+    def __init__(self, topic: str, registry: ClassRegistry) -> None:
         """Raises RegionMissing, PermissionDenied, RegionUnusable, Rejected and LayoutMismatch."""
         self.topic = topic
-        self._workshop = workshop
+        self._registry = registry
         self.curves: dict[str, deque[Point]] = {}
         self._getters: dict[str, Getter] = {}
         self._view: View | None = None
@@ -87,7 +87,7 @@ class Source:
 
         Raises ValueError, ValueRejected, and what a Publisher raises.
         """
-        message = given.build(self._kind, given.parse(text))
+        message = parse.build(self._kind, parse.parse(text))
         with publisher(self._kind, self.topic, depth_of(self.header())) as writer:
             writer.publish(message)
             return f"sample {writer.sequence} is in the region"
@@ -102,7 +102,7 @@ class Source:
         view = View(region_name(self.topic))
         try:
             header = view.header()
-            session = self._workshop.session_of(header.type_name, header.digest)
+            session = self._registry.session_of(header.type_name, header.digest)
             self._kind = session.message(header.type_name)
             self.layout: Layout = session.layout(header.type_name)
             self.layouts: Layouts = session.layouts([header.type_name])

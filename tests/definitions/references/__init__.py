@@ -20,9 +20,9 @@ from typing import Any, NamedTuple
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import get_types_from_msg
 
+from shmgen.core.model import Array, Clock, FieldType, Message, Ref, ros_type
+from shmgen.core.model import Sequence as SequenceType
 from shmgen.definitions.tokens import Dialect
-from shmgen.model import Array, Clock, FieldType, Message, Ref, ros_type
-from shmgen.model import Sequence as SequenceType
 
 HERE = Path(__file__).parent
 ENDINGS = {"msg": ("",), "srv": ("_Request", "_Response"), "action": ("_Goal", "_Result", "_Feedback")}

@@ -2,8 +2,8 @@
 
 import sys
 
-from shmgen import layout
 from shmgen.cli import main
+from shmgen.generator import layout
 
 layout.region_size = None  # type: ignore[assignment]
 sys.argv = ["shmgen", "generate", "std_msgs/Bool"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
-from shmgen.model import Layout, Layouts, Output, Ref, Regions, Role, Slot, String
+from shmgen.core.model import Layout, Layouts, Output, Ref, Regions, Role, Slot, String
 from shmgen.targets.c.names import c_member, ends_header, header, struct_name
 from shmgen.targets.c.text import in_comment, quoted
 from shmgen.targets.counts import bound, counts

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from shmgen.model import Layout, TypeName
-from shmgen.targets.naming import Made, Names, file_stem, words
+from shmgen.core.model import Layout, TypeName
+from shmgen.targets.naming import ClaimedName, Names, file_stem, words
 
 
 def c_member(name: str) -> str:
@@ -37,16 +37,16 @@ def ends_header(name: TypeName, package: str) -> str:
     return header(name, package).removesuffix(".h") + "_shm.h"
 
 
-def _made(layout: Layout, package: str) -> Iterator[Made]:
+def _made(layout: Layout, package: str) -> Iterator[ClaimedName]:
     """Structures and macros share C's one space for names."""
     struct = struct_name(layout.name)
-    yield Made("name", struct)
+    yield ClaimedName("name", struct)
     for constant in layout.message.constants:
-        yield Made("name", macro(layout.name, constant.name))
+        yield ClaimedName("name", macro(layout.name, constant.name))
     for ending in _ENDS if layout.requested else ():
-        yield Made("name", struct + ending, follows=True)
-    yield Made("file", header(layout.name, package))
-    yield Made("file", ends_header(layout.name, package), follows=True)
+        yield ClaimedName("name", struct + ending, follows=True)
+    yield ClaimedName("file", header(layout.name, package))
+    yield ClaimedName("file", ends_header(layout.name, package), follows=True)
 
 
 _PUBLISHER = ("", "_open", "_start", "_send", "_publish", "_try_publish", "_close")

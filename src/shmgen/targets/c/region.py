@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from shmgen import abi
-from shmgen.abi import Number, Word
-from shmgen.model import Output
+from shmgen.core import abi
+from shmgen.core.abi import Number, Word
+from shmgen.core.model import Output
 
 _TYPES = {"u8": "uint8_t", "char": "char", "u16": "uint16_t", "u32": "uint32_t", "u64": "uint64_t"}
 

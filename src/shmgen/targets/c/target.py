@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from shmgen.diagnostics import Report
-from shmgen.model import (
+from shmgen.core.diagnostics import Report
+from shmgen.core.model import (
     Clock,
     Layout,
     Layouts,
@@ -18,6 +18,7 @@ from shmgen.model import (
     assert_never,
     ros_type,
 )
+from shmgen.core.plural import counted
 from shmgen.targets import Job
 from shmgen.targets.c import ends, region
 from shmgen.targets.c.names import NAMES as NAMES
@@ -25,7 +26,6 @@ from shmgen.targets.c.names import c_member, header, macro, struct_name
 from shmgen.targets.c.text import element as c_element
 from shmgen.targets.c.text import in_comment, literal
 from shmgen.targets.counts import bound, counts, holds_counts
-from shmgen.wording import counted
 
 _CLOCK_UNITS = {"TIME": "ms", "LTIME": "ns", "struct": "s and ns"}
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from shmgen.model import Clock, Constant, Element, Ref, Scalar, String, TypeOptions, assert_never
+from shmgen.core.model import Clock, Constant, Element, Ref, Scalar, String, TypeOptions, assert_never
 from shmgen.targets.c.names import struct_name
 
 _TYPES = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from shmgen.model import Layouts, Output, TypeName
+from shmgen.core.model import Layouts, Output, TypeName
 from shmgen.targets import interfaces
 from shmgen.targets.c.text import in_comment
 from shmgen.targets.cpp.names import class_name, header, namespace

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from shmgen.model import (
+from shmgen.core.model import (
     Clock,
     Constant,
     Default,

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from shmgen.model import Layout, TypeName
+from shmgen.core.model import Layout, TypeName
 from shmgen.targets.c.names import c_member
-from shmgen.targets.naming import Made, Names, file_stem
+from shmgen.targets.naming import ClaimedName, Names, file_stem
 
 
 def cpp_name(name: str) -> str:
@@ -34,20 +34,20 @@ def header(name: TypeName, package: str) -> str:
     return f"{package}/{name.package}/{name.kind}/{file_stem(name)}.hpp"
 
 
-def _made(layout: Layout, package: str) -> Iterator[Made]:
+def _made(layout: Layout, package: str) -> Iterator[ClaimedName]:
     space = namespace(layout.name, package)
-    yield Made("namespace", cpp_name(layout.name.package), package, layout.name.package)
-    yield Made("class", class_name(layout.name), space)
+    yield ClaimedName("namespace", cpp_name(layout.name.package), package, layout.name.package)
+    yield ClaimedName("class", class_name(layout.name), space)
     if layout.message.constants:
-        yield Made("class", f"{class_name(layout.name)}_Constants", space, follows=True)
+        yield ClaimedName("class", f"{class_name(layout.name)}_Constants", space, follows=True)
     for ending in ("Publisher", "Subscriber") if layout.requested else ():
-        yield Made("class", class_name(layout.name) + ending, space, follows=True)
+        yield ClaimedName("class", class_name(layout.name) + ending, space, follows=True)
     for ending, made in _CALLS.items() if layout.requested else ():
         if layout.name.kind in ("srv", "action") and layout.name.name.endswith(ending):
             whole = layout.name.name.removesuffix(ending)
             for name in made:
-                yield Made("class", whole + name, space, of=str(layout.name._replace(name=whole)))
-    yield Made("file", header(layout.name, package))
+                yield ClaimedName("class", whole + name, space, of=str(layout.name._replace(name=whole)))
+    yield ClaimedName("file", header(layout.name, package))
 
 
 _CALLS = {"_Reply": ("", "Client", "Server"), "_Outcome": ("", "ActionClient", "ActionServer")}

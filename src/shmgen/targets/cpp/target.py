@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from shmgen.diagnostics import Report
-from shmgen.model import Layout, Layouts, Output, Regions
+from shmgen.core.diagnostics import Report
+from shmgen.core.model import Layout, Layouts, Output, Regions
+from shmgen.core.plural import counted
 from shmgen.targets import Job
 from shmgen.targets.c import ends, region
 from shmgen.targets.c.target import Member
@@ -15,7 +16,6 @@ from shmgen.targets.cpp import calls
 from shmgen.targets.cpp.members import constant_line, members, misfits
 from shmgen.targets.cpp.names import NAMES as NAMES
 from shmgen.targets.cpp.names import class_name, header, namespace, qualified
-from shmgen.wording import counted
 
 RUNTIME = ("shmgen_values.hpp", "shmgen.hpp", "shmgen_calls.hpp", "shmgen_actions.hpp")
 """Written by hand, in templates/cpp."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
-from shmgen.diagnostics import Report
-from shmgen.model import Clock, Layout, Layouts, Output, Role, TypeName
+from shmgen.core.diagnostics import Report
+from shmgen.core.model import Clock, Layout, Layouts, Output, Role, TypeName
 from shmgen.targets import Job
 from shmgen.targets.c.text import in_comment
 from shmgen.targets.cpp.names import class_name, cpp_name, header, namespace, qualified
-from shmgen.targets.naming import Made, Names
+from shmgen.targets.naming import ClaimedName, Names
 
 
 class Ros(NamedTuple):
@@ -25,11 +25,11 @@ class Ros(NamedTuple):
 def names(key: str) -> Names:
     """A target's names: the classes are those of cpp and of ROS, the files its own."""
 
-    def made(layout: Layout, package: str) -> Iterator[Made]:
+    def made(layout: Layout, package: str) -> Iterator[ClaimedName]:
         if split(layout.name):
-            yield Made("namespace", cpp_name(layout.name.package), package, layout.name.package)
-            yield Made("class", class_name(layout.name), namespace(layout.name, package))
-            yield Made("file", header(layout.name, _root(key, package)))
+            yield ClaimedName("namespace", cpp_name(layout.name.package), package, layout.name.package)
+            yield ClaimedName("class", class_name(layout.name), namespace(layout.name, package))
+            yield ClaimedName("file", header(layout.name, _root(key, package)))
 
     return Names(f"C++ for ROS {key[-1]}", member=cpp_name, constant=cpp_name, made=made)
 

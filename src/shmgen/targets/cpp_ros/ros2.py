@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from shmgen.diagnostics import Report
-from shmgen.model import Output, TypeName
+from shmgen.core.diagnostics import Report
+from shmgen.core.model import Output, TypeName
 from shmgen.targets import Job
 from shmgen.targets.cpp.names import cpp_name
 from shmgen.targets.cpp_ros import convert

@@ -8,11 +8,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-from shmgen.model import Layout, Layouts, TypeName
+from shmgen.core.model import Layout, Layouts, TypeName
 from shmgen.targets.c.names import struct_name
 from shmgen.targets.counts import holds_counts
+from shmgen.targets.openplc.compiler import Compiler
 from shmgen.targets.openplc.copying import copies
-from shmgen.targets.openplc.dialect import Dialect
 from shmgen.targets.openplc.names import whole
 from shmgen.targets.st import names as st
 
@@ -50,13 +50,13 @@ _STATE = (
 )
 
 
-def pair(layout: Layout, layouts: Layouts, dialect: Dialect) -> tuple[Block, Block]:
-    return _publisher(layout, layouts, dialect), _subscriber(layout, layouts, dialect)
+def pair(layout: Layout, layouts: Layouts, compiler: Compiler) -> tuple[Block, Block]:
+    return _publisher(layout, layouts, compiler), _subscriber(layout, layouts, compiler)
 
 
-def named(dialect: Dialect, name: str, example: str) -> Variable:
+def named(compiler: Compiler, name: str, example: str) -> Variable:
     """The input with the name of what the block opens."""
-    return Variable(name, dialect.text(80, in_array=False), f"'{example}'; read on the rising edge of xEnable")
+    return Variable(name, compiler.text(80, in_array=False), f"'{example}'; read on the rising edge of xEnable")
 
 
 def message(name: str, layout: Layout, comment: str) -> Variable:
@@ -64,14 +64,14 @@ def message(name: str, layout: Layout, comment: str) -> Variable:
     return Variable(name, whole(st.st_type(layout.name)), comment)
 
 
-def _publisher(layout: Layout, layouts: Layouts, dialect: Dialect) -> Block:
+def _publisher(layout: Layout, layouts: Layouts, compiler: Compiler) -> Block:
     misses = "cycles in which the lock was not free"
     return Block(
         whole(st.publisher_block(layout.name)),
         f"Publishes {layout.name} on one topic. Call it once in each cycle.",
         (
             _ENABLE,
-            named(dialect, "sTopic", "/robot/pose"),
+            named(compiler, "sTopic", "/robot/pose"),
             Variable("xSend", "BOOL", "TRUE: writes Msg in this cycle", "TRUE"),
             message("Msg", layout, ""),
             _DEPTH,
@@ -83,12 +83,12 @@ def _publisher(layout: Layout, layouts: Layouts, dialect: Dialect) -> Block:
             Variable("udiLockMisses", "UDINT", misses),
         ),
         (END,),
-        tuple(_publish(layout, layouts, dialect)),
+        tuple(_publish(layout, layouts, compiler)),
         (layout.name,),
     )
 
 
-def _subscriber(layout: Layout, layouts: Layouts, dialect: Dialect) -> Block:
+def _subscriber(layout: Layout, layouts: Layouts, compiler: Compiler) -> Block:
     refused = (
         [Variable("udiRefused", "UDINT", "samples with a count above its bound, which Msg did not take")]
         if holds_counts(layout, layouts)
@@ -99,7 +99,7 @@ def _subscriber(layout: Layout, layouts: Layouts, dialect: Dialect) -> Block:
         f"Reads {layout.name} from one topic. Call it once in each cycle.",
         (
             _ENABLE,
-            named(dialect, "sTopic", "/robot/pose"),
+            named(compiler, "sTopic", "/robot/pose"),
             Variable("tTimeout", "TIME", "xStale after so long without a sign of the writer", "T#1s"),
             Variable("xNewest", "BOOL", "FALSE: the oldest unread sample, one a call", "TRUE"),
             _DEPTH,
@@ -116,92 +116,92 @@ def _subscriber(layout: Layout, layouts: Layouts, dialect: Dialect) -> Block:
             *refused,
         ),
         (END,),
-        tuple(_read(layout, layouts, dialect)),
+        tuple(_read(layout, layouts, compiler)),
         (layout.name,),
     )
 
 
-def enter(dialect: Dialect, name: str, opened: Iterable[str]) -> Iterator[str]:
+def enter(compiler: Compiler, name: str, opened: Iterable[str]) -> Iterator[str]:
     """Finds the block's end, or opens it on the rising edge: `opened` takes the text and length of the input `name`."""
-    statement, text, length = dialect.topic(name)
-    yield f"const bool enabled = {dialect.get('XENABLE')} != 0;"
-    yield f"uint32_t number = {dialect.get('_UDIEND')};"
-    yield f"shmgen_block *end = shmgen_block_enter(&number, {dialect.owner}, enabled);"
+    statement, text, length = compiler.topic(name)
+    yield f"const bool enabled = {compiler.get('XENABLE')} != 0;"
+    yield f"uint32_t number = {compiler.get('_UDIEND')};"
+    yield f"shmgen_block *end = shmgen_block_enter(&number, {compiler.owner}, enabled);"
     yield "if (end == NULL && enabled) {"
     if statement:
         yield f"    {statement}"
     yield from (f"    {line.format(text=text, length=length)}" for line in opened)
     yield "}"
-    yield dialect.put("_UDIEND", "number")
+    yield compiler.put("_UDIEND", "number")
 
 
-def _enter(layout: Layout, dialect: Dialect, writer: str) -> Iterator[str]:
-    depth = dialect.get("UDIDEPTH")
+def _enter(layout: Layout, compiler: Compiler, writer: str) -> Iterator[str]:
+    depth = compiler.get("UDIDEPTH")
     opened = (
         f"const shmgen_type type = {struct_name(layout.name)}_type();",
-        f"end = shmgen_block_open(&number, {dialect.owner}, &type, {writer}, {{text}}, {{length}}, {depth});",
+        f"end = shmgen_block_open(&number, {compiler.owner}, &type, {writer}, {{text}}, {{length}}, {depth});",
     )
-    yield from enter(dialect, "STOPIC", opened)
+    yield from enter(compiler, "STOPIC", opened)
 
 
-def _leave(dialect: Dialect) -> Iterator[str]:
-    yield dialect.put("EERRORID", "shmgen_block_error(end, enabled)")
-    yield dialect.put("XERROR", "shmgen_block_error(end, enabled) != 0")
-    yield dialect.put("XBUSY", "shmgen_block_is_busy(end)")
+def _leave(compiler: Compiler) -> Iterator[str]:
+    yield compiler.put("EERRORID", "shmgen_block_error(end, enabled)")
+    yield compiler.put("XERROR", "shmgen_block_error(end, enabled) != 0")
+    yield compiler.put("XBUSY", "shmgen_block_is_busy(end)")
     yield "shmgen_block_leave(end);"
 
 
-def _publish(layout: Layout, layouts: Layouts, dialect: Dialect) -> Iterator[str]:
-    yield from _enter(layout, dialect, "true")
+def _publish(layout: Layout, layouts: Layouts, compiler: Compiler) -> Iterator[str]:
+    yield from _enter(layout, compiler, "true")
     yield "bool sent = false;"
     yield "if (end != NULL) {"
     yield "    const bool is_open = shmgen_block_is_open(end);"  # asked once: a call may be the one that opens
-    yield f"    const bool send = is_open && {dialect.get('XSEND')} != 0;"
+    yield f"    const bool send = is_open && {compiler.get('XSEND')} != 0;"
     yield "    shmgen_status fits = SHMGEN_OK;"
     yield "    if (send) {"
-    filled = fill(layout, layouts, dialect, "end", (("MSG", "", layout.name),))
+    filled = fill(layout, layouts, compiler, "end", (("MSG", "", layout.name),))
     yield from (f"        {line}" for line in filled)
     yield "    }"
     yield "    sent = is_open && shmgen_block_write(end, send, fits);"
-    yield f"    {dialect.put('UDISEQUENCE', 'end->sequence')}"
-    yield f"    {dialect.put('UDILOCKMISSES', 'shmgen_block_misses(end)')}"
+    yield f"    {compiler.put('UDISEQUENCE', 'end->sequence')}"
+    yield f"    {compiler.put('UDILOCKMISSES', 'shmgen_block_misses(end)')}"
     yield "}"
-    yield dialect.put("XSENT", "sent")
-    yield from _leave(dialect)
+    yield compiler.put("XSENT", "sent")
+    yield from _leave(compiler)
 
 
 def fill(
-    layout: Layout, layouts: Layouts, dialect: Dialect, end: str, parts: Iterable[tuple[str, str, TypeName]]
+    layout: Layout, layouts: Layouts, compiler: Compiler, end: str, parts: Iterable[tuple[str, str, TypeName]]
 ) -> Iterator[str]:
     """Copies inputs into the end's `message`, each to the member that it is, and looks whether they `fits`."""
     name = struct_name(layout.name)
     yield f"{name} *message = ({name} *){end}->message;"
     for variable, at, part in parts:
-        place = dialect.structure(variable)
-        yield from copies(layouts[part], layouts, dialect, place, f"message->{at}", to_plc=False)
+        place = compiler.structure(variable)
+        yield from copies(layouts[part], layouts, compiler, place, f"message->{at}", to_plc=False)
     yield f"shmgen_path_clear(&{end}->publisher.path);"
     yield f"fits = shmgen_check_{name}(message, &{end}->publisher.path);"
 
 
-def _read(layout: Layout, layouts: Layouts, dialect: Dialect) -> Iterator[str]:
+def _read(layout: Layout, layouts: Layouts, compiler: Compiler) -> Iterator[str]:
     name = struct_name(layout.name)
-    yield from _enter(layout, dialect, "false")
+    yield from _enter(layout, compiler, "false")
     yield "bool fresh = false;"
     yield "if (end != NULL) {"
-    newest = f"{dialect.get('XNEWEST')} != 0"
+    newest = f"{compiler.get('XNEWEST')} != 0"
     yield f"    fresh = shmgen_block_read(end, {newest}, shmgen_receive_{name});"
     yield "    if (fresh) {"
     yield f"        const {name} *message = (const {name} *)end->message;"
-    for line in copies(layout, layouts, dialect, dialect.structure("MSG"), "message->", to_plc=True):
+    for line in copies(layout, layouts, compiler, compiler.structure("MSG"), "message->", to_plc=True):
         yield f"        {line}"
     yield "    }"
-    yield f"    {dialect.put('UDISEQUENCE', 'end->sequence')}"
-    yield f"    {dialect.put('UDIMISSED', 'shmgen_block_missed(end)')}"
-    yield f"    {dialect.put('UDILOCKMISSES', 'shmgen_block_misses(end)')}"
+    yield f"    {compiler.put('UDISEQUENCE', 'end->sequence')}"
+    yield f"    {compiler.put('UDIMISSED', 'shmgen_block_missed(end)')}"
+    yield f"    {compiler.put('UDILOCKMISSES', 'shmgen_block_misses(end)')}"
     if holds_counts(layout, layouts):
-        yield f"    {dialect.put('UDIREFUSED', 'shmgen_block_refused(end)')}"
+        yield f"    {compiler.put('UDIREFUSED', 'shmgen_block_refused(end)')}"
     yield "}"
-    yield dialect.put("XNEWDATA", "fresh")
-    yield dialect.put("XVALID", "shmgen_block_is_valid(end, fresh)")
-    yield dialect.put("XSTALE", f"shmgen_block_is_stale(end, {dialect.ns('TTIMEOUT')})")
-    yield from _leave(dialect)
+    yield compiler.put("XNEWDATA", "fresh")
+    yield compiler.put("XVALID", "shmgen_block_is_valid(end, fresh)")
+    yield compiler.put("XSTALE", f"shmgen_block_is_stale(end, {compiler.ns('TTIMEOUT')})")
+    yield from _leave(compiler)

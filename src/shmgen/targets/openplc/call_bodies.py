@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from shmgen.model import Layout, Layouts, TypeName
+from shmgen.core.model import Layout, Layouts, TypeName
 from shmgen.targets.c.names import struct_name
 from shmgen.targets.counts import holds_counts
 from shmgen.targets.openplc.blocks import enter, fill
+from shmgen.targets.openplc.compiler import Compiler
 from shmgen.targets.openplc.copying import copies
-from shmgen.targets.openplc.dialect import Dialect
 
 
 class Call(NamedTuple):
@@ -18,7 +18,7 @@ class Call(NamedTuple):
 
     name: TypeName
     layouts: Layouts
-    dialect: Dialect
+    compiler: Compiler
     question: Layout
     answer: Layout
     progress: Layout | None
@@ -33,7 +33,7 @@ class Call(NamedTuple):
 
     def copied(self, layout: Layout, variable: str, at: str) -> list[str]:
         """From `message` to the program."""
-        return copies(layout, self.layouts, self.dialect, self.dialect.structure(variable), at, to_plc=True)
+        return copies(layout, self.layouts, self.compiler, self.compiler.structure(variable), at, to_plc=True)
 
 
 def _constant(layout: Layout, name: str) -> int:
@@ -44,7 +44,7 @@ def _opened(call: Call, calls: str) -> Iterator[str]:
     types = [f"{struct_name(one.name)}_type()" for one in (call.question, call.answer, call.progress) if one]
     yield f"const shmgen_type types[] = {{{{{', '.join(types)}}}}};"
     yield (
-        f"end = shmgen_call_open(&number, {call.dialect.owner}, types, {len(types)}, {calls}, {{text}}, {{length}});"
+        f"end = shmgen_call_open(&number, {call.compiler.owner}, types, {len(types)}, {calls}, {{text}}, {{length}});"
     )
 
 
@@ -56,8 +56,8 @@ def _look(layout: Layout, end: str) -> Iterator[str]:
 
 
 def calls(call: Call) -> Iterator[str]:
-    get, put, dialect = call.dialect.get, call.dialect.put, call.dialect
-    yield from enter(dialect, "SACTION" if call.progress else "SSERVICE", _opened(call, "true"))
+    get, put, compiler = call.compiler.get, call.compiler.put, call.compiler
+    yield from enter(compiler, "SACTION" if call.progress else "SSERVICE", _opened(call, "true"))
     if call.progress:
         yield "bool fresh = false;"
     yield "if (end != NULL) {"
@@ -69,7 +69,7 @@ def calls(call: Call) -> Iterator[str]:
     yield "    }"
     if call.progress:
         yield from (f"    {line}" for line in _follow(call, call.progress))
-    yield f"    if (shmgen_caller_is_answered(end, {dialect.ns('TTIMEOUT')})) {{"
+    yield f"    if (shmgen_caller_is_answered(end, {compiler.ns('TTIMEOUT')})) {{"
     yield from (f"        {line}" for line in _look(call.answer, "end->beside[0]"))
     good = _constant(call.answer, "SUCCEEDED" if call.progress else "DONE")
     canceled = _constant(call.answer, "CANCELED") if call.progress else good
@@ -98,14 +98,14 @@ def _response(call: Call) -> list[str]:
 def _ask(call: Call) -> Iterator[str]:
     """The wish to cancel a goal carries none."""
     if not call.progress:
-        yield from fill(call.question, call.layouts, call.dialect, "end", (("REQUEST", "", call.question.name),))
+        yield from fill(call.question, call.layouts, call.compiler, "end", (("REQUEST", "", call.question.name),))
         return
     name = struct_name(call.question.name)
     yield f"{name} *command = ({name} *)end->message;"
     yield "memset(command, 0, sizeof *command);"
     yield "if (end->call.number == 0) {"
     goal = (("GOAL", "goal.", call.part("_Goal").name),)
-    yield from (f"    {line}" for line in fill(call.question, call.layouts, call.dialect, "end", goal))
+    yield from (f"    {line}" for line in fill(call.question, call.layouts, call.compiler, "end", goal))
     yield "}"
     yield "command->cancel = end->call.number;"
 
@@ -126,7 +126,7 @@ def _follow(call: Call, progress: Layout) -> Iterator[str]:
 
 
 def serves(call: Call) -> Iterator[str]:
-    get, put, dialect = call.dialect.get, call.dialect.put, call.dialect
+    get, put, compiler = call.compiler.get, call.compiler.put, call.compiler
     says = {"XDONE": "SUCCEEDED", "XABORTED": "CANCELED", "XFAILED": "ABORTED", "XREJECT": "REJECTED"}
     if not call.progress:
         says = {"XDONE": "DONE", "XFAILED": "FAILED"}
@@ -134,13 +134,13 @@ def serves(call: Call) -> Iterator[str]:
     job = "".join(f"{get(variable)} != 0 ? {number} : " for variable, number in reversed(numbers.items()))
     good, bad = numbers["XDONE"], numbers["XFAILED"]
     what = ("RESULT", "result.", "_Result") if call.progress else ("RESPONSE", "response.", "_Response")
-    yield from enter(dialect, "SACTION" if call.progress else "SSERVICE", _opened(call, "false"))
+    yield from enter(compiler, "SACTION" if call.progress else "SSERVICE", _opened(call, "false"))
     yield "if (end != NULL) {"
     yield "    shmgen_status fits = SHMGEN_OK;"
     yield f"    shmgen_server_cycle(end, {job}0);"
     yield "    if (shmgen_server_answers(end)) {"
     answer = ((what[0], what[1], call.part(what[2]).name),)
-    yield from (f"        {line}" for line in fill(call.answer, call.layouts, dialect, "end->beside[0]", answer))
+    yield from (f"        {line}" for line in fill(call.answer, call.layouts, compiler, "end->beside[0]", answer))
     yield "        if (fits != SHMGEN_OK)"
     yield "            memset(message, 0, sizeof *message);"
     yield f"        message->{call.number} = end->call.answered;"
@@ -169,9 +169,9 @@ def serves(call: Call) -> Iterator[str]:
 
 
 def _report(call: Call, progress: Layout) -> Iterator[str]:
-    yield f"if ({call.dialect.get('XSEND')} != 0 && shmgen_server_reports(end)) {{"
+    yield f"if ({call.compiler.get('XSEND')} != 0 && shmgen_server_reports(end)) {{"
     feedback = (("FEEDBACK", "feedback.", call.part("_Feedback").name),)
-    yield from (f"    {line}" for line in fill(progress, call.layouts, call.dialect, "end->beside[1]", feedback))
+    yield from (f"    {line}" for line in fill(progress, call.layouts, call.compiler, "end->beside[1]", feedback))
     yield "    message->goal = end->call.number;"
     canceling, executing = (_constant(progress, name) for name in ("CANCELING", "EXECUTING"))
     yield f"    message->status = end->call.cancel ? {canceling} : {executing};"
@@ -180,7 +180,7 @@ def _report(call: Call, progress: Layout) -> Iterator[str]:
 
 
 def _ends(call: Call, error: str, failed: str) -> Iterator[str]:
-    put = call.dialect.put
+    put = call.compiler.put
     yield put("EERRORID", error)
     yield put("XERROR", failed)
     yield put("UDIGOAL" if call.progress else "UDICALL", "end != NULL ? end->call.number : 0")

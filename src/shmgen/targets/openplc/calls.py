@@ -7,26 +7,26 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from shmgen.model import Layout, Layouts
+from shmgen.core.model import Layout, Layouts
 from shmgen.targets import interfaces
 from shmgen.targets.counts import holds_counts
 from shmgen.targets.openplc.blocks import END, Block, Variable, message, named
 from shmgen.targets.openplc.call_bodies import Call, calls, serves
-from shmgen.targets.openplc.dialect import Dialect
+from shmgen.targets.openplc.compiler import Compiler
 from shmgen.targets.openplc.names import whole
 from shmgen.targets.st import names as st
 
 
-def blocks(layouts: Layouts, dialect: Dialect) -> Iterator[Block]:
+def blocks(layouts: Layouts, compiler: Compiler) -> Iterator[Block]:
     """Client and server of each service and action that was asked for."""
     for name in interfaces.services(layouts):
         request, reply = (layouts[name.part(part)] for part in ("_Request", "_Reply"))
-        service = Call(name, layouts, dialect, request, reply, None)
+        service = Call(name, layouts, compiler, request, reply, None)
         yield _client(service)
         yield _server(service)
     for name in interfaces.actions(layouts):
         command, outcome, progress = (layouts[name.part(part)] for part in ("_Command", "_Outcome", "_Progress"))
-        action = Call(name, layouts, dialect, command, outcome, progress)
+        action = Call(name, layouts, compiler, command, outcome, progress)
         yield _action_client(action)
         yield _action_server(action)
 
@@ -75,7 +75,7 @@ def _block(
 
 
 def _client(call: Call) -> Block:
-    service = named(call.dialect, "sService", "/cell/start")
+    service = named(call.compiler, "sService", "/cell/start")
     cancel = "TRUE: waits no longer; the server may do it all the same"
     outputs = (
         _bool("xDone", "the server has done it; Response is its answer"),
@@ -93,7 +93,7 @@ def _client(call: Call) -> Block:
 def _server(call: Call) -> Block:
     inputs = (
         _ENABLE,
-        named(call.dialect, "sService", "/cell/start"),
+        named(call.compiler, "sService", "/cell/start"),
         _bool("xDone", "TRUE: the job is done, Response is the answer. Must fall before the next call is taken,"),
         _bool("xFailed", "as this one: TRUE: the job cannot be done"),
         message("Response", call.part("_Response"), ""),
@@ -108,7 +108,7 @@ def _server(call: Call) -> Block:
 
 def _action_client(call: Call) -> Block:
     assert call.progress
-    action = named(call.dialect, "sAction", "/arm/move")
+    action = named(call.compiler, "sAction", "/arm/move")
     cancel = "TRUE: asks the server to cancel the goal, which ends when the server says so"
     refused = Variable("udiRefused", "UDINT", "feedback with a count above its bound, which Feedback did not take")
     outputs = (
@@ -132,7 +132,7 @@ def _action_client(call: Call) -> Block:
 def _action_server(call: Call) -> Block:
     inputs = (
         _ENABLE,
-        named(call.dialect, "sAction", "/arm/move"),
+        named(call.compiler, "sAction", "/arm/move"),
         _bool("xDone", "TRUE: the goal is reached. Must fall before the next goal is taken, as these:"),
         _bool("xAborted", "TRUE: the job ended because of xCancel"),
         _bool("xFailed", "TRUE: the job ended otherwise"),

@@ -8,25 +8,25 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from shmgen.model import Layout, Layouts, Ref, Role
+from shmgen.core.model import Layout, Layouts, Ref, Role
 from shmgen.targets.c.names import c_member
 from shmgen.targets.counts import bound, counts
-from shmgen.targets.openplc.dialect import Dialect
+from shmgen.targets.openplc.compiler import Compiler
 from shmgen.targets.openplc.names import member
 
 _INDENT = "    "
 
 
-def copies(layout: Layout, layouts: Layouts, dialect: Dialect, plc: str, c: str, *, to_plc: bool) -> list[str]:
+def copies(layout: Layout, layouts: Layouts, compiler: Compiler, plc: str, c: str, *, to_plc: bool) -> list[str]:
     """From `c` to `plc`, or the other way round."""
-    return list(_copies(layout, layouts, dialect, (plc, c), to_plc, 0))
+    return list(_copies(layout, layouts, compiler, (plc, c), to_plc, 0))
 
 
 def _copies(
-    layout: Layout, layouts: Layouts, dialect: Dialect, owners: tuple[str, str], to_plc: bool, depth: int
+    layout: Layout, layouts: Layouts, compiler: Compiler, owners: tuple[str, str], to_plc: bool, depth: int
 ) -> Iterator[str]:
     counted = counts(layout)
-    leaf = dialect.leaf_in if to_plc else dialect.leaf_out
+    leaf = compiler.leaf_in if to_plc else compiler.leaf_out
     for slot in layout.slots:
         if slot.role is Role.PADDING:
             continue
@@ -39,11 +39,11 @@ def _copies(
                 limit = f"{limit} && {index} < {owners[1]}{c_member(own.name)}"
                 assert bound(own) == slot.count
             yield f"for (uint32_t {index} = 0; {index} < {limit}; {index}++) {{"
-            plc, c = dialect.element(plc, index), f"{c}[{index}]"
+            plc, c = compiler.element(plc, index), f"{c}[{index}]"
         indent = "" if slot.count is None else _INDENT
         if isinstance(slot.type, Ref):
             inner = layouts[slot.type.name]
-            for line in _copies(inner, layouts, dialect, (plc, f"{c}."), to_plc, depth + 1):
+            for line in _copies(inner, layouts, compiler, (plc, f"{c}."), to_plc, depth + 1):
                 yield indent + line
         else:
             yield indent + leaf(plc, c, slot.type, layout.options)

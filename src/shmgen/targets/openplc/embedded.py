@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-from shmgen.model import Layout
+from shmgen.core.model import Layout
 from shmgen.targets import Job
 from shmgen.targets.c.ends import RUNTIME
 from shmgen.targets.c.names import ends_header, header, struct_name

@@ -4,29 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from shmgen.diagnostics import Report
-from shmgen.model import Clock, Layout, Layouts, Slot, String
-from shmgen.targets.openplc.dialect import Dialect
+from shmgen.core.diagnostics import Report
+from shmgen.core.model import Clock, Layout, Layouts, Slot, String
+from shmgen.targets.openplc.compiler import Compiler
 
 
-def check(layouts: Layouts, dialect: Dialect, key: str, report: Report) -> None:
+def check(layouts: Layouts, compiler: Compiler, key: str, report: Report) -> None:
     for layout in layouts.values():
         for slot in layout.slots:
-            for fault, hint in _faults(slot, layout, dialect):
+            for fault, hint in _faults(slot, layout, compiler):
                 assert slot.field, "padding holds anything"
                 span = slot.field.span.at(slot.field.name)
                 if not report.is_enough(span.path):
                     where = f"{layout.name.short}.{slot.name}"
                     hint = f'{hint}, or leave "{key}" out of `targets` in shmgen.toml'
-                    report.error("SHM305", f"{fault} {dialect.title}", span, field=where, hint=hint)
+                    report.error("SHM305", f"{fault} {compiler.title}", span, field=where, hint=hint)
 
 
-def _faults(slot: Slot, layout: Layout, dialect: Dialect) -> Iterator[tuple[str, str]]:
+def _faults(slot: Slot, layout: Layout, compiler: Compiler) -> Iterator[tuple[str, str]]:
     match slot.type:
         case String(wide=True):
             yield "there is no WSTRING in", "make it a string in the definition"
-        case String(capacity, _) if (capacity or 0) > dialect.longest:
-            most = f"{dialect.longest} bytes"
+        case String(capacity, _) if (capacity or 0) > compiler.longest:
+            most = f"{compiler.longest} bytes"
             yield f"{capacity} bytes are more than the {most} of a STRING in", f"bound it to {most} or fewer"
         case Clock() if layout.options.time == "LTIME":
             yield "there is no LTIME in", 'say time = "TIME" or "struct" in shmgen.toml'

@@ -10,8 +10,8 @@ import re
 from collections.abc import Iterator
 from dataclasses import replace
 
-from shmgen.model import Layout
-from shmgen.targets.naming import Made, Names, words
+from shmgen.core.model import Layout
+from shmgen.targets.naming import ClaimedName, Names, words
 from shmgen.targets.openplc.macros import MACROS
 from shmgen.targets.st import names as st
 
@@ -45,8 +45,8 @@ def topic(name: str) -> str:
     return member(name.removeprefix("/").replace("/", "_"))
 
 
-def _made(layout: Layout, package: str) -> Iterator[Made]:
-    yield Made("type", whole(st.st_type(layout.name)))
+def _made(layout: Layout, package: str) -> Iterator[ClaimedName]:
+    yield ClaimedName("type", whole(st.st_type(layout.name)))
 
 
 def names(title: str) -> Names:

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from shmgen.model import Layout
+from shmgen.core.model import Layout
 from shmgen.targets import Job
 from shmgen.targets.openplc import calls, names
 from shmgen.targets.openplc.blocks import Block, Variable, pair
-from shmgen.targets.openplc.dialect import Dialect
+from shmgen.targets.openplc.compiler import Compiler
 from shmgen.targets.openplc.types import Structure, constants, ordered
 from shmgen.targets.st.calls import parts
 from shmgen.targets.st.names import gvl
@@ -44,15 +44,15 @@ class Program(NamedTuple):
     task: str = TASK
 
 
-def blocks(job: Job, dialect: Dialect) -> tuple[Block, ...]:
+def blocks(job: Job, compiler: Compiler) -> tuple[Block, ...]:
     """A pair for each message that was asked for, but for the parts of services and actions, which have their own."""
     called = parts(job.layouts) - {topic.type for topic in job.topics}
     carried = [one for one in ordered(job.layouts) if one.requested and one.name not in called]
-    pairs = [block for layout in carried for block in pair(layout, job.layouts, dialect)]
-    return (*pairs, *calls.blocks(job.layouts, dialect))
+    pairs = [block for layout in carried for block in pair(layout, job.layouts, compiler)]
+    return (*pairs, *calls.blocks(job.layouts, compiler))
 
 
-def plan(job: Job, dialect: Dialect, blocks: tuple[Block, ...]) -> Program | None:
+def plan(job: Job, compiler: Compiler, blocks: tuple[Block, ...]) -> Program | None:
     """None where shmgen.toml lists no topic, service or action."""
     if not job.uses:
         return None
@@ -66,7 +66,7 @@ def plan(job: Job, dialect: Dialect, blocks: tuple[Block, ...]) -> Program | Non
         members.append(Variable(names.topic(use.name), stored.name, use.comment))
         instances.append(_instance(block, use))
     every = Structure("ST_Ros", "what the topics, services and actions carry", tuple(members))
-    lists = [one for layout in ordered(job.layouts) if (one := _constants(layout, dialect))]
+    lists = [one for layout in ordered(job.layouts) if (one := _constants(layout, compiler))]
     return Program(
         names.PROGRAM,
         (*structures.values(), every, *(structure for structure, _ in lists)),
@@ -111,9 +111,9 @@ def _instance(block: Block, use: Use) -> Instance:
     return Instance(name, block.name, tuple(call), tuple(behind))
 
 
-def _constants(layout: Layout, dialect: Dialect) -> tuple[Structure, Variable] | None:
+def _constants(layout: Layout, compiler: Compiler) -> tuple[Structure, Variable] | None:
     """A structure whose members begin as the constants, for the dialects have no list that is a namespace."""
-    members = constants(layout, dialect)
+    members = constants(layout, compiler)
     if not members:
         return None
     name = names.whole(gvl(layout.name))

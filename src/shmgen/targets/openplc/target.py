@@ -10,12 +10,12 @@ import json
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-from shmgen.diagnostics import Report
-from shmgen.model import Output
+from shmgen.core.diagnostics import Report
+from shmgen.core.model import Output
 from shmgen.targets import Job
 from shmgen.targets.openplc import embedded, limits, names, program
 from shmgen.targets.openplc.blocks import Block, Variable
-from shmgen.targets.openplc.dialect import STRUCPP
+from shmgen.targets.openplc.compiler import STRUCPP
 from shmgen.targets.openplc.names import whole
 from shmgen.targets.openplc.spelling import cpp_type, cpp_value, manifest_type
 from shmgen.targets.openplc.types import SECONDS, Structure, ordered, structure

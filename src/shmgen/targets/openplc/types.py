@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from shmgen.model import Layout, Layouts, Role, Scalar, Slot, String, TypeName
+from shmgen.core.model import Layout, Layouts, Role, Scalar, Slot, String, TypeName
 from shmgen.targets.openplc.blocks import Variable
-from shmgen.targets.openplc.dialect import Dialect
+from shmgen.targets.openplc.compiler import Compiler
 from shmgen.targets.openplc.names import member, whole
 from shmgen.targets.st import names as st
 from shmgen.targets.st.text import ascii_text, literal
@@ -41,12 +41,12 @@ def ordered(layouts: Layouts) -> tuple[Layout, ...]:
     return tuple(found.values())
 
 
-def structure(layout: Layout, dialect: Dialect) -> Structure:
-    members = tuple(_member(slot, layout, dialect) for slot in layout.slots if slot.role is not Role.PADDING)
+def structure(layout: Layout, compiler: Compiler) -> Structure:
+    members = tuple(_member(slot, layout, compiler) for slot in layout.slots if slot.role is not Role.PADDING)
     return Structure(whole(st.st_type(layout.name)), str(layout.name), members)
 
 
-def _member(slot: Slot, layout: Layout, dialect: Dialect) -> Variable:
+def _member(slot: Slot, layout: Layout, compiler: Compiler) -> Variable:
     comment = ""
     if slot.role is Role.FILLER:
         comment = "the message has no fields"
@@ -57,7 +57,7 @@ def _member(slot: Slot, layout: Layout, dialect: Dialect) -> Variable:
         if slot.field.unit and f"[{slot.field.unit}]" not in comment:
             comment = f"{comment} [{slot.field.unit}]".lstrip()
     value = _value(slot, layout)
-    return Variable(member(slot.name), dialect.declared(slot, layout.options), ascii_text(comment), value)
+    return Variable(member(slot.name), compiler.declared(slot, layout.options), ascii_text(comment), value)
 
 
 def _value(slot: Slot, layout: Layout) -> str:
@@ -81,7 +81,7 @@ def _is_small(value: float) -> bool:
     return value == 0 or (math.isfinite(value) and 1e-37 < abs(value) < 1e38)
 
 
-def constants(layout: Layout, dialect: Dialect) -> tuple[Variable, ...]:
+def constants(layout: Layout, compiler: Compiler) -> tuple[Variable, ...]:
     """As members that begin with the value. Texts, and numbers that have no literal there, are left out."""
     found = []
     for constant in layout.message.constants:
@@ -91,5 +91,5 @@ def constants(layout: Layout, dialect: Dialect) -> tuple[Variable, ...]:
         spelled = literal(value, type_, layout.options)
         if spelled and " " not in spelled:
             comment = ascii_text(constant.doc.partition("\n")[0])
-            found.append(Variable(member(constant.name), dialect.spelled(type_, layout.options), comment, spelled))
+            found.append(Variable(member(constant.name), compiler.spelled(type_, layout.options), comment, spelled))
     return tuple(found)

@@ -15,9 +15,9 @@ import uuid
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-from shmgen.diagnostics import Report
-from shmgen.model import Output
-from shmgen.targets import Job, Printed
+from shmgen.core.diagnostics import Report
+from shmgen.core.model import Output
+from shmgen.targets import Job, RenderedFile
 from shmgen.targets.st import objects, reader
 from shmgen.targets.st.names import PRG_TOPICS
 
@@ -179,7 +179,7 @@ def _libraries() -> Iterator[Library]:
         yield Library(f"#{title}" if is_placeholder else resolution, title, namespace, resolution, is_placeholder)
 
 
-def _object(printed: Printed) -> objects.DataType | objects.GlobalList | objects.Unit:
+def _object(printed: RenderedFile) -> objects.DataType | objects.GlobalList | objects.Unit:
     """As it was planned. The text of blocks, which is written by hand in the templates, is cut as an IDE stores it."""
     match printed.output.view:
         case objects.Dut() | objects.Gvl() as view:

@@ -5,17 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterator
 from importlib import resources
 
-from shmgen.model import Output
+from shmgen.core.model import Output
 
 FOLDER = "_beside"
 """Below the generated package, and no package itself: it goes behind all else on Python's path."""
-FILES = ("__init__.py", "abi.py", "wording.py", "py.typed")
+CORE = ("__init__.py", "abi.py", "escape.py", "plural.py")
+"""Of `shmgen/core`: what the runtime imports."""
 
 
 def plan(root: str) -> Iterator[Output]:
     """`<root>/_beside/shmgen/…`, in Python alone, and a README.txt with its licence."""
-    package = resources.files("shmgen")
-    names = sorted(entry.name for entry in (package / "runtime").iterdir() if entry.name.endswith(".py"))
-    for path in (*FILES, *(f"runtime/{name}" for name in names)):
+    with resources.as_file(resources.files("shmgen")) as package:
+        found = (package / "runtime").rglob("*.py")
+        runtime = sorted(file.relative_to(package).as_posix() for file in found)
+    for path in ("__init__.py", "py.typed", *(f"core/{name}" for name in CORE), *runtime):
         yield Output(f"{root}/{FOLDER}/shmgen/{path}", f"shmgen/{path}", None)
     yield Output(f"{root}/{FOLDER}/shmgen/README.txt", "python/beside.txt", None)

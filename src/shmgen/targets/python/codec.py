@@ -12,8 +12,20 @@ from dataclasses import field
 from itertools import groupby
 from typing import NamedTuple
 
-from shmgen.model import Clock, Layout, Layouts, Ref, Role, Scalar, Slot, String, TypeName, TypeOptions, assert_never
-from shmgen.records import dataclass
+from shmgen.core.fast_dataclass import dataclass
+from shmgen.core.model import (
+    Clock,
+    Layout,
+    Layouts,
+    Ref,
+    Role,
+    Scalar,
+    Slot,
+    String,
+    TypeName,
+    TypeOptions,
+    assert_never,
+)
 from shmgen.targets.python.names import python_member
 
 WIDEST_GAP = 512

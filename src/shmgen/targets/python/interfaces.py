@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
-from shmgen.model import Layouts, Output, TypeName
+from shmgen.core.model import Layouts, Output, TypeName
 from shmgen.targets import interfaces
 from shmgen.targets.python.names import module, python_member
 from shmgen.targets.python.text import import_lines, in_docstring

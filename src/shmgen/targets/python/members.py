@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Set
 from typing import NamedTuple
 
-from shmgen.model import Clock, Element, Ref, Role, Scalar, Slot, String, TypeName, TypeOptions, assert_never
+from shmgen.core.model import Clock, Element, Ref, Role, Scalar, Slot, String, TypeName, TypeOptions, assert_never
 from shmgen.targets.python import codec
 from shmgen.targets.python.names import PYTHON_STORED, python_member
 

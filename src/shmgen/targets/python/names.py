@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from shmgen.model import Layout, TypeName
-from shmgen.targets.naming import Made, Names, file_stem, words
+from shmgen.core.model import Layout, TypeName
+from shmgen.targets.naming import ClaimedName, Names, file_stem, words
 
 
 def python_member(name: str) -> str:
@@ -32,13 +32,13 @@ def classes(layout: Layout) -> list[str]:
     return [name, f"{name}Publisher", f"{name}Subscriber"] if layout.requested else [name]
 
 
-def _made(layout: Layout, root: str) -> Iterator[Made]:
+def _made(layout: Layout, root: str) -> Iterator[ClaimedName]:
     package = python_member(layout.name.package)
     space = f"{package}.{layout.name.kind}"
-    yield Made("package", package, of=layout.name.package)
+    yield ClaimedName("package", package, of=layout.name.package)
     for name in classes(layout):
-        yield Made("class", name, space)
-    yield Made("file", f"{module(layout.name)}.py", space)
+        yield ClaimedName("class", name, space)
+    yield ClaimedName("file", f"{module(layout.name)}.py", space)
 
 
 PYTHON_RESERVED = words("""

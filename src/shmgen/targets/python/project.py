@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from shmgen.model import Output
+from shmgen.core.model import Output
 
 
 class Project(NamedTuple):

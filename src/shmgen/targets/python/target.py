@@ -6,15 +6,15 @@ from collections.abc import Iterator
 from itertools import groupby
 from typing import NamedTuple
 
-from shmgen.diagnostics import Report
-from shmgen.model import Layout, Layouts, Output, Ref, Regions, Role, TypeName
+from shmgen.core.diagnostics import Report
+from shmgen.core.model import Layout, Layouts, Output, Ref, Regions, Role, TypeName
+from shmgen.core.plural import counted
 from shmgen.targets import Job
 from shmgen.targets.python import beside, codec, interfaces, project
 from shmgen.targets.python.members import Line, annotation, ctype, descriptor, hiding, is_shown, stored_name
 from shmgen.targets.python.names import NAMES as NAMES
 from shmgen.targets.python.names import PYTHON_USED, classes, module, python_class, python_member
 from shmgen.targets.python.text import documentation, import_lines, in_docstring, literal, sort_key
-from shmgen.wording import counted
 
 
 class Module(NamedTuple):

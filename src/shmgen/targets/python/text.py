@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 
-from shmgen.model import Default, Message, ros_type
+from shmgen.core.model import Default, Message, ros_type
 
 _RUFF_WIDTH = 88
 """Characters; what ruff and black allow a line unless they are told otherwise."""

@@ -6,9 +6,9 @@ import re
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from shmgen import toml
-from shmgen.diagnostics import Report, Span
-from shmgen.model import Layouts, Message, Output
+from shmgen.core import toml
+from shmgen.core.diagnostics import Report, Span
+from shmgen.core.model import Layouts, Message, Output
 from shmgen.targets import Job
 
 _PARTS = {"msg": ("",), "srv": ("_Request", "_Response"), "action": ("_Goal", "_Result", "_Feedback")}

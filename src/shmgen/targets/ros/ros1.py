@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from shmgen.diagnostics import Report
-from shmgen.model import Output
+from shmgen.core.diagnostics import Report
+from shmgen.core.model import Output
 from shmgen.targets import Job
 from shmgen.targets.ros import package
 

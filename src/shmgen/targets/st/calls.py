@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from shmgen.model import Layouts, Output, TypeName
+from shmgen.core.model import Layouts, Output, TypeName
 from shmgen.targets import interfaces
 from shmgen.targets.st import common, names
 from shmgen.targets.st.counts import Check, checks

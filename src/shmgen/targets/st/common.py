@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from shmgen import abi
-from shmgen.abi import Number, Word
-from shmgen.model import Output
+from shmgen.core import abi
+from shmgen.core.abi import Number, Word
+from shmgen.core.model import Output
 from shmgen.targets.st.names import GVL_REGION, ST_TIME
 from shmgen.targets.st.objects import (
     Attribute,

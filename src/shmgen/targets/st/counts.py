@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from shmgen.model import Layout, Layouts, Ref, Role
+from shmgen.core.model import Layout, Layouts, Ref, Role
 from shmgen.targets.counts import bound, counts, holds_counts
 from shmgen.targets.st import names
 

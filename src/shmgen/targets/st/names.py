@@ -11,8 +11,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from shmgen.model import Clock, Element, Layout, Ref, Scalar, Slot, String, TypeName, TypeOptions, assert_never
-from shmgen.targets.naming import Made, Names, words
+from shmgen.core.model import Clock, Element, Layout, Ref, Scalar, Slot, String, TypeName, TypeOptions, assert_never
+from shmgen.targets.naming import ClaimedName, Names, words
 
 GVL_SIZE = "SHM_SIZE"
 GVL_DIGEST = "SHM_DIGEST"
@@ -130,8 +130,8 @@ def iec_element(type_: Element, options: TypeOptions) -> str:
             assert_never(type_)
 
 
-def _made(layout: Layout, package: str) -> Iterator[Made]:
-    yield Made("type", st_type(layout.name, layout.options))
+def _made(layout: Layout, package: str) -> Iterator[ClaimedName]:
+    yield ClaimedName("type", st_type(layout.name, layout.options))
 
 
 def _st(prefix: str, name: TypeName) -> str:

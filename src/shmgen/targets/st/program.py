@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from shmgen.model import Action, Output, Service, Topic
+from shmgen.core.model import Action, Output, Service, Topic
 from shmgen.targets.st import names
 from shmgen.targets.st.objects import Attribute, GlobalList, Gvl, Head, Line, Variable, Variables
 from shmgen.targets.st.text import MADE, uncommented

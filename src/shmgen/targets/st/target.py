@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from shmgen.diagnostics import Report
-from shmgen.model import (
+from shmgen.core.diagnostics import Report
+from shmgen.core.model import (
     Clock,
     Layout,
     Layouts,
@@ -22,12 +22,12 @@ from shmgen.model import (
     assert_never,
     text_length,
 )
+from shmgen.core.plural import counted
 from shmgen.targets import Job
 from shmgen.targets.st import calls, common, counts, names, program
 from shmgen.targets.st.names import NAMES as NAMES
 from shmgen.targets.st.objects import Attribute, DataType, Dut, GlobalList, Gvl, Head, Line, Variable, Variables
 from shmgen.targets.st.text import MADE, WIDTH, ascii_text, comment_lines, literal, uncommented
-from shmgen.wording import counted
 
 _WIDEST_COLUMN = 56
 """Where comments begin at the latest; a longer declaration pushes only its own."""

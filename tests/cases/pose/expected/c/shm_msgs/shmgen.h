@@ -27,31 +27,31 @@ extern "C" {
 #define SHMGEN_STATIC_ASSERT(condition, text) _Static_assert(condition, text)
 #endif
 
-#define SHMGEN_MAGIC UINT32_C(0x474D4853) /* 'SHMG': this is a region */
-#define SHMGEN_ABI 1                      /* version of the protocol */
-#define SHMGEN_HEADER_SIZE 192            /* bytes before slot 0 */
-#define SHMGEN_SLOT_HEADER 16             /* bytes before the payload of a slot */
-#define SHMGEN_SLOT_STEP 64               /* bytes; the size of a slot is a multiple of it */
-#define SHMGEN_PAGE 4096                  /* bytes; the size of a region is a multiple of it */
-#define SHMGEN_PLC UINT32_C(0xFFFFFFFF)   /* in place of a process id, which a PLC does not know */
-#define SHMGEN_LAST UINT32_C(0xFFFFFFFF)  /* the greatest number of a sample; then it wraps around to the number of slots */
-#define SHMGEN_ANEW UINT32_C(0x80000000)  /* samples; so many cannot be missed: the numbers have started again */
-#define SHMGEN_MAX_DEPTH 65535            /* samples a slow reader can still fetch */
-#define SHMGEN_MAX_TYPE_NAME 95           /* bytes of a type's name, before the 0 that ends it */
-#define SHMGEN_MAX_NAME 74                /* characters of a region's name: STRING(80) less '-event' */
-#define SHMGEN_MAX_CALL_NAME 65           /* characters of a service or an action: MAX_NAME less '-response' */
-#define SHMGEN_WRITER_LOCK 0              /* the byte under a record lock while a writer has the region open */
-#define SHMGEN_REPAIR_LOCK 1              /* the byte under one while the header is written or the lock is recovered */
-#define SHMGEN_RETRY_MS 500               /* a PLC tries again to open what it could not open */
-#define SHMGEN_CLAIM_MS 1000              /* a writer whose heartbeat does not change for this long is gone */
-#define SHMGEN_CONFIRM_MS 100             /* an id in `writer` that is unchanged after this time is a claim */
-#define SHMGEN_HEAL_MS 1000               /* a lock that nobody has acquired for this long is stuck */
-#define SHMGEN_DEAD_MS 50                 /* the same, if its holder is a process that no longer exists */
-#define SHMGEN_LOCK_MS 10                 /* timeout for the lock, by default */
-#define SHMGEN_WAKE_MS 10                 /* the longest single wait for the event: what a lost wake-up costs */
-#define SHMGEN_POLL_MS 1                  /* between two looks where there is no event, or another reader has it */
-#define SHMGEN_SIGN_MS 50                 /* a waiting server increments its heartbeat at least this often */
-#define SHMGEN_PEER_MS 100                /* a peer between two system calls has made the second by then, or is dead */
+#define SHMGEN_MAGIC UINT32_C(0x474D4853)       /* 'SHMG': this is a region */
+#define SHMGEN_ABI 1                            /* version of the protocol */
+#define SHMGEN_HEADER_SIZE 192                  /* bytes before slot 0 */
+#define SHMGEN_SLOT_HEADER 16                   /* bytes before the payload of a slot */
+#define SHMGEN_SLOT_STEP 64                     /* bytes; the size of a slot is a multiple of it */
+#define SHMGEN_PAGE 4096                        /* bytes; the size of a region is a multiple of it */
+#define SHMGEN_PLC UINT32_C(0xFFFFFFFF)         /* in place of a process id, which a PLC does not know */
+#define SHMGEN_LAST UINT32_C(0xFFFFFFFF)        /* the greatest number of a sample; then it wraps around to the number of slots */
+#define SHMGEN_RESTART_GAP UINT32_C(0x80000000) /* samples; so many cannot be missed: the numbers have started again */
+#define SHMGEN_MAX_DEPTH 65535                  /* samples a slow reader can still fetch */
+#define SHMGEN_MAX_TYPE_NAME 95                 /* bytes of a type's name, before the 0 that ends it */
+#define SHMGEN_MAX_NAME 74                      /* characters of a region's name: STRING(80) less '-event' */
+#define SHMGEN_MAX_CALL_NAME 65                 /* characters of a service or an action: MAX_NAME less '-response' */
+#define SHMGEN_WRITER_LOCK 0                    /* the byte under a record lock while a writer has the region open */
+#define SHMGEN_REPAIR_LOCK 1                    /* the byte under one while the header is written or the lock is recovered */
+#define SHMGEN_RETRY_MS 500                     /* a PLC tries again to open what it could not open */
+#define SHMGEN_CLAIM_MS 1000                    /* a writer whose heartbeat does not change for this long is gone */
+#define SHMGEN_CONFIRM_MS 100                   /* an id in `writer` that is unchanged after this time is a claim */
+#define SHMGEN_RECOVER_MS 1000                  /* a lock that nobody has acquired for this long is stuck */
+#define SHMGEN_DEAD_MS 50                       /* the same, if its holder is a process that no longer exists */
+#define SHMGEN_LOCK_MS 10                       /* timeout for the lock, by default */
+#define SHMGEN_WAKE_MS 10                       /* the longest single wait for the event: what a lost wake-up costs */
+#define SHMGEN_POLL_MS 1                        /* between two looks where there is no event, or another reader has it */
+#define SHMGEN_HEARTBEAT_MS 50                  /* a waiting server increments its heartbeat at least this often */
+#define SHMGEN_PEER_MS 100                      /* a peer between two system calls has made the second by then, or is dead */
 
 /* A time or duration where shmgen.toml says time = "struct". */
 typedef struct SHMGEN_PACKED shmgen_seconds {

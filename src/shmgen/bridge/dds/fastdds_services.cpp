@@ -1,0 +1,318 @@
+// Services of ROS 2 as rmw_fastrtps has them: a reader and a writer of Fast DDS, with the inline QoS that says whose a
+// sample is. Bytes pass through unread. fast_library.py compiles it on the user's machine, against Fast DDS 2.9 to 3,
+// and fast.py calls the functions at the end.
+#include "fastdds_versions.hpp"
+
+#include <algorithm>
+#include <condition_variable>
+#include <cstdint>
+#include <cstring>
+#include <iterator>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <set>
+#include <shared_mutex>
+#include <sstream>
+#include <string>
+#include <vector>
+
+namespace {
+
+// What may be found without multicast on one machine, as rmw_fastrtps has it.
+const unsigned PROCESSES = 32;
+
+// Whose call: the GUID of the end that is to hear the reply (in older versions, of the one that asks), and a number.
+struct Call {
+    unsigned char guid[16];
+    std::int64_t number;
+};
+
+void copy(const GUID_t &guid, unsigned char *to) {
+    std::memcpy(to, guid.guidPrefix.value, 12);
+    std::memcpy(to + 12, guid.entityId.value, 4);
+}
+
+GUID_t guid_of(const unsigned char *from) {
+    GUID_t guid;
+    std::memcpy(guid.guidPrefix.value, from, 12);
+    std::memcpy(guid.entityId.value, from + 12, 4);
+    return guid;
+}
+
+Call call_of(const GUID_t &guid, const rtps::SequenceNumber_t &number) {
+    Call found;
+    copy(guid, found.guid);
+    found.number = static_cast<std::int64_t>(number.to64long());
+    return found;
+}
+
+// A service's two ends. Who listens here must not be waited for with `mutex` in hand.
+struct End : DataReaderListener, DataWriterListener {
+    struct Domain *domain = nullptr;
+    DataReader *reader = nullptr;
+    DataWriter *writer = nullptr;
+    std::mutex mutex;
+    std::condition_variable news;
+    unsigned came = 0;
+    bool met = false, closing = false;
+    std::set<GUID_t> heard, hearing;
+
+    void on_data_available(DataReader *) override {
+        std::lock_guard<std::mutex> hold(mutex);
+        came++;
+        news.notify_all();
+    }
+    void on_subscription_matched(DataReader *, const SubscriptionMatchedStatus &status) override {
+        note(heard, status.last_publication_handle, status.current_count_change);
+    }
+    void on_publication_matched(DataWriter *, const PublicationMatchedStatus &status) override {
+        note(hearing, status.last_subscription_handle, status.current_count_change);
+    }
+    void note(std::set<GUID_t> &peers, const rtps::InstanceHandle_t &handle, int change) {
+        std::lock_guard<std::mutex> hold(mutex);
+        if (change > 0) peers.insert(rtps::iHandle2GUID(handle));
+        if (change < 0) peers.erase(rtps::iHandle2GUID(handle));
+        met = true;
+        news.notify_all();
+    }
+};
+
+// `life` is shared by all who use the participant, and taken by who deletes it. One thread opens ends and leaves.
+struct Domain : DomainParticipantListener {
+    std::shared_mutex life;
+    DomainParticipant *participant = nullptr;
+    Publisher *publisher = nullptr;
+    Subscriber *subscriber = nullptr;
+    std::uint32_t largest = 0;
+    std::mutex mutex;
+    std::vector<std::unique_ptr<End>> ends;
+    std::map<GUID_t, std::string> said;
+
+#if FAST_DDS_3
+    void on_data_writer_discovery(DomainParticipant *, rtps::WriterDiscoveryStatus status,
+                                  const PublicationBuiltinTopicData &peer, bool &ignored) override {
+        ignored = false;
+        keep(peer.guid, peer.topic_name.to_string(), peer.user_data,
+             status == rtps::WriterDiscoveryStatus::REMOVED_WRITER);
+    }
+    void on_data_reader_discovery(DomainParticipant *, rtps::ReaderDiscoveryStatus status,
+                                  const SubscriptionBuiltinTopicData &peer, bool &ignored) override {
+        ignored = false;
+        keep(peer.guid, peer.topic_name.to_string(), peer.user_data,
+             status == rtps::ReaderDiscoveryStatus::REMOVED_READER);
+    }
+#else
+    void on_publisher_discovery(DomainParticipant *, rtps::WriterDiscoveryInfo &&peer) override {
+        keep(peer.info.guid(), peer.info.topicName().to_string(), peer.info.m_qos.m_userData,
+             peer.status == rtps::WriterDiscoveryInfo::REMOVED_WRITER);
+    }
+    void on_subscriber_discovery(DomainParticipant *, rtps::ReaderDiscoveryInfo &&peer) override {
+        keep(peer.info.guid(), peer.info.topicName().to_string(), peer.info.m_qos.m_userData,
+             peer.status == rtps::ReaderDiscoveryInfo::REMOVED_READER);
+    }
+#endif
+    void keep(const GUID_t &guid, const std::string &topic, const std::vector<rtps::octet> &words, bool gone) {
+        if (topic.compare(0, 3, "rq/") && topic.compare(0, 3, "rr/")) return;  // of no service
+        std::lock_guard<std::mutex> hold(mutex);
+        said.erase(guid);
+        if (!gone) said.emplace(guid, std::string(words.begin(), words.end()));
+    }
+};
+
+std::vector<std::string> words_of(const char *text) {
+    std::istringstream words(text);
+    return {std::istream_iterator<std::string>(words), {}};
+}
+
+DomainParticipantQos quality_of(const char *peers, const char *interfaces) {
+    auto *factory = DomainParticipantFactory::get_instance();
+    factory->load_profiles();
+    DomainParticipantQos quality = factory->get_default_participant_qos();
+    auto &discovery = quality.wire_protocol().builtin;
+    discovery.readerHistoryMemoryPolicy = rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE;
+    discovery.writerHistoryMemoryPolicy = rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE;
+    if (quality.transport().user_transports.empty()) {  // else a profile of the user's has them
+        auto transport = std::make_shared<Transport>();
+        transport->maxInitialPeersRange = PROCESSES;
+        transport->interfaceWhiteList = words_of(interfaces);
+        quality.transport().use_builtin_transports = false;  // they have one that leaves files in /dev/shm
+        quality.transport().user_transports.push_back(transport);
+    }
+    if (*interfaces) {  // no multicast
+        discovery.metatrafficMulticastLocatorList.clear();
+        discovery.metatrafficUnicastLocatorList.push_back(rtps::Locator_t());
+    }
+    for (const std::string &peer : words_of(peers)) {
+        rtps::Locator_t locator;
+        rtps::IPLocator::setIPv4(locator, peer);
+        discovery.initialPeersList.push_back(locator);
+    }
+    return quality;
+}
+
+template <typename Quality> void adapt(Quality &quality, const char *words, int queue) {
+    quality.reliability().kind = RELIABLE_RELIABILITY_QOS;
+    quality.durability().kind = VOLATILE_DURABILITY_QOS;
+    quality.history().kind = KEEP_LAST_HISTORY_QOS;
+    quality.history().depth = queue;
+    quality.resource_limits().max_instances = 1;
+    quality.resource_limits().max_samples = queue;
+    quality.resource_limits().max_samples_per_instance = queue;
+    quality.resource_limits().allocated_samples = 1;
+    quality.user_data().data_vec({words, words + std::strlen(words)});
+    quality.data_sharing().off();
+}
+
+Topic *topic_of(Domain &domain, const char *name, const char *type) {
+    if (domain.participant->find_type(type).empty())
+        TypeSupport(new Raw(type, domain.largest)).register_type(domain.participant);
+    if (auto *found = dynamic_cast<Topic *>(domain.participant->lookup_topicdescription(name))) return found;
+    return domain.participant->create_topic(name, type, TOPIC_QOS_DEFAULT);
+}
+
+// No exception leaves this library.
+template <typename Result, typename Body> Result guarded(Result failed, Body body) {
+    try {
+        return body();
+    } catch (...) {
+        return failed;
+    }
+}
+
+}  // namespace
+
+extern "C" {
+
+// Joins a domain; `peers` and our `interfaces` are IPv4 addresses with spaces between. Interfaces that are named are
+// the only ones, and do without multicast. NULL: cannot.
+void *fast_join(int number, const char *name, const char *peers, const char *interfaces, std::uint32_t largest) {
+    return guarded<void *>(nullptr, [&]() -> void * {
+        auto domain = std::make_unique<Domain>();
+        domain->largest = largest;
+        DomainParticipantQos quality = quality_of(peers, interfaces);
+        quality.name(name);
+        domain->participant = DomainParticipantFactory::get_instance()->create_participant(
+            number, quality, domain.get(), StatusMask::none());
+        if (!domain->participant) return nullptr;
+        domain->publisher = domain->participant->create_publisher(PUBLISHER_QOS_DEFAULT);
+        domain->subscriber = domain->participant->create_subscriber(SUBSCRIBER_QOS_DEFAULT);
+        return domain.release();
+    });
+}
+
+// Each of `hears` and `says`: topic, type, user data. NULL: cannot.
+void *fast_open(void *of, const char *const *hears, const char *const *says, int queue) {
+    return guarded<void *>(nullptr, [&]() -> void * {
+        auto &domain = *static_cast<Domain *>(of);
+        std::shared_lock<std::shared_mutex> alive(domain.life);
+        if (!domain.participant) return nullptr;
+        Topic *heard = topic_of(domain, hears[0], hears[1]), *said = topic_of(domain, says[0], says[1]);
+        if (!heard || !said) return nullptr;
+        auto end = std::make_unique<End>();
+        end->domain = &domain;
+        DataReaderQos asked = DATAREADER_QOS_DEFAULT;
+        adapt(asked, hears[2], queue);
+        asked.endpoint().history_memory_policy = rtps::PREALLOCATED_MEMORY_MODE;  // what is larger does not come in
+        DataWriterQos offered = DATAWRITER_QOS_DEFAULT;
+        adapt(offered, says[2], queue);
+        offered.endpoint().history_memory_policy = rtps::DYNAMIC_RESERVE_MEMORY_MODE;
+        end->writer = domain.publisher->create_datawriter(said, offered, end.get(), StatusMask::publication_matched());
+        end->reader = domain.subscriber->create_datareader(
+            heard, asked, end.get(), StatusMask::subscription_matched() << StatusMask::data_available());
+        domain.ends.push_back(std::move(end));
+        return domain.ends.back().get();
+    });
+}
+
+// Waits for a request or a reply, from `sender`. Its size in bytes; 0: peers have come or gone; -1: this is the end.
+int fast_take(void *of, void *bytes, std::uint32_t room, unsigned char *sender, Call *call) {
+    return guarded<int>(-1, [&] {
+        auto &end = *static_cast<End *>(of);
+        std::shared_lock<std::shared_mutex> alive(end.domain->life);
+        std::unique_lock<std::mutex> hold(end.mutex);
+        while (!end.closing) {
+            if (end.met) {
+                end.met = false;
+                return 0;
+            }
+            unsigned seen = end.came;
+            hold.unlock();  // Fast DDS calls us with a lock of its own, which it takes here
+            Bytes taken{static_cast<unsigned char *>(bytes), room, 0};
+            SampleInfo info;
+            auto found = end.reader->take_next_sample(&taken, &info);
+            if (found == OK && info.valid_data && taken.size) {
+                auto &related = info.related_sample_identity;
+                bool asks = related.sequence_number() <= rtps::SequenceNumber_t();
+                GUID_t guid = related.writer_guid();
+                if (asks && guid == GUID_t::unknown()) guid = info.sample_identity.writer_guid();
+                if (!asks && guid == end.writer->guid()) guid = end.reader->guid();
+                *call = call_of(guid, asks ? info.sample_identity.sequence_number() : related.sequence_number());
+                copy(info.sample_identity.writer_guid(), sender);
+                return static_cast<int>(taken.size);
+            }
+            hold.lock();
+            if (found != OK) end.news.wait(hold, [&] { return end.closing || end.met || end.came != seen; });
+        }
+        return -1;
+    });
+}
+
+// Sends the reply to `call`; or a request where that is NULL, and then `sent` is the call of its reply. 0: has not.
+int fast_send(void *of, void *bytes, std::uint32_t size, const Call *call, Call *sent) {
+    return guarded<int>(0, [&] {
+        auto &end = *static_cast<End *>(of);
+        std::shared_lock<std::shared_mutex> alive(end.domain->life);
+        if (!end.domain->participant) return 1;  // this is the end, and nobody need hear of it
+        rtps::WriteParams whose;
+        if (call) {
+            whose.related_sample_identity().writer_guid() = guid_of(call->guid);
+            whose.related_sample_identity().sequence_number() = rtps::SequenceNumber_t(call->number);
+        } else {  // so the server can tell whether we hear it yet
+            whose.related_sample_identity().writer_guid() = end.reader->guid();
+        }
+        Bytes message{static_cast<unsigned char *>(bytes), size, size};
+        bool done = written(end.writer->write(&message, whose));
+        *sent = call_of(end.reader->guid(), whose.sample_identity().sequence_number());
+        return static_cast<int>(done);
+    });
+}
+
+// The GUIDs, 16 bytes each, of those that hear us, or that we hear; how many there are.
+int fast_peers(void *of, int hearing, unsigned char *found, int room) {
+    auto &end = *static_cast<End *>(of);
+    std::lock_guard<std::mutex> hold(end.mutex);
+    auto &peers = hearing ? end.hearing : end.heard;
+    for (auto &guid : peers)
+        if (room-- > 0) copy(guid, found), found += 16;
+    return static_cast<int>(peers.size());
+}
+
+// What a peer has in its user data; its length, -1 if it has gone.
+int fast_said(void *of, const unsigned char *guid, char *words, int room) {
+    auto &domain = *static_cast<End *>(of)->domain;
+    std::lock_guard<std::mutex> hold(domain.mutex);
+    auto found = domain.said.find(guid_of(guid));
+    if (found == domain.said.end()) return -1;
+    std::memcpy(words, found->second.data(), std::min<std::size_t>(room, found->second.size()));
+    return static_cast<int>(found->second.size());
+}
+
+// Leaves the domain, as soon as nobody sends any more. What was opened in it may still be asked, and says so.
+void fast_leave(void *of) {
+    guarded<int>(0, [&] {
+        auto &domain = *static_cast<Domain *>(of);
+        for (auto &end : domain.ends) {
+            std::lock_guard<std::mutex> hold(end->mutex);
+            end->closing = true;
+            end->news.notify_all();
+        }
+        std::unique_lock<std::shared_mutex> last(domain.life);
+        if (!domain.participant) return 0;
+        domain.participant->delete_contained_entities();
+        DomainParticipantFactory::get_instance()->delete_participant(domain.participant);
+        domain.participant = nullptr;
+        return 0;
+    });
+}
+}

@@ -1,0 +1,108 @@
+// What fastdds_services.cpp needs of Fast DDS and has another name in 2 and in 3, and the one type that it tells both of.
+#pragma once
+
+#include <fastdds/dds/domain/DomainParticipant.hpp>
+#include <fastdds/dds/domain/DomainParticipantFactory.hpp>
+#include <fastdds/dds/domain/DomainParticipantListener.hpp>
+#include <fastdds/dds/publisher/DataWriter.hpp>
+#include <fastdds/dds/publisher/DataWriterListener.hpp>
+#include <fastdds/dds/publisher/Publisher.hpp>
+#include <fastdds/dds/subscriber/DataReader.hpp>
+#include <fastdds/dds/subscriber/DataReaderListener.hpp>
+#include <fastdds/dds/subscriber/SampleInfo.hpp>
+#include <fastdds/dds/subscriber/Subscriber.hpp>
+#include <fastdds/dds/topic/TopicDataType.hpp>
+#if __has_include(<fastdds/rtps/transport/UDPv4TransportDescriptor.hpp>)
+#include <fastdds/rtps/common/WriteParams.hpp>
+#include <fastdds/rtps/transport/UDPv4TransportDescriptor.hpp>
+#include <fastdds/utils/IPLocator.hpp>
+#define FAST_DDS_3 1
+#else
+#include <fastdds/rtps/common/WriteParams.h>
+#include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
+#include <fastrtps/utils/IPLocator.h>
+#define FAST_DDS_3 0
+#endif
+
+#include <cstdint>
+#include <cstring>
+#include <functional>
+#include <string>
+
+namespace {
+
+using namespace eprosima::fastdds::dds;
+#if FAST_DDS_3
+namespace rtps = eprosima::fastdds::rtps;
+const auto OK = RETCODE_OK;
+bool written(ReturnCode_t code) { return code == OK; }
+#else
+namespace rtps = eprosima::fastrtps::rtps;
+const ReturnCode_t OK = ReturnCode_t::RETCODE_OK;
+bool written(bool done) { return done; }
+#endif
+using Transport = eprosima::fastdds::rtps::UDPv4TransportDescriptor;
+using rtps::GUID_t;
+
+// Who packs has `size` bytes, who unpacks has room.
+struct Bytes {
+    unsigned char *at;
+    std::uint32_t room, size;
+};
+
+// A message that Python has made, or will take apart.
+struct Raw : TopicDataType {
+    bool pack(const Bytes &bytes, rtps::SerializedPayload_t &payload) {
+        if (bytes.size > payload.max_size) return false;
+        std::memcpy(payload.data, bytes.at, bytes.size);
+        payload.length = bytes.size;
+        payload.encapsulation = CDR_LE;
+        return true;
+    }
+    bool unpack(const rtps::SerializedPayload_t &payload, Bytes &bytes) {
+        if (payload.length > bytes.room) return false;
+        std::memcpy(bytes.at, payload.data, payload.length);
+        bytes.size = payload.length;
+        return true;
+    }
+#if FAST_DDS_3
+    Raw(const std::string &name, std::uint32_t largest) {
+        set_name(name);
+        max_serialized_type_size = largest;
+    }
+    bool serialize(const void *const data, rtps::SerializedPayload_t &payload, DataRepresentationId_t) override {
+        return pack(*static_cast<const Bytes *>(data), payload);
+    }
+    bool deserialize(rtps::SerializedPayload_t &payload, void *data) override {
+        return unpack(payload, *static_cast<Bytes *>(data));
+    }
+    std::uint32_t calculate_serialized_size(const void *const data, DataRepresentationId_t) override {
+        return static_cast<const Bytes *>(data)->size;
+    }
+    void *create_data() override { return new Bytes(); }
+    void delete_data(void *data) override { delete static_cast<Bytes *>(data); }
+    bool compute_key(rtps::SerializedPayload_t &, rtps::InstanceHandle_t &, bool) override { return false; }
+    bool compute_key(const void *const, rtps::InstanceHandle_t &, bool) override { return false; }
+#else
+    Raw(const std::string &name, std::uint32_t largest) {
+        setName(name.c_str());
+        m_typeSize = largest;
+        auto_fill_type_object(false);
+        auto_fill_type_information(false);
+    }
+    bool serialize(void *data, rtps::SerializedPayload_t *payload) override {
+        return pack(*static_cast<Bytes *>(data), *payload);
+    }
+    bool deserialize(rtps::SerializedPayload_t *payload, void *data) override {
+        return unpack(*payload, *static_cast<Bytes *>(data));
+    }
+    std::function<std::uint32_t()> getSerializedSizeProvider(void *data) override {
+        return [data] { return static_cast<Bytes *>(data)->size; };
+    }
+    void *createData() override { return new Bytes(); }
+    void deleteData(void *data) override { delete static_cast<Bytes *>(data); }
+    bool getKey(void *, rtps::InstanceHandle_t *, bool) override { return false; }
+#endif
+};
+
+}  // namespace

@@ -1,0 +1,1 @@
+"""The backend for ROS 1, by rospy."""

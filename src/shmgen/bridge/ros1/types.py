@@ -1,0 +1,113 @@
+"""Turns definitions into the classes of genpy: the installed ones, else made at run time, so that no catkin is needed.
+
+Either way the md5 sums are genmsg's own, so that ROS 1 compares them as always.
+"""
+
+from __future__ import annotations
+
+import struct
+from types import SimpleNamespace
+from typing import Any
+
+import genmsg
+import genpy
+from genmsg.gentools import compute_md5
+from genpy.dynamic import generate_dynamic
+
+from shmgen.bridge.backend import ServiceWire
+from shmgen.core.model import Message
+
+_U32 = struct.Struct("<I")
+_RULE = "\n" + "=" * 80 + "\n"
+"""What stands between the definitions in a connection header and in a bag."""
+
+
+def message(messages: tuple[Message, ...]) -> Any:
+    """The class of the last of `messages`. Raises ValueError where genmsg cannot read its definition."""
+    wanted = messages[-1].name.short
+    return genpy.message.get_message_class(wanted) or _made(wanted, messages)
+
+
+def raw(kind: Any) -> Any:
+    """A class that rospy takes for `kind`, whose objects hold the bytes of a message as `data`."""
+
+    class Raw(kind):  # type: ignore[misc]
+        __slots__ = ("data", "frame_id", "seq")
+
+        def __init__(self, data: bytes = b"") -> None:
+            self.data, self.frame_id = data, ""
+
+        @property
+        def header(self) -> Raw:
+            """Where rospy counts what it sends."""
+            return self
+
+        def deserialize(self, data: bytes) -> Raw:
+            self.data = data
+            return self
+
+        def serialize(self, into: Any) -> None:
+            into.write(_U32.pack(self.seq) + self.data[4:] if kind._has_header else self.data)
+
+    return Raw
+
+
+def means(kind: Any, messages: tuple[Message, ...]) -> bool:
+    """Whether the class has the very fields of the last of `messages`: one that is installed may have others."""
+    context = genmsg.MsgContext.create_default()
+    try:
+        specs = [_known(context, message, message.text) for message in messages]
+        return bool(compute_md5(context, specs[-1]) == kind._md5sum)
+    except (genmsg.InvalidMsgSpec, genmsg.MsgNotFound, KeyError):  # not of ROS 1
+        return False
+
+
+def service(wire: ServiceWire) -> Any:
+    """The class of the service, as rospy wants it. Raises ValueError as message()."""
+    name = wire.type.short
+    if installed := genpy.message.get_service_class(name):
+        return installed
+    request, response = (
+        _made(f"{name}{half}", messages) for half, messages in (("Request", wire.request), ("Response", wire.response))
+    )
+    return SimpleNamespace(
+        _type=name, _md5sum=_service_md5(wire), _request_class=request, _response_class=response, __name__=name
+    )
+
+
+def _made(name: str, messages: tuple[Message, ...]) -> Any:
+    *held, own = messages
+    text = _RULE.join([own.text, *(f"MSG: {message.name.short}\n{_definition(message)}" for message in held)])
+    try:
+        return generate_dynamic(name, text)[name]
+    except (genmsg.InvalidMsgSpec, genmsg.MsgNotFound, genpy.MessageException, KeyError) as error:
+        raise _unreadable(own, error) from None
+
+
+def _definition(message: Message) -> str:
+    """ROS 1's own where it is installed: its Header has a `seq`, and the md5 sum of what holds one counts that."""
+    installed = genpy.message.get_message_class(message.name.short)
+    return str(installed._full_text.partition(_RULE)[0]) if installed else message.text
+
+
+def _service_md5(wire: ServiceWire) -> str:
+    context = genmsg.MsgContext.create_default()
+    for message in (*wire.request[:-1], *wire.response[:-1]):
+        _known(context, message, _definition(message))
+    text = f"{wire.request[-1].text}\n---\n{wire.response[-1].text}"
+    return str(compute_md5(context, genmsg.msg_loader.load_srv_from_string(context, text, wire.type.short)))
+
+
+def _known(context: Any, message: Message, text: str) -> Any:
+    """Read, and known to the context from now on."""
+    name = message.name.short
+    spec = genmsg.msg_loader.load_msg_from_string(context, text, name)
+    context.register(name, spec)
+    return spec
+
+
+def _unreadable(message: Message, error: Exception) -> ValueError:
+    hint = 'ROS 1 knows no bounds, defaults or wstring in a definition: write it without, and set source = "noetic"'
+    return ValueError(
+        f"{message.name.short}: ROS 1 cannot read {message.origin}: {error or type(error).__name__}\n  hint: {hint}"
+    )

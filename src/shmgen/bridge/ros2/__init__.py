@@ -1,0 +1,1 @@
+"""The backend for ROS 2, by rclpy."""

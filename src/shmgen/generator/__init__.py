@@ -1,0 +1,1 @@
+"""Turns definitions and a configuration into the text of every generated file."""

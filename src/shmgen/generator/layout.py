@@ -1,0 +1,208 @@
+"""Turns bounded messages into Layouts: the one place where bytes are decided.
+
+Natural alignment, every gap an explicit slot, so that a packed structure is the same on every machine
+and in every compiler (docs/layout.md).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+from collections.abc import Iterator, Mapping
+
+from shmgen.core import abi
+from shmgen.core.diagnostics import Report
+from shmgen.core.model import (
+    Array,
+    Clock,
+    Constant,
+    Element,
+    Field,
+    Layout,
+    Layouts,
+    Message,
+    Ref,
+    Role,
+    Scalar,
+    Schema,
+    Sequence,
+    Slot,
+    String,
+    TypeName,
+    TypeOptions,
+    assert_never,
+    element_of,
+    text_bytes,
+    text_length,
+)
+from shmgen.core.plural import counted
+
+SMALLEST_SLOTS = abi.slots_for(1)
+DEEPEST = 50
+"""Messages within messages; the deepest of ROS's own has 7."""
+
+CLOCK = {"TIME": (4, 4), "LTIME": (8, 8), "struct": (8, 4)}
+"""Mode -> size and alignment: a DWORD of ms, a LWORD of ns, or DINT seconds and UDINT nanoseconds."""
+
+
+def lay_out(schema: Schema, options: TypeOptions, max_region: int, report: Report) -> Layouts:
+    """Layouts of all messages, dependencies first.
+
+    `max_region` is in bytes; a message whose smallest region is larger is reported as SHM303,
+    one that nests too deeply as SHM304; then Rejected.
+    """
+    layouts: dict[TypeName, Layout] = {}
+    depths: dict[TypeName, int] = {}
+    for message in schema.messages:
+        layout = _message(message, options, layouts, message.name in schema.requested)
+        layouts[message.name] = layout
+        _check_values(message, options, report)
+        if len(str(message.name)) > abi.MAX_TYPE_NAME:
+            reason = f"{message.name} is longer than the {abi.MAX_TYPE_NAME} bytes a region has for it"
+            report.error("SHM202", reason, message.span)
+        depths[message.name] = 1 + max((depths[name] for name in layout.dependencies), default=0)
+        if depths[message.name] == DEEPEST + 1:
+            hint = "put the innermost fields further out"
+            reason = f"{message.name.short} nests messages more than {DEEPEST} deep"
+            report.error("SHM304", reason, message.span, hint=hint)
+        if layout.requested:
+            check_size(layout, max_region, report)
+    report.stop_if_any()
+    return layouts
+
+
+def check_size(layout: Layout, max_region: int, report: Report) -> None:
+    """SHM303 for a message whose smallest region has more than `max_region` bytes."""
+    if region_size(layout.size) > max_region:
+        largest = max(layout.slots, key=lambda slot: slot.size)
+        report.error(
+            "SHM303",
+            f"{layout.name.short} needs a region of {region_size(layout.size):,} bytes, more than {max_region:,}",
+            largest.field.span if largest.field else layout.message.span,
+            field=f"{layout.name.short}.{largest.name} ({counted(largest.size, 'byte')})",
+            hint="lower a bound under [bounds] or [strings], or raise max_region in shmgen.toml",
+        )
+
+
+def region_size(payload: int, slots: int = SMALLEST_SLOTS) -> int:
+    """Bytes of a region with messages of `payload` bytes."""
+    return abi.region_size(payload, slots)
+
+
+def canonical_text(layout: Layout, layouts: Mapping[TypeName, Layout]) -> str:
+    """What the digest is taken over: all that gives the bytes their meaning, and nothing else."""
+    lines = [f"shmgen layout 1 {layout.name} size {layout.size} align {layout.align}"]
+    for slot in layout.slots:
+        if slot.role is not Role.PADDING:
+            count = "" if slot.count is None else f"[{slot.count}]"
+            meaning = _meaning(slot.type, layout.options, layouts)
+            lines.append(f"{slot.offset} {slot.size} {slot.role.value} {slot.name} {meaning}{count}")
+    return "\n".join(lines) + "\n"
+
+
+def _message(message: Message, options: TypeOptions, layouts: Mapping[TypeName, Layout], requested: bool) -> Layout:
+    slots: list[Slot] = []
+    paddings = itertools.count()
+    offset = 0
+    widest = 1
+    for name, type_, count, role, field in _members(message):
+        size, align = _extent(type_, options, layouts)
+        offset = _pad(slots, paddings, offset, align)
+        slot = Slot(name, type_, count, offset, size * (count or 1), align, role, field)
+        slots.append(slot)
+        offset += slot.size
+        widest = max(widest, align)
+    size = _pad(slots, paddings, offset, widest)
+    draft = Layout(message, tuple(slots), size, widest, 0, options, requested)
+    digest = hashlib.sha256(canonical_text(draft, layouts).encode()).digest()[:8]
+    return Layout(message, tuple(slots), size, widest, int.from_bytes(digest, "big"), options, requested)
+
+
+def _check_values(message: Message, options: TypeOptions, report: Report) -> None:
+    """Defaults and constants must fit the bounds and the encoding that the configuration gave."""
+    declarations: tuple[Field | Constant, ...] = (*message.fields, *message.constants)
+    for declared in declarations:
+        value = declared.default if isinstance(declared, Field) else declared.value
+        path = f"{message.name.short}.{declared.name}"
+        values = value if isinstance(value, tuple) else (value,)
+        room = declared.type.capacity if isinstance(declared.type, Sequence) else None
+        if room is not None and isinstance(value, tuple) and len(value) > room:
+            fault = f"the default has {counted(len(value), 'element')}, the bound is {room}"
+            hint = f'set "{path}" = {len(value)} under [bounds] in shmgen.toml'
+            report.error("SHM005", fault, declared.span, field=path, hint=hint)
+        element = element_of(declared.type)
+        for text in values:
+            if isinstance(text, str) and isinstance(element, String):
+                fault, hint = _misfit(text, element, options, path)
+                if fault:
+                    report.error("SHM005", fault, declared.span, field=path, hint=hint)
+
+
+def _misfit(text: str, string: String, options: TypeOptions, path: str) -> tuple[str, str]:
+    """What is wrong with a text, and the hint; empty if nothing is."""
+    try:
+        length = text_length(text, string, options.encoding)
+    except UnicodeEncodeError as error:
+        return (
+            f"{text!r:.60} cannot be written in {error.encoding}",
+            'set encoding = "utf-8" under [strings] in shmgen.toml',
+        )
+    if string.capacity is not None and length > string.capacity:
+        return f"{text!r:.60} is longer than its bound", f'set "{path}" = {length} under [strings] in shmgen.toml'
+    return "", ""
+
+
+_Member = tuple[str, Element, int | None, Role, Field | None]
+
+
+def _members(message: Message) -> list[_Member]:
+    members: list[_Member] = []
+    for field in message.fields:
+        match field.type:
+            case Array(element, length):
+                members.append((field.name, element, length, Role.DATA, field))
+            case Sequence(element, capacity):
+                assert capacity is not None, "bounds come before layout"
+                members.append((f"{field.name}_count", Scalar.UINT32, None, Role.COUNT, field))
+                members.append((field.name, element, capacity, Role.DATA, field))
+            case element:
+                members.append((field.name, element, None, Role.DATA, field))
+    # The name is rosidl's own for the same purpose.
+    return members or [("structure_needs_at_least_one_member", Scalar.UINT8, None, Role.FILLER, None)]
+
+
+def _extent(type_: Element, options: TypeOptions, layouts: Mapping[TypeName, Layout]) -> tuple[int, int]:
+    match type_:
+        case Scalar():
+            return type_.size, type_.size
+        case Clock():
+            return CLOCK[options.time]
+        case String():
+            return text_bytes(type_), 2 if type_.wide else 1
+        case Ref(name):
+            return layouts[name].size, layouts[name].align
+        case _:
+            assert_never(type_)
+
+
+def _meaning(type_: Element, options: TypeOptions, layouts: Mapping[TypeName, Layout]) -> str:
+    match type_:
+        case Scalar.BOOL:
+            return options.bool
+        case Scalar():
+            return type_.iec
+        case Clock():
+            return f"{options.time} {type_.value}"
+        case String(capacity, wide):
+            return f"WSTRING({capacity}) utf-16" if wide else f"STRING({capacity}) {options.encoding}"
+        case Ref(name):
+            return f"{name} {layouts[name].digest:016x}"
+        case _:
+            assert_never(type_)
+
+
+def _pad(slots: list[Slot], numbers: Iterator[int], offset: int, align: int) -> int:
+    gap = -offset % align
+    if gap:
+        slots.append(Slot(f"_pad{next(numbers)}", Scalar.UINT8, gap, offset, gap, 1, Role.PADDING))
+    return offset + gap

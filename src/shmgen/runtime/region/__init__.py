@@ -1,0 +1,1 @@
+"""What opens, claims, locks and reads a region in shared memory."""

@@ -1,0 +1,102 @@
+"""Turns a machine into what keeps loads and stores in their order there: nothing, a full barrier, or the lock alone."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+import threading
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, cast
+
+from shmgen.core import abi
+
+if TYPE_CHECKING:
+    EXTENSION: Any
+    """The extension in C, None where it is not at work."""
+else:
+    try:
+        if os.environ.get("SHMGEN_PURE") or "t" in getattr(sys, "abiflags", ""):  # objects of 3.13t look otherwise
+            raise ImportError
+        from shmgen import _core as EXTENSION
+
+        if EXTENSION.ABI != abi.ABI:
+            raise ImportError
+    except ImportError:
+        EXTENSION = None
+
+_KEEP = ("x86_64", "AMD64", "i386", "i486", "i586", "i686")
+"""Machines on which a later load alone passes an earlier store."""
+_EXPEDITED = 2
+"""MEMBARRIER_CMD_GLOBAL_EXPEDITED of linux/membarrier.h (4.16): a full barrier for who calls, first and last."""
+_NUMBERS = {
+    ("aarch64", True): 283,
+    ("riscv64", True): 283,
+    ("aarch64", False): 389,
+    ("armv8l", False): 389,
+    ("armv7l", False): 389,
+}
+"""That of membarrier(2), by what os.uname() says and whether this process has 64 bits (asm/unistd.h)."""
+
+
+def keeps_order() -> bool:
+    """Whether loads and stores of this machine keep their order, so that the slots alone carry integrity."""
+    return os.uname().machine in _KEEP
+
+
+def has_barrier() -> bool:
+    """Whether fence() is a full barrier here: on x86 always, elsewhere by the extension in C or by Linux."""
+    return keeps_order() or EXTENSION is not None or _membarrier() is not None
+
+
+def ordered(words: memoryview) -> memoryview:
+    """The same words; where the machine keeps no order, each look at one and each store stands between two barriers."""
+    return words if keeps_order() else cast(memoryview, _Ordered(words))
+
+
+class _Ordered:
+    __slots__ = ("_words",)
+
+    def __init__(self, words: memoryview) -> None:
+        self._words = words
+
+    def __getitem__(self, at: int) -> int:
+        fence()
+        value = self._words[at]
+        fence()
+        return value
+
+    def __setitem__(self, at: int, value: int) -> None:
+        fence()
+        self._words[at] = value
+        fence()
+
+    def release(self) -> None:
+        self._words.release()
+
+
+def _locked() -> None:
+    """On x86 taking any mutex is a locked instruction, which is a full barrier."""
+    with _mutex:
+        pass
+
+
+def _membarrier() -> Callable[[], Any] | None:
+    """The system call, None where there is none or it is not allowed."""
+    number = _NUMBERS.get((os.uname().machine, sys.maxsize > 2**32))
+    if number is None:
+        return None
+    call = ctypes.CDLL(None).syscall
+    arguments = [ctypes.c_long(value) for value in (number, _EXPEDITED, 0, 0)]
+    return (lambda: call(*arguments)) if call(*arguments) == 0 else None
+
+
+def _chosen() -> Callable[[], Any]:
+    if keeps_order():
+        return _locked
+    return (EXTENSION and EXTENSION.fence) or _membarrier() or _locked
+
+
+_mutex = threading.Lock()
+fence: Callable[[], Any] = _chosen()
+"""Keeps loads and stores on their side of it, where has_barrier()."""

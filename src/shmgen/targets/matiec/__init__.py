@@ -1,1 +1,0 @@
-"""matiec, the compiler of OpenPLC v3 and of Beremiz: types and blocks whose bodies are in C."""

@@ -1,0 +1,1 @@
+"""Reads, writes and prints single messages."""

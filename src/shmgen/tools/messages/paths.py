@@ -1,0 +1,133 @@
+"""Turns what a person writes of a message's inside into values: `pose.position.x`, `points[2]`, and conditions."""
+
+from __future__ import annotations
+
+import ast
+import ctypes
+import re
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from shmgen.core.diagnostics import closest
+from shmgen.core.model import Clock, Layout, Layouts, Ref, Role, Scalar
+from shmgen.runtime import Message
+from shmgen.targets.python.names import python_member
+from shmgen.tools.messages.format import ros_name
+
+Getter = Callable[[Message], Any]
+
+_STEP = re.compile(r"([A-Za-z_]\w*)((?:\[\d+\])*)", re.ASCII)
+_INDEX = re.compile(r"\[(\d+)\]")
+
+
+def getter(kind: type[Message], path: str) -> Getter:
+    """The value at `path` of a message; None where a sequence has no such element now.
+
+    Raises ValueError for a path that no message of the kind has, with what was meant.
+    """
+    steps: list[str | int] = []
+    for part in path.split("."):
+        found = _STEP.fullmatch(part)
+        if found is None:
+            raise ValueError(f"{path}: {part!r} is not a field; write pose.position.x, or points[2].x")
+        steps += [found[1], *map(int, _INDEX.findall(found[2]))]
+    _check(kind(), steps, path)
+
+    def get(message: Message) -> Any:
+        value: Any = message
+        for step in steps:
+            if isinstance(step, int):
+                if step >= len(value):
+                    return None
+                value = value[step]
+            else:
+                value = getattr(value, python_member(step))
+        return value
+
+    return get
+
+
+def _check(value: Any, steps: list[str | int], path: str) -> None:
+    for step in steps:
+        if isinstance(step, int):
+            if not isinstance(value, (ctypes.Array, list, tuple)) or hasattr(value, "_fields"):
+                raise ValueError(f"{path}: [{step}] follows something that is not an array")
+            if len(value) <= step:
+                return  # a sequence, empty in a new message
+            value = value[step]
+        else:
+            names = _names(value)
+            if step not in names:
+                close = closest(step, names)
+                there = f"it has {', '.join(names)}" if names else "it has no fields"
+                raise ValueError(f"{path}: no field {step}; {f'did you mean {close}?' if close else there}")
+            value = getattr(value, python_member(step))
+
+
+def _names(value: Any) -> list[str]:
+    if isinstance(value, Message):
+        return [ros_name(name) for name in value._names_]
+    return list(getattr(value, "_fields", ())) if isinstance(value, tuple) else []
+
+
+def leaves(layout: Layout, layouts: Layouts, within: str = "", *, numbers: bool = False) -> Iterator[str]:
+    """The paths of all fields, those of messages in it opened; `numbers`: only of what can be plotted."""
+    for slot in layout.slots:
+        if slot.role is not Role.DATA:
+            continue
+        path = f"{within}{slot.name}"
+        if isinstance(slot.type, Ref) and slot.count is None:
+            yield from leaves(layouts[slot.type.name], layouts, f"{path}.", numbers=numbers)
+        elif not numbers or (isinstance(slot.type, (Scalar, Clock)) and slot.count is None):
+            yield path
+
+
+_ALLOWED = (
+    *(ast.Expression, ast.BoolOp, ast.And, ast.Or, ast.UnaryOp, ast.Not, ast.USub, ast.BinOp, ast.Add, ast.Sub),
+    *(ast.Mult, ast.Div, ast.Mod, ast.Compare, ast.Eq, ast.NotEq, ast.Lt, ast.LtE, ast.Gt, ast.GtE, ast.In, ast.NotIn),
+    *(ast.Attribute, ast.Subscript, ast.Name, ast.Constant, ast.Call, ast.Load, ast.Tuple, ast.List),
+)
+_FUNCTIONS = {"abs": abs, "len": len, "max": max, "min": min, "sum": sum, "any": any, "all": all}
+
+
+def condition(kind: type[Message], text: str) -> Callable[[Message], bool]:
+    """Whether a message fulfils `position.x > 1 and name == "a"`; fields bare, or as of `m`, as in ROS 2.
+
+    Only arithmetic, comparisons, fields, elements and a few functions: nothing of it can do anything. An element that
+    is not there fulfils nothing. Raises ValueError.
+    """
+    try:
+        tree = ast.parse(text, mode="eval")
+    except (SyntaxError, ValueError):
+        raise ValueError(f"{text!r} is not a condition; write it as position.x > 1 and name == 'a'") from None
+    for node in ast.walk(tree):
+        if not isinstance(node, _ALLOWED):
+            raise ValueError(f"{text!r}: {type(node).__name__} cannot stand in a condition")
+        name = node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
+        if name.startswith("_"):
+            raise ValueError(f"{text!r}: {name} is not a field")
+        if isinstance(node, ast.Call) and not (isinstance(node.func, ast.Name) and node.func.id in _FUNCTIONS):
+            raise ValueError(f"{text!r}: functions are {', '.join(_FUNCTIONS)}")
+        if isinstance(node, ast.Attribute):
+            node.attr = python_member(node.attr)
+    code = compile(tree, "condition", "eval")
+    members = {ros_name(name): name for name in kind._names_}
+    if unknown := sorted(_free(tree) - members.keys() - _FUNCTIONS.keys() - {"m"}):
+        close = closest(unknown[0], members)
+        there = f"it has {', '.join(members)}"
+        raise ValueError(f"{text!r}: no field {unknown[0]}; {f'did you mean {close}?' if close else there}")
+
+    def holds(message: Message) -> bool:
+        names = _FUNCTIONS | {name: getattr(message, member) for name, member in members.items()} | {"m": message}
+        try:
+            return bool(eval(code, {"__builtins__": {}}, names))
+        except (IndexError, ZeroDivisionError):
+            return False
+        except (AttributeError, TypeError) as error:
+            raise ValueError(f"{text!r}: {error}") from None
+
+    return holds
+
+
+def _free(tree: ast.AST) -> set[str]:
+    return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}

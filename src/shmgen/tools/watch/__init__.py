@@ -1,0 +1,1 @@
+"""Prints rates, lists and curves of live topics."""

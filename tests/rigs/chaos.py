@@ -1,0 +1,563 @@
+"""Turns a seed into thousands of SIGKILLs at random instants, and what must hold all the same into a verdict.
+
+    python -m tests.rigs.chaos --seconds 60 --seed 1 [--no-plc] [--no-cpp] [--fault NAME]
+
+Writers and readers, in Python, in C++ and in Structured Text (the soft PLC), work on one topic, are killed, stopped
+for a moment, and started again; now and then all are killed and the region is removed, so that its making is met
+as well. Signal handlers raise and fork in them, strangers post to their semaphores, their region is cut short, files
+that are none of theirs take its names, /dev/shm is full: see chaos_mishaps.py.
+Every sample carries its number and a checksum. There are small ones, which some of the processes copy slowly,
+in two halves, so that others come between, and large ones. A round is a burst of such hits and then the time until
+everybody has moved again. `--fault` plants a fault in the protocol, which must be found: see chaos_faults.py.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import mmap
+import os
+import random
+import shutil
+import signal
+import sys
+import tempfile
+import time
+import zlib
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NoReturn
+
+from shmgen.config import Config
+from shmgen.core.model import TypeName
+from shmgen.generator import pipeline
+from shmgen.live import processes
+from shmgen.runtime import LockTimeout, RegionInUse, RegionMissing, read_header, region_name
+from shmgen.tools.doctor import clean, orphan_semaphores
+
+from ..support import cpp_peer
+from ..support.build import classes, put
+from . import chaos_faults, chaos_mishaps, chaos_still
+from .chaos_faults import Wrapped, swap
+from .chaos_mishaps import Interrupted
+
+DEPTHS = (1, 4)
+SIZES = {"Small": 2048, "Large": 131072}
+"""Bytes; below and above LATE_FROM, for the runtime copies them in two ways."""
+DEFINITIONS = {
+    f"chaos_msgs/msg/{name}.msg": f"uint64 number\nuint32 checksum\nuint8[{size}] data\n"
+    for name, size in SIZES.items()
+}
+PATTERNS = {name: [random.Random(seed).randbytes(size) for seed in range(61)] for name, size in SIZES.items()}
+CHECKSUMS = {name: [zlib.crc32(pattern) for pattern in patterns] for name, patterns in PATTERNS.items()}
+ROUNDS_A_REGION = 30
+PATIENCE = 1.5
+"""Seconds that a new writer waits for children of the one before, which let go of its claim as soon as they run."""
+
+
+@dataclass
+class Stage:
+    """What all processes share: a topic, the classes, and a word for each role that says how often it has moved.
+
+    `program` is that of C++, and `shared` the descriptor of those words.
+    """
+
+    topic: str
+    classes: dict[str, tuple[Any, Any, Any]]
+    plc: Any
+    moves: memoryview
+    complaints: int
+    depth: int = 1
+    kind: str = "Small"
+    calm: bool = False
+    calls: list[Callable[[], Any]] = field(default_factory=list)
+    """What the process itself has open, which a forked child of it must not use."""
+    program: Path | None = None
+    shared: int = -1
+    stacks: int = -1
+    """The descriptor of a file that processes write their stacks to."""
+
+    @property
+    def kinds(self) -> tuple[Any, Any, Any]:
+        """Message, publisher and subscriber."""
+        return self.classes[self.kind]
+
+    def become_cpp(self, place: int, rng: random.Random, way: str, complaints: int) -> NoReturn:
+        """Signals that are ignored here stay so there."""
+        assert self.program
+        patterns = self.program.with_name(f"{self.kind}.patterns")
+        words = [way, self.kind, self.topic, self.depth, place, self.shared, complaints, patterns]
+        for descriptor in (self.shared, complaints):
+            os.set_inheritable(descriptor, True)
+        os.execv(self.program, ["chaos", *map(str, words), str(rng.randrange(2**32))])
+
+    def complain(self, text: str) -> None:
+        os.write(self.complaints, f"{text}\n"[:500].encode())
+
+    def sample(self, number: int) -> Any:
+        made = self.kinds[0](number=number, checksum=CHECKSUMS[self.kind][number % 61] ^ number)
+        ctypes.memmove(made.data, PATTERNS[self.kind][number % 61], SIZES[self.kind])
+        return made
+
+    def check(self, message: Any, sequence: int, role: str) -> None:
+        number, data = message.number, bytes(message.data)
+        # Comparing is quicker than a checksum, so that more of the time goes into what can go wrong.
+        wanted = CHECKSUMS[self.kind][number % 61] ^ number
+        if message.checksum != wanted or data != PATTERNS[self.kind][number % 61]:
+            self.complain(f"{role}: torn: sample {sequence} says {number}, checksum {zlib.crc32(data):08X}")
+        elif number != sequence:
+            self.complain(f"{role}: sample {sequence} says {number}")
+
+
+@dataclass
+class Verdict:
+    """`pause`: the longest, in seconds, until everybody had moved again after a burst."""
+
+    kills: int = 0
+    stops: int = 0
+    rounds: int = 0
+    moves: dict[str, int] = field(default_factory=dict)
+    recoveries: int = 0
+    regions: int = 1
+    half_made: int = 0
+    pause: float = 0.0
+    mishaps: Counter[str] = field(default_factory=Counter)
+    faults: list[str] = field(default_factory=list)
+
+
+def write(stage: Stage, place: int, rng: random.Random) -> None:
+    """Also as on a machine where the lock is needed: then a dead holder stops everybody until it is healed."""
+    pause = rng.choice((0, 0, 0.0003))
+    with stage.kinds[1](stage.topic, depth=stage.depth, lock_timeout=rng.choice((0, 0, 0.001, 0.01))) as publisher:
+        stage.calls = [publisher.heartbeat]
+        publisher._lock.keeps_order &= rng.random() < 0.7
+        copy_slowly(publisher, stage, rng)
+        while True:
+            try:
+                publisher.publish(stage.sample(publisher.sequence + 1))
+            except (LockTimeout, Interrupted):
+                continue
+            stage.moves[place] += 1
+            time.sleep(pause)
+
+
+def read(stage: Stage, place: int, rng: random.Random) -> None:
+    way = rng.choice(("read", "read_all", "wait"))
+    with stage.kinds[2](stage.topic, depth=stage.depth, lock_timeout=rng.choice((0, 0, 0.001, 0.01))) as subscriber:
+        stage.calls = [subscriber.read]
+        subscriber._lock.keeps_order &= rng.random() < 0.7
+        copy_slowly(subscriber, stage, rng)
+        goes_on = True
+        while goes_on:
+            with suppress(Interrupted):  # what it had in hand is lost, and counting begins anew
+                goes_on = follow(stage, place, subscriber, way)
+
+
+def follow(stage: Stage, place: int, subscriber: Any, way: str) -> bool:
+    """Until the figures do not agree: False."""
+    start, missed, count = subscriber._last, subscriber.missed, 0
+    last = start
+    while True:
+        match way:
+            case "read":
+                messages = [subscriber.read()]
+            case "wait":
+                messages = [subscriber.wait(0.05)]
+            case _:
+                messages = subscriber.read_all()
+        for message in filter(None, messages):
+            count += 1
+            stage.check(message, message.number if way == "read_all" else subscriber.sequence, way)
+            if message.number <= last:
+                stage.complain(f"{way}: {message.number} after {last}")
+            last = message.number
+            stage.moves[place] += 1
+        lost = subscriber.missed - missed
+        if count and (last != subscriber.sequence or start + count + lost != last):
+            stage.complain(f"{way}: from {start} to {last} are not {count} read and {lost} missed")
+            return False
+
+
+def copy_slowly(side: Any, stage: Stage, rng: random.Random) -> None:
+    """Every other publisher and subscriber of small samples, as if memory were slow."""
+    if stage.kind == "Small" and rng.random() < 0.5:
+        swap(side, side._region.map, lambda map: Halves(map, rng))
+
+
+class Halves(Wrapped):
+    """The map of a region, in which a sample is copied in two halves with a pause between them.
+
+    Read from the back and written from the front, so that the two meet.
+    """
+
+    def __init__(self, inner: Any, rng: random.Random) -> None:
+        super().__init__(inner)
+        self.rng = rng
+
+    def __getitem__(self, where: slice) -> bytes:
+        middle = (where.start + where.stop) // 2
+        back = self.inner[middle : where.stop]
+        self.pause()
+        return bytes(self.inner[where.start : middle] + back)
+
+    def __setitem__(self, where: slice, data: bytearray) -> None:
+        half = len(data) // 2
+        self.inner[where.start : where.start + half] = data[:half]
+        self.pause()
+        self.inner[where.start + half : where.stop] = data[half:]
+
+    def pause(self) -> None:
+        """Seldom enough that a reader without the lock still gets samples from a writer without it."""
+        if self.rng.random() < 0.3:
+            time.sleep(self.rng.choice((0, 0.0001, 0.0005)))
+
+
+def plc_write(stage: Stage, place: int, rng: random.Random) -> None:
+    block = stage.plc.block(f"FB_chaos_msgs_{stage.kind}_Publisher")
+    size = ctypes.sizeof(stage.kinds[0])
+    region = block._fbRegion
+    while True:
+        ready = region.xReady  # only then its next number is known: after a change of writers some are left out
+        if ready:
+            sample = stage.sample(region._udiLast + 1)
+            ctypes.memmove(block.Msg._address, ctypes.addressof(sample), size)
+        block(xEnable=True, xSend=ready, sTopic=stage.topic, udiDepth=stage.depth)
+        stage.moves[place] += block.xSent
+        time.sleep(0.0002)
+
+
+def plc_read(stage: Stage, place: int, rng: random.Random) -> None:
+    block = stage.plc.block(f"FB_chaos_msgs_{stage.kind}_Subscriber")
+    newest = rng.random() < 0.5
+    while True:
+        block(xEnable=True, sTopic=stage.topic, udiDepth=stage.depth, xNewest=newest)
+        if block.xNewData:
+            message = stage.kinds[0].from_buffer_copy(block.Msg.bytes())
+            stage.check(message, block.udiSequence, "plc_read")
+            stage.moves[place] += 1
+        time.sleep(0.0002)
+
+
+def cpp_write(stage: Stage, place: int, rng: random.Random) -> None:
+    stage.become_cpp(place, rng, "write", stage.complaints)
+
+
+def cpp_read(stage: Stage, place: int, rng: random.Random) -> None:
+    stage.become_cpp(place, rng, rng.choice(("read", "next", "wait")), stage.complaints)
+
+
+class Actor:
+    """A role in this play, and the process that now has it."""
+
+    def __init__(self, stage: Stage, place: int, work: Callable[[Stage, int, random.Random], None]) -> None:
+        self.stage, self.place, self.work = stage, place, work
+        self.pid = 0
+
+    @property
+    def moves(self) -> int:
+        return self.stage.moves[self.place]
+
+    @property
+    def interpreted(self) -> bool:
+        """Whether the process is Python's, be it as the PLC."""
+        return self.work not in (cpp_write, cpp_read)
+
+    def start(self, seed: float) -> None:
+        # Until the child has handlers of its own, and for good in a PLC, which knows no signals.
+        before = [(number, signal.signal(number, signal.SIG_IGN)) for number in (signal.SIGINT, signal.SIGUSR1)]
+        self.pid = os.fork()
+        if self.pid == 0:
+            self.play(random.Random(seed))
+        for number, handler in before:
+            signal.signal(number, handler)
+
+    def play(self, rng: random.Random) -> NoReturn:
+        """Opens anew where an exception came upon opening or closing."""
+        interrupts, patience = True, time.monotonic() + PATIENCE
+        try:
+            if self.interpreted:
+                chaos_still.tells(self.stage)
+            if self.work in (write, read):
+                chaos_mishaps.prepare(self.stage, rng, self.work)
+            while interrupts:
+                interrupts = False
+                try:
+                    self.work(self.stage, self.place, rng)
+                except Interrupted:
+                    interrupts = True
+                except RegionInUse as error:
+                    # By a child of the one before, forked just now, which has not had its turn yet.
+                    interrupts = time.monotonic() < patience
+                    if not interrupts:
+                        chaos_still.who_is_in_the_way(self.stage, error)
+                self.stage.calls = []
+        except BaseException as error:
+            self.stage.complain(f"{self.work.__name__} ended: {error!r}")
+        finally:
+            os._exit(0)
+
+    def state(self) -> str:
+        """As `ps` has it, or how it ended, which only the first who asks is told."""
+        try:
+            pid, status = os.waitpid(self.pid, os.WNOHANG | os.WUNTRACED) if self.pid else (0, 0)
+            if pid:
+                return f"status {status:#x}"
+            return Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()[0]
+        except (ChildProcessError, FileNotFoundError):
+            return "ended"
+
+    def kill(self) -> None:
+        with suppress(ProcessLookupError, ChildProcessError):  # it had ended, and state() has told how
+            self.signal(signal.SIGKILL)
+            os.waitpid(self.pid, 0)
+
+    def signal(self, number: signal.Signals) -> None:
+        os.kill(self.pid, number)
+
+
+def play(
+    folder: Path,
+    seconds: float,
+    kills: int,
+    seed: int,
+    limit: float,
+    plc: bool,
+    cpp: bool,
+    fault: str | None,
+    calm: bool,
+) -> Verdict:
+    """Until there were so many kills, for so many seconds, or until a fault was found."""
+    stage, complaints = _stage(folder, plc, cpp)
+    stage.calm = calm
+    if fault:
+        plant = chaos_faults.PLANTED[fault]
+        plant(stage)
+        stage.calm = plant in chaos_faults.CALM
+    rng, verdict = random.Random(seed), Verdict()
+    before = _half_made()
+    end = time.monotonic() + seconds
+    scenes = [[write, read, read]]
+    if plc:
+        scenes += [[write, read, plc_read], [plc_write, read, plc_read]]
+    if cpp:
+        scenes += [[cpp_write, read, cpp_read], [write, cpp_read, cpp_read], [cpp_write, cpp_read, cpp_read]]
+    if plc and cpp:
+        scenes += [[cpp_write, cpp_read, plc_read], [plc_write, cpp_read, read]]
+    try:
+        while time.monotonic() < end and verdict.kills < kills and not verdict.faults:
+            stage.depth = DEPTHS[verdict.regions % 2]
+            stage.kind = "Small" if fault else tuple(SIZES)[verdict.regions // 2 % 2]
+            works = scenes[verdict.regions % len(scenes)]
+            gentle = not stage.calm and verdict.regions % 5 == 1
+            cast = [Actor(stage, place, work) for place, work in enumerate(works)]
+            for actor in cast:
+                actor.start(rng.random())
+            try:
+                for _ in range(6 if plc_write in works else ROUNDS_A_REGION):
+                    if gentle:
+                        _gentle_burst(stage, cast, rng, verdict)
+                    else:
+                        _burst(stage, cast, rng, verdict)
+                    _recover(cast, limit, verdict)
+                    verdict.faults += complaints()
+                    if verdict.faults or time.monotonic() > end:
+                        break
+                if gentle and (healed := read_header(region_name(stage.topic)).recoveries):
+                    verdict.faults.append(f"nobody was killed or stopped, and the lock was healed {healed} times")
+            finally:
+                for actor in cast:
+                    actor.kill()
+                    name = actor.work.__name__
+                    verdict.moves[name] = verdict.moves.get(name, 0) + actor.moves
+                    stage.moves[actor.place] = 0
+            verdict.faults += complaints()
+            verdict.recoveries += read_header(region_name(stage.topic)).recoveries
+            verdict.regions += 1
+            _clean(stage, verdict)
+            if not stage.calm:
+                mishap = rng.choice(chaos_mishaps.BETWEEN)
+                verdict.mishaps[mishap.__name__] += 1
+                verdict.faults += [f"{mishap.__name__}: {found}" for found in mishap(stage, rng)]
+                verdict.faults += complaints()
+    finally:
+        for file in _files(stage):
+            file.unlink()
+    _clean_half_made(before, verdict)
+    return verdict
+
+
+def _stage(folder: Path, plc: bool, cpp: bool) -> tuple[Stage, Callable[[], list[str]]]:
+    put(DEFINITIONS, folder / "definitions")
+    config = Config(folder, path=(folder / "definitions",), package="shm_chaos", targets=("python", "st", "c", "cpp"))
+    texts = pipeline.generate(config, [f"chaos_msgs/{name}" for name in SIZES])
+    put(texts, folder)
+    kinds = {name: classes(folder, config.package, TypeName("chaos_msgs", "msg", name)) for name in SIZES}
+    compiled = None
+    if plc:
+        from ..softplc import compile_st
+
+        compiled = compile_st({path: text for path, text in texts.items() if path.endswith(".st")})
+    program = None
+    if cpp:
+        program = cpp_peer.compiled(folder, "chaos", cpp_peer.HERE / "chaos.cpp", options=["-O2"])
+        for name in SIZES:
+            checksums = b"".join(number.to_bytes(4, "little") for number in CHECKSUMS[name])
+            (folder / f"{name}.patterns").write_bytes(checksums + b"".join(PATTERNS[name]))
+    out, into = os.pipe()
+    os.set_blocking(out, False)
+    shared = os.memfd_create("moves")
+    os.ftruncate(shared, mmap.PAGESIZE)
+    moves = memoryview(mmap.mmap(shared, mmap.PAGESIZE)).cast("Q")
+
+    def complaints() -> list[str]:
+        try:
+            return os.read(out, 65536).decode().splitlines()
+        except BlockingIOError:
+            return []
+
+    topic = f"/shmgen_chaos/t{os.getpid()}"
+    return Stage(
+        topic, kinds, compiled, moves, into, program=program, shared=shared, stacks=os.memfd_create("stacks")
+    ), complaints
+
+
+def _burst(stage: Stage, cast: list[Actor], rng: random.Random, verdict: Verdict) -> None:
+    verdict.rounds += 1
+    for _ in range(rng.randint(1, 6)):
+        time.sleep(rng.uniform(0, 0.004))
+        actor = rng.choice(cast)
+        if not stage.calm and rng.random() < 0.3:
+            _mishap(rng.choice(chaos_mishaps.DURING), stage, actor, rng, verdict)
+            continue
+        if rng.random() < 0.5:
+            for _ in range(rng.randint(1, 10)):
+                _overtake(*rng.sample(cast, 2), rng)
+                verdict.stops += 1
+            continue
+        actor.kill()
+        verdict.kills += 1
+        if actor.place == 0:
+            verdict.faults += _last_sample_is_lost(stage)
+        actor.start(rng.random())
+
+
+def _gentle_burst(stage: Stage, cast: list[Actor], rng: random.Random, verdict: Verdict) -> None:
+    verdict.rounds += 1
+    for _ in range(rng.randint(1, 12)):
+        time.sleep(rng.uniform(0, 0.004))
+        _mishap(rng.choice(chaos_mishaps.GENTLE), stage, rng.choice(cast), rng, verdict)
+
+
+def _mishap(mishap: Any, stage: Stage, actor: Actor, rng: random.Random, verdict: Verdict) -> None:
+    verdict.mishaps[mishap.__name__] += 1
+    mishap(stage, actor, rng)
+
+
+def _overtake(one: Actor, other: Actor, rng: random.Random) -> None:
+    """Stops one for some microseconds, which the other goes on for, and then lets it meet the other half-way."""
+    one.signal(signal.SIGSTOP)
+    end = time.perf_counter() + rng.uniform(0, 0.0002)
+    while time.perf_counter() < end:
+        pass
+    other.signal(signal.SIGSTOP)
+    one.signal(signal.SIGCONT)
+    time.sleep(0.0002)
+    other.signal(signal.SIGCONT)
+
+
+def _last_sample_is_lost(stage: Stage) -> Iterator[str]:
+    """With no writer about, what `completed` says is what a new reader gets, whole."""
+    with stage.kinds[2](stage.topic, depth=stage.depth, lock_timeout=0) as subscriber:
+        completed = subscriber._region.words[33]
+        # Where the lock is needed a dead reader may have it, until it is healed.
+        message = subscriber.read() or subscriber.wait(PATIENCE)
+        if completed and message is None:
+            yield f"sample {completed} was completed and is lost"
+        elif completed:
+            stage.check(message, completed, "after a kill")
+
+
+def _recover(cast: list[Actor], limit: float, verdict: Verdict) -> None:
+    start, before = time.monotonic(), [actor.moves for actor in cast]
+    stage, late = cast[0].stage, ""
+    surplus = chaos_still.Surplus(stage)
+    while any(actor.moves == moves for actor, moves in zip(cast, before, strict=True)) or surplus.is_there():
+        took = time.monotonic() - start
+        if took > limit and not late:
+            what = "more than one token" if surplus.is_there() else "no sign of life"
+            late = f"{what} within {limit:.1f} s of the last hit: {chaos_still.found(stage, cast, before)}"
+        if took > 5 * limit:
+            verdict.faults.append(f"{late}\nnor within {took:.1f}: {chaos_still.found(stage, cast, before)}")
+            return
+        time.sleep(0.0005)
+    took = time.monotonic() - start
+    verdict.pause = max(verdict.pause, took)
+    if late:
+        verdict.faults.append(f"{late}\nall moved after {took:.2f}")
+
+
+def _files(stage: Stage) -> set[Path]:
+    return set(Path("/dev/shm").glob(f"*{region_name(stage.topic)}*"))
+
+
+def _clean(stage: Stage, verdict: Verdict) -> None:
+    known = clean.leftovers(stage.topic)
+    if unknown := _files(stage) - {Path(file) for file in known}:
+        verdict.faults.append(f"`shmgen clean` does not know {unknown}")
+    clean.remove(known)
+
+
+def _half_made() -> set[Path]:
+    """What may be semaphores under the name that the C library makes them under."""
+    return set(Path("/dev/shm").glob("sem.??????"))
+
+
+def _clean_half_made(before: set[Path], verdict: Verdict) -> None:
+    """What is still there when all are dead must be known as a leftover, or by its name."""
+    if not (left := _half_made() - before):
+        return
+    time.sleep(orphan_semaphores.AGE + 0.1)
+    left &= _half_made()
+    known = {Path(file) for file in orphan_semaphores.semaphores(processes.look())}
+    for file in left - known:
+        with suppress(RegionMissing, ValueError):
+            known |= {Path(file) for file in clean.leftovers(file.name.removeprefix("sem."))}
+    verdict.half_made = len(left)
+    if unknown := left - known:
+        verdict.faults.append(f"`shmgen clean` does not know {unknown}")
+    clean.remove([str(file) for file in left])
+
+
+def main() -> None:
+    """Exit code 1 if a fault was found."""
+    parser = argparse.ArgumentParser(description="Kills readers and writers of a region at random instants.")
+    parser.add_argument("--seconds", type=float, default=600)
+    parser.add_argument("--kills", type=int, default=20_000)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--limit", type=float, default=1.2, help="seconds within which everybody moves again")
+    parser.add_argument("--no-plc", action="store_true")
+    parser.add_argument("--calm", action="store_true", help="kills and stops only, none of chaos_mishaps.py")
+    parser.add_argument("--no-cpp", action="store_true")
+    parser.add_argument("--fault", choices=chaos_faults.PLANTED)
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="shmgen-chaos") as folder:
+        plc = not (given.no_plc or given.fault)
+        cpp = not (given.no_cpp or given.fault) and shutil.which("g++") is not None
+        verdict = play(
+            Path(folder), given.seconds, given.kills, given.seed, given.limit, plc, cpp, given.fault, given.calm
+        )
+    print(
+        f"seed {given.seed}: {verdict.kills} kills and {verdict.stops} stops in {verdict.rounds} bursts on "
+        f"{verdict.regions} regions; {verdict.recoveries} locks recovered, {verdict.half_made} semaphores half made; "
+        f"mishaps: {dict(verdict.mishaps)}; "
+        f"samples: {verdict.moves}; all moved again within {verdict.pause:.2f} s"
+    )
+    print("\n".join(verdict.faults[:20]) or "nothing torn, nothing lost, nobody stuck, nothing left over")
+    sys.exit(bool(verdict.faults))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,323 @@
+"""Turns a live region, or the place where one will be, into what bad luck and bad neighbours make of it; for chaos.py.
+
+DURING happens to processes that go on: an exception out of a signal handler, a fork in the middle of anything, a stop
+longer than the dead are waited for, posts too many. BETWEEN happens where no process is left: a region cut short, a
+foreign file under one of its names, a full /dev/shm; each tells what it found wrong.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import random
+import signal
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import posix_ipc
+
+from shmgen.runtime import InForkedChild, RegionUnusable, ShmError, region_name
+from shmgen.runtime.region.header import header_for
+from shmgen.runtime.region.names import event_name, region_file, semaphore_file
+
+from ..support.command import run
+
+LONG_STOP = 1.15
+"""Seconds; a holder is taken for dead after one, a PLC's claim too."""
+HANGS = 10
+"""Seconds that opening what is spoiled may last, on a machine with much else to do."""
+_CHILD = (0.0, 0.005, 0.02, 3.0)
+"""Seconds that a forked child lives: also longer than a new writer waits for the topic."""
+_SPARE = 0.01
+"""Seconds between two exceptions in one process, so that one can be dealt with."""
+_NEW_NAMESPACE = 0x20000
+_PAGE = 4096
+_MAGIC = 4
+"""Bytes."""
+
+
+class Interrupted(BaseException):
+    """What a signal handler raises, at any instruction."""
+
+
+def prepare(stage: Any, rng: random.Random, work: Callable[..., None]) -> None:
+    """In a process that plays `work`: SIGINT raises inside of it, where that is dealt with, and SIGUSR1 forks."""
+    last, forking = 0.0, False
+
+    def interrupt(_: int, frame: FrameType | None) -> None:
+        nonlocal last
+        if forking:  # others have hooks there (logging), which do not bear it
+            return
+        while frame and frame.f_code is not work.__code__:
+            frame = frame.f_back
+        if frame and (now := time.monotonic()) - last > _SPARE:
+            last = now
+            raise Interrupted
+
+    def fork(*_: Any) -> None:
+        # A descriptor has no owner yet while the call that makes it returns: docs/protocol.md, Forks.
+        nonlocal forking
+        if forking:  # in a hook of the one before: that of concurrent.futures holds a lock there, and waits for itself
+            return
+        forking = True
+        pause = rng.choice(_CHILD)  # here, for the child draws from a copy
+        child = bool(stage.calls) and os.fork() == 0
+        forking = False
+        if child:
+            try:
+                for call in stage.calls:
+                    _must_refuse(call, stage)
+                time.sleep(pause)
+            finally:
+                os._exit(0)
+
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)
+    signal.signal(signal.SIGINT, interrupt)
+    signal.signal(signal.SIGUSR1, fork)
+
+
+def _must_refuse(call: Callable[[], Any], stage: Any) -> None:
+    try:
+        call()
+        stage.complain("a forked child used what its parent has open")
+    except InForkedChild:
+        pass
+    except BaseException as error:
+        stage.complain(f"a forked child met {error!r}")
+
+
+# --- while processes go on -----------------------------------------------------------------------------------
+
+
+def interrupted(stage: Any, actor: Any, rng: random.Random) -> None:
+    actor.signal(signal.SIGINT)
+
+
+def forked(stage: Any, actor: Any, rng: random.Random) -> None:
+    actor.signal(signal.SIGUSR1)
+
+
+def stood_still(stage: Any, actor: Any, rng: random.Random) -> None:
+    actor.signal(signal.SIGSTOP)
+    time.sleep(LONG_STOP)
+    actor.signal(signal.SIGCONT)
+
+
+def posted(stage: Any, actor: Any, rng: random.Random) -> None:
+    """To the lock, the event, or both."""
+    name = region_name(stage.topic)
+    for semaphore in rng.choice(((name,), (event_name(name),), (name, event_name(name)))):
+        with suppress(posix_ipc.ExistentialError):
+            opened = posix_ipc.Semaphore(f"/{semaphore}")
+            for _ in range(rng.randint(1, 3)):
+                opened.release()
+            opened.close()
+
+
+GENTLE = (interrupted, forked)
+"""After these alone nobody had to heal anything."""
+DURING = (interrupted, interrupted, interrupted, forked, forked, forked, posted, posted, posted, stood_still)
+
+
+# --- where no process is left --------------------------------------------------------------------------------
+
+
+def cut_short(stage: Any, rng: random.Random) -> Iterator[str]:
+    """Those who have it mapped may die, as the docs say; who comes later, and who only looks, may not."""
+    child = _fork(lambda: _use(stage, rng.uniform(0.0, 0.05), for_ever=True))
+    time.sleep(rng.uniform(0.05, 0.15))
+    file, size = Path(region_file(region_name(stage.topic))), _PAGE
+    if file.exists():
+        size = rng.choice((0, 1, 100, 191, 192, 193, _PAGE - 1, _PAGE, max(0, file.stat().st_size - 1)))
+        os.truncate(file, size)
+    time.sleep(0.02)
+    yield from _looked_at(stage)
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    yield from _opened(stage, "a region that was cut short")
+    yield from _clean_all(stage, known=not 0 < size < _MAGIC)
+    yield from _opened(stage, "no region", must_work=True)
+
+
+def foreign_file(stage: Any, rng: random.Random) -> Iterator[str]:
+    """Made by nobody of ours, under a name of ours."""
+    name = region_name(stage.topic)
+    place = Path(rng.choice((region_file(name), semaphore_file(name), semaphore_file(event_name(name)))))
+    kind = rng.choice(("fifo", "folder", "link", "loop", "empty", "zeros", "noise", "ones", "large"))
+    match kind:
+        case "fifo":
+            os.mkfifo(place)
+        case "folder":
+            place.mkdir()
+        case "link":
+            place.symlink_to("/etc/hostname")
+        case "loop":
+            place.symlink_to(place)
+        case _:
+            size = rng.choice((1, 16, 32, 192, _PAGE, 8 * _PAGE))
+            data = {"empty": b"", "zeros": bytes(size), "noise": rng.randbytes(size), "ones": b"\xff" * size}
+            place.write_bytes(data.get(kind, rng.randbytes(1 << 20)))
+    before = Path("/etc/hostname").read_bytes()
+    yield from _opened(stage, f"a {kind} as {place.name.partition('.')[0]}")
+    yield from _looked_at(stage)
+    if Path("/etc/hostname").read_bytes() != before:
+        yield "a link was followed and written to"
+    if place.is_dir() and not place.is_symlink():
+        place.rmdir()
+    else:
+        place.unlink(missing_ok=True)
+    _unlink_all(stage)
+    yield from _opened(stage, "no region", must_work=True)
+
+
+def full(stage: Any, rng: random.Random) -> Iterator[str]:
+    """A small /dev/shm of its own, in a process of its own; only root can make one."""
+    if os.geteuid():
+        return
+    out, into = os.pipe()
+    child = _fork(lambda: _in_small(stage, rng, into))
+    os.close(into)
+    with open(out) as said:
+        yield from said.read().splitlines()
+    os.waitpid(child, 0)
+
+
+def _in_small(stage: Any, rng: random.Random, into: int) -> None:
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.unshare(_NEW_NAMESPACE):
+        return
+    kind = stage.kinds[0]
+    size = header_for(kind._type_name_, kind._digest_, ctypes.sizeof(kind), stage.depth).size
+    room = size + 40 * _PAGE
+    for command in (["mount", "--make-rprivate", "/"], ["mount", "-t", "tmpfs", "-o", f"size={room}", "x", "/dev/shm"]):
+        if subprocess.run(command, capture_output=True, check=False).returncode:
+            return
+    filler, file = Path("/dev/shm/filler"), Path(region_file(region_name(stage.topic)))
+    for _ in range(10):
+        filler.write_bytes(bytes(max(0, room - rng.randint(0, size // _PAGE + 6) * _PAGE)))
+        try:
+            with stage.kinds[1](stage.topic, depth=stage.depth) as publisher, suppress(ShmError):
+                publisher.publish(stage.sample(publisher.sequence + 1))
+        except RegionUnusable as error:
+            if file.exists() and file.stat().st_size != size:
+                os.write(into, f"full: an open that failed left {file}: {error}\n".encode())
+        except BaseException as error:
+            os.write(into, f"full: {error!r}\n".encode())
+        if stage.program and rng.random() < 0.3:
+            os.write(into, "\n".join(_opened_by_cpp(stage, "full", must_work=False)).encode())
+        filler.unlink()
+        with stage.kinds[1](stage.topic, depth=stage.depth) as publisher:
+            publisher.publish(stage.sample(publisher.sequence + 1))
+        _unlink_all(stage)
+
+
+BETWEEN = (cut_short, foreign_file, foreign_file, full)
+
+
+# --- what all of them use ------------------------------------------------------------------------------------
+
+
+def _use(stage: Any, pause: float, for_ever: bool = False) -> None:
+    with (
+        stage.kinds[1](stage.topic, depth=stage.depth) as publisher,
+        stage.kinds[2](stage.topic, depth=stage.depth) as subscriber,
+    ):
+        while True:
+            number = publisher.sequence + 1
+            publisher.publish(stage.sample(number))
+            got = subscriber.wait(0.0)
+            if got is None or got.number != number:
+                stage.complain(f"after a mishap: sample {number} was published and {got and got.number} was read")
+            if not for_ever:
+                return
+            time.sleep(pause)
+
+
+def _opened(stage: Any, what: str, must_work: bool = False) -> Iterator[str]:
+    """Both ends, by a process of their own: that they work, or say why not, and in time."""
+
+    def work() -> None:
+        try:
+            _use(stage, 0.0)
+        except ShmError as error:
+            if must_work:
+                stage.complain(f"{what}: {error!r}")
+        except BaseException as error:
+            stage.complain(f"{what}: {error!r}")
+
+    child, end = _fork(work), time.monotonic() + HANGS
+    while not (done := os.waitpid(child, os.WNOHANG))[0]:
+        if time.monotonic() > end:
+            os.kill(child, signal.SIGKILL)
+            os.waitpid(child, 0)
+            yield f"{what}: who opens it hangs"
+            return
+        time.sleep(0.001)
+    if done[1]:
+        yield f"{what}: who opens it ends with {os.waitstatus_to_exitcode(done[1])}"
+    if stage.program:
+        yield from _opened_by_cpp(stage, what, must_work)
+    if must_work:
+        _unlink_all(stage)
+
+
+def _opened_by_cpp(stage: Any, what: str, must_work: bool) -> Iterator[str]:
+    """A writer, which says why not, and in time, or publishes."""
+    out, into = os.pipe()
+    place, end = 3, time.monotonic() + HANGS
+    stage.moves[place] = 0
+    child = _fork(lambda: stage.become_cpp(place, random.Random(1), "write", into))
+    os.close(into)
+    while not (done := os.waitpid(child, os.WNOHANG))[0] and not stage.moves[place] and time.monotonic() < end:
+        time.sleep(0.001)
+    if not done[0]:
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+    with open(out) as said:
+        text = said.read().strip()
+    if done[1] or (must_work and not stage.moves[place]) or not (text or stage.moves[place]):
+        yield f"{what}: C++ ends with {os.waitstatus_to_exitcode(done[1])} after {stage.moves[place]} samples: {text}"
+
+
+def _looked_at(stage: Any) -> Iterator[str]:
+    """By the tools, which say what they say, but never fall."""
+    with tempfile.TemporaryDirectory() as folder:
+        for command in (
+            ["doctor", stage.topic],
+            ["top", "--once", "--json", "-d", "0.1"],
+            ["clean", stage.topic, "--dry-run"],
+        ):
+            done = run(command, Path(folder))
+            if done.code not in (0, 1) or "SHM901" in done.stderr:
+                yield f"{' '.join(command)}: {done.code}, {done.stderr[-300:]!r}"
+
+
+def _clean_all(stage: Any, known: bool) -> Iterator[str]:
+    """What is too short to say that it is a region of ours is not touched."""
+    with tempfile.TemporaryDirectory() as folder:
+        done = run(["clean", stage.topic], Path(folder))
+    if bool(done.code) is known:
+        yield f"clean: {done.code} {done.stderr[-300:]!r}"
+    _unlink_all(stage)
+
+
+def _unlink_all(stage: Any) -> None:
+    for file in Path("/dev/shm").glob(f"*{region_name(stage.topic)}*"):
+        file.unlink(missing_ok=True)
+
+
+def _fork(work: Callable[[], None]) -> int:
+    pid = os.fork()
+    if pid == 0:
+        try:
+            work()
+            os._exit(0)
+        finally:
+            os._exit(1)
+    return pid

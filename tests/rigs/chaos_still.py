@@ -1,0 +1,89 @@
+"""Turns actors of chaos.py that do not move into what is known: how each is, where, and what the region says."""
+
+from __future__ import annotations
+
+import faulthandler
+import os
+import re
+import signal
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import posix_ipc
+
+from shmgen.runtime import ShmError, read_header, region_name
+from shmgen.runtime.region.names import event_name
+
+_WORDS = ("writer", "begun", "completed", "heartbeat", "lock_holder", "lock_count", "recoveries", "armed", "missed")
+
+
+def tells(stage: Any) -> None:
+    """Lets this process write down where it is whenever it is asked by SIGUSR2."""
+    faulthandler.register(signal.SIGUSR2, file=stage.stacks, all_threads=False)
+
+
+class Surplus:
+    """Whether the lock has had more than one token at each look so far: two could be inside at a time."""
+
+    def __init__(self, stage: Any) -> None:
+        self._lock: posix_ipc.Semaphore | None = None
+        with suppress(posix_ipc.ExistentialError):
+            self._lock = posix_ipc.Semaphore(f"/{region_name(stage.topic)}")
+
+    def is_there(self) -> bool:
+        if self._lock and self._lock.value <= 1:
+            self._lock.close()
+            self._lock = None
+        return self._lock is not None
+
+
+def found(stage: Any, cast: list[Any], before: list[int]) -> str:
+    """All actors, those that moved too: one of them may hold up the others."""
+    lines = [_one(actor, moves) for actor, moves in zip(cast, before, strict=True)]
+    return "\n  ".join([_region(stage), *lines])
+
+
+def who_is_in_the_way(stage: Any, error: Exception) -> None:
+    """Complains of the process that still holds a claim, and tells where it is."""
+    found = re.search(r"process (\d+)", str(error))
+    where = _stack(stage, int(found[1])) if found else "?"
+    status = Path(f"/proc/{found[1]}/status").read_text() if found else ""
+    stage.complain(f"{error!r}: {where}; {re.findall(r'(?:State|PPid|Sig...|voluntary.*):.*', status)}")
+
+
+def _one(actor: Any, before: int) -> str:
+    text = f"{actor.work.__name__}, process {actor.pid} ({actor.state()}), {actor.moves - before} samples since"
+    if actor.interpreted:
+        text += f": {_stack(actor.stage, actor.pid)}"
+    return text
+
+
+def _stack(stage: Any, pid: int) -> str:
+    """The innermost frames, within a quarter of a second."""
+    stacks, start = stage.stacks, os.lseek(stage.stacks, 0, os.SEEK_END)
+    with suppress(ProcessLookupError):
+        os.kill(pid, signal.SIGUSR2)
+    end = time.monotonic() + 0.25
+    while os.fstat(stacks).st_size == start and time.monotonic() < end:
+        time.sleep(0.001)
+    time.sleep(0.01)
+    frames = os.pread(stacks, 4000, start).decode(errors="replace").splitlines()[1:9]
+    return " < ".join(frame.strip().replace(str(Path.cwd()), "") for frame in frames) or "does not answer"
+
+
+def _region(stage: Any) -> str:
+    name = region_name(stage.topic)
+    try:
+        header = read_header(name)._asdict()
+    except ShmError as error:
+        return repr(error)
+    values = {}
+    for semaphore in (name, event_name(name)):
+        with suppress(posix_ipc.ExistentialError):
+            opened = posix_ipc.Semaphore(f"/{semaphore}")
+            values[semaphore.rpartition("-")[2] if "-event" in semaphore else "lock"] = opened.value
+            opened.close()
+    words = {word: header[word] for word in _WORDS}
+    return f"{stage.kind}, depth {stage.depth}: {words}, semaphores {values}"

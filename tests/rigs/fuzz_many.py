@@ -1,0 +1,82 @@
+"""Turns a number into as many definitions nobody would write, and reads each: python -m tests.rigs.fuzz_many 1000000.
+
+Not guided, as `make fuzz` is, so quicker, and on all processors. Two of three are real definitions that were damaged,
+one is made from a grammar; every 200th goes through all stages. A seed makes a thousand, so that what fails is found
+again. What fails is kept in .fuzz/.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import tempfile
+import time
+import traceback
+from multiprocessing import get_context
+from pathlib import Path
+from random import Random
+
+from tests.conftest import REPOSITORY, SHARED
+from tests.support.definitions import Fuzzed, from_files, from_grammar, generated, read
+from tests.support.guard import within
+
+AT_ONCE = 1000
+"""Definitions that one seed makes."""
+SECONDS = 10
+"""Of CPU for one definition; it takes some milliseconds."""
+TARGETS = ("python", "st", "plcopen", "c")
+FILES = sorted((SHARED / "corpus").glob("*/*/*/*.[msa]*"))
+
+
+def definitions(seed: int) -> list[Fuzzed]:
+    dice = Random(seed)
+    return [from_files(FILES, dice) if dice.randrange(3) else from_grammar(dice) for _ in range(AT_ONCE)]
+
+
+def run(seed: int) -> tuple[int, int, list[str]]:
+    """How many could be read, how many went through all stages, and what failed."""
+    readable, whole, failed = 0, 0, []
+    with tempfile.TemporaryDirectory(prefix="shmgen-fuzz") as name:
+        folder = Path(name)
+        for number, fuzzed in enumerate(definitions(seed)):
+            try:
+                with within(SECONDS):
+                    if number % 200 == 0:
+                        whole += generated(fuzzed, folder, TARGETS) is not None
+                    else:
+                        readable += read(fuzzed, folder) is not None
+            except Exception:
+                kept = REPOSITORY / ".fuzz" / f"{seed}-{number}.{fuzzed.kind}"
+                kept.parent.mkdir(exist_ok=True)
+                kept.write_bytes(fuzzed.data)
+                failed.append(f"{kept} ({fuzzed.source}):\n{traceback.format_exc()}")
+    return readable, whole, failed
+
+
+def main() -> None:
+    """Exit code 1 where one failed."""
+    parser = argparse.ArgumentParser(description="Reads definitions nobody would write.")
+    parser.add_argument("number", type=int)
+    parser.add_argument("--first", type=int, default=1, help="seed to begin with")
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="after which no more are begun")
+    parser.add_argument("--processes", type=int, default=os.cpu_count())
+    given = parser.parse_args()
+    count = readable = whole = faults = 0
+    begin = time.monotonic()
+    seeds = range(given.first, given.first + -(-given.number // AT_ONCE))
+    with get_context("fork").Pool(given.processes) as pool:
+        for read_here, whole_here, failed in pool.imap_unordered(run, seeds):
+            count, readable, whole = count + AT_ONCE, readable + read_here, whole + whole_here
+            faults += len(failed)
+            print(*failed, sep="\n", end="", flush=True)
+            if count % (50 * AT_ONCE) == 0 or time.monotonic() - begin > given.seconds:
+                print(f"{count:,} after {time.monotonic() - begin:.0f} s, {faults} failed", flush=True)
+            if time.monotonic() - begin > given.seconds:
+                break
+    print(f"{count:,} definitions, {readable:,} could be read, {whole:,} went through all stages; {faults} failed")
+    sys.exit(bool(faults))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,176 @@
+"""Turns 30 seconds of 10 topics at 100 Hz and one at 1 kHz into what got lost, how late it came, and what it cost.
+
+    python -m tests.rigs.load_bridge --seconds 30 --backend ros1
+
+First through a plain echo: in rospy, in rclpy of Jazzy with `--backend ros2`, in cyclonedds with `--backend dds`, where
+a second one does not look at the bytes; then through the bridge, the regions, an echo in Python there, and back; and
+once more while calls wait for a PLC that is not there. Exit code 1 if the bridge let a message go that neither came
+nor was counted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..conftest import REPOSITORY
+from ..support import ros2
+from ..support.dds import Domain
+from ..support.ros1 import Graph
+
+Ros = Graph | Domain | ros2.Graph
+DEPTH = 255
+"""Of each region: a quarter of a second of the fast topic, so that a busy machine has no excuse."""
+RATES = {f"t{number}": 100 for number in range(10)} | {"fast": 1000}
+SETTLE = 1.0
+"""Seconds in which the last messages arrive."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """Seconds each message took, by topic; `dropped` by the sink itself; `cpu` of one core."""
+
+    sent: int
+    latencies: dict[str, list[float]]
+    dropped: int
+    cpu: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Result:
+    """`missed` were overwritten in a region or a queue before they were read, and counted."""
+
+    name: str
+    run: Run
+    missed: int
+
+    @property
+    def lost(self) -> int:
+        """Came neither back nor into a count."""
+        return self.run.sent - self.missed - self.run.dropped - sum(map(len, self.run.latencies.values()))
+
+    def __str__(self) -> str:
+        late = self.run.latencies
+        both = [late["fast"], [one for name in late for one in late[name] if name != "fast"]]
+        times = "  ".join(f"{1e3 * part(times, 0.5):8.2f}{1e3 * part(times, 0.99):8.2f}" for times in both)
+        spent = ", ".join(f"{name} {100 * share:.0f} %" for name, share in self.run.cpu.items())
+        return (
+            f"{self.name:<22}{self.run.sent:>8,}{self.missed:>8}{self.run.dropped:>9}{self.lost:>6}  {times}  {spent}"
+        )
+
+
+def main() -> None:
+    """Prints a table."""
+    parser = argparse.ArgumentParser(description="10 topics at 100 Hz and one at 1 kHz.")
+    parser.add_argument("--seconds", type=float, default=30)
+    parser.add_argument("--backend", choices=("ros1", "ros2", "dds"), default="ros1")
+    arguments = parser.parse_args()
+    seconds = arguments.seconds
+    print(f"{'':<22}{'':>8}{'':>8}{'':>9}{'':>6}  {'1 kHz, ms':>16}  {'100 Hz, ms':>16}  CPU of one core")
+    heads = "".join(f"{head:>{width}}" for head, width in (("sent", 8), ("missed", 8), ("by sink", 9), ("lost", 6)))
+    print(f"{'there and back':<22}{heads}  {'p50':>8}{'p99':>8}  {'p50':>8}{'p99':>8}")
+    with tempfile.TemporaryDirectory() as folder:
+        graph = made(arguments.backend, Path(folder))
+        space = f"/load{os.getpid()}"
+        try:
+            for role, name in graph.plain:
+                print(plain(graph, role, name, f"{space}/{role}", seconds), flush=True)
+            results = [bridged(graph, f"{space}/shm", seconds)]
+            print(results[0], flush=True)
+            results.append(bridged(graph, f"{space}/calls", seconds, calls=True))
+            print(results[1], flush=True)
+        finally:
+            graph.close()
+            for file in Path("/dev/shm").glob(f"*{space[1:]}.*"):
+                file.unlink()
+    sys.exit(1 if any(result.lost for result in results) else 0)
+
+
+def made(backend: str, folder: Path) -> Ros:
+    """A graph, or a domain, of nobody else's."""
+    number = 1 + os.getpid() % 100
+    if backend == "ros1":
+        return Graph(folder)
+    return ros2.Graph(folder, number) if backend == "ros2" else Domain(folder, number)
+
+
+def plain(graph: Ros, role: str, name: str, space: str, seconds: float) -> Result:
+    """An echo with nothing of ours."""
+    echo = peer(graph, role, space)
+    return Result(name, run(graph, space, seconds, {"echo": echo.pid}), 0)
+
+
+def bridged(graph: Ros, space: str, seconds: float, calls: bool = False) -> Result:
+    """The bridge, and an echo between the regions, here, that sleeps until it is woken."""
+    service = f'[[services]]\nservice = "{space}/call"\ntype = "std_srvs/SetBool"\nserver = "plc"\n' if calls else ""
+    entries = [
+        f'[[topics]]\ntopic = "{space}/{name}{end}"\ntype = "geometry_msgs/PoseStamped"\n'
+        f'direction = "{direction}"\ndepth = {DEPTH}\n'
+        for name in RATES
+        for end, direction in (("", "to_plc"), ("_back", "from_plc"))
+    ]
+    bridge = graph.bridge(f'source = "{graph.source}"\n' + "".join(entries) + service)
+    echo = graph.start(
+        [sys.executable, "-m", "tests.rigs.load_bridge_echo", graph.folder / "shmgen.toml", space],
+        {"PYTHONPATH": f"{REPOSITORY / 'src'}:{REPOSITORY}"},
+        stdin=subprocess.PIPE,
+    )
+    assert echo.stdout.readline() == "ready\n"
+    if calls:
+        peer(graph, "caller", space)
+    ran = run(graph, space, seconds, {"bridge": bridge.process.pid, "echo": echo.pid})
+    missed = int(echo.communicate("\n")[0])
+    bridge.stop(15)
+    assert not calls or any(re.search(r"\d failed", line) for line in bridge.lines), "no call has waited"
+    missed += sum(int(count) for line in bridge.lines for count in re.findall(r"(\d+) (?:missed|lost)", line))
+    return Result("while calls wait" if calls else "bridge, regions, back", ran, missed)
+
+
+def run(graph: Ros, space: str, seconds: float, watched: dict[str, int]) -> Run:
+    """How many were sent; what came back; what the watched processes took."""
+    sink = peer(graph, "sink", space)
+    source = peer(graph, "source", space, str(seconds))
+    time.sleep(SETTLE)  # connections from the echo to the sink
+    begun, before = time.monotonic(), {name: busy(pid) for name, pid in watched.items()}
+    source.stdin.write("\n")
+    source.stdin.flush()
+    sent = json.loads(source.stdout.readline())
+    took = time.monotonic() - begun
+    cpu = {name: (busy(pid) - before[name]) / took for name, pid in watched.items()}
+    time.sleep(SETTLE)
+    said = json.loads(sink.communicate("\n")[0])
+    seen = said["seen"]
+    for name, rows in seen.items():
+        numbers = [number for number, _ in rows]
+        assert numbers == sorted(set(numbers)), f"{name}: out of order, or twice"
+    late = {name: [took for _, took in rows] for name, rows in seen.items()}
+    return Run(sum(sent.values()), late, said["dropped"], cpu)
+
+
+def peer(graph: Ros, *arguments: str) -> Any:
+    made = graph.start([graph.python, graph.load_peer, *arguments], stdin=subprocess.PIPE)
+    assert made.stdout.readline() in ("ready\n", "connected\n")
+    return made
+
+
+def busy(pid: int) -> float:
+    """Seconds of CPU."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def part(times: list[float], share: float) -> float:
+    return sorted(times)[int(share * (len(times) - 1))] if times else float("nan")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,257 @@
+"""Turns the name of another machine into a Debian root of it, and what is tested there into a line of a table.
+
+    sudo python -m tests.rigs.machines [--folder FOLDER] [--seconds 20] i386 arm64 … [-- pytest's own arguments]
+
+Each root has Debian's Python, compiler and test packages for that machine, taken apart and not installed; what is not
+of this processor's kind runs under qemu-user, which the kernel must know of (package qemu-user-static and binfmt_misc).
+The runtime, calls and tools of this checkout are tested in it, then a short chaos. `named` needs no root: it is this
+machine under another name, on which nobody may count on the order of loads and stores.
+"""
+
+from __future__ import annotations
+
+import argparse
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from shmgen.generator.render import render
+from shmgen.targets.c import region
+
+from ..conftest import REPOSITORY
+from ..support.machine import NAME, PATIENCE
+
+PACKAGES = (
+    *("base-files", "base-passwd", "bash", "coreutils", "dash", "mount", "procps", "util-linux"),
+    *("g++", "gcc", "libc6-dev", "python3", "python3-dev", "python3-pip", "python3-setuptools", "python3-wheel"),
+    *("python3-click", "python3-hypothesis", "python3-jinja2", "python3-lxml", "python3-lz4"),
+    *("python3-numpy", "python3-ruamel.yaml", "python3-typing-extensions", "python3-zstandard"),
+)
+PYTEST = ("execnet", "iniconfig", "packaging", "pluggy", "pygments", "pytest", "pytest-timeout", "pytest-xdist")
+PURE = ("blark", "lark", "rosbags", *PYTEST)
+"""Of PyPI, and the same files for every machine; Debian 12's lark and pytest are too old."""
+BUILT = "posix_ipc"
+"""Of PyPI, and compiled there."""
+TESTS = ("tests/runtime", "tests/calls", "tests/tools")
+UNTESTED = "--ignore=tests/runtime/test_other_machine.py"
+"""Runs the same tests once more under other names."""
+SLOWER = 20
+"""Than without qemu-user, at the most."""
+LIMIT = 300
+"""Seconds for a test, as in pyproject.toml."""
+HOOK = "/usr/share/mmdebstrap/hooks/merged-usr"
+INSIDE = Path("/srv/shmgen")
+"""Where the checkout lies in each root."""
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A Debian of another architecture; `emulator` runs its programs, `before` stands before each command."""
+
+    suite: str
+    architecture: str
+    emulator: str = ""
+    before: tuple[str, ...] = ()
+
+    @property
+    def without(self) -> tuple[str, ...]:
+        """What a chaos leaves out: compilers under an emulator take long."""
+        return ("--no-plc", "--no-cpp") if self.emulator else ()
+
+
+MACHINES = {
+    "i386": Machine("bookworm", "i386"),
+    "i686": Machine("bookworm", "i386", before=("setarch", "i686")),
+    "arm64": Machine("bookworm", "arm64", "aarch64"),
+    "armhf": Machine("bookworm", "armhf", "arm"),
+    "armhf-t64": Machine("trixie", "armhf", "arm"),
+    "riscv64": Machine("trixie", "riscv64", "riscv64"),
+    "python3.14": Machine("forky", "amd64"),
+}
+"""`i686`: the same as i386, and a kernel of 32 bits says its name. `t64`: with a time of 64 bits."""
+NAMED = "named"
+
+
+def main() -> None:
+    """Prints a line for each machine. Exit code 1 if a test fails on one of them."""
+    parser = argparse.ArgumentParser(description="The runtime, calls and tools on other machines.")
+    parser.add_argument("machines", nargs="+", choices=[NAMED, *MACHINES], metavar="machine")
+    parser.add_argument("--folder", type=Path, default=Path("/var/tmp/shmgen-machines"), help="where roots are kept")
+    parser.add_argument("--seconds", type=float, default=20, help="of chaos; 0: none")
+    own = sys.argv[1:]
+    told = own[own.index("--") + 1 :] if "--" in own else []
+    options = parser.parse_args(own[: own.index("--")] if "--" in own else own)
+    lines = []
+    for name in options.machines:
+        begun = time.monotonic()
+        say = named(told) if name == NAMED else inside(name, options.folder, told)
+        tested, summary = run(say.pytest)
+        chaos, verdict = run(say.chaos(options.seconds)) if options.seconds else (0, "")
+        lines.append((tested or chaos, f"{name}: {summary}; {verdict or 'no chaos'}; {time.monotonic() - begun:.0f} s"))
+    print(*(line for _, line in lines), sep="\n")
+    sys.exit(any(failed for failed, _ in lines))
+
+
+@dataclass(frozen=True)
+class Commands:
+    """`python` with all that has to stand before it."""
+
+    python: tuple[str, ...]
+    told: list[str]
+    without: tuple[str, ...] = ()
+    """Of chaos."""
+    slower: int = 1
+
+    @property
+    def pytest(self) -> tuple[str, ...]:
+        limit = f"--timeout={self.slower * LIMIT}"
+        return *self.python, "-m", "pytest", "-p", "no:cacheprovider", limit, UNTESTED, *(self.told or TESTS)
+
+    def chaos(self, seconds: float) -> tuple[str, ...]:
+        return *self.python, "-m", "tests.rigs.chaos", "--seed", "1", "--seconds", str(seconds), *self.without
+
+
+def run(command: tuple[str, ...]) -> tuple[int, str]:
+    """Shows what it prints; its exit code, and its last line."""
+    with subprocess.Popen(command, cwd=REPOSITORY, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout
+        last = ""
+        for line in process.stdout:
+            print(line, end="", flush=True)
+            last = line.strip() or last
+    return process.returncode, last
+
+
+def named(told: list[str]) -> Commands:
+    """This machine and this Python; no machine of either name keeps the other's promises."""
+    other = "aarch64" if platform.machine() != "aarch64" else "riscv64"
+    return Commands(("env", f"{NAME}={other}", sys.executable), told)
+
+
+def inside(name: str, folder: Path, told: list[str]) -> Commands:
+    """In namespaces of its own: /dev/shm, processes and network end with the command."""
+    machine = MACHINES[name]
+    root = made(machine, folder)
+    filled(root)
+    mounts = (
+        f"mount --bind {root} {root}; mount --rbind /dev {root}/dev; mount -t tmpfs -o mode=1777 tmpfs {root}/dev/shm; "
+        f"mount -t tmpfs -o mode=1777 tmpfs {root}/tmp; mount -t proc proc {root}/proc; ip link set lo up 2>/dev/null; "
+    )
+    # Not chroot, which shows paths of other namespaces from the old root. The shell stays, the first of the processes:
+    # it buries orphans.
+    turn = f'cd {root}; mkdir -p old; pivot_root . old; cd /; umount -l old; "$@"; code=$?; exit $code'
+    enter = ("unshare", "-mnpf", "--kill-child", "sh", "-c", mounts + turn, "sh")
+    slower = SLOWER if machine.emulator else 1
+    variables = ("PATH=/usr/sbin:/usr/bin", "HOME=/root", "LANG=C.UTF-8", f"{PATIENCE}={slower}")
+    command = (*enter, *machine.before, "env", "-i", "-C", str(INSIDE), *variables, "python3")
+    return Commands(command, told, machine.without, slower)
+
+
+def made(machine: Machine, folder: Path) -> Path:
+    """The root, made at the first time."""
+    root = folder / f"{machine.suite}-{machine.architecture}"
+    if machine.emulator:
+        known(machine.emulator)
+    if not (root / "etc/passwd").exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        shutil.rmtree(root, ignore_errors=True)
+        # A mirror may be a snapshot, which is never renewed.
+        options = [
+            "--variant=extract",
+            '--aptopt=Acquire::Check-Valid-Until "false"',
+            f"--architectures={machine.architecture}",
+            f"--include={','.join(PACKAGES)}",
+        ]
+        subprocess.run(["mmdebstrap", *options, f"--hook-dir={HOOK}", machine.suite, root, *mirror()], check=True)
+        linked(root)
+    if not (root / "opt/built").is_dir():
+        brought(root)
+    return root
+
+
+def mirror() -> list[str]:
+    """Where this machine has its Debian from; nothing where it is none, for mmdebstrap to choose."""
+    asked = ["apt-get", "indextargets", "--format", "$(SITE)", "Created-By: Packages", "Label: Debian"]
+    said = subprocess.run(asked, capture_output=True, text=True, check=False).stdout.split()
+    return said[:1]
+
+
+def linked(root: Path) -> None:
+    """What installing would have done: packages are only taken apart."""
+    for name in ("passwd", "group"):
+        shutil.copy(root / f"usr/share/base-passwd/{name}.master", root / "etc" / name)
+    known = sorted((root / "usr/share/ca-certificates/mozilla").glob("*.crt"))
+    (root / "etc/ssl/certs/ca-certificates.crt").write_bytes(b"".join(file.read_bytes() for file in known))
+    for library in ("blas", "lapack"):
+        for file in root.glob(f"usr/lib/*/{library}/lib{library}.so.3"):
+            link = file.parents[1] / file.name
+            if not link.is_symlink():
+                link.symlink_to(f"{library}/{file.name}")
+    for short, tool in (("cc", "gcc"), ("c++", "g++")):
+        if not (root / "usr/bin" / short).is_symlink():
+            (root / "usr/bin" / short).symlink_to(tool)
+
+
+def brought(root: Path) -> None:
+    """What Debian does not have: the same for all into /opt/pure, and compiled there into /opt/built."""
+    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet"]
+    subprocess.run([*pip, "install", "--no-deps", "--target", root / "opt/pure", *PURE], check=True)
+    with tempfile.TemporaryDirectory(dir=root) as sources:
+        subprocess.run([*pip, "download", "--no-deps", "--no-binary", BUILT, "-d", sources, BUILT], check=True)
+        (source,) = Path(sources).iterdir()
+        there = Path("/", Path(sources).name, source.name)
+        install = ["python3", "-m", "pip", "install", "--no-index", "--no-deps", "--no-build-isolation"]
+        command = [
+            "chroot",
+            root,
+            "env",
+            "-i",
+            "PATH=/usr/bin",
+            "HOME=/root",
+            *install,
+            "--target",
+            "/opt/built",
+            there,
+        ]
+        subprocess.run(command, check=True)
+
+
+def filled(root: Path) -> None:
+    """This checkout as it is now, and the extension compiled for that machine."""
+    target = root / INSIDE.relative_to("/")
+    shutil.rmtree(target, ignore_errors=True)
+    listed = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"]
+    names = subprocess.run(listed, cwd=REPOSITORY, capture_output=True, text=True, check=True).stdout.split("\0")
+    for name in filter(None, names):
+        source = REPOSITORY / name
+        if source.is_file():
+            (target / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(source, target / name)
+    paths = (f"{INSIDE}/src", "/opt/built", "/opt/pure")
+    (root / "usr/lib/python3/dist-packages/shmgen.pth").write_text(f"import sys; sys.path[:0] = {paths}\n")
+    header = render([region.plan("engine")])["c/engine/shmgen.h"]
+    (target / "shmgen.h").write_text(header)
+    core = f"{INSIDE}/src/shmgen/runtime/core.c -o {INSIDE}/src/shmgen/_core.abi3.so"
+    flags = "-O2 -std=gnu11 -fPIC -shared -pthread -DPy_LIMITED_API=0x030A0000"
+    include = "$(python3 -c 'import sysconfig; print(sysconfig.get_path(\"include\"))')"
+    build = f"gcc {flags} -I{include} -I{INSIDE}/templates/c -I{INSIDE} {core}"
+    subprocess.run(["chroot", root, "env", "-i", "PATH=/usr/bin", "sh", "-c", build], check=True)
+
+
+def known(emulator: str) -> None:
+    """Tells the kernel, unless it knows: F keeps the emulator open, so that it need not be in the root."""
+    folder = Path("/proc/sys/fs/binfmt_misc")
+    if not (folder / "register").exists():
+        subprocess.run(["mount", "-t", "binfmt_misc", "binfmt_misc", folder], check=True)
+    if not (folder / f"qemu-{emulator}").exists():
+        said = Path(f"/usr/lib/binfmt.d/qemu-{emulator}.conf").read_text().strip()
+        (folder / "register").write_text(said)
+
+
+if __name__ == "__main__":
+    main()
