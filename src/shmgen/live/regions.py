@@ -5,7 +5,6 @@ from __future__ import annotations
 import fcntl
 import mmap
 import os
-import stat
 import struct
 from collections.abc import Sized
 from contextlib import suppress
@@ -107,7 +106,9 @@ def live() -> list[str]:
 
 def closed() -> list[str]:
     """Names of what may be regions but cannot be read by this user: files with a semaphore beside them."""
-    return [name for name in _files() if _is_closed(region_file(name)) and os.path.lexists(semaphore_file(name))]
+    files = {name: region_file(name) for name in _files() if os.path.lexists(semaphore_file(name))}
+    regular = {name: file for name, file in files.items() if os.path.isfile(file) and not os.path.islink(file)}
+    return [name for name, file in regular.items() if not os.access(file, os.R_OK)]
 
 
 def unlisted(listed: Sized) -> str:
@@ -173,12 +174,6 @@ def sound(view: View) -> h.Header:
 def depth_of(header: h.Header) -> int:
     """A depth that gives as many slots."""
     return max(1, header.slots - 1)
-
-
-def _is_closed(file: str) -> bool:
-    with suppress(FileNotFoundError):
-        return stat.S_ISREG(os.lstat(file).st_mode) and not os.access(file, os.R_OK)
-    return False
 
 
 def _exists(topic: str) -> bool:

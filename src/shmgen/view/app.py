@@ -14,23 +14,18 @@ from textual.widgets import DataTable, Footer, Header, Static
 from textual.widgets.data_table import ColumnKey
 
 from shmgen.core.diagnostics import Rejected
-from shmgen.core.escape import legible, lines
+from shmgen.core.escape import lines
 from shmgen.core.plural import counted
 from shmgen.live.classes import ClassRegistry
 from shmgen.live.regions import unlisted
 from shmgen.runtime import ShmError
 from shmgen.tools.watch import top
-from shmgen.view.region import RegionScreen
+from shmgen.view.region import RegionScreen, plain
 from shmgen.view.source import Source
 
 _PERIOD = 1.0
 """Seconds between two looks at all regions."""
 _COLUMNS = ("HEALTH", "TOPIC", "RATE", "AGE", "TYPE", "WRITER", "SLOTS", "MISSED", "BYTES")
-
-
-def plain(text: str) -> Text:
-    """Text that a region or a process has chosen: nothing in it is markup or an order to a terminal."""
-    return Text(legible(text))
 
 
 class Table(DataTable[Text]):
@@ -104,15 +99,10 @@ class Regions(Screen[None]):
 
 def health(row: top.TopicRow) -> str:
     """One word."""
-    if row.type.startswith("damaged:"):
-        return "damaged"
-    if row.writer in ("-", "gone"):
-        return "no writer" if row.writer == "-" else "gone"
-    if row.writer == "PLC, still":
-        return "still"
-    return "ok"
+    return "damaged" if row.type.startswith("damaged:") else _HEALTH.get(row.writer, "ok")
 
 
+_HEALTH = {"-": "no writer", "gone": "gone", "PLC, still": "still"}
 _STYLES = {"ok": "green", "damaged": "red", "gone": "yellow", "still": "yellow"}
 
 

@@ -204,7 +204,7 @@ class RegionScreen(Screen[None]):
 
 
 def plain(text: str) -> Text:
-    """As it stands; nothing in it is markup or an order to a terminal."""
+    """Text that a region or a process has chosen: nothing in it is markup or an order to a terminal."""
     return Text(legible(text))
 
 

@@ -118,16 +118,3 @@ class Page(Server):
 
 def _same(said: str, meant: str) -> bool:
     return hmac.compare_digest(said.encode(errors="replace"), meant.encode())
-
-
-def listen(port: int) -> socket.socket:
-    """On that port of this machine alone, or for 0 on one that is free. Raises OSError where it is taken."""
-    made = socket.socket()
-    try:
-        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        made.bind((HOST, port))
-        made.listen()
-    except BaseException:
-        made.close()
-        raise
-    return made

@@ -17,7 +17,7 @@ from shmgen.runtime import region_name
 from shmgen.runtime.errors import RegionMissing, ShmError
 from shmgen.runtime.region import header as h
 from shmgen.runtime.region.names import region_file
-from shmgen.tools.watch.top import age_of, aligned, writer_of
+from shmgen.tools.watch.top import age_of, aligned, cell, writer_of
 
 _TRIES = 5
 TITLES = ("TOPIC", "TYPE", "WRITER", "READERS", "SLOTS", "AGE")
@@ -129,5 +129,5 @@ def newest_stamp(view: View, header: h.Header) -> int | None:
 
 
 def _cells(region: Region) -> tuple[str, ...]:
-    age = "-" if region.age is None else age_of(region.age)
-    return region.topic, region.type, region.writer, str(len(region.readers)), str(region.slots), age
+    numbers = str(len(region.readers)), str(region.slots), cell("age", region.age)
+    return region.topic, region.type, region.writer, *numbers
