@@ -97,6 +97,7 @@ pytest_runtest_call = pytest_runtest_setup
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--update-golden", action="store_true", help="write what is expected anew, then look at the diff")
+    parser.addoption("--options-set", default="", help="of tests/plc/test_options.py: the name of one, or all")
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:

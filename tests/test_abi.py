@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import ctypes
 import itertools
-import os
 import re
-import shutil
 import struct
 import subprocess
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
@@ -18,7 +15,7 @@ import pytest
 from shmgen.core import abi
 from shmgen.core.abi import Word
 from shmgen.generator.render import render
-from shmgen.runtime import region_name
+from shmgen.runtime import core, region_name
 from shmgen.runtime.region import header as h
 from shmgen.targets.c import region
 from shmgen.targets.st import common
@@ -26,7 +23,7 @@ from shmgen.targets.st import common
 from .conftest import REPOSITORY
 from .runtime.messages import PosePublisher, pose
 from .softplc import compile_st
-from .support import region_page
+from .support import new_word, region_page
 
 # Written by hand, and not to be edited with abi.py: regions that are there were made so.
 HEADER = {
@@ -202,9 +199,8 @@ class Header(ctypes.LittleEndianStructure):
 def test_the_runtime_reads_and_writes_what_ctypes_does() -> None:
     numbers = {name: number for number, name in enumerate(HEADER, 1) if name != "type_name"}
     theirs = Header(type_name=b"geometry_msgs/msg/Pose", **numbers)
-    assert h.words(bytes(theirs)) == {**numbers, "type_name": "geometry_msgs/msg/Pose"}
     ours = h.unpack(bytes(theirs), 4096)
-    assert ours == (4096, *(h.words(bytes(theirs))[name] for name in HEADER))
+    assert ours._asdict() == {"size": 4096, **numbers, "type_name": "geometry_msgs/msg/Pose"}
     assert h.pack(ours) == bytes(theirs)
     assert ours.fixed == (4096, *(getattr(ours, name) for name in list(HEADER)[:9] if name != "writer"))
 
@@ -323,34 +319,20 @@ def test_nobody_says_a_number_himself() -> None:
 
 # --- A new counter ------------------------------------------------------------------------------------
 
-COUNTER = '    Word(176, "u32", "refused", "udiRefused", "readers", "samples they refused"),\n'
-LOOK = """
-from shmgen.runtime.region import header
-from tests.support.region_page import tables
-print(header.words(bytes(range(192)))["refused"].to_bytes(4, "little")[0])
-print(*next(tables()), sep="\\n")
-"""
 
-
-def test_a_new_counter_is_one_line(tmp_path: Path) -> None:
-    """In a copy of the project: it is there in Python, C, Structured Text and the docs."""
-    for folder in ("src", "templates"):
-        shutil.copytree(REPOSITORY / folder, tmp_path / folder, ignore=shutil.ignore_patterns("__pycache__"))
-    table = tmp_path / "src" / "shmgen" / "core" / "abi.py"
-    head, last, rest = table.read_text().partition('    Word(172, "u32", "missed"')
-    line, end, rest = rest.partition("\n")
-    table.write_text(head + last + line + end + COUNTER + rest)
-
-    environment = {**os.environ, "PYTHONPATH": f"{tmp_path / 'src'}:{REPOSITORY}"}
-    command = [sys.executable, "-m", "shmgen", "generate", "std_msgs/Bool", "-t", "st", "-t", "c", "-o", "out"]
-    subprocess.run(command, check=True, cwd=tmp_path, env=environment, capture_output=True)
-    looked = subprocess.run(
-        [sys.executable, "-c", LOOK], check=True, cwd=tmp_path, env=environment, capture_output=True, text=True
-    )
-    assert looked.stdout.startswith("176\n")
-    assert "| 176 | u32 | refused | readers | samples they refused |" in looked.stdout
-    (st,) = tmp_path.rglob("ST_ShmHeader.st")
-    assert re.search(r"udiRefused +: UDINT; +// 176  samples they refused", st.read_text())
-    (c,) = tmp_path.rglob("shmgen.h")
-    assert "offsetof(shmgen_region, refused) == 176" in c.read_text()
-    subprocess.run(["gcc", "-std=c11", "-fsyntax-only", "-xc", c], check=True)
+def test_a_new_counter_is_one_line(tmp_path: Path, topic: str) -> None:
+    """In a copy of the project all ends exchange samples, each counts in the new word what it reads, and all see it."""
+    new_word.copy(tmp_path)
+    ends = {"python": new_word.in_python(tmp_path, pure=True), "c": new_word.in_c(tmp_path)}
+    ends["st"] = new_word.in_st(tmp_path)
+    topics = [f"{topic}/{name}" for name in ends]
+    for name, end in ends.items():
+        assert end(f"{topic}/{name}", ()) == []
+    for count, end in enumerate(ends.values(), 1):
+        assert end("", topics) == [count] * len(topics)
+    if core.IN_C:
+        extended = new_word.in_python(tmp_path, pure=False)
+        assert extended(f"{topic}/extension", [f"{topic}/extension"]) == [1]
+        assert extended("", topics) == [len(ends) + 1] * len(topics)
+    docs = new_word.python(tmp_path, "-c", new_word.DOCS)
+    assert "| 176 | u32 | refused | readers | samples they refused |" in docs

@@ -47,14 +47,14 @@ def test_a_mutant_is_killed_by_a_test_that_minds_it() -> None:
     test = ["tests/definitions/test_bounds.py"]
     minded, explained = (
         next(mutant for mutant in mutants_of(file, read(file)) if (mutant.where, mutant.was) == where)
-        for file, where in (("bounds.py", ("_most_specific", "key in table")), ("layout.py", ("_message", "0")))
+        for file, where in (("generator/bounds.py", ("_most_specific", "key in table")), ("generator/layout.py", ("_message", "0")))
     )
     with tempfile.TemporaryDirectory() as folder:
         worker = Worker(Path(folder))
         try:
-            assert worker.learn(test, ["bounds.py"])[0] > 0
+            assert worker.learn(test, ["generator/bounds.py"])[0] > 0
             assert [worker.try_(mutant, test, 60) for mutant in (minded, explained)] == ["killed", "lives"]
-            assert (worker.copy / CODE / "bounds.py").read_bytes() == read("bounds.py")
+            assert (worker.copy / CODE / "generator/bounds.py").read_bytes() == read("generator/bounds.py")
         finally:
             worker.close()
 

@@ -289,5 +289,7 @@ def _set(plc: Plc, type_: Type, address: int, value: Any) -> None:
             ctypes.memmove(address, data + b"\0\0"[: 2 if wide else 1], len(data) + (2 if wide else 1))
         case Named(name) if name in plc.enumerations:
             _set(plc, plc.enumerations[name], address, plc.offsets[name][value][0])
+        case Pointer():
+            ctypes.c_uint64.from_address(address).value = value
         case _:
             raise TypeError(f"set the parts of {type_} one by one")

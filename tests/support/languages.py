@@ -39,12 +39,17 @@ class Language:
     """`tokens` are those of a text; `accepts` raises where a compiler or parser would refuse files, given by path.
 
     `keywords` are words that name nothing. They are not those of the sources: what is forgotten there would be here.
+    `name` is the regular expression of what can be one; by default it is narrow, so that nobody forgets to say it.
     """
 
     tokens: Callable[[str], list[str]]
     accepts: Callable[[Mapping[str, str]], None] = lambda texts: None
     keywords: frozenset[str] = frozenset()
     ignores_case: bool = False
+    name: str = "[a-z][a-z0-9_]*"
+
+    def is_name(self, word: str) -> bool:
+        return re.fullmatch(self.name, word, re.ASCII) is not None and self.folded(word) not in self.keywords
 
     def folded(self, word: str) -> str:
         """What names the same."""
@@ -213,22 +218,27 @@ C_WORDS = _words("""
 """)
 """C11 and C++17, and what gcc defines in its default mode."""
 
-_PYTHON = Language(python_tokens, _python, frozenset(keyword.kwlist))
-_C = Language(c_tokens, _c, C_WORDS)
-_ST = Language(st_tokens, keywords=ST_WORDS, ignores_case=True)
+_NAME = r"[A-Za-z_]\w*"
+_IN_ST = r"_?[A-Za-z0-9]+(_[A-Za-z0-9]+)*_?"
+"""With no two underscores in a row: CODESYS has those to itself."""
+_IN_MATIEC = _IN_ST.removesuffix("_?")
+
+_PYTHON = Language(python_tokens, _python, frozenset(keyword.kwlist), name=_NAME)
+_C = Language(c_tokens, _c, C_WORDS, name=_NAME)
+_ST = Language(st_tokens, keywords=ST_WORDS, ignores_case=True, name=_IN_ST)
 _XML = Language(xml_tokens)
 _CONFIGURATION = Language(_hash)
 
 LANGUAGES = [
     ("*.py", _PYTHON),
-    ("cpp_ros?/*", Language(c_tokens, keywords=C_WORDS)),  # tests/cpp/test_ros.py has ROS's headers
-    ("matiec/*.h", Language(embedded_tokens, _c, C_WORDS)),
+    ("cpp_ros?/*", Language(c_tokens, keywords=C_WORDS, name=_NAME)),  # tests/cpp/test_ros.py has ROS's headers
+    ("matiec/*.h", Language(embedded_tokens, _c, C_WORDS, name=_NAME)),
     ("*.h", _C),
     ("*.hpp", _C),
-    ("matiec/*.st", Language(matiec_tokens, _open_plc, ST_WORDS, ignores_case=True)),
-    ("*.stlib", Language(stlib_tokens, _open_plc, C_WORDS)),
+    ("matiec/*.st", Language(matiec_tokens, _open_plc, ST_WORDS, ignores_case=True, name=_IN_MATIEC)),
+    ("*.stlib", Language(stlib_tokens, _open_plc, C_WORDS, name=_NAME)),
     ("*.st", _ST),
-    ("plcopen/*.xml", Language(xml_tokens, keywords=ST_WORDS, ignores_case=True)),
+    ("plcopen/*.xml", Language(xml_tokens, keywords=ST_WORDS, ignores_case=True, name=_IN_ST)),
     ("*.xml", _XML),
     ("*.launch", _XML),
     ("*.toml", Language(_hash, _each(tomllib.loads))),

@@ -18,9 +18,10 @@ from shmgen import config
 from shmgen.config import Config
 from shmgen.config.entries import Bound, Bounds
 from shmgen.core.diagnostics import Rejected, Report, Span
-from shmgen.core.model import Layouts, Role
+from shmgen.core.model import Layout, Layouts, Role
 from shmgen.generator import pipeline
 from shmgen.targets import TARGETS, Job, Target
+from shmgen.targets.naming import Names
 
 from ..support.build import put
 from ..support.languages import language
@@ -82,7 +83,7 @@ def accepted(texts: Mapping[str, str]) -> None:
 
 
 def same_but_for_names(harmless: Mapping[str, str], hostile: Mapping[str, str], why: str) -> None:
-    """Token by token; each name became one other, no two the same, and none a word of the language."""
+    """Token by token; each name became one other, no two the same, all names still, and none a word of the language."""
     assert len(harmless) == len(hostile), f"{why}: other files"
     became: dict[tuple[int, str], str] = {}
     came_from: dict[tuple[int, str], str] = {}
@@ -99,6 +100,7 @@ def same_but_for_names(harmless: Mapping[str, str], hostile: Mapping[str, str], 
             first = came_from.setdefault((id(kind), kind.folded(after)), before)
             assert kind.folded(first) == kind.folded(before), f"{place}, and so did `{first}`"
             assert before == after or kind.folded(after) not in kind.keywords, place
+            assert "zq" not in before or not kind.is_name(before) or kind.is_name(after), f"{place}, which is no name"
 
 
 _TEXT = re.compile(r"\w?['\"]")
@@ -194,6 +196,7 @@ def clashes_are_told(target: Target) -> None:
     for form in ("uint8 {}\nuint8 {}\n", "uint8 {}=1\nuint8 {}=2\nuint8 x9\n", "uint8[3] {}\nuint8 {}\n"):
         for pair in fields:
             _told_or_apart(target, [{"zq_msgs/msg/Foo.msg": form.format(*names)} for names in (("zqa", "zqb"), pair)])
+    _constants_beside_fields(target, [*fields, ("GAIN", "gain"), ("Gain", "gain"), ("gain", "GAIN_")])
     sequence = "uint8[] {}\nuint8 {}\n"
     for pair in (("tail", "tail_count"), ("tail", "n_tail"), ("tail", "tail_len")):
         _told_or_apart(target, [{"zq_msgs/msg/Foo.msg": sequence.format(*names)} for names in (("zqa", "zqb"), pair)])
@@ -203,6 +206,18 @@ def clashes_are_told(target: Target) -> None:
             for pair in (harmless, hostile)
         ]
         _told_or_apart(target, files, accepted)
+
+
+def _constants_beside_fields(target: Target, pairs: Sequence[tuple[str, str]]) -> None:
+    """A target that says that constants have a space of their own is taken at its word, and at the compiler's."""
+    form = "uint8 {}=1\nuint8 {}\n"
+    giver = next((other for other in TARGETS if other.key == target.after), target)
+    names = target.room().NAMES or giver.room().NAMES
+    if names and names.constants_apart:
+        accepted(printed(target, {f"zq_msgs/msg/Foo{n}.msg": form.format(*pair) for n, pair in enumerate(pairs)}))
+        return
+    for pair in pairs:
+        _told_or_apart(target, [{"zq_msgs/msg/Foo.msg": form.format(*names)} for names in (("zqa", "zqb"), pair)])
 
 
 MESSAGES = [
@@ -288,6 +303,20 @@ def every_message_of_the_store(target: Target) -> None:
             assert there or made.what == "package", made
         for slot in layout.slots:
             assert slot.role is not Role.DATA or names.member(slot.name) in words, (layout.name, slot.name)
+    made = {name for layout in _store_layouts(target).values() for name in _made_of(layout, names)}
+    for path, found in zip(texts, tokens(texts), strict=True):
+        kind = language(path)
+        for name in made.intersection(found) if kind.keywords else ():
+            assert kind.is_name(name), f"`{name}` is no name in {path}"
+
+
+def _made_of(layout: Layout, names: Names | None) -> set[str]:
+    """What fields, constants and the generator's own members are called, before and after the target's escapes."""
+    slots = {slot.name for slot in layout.slots if slot.role is not Role.DATA}
+    if names:
+        slots |= {names.member(slot.name) for slot in layout.slots}
+        slots |= {names.constant(constant.name) for constant in layout.message.constants}
+    return slots
 
 
 CHECKS: tuple[Check, ...] = (
@@ -377,7 +406,7 @@ def _store_settings() -> Config:
 
 def _told_only(rejected: Rejected) -> None:
     """What its language has no type for, and nothing else."""
-    assert {found.code for found in rejected.diagnostics} == {"SHM305"}
+    assert {found.code for found in rejected.diagnostics} == {"SHM305"}, rejected
 
 
 def _store_layouts(target: Target) -> Layouts:

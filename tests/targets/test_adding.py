@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -47,6 +48,15 @@ def test_it_follows_the_rules_of_the_house(added: Path) -> None:
     run(added, "mypy", "--cache-dir", str(added / "cache"), "src/shmgen/targets")
     rules = ("-k", "follow_the_arrows or text_and_holes or loads_no_target", "-n0", "-p", "no:cacheprovider")
     run(added, "pytest", "tests/test_architecture.py", *rules, "-o", "addopts=")
+
+
+def test_its_key_changes_the_golden_file_that_the_page_names(added: Path) -> None:
+    golden = shutil.copytree(REPOSITORY / "tests" / "errors", added / "tests" / "errors")
+    before = {path: path.read_text() for path in golden.rglob("expected.txt")}
+    quick = ("-n0", "-p", "no:cacheprovider", "-o", "addopts=", "--update-golden")
+    run(added, "pytest", "tests/cli/test_errors.py", "-k", "SHM203 or SHM5", *quick)
+    changed = [path.relative_to(added).as_posix() for path, text in before.items() if path.read_text() != text]
+    assert changed == re.findall(r"`(tests/errors/\S+/expected.txt)`", PAGE.read_text())
 
 
 def test_its_offsets_are_those_of_the_layouts(added: Path, tmp_path: Path) -> None:

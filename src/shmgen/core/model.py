@@ -360,11 +360,15 @@ def text_length(text: str, string: String, encoding: str) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """A file to print: `path` below the output folder, the template, and a view of finished strings."""
+    """A file to print: `path` below the output folder, the template, and a view of finished strings.
+
+    A `piece` is printed for the targets that come after this one, and is no file of its own.
+    """
 
     path: str
     template: str
     view: object
+    piece: bool = False
 
 
 Outputs: TypeAlias = Iterable[Output]

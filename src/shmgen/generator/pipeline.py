@@ -13,7 +13,7 @@ from shmgen import definitions
 from shmgen.config import Config, entries
 from shmgen.core.diagnostics import Diagnostic, Report
 from shmgen.core.fast_dataclass import dataclass
-from shmgen.core.model import Layouts, Schema, TypeName, TypeOptions
+from shmgen.core.model import Layouts, Output, Schema, TypeName, TypeOptions
 from shmgen.drift import lockfile
 from shmgen.generator import bounds, layout, resolve
 from shmgen.targets import TARGETS, Job, Options, RenderedFile, Target, naming
@@ -82,7 +82,7 @@ def printed_by(targets: Sequence[Target], keys: Sequence[str], job: Job, report:
     done: dict[str, tuple[RenderedFile, ...]] = {}
     while waiting:
         ready = [target for target in waiting if not target.after or target.after in done]
-        planned = {target.key: list(target.room().plan(replace(job, printed=done), report)) for target in ready}
+        planned = {target.key: _planned(target, waiting, replace(job, printed=done), report) for target in ready}
         report.stop_if_any()
 
         from shmgen.generator.render import render  # jinja2 takes longer to load than all that is before it
@@ -91,7 +91,13 @@ def printed_by(targets: Sequence[Target], keys: Sequence[str], job: Job, report:
         for key, outputs in planned.items():
             done[key] = tuple(RenderedFile(output, texts[output.path]) for output in outputs)
         waiting = [target for target in waiting if target.key not in done]
-    return {one.output.path: one.text for key in keys for one in done[key]}
+    return {one.output.path: one.text for key in keys for one in done[key] if not one.output.piece}
+
+
+def _planned(target: Target, waiting: Sequence[Target], job: Job, report: Report) -> list[Output]:
+    """Without pieces where nobody waits for them."""
+    are_wanted = any(other.after == target.key for other in waiting)
+    return [output for output in target.room().plan(job, report) if are_wanted or not output.piece]
 
 
 def _wanted(targets: Sequence[Target], keys: Sequence[str]) -> list[Target]:

@@ -36,7 +36,8 @@ class Names:
     `member` and `constant` give a field and a constant a name that the language accepts. `made(layout, package)` is all
     that a message takes of spaces that it shares with other messages: types, files, macros. `fold` maps names that the
     language takes for one to one. `own` are the target's names in those spaces, `own_constants` those beside the
-    constants of each message. `use` names what stands for a topic, service or action, where there is such a thing.
+    constants of each message. With `constants_apart` a constant may be called as a field, as it has another space.
+    `use` names what stands for a topic, service or action, where there is such a thing.
     """
 
     title: str
@@ -46,6 +47,7 @@ class Names:
     fold: Callable[[str], str] = str
     own: Collection[str] = ()
     own_constants: Collection[str] = ()
+    constants_apart: bool = False
     use: Callable[[str], str] | None = None
 
 
@@ -75,11 +77,13 @@ def check(
     way_out = f"rename one of them, or leave {quoted} out of `targets` in shmgen.toml"
     _check_messages(layouts, package, names, way_out, report)
     for layout in layouts.values():
-        if _meet((slot.name for slot in layout.slots), names, names.member):
-            _check_one(layout.name, _members(layout), names, names.member, way_out, report)
-        constants = (constant.name for constant in layout.message.constants)
-        if _meet((*names.own_constants, *constants), names, names.constant):
-            _check_one(layout.name, _constants(layout, names), names, names.constant, way_out, report)
+        members = [names.member(slot.name) for slot in layout.slots]
+        declared = (*names.own_constants, *(constant.name for constant in layout.message.constants))
+        constants = [names.constant(name) for name in declared]
+        for space in (members, constants) if names.constants_apart else (members + constants,):
+            if len(set(map(names.fold, space))) < len(space):
+                _check_one(layout, names, way_out, report)
+                break
     _check_uses(uses, names, way_out, report)
 
 
@@ -105,24 +109,20 @@ def _check_messages(layouts: Layouts, package: str, names: Names, way_out: str, 
             report.error("SHM203", fault, place, hint=way_out)
 
 
-def _meet(found: Iterable[str], names: Names, escape: Callable[[str], str]) -> bool:
-    """Whether any do, which is rare, and sooner seen than where they stand."""
-    folded = [names.fold(escape(name)) for name in found]
-    return len(set(folded)) < len(folded)
-
-
 class _Named(NamedTuple):
-    """A name; `role` says what the generator has it for, and is empty where it is the user's."""
+    """A name and what it becomes; `role` says what the generator has it for, and is empty where it is the user's."""
 
     name: str
+    made: str
     role: str
     span: Span
 
 
-def _members(layout: Layout) -> list[_Named]:
+def _members(layout: Layout, names: Names) -> list[_Named]:
     return [
         _Named(
             slot.name,
+            names.member(slot.name),
             "" if slot.role is Role.DATA else f"{slot.role.value} member",
             slot.field.span.at(slot.field.name) if slot.field else layout.message.span,
         )
@@ -131,16 +131,17 @@ def _members(layout: Layout) -> list[_Named]:
 
 
 def _constants(layout: Layout, names: Names) -> list[_Named]:
-    own = [_Named(name, "constant", layout.message.span) for name in names.own_constants]
-    return own + [_Named(constant.name, "", constant.span) for constant in layout.message.constants]
+    own = [_Named(name, names.constant(name), "constant", layout.message.span) for name in names.own_constants]
+    return own + [_Named(one.name, names.constant(one.name), "", one.span) for one in layout.message.constants]
 
 
-def _check_one(
-    message: TypeName, found: list[_Named], names: Names, escape: Callable[[str], str], way_out: str, report: Report
-) -> None:
-    first: dict[str, _Named] = {}
-    for named in found:
-        other = first.setdefault(names.fold(escape(named.name)), named)
+def _check_one(layout: Layout, names: Names, way_out: str, report: Report) -> None:
+    """A message in which some meet, which is rare, and sooner seen than where they stand."""
+    first: dict[tuple[bool, str], _Named] = {}
+    all_named = [(named, False) for named in _members(layout, names)]
+    all_named += [(named, names.constants_apart) for named in _constants(layout, names)]
+    for named, apart in all_named:
+        other = first.setdefault((apart, names.fold(named.made)), named)
         if other is named or report.is_enough(named.span.path):
             continue
         theirs, ours = (named, other) if other.role else (other, named)
@@ -149,25 +150,25 @@ def _check_one(
                 "SHM204",
                 f"`{theirs.name}` meets the {ours.role} `{ours.name}` that shmgen adds",
                 theirs.span,
-                field=f"{message.short}.{theirs.name}",
+                field=f"{layout.name.short}.{theirs.name}",
                 hint=f"rename `{theirs.name}` in the definition",
             )
         else:
             report.error(
                 "SHM203",
-                f"`{other.name}` and `{named.name}` are one name in {names.title}{_why(other, named, escape)}",
+                f"`{other.name}` and `{named.name}` are one name in {names.title}{_why(other, named, names)}",
                 named.span,
-                field=f"{message.short}.{named.name}",
+                field=f"{layout.name.short}.{named.name}",
                 hint=way_out,
             )
 
 
-def _why(one: _Named, other: _Named, escape: Callable[[str], str]) -> str:
-    if one.name.upper() == other.name.upper():
+def _why(one: _Named, other: _Named, names: Names) -> str:
+    if names.fold(one.name) == names.fold(other.name):
         return ", which ignores case"
     for named in (one, other):
-        if escape(named.name) != named.name:
-            return f": `{named.name}` becomes `{escape(named.name)}`"
+        if named.made != named.name:
+            return f": `{named.name}` becomes `{named.made}`"
     return ""
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import struct
+from collections import namedtuple
 from collections.abc import Iterable
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from shmgen.core import abi
 from shmgen.core.abi import ABI, HEADER_SIZE, LAST, MAGIC, PAGE, PLC, SLOT_HEADER, Word
@@ -13,24 +14,19 @@ from shmgen.core.plural import counted
 
 __all__ = ["ABI", "HEADER_SIZE", "LAST", "MAGIC", "PAGE", "PLC", "SLOT_HEADER"]  # for those who say h.LAST
 
-_AT = {word.name: word.offset for word in abi.HEADER}
-_IN_SLOT = {word.name: word.offset for word in abi.SLOT}
+_AT = {word.name: word.offset for word in (*abi.HEADER, *abi.SLOT)}
 
-# Where the words that change stand, in steps of four bytes.
-WRITER = _AT["writer"] // 4
-BEGUN = _AT["begun"] // 4
-COMPLETED = _AT["completed"] // 4
-HEARTBEAT = _AT["heartbeat"] // 4
-LOCK_HOLDER = _AT["lock_holder"] // 4
-RECOVERIES = _AT["recoveries"] // 4
-ARMED = _AT["armed"] // 4
-LOCK_COUNT = _AT["lock_count"] // 4
-MISSED = _AT["missed"] // 4
+# Where the words that change stand, in steps of four bytes: WRITER, BEGUN and so on, as the table names them.
+globals().update((word.name.upper(), word.offset // 4) for word in abi.HEADER if word.by != abi.CREATOR)
+if TYPE_CHECKING:
+
+    def __getattr__(name: str) -> int: ...
+
 
 # And in steps of eight, for two words in one look.
 RECOVERIES_ARMED = _AT["recoveries"] // 8
-STAMP = _IN_SLOT["stamp_ns"] // 8
-NUMBER = _IN_SLOT["number"] // 8
+STAMP = _AT["stamp_ns"] // 8
+NUMBER = _AT["number"] // 8
 """With the four bytes of 0 behind it."""
 
 _CODES = {"u8": "x", "char": "s", "u16": "H", "u32": "I", "u64": "Q"}
@@ -50,27 +46,21 @@ MADE = tuple(slice(word.offset, word.offset + word.size) for word in _MADE)
 """Where in a header the words stand that whoever makes a region writes, the magic first."""
 
 
-class Header(NamedTuple):
-    """A region's header at one instant; `size` is that of the whole object in bytes."""
+if TYPE_CHECKING:
 
-    size: int
-    magic: int
-    abi: int
-    header_size: int
-    digest: int
-    payload_size: int
-    slot_size: int
-    writer: int
-    slots: int
-    type_name: str
-    begun: int = 0
-    completed: int = 0
-    heartbeat: int = 0
-    lock_holder: int = 0
-    recoveries: int = 0
-    armed: int = 0
-    lock_count: int = 0
-    missed: int = 0
+    class _Words(NamedTuple):
+        size: int
+        type_name: str
+
+        def __getattr__(self, name: str) -> int: ...
+else:
+    _Words = namedtuple("_Words", ("size", *_NAMES))
+
+
+class Header(_Words):
+    """A region's header at one instant: the words of the table, and `size`, that of the whole object in bytes."""
+
+    __slots__ = ()
 
     @property
     def fixed(self) -> tuple[int | str, ...]:
@@ -97,30 +87,31 @@ def header_for(type_name: str, digest: int, payload_size: int, depth: int) -> He
     `depth` is how many samples a slow reader can still fetch. Raises ValueError for a depth outside 1 .. 65535 and a
     name of more than 95 bytes.
     """
-    slots = abi.slots_for(depth)
-    size, slot_size = abi.region_size(payload_size, slots), abi.slot_size(payload_size)
     if len(type_name.encode()) > abi.MAX_TYPE_NAME:
         raise ValueError(f"type {type_name} is longer than the {abi.MAX_TYPE_NAME} bytes a region has for its name")
-    return Header(size, MAGIC, ABI, HEADER_SIZE, digest, payload_size, slot_size, 0, slots, type_name)
+    slots = abi.slots_for(depth)
+    said: dict[str, int | str] = {
+        "magic": MAGIC,
+        "abi": ABI,
+        "header_size": HEADER_SIZE,
+        "digest": digest,
+        "payload_size": payload_size,
+        "slot_size": abi.slot_size(payload_size),
+        "slots": slots,
+        "type_name": type_name,
+    }
+    return Header._make((abi.region_size(payload_size, slots), *(said.get(name, 0) for name in _NAMES)))
 
 
 def pack(header: Header) -> bytes:
     """The bytes of a header."""
-    values = (getattr(header, name) for name in _NAMES)
-    return _HEADER.pack(*(value.encode() if isinstance(value, str) else value for value in values))
+    return _HEADER.pack(*(value.encode() if isinstance(value, str) else value for value in header[1:]))
 
 
 def unpack(data: bytes, size: int) -> Header:
     """The header at the start of a region of `size` bytes; missing bytes are read as 0."""
-    found = words(data)
-    return Header(size, *(found[name] for name in Header._fields[1:]))
-
-
-def words(data: bytes) -> dict[str, Any]:
-    """Every word of a header by its name: numbers, and `type_name` as text."""
     values = _HEADER.unpack(data[:HEADER_SIZE].ljust(HEADER_SIZE, b"\0"))
-    shown = (_text(value) if isinstance(value, bytes) else value for value in values)
-    return dict(zip(_NAMES, shown, strict=True))
+    return Header._make((size, *(_text(value) if isinstance(value, bytes) else value for value in values)))
 
 
 def after(number: int, steps: int, slots: int) -> int:

@@ -75,4 +75,4 @@ C_RESERVED = words("""
 """)
 """The last rows are macros of gcc (`linux` is 1 unless it is told -std=c11), of C's own headers and of POSIX."""
 
-NAMES = Names("C", member=c_member, constant=str, made=_made)
+NAMES = Names("C", member=c_member, constant=str, made=_made, constants_apart=True)

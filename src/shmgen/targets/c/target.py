@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 from shmgen.core.diagnostics import Report
@@ -15,6 +16,7 @@ from shmgen.core.model import (
     Role,
     Slot,
     String,
+    TypeName,
     assert_never,
     ros_type,
 )
@@ -68,8 +70,22 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
     yield region.plan(job.package)
     yield from ends.runtime(f"c/{job.package}")
     for name, layout in job.layouts.items():
-        yield Output(f"c/{header(name, job.package)}", "c/message.h.j2", _header(layout, job.layouts, job.package))
-        yield ends.plan(layout, job.layouts, job.package, job.options.regions)
+        view = _header(layout, job.layouts, job.package)
+        yield Output(f"c/{header(name, job.package)}", "c/message.h.j2", view)
+        yield Output(struct_piece(name), "c/struct.h.j2", view, piece=True)
+        end = ends.plan(layout, job.layouts, job.package, job.options.regions)
+        yield end
+        yield replace(end, path=fits_piece(name), template="c/fits.h.j2", piece=True)
+
+
+def struct_piece(name: TypeName) -> str:
+    """Where the structure is, with its offsets asserted, its type and digest; no word of the user's stands in it."""
+    return f"c/struct/{struct_name(name)}"
+
+
+def fits_piece(name: TypeName) -> str:
+    """Where the functions are that look at counts and texts."""
+    return f"c/fits/{struct_name(name)}"
 
 
 def _header(layout: Layout, layouts: Layouts, package: str) -> Header:

@@ -51,7 +51,7 @@ def _made(layout: Layout, package: str) -> Iterator[ClaimedName]:
 
 def names(title: str) -> Names:
     own = (st.ST_TIME, "ST_Ros")
-    return Names(title, member=member, constant=member, made=_made, fold=str.upper, own=own, use=topic)
+    return Names(title, member, member, _made, fold=str.upper, own=own, constants_apart=True, use=topic)
 
 
 def capital_names(title: str) -> Names:

@@ -190,5 +190,6 @@ NAMES = Names(
     fold=str.upper,
     own=(ST_TIME,),
     own_constants=(GVL_TYPE_NAME, GVL_SIZE, GVL_DIGEST),
+    constants_apart=True,
     use=st_topic,
 )
