@@ -116,8 +116,8 @@ fuzz: $(VENV)/ready-to-test  ## five minutes of definitions nobody would write, 
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[fuzz]'
 	$(BIN)/python -m tests.rigs.fuzz 300
 
-fuzz-many: $(VENV)/ready-to-test  ## a million definitions, not guided
-	$(BIN)/python -m tests.rigs.fuzz_many 1000000
+fuzz-many: $(VENV)/ready-to-test  ## a million definitions, not guided; then of files for import and of bags, each
+	for kind in definitions st xml mcap; do $(BIN)/python -m tests.rigs.fuzz_many 1000000 --of $$kind || exit 1; done
 
 mutants: $(VENV)/ready-for-all  ## the core made wrong in some two thousand ways, one at a time: which does no test mind?
 	$(BIN)/python -m tests.rigs.mutants

@@ -48,6 +48,7 @@ def test_region_name(topic, name):
         ("~/pose", "stands for a node's name"),
         ("/sem/robot", "are semaphores"),
         ("/GWDrvSharedMemShm", "CODESYS keeps"),
+        ("/RetainMemory", "CODESYS keeps"),
         ("/CME-request", "CODESYS keeps"),
         ("/" + "a" * 246, "246 characters"),
     ],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 import time
@@ -162,10 +163,13 @@ def init(hook: bool, ci: bool, wanted: str | None) -> None:
     files |= {init.CI_FILE: init.CI.format(requirement=shlex.quote(requirement))} if ci else {}
     for path, text in files.items():
         file = Path(path)
-        if file.exists():
+        if os.path.lexists(file):
             click.echo(f"{path} is there, and left as it is; this would be its content:\n\n{text}")
         else:
             try:
+                for parent in (file.parent, *file.parent.parents):
+                    if parent.is_symlink():
+                        raise OSError(errno.ELOOP, f"{parent} is a symbolic link")
                 file.parent.mkdir(parents=True, exist_ok=True)
                 file.write_bytes(text.encode())  # with the same line ends everywhere
             except OSError as error:

@@ -8,7 +8,7 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
-from shmgen.core import toml
+from shmgen.core import files, toml
 from shmgen.core.diagnostics import Report, Span, closest
 from shmgen.core.fast_dataclass import dataclass
 
@@ -159,7 +159,7 @@ def _span(shown: str, number: int, line: str, start: int, end: int) -> Span:
 
 def _text(path: Path, shown: str, report: Report) -> str:
     try:
-        text = path.read_bytes().decode("utf-8").removeprefix("\N{ZERO WIDTH NO-BREAK SPACE}")
+        text = files.content(path).decode("utf-8").removeprefix("\N{ZERO WIDTH NO-BREAK SPACE}")
         return text.replace("\r\n", "\n")
     except OSError as error:
         report.error(

@@ -28,7 +28,12 @@ def catalogue(folder: Path, relative_to: Path, report: Report) -> Catalogue:
         report.error("SHM001", "no such folder", Span(shorten(folder, relative_to)), hint="correct `path`, or -I")
         return {}
     found: dict[str, tuple[Package, ...]] = {}
-    for package in _packages(folder, relative_to):
+    packages = _packages(folder, relative_to)
+    if packages is None:
+        hint = "name the folder that your packages are in"
+        said = f"more than {_MOST_FOLDERS:,} folders are in and below it"
+        report.error("SHM001", said, Span(shorten(folder, relative_to)), hint=hint)
+    for package in packages or ():
         found[package.name] = (*found.get(package.name, ()), package)
     return found
 
@@ -98,8 +103,12 @@ _NAME_IN_XML = re.compile(rb"<name\s*>\s*([A-Za-z0-9_-]+)\s*</name\s*>")
 _BUILD_TOOL = re.compile(rb"<(?:buildtool_depend|build_type)\b[^<>]*>\s*([A-Za-z0-9_-]+)")
 
 
-def _packages(folder: Path, relative_to: Path) -> list[Package]:
-    """Depth first, without recursion; a folder reached twice over links counts once."""
+_MOST_FOLDERS = 100_000
+"""That are searched for packages; a workspace with all of ROS has some thousand."""
+
+
+def _packages(folder: Path, relative_to: Path) -> list[Package] | None:
+    """Depth first, without recursion; a folder reached twice over links counts once. None where there are too many."""
     found: list[Package] = []
     seen: set[tuple[int, int]] = set()
     waiting = [folder]
@@ -114,6 +123,8 @@ def _packages(folder: Path, relative_to: Path) -> list[Package]:
         if (status.st_dev, status.st_ino) in seen or not names.isdisjoint(_IGNORED):
             continue
         seen.add((status.st_dev, status.st_ino))
+        if len(seen) > _MOST_FOLDERS:
+            return None
         if "package.xml" in names or any(_files(here / kind, kind) for kind in SECTIONS if kind in names):
             package = _package(here, relative_to)
             if package is not None:
