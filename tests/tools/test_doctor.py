@@ -18,7 +18,7 @@ import posix_ipc
 import pytest
 
 import shmgen.tools.doctor.clean
-import shmgen.tools.watch.top
+import shmgen.tools.watch.screen
 import shmgen.tools.watch.topics  # noqa: F401 nobody() may not be able to read them
 from shmgen.runtime import RegionUnusable, region_name
 from shmgen.runtime.region import header as h
