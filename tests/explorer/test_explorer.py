@@ -50,7 +50,11 @@ def test_nothing_is_found_where_it_takes_longer(program: Callable[[str], Path], 
     holds(program(scene.sync), scene)
 
 
-@pytest.mark.parametrize("known", KNOWN, ids=lambda known: known.scene.name)
+@pytest.mark.parametrize(
+    "known",
+    [pytest.param(known, marks=[pytest.mark.slow] * ("larger" in known.scene.name)) for known in KNOWN],
+    ids=lambda known: known.scene.name,
+)
 def test_what_is_known_is_found(program: Callable[[str], Path], known: Known) -> None:
     """When one holds, it is mended: its scene moves up to those that hold. The printed schedule shows it again."""
     verdict, _ = explore(program(known.scene.sync), known.scene.arguments, SECONDS)
