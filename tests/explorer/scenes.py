@@ -140,7 +140,7 @@ KNOWN = [
     Known(_scene("a PLC after a PLC, torn", "s=1 c=1 may_hide=1", _PLC, _THEN_PLC), "TORN", _TORN),
     Known(_scene("a reader beside a PLC after a PLC", "p=1 s=1", _PLC, _THEN_PLC, _LOOKS), "BACK", _LATE),
     Known(_scene("one waits, larger", "p=3 b=2 ms=1000", "writer n=3", "waiter n=3"), "LATE",
-          "a writer that finds a token makes no system call: its `armed := 0` may come out after the reader armed anew"),
+          "a writer that finds a token posts none: its `armed := 0` may come out after the reader has armed anew"),
     Known(_scene("two tokens", "s=1 one_token=1", _C, _THEN_PLC), "SURPLUS",
           "a holder that stood still between its look and its post leaves the lock at two, until the next release"),
 ]  # fmt: skip
