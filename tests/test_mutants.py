@@ -47,7 +47,10 @@ def test_a_mutant_is_killed_by_a_test_that_minds_it() -> None:
     test = ["tests/definitions/test_bounds.py"]
     minded, explained = (
         next(mutant for mutant in mutants_of(file, read(file)) if (mutant.where, mutant.was) == where)
-        for file, where in (("generator/bounds.py", ("_most_specific", "key in table")), ("generator/layout.py", ("_message", "0")))
+        for file, where in (
+            ("generator/bounds.py", ("_most_specific", "key in table")),
+            ("generator/layout.py", ("_message", "0")),
+        )
     )
     with tempfile.TemporaryDirectory() as folder:
         worker = Worker(Path(folder))
