@@ -88,20 +88,27 @@ class Ends:
         self.closing = False  # said by `stop` too; but to ask it each time gives the GIL away
         self.threads: list[threading.Thread] = []
         self.topics = ReaderThread(self)
+        self._named: dict[tuple[str, type[Any]], Topic] = {}
 
     def writer(self, topic: str, kind: type[Any], qos: Qos, matched: Matched | None = None) -> DataWriter:
         """Of the structure `kind`."""
         listener = self._watch(topic, "offer", matched)
-        return DataWriter(self.participant, Topic(self.participant, topic, kind), qos, listener)
+        return DataWriter(self.participant, self._topic(topic, kind), qos, listener)
 
     def reader(self, topic: str, kind: type[Any], qos: Qos, matched: Matched | None = None) -> DataReader:
         """Of the structure `kind`; what it takes are objects with `cdr`."""
         without_service = qos - Qos(qos[Policy.DurabilityService]) if Policy.DurabilityService in qos else qos
         return DataReader(
             self.participant,
-            Topic(self.participant, topic, kind),
+            self._topic(topic, kind),
             without_service,
             self._watch(topic, "ask for", matched),
+        )
+
+    def _topic(self, name: str, kind: type[Any]) -> Topic:
+        """Once: one that is deleted and made again has Cyclone read memory that is no more."""
+        return self._named.get((name, kind)) or self._named.setdefault(
+            (name, kind), Topic(self.participant, name, kind)
         )
 
     def listen(self, reader: DataReader, callback: Callable[[Any], None], name: str) -> None:
