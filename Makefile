@@ -4,6 +4,9 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 # Debian packages: to make an environment, and what `make demo` and `make test` compile with.
 SETUP_PACKAGES := python3-venv
+# What publish and read are compiled with; without it they stay in Python.
+FAST_PACKAGES  := python3-dev gcc libc6-dev
+HAS_HEADERS    := $(PYTHON) -c 'import sysconfig; open(sysconfig.get_path("include") + "/Python.h")'
 TEST_PACKAGES  := gcc g++ libc6-dev
 
 # What `make test-all` brings besides; where one cannot be had, its tests are skipped and say so.
@@ -121,8 +124,8 @@ fuzz: $(VENV)/ready-to-test  ## five minutes of definitions nobody would write, 
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[fuzz]'
 	$(BIN)/python -m tests.rigs.fuzz 300
 
-fuzz-many: $(VENV)/ready-to-test  ## a million definitions, not guided
-	$(BIN)/python -m tests.rigs.fuzz_many 1000000
+fuzz-many: $(VENV)/ready-to-test  ## a million definitions, not guided; then of files for import and of bags, each
+	for kind in definitions st xml mcap; do $(BIN)/python -m tests.rigs.fuzz_many 1000000 --of $$kind || exit 1; done
 
 mutants: $(VENV)/ready-for-all  ## the core made wrong in some two thousand ways, one at a time: which does no test mind?
 	$(BIN)/python -m tests.rigs.mutants
@@ -159,8 +162,11 @@ clean:
 $(VENV)/ready: pyproject.toml src/shmgen/runtime/core.c src/shmgen/bridge/codec/transcode.c $(wildcard templates/c/shmgen_*.h)
 	@$(call debian,$(PYTHON) -c 'import ensurepip',$(SETUP_PACKAGES),exit 1)
 	@test -x $(BIN)/python || { echo 'making $(VENV)'; $(PYTHON) -m venv $(VENV); }
+	@{ $(call debian,$(HAS_HEADERS) && command -v gcc,$(FAST_PACKAGES),echo 'without them publish and read are Python: slower' >&2); } \
+	    || true
 	@echo 'installing shmgen into $(VENV)'
 	@$(call pip,$(BIN)) --editable '.[demo]'
+	@echo "$$($(BIN)/shmgen --version). So that this shell finds it: . $(VENV)/bin/activate"
 	@touch $@
 
 $(VENV)/ready-to-test: $(VENV)/ready

@@ -57,6 +57,21 @@ def test_a_missing_package_is_named_before_anything_takes_long(name: str) -> Non
     assert done.stderr.endswith(f"pip install {' '.join(ASKS[name])}\n")
 
 
+def test_without_the_stand_in_for_a_plc_no_demo_ends_in_a_traceback() -> None:
+    """blark comes with `make demo`, and with no other installation."""
+    without = "import runpy, sys; sys.modules['blark'] = None; runpy.run_path(sys.argv[1], run_name='__main__')"
+    demos = [path.parent / "demo.py" for path in (REPOSITORY / "examples").glob("*/*.st")]
+    for demo in sorted({demo for demo in demos if "start_plc" in demo.read_text()}):
+        command = [sys.executable, "-c", without, str(demo)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+        assert (done.returncode, done.stdout) == (1, ""), demo
+        assert "Traceback" not in done.stderr
+        said = (
+            "pip install blark\n" if ".venv/ros1" not in done.stderr and "no ROS 1" not in done.stderr else "makes it\n"
+        )
+        assert done.stderr.endswith((said, "Debian's\n")), done.stderr
+
+
 SLOW = {"ros1_cpp"}  # roscpp takes its time to compile
 
 

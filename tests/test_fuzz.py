@@ -12,7 +12,9 @@ from hypothesis import strategies as st
 from lxml import etree
 
 from tests.conftest import REPOSITORY, SHARED
+from tests.rigs.fuzz_many import run_foreign
 from tests.softplc.reading import read as read_st
+from tests.support import foreign
 from tests.support.build import compile_headers, put
 from tests.support.definitions import Fuzzed, from_files, from_grammar, generated, read
 from tests.support.guard import TooLong, within
@@ -68,6 +70,12 @@ def assert_well_formed(texts: dict[str, str]) -> None:
     with tempfile.TemporaryDirectory() as folder:
         put(headers, Path(folder))
         compile_headers(Path(folder))
+
+
+@pytest.mark.parametrize("kind", foreign.KINDS)
+def test_files_of_others_that_were_damaged(kind: str) -> None:
+    readable, _, failed = run_foreign(kind, 1)
+    assert (readable > 0, failed) == (True, [])
 
 
 def test_the_guard_stops_what_hangs() -> None:

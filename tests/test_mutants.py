@@ -35,6 +35,9 @@ def test_what_is_changed_and_what_is_left() -> None:
         compile(mutant.apply(TEXT), "x.py", "exec")
 
 
+BOUNDS = "generator/bounds.py"
+
+
 def test_every_survivor_that_is_explained_is_still_there() -> None:
     rooms, survivors = plan()
     every = [mutant for room in rooms for file in room.files for mutant in mutants_of(file, read(file))]
@@ -47,17 +50,14 @@ def test_a_mutant_is_killed_by_a_test_that_minds_it() -> None:
     test = ["tests/definitions/test_bounds.py"]
     minded, explained = (
         next(mutant for mutant in mutants_of(file, read(file)) if (mutant.where, mutant.was) == where)
-        for file, where in (
-            ("generator/bounds.py", ("_most_specific", "key in table")),
-            ("generator/layout.py", ("_message", "0")),
-        )
+        for file, where in ((BOUNDS, ("_most_specific", "key in table")), ("generator/layout.py", ("_message", "0")))
     )
     with tempfile.TemporaryDirectory() as folder:
         worker = Worker(Path(folder))
         try:
-            assert worker.learn(test, ["generator/bounds.py"])[0] > 0
+            assert worker.learn(test, [BOUNDS])[0] > 0
             assert [worker.try_(mutant, test, 60) for mutant in (minded, explained)] == ["killed", "lives"]
-            assert (worker.copy / CODE / "generator/bounds.py").read_bytes() == read("generator/bounds.py")
+            assert (worker.copy / CODE / BOUNDS).read_bytes() == read(BOUNDS)
         finally:
             worker.close()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -41,6 +42,21 @@ def test_the_containers_of_compose_share_one_dev_shm(topic: str) -> None:
         finally:
             publisher.kill()
     assert "x: 1.5" in read.stdout, read.stderr
+
+
+OURS = r"\.(?=[\[\s`])|\./shmgen|\$GITHUB_ACTION_PATH|/source|shmgen(?:\[idl\])? @|git\+"
+INSTALLS = rf"""(?:pipx|pip"?|uv tool) install (?:--\S+ )*['"]?(?:{OURS})\S*"""
+
+
+def test_what_we_say_to_install_reads_idl() -> None:
+    """What is installed for one purpose more, `.[view]`, is installed over that."""
+    places = ["README.md", "action.yml", "packaging/docker/Dockerfile", "tests/rigs/bare.py"]
+    texts = [(REPOSITORY / place).read_text() for place in places]
+    texts += [path.read_text() for path in (REPOSITORY / "docs").glob("*.md")]
+    found = [re.findall(INSTALLS, text) for text in texts]
+    assert all(found[: len(places)])
+    others = [line for lines in found for line in lines if not re.search(r"\[(idl|dds,idl|view|dds|ros2)\]", line)]
+    assert others == []
 
 
 def test_the_scripts_are_sh(tmp_path: Path) -> None:

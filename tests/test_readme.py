@@ -99,6 +99,18 @@ def test_make_demo() -> None:
     assert re.search(r"poses sent, \d+ received by the PLC", result.stdout)
 
 
+def test_what_a_newcomer_types_is_enough() -> None:
+    """Python's headers too, or publish and read stay in Python; and `shmgen` is not on the PATH by `make` alone."""
+    makefile = (REPOSITORY / "Makefile").read_text()
+    needed = set(" ".join(re.findall(r"^(?:SETUP|FAST|TEST)_PACKAGES\s*:= (.*)", makefile, re.MULTILINE)).split())
+    assert "python3-dev" in needed
+    for page in (PAGES[0], REPOSITORY / "docs" / "tutorial-plc.md"):
+        before, _, _ = page.read_text().partition("```console")
+        named = re.findall(r"^    sudo apt-get install ([^#\n]*)", before, re.MULTILINE)
+        assert needed - {"libc6-dev"} <= set(" ".join(named).split()), page  # which g++ brings
+        assert before.index("make demo") < before.index("    . .venv/bin/activate"), page
+
+
 def test_the_readme_names_no_other_make_target() -> None:
     """`make test` is what runs this; all others would need a test here."""
     assert set(re.findall(r"make (\w+)", PAGES[0].read_text())) == {"demo", "test"}

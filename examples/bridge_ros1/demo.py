@@ -21,7 +21,7 @@ def main() -> int:
     """0 if the belt slowed down as the robot came nearer, and stopped when it fell silent."""
     if not PYTHON.exists():
         sys.exit(f"{PYTHON} is not there: `make test-all` as root installs Debian's ROS 1 and makes it")
-    with cell(HERE) as made, ExitStack() as processes:
+    with cell(HERE, "blark") as made, ExitStack() as processes:
         made.generate()
         made.start_plc("PRG_Belt")
         ros = Ros(processes, "/shmgen_demo/robot", "/shmgen_demo/speed")

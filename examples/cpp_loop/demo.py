@@ -18,7 +18,7 @@ def main() -> int:
     """0 if each cycle had its command sent."""
     if not shutil.which("g++"):
         sys.exit("g++ is not installed")
-    with cell(HERE) as made:
+    with cell(HERE, "blark") as made:
         made.generate()
         program = made.folder / "loop"
         print("\n$ g++ -std=c++17 -O2 -I generated/cpp loop.cpp -o loop", flush=True)

@@ -13,7 +13,7 @@ from stage import cell  # noqa: E402 it lies beside the examples
 
 def main() -> int:
     """Exit status of the talker."""
-    with cell(HERE, "cyclonedds") as here:
+    with cell(HERE, "blark", "cyclonedds") as here:
         here.generate()
         here.start_plc("PRG_Listener")
         here.start_bridge("dds")

@@ -15,7 +15,7 @@ from stage import cell  # noqa: E402
 def main() -> int:
     """Exit status of the OPC UA client."""
     endpoint = f"opc.tcp://127.0.0.1:{free_port()}"
-    with cell(HERE, "asyncua", "cyclonedds") as here:
+    with cell(HERE, "asyncua", "blark", "cyclonedds") as here:
         here.generate()
         here.start_plc("PRG_Gateway")
         here.start_bridge("dds")

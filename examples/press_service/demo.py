@@ -13,7 +13,7 @@ from stage import cell  # noqa: E402
 
 def main() -> int:
     """Exit status of the robot."""
-    with cell(HERE) as here:
+    with cell(HERE, "blark") as here:
         here.generate()
         here.start_plc("PRG_Press")
         return here.run("robot.py", "/press/run", "/press/unload")

@@ -13,7 +13,7 @@ from stage import cell  # noqa: E402
 
 def main() -> int:
     """Exit status of the supervisor."""
-    with cell(HERE, "cyclonedds") as here:
+    with cell(HERE, "blark", "cyclonedds") as here:
         here.generate()
         here.start("robot", HERE / "robot.py", ready="waits for tasks")
         here.start_bridge("dds")

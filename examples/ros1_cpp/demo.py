@@ -26,7 +26,7 @@ def main() -> int:
     """0 if the belt slowed down as the robot came nearer, and stopped when it fell silent."""
     if not PYTHON.exists() or not Path("/usr/include/ros/ros.h").exists() or not shutil.which("cmake"):
         sys.exit("there is no ROS 1 in C++ here: `make test-all` as root installs Debian's")
-    with cell(HERE) as made, ExitStack() as processes:
+    with cell(HERE, "blark") as made, ExitStack() as processes:
         made.generate()
         node = build(made)
         made.start_plc("PRG_Belt")

@@ -13,7 +13,7 @@ from stage import cell  # noqa: E402
 
 def main() -> int:
     """Exit status of the robot."""
-    with cell(HERE) as here:
+    with cell(HERE, "blark") as here:
         here.generate()
         for path in sorted(here.folder.rglob("*onveyor*")):
             if path.is_file():

@@ -49,7 +49,8 @@ static inline shmgen_status shmgen_name_region(shmgen_link *link, const char *to
     link->name[length] = 0;
     if (strncmp(link->name, "/sem.", 5) == 0) /* where Linux keeps the semaphores */
         return SHMGEN_TOPIC_INVALID;
-    if (strcasecmp(link->name, "/CME") == 0 || strcasecmp(link->name, "/GWDrvSharedMemShm") == 0) /* CODESYS's own */
+    if (strcasecmp(link->name, "/CME") == 0 || strcasecmp(link->name, "/GWDrvSharedMemShm") == 0 ||
+        strcasecmp(link->name, "/RetainMemory") == 0) /* CODESYS's own */
         return SHMGEN_TOPIC_INVALID;
     if (length + strlen(topic) > SHMGEN_LONGEST + 1)
         return SHMGEN_TOPIC_TOO_LONG;

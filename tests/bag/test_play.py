@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import resource
+import struct
 import time
 
-from shmgen.bag import read
+from shmgen.bag import mcap, read
 from shmgen.bag.play import Player
 from shmgen.live.classes import publisher, subscriber
 from shmgen.tools.messages import parse
@@ -105,3 +108,31 @@ def test_bags_say_what_was_recorded(topic, registry, recording, tmp_path):
     assert len(messages) == 5
     assert shop(tmp_path).message("demo_msgs/msg/Full", int(channel.metadata["shmgen_digest"], 16))
     assert parse.build(registry.message("demo_msgs/msg/Full"), FULL)
+
+
+def test_damaged_bags_end_in_words_and_in_little_memory(tmp_path, shmgen):
+    """A chunk that unpacks to more than it says, a record that is longer than its file, a FIFO."""
+    from rosbags.rosbag2 import storage_mcap
+
+    def chunk(size, packed, compression=b"zstd"):
+        head = struct.pack("<QQQII", 0, 0, size, 0, len(compression)) + compression + struct.pack("<Q", len(packed))
+        return mcap.MAGIC + struct.pack("<BQ", mcap.CHUNK, len(head + packed)) + head + packed
+
+    bomb = storage_mcap.zstd.compress(bytes(1 << 28))
+    bags = {
+        "bomb": (chunk(1000, bomb), "damaged: a chunk of 1,000 bytes is not what it was"),
+        "large": (chunk(1 << 40, bomb), "more than 268,435,456 are not unpacked"),
+        "noise": (chunk(1000, b"noise"), "damaged: a chunk cannot be unpacked"),
+        "lz4": (chunk(1000, b"noise", b"lz4"), "damaged: a chunk"),
+        "short": (mcap.MAGIC + struct.pack("<BQ", mcap.CHANNEL, 2) + b"ab", "a record ends before what it holds"),
+        "announced": (mcap.MAGIC + struct.pack("<BQ", mcap.SCHEMA, (1 << 32) - 1), "it has no topics"),
+        "escape": (mcap.MAGIC + mcap.channel(1, 1, "/a\x1b[2J\nb", {}).replace(b"cdr", b"abc"), "/a\\u001b[2J\\u000ab"),
+    }
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    for name, (data, said) in bags.items():
+        (tmp_path / f"{name}.mcap").write_bytes(data)
+        done = shmgen("play", f"{name}.mcap")
+        assert (done.code, said in done.stderr, "\x1b[2J" in done.stderr) == (1, True, False), done.stderr
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 400 << 10
+    os.mkfifo(tmp_path / "fifo.mcap")
+    assert "not a file" in shmgen("play", "fifo.mcap").stderr

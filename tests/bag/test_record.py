@@ -10,18 +10,15 @@ import sys
 import time
 from types import SimpleNamespace
 
-import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.rosbag2 import Reader as RosbagsReader
 
 from shmgen.bag import read
 from shmgen.bag.kinds import kind_of
-from shmgen.live import passive_reader as tapping
 from shmgen.live.classes import publisher
 from shmgen.live.regions import View
 from shmgen.runtime import region_name
-from shmgen.runtime.region import header as h
 from shmgen.tools.messages import parse
 
 from ..support.ros2 import prefix
@@ -138,43 +135,18 @@ def test_regions_that_come_and_go_and_what_was_missed(topic, registry, recording
     assert json.loads(record.metadata["missed"]) == {topic: recorder.figures.missed}
 
 
-@pytest.mark.parametrize("ordered", [True, False], ids=["only looks", "with the lock"])
-def test_a_tap_counts_what_it_missed_and_touches_nothing(topic, registry, monkeypatch, ordered):
-    monkeypatch.setattr(tapping, "keeps_order", lambda: ordered)
-    with writer_of(registry, topic, depth=3) as writer, View(region_name(topic)) as view:
-        kind = registry.message("demo_msgs/msg/Full")
-        for number in range(7):
-            writer.publish(full(registry, small=number))
-        tap, late = tapping.tap(view, kind), tapping.tap(view, kind, whole=True)
-        assert [(one.number, kind.from_buffer_copy(one.payload).small) for one in tap.take()] == [(7, 6)]
-        assert [one.number for one in late.take()] == [4, 5, 6, 7]
-        assert (tap.missed, late.missed) == (0, 3)
-        before = view.header()
-        for number in range(10):
-            writer.publish(full(registry, small=number))
-        assert [one.number for one in tap.take()] == [14, 15, 16, 17]
-        assert [one.stamp for one in late.take()][-1] == view.stamp(17, view.header())
-        assert (tap.missed, late.missed, tap.take()) == (6, 9, [])
-        writer.publish(full(registry))
-        tap.finish()
-        assert tap.missed == 7
-        if ordered:
-            now = view.header()
-            assert (now.lock_count - before.lock_count, now.missed) == (11, 0)
-        tap.close()
-        late.close()
-
-
-def test_a_torn_sample_is_not_taken(topic, registry):
-    """A writer that began to overwrite it meanwhile has said so."""
-    with writer_of(registry, topic, depth=1) as writer, View(region_name(topic)) as view:
-        writer.publish(full(registry))
-        tap = tapping.tap(view)
-        writer._region.words[h.BEGUN] = 3  # as if sample 3 were on its way into the slot of 1
-        assert tap.take() == []
-        writer._region.words[h.BEGUN] = 2
-        assert [one.number for one in tap.take()] == [1]
-        tap.close()
+def test_what_comes_after_the_last_look_was_missed(topic, registry, recording):
+    """Of a region that goes while the recorder looks at it."""
+    with writer_of(registry, topic) as writer:
+        with recording(topic, count=1) as recorder:
+            writer.publish(full(registry))
+            wait_for(lambda: recorder.figures.samples == 1)
+            recorder._sources[region_name(topic)].reader.samples = list
+            for _ in range(3):
+                writer.publish(full(registry))
+        with View(region_name(topic)) as view:
+            assert view.header().missed == 0
+    assert (recorder.figures.samples, recorder.figures.missed) == (1, 3)
 
 
 def test_services_and_actions_by_their_regions(topic, registry, recording, tmp_path, shmgen):

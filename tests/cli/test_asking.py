@@ -69,6 +69,15 @@ def test_a_list_of_one(tmp_path: Path) -> None:
     assert names == [f"demo_msgs/srv/Stop_{part}" for part in ("Reply", "Request", "Response")]
 
 
+def test_a_name_that_is_none_stops_no_list(tmp_path: Path) -> None:
+    put({"msgs/demo_msgs/msg/Arm.v2.msg": "int8 a\n", "msgs/demo_msgs/msg/Arm.msg": "int8 a\n"}, tmp_path)
+    said = shmgen(tmp_path, "list -I msgs")
+    assert said.code == 0
+    assert "SHM202 msgs/demo_msgs/msg/Arm.v2.msg: `Arm.v2` is not a message name" in said.stdout
+    assert "demo_msgs/Arm " in said.stdout
+    assert "108 of 173 can be generated." in said.stdout
+
+
 def test_one_is_one(tmp_path: Path) -> None:
     """Not `1 bytes`, wherever it is printed."""
     texts = shmgen(tmp_path, "show std_msgs/Bool").stdout + shmgen(tmp_path, "list std_msgs/Bool").stdout

@@ -35,6 +35,7 @@ def test_error(case: Path, tmp_path: Path, update_golden: bool, monkeypatch: pyt
         typed(["python", "inputs.py"], folder)
     before = tree(folder)
     result = typed(shlex.split((case / "command").read_text()), folder)
+    result = result._replace(stderr=result.stderr.replace(sys.prefix, "/opt/venv"))
     if update_golden:
         (case / "expected.txt").write_text(result.stderr, encoding="utf-8")
     assert result.stderr == (case / "expected.txt").read_text(encoding="utf-8")

@@ -96,7 +96,7 @@ def test_the_action_does_what_it_says(project: Path, tmp_path: Path) -> None:
     """Its second step, with the inputs' defaults put in; the first is pip install."""
     action = yaml.safe_load((REPOSITORY / "action.yml").read_text())
     install, check = action["runs"]["steps"]
-    assert '"$GITHUB_ACTION_PATH"' in install["run"]
+    assert '"$GITHUB_ACTION_PATH[idl]"' in install["run"]
     tools = tmp_path / "shmgen" / "bin"
     tools.mkdir(parents=True)
     (tools / "shmgen").write_text(f'#!/bin/sh\nexec {sys.executable} -m shmgen "$@"\n')

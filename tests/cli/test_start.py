@@ -99,9 +99,9 @@ def test_hook_and_ci_are_added(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("noted", "requirement"),
     [
-        (None, f"shmgen=={__version__}"),
-        ({"url": "https://h.org/shmgen", "vcs_info": {"vcs": "git", "commit_id": "ab12"}}, "shmgen @ git+https://h.org/shmgen@ab12"),
-        ({"url": "https://h.org/shmgen-1.whl", "archive_info": {}}, "shmgen @ https://h.org/shmgen-1.whl"),
+        (None, f"shmgen[idl]=={__version__}"),
+        ({"url": "https://h.org/shmgen", "vcs_info": {"vcs": "git", "commit_id": "ab12"}}, "shmgen[idl] @ git+https://h.org/shmgen@ab12"),
+        ({"url": "https://h.org/shmgen-1.whl", "archive_info": {}}, "shmgen[idl] @ https://h.org/shmgen-1.whl"),
         ({"url": "file:///home/me/shmgen", "dir_info": {}}, None),
         ({"url": "file:///tmp/shmgen-1.whl", "archive_info": {}}, None),
     ],
@@ -118,7 +118,7 @@ def test_a_folder_of_this_machine_is_nothing_for_a_ci(tmp_path: Path, monkeypatc
     monkeypatch.setattr(install_source, "requirement", lambda: None)
     result = run(["init", "--ci"], tmp_path)
     assert result.code == 2
-    assert "--from git+https://" in result.stderr
+    assert "--from 'shmgen[idl] @ git+https://" in result.stderr
     assert not tree(tmp_path)
 
 

@@ -2,28 +2,31 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
+
+from shmgen import __version__
 
 from ..support.command import run, tree
 from .test_cli import write
 
 AS_ON_WINDOWS = """
 import importlib, os, sys
-for name in ("fcntl", "posix_ipc", "termios", "pwd", "grp", "resource"):
+sys.platform = "darwin"  # click asks for the console of Windows where that is said
+for name in "curses fcntl grp posix_ipc pty pwd readline resource syslog termios tty".split():
     sys.modules[name] = None
 for name in ("O_CLOEXEC", "O_DIRECTORY", "O_NOFOLLOW", "O_NONBLOCK", "geteuid", "getuid", "getgid"):
     delattr(os, name)
 from shmgen.cli import main
-sys.platform = "darwin"  # click asks for the console of Windows where that is said
 for line in sys.stdin.read().splitlines():
     try:
         sys.argv = ["shmgen", *line.split()]
         main.main()
         code = 0
     except SystemExit as end:
-        code = end.code or 0
+        code = int(end.code or 0)
     print(f"[{code}] {line}", flush=True)
 """
 COMMANDS = """\
@@ -68,6 +71,33 @@ def test_it_works_without_what_only_linux_has(tmp_path: Path) -> None:
     said = [line for line in done.stderr.splitlines() if "/dev/shm" in line]
     place = "works on regions in /dev/shm: run it on the Linux machine where the PLC runs"
     assert said == [f"Error: `shmgen {command.split()[0]}` {place}" for command in live]
+
+
+def test_no_command_of_help_is_a_fault_of_ours(tmp_path: Path) -> None:
+    """Each as it is typed first: by itself, with something behind it, and --help of it."""
+    listed = run(["--help"], tmp_path).stdout.partition("Commands:\n")[2]
+    names = re.findall(r"^  (\w+)", listed, re.MULTILINE)
+    assert len(names) >= 25
+    lines = [f"{name}{more}" for name in names for more in ("", " /a x", " --help")]
+    lines += ["--version", "view -t", "record --all", "completion bash", "show 16#BB4625C354F90C85"]
+    done = subprocess.run(
+        [sys.executable, "-c", AS_ON_WINDOWS],
+        input="\n".join(lines),
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=100,
+    )
+    codes = [line for line in done.stdout.splitlines() if line.startswith(("[0] ", "[1] ", "[2] "))]
+    assert [code[4:] for code in codes] == lines, done.stderr
+    assert "SHM901" not in done.stderr
+    assert f"shmgen, version {__version__}\n[0] --version\n" in done.stdout
+    assert "_shmgen_completion" in done.stdout
+    here = {"check", "completion", "diff", "explain", "generate", "import", "init", "list", "show", "types"}
+    stopped = {line.split()[1] for line in codes if line.startswith("[1]") and line.endswith(" /a x")}
+    assert stopped - here == set(names) - here
+    assert {f"[0] {name} --help" for name in names} <= set(codes)
 
 
 def test_a_checkout_with_cr_lf_is_the_same(tmp_path: Path) -> None:

@@ -46,6 +46,7 @@ def semaphore_of(topic: str) -> Path:
         ("~a", 2),
         ("/sem/a", 2),
         ("/CME", 2),
+        ("/RetainMemory", 2),
         ("/gwdrvsharedmemshm-goal", 2),
         ("/" + "a" * 246, 3),
     ],

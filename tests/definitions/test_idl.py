@@ -248,13 +248,18 @@ LONG = "".join(f"int8 field_number_{number};\n" for number in range(3000))
         ),
         (in_struct("int8 x;").replace("a_msgs", "b_msgs"), "a structure is called `b_msgs::msg::Foo`"),
         ("module a_msgs { module msg { enum E { A }; }; };", "error[SHM003]: no structure is called `Foo`"),
+        (
+            in_struct("int8 x;", "union U switch (long) { case 1: long a; };"),
+            "Foo.idl:3:1: error[SHM003]: ROS has no union",
+        ),
+        (in_struct("int8 x;", "interface F { long f(); };"), "Foo.idl:3:1: error[SHM003]: ROS has no interface"),
         (in_struct("int8 x; /* never closed"), "Foo.idl:5:9: error[SHM003]: this is never closed"),
         (in_struct('@unit (value="m) int8 x;'), "Foo.idl:5:14: error[SHM003]: this is never closed"),
         (in_struct("@unit (value=5 int8 x;"), "Foo.idl:5:1: error[SHM003]: the bracket behind this is never closed"),
         (in_struct("int8 x;\x07"), "error[SHM003]: control character U+0007"),
         (in_struct(LONG), "characters of .idl; to read 16,384 takes seconds"),
     ],
-    ids=range(34),
+    ids=range(36),
 )
 def test_mistakes(text, says):
     _, findings = read(text)
@@ -398,5 +403,5 @@ def test_without_rosidl_parser_it_is_said_how_to_get_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "rosidl_parser.parser", None)
     messages, (said,) = read(in_struct("int8 x;"))
     assert messages == ()
-    assert "Foo.idl: error[SHM008]: what reads .idl is not here" in said
+    assert f"Foo.idl: error[SHM008]: what reads .idl is not in {sys.prefix}" in said
     assert "apt install python3-rosidl" in said

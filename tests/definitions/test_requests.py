@@ -9,7 +9,7 @@ import pytest
 
 from shmgen.core.diagnostics import Rejected, Report
 from shmgen.core.model import Schema
-from shmgen.definitions import Sources, available, load
+from shmgen.definitions import Sources, available, load, load_usable, open_library
 
 
 @pytest.fixture(autouse=True)
@@ -112,6 +112,52 @@ def test_messages_in_group_folders_are_those_of_the_package(tmp_path, monkeypatc
     monkeypatch.chdir(tmp_path / "adapi_msgs")
     schema = load(["planning/msg/Factor.msg"], Sources(), Report())
     assert names(schema) == ["adapi_msgs/msg/State", "adapi_msgs/msg/Factor"]
+
+
+def test_messages_in_folders_below_msg_are_those_of_the_package(tmp_path, monkeypatch):
+    """tier4_perception_msgs has msg/object_recognition/, kortex_driver msg/generated/base/ and srv/generated/base/."""
+    files = {
+        "p_msgs/package.xml": "<package><name>p_msgs</name></package>",
+        "p_msgs/msg/deep/v1.0/Arm.msg": "int8 a",
+        "p_msgs/msg/deep/Robot.msg": "p_msgs/Arm[2] arms",
+        "p_msgs/srv/deep/Stop.srv": "---\nArm arm",
+        "p_msgs/msg/deep/Top.msg": "int8 below",
+        "p_msgs/msg/Top.msg": "int8 above",
+        "p_msgs/msg/.old/Not.msg": "int8 a",
+        "loose/msg/deep/Not.msg": "int8 a",
+    }
+    write(tmp_path, files)
+    (tmp_path / "p_msgs/msg/deep/round").symlink_to("..")
+    stop = [f"p_msgs/srv/Stop_{part}" for part in ("Reply", "Request", "Response")]
+    schema = from_folder(tmp_path, "p_msgs")
+    assert sorted(map(str, schema.requested)) == [*(f"p_msgs/msg/{name}" for name in ("Arm", "Robot", "Top")), *stop]
+    assert [field.name for it in schema.messages if it.name.name == "Top" for field in it.fields] == ["above"]
+    monkeypatch.chdir(tmp_path / "p_msgs/msg")
+    assert names(load(["deep/Robot.msg"], Sources(), Report())) == ["p_msgs/msg/Arm", "p_msgs/msg/Robot"]
+    monkeypatch.chdir(tmp_path / "loose/msg/deep")
+    assert names(load(["Not.msg"], Sources(), Report())) == ["deep/msg/Not"]
+
+
+def test_what_ros_1_makes_of_an_action_is_found_by_its_name(tmp_path):
+    """Without a build: genaction writes FooGoal.msg, FooResult.msg and FooFeedback.msg into devel/."""
+    files = {
+        "p_msgs/package.xml": "<package><name>p_msgs</name><buildtool_depend>catkin</buildtool_depend></package>",
+        "p_msgs/action/Dig.action": "int8 a\n---\nint8 b\n---\nint8 c",
+        "p_msgs/action/Bad.action": "int8 a\n---\n---\nfrob c",
+        "p_msgs/msg/Held.msg": "DigGoal goal\nDigResult[2] results",
+        "p_msgs/msg/Broken.msg": "BadFeedback feedback",
+    }
+    write(tmp_path, files)
+    schema = from_folder(tmp_path, "p_msgs/Held", "p_msgs/DigFeedback")
+    assert names(schema) == [f"p_msgs/msg/{name}" for name in ("DigGoal", "DigResult", "Held", "DigFeedback")]
+    assert [field.name for message in schema.messages for field in message.fields] == ["a", "b", "goal", "results", "c"]
+    with pytest.raises(Rejected, match="unknown message type `p_msgs/DigFood`"):
+        from_folder(tmp_path, "p_msgs/DigFood")
+    _, broken = load_usable(open_library(Sources((tmp_path,)), Report()), ["p_msgs"], Report())
+    assert {name.name for name in broken} >= {"Broken", "Bad_Feedback"}
+    (tmp_path / "p_msgs/package.xml").write_text("<package><name>p_msgs</name></package>")
+    with pytest.raises(Rejected, match=r"unknown message type `p_msgs/DigGoal`[\s\S]*did you mean `p_msgs/Dig_Goal`"):
+        from_folder(tmp_path, "p_msgs/DigGoal")
 
 
 def test_origins_are_the_same_on_every_machine(tmp_path):

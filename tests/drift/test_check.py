@@ -108,7 +108,11 @@ def test_json_has_a_stable_shape(folder: Path) -> None:
     data = json.loads(check(folder, "--json").stdout)
     assert list(data) == ["worst", "findings"]
     first = data["findings"][0]
-    assert list(first) == ["code", "severity", "file", "line", "origin", "message", "hint", "changes"]
+    assert list(first) == ["code", "severity", "file", "line", "origin", "message", "hint", "changes", "files"]
+    assert data["findings"][1]["code"] == "SHM403"
+    stale = data["findings"][1]["files"]
+    assert [path for path in stale if not (folder / path).is_file()] == []
+    assert "generated/c/shm_msgs/demo_msgs/msg/robot.h" in stale
     assert first["origin"] == "msgs/demo_msgs/msg/Robot.msg"
     assert first["changes"][:2] == [
         {

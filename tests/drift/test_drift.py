@@ -200,7 +200,20 @@ def test_a_message_that_comes_or_goes(before: lockfile.Lock) -> None:
 
 def test_the_same_from_another_place_is_cosmetic(before: lockfile.Lock) -> None:
     moved = {name: replace(block, origin=f"elsewhere/{name}") for name, block in before.messages.items()}
-    assert {one.severity.name for one in compare(before, replace(before, messages=moved), "a")} == {"COSMETIC"}
+    (found,) = compare(before, replace(before, messages=moved), "a")
+    said = f"a: error[SHM402]: {len(moved)} messages come from another place, and are the same"
+    assert (found.severity.name, str(found.diagnostic)) == ("COSMETIC", said)
+    assert [change.field for change in found.changes] == [f"demo_msgs/{name}" for name in sorted(MESSAGES)]
+    one = "demo_msgs/msg/Arm"
+    (found,) = compare(before, replace(before, messages=before.messages | {one: moved[one]}), "a")
+    assert found.diagnostic.details == ("demo_msgs/Arm   demo_msgs/msg/Arm.msg -> elsewhere/demo_msgs/msg/Arm",)
+
+
+def test_a_unit_is_a_finding_of_its_own(before: lockfile.Lock, tmp_path: Path) -> None:
+    robot = MESSAGES["Robot"].replace("[m/s]", "[mm/s]")
+    (found,) = compare(before, lock(tmp_path, {**MESSAGES, "Robot": robot}), "layout.lock")
+    assert (found.diagnostic.code, found.severity.name) == ("SHM410", "BREAKING")
+    assert [change.kinds for change in found.changes] == [("unit",)]
 
 
 def test_all_others_that_hold_it_are_told_too(before: lockfile.Lock, tmp_path: Path) -> None:

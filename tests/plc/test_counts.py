@@ -82,6 +82,26 @@ def test_what_is_not_valid_is_not_looked_at(counts: Counts, topic: str, path: st
         assert (block.xValid, block.eErrorID) == (True, "NO_ERROR")
 
 
+@pytest.mark.parametrize(("path", "count"), PLACES)
+def test_a_sample_with_a_count_too_high_is_not_written(counts: Counts, topic: str, path: str, count: int) -> None:
+    block = counts.block("Tree_Publisher", sTopic=topic, udiDepth=1)
+    assert (block.xSent, block.udiSequence, block.eErrorID) == (True, 1, "NO_ERROR")
+    member = block.Msg
+    *owners, name = path.split(".")
+    for owner in owners:
+        field, _, index = owner.rstrip("]").partition("[")
+        inner = getattr(member, field)
+        if index and field != "pair":  # as many are valid, so that the last is looked at
+            setattr(member, f"{field}_count", int(index) + 1)
+        member = inner[int(index)] if index else inner
+    setattr(member, f"{name}_count", count)
+    for _ in range(2):
+        assert (block().xSent, block.xError, block.eErrorID, block.udiSequence) == (False, True, "COUNT_EXCEEDED", 1)
+    assert (block(xSend=False).eErrorID, block.xError) == ("NO_ERROR", False)
+    setattr(member, f"{name}_count", 0)
+    assert (block(xSend=True).xSent, block.eErrorID, block.udiSequence) == (True, "NO_ERROR", 2)
+
+
 def test_each_sample_counts_where_each_is_read(counts: Counts, topic: str) -> None:
     with counts.msg.TreePublisher(topic, depth=4) as publisher:
         block = counts.block("Tree_Subscriber", sTopic=topic, xNewest=False, udiDepth=4)

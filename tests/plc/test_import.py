@@ -12,7 +12,7 @@ from shmgen.plc import declarations, sources
 from tests.softplc import compile_st
 
 from ..support.build import classes
-from ..support.command import run
+from ..support.command import Result, run
 from ..support.plc_demo import ready
 
 TYPES = """\
@@ -235,3 +235,115 @@ def test_what_ros_cannot_hold_is_left_out_if_asked(tmp_path: Path) -> None:
     assert said.code == 0
     assert "a.st:1:20: note[SHM601]: ROS has nothing for POINTER TO INT" in said.stderr
     assert "3 of 4 data types are messages" in said.stdout
+
+
+def imported(folder: Path, *arguments: str, **texts: str) -> Result:
+    """`shmgen import` of a folder of files."""
+    (folder / "plc").mkdir()
+    for name, text in texts.items():
+        (folder / "plc" / f"{name}.st").write_text(text)
+    return run(["import", "plc", "-p", "some_msgs", *arguments], folder)
+
+
+def test_a_namespace_stands_before_members_bases_and_bounds(tmp_path: Path) -> None:
+    """As TcOpen and TwinCAT.OpenFramework have it: ABSTRACT, too."""
+    base = "TYPE ABSTRACT ST_Base : STRUCT n : INT; END_STRUCT END_TYPE\nTYPE E_X : (A, Last := 3); END_TYPE\n"
+    other = (
+        "TYPE ST_Other EXTENDS Lib.ST_Base : STRUCT\n e : Lib.E_X; a : ARRAY[0..Lib.E_X.Last + 1 * 2] OF Lib.ST_Base;\n"
+        "END_STRUCT END_TYPE\n"
+    )
+    said = imported(tmp_path, a_base=base, b_other=other)
+    assert (said.code, said.stderr) == (0, "")
+    assert "ST_Other  some_msgs/Other, 16 bytes\n" in said.stdout
+    text = (tmp_path / "msgs/some_msgs/msg/Other.msg").read_text()
+    assert "X e  # (PLC: e : E_X)\nBase[6] a  # (PLC: a : ARRAY[0..5] OF ST_Base)\n" in text
+
+
+def test_two_types_of_one_name_are_told_with_both_places(tmp_path: Path) -> None:
+    one = "TYPE ST_A : STRUCT n : INT; END_STRUCT END_TYPE\nTYPE ST_B : STRUCT a : ST_A; END_STRUCT END_TYPE\n"
+    other = "TYPE ST_A : STRUCT n : LINT; END_STRUCT END_TYPE\nTYPE ST_C : INT; END_TYPE\n"
+    said = imported(tmp_path, "--skip", one=one, other=other)
+    assert "plc/one.st:1:6: note[SHM201]: ST_A is declared otherwise in plc/other.st:1\n" in said.stderr
+    assert said.stdout.startswith(
+        "ST_A  left out: ST_A is declared otherwise in plc/other.st:1\n"
+        "ST_B  left out: it holds ST_A, which is left out\n"
+        "ST_C  some_msgs/C, 2 bytes\n"
+    )
+
+
+def test_constants_are_those_of_the_list_that_is_named(tmp_path: Path) -> None:
+    lists = "".join(
+        f'<globalVars name="{name}" constant="true"><variable name="N"><type><INT /></type><initialValue>'
+        f'<simpleValue value="{value}" /></initialValue></variable></globalVars>'
+        for name, value in (("GVL_A", 4), ("GVL_B", 9))
+    )
+    (tmp_path / "lists.xml").write_text(f"<project>{lists}</project>")
+    for bound, said in (
+        ("GVL_B.N", "bytes"),
+        ("Lib.GVL_A.N", "bytes"),
+        ("N", "`N` is 4 in "),
+        ("GVL_C.N", "not known"),
+    ):
+        (tmp_path / "a.st").write_text(f"TYPE A : STRUCT x : ARRAY[1..{bound}] OF BYTE; END_STRUCT END_TYPE\n")
+        done = run(["import", "a.st", "lists.xml"], tmp_path)
+        assert said in done.stdout + done.stderr
+
+
+def test_one_unreadable_file_does_not_stop_a_folder(tmp_path: Path) -> None:
+    said = imported(tmp_path, "--skip", bad="TYPE ST_A : STRUCT n INT; END_STRUCT END_TYPE\n", good=TYPES)
+    assert said.code == 0
+    assert "plc/bad.st:1:25: note[SHM003]: expected :, found `;`\n" in said.stderr
+    assert "3 of 3 data types are messages" in said.stdout
+
+
+def test_a_missing_type_is_told_once(tmp_path: Path) -> None:
+    said = imported(tmp_path, a="".join(f"TYPE ST_{n} : STRUCT t : TON; END_STRUCT END_TYPE\n" for n in range(300)))
+    assert said.stderr.count("SHM602") == 1
+    assert "  also ST_1.t (plc/a.st:2)\n" in said.stderr
+    assert "  and 294 places more\n" in said.stderr
+
+
+def test_what_is_not_verified_is_said(tmp_path: Path) -> None:
+    text = (
+        "TYPE ST_A : STRUCT n : LINT; b : BYTE; END_STRUCT END_TYPE\n"
+        "TYPE ST_B EXTENDS ST_A : STRUCT c : BYTE; END_STRUCT END_TYPE\n"
+        "TYPE ST_C : STRUCT b : ST_B; END_STRUCT END_TYPE\nTYPE ST_D : STRUCT END_STRUCT END_TYPE\n"
+    )
+    assert imported(tmp_path, a=text).stdout.splitlines()[:6] == [
+        "ST_A  some_msgs/A, 16 bytes",
+        "ST_B  some_msgs/B, 16 bytes, not verified",
+        "ST_C  some_msgs/C, 16 bytes, not verified",
+        "ST_D  some_msgs/D, 1 byte, not verified",
+        "",
+        "4 of 4 data types are messages in msgs/some_msgs",
+    ]
+
+
+def test_names_that_the_plc_has_come_back(tmp_path: Path) -> None:
+    text = "TYPE ST_A : STRUCT\n Ref : INT; LDT : INT; s : STRING := GVL.cName; b : BIT_;\nEND_STRUCT END_TYPE\n"
+    imported(tmp_path, a=text + "TYPE BIT_ : INT; END_TYPE\n")
+    (tmp_path / "shmgen.toml").write_text('path = ["msgs"]\nmessages = ["some_msgs"]\n')
+    assert run(["generate", "-q"], tmp_path).code == 0
+    generated = (tmp_path / "generated/st/some_msgs/ST_A.st").read_text()
+    assert re.search(r"\n    Ref  +: INT;\s", generated)
+    assert re.search(r"\n    LDT  +: INT;\s", generated)
+    assert 'VL.cNam"' not in (tmp_path / "msgs/some_msgs/msg/A.msg").read_text()
+
+
+def test_a_bit_has_a_hint_of_its_own(tmp_path: Path) -> None:
+    assert "hint: share its byte" in imported(tmp_path, a="TYPE A : STRUCT x : BIT; END_STRUCT END_TYPE\n").stderr
+
+
+def test_a_package_is_not_written_through_links(tmp_path: Path) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "msgs/some_msgs").mkdir(parents=True)
+    (tmp_path / "msgs/some_msgs/msg").symlink_to(tmp_path / "elsewhere")
+    said = imported(tmp_path, a=TYPES)
+    assert (said.code, "SHM007" in said.stderr) == (1, True)
+    assert not list((tmp_path / "elsewhere").iterdir())
+
+
+def test_an_enumeration_is_no_base(tmp_path: Path) -> None:
+    text = "TYPE E : (A, B); END_TYPE\nTYPE ST_A EXTENDS Lib.E : STRUCT n : INT; END_STRUCT END_TYPE\n"
+    said = imported(tmp_path, a=text)
+    assert (said.code, "ST_A extends Lib.E, which is no structure" in said.stderr) == (1, True)

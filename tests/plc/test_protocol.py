@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from shmgen.live.classes import watcher
+from shmgen.live.regions import View
 from shmgen.runtime import read_header, region_name
 from shmgen.runtime.errors import RegionInUse
 from shmgen.runtime.region.header import header_for
@@ -66,6 +68,17 @@ def test_plc_first(demo: Demo, clock: Clock, topic: str, born: int) -> None:
         assert (subscriber.read().a, subscriber.missed) == (4, 4)
         block(xSend=False)
         assert (block.xSent, subscriber.read()) == (False, None)
+
+
+def test_a_sample_has_the_time_that_the_plc_was_given(demo: Demo, topic: str) -> None:
+    """As delay and the recorder see it; 0 is none."""
+    block, clock = demo.opened(topic), demo.plc.globals("GVL_ShmClock")
+    with View(region_name(topic)) as view, watcher(view) as seen:
+        for now in (0, 1_700_000_000_123_456_789, 0):
+            clock.lwNow = now
+            number = block().udiSequence
+            assert [(one.number, one.stamp) for one in seen.samples()][-1] == (number, now)
+            assert view.stamp(number, view.header()) == now
 
 
 def test_both_sides_write_the_same_header(demo: Demo, topic: str) -> None:
@@ -167,6 +180,7 @@ TOPICS = {
     "/1a": "TOPIC_INVALID", "/a/1b": "TOPIC_INVALID", "/a.b": "TOPIC_INVALID", "/a-b": "TOPIC_INVALID",
     "/a b": "TOPIC_INVALID", "/sem/x": "TOPIC_INVALID", "/caf\N{LATIN SMALL LETTER E WITH ACUTE}": "TOPIC_INVALID",
     "/" + "x" * 75: "TOPIC_TOO_LONG", "/CME": "TOPIC_INVALID", "GWDrvSharedMemShm": "TOPIC_INVALID",
+    "RetainMemory": "TOPIC_INVALID",
 }  # fmt: skip
 
 

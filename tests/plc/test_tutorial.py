@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
-from shmgen.core.model import TypeName
+import pytest
 
-from ..softplc import compile_st
+from shmgen import config
+from shmgen.core.diagnostics import Report
+from shmgen.core.model import TypeName
+from shmgen.generator import pipeline
+
+from ..conftest import REPOSITORY
+from ..softplc import CompileError, compile_st
 from ..support.build import classes, put
 from ..support.tutorial import project
 
@@ -38,3 +45,43 @@ def test_the_program_of_the_tutorial(tmp_path: Path, topic: str) -> None:
             target.publish(message)
             assert after(500) == 0.75
         assert after(10_000) == 0.0
+
+
+MACHINE = """FUNCTION_BLOCK FB_Machine
+VAR_INPUT xExecute : BOOL; xOn : BOOL; END_VAR
+VAR_OUTPUT xDone : BOOL; xError : BOOL; END_VAR
+xDone := xExecute AND xOn;
+END_FUNCTION_BLOCK
+"""
+
+
+@pytest.mark.parametrize(
+    ("kind", "pages"), [("USINT", ["services.md", "codesys.md"]), ("BOOL", [])], ids=["USINT", "BOOL"]
+)
+def test_what_pages_write_into_a_bool_compiles(tmp_path: Path, kind: str, pages: list[str]) -> None:
+    """Every line of theirs about /cell/start; and TRUE only where shmgen.toml asks for BOOL."""
+    toml = '[[services]]\nservice = "/cell/start"\ntype = "cell_msgs/Start"\nserver = "plc"\n'
+    put(
+        {"msgs/cell_msgs/srv/Start.srv": "bool on\nuint16 program\n---\nbool success\nbool ok\nuint32 parts\n"},
+        tmp_path,
+    )
+    put({"shmgen.toml": f'path = ["msgs"]\n[types]\nbool = "{kind}"\n{toml}'}, tmp_path)
+    texts = pipeline.generate(config.load(tmp_path / "shmgen.toml", "shmgen.toml", Report()), ())
+    st = {path: text for path, text in texts.items() if path.endswith(".st")} | {"machine.st": MACHINE}
+    blocks = [
+        block
+        for page in pages
+        for block in re.findall(r"```iecst\n(.*?)```", (REPOSITORY / "docs" / page).read_text(), re.DOTALL)
+        if re.search(r"cell_start\.\w+\.(on_|ok|success)", block)
+    ]
+    assert len(blocks) == len(pages)
+    variables = "VAR fbMachine : FB_Machine; xReady : BOOL; xOn : BOOL; END_VAR\n"
+    programs = [("".join(blocks), True)] if blocks else []
+    programs += [("GVL_Ros.cell_start.Response.ok := TRUE;\n", kind == "BOOL")]
+    for body, fits in programs:
+        whole = st | {"yours.st": f"PROGRAM PRG_Yours\n{variables}{body}END_PROGRAM\n"}
+        if fits:
+            compile_st(whole)
+        else:
+            with pytest.raises(CompileError):
+                compile_st(whole)

@@ -48,7 +48,7 @@ APT = "apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -
 DEB = f"{APT} python3-venv && shmgen/packaging/debian/make_deb.sh && {APT} ./shmgen_*.deb && shmgen --version"
 VENV = "python3 -m venv v && v/bin/pip -q install ./shmgen && v/bin/shmgen --version"
 UV = "python3 -m venv u && u/bin/pip -q install uv && u/bin/uv -q tool install ./shmgen && .local/bin/shmgen --version"
-PIPX = "pipx install ./shmgen && .local/bin/shmgen --version"
+PIPX = "pipx install './shmgen[idl]' && .local/bin/shmgen --version"
 """Ways to install shmgen that docs/deploy.md names, by those who run the commands; a .deb by root."""
 
 
@@ -74,7 +74,7 @@ class Run:
     @property
     def needed(self) -> str:
         """What README names and the bare root has not."""
-        return f"python3-venv{' g++' if self.cpp else ''}"
+        return f"python3-venv python3-dev{' g++' if self.cpp else ''}"
 
     @property
     def home(self) -> str:
@@ -330,6 +330,8 @@ def tried(run: Run, folder: Path, tests: str) -> bool:
     for line in said:
         if re.match(r"left out: |failed, and was|\d+ passed|FAILED|ERROR|\d+ failed", line):
             print(f"       {line}")
+    said = step("cd shmgen && . .venv/bin/activate && shmgen --version", 30)
+    fine = fine and any("publish and read in C" in line for line in said)
     if run.installed == PIPX:
         step(f"{APT} pipx", 900, as_root=True)
     step(run.installed, 900, leaves=True)

@@ -13,11 +13,13 @@ import sys
 import tempfile
 import time
 import traceback
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from random import Random
 
 from tests.conftest import REPOSITORY, SHARED
+from tests.support import foreign
 from tests.support.definitions import Fuzzed, from_files, from_grammar, generated, read
 from tests.support.guard import within
 
@@ -32,6 +34,24 @@ FILES = sorted((SHARED / "corpus").glob("*/*/*/*.[msa]*"))
 def definitions(seed: int) -> list[Fuzzed]:
     dice = Random(seed)
     return [from_files(FILES, dice) if dice.randrange(3) else from_grammar(dice) for _ in range(AT_ONCE)]
+
+
+def run_foreign(kind: str, seed: int) -> tuple[int, int, list[str]]:
+    """As run() does it, for files of others."""
+    readable, failed, dice = 0, [], Random(seed)
+    found = foreign.seeds(kind)
+    with tempfile.TemporaryDirectory(prefix="shmgen-fuzz") as name:
+        for number in range(AT_ONCE):
+            data = foreign.damaged(kind, dice.choice(found), dice)
+            try:
+                with within(SECONDS):
+                    readable += foreign.read(kind, data, Path(name))
+            except Exception:
+                kept = REPOSITORY / ".fuzz" / f"{seed}-{number}.{kind}"
+                kept.parent.mkdir(exist_ok=True)
+                kept.write_bytes(data)
+                failed.append(f"{kept}:\n{traceback.format_exc()}")
+    return readable, 0, failed
 
 
 def run(seed: int) -> tuple[int, int, list[str]]:
@@ -60,13 +80,15 @@ def main() -> None:
     parser.add_argument("number", type=int)
     parser.add_argument("--first", type=int, default=1, help="seed to begin with")
     parser.add_argument("--seconds", type=float, default=float("inf"), help="after which no more are begun")
+    parser.add_argument("--of", choices=("definitions", *foreign.KINDS), default="definitions")
     parser.add_argument("--processes", type=int, default=os.cpu_count())
     given = parser.parse_args()
     count = readable = whole = faults = 0
     begin = time.monotonic()
+    work = run if given.of == "definitions" else partial(run_foreign, given.of)
     seeds = range(given.first, given.first + -(-given.number // AT_ONCE))
     with get_context("fork").Pool(given.processes) as pool:
-        for read_here, whole_here, failed in pool.imap_unordered(run, seeds):
+        for read_here, whole_here, failed in pool.imap_unordered(work, seeds):
             count, readable, whole = count + AT_ONCE, readable + read_here, whole + whole_here
             faults += len(failed)
             print(*failed, sep="\n", end="", flush=True)
@@ -74,7 +96,7 @@ def main() -> None:
                 print(f"{count:,} after {time.monotonic() - begin:.0f} s, {faults} failed", flush=True)
             if time.monotonic() - begin > given.seconds:
                 break
-    print(f"{count:,} definitions, {readable:,} could be read, {whole:,} went through all stages; {faults} failed")
+    print(f"{count:,} {given.of}, {readable:,} could be read, {whole:,} went through all stages; {faults} failed")
     sys.exit(bool(faults))
 
 

@@ -48,6 +48,7 @@ def test_region_name(topic, name):
         ("~/pose", "stands for a node's name"),
         ("/sem/robot", "are semaphores"),
         ("/GWDrvSharedMemShm", "CODESYS keeps"),
+        ("/RetainMemory", "CODESYS keeps"),
         ("/CME-request", "CODESYS keeps"),
         ("/" + "a" * 246, "246 characters"),
     ],
@@ -468,7 +469,7 @@ def test_closing_twice_and_using_closed(topic):
     calls = [
         *(lambda message=message: publisher.publish(message) for message in (pose(1.0), Pose())),
         publisher.heartbeat,
-        *(subscriber.read, subscriber.read_all, lambda: subscriber.read_into(Pose()), lambda: subscriber.wait(0.1)),
+        *(subscriber.read, subscriber.samples, lambda: subscriber.read_into(Pose()), lambda: subscriber.wait(0.1)),
         *(lambda: subscriber.wait(0), lambda: subscriber.ready(0.1), lambda: subscriber.is_stale(1)),
     ]
     for call in calls:

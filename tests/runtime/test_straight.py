@@ -60,7 +60,7 @@ def test_it_is_not_older_than_its_source() -> None:
 
 def test_all_holds_without_it() -> None:
     """What exchanges, once more in a process that does not load it."""
-    files = [f"tests/runtime/test_{name}.py" for name in ("exchange", "truncations")]
+    files = [f"tests/runtime/test_{name}.py" for name in ("exchange", "samples", "truncations")]
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *files]
     pure = {**os.environ, "SHMGEN_PURE": "1"}
     done = subprocess.run(command, cwd=REPOSITORY, env=pure, capture_output=True, text=True, check=False)

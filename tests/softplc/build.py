@@ -13,6 +13,7 @@ from pathlib import Path
 
 from tests.softplc import kept
 from tests.softplc.plc import Plc
+from tests.softplc.reading import CompileError
 from tests.softplc.translate import Translation, translate
 
 _HERE = Path(__file__).parent
@@ -33,10 +34,6 @@ def compile_st(files: Mapping[str, str], folder: Path | None = None) -> Plc:
         return Plc.load(_library(made, folder))
     with tempfile.TemporaryDirectory(prefix="softplc") as temporary:
         return Plc.load(_library(made, Path(temporary)))
-
-
-class CompileError(Exception):
-    """What g++ says against the translated text."""
 
 
 def _library(made: Translation, folder: Path) -> Path:

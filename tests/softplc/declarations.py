@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 from blark import transform as b
 
 from tests.softplc.iec import ELEMENTARY, Array, Elementary, Named, Pointer, Text, Type
-from tests.softplc.reading import Source, Unsupported
+from tests.softplc.reading import CompileError, Source, Unsupported
 
 _ALIASES = {"__UXINT": "ULINT", "__XWORD": "LWORD", "RTS_IEC_RESULT": "UDINT", "RTS_IEC_HANDLE": "LWORD"}
 """As in a 64-bit runtime; a handle is as large as a pointer."""
@@ -17,7 +17,7 @@ _ALIASES = {"__UXINT": "ULINT", "__XWORD": "LWORD", "RTS_IEC_RESULT": "UDINT", "
 
 @dataclass(frozen=True)
 class Variable:
-    """`section` is input, output, local or constant; `initial` is a tree, a list of them for an array, or None."""
+    """`section` is input, output, local, retained or constant; `initial` is a tree, a list for an array, or None."""
 
     name: str
     type: Type
@@ -68,11 +68,12 @@ class Method:
 
 @dataclass(frozen=True)
 class Block:
-    """A FUNCTION_BLOCK or a PROGRAM."""
+    """A FUNCTION_BLOCK or a PROGRAM; `retainable`: its instances may lie in retained memory."""
 
     name: str
     variables: tuple[Variable, ...]
     body: Any
+    retainable: bool
     methods: dict[str, Method] = field(default_factory=dict)
 
 
@@ -80,7 +81,7 @@ Declaration: TypeAlias = "Structure | Enumeration | Globals | Block"
 
 
 def declared(sources: Iterable[Source]) -> dict[str, Declaration]:
-    """By name in capitals, in the order of the files. Raises Unsupported."""
+    """By name in capitals, in the order of the files. Raises Unsupported, and CompileError for what CODESYS refuses."""
     found: dict[str, Declaration] = {}
     block: Block | None = None
     for source in sources:
@@ -100,7 +101,29 @@ def declared(sources: Iterable[Source]) -> dict[str, Declaration]:
             raise Unsupported(f"{source.file}: a second {made.name}")
         found[made.name] = made
         block = made if isinstance(made, Block) else None
+    _refuse_retained(found)
     return found
+
+
+def _refuse_retained(found: dict[str, Declaration]) -> None:
+    """No variable is retained here; in CODESYS no block that says so may be, nor what holds one."""
+    for one in found.values():
+        for variable in one.variables if isinstance(one, Block | Globals) else ():
+            if variable.section == "retained":
+                if refusing := _not_in_retain(variable.type, found):
+                    raise CompileError(f"{one.name}.{variable.name}: {refusing} is 'no_instance_in_retain'")
+                raise Unsupported("VAR RETAIN")
+
+
+def _not_in_retain(type_: Type, found: dict[str, Declaration]) -> str:
+    """The first block in it that must not be there."""
+    while isinstance(type_, Array):
+        type_ = type_.of
+    one = found.get(type_.name) if isinstance(type_, Named) else None
+    if isinstance(one, Block) and not one.retainable:
+        return one.name
+    inner = one.members if isinstance(one, Structure) else one.variables if isinstance(one, Block) else ()
+    return next(filter(None, (_not_in_retain(variable.type, found) for variable in inner)), "")
 
 
 def _declaration(source: Source) -> Declaration:
@@ -119,14 +142,17 @@ def _declaration(source: Source) -> Declaration:
             _known(source, "qualified_only")
             if "qualified_only" not in source.attributes:
                 raise Unsupported("VAR_GLOBAL without 'qualified_only'")
-            constant = _constant(tree)
-            items = tuple(item for element in tree.items for item in _variables(element, "local"))
+            section = _qualified(tree, "local")
+            constant = section == "constant"
+            kept = "local" if constant else section
+            items = tuple(item for element in tree.items for item in _variables(element, kept))
             return Globals(source.stem.upper(), constant, items)
         case b.FunctionBlock() | b.Program() as tree:
-            _known(source)
+            _known(source, "no_instance_in_retain")
             for word in ("extends", "implements", "access"):
                 _no(getattr(tree, word, None), word.upper())
-            return Block(tree.name.upper(), tuple(_sections(tree)), tree.body)
+            retainable = "no_instance_in_retain" not in source.attributes
+            return Block(tree.name.upper(), tuple(_sections(tree)), tree.body, retainable)
         case b.DataTypeDeclaration(declaration=tree) | tree:
             raise Unsupported(type(tree).__name__)
 
@@ -164,17 +190,18 @@ def _sections(tree: Any) -> Iterator[Variable]:
         section = _SECTIONS.get(type(block))
         if section is None:
             raise Unsupported(type(block).__name__)
-        if _constant(block):
-            section = "constant"
         for element in block.items:
-            yield from _variables(element, section)
+            yield from _variables(element, _qualified(block, section))
 
 
-def _constant(block: Any) -> bool:
-    attributes = str(block.attrs.name).upper() if block.attrs else "NONE"
-    if attributes not in ("NONE", "CONSTANT"):
-        raise Unsupported(f"VAR {attributes}")
-    return attributes == "CONSTANT"
+def _qualified(block: Any, section: str) -> str:
+    """The section, or what a word behind VAR makes of it."""
+    words = {word.name for word in type(block.attrs) if word in block.attrs} if block.attrs else set()
+    if words <= {"retain", "persistent"}:
+        return "retained" if words else section
+    if words != {"constant"}:
+        raise Unsupported(f"VAR {' '.join(sorted(words)).upper()}")
+    return "constant"
 
 
 def _variables(element: Any, section: str) -> Iterator[Variable]:

@@ -84,9 +84,9 @@ class Plc:
         """A variable list."""
         return View(self, name.upper(), self._kinds[name.upper()].place)
 
-    def runs(self, name: str) -> bool:
-        """Whether it is a block."""
-        return (name, "") in self._calls
+    def runs(self, name: str, method: str = "") -> bool:
+        """Whether it is a block, and has the method."""
+        return (name, method.upper()) in self._calls
 
     def make(self, name: str) -> Any:
         """Memory with the initial values of a structure, a block or a method's parameters."""

@@ -32,6 +32,10 @@ class Unsupported(Exception):
     """A construct that the translator does not do exactly, and therefore not at all."""
 
 
+class CompileError(Exception):
+    """What CODESYS would refuse, or g++ says against the translated text."""
+
+
 @dataclass(frozen=True)
 class Source:
     """One object: `stem` is that of its file, `attributes` are the pragmas before it, `tree` is blark's."""

@@ -63,4 +63,4 @@ def test_typed_blocks_are_thin(texts: dict[str, str]) -> None:
     for role, name in ROLES.items():
         code = texts[f"FB_cell_msgs_{name}_{role}"]
         assert "TIME()" not in code
-        assert len(code.splitlines()) < 160, role
+        assert len(code.splitlines()) < 165, role

@@ -16,8 +16,10 @@ FILES = sorted((REPOSITORY / "templates" / "st").glob("*.st"))
 NAMES = [path.stem for path in FILES]
 
 
-def test_there_are_blocks_enumerations_and_a_structure() -> None:
-    assert NAMES == ["E_ShmError", "E_ShmState", "FB_ShmCaller", "FB_ShmRegion", "FB_ShmServer", "ST_shmgen_Time"]
+def test_there_are_blocks_enumerations_a_list_and_a_structure() -> None:
+    assert " ".join(NAMES) == (
+        "E_ShmError E_ShmState FB_ShmCaller FB_ShmRegion FB_ShmServer GVL_ShmClock ST_shmgen_Time"
+    )
 
 
 @pytest.mark.parametrize("path", FILES, ids=NAMES)
@@ -30,14 +32,14 @@ def test_it_has_no_hole(path) -> None:
 
 @pytest.mark.parametrize("path", FILES, ids=NAMES)
 def test_it_is_the_object_that_its_file_is_named_after(path) -> None:
-    objects = re.findall(r"^(TYPE|FUNCTION_BLOCK) (\w+)", path.read_text(), re.MULTILINE)
-    assert [name for _, name in objects] == [path.stem]
+    objects = re.findall(r"^(TYPE|FUNCTION_BLOCK|VAR_GLOBAL)(?: (\w+))?", path.read_text(), re.MULTILINE)
+    assert [name or path.stem for _, name in objects] == [path.stem]  # a list has its name from the file alone
 
 
 def test_the_soft_plc_reads_it_where_it_stands() -> None:
     """With the two structures and the list that are made from abi.py, nothing is missing."""
     made = render(common.plan(locks=True, struct_time=False))
-    lists = {path: text for path, text in made.items() if re.search(r"/(ST|GVL)_", path)}
+    lists = {path: text for path, text in made.items() if re.search(r"/(ST_|GVL_Shm\.)", path)}
     plc = compile_st(lists | {str(path): path.read_text() for path in FILES})
     region = plc.block("FB_ShmRegion")
     assert region.method("Init", sTopic="1st", sTypeName="a/msg/B", udiPayloadSize=8, udiSizeOf=8, udiDepth=1) is False

@@ -184,7 +184,7 @@ def test_a_declaration_ends_where_the_code_begins(objects: dict[str, Any]) -> No
     assert plain(block).endswith("END_VAR")
     assert body(block).startswith("xNewData := FALSE;")
     methods = {method.get("name"): method for method in data(block, "method")}
-    assert list(methods) == ["Init", "Read"]
+    assert list(methods) == ["Init", "FB_Reinit", "Read"]
     assert plain(methods["Read"]).split("\n")[-4:] == [
         "METHOD PUBLIC Read : BOOL",
         "VAR",

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import copy
+import ctypes
 import math
+import pickle
 import subprocess
 import sys
+from collections.abc import Callable
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
@@ -78,6 +82,35 @@ def test_members_are_shown_as_ros_shows_them(demo: ModuleType) -> None:
     assert ([joint.name for joint in one.joints], one.joints[1].turns) == (["a", "b"], 7)
     assert (list(one.axis), bytes(one.image), one.tags) == ([1.0, 0.0, 9.0], b"\x01\x02", ["q"])
     assert "joints=[Joint(name='a', turns=0, torque=0.0), Joint(name='b', turns=7, torque=0.0)]" in repr(one)
+
+
+def test_a_misspelt_field_is_an_error(demo: ModuleType) -> None:
+    """As with ROS 2's classes. It was kept beside the fields, and zeros were sent."""
+    one = demo.Robot(joints=[demo.Joint()], pictures=[demo.Picture()])
+    for place, word in ((one, "labl"), (one.arm, "turn"), (one.joints[0], "torq"), (one.stamp, "sek")):
+        with pytest.raises(AttributeError, match=word):
+            setattr(place, word, 1)
+    with pytest.raises(AttributeError, match="picturs"):
+        one.picturs = []
+
+
+class Own(runtime.Message):
+    """A class of a user's, which may have attributes of its own."""
+
+    _fields_ = (("number", ctypes.c_int32),)
+    _names_ = ("number",)
+
+
+def test_copies_and_pickles_are_whole(demo: ModuleType) -> None:
+    one, own = demo.Robot(label="a", joints=[demo.Joint(name="j")], image=b"12"), Own(number=3)
+    own.remark = "mine"
+    ways: list[Callable[[Any], Any]] = [copy.copy, copy.deepcopy, lambda it: pickle.loads(pickle.dumps(it))]
+    for way in ways:
+        again = way(one)
+        again.joints[0].turns = 5
+        assert (again.label, again.joints[0].name, one.joints[0].turns) == ("a", "j", 0)
+        assert way(one.joints[0]) == one.joints[0]
+        assert (way(own), way(own).remark) == (own, "mine")
 
 
 def test_the_docstring_tells_shapes_bounds_units_and_source(demo: ModuleType) -> None:

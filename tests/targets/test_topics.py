@@ -197,6 +197,7 @@ def test_identifiers(tmp_path: Path, name: str, identifier: str) -> None:
         (topic("/a/1b"), "SHM502", 2, "no digit first"),
         (topic("/sem/a"), "SHM502", 2, "semaphores"),
         (topic("/GWDrvSharedMemShm"), "SHM502", 2, "CODESYS keeps"),
+        (topic("/RetainMemory"), "SHM502", 2, "CODESYS keeps"),
         (topic("/" + 75 * "a"), "SHM502", 2, "75 characters"),
         (topic("/a", "std_msgs"), "SHM502", 3, "names no message"),
         (topic("/a", "std_srvs/SetBool"), "SHM502", 3, "is several messages"),

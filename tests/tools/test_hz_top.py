@@ -12,8 +12,11 @@ import sys
 import termios
 import time
 
+import pytest
+
 from shmgen.runtime.region import header as h
-from shmgen.tools.watch import hz, top
+from shmgen.tools.messages import stream
+from shmgen.tools.watch import reports, top
 
 from ..runtime.messages import PosePublisher, PoseSubscriber, pose
 
@@ -36,29 +39,43 @@ def test_hz_counts_what_it_cannot_see(topic):
     notes = []
     with PosePublisher(topic) as publisher:
         publisher.publish(pose(0.0))
-        view = hz.appeared(topic, 1, notes.append)
-        with view:
-            last = 1
-            for number in range(2, 32, 5):
-                for _ in range(5):
-                    publisher.publish(pose(1.0))
-                found, newest = hz._since(view, last)
-                assert [seen for seen, _ in found] == [number + 3, number + 4]
-                assert newest == last + 5
-                last = newest
+        regions = stream.regions(topic, None, 1, notes.append)
+        view, reader = next(regions)
+        looks = stream.looks(topic, view, reader, 1)
+        assert [sample.number for sample in next(looks)] == [1]
+        for number in range(2, 32, 5):
+            for _ in range(5):
+                publisher.publish(pose(1.0))
+            assert [sample.number for sample in next(looks)] == [number + 3, number + 4]
+        assert reader.missed == 18
+        assert view.header().missed == 0, "nobody else is to think that he missed them"
+        regions.close()
     assert notes == []
 
 
+def test_delay_by_the_stamp_there_is():
+    header = h.header_for("test_msgs/msg/Any", 0, 8, 1)
+    seen = [reports.Seen(number, 1.0, age) for number, age in enumerate((None, 0.25, 0.75))]
+    found = reports.delay(reports.Window("/any", seen, 0, header, "stamp"))
+    assert (found.mean, found.shortest, found.longest, found.deviation, found.window) == (0.5, 0.25, 0.75, 0.25, 2)
+    assert reports.delay(reports.Window("/any", seen[:1], 0, header, "stamp")) is None
+    with pytest.raises(ValueError, match="/any: its type has no stamp, and its writer has no clock"):
+        reports.delay(reports.Window("/any", seen[:1], 0, header, "the writer's stamp"))
+
+
 def test_rate_of_numbers_and_times():
-    seen = hz.deque([(1, 10.0), (2, 10.1), (4, 10.3), (5, 10.5)])
-    rate = hz._rate(seen, 1, 2)
+    rate = rate_of((1, 10.0), (2, 10.1), (4, 10.3), (5, 10.5), missed=1)
     assert rate.rate == 4 / 0.5
     assert (round(rate.shortest, 9), round(rate.longest, 9)) == (0.1, 0.2)
     assert (rate.window, rate.missed) == (4, 1)
     assert round(rate.deviation, 9) == 0.05
-    assert hz._rate(hz.deque([(1, 10.0)]), 0, 2) is None
-    across = hz.deque([(2**32 - 1, 10.0), (2, 11.0)])  # after the greatest number comes that of the slots
-    assert hz._rate(across, 0, 2).rate == 1.0
+    assert rate_of((1, 10.0)) is None
+    assert rate_of((2**32 - 1, 10.0), (2, 11.0)).rate == 1.0  # after the greatest number comes that of the slots
+
+
+def rate_of(*seen, missed=0):
+    header = h.header_for("test_msgs/msg/Any", 0, 8, 1)
+    return reports.rate(reports.Window("/any", [reports.Seen(*one, None) for one in seen], missed, header, ""))
 
 
 def rows_of(text, topic):

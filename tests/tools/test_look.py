@@ -143,13 +143,13 @@ def test_plot(topic, posing, shmgen):
 def test_a_drawing_is_where_the_numbers_are():
     rising = [(float(x), float(x)) for x in range(10)]
     falling = [(float(x), 9.0 - x) for x in range(10)]
-    drawn = plotting.drawing(["a", "b"], [rising, falling], 12, 12, plain=True)
+    drawn = plotting.drawing({"a": rising, "b": falling}, 12, 12, plain=True)
     assert drawn[0] == "a = 9   b = "
     assert [line.rstrip() for line in drawn[1:3]] == ["9 |+       *", "  | +     *"]
     assert max(map(len, drawn)) <= 12
-    dotted = plotting.drawing(["a"], [[(0.0, 1.0), (1.0, float("nan")), (2.0, 1.0)]], 20, 5)
+    dotted = plotting.drawing({"a": [(0.0, 1.0), (1.0, float("nan")), (2.0, 1.0)]}, 20, 5)
     assert sum(char > "\u2800" for line in dotted for char in line) == 2
-    assert plotting.drawing(["a"], [[]], 20, 5) == ["a: nothing yet"]
+    assert plotting.drawing({"a": []}, 20, 5) == ["a: nothing yet"]
 
 
 def test_show_by_digest(topic, shmgen):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import struct
 import sys
 import zlib
@@ -11,15 +12,20 @@ from pathlib import Path
 from typing import BinaryIO
 
 from shmgen.bag import mcap
+from shmgen.core.escape import legible
+from shmgen.core.files import opened
 from shmgen.core.plural import counted
 
 _HEAD = struct.Struct("<BQ")
-_LONGEST = 1 << 32
-"""Bytes of a record that cannot be; of a damaged file anything can be said."""
+_LARGEST_CHUNK = 1 << 28
+"""Bytes of one that is packed; rosbag2's have four MiB, unless one message has more."""
 
 
 class Unreadable(ValueError):
-    """It is no bag, or not one of messages of ROS 2."""
+    """It is no bag, or not one of messages of ROS 2. What it says of the bag is on one line."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(legible(text))
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,11 +76,12 @@ def files(path: Path) -> list[Path]:
 def _of_file(path: Path) -> Iterator[Channel | Message]:
     schemas: dict[int, tuple[str, str, str]] = {}
     channels: dict[int, Channel] = {}
-    with path.open("rb") as file:
+    with opened(path) as file:
+        size = os.fstat(file.fileno()).st_size
         if file.read(len(mcap.MAGIC)) != mcap.MAGIC:
             raise Unreadable(f"{path} is not an MCAP file")
         try:
-            for code, content in _records(file):
+            for code, content in _records(file, size):
                 if code == mcap.CHUNK:
                     inner = _unpacked(content, path)
                     yield from _contents(inner, schemas, channels, path)
@@ -82,6 +89,8 @@ def _of_file(path: Path) -> Iterator[Channel | Message]:
                     yield from _content(code, content, schemas, channels, path)
         except _Short:
             return
+        except struct.error:
+            raise Unreadable(f"{path}: damaged: a record ends before what it holds") from None
 
 
 def _contents(
@@ -124,8 +133,8 @@ def _content(
             pass
 
 
-def _records(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
-    """Up to the end of the data. Raises _Short."""
+def _records(file: BinaryIO, size: int) -> Iterator[tuple[int, bytes]]:
+    """Up to the end of the data, of a file of `size` bytes, whatever a record says of its own. Raises _Short."""
     while True:
         head = file.read(_HEAD.size)
         if len(head) < _HEAD.size:
@@ -133,7 +142,7 @@ def _records(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
         code, length = _HEAD.unpack(head)
         if code in (mcap.DATA_END, mcap.FOOTER):
             return
-        content = file.read(length) if length < _LONGEST else b""
+        content = file.read(length) if length <= size else b""
         if len(content) < length:
             raise _Short
         yield code, content
@@ -144,29 +153,38 @@ def _unpacked(data: bytes, path: Path) -> bytes:
     compression, at = _text(data, 28)
     (length,) = struct.unpack_from("<Q", data, at)
     packed = data[at + 8 : at + 8 + length]
-    match compression:
-        case "":
-            inner = packed
-        case "lz4":
-            from lz4.frame import decompress
-
-            inner = decompress(packed)
-        case "zstd":
-            if sys.version_info >= (3, 14):
-                from compression import zstd
-            else:
-                from backports import zstd
-            inner = zstd.decompress(packed)
-        case _:
-            raise Unreadable(f"{path}: its chunks are packed as {compression!r}, which is not known here")
+    if compression and size > _LARGEST_CHUNK:
+        raise Unreadable(f"{path}: a chunk of {counted(size, 'byte')}; more than {_LARGEST_CHUNK:,} are not unpacked")
+    inner = _decompress(compression, packed, size, path)
     if len(inner) != size or (check and zlib.crc32(inner) != check):
         raise Unreadable(f"{path}: damaged: a chunk of {counted(size, 'byte')} is not what it was")
     return inner
 
 
+def _decompress(compression: str, packed: bytes, size: int, path: Path) -> bytes:
+    """One byte more than `size` at most. Raises Unreadable."""
+    match compression:
+        case "":
+            return packed
+        case "lz4":
+            from lz4.frame import LZ4FrameDecompressor as Decompressor
+        case "zstd":
+            if sys.version_info >= (3, 14):
+                from compression.zstd import ZstdDecompressor as Decompressor
+            else:
+                from backports.zstd import ZstdDecompressor as Decompressor
+        case _:
+            raise Unreadable(f"{path}: its chunks are packed as {compression!r}, which is not known here")
+    try:
+        inner: bytes = Decompressor().decompress(packed, max_length=size + 1)
+    except Exception as error:  # each of them has an exception of its own
+        raise Unreadable(f"{path}: damaged: a chunk cannot be unpacked: {error}") from None
+    return inner
+
+
 def _of_others(folder: Path) -> Iterator[Channel | Message]:
     """Of an SQLite bag, which rosbags reads; it knows one time only."""
-    from rosbags.rosbag2 import Reader, ReaderError
+    from rosbags.rosbag2 import Reader
 
     try:
         with Reader(folder) as reader:
@@ -174,7 +192,7 @@ def _of_others(folder: Path) -> Iterator[Channel | Message]:
             yield from channels.values()
             for connection, logged, data in reader.messages():
                 yield Message(channels[connection.id], logged, logged, bytes(data))
-    except ReaderError as error:
+    except Exception as error:  # of SQLite, of YAML, of rosbags where a table is not what it expects
         raise Unreadable(f"{folder}: {error}") from None
 
 

@@ -19,10 +19,9 @@ from shmgen.bag.kinds import Kind, kind_of
 from shmgen.bag.mcap import Chunk
 from shmgen.core.diagnostics import Rejected
 from shmgen.live import regions
-from shmgen.live.classes import ClassRegistry
-from shmgen.live.passive_reader import Tap, tap
+from shmgen.live.classes import ClassRegistry, watcher
 from shmgen.live.regions import View, depth_of, sound, topic_of
-from shmgen.runtime import ShmError, region_name
+from shmgen.runtime import Message, ShmError, Subscriber, region_name
 from shmgen.runtime.errors import RegionMissing, ValueRejected
 from shmgen.runtime.region import header as h
 from shmgen.runtime.region.names import HALVES, region_file
@@ -60,7 +59,7 @@ class _Source:
 
     topic: str
     view: View
-    tap: Tap
+    reader: Subscriber[Message]
     kind: Kind
     channel: int
     samples: int = 0
@@ -88,7 +87,7 @@ class Recorder:
     @property
     def figures(self) -> Figures:
         """From any thread."""
-        now = {source.topic: _counts(source) for source in list(self._sources.values())}
+        now = {one.topic: (one.samples, one.reader.missed, one.damaged) for one in list(self._sources.values())}
         counts = [*list(self._done.values()), *now.values()]
         samples, missed, damaged = (sum(count[place] for count in counts) for place in range(3))
         return Figures(len(now.keys() | self._done.keys()), samples, missed, damaged, self._bag.size)
@@ -115,20 +114,18 @@ class Recorder:
                     time.sleep(_LOOK)
                 self._take(chunk)
             finally:
-                for source in self._sources.values():
-                    source.tap.finish()
+                for name in list(self._sources):
+                    self._drop(name)
                 if chunk.messages:
                     self._writer.put(chunk)
                 self._writer.finish(self._notes())
-                for name in list(self._sources):
-                    self._drop(name)
 
     def _take(self, chunk: Chunk) -> None:
         self._logged = logged = max(self._logged, time.time_ns())
         for source in self._sources.values():
-            for number, stamp, payload in source.tap.take():
+            for number, stamp, message in source.reader.samples():
                 try:
-                    data = source.kind.encode(payload)
+                    data = source.kind.encode(bytes(message))
                 except (ValueRejected, struct.error) as error:
                     if not source.damaged:
                         self._tell(f"{source.topic}: damaged sample {number}: {error}")
@@ -140,7 +137,6 @@ class Recorder:
     def _search(self, first: bool) -> None:
         for name, source in list(self._sources.items()):
             if source.view.removed:
-                source.tap.finish()
                 self._drop(name)
         there = set(regions.live() if self._wanted is None else self._wanted)
         for name in sorted(there - self._sources.keys()):
@@ -163,12 +159,12 @@ class Recorder:
             header = sound(view)
             kind = kind_of(self._registry, header.type_name, header.digest)
             kind.encode  # noqa: B018 made now, while nothing waits for it
-            opened = tap(view, kind.message, whole=not first)
+            reader = watcher(view, kind.message, history=not first)
         except BaseException:
             view.close()
             raise
         topic = topic_of(name)
-        self._sources[name] = _Source(topic, view, opened, kind, self._channel(topic, kind, depth_of(header)))
+        self._sources[name] = _Source(topic, view, reader, kind, self._channel(topic, kind, depth_of(header)))
 
     def _refuse(self, name: str, error: Exception) -> None:
         self._refused[name] = _inode(name)
@@ -189,20 +185,18 @@ class Recorder:
         return self._channels[key]
 
     def _drop(self, name: str) -> None:
+        """What came and is not taken any more was missed."""
         source = self._sources.pop(name)
-        before = self._done.get(source.topic, (0, 0, 0))
-        self._done[source.topic] = tuple(map(sum, zip(before, _counts(source), strict=True)))  # type: ignore[assignment]
-        source.tap.close()
+        samples, missed, damaged = self._done.get(source.topic, (0, 0, 0))
+        missed += source.reader.missed + source.reader.unread
+        self._done[source.topic] = samples + source.samples, missed, damaged + source.damaged
+        source.reader.close()
         source.view.close()
 
     def _notes(self) -> dict[str, str]:
         """Missed and damaged samples by topic, for the bag."""
-        counts = dict(self._done)
-        for source in self._sources.values():
-            before = counts.get(source.topic, (0, 0, 0))
-            counts[source.topic] = tuple(map(sum, zip(before, _counts(source), strict=True)))  # type: ignore[assignment]
-        missed = {topic: missed for topic, (_, missed, _) in counts.items()}
-        damaged = {topic: damaged for topic, (_, _, damaged) in counts.items() if damaged}
+        missed = {topic: missed for topic, (_, missed, _) in self._done.items()}
+        damaged = {topic: damaged for topic, (_, _, damaged) in self._done.items() if damaged}
         return {"missed": json.dumps(missed), "damaged": json.dumps(damaged)}
 
 
@@ -223,10 +217,6 @@ def _inode(name: str) -> int | None:
     with suppress(OSError):
         return os.lstat(region_file(name)).st_ino
     return None
-
-
-def _counts(source: _Source) -> tuple[int, int, int]:
-    return source.samples, source.tap.missed, source.damaged
 
 
 @contextmanager

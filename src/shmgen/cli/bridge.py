@@ -60,4 +60,5 @@ def _say(text: str) -> None:
 def _tell(text: str) -> None:
     from shmgen.core.escape import lines
 
-    click.echo(click.style(lines(text), fg="yellow"), err=True)  # peers had a word in it
+    indented = lines(text).replace("\n", "\n  ")  # peers had a word in it, and begin no line of the log
+    click.echo(click.style(indented, fg="yellow"), err=True)

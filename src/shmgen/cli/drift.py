@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 import time
@@ -141,7 +142,7 @@ def diff(old: str, new: str, output: Path, form: str, fail_on: str) -> None:
     "--from",
     "wanted",
     metavar="REQUIREMENT",
-    help="What pip installs in CI, such as git+https://HOST/shmgen@v0.1.0.  [default: where this shmgen is from]",
+    help="What pip installs in CI, such as 'shmgen[idl] @ git+https://HOST/shmgen'.  [default: this shmgen's origin]",
 )
 def init(hook: bool, ci: bool, wanted: str | None) -> None:
     """Write shmgen.toml for the message packages in the current folder.
@@ -155,17 +156,22 @@ def init(hook: bool, ci: bool, wanted: str | None) -> None:
     requirement = (wanted or install_source.requirement()) if ci else ""
     if requirement is None:
         said = "--ci: this shmgen was installed from a folder, which a CI machine does not have"
-        raise click.UsageError(f"{said}; add --from git+https://HOST/shmgen, or whatever pip is to install there")
+        raise click.UsageError(
+            f"{said}; add --from 'shmgen[idl] @ git+https://HOST/shmgen', or whatever pip is to install there"
+        )
     begun = init.begin(Path.cwd())
     files = {"shmgen.toml": begun.configuration} if begun.configuration else {}
     files |= {init.HOOK_FILE: init.HOOK} if hook else {}
     files |= {init.CI_FILE: init.CI.format(requirement=shlex.quote(requirement))} if ci else {}
     for path, text in files.items():
         file = Path(path)
-        if file.exists():
+        if os.path.lexists(file):
             click.echo(f"{path} is there, and left as it is; this would be its content:\n\n{text}")
         else:
             try:
+                for parent in (file.parent, *file.parent.parents):
+                    if parent.is_symlink():
+                        raise OSError(errno.ELOOP, f"{parent} is a symbolic link")
                 file.parent.mkdir(parents=True, exist_ok=True)
                 file.write_bytes(text.encode())  # with the same line ends everywhere
             except OSError as error:

@@ -120,6 +120,10 @@ _DIGEST = re.compile(r"(?:16#|0x)?([0-9a-fA-F]{16})")
 
 def _of_digest(digest: int, config_file: Path | None, include: tuple[Path, ...]) -> Layouts:
     """What live regions, shmgen.toml, layout.lock and all definitions in reach know under it."""
+    if not options.HAS_REGIONS:
+        raise click.ClickException(
+            "a digest is looked for in /dev/shm: run this on the Linux machine where the PLC runs"
+        )
     from shmgen.cli import common
     from shmgen.live.digests import find
 

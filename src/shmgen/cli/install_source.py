@@ -9,15 +9,15 @@ from shmgen import __version__
 
 
 def requirement() -> str | None:
-    """`shmgen==1.0` of a package index, or `shmgen @ URL`; None if from a folder, which only this machine has."""
+    """`shmgen[idl]==1.0` of a package index, or `shmgen[idl] @ URL`; None for a folder, which only this machine has."""
     try:
         noted = distribution("shmgen").read_text("direct_url.json")
     except PackageNotFoundError:
         return None
     if noted is None:
-        return f"shmgen=={__version__}"
+        return f"shmgen[idl]=={__version__}"
     origin = json.loads(noted)
     if "vcs_info" in origin:
         vcs = origin["vcs_info"]
-        return f"shmgen @ {vcs['vcs']}+{origin['url']}@{vcs['commit_id']}"
-    return None if origin["url"].startswith("file:") else f"shmgen @ {origin['url']}"
+        return f"shmgen[idl] @ {vcs['vcs']}+{origin['url']}@{vcs['commit_id']}"
+    return None if origin["url"].startswith("file:") else f"shmgen[idl] @ {origin['url']}"

@@ -125,12 +125,12 @@ def echo(
 
     if as_json and as_csv:
         raise click.UsageError("--json or --csv, not both.")
-    samples = stream.samples(topic, common.registry(config_file, include), timeout, common.note)
+    messages = stream.messages(topic, common.registry(config_file, include), timeout, common.note)
     refused = False
     shown = 0
     printer = tool.Printer("json" if as_json else "csv" if as_csv else "yaml", field, only, full)
     try:
-        for message in samples:
+        for message in messages:
             try:
                 text = printer.text(message)
             except CountExceeded as error:
@@ -144,7 +144,7 @@ def echo(
             if shown == (1 if once else count):
                 break
     finally:
-        samples.close()
+        messages.close()
     sys.exit(int(refused))
 
 
@@ -230,9 +230,9 @@ def call(
 @common.polite
 def hz(topic: str, window: int, count: int | None, timeout: float | None, as_json: bool) -> None:
     """Print the rate of a topic and the time between samples, once a second."""
-    from shmgen.tools.watch import hz as tool
+    from shmgen.tools.watch import reports as tool
 
-    common.show(tool.rates(topic, window, timeout, common.note), count, as_json)
+    common.show(tool.reports(tool.rate, topic, None, window, timeout, common.note), count, as_json)
 
 
 @click.command()

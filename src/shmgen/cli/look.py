@@ -56,9 +56,9 @@ def info(topic: str, as_json: bool) -> None:
 @common.polite
 def bw(topic: str, window: int, count: int | None, timeout: float | None, as_json: bool) -> None:
     """Print the bandwidth of a topic, once a second."""
-    from shmgen.tools.watch import flow
+    from shmgen.tools.watch import reports as tool
 
-    common.show(flow.bandwidths(topic, window, timeout, common.note), count, as_json)
+    common.show(tool.reports(tool.bandwidth, topic, None, window, timeout, common.note), count, as_json)
 
 
 @click.command()
@@ -82,10 +82,10 @@ def delay(
 
     By header.stamp, or the writer's own time stamp where the message has none.
     """
-    from shmgen.tools.watch import flow
+    from shmgen.tools.watch import reports as tool
 
     registry = common.registry(config_file, include)
-    common.show(flow.delays(topic, registry, window, timeout, common.note), count, as_json)
+    common.show(tool.reports(tool.delay, topic, registry, window, timeout, common.note), count, as_json)
 
 
 @click.command()
@@ -110,12 +110,12 @@ def plot(
     """  # noqa: D301 click's own sign
     from shmgen.tools.watch import plot as tool
 
-    curves = tool.Curves(topic, paths, seconds, common.registry(config_file, include), common.note)
+    curves = tool.Plot(topic, paths, seconds, common.registry(config_file, include), common.note)
     plain = not common.shows_unicode(sys.stdout)
 
     def drawn() -> list[str]:
         size = shutil.get_terminal_size()
-        return tool.drawing(curves.paths, curves.points, size.columns, min(24, size.lines - 1), plain=plain)
+        return tool.drawing(curves.points, size.columns, min(24, size.lines - 1), plain=plain)
 
     try:
         if once or not common.can_overwrite(sys.stdout):

@@ -7,12 +7,13 @@ import importlib
 import io
 import os
 import sys
+from typing import Any
 
 import click
 
 from shmgen import __version__
 from shmgen.cli import options
-from shmgen.core.diagnostics import Diagnostic, Rejected, Span
+from shmgen.core.diagnostics import Diagnostic, Rejected, Span, closest
 
 
 def main() -> None:
@@ -64,9 +65,12 @@ _FAMILIES = {
 
 
 def _say_version(context: click.Context) -> None:
-    from shmgen.runtime.core import IN_C  # nothing else asked here needs the runtime
+    said = f"shmgen, version {__version__}"
+    if options.HAS_REGIONS:
+        from shmgen.runtime.core import IN_C  # nothing else asked here needs the runtime
 
-    click.echo(f"shmgen, version {__version__}; publish and read in {'C' if IN_C else 'Python'}")
+        said += f"; publish and read in {'C' if IN_C else 'Python'}"
+    click.echo(said)
     context.exit()
 
 
@@ -78,13 +82,21 @@ class _Families(click.Group):
 
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
         family = next((family for family, names in _FAMILIES.items() if name in names), None)
-        if family in _LIVE and not sys.platform.startswith("linux"):
+        if family in _LIVE and name != "completion" and not options.HAS_REGIONS:
             return _elsewhere(name)
         commands = importlib.import_module(f"shmgen.cli.{family}").COMMANDS if family else ()
         return next((command for command in commands if command.name == name), None)
 
+    def resolve_command(self, context: click.Context, words: list[str]) -> Any:
+        known = {**{name: name for name in self.list_commands(context)}, "help": "--help", "version": "--version"}
+        meant = known.get(words[0]) or next((name for name in known if name.startswith(words[0])), "")
+        meant = meant or known.get(closest(words[0], known), "")
+        if words[0] != meant and meant:
+            context.fail(f"no command is called {words[0]!r}; did you mean `shmgen {meant}`?")
+        return super().resolve_command(context, words)
 
-_LIVE = ("bridge", "live")
+
+_LIVE = ("bridge", "live", "look", "bag", "view")
 
 
 def _elsewhere(name: str) -> click.Command:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -14,8 +15,10 @@ from shmgen import config as configuration
 from shmgen.config import Config
 from shmgen.core import cache
 from shmgen.core.diagnostics import Diagnostic, Report
+from shmgen.core.escape import lines
 
 F = TypeVar("F", bound=Callable[..., Any])
+HAS_REGIONS = sys.platform.startswith("linux")
 
 
 def _without_cache(context: click.Context, parameter: click.Parameter, value: bool) -> None:
@@ -70,7 +73,7 @@ def file_in_force(file: Path | None) -> Path | None:
 def complain(diagnostics: Iterable[Diagnostic], *, to_stderr: bool = True) -> None:
     """Prints them, in colour on a terminal."""
     for diagnostic in diagnostics:
-        first, _, rest = str(diagnostic).partition("\n")
+        first, _, rest = lines(str(diagnostic)).partition("\n")
         where, mark, message = first.partition(f": {diagnostic.level}[")
         colour = "red" if diagnostic.level == "error" else "cyan"
         click.echo(click.style(where, bold=True) + click.style(mark + message, fg=colour), err=to_stderr)

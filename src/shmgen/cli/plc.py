@@ -5,12 +5,17 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from shmgen.cli import options
-from shmgen.core.diagnostics import Diagnostic, Rejected, Report, Span
+from shmgen.core.diagnostics import Report, Span
+from shmgen.core.escape import legible
 from shmgen.core.plural import counted
+
+if TYPE_CHECKING:
+    from shmgen.plc.messages import Row
 
 
 @click.command("import")
@@ -31,6 +36,7 @@ def import_(files: tuple[Path, ...], package: str | None, output: Path, skip: bo
     Reads PLCopen XML, .TcDUT and .st files. Names, comments and bytes are kept: Structured Text generated from the
     definitions has the imported types again. After an error nothing is written.
     """
+    from shmgen.core.write import current, write
     from shmgen.plc import messages, sources
 
     package = package or _package(files[0])
@@ -40,22 +46,24 @@ def import_(files: tuple[Path, ...], package: str | None, output: Path, skip: bo
         )
     report = Report()
     project = sources.read(files, report)
-    report.stop_if_any()
+    if not skip:
+        report.stop_if_any()
     made = messages.messages(project, package, report)
     if not made.rows:
         hint = "export the data types (DUTs) too; function blocks and programs hold none"
         report.error("SHM504", "no data types are in it", Span(str(files[0])), hint=hint)
-    if report.diagnostics and (not skip or not made.texts):
+    if not (skip and made.texts):
         report.stop_if_any()
     options.complain(replace(found, level="note") for found in report.diagnostics)
-    for path, text in made.texts.items():
-        _write(output / package / path, text)
+    last = "CMakeLists.txt"
+    write(output / package, made.texts, (), last, current(output / package, last))
     width = max(len(row.declared.name) for row in made.rows)
     for row in made.rows:
-        became = f"{package}/{row.message}, {counted(row.size, 'byte')}" if row.message else "left out"
-        click.echo(f"{row.declared.name:<{width}}  {became}")
+        click.echo(f"{row.declared.name:<{width}}  {_became(row, package)}")
     usable = sum(bool(row.message) for row in made.rows)
     click.echo(f"\n{usable} of {len(made.rows)} data types are messages in {(output / package).as_posix()}")
+    if not all(row.sure for row in made.rows):
+        click.echo("not verified: the bytes of an empty structure, and where a base ends in padding; compare SIZEOF")
     click.echo(
         f'use them: path = ["{output.as_posix()}"] in shmgen.toml, and below [types] bool = "BOOL", as they have it'
     )
@@ -68,13 +76,10 @@ def _package(file: Path) -> str:
     return stem if stem.endswith("_msgs") else f"{stem}_msgs"
 
 
-def _write(file: Path, text: str) -> None:
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_bytes(text.encode())
-    except OSError as error:
-        reason = f"cannot write: {error.strerror}"
-        raise Rejected([Diagnostic("SHM007", reason, Span(str(file)), hint="choose another folder with -o")]) from error
+def _became(row: Row, package: str) -> str:
+    if not row.message:
+        return legible(f"left out: {row.why}")
+    return f"{package}/{row.message}, {counted(row.size, 'byte')}{'' if row.sure else ', not verified'}"
 
 
 COMMANDS = (import_,)

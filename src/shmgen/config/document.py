@@ -8,7 +8,7 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
-from shmgen.core import toml
+from shmgen.core import files, toml
 from shmgen.core.diagnostics import Report, Span, closest
 from shmgen.core.fast_dataclass import dataclass
 
@@ -23,7 +23,7 @@ def read(path: Path, shown: str, prefix: str, report: Report) -> tuple[dict[str,
         document = toml.loads(text)
     except ValueError as error:
         span = _toml_error_span(shown, text, error)
-        report.error("SHM503", _without_position(error), span, hint=_missing_quotes(span.text))
+        report.error("SHM503", _without_position(error), span, hint=_meant(span.text, error))
         report.stop_if_any()
     reader = Reader(text, _positions(text, prefix, shown), Span(shown), report)
     for key in prefix.split(".") if prefix else ():
@@ -68,7 +68,9 @@ class Reader:
             self.wrong("", key, f"{key} is empty: leave it out, or name some of {', '.join(choices)}")
         for item in value:
             if choices and item not in choices:
-                self.wrong("", key, f'"{item}" is not one of {", ".join(choices)}')
+                close = closest(item, choices)
+                hint = f"did you mean {close}?" if close else ""
+                self.wrong("", key, f'"{item}" is not one of {", ".join(choices)}', hint)
         return tuple(value)
 
     def choice(self, section: str, key: str, data: dict[str, Any], choices: tuple[str, ...], default: str) -> str:
@@ -147,6 +149,9 @@ def _positions(text: str, prefix: str, shown: str) -> dict[tuple[str, str], Span
             if header[1] == "[[":
                 entries[section] += 1
                 section = f"{section}.{entries[section] - 1}"
+            positions.setdefault(
+                ("", section.partition(".")[0]), _span(shown, number, line, header.start(2), header.end(2))
+            )
             positions.setdefault((section, ""), _span(shown, number, line, header.start(2), header.end(2)))
         elif key := _KEY.match(line):
             positions.setdefault((section, key[1].strip("\"'")), _span(shown, number, line, key.start(1), key.end(1)))
@@ -159,7 +164,7 @@ def _span(shown: str, number: int, line: str, start: int, end: int) -> Span:
 
 def _text(path: Path, shown: str, report: Report) -> str:
     try:
-        text = path.read_bytes().decode("utf-8").removeprefix("\N{ZERO WIDTH NO-BREAK SPACE}")
+        text = files.content(path).decode("utf-8").removeprefix("\N{ZERO WIDTH NO-BREAK SPACE}")
         return text.replace("\r\n", "\n")
     except OSError as error:
         report.error(
@@ -176,8 +181,16 @@ def _text(path: Path, shown: str, report: Report) -> str:
 
 # Compiled when something is wrong.
 _AT = r" \(at (?:line (\d+), column (\d+)|end of document)\)$"
-_BARE_KEY = r"\s*([\w-]+(?:/[\w.-]+)+)\s*="
-_BARE_VALUE = r"(\s*[\w-]+\s*=\s*)([A-Za-z][\w/.-]*)\s*(#.*)?"
+_MEANT = (
+    (r"\s*([\w-]+(?:/[\w.-]+)+)\s*=", 'a key with a slash stands in quotes: "{}" = 8'),
+    (r"\s*[\w-]+\s*=\s*(True|False)\b", "the words are true and false, written small"),
+    (r"(\s*[\w-]+\s*=\s*[A-Za-z][\w/.-]*)\s*(?:#.*)?$", "a word stands in quotes: {}"),
+    (r"\s*[\w-]+\s*:", "a key is followed by `=`: this is TOML, not YAML"),
+    (r'.*"[^"]*\\', "write `/` in paths, on Windows too"),
+    (r'.*"\s+"', "a comma stands between the items of a list"),
+    (r".*\[[^\]]*$", "a list ends with `]`"),
+)
+"""What a line that is no TOML looks like, and what to do: the mistakes most often made."""
 
 
 def _without_position(error: Exception) -> str:
@@ -185,13 +198,14 @@ def _without_position(error: Exception) -> str:
     return text[:1].lower() + text[1:]
 
 
-def _missing_quotes(line: str) -> str:
-    """The mistake most often made: a message's name as a key, or a word as a value, without quotes."""
-    if key := re.match(_BARE_KEY, line):
-        return f'a key with a slash stands in quotes: "{key[1]}" = 8'
-    if value := re.fullmatch(_BARE_VALUE, line):
-        return f'a word stands in quotes: {value[1].strip()} "{value[2]}"'
-    return ""
+def _meant(line: str, error: Exception) -> str:
+    if "overwrite" in str(error):
+        return "this key is there twice: keep one of them"
+    found = next(((match, hint) for pattern, hint in _MEANT if (match := re.match(pattern, line))), None)
+    if found is None:
+        return ""
+    words = re.sub(r"=\s*(.*)$", r'= "\1"', found[0][1].strip()) if found[0].lastindex else ""
+    return found[1].format(words)
 
 
 def _toml_error_span(shown: str, text: str, error: Exception) -> Span:

@@ -167,5 +167,5 @@ def _not_a_name(name: str, longest: int) -> str:
     return "begins with sem/, where Linux keeps the semaphores" if bare.startswith("sem/") else ""
 
 
-_TAKEN = ("CME", "GWDRVSHAREDMEMSHM")
+_TAKEN = ("CME", "GWDRVSHAREDMEMSHM", "RETAINMEMORY")
 """As runtime/region/names.py has them."""

@@ -30,7 +30,7 @@ TASK_INTERVAL = 10
 class Config:
     """The user's words; `root` is the folder that relative paths start from.
 
-    `document` is what was read. `places` says where each of `messages`, and of `types_used`, is written.
+    `document` is what was read. `places` says where each of `messages`, `path` and `types_used` is written.
     `skip_unbounded` is said on the command line only: messages without a bound are left out.
     """
 
@@ -79,7 +79,7 @@ def load(path: Path, shown: str, report: Report) -> Config:
     data, reader = document.read(path, shown, prefix, report)
     config = _Sections(reader).config(data, path.parent)
     report.stop_if_any()
-    return replace(config, places=reader.quoted({*config.messages, *config.types_used}))
+    return replace(config, places=reader.quoted({*config.messages, *config.types_used, *data.get("path", ())}))
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,11 +156,11 @@ class _Sections:
             if key in options:
                 continue
             close = closest(key, options, 0.8)
-            if isinstance(data[key], dict):
+            if isinstance(data[key], dict | list):
                 hint = 'a key with a slash or a dot stands in quotes: "package/Message.field" = 8'
-                self.read.report.error(
-                    "SHM502", f"{key} is a number, not a table", self.read.span(section, key), hint=hint
-                )
+                if isinstance(data[key], list):
+                    hint = f"a key of the whole file stands above the first table: put it above [{section}]"
+                self.read.wrong(section, key, f"{key} is a number here", hint)
             elif close or not _BOUND_KEY.fullmatch(key):
                 hint = 'a key here is "package/Message.field", "package/Message" or "package"'
                 hint += f", or one of {', '.join(options)}" if options else ""

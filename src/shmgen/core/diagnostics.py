@@ -39,6 +39,7 @@ CODES = {
     "SHM407": "missing layout.lock",
     "SHM408": "damaged layout.lock",
     "SHM409": "configuration changed",
+    "SHM410": "unit changed",
     "SHM501": "unknown key",
     "SHM502": "bad value",
     "SHM503": "not TOML",

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from shmgen.core import files
 from shmgen.core.diagnostics import Diagnostic, Rejected, Span
 from shmgen.core.fast_dataclass import dataclass
 
@@ -80,9 +81,8 @@ def current(folder: Path, path: str) -> bytes | None:
     """
     try:
         name = os.path.join(folder, path) if os.name != "nt" else _reachable(folder) / path
-        with open(name, "rb", buffering=0) as file:
-            kept: bytes = file.read()
-            return kept.replace(b"\r\n", b"\n") if b"\r" in kept else kept
+        kept = files.content(name)
+        return kept.replace(b"\r\n", b"\n") if b"\r" in kept else kept
     except OSError:
         return None
 

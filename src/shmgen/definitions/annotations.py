@@ -56,7 +56,11 @@ def take_out(source: Text) -> tuple[str, list[Annotation]]:
         values = {part["key"] or "value": part["value"].strip() for part in _VALUE.finditer(found["values"] or "")}
         annotations.append(Annotation(found.start(), found["name"], values))
     code = _ANNOTATION.sub(_blank, code)
-    if sign := _ARITHMETIC.search(_STRING.sub(_blank, code)):
+    bare = _STRING.sub(_blank, code)
+    if other := _OTHER_THAN_STRUCT.search(bare):
+        hint = "a message is a struct, a service a .srv, an action an .action"
+        raise source.token(other.start(), other[1]).wrong("SHM003", f"ROS has no {other[1]}", hint)
+    if sign := _ARITHMETIC.search(bare):
         place = source.token(sign.start("sign"), sign["sign"])
         raise place.wrong("SHM003", "nothing is calculated here", "write the result")
     return code, annotations
@@ -86,6 +90,7 @@ _STRING_OR_OUT = re.compile(
 _ANNOTATION = re.compile(rf'@\s*(?P<name>\w+)(?:\s*(?P<values>\((?:[^"()]|{_QUOTED})*\)))?')
 _BRACKET = re.compile(r"\s*\(")
 _VALUE = re.compile(rf'(?:(?P<key>\w+)\s*=\s*)?(?P<value>(?:{_QUOTED}\s*)+|[^\s,"()=][^,"()]*)')
+_OTHER_THAN_STRUCT = re.compile(r"\b(union|interface|valuetype|exception|bitmask|bitset)\s+\w")
 # A sign behind a word adds, unless it is that of an exponent.
 _ARITHMETIC = re.compile(r"(?:(?<![0-9.][eE])(?<=\w)\s*(?=[+-])|(?=[|^&*/%~()]))(?P<sign>.)")
 _OCTAL = re.compile(r"[+-]?0[0-7]+")

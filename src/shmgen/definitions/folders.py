@@ -1,9 +1,9 @@
 """Turns folders of packages into a Catalogue.
 
 A package is a folder with a package.xml, or with definitions in msg/, srv/ or action/. In one with a package.xml these
-folders may lie in others that group them (`planning/msg/`), as rosidl takes them. Folders above packages are searched
-to any depth, in order of name; COLCON_IGNORE, AMENT_IGNORE or CATKIN_IGNORE takes a folder out, and rospack_nosubdirs
-all that is below it.
+folders may lie in others that group them (`planning/msg/`) or hold such (`msg/planning/`), as rosidl takes them.
+Folders above packages are searched to any depth, in order of name; COLCON_IGNORE, AMENT_IGNORE or CATKIN_IGNORE takes a
+folder out, and rospack_nosubdirs all that is below it.
 """
 
 from __future__ import annotations
@@ -23,12 +23,14 @@ LARGEST_FILE = 2**19
 
 
 def catalogue(folder: Path, relative_to: Path, report: Report) -> Catalogue:
-    """Every package in and below `folder`. SHM001 where there is no such folder."""
-    if not folder.is_dir():
-        report.error("SHM001", "no such folder", Span(shorten(folder, relative_to)), hint="correct `path`, or -I")
-        return {}
+    """Every package in and below `folder`. SHM001 where there are too many folders to look at."""
     found: dict[str, tuple[Package, ...]] = {}
-    for package in _packages(folder, relative_to):
+    packages = _packages(folder, relative_to)
+    if packages is None:
+        hint = "name the folder that your packages are in"
+        said = f"more than {_MOST_FOLDERS:,} folders are in and below it"
+        report.error("SHM001", said, Span(shorten(folder, relative_to)), hint=hint)
+    for package in packages or ():
         found[package.name] = (*found.get(package.name, ()), package)
     return found
 
@@ -37,15 +39,21 @@ def package_around(file: Path, relative_to: Path) -> Package | None:
     """The package that a definition given by its path belongs to; that file alone, if it lies in no package."""
     folder = Path(os.path.abspath(file)).parent
     kind = kind_of(file)
-    root = _root(folder.parent) if folder.name in SECTIONS else folder
-    package = _package(root, relative_to)
+    section = _section(folder)
+    package = _package(_root(section.parent) if section else folder, relative_to)
     if package is None:
         return None
     name = package.name
     given = _definition(file, TypeName(name, kind, file.stem), relative_to)
-    siblings = {} if folder.name in SECTIONS else _loose(folder, name, relative_to)
+    siblings = {} if section else _loose(folder, name, relative_to)
     held = {**siblings, **package.definitions, **dict.fromkeys(given.messages, given)}
     return Package(name, package.place, held, package.dialect)
+
+
+def _section(folder: Path) -> Path | None:
+    """The msg/, srv/ or action/ that a definition lies in: its own or, if there is a package.xml, one above."""
+    above = (place for place in (folder, *folder.parents[:_DEEPEST_GROUP]) if place.name in SECTIONS)
+    return next((it for it in above if it == folder or (_root(it.parent) / "package.xml").is_file()), None)
 
 
 def _root(folder: Path) -> Path:
@@ -59,8 +67,8 @@ _DEEPEST_GROUP = 3
 
 def kind_of(file: Path) -> str:
     """msg, srv or action; of an .idl the folder says it."""
-    folder = Path(os.path.abspath(file)).parent.name
-    return (folder if folder in SECTIONS else "msg") if file.suffix == ".idl" else file.suffix.removeprefix(".")
+    section = _section(Path(os.path.abspath(file)).parent)
+    return (section.name if section else "msg") if file.suffix == ".idl" else file.suffix.removeprefix(".")
 
 
 def read(definition: Definition, report: Report) -> str | None:
@@ -98,8 +106,12 @@ _NAME_IN_XML = re.compile(rb"<name\s*>\s*([A-Za-z0-9_-]+)\s*</name\s*>")
 _BUILD_TOOL = re.compile(rb"<(?:buildtool_depend|build_type)\b[^<>]*>\s*([A-Za-z0-9_-]+)")
 
 
-def _packages(folder: Path, relative_to: Path) -> list[Package]:
-    """Depth first, without recursion; a folder reached twice over links counts once."""
+_MOST_FOLDERS = 100_000
+"""That are searched for packages; a workspace with all of ROS has some thousand."""
+
+
+def _packages(folder: Path, relative_to: Path) -> list[Package] | None:
+    """Depth first, without recursion; a folder reached twice over links counts once. None where there are too many."""
     found: list[Package] = []
     seen: set[tuple[int, int]] = set()
     waiting = [folder]
@@ -114,6 +126,8 @@ def _packages(folder: Path, relative_to: Path) -> list[Package]:
         if (status.st_dev, status.st_ino) in seen or not names.isdisjoint(_IGNORED):
             continue
         seen.add((status.st_dev, status.st_ino))
+        if len(seen) > _MOST_FOLDERS:
+            return None
         if "package.xml" in names or any(_files(here / kind, kind) for kind in SECTIONS if kind in names):
             package = _package(here, relative_to)
             if package is not None:
@@ -136,7 +150,7 @@ def _package(root: Path, relative_to: Path) -> Package | None:
         _definition(file, TypeName(name, kind, file.stem), relative_to)
         for kind in SECTIONS
         for place in (*_groups(root, bool(manifest)), root)  # of two of one name the one at the top counts
-        for file in _files(place / kind, kind)
+        for file in _files(place / kind, kind, with_groups=bool(manifest))
     ]
     return package_of(name, shorten(root, relative_to), definitions, _dialect(manifest))
 
@@ -160,15 +174,22 @@ def _loose(folder: Path, name: str, relative_to: Path) -> dict[TypeName, Definit
     return {message: definition for definition in definitions for message in definition.messages}
 
 
-def _files(folder: Path, kind: str) -> list[Path]:
-    """The definitions of a kind; of a message that is there twice not the .idl, which ROS has made of the other."""
+def _files(folder: Path, kind: str, *, with_groups: bool = False) -> list[Path]:
+    """The definitions of a kind; of a message that is there twice not the .idl, which ROS has made of the other.
+
+    `with_groups`: those in folders below it too.
+    """
     found: dict[str, Path] = {}
     try:
-        for file in sorted(folder.iterdir()):
-            if file.suffix == f".{kind}" or (file.suffix == ".idl" and file.stem not in found):
-                found[file.stem] = file
+        entries = sorted(folder.iterdir())
     except OSError:
-        pass
+        return []
+    others = [entry for entry in entries if entry.suffix not in (f".{kind}", ".idl") and entry.name[0] != "."]
+    groups = [entry for entry in others if not entry.is_symlink()] if with_groups else ()
+    below = [file for group in groups for file in _files(group, kind, with_groups=True)]
+    for file in (*below, *entries):  # of two of one name the one at the top counts
+        if file.suffix == f".{kind}" or (file.suffix == ".idl" and file.stem not in found):
+            found[file.stem] = file
     return [found[stem] for stem in sorted(found)]
 
 

@@ -252,7 +252,7 @@ def _type(file: _File, node: Any, name: Token, depth: int = 0) -> FieldType:
         inner, declarator = file.typedefs[parts[0]]
         return _lengthened(_type(file, inner, name, depth + 1), declarator, name)
     if len(parts) != 3:
-        hint = "a message is `package::msg::Name`; enumerations and unions have no counterpart in a .msg"
+        hint = "a message is `package::msg::Name`; an enumeration has no counterpart in a .msg"
         raise name.wrong("SHM004", f"no type is called {shown('::'.join(parts))} here", hint)
     if parts[0] == "builtin_interfaces" and parts[2] in CLOCKS:
         return CLOCKS[parts[2]]

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from dataclasses import field
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import field, replace
 from pathlib import Path
 
 from shmgen.core.diagnostics import Report, Span
@@ -24,12 +25,13 @@ class Sources:
 
     `source` is "env" for the ROS that is sourced in this shell, instead of a store.
 
-    `relative_to` is the folder that origins and spans are printed relative to.
+    `relative_to` is the folder that origins and spans are printed relative to; `written` where each of `path` is said.
     """
 
     path: tuple[Path, ...] = ()
     source: str = "jazzy"
     relative_to: Path = Path()
+    written: Mapping[str, Span] = field(default_factory=dict, compare=False)
 
 
 @dataclass(slots=True)
@@ -78,9 +80,9 @@ class Library:
 
     def message(self, name: TypeName) -> Message | None:
         """One of the definitions of its package; None if its file cannot be used, which the report then says."""
-        package = self.package(name.package)
+        package, definition = self.package(name.package), self.definition(name)
         assert package is not None
-        definition = package.definitions[name]
+        assert definition is not None
         if definition not in self._read:
             text = read(definition, self.report)
             source = Source(definition.name, text or "", definition.path, definition.origin)
@@ -94,7 +96,17 @@ class Library:
                 parsed = parse(source, package.dialect or self._dialect(), self.report)
             made = wrappers(definition.name, definition.path, definition.origin) if parsed else ()
             self._read[definition] = {message.name: message for message in (*parsed, *made)}
-        return self._read[definition].get(name)
+        found = self._read[definition].get(_part_of(name) if name not in package.definitions else name)
+        return found and replace(found, name=name)
+
+    def definition(self, name: TypeName) -> Definition | None:
+        """What holds a message. ROS 1 makes messages of an action, such as `pkg/FooGoal`, which have no file."""
+        package = self.package(name.package)
+        if package is None:
+            return None
+        if name not in package.definitions and (package.dialect or self._dialect()) == "ros1":
+            name = _part_of(name)
+        return package.definitions.get(name)
 
     def known(self) -> list[TypeName]:
         """All that could be asked for, sorted."""
@@ -133,11 +145,22 @@ class Library:
         return self.beyond
 
 
+def _part_of(name: TypeName) -> TypeName:
+    """`pkg/action/Foo_Goal` of `pkg/msg/FooGoal`."""
+    return TypeName(name.package, "action", re.sub("(Goal|Result|Feedback)$", r"_\1", name.name))
+
+
 def open_library(sources: Sources, report: Report) -> Library:
     """Lists the folders, reads nothing. SHM001 for a missing folder, SHM502 for an unknown source; then Rejected."""
     if sources.source not in ("env", *store.names()):
         names = ", ".join(("env", *store.names()))
         report.error("SHM502", f"no source is called {sources.source!r}", Span("source"), hint=f"choose one of {names}")
+    written = {sources.relative_to / word: span for word, span in sources.written.items()}
+    for folder in sources.path:
+        if not folder.is_dir():
+            place = written.get(folder, Span(shorten(folder, sources.relative_to)))
+            report.error("SHM001", "no such folder", place, hint="correct `path`, or -I")
+    report.stop_if_any()
     catalogues = [catalogue(folder, sources.relative_to, report) for folder in sources.path]
     report.stop_if_any()
     return Library(sources, report, catalogues)

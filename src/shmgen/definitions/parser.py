@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 from shmgen.core.diagnostics import Report, Span
 from shmgen.core.model import Constant, Default, Field, FieldType, Message, Scalar, String, TypeName
-from shmgen.definitions import comments
+from shmgen.core.plural import counted
+from shmgen.definitions import comments, habits
 from shmgen.definitions.fieldtypes import read_type, type_word
 from shmgen.definitions.literals import read_constant, read_default
 from shmgen.definitions.tokens import Dialect, Line, Token, Wrong, shown
@@ -46,8 +47,13 @@ def parse(source: Source, dialect: Dialect, report: Report) -> tuple[Message, ..
     breaks = [index for index, line in enumerate(lines) if _SEPARATOR.fullmatch(line.text)]
     if len(breaks) != len(endings) - 1:
         culprit = lines[breaks[len(endings) - 1]].span(0, 3) if len(breaks) >= len(endings) else lines[-1].span()
-        message = f"a .{name.kind} file has {len(endings)} parts, this one {len(breaks) + 1}"
-        report.error("SHM003", message, culprit, hint="parts are separated by a line `---`")
+        message = f"a .{name.kind} file has {counted(len(endings), 'part')}, this one {len(breaks) + 1}"
+        hint = (
+            "parts are separated by a line `---`"
+            if endings[1:]
+            else "a service is a .srv in srv/, an action an .action in action/"
+        )
+        report.error("SHM003", message, culprit, hint=hint)
         return ()
     starts, ends = [0, *(index + 1 for index in breaks)], [*breaks, len(lines)]
     return tuple(
@@ -134,7 +140,7 @@ def _declarations(lines: list[Line], name: TypeName, dialect: Dialect, report: R
                 raise found[line.number].name.wrong("SHM201", again, "give one of them another name")
         except Wrong as wrong:
             path = f"{name.short}.{word}" if _WORD.fullmatch(word) else ""
-            report.error(wrong.code, wrong.message, wrong.span, field=path, hint=wrong.hint)
+            report.error(wrong.code, wrong.message, wrong.span, field=path, hint=habits.hint(line.text) or wrong.hint)
     return found
 
 

@@ -57,8 +57,10 @@ def _parser(text: Text) -> Any:
             spec.loader.exec_module(sys.modules["rosidl_parser"])
         return import_module("rosidl_parser.parser")
     except ImportError as error:
-        hint = "source a ROS 2, type `pip install ros-rosidl-parser`, or `apt install python3-rosidl`"
+        hint = "source a ROS 2, type `pip install ros-rosidl-parser` there, or `apt install python3-rosidl`"
         if error.name == "lark":
-            hint = "rosidl_parser needs it: type `pip install lark`"
+            hint = "rosidl_parser needs it: type `pip install lark` there"
         hint += "; a .msg, .srv or .action beside the .idl would be read instead"
-        raise Wrong("SHM008", f"what reads .idl is not here: {error}", Span(text.lines[0].path), hint) from None
+        raise Wrong(
+            "SHM008", f"what reads .idl is not in {sys.prefix}: {error}", Span(text.lines[0].path), hint
+        ) from None

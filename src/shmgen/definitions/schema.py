@@ -9,7 +9,7 @@ from typing import TypeAlias
 
 from shmgen.core.diagnostics import Diagnostic, Report, Span, closest
 from shmgen.core.model import Field, Message, Ref, Schema, TypeName, element_of
-from shmgen.definitions import folders
+from shmgen.definitions import folders, habits
 from shmgen.definitions.catalogue import Package
 from shmgen.definitions.library import Library, Sources, open_library
 from shmgen.definitions.parser import SECTIONS
@@ -49,8 +49,8 @@ def load_usable(library: Library, requests: Iterable[str], report: Report) -> tu
         by_place.setdefault(diagnostic.span.path, []).append(diagnostic)
 
     def own(name: TypeName) -> list[Diagnostic]:
-        package = library.package(name.package)
-        places = (package.place, package.definitions[name].path) if package and name in package.definitions else ()
+        package, definition = library.package(name.package), library.definition(name)
+        places = (package.place, definition.path) if package and definition else ()
         return [diagnostic for place in places for diagnostic in by_place.get(place, ())]
 
     faults: dict[TypeName, tuple[Diagnostic, ...]] = {}
@@ -71,18 +71,6 @@ def available(sources: Sources) -> list[TypeName]:
 Faults: TypeAlias = Mapping[TypeName, tuple[Diagnostic, ...]]
 _FILES = (*(f".{kind}" for kind in SECTIONS), ".idl")
 _REQUEST = re.compile(r"([A-Za-z][A-Za-z0-9_]*)(?:/(?:(msg|srv|action)/)?([A-Za-z][A-Za-z0-9_]*))?")
-_OTHER_LANGUAGES = {
-    "int": "int32",
-    "integer": "int32",
-    "long": "int64",
-    "uint": "uint32",
-    "float": "float32",
-    "double": "float64",
-    "boolean": "bool",
-    "str": "string",
-    "String": "string",
-    "wchar": "uint16",
-}
 _LONGEST_CHAIN_SHOWN = 8
 
 
@@ -102,6 +90,11 @@ def _named(request: str, library: Library) -> list[TypeName]:
     parts = _REQUEST.fullmatch(request)
     if parts is None:
         hint = "write `package/Name`, `package`, or the path of a .msg, .srv, .action or .idl file"
+        meant = re.sub(r"::|\.", "/", request).replace("-", "_")
+        if meant in {name for known in library.known() for name in (str(known), known.short, known.package)}:
+            hint = f"did you mean `{meant}`?"
+        elif Path(request).is_dir():
+            hint = f"a folder of packages is given with -I: `-I {request} package`"
         library.report.error("SHM004", f"{shown(request)} is not the name of a message", where, hint=hint)
         return []
     package_name, kind, name = parts.groups()
@@ -112,6 +105,7 @@ def _named(request: str, library: Library) -> list[TypeName]:
     else:
         found = [held_name for held_name in held if name == held_name.name and kind in (None, held_name.kind)]
         found = found or [other for other in held if name == held[other].name.name and kind in (None, other.kind)]
+        found = found or [made for made in (TypeName(package_name, kind or "msg", name),) if library.definition(made)]
     if not found:
         wanted = TypeName(package_name, kind or "msg", name or "")
         hint = _hint(wanted, library, package)
@@ -126,6 +120,10 @@ def _in_file(file: Path, library: Library) -> list[TypeName]:
     if package is None:
         hint = "rename the folder, or put a package.xml with a <name> into it"
         library.report.error("SHM202", "the folder's name cannot be a package's", Span(str(file)), hint=hint)
+        return []
+    if not file.exists():
+        hint = "a message is named by package and name, `geometry_msgs/Pose`, or by the path of its file"
+        library.report.error("SHM001", "no such file", Span(str(file)), hint=hint)
         return []
     library.add(package)
     kind = folders.kind_of(file)
@@ -177,9 +175,9 @@ def _leads_on(message: Message, field: Field, other: TypeName, path: Collection[
         hint = "a message cannot hold itself: take one of these fields out"
         library.report.error("SHM301", f"recursive: {' -> '.join(chain)}", field.span, field=where, hint=hint)
         return False
-    package = library.package(other.package)
-    if package is None or other not in package.definitions:
-        hint = _hint(other, library, package)
+    if library.definition(other) is None:
+        hint = _hint(other, library, library.package(other.package))
+        hint = "\n".join(filter(None, [habits.hint(field.span.text), hint]))
         library.report.error("SHM004", f"unknown message type {shown(other.short)}", field.span, field=where, hint=hint)
         return False
     return True
@@ -189,18 +187,19 @@ def _hint(wanted: TypeName, library: Library, package: Package | None) -> str:
     """What may have been meant, and where was looked."""
     names = library.known()
     known = list(dict.fromkeys(whole for name in names for whole in (name.short, _whole(name))))
-    if wanted.name in _OTHER_LANGUAGES and package is not None:
-        guesses = [_OTHER_LANGUAGES[wanted.name]]
-    else:
-        word = (wanted.name or wanted.package).lower()
-        guesses = [short for short in known if short.partition("/")[2].lower() == word][:3]
-        packages = dict.fromkeys(name.package for name in names)
-        close = closest(wanted.short, known, 0.8) if wanted.name else closest(wanted.package, packages, 0.8)
-        guesses = guesses or ([close] if close else [])
+    word = (wanted.name or wanted.package).lower()
+    guesses = [short for short in known if short.partition("/")[2].lower() == word][:3]
+    packages = dict.fromkeys(name.package for name in names)
+    close = closest(wanted.short, known, 0.8) if wanted.name else closest(wanted.package, packages, 0.8)
+    if package is not None and not close.startswith(f"{wanted.package}/") and (meant := habits.builtin(wanted.name)):
+        guesses = [meant, *guesses]
+    guesses = guesses or ([close] if close else [])
     lines = [f"did you mean {' or '.join(f'`{guess}`' for guess in guesses)}?"] if guesses else []
     lines.append(f"looked in {package.place if package else ', '.join(library.places())}")
     if package is None:
         lines.append("a folder of other packages is given with -I, or as `path` in shmgen.toml")
+        inside = [folder for folder in library.sources.path if folder.name in SECTIONS]
+        lines += [f"give {folder.parent.name}/, the package, not its {folder.name}/" for folder in inside]
     return "\n".join(lines)
 
 

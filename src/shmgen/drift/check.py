@@ -109,4 +109,4 @@ def _listed(
     else:
         message = f"{len(paths)} generated files {what[1]}"
         found = Diagnostic(code, message, Span(str(folder)), hint=hint, details=tuple(sorted(paths)))
-    return [Finding(severity, found)]
+    return [Finding(severity, found, files=tuple(str(folder / path) for path in sorted(paths)))]

@@ -80,7 +80,7 @@ def _digest(watched: Iterable[str]) -> str:
 
 def _hash(path: str) -> bytes:
     """Of a file. It is most of a check that nothing has changed for, and open() would add as much again."""
-    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     try:
         piece = os.read(descriptor, _PIECE)
         found = hashlib.sha256(piece)

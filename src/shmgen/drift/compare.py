@@ -16,8 +16,15 @@ SIZE = "size"
 def compare(old: Lock, new: Lock, shown: str) -> list[Finding]:
     """The way from `old` to `new`, messages in order of name; `shown` is what diagnostics call the lock."""
     settings = _settings(old.settings, new.settings, shown)
-    found = [_message(name, old, new, shown) for name in sorted({*old.messages, *new.messages})]
-    return [finding for finding in (*found, settings) if finding]
+    told = [_message(name, old, new, shown) for name in sorted({*old.messages, *new.messages})]
+    found = [finding for finding in (*told, settings) if finding]
+    moved = [finding for finding in found if finding.severity is Severity.COSMETIC and finding.changes]
+    if len(moved) < 2:
+        return found
+    changes = tuple(change for finding in moved for change in finding.changes)
+    message = f"{len(moved)} messages come from another place, and are the same"
+    together = Finding(Severity.COSMETIC, Diagnostic("SHM402", message, Span(shown)), changes)
+    return [*(finding for finding in found if finding not in moved), together]
 
 
 def _message(name: str, old: Lock, new: Lock, shown: str) -> Finding | None:
@@ -31,7 +38,7 @@ def _message(name: str, old: Lock, new: Lock, shown: str) -> Finding | None:
         severity = Severity.BREAKING if asked else Severity.COSMETIC
         return _finding("SHM401" if asked else "SHM402", severity, f"{said} is gone", shown, (), "")
     if before.digest != after.digest:
-        changes = (*_fields(before, after, old, new), *_values(before, after))
+        changes = (*_fields(before, after, old, new), *_units(before, after), *_values(before, after))
         changes += _number(SIZE, before.size, after.size)
         hint = f"old and new programs refuse each other (digest {before.digest[:4]}… / {after.digest[:4]}…)"
         message = f"layout of {said} changed"
@@ -45,7 +52,13 @@ def _same_layout(name: str, before: Block, after: Block, old: Lock, new: Lock, s
         return _finding("SHM401", Severity.BREAKING, f"{said} is only a part of others now", shown, (), origin)
     if (name in old.requested) < (name in new.requested):
         return _finding("SHM402", Severity.COMPATIBLE, f"{said} is asked for now", shown, (), origin)
-    if changes := (*_fields(before, after, old, new), *_values(before, after)):
+    changes = (*_fields(before, after, old, new), *_values(before, after))
+    if units := _units(before, after):
+        hint = "old and new programs still take each other's samples"
+        return _finding(
+            "SHM410", Severity.BREAKING, f"units of {said} changed", shown, (*units, *changes), origin, hint
+        )
+    if changes:
         message = f"{said} changed, its layout did not"
         return _finding("SHM402", Severity.COMPATIBLE, message, shown, changes, origin)
     if before.text != after.text and before.text:
@@ -53,7 +66,7 @@ def _same_layout(name: str, before: Block, after: Block, old: Lock, new: Lock, s
         message = f"{said} changed, its layout did not"
         return _finding("SHM402", Severity.COMPATIBLE, message, shown, (change,), origin)
     if before.origin != after.origin:
-        change = Change("from", ("origin",), f"{before.origin} -> {origin}")
+        change = Change(said, ("origin",), f"{before.origin} -> {origin}")
         message = f"{said} comes from another place, and is the same"
         return _finding("SHM402", Severity.COSMETIC, message, shown, (change,), origin)
     return None
@@ -132,6 +145,11 @@ def _values(before: Block, after: Block) -> tuple[Change, ...]:
         if was != now and name in before.fields and name in after.fields:
             changes.append(Change(name, ("default",), f"default {was} -> {now}"))
     return tuple(changes)
+
+
+def _units(before: Block, after: Block) -> tuple[Change, ...]:
+    pairs = [(name, was, after.units[name]) for name, was in before.units.items() if name in after.units]
+    return tuple(Change(name, ("unit",), f"[{was}] -> [{now}]") for name, was, now in pairs if was != now)
 
 
 def _settings(old: Mapping[str, object], new: Mapping[str, object], shown: str) -> Finding | None:

@@ -34,12 +34,13 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """`origin` is the definition it is about, for an annotation."""
+    """`origin` is the definition it is about, for an annotation; `files` those that are stale, edited and so on."""
 
     severity: Severity
     diagnostic: Diagnostic
     changes: tuple[Change, ...] = ()
     origin: str = ""
+    files: tuple[str, ...] = ()
 
 
 def worst(findings: Iterable[Finding]) -> Severity | None:
@@ -53,7 +54,7 @@ def summary(findings: Sequence[Finding]) -> str:
 
 
 def as_json(findings: Sequence[Finding]) -> str:
-    """A stable shape: `worst` (null if nothing was found) and `findings`, each with its `changes`."""
+    """A stable shape: `worst` (null if nothing was found) and `findings`, each with its `changes` and `files`."""
     most = worst(findings)
     data = {
         "worst": most.name.lower() if most else None,
@@ -76,6 +77,7 @@ def as_json(findings: Sequence[Finding]) -> str:
                     }
                     for change in found.changes
                 ],
+                "files": list(found.files),
             }
             for found in findings
         ],

@@ -54,6 +54,7 @@ class Block:
     fields: Mapping[str, Entry]
     defaults: Mapping[str, str]
     constants: Mapping[str, str]
+    units: Mapping[str, str]
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,6 +142,7 @@ def _block(layout: Layout, type_hash: str) -> list[str]:
     message = layout.message
     defaults = [f"{field.name} = {_value(field.default)}" for field in message.fields if field.default is not None]
     constants = [f"{ros_type(one.type)} {one.name} = {_value(one.value)}" for one in message.constants]
+    units = [f"{field.name} = {field.unit}" for field in message.fields if field.unit]
     return [
         f"[messages.{_toml(str(layout.name))}]",
         f"digest = {_toml(f'{layout.digest:016x}')}",
@@ -151,6 +153,7 @@ def _block(layout: Layout, type_hash: str) -> list[str]:
         *_list("slots", map(_slot, layout.slots)),
         *(_list("defaults", defaults) if defaults else ()),
         *(_list("constants", constants) if constants else ()),
+        *(_list("units", units) if units else ()),
     ]
 
 
@@ -179,7 +182,7 @@ def _toml(value: object) -> str:
 _JSON = json.JSONEncoder(ensure_ascii=False).encode
 _SLOT = re.compile(r"(\d+) (\S+) (\S+?)(?:\[(\d+)\])?(?: \((\w+)\))?")
 _CONSTANT = re.compile(r"(\S+) (\S+) = (.*)", re.DOTALL)
-_DEFAULT = re.compile(r"(\S+) = (.*)", re.DOTALL)
+_NAMED = re.compile(r"(\S+) = (.*)", re.DOTALL)
 
 
 def _read_block(block: Any, known: Container[str]) -> Block:
@@ -197,8 +200,9 @@ def _read_block(block: Any, known: Container[str]) -> Block:
         str(block["origin"]),
         str(block.get("text", "")),
         fields,
-        dict(_parts(_DEFAULT, line) for line in block.get("defaults", ())),
+        dict(_parts(_NAMED, line) for line in block.get("defaults", ())),
         {name: f"{type_} {value}" for type_, name, value in constants},
+        dict(_parts(_NAMED, line) for line in block.get("units", ())),
     )
 
 

@@ -6,6 +6,7 @@ import os
 import subprocess
 from pathlib import Path
 
+from shmgen.core import files
 from shmgen.core.diagnostics import Report, Span
 from shmgen.drift import lockfile
 
@@ -17,7 +18,7 @@ def lock(name: str, output: Path) -> tuple[lockfile.Lock, str]:
     if file.exists():
         shown = str(file)
         try:
-            text = file.read_text(encoding="utf-8", errors="replace")
+            text = files.content(file).decode(errors="replace")
         except OSError as error:
             report.error("SHM001", f"cannot read: {error.strerror}", Span(shown))
             report.stop_if_any()

@@ -157,7 +157,7 @@ def inventory(config: Config, asked: str | None = None) -> list[Item]:
     Raises Rejected: the request stands for nothing, or there is nowhere to look.
     """
     opened = library(config)
-    requests = [asked] if asked else list(map(str, opened.known()))
+    requests = [asked] if asked else dict.fromkeys(name.package for name in opened.known())
     schema, broken = definitions.load_usable(opened, requests, Report())
     names = sorted({*schema.requested, *broken})
     by_default = bounds.defaulted(schema, config.bounds)
@@ -190,7 +190,7 @@ def _faults(config: Config, layouts: Layouts) -> dict[TypeName, tuple[Diagnostic
 
 
 def _sources(config: Config) -> definitions.Sources:
-    return definitions.Sources(config.path, config.source, config.root)
+    return definitions.Sources(config.path, config.source, config.root, config.places)
 
 
 def settings(config: Config) -> dict[str, object]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
@@ -10,8 +11,19 @@ from typing import Any
 from shmgen.config import Config
 from shmgen.core.diagnostics import Diagnostic, Rejected
 from shmgen.live import config_of_lock
+from shmgen.live.regions import View, depth_of, sound, topic_of
 from shmgen.live.session import Session
-from shmgen.runtime import ActionClient, ActionServer, Message, Publisher, ServiceClient, ServiceServer, Subscriber
+from shmgen.runtime import (
+    ActionClient,
+    ActionServer,
+    Header,
+    Message,
+    Publisher,
+    RegionOptions,
+    ServiceClient,
+    ServiceServer,
+    Subscriber,
+)
 from shmgen.runtime.errors import LayoutMismatch
 
 
@@ -81,10 +93,24 @@ class ClassRegistry:
         return Session(config_of_lock.settings(lock, self.config), str(self.lock), self.session) if lock else None
 
 
-def subscriber(kind: type[Message], topic: str, depth: int) -> Subscriber[Message]:
+def subscriber(
+    kind: type[Message], topic: str, depth: int, *, passive: bool = False, history: bool = False
+) -> Subscriber[Message]:
     """Opens the topic's region for reading. Raises what a Subscriber raises."""
     made: type[Subscriber[Message]] = type("LiveSubscriber", (Subscriber,), {"message_type": kind})
-    return made(topic, depth=depth)
+    return made(topic, depth=depth, passive=passive, history=history)
+
+
+def watcher(
+    view: View, kind: type[Message] | None = None, *, passive: bool = True, history: bool = False
+) -> Subscriber[Message]:
+    """Opens the region in `view`; without `kind` only for numbers and stamps, its messages have no fields.
+
+    Raises RegionUnusable for a damaged one, and what a Subscriber raises.
+    """
+    header = sound(view)
+    kind = kind or _without_fields(header)
+    return subscriber(kind, topic_of(view.name), depth_of(header), passive=passive, history=history)
 
 
 def publisher(kind: type[Message], topic: str, depth: int) -> Publisher[Message]:
@@ -129,6 +155,12 @@ def action_server(kinds: Mapping[str, type[Message]]) -> type[ActionServer[Any]]
         "outcome_publisher": type("LivePublisher", (Publisher,), {"message_type": kinds["_Outcome"]}),
     }
     return type("LiveActionServer", (ActionServer,), ends)
+
+
+def _without_fields(header: Header) -> type[Message]:
+    """One of the same size. What is in it is nothing that a lock would have to order."""
+    about = {"_type_name_": header.type_name, "_digest_": header.digest, "_regions_": RegionOptions(sync="sequence")}
+    return type("Opaque", (Message,), {"_fields_": [("bytes", ctypes.c_uint8 * header.payload_size)], **about})
 
 
 def _mismatch(request: str, digest: int | None, tried: list[config_of_lock.Known]) -> LayoutMismatch:

@@ -9,7 +9,7 @@ from typing import Any
 
 from shmgen.config import Config
 from shmgen.config.entries import Bound, Bounds
-from shmgen.core import toml
+from shmgen.core import files, toml
 from shmgen.core.diagnostics import Diagnostic, Rejected, Span
 from shmgen.core.model import TypeOptions
 from shmgen.core.plural import counted
@@ -33,7 +33,7 @@ class Known:
 def read(file: Path) -> dict[str, Any]:
     """The lock as TOML has it; empty if there is none. Raises Rejected: SHM408."""
     try:
-        lock = toml.loads(file.read_text(encoding="utf-8"))
+        lock = toml.loads(files.content(file).decode())
         layouts(lock, str(file))
         settings(lock, Config(Path()))
     except OSError:

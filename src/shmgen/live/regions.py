@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
-import mmap
 import os
 import stat
 import struct
@@ -13,17 +11,16 @@ from typing import Any
 
 from shmgen.core.diagnostics import closest
 from shmgen.core.plural import counted
-from shmgen.runtime import read_header, region_name
+from shmgen.runtime import region_name
 from shmgen.runtime.errors import RegionMissing, RegionUnusable, ShmError
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region.access import opened
 from shmgen.runtime.region.holders import holder
 from shmgen.runtime.region.names import HALVES, region_file, semaphore_file
-from shmgen.runtime.region.region import WRITER_LOCK
+from shmgen.runtime.region.opening import opened_to_read
+from shmgen.runtime.region.region import WRITER_LOCK, byte_is_locked
 
 FOLDER = "/dev/shm"
 
-_FLOCK = struct.Struct("hhqqi4x")
 _SLOT = struct.Struct("<QI")
 
 
@@ -35,11 +32,7 @@ class View:
     def __init__(self, name: str) -> None:
         """Opens the file of the region `name`: `robot.pose`. Raises RegionMissing, PermissionDenied, RegionUnusable."""
         self.name = name
-        try:
-            self._file = opened(region_file(name), os.O_RDONLY)
-        except (FileNotFoundError, PermissionError):
-            read_header(name)  # says it better
-            raise
+        self._file = opened_to_read(name)
 
     def header(self) -> h.Header:
         """As it is now; a file shorter than a header is read as if zeros followed."""
@@ -56,15 +49,9 @@ class View:
         """Bytes of the file, fewer at its end."""
         return os.pread(self._file.fileno(), size, start)
 
-    def mapped(self, size: int) -> mmap.mmap:
-        """The first `size` bytes, read-only, as they are from now on. For who reads often; it is closed by itself."""
-        return mmap.mmap(self._file.fileno(), size, prot=mmap.PROT_READ)
-
     def claimed(self) -> bool:
         """Whether a living process holds the record lock of the writer; PLCs take none."""
-        lock = _FLOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, WRITER_LOCK, 1, 0)
-        kind, *_ = _FLOCK.unpack(fcntl.fcntl(self._file.fileno(), fcntl.F_OFD_GETLK, lock))
-        return bool(kind != fcntl.F_UNLCK)
+        return byte_is_locked(self._file.fileno(), WRITER_LOCK)
 
     def writer(self, said: int) -> int:
         """The process that holds it; `said`, what stands in the header, where this user cannot see."""

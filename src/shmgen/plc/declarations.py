@@ -6,10 +6,15 @@ Of a file only `TYPE … END_TYPE` and `VAR_GLOBAL CONSTANT … END_VAR` are loo
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from shmgen.core.diagnostics import Span
+from shmgen.core.escape import legible
+
+MOST = 1_000_000
+"""Members of all types of a project, or elements of one XML; the largest known to us has some 50,000."""
 
 
 class Member(NamedTuple):
@@ -36,11 +41,23 @@ class Declared(NamedTuple):
 
 
 class Unreadable(Exception):
-    """Structured Text that ends, or goes on, as no declaration does."""
+    """What ends, or goes on, as no declaration does."""
 
     def __init__(self, message: str, span: Span) -> None:
         super().__init__(message)
         self.message, self.span = message, span
+
+
+def name(text: str, span: Span) -> str:
+    """A name as the IDE allows it, so that it is one wherever it is printed. Raises Unreadable."""
+    if not _NAME.fullmatch(text):
+        raise Unreadable(f"`{legible(text[:40])}` is not a name", span)
+    return text
+
+
+def pack_mode(digits: str) -> int:
+    """0 where nothing is packed to so many bytes."""
+    return int(digits) if digits in ("1", "2", "4") else 0
 
 
 class _Token(NamedTuple):
@@ -50,168 +67,237 @@ class _Token(NamedTuple):
     column: int
 
 
+_NAME = re.compile(r"[A-Za-z_]\w{0,199}")
 _TOKEN = re.compile(
-    r"""(?P<comment>\(\*[\s\S]*?\*\)|//[^\n]*)|(?P<pragma>\{[^}]*\})|(?P<text>'(?:\$.|[^'$])*'|"(?:\$.|[^"$])*")"""
+    r"""(?P<comment>\(\*[\s\S]*?\*\)|//[^\n]*)|(?P<pragma>\{[^}]*\})"""
+    r"""|(?P<text>'(?:\$.|[^'$\n])*'|"(?:\$.|[^"$\n])*")|(?P<open>\(\*|[{'"])"""
     r"""|(?P<word>[A-Za-z_]\w*(?:\#[-+\w.:]+)?|\d+\#[0-9A-Fa-f_]+|\d[\d_]*(?:\.(?!\.)[\d_]+)?(?:[eE][-+]?\d+)?)"""
     r"""|(?P<sign>\.\.|:=|\S)|(?P<blank>\s+)"""
 )
 _PACK = re.compile(r"pack_mode'\s*:=\s*'(\d+)'")
+_ACCESS = ("PUBLIC", "INTERNAL", "PROTECTED", "PRIVATE", "ABSTRACT", "FINAL")
+_KEPT = ("CONSTANT", "PERSISTENT", "RETAIN")
+_LONGEST_LINE = 400
+"""A longer one is not shown."""
 
 
-def read(text: str, path: str, first_line: int = 1) -> tuple[list[Declared], dict[str, str]]:
+def read(text: str, path: str, first_line: int = 1) -> tuple[list[Declared], list[Member]]:
     """The types, and the global constants with their values as they are spelled. Raises Unreadable."""
     reader = _Reader(text, path, first_line)
     types: list[Declared] = []
-    constants: dict[str, str] = {}
+    constants: list[Member] = []
     while token := reader.next():
-        word = token.text.upper()
-        if token.kind == "word" and word == "TYPE":
-            types += reader.types(token)
-        elif token.kind == "word" and word == "VAR_GLOBAL" and reader.peek().upper() == "CONSTANT":
-            constants |= {member.name.upper(): member.value for member in reader.members(("END_VAR",)) if member.value}
+        word = token.text.upper() if token.kind == "word" else ""
+        if word == "TYPE":
+            types += reader.types()
+        elif word == "VAR_GLOBAL" and "CONSTANT" in (reader.peek().upper(), reader.peek(1).upper()):
+            constants += (member for member in reader.members(("END_VAR",)) if member.value)
+        reader.asides(reader.at - 1)
+        reader.beside()
     return types, constants
 
 
 class _Reader:
-    """Walks over the tokens; comments are kept aside, with the lines they stand in."""
+    """Walks over the tokens; comments and pragmas wait aside until the declaration that they belong to takes them."""
 
     def __init__(self, text: str, path: str, first_line: int) -> None:
-        self.path, self.lines, self.first = path, text.split("\n"), first_line
-        self.tokens: list[_Token] = []
-        self.comments: list[_Token] = []
-        self.pragmas: list[_Token] = []
-        line, start = 1, 0
+        self.path, self.lines, self.first = path, [line.rstrip("\r") for line in text.split("\n")], first_line
+        self.tokens = self.scan(text)
+        self.coming: deque[_Token] = deque()
+        self.aside: deque[tuple[int, _Token]] = deque()
+        """With the number of the token that follows."""
+        self.at = self.count = 0
+        self.last = _Token("", "", 0, 1)
+
+    def scan(self, text: str) -> Iterator[_Token]:
+        line, start, ahead = 1, 0, 0
         for found in _TOKEN.finditer(text):
             kind, word = str(found.lastgroup), found[0]
             token = _Token(kind, word, line, found.start() - start + 1)
-            {"comment": self.comments, "pragma": self.pragmas, "blank": []}.get(kind, self.tokens).append(token)
+            if kind == "open":
+                raise Unreadable(f"`{word}` has no end", self.span(token))
+            if kind in ("comment", "pragma"):
+                self.aside.append((ahead, token))
+            elif kind != "blank":
+                ahead += 1
+                yield token
             if (breaks := word.count("\n")) > 0:
                 line += breaks
                 start = found.start() + word.rindex("\n") + 1
-        self.at = 0
 
     def next(self) -> _Token | None:
+        if not self.peek():
+            return None
         self.at += 1
-        return self.tokens[self.at - 1] if self.at <= len(self.tokens) else None
+        self.last = self.coming.popleft()
+        return self.last
 
     def peek(self, ahead: int = 0) -> str:
-        return self.tokens[self.at + ahead].text if self.at + ahead < len(self.tokens) else ""
+        while len(self.coming) <= ahead:
+            token = next(self.tokens, None)
+            if token is None:
+                return ""
+            self.coming.append(token)
+        return self.coming[ahead].text
 
     def span(self, token: _Token) -> Span:
-        text = self.lines[token.line - 1].rstrip("\r")
-        width = len(token.text.partition("\n")[0])
-        return Span(self.path, token.line + self.first - 1, token.column, width, text)
+        text = self.lines[token.line - 1] if token.line else ""
+        shown = text if len(text) <= _LONGEST_LINE else ""
+        return Span(
+            self.path, token.line + self.first - 1, token.column, len(token.text.partition("\n")[0][:80]), shown
+        )
 
     def need(self, *words: str) -> _Token:
         token = self.next()
         if token is None or (words and token.text.upper() not in words):
             wanted = " or ".join(words) or "more"
-            here = token or self.tokens[-1]
-            raise Unreadable(f"expected {wanted}, found {f'`{here.text}`' if token else 'the end'}", self.span(here))
+            found = f"`{token.text[:40]}`" if token else "the end"
+            raise Unreadable(f"expected {wanted}, found {found}", self.span(token or self.last))
         return token
 
-    def types(self, opening: _Token) -> Iterator[Declared]:
-        after = self.tokens[self.at - 2].line if self.at > 1 else 0
-        while self.peek().upper() != "END_TYPE":
-            while self.peek().upper() in ("PUBLIC", "INTERNAL") and self.peek(1) != ":":
-                self.next()
-            name = self.need()
-            extends = ""
-            while self.peek() != ":":
-                word = self.need().text
-                extends = self.need().text if word.upper() == "EXTENDS" else extends
-            self.need(":")
-            packs = [_PACK.search(it.text) for it in self.pragmas if after < it.line <= name.line]
-            pack = next((int(it[1]) for it in packs if it), 0)
-            comment = self.comment(after, max(name.line - 1, opening.line - 1))
-            yield self._type(name, extends, pack, comment)
-            after = self.tokens[self.at - 1].line
-        self.need("END_TYPE")
+    def name(self) -> _Token:
+        token = self.need()
+        name(token.text, self.span(token))
+        return token
 
-    def _type(self, name: _Token, extends: str, pack: int, comment: str) -> Declared:
-        span = self.span(name)
+    def asides(self, last: int) -> list[_Token]:
+        """Comments and pragmas before token number `last`, each given out once."""
+        found = []
+        while self.aside and self.aside[0][0] <= last:
+            found.append(self.aside.popleft()[1])
+        return found
+
+    def beside(self) -> list[_Token]:
+        """The comments right behind the last token, in its line."""
+        self.peek()
+        found = []
+        while self.aside and self.aside[0][0] == self.at and self.aside[0][1].line == self.last.line:
+            if self.aside[0][1].kind == "pragma":
+                break
+            found.append(self.aside.popleft()[1])
+        return found
+
+    def types(self) -> Iterator[Declared]:
+        before = self.asides(self.at - 1)
+        while self.peek().upper() != "END_TYPE":
+            while self.peek().upper() in _ACCESS and self.peek(1) != ":":
+                self.next()
+            called = self.name()
+            before += self.asides(self.at - 1)
+            head, _ = self.until(":")
+            extends = "".join(head[1:]) if head and head[0].upper() == "EXTENDS" else ""
+            packs = [_PACK.search(it.text) for it in before if it.kind == "pragma"]
+            pack = next((pack_mode(it[1]) for it in packs if it), 0)
+            declared = self._type(called, extends, pack)
+            yield declared._replace(comment=_said(before, declared.comment))
+            self.beside()
+            before = []
+        self.need("END_TYPE")
+        self.beside()
+
+    def _type(self, called: _Token, extends: str, pack: int) -> Declared:
+        span = self.span(called)
         word = self.peek().upper()
+        members: tuple[Member, ...] = ()
         if word in ("STRUCT", "UNION"):
             self.need()
+            comment = _said(self.asides(self.at - 1) + self.beside())
             members = tuple(self.members((f"END_{word}",)))
             if self.peek() == ";":
                 self.need()
-            return Declared(name.text, word.lower(), members, "", extends, pack, comment, span)
-        if word == "(":
+            return Declared(called.text, word.lower(), members, "", extends, pack, comment, span)
+        is_enum = word == "("
+        if is_enum:
             self.need()
             members = tuple(self.enumerators())
-            base, _ = self.until(";")
-            return Declared(name.text, "enum", members, base.partition(":=")[0].strip(), extends, pack, comment, span)
         base, _ = self.until(";")
-        return Declared(name.text, "alias", (), base.partition(":=")[0].strip(), extends, pack, comment, span)
+        comment = _said(self.asides(self.at - 1) + self.beside())
+        kind = "enum" if is_enum else "alias"
+        return Declared(called.text, kind, members, _spelled(_halves(base)[0]), extends, pack, comment, span)
 
     def members(self, ends: tuple[str, ...]) -> Iterator[Member]:
         """`a, b AT %I* : TYPE := value;` up to one of `ends`."""
-        after = self.tokens[self.at - 1].line
+        count = 0
         while self.peek().upper() not in ends:
-            if self.peek().upper() in ("CONSTANT", "PERSISTENT", "RETAIN"):
+            if self.peek().upper() in (*_KEPT, ";"):
                 self.need()
                 continue
-            names = [self.need()]
+            names = [self.name()]
             while self.peek() == ",":
                 self.need()
-                names.append(self.need())
-            while self.peek() != ":":
-                self.need()
-            self.need(":")
-            declared, last = self.until(";")
-            type_, _, value = (part.strip() for part in declared.partition(":="))
-            above = self.comment(after, names[0].line - 1)
-            beside = self.comment(last.line - 1, last.line)
-            for name in names:
-                yield Member(name.text, type_, value, "\n".join(filter(None, [above, beside])), self.span(name))
-            after = last.line
+                names.append(self.name())
+            self.until(":")
+            declared, _ = self.until(";")
+            type_, value = map(_spelled, _halves(declared))
+            comment = _said(self.asides(self.at - 1) + self.beside())
+            count += len(names)
+            if count > MOST:
+                raise Unreadable(f"more than {MOST:,} members", self.span(names[0]))
+            for it in names:
+                yield Member(it.text, type_, value, comment, self.span(it))
         self.need(*ends)
 
     def enumerators(self) -> Iterator[Member]:
         """`idle := 0, moving` up to the bracket that closes them."""
-        after = self.tokens[self.at - 1].line
+        count = 0
         while self.peek() != ")":
-            name = self.need()
-            value = ""
+            it = self.name()
+            value: list[str] = []
             if self.peek() == ":=":
                 self.need()
                 value, _ = self.until(",", ")", keep=True)
-            last = self.tokens[self.at - 1]
             if self.peek() == ",":
-                last = self.need()
-            above, beside = self.comment(after, name.line - 1), self.comment(last.line - 1, last.line)
-            yield Member(name.text, "", value, "\n".join(filter(None, [above, beside])), self.span(name))
-            after = last.line
+                self.need()
+            comment = _said(self.asides(self.at - 1) + self.beside())
+            count += 1
+            if count > MOST:
+                raise Unreadable(f"more than {MOST:,} names", self.span(it))
+            yield Member(it.text, "", _spelled(value), comment, self.span(it))
         self.need(")")
 
-    def until(self, *ends: str, keep: bool = False) -> tuple[str, _Token]:
-        """The text up to one of `ends` outside brackets, and the last token; `keep` leaves that one to be read."""
+    def until(self, *ends: str, keep: bool = False) -> tuple[list[str], _Token]:
+        """The words up to one of `ends` outside brackets, and the last token; `keep` leaves that one to be read."""
         words: list[str] = []
         depth = 0
         while True:
             if depth == 0 and self.peek() in ends:
-                last = self.tokens[self.at - 1] if keep else self.need()
-                return _spelled(words), last
+                return words, self.last if keep else self.need()
             token = self.need()
-            depth += {"(": 1, "[": 1, ")": -1, "]": -1}.get(token.text, 0)
+            if token.text == ";":
+                raise Unreadable(f"expected {' or '.join(ends)}, found `;`", self.span(token))
+            depth += _BRACKETS.get(token.text, 0)
             words.append(token.text)
 
-    def comment(self, after: int, last: int) -> str:
-        """Those that begin behind line `after`, and not behind line `last`."""
-        return "\n".join(_said(it.text) for it in self.comments if after < it.line <= last)
+
+_BRACKETS = {"(": 1, "[": 1, ")": -1, "]": -1}
 
 
-def _spelled(words: list[str]) -> str:
+def _halves(words: list[str]) -> tuple[list[str], list[str]]:
+    """Before and behind an assignment outside brackets."""
+    depth = 0
+    for place, word in enumerate(words):
+        depth += _BRACKETS.get(word, 0)
+        if word == ":=" and depth == 0:
+            return words[:place], words[place + 1 :]
+    return words, []
+
+
+def _spelled(words: Iterable[str]) -> str:
     """With a blank where two words touch, and around an assignment."""
-    text = ""
+    parts: list[str] = []
+    last = ""
     for word in words:
-        blank = (text and re.search(r"\w$", text) and re.match(r"\w", word)) or ":=" in (word, text[-2:])
-        text += f" {word}" if blank or ((word == "OF" or text.endswith((" OF", "]"))) and word not in ")]") else word
-    return text.strip()
+        touch = last and re.match(r"\w", last[-1]) and re.match(r"\w", word)
+        of = (word == "OF" or last in ("OF", "]")) and word not in ")]"
+        parts.append(f" {word}" if touch or of or ":=" in (word, last) else word)
+        last = word
+    return "".join(parts).strip()
 
 
-def _said(comment: str) -> str:
-    """Without its marks."""
-    text = comment[2:-2] if comment.startswith("(*") else comment.lstrip("/")
-    return "\n".join(line.strip(" \t\r*") for line in text.split("\n")).strip()
+def _said(asides: Iterable[_Token], more: str = "") -> str:
+    """Comments without their marks."""
+    texts = [
+        it.text[2:-2] if it.text.startswith("(*") else it.text.lstrip("/") for it in asides if it.kind == "comment"
+    ]
+    lines = [line.strip(" \t\r*") for text in texts for line in text.split("\n")]
+    return "\n".join([*lines, *filter(None, [more])]).strip()

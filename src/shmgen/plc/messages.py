@@ -9,19 +9,27 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
-from shmgen.core.diagnostics import Report
+from shmgen.core.diagnostics import Diagnostic, Report, Span
+from shmgen.core.plural import counted
+from shmgen.plc import package as around
 from shmgen.plc import types
-from shmgen.plc.declarations import Declared, Member
+from shmgen.plc.declarations import MOST, Declared, Member
+from shmgen.plc.names import of_messages, snake, unique
+from shmgen.plc.numbers import Nothing, Numbers
 from shmgen.plc.sources import Project
-from shmgen.plc.types import Nothing, number
 
 
 class Row(NamedTuple):
-    """One data type: what it is called in ROS, empty if it cannot be there, and its bytes."""
+    """One data type: what it is called in ROS, and its bytes; or `why` it cannot be there.
+
+    `sure` is said of the bytes: those of an empty structure, and behind a base that ends in padding, are not verified.
+    """
 
     declared: Declared
     message: str
     size: int
+    sure: bool = True
+    why: str = ""
 
 
 class Imported(NamedTuple):
@@ -32,19 +40,26 @@ class Imported(NamedTuple):
 
 
 def messages(project: Project, package: str, report: Report) -> Imported:
-    """SHM601 for what ROS cannot hold, SHM602 for what the project does not declare, SHM301 for a circle."""
-    work = _Work(project, report)
+    """SHM601 for what ROS cannot hold, SHM602 for what the project does not declare, SHM301 for a circle.
+
+    What is too large is SHM303, what is nested too deeply SHM304, and a name with two meanings SHM201.
+    """
+    work = _Work(project)
     rows, texts = [], {}
     for declared in project.types:
         made = work.made(declared)
-        if made is None:
-            rows.append(Row(declared, "", 0))
+        if isinstance(made, Nothing):
+            rows.append(Row(declared, "", 0, why=made.message))
         else:
-            rows.append(Row(declared, made.name, made.size))
+            rows.append(Row(declared, made.name, made.size, made.sure))
             texts[f"msg/{made.name}.msg"] = made.text
+    report.diagnostics += work.diagnostics()
     if texts:
         times = any("builtin_interfaces/" in text for text in texts.values())
-        texts |= {"package.xml": _manifest(package, times), "CMakeLists.txt": _cmake(package, sorted(texts), times)}
+        texts |= {
+            "package.xml": around.manifest(package, times),
+            "CMakeLists.txt": around.cmake(package, sorted(texts), times),
+        }
     return Imported(texts, rows)
 
 
@@ -55,35 +70,63 @@ class _Made(NamedTuple):
     alignment: int
     packed: dict[int, tuple[int, int]]
     """pack_mode -> size and alignment there."""
+    sure: bool = True
 
 
-_PREFIX = re.compile(r"(ST|E|EN|ENUM|DUT|T|TYP|U)_(?=[A-Za-z])", re.IGNORECASE)
+class _Place(NamedTuple):
+    span: Span
+    where: str
+
+
 _PACKS = (1, 2, 4)
+_NATURAL, _KEPT = 8, 16
+"""Packed to so much nothing is; the second keeps the padding of a base, too."""
+_DEEPEST = 50
+"""Messages within messages, and bases of bases."""
+_PLACES = 5
+"""Of one fault, that are shown."""
 
 
 class _Work:
     """Makes each message once, those that it holds before."""
 
-    def __init__(self, project: Project, report: Report) -> None:
-        self.constants, self.report = project.constants, report
+    def __init__(self, project: Project) -> None:
+        self.numbers = Numbers(project.constants, project.types)
         self.declared = {it.name.upper(): it for it in project.types}
-        self.names = _message_names([it.name for it in project.types])
-        self.done: dict[str, _Made | None] = {}
+        self.twice = project.twice
+        self.names = of_messages([it.name for it in project.types])
+        self.done: dict[str, _Made | Nothing] = {}
         self.path: list[str] = []
+        self.members = 0
+        self.faults: dict[tuple[str, str], tuple[Nothing, list[_Place]]] = {}
 
-    def made(self, declared: Declared) -> _Made | None:
+    def diagnostics(self) -> list[Diagnostic]:
+        """One for each fault, with the places where it was met."""
+        found = []
+        for nothing, (first, *others) in self.faults.values():
+            details = [f"also {it.where} ({it.span.path}:{it.span.line})" for it in others[:_PLACES]]
+            if left := len(others[_PLACES:]):
+                details.append(f"and {counted(left, 'place')} more")
+            field = first.where if "." in first.where else ""
+            found.append(Diagnostic(nothing.code, nothing.message, first.span, field, nothing.hint, tuple(details)))
+        return found
+
+    def made(self, declared: Declared) -> _Made | Nothing:
         key = declared.name.upper()
         if key not in self.done:
             self.path.append(key)
             try:
                 self.done[key] = self._make(declared)
             except Nothing as nothing:
-                self._tell(nothing, declared, None)
-                self.done[key] = None
+                self.done[key] = self._tell(nothing, declared, None)
             self.path.pop()
         return self.done[key]
 
-    def _make(self, declared: Declared) -> _Made | None:
+    def _make(self, declared: Declared) -> _Made | Nothing:
+        if other := self.twice.get(declared.name.upper()):
+            places = f"{other.span.path}:{other.span.line}"
+            hint = "import the project that has the one you mean; where both are needed, give one another name"
+            raise Nothing(f"{declared.name} is declared otherwise in {places}", hint, "SHM201")
         match declared.kind:
             case "struct":
                 return self._structure(declared)
@@ -94,101 +137,133 @@ class _Work:
         hint = "send the one of its members that counts, in a structure"
         raise Nothing(f"ROS has no union, which {declared.name} is", hint)
 
-    def _structure(self, declared: Declared) -> _Made | None:
-        members = self._inherited(declared)
-        names = _unique([_snake(member.name) for member in members])
-        lines, failed = [], False
-        natural, packed = _Sum(8), {pack: _Sum(pack) for pack in _PACKS}
-        for member, name in zip(members, names, strict=True):
+    def _structure(self, declared: Declared) -> _Made | Nothing:
+        line = self._line(declared)
+        members = [(member, it is not line[0] and place == 0) for it in line for place, member in enumerate(it.members)]
+        names = unique([snake(member.name) for member, _ in members])
+        lines: list[str] = []
+        failed: Nothing | None = None
+        sure = True
+        sums = {pack: _Sum(pack) for pack in (_NATURAL, _KEPT, *_PACKS)}
+        for (member, begins), name in zip(members, names, strict=True):
+            if begins:
+                sums[_KEPT].pad()
             try:
-                field = types.field(member.type, self.constants, self._named)
+                field = types.field(member.type, self.numbers.value, self._named)
+                sure = self._add(sums, field) and sure
             except Nothing as nothing:
-                self._tell(nothing, declared, member)
-                failed = True
+                found = self._tell(nothing, declared, member)
+                failed = failed or found
                 continue
-            held = self.done[field.element.upper()] if field.element else None
-            if held:
-                natural.add(held.size, held.alignment, field.many)
-                for pack, total in packed.items():
-                    total.add(*held.packed[pack], field.many)
-            else:
-                for total in (natural, *packed.values()):
-                    total.add(field.size, field.alignment, field.many)
             lines += _field(name, member, field)
         if failed:
-            return None
-        if declared.pack in packed and (packed[declared.pack].places, packed[declared.pack].end()[0]) != (
-            natural.places,
-            natural.end()[0],
-        ):
-            sizes = f"its {packed[declared.pack].end()[0]} bytes would be {natural.end()[0]}"
+            return failed
+        natural, packed = sums[_NATURAL], sums.get(declared.pack, sums[_NATURAL])
+        if packed.all != natural.all:
+            sizes = f"its {packed.end()[0]} bytes would be {natural.end()[0]}"
             hint = "copy what you share into a structure without the attribute"
             raise Nothing(f"{declared.name} has pack_mode {declared.pack}: {sizes}", hint)
+        sure = sure and bool(lines) and sums[_KEPT].all == natural.all
         size, alignment = natural.end()
         name = self.names[declared.name.upper()]
         text = "\n".join([*_head(declared, f"PLC: {declared.name}"), *lines]) + "\n"
-        return _Made(name, text, size, alignment, {pack: total.end() for pack, total in packed.items()})
+        return _Made(name, text, size, alignment, {pack: sums[pack].end() for pack in _PACKS}, sure)
 
-    def _inherited(self, declared: Declared) -> list[Member]:
-        members: list[Member] = []
-        seen: set[str] = set()
-        here: Declared | None = declared
-        while here:
-            if here.name.upper() in seen:
+    def _add(self, sums: dict[int, _Sum], field: types.Field) -> bool:
+        """Whether its bytes are sure."""
+        held = self.done[field.element.upper()] if field.element else None
+        for pack, total in sums.items():
+            if isinstance(held, _Made):
+                size, alignment = held.packed.get(pack, (held.size, held.alignment))
+                total.add(size, alignment, field.many)
+            else:
+                total.add(field.size, field.alignment, field.many)
+            if total.at > types.LARGEST:
+                raise Nothing(f"more than {types.LARGEST:,} bytes", "share a part of it", "SHM303")
+        return held.sure if isinstance(held, _Made) else True
+
+    def _line(self, declared: Declared) -> list[Declared]:
+        """The structure behind all its bases, the first of them first."""
+        line = [declared]
+        while base := line[-1].extends:
+            found = self._find(base)
+            if found is None:
+                raise Nothing(f"no data type {base} is here, which {declared.name} extends", _IMPORT, "SHM602")
+            if any(it.name.upper() == found.name.upper() for it in line):
                 raise Nothing(f"{declared.name} extends itself", "take one EXTENDS away", "SHM301")
-            seen.add(here.name.upper())
-            members = [*here.members, *members]
-            base = here.extends
-            here = self.declared.get(base.upper()) if base else None
-            if base and here is None:
-                raise Nothing(f"{declared.name} extends {base}, which is not here", "import it too", "SHM602")
-        return members
+            if found.name.upper() in self.twice:
+                raise _Held(found)
+            if found.kind != "struct":
+                raise Nothing(f"{declared.name} extends {base}, which is no structure", "write what it is made of")
+            line.append(found)
+            if len(line) > _DEEPEST:
+                raise Nothing(f"more than {_DEEPEST} bases of each other", "take some of them out", "SHM304")
+        self.members += sum(len(it.members) for it in line)
+        if self.members > MOST:
+            raise Nothing(f"more than {MOST:,} members in all, with those of bases", "import a part", "SHM303")
+        return line[::-1]
+
+    def _find(self, name: str) -> Declared | None:
+        """By its name, whatever namespace stands before it."""
+        return self.declared.get(name.rpartition(".")[2].upper())
 
     def _enumeration(self, declared: Declared) -> _Made:
         base = declared.base.upper() or "INT"
         if base not in types.SCALARS or base in ("BOOL", "REAL", "LREAL", "TIME"):
             raise Nothing(f"{declared.name} is an enumeration over {declared.base}", "ROS counts in whole numbers")
         type_, size = types.SCALARS[base]
-        values, value = [], -1
-        known = dict(self.constants)
-        for member in declared.members:
-            value = number(member.value, known) if member.value else value + 1
-            known[member.name.upper()] = str(value)
-            values.append(value)
-        names = _unique([_snake(member.name).upper() for member in declared.members])
+        values = self.numbers.of(declared)
+        names = unique([snake(member.name).upper() for member in declared.members])
         lines = []
-        for member, name, value in zip(declared.members, names, values, strict=True):
+        for member, name in zip(declared.members, names, strict=True):
+            value = values[member.name.upper()]
+            if not types.fits(value, type_, size):
+                raise Nothing(f"{declared.name}.{member.name} is {value}, which {base} cannot hold", "widen its base")
             own = "" if name == member.name else f"(PLC: {member.name})"
             lines += _commented(f"{type_} {name}={value}", member.comment, own)
         text = [*_head(declared, f"PLC: {declared.name} : {base}"), *lines, f"{type_} value"]
         packed = {pack: (size, min(size, pack)) for pack in _PACKS}
         return _Made(self.names[declared.name.upper()], "\n".join(text) + "\n", size, size, packed)
 
-    def _alias(self, declared: Declared) -> _Made | None:
+    def _alias(self, declared: Declared) -> _Made | Nothing:
         """A structure with one member of the same bytes."""
         inner = Member("value", declared.base, "", "", declared.span)
-        made = self._structure(declared._replace(kind="struct", members=(inner,)))
-        if made is None:
-            return None
+        made = self._structure(declared._replace(kind="struct", members=(inner,), extends=""))
+        if isinstance(made, Nothing):
+            return made
         return made._replace(text=made.text.replace(f"(PLC: {declared.name})", f"(PLC: {declared.name} : alias)", 1))
 
-    def _named(self, name: str) -> str:
-        key = name.rpartition(".")[2].upper()
-        declared = self.declared.get(key)
+    def _named(self, name: str) -> tuple[str, str]:
+        """What it is called in ROS and in the PLC. Raises Nothing."""
+        declared = self._find(name) if _NAME.fullmatch(name) else None
         if declared is None:
-            hint = "import what declares it too; of a function block or a library's type send the values that count"
-            raise Nothing(f"no data type {name} is here", hint, "SHM602")
-        if key in self.path:
-            raise Nothing(f"{name} holds itself", "a message cannot: take one of the members out", "SHM301")
-        if self.made(declared) is None:
-            raise Nothing(f"{name} cannot be a message", "mend that one first", "")
-        return self.names[key]
+            raise Nothing(f"no data type {name} is here", _IMPORT, "SHM602")
+        if declared.name.upper() in self.path:
+            raise Nothing(f"{declared.name} holds itself", "a message cannot: take one of the members out", "SHM301")
+        if len(self.path) > _DEEPEST:
+            raise Nothing(f"more than {_DEEPEST} structures in each other", "share a part of it", "SHM304")
+        if isinstance(self.made(declared), Nothing):
+            raise _Held(declared)
+        return self.names[declared.name.upper()], declared.name
 
-    def _tell(self, nothing: Nothing, declared: Declared, member: Member | None) -> None:
-        """What is held and at fault is told where it is; here it is told again, as that one is no message either."""
-        span = member.span if member else declared.span
-        where = f"{declared.name}.{member.name}" if member else declared.name
-        self.report.error(nothing.code or "SHM601", nothing.message, span, field=where, hint=nothing.hint)
+    def _tell(self, nothing: Nothing, declared: Declared, member: Member | None) -> Nothing:
+        """What is held and at fault is told where it is, and not again."""
+        if not isinstance(nothing, _Held):
+            where = f"{declared.name}.{member.name}" if member else declared.name
+            place = _Place(member.span if member else declared.span, where)
+            self.faults.setdefault((nothing.code, nothing.message.upper()), (nothing, []))[1].append(place)
+        return nothing
+
+
+_NAME = re.compile(r"[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*")
+_IMPORT = "import what declares it too; of a function block or a library's type send the values that count"
+
+
+class _Held(Nothing):
+    """That a structure holds one that cannot be a message."""
+
+    def __init__(self, declared: Declared) -> None:
+        super().__init__(f"it holds {declared.name}, which is left out", "mend that one first")
 
 
 class _Sum:
@@ -204,6 +279,14 @@ class _Sum:
         self.places.append(self.at)
         self.at += size * (many or 1)
         self.most = max(self.most, alignment)
+
+    def pad(self) -> None:
+        """What comes next begins where an array of this would have its second element."""
+        self.at = self.end()[0]
+
+    @property
+    def all(self) -> tuple[list[int], int]:
+        return self.places, self.end()[0]
 
     def end(self) -> tuple[int, int]:
         return -(-max(self.at, 1) // self.most) * self.most, self.most
@@ -238,7 +321,9 @@ def _harmless(line: str) -> str:
     return "".join(c if c.isprintable() else " " for c in line).replace("(PLC:", "(plc:").strip()
 
 
-_TYPED = re.compile(r"(?:[A-Za-z_]\w*#)?([-+]?[\d_.]+(?:[eE][-+]?\d+)?)")
+_FLOAT = re.compile(r"(?:[A-Za-z_]\w*#)?([-+]?\d[\d_]{0,40}(?:\.[\d_]{1,40})?(?:[eE][-+]?\d{1,3})?)", re.ASCII)
+_LARGEST_FLOAT = {4: 3.4028234e38, 8: 1.7976931348623157e308}
+_WITHOUT_CONSTANTS = Numbers((), ())
 
 
 def _default(member: Member, field: types.Field) -> str:
@@ -251,91 +336,13 @@ def _default(member: Member, field: types.Field) -> str:
     if "string" in field.type:
         inner = text[1:-1]
         room = int(field.type.partition("=")[2])
-        plain = inner.isascii() and inner.isprintable() and not set("$\\'\"") & set(inner)
+        plain = text == f"'{inner}'" and inner.isascii() and inner.isprintable() and not set("$\\'\"") & set(inner)
         return f'"{inner}"' if inner and plain and len(inner) <= room else ""
     if field.type.startswith("float"):
-        return found[1].replace("_", "") if (found := _TYPED.fullmatch(text)) else ""
+        value = found[1].replace("_", "") if (found := _FLOAT.fullmatch(text)) else ""
+        return value if value and abs(float(value)) <= _LARGEST_FLOAT[field.size] else ""
     try:
-        value = number(text, {})
+        number = _WITHOUT_CONSTANTS.value(text)
     except Nothing:
         return ""
-    bits = 8 * field.size
-    least, most = (0, 2**bits) if field.type.startswith("u") else (-(2 ** (bits - 1)), 2 ** (bits - 1))
-    return str(value) if least <= value < most else ""
-
-
-_WORDS = re.compile(r"[A-Z]+(?![a-z])\d*|[A-Z]?[a-z]+\d*|\d+")
-
-
-def _snake(name: str) -> str:
-    """`rActPos` -> `r_act_pos`, `nAxisID` -> `n_axis_id`, `IDLE` -> `idle`."""
-    words = "_".join(_WORDS.findall(name)).lower() or "x"
-    return words if words[0].isalpha() else f"n{words}"
-
-
-def _camel(name: str) -> str:
-    words = re.findall(r"[A-Za-z0-9]+", name)
-    whole = "".join(
-        word.capitalize() if word.isupper() or word.islower() else word[0].upper() + word[1:] for word in words
-    )
-    return whole if whole[:1].isalpha() else f"N{whole}"
-
-
-def _message_names(names: list[str]) -> dict[str, str]:
-    """Without the prefix where that is enough to tell them apart."""
-    short = {name.upper(): _camel(_PREFIX.sub("", name, count=1)) for name in names}
-    often = [it.upper() for it in short.values()]
-    kept = [
-        it if often.count(it.upper()) == 1 else _camel(name) for name, it in zip(names, short.values(), strict=False)
-    ]
-    return dict(zip(short, _unique(kept), strict=True))
-
-
-def _unique(names: list[str]) -> list[str]:
-    """A number behind each that is there already; ROS tells cases apart, Structured Text does not."""
-    seen: set[str] = set()
-    found = []
-    for name in names:
-        other, count = name, 2
-        while other.upper() in seen:
-            other = f"{name}{'' if name[0].isupper() and '_' not in name else '_'}{count}"
-            count += 1
-        seen.add(other.upper())
-        found.append(other)
-    return found
-
-
-def _manifest(package: str, times: bool) -> str:
-    depend = "  <depend>builtin_interfaces</depend>\n" if times else ""
-    return f"""<?xml version="1.0"?>
-<package format="3">
-  <name>{package}</name>
-  <version>0.0.0</version>
-  <description>Data types of a PLC project</description>
-  <maintainer email="nobody@localhost">nobody</maintainer>
-  <license>unknown</license>
-  <buildtool_depend>ament_cmake</buildtool_depend>
-  <buildtool_depend>rosidl_default_generators</buildtool_depend>
-{depend}  <exec_depend>rosidl_default_runtime</exec_depend>
-  <member_of_group>rosidl_interface_packages</member_of_group>
-  <export>
-    <build_type>ament_cmake</build_type>
-  </export>
-</package>
-"""
-
-
-def _cmake(package: str, files: list[str], times: bool) -> str:
-    listed = "\n".join(f"  {file}" for file in files)
-    find, depend = (
-        ("find_package(builtin_interfaces REQUIRED)\n", " DEPENDENCIES builtin_interfaces") if times else ("", "")
-    )
-    return f"""cmake_minimum_required(VERSION 3.8)
-project({package})
-find_package(ament_cmake REQUIRED)
-find_package(rosidl_default_generators REQUIRED)
-{find}rosidl_generate_interfaces(${{PROJECT_NAME}}
-{listed}
- {depend})
-ament_package()
-"""
+    return str(number) if types.fits(number, field.type, field.size) else ""

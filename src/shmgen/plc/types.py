@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import NamedTuple
+
+from shmgen.plc.numbers import Nothing
 
 SCALARS = {
     "BOOL": ("bool", 1),
@@ -49,14 +51,6 @@ _PLAIN = {"BOOL", "SINT", "USINT", "INT", "UINT", "DINT", "UDINT", "LINT", "ULIN
 """Those that shmgen writes for their ROS types itself."""
 
 
-class Nothing(Exception):
-    """ROS has no type for it; `code` is that of the diagnostic."""
-
-    def __init__(self, message: str, hint: str, code: str = "SHM601") -> None:
-        super().__init__(message)
-        self.message, self.hint, self.code = message, hint, code
-
-
 class Field(NamedTuple):
     """What stands in a .msg: the ROS type, its brackets in it. `own` is the spelling to keep, if shmgen's differs.
 
@@ -73,84 +67,106 @@ class Field(NamedTuple):
 
 
 _ARRAY = re.compile(r"ARRAY\s*\[([^\]]+)\]\s*OF\s+(.+)", re.IGNORECASE | re.DOTALL)
-_STRING = re.compile(r"(W?STRING)\s*(?:[(\[]\s*([^)\]]+?)\s*[)\]])?", re.IGNORECASE)
-_SUBRANGE = re.compile(r"([A-Za-z_]\w*)\s*\(.*\.\..*\)", re.DOTALL)
-_DYNAMIC = "an array whose size is known at run time only"
+_STRING = re.compile(r"(W?STRING)\s*(?:[(\[]([^)\]]+)[)\]])?", re.IGNORECASE)
+_SEND = "leave it out of what you share, or send what it shows"
 _REFUSED = (
-    (re.compile(r"(POINTER|REFERENCE)\s+TO\b|REF_TO\b", re.IGNORECASE), "an address of this machine's memory"),
-    (re.compile(r"ARRAY\s*\[\s*\*", re.IGNORECASE), _DYNAMIC),
-    (re.compile(r"BIT$", re.IGNORECASE), "one bit of a byte that it shares"),
-    (re.compile(r"(__XWORD|__UXINT|__XINT|__SYSTEM\b.*|ANY\w*)$", re.IGNORECASE), "of another size on other machines"),
+    (re.compile(r"(POINTER|REFERENCE)\s+TO\b|REF_TO\b", re.IGNORECASE), "an address of this machine's memory", _SEND),
+    (re.compile(r"ARRAY\s*\[\s*\*", re.IGNORECASE), "an array whose size is known at run time only", _SEND),
+    (
+        re.compile(r"BIT$", re.IGNORECASE),
+        "one bit of a byte that it shares",
+        "share its byte, or a BOOL copied from it",
+    ),
+    (
+        re.compile(r"(__XWORD|__UXINT|__XINT|__SYSTEM\b.*|ANY\w*)$", re.IGNORECASE),
+        "of another size on other machines",
+        "declare it as a type of one size, such as ULINT",
+    ),
 )
 _DEFAULT_STRING = 80
+_DEEPEST = 16
+"""Arrays of arrays."""
+LARGEST = 2**31
+"""Bytes, or elements, that nobody shares."""
+
+Numbers = Callable[[str], int]
+Named = Callable[[str], tuple[str, str]]
 
 
-def field(spelled: str, constants: Mapping[str, str], named: Callable[[str], str]) -> Field:
-    """`named` gives the ROS name of a data type of the project; what it raises passes. Raises Nothing."""
-    for pattern, why in _REFUSED:
-        if pattern.match(spelled.strip()):
-            raise Nothing(
-                f"ROS has nothing for {spelled}: {why}", "leave it out of what you share, or send what it shows"
-            )
-    if array := _ARRAY.fullmatch(spelled.strip()):
-        return _array(spelled, array[1], array[2], constants, named)
-    if string := _STRING.fullmatch(spelled.strip()):
+def field(spelled: str, number: Numbers, named: Named, depth: int = 0) -> Field:
+    """`named` gives what a data type of the project is called in ROS and in the PLC; what it raises passes.
+
+    `number` gives what a bound comes to. Raises Nothing.
+    """
+    spelled = spelled.strip()
+    for pattern, why, hint in _REFUSED:
+        if pattern.match(spelled):
+            raise Nothing(f"ROS has nothing for {_shown(spelled)}: {why}", hint)
+    if array := _ARRAY.fullmatch(spelled):
+        if depth == _DEEPEST:
+            raise Nothing(f"more than {_DEEPEST} arrays in each other", "give one of them a name", "SHM304")
+        return _array(spelled, array[1], array[2].strip(), number, named, depth)
+    if string := _STRING.fullmatch(spelled):
         wide = string[1].upper() == "WSTRING"
-        length = number(string[2], constants) if string[2] else _DEFAULT_STRING
+        length = number(string[2]) if string[2] else _DEFAULT_STRING
+        if not 0 < length < LARGEST:
+            raise Nothing(
+                f"{_shown(spelled)} holds {'nothing' if length < 1 else 'too much'}", "write its length as 80"
+            )
         unit = 2 if wide else 1
         return Field(f"{string[1].lower()}<={length}", "", "", 0, unit * (length + 1), unit, "")
-    word = subrange[1] if (subrange := _SUBRANGE.fullmatch(spelled.strip())) else spelled.strip()
+    word = _base(spelled)
     if word.upper() in SCALARS:
         type_, size = SCALARS[word.upper()]
         own = "" if word.upper() in _PLAIN else word.upper()
         return Field(type_, own, "", 0, size, size, _UNITS.get(word.upper(), ""))
-    return Field(named(word), word, word, 0, 0, 0, "")
+    type_, own = named(word.partition("(")[0].strip())  # a function block may be given values there
+    return Field(type_, own, own, 0, 0, 0, "")
 
 
-def _array(spelled: str, bounds: str, element: str, constants: Mapping[str, str], named: Callable[[str], str]) -> Field:
+def fits(value: int, type_: str, size: int) -> bool:
+    """Whether a whole number is one of a ROS type."""
+    values = 1 << 8 * size
+    return 0 <= value < values if type_.startswith("u") else -values // 2 <= value < values // 2
+
+
+def _array(spelled: str, bounds: str, element: str, number: Numbers, named: Named, depth: int) -> Field:
     dimensions = []
+    inner = field(element, number, named, depth + 1)
+    many = inner.many or 1
     for part in bounds.split(","):
         lower, dots, upper = part.partition("..")
         if not dots:
-            raise Nothing(f"{spelled} has no bounds", "write them as `0..9`", "SHM602")
-        dimensions.append((number(lower, constants), number(upper, constants)))
-    inner = field(element, constants, named)
-    many = inner.many or 1
-    for first, last in dimensions:
+            raise Nothing(f"{_shown(spelled)} has no bounds", "write them as `0..9`", "SHM602")
+        first, last = number(lower), number(upper)
+        dimensions.append(f"{first}..{last}")
         many *= last - first + 1
-    if many < 1:
-        raise Nothing(f"{spelled} holds nothing", "write the lower bound first", "SHM602")
-    spelled_inner = inner.own or _iec(inner, element)
-    usual = len(dimensions) == 1 and dimensions[0][0] == 0 and not inner.own and not inner.many
-    bounds = ", ".join(f"{lower}..{upper}" for lower, upper in dimensions)
-    own = "" if usual else f"ARRAY[{bounds}] OF {spelled_inner}"
+        if many < 1:
+            raise Nothing(f"{_shown(spelled)} holds nothing", "write the lower bound first", "SHM602")
+        if many > LARGEST:
+            raise Nothing(f"{_shown(spelled)} has more than {LARGEST:,} elements", "share a part of it", "SHM303")
+    usual = len(dimensions) == 1 and dimensions[0].startswith("0..") and not inner.own and not inner.many
+    own = "" if usual else f"ARRAY[{', '.join(dimensions)}] OF {inner.own or _iec(inner, element)}"
     base = inner.type.partition("[")[0]
     return Field(f"{base}[{many}]", own, inner.element, many, inner.size, inner.alignment, inner.says)
 
 
 def _iec(inner: Field, element: str) -> str:
-    if string := _STRING.fullmatch(element.strip()):
+    """How an element is spelled whose type has no `own`."""
+    if string := _STRING.fullmatch(element):
         return f"{string[1].upper()}({inner.type.partition('=')[2]})"
-    return subrange[1] if (subrange := _SUBRANGE.fullmatch(element.strip())) else element.strip()
+    if array := _ARRAY.fullmatch(element):
+        return (
+            f"ARRAY[0..{inner.many - 1}] OF {_iec(inner._replace(type=inner.type.partition('[')[0]), array[2].strip())}"
+        )
+    return _base(element)
 
 
-_NUMBER = re.compile(r"(?:[A-Za-z_]\w*#)?([-+]?)(?:(\d+)#([0-9A-Fa-f_]+)|([\d_]+))")
-_SUM = re.compile(r"(.+?)\s*([-+*])\s*([^-+*]+)", re.DOTALL)
+def _base(spelled: str) -> str:
+    """`INT (0..9)` -> `INT`."""
+    word, bracket, rest = spelled.partition("(")
+    return word.strip() if bracket and ".." in rest and rest.endswith(")") else spelled
 
 
-def number(text: str, constants: Mapping[str, str], depth: int = 0) -> int:
-    """`10`, `16#FF`, `MAX_AXES`, `GVL.MAX_AXES - 1`. Raises Nothing: SHM602."""
-    text = text.strip().strip("()").strip()
-    if found := _NUMBER.fullmatch(text):
-        digits, base = (found[3], int(found[2])) if found[2] else (found[4], 10)
-        try:
-            return int(digits.replace("_", ""), base) * (-1 if found[1] == "-" else 1)
-        except ValueError:
-            pass
-    name = text.rpartition(".")[2].upper()
-    if name in constants and depth < 8:
-        return number(constants[name], constants, depth + 1)
-    if depth < 8 and (found := _SUM.fullmatch(text)):
-        one, other = number(found[1], constants, depth + 1), number(found[3], constants, depth + 1)
-        return {"+": one + other, "-": one - other, "*": one * other}[found[2]]
-    raise Nothing(f"`{text}` is not known", "import the list of constants that declares it too", "SHM602")
+def _shown(spelled: str) -> str:
+    return spelled if len(spelled) <= 80 else f"{spelled[:80]}…"

@@ -34,6 +34,7 @@ from shmgen.runtime.region.access import RegionOptions
 from shmgen.runtime.region.header import Header
 from shmgen.runtime.region.names import region_name
 from shmgen.runtime.region.opening import read_header
+from shmgen.runtime.sample import Sample
 from shmgen.runtime.server import Call, ServiceServer
 from shmgen.runtime.subscriber import Subscriber
 from shmgen.runtime.wait_any import can_wait_for_many, ready_any
@@ -66,6 +67,7 @@ __all__ = [
     "RegionMissing",
     "RegionOptions",
     "RegionUnusable",
+    "Sample",
     "ServedGoal",
     "ServiceClient",
     "ServiceServer",

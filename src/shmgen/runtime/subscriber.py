@@ -6,11 +6,11 @@ import ctypes
 import mmap
 import time
 from collections.abc import Callable
-from typing import Any, Generic, NamedTuple, TypeVar, cast
+from typing import Any, Generic, NamedTuple, cast
 
 from shmgen.core import abi
 from shmgen.runtime import core
-from shmgen.runtime.messages.message import LATE_FROM, Message
+from shmgen.runtime.messages.message import LATE_FROM
 from shmgen.runtime.region import header as h
 from shmgen.runtime.region import semaphores
 from shmgen.runtime.region.header import (
@@ -29,13 +29,11 @@ from shmgen.runtime.region.header import (
 )
 from shmgen.runtime.region.lock import Lock
 from shmgen.runtime.region.memory_order import fence
-from shmgen.runtime.region.opening import open_event, open_region
+from shmgen.runtime.region.opening import open_event, open_region, watch_region
 from shmgen.runtime.region.region import Region
 from shmgen.runtime.region.resource import ClosedProxy, RegionHolder
+from shmgen.runtime.sample import M, Sample
 
-M = TypeVar("M", bound=Message)
-
-_IN_C = core.IN_C
 _TRIES = 8
 """How often a sample overwritten while it was copied is given up for a newer one in one call."""
 _LOCKED_OUT = b""
@@ -55,7 +53,7 @@ class _AtHand(NamedTuple):
     map: mmap.mmap
     words: memoryview
     quads: memoryview
-    acquire: Callable[[bool], bool]
+    acquire: Callable[[bool], bool] | None
     release: Callable[[], None]
     pid: int
 
@@ -75,14 +73,18 @@ class Subscriber(RegionHolder, core.Reader, Generic[M]):
         lock_timeout: float | None = None,
         mode: int | None = None,
         group: str | int | None = None,
+        passive: bool = False,
+        history: bool = False,
     ) -> None:
         """Opens the region, or creates it if the writer has not yet; parameters and errors as for a publisher.
 
-        The newest sample published before counts as unread, older ones do not.
+        The newest sample published before counts as unread; with `history` all of them do, as missed if they were
+        overwritten. `passive` is for tools that watch: the region must be there (RegionMissing), nothing is written
+        to it, nobody is kept from being woken, and only where the lock keeps the order (not on x86) it is taken.
         """
         kind = self.message_type
         ours = h.header_for(kind._type_name_, kind._digest_, ctypes.sizeof(kind), depth)
-        self._region = region = open_region(topic, ours, kind._regions_.but(mode, group))
+        self._region = region = (watch_region if passive else open_region)(topic, ours, kind._regions_.but(mode, group))
         try:
             self._lock = Lock(region, lock_timeout)
         except BaseException:
@@ -100,20 +102,22 @@ class Subscriber(RegionHolder, core.Reader, Generic[M]):
             map=region.map,
             words=region.words,
             quads=region.quads,
-            acquire=region.semaphore.acquire,
+            acquire=None if isinstance(region.semaphore, semaphores.NoSemaphore) else region.semaphore.acquire,
             release=region.semaphore.release,
             pid=region.pid,
         )
         self._hot = cast(_AtHand, tuple(hot))
-        self._last = max(0, self._words[COMPLETED] - 1)
+        self._last = 0 if history else max(0, self._words[COMPLETED] - 1)
         self._stamp = None
         self._missed = 0
         self._event: Any = None
-        self._event_at = 0
-        self._polls = region.options.sync == "sequence"
+        self._passive = passive
+        self._polls = passive or region.options.sync == "sequence"
         self._beat = self._words[HEARTBEAT]
         self._beat_since = time.monotonic()
-        core.connect_reader(self, region, self._long)
+        self._in_c = core.IN_C and not passive
+        if self._in_c:
+            core.connect_reader(self, region, self._long)
         self._hold()
 
     def read(self) -> M | None:
@@ -121,7 +125,7 @@ class Subscriber(RegionHolder, core.Reader, Generic[M]):
         number = self._words[COMPLETED]
         if number == self._last:
             return None
-        data = (_IN_C and self._straight(number)) or self._newest()
+        data = (self._in_c and self._straight(number)) or self._newest()
         return self._make(data) if data else None
 
     def read_into(self, message: Any) -> bool:
@@ -139,25 +143,22 @@ class Subscriber(RegionHolder, core.Reader, Generic[M]):
 
     def read_all(self) -> list[M]:
         """Every unread sample not overwritten yet, the oldest first."""
-        samples: list[M] = []
-        for _ in range(_TRIES):
-            newest = self._words[COMPLETED]
-            if newest in (0, self._last):
-                break
-            unread = steps(self._last, newest, self._slots)
-            if unread >= _RESTART_GAP:
-                self._last, unread = newest - 1, 1
-            first = max(1, unread - self._slots + 1)
+        return [message for _, _, message in self.samples()]
+
+    def samples(self) -> list[Sample[M]]:
+        """The same, each as (number, stamp, message)."""
+        samples: list[Sample[M]] = []
+        tries = _TRIES
+        while tries and not samples and (unread := self.unread):
+            tries -= 1
             start = self._last
-            for step in range(first, unread + 1):
+            for step in range(max(1, unread - self._slots + 1), unread + 1):
                 number = after(start, step, self._slots)
                 data = self._copy(number)
                 if data == _LOCKED_OUT:
                     return samples
                 if data is not None:
-                    samples.append(self._make(data))
-            if samples:
-                break
+                    samples.append(Sample((number, self._stamp or 0, self._make(data))))
         return samples
 
     def ready(self, timeout: float) -> bool:
@@ -203,6 +204,17 @@ class Subscriber(RegionHolder, core.Reader, Generic[M]):
         return 0 if self._stamp is None else self._last
 
     @property
+    def unread(self) -> int:
+        """Samples published since the newest one read, those overwritten meanwhile too."""
+        newest = self._words[COMPLETED]
+        if newest in (0, self._last):
+            return 0
+        unread = steps(self._last, newest, self._slots)
+        if unread >= _RESTART_GAP:
+            self._last, unread = newest - 1, 1
+        return unread
+
+    @property
     def missed(self) -> int:
         """Samples overwritten unread: samples read and samples missed add up to samples written."""
         return self._missed
@@ -228,7 +240,7 @@ class Subscriber(RegionHolder, core.Reader, Generic[M]):
         return now - self._beat_since >= timeout
 
     def _listen(self) -> None:
-        event = open_event(self._region)
+        event = semaphores.NoSemaphore() if self._polls else open_event(self._region)
         self._event_at = event.handle or 0
         self._event = event
 
@@ -272,13 +284,13 @@ class Subscriber(RegionHolder, core.Reader, Generic[M]):
     def _copy(self, number: int, deadline: float | None = None) -> bytes | bytearray | None:
         """The payload of sample `number`, None if it was overwritten, or _LOCKED_OUT."""
         data: bytes | bytearray | None
-        if _IN_C and (data := self._straight(number)) is not None:
+        if self._in_c and (data := self._straight(number)) is not None:
             return data
         places, map, words, quads, acquire, release, pid = self._hot
         slots = self._slots
         payload, stamp_at, number_at = places[number & slots - 1]
         try:
-            inside = acquire(False) or self._lock.wait(deadline)
+            inside = acquire is not None and (acquire(False) or self._lock.wait(deadline))
             if inside:
                 count = words[LOCK_COUNT]
                 words[LOCK_COUNT] = count + 1 if count != LAST else 0
@@ -303,8 +315,9 @@ class Subscriber(RegionHolder, core.Reader, Generic[M]):
         skipped = steps(self._last, number, slots) - 1
         if 0 < skipped < _RESTART_GAP:
             self._missed += skipped
-            # Outside of the lock: of two readers that add at once one may be lost, which a figure for people survives.
-            words[MISSED] = words[MISSED] + skipped & 0xFFFFFFFF
+            if not self._passive:
+                # Outside of the lock: of two readers that add at once one may be lost, which a figure survives.
+                words[MISSED] = words[MISSED] + skipped & 0xFFFFFFFF
         self._last = number
         self._stamp = stamp
         return data

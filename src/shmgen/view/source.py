@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
-import time
-from collections import deque
 from collections.abc import Iterator
 
 from shmgen.core.model import Layout, Layouts, Role
-from shmgen.live.classes import ClassRegistry, publisher
-from shmgen.live.passive_reader import Sample, Tap, tap
+from shmgen.live.classes import ClassRegistry, publisher, watcher
 from shmgen.live.regions import View, damage, depth_of, topic_of
-from shmgen.runtime import Message, region_name
+from shmgen.runtime import Message, Sample, region_name
 from shmgen.runtime.region import header as h
 from shmgen.tools.messages import parse
-from shmgen.tools.messages.paths import Getter, getter
-from shmgen.tools.watch.plot import Point, number
-
-_MOST = 20_000
-"""Points that are kept of a curve."""
+from shmgen.tools.watch.plot import Curves
 
 
 class Source:
@@ -27,16 +20,20 @@ class Source:
         """Raises RegionMissing, PermissionDenied, RegionUnusable, Rejected and LayoutMismatch."""
         self.topic = topic
         self._registry = registry
-        self.curves: dict[str, deque[Point]] = {}
-        self._getters: dict[str, Getter] = {}
+        self._curves = Curves()
+        self.curves = self._curves.points
         self._view: View | None = None
-        self.newest: Sample | None = None
-        self.missed = 0
+        self.newest: Sample[Message] | None = None
         self._open()
 
     @property
     def kind(self) -> type[Message]:
-        return self._kind
+        return self._reader.message_type
+
+    @property
+    def missed(self) -> int:
+        """Samples that were overwritten before they could be looked at."""
+        return self._reader.missed
 
     def header(self) -> h.Header:
         """As it is now."""
@@ -51,28 +48,26 @@ class Source:
             self._open()
         if damage(self._view.header()):
             return False
-        taken = self._tap.take()
+        taken = self._reader.samples()
         if taken:
             self.newest = taken[-1]
-        self.missed = self._tap.missed
-        if self._getters:
-            self._plot(taken)
+        self._curves.take(taken)
         return bool(taken)
 
     @property
     def message(self) -> Message | None:
         """The newest."""
-        return self._kind.from_buffer_copy(self.newest.payload) if self.newest else None
+        return self.newest.message if self.newest else None
 
     def toggle(self, path: str) -> bool:
         """Whether the number at `path` is a curve from now on; False also where it is none."""
         if path in self.curves:
-            del self.curves[path], self._getters[path]
+            self._curves.drop(path)
             return False
-        get = getter(self._kind, path)
-        if self.newest and number(get(self._kind.from_buffer_copy(self.newest.payload))) is None:
+        try:
+            self._curves.add(path, self.message or self.kind())
+        except ValueError:
             return False
-        self.curves[path], self._getters[path] = deque(maxlen=_MOST), get
         return True
 
     def memory(self, start: int, size: int) -> bytes:
@@ -87,14 +82,14 @@ class Source:
 
         Raises ValueError, ValueRejected, and what a Publisher raises.
         """
-        message = parse.build(self._kind, parse.parse(text))
-        with publisher(self._kind, self.topic, depth_of(self.header())) as writer:
+        message = parse.build(self.kind, parse.parse(text))
+        with publisher(self.kind, self.topic, depth_of(self.header())) as writer:
             writer.publish(message)
             return f"sample {writer.sequence} is in the region"
 
     def close(self) -> None:
         if self._view is not None:
-            self._tap.close()
+            self._reader.close()
             self._view.close()
             self._view = None
 
@@ -103,29 +98,16 @@ class Source:
         try:
             header = view.header()
             session = self._registry.session_of(header.type_name, header.digest)
-            self._kind = session.message(header.type_name)
             self.layout: Layout = session.layout(header.type_name)
             self.layouts: Layouts = session.layouts([header.type_name])
-            self._tap: Tap = tap(view, self._kind)
+            self._reader = watcher(view, session.message(header.type_name))
         except BaseException:
             view.close()
             raise
         self._view = view
         self.topic = topic_of(view.name)
         self.newest = None
-        self.missed = 0
-        self.curves.clear()
-        self._getters.clear()
-
-    def _plot(self, taken: list[Sample]) -> None:
-        now = time.time()
-        for sample in taken:
-            message = self._kind.from_buffer_copy(sample.payload)
-            at = sample.stamp / 1e9 if sample.stamp else now
-            for path, get in self._getters.items():
-                value = number(get(message))
-                if value is not None:
-                    self.curves[path].append((at, value))
+        self._curves.clear()
 
 
 def stretches(layout: Layout, layouts: Layouts) -> Iterator[tuple[int, int, str]]:

@@ -23,6 +23,8 @@ _SHOWN = 32
 class Message(CheckedStructure):
     """A message as it is in shared memory: the base of generated classes, which add the fields."""
 
+    __slots__ = ()
+    """So that a misspelt field is an error; generated classes have it too."""
     _pack_ = 1
     _layout_ = "ms"
     """What `_pack_` means without it: CPython from 3.14 on warns without it, and from 3.19 on raises an error."""
@@ -52,6 +54,10 @@ class Message(CheckedStructure):
     def _decode(data: bytes | bytearray, at: int, message: Any) -> None:
         """Generated: fills `message` with the bytes from `at` on."""
         raise NotImplementedError
+
+    def __reduce__(self) -> Any:
+        """For copies and pickles: that of ctypes wants a `__dict__`, which only a class of the user's may have."""
+        return super().__reduce__() if hasattr(self, "__dict__") else (type(self).from_buffer_copy, (bytes(self),))
 
     def __repr__(self) -> str:
         fields = ", ".join(f"{name}={_shown(getattr(self, name))}" for name in self._names_)

@@ -53,6 +53,8 @@ else:
     class CheckedStructure(ctypes.LittleEndianStructure, metaclass=_Checks):
         """A structure whose numbers raise OutOfRange, with the field's name, for what does not fit."""
 
+        __slots__ = ()
+
 
 @lru_cache(_KEPT)
 def array_of(kind: Any, length: int, path: str) -> Any:

@@ -6,7 +6,7 @@ from shmgen.core.abi import EVENT
 
 HALVES = ("request", "response", "goal", "feedback", "result")
 """What stands behind the `-` in the regions of a service or action."""
-TAKEN = ("CME", "GWDRVSHAREDMEMSHM")
+TAKEN = ("CME", "GWDRVSHAREDMEMSHM", "RETAINMEMORY")
 """In capitals: what begins the names of files that the CODESYS runtime and its gateway have in /dev/shm."""
 _LONGEST = 255 - len("sem." + EVENT)
 """NAME_MAX (255) less `sem.` before and `-event` after the name."""

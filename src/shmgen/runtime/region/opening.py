@@ -16,7 +16,7 @@ from shmgen.runtime.errors import LayoutMismatch, RegionMissing, RegionUnusable
 from shmgen.runtime.region import header as h
 from shmgen.runtime.region import semaphores
 from shmgen.runtime.region.access import PATIENCE, Access, RegionOptions, access_for, denied, opened
-from shmgen.runtime.region.memory_order import fence, has_barrier
+from shmgen.runtime.region.memory_order import fence, has_barrier, keeps_order
 from shmgen.runtime.region.names import event_name, region_file, region_name, semaphore_file
 from shmgen.runtime.region.region import REPAIR_LOCK, Region, lock_byte, unlock_byte, unmap
 from shmgen.runtime.region.resource import kept_from_children
@@ -69,15 +69,36 @@ def open_event(region: Region) -> Semaphore:
     return _open_semaphore(event_name(region.name), 0, EVENT_MOST, options, access_for(options))
 
 
+def watch_region(topic: str, ours: h.Header, options: RegionOptions) -> Region:
+    """Opens a region that is there, to be read only: without lock and event, unless the lock keeps the order here.
+
+    Raises as open_region(), and RegionMissing.
+    """
+    with ExitStack() as ours_so_far:
+        file = ours_so_far.enter_context(opened_to_read(region_name(topic)))
+        _check(topic, ours, file)
+        if options.sync == "lock" and not keeps_order():
+            return open_region(topic, ours, options)
+        with _typed(region_file(region_name(topic))):
+            map = kept_from_children(mmap.mmap(file.fileno(), ours.size, prot=mmap.PROT_READ))
+        ours_so_far.pop_all()
+        return Region(topic, file, map, ours, NoSemaphore(), options)
+
+
 def read_header(name: str) -> h.Header:
     """The header of the region `name` (`robot.pose`), whatever its type; `magic` shows whether it is one of shmgen's.
 
     Raises RegionMissing, PermissionDenied and RegionUnusable.
     """
+    with opened_to_read(name) as file:
+        return _peek(file.fileno())
+
+
+def opened_to_read(name: str) -> io.FileIO:
+    """The file of the region `name`. Raises as read_header()."""
     path = region_file(name)
     try:
-        with opened(path, os.O_RDONLY) as file:
-            return _peek(file.fileno())
+        return opened(path, os.O_RDONLY)
     except FileNotFoundError:
         raise RegionMissing(f"{path} does not exist: start a publisher or a subscriber of it") from None
     except PermissionError:

@@ -74,9 +74,7 @@ class Region:
 
     def byte_is_locked(self, byte: int) -> bool:
         """Whether somebody else holds that record lock."""
-        asked = _FLOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, byte, 1, 0)
-        kind, *_ = _FLOCK.unpack(fcntl.fcntl(self._file.fileno(), fcntl.F_OFD_GETLK, asked))
-        return bool(kind != fcntl.F_UNLCK)
+        return byte_is_locked(self._file.fileno(), byte)
 
     def payload(self, number: int) -> slice:
         """Where sample `number` lies, without the header of its slot."""
@@ -119,6 +117,13 @@ def lock_byte(fd: int, byte: int) -> bool:
             raise
         return False
     return True
+
+
+def byte_is_locked(fd: int, byte: int) -> bool:
+    """Whether another open file holds it."""
+    asked = _FLOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, byte, 1, 0)
+    kind, *_ = _FLOCK.unpack(fcntl.fcntl(fd, fcntl.F_OFD_GETLK, asked))
+    return bool(kind != fcntl.F_UNLCK)
 
 
 def unlock_byte(fd: int, byte: int) -> None:

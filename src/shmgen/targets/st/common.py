@@ -41,7 +41,7 @@ def plan(*, locks: bool, struct_time: bool) -> Iterator[Output]:
     yield words("ST_ShmHeader", _HEADER, abi.HEADER, abi.HEADER_SIZE)
     yield words("ST_ShmSlot", _SLOT, abi.SLOT, abi.SLOT_HEADER)
     yield numbers(abi.NUMBERS, locks)
-    yield from by_hand("E_ShmError", "E_ShmState", "FB_ShmRegion", *([ST_TIME] if struct_time else []))
+    yield from by_hand("E_ShmError", "E_ShmState", "FB_ShmRegion", "GVL_ShmClock", *([ST_TIME] if struct_time else []))
 
 
 def by_hand(*names: str) -> Iterator[Output]:

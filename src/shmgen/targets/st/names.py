@@ -57,7 +57,8 @@ def own_member(plc: str, options: TypeOptions) -> tuple[str, str]:
 
 
 def _is_usable(name: str) -> bool:
-    return "__" not in name and name.upper() not in ST_RESERVED
+    """As the name of a PLC that has it: whatever we know of words that others reserve, that one does not."""
+    return "__" not in name and name.upper() not in _RESERVED_BY_ALL
 
 
 _OWN_TYPE = re.compile(
@@ -181,6 +182,12 @@ _CONVERSIONS = frozenset(
 )
 ST_RESERVED = _ELEMENTARY_TYPES | _KEYWORDS | _OPERATORS | _STANDARD_FUNCTIONS | _CODESYS | _CONVERSIONS
 """In capitals; Structured Text ignores case. Words such as `__NEW` cannot be met: their underscores become one."""
+_OF_EDITION_3 = words("""
+    LTIME LDATE LTIME_OF_DAY LTOD LDATE_AND_TIME LDT CHAR WCHAR
+    ABSTRACT CLASS CONTINUE FINAL FROM INTERFACE INTERNAL INTERVAL METHOD NAMESPACE NULL ON OVERLAP OVERRIDE PRIORITY
+    PRIVATE PROTECTED PUBLIC REF REF_TO SINGLE SUPER TASK THIS USING
+""")
+_RESERVED_BY_ALL = (_ELEMENTARY_TYPES | _KEYWORDS | words("AND MOD NOT OR XOR")) - _OF_EDITION_3
 
 NAMES = Names(
     "Structured Text",

@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 import time
 from collections import deque
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 from shmgen.live.classes import ClassRegistry
-from shmgen.live.passive_reader import tap
-from shmgen.live.regions import sound
-from shmgen.runtime import Message
+from shmgen.runtime import Message, Sample
+from shmgen.tools.messages import stream
 from shmgen.tools.messages.paths import Getter, getter
-from shmgen.tools.messages.stream import POLL, Tell, appeared
 
 _DOTS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
 """Bits of a Braille character, row by row: Unicode, block 2800."""
@@ -24,59 +22,73 @@ Point = tuple[float, float]
 
 
 class Curves:
-    """The numbers at some paths of a topic, over the last seconds."""
+    """Numbers of a topic's messages over time; `points` by the path they are at."""
 
-    def __init__(self, topic: str, paths: Sequence[str], seconds: float, registry: ClassRegistry, tell: Tell) -> None:
-        """Waits for the region. Raises ValueError for a path that is no number, and as follow.samples()."""
-        self.paths = tuple(paths)
-        self.seconds = seconds
-        self.missed = 0
-        self._view = appeared(topic, None, tell)
-        try:
-            header = sound(self._view)
-            self._kind = registry.message(header.type_name, header.digest)
-            self._get = [_numeric(self._kind, path) for path in paths]
-            self._tap = tap(self._view, self._kind)
-        except BaseException:
-            self._view.close()
-            raise
-        self.points: list[deque[Point]] = [deque(maxlen=_MOST) for _ in paths]
+    def __init__(self) -> None:
+        self.points: dict[str, deque[Point]] = {}
+        self._getters: dict[str, Getter] = {}
 
-    def look(self) -> bool:
-        """Takes what has come; False once the region is gone."""
+    def add(self, path: str, message: Message) -> None:
+        """Raises ValueError where `message` has no number there; an element of a sequence may still come."""
+        get = getter(type(message), path)
+        if number(get(message)) is None and "[" not in path:
+            raise ValueError(f"{path} is not a number; `shmgen echo --field {path}` prints it")
+        self.points[path], self._getters[path] = deque(maxlen=_MOST), get
+
+    def drop(self, path: str) -> None:
+        del self.points[path], self._getters[path]
+
+    def clear(self) -> None:
+        self.points.clear()
+        self._getters.clear()
+
+    def take(self, samples: Sequence[Sample[Message]]) -> None:
         now = time.time()
-        for sample in self._tap.take():
-            message = self._kind.from_buffer_copy(sample.payload)
-            at = sample.stamp / 1e9 if sample.stamp else now
-            for points, get in zip(self.points, self._get, strict=True):
+        for sample in samples if self._getters else ():
+            message, at = sample.message, sample.stamp / 1e9 or now
+            for path, get in self._getters.items():
                 value = number(get(message))
                 if value is not None:
-                    points.append((at, value))
-        self.missed = self._tap.missed
-        for points in self.points:
-            while points and points[0][0] < now - self.seconds:
+                    self.points[path].append((at, value))
+
+
+class Plot:
+    """The numbers at some paths of a topic, over the last seconds."""
+
+    def __init__(
+        self, topic: str, paths: Sequence[str], seconds: float, registry: ClassRegistry, tell: stream.Tell
+    ) -> None:
+        """Waits for the region. Raises ValueError for a path that is no number, and as stream.messages()."""
+        self._topic, self._seconds = topic, seconds
+        self._curves = Curves()
+        self.points = self._curves.points
+        self._regions = stream.regions(topic, registry, None, tell)
+        self._view, self._reader = next(self._regions)
+        try:
+            for path in paths:
+                self._curves.add(path, self._reader.message_type())
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def missed(self) -> int:
+        return self._reader.missed
+
+    def watch(self, seconds: float) -> bool:
+        """Takes what comes for so long; False once the region is gone."""
+        ends = time.monotonic() + seconds
+        for taken in stream.looks(self._topic, self._view, self._reader, None):
+            self._curves.take(taken)
+            if time.monotonic() >= ends:
+                break
+        for points in self.points.values():
+            while points and points[0][0] < time.time() - self._seconds:
                 points.popleft()
         return not self._view.removed
 
-    def watch(self, seconds: float) -> bool:
-        """look() again and again for so long."""
-        ends = time.monotonic() + seconds
-        there = self.look()
-        while there and time.monotonic() < ends:
-            time.sleep(POLL)
-            there = self.look()
-        return there
-
     def close(self) -> None:
-        self._tap.close()
-        self._view.close()
-
-
-def _numeric(kind: type[Message], path: str) -> Getter:
-    get = getter(kind, path)
-    if number(get(kind())) is None and "[" not in path:
-        raise ValueError(f"{path} is not a number; `shmgen echo --field {path}` prints it")
-    return get
+        self._regions.close()
 
 
 def number(value: object) -> float | None:
@@ -88,17 +100,15 @@ def number(value: object) -> float | None:
     return None
 
 
-def drawing(
-    names: Sequence[str], curves: Sequence[Collection[Point]], width: int, height: int, *, plain: bool = False
-) -> list[str]:
+def drawing(curves: Mapping[str, Collection[Point]], width: int, height: int, *, plain: bool = False) -> list[str]:
     """So many lines of so many characters at most: a heading, the curves, and what the time axis covers.
 
     `plain`: ASCII alone, for terminals that know no other, a sign for each curve.
     """
-    finite = [[point for point in curve if math.isfinite(point[1])] for curve in curves]
+    finite = [[point for point in curve if math.isfinite(point[1])] for curve in curves.values()]
     newest = [
         f"{name} = {points[-1][1]:g}" if points else f"{name}: nothing yet"
-        for name, points in zip(names, finite, strict=True)
+        for name, points in zip(curves, finite, strict=True)
     ]
     heading = "   ".join(newest)[:width]
     every = [point for points in finite for point in points]

@@ -40,6 +40,7 @@ class PoseStamped(runtime.Message):
         geometry_msgs/Pose pose
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("header", Header),

@@ -36,6 +36,7 @@ class Twist(runtime.Message):
         geometry_msgs/Vector3 angular
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("linear", Vector3),

@@ -34,6 +34,7 @@ class Vector3(runtime.Message):
         float64 z
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("x", ctypes.c_double),

@@ -99,6 +99,7 @@ class BatteryState(runtime.Message):
         string serial_number
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("header", Header),

@@ -58,6 +58,7 @@ class Imu(runtime.Message):
         float64[9] linear_acceleration_covariance
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("header", Header),

@@ -44,6 +44,7 @@ class JointState(runtime.Message):
         float64[] effort
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("header", Header),

@@ -28,6 +28,7 @@ class Bool(runtime.Message):
         bool data
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("data", ctypes.c_bool),

@@ -37,6 +37,7 @@ class ColorRGBA(runtime.Message):
         float32 a
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("r", ctypes.c_float),

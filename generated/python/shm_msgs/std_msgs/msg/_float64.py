@@ -28,6 +28,7 @@ class Float64(runtime.Message):
         float64 data
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("data", ctypes.c_double),

@@ -31,6 +31,7 @@ class Header(runtime.Message):
         string frame_id
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("_stamp", ctypes.c_uint32),

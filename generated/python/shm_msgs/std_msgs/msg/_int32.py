@@ -28,6 +28,7 @@ class Int32(runtime.Message):
         int32 data
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("data", ctypes.c_int32),

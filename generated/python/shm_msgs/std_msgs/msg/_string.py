@@ -28,6 +28,7 @@ class String(runtime.Message):
         string data
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("_data", ctypes.c_char * 81),

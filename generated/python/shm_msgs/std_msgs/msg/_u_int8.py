@@ -28,6 +28,7 @@ class UInt8(runtime.Message):
         uint8 data
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("data", ctypes.c_uint8),

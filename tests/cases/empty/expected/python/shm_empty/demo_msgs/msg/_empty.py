@@ -16,6 +16,7 @@ class Empty(runtime.Message):
     """demo_msgs/Empty.
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("_structure_needs_at_least_one_member", ctypes.c_uint8),

@@ -29,6 +29,7 @@ class Modes(runtime.Message):
         Empty[2] none
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("_none", Empty * 2),

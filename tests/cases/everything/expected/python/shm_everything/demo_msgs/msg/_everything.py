@@ -167,6 +167,7 @@ class Everything(runtime.Message):
         builtin_interfaces/Duration wait
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("flag", ctypes.c_bool),

@@ -35,6 +35,7 @@ class Point(runtime.Message):
         uint16[] weights
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("x", ctypes.c_float),

@@ -62,6 +62,7 @@ class Hostile(runtime.Message):
         string s \"\\\"\\\\ $' */\"   # $' '$N
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("a", ctypes.c_uint8),

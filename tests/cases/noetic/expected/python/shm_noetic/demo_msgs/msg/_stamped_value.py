@@ -47,6 +47,7 @@ class stamped_Value(runtime.Message):
         char Level__x
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("header", Header),

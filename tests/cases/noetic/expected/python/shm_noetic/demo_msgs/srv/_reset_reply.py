@@ -39,6 +39,7 @@ class Reset_Reply(runtime.Message):
         demo_msgs/Reset_Response response
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("call", ctypes.c_uint32),

@@ -28,6 +28,7 @@ class Reset_Request(runtime.Message):
         bool hard
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("hard", ctypes.c_bool),

@@ -31,6 +31,7 @@ class Reset_Response(runtime.Message):
         string message
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("success", ctypes.c_bool),

@@ -34,6 +34,7 @@ class Header(runtime.Message):
         string frame_id
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("seq", ctypes.c_uint32),

@@ -45,6 +45,7 @@ class Status(runtime.Message):
         builtin_interfaces/Duration[<=2] waits
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("ready", ctypes.c_bool),

@@ -38,6 +38,7 @@ class Pose(runtime.Message):
         geometry_msgs/Quaternion orientation
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("position", Point),

@@ -37,6 +37,7 @@ class Quaternion(runtime.Message):
         float64 w 1
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("x", ctypes.c_double),

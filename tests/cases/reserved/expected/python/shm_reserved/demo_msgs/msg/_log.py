@@ -85,6 +85,7 @@ class Log(runtime.Message):
         uint8 struct
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("class_", ctypes.c_uint8),

@@ -64,6 +64,7 @@ class Time(runtime.Message):
         uint8[<=2] step
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("log", Log),

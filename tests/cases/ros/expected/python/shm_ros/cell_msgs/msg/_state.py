@@ -28,6 +28,7 @@ class State(runtime.Message):
         float64 speed  # [m/s]
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("speed", ctypes.c_double),

@@ -38,6 +38,7 @@ class Start_Reply(runtime.Message):
         cell_msgs/Start_Response response
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("call", ctypes.c_uint32),

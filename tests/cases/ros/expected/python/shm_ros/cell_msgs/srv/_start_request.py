@@ -28,6 +28,7 @@ class Start_Request(runtime.Message):
         bool go
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("go", ctypes.c_bool),

@@ -28,6 +28,7 @@ class Start_Response(runtime.Message):
         bool ok
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("ok", ctypes.c_bool),

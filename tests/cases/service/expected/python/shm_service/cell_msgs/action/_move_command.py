@@ -34,6 +34,7 @@ class Move_Command(runtime.Message):
         cell_msgs/Move_Goal goal
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("cancel", ctypes.c_uint32),

@@ -28,6 +28,7 @@ class Move_Feedback(runtime.Message):
         float64 position  # [m] where it is
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("position", ctypes.c_double),

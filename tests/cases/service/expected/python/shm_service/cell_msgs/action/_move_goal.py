@@ -32,6 +32,7 @@ class Move_Goal(runtime.Message):
         float64 speed 0.1 # [m/s]
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("position", ctypes.c_double),

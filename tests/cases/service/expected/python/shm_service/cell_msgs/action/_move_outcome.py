@@ -40,6 +40,7 @@ class Move_Outcome(runtime.Message):
         cell_msgs/Move_Result result
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("goal", ctypes.c_uint32),

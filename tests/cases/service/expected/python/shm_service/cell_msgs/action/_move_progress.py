@@ -39,6 +39,7 @@ class Move_Progress(runtime.Message):
         cell_msgs/Move_Feedback feedback
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("goal", ctypes.c_uint32),

@@ -28,6 +28,7 @@ class Move_Result(runtime.Message):
         float64 position  # [m] where it stopped
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("position", ctypes.c_double),

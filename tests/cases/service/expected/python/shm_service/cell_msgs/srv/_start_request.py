@@ -32,6 +32,7 @@ class Start_Request(runtime.Message):
         uint32 batch
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("on", ctypes.c_bool),

@@ -34,6 +34,7 @@ class Start_Response(runtime.Message):
         string message  # why it was refused
     """
 
+    __slots__ = ()
     _pack_ = 1
     _fields_ = (
         ("success", ctypes.c_bool),

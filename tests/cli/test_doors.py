@@ -1,0 +1,71 @@
+"""What lies where a file is expected: no command waits for ever for it, or writes through it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from shmgen.definitions import folders
+
+from ..support.command import run
+
+SECONDS = 60
+"""A guard against hanging: each takes one."""
+
+
+@pytest.mark.parametrize(
+    ("fifo", "command"),
+    [
+        ("shmgen.toml", ["check"]),
+        ("shmgen.toml", ["list", "-c", "shmgen.toml"]),
+        ("generated/layout.lock", ["check"]),
+        ("generated/layout.lock", ["diff", "generated", "generated"]),
+        ("generated/layout.lock", ["echo", "/nobody", "--timeout", "0"]),
+        ("plant.st", ["import", "plant.st"]),
+    ],
+)
+def test_a_fifo_is_not_waited_for(fifo: str, command: list[str], tmp_path: Path) -> None:
+    (tmp_path / fifo).parent.mkdir(exist_ok=True)
+    if fifo != "shmgen.toml":
+        (tmp_path / "shmgen.toml").write_text('messages = ["std_msgs/Bool"]\n')
+    os.mkfifo(tmp_path / fifo)
+    done = subprocess.run(
+        [sys.executable, "-m", "shmgen", *command], cwd=tmp_path, timeout=SECONDS, capture_output=True
+    )
+    assert done.returncode == 1
+    assert b"SHM901" not in done.stderr
+
+
+def test_too_many_folders_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As `-I /` has; on this machine it would take minutes."""
+    monkeypatch.setattr(folders, "_MOST_FOLDERS", 20)
+    for number in range(30):
+        (tmp_path / "many" / str(number)).mkdir(parents=True)
+    said = run(["list", "-I", "many"], tmp_path)
+    assert (said.code, said.stderr) == (
+        1,
+        "many: error[SHM001]: more than 20 folders are in and below it\n"
+        "  hint: name the folder that your packages are in\n",
+    )
+
+
+def test_init_does_not_write_through_links(tmp_path: Path) -> None:
+    (tmp_path / "here").mkdir()
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "here" / "shmgen.toml").symlink_to(tmp_path / "elsewhere" / "new.toml")
+    (tmp_path / "here" / ".github").symlink_to(tmp_path / "elsewhere")
+    said = run(["init", "--ci", "--from", "shmgen"], tmp_path / "here")
+    assert (said.code, said.stdout.partition(",")[0]) == (1, "shmgen.toml is there")
+    assert "cannot write: .github is a symbolic link" in said.stderr
+    assert not list((tmp_path / "elsewhere").iterdir())
+
+
+def test_a_peer_begins_no_line_of_the_bridges_log(capsys: pytest.CaptureFixture[str]) -> None:
+    from shmgen.cli import bridge
+
+    bridge._tell("/a: a peer says \x1b[2J\nrunning")
+    assert capsys.readouterr().err == "/a: a peer says \\u001b[2J\n  running\n"

@@ -1,0 +1,14 @@
+"""Changes a unit after the run."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+
+def generate() -> None:
+    subprocess.run([sys.executable, "-m", "shmgen", "generate", "--quiet"], check=True)
+
+
+generate()
+message = Path("msgs/demo_msgs/msg/JointState.msg")
+message.write_text(message.read_text().replace("[rad/s]", "[deg/s]"))

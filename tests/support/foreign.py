@@ -1,0 +1,125 @@
+"""Files of others, damaged: Structured Text, PLCopen XML and bags; each must end in what it holds or in words."""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from random import Random
+
+from shmgen.bag import mcap
+from shmgen.bag import read as bags
+from shmgen.core.diagnostics import Report
+from shmgen.plc import messages, sources
+
+ST = """\
+{attribute 'pack_mode' := '4'}
+(* what *) TYPE ABSTRACT ST_Base : STRUCT a, b AT %I* : LREAL := 1.5e3; END_STRUCT END_TYPE
+TYPE ST_One EXTENDS Lib.ST_Base : STRUCT
+    n : ARRAY[-1..GVL.MAX - 2 * (1 + E_X.Last), 0..16#F] OF INT (0..9); // [mm]
+    s : STRING(80) := 'a$'b'; w : WSTRING[5]; p : POINTER TO ST_One; e : Lib.E_X; x : BIT;
+END_STRUCT END_TYPE
+TYPE E_X : (A := 1, B, Last := UINT#7) UINT := B; T : ARRAY[0..3] OF ARRAY[1..2] OF E_X; END_TYPE
+VAR_GLOBAL CONSTANT MAX : INT := 10; OTHER : DINT := MAX MOD 3; END_VAR
+TYPE U : UNION a : INT; b : REAL; END_UNION END_TYPE
+"""
+XML = """\
+<?xml version="1.0" encoding="utf-8"?>
+<project xmlns="http://www.plcopen.org/xml/tc6_0200"><types><dataTypes>
+<dataType name="E"><baseType><enum><values><value name="A" value="1"/><value name="B"/></values></enum></baseType>
+<addData><data name="/attributes"><Attribute Name="pack_mode" Value="1"/></data></addData></dataType>
+<dataType name="S"><baseType><struct><variable name="v"><type><array><dimension lower="0" upper="MAX"/><baseType>
+<derived name="Lib.E"/></baseType></array></type><initialValue><simpleValue value="2"/></initialValue></variable>
+<variable name="t"><type><string length="9"/></type></variable></struct></baseType></dataType>
+<dataType name="P"><addData><data name="/interfaceasplaintext"><InterfaceAsPlainText><xhtml>TYPE P : INT; END_TYPE
+</xhtml></InterfaceAsPlainText></data></addData></dataType></dataTypes></types>
+<globalVars name="GVL" constant="true"><variable name="MAX"><type><INT/></type><initialValue><simpleValue value="3"/>
+</initialValue></variable></globalVars>
+<DUT Name="D"><Declaration><![CDATA[TYPE D EXTENDS S : STRUCT b : BOOL; END_STRUCT END_TYPE]]></Declaration></DUT>
+</project>
+"""
+KINDS = ("st", "xml", "mcap")
+TOKENS = [
+    *ST.split(),
+    *XML.replace(">", "> ").split(),
+    "(*",
+    "*)",
+    "{",
+    "'",
+    "$",
+    "&#x9b;",
+    "&#10;",
+    "²",
+    "\0",
+    "9" * 400,
+]
+_NUMBERS = (0, 1, 0xFF, 0x7FFF, 0xFFFF, 2**31 - 1, 2**32 - 1, 2**63, 2**64 - 1)
+
+
+def bag(compression: str) -> bytes:
+    """A chunk, packed, with a schema, a channel and two messages; then the same as records of their own."""
+    channel = mcap.channel(1, 1, "/a", {"shmgen_topic": "/a", "shmgen_depth": "3"})
+    records = mcap.schema(1, "std_msgs/msg/Int32", "int32 data\n") + channel
+    for number in range(2):
+        records += struct.pack("<BQHIQQ8s", mcap.MESSAGE, 30, 1, number, 9 + number, 9, b"\0\1\0\0\5\0\0\0")
+    packed = _PACKED[compression](records)
+    head = struct.pack("<QQQII", 9, 10, len(records), 0, len(compression)) + compression.encode()
+    content = head + struct.pack("<Q", len(packed)) + packed
+    chunk = struct.pack("<BQ", mcap.CHUNK, len(content)) + content
+    return mcap.MAGIC + chunk + records + struct.pack("<BQ", mcap.FOOTER, 0) + mcap.MAGIC
+
+
+def _lz4(data: bytes) -> bytes:
+    from lz4.frame import compress
+
+    return bytes(compress(data))
+
+
+def _zstd(data: bytes) -> bytes:
+    from rosbags.rosbag2 import storage_mcap  # which Python has zstd, it knows
+
+    return bytes(storage_mcap.zstd.compress(data))
+
+
+_PACKED: dict[str, Callable[[bytes], bytes]] = {"": bytes, "lz4": _lz4, "zstd": _zstd}
+
+
+def seeds(kind: str) -> list[bytes]:
+    return {"st": [ST.encode()], "xml": [XML.encode()], "mcap": [bag(packing) for packing in _PACKED]}[kind]
+
+
+def damaged(kind: str, seed: bytes, dice: Random) -> bytes:
+    """Some bytes, words or numbers changed, doubled, or taken out."""
+    data = bytearray(seed)
+    for _ in range(dice.randint(1, 6)):
+        at, length = dice.randrange(len(data) + 1), dice.choice((1, 1, 2, 8, 40))
+        match dice.randrange(5):
+            case 0:
+                del data[at : at + length]
+            case 1:
+                data[at:at] = data[at : at + length] * dice.choice((1, 2, 50))
+            case 2:
+                data[at : at + 1] = bytes([dice.randrange(256)])
+            case 3 if kind == "mcap":
+                data[at : at + 8] = struct.pack("<Q", dice.choice(_NUMBERS))[: dice.choice((2, 4, 8))]
+            case _:
+                data[at : at + dice.choice((0, length))] = dice.choice(TOKENS).encode()
+    return bytes(data)
+
+
+def read(kind: str, data: bytes, folder: Path) -> bool:
+    """Whether something could be read of it. Raises what is a fault of shmgen."""
+    file = folder / f"foreign.{kind}"
+    file.write_bytes(data)
+    if kind == "mcap":
+        try:
+            return bool(list(bags.messages(file)))
+        except bags.Unreadable:
+            return False
+    report = Report()
+    made = messages.messages(sources.read([file], report), "a_msgs", report)
+    for path, text in made.texts.items():
+        assert all(line.isprintable() for line in text.split("\n")), json.dumps([path, text])
+    assert all(row.message or row.why for row in made.rows)
+    return bool(made.texts)
