@@ -196,7 +196,7 @@ def test_a_damaged_lock_is_told_by_tools(tmp_path: Path, topic: str, damage: str
     assert done.stderr.startswith("generated/layout.lock: error[SHM408]: layout.lock is damaged")
     done = run(["doctor", topic], tmp_path)  # which goes on without it
     assert (done.code, done.stderr) == (1, "")
-    assert f"{topic}  sensor_msgs/msg/JointState, depth 1, 1 sample" in done.stdout
+    assert f"{topic}  sensor_msgs/msg/JointState, 2 slots, 1 sample" in done.stdout
     assert "  layout: as in shmgen.toml\n" in done.stdout
     assert "this machine\n  fault: layout.lock is damaged, so it cannot be known what it was made from (SHM408)\n" in (
         done.stdout

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region import region, resource
+from shmgen.runtime.region import opening, resource
 from shmgen.runtime.region.lock import Lock
 from shmgen.runtime.region.region import Region
 
@@ -116,7 +116,7 @@ def claim_kept(stage: Any) -> None:
 
 def second_token(stage: Any) -> None:
     """Who comes out of the lock posts it although there is a token already."""
-    region.LOCK_MOST = 1 << 30
+    opening.LOCK_MOST = 1 << 30
     in_python(stage)
 
 

@@ -2,21 +2,26 @@
 
     make pictures
 
-The latency is that of docs/performance.md, where benchmarks/latency.py's own lines stand. The screens are those of
-regions that a second process writes, as Textual and Rich draw them; `view.gif` also needs chromium, which turns such a
-drawing into dots, and Pillow, which makes one file of them.
+The latency is that of docs/performance.md, where benchmarks/latency.py has printed it. top.svg is what `shmgen top` has
+drawn on a terminal, view.gif what chromium has shown of the page of `shmgen view` while it was clicked through; Pillow
+makes one file of that. The regions are those of three programs that run meanwhile.
 """
 
 from __future__ import annotations
 
 import asyncio
+import fcntl
 import io
 import math
 import os
+import pty
 import re
+import select
+import struct
 import subprocess
 import sys
 import tempfile
+import termios
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -24,27 +29,28 @@ from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import escape
 
+import pyte
+
 from ..conftest import REPOSITORY
+from ..view.browser import Page
 
 DOCS = REPOSITORY / "docs"
 _TITLE = re.compile(r"(\d+) bytes at (\d+) Hz")
 _ROW = re.compile(r"  (spin|event|poll) +(.+?) +(\d+\.\d) +(\d+\.\d) +\d+\.\d +\d+\.\d\d +\d+")
 _FONTS = re.compile(r"@font-face \{.*?\}\s*", re.DOTALL)
 _LEFT, _WIDE, _LINE = 170, 560, 20
-_FILM = 1020
-"""Pixels; the width of view.gif."""
+_WINDOW = 1234, 436
+"""Pixels of the page, and of view.gif."""
 _COLOURS = {"shmgen": "#1b7f4d", "by hand, Python": "#7a9e8a", "C": "#7a9e8a"}
 
 
 def main() -> None:
     with suppress(PermissionError):  # for curves without gaps on a busy machine
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(5))
-    if sys.argv[1:] == ["move"]:
-        move()
     (DOCS / "latency.svg").write_text(latency((DOCS / "performance.md").read_text()))
-    with moving():
-        (DOCS / "top.svg").write_text(top())
-        shots = asyncio.run(view())
+    with moving() as folder:
+        (DOCS / "top.svg").write_text(top(folder))
+        shots = asyncio.run(view(folder))
     os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     film(shots, DOCS / "view.gif")
 
@@ -87,41 +93,32 @@ def latency(page: str) -> str:
     return "\n".join([*parts, "</svg>"]) + "\n"
 
 
-def registry() -> Any:
-    """Knows what `move` publishes."""
+def move(program: str) -> None:
+    """A part of a cell at work, 100 times a second until it is killed."""
     from shmgen.config import load
     from shmgen.core.diagnostics import Report
-    from shmgen.live.classes import ClassRegistry
+    from shmgen.live.classes import ClassRegistry, publisher
     from shmgen.live.session import Session
-
-    with tempfile.NamedTemporaryFile("w", suffix=".toml") as file:
-        file.write('[bounds]\n"sensor_msgs/JointState" = 6\n')
-        file.flush()
-        return ClassRegistry(Session(load(Path(file.name), "shmgen.toml", Report())), None)
-
-
-def move() -> None:
-    """A cell at work: poses, a joint state, a temperature, a speed, each 100 times a second until this is killed."""
-    from shmgen.live.classes import publisher
     from shmgen.tools.messages import parse
-
-    names = [f"joint_{number}" for number in range(1, 7)]
 
     def values(angle: float) -> dict[str, tuple[str, int, Any]]:
         pose = {"position": {"x": math.sin(angle), "y": math.cos(angle), "z": 0.5 + 0.3 * math.sin(3 * angle)}}
-        joints = [math.sin(angle + number) for number in range(6)]
-        return {
-            "/cell/arm/pose": (
-                "geometry_msgs/msg/PoseStamped",
-                3,
-                {"header": {"stamp": "now", "frame_id": "base"}, "pose": pose},
-            ),
-            "/cell/arm/joints": ("sensor_msgs/msg/JointState", 7, {"name": names, "position": joints}),
-            "/cell/oven/temperature": ("sensor_msgs/msg/Temperature", 1, {"temperature": 180 + 5 * math.sin(angle)}),
-            "/cell/conveyor/speed": ("std_msgs/msg/Float64", 1, {"data": 0.25}),
+        stamped = {"header": {"stamp": "now", "frame_id": "base"}, "pose": pose}
+        joints = {
+            "name": [f"joint_{number}" for number in range(1, 7)],
+            "position": [math.sin(angle + number) for number in range(6)],
         }
+        heat = {"temperature": 180 + 5 * math.sin(angle)}
+        return {
+            "arm": {
+                "/cell/arm/pose": ("geometry_msgs/msg/PoseStamped", 3, stamped),
+                "/cell/arm/joints": ("sensor_msgs/msg/JointState", 7, joints),
+            },
+            "oven": {"/cell/oven/temperature": ("sensor_msgs/msg/Temperature", 1, heat)},
+            "conveyor": {"/cell/conveyor/speed": ("std_msgs/msg/Float64", 1, {"data": 0.25})},
+        }[program]
 
-    known = registry()
+    known = ClassRegistry(Session(load(Path("shmgen.toml"), "shmgen.toml", Report())), None)
     with ExitStack() as held:
         made = {
             topic: held.enter_context(publisher(known.message(kind), topic, depth))
@@ -136,101 +133,92 @@ def move() -> None:
 
 
 @contextmanager
-def moving() -> Iterator[None]:
-    """Meanwhile another process moves."""
-    command = [sys.executable, "-m", "tests.rigs.pictures", "move"]
-    with subprocess.Popen(command, cwd=REPOSITORY, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        try:
+def moving() -> Iterator[Path]:
+    """Meanwhile the programs of a cell run in a folder with its shmgen.toml."""
+    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
+    with tempfile.TemporaryDirectory() as name, ExitStack() as running:
+        folder = Path(name)
+        folder.joinpath("shmgen.toml").write_text('[bounds]\n"sensor_msgs/JointState" = 6\n')
+        running.callback(lambda: [found.unlink() for found in Path("/dev/shm").glob("*cell.*")])
+        for program in ("arm", "oven", "conveyor"):
+            (folder / f"{program}.py").write_text(f"from tests.rigs.pictures import move\n\nmove({program!r})\n")
+            process = running.enter_context(
+                subprocess.Popen(
+                    [sys.executable, f"{program}.py"], cwd=folder, env=environment, stdout=subprocess.PIPE, text=True
+                )
+            )
+            running.callback(process.kill)
+            assert process.stdout is not None
             assert process.stdout.readline() == "moving\n"
-            yield
-        finally:
-            process.kill()
-            for found in Path("/dev/shm").glob("*cell.*"):
-                found.unlink()
+        yield folder
 
 
-def top() -> str:
+def top(folder: Path) -> str:
+    """What a terminal of 136 by 8 shows after four seconds."""
     from rich.console import Console
 
-    from shmgen.tools.watch import top as tool
-
-    past: tool.Past = {}
-    for _ in range(4):
-        rows = tool.look(past)
-        time.sleep(0.5)
-    lines = tool.table(tool.ordered(rows, "topic", reverse=False), "topic")
-    width = max(map(len, lines))
-    console = Console(record=True, width=width, file=io.StringIO())
-    console.print(lines[0].ljust(width), style="reverse", highlight=False, markup=False)
-    for line in lines[1:]:
-        console.print(line, highlight=False, markup=False)
+    leader, follower = pty.openpty()
+    fcntl.ioctl(follower, termios.TIOCSWINSZ, struct.pack("HHHH", 8, 136, 0, 0))
+    screen = pyte.Screen(136, 8)
+    terminal, until = pyte.ByteStream(screen), time.monotonic() + 4
+    command = [sys.executable, "-m", "shmgen", "top"]
+    with subprocess.Popen(command, cwd=folder, stdin=follower, stdout=follower, env={**os.environ, "TERM": "xterm"}):
+        while time.monotonic() < until:
+            if select.select([leader], [], [], 0.1)[0]:
+                terminal.feed(os.read(leader, 65536))
+        os.write(leader, b"q")
+    for end in (leader, follower):
+        os.close(end)
+    console = Console(record=True, width=136, file=io.StringIO())
+    for number, line in enumerate(screen.display):
+        style = "reverse" if screen.buffer[number][0].reverse else None
+        console.print(line, style=style, highlight=False, markup=False)
     return _FONTS.sub("", console.export_svg(title="shmgen top", unique_id="top"))
 
 
-async def view() -> list[tuple[str, int]]:
-    """Screens of a visit, and for how many milliseconds each is to be seen."""
-    from textual.widgets import TabbedContent, Tree
+async def view(folder: Path) -> list[tuple[bytes, int]]:
+    """Pictures of a visit to the page, and for how many milliseconds each is to be seen."""
+    shots: list[tuple[bytes, int]] = []
+    command = [sys.executable, "-m", "shmgen", "view", "--port", "0", "--allow-write"]
+    with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True) as server:
+        assert server.stdout is not None
+        try:
+            async with Page() as page:
 
-    from shmgen.view.app import Viewer
+                async def shoot(seconds: float, milliseconds: int) -> None:
+                    await asyncio.sleep(seconds)
+                    shots.append((await page.picture(), milliseconds))
 
-    shots: list[tuple[str, int]] = []
-    app = Viewer(registry(), allow_write=False)
-
-    def shoot(milliseconds: int) -> None:
-        shots.append((_FONTS.sub("", app.export_screenshot(title="shmgen view")), milliseconds))
-
-    async with app.run_test(size=(136, 24)) as pilot:
-        await pilot.pause(2.5)
-        await pilot.press("down")
-        await pilot.pause(0.2)
-        shoot(2500)
-        await pilot.press("enter")
-        await pilot.pause(1)
-        shoot(1200)
-        tree = app.screen.query_one(Tree)
-        for axis in "xyz":
-            tree.move_cursor(app.screen._fields[f"pose.position.{axis}"])  # type: ignore[attr-defined]
-            await pilot.press("enter")
-            for _ in range(3):
-                await pilot.pause(0.8)
-                shoot(600)
-        await pilot.pause(0.6)
-        shoot(2500)
-        app.screen.query_one(TabbedContent).active = "memory"
-        for milliseconds in (800, 2500):
-            await pilot.pause(0.6)
-            shoot(milliseconds)
+                await page.resize(*_WINDOW)
+                await page.open(server.stdout.readline().strip())
+                await page.until("/cell/oven/temperature")
+                await shoot(5, 2500)
+                await page.click_on("/cell/arm/pose")
+                await page.until("frame_id: 'base'")
+                await shoot(1, 1200)
+                for axis in "xyz":
+                    await page.click_on(f" {axis}: ")
+                    for _ in range(3):
+                        await shoot(0.8, 600)
+                await shoot(5, 2500)
+                for tab in ("Memory", "Publish"):
+                    await page.click_on(tab)
+                    await shoot(1.5, 2500)
+        finally:
+            server.terminate()
     return shots
 
 
-def film(shots: list[tuple[str, int]], target: Path) -> None:
-    """The drawings one after the other, in dots and few colours."""
-    from PIL import Image, ImageColor
+def film(shots: list[tuple[bytes, int]], target: Path) -> None:
+    """The pictures one after the other, in few colours."""
+    from PIL import Image
 
-    frames = []
-    with tempfile.TemporaryDirectory() as folder:
-        for number, (drawing, _) in enumerate(shots):
-            width, height = (float(size) for size in re.findall(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', drawing)[0])
-            svg, dots = Path(folder, f"{number}.svg"), Path(folder, f"{number}.png")
-            svg.write_text(drawing)
-            size = f"--window-size={math.ceil(width)},{math.ceil(height)}"
-            how = ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", f"--screenshot={dots}", size]
-            subprocess.run(["chromium", *how, svg.as_uri()], check=True, capture_output=True, timeout=120)
-            small = (
-                Image.open(dots).convert("RGB").resize((_FILM, round(_FILM * height / width)), Image.Resampling.LANCZOS)
-            )
-            frames.append(small)
-    pure = sorted({found for drawing, _ in shots for found in re.findall(r"fill: ?(#[0-9a-f]{6})", drawing)})
-    ground = ImageColor.getrgb("#1e1e1e")  # edges of letters are between their colour and this
-    mixed = [
-        round(share * value + (1 - share) * below)
-        for colour in pure
-        for share in (1, 0.66, 0.33)
-        for value, below in zip(ImageColor.getrgb(colour), ground, strict=True)
-    ]
-    palette = Image.new("P", (1, 1))
-    palette.putpalette(mixed[: 3 * 256])
+    frames = [Image.open(io.BytesIO(shot)).convert("RGB") for shot, _ in shots]
+    width, height = frames[0].size
+    whole = Image.new("RGB", (width, height * len(frames)))
+    for number, frame in enumerate(frames):
+        whole.paste(frame, (0, height * number))
+    palette = whole.quantize(colors=128, dither=Image.Dither.NONE)
     first, *others = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames)
     times = [milliseconds for _, milliseconds in shots]
     first.save(target, save_all=True, append_images=others, duration=times, loop=0, optimize=True)

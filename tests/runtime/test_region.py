@@ -151,7 +151,6 @@ def change(file, offset, data):
 @pytest.mark.parametrize(
     ("offset", "data", "word"),
     [
-        (0, b"\xef\xbe\xad\xde", "magic 16#DEADBEEF"),
         (4, b"\2\0", "ABI 2"),
         (6, b"\0\1", ""),
         (8, b"\1", "digest 16#0123456789ABCD01"),

@@ -81,8 +81,8 @@ def test_a_call(served, shmgen, topic):
     for half, line in (("request", "batch: 7"), ("response", "status: 2")):
         assert line in shmgen("echo", f"{topic}-{half}", "--once").stdout
     whole = shmgen("doctor", topic)
-    assert f"{topic}-request  cell_msgs/srv/Start_Request, depth 1, 3 samples" in whole.stdout
-    assert f"{topic}-response  cell_msgs/srv/Start_Reply, depth 1, 3 samples" in whole.stdout
+    assert f"{topic}-request  cell_msgs/srv/Start_Request, 2 slots, 3 samples" in whole.stdout
+    assert f"{topic}-response  cell_msgs/srv/Start_Reply, 2 slots, 3 samples" in whole.stdout
     assert "2 regions, no faults" in whole.stdout
     assert "publishes on it" in shmgen("clean", topic).stderr
 

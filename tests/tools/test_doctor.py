@@ -5,6 +5,7 @@ from __future__ import annotations
 import grp
 import json
 import os
+import re
 import shutil
 import struct
 import subprocess
@@ -16,13 +17,16 @@ from types import SimpleNamespace
 import posix_ipc
 import pytest
 
-import shmgen.tools.doctor.clean  # noqa: F401 nobody() may not be able to read it
+import shmgen.tools.doctor.clean
+import shmgen.tools.watch.screen
+import shmgen.tools.watch.topics  # noqa: F401 nobody() may not be able to read them
 from shmgen.runtime import RegionUnusable, region_name
 from shmgen.runtime.region import header as h
 from shmgen.runtime.region import memory_order
 from shmgen.runtime.region.access import RegionOptions
 from shmgen.runtime.region.opening import open_region
 
+from ..runtime.messages import PosePublisher
 from ..support.command import run
 from .conftest import REPOSITORY
 
@@ -50,7 +54,7 @@ def test_a_healthy_region(topic, shmgen, peer):
     result = shmgen("doctor", topic)
     assert (result.code, result.stderr) == (0, "")
     lines = result.stdout.splitlines()
-    assert lines[0].startswith(f"{topic}  geometry_msgs/msg/Pose, depth 1, 1 sample, 4,096 bytes, ")
+    assert lines[0].startswith(f"{topic}  geometry_msgs/msg/Pose, 2 slots, 1 sample, 4,096 bytes, ")
     assert lines[1].startswith(f"  writer: process {writer.pid} (")
     assert lines[1].endswith("), alive")
     assert lines[2] == "  lock: free, entered 0 times a second"
@@ -400,6 +404,7 @@ def test_as_a_user_who_may_not(topic, file, shmgen):
     with nobody():
         result = run(["doctor", topic, "--json"], Path("/"))
         refused = run(["clean", topic], Path("/"))
+        listed = [run(command, Path("/")).stderr for command in (["topics"], ["top", "--once"], ["info", topic[:-1]])]
     (fault,) = faults(result)
     assert result.code == 1
     assert fault["file"] == str(file)
@@ -407,6 +412,38 @@ def test_as_a_user_who_may_not(topic, file, shmgen):
     assert "usermod -aG root" in fault["hint"]
     assert refused.code == 1
     assert f"{file} belongs to root:root with mode 660" in refused.stderr
+    for text in listed[:2]:
+        assert re.search(r"\d+ regions? that this user may not read; `shmgen doctor` says which group to join", text)
+        assert "no regions" not in text
+    assert f"did you mean {topic}?" in listed[2]
+
+
+def test_a_file_that_is_no_region_is_one_fault_to_all(topic, file, shmgen):
+    file.write_bytes(b"hello\n")
+    answer = f"{file} is not a region of shmgen (magic 16#6C6C6568), 6 bytes"
+    hint = f"hint: `ls -l {file}` shows whose it is; remove it, or use another topic"
+    said = [
+        shmgen(*words, topic, *more)
+        for words, more in (
+            (["echo"], ["--timeout", "1"]),
+            (["doctor"], []),
+            (["pub"], ["geometry_msgs/Pose", "--once"]),
+            (["clean", "--force"], []),
+            (["info"], []),
+            (["hz"], ["--timeout", "1"]),
+        )
+    ]
+    with pytest.raises(RegionUnusable) as refused:
+        PosePublisher(topic)
+    for text in (*(each.stdout + each.stderr for each in said), str(refused.value)):
+        assert answer in text
+        assert hint in text
+        assert "no such region" not in text
+    assert [each.code for each in said] == [1] * 6
+    assert file.read_bytes() == b"hello\n"
+    file.write_bytes(b"")
+    (fault,) = faults(shmgen("doctor", topic, "--json"))
+    assert fault["message"] == "nobody has completed its header yet"
 
 
 def test_a_topic_that_is_not_there(topic, shmgen):

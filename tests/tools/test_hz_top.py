@@ -92,19 +92,20 @@ def test_top_in_a_pipe(topic, shmgen, started):
     rows = rows_of(result.stdout, topic)
     assert len(rows) == 2
     for row in rows:
-        assert row[1:3] == ["std_msgs/msg/Int32", str(pub.pid)]
+        assert row[1].endswith("/s")
+        assert row[4:6] == ["std_msgs/msg/Int32", str(pub.pid)]
     (row,) = [row for row in json.loads(shmgen("top", "--once", "--json").stdout) if row["topic"] == topic]
     assert 50 < row["rate"] < 120
     assert 0 <= row["age"] < 0.5
-    assert (row["depth"], row["recoveries"]) == (1, 0)
+    assert (row["slots"], row["recoveries"]) == (2, 0)
     pub.kill()
     pub.wait()
     (row,) = rows_of(shmgen("top", "--once", "-d", "0.2").stdout, topic)
-    assert row[2] == "gone"
+    assert row[5] == "gone"
 
 
 def row(topic, rate):
-    return top.TopicRow(topic, "demo_msgs/msg/Long", "42 a long name", 1, rate, 1.0, 0.0, 0, 0)
+    return top.TopicRow(topic, rate, 1.0, "demo_msgs/msg/Long", "42 a longer name", 2, 0.0, 0, 0)
 
 
 def test_top_counts_what_readers_missed(topic, shmgen):
@@ -136,8 +137,32 @@ def test_order_and_width():
     assert [found.topic for found in top.ordered(rows, "rate", False)] == ["/a", "/b", "/c"]
     assert [found.topic for found in top.ordered(rows, "rate", True)] == ["/b", "/a", "/c"]
     wide = max(map(len, top.table(rows)))
-    assert max(map(len, top.table(rows, width=wide - 10))) == wide - 10
+    assert max(map(len, top.table(rows, width=wide - 6))) == wide - 6
     assert "5.0/s" in top.table(rows, width=20)[2]
+
+
+def test_in_80_columns_the_topic_is_whole_and_columns_go_from_the_right():
+    for topic, titles in (
+        ("/cell/oven/temperature", ["TOPIC", "RATE", "AGE", "TYPE", "WRITER", "SLOTS"]),
+        ("/cell/arm/left/joint_trajectory_controller/state", ["TOPIC", "RATE", "AGE"]),
+    ):
+        table = top.table([row(topic, 1000.0)], width=80)
+        assert table[0].split() == titles
+        assert table[1].split()[:5] == [topic, "1000.0/s", "1.0", "s", *table[1].split()[4:5]]
+        assert max(map(len, table)) <= 80
+    assert "...msgs/msg/Long" in top.table([row("/cell/oven/temperatures", 1.0)], width=86)[1]
+    assert "42 a long..." in top.table([row("/cell/oven/temperatures", 1.0)], width=80)[1]
+    assert top.table([row("/a/topic/wider/than/this", 1.0)], width=12)[1] == "...than/this"
+
+
+def test_slots_are_counted_and_no_depth_is_guessed(topic, shmgen):
+    """Depth 4 and depth 7 make the same eight slots."""
+    with PosePublisher(topic, depth=4):
+        assert shown(shmgen, topic)["slots"] == 8
+        (found,) = [region for region in json.loads(shmgen("topics", "--json").stdout) if region["topic"] == topic]
+        assert (found["slots"], "depth" in found) == (8, False)
+        assert "payload: 56 bytes, 8 slots" in shmgen("info", topic).stdout
+        assert f"{topic}  geometry_msgs/msg/Pose, 8 slots, " in shmgen("doctor", topic).stdout
 
 
 def test_columns_stay_where_they_are():
@@ -157,14 +182,14 @@ def test_columns_stay_where_they_are():
 
 
 class Terminal:
-    """`shmgen top` on a terminal of 100 by 20."""
+    """`shmgen top` on a terminal of 80 by 24."""
 
     def __init__(self, folder):
         self.leader, follower = pty.openpty()
-        termios.tcsetwinsize(follower, (20, 100)) if hasattr(termios, "tcsetwinsize") else None
+        termios.tcsetwinsize(follower, (24, 80)) if hasattr(termios, "tcsetwinsize") else None
         self.before = termios.tcgetattr(follower)
         self.follower = follower
-        environment = {**os.environ, "TERM": "xterm", "COLUMNS": "100", "LINES": "20"}
+        environment = {**os.environ, "TERM": "xterm", "COLUMNS": "80", "LINES": "24"}
         command = [sys.executable, "-m", "shmgen", "top", "-d", "0.2"]
         self.process = subprocess.Popen(
             command, stdin=follower, stdout=follower, stderr=follower, cwd=folder, env=environment
@@ -196,9 +221,9 @@ def test_top_on_a_terminal(topic, tmp_path):
         try:
             terminal.until(r"\x1b\[\?1049h.*TOPIC\*.*/shmgen_test/t")
             terminal.press("s\x1b[A")
-            terminal.until(r"TYPE\*")
+            terminal.until(r"RATE\*")
             terminal.press("ss")
-            terminal.until(r"DEPTH\*")
+            terminal.until(r"a wider terminal shows [A-Z, ]*LOCK, MISSED, RECOVERIES")
             terminal.press("rq")
             terminal.until(r"\x1b\[\?25h\x1b\[\?1049l$")
             assert terminal.process.wait(10) == 0

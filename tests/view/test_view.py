@@ -5,13 +5,19 @@ from __future__ import annotations
 import asyncio
 import dataclasses
 import math
+import os
 import re
+import shutil
+import stat
 import subprocess
 import sys
 import threading
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
 
 import aiohttp
 import pytest
+from aiohttp import web
 
 textual = pytest.importorskip("textual", reason="no Textual: pip install '.[view]'")
 
@@ -72,7 +78,7 @@ def test_table_fields_curves_and_memory(moving, registry):
             await until(pilot, lambda: app.screen.query(DataTable) and moving in app.screen.query_one(DataTable).rows)
             table = app.screen.query_one(DataTable)
             row = [str(cell) for cell in table.get_row(moving)]
-            assert (row[0], row[1], row[2]) == ("ok", moving, "geometry_msgs/msg/PoseStamped")
+            assert (row[0], row[1], row[4]) == ("ok", moving, "geometry_msgs/msg/PoseStamped")
             table.move_cursor(row=list(table.rows).index(moving))
             await pilot.press("enter")
             await until(pilot, lambda: app.screen.query(Tree))
@@ -178,97 +184,241 @@ def test_a_source_follows_its_region(topic, registry, tmp_path):
     assert len(_thinned(points, 40)) <= 40
 
 
+class Server:
+    """`shmgen view` in a folder without shmgen.toml, and what it has printed."""
+
+    def __init__(self, folder, *options, **environment):
+        command = [sys.executable, "-m", "shmgen", "view", "--port", "0", *options]
+        environment = {**os.environ, **environment}
+        self.process = subprocess.Popen(command, cwd=folder, env=environment, stdout=subprocess.PIPE, text=True)
+        self.url = self.process.stdout.readline().strip()
+        self.address, _, self.token = self.url.partition("/?token=")
+        assert self.process.stdout.readline() == "Ctrl-C ends it\n"
+
+    def next(self):
+        """The address that opens after one has been used."""
+        return self.process.stdout.readline().removeprefix("opened; for another browser: ").strip()
+
+    def close(self):
+        self.process.terminate()
+        rest, _ = self.process.communicate(timeout=10)
+        assert self.process.returncode == 0
+        assert self.token not in rest
+
+
 @pytest.fixture
-def page(tmp_path):
-    """`shmgen view` in a folder without shmgen.toml: its address, with the token."""
-    command = [sys.executable, "-m", "shmgen", "view", "--port", "0"]
-    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, text=True) as process:
-        yield process.stdout.readline().strip()
-        process.terminate()
-        assert "token" not in process.stdout.read()
-        assert process.wait(10) == 0
+def server(tmp_path):
+    """Starts one with options."""
+    servers = []
+
+    def start(*options, **environment):
+        servers.append(Server(tmp_path, *options, **environment))
+        return servers[-1]
+
+    yield start
+    for each in servers:
+        each.close()
 
 
-def test_nobody_else_gets_in(page):
-    address, _, token = page.partition("/?token=")
-    own = {"Cookie": f"shmgen-view-{address.rpartition(':')[2]}={token}"}
-    cases = [
-        ("/", {}, 403),
-        ("/?token=guessed", {}, 403),
-        (f"/?token={token}", {}, 303),
-        ("/", own, 200),
-        ("/", own | {"Host": "evil.example"}, 403),
-        ("/", own | {"Origin": "http://evil.example"}, 403),
-        ("/", own | {"Origin": "null"}, 403),
-        ("/static/js/textual.js", {}, 403),
-        ("/ws", own, 403),
-        ("/ws", own | {"Origin": "http://evil.example"}, 403),
-        ("/ws", {"Origin": address}, 403),
-        ("/ws", own | {"Origin": address}, 101),
-    ]
-    upgrade = {"Connection": "Upgrade", "Upgrade": "websocket", "Sec-WebSocket-Version": "13"}
+def test_nobody_else_gets_in(server):
+    page = server()
+    address = page.address
+
+    async def status(session, path, headers):
+        if path.endswith("/ws"):
+            upgrade = {"Connection": "Upgrade", "Upgrade": "websocket", "Sec-WebSocket-Version": "13"}
+            headers = headers | upgrade | {"Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ=="}
+        async with session.get(address + path, headers=headers, allow_redirects=False) as answer:
+            if answer.status != 101:
+                assert "frame-ancestors 'none'" in answer.headers["Content-Security-Policy"]
+                assert "Access-Control-Allow-Origin" not in answer.headers
+                return answer.status, answer.headers, await answer.text()
+            answer.close()
+            return 101, answer.headers, ""
 
     async def knock():
         async with aiohttp.ClientSession(cookie_jar=aiohttp.DummyCookieJar()) as session:
-            for path, headers, wanted in cases:
-                if path == "/ws":
-                    headers = headers | upgrade | {"Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ=="}
-                async with session.get(address + path, headers=headers, allow_redirects=False) as answer:
-                    assert answer.status == wanted, (path, headers)
-                    if wanted == 101:
-                        answer.close()
-                        continue
-                    assert "frame-ancestors 'none'" in answer.headers["Content-Security-Policy"]
-                    assert "Access-Control-Allow-Origin" not in answer.headers
-                    if wanted == 303:
-                        cookie = answer.headers["Set-Cookie"]
-                        assert "HttpOnly" in cookie
-                        assert "SameSite=Strict" in cookie
-                    if wanted == 200:
-                        assert not re.findall(
-                            r"https?://(?!127\.0\.0\.1)",
-                            (await answer.text()).replace("http://www.w3.org/2000/svg", ""),
-                        )
+            for guess in ("", "?token=guessed", "?token=%C3%A9", "?token=%ff"):
+                assert (await status(session, f"/{guess}", {}))[0] == 403
+            entered, headers, _ = await status(session, f"/?token={page.token}", {})
+            cookie, folder = headers["Set-Cookie"], headers["Refresh"].removeprefix("0; url=")
+            assert entered == 200
+            assert {"HttpOnly", "SameSite=Strict", f"Path={folder}"} <= set(cookie.split("; "))
+            own = {"Cookie": cookie.partition(";")[0]}
+            for path, headers, wanted in (
+                (f"/?token={page.token}", {}, 403),
+                ("/", own, 404),
+                (folder, {}, 403),
+                (folder, {"Cookie": f"shmgen-view={page.token}"}, 403),
+                (folder, {"Cookie": "shmgen-view=\u00e9"}, 403),
+                (folder, own | {"Host": "evil.example"}, 403),
+                (folder, own | {"Origin": "http://evil.example"}, 403),
+                (folder, own | {"Origin": "null"}, 403),
+                (f"{folder}static/js/textual.js", {}, 403),
+                (f"{folder}ws", own, 403),
+                (f"{folder}ws", own | {"Origin": "http://evil.example"}, 403),
+                (f"{folder}ws", {"Origin": address}, 403),
+                (f"{folder}ws", own | {"Origin": address}, 101),
+            ):
+                assert (await status(session, path, headers))[0] == wanted, (path, headers)
+            found, _, text = await status(session, folder, own)
+            assert found == 200
+            assert not re.findall(r"https?://(?!127\.0\.0\.1)", text.replace("http://www.w3.org/2000/svg", ""))
+            assert (await status(session, page.next().removeprefix(address), {}))[0] == 200
 
     asyncio.run(knock())
 
 
+@pytest.fixture
+def first(topic):
+    """A topic above those of other tests, which come and go: no row moves between a look and a click."""
+    name = topic.replace("/shmgen_test/", "/a_click/")
+    yield name
+    for file in Path("/dev/shm").glob(f"*{name[1:].replace('/', '.')}*"):
+        file.unlink()
+
+
+@contextmanager
+def talking(topics):
+    """Those topics, std_msgs/Int32, 20 times a second; ends and removes them."""
+    command = [sys.executable, "-m", "shmgen", "pub"]
+    with ExitStack() as stack:
+        for number, topic in enumerate(topics):
+            words = [*command, topic, "std_msgs/Int32", f"{{data: {number}}}", "-r", "20"]
+            process = stack.enter_context(subprocess.Popen(words, stdout=subprocess.PIPE, text=True))
+            stack.callback(process.kill)
+            assert process.stdout.readline()
+        yield
+
+
 @pytest.mark.slow
-def test_in_a_real_browser(moving, page, tmp_path):
-    """All comes from this machine; what is drawn changes; a page of another origin gets nothing."""
-    address = page.partition("/?")[0]
+@pytest.mark.parametrize("size", [(1280, 800), (800, 600)])
+def test_a_click_opens_the_row_under_it(first, server, size):
+    """What a person sees in the window is where the mouse finds it, and all of it is in the window."""
+    topics = [f"{first}/{name}" for name in "abc"]
 
     async def walk():
         async with Page() as browser:
-            await browser.open(page)
-            for _ in range(100):
-                if await browser.run("document.body.classList.contains('-first-byte')") is True:
-                    break
-                await asyncio.sleep(0.2)
-            await asyncio.sleep(2)
-            first = await browser.picture(tmp_path / "regions.png")
-            assert await browser.run("location.href") == f"{address}/"
-            await browser.click(300, 60)
-            await browser.press("Enter")
-            await asyncio.sleep(2)
-            second = await browser.picture(tmp_path / "region.png")
-            assert len({first, second}) == 2
-            assert min(map(len, (first, second))) > 8000
+            await browser.resize(*size)
+            await browser.open(server().url)
+            for name in (topics[2], topics[0]):
+                await browser.until("Sort by the next column")
+                await browser.click_on(name)
+                await browser.until(f"shmgen view — {name}")
+                await browser.until(f"data: {topics.index(name)}")
+                assert (await browser.until("esc All regions"))[0] == browser.screen.lines - 1
+                drawn = await browser.canvas()
+                assert drawn["left"] == drawn["top"] == 0
+                assert size[0] - 20 < drawn["right"] <= size[0]
+                assert size[1] - 40 < drawn["bottom"] <= size[1]
+                await browser.press("Escape")
+            hidden = "document.querySelector('textarea').getBoundingClientRect().right <= 0"
+            assert await browser.run(hidden) is True
+            overflow = "document.documentElement.scrollHeight > innerHeight || document.body.scrollWidth > innerWidth"
+            assert await browser.run(overflow) is False
+
+    with talking(topics):
+        asyncio.run(walk())
+
+
+@pytest.mark.slow
+def test_a_sample_by_hand_in_a_real_browser(first, server, registry):
+    """On the topic that was clicked, and only with --allow-write."""
+    kind = registry.message("std_msgs/msg/Int32")
+
+    async def walk(page, name):
+        async with Page() as browser:
+            await browser.open(page.url)
+            await browser.click_on(name)
+            await browser.until("Plot")
+            if page is looking:
+                assert not any("Publish" in line for line in browser.screen.display)
+                return
+            await browser.click_on("Publish")
+            await browser.until("data: 0")
+            await browser.click_on("Publish one sample")
+            await browser.until("sample 1 is in the region")
+
+    looking, writing = server(), server("--allow-write")
+    with subscriber(kind, f"{first}/a", 1) as above, subscriber(kind, f"{first}/b", 1) as reader:
+        asyncio.run(walk(looking, f"{first}/b"))
+        asyncio.run(walk(writing, f"{first}/b"))
+        assert reader.read().data == 0
+        assert above.read() is None
+
+
+@pytest.mark.slow
+def test_in_a_real_browser(moving, server):
+    """All comes from this machine; a page of another origin gets nothing, and another port no cookie."""
+    page = server()
+    address, got = page.address, []
+
+    async def other(request):
+        got.append(request.headers.get("Cookie"))
+        return web.Response(text="another port")
+
+    async def walk():
+        elsewhere = web.Application()
+        elsewhere.add_routes([web.get("/{path:.*}", other)])
+        runner = web.AppRunner(elsewhere)
+        await runner.setup()
+        site = web.TCPSite(runner, "127.0.0.1", 0)
+        await site.start()
+        async with Page() as browser:
+            await browser.open(page.url)
+            await browser.until(moving)
+            inside = await browser.run("location.href")
+            assert re.fullmatch(rf"{address}/[\w-]{{16}}/", inside)
             assert all(asked.startswith((address, address.replace("http", "ws"))) for asked in browser.asked), (
                 browser.asked
             )
             assert any("/ws?" in asked for asked in browser.asked)
+            await browser.open(f"http://127.0.0.1:{site._server.sockets[0].getsockname()[1]}/")
+            await asyncio.sleep(0.5)
+            assert got
+            assert set(got) == {None}
             await browser.open("data:text/html,<p>elsewhere")
             await asyncio.sleep(0.5)
-            stolen = f"fetch('{address}/').then(a => a.text(), e => 'refused')"
+            stolen = f"fetch('{inside}').then(a => a.text(), e => 'refused')"
             assert await browser.run(stolen) == "refused"
             socket = (
-                f"new Promise(done => {{ const s = new WebSocket('{address.replace('http', 'ws')}/ws');"
+                f"new Promise(done => {{ const s = new WebSocket('{inside.replace('http', 'ws')}ws');"
                 "s.onopen = () => done('open'); s.onerror = () => done('refused'); })"
             )
             assert await browser.run(socket) == "refused"
+        await runner.cleanup()
 
     asyncio.run(walk())
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("xdg-open") is None, reason="no xdg-open: apt-get install xdg-utils")
+def test_the_browser_is_started_with_no_secret(topic, server, tmp_path):
+    """What `--open` gives it everybody reads in /proc; the file it names only this user, until it has been opened."""
+    home = tmp_path / "home"
+    home.mkdir()
+    starter, asked = tmp_path / "browser", tmp_path / "asked"
+    starter.write_text(f'#!/bin/sh\nprintf "%s\\n" "$@" > {asked}.part && mv {asked}.part {asked}\n')
+    starter.chmod(0o755)
+
+    async def walk():
+        page = server("--open", HOME=str(home), BROWSER=str(starter))
+        for _ in range(200):
+            if asked.exists():
+                break
+            await asyncio.sleep(0.05)
+        (door,) = home.iterdir()
+        assert asked.read_text().strip().removeprefix("file://") == str(door)
+        assert page.token not in asked.read_text()
+        assert stat.S_IMODE(door.stat().st_mode) == 0o600
+        async with Page() as browser:
+            await browser.open(door.as_uri())
+            await browser.until(topic)
+            assert await browser.run("location.origin") == page.address
+        assert list(home.iterdir()) == []
+
+    with talking([topic]):
+        asyncio.run(walk())
 
 
 def test_without_the_extra_it_says_what_to_install(tmp_path, monkeypatch):

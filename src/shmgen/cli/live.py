@@ -248,6 +248,7 @@ def top(delay: float, once: bool, count: int | None, as_json: bool) -> None:
 
     Keys: q quits, s sorts by the next column, r reverses the order. In a pipe, prints one table after the other.
     """
+    from shmgen.live.regions import unlisted
     from shmgen.tools.messages.format import as_line
     from shmgen.tools.watch import screen
     from shmgen.tools.watch import top as tool
@@ -258,7 +259,8 @@ def top(delay: float, once: bool, count: int | None, as_json: bool) -> None:
         return
     past: tool.Past = {}
     widths: dict[str, int] = {}
-    tool.look(past)
+    if said := unlisted(tool.look(past)):
+        common.note(said)
     shown = 0
     while shown != number:
         time.sleep(delay)

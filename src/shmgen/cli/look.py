@@ -21,6 +21,7 @@ _window = click.option(
 @common.polite
 def topics(as_json: bool) -> None:
     """List live regions: type, writer, readers, depth, age of the newest sample."""
+    from shmgen.live.regions import unlisted
     from shmgen.tools.messages.format import as_line
     from shmgen.tools.watch import topics as tool
 
@@ -30,8 +31,8 @@ def topics(as_json: bool) -> None:
     elif found:
         width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
         click.echo("\n".join(tool.table(found, width)))
-    else:
-        common.note("no regions; `shmgen pub` makes one, and so does every publisher and subscriber")
+    if said := unlisted(found):
+        common.note(said)
 
 
 @click.command()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+import socket
 import sys
 from pathlib import Path
 
@@ -51,12 +52,12 @@ def view(
         _in_terminal(topic, allow_write, config_file, include)
         return
     try:
-        from shmgen.view.serve import Page, listen
+        from shmgen.view.serve import HOST, Page
     except ImportError as error:
         raise ValueError(_MISSING.format(name=error.name)) from None
     common.registry(config_file, include)  # what is wrong with shmgen.toml is told here
     try:
-        listening = listen(port)
+        listening = socket.create_server((HOST, port))
     except OSError as error:
         raise OSError(f"port {port}: {error.strerror}\n  hint: choose another with --port, or 0") from None
     words = [sys.executable, "-m", "shmgen", "view", "--terminal", *([topic] if topic else [])]
@@ -64,11 +65,10 @@ def view(
     words += ["-c", str(config_file)] if config_file else []
     words += [word for folder in include for word in ("-I", str(folder))]
 
-    page = Page(shlex.join(words), listening)
+    page = Page(shlex.join(words), listening, click.echo)
     click.echo(f"{page.address}\nCtrl-C ends it")
-    sys.stdout.flush()
-    if opens:
-        click.launch(page.address)
+    if opens and click.launch(page.door()):
+        common.note("no browser could be started: xdg-open is missing; open the address")
     page.serve()
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-import stat
 import struct
+from collections.abc import Sized
 from contextlib import suppress
 from types import TracebackType
 from typing import Any
@@ -16,7 +16,7 @@ from shmgen.runtime.errors import RegionMissing, RegionUnusable, ShmError
 from shmgen.runtime.region import header as h
 from shmgen.runtime.region.holders import holder
 from shmgen.runtime.region.names import HALVES, region_file, semaphore_file
-from shmgen.runtime.region.opening import opened_to_read
+from shmgen.runtime.region.opening import foreign, opened_to_read
 from shmgen.runtime.region.region import WRITER_LOCK, byte_is_locked
 
 FOLDER = "/dev/shm"
@@ -30,9 +30,16 @@ class View:
     __slots__ = ("_file", "name")
 
     def __init__(self, name: str) -> None:
-        """Opens the file of the region `name`: `robot.pose`. Raises RegionMissing, PermissionDenied, RegionUnusable."""
+        """Opens the file of the region `name`: `robot.pose`. Raises RegionMissing, PermissionDenied, RegionUnusable.
+
+        It may have no header yet; what something else has made is not opened.
+        """
         self.name = name
         self._file = opened_to_read(name)
+        header = self.header()
+        if header.foreign:
+            self.close()
+            raise foreign(region_file(name), header)
 
     def header(self) -> h.Header:
         """As it is now; a file shorter than a header is read as if zeros followed."""
@@ -93,7 +100,16 @@ def live() -> list[str]:
 
 def closed() -> list[str]:
     """Names of what may be regions but cannot be read by this user: files with a semaphore beside them."""
-    return [name for name in _files() if _is_closed(region_file(name)) and os.path.lexists(semaphore_file(name))]
+    files = {name: region_file(name) for name in _files() if os.path.lexists(semaphore_file(name))}
+    regular = {name: file for name, file in files.items() if os.path.isfile(file) and not os.path.islink(file)}
+    return [name for name, file in regular.items() if not os.access(file, os.R_OK)]
+
+
+def unlisted(listed: Sized) -> str:
+    """What to say beside a list of all regions: that some cannot be read by this user, or why there are none."""
+    if hidden := len(closed()):
+        return f"{counted(hidden, 'region')} that this user may not read; `shmgen doctor` says which group to join"
+    return "" if listed else "no regions; `shmgen pub` makes one, and so does every publisher and subscriber"
 
 
 def is_region(name: str) -> bool:
@@ -115,7 +131,7 @@ def meant(topic: str) -> list[str]:
 
 def missing(topic: str) -> RegionMissing:
     """What to say of a topic that has no region: which regions there are, and which of them may be meant."""
-    topics = [topic_of(name) for name in live()]
+    topics = [topic_of(name) for name in (*live(), *closed())]
     close = closest("/" + topic.removeprefix("/"), topics, 0.75)
     there = f"there are {', '.join(topics[:20])}{', ...' if len(topics) > 20 else ''}" if topics else "there are none"
     advice = f"did you mean {close}?" if close else "a region comes with its first publisher or subscriber"
@@ -124,6 +140,8 @@ def missing(topic: str) -> RegionMissing:
 
 def damage(header: h.Header) -> str:
     """What in a header cannot be, or nothing: no number of a damaged one may be counted with."""
+    if header.magic == 0:
+        return "nobody has completed its header yet"
     if (header.abi, header.header_size) != (h.ABI, h.HEADER_SIZE):
         return f"it was made by another version of shmgen: ABI {header.abi}, here {h.ABI}"
     if header.slots < 2 or header.slots & header.slots - 1:
@@ -150,12 +168,6 @@ def sound(view: View) -> h.Header:
 def depth_of(header: h.Header) -> int:
     """A depth that gives as many slots."""
     return max(1, header.slots - 1)
-
-
-def _is_closed(file: str) -> bool:
-    with suppress(FileNotFoundError):
-        return stat.S_ISREG(os.lstat(file).st_mode) and not os.access(file, os.R_OK)
-    return False
 
 
 def _exists(topic: str) -> bool:

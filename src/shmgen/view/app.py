@@ -7,31 +7,38 @@ from typing import ClassVar
 from rich.text import Text
 from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
+from textual.coordinate import Coordinate
+from textual.events import Click
 from textual.screen import Screen
 from textual.widgets import DataTable, Footer, Header, Static
 from textual.widgets.data_table import ColumnKey
 
 from shmgen.core.diagnostics import Rejected
-from shmgen.core.escape import legible, lines
+from shmgen.core.escape import lines
 from shmgen.core.plural import counted
 from shmgen.live.classes import ClassRegistry
+from shmgen.live.regions import unlisted
 from shmgen.runtime import ShmError
 from shmgen.tools.watch import top
-from shmgen.view.region import RegionScreen
+from shmgen.view.region import RegionScreen, plain
 from shmgen.view.source import Source
 
 _PERIOD = 1.0
 """Seconds between two looks at all regions."""
-_COLUMNS = ("HEALTH", "TOPIC", "TYPE", "WRITER", "DEPTH", "RATE", "AGE", "MISSED", "BYTES")
+_COLUMNS = ("HEALTH", "TOPIC", "RATE", "AGE", "TYPE", "WRITER", "SLOTS", "MISSED", "BYTES")
 
 
-def plain(text: str) -> Text:
-    """Text that a region or a process has chosen: nothing in it is markup or an order to a terminal."""
-    return Text(legible(text))
+class Table(DataTable[Text]):
+    """A click opens a row. Textual's own table wants two, both in the same cell."""
+
+    def on_click(self, event: Click) -> None:
+        meta = event.style.meta
+        if meta.get("row", -1) >= 0:
+            self.cursor_coordinate = Coordinate(meta["row"], meta["column"])
 
 
 class Regions(Screen[None]):
-    """What `shmgen top` shows; Enter opens a region."""
+    """What `shmgen top` shows; Enter or a click opens a region."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("q", "app.quit", "Quit"),
@@ -45,12 +52,12 @@ class Regions(Screen[None]):
 
     def compose(self) -> ComposeResult:
         yield Header(icon="")
-        yield DataTable(cursor_type="row", zebra_stripes=True)
+        yield Table(cursor_type="row", zebra_stripes=True)
         yield Static(id="note", markup=False)
         yield Footer()
 
     def on_mount(self) -> None:
-        table = self.query_one(DataTable)
+        table = self.query_one(Table)
         for column in _COLUMNS:
             table.add_column(column, key=column)
         top.look(self._past)
@@ -61,7 +68,7 @@ class Regions(Screen[None]):
         """Only what is another one than before is drawn anew. Columns only grow: to shrink one reads it whole."""
         if self.app.screen is not self:  # is_current is true also for the screen below another
             return
-        table = self.query_one(DataTable)
+        table = self.query_one(Table)
         rows = top.ordered(top.look(self._past), self._column, reverse=False)
         wanted = [row.topic for row in rows]
         there = [str(key.value) for key in table.rows]
@@ -78,8 +85,8 @@ class Regions(Screen[None]):
                     if table.get_cell(row.topic, column) != cell:
                         wider = cell.cell_len > table.columns[ColumnKey(column)].content_width
                         table.update_cell(row.topic, column, cell, update_width=wider)
-        note = f"{counted(len(rows), 'region')}, sorted by {self._column}" if rows else "no regions"
-        self.query_one("#note", Static).update(note)
+        note = f"{counted(len(rows), 'region')}, sorted by {self._column}" if rows else ""
+        self.query_one("#note", Static).update("; ".join(filter(None, (note, unlisted(rows)))))
 
     def action_sort(self) -> None:
         columns = top.COLUMNS
@@ -92,23 +99,19 @@ class Regions(Screen[None]):
 
 def health(row: top.TopicRow) -> str:
     """One word."""
-    if row.type.startswith("damaged:"):
-        return "damaged"
-    if row.writer in ("-", "gone"):
-        return "no writer" if row.writer == "-" else "gone"
-    if row.writer == "PLC, still":
-        return "still"
-    return "ok"
+    return "damaged" if row.type.startswith("damaged:") else _HEALTH.get(row.writer, "ok")
 
 
+_HEALTH = {"-": "no writer", "gone": "gone", "PLC, still": "still"}
 _STYLES = {"ok": "green", "damaged": "red", "gone": "yellow", "still": "yellow"}
 
 
 def _cells(row: top.TopicRow) -> list[Text]:
     said = health(row)
-    texts = [plain(text) for text in (row.topic, row.type, row.writer)]
-    numbers = [str(row.depth), top.cell("rate", row.rate), top.cell("age", row.age), f"{row.missed:,}", f"{row.size:,}"]
-    return [Text(said, style=_STYLES.get(said, "")), *texts, *(Text(number, justify="right") for number in numbers)]
+    topic, type_, writer = (plain(text) for text in (row.topic, row.type, row.writer))
+    numbers = [top.cell("rate", row.rate), top.cell("age", row.age), str(row.slots), f"{row.missed:,}", f"{row.size:,}"]
+    rate, age, *others = (Text(number, justify="right") for number in numbers)
+    return [Text(said, style=_STYLES.get(said, "")), topic, rate, age, type_, writer, *others]
 
 
 class Viewer(App[None]):

@@ -59,7 +59,9 @@ class Curves(PlotextPlot):
         if drawn:
             plot.xlim(-self._seconds, 0)
         else:
-            plot.title("Enter on a number of the tree draws it here" if not self._curves else "nothing in this time")
+            plot.title(
+                "Enter or a click on a number of the tree draws it here" if not self._curves else "nothing in this time"
+            )
         self.refresh()
 
 

@@ -17,6 +17,7 @@ from textual.widgets.tree import TreeNode
 
 from shmgen.core.diagnostics import Rejected
 from shmgen.core.escape import legible, lines
+from shmgen.core.plural import counted
 from shmgen.runtime import CountExceeded, Message, ShmError
 from shmgen.targets.python.names import python_member
 from shmgen.tools.messages import format
@@ -52,6 +53,7 @@ class RegionScreen(Screen[None]):
 
     def __init__(self, source: Source, *, allow_write: bool) -> None:
         super().__init__()
+        self.sub_title = legible(source.topic)
         self._source = source
         source.look()
         self._allow_write = allow_write
@@ -164,10 +166,10 @@ class RegionScreen(Screen[None]):
         newest = self._source.newest
         age = f"{time.time() - newest.stamp / 1e9:.3f} s" if newest and newest.stamp else "-"
         state = "paused" if self._paused else f"{rate:.1f}/s"
+        missed = f"   {counted(self._source.missed, 'sample')} overwritten between two looks here"
         self.query_one("#about", Static).update(
-            f"{legible(header.type_name)}   sample {header.completed:,}   {state}   age {age}   "
-            f"{header.payload_size:,} bytes   digest 16#{header.digest:016X}\n"
-            f"{self._source.missed:,} samples were overwritten between two looks here; Enter on a number draws it"
+            f"{legible(header.type_name)}   sample {header.completed:,}   {state}   age {age}\n"
+            f"{counted(header.payload_size, 'byte')}   digest 16#{header.digest:016X}{missed}"
         )
         if not self._paused:
             self._values()
@@ -202,7 +204,7 @@ class RegionScreen(Screen[None]):
 
 
 def plain(text: str) -> Text:
-    """As it stands; nothing in it is markup or an order to a terminal."""
+    """Text that a region or a process has chosen: nothing in it is markup or an order to a terminal."""
     return Text(legible(text))
 
 

@@ -67,9 +67,14 @@ class Header(_Words):
         """All that both sides must agree on."""
         return (self.size, *(getattr(self, word.name) for word in _MADE))
 
+    @property
+    def foreign(self) -> bool:
+        """Something else has made the file; without a magic it may become a region."""
+        return self.magic not in (0, MAGIC)
+
     def __str__(self) -> str:
         if self.magic != MAGIC:
-            return f"no shmgen region (magic 16#{self.magic:08X}), {counted(self.size, 'byte')}"
+            return f"not a region of shmgen (magic 16#{self.magic:08X}), {counted(self.size, 'byte')}"
         return (
             f"{self.type_name or 'unnamed type'}, {counted(self.payload_size, 'byte')}, digest 16#{self.digest:016X}, "
             f"{self.slots} slots of {self.slot_size} bytes, {counted(self.size, 'byte')} in all, ABI {self.abi}"

@@ -105,6 +105,12 @@ def opened_to_read(name: str) -> io.FileIO:
         raise denied(path) from None
 
 
+def foreign(path: str, header: h.Header) -> RegionUnusable:
+    """What to say of a file that something else has made."""
+    hint = f"`ls -l {path}` shows whose it is; remove it, or use another topic"
+    return RegionUnusable(f"{path} is {header}\n  hint: {hint}")
+
+
 def _open_memory(name: str, size: int, access: Access) -> io.FileIO:
     path = region_file(name)
     for _ in range(_ATTEMPTS):
@@ -239,6 +245,8 @@ def _complete_header(fd: int, map: mmap.mmap, ours: h.Header) -> None:
 
 def _check(topic: str, ours: h.Header, file: io.FileIO) -> None:
     theirs = _peek(file.fileno())
+    if theirs.foreign:
+        raise foreign(region_file(region_name(topic)), theirs)
     if _is_rounded(ours.size, theirs.size, file):
         theirs = theirs._replace(size=ours.size)
     if theirs.magic == 0 and theirs.size == ours.size:

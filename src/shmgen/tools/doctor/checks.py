@@ -29,7 +29,8 @@ def _header(seen: Evidence) -> Iterator[Problem]:
     header, file = seen.after, region_file(seen.name)
     if why := damage(header):
         clean = _ADVICE_CLEAN.format(topic=seen.topic)
-        hint = clean if header.abi == h.ABI else "use the same version of shmgen on both sides"
+        other = header.magic and header.abi != h.ABI
+        hint = "use the same version of shmgen on both sides" if other else clean
         yield Problem(seen.topic, why, hint, file)
 
 

@@ -8,9 +8,10 @@ import time
 from shmgen.live.processes import Processes, called
 from shmgen.live.regions import FOLDER, View, missing
 from shmgen.runtime import region_name
-from shmgen.runtime.errors import PermissionDenied, RegionMissing, RegionUnusable
+from shmgen.runtime.errors import PermissionDenied, RegionMissing
 from shmgen.runtime.region import header as h
 from shmgen.runtime.region.names import event_name, region_file, semaphore_file
+from shmgen.runtime.region.opening import foreign
 
 _WATCH = 0.25
 """Seconds within which a PLC that runs counts its heartbeat up, also with a slow task."""
@@ -32,7 +33,7 @@ def leftovers(topic: str) -> list[str]:
             raise missing(topic) from None
         return files
     if header.magic != h.MAGIC and not _unfinished(header):
-        raise RegionUnusable(f"{region_file(name)} is not a region of shmgen, {header}; not touched")
+        raise foreign(region_file(name), header)
     return [*files, region_file(name)]
 
 

@@ -11,7 +11,7 @@ from shmgen.core.plural import counted
 from shmgen.live import processes
 from shmgen.live.classes import ClassRegistry
 from shmgen.live.processes import called
-from shmgen.live.regions import depth_of, live, meant, missing
+from shmgen.live.regions import live, meant, missing
 from shmgen.runtime import region_name
 from shmgen.runtime.region import header as h
 from shmgen.runtime.region.names import region_file
@@ -85,7 +85,7 @@ def plain(report: Examination) -> dict[str, Any]:
                 "digest": f"{seen.after.digest:016x}",
                 "payload_size": seen.after.payload_size,
                 "size": seen.after.size,
-                "depth": depth_of(seen.after),
+                "slots": seen.after.slots,
                 "samples": seen.after.completed,
                 "owner": seen.status.st_uid,
                 "group": seen.status.st_gid,
@@ -121,7 +121,7 @@ def _full(topic: str) -> str:
 def _title(seen: Evidence) -> str:
     header = seen.after
     return (
-        f"{seen.topic}  {header.type_name}, depth {depth_of(header)}, {counted(header.completed, 'sample')}, "
+        f"{seen.topic}  {header.type_name}, {counted(header.slots, 'slot')}, {counted(header.completed, 'sample')}, "
         f"{counted(header.size, 'byte')}, {owner(seen.status)}"
     )
 

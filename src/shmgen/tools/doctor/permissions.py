@@ -8,9 +8,10 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 
 from shmgen.live.regions import topic_of
-from shmgen.runtime.errors import PermissionDenied
+from shmgen.runtime.errors import PermissionDenied, ShmError
 from shmgen.runtime.region.access import Access, RegionOptions, access_for, name_of_group, name_of_user
 from shmgen.runtime.region.names import event_name, region_file, semaphore_file
+from shmgen.runtime.region.opening import foreign, read_header
 from shmgen.tools.doctor.problem import Problem, owner
 from shmgen.tools.doctor.snapshot import Evidence
 
@@ -69,8 +70,12 @@ def _access(seen: Evidence) -> Iterator[Problem]:
 
 
 def of_places(names: Iterable[str]) -> Iterator[Problem]:
-    """What is no regular file where a region or a semaphore would be: a trap for whoever opens it without care."""
+    """What is no region, and no regular file, where a region or a semaphore would be."""
     for name in names:
+        with suppress(ShmError):
+            if (header := read_header(name)).foreign:
+                what, _, hint = str(foreign(region_file(name), header)).partition("\n  hint: ")
+                yield Problem(topic_of(name), what, hint, region_file(name))
         for file in _files(name):
             with suppress(FileNotFoundError):
                 kind = stat.S_IFMT(os.lstat(file).st_mode)

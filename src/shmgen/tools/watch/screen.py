@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 from shmgen.core.plural import counted
+from shmgen.live.regions import unlisted
 from shmgen.tools.watch import top
 
 _ENTER = "\x1b[?1049h\x1b[?25l"
@@ -24,7 +25,7 @@ _HOME = "\x1b[H"
 _TO_END_OF_LINE = "\x1b[K"
 _TO_END_OF_SCREEN = "\x1b[J"
 _REVERSE, _NORMAL = "\x1b[7m", "\x1b[m"
-_KEYS = "q quit   s sort by the next column   r reverse"
+_KEYS = "q quit   s sort by next column   r reverse"
 
 
 def can_draw() -> bool:
@@ -58,11 +59,14 @@ def run(interval: float) -> None:
 def _draw(rows: list[top.TopicRow], column: str, widths: dict[str, int]) -> None:
     width, height = shutil.get_terminal_size()
     title, *lines = top.table(rows, column, width, widths)
-    note = "" if rows else "no regions; `shmgen pub` makes one, and so does every publisher and subscriber"
+    wider = [name.upper() for name in top.COLUMNS if name.upper() not in title]
+    notes = [*filter(None, [unlisted(rows)]), *([f"a wider terminal shows {', '.join(wider)}"] if wider else [])]
     head = f"shmgen top   {time.strftime('%H:%M:%S')}   {counted(len(rows), 'region')}   {_KEYS}"
-    more = [f"... {len(lines) - height + 4} more"] if len(lines) > height - 3 else []
+    room = height - 3 - len(notes)
+    if len(lines) > room:
+        notes.insert(0, f"... {len(lines) - room + 1} more")
     shown = [head[:width], "", _REVERSE + title[:width].ljust(width) + _NORMAL]
-    shown += [line[:width] for line in [*lines[: height - 3 - len(more)], *more, note][: height - 3]]
+    shown += [line[:width] for line in [*lines[: height - 3 - len(notes)], *notes]]
     sys.stdout.write(_HOME + "\r\n".join(line + _TO_END_OF_LINE for line in shown) + _TO_END_OF_SCREEN)
     sys.stdout.flush()
 

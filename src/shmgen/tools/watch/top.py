@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from shmgen.live.processes import alive, called
-from shmgen.live.regions import View, damage, depth_of, live, topic_of
+from shmgen.live.regions import View, damage, live, topic_of
 from shmgen.runtime.errors import ShmError
 from shmgen.runtime.region import header as h
 from shmgen.runtime.region.header import steps
@@ -30,11 +30,11 @@ class TopicRow:
     """
 
     topic: str
-    type: str
-    writer: str
-    depth: int
     rate: float | None
     age: float | None
+    type: str
+    writer: str
+    slots: int
     lock: float | None
     missed: int
     recoveries: int
@@ -48,8 +48,8 @@ COLUMNS = tuple(name for name in TopicRow.__dataclass_fields__ if name != "size"
 _TEXTS = ("topic", "type", "writer")
 _WIDTHS = {"rate": len("1000.0/s"), "age": len("999.9 ms"), "lock": len("1000.0/s")}
 """Characters of what is mostly seen."""
-_NARROWEST = 8
-"""Characters left of a text in the narrowest table."""
+_NARROWEST = 12
+"""Characters left of a type or a writer before columns go."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +76,7 @@ def look(past: Past) -> list[TopicRow]:
             header = view.header()
             if why := damage(header):
                 past.pop(name, None)
-                rows.append(TopicRow(topic_of(name), f"damaged: {why}", "-", 0, None, None, None, 0, 0, header.size))
+                rows.append(TopicRow(topic_of(name), None, None, f"damaged: {why}", "-", 0, None, 0, 0, header.size))
                 continue
             looks = past.setdefault(name, deque(maxlen=_LOOKS))
             if looks and looks[-1].inode != view.status.st_ino:
@@ -99,8 +99,7 @@ def table(
 ) -> list[str]:
     """Lines of aligned columns, the titles first; the column sorted by carries a `*`.
 
-    To fit `width` the texts lose their ends, the topic last, for the numbers are what one looks for. No column
-    becomes narrower than in the tables before, whose widths are remembered in `widths_before`: nothing jumps.
+    No column becomes narrower than in the tables before, whose widths are remembered in `widths_before`: nothing jumps.
     """
     titles = [f"{name.upper()}{'*' if name == sorted_by else ' '}" for name in COLUMNS]
     cells = [titles, *([cell(name, getattr(row, name)) for name in COLUMNS] for row in rows)]
@@ -108,19 +107,30 @@ def table(
     widths = [max(before.get(name, 0), *(len(line[column]) for line in cells)) for column, name in enumerate(COLUMNS)]
     if widths_before is not None:
         widths_before.update(zip(COLUMNS, widths, strict=True))
-    while width is not None and sum(widths) + 2 * len(widths) - 2 > width:
-        topic, *others = (COLUMNS.index(name) for name in _TEXTS)
-        widest = max(others, key=lambda column: widths[column])
-        widest = widest if widths[widest] > _NARROWEST else topic
-        if widths[widest] <= _NARROWEST:
-            break
-        widths[widest] -= 1
+    return aligned(cells, [COLUMNS.index(name) for name in _TEXTS], widths, width)
+
+
+def aligned(rows: Sequence[Sequence[str]], texts: Sequence[int], widths: list[int], width: int | None) -> list[str]:
+    """Lines of columns, `texts` to the left.
+
+    To fit `width`, texts but the topic in the first column are shortened; then columns go from the right.
+    """
+    if width is not None:
+        wanted = widths
+        widths = [min(room, _NARROWEST) if column and column in texts else room for column, room in enumerate(wanted)]
+        while len(widths) > 1 and _across(widths) > width:
+            widths.pop()
+        widths[0] = min(widths[0], width)
+        while (short := [at for at in texts[1:] if at < len(widths) and widths[at] < wanted[at]]) and (
+            _across(widths) < width
+        ):
+            widths[min(short, key=widths.__getitem__)] += 1
     return [
         "  ".join(
-            cell[:room].ljust(room) if name in _TEXTS else cell.rjust(room)
-            for name, cell, room in zip(COLUMNS, line, widths, strict=True)
+            _cut(cell, room).ljust(room) if column in texts else cell.rjust(room)
+            for column, (cell, room) in enumerate(zip(row, widths, strict=False))
         ).rstrip()
-        for line in cells
+        for row in rows
     ]
 
 
@@ -134,6 +144,17 @@ def writer_of(view: View, header: h.Header, earlier: h.Header | None) -> str:
     return "gone" if header.writer else "-"
 
 
+def _across(widths: Sequence[int]) -> int:
+    return sum(widths) + 2 * len(widths) - 2
+
+
+def _cut(text: str, room: int) -> str:
+    """Of a name the end stays, of a sentence the beginning."""
+    if len(text) <= room:
+        return text
+    return f"{text[: max(0, room - 3)]}..." if " " in text else f"...{text[max(0, len(text) - room + 3) :]}"
+
+
 def _row(view: View, header: h.Header, looks: Sequence[_Look]) -> TopicRow:
     first, last = looks[0], looks[-1]
     earlier = looks[-2].header if len(looks) > 1 else None
@@ -144,11 +165,11 @@ def _row(view: View, header: h.Header, looks: Sequence[_Look]) -> TopicRow:
     stuck = earlier and header.lock_holder and header.lock_count == earlier.lock_count
     return TopicRow(
         topic=topic_of(view.name),
-        type=header.type_name,
-        writer=writer_of(view, header, earlier),
-        depth=depth_of(header),
         rate=written / seconds if seconds else None,
         age=max(0.0, (time.time_ns() - stamp) / 1e9) if stamp else None,
+        type=header.type_name,
+        writer=writer_of(view, header, earlier),
+        slots=header.slots,
         lock=None if stuck or not seconds else entered / seconds,
         missed=header.missed,
         recoveries=header.recoveries,

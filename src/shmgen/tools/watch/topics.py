@@ -12,15 +12,15 @@ from typing import Any
 from shmgen.core.plural import counted
 from shmgen.live import processes
 from shmgen.live.processes import Processes, called
-from shmgen.live.regions import FOLDER, View, damage, depth_of, live, missing, topic_of
+from shmgen.live.regions import FOLDER, View, damage, live, missing, topic_of
 from shmgen.runtime import region_name
-from shmgen.runtime.errors import ShmError
+from shmgen.runtime.errors import RegionMissing, ShmError
 from shmgen.runtime.region import header as h
 from shmgen.runtime.region.names import region_file
-from shmgen.tools.watch.top import age_of, writer_of
+from shmgen.tools.watch.top import age_of, aligned, cell, writer_of
 
 _TRIES = 5
-TITLES = ("TOPIC", "TYPE", "WRITER", "READERS", "DEPTH", "AGE")
+TITLES = ("TOPIC", "TYPE", "WRITER", "READERS", "SLOTS", "AGE")
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ class Region:
     type: str
     writer: str
     readers: tuple[int, ...]
-    depth: int
+    slots: int
     age: float | None
     samples: int
     missed: int
@@ -60,27 +60,16 @@ def look() -> list[Region]:
 def one(topic: str) -> tuple[Region, bool]:
     """One, and whether processes of others could not be looked into. Raises RegionMissing, PermissionDenied."""
     around = processes.look()
-    if region_name(topic) not in live():
-        raise missing(topic)
-    with View(region_name(topic)) as view:
+    with suppress(RegionMissing), View(region_name(topic)) as view:
         return _region(view, around), bool(around.hidden and os.geteuid())
+    raise missing(topic)
 
 
 def table(regions: Collection[Region], width: int | None) -> list[str]:
-    """Aligned columns, the titles first; in a narrow terminal the texts lose their ends, the type first."""
+    """Aligned columns, the titles first."""
     rows = [TITLES, *(_cells(region) for region in regions)]
     widths = [max(len(row[column]) for row in rows) for column in range(len(TITLES))]
-    for column in (1, 2, 0):
-        if width is not None:
-            spare = width - sum(widths) - 2 * (len(widths) - 1)
-            widths[column] = max(min(widths[column], 8), widths[column] + min(0, spare))
-    return [
-        "  ".join(
-            cell[:room].ljust(room) if column < 3 else cell.rjust(room)
-            for column, (cell, room) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in rows
-    ]
+    return aligned(rows, range(3), widths, width)
 
 
 def text(region: Region, hidden: bool) -> str:
@@ -92,7 +81,7 @@ def text(region: Region, hidden: bool) -> str:
             f"type: {region.type}",
             f"digest: 16#{region.digest.upper()}",
             f"file: {region_file(region_name(region.topic))}, {counted(region.size, 'byte')}",
-            f"payload: {counted(region.payload, 'byte')}, depth {region.depth}",
+            f"payload: {counted(region.payload, 'byte')}, {counted(region.slots, 'slot')}",
             f"samples: {region.samples:,}{age}; {region.missed:,} missed by readers",
             f"writer: {region.writer}",
             f"readers: {len(region.readers)}{'; others may be hidden: sudo sees them' if hidden else ''}",
@@ -117,7 +106,7 @@ def _region(view: View, around: Processes) -> Region:
         type=header.type_name,
         writer=writer_of(view, header, None),
         readers=tuple(sorted(pids - {writer})),
-        depth=depth_of(header),
+        slots=header.slots,
         age=max(0.0, (time.time_ns() - stamp) / 1e9) if stamp else None,
         samples=header.completed,
         missed=header.missed,
@@ -140,5 +129,5 @@ def newest_stamp(view: View, header: h.Header) -> int | None:
 
 
 def _cells(region: Region) -> tuple[str, ...]:
-    age = "-" if region.age is None else age_of(region.age)
-    return region.topic, region.type, region.writer, str(len(region.readers)), str(region.depth), age
+    numbers = str(len(region.readers)), str(region.slots), cell("age", region.age)
+    return region.topic, region.type, region.writer, *numbers
