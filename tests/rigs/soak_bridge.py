@@ -257,9 +257,9 @@ def reload(stage: Stage, dice: random.Random) -> None:
         time.sleep(1.0)
 
 
-MISHAPS: tuple[Callable[[Stage, random.Random], None], ...] = (
-    *(take_over, make_anew, remove, replace, fill, stop_a_peer, kill_a_peer, kill_the_master, reload),
-)
+_OFTEN = (take_over, make_anew, remove, replace, fill, stop_a_peer, kill_a_peer, kill_the_master)
+MISHAPS: tuple[Callable[[Stage, random.Random], None], ...] = (*_OFTEN, *_OFTEN, *_OFTEN, reload)
+"""A reload reads all definitions, and leaves some 0.2 MiB behind."""
 
 
 def run(graph: Ros, space: str, seconds: float, seed: int, longest: float) -> Verdict:
