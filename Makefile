@@ -48,7 +48,7 @@ TESTS :=
 # The extra `bench`, one by one: who cannot be had here is left out.
 PEERS := iceoryx2 cyclonedds eclipse-zenoh pyzmq asyncua pymodbus
 
-.PHONY: demo test test-all test-pure machines lint generated coverage pictures chaos model explore load load-record load-view load-bridge bare fuzz fuzz-many hostile mutants bench site dist clean
+.PHONY: demo test test-all test-pure machines lint generated coverage pictures chaos model explore load load-record load-view load-bridge soak-bridge bare fuzz fuzz-many hostile mutants bench site dist clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/ready
@@ -114,6 +114,11 @@ load-bridge: $(VENV)/ready-for-all  ## 10 topics at 100 Hz and one at 1 kHz thro
 	$(BIN)/python -m tests.rigs.load_bridge --backend ros1
 	$(BIN)/python -m tests.rigs.load_bridge --backend ros2
 	$(BIN)/python -m tests.rigs.load_bridge --backend dds
+
+soak-bridge: $(VENV)/ready-for-all  ## an hour of bridges among vanishing regions, dying peers and a full /dev/shm; as root
+	$(BIN)/python -m tests.rigs.soak_bridge --backend ros1
+	$(BIN)/python -m tests.rigs.soak_bridge --backend ros2
+	$(BIN)/python -m tests.rigs.soak_bridge --backend dds
 
 bare:  ## as root: the commands of README on Debian 12, Debian 13 and Ubuntu 24.04 that have nothing, six times; ARGS="--help"
 	$(PYTHON) -m tests.rigs.bare $(ARGS)

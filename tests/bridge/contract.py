@@ -132,6 +132,9 @@ class Line:
     def refuse(self, why: str) -> None:
         self.others.append(why)
 
+    def meet(self, stranger: str) -> None:
+        self.others += [stranger] if stranger else []
+
     def lose(self, count: int) -> None:
         self.others.append(count)
 
@@ -343,9 +346,9 @@ def _say_so(request: Any, response: Any) -> None:
     response.success, response.message = bool(request.data), f"asked {bool(request.data)}"
 
 
-def _served(scene: Scene, answer: Callable[[Any, Any], None]) -> RosClient:
+def _served(scene: Scene, answer: Callable[[Any, Any], None], wire: ServiceWire | None = None) -> RosClient:
     """A caller of a service that is there: the first call is answered."""
-    wire = scene.service()
+    wire = wire or scene.service()
     scene.backend.serve(wire, answer, scene.told.append)
     caller = scene.backend.client(wire)
     until(lambda: _tried(caller))
@@ -416,7 +419,7 @@ class Work:
 
 class _ErrorSink:
     def __init__(self, told: list[str]) -> None:
-        self.reject = self.refuse = told.append
+        self.reject = self.refuse = self.meet = told.append
 
     def lose(self, count: int) -> None:
         """Of no matter here."""
@@ -477,6 +480,30 @@ def a_goal_that_nobody_takes_is_no_answer(scene: Scene) -> None:
 # --- the node ----------------------------------------------------------------------------------------------
 
 
+def what_is_undone_is_gone_and_the_rest_goes_on(scene: Scene) -> None:
+    """And can be made again, as where shmgen.toml was changed twice."""
+    other, wire = scene.line(), scene.wire("std_msgs/String")
+    for _ in range(2):
+        scene.backend.undo = []
+        line = Line(scene, wire)
+        line.until(lambda line=line: line.outlet.send(line.outlet.new()) or line.taken, pause=0.05)
+        line.settle()
+        service = scene.service()
+        _served(scene, _say_so, service)
+        assert len(scene.backend.undo) >= 2
+        for undo in reversed(scene.backend.undo):
+            undo()
+        came = len(line.taken)
+        again = scene.backend.publisher(wire)
+        other.taken.clear()
+        for _ in range(5):
+            again.send(again.new())
+            other.outlet.send(other.text("on"))
+        other.until(lambda: len(other.taken) == 5)
+        assert len(line.taken) == came
+        _no_answer(scene.backend.client(service), 0.2)
+
+
 def it_is_alive_and_knows_the_time(scene: Scene) -> None:
     assert scene.backend.alive()
     now = scene.backend.now()
@@ -523,6 +550,7 @@ CHECKS: tuple[Callable[[Scene], None], ...] = (
     a_goal_that_is_not_accepted_is_none,
     a_cancel_reaches_its_goal,
     a_goal_that_nobody_takes_is_no_answer,
+    what_is_undone_is_gone_and_the_rest_goes_on,
     it_is_alive_and_knows_the_time,
     it_leaves_at_once_and_for_good,
 )

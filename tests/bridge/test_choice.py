@@ -73,3 +73,18 @@ def test_the_command_says_so(tmp_path: Path) -> None:
         2,
         "Error: shmgen.toml lists no [[topics]], [[services]] or [[actions]]: there is nothing to carry.",
     )
+
+
+def test_what_rclpy_misses_is_said_with_the_line_to_type(tmp_path: Path) -> None:
+    """PyYAML is a system package of Ubuntu, which pipx and a virtual environment do not see."""
+    (tmp_path / "shmgen.toml").write_text('[[topics]]\ntopic = "/a"\ntype = "std_msgs/Bool"\n')
+    (tmp_path / "rclpy").mkdir()
+    (tmp_path / "rclpy" / "__init__.py").write_text("import yaml\n")
+    hide = "import sys; sys.modules['yaml'] = None; from shmgen.__main__ import main; main()"
+    command = [sys.executable, "-c", hide, "bridge", "--backend", "ros2"]
+    environment = {"PYTHONPATH": f"{REPOSITORY / 'src'}:{tmp_path}", "PATH": ""}
+    result = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert (result.returncode, result.stdout) == (1, "")
+    assert result.stderr == (
+        f"error: backend ros2: rclpy needs yaml, which is missing here: `{sys.executable} -m pip install pyyaml`\n"
+    )

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from shmgen.bridge import listener, run
+from shmgen.bridge import listener, sides
 from shmgen.bridge.counters import Counters
 from shmgen.bridge.from_plc import FromPlc
 from shmgen.bridge.listener import Listener
@@ -214,7 +214,7 @@ def test_one_that_hangs_at_the_end_is_waited_for_once(topic: str, stopping: thre
 
 
 def test_topics_share_a_thread_but_those_with_a_rate(
-    tmp_path: Path, topic: str, stopping: threading.Event, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, topic: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """And none does where a thread cannot wait for many."""
     (tmp_path / "shmgen.toml").write_text(
@@ -225,9 +225,10 @@ def test_topics_share_a_thread_but_those_with_a_rate(
     )
     session = Session(load(tmp_path / "shmgen.toml", "shmgen.toml", Report()))
     for can, threads in ((True, 3), (False, 4)):
-        monkeypatch.setattr(run, "can_wait_for_many", lambda can=can: can)
-        sides = [side for side in run._sides(session, stopping, print) if isinstance(side, FromPlc)]
-        assert len({side._listener for side in sides}) == threads
-        assert (sides[0]._listener is sides[1]._listener) == can
-        for side in sides:
-            side.close()
+        monkeypatch.setattr(sides, "can_wait_for_many", lambda can=can: can)
+        carried = sides.Sides(print)
+        carried.carry(session)
+        topics = [side for side in carried if isinstance(side, FromPlc)]
+        assert len({side._listener for side in topics}) == threads
+        assert (topics[0]._listener is topics[1]._listener) == can
+        carried.close()

@@ -25,7 +25,7 @@ from shmgen.core.model import Role
 from shmgen.generator import pipeline
 from shmgen.live.classes import publisher, subscriber
 from shmgen.live.session import Session
-from shmgen.runtime import Publisher, RegionInUse, Subscriber, Time, region_name
+from shmgen.runtime import Publisher, Subscriber, Time, region_name
 from shmgen.runtime.region.names import region_file
 
 PATH = """
@@ -56,6 +56,7 @@ class Line:
         self.counters = Counters(topic, self.told.append)
         self.sent: list[Any] = []
         self.side = (ToPlc if self.route.to_plc else FromPlc)(self.route, self.counters, self.stopping)
+        assert self.side.end.tried.wait(10)
 
     def start(self, send: Callable[[Any], None] | None = None) -> None:
         """Joins what looks like a ROS."""
@@ -276,7 +277,8 @@ def test_a_region_that_was_removed_is_made_again(line: Callable[..., Line], topi
     there, back = line("depth = 4"), None
     with there.reader():
         Path(region_file(region_name(topic))).unlink()
-        there.side.tick()
+        there.side.beat()
+        soon(lambda: there.side.end.now)
     with there.reader() as reader:
         there.side.take(message(level=3))
         assert reader.read().level == 3
@@ -290,10 +292,15 @@ def test_a_region_that_was_removed_is_made_again(line: Callable[..., Line], topi
     assert back.sent[0].level == 4
 
 
-def test_a_second_writer_is_refused_at_the_start(line: Callable[..., Line]) -> None:
-    line()
-    with pytest.raises(RegionInUse):
-        line()
+def test_a_second_writer_waits_until_the_first_has_gone(line: Callable[..., Line]) -> None:
+    first, second = line(), line()
+    assert (second.status().level, second.side.end.now) == (ERROR, None)
+    assert "publishes already; one writer a topic" in second.status().message
+    first.close()
+    soon(lambda: second.side.end.now)
+    assert len(second.told) == 2
+    assert second.told[-1].endswith(": the region is open again")
+    assert second.status().level == OK
 
 
 def test_levels_of_diagnostics(line: Callable[..., Line], topic: str) -> None:
@@ -326,14 +333,14 @@ def test_the_plc_sees_a_ros_that_fell_silent(line: Callable[..., Line]) -> None:
     with one.reader() as reader:
         assert reader.is_stale(0)
         one.side.take(message())
-        one.side.tick()
+        one.side.beat()
         assert not reader.is_stale(5)
         time.sleep(0.15)
         before = reader._words[38]
-        one.side.tick()
+        one.side.beat()
         assert reader._words[38] == before
         one.side.take(message())
-        one.side.tick()
+        one.side.beat()
         assert reader._words[38] != before
 
 
@@ -343,11 +350,11 @@ def test_a_plc_whose_heartbeat_stands_still_is_stale(line: Callable[..., Line]) 
     with one.writer() as writer:
         for _ in range(20):
             writer.heartbeat()
-            one.side.tick()
+            one.side.beat()
             time.sleep(0.01)
         assert one.status().level == OK
         time.sleep(0.15)
-        one.side.tick()
+        one.side.beat()
         assert (one.status().level, one.status().message) == (
             STALE,
             "the PLC's heartbeat stands still for 0.1 s or more",

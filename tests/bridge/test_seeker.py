@@ -45,7 +45,7 @@ def test_a_server_that_is_found_in_part(missing: str, tmp_path: Path) -> None:
     parts = {message.name.name: message for message in schema.messages}
     wire = ActionWire("/reach", *((parts[f"Fibonacci_{part}"],) for part in ("Goal", "Result", "Feedback")))
     backend: Any = Backend(missing)
-    seeker = ros2_actions.seeker(backend, wire, SimpleNamespace(reject=None, refuse=None, lose=None))  # type: ignore[arg-type]
+    seeker = ros2_actions.seeker(backend, wire, SimpleNamespace(reject=None, refuse=None, meet=None, lose=None))  # type: ignore[arg-type]
     follower: Any = None
     if missing == "nothing":
         assert seeker.send(lambda goal: None, 0.03, follower) is None

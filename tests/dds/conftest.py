@@ -120,6 +120,9 @@ class Taken:
     def refuse(self, why: str) -> None:
         self.told.append(why)
 
+    def meet(self, stranger: str) -> None:
+        self.told += [stranger] if stranger else []
+
     def lose(self, count: int) -> None:
         self.lost += count
 

@@ -89,7 +89,7 @@ def test_a_bridge(folder: Path, counted: Counter[str], monkeypatch: pytest.Monke
     monkeypatch.setattr(choice, "module", lambda name: SimpleNamespace(connect=lambda node: backend))
     told: list[str] = []
     settings = config.load(folder / "shmgen.toml", "shmgen.toml", Report())
-    run_bridge(settings, (), told.append, told.append)
+    run_bridge(settings, (), told.append, told.append, lambda: settings)
     assert "running" in told
     assert not any("no diagnostics" in line for line in told)
     own = {name: count for name, count in counted.items() if not name.startswith("jazzy:") and name in THING}

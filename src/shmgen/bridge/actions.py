@@ -16,7 +16,7 @@ from shmgen.bridge.endpoint import LOOK, ReopeningEndpoint, WorkerThread
 from shmgen.bridge.plan import ActionRoute
 from shmgen.bridge.services import unanswered
 from shmgen.live.classes import action_client, action_server
-from shmgen.runtime import ActionClient, ActionServer, Message, ServedGoal, ShmError, ValueRejected
+from shmgen.runtime import ActionClient, ActionServer, Message, RegionInUse, ServedGoal, ShmError, ValueRejected
 
 _POLL = 0.005
 """Seconds between two looks at a goal that is under way; of a region's feedback there is the newest only."""
@@ -31,39 +31,38 @@ _FAREWELL = 0.2
 class PlcActionServer:
     """A Side, and a Worker: ROS sends goals, the PLC reaches them, one at a time; a newer one ends the one before."""
 
-    lock_misses = 0
-
     def __init__(self, route: ActionRoute, counters: Counters, stopping: threading.Event) -> None:
         self.about = route.about
         self.counters = counters
         self._route = route
         self._stopping = stopping
-        made = action_client(route.kinds)
-        self._end: ReopeningEndpoint[ActionClient[Any, Any, Any]] = ReopeningEndpoint(
-            lambda: made(route.action.name), route.region
-        )
-        self._lock = threading.Lock()
+        self.end = ReopeningEndpoint(self._opened, counters, stopping)
+        self.beat, self.close = self.end.beat, self.end.close
+        self._client: ActionClient[Any, Any, Any] | None = None
         self._goal: Goal | None = None
         self._outcome: Any = None
         self._due = 0.0
-        self._loop = WorkerThread(self._step, counters, stopping)
+        self._loop = WorkerThread(self._step, self.end, stopping)
 
     def join(self, backend: Backend) -> None:
-        self._end.renewed().cancel_former()
         backend.actions.serve(backend, self._route.wire, self, self.counters)
         self._loop.start()
 
     def begin(self, goal: Goal) -> bool:
         """Whether the PLC accepts it, which it says within `timeout`."""
-        with self._lock:
+        with self.end.lock:
             self.counters.came()
             try:
-                client = self._end.renewed()
+                client = self._client = self.end.look()
+                if client is None:
+                    raise NoAnswer(f"there is no region: {self.end.why}")
                 client.send_goal(goal.request, self._route.action.timeout)
                 self._give_up("a newer goal has come")
                 accepted = not self._stopping.is_set() and self._accepted(client)
             except Exception as error:  # NoServer, ValueRejected, or whatever a ROS may raise
                 unanswered(self.counters, error)
+                if isinstance(error, RegionInUse):
+                    self.end.lose(str(error))
                 return False
             if accepted:
                 self._goal = goal
@@ -71,48 +70,37 @@ class PlcActionServer:
 
     def cancel(self, goal: Goal) -> bool:
         """Asks the PLC to end it."""
-        with self._lock:
-            if goal is not self._goal or self._end.now is None:
+        with self.end.lock:
+            if goal is not self._goal or self.end.now is None:
                 return False
             try:
-                self._end.now.cancel()
+                self.end.now.cancel()
             except ShmError as error:
-                self.counters.complain(str(error))
+                self.end.meet(error)
                 return False
             return True
 
-    def tick(self) -> None:
-        pass
-
-    def silence(self) -> str:
-        return ""
-
-    @property
-    def is_open(self) -> bool:
-        return self._end.now is not None
-
     def leave(self) -> None:
-        with self._lock:
-            if self._goal and self._end.now:
+        with self.end.lock:
+            if self._goal and self.end.now:
                 with suppress(ShmError):
-                    self._end.now.cancel()
+                    self.end.now.cancel()
                 self._give_up("the bridge ends")
                 time.sleep(_FAREWELL / 2)
 
-    def close(self) -> None:
-        if self._loop.ended() and self._lock.acquire(timeout=2 * LOOK):  # else a goal still has the end in hand
-            self._end.close()
-            self._lock.release()
+    def _opened(self) -> ActionClient[Any, Any, Any]:
+        made = action_client(self._route.kinds)(self._route.action.name)
+        made.cancel_former()
+        return made
 
-    def _step(self) -> None:
+    def _step(self, client: ActionClient[Any, Any, Any] | None) -> float:
         if self._goal is None:
-            with self._lock:
-                self._end.renewed()
-            self._stopping.wait(LOOK if self._goal is None else _POLL)
-            return
-        with self._lock:
-            self._follow()
-        self._stopping.wait(_POLL)
+            return LOOK
+        if client is None or client is not self._client:
+            self._give_up(f"there is no region: {self.end.why}")
+        else:
+            self._follow(client)
+        return _POLL
 
     def _accepted(self, client: ActionClient[Any, Any, Any]) -> bool:
         """A goal of which nothing is heard is cancelled: a PLC that sends one gives it up likewise."""
@@ -131,14 +119,9 @@ class PlcActionServer:
         self.counters.complain("the PLC has rejected a goal")
         return False
 
-    def _follow(self) -> None:
+    def _follow(self, client: ActionClient[Any, Any, Any]) -> None:
         """Passes on what is new of the goal."""
-        before, client = self._end.now, self._end.renewed()
-        if self._goal is None:
-            return
-        if client is not before:
-            self._give_up("its regions were removed")
-            return
+        assert self._goal
         outcome = self._outcome or client.poll()
         if feedback := client.feedback():
             self._pass_on(self._goal, feedback)
@@ -173,45 +156,30 @@ class PlcActionServer:
 class PlcActionClient:
     """A Side: the PLC sends goals, ROS reaches them, in a thread of the action's own."""
 
-    lock_misses = 0
-
     def __init__(self, route: ActionRoute, counters: Counters, stopping: threading.Event) -> None:
         self.about = route.about
         self.counters = counters
         self._route = route
         self._stopping = stopping
         made = action_server(route.kinds)
-        self._end: ReopeningEndpoint[ActionServer[Any]] = ReopeningEndpoint(
-            lambda: made(route.action.name), route.region
+        self.end: ReopeningEndpoint[ActionServer[Any]] = ReopeningEndpoint(
+            lambda: made(route.action.name), counters, stopping
         )
-        self._loop = WorkerThread(self._step, counters, stopping)
+        self._loop = WorkerThread(self._step, self.end, stopping)
+        self.beat, self.close = self.end.beat, self.end.close
+        self.leave = self._loop.leave  # it cancels what is under way
 
     def join(self, backend: Backend) -> None:
         self._seeker = backend.actions.seeker(backend, self._route.wire, self.counters)
         self._loop.start()
 
-    def tick(self) -> None:
-        pass
-
-    def silence(self) -> str:
-        return ""
-
-    @property
-    def is_open(self) -> bool:
-        return self._end.now is not None
-
-    def leave(self) -> None:
-        self._loop.ended()  # it cancels what is under way
-
-    def close(self) -> None:
-        if self._loop.ended():
-            self._end.close()
-
-    def _step(self) -> None:
-        served = self._end.renewed()
+    def _step(self, served: ActionServer[Any] | None) -> float:
+        if served is None:
+            return LOOK
         if goal := served.wait(LOOK):
             self.counters.came()
             self._seek(served, goal)
+        return 0.0
 
     def _seek(self, served: ActionServer[Any], goal: ServedGoal[Any]) -> None:
         news = _News()
@@ -244,7 +212,7 @@ class PlcActionClient:
                     self._finish(goal, *news.outcome)
                     return
                 is_unwanted = goal.is_cancel_requested
-                if not goal.is_awaited or self._end.renewed() is not served or not served.client_lives():
+                if not goal.is_awaited or self.end.look() is not served or not served.client_lives():
                     is_unwanted, until = True, min(until, now + self._route.action.timeout)
                 if is_unwanted:
                     canceling = canceling or cancel()
@@ -252,7 +220,7 @@ class PlcActionClient:
                     goal.accept()
                     signed = now
             except (ShmError, OSError) as error:
-                self.counters.complain(str(error))
+                self.end.meet(error)
             news.came.wait(_POLL)
         (canceling or cancel()).join(_FAREWELL)
         self.counters.failed += 1

@@ -137,6 +137,9 @@ class ErrorSink(Protocol):
     def refuse(self, why: str) -> None:
         """One of a peer that means something else by the type."""
 
+    def meet(self, stranger: str) -> None:
+        """Why nothing of such a peer that is there now may pass; nothing, as soon as none of them is there."""
+
     def lose(self, count: int) -> None:
         """So many that a publisher has sent and this ROS has handed to nobody."""
 
@@ -253,9 +256,13 @@ class Actions(Protocol):
 
 
 class Backend(Protocol):
-    """A node in a ROS graph."""
+    """A node in a ROS graph.
+
+    Whatever it makes, it appends to `undo` what takes that back; the list is another whenever the bridge says so.
+    """
 
     actions: Actions
+    undo: list[Callable[[], None]]
 
     def publisher(self, wire: Wire) -> RosPublisher:
         """Advertises the topic. Raises ValueError for a type that this ROS has otherwise or not at all."""

@@ -5,10 +5,14 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import os
+import sys
 from types import ModuleType
 
 from shmgen.bridge.backend import BackendMissing
 from shmgen.config.bridging import BACKENDS
+
+_PACKAGES = {"yaml": "pyyaml"}
+"""What PyPI calls a module, where that is another name."""
 
 
 def chosen(key: str) -> tuple[str, str]:
@@ -31,4 +35,18 @@ def module(key: str) -> ModuleType:
     backend = next(one for one in BACKENDS if one.key == key)
     if not importlib.util.find_spec(backend.imports):
         raise BackendMissing(f"backend {key}: {backend.imports} is missing: {backend.install}")
-    return importlib.import_module(f"shmgen.bridge.{key}.backend")
+    try:
+        return importlib.import_module(f"shmgen.bridge.{key}.backend")
+    except ModuleNotFoundError as error:
+        needed = (error.name or "").partition(".")[0]
+        if needed in ("", "shmgen"):
+            raise
+        package = _PACKAGES.get(needed, needed)
+        tool = (
+            f"{sys.executable} -m pip install"
+            if importlib.util.find_spec("pip")
+            else f"uv pip install -p {sys.executable}"
+        )
+        raise BackendMissing(
+            f"backend {key}: {backend.imports} needs {needed}, which is missing here: `{tool} {package}`"
+        ) from None

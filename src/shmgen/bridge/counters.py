@@ -21,7 +21,7 @@ class Counters:
     were overwritten in the region before they could be read, or came while there was none; `failed` are calls of a
     service without an answer; `refused` came from a peer that means something else by the type; `lost` were sent, and
     gone before ROS handed them over. `newest` is when the last one came, by the monotonic clock; `complaint` says what
-    was wrong with the last that was.
+    was wrong with the last that was, `stranger` why nothing of a peer that is there now may pass.
     """
 
     topic: str
@@ -36,6 +36,7 @@ class Counters:
     lost: int = 0
     newest: float | None = None
     complaint: str = ""
+    stranger: str = ""
     _told: float = float("-inf")
     _held: int = 0
 
@@ -52,16 +53,14 @@ class Counters:
         self.rejected += 1
         self.complain(f"rejected{who}: {why}")
 
-    def miss(self, why: str = "") -> None:
-        """One for which there was no room, or no region; `why` is told if it is not known already."""
-        self.missed += 1
-        if why:
-            self.complain(why)
-
     def refuse(self, why: str) -> None:
         """One of a peer that means something else by the type, who is told of once, elsewhere."""
         self.refused += 1
         self.complaint = why
+
+    def meet(self, stranger: str) -> None:
+        """A peer that means something else by the type; nothing, as soon as none of them is there."""
+        self.stranger = stranger
 
     def lose(self, count: int) -> None:
         """So many that were sent and never came here."""

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from types import SimpleNamespace
 from typing import Any
 
-from shmgen.bridge.side import Side
+from shmgen.bridge.sides import Side
 from shmgen.runtime import Time
 from shmgen.runtime.messages.values import set_clock
 
@@ -50,7 +50,7 @@ class Reporter:
             "failed": counters.failed,
             "refused": counters.refused,
             "lost": counters.lost,
-            "lock misses": side.lock_misses,
+            "lock misses": side.end.lock_misses,
             "age [s]": "-" if counters.age is None else f"{counters.age:.3f}",
             "last complaint": counters.complaint or "-",
         }
@@ -65,10 +65,12 @@ class Reporter:
 
 def _judged(side: Side, faults: int, rate: float) -> tuple[int, str]:
     complaint = side.counters.complaint.partition("\n")[0]
-    if not side.is_open:
-        return ERROR, complaint or "no region"
-    if silence := side.silence():
+    if side.end.now is None:
+        return ERROR, side.end.why.partition("\n")[0]
+    if silence := side.end.silence():
         return STALE, silence
+    if side.counters.stranger:
+        return WARN, side.counters.stranger
     if faults:
         return WARN, complaint or f"{faults} messages missed"
     return OK, f"{rate:.1f} Hz"

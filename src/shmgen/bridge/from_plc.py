@@ -35,11 +35,10 @@ class FromPlc:
         self._missed = 0
         self._stale = False
         self._due = 0.0
-        self._end = ReopeningEndpoint(self._opened, route.region)
+        self._is_first = True
+        self.end = ReopeningEndpoint(self._opened, counters, stopping)
+        self.end.silence = self._silence
         self._listener = listener if listener and not route.topic.carried.rate else Listener(stopping)
-        if not route.topic.carried.latch:
-            # As in ROS: who comes later does not hear what was said before, least of all a command of yesterday.
-            self._end.renewed().read()
 
     def join(self, backend: Backend) -> None:
         self._outlet, self._now = backend.publisher(self.route.wire), backend.now
@@ -47,35 +46,28 @@ class FromPlc:
         plan.check(self.route, self._message)
         self._listener.add(self)
 
-    def tick(self) -> None:
+    def beat(self) -> None:
+        """Looks whether the PLC lives; the end itself is the listener's."""
         limit = self.route.topic.carried.stale
-        reader = self._end.now
+        reader = self.end.now
         if limit is not None and reader is not None:
             with suppress(ShmError, ValueError):  # closed meanwhile
                 self._stale = reader.is_stale(limit)
 
-    def silence(self) -> str:
+    def _silence(self) -> str:
         return (
             f"the PLC's heartbeat stands still for {self.route.topic.carried.stale:g} s or more" if self._stale else ""
         )
 
-    @property
-    def is_open(self) -> bool:
-        return self._end.now is not None
-
-    @property
-    def lock_misses(self) -> int:
-        return self._end.now.lock_misses if self._end.now else 0
-
     def leave(self) -> None:
-        pass
+        self._listener.forget(self)
 
     def close(self) -> None:
-        if self._listener.ended():
-            self._end.close()
+        if self._listener.forget(self):
+            self.end.close()
 
-    def renewed(self) -> Subscriber[Message]:
-        return self._end.renewed()
+    def renewed(self) -> Subscriber[Message] | None:
+        return self.end.look(self.take)
 
     def take(self, reader: Subscriber[Message]) -> bool:
         rate = self.route.topic.carried.rate
@@ -130,5 +122,11 @@ class FromPlc:
             self.counters.missed += missed
 
     def _opened(self) -> Subscriber[Message]:
-        self._missed = 0
-        return subscriber(self.route.kind, self.route.topic.topic, self.route.topic.depth)
+        made = subscriber(self.route.kind, self.route.topic.topic, self.route.topic.depth)
+        if not self._is_first:
+            made._last = 0  # all there is was written since the region before was removed
+        elif not self.route.topic.carried.latch:
+            # As in ROS: who comes later does not hear what was said before, least of all a command of yesterday.
+            made.read()
+        self._missed, self._is_first = made.missed, False
+        return made

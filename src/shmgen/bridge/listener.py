@@ -11,7 +11,7 @@ from shmgen.bridge.endpoint import LOOK
 from shmgen.runtime import ShmError, Subscriber, ready_any
 
 _AGAIN = 0.5
-"""Seconds until a region that could not be opened, or read, is tried again."""
+"""Seconds until a region that could not be read is tried again."""
 _LOCKED_OUT = 0.001
 """Seconds until the next try where there are samples, and none could be read."""
 
@@ -21,8 +21,8 @@ class Heard(Protocol):
 
     counters: Counters
 
-    def renewed(self) -> Subscriber[Any]:
-        """The end of the region that is there now; is asked for each LOOK. Raises what a Subscriber raises."""
+    def renewed(self) -> Subscriber[Any] | None:
+        """The end of the region that is there now, or None; is asked for each LOOK."""
 
     def take(self, reader: Subscriber[Any]) -> bool:
         """Passes on what is unread; False: could read nothing."""
@@ -36,7 +36,8 @@ class Listener:
         self._topics: list[Heard] = []
         self._readers: dict[Subscriber[Any], Heard] = {}
         self._failed: dict[Heard, float] = {}
-        self._patience = 2 * LOOK
+        self._patience = 3 * LOOK
+        self._looks = 0
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def add(self, topic: Heard) -> None:
@@ -45,8 +46,17 @@ class Listener:
         if self._thread.ident is None:
             self._thread.start()
 
+    def forget(self, topic: Heard) -> bool:
+        """Whether it is let go of, after some patience."""
+        if topic in self._topics:
+            self._topics.remove(topic)
+        before, end = self._looks, time.monotonic() + self._patience
+        while not self._stopping.is_set() and self._looks < before + 2 and time.monotonic() < end:
+            time.sleep(LOOK / 10)
+        return self._looks >= before + 2 or self.ended()
+
     def ended(self) -> bool:
-        """Whether no topic is at work, after some patience the first time; `stopping` is set by then."""
+        """Whether no topic is at work, after some patience the first time that `stopping` is set."""
         patience, self._patience = self._patience, 0.0
         if self._thread.ident is not None:  # it was started
             self._thread.join(patience)
@@ -68,11 +78,12 @@ class Listener:
         for topic in tuple(self._topics):
             if time.monotonic() >= self._failed.get(topic, 0.0):
                 try:
-                    reader = topic.renewed()
-                    reader.ready(0)  # whatever it cannot do is said now, of this one
-                    self._readers[reader] = topic
+                    if reader := topic.renewed():
+                        reader.ready(0)  # whatever it cannot do is said now, of this one
+                        self._readers[reader] = topic
                 except Exception as error:
                     self._fail(topic, error)
+        self._looks += 1
 
     def _hear(self, seconds: float) -> None:
         if not self._readers:

@@ -9,7 +9,6 @@ from typing import Any
 from shmgen.bridge import backend
 from shmgen.bridge.backend import ActionWire, ServiceWire, Wire
 from shmgen.bridge.codec.direct import short_way
-from shmgen.bridge.side import About
 from shmgen.config.entries import ActionEntry, ServiceEntry, TopicEntry
 from shmgen.core.diagnostics import Report
 from shmgen.core.model import Action, Clock, Layouts, Ref, Schema, Service, TypeName, element_of
@@ -22,6 +21,16 @@ from shmgen.runtime.region.names import region_file
 DIAGNOSTICS = "diagnostic_msgs/DiagnosticArray"
 _HEADER = "std_msgs/Header"
 _OF_ACTION = ("_Goal", "_Result", "_Feedback", "_Command", "_Progress", "_Outcome")
+
+
+@dataclass(frozen=True, slots=True)
+class About:
+    """What it is called in ROS, which way it goes, its type, and its region."""
+
+    name: str
+    way: str
+    type: str
+    region: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,13 +48,15 @@ class Route:
         return self.topic.direction == "to_plc"
 
     @property
-    def region(self) -> str:
-        return region_name(self.topic.topic)
+    def key(self) -> tuple[Any, ...]:
+        """The same as long as there is nothing to do anew."""
+        topic = self.topic
+        return topic.topic, topic.type, topic.direction, topic.depth, topic.carried, self.kind._digest_
 
     @property
     def about(self) -> About:
-        way = "-> PLC" if self.to_plc else "<- PLC"
-        return About(self.topic.topic, way, self.wire.type.short, region_file(self.region))
+        way, region = "-> PLC" if self.to_plc else "<- PLC", region_file(region_name(self.topic.topic))
+        return About(self.topic.topic, way, self.wire.type.short, region)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,14 +68,12 @@ class ServiceRoute:
     kinds: Mapping[str, type[Message]]
 
     @property
-    def region(self) -> str:
-        """That of the requests."""
-        return f"{region_name(self.service.name)}-request"
+    def key(self) -> tuple[Any, ...]:
+        return _key(self.service, self.kinds)
 
     @property
     def about(self) -> About:
-        way = "PLC serves" if self.service.on_plc else "PLC calls"
-        return About(self.service.name, way, self.service.type.short, region_file(self.region))
+        return _about(self.service, "request")
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,14 +85,17 @@ class ActionRoute:
     kinds: Mapping[str, type[Message]]
 
     @property
-    def region(self) -> str:
-        """That of the goals."""
-        return f"{region_name(self.action.name)}-goal"
+    def key(self) -> tuple[Any, ...]:
+        return _key(self.action, self.kinds)
 
     @property
     def about(self) -> About:
-        way = "PLC serves" if self.action.on_plc else "PLC calls"
-        return About(self.action.name, way, self.action.type.short, region_file(self.region))
+        return _about(self.action, "goal")
+
+
+def everything(session: Session) -> list[Route | ServiceRoute | ActionRoute]:
+    """All of a configuration. Raises Rejected."""
+    return [*routes(session), *services(session), *actions(session)]
 
 
 def routes(session: Session) -> list[Route]:
@@ -169,6 +181,16 @@ def check(route: Route, message: Any) -> None:
             f"{route.topic.topic}: {route.wire.type.short} of this ROS is not the one that shmgen knows: {why}\n"
             '  hint: set source = "..." in shmgen.toml to the ROS that runs here, generate, rebuild both sides'
         )
+
+
+def _key(called: Service | Action, kinds: Mapping[str, type[Message]]) -> tuple[Any, ...]:
+    digests = tuple(kind._digest_ for kind in kinds.values())
+    return called.name, called.type, called.on_plc, called.timeout, digests
+
+
+def _about(called: Service | Action, half: str) -> About:
+    way, region = "PLC serves" if called.on_plc else "PLC calls", f"{region_name(called.name)}-{half}"
+    return About(called.name, way, called.type.short, region_file(region))
 
 
 def _requests(session: Session) -> tuple[str, ...]:

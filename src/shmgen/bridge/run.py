@@ -1,76 +1,76 @@
-"""Turns shmgen.toml into a process that carries its topics between ROS and the regions until it is told to stop."""
+"""The process: it carries what shmgen.toml lists between ROS and the regions until it is told to stop."""
 
 from __future__ import annotations
 
 import os
 import signal
+import socket
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from types import FrameType
 
 from shmgen.bridge import choice, plan
-from shmgen.bridge.actions import PlcActionClient, PlcActionServer
 from shmgen.bridge.backend import Backend, Node, RosPublisher
-from shmgen.bridge.counters import Counters
 from shmgen.bridge.diagnostics import Reporter
-from shmgen.bridge.from_plc import FromPlc
-from shmgen.bridge.listener import Listener
-from shmgen.bridge.services import PlcServiceClient, PlcServiceServer
-from shmgen.bridge.side import Side
-from shmgen.bridge.to_plc import ToPlc
+from shmgen.bridge.sides import BEAT, Side, Sides
 from shmgen.config import Config
 from shmgen.core.diagnostics import Rejected
 from shmgen.live.session import Session
-from shmgen.runtime import can_wait_for_many
 
-TICK = 0.1
-"""Seconds from one look at everything to the next; the PLC's blocks take a writer for dead after a second."""
 _STATUS = 2048
 """Bytes that the diagnostics of one topic, service or action have at most."""
 _FAREWELL = 0.5
 """Seconds a ROS gets to leave its graph."""
+_STUCK = 1.0
+"""Seconds without a beat after which systemd's watchdog is not told any more that the bridge lives."""
 
 Say = Callable[[str], None]
 
 
-def run(config: Config, arguments: tuple[str, ...], say: Say, tell: Say) -> None:
+class _Asked:
+    """What signals ask for: to stop (SIGINT, SIGTERM), the counters (SIGUSR1), shmgen.toml read again (SIGHUP)."""
+
+    def __init__(self) -> None:
+        self.stop, self.counters, self.reload = (threading.Event() for _ in range(3))
+        meant: dict[int, threading.Event] = {signal.SIGUSR1: self.counters, signal.SIGHUP: self.reload}
+        for number in (signal.SIGINT, signal.SIGTERM, *meant):
+            signal.signal(number, lambda number, frame: meant.get(number, self.stop).set())
+
+
+def run(config: Config, arguments: tuple[str, ...], say: Say, tell: Say, load: Callable[[], Config]) -> None:
     """Until SIGINT, SIGTERM, or ROS's own word. `say` takes results, `tell` what a watcher should know.
 
-    Raises Rejected, BackendMissing, ValueError (a type that ROS has otherwise) and what a Publisher raises.
+    `load` reads shmgen.toml again. Raises Rejected, BackendMissing, ValueError (a type that ROS has otherwise).
     """
-    stopping = _signals()
+    asked = _Asked()
     backend_name, why = choice.chosen(config.bridge.backend)
     module = choice.module(backend_name)
     session = Session(config)
-    sides = _sides(session, stopping, tell)
+    sides = Sides(tell)
     try:
-        carried = f"topics: {len(config.topics)}, services: {len(config.services)}"
-        carried += f", actions: {len(config.actions)}" if config.actions else ""
-        say(f"{config.bridge.node}: backend {backend_name} ({why}), {carried}")
+        sides.carry(session, asked.stop.is_set)
+        say(f"{config.bridge.node}: backend {backend_name} ({why}), {_carried(config)}")
         for line in summary(sides):
             say(line)
-        largest = max(plan.largest(session), len(sides) * _STATUS)
-        node = Node(config.bridge.node, config.bridge.domain, tell, stopping.is_set, arguments, largest)
+        node = Node(config.bridge.node, config.bridge.domain, tell, asked.stop.is_set, arguments, _largest(session))
         backend: Backend | None = module.connect(node)
         if backend is not None:
             try:
-                for side in sides:
-                    side.join(backend)
+                sides.join(backend)
                 report = _reports(session, backend, sides, tell)
                 say("running")
-                _watch(backend, sides, report, stopping, tell)
+                _notify("READY=1")
+                _watch(backend, sides, report, asked, tell, lambda: _reload(config, load(), node, sides, backend))
             finally:
-                stopping.set()
-                for side in sides:
-                    side.leave()
+                asked.stop.set()
+                _notify("STOPPING=1")
+                sides.leave()
                 _leave(backend)
     finally:
-        stopping.set()
-        for side in sides:
-            side.close()
+        asked.stop.set()
+        sides.close()
         for line in counted(sides):
             say(line)
 
@@ -85,33 +85,17 @@ def counted(sides: Iterable[Side]) -> list[str]:
     return _table((side.about.name, str(side.counters)) for side in sides)
 
 
-def _sides(session: Session, stopping: threading.Event, tell: Say) -> list[Side]:
-    routes, services, actions = plan.routes(session), plan.services(session), plan.actions(session)
-    listener = Listener(stopping) if can_wait_for_many() else None
-    sides: list[Side] = []
-    try:
-        for route in routes:
-            counters = Counters(route.topic.topic, tell)
-            if route.to_plc:
-                sides.append(ToPlc(route, counters, stopping))
-            else:
-                sides.append(FromPlc(route, counters, stopping, listener))
-        for service in services:
-            counters = Counters(service.service.name, tell)
-            sides.append(
-                (PlcServiceServer if service.service.on_plc else PlcServiceClient)(service, counters, stopping)
-            )
-        for action in actions:
-            counters = Counters(action.action.name, tell)
-            sides.append((PlcActionServer if action.action.on_plc else PlcActionClient)(action, counters, stopping))
-    except BaseException:
-        for side in sides:
-            side.close()
-        raise
-    return sides
+def _carried(config: Config) -> str:
+    actions = f", actions: {len(config.actions)}" if config.actions else ""
+    return f"topics: {len(config.topics)}, services: {len(config.services)}{actions}"
 
 
-def _reports(session: Session, backend: Backend, sides: list[Side], tell: Say) -> Callable[[], None]:
+def _largest(session: Session) -> int:
+    config = session.config
+    return max(plan.largest(session), (len(config.topics) + len(config.services) + len(config.actions)) * _STATUS)
+
+
+def _reports(session: Session, backend: Backend, sides: Sides, tell: Say) -> Callable[[], None]:
     """What publishes the diagnostics when it is time."""
     config = session.config
     period = config.bridge.diagnostics
@@ -137,23 +121,47 @@ def _reports(session: Session, backend: Backend, sides: list[Side], tell: Say) -
 
 
 def _watch(
-    backend: Backend, sides: list[Side], report: Callable[[], None], stopping: threading.Event, tell: Say
+    backend: Backend, sides: Sides, report: Callable[[], None], asked: _Asked, tell: Say, reload: Callable[[], str]
 ) -> None:
-    """Until the end. SIGUSR1 shows the counters."""
-    asked = threading.Event()
-    signal.signal(signal.SIGUSR1, lambda number, frame: asked.set())
-    while not stopping.wait(TICK):
-        for side in sides:
-            side.tick()
+    """Until the end."""
+    while not asked.stop.wait(BEAT):
         with suppress(Exception):  # the next one will do
             report()
-        if asked.is_set():
-            asked.clear()
+        if asked.counters.is_set():
+            asked.counters.clear()
             for line in counted(sides):
                 tell(line)
+        if asked.reload.is_set():
+            asked.reload.clear()
+            _notify(f"RELOADING=1\nMONOTONIC_USEC={time.monotonic_ns() // 1000}")
+            try:
+                tell(reload())
+            except (Rejected, ValueError, OSError) as error:
+                tell(f"shmgen.toml is not taken: {error}")
+            _notify("READY=1")
+        if time.monotonic() - sides.beaten < _STUCK:
+            _notify("WATCHDOG=1")
         if not backend.alive():
             tell("ROS has told this node to end")
             return
+
+
+def _reload(before: Config, config: Config, node: Node, sides: Sides, backend: Backend) -> str:
+    """Ends that did not change go on. Gives what there is to tell; raises as run()."""
+    session = Session(config)
+    if _largest(session) > node.largest:
+        raise ValueError("its messages are larger than those the bridge was started with; start the bridge again")
+    sides.carry(session)
+    sides.join(backend)
+    again = "; [bridge] takes effect when the bridge is started again" if config.bridge != before.bridge else ""
+    return "\n".join([f"shmgen.toml was read again: {_carried(config)}{again}", *summary(sides)])
+
+
+def _notify(state: str) -> None:
+    """Tells systemd, where it has started the bridge with Type=notify. Source: sd_notify(3)."""
+    if address := os.environ.get("NOTIFY_SOCKET"):
+        with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as outlet:
+            outlet.sendto(state.encode(), "\0" + address[1:] if address.startswith("@") else address)
 
 
 def _leave(backend: Backend) -> None:
@@ -165,17 +173,6 @@ def _leave(backend: Backend) -> None:
         last_resort = threading.Timer(_FAREWELL / 2, os._exit, [int(sys.exc_info()[0] is not None)])
         last_resort.daemon = True
         last_resort.start()
-
-
-def _signals() -> threading.Event:
-    stopping = threading.Event()
-
-    def stop(number: int, frame: FrameType | None) -> None:
-        stopping.set()
-
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, stop)
-    return stopping
 
 
 def _table(rows: Iterable[tuple[str, ...]]) -> list[str]:

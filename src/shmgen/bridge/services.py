@@ -11,52 +11,25 @@ from shmgen.bridge.counters import Counters
 from shmgen.bridge.endpoint import LOOK, ReopeningEndpoint, WorkerThread
 from shmgen.bridge.plan import ServiceRoute
 from shmgen.live.classes import client, server
-from shmgen.runtime import CallTimeout, NoServer, ServiceClient, ServiceServer, ShmError, ValueRejected
+from shmgen.runtime import CallTimeout, NoServer, RegionInUse, ServiceClient, ServiceServer, ShmError, ValueRejected
 
 
 class PlcServiceServer:
     """A Side: ROS calls, the PLC answers. Calls that come at the same time follow one another."""
-
-    lock_misses = 0
 
     def __init__(self, route: ServiceRoute, counters: Counters, stopping: threading.Event) -> None:
         self.about = route.about
         self.counters = counters
         self._route = route
         self._stopping = stopping
-        self._one_at_a_time = threading.Lock()
         made = client(route.kinds["_Request"], route.kinds["_Reply"])
-        self._end: ReopeningEndpoint[ServiceClient[Any, Any]] = ReopeningEndpoint(
-            lambda: made(route.service.name), route.region
+        self.end: ReopeningEndpoint[ServiceClient[Any, Any]] = ReopeningEndpoint(
+            lambda: made(route.service.name), counters, stopping
         )
+        self.beat, self.leave, self.close = self.end.beat, lambda: None, self.end.close
 
     def join(self, backend: Backend) -> None:
         backend.serve(self._route.wire, self._answer, self.counters.refuse)
-
-    def tick(self) -> None:
-        if not self._one_at_a_time.acquire(blocking=False):
-            return  # a call has the end in hand
-        try:
-            self._end.renewed()
-        except (ShmError, OSError) as error:
-            self.counters.complain(str(error))
-        finally:
-            self._one_at_a_time.release()
-
-    def silence(self) -> str:
-        return ""
-
-    @property
-    def is_open(self) -> bool:
-        return self._end.now is not None
-
-    def leave(self) -> None:
-        pass
-
-    def close(self) -> None:
-        if self._one_at_a_time.acquire(timeout=2 * LOOK):  # else a call still has the end in hand
-            self._end.close()
-            self._one_at_a_time.release()
 
     def _answer(self, request: Any, response: Any) -> None:
         self.counters.came()
@@ -75,14 +48,16 @@ class PlcServiceServer:
         def left() -> float:
             if self._stopping.is_set():
                 raise NoAnswer("the bridge ends")
+            if self.end.look() is not caller:
+                raise NoAnswer(self.end.why)
             return min(LOOK, deadline - time.monotonic())
 
-        if not self._one_at_a_time.acquire(timeout=timeout):
+        if not self.end.lock.acquire(timeout=timeout):
             raise CallTimeout(f"the calls before it took all of the {timeout:g} s")
         try:
-            caller = self._end.now
+            caller = self.end.look()
             if caller is None:
-                raise NoAnswer("there is no region")
+                raise NoAnswer(f"there is no region: {self.end.why}")
             try:
                 while not caller.wait_for_server(max(0.0, left())):
                     if left() <= 0:
@@ -92,53 +67,40 @@ class PlcServiceServer:
                     if left() <= 0:
                         raise CallTimeout(f"call {number} got no response within {timeout:g} s")
                 return answer
+            except RegionInUse as error:
+                self.end.lose(str(error))
+                raise
             finally:
                 caller.cancel()
         finally:
-            self._one_at_a_time.release()
+            self.end.lock.release()
 
 
 class PlcServiceClient:
     """A Side: the PLC calls, ROS answers, in a thread of the service's own."""
-
-    lock_misses = 0
 
     def __init__(self, route: ServiceRoute, counters: Counters, stopping: threading.Event) -> None:
         self.about = route.about
         self.counters = counters
         self._route = route
         made = server(route.kinds["_Request"], route.kinds["_Reply"])
-        self._end: ReopeningEndpoint[ServiceServer[Any]] = ReopeningEndpoint(
-            lambda: made(route.service.name), route.region
+        self.end: ReopeningEndpoint[ServiceServer[Any]] = ReopeningEndpoint(
+            lambda: made(route.service.name), counters, stopping
         )
-        self._loop = WorkerThread(self._step, counters, stopping)
+        self._loop = WorkerThread(self._step, self.end, stopping)
+        self.beat, self.leave, self.close = self.end.beat, self._loop.leave, self.end.close
 
     def join(self, backend: Backend) -> None:
         self._caller: RosClient = backend.client(self._route.wire)
         self._loop.start()
 
-    def tick(self) -> None:
-        pass
-
-    def silence(self) -> str:
-        return ""
-
-    @property
-    def is_open(self) -> bool:
-        return self._end.now is not None
-
-    def leave(self) -> None:
-        pass
-
-    def close(self) -> None:
-        if self._loop.ended():
-            self._end.close()
-
-    def _step(self) -> None:
-        served = self._end.renewed()
+    def _step(self, served: ServiceServer[Any] | None) -> float:
+        if served is None:
+            return LOOK
         if call := served.wait(LOOK):
             self.counters.came()
             self._pass_on(served, call)
+        return 0.0
 
     def _pass_on(self, served: ServiceServer[Any], call: Any) -> None:
         try:

@@ -23,13 +23,14 @@ class ToPlc:
         self.route = route
         self.about = route.about
         self.counters = counters
-        self.reject, self.refuse, self.lose = counters.reject, counters.refuse, counters.lose
+        self.reject, self.refuse = counters.reject, counters.refuse
+        self.meet, self.lose = counters.meet, counters.lose
         self._stopping = stopping
-        self._lock = threading.Lock()
         self._waiting: Any = None
         self._came = threading.Event()
         topic = route.topic
-        self._end = ReopeningEndpoint(lambda: publisher(route.kind, topic.topic, topic.depth), route.region)
+        self.end = ReopeningEndpoint(lambda: publisher(route.kind, topic.topic, topic.depth), counters, stopping)
+        self.end.silence, self.close = self._silence, self.end.close
 
     def join(self, backend: Backend) -> None:
         if self.route.topic.carried.rate:
@@ -39,47 +40,30 @@ class ToPlc:
     def take(self, message: Any) -> None:
         """From any thread."""
         self.counters.came()
-        if self.route.topic.carried.rate is None:
-            with self._lock:
+        with self.end.lock:
+            if self.route.topic.carried.rate is None:
                 self._publish(message)
-            return
-        with self._lock:
+                return
             self.counters.thinned += self._waiting is not None
             self._waiting = message
         self._came.set()
 
-    def tick(self) -> None:
+    def beat(self) -> None:
         """Shows the PLC that the bridge lives, unless ROS has fallen silent for longer than `stale`."""
-        with self._lock:
-            try:
-                region = self._end.renewed()
-            except (ShmError, OSError) as error:
-                self.counters.complain(str(error))
-                return
-            if not self.silence():
-                region.heartbeat()
+        self.end.beat(id if self._silence() else Publisher.heartbeat)
 
-    def silence(self) -> str:
+    def _silence(self) -> str:
         limit = self.route.topic.carried.stale
         age = self.counters.age
         if limit is None or (age is not None and age <= limit):
             return ""
         return f"no message from ROS for {limit:g} s or more"
 
-    @property
-    def is_open(self) -> bool:
-        return self._end.now is not None
-
-    @property
-    def lock_misses(self) -> int:
-        return self._end.now.lock_misses if self._end.now else 0
-
     def leave(self) -> None:
-        pass
-
-    def close(self) -> None:
-        with self._lock:
-            self._end.close()
+        """What waits for its turn has lost it."""
+        with self.end.lock:
+            self.counters.thinned += self._waiting is not None
+            self._waiting = None
 
     def _paced(self, period: float) -> None:
         """The newest message when its turn comes, so that the last of a burst is not lost for ever."""
@@ -87,23 +71,28 @@ class ToPlc:
         while not self._stopping.wait(max(0.0, due - time.monotonic())):
             if not self._came.wait(0.1):
                 continue
-            with self._lock:
+            with self.end.lock:
                 self._came.clear()
                 message, self._waiting = self._waiting, None
                 due = time.monotonic() + period
-                self._publish(message)
+                if message is not None:
+                    self._publish(message)
 
     def _publish(self, message: Any) -> None:
-        if self._end.now is None:
-            self.counters.miss()
+        if self.end.now is None:
+            self.counters.missed += 1
             return
         try:
-            self._put(self._end.now, message)
+            self._put(self.end.now, message)
             self.counters.passed += 1
-        except ValueRejected as error:
-            self.counters.reject(str(error))
         except ShmError as error:
-            self.counters.miss(str(error))
+            if isinstance(error, ValueRejected):
+                self.counters.reject(str(error))
+            else:
+                self.counters.missed += 1
+                self.end.meet(error)
+        except Exception as error:  # whatever a ROS made of it: one message is not worth the topic
+            self.counters.reject(f"{type(error).__name__}: {error}")
 
     def _put(self, region: Publisher[Message], message: Any) -> None:
         try:

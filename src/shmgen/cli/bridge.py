@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 
 from shmgen.cli import options
+from shmgen.config import Config
 from shmgen.config.bridging import BACKEND_KEYS
 
 
@@ -23,21 +24,23 @@ def bridge(
 
     Runs what shmgen.toml lists, until Ctrl-C or SIGTERM. Backends: ros1 (rospy), ros2 (rclpy) and dds (a ROS 2 graph
     through cyclonedds, without ROS); auto selects the ROS whose setup was sourced, otherwise the one installed.
-    Prints its counters on SIGUSR1 and at exit.
+    Prints its counters on SIGUSR1 and at exit, and reads shmgen.toml again on SIGHUP.
     """
     from shmgen.bridge.backend import BackendMissing
     from shmgen.bridge.run import run
     from shmgen.runtime import ShmError
 
-    config = options.load(config_file, include)
-    if backend:
-        config = replace(config, bridge=replace(config.bridge, backend=backend))
+    def load() -> Config:
+        config = options.load(config_file, include)
+        return replace(config, bridge=replace(config.bridge, backend=backend)) if backend else config
+
+    config = load()
     if not (config.topics or config.services or config.actions):
         raise click.UsageError(
             "shmgen.toml lists no [[topics]], [[services]] or [[actions]]: there is nothing to carry."
         )
     try:
-        run(config, ros_arguments, _say, _tell)
+        run(config, ros_arguments, _say, _tell, load)
     except (BackendMissing, ShmError, ValueError, OSError) as error:
         first, _, rest = str(error).partition("\n")
         click.echo(click.style("error: ", fg="red", bold=True) + first, err=True)

@@ -7,6 +7,7 @@ import struct
 from collections.abc import Sized
 from contextlib import suppress
 from types import TracebackType
+from typing import Any
 
 from shmgen.core.diagnostics import closest
 from shmgen.core.plural import counted
@@ -83,6 +84,13 @@ class View:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+def removed(end: Any) -> bool:
+    """Whether a region of a publisher, subscriber, client or server of ours is gone from /dev/shm."""
+    calls = getattr(end, "_calls", None)
+    ends = (calls._requests, calls._responses, getattr(end, "_progress", calls._requests)) if calls else (end,)
+    return any(os.fstat(one._region.file).st_nlink == 0 for one in ends)
 
 
 def live() -> list[str]:

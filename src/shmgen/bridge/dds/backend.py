@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import threading
 import time
+from collections.abc import Callable
 from typing import Any
 
 from cyclonedds.core import DDSException
@@ -77,6 +78,7 @@ class Graph:
     actions = ros2_actions
 
     def __init__(self, ends: Ends, dropped: Dropped, ways: ServiceTransports) -> None:
+        self.undo: list[Callable[[], None]] = []
         self._ends = ends
         self._dropped = dropped
         self._ways = ways
@@ -85,9 +87,10 @@ class Graph:
         """Advertises the topic. Raises ValueError for a type with a `wstring`."""
         made = codec(wire.messages)
         identity = Identity(wire.topic, wire.type, made.type_hash, self._ends.tell, then=TAKES_OURS)
-        peers = Peers(identity, lambda why: None)
+        peers = Peers(identity)
         name, kind = topic_name(wire.topic), structure(wire.messages)
         writer = self._ends.writer(name, kind, _quality(wire, made), peers.matched)
+        self.undo.append(writer.__del__)
         for handle in matches(writer):  # those of whom nobody was told while it was made
             peers.matched(writer, handle)
         encode = wire.short.out_of_region(CDR, self.now) if wire.short else None
@@ -99,14 +102,20 @@ class Graph:
         made = codec(wire.messages)
         name = topic_name(wire.topic)
         identity = Identity(wire.topic, wire.type, made.type_hash, self._ends.tell, wire.accepts_other)
-        peers = Peers(identity, taker.refuse)
+        peers = Peers(identity, taker.meet)
         reader = self._ends.reader(name, structure(wire.messages), _quality(wire, made), peers.matched)
+        for handle in matches(reader):  # those of whom nobody was told while it was made
+            peers.matched(reader, handle)
         straight = wire.short.into_region(CDR) if wire.short else None
         turn = threading.Lock()
 
         def reject(why: str) -> None:
             with turn:
                 taker.reject(why)
+
+        def fail(why: str) -> None:
+            with turn:
+                taker.refuse(stranger) if (stranger := peers.stranger) else taker.reject(why)
 
         def take(sample: Any) -> None:
             with turn:
@@ -130,17 +139,20 @@ class Graph:
             with turn:
                 taker.lose(count)
 
-        self._dropped.tell(name, reject)
+        self._dropped.tell(name, reject, fail)
         self._ends.topics.add(Subscription(reader, take, name, wire.queue, lose))
+        self.undo += [reader.__del__, lambda: self._dropped.forget(name)]
         return RosSubscription(made.new, lambda: bool(matches(reader)))
 
     def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
         """Soon. Raises as publisher()."""
-        services.serve(self._ways.opened, wire, self._ends.tell, answer, refuse)
+        self.undo.append(services.serve(self._ways.opened, wire, self._ends.tell, answer, refuse))
 
     def client(self, wire: ServiceWire) -> RosClient:
         """Raises as publisher()."""
-        return services.client(self._ways.opened, wire, self._ends.tell)
+        caller, close = services.client(self._ways.opened, wire, self._ends.tell)
+        self.undo.append(close)
+        return caller
 
     def now(self) -> Time:
         """The wall's clock."""

@@ -26,9 +26,10 @@ class CyclonePair(Pair):
         for heard in (True, False):  # those of whom nobody was told while they were made
             self.peers(heard)
 
-    def _matched_now(self, entity: Any, handle: int) -> None:
-        with suppress(LookupError):
-            self._words_of(_key(handle), isinstance(entity, DataReader))
+    def _matched_now(self, entity: Any, handle: int, is_there: bool) -> None:
+        if is_there:
+            with suppress(LookupError):
+                self._words_of(_key(handle), isinstance(entity, DataReader))
 
     def _matched(self, heard: bool) -> list[Hashable]:
         with suppress(DDSException):  # the bridge has ended meanwhile
@@ -42,6 +43,10 @@ class CyclonePair(Pair):
         with suppress(DDSException):  # the bridge has ended meanwhile
             send(self._writer, cdr)
         return b""
+
+    def close(self) -> None:
+        for entity in self._ours.values():
+            entity.__del__()
 
     def listen(self, callback: Callable[[Came], None], name: str) -> None:
         def take(sample: Any) -> None:

@@ -1,4 +1,4 @@
-"""Turns what Cyclone warns of messages it does not receive, being too large, into calls of those who count them.
+"""Turns what Cyclone warns of messages it drops, too large or not of our type, into calls of those who count them.
 
 Cyclone has no status, statistic or log sink for it in Python: it writes a line to stderr, and to its trace, which is
 a pipe here. Where CYCLONEDDS_URI has a trace of its own, nothing comes.
@@ -11,7 +11,8 @@ import re
 import threading
 from collections.abc import Callable
 
-_LINE = re.compile(r"dropping oversize \((\d+) > (\d+)\) sample \d+ from remote writer [\da-f:]+ (\S+)/[^/\s]+$")
+_LARGE = re.compile(r"dropping oversize \((\d+) > (\d+)\) sample \d+ from remote writer [\da-f:]+ (\S+)/[^/\s]+$")
+_OTHER = re.compile(r"data\(application, .* #\d+: deserialization (\S+)/[^/\s]+ failed \((.*)\)$")
 
 
 class Dropped:
@@ -19,7 +20,7 @@ class Dropped:
 
     def __init__(self) -> None:
         source, self._sink = os.pipe2(os.O_CLOEXEC)
-        self._calls: dict[str, Callable[[str], None]] = {}
+        self._calls: dict[str, tuple[Callable[[str], None], Callable[[str], None]]] = {}
         threading.Thread(target=self._run, args=(source,), name="dropped", daemon=True).start()
 
     @property
@@ -28,13 +29,18 @@ class Dropped:
         trace = f"<Tracing><Category>warning</Category><OutputFile>/proc/self/fd/{self._sink}</OutputFile></Tracing>"
         return f'<CycloneDDS><Domain Id="any">{trace}</Domain></CycloneDDS>'
 
-    def tell(self, topic: str, call: Callable[[str], None]) -> None:
-        """From now on `call` hears of each message of a topic, `rt/pose`, in a thread that is none of the topic's."""
-        self._calls[topic] = call
+    def tell(self, topic: str, large: Callable[[str], None], other: Callable[[str], None]) -> None:
+        """From now on each message of a topic, `rt/pose`, is told, in a thread that is none of the topic's."""
+        self._calls[topic] = large, other
+
+    def forget(self, topic: str) -> None:
+        """Nothing is told any more."""
+        self._calls.pop(topic, None)
 
     def _run(self, source: int) -> None:
         with open(source, encoding="utf-8", errors="replace") as lines:
             for line in lines:
-                found = _LINE.search(line.rstrip("\n"))
-                if found and (call := self._calls.get(found[3])):
-                    call(f"{int(found[1]):,} bytes, and more than {int(found[2]):,} are not received")
+                if (found := _LARGE.search(line.rstrip("\n"))) and (calls := self._calls.get(found[3])):
+                    calls[0](f"{int(found[1]):,} bytes, and more than {int(found[2]):,} are not received")
+                elif (found := _OTHER.search(line.rstrip("\n"))) and (calls := self._calls.get(found[1])):
+                    calls[1](f"its bytes are no message of our type ({found[2]})")

@@ -36,8 +36,8 @@ from shmgen.bridge.dds.types import sample
 T = TypeVar("T")
 V = TypeVar("V")
 
-Matched = Callable[[Any, int], None]
-"""Is called with our end and the handle of a peer of it, as soon as they have found each other."""
+Matched = Callable[[Any, int, bool], None]
+"""Is called with our end and the handle of a peer of it, once they have found (True) or lost each other."""
 
 _PATIENCE = 10_000_000
 """Nanoseconds a writer may be held up; keep-last writers have not been seen to be."""
@@ -88,20 +88,27 @@ class Ends:
         self.closing = False  # said by `stop` too; but to ask it each time gives the GIL away
         self.threads: list[threading.Thread] = []
         self.topics = ReaderThread(self)
+        self._named: dict[tuple[str, type[Any]], Topic] = {}
 
     def writer(self, topic: str, kind: type[Any], qos: Qos, matched: Matched | None = None) -> DataWriter:
         """Of the structure `kind`."""
         listener = self._watch(topic, "offer", matched)
-        return DataWriter(self.participant, Topic(self.participant, topic, kind), qos, listener)
+        return DataWriter(self.participant, self._topic(topic, kind), qos, listener)
 
     def reader(self, topic: str, kind: type[Any], qos: Qos, matched: Matched | None = None) -> DataReader:
         """Of the structure `kind`; what it takes are objects with `cdr`."""
         without_service = qos - Qos(qos[Policy.DurabilityService]) if Policy.DurabilityService in qos else qos
         return DataReader(
             self.participant,
-            Topic(self.participant, topic, kind),
+            self._topic(topic, kind),
             without_service,
             self._watch(topic, "ask for", matched),
+        )
+
+    def _topic(self, name: str, kind: type[Any]) -> Topic:
+        """Once: one that is deleted and made again has Cyclone read memory that is no more."""
+        return self._named.get((name, kind)) or self._named.setdefault(
+            (name, kind), Topic(self.participant, name, kind)
         )
 
     def listen(self, reader: DataReader, callback: Callable[[Any], None], name: str) -> None:
@@ -124,9 +131,9 @@ class Ends:
             self.tell(f"{name}: a peer does not match the {policy} that we {verb}; nothing passes between the two")
 
         def met(entity: Any, status: Any) -> None:
-            if matched and entity and status.current_count_change > 0:  # None: not yet made; asked at its first sample
+            if matched and entity and not self.closing:  # None: not yet made; asked at its first sample
                 handle = status.last_subscription_handle if verb == "offer" else status.last_publication_handle
-                matched(entity, handle)
+                matched(entity, handle, status.current_count_change > 0)
 
         if verb == "offer":
             return Listener(on_offered_incompatible_qos=told, on_publication_matched=met)
@@ -190,7 +197,10 @@ class ReaderThread:
                         self._take(*self._heard[number - 1])
 
     def _take(self, heard: Subscription, grumble: RateLimitedLog) -> None:
-        samples = heard.reader.take(max(heard.queue, _AT_ONCE))
+        try:
+            samples = heard.reader.take(max(heard.queue, _AT_ONCE))
+        except DDSException:  # it was removed meanwhile
+            return
         if len(samples) >= heard.queue > _AT_ONCE:
             heard.lose(1)
         for taken in samples:
@@ -228,25 +238,35 @@ class _Waiting(WaitSet):  # type: ignore[misc]
 class Peers:
     """Who of the peers of a reader or a writer means by the type what we do."""
 
-    def __init__(self, identity: Identity, refuse: Callable[[str], None]) -> None:
-        """`refuse` is told of a peer itself too: of what it sends, Cyclone drops what is too short for our type."""
+    def __init__(self, identity: Identity, meet: Callable[[str], None] = lambda why: None) -> None:
+        """`meet` is told why one that is there may not be heard; nothing, as soon as all may."""
         self._identity = identity
-        self._refuse = refuse
+        self._meet = meet
         self._known: dict[int, str] = {}
+        self._strangers: dict[int, str] = {}
 
-    def matched(self, entity: Any, handle: int) -> None:
-        """A Matched: before anything of the peer comes, and before it can go."""
-        self._remember(entity, handle)
+    def matched(self, entity: Any, handle: int, is_there: bool = True) -> None:
+        """A Matched: before anything of the peer comes, and before it can go; and when it has gone."""
+        if not is_there:
+            self._strangers.pop(handle % 2**64, None)
+        elif why := self._remember(entity, handle):
+            self._strangers[handle % 2**64] = why
+        self._meet(self.stranger)
+
+    @property
+    def stranger(self) -> str:
+        """Why one that is there now may not be heard; nothing if all may."""
+        return next(iter(tuple(self._strangers.values())), "")
 
     def refusal(self, reader: DataReader, sample: Any) -> str:
         """Why a sample may not pass; nothing if it may."""
         handle = sample.sample_info.publication_handle
-        known = self._known.get(handle)
+        known = self._known.get(handle % 2**64)
         return self._remember(reader, handle) if known is None else known
 
     def _remember(self, entity: Any, handle: int) -> str:
         why = self._judged(entity, handle)
-        keep(self._known, handle, why)
+        keep(self._known, handle % 2**64, why)
         return why
 
     def _judged(self, entity: Any, handle: int) -> str:
@@ -254,9 +274,7 @@ class Peers:
             words = said_by(entity, handle)
         except LookupError:
             return "a peer has gone before it could be asked what it means by the type"
-        if why := self._identity.refusal(word_of(words, "typehash").partition("=")[2]):
-            self._refuse(why)
-        return why
+        return self._identity.refusal(word_of(words, "typehash").partition("=")[2])
 
 
 def keep(known: dict[T, V], peer: T, what: V) -> None:

@@ -106,6 +106,9 @@ class FastPair(Pair):
             self._tell("Fast DDS has not sent a request or a reply")
         return sent.raw
 
+    def close(self) -> None:
+        self._tell("a service on Fast DDS that is not carried any more stays in the graph until the bridge ends")
+
     def listen(self, callback: Callable[[Came], None], name: str) -> None:
         threading.Thread(target=self._run, args=(callback, name), name=name, daemon=True).start()
 

@@ -78,6 +78,10 @@ class Pair(ABC):
         """An inline reply goes to a `call`; of an inline request it gives what its reply is known by."""
 
     @abstractmethod
+    def close(self) -> None:
+        """Leaves the graph."""
+
+    @abstractmethod
     def listen(self, callback: Callable[[Came], None], name: str) -> None:
         """Calls back with whatever comes, in order, in a thread of its own."""
 

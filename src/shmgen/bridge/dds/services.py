@@ -48,17 +48,22 @@ Open = Callable[[Callable[[ServiceTransport], None]], None]
 """Calls back as soon as it is known how services are had, which may take seconds: see dds_ways.py."""
 
 
-def serve(opened: Open, wire: ServiceWire, tell: Callable[[str], None], answer: Answer, refuse: Refuse) -> None:
-    """Calls `answer` in the thread of the service, request after request. Raises ValueError for a `wstring`."""
+def serve(
+    opened: Open, wire: ServiceWire, tell: Callable[[str], None], answer: Answer, refuse: Refuse
+) -> Callable[[], None]:
+    """Calls `answer` in the thread of the service, request after request. Gives what ends it. Raises ValueError for a
+    `wstring`.
+    """
     served = _Served(wire, tell, answer, refuse)
     opened(served.open)
+    return served.close
 
 
-def client(opened: Open, wire: ServiceWire, tell: Callable[[str], None]) -> RosClient:
-    """Raises ValueError for a `wstring`."""
+def client(opened: Open, wire: ServiceWire, tell: Callable[[str], None]) -> tuple[RosClient, Callable[[], None]]:
+    """And what ends it. Raises ValueError for a `wstring`."""
     asking = _Client(wire, tell)
     opened(asking.open)
-    return RosClient(asking.request.new, asking.call, asking.is_connected)
+    return RosClient(asking.request.new, asking.call, asking.is_connected), asking.close
 
 
 class _Half:
@@ -67,6 +72,7 @@ class _Half:
     def __init__(self, wire: ServiceWire, tell: Callable[[str], None], ours: str, theirs: str, refuse: Refuse) -> None:
         self.request, self.response = codec(wire.request), codec(wire.response)
         self.pair: Pair | None = None
+        self._closed = False
         self._name = wire.service
         self._tell = tell
         self._theirs = theirs
@@ -77,6 +83,12 @@ class _Half:
         self._answers = _side(reply_name(wire.service), wire.response, f"{us}typehash={self.response.type_hash};")
         self._asked = Identity(wire.service, wire.request[-1].name, self.request.type_hash, tell)
         self._answered = Identity(wire.service, wire.response[-1].name, self.response.type_hash, tell)
+
+    def close(self) -> None:
+        """Nothing of what still comes is answered."""
+        self._closed = True
+        if self.pair:
+            self.pair.close()
 
     def _id(self, words: list[str]) -> str:
         """Nothing of one that says inline whose call it is."""
@@ -107,6 +119,8 @@ class _Served(_Half):
 
     def _came(self, came: Came) -> None:
         assert self.pair
+        if self._closed:
+            return
         if why := self._asked.refusal(_hash(came.words)):
             self._refuse(why)
         elif not self._id(came.words) and not self.pair.inline:

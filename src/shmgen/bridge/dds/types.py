@@ -60,6 +60,8 @@ def structure(messages: tuple[Message, ...], *, before: Mapping[str, Any] | None
 
     Its objects hold the sample as `cdr`, encapsulation included. Raises ValueError for a `wstring`.
     """
+    if known := _MADE.get((messages, tuple(before or ()))):
+        return known
     _refuse_wide(messages)
     made = {name: _made(name, _TIME) for name in TIMES.values()}
     for message in messages:
@@ -69,7 +71,11 @@ def structure(messages: tuple[Message, ...], *, before: Mapping[str, Any] | None
     kind = made[messages[-1].name]
     kind.serialize = _serialize
     kind.deserialize = classmethod(_deserialize)
-    return kind
+    return _MADE.setdefault((messages, tuple(before or ())), kind)
+
+
+_MADE: dict[tuple[tuple[Message, ...], tuple[str, ...]], type[Any]] = {}
+"""As long as the process lasts: Cyclone goes on to look at the type of a topic that was deleted."""
 
 
 def _refuse_wide(messages: tuple[Message, ...]) -> None:

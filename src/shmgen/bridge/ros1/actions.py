@@ -62,7 +62,7 @@ class _Taker:
 
     def __init__(self, take: Callable[[Any], None], mishaps: ErrorSink) -> None:
         self.take = take
-        self.reject, self.refuse, self.lose = mishaps.reject, mishaps.refuse, mishaps.lose
+        self.reject, self.refuse, self.meet, self.lose = mishaps.reject, mishaps.refuse, mishaps.meet, mishaps.lose
 
 
 class _Served:

@@ -60,10 +60,14 @@ class Ros1:
 
     actions = ros1_actions
 
+    def __init__(self) -> None:
+        self.undo: list[Callable[[], None]] = []
+
     def publisher(self, wire: Wire) -> RosPublisher:
         kind = types.message(wire.messages)
         raw = types.raw(kind)
         made = rospy.Publisher(wire.topic, raw, queue_size=wire.queue, latch=wire.latch, tcp_nodelay=True)
+        self.undo.append(made.unregister)
 
         def send(message: Any) -> None:
             into = io.BytesIO()
@@ -87,6 +91,7 @@ class Ros1:
 
         # Without a queue_size rospy hands over every message that a socket brought.
         subscription = rospy.Subscriber(wire.topic, types.raw(kind), take, tcp_nodelay=True)
+        self.undo.append(subscription.unregister)
         return RosSubscription(kind, lambda: subscription.get_num_connections() > 0)
 
     def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
@@ -100,7 +105,7 @@ class Ros1:
                 raise rospy.ServiceException(str(error)) from None
             return response
 
-        rospy.Service(wire.service, kind, handle)
+        self.undo.append(rospy.Service(wire.service, kind, handle).shutdown)
 
     def client(self, wire: ServiceWire) -> RosClient:
         kind = types.service(wire)

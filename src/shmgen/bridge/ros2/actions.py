@@ -164,7 +164,7 @@ class _Client:
     """A RosActionClient, and the MessageSink of the feedback."""
 
     def __init__(self, backend: Backend, wire: ActionWire, mishaps: ErrorSink) -> None:
-        self.reject, self.refuse, self.lose = mishaps.reject, mishaps.refuse, mishaps.lose
+        self.reject, self.refuse, self.meet, self.lose = mishaps.reject, mishaps.refuse, mishaps.meet, mishaps.lose
         said = Said(wire)
         self._followers: dict[bytes, _Once] = {}
         self._sending = backend.client(said.send)

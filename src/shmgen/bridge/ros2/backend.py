@@ -73,6 +73,7 @@ class Ros2:
     def __init__(self, node: Node) -> None:
         self._node: Any = rclpy.create_node(node.name)
         self._tell = node.tell
+        self.undo: list[Callable[[], None]] = []
         self._waiters: list[Waiter] = []
         self._executor: Any = SingleThreadedExecutor()
         self._executor.add_node(self._node)
@@ -94,6 +95,7 @@ class Ros2:
             _qos(wire, 1 if wire.latch else wire.queue),
             event_callbacks=_when_matched(PublisherEventCallbacks, met),
         )
+        self.undo.append(lambda: self._node.destroy_publisher(publisher))
         return RosPublisher(made.new, lambda message: publisher.publish(made.encode(message)), keeps=False)
 
     def subscribe(self, wire: Wire, taker: MessageSink) -> RosSubscription:
@@ -109,7 +111,7 @@ class Ros2:
         )
         identity = Identity(wire.topic, wire.type, made.type_hash, self._tell, wire.accepts_other)
         find = self._node.get_publishers_info_by_topic
-        peers = Peers(identity, lambda: _hashes(find(subscription.topic_name)), taker.refuse)
+        peers = Peers(identity, lambda: _hashes(find(subscription.topic_name)), taker.meet)
         inlet = Inlet(subscription, made, taker, peers, _rmw().startswith("rmw_fastrtps"))
         self._wait(subscription, "subscription", inlet.take, wire.topic)
         return RosSubscription(made.new, lambda: bool(subscription.handle.get_publisher_count()))
@@ -152,6 +154,7 @@ class Ros2:
         kind = types.service(wire)
         request, response = _codec(wire.request), _codec(wire.response)
         client = self._node.create_client(kind, wire.service)
+        self.undo.append(lambda: self._node.destroy_client(client))
         asked, replied = f"rq{client.service_name}Request", f"rr{client.service_name}Reply"
         listed = self._node.get_subscriptions_info_by_topic
         find = self._node.get_publishers_info_by_topic
@@ -219,7 +222,16 @@ class Ros2:
         rclpy.try_shutdown()
 
     def _wait(self, entity: Any, kind: Any, take: Callable[[], None], name: str) -> None:
-        self._waiters.append(Waiter(entity, kind, self._guarded(take, name), self._node.context, name))
+        waiter = Waiter(entity, kind, self._guarded(take, name), self._node.context, name)
+        self._waiters.append(waiter)
+
+        def undo() -> None:
+            waiter.close()
+            waiter.join(_FAREWELL)
+            getattr(self._node, f"destroy_{kind}")(entity)
+            self._waiters.remove(waiter)
+
+        self.undo.append(undo)
 
     def _guarded(self, work: Callable[[], None], name: str) -> Callable[[], None]:
         def guarded() -> None:

@@ -20,11 +20,11 @@ _UNKNOWN = "a peer has gone before it could be asked what it means by the type"
 class Peers:
     """Who of them means by the type what we do. Its methods may be called from any thread."""
 
-    def __init__(self, identity: Identity, hashes: Hashes, refuse: Callable[[str], None] = lambda why: None) -> None:
-        """`refuse` is told of each peer of another definition, once."""
+    def __init__(self, identity: Identity, hashes: Hashes, meet: Callable[[str], None] = lambda why: None) -> None:
+        """`meet` is told at each look why one that is there may not be heard; nothing, if all may."""
         self._identity = identity
         self._hashes = hashes
-        self._refuse = refuse
+        self._meet = meet
         self._unknown = "" if identity.accepts_other else _UNKNOWN
         self._there: dict[bytes, str] = {}
         self._gone: dict[bytes, str] = {}
@@ -36,9 +36,7 @@ class Peers:
             before = self._there
             self._there = {gid: self._identity.refusal(hash_) for gid, hash_ in self._hashes().items()}
             self._gone |= {gid: why for gid, why in before.items() if gid not in self._there}
-            came = [why for gid, why in self._there.items() if why and gid not in before]
-        for why in came:
-            self._refuse(why)
+        self._meet(next(filter(None, self._there.values()), ""))
 
     def knows(self, gid: bytes) -> bool:
         return gid in self._there or gid in self._gone

@@ -1,0 +1,356 @@
+"""Lets a bridge run for an hour among everything that goes wrong around it, and says what did not hold.
+
+    python -m tests.rigs.soak_bridge --seconds 3600 --backend dds --seed 1
+
+26 topics, two services and two actions. A chaos takes topics over as a PLC does, has regions made anew, removed and
+replaced by files that are none, fills /dev/shm, stops and kills peers and the master of ROS 1. It keeps away from the
+topics CALM, whose heartbeat must never stand still for LONGEST; and at the end each message that was sent is in one
+counter of the bridge, everything goes on by itself, and memory and descriptors are what they were.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import random
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from math import nan
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+from shmgen.bridge import plan
+from shmgen.config import load
+from shmgen.core.diagnostics import Report
+from shmgen.live.classes import action_client, client, publisher
+from shmgen.live.session import Session
+from shmgen.runtime import ShmError
+from shmgen.runtime.region import header as h
+
+from ..bridge.contract import FIBONACCI
+from ..conftest import REPOSITORY
+from ..support.ros1 import Graph
+from ..support.standby import Onlooker, a_plc_writes, file_of, made_anew, words_of
+from .load_bridge import RATES, Ros, busy, made, peer
+
+LONGEST = 0.3
+"""Seconds that a heartbeat may stand still on a topic that nobody touched."""
+QUIET = [f"q{number}" for number in range(5)]
+"""Topics towards the PLC on which nothing is sent: their heartbeat is the bridge's own."""
+TOUCHED = [f"t{number}" for number in range(5, 10)]
+CALM = [*QUIET, *(name for name in RATES if name not in TOUCHED)]
+WRITTEN = ("calm", "anew")
+"""Topics from the PLC that are written here; the region of the second is removed again and again."""
+TYPE = "geometry_msgs/PoseStamped"
+FILL = "soak_fills_it"
+SHM = 48
+"""MiB of the /dev/shm that the rig has for itself."""
+SETTLE = 4.0
+GROWTH = 12
+"""MiB that a bridge may take more at the end than after a third of its time."""
+
+
+@dataclass
+class Verdict:
+    """`gap` is the longest time that a heartbeat of CALM stood still; `cpu` of one core."""
+
+    mishaps: Counter[str] = field(default_factory=Counter)
+    gap: float = 0.0
+    sent: int = 0
+    counted: Counter[str] = field(default_factory=Counter)
+    memory: list[float] = field(default_factory=lambda: [nan])
+    descriptors: list[int] = field(default_factory=lambda: [0])
+    cpu: float = 0.0
+    complaints: list[str] = field(default_factory=list)
+
+    def __str__(self) -> str:
+        counts = ", ".join(f"{count:,} {name}" for name, count in self.counted.items())
+        first = min(1, len(self.memory) - 1)
+        size = f"{self.memory[first]:.0f} to {self.memory[-1]:.0f} MiB"
+        return (
+            f"{sum(self.mishaps.values()):,} mishaps {dict(sorted(self.mishaps.items()))}; "
+            f"longest gap {self.gap:.3f} s; {self.sent:,} sent: {counts}; {size}, "
+            f"{self.descriptors[first]} to {self.descriptors[-1]} descriptors, {100 * self.cpu:.0f} % of a core"
+        )
+
+
+class Stage:
+    """The graph, the bridge and its peers; everything has names below `space`."""
+
+    def __init__(self, graph: Ros, space: str, seconds: float) -> None:
+        self.graph, self.space, self.seconds = graph, space, seconds
+        self.stop = threading.Event()
+        self.sent: Counter[str] = Counter()
+        action = graph.folder / "msgs" / "test_msgs" / "action" / "Fibonacci.action"
+        action.parent.mkdir(parents=True)
+        action.write_text(FIBONACCI)
+        self.bridge = graph.bridge(self._config([*RATES, *QUIET], services=True))
+        loaded = load(graph.folder / "shmgen.toml", "shmgen.toml", Report())
+        self.session = Session(loaded)
+        self.kind = self.session.classes([TYPE])["geometry_msgs/msg/PoseStamped"]
+        (graph.folder / "echo.toml").write_text(self._config([name for name in RATES if name in CALM]))
+        self.source = peer(graph, "source", space, str(seconds))
+        self.echo, self.caller = self.start_echo(), peer(graph, "caller", space)
+        self.players = [threading.Thread(target=work, daemon=True) for work in (self._write, self._ask, self._seek)]
+
+    def topic(self, name: str) -> str:
+        return f"{self.space}/{name}"
+
+    def start_echo(self) -> Any:
+        command = [sys.executable, "-m", "tests.rigs.load_bridge_echo", self.graph.folder / "echo.toml", self.space]
+        echo = self.graph.start(command, {"PYTHONPATH": f"{REPOSITORY / 'src'}:{REPOSITORY}"}, stdin=subprocess.PIPE)
+        assert echo.stdout.readline() == "ready\n"
+        return echo
+
+    def start_caller(self) -> Any:
+        return peer(self.graph, "caller", self.space)
+
+    def _config(self, names: list[str], services: bool = False) -> str:
+        entries = [(name, "to_plc") for name in names] + [
+            (f"{name}_back", "from_plc") for name in names if name in RATES
+        ]
+        entries += [(name, "from_plc") for name in WRITTEN] if services else []
+        topics = "".join(
+            f'[[topics]]\ntopic = "{self.topic(name)}"\ntype = "{TYPE}"\ndirection = "{way}"\ndepth = 64\n'
+            for name, way in entries
+        )
+        calls = "".join(
+            f'[[{kind}s]]\n{kind} = "{self.topic(name)}"\ntype = "{type_}"\nserver = "{server}"\ntimeout = 0.2\n'
+            for kind, name, type_, server in (
+                ("service", "call", "std_srvs/SetBool", "plc"),
+                ("service", "ask", "std_srvs/SetBool", "ros"),
+                ("action", "do", "test_msgs/Fibonacci", "plc"),
+                ("action", "seek", "test_msgs/Fibonacci", "ros"),
+            )
+        )
+        head = (
+            f'source = "{self.graph.source}"\npath = ["msgs"]\n[bounds]\ntest_msgs = 8\n[bridge]\ndiagnostics = 0.5\n'
+        )
+        return head + topics + (calls if services else "")
+
+    def _write(self) -> None:
+        """50 Hz; the second region is made anew every second."""
+        kept, anew, due = self._writer("calm"), self._writer("anew"), time.monotonic() + 2
+        while not self.stop.wait(0.02):
+            for name, writer in (("calm", kept), ("anew", anew)):
+                with suppress(ShmError):  # the lock
+                    writer.publish(self.kind())
+                    self.sent[name] += 1
+            if time.monotonic() > due:
+                anew.close()
+                file_of(self.topic("anew")).unlink()
+                due = time.monotonic() + 2
+                while not self.stop.wait(0.05):
+                    with suppress(ShmError):  # /dev/shm is full
+                        anew = self._writer("anew")
+                        break
+
+    def _writer(self, name: str) -> Any:
+        return publisher(self.kind, self.topic(name), 64)
+
+    def _ask(self) -> None:
+        """The PLC calls a service that nobody in ROS offers."""
+        (route,) = [route for route in plan.services(self.session) if route.service.name == self.topic("ask")]
+        with client(route.kinds["_Request"], route.kinds["_Reply"])(route.service.name) as plc:
+            while not self.stop.wait(0.1):
+                with suppress(ShmError):
+                    plc.call(SimpleNamespace(data=True), 5.0)
+
+    def _seek(self) -> None:
+        """And sends goals that nobody reaches."""
+        for route in plan.actions(self.session):
+            if not route.action.on_plc:
+                with action_client(route.kinds)(route.action.name) as plc:
+                    while not self.stop.wait(0.5):
+                        with suppress(ShmError):
+                            plc.send_goal(route.kinds["_Goal"](), 1.0)
+                            plc.result(2.0)
+
+
+def take_over(stage: Stage, dice: random.Random) -> None:
+    with a_plc_writes(stage.topic(dice.choice(TOUCHED))):
+        time.sleep(dice.uniform(0.2, 2.5))
+
+
+def make_anew(stage: Stage, dice: random.Random) -> None:
+    """As a PLC that then stands still."""
+
+    def by_a_plc(words: memoryview) -> None:
+        words[h.WRITER] = h.PLC
+
+    made_anew(stage.topic(dice.choice(TOUCHED)), by_a_plc)
+
+
+def remove(stage: Stage, dice: random.Random) -> None:
+    """Of topics, services and actions, one file or all."""
+    names = [*TOUCHED, "call-request", "call-response", "do-goal", "do-feedback", "do-result"]
+    for name in dice.sample(names, dice.choice((1, 1, 5))):
+        with suppress(FileNotFoundError):
+            Path("/dev/shm", f"{stage.space[1:].replace('/', '.')}.{name}").unlink()
+
+
+def replace(stage: Stage, dice: random.Random) -> None:
+    """By what is no region of that layout, for some time."""
+    names = dice.sample(TOUCHED, dice.choice((1, 3, 5)))
+    for name in names:
+        other = file_of(stage.topic("other"))
+        other.write_bytes(dice.choice((b"", b"x" * 5000, file_of(stage.topic("q0")).read_bytes()[:700])))
+        other.rename(file_of(stage.topic(name)))
+    time.sleep(dice.uniform(0.1, 1.5))
+    for name in names:
+        file_of(stage.topic(name)).unlink()
+
+
+def fill(stage: Stage, dice: random.Random) -> None:
+    """While regions are to be made."""
+    path = Path("/dev/shm", FILL)
+    with path.open("wb", buffering=0) as file, suppress(OSError):
+        while True:
+            file.write(bytes(4096))
+    remove(stage, dice)
+    time.sleep(dice.uniform(0.1, 1.5))
+    path.unlink()
+
+
+def stop_a_peer(stage: Stage, dice: random.Random) -> None:
+    process = dice.choice((stage.echo, stage.caller))
+    process.send_signal(signal.SIGSTOP)
+    time.sleep(dice.uniform(0.1, 2.0))
+    process.send_signal(signal.SIGCONT)
+
+
+def kill_a_peer(stage: Stage, dice: random.Random) -> None:
+    name = dice.choice(("echo", "caller"))
+    killed = getattr(stage, name)
+    killed.kill()
+    killed.communicate()
+    stage.graph.processes.remove(killed)
+    setattr(stage, name, getattr(stage, f"start_{name}")())
+
+
+def kill_the_master(stage: Stage, dice: random.Random) -> None:
+    assert isinstance(stage.graph, Graph)
+    stage.graph.stop_master()
+    time.sleep(dice.uniform(0.1, 2.0))
+    stage.graph.start_master()
+
+
+def reload(stage: Stage, dice: random.Random) -> None:
+    """A topic goes and comes back, in a file whose lines have moved."""
+    file = stage.graph.folder / "shmgen.toml"
+    text = file.read_text()
+    entry = next(part for part in re.split(r"(?=\[\[)", text) if f'"{stage.topic(TOUCHED[0])}_back"' in part)
+    for now in (text.replace(entry, ""), text):
+        file.write_text(now)
+        stage.bridge.process.send_signal(signal.SIGHUP)
+        time.sleep(1.0)
+
+
+_OFTEN = (take_over, make_anew, remove, replace, fill, stop_a_peer, kill_a_peer, kill_the_master)
+MISHAPS: tuple[Callable[[Stage, random.Random], None], ...] = (*_OFTEN, *_OFTEN, *_OFTEN, reload)
+"""A reload reads all definitions, and leaves some 0.2 MiB behind."""
+
+
+def run(graph: Ros, space: str, seconds: float, seed: int, longest: float) -> Verdict:
+    """That long, and some seconds more."""
+    dice, verdict, stage = random.Random(seed), Verdict(), Stage(graph, space, seconds)
+    pid = stage.bridge.process.pid
+    for player in stage.players:
+        player.start()
+    stage.source.stdin.write("\n")
+    stage.source.stdin.flush()
+    begun, before = time.monotonic(), busy(pid)
+    measured = begun + max(3.0, seconds / 3)
+    with Onlooker(map(stage.topic, CALM)) as looks:
+        while time.monotonic() < begun + seconds:
+            mishap = dice.choice([one for one in MISHAPS if one is not kill_the_master or isinstance(graph, Graph)])
+            mishap(stage, dice)
+            verdict.mishaps[mishap.__name__] += 1
+            time.sleep(dice.uniform(0.1, 1.0))
+            if stage.bridge.process.poll() is not None:
+                verdict.complaints.append(
+                    "the bridge has ended: " + f"{stage.bridge.process.poll()}, " + "".join(stage.bridge.lines[-40:])
+                )
+                return verdict
+            if time.monotonic() > measured and len(verdict.memory) == 1:
+                measure(verdict, pid)
+        verdict.cpu = (busy(pid) - before) / (time.monotonic() - begun)
+    verdict.gap = max(looks.longest.values())
+    if verdict.gap >= longest:
+        verdict.complaints.append(f"heartbeats stood still: {looks.longest}")
+    stage.sent.update(json.loads(stage.source.stdout.readline()))
+    stage.stop.set()
+    for player in stage.players:
+        player.join()
+    time.sleep(SETTLE)
+    measure(verdict, pid)
+    judge(stage, verdict)
+    return verdict
+
+
+def measure(verdict: Verdict, pid: int) -> None:
+    size = int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    verdict.memory.append(size / 2**20)
+    verdict.descriptors.append(len(os.listdir(f"/proc/{pid}/fd")))
+
+
+def judge(stage: Stage, verdict: Verdict) -> None:
+    """What must hold at the end."""
+    for name in (*TOUCHED, *CALM):
+        with words_of(file_of(stage.topic(name))) as words:
+            beat = words[h.HEARTBEAT]
+            time.sleep(LONGEST)
+            if words[h.WRITER] != stage.bridge.process.pid or words[h.HEARTBEAT] == beat:
+                verdict.complaints.append(f"{name} did not come back")
+    if verdict.memory[-1] > verdict.memory[1] + GROWTH:
+        verdict.complaints.append(f"it grew from {verdict.memory[1]:.0f} to {verdict.memory[-1]:.0f} MiB")
+    if verdict.descriptors[-1] > verdict.descriptors[1] + 8:
+        verdict.complaints.append(f"it had {verdict.descriptors} descriptors")
+    stage.bridge.stop(signal.SIGTERM)
+    verdict.complaints += [line for line in stage.bridge.lines if "Traceback" in line]
+    for name, sent in stage.sent.items():
+        (line,) = [line for line in stage.bridge.lines[-60:] if re.search(rf"{stage.topic(name)} +\d+ passed", line)]
+        counts = {word: int(count) for count, word in re.findall(r"(\d+) (\w+)", line.split(maxsplit=1)[1])}
+        counts.pop("truncated", None)
+        verdict.sent += sent
+        verdict.counted.update(counts)
+        if sum(counts.values()) != sent and not counts.get("lost"):
+            verdict.complaints.append(f"{name}: {sent} sent, and {counts}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0] if __doc__ else "")
+    parser.add_argument("--seconds", type=float, default=1200)
+    parser.add_argument("--backend", choices=("ros1", "ros2", "dds"), default="dds")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--longest", type=float, default=LONGEST, help="of a gap, for machines that are busy")
+    parser.add_argument("--own-shm", action="store_true", help="is said by itself: /dev/shm is its own")
+    given = parser.parse_args()
+    if not given.own_shm:
+        mount = f'mount -t tmpfs -o size={SHM}m,mode=1777 none /dev/shm; exec "$@"'
+        own = ["unshare", "-m", "--propagation", "private", "sh", "-c", mount, "sh"]
+        sys.exit(subprocess.call([*own, sys.executable, "-m", __spec__.name, *sys.argv[1:], "--own-shm"]))
+    with tempfile.TemporaryDirectory() as folder:
+        graph = made(given.backend, Path(folder))
+        try:
+            verdict = run(graph, "/soak", given.seconds, given.seed, given.longest)
+        finally:
+            graph.close()
+    print(f"{given.backend}: {verdict}")
+    print(*verdict.complaints, sep="\n")
+    sys.exit(1 if verdict.complaints else 0)
+
+
+if __name__ == "__main__":
+    main()
