@@ -97,7 +97,7 @@ def test_each_is_seen(look: object, text: str) -> None:
         "/dev/shm/robot.pose",
         "/opt/ros/jazzy/setup.bash",
         "/usr/bin/env",
-        "~/work/x",
+        "~/ros/x",
         "docs/tmp/x",
         "$HOME/tmp/x",
         "/home",
