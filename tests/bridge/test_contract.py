@@ -145,12 +145,12 @@ def latching_all(module: ModuleType, backend: Any) -> None:
 def two_at_once(module: ModuleType, backend: Any) -> None:
     """Hands over in whatever thread sends."""
 
-    def subscribe(wire: Any, taker: Any) -> Any:
+    def subscribe(wire: Any, sink: Any) -> Any:
         made = module.codec(wire.messages)
 
         class Direct:
             def put(self, data: bytes) -> None:
-                module.threading.Thread(target=lambda: taker.take(made.decode(data)), daemon=True).start()
+                module.threading.Thread(target=lambda: sink.take(made.decode(data)), daemon=True).start()
 
         module.TOPICS[wire.topic].inlets.append(Direct())
         return RosSubscription(made.new)

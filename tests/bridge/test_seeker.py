@@ -32,7 +32,7 @@ class Backend:
             lambda: not wire.service.endswith(self.missing),
         )
 
-    def subscribe(self, wire: Wire, taker: Any) -> RosSubscription:
+    def subscribe(self, wire: Wire, sink: Any) -> RosSubscription:
         return RosSubscription(lambda: None, lambda: not wire.topic.endswith(self.missing))
 
 

@@ -104,7 +104,7 @@ def echo(node, space):
 def sink(node, space):
     seen = {name: [] for name in RATES}
 
-    def taker(rows):
+    def sink(rows):
         def take(sample):
             *_, number, begun = POSE.unpack_from(sample.data)
             rows.append((number, time.monotonic() - begun))
@@ -112,7 +112,7 @@ def sink(node, space):
         return take
 
     for name in RATES:
-        listen(node, f"{space}/{name}_back", taker(seen[name]))
+        listen(node, f"{space}/{name}_back", sink(seen[name]))
     print("ready", flush=True)
     sys.stdin.readline()
     print(json.dumps({"seen": seen, "dropped": 0}), flush=True)

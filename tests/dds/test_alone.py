@@ -138,12 +138,12 @@ def test_files_that_are_no_regions_hold_up_no_other(six: Cell) -> None:
             strange.rename(file_of(f"{six.topic}/{name}"))
         until(lambda: all(six.state(name)[0] == ERROR for name in "abcde"))
         time.sleep(1.0)
-        assert all(six.state(name)[0] == ERROR and "another layout" in six.state(name)[1] for name in "abcde")
+        assert all(six.state(name)[0] == ERROR and "not a region of shmgen" in six.state(name)[1] for name in "abcde")
         for name in "abcde":
             file_of(f"{six.topic}/{name}").unlink()
         until(lambda: all(six.flows(name) for name in "abcde"))
     assert looks.longest[f"{six.topic}/f"] < LONGEST
-    assert told(six.bridge, "another layout") == 5
+    assert told(six.bridge, "not a region of shmgen") == 5
 
 
 def test_what_waits_in_a_region_that_is_removed_still_crosses(six: Cell) -> None:

@@ -159,20 +159,20 @@ def test_a_queue_that_ran_over_is_told(graph: backend.Graph, schema: Schema, top
         inside.set()
         go.wait(60)
 
-    taker = Taken(callback)
-    graph.subscribe(there, taker)
+    sink = Taken(callback)
+    graph.subscribe(there, sink)
     outlet = graph.publisher(there)
     message = outlet.new()
     until(lambda: outlet.send(message) or inside.is_set())
     for _ in range(there.queue + 10):
         outlet.send(message)
-    assert not taker.lost
+    assert not sink.lost
     go.set()
     until(lambda: len(came) > there.queue, 20)
-    assert taker.lost == 1
+    assert sink.lost == 1
     outlet.send(message)
     until(lambda: len(came) > there.queue + 1, 20)
-    assert taker.lost == 1
+    assert sink.lost == 1
 
 
 def test_who_came_and_went_is_forgotten() -> None:

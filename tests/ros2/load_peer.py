@@ -73,7 +73,7 @@ def sink(node, space):
     seen = {name: [] for name in RATES}
     last = dict.fromkeys(RATES, 0)
 
-    def taker(name):
+    def sink(name):
         def take(message, about):
             """And all that waits behind it: an executor's turn costs more than a message, and is not measured here."""
             while True:
@@ -87,7 +87,7 @@ def sink(node, space):
         return take
 
     subscriptions = {
-        name: node.create_subscription(PoseStamped, f"{space}/{name}_back", taker(name), QOS) for name in RATES
+        name: node.create_subscription(PoseStamped, f"{space}/{name}_back", sink(name), QOS) for name in RATES
     }
     spin(node)
     # Every publisher counts from 1: what was sent and did not come into our hands is nobody else's fault.

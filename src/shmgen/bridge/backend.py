@@ -267,8 +267,8 @@ class Backend(Protocol):
     def publisher(self, wire: Wire) -> RosPublisher:
         """Advertises the topic. Raises ValueError for a type that this ROS has otherwise or not at all."""
 
-    def subscribe(self, wire: Wire, taker: MessageSink) -> RosSubscription:
-        """Hands each message to `taker`, in order. Raises as publisher()."""
+    def subscribe(self, wire: Wire, sink: MessageSink) -> RosSubscription:
+        """Hands each message to `sink`, in order. Raises as publisher()."""
 
     def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
         """Offers the service; `answer` is called in a thread where it may wait. Raises as publisher()."""

@@ -97,12 +97,12 @@ class Graph:
         straight = (lambda payload: send(writer, encode(payload))) if encode else None
         return RosPublisher(made.new, lambda message: send(writer, made.encode(message)), False, straight)
 
-    def subscribe(self, wire: Wire, taker: MessageSink) -> RosSubscription:
+    def subscribe(self, wire: Wire, sink: MessageSink) -> RosSubscription:
         """Hands over in the thread of all topics. Raises as publisher()."""
         made = codec(wire.messages)
         name = topic_name(wire.topic)
         identity = Identity(wire.topic, wire.type, made.type_hash, self._ends.tell, wire.accepts_other)
-        peers = Peers(identity, taker.meet)
+        peers = Peers(identity, sink.meet)
         reader = self._ends.reader(name, structure(wire.messages), _quality(wire, made), peers.matched)
         for handle in matches(reader):  # those of whom nobody was told while it was made
             peers.matched(reader, handle)
@@ -111,11 +111,11 @@ class Graph:
 
         def reject(why: str) -> None:
             with turn:
-                taker.reject(why)
+                sink.reject(why)
 
         def fail(why: str) -> None:
             with turn:
-                taker.refuse(stranger) if (stranger := peers.stranger) else taker.reject(why)
+                sink.refuse(stranger) if (stranger := peers.stranger) else sink.reject(why)
 
         def take(sample: Any) -> None:
             with turn:
@@ -123,21 +123,21 @@ class Graph:
 
         def judge(sample: Any) -> None:
             if why := peers.refusal(reader, sample):
-                taker.refuse(why)
+                sink.refuse(why)
                 return
             if len(sample.cdr) > wire.largest:
-                taker.reject(f"{len(sample.cdr):,} bytes, and more than {wire.largest:,} are no message for its region")
+                sink.reject(f"{len(sample.cdr):,} bytes, and more than {wire.largest:,} are no message for its region")
                 return
             try:
                 message = (straight and straight(sample.cdr)) or made.decode(sample.cdr)
             except ValueError as error:
-                taker.reject(str(error))
+                sink.reject(str(error))
                 return
-            taker.take(message)
+            sink.take(message)
 
         def lose(count: int) -> None:
             with turn:
-                taker.lose(count)
+                sink.lose(count)
 
         self._dropped.tell(name, reject, fail)
         self._ends.topics.add(Subscription(reader, take, name, wire.queue, lose))

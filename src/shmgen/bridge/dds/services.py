@@ -23,7 +23,7 @@ from shmgen.bridge.codec.cdr import codec
 from shmgen.bridge.codec.type_identity import Identity
 from shmgen.bridge.dds.entities import word_of
 from shmgen.bridge.dds.service_pair import Came, Pair, ServiceTransport, Side
-from shmgen.bridge.dds.types import CALL, reply_name, request_name, structure, type_name
+from shmgen.bridge.dds.types import reply_name, request_name, structure, type_name
 from shmgen.core.model import Message
 
 _CALL = struct.Struct("<Qq")
@@ -241,7 +241,7 @@ class _Client(_Half):
 
 
 def _side(topic: str, messages: tuple[Message, ...], words: str) -> Side:
-    return Side(topic, type_name(messages[-1].name), structure(messages, before=CALL), words)
+    return Side(topic, type_name(messages[-1].name), structure(messages, of_call=True), words)
 
 
 def _hash(words: list[str]) -> str:

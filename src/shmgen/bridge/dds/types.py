@@ -6,6 +6,7 @@ Source of the names: the ROS 2 design article *Topic and Service name mapping to
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from typing import Any, cast
 
@@ -55,27 +56,22 @@ def type_name(name: TypeName) -> str:
     return f"{name.package}::{name.kind}::dds_::{name.name}_"
 
 
-def structure(messages: tuple[Message, ...], *, before: Mapping[str, Any] | None = None) -> type[Any]:
-    """Of the last of `messages`, which hold all it refers to; members of the fields `before` come first.
+@functools.cache  # as long as the process lasts: Cyclone goes on to look at the type of a topic that was deleted
+def structure(messages: tuple[Message, ...], *, of_call: bool = False) -> type[Any]:
+    """Of the last of `messages`, which hold all it refers to; `of_call`, the fields of CALL come first.
 
     Its objects hold the sample as `cdr`, encapsulation included. Raises ValueError for a `wstring`.
     """
-    if known := _MADE.get((messages, tuple(before or ()))):
-        return known
     _refuse_wide(messages)
     made = {name: _made(name, _TIME) for name in TIMES.values()}
     for message in messages:
-        first = before or {} if message is messages[-1] else {}
+        first = CALL if of_call and message is messages[-1] else {}
         fields = {f"{field.name}_": _typed(field, made) for field in message.fields}
         made[message.name] = _made(message.name, {**first, **fields} or {f"{FILLER}_": types.byte})
     kind = made[messages[-1].name]
     kind.serialize = _serialize
     kind.deserialize = classmethod(_deserialize)
-    return _MADE.setdefault((messages, tuple(before or ())), kind)
-
-
-_MADE: dict[tuple[tuple[Message, ...], tuple[str, ...]], type[Any]] = {}
-"""As long as the process lasts: Cyclone goes on to look at the type of a topic that was deleted."""
+    return kind
 
 
 def _refuse_wide(messages: tuple[Message, ...]) -> None:

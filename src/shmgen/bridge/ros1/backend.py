@@ -79,15 +79,15 @@ class Ros1:
         encode = wire.short.out_of_region(ROS1, self.now)
         return RosPublisher(kind, send, False, lambda payload: made.publish(raw(encode(payload))))
 
-    def subscribe(self, wire: Wire, taker: MessageSink) -> RosSubscription:
+    def subscribe(self, wire: Wire, sink: MessageSink) -> RosSubscription:
         kind = types.message(wire.messages)
         decode = wire.short.into_region(ROS1) if wire.short and types.means(kind, wire.messages) else None
 
         def take(message: Any) -> None:
             try:
-                taker.take((decode and decode(message.data)) or kind().deserialize(message.data))
+                sink.take((decode and decode(message.data)) or kind().deserialize(message.data))
             except genpy.DeserializationError as error:
-                taker.reject(str(error))
+                sink.reject(str(error))
 
         # Without a queue_size rospy hands over every message that a socket brought.
         subscription = rospy.Subscriber(wire.topic, types.raw(kind), take, tcp_nodelay=True)

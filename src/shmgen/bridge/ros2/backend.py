@@ -98,7 +98,7 @@ class Ros2:
         self.undo.append(lambda: self._node.destroy_publisher(publisher))
         return RosPublisher(made.new, lambda message: publisher.publish(made.encode(message)), keeps=False)
 
-    def subscribe(self, wire: Wire, taker: MessageSink) -> RosSubscription:
+    def subscribe(self, wire: Wire, sink: MessageSink) -> RosSubscription:
         kind, made = types.message(wire.messages), _codec(wire.messages)
         subscription = self._node.create_subscription(
             kind,
@@ -111,8 +111,8 @@ class Ros2:
         )
         identity = Identity(wire.topic, wire.type, made.type_hash, self._tell, wire.accepts_other)
         find = self._node.get_publishers_info_by_topic
-        peers = Peers(identity, lambda: _hashes(find(subscription.topic_name)), taker.meet)
-        inlet = Inlet(subscription, made, taker, peers, _rmw().startswith("rmw_fastrtps"))
+        peers = Peers(identity, lambda: _hashes(find(subscription.topic_name)), sink.meet)
+        inlet = Inlet(subscription, made, sink, peers, _rmw().startswith("rmw_fastrtps"))
         self._wait(subscription, "subscription", inlet.take, wire.topic)
         return RosSubscription(made.new, lambda: bool(subscription.handle.get_publisher_count()))
 

@@ -16,12 +16,12 @@ class Inlet:
     of a topic is taken while one of its publishers is of another definition.
     """
 
-    def __init__(self, subscription: Any, made: Codec, taker: MessageSink, peers: Peers, names_senders: bool) -> None:
+    def __init__(self, subscription: Any, made: Codec, sink: MessageSink, peers: Peers, names_senders: bool) -> None:
         """`names_senders`: whether a message, if it says whose it is, says it as the graph does."""
         self._handle = subscription.handle
         self._kind = subscription.msg_type
         self._decode = made.decode
-        self._taker = taker
+        self._sink = sink
         self._peers = peers
         self._names_senders = names_senders
         self._numbers: list[int] = []
@@ -36,14 +36,14 @@ class Inlet:
             data, about = taken
             why = self._refusal(about)
             if why:
-                self._taker.refuse(why)
+                self._sink.refuse(why)
                 continue
             try:
                 message = self._decode(data)
             except ValueError as error:
-                self._taker.reject(str(error))
+                self._sink.reject(str(error))
                 continue
-            self._taker.take(message)
+            self._sink.take(message)
         self._peers.forget()
 
     def look(self, *event: Any) -> None:
@@ -75,7 +75,7 @@ class Inlet:
         else:
             before = max((before for before in numbers if before < number), default=0)
             if before:
-                self._taker.lose(number - before - 1)
+                self._sink.lose(number - before - 1)
                 numbers.remove(before)
                 numbers.append(number)
             else:  # another publisher in the place of one that has gone
