@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 from shmgen.core.model import Layout
@@ -17,9 +18,15 @@ class Text(NamedTuple):
     lines: tuple[str, ...]
 
 
-def protocol(job: Job) -> Text:
+def printed(job: Job) -> dict[str, str]:
+    """By path, what the target c has printed."""
+    return {one.output.path: one.text for one in job.printed["c"]}
+
+
+def protocol(package: str, texts: Mapping[str, str]) -> Text:
     """What all messages share, and the end of a block: all of it C99, C++11 and C++17."""
-    lines = _lines(job, "shmgen.h", *(f"shmgen_{name}.h" for name in RUNTIME))
+    headers = ("shmgen.h", *(f"shmgen_{name}.h" for name in RUNTIME))
+    lines = [line for header in headers for line in texts[f"c/{package}/{header}"].splitlines()]
     includes = [line.split()[1] for line in lines if line.startswith("#include <")]
     return Text(
         tuple(sorted({include.strip("<>") for include in includes})),
@@ -27,12 +34,6 @@ def protocol(job: Job) -> Text:
     )
 
 
-def message(layout: Layout, job: Job) -> tuple[str, ...]:
+def message(layout: Layout, texts: Mapping[str, str]) -> tuple[str, ...]:
     """The structure, with its offsets asserted, and the functions that look at its counts and texts."""
-    found = {one.output.path: one.text for one in job.printed["c"]}
-    return tuple("\n".join(found[piece(layout.name)] for piece in (struct_piece, fits_piece)).splitlines())
-
-
-def _lines(job: Job, *headers: str) -> list[str]:
-    found = {one.output.path: one.text for one in job.printed["c"]}
-    return [line for header in headers for line in found[f"c/{job.package}/{header}"].splitlines()]
+    return tuple("\n".join(texts[piece(layout.name)] for piece in (struct_piece, fits_piece)).splitlines())

@@ -76,7 +76,8 @@ def _short(block: Block) -> Block:
 
 
 def _header(job: Job) -> Iterator[str]:
-    shared = embedded.protocol(job)
+    texts = embedded.printed(job)
+    shared = embedded.protocol(job.package, texts)
     yield "#ifndef SHMGEN_BLOCKS_H"
     yield "#define SHMGEN_BLOCKS_H"
     yield "#ifndef _GNU_SOURCE"
@@ -87,7 +88,7 @@ def _header(job: Job) -> Iterator[str]:
     yield from _TM[3:]
     yield from shared.lines
     for layout in ordered(job.layouts):
-        yield from embedded.message(layout, job)
+        yield from embedded.message(layout, texts)
 
 
 def _long(block: Block) -> Iterator[str]:

@@ -50,9 +50,10 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
 
 def _library(job: Job, blocks: tuple[Block, ...], made: program.Program | None) -> str:
     layouts = ordered(job.layouts)
-    protocol = embedded.protocol(job)
+    texts = embedded.printed(job)
+    protocol = embedded.protocol(job.package, texts)
     own = [Structure(ST_TIME, "", SECONDS)] if any(layout.options.time == "struct" for layout in layouts) else []
-    messages = {structure(layout, STRUCPP): embedded.message(layout, job) for layout in layouts}
+    messages = {structure(layout, STRUCPP): embedded.message(layout, texts) for layout in layouts}
     every = {**dict.fromkeys(own, ()), **messages, **dict.fromkeys(made.structures if made else (), ())}
     known = {one.name.upper() for one in every}
     chunks = [_chunk(job.package, PROTOCOL, "type", protocol.lines, (), ())]
