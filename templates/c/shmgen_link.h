@@ -82,6 +82,8 @@ typedef struct shmgen_options {
     uint32_t lock_us;   /* the longest a call waits for the lock, 1000000 at most; 0: SHMGEN_LOCK_MS, and for a writer
                          * where the lock is needed (not on x86) until it is free or recovered, 1.1 s at most */
     uint32_t unstamped; /* 1: samples carry no time, which saves a look at the clock */
+    uint32_t passive;   /* 1: a reader for tools that watch. The region must be there; nothing is written to it, nobody is
+                         * kept from being woken, and the lock is taken only where it is needed (not on x86) */
 } shmgen_options;
 
 /* Where opening is; each step is taken without waiting. */
@@ -112,6 +114,8 @@ typedef struct shmgen_link {
     uint32_t misses;  /* how often the lock was not free in time */
     uint32_t refused; /* messages that did not fit, or said so of a sequence */
     uint32_t attempts;
+    uint32_t passive; /* 1: nothing is written to the region, and there is no lock */
+    uint32_t reserved;
     int file;
     shmgen_type type;
     unsigned char *base; /* the region */

@@ -73,6 +73,7 @@ static inline shmgen_status shmgen_link_start(
     link->group = group != NULL && *group != 0 ? shmgen_group(group) : -1;
     link->limit = (int64_t)limit * 1000;
     link->pid = (uint32_t)getpid();
+    link->passive = options != NULL && options->passive != 0 && (SHMGEN_KEEPS_ORDER || type->sequence != 0);
     status = shmgen_name_region(link, topic);
     if (status != SHMGEN_OK)
         return status;
@@ -94,6 +95,8 @@ static inline shmgen_status shmgen_link_start(
 /* Lets go of everything; the region stays for the other side. */
 static inline void shmgen_link_close(shmgen_link *link)
 {
+    if (link->base != NULL && !link->passive && !shmgen_is_inherited(link))
+        shmgen_byte(link, SHMGEN_WRITER_LOCK, F_UNLCK); /* a child that was forked keeps the open file, and with it the claim */
     if (link->base != NULL)
         munmap(link->base, (size_t)link->size);
     if (link->mine != NULL)
@@ -115,13 +118,15 @@ static inline shmgen_status shmgen_open_file(shmgen_link *link)
 {
     shmgen_status status;
     for (int attempt = 0; attempt < SHMGEN_ATTEMPTS; attempt++) {
-        link->file = shm_open(link->name, O_RDWR | O_NOFOLLOW | O_NONBLOCK, 0);
+        link->file = shm_open(link->name, (link->passive ? O_RDONLY : O_RDWR) | O_NOFOLLOW | O_NONBLOCK, 0);
         if (link->file >= 0)
             return !shmgen_is_regular(link->file) ? SHMGEN_REGION_OPEN_FAILED
-                   : shmgen_mend(link, link->file) ? shmgen_go(link, SHMGEN_STEP_ADMIT)
+                   : link->passive || shmgen_mend(link, link->file) ? shmgen_go(link, SHMGEN_STEP_ADMIT)
                                                    : SHMGEN_REGION_NO_ACCESS;
         if (errno != ENOENT)
             return errno == EACCES || errno == EPERM ? SHMGEN_REGION_NO_ACCESS : SHMGEN_REGION_OPEN_FAILED;
+        if (link->passive)
+            return SHMGEN_REGION_MISSING;
         link->file = shm_open(link->name, O_RDWR | O_CREAT | O_EXCL, shmgen_made_mode(link));
         if (link->file >= 0) {
             status = shmgen_give(link, link->file, shmgen_made_mode(link)) ? shmgen_allocate(link->file, link->size)
@@ -223,11 +228,11 @@ static inline shmgen_status shmgen_map(shmgen_link *link)
     uint32_t magic;
     shmgen_status checked;
     void *base;
-    if (!shmgen_is_safe(link, link->file)) /* its creator may be about to set its group */
+    if (!link->passive && !shmgen_is_safe(link, link->file)) /* its creator may be about to set its group */
         return shmgen_elapsed(link) > SHMGEN_PEER_MS * SHMGEN_MS ? SHMGEN_STRANGER : SHMGEN_OPENING;
     if (fstat(link->file, &status) != 0)
         return SHMGEN_REGION_OPEN_FAILED;
-    if (status.st_size == 0) { /* who died between making it and giving it its size is stood in for */
+    if (status.st_size == 0 && !link->passive) { /* who died between making it and giving it its size is stood in for */
         if (shmgen_elapsed(link) <= SHMGEN_PEER_MS * SHMGEN_MS)
             return SHMGEN_OPENING;
         checked = shmgen_allocate(link->file, link->size);
@@ -237,12 +242,12 @@ static inline shmgen_status shmgen_map(shmgen_link *link)
     checked = shmgen_check_header(link, &magic);
     if (checked != SHMGEN_OK)
         return checked;
-    base = mmap(NULL, (size_t)link->size, PROT_READ | PROT_WRITE, MAP_SHARED, link->file, 0);
+    base = mmap(NULL, (size_t)link->size, link->passive ? PROT_READ : PROT_READ | PROT_WRITE, MAP_SHARED, link->file, 0);
     if (base == MAP_FAILED)
         return SHMGEN_REGION_NO_MEMORY;
     link->base = (unsigned char *)base;
     shmgen_mark(link);
-    return shmgen_go(link, SHMGEN_STEP_HEADER);
+    return shmgen_go(link, link->passive ? SHMGEN_STEP_LOCK : SHMGEN_STEP_HEADER);
 }
 
 /* Whoever finds no magic writes the header; the record lock lets one process do it at a time. A PLC may do it at the
@@ -346,18 +351,18 @@ static inline shmgen_status shmgen_open_semaphore(shmgen_link *link, const char 
 /* The event that wakes a reader. */
 static inline shmgen_status shmgen_open_event(shmgen_link *link)
 {
-    return link->type.sequence != 0 || link->event != NULL ? SHMGEN_OK
+    return link->type.sequence != 0 || link->passive || link->event != NULL ? SHMGEN_OK
                                                            : shmgen_open_semaphore(link, "-event", 0, &link->event);
 }
 
 static inline shmgen_status shmgen_open_lock(shmgen_link *link)
 {
     shmgen_status status = SHMGEN_OK;
-    if (link->type.sequence == 0 && link->lock == NULL)
+    if (link->type.sequence == 0 && link->lock == NULL && !link->passive)
         status = shmgen_open_semaphore(link, "", 1, &link->lock);
     if (status != SHMGEN_OK)
         return status;
-    if (!shmgen_leads_to(link->name, link->file)) { /* removed meanwhile */
+    if (!link->passive && !shmgen_leads_to(link->name, link->file)) { /* removed meanwhile */
         uint32_t attempts = link->attempts + 1;
         shmgen_link_close(link);
         link->attempts = attempts;

@@ -241,7 +241,7 @@ public:
         return shmgen_subscriber_is_stale(&end_, ns_of(timeout));
     }
     // Samples overwritten unread.
-    std::uint32_t missed() const noexcept { return end_.missed; }
+    std::uint64_t missed() const noexcept { return end_.missed; }
     // Number of the newest sample read, 0 = none yet.
     std::uint32_t sequence() const noexcept { return end_.sequence; }
     // Since the newest sample read was written, by the wall clock.

@@ -109,11 +109,12 @@ static inline void shmgen_block_rest(shmgen_block *self)
 {
     self->misses += self->publisher.end.misses + self->subscriber.end.misses;
     self->refused += self->subscriber.end.refused;
-    self->missed += self->subscriber.missed;
+    self->missed += (uint32_t)self->subscriber.missed;
     shmgen_publisher_close(&self->publisher);
     shmgen_subscriber_close(&self->subscriber);
     self->publisher.end.misses = self->subscriber.end.misses = 0;
-    self->subscriber.end.refused = self->subscriber.missed = 0;
+    self->subscriber.end.refused = 0;
+    self->subscriber.missed = 0;
     self->ready = self->opening = 0;
 }
 
@@ -376,7 +377,7 @@ static inline uint32_t shmgen_block_misses(const shmgen_block *self)
 
 static inline uint32_t shmgen_block_missed(const shmgen_block *self)
 {
-    return self->missed + self->subscriber.missed;
+    return self->missed + (uint32_t)self->subscriber.missed;
 }
 
 static inline uint32_t shmgen_block_refused(const shmgen_block *self)

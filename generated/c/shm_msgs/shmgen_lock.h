@@ -159,16 +159,28 @@ static inline int64_t shmgen_limit_within(const shmgen_link *link, int64_t left)
     return left <= 0 ? 0 : left < link->limit || !SHMGEN_KEEPS_ORDER ? left : link->limit;
 }
 
-/* Acquires it. False: the lock was not free in time, or there is none; see shmgen_may_go_on(). */
-static inline bool shmgen_enter(shmgen_link *link, int64_t limit)
+/* Says who is inside now. */
+static inline bool shmgen_sign(const shmgen_link *link)
 {
-    if (link->lock == NULL)
-        return false;
-    if (sem_trywait(link->lock) != 0 && (limit <= 0 || !shmgen_spin(link->lock)) && !shmgen_wait_for_lock(link, limit))
-        return false;
     shmgen_store(link, SHMGEN_AT(lock_count), shmgen_load(link, SHMGEN_AT(lock_count)) + 1);
     shmgen_store(link, SHMGEN_AT(lock_holder), link->pid);
     return true;
+}
+
+/* Acquires it if it is free. */
+static inline bool shmgen_try_enter(shmgen_link *link)
+{
+    return link->lock != NULL && sem_trywait(link->lock) == 0 && shmgen_sign(link);
+}
+
+/* Acquires it. False: the lock was not free in time, or there is none; see shmgen_may_go_on(). */
+static inline bool shmgen_enter(shmgen_link *link, int64_t limit)
+{
+    if (shmgen_try_enter(link))
+        return true;
+    if (link->lock == NULL || ((limit <= 0 || !shmgen_spin(link->lock)) && !shmgen_wait_for_lock(link, limit)))
+        return false;
+    return shmgen_sign(link);
 }
 
 /* Whether the slots alone carry integrity. */

@@ -50,7 +50,9 @@ typedef enum shmgen_status {
     SHMGEN_OVERWRITTEN = 101,
     SHMGEN_OPENING = 102,
     SHMGEN_CLOSED = 103,
-    SHMGEN_IN_FORKED_CHILD = 104
+    SHMGEN_IN_FORKED_CHILD = 104,
+    SHMGEN_REGION_MISSING = 105,
+    SHMGEN_MISUSED = 106
 } shmgen_status;
 
 static inline const char *shmgen_status_text(shmgen_status status)
@@ -92,6 +94,8 @@ static inline const char *shmgen_status_text(shmgen_status status)
     case SHMGEN_OPENING: return "not open yet";
     case SHMGEN_CLOSED: return "not open";
     case SHMGEN_IN_FORKED_CHILD: return "it belongs to the process from which this one was forked: open one here";
+    case SHMGEN_REGION_MISSING: return "there is no such region: start a publisher or a subscriber of it";
+    case SHMGEN_MISUSED: return "begin comes once before complete or cancel";
     }
     return "no status of shmgen";
 }

@@ -22,9 +22,9 @@ typedef struct shmgen_subscriber {
     shmgen_status gone; /* what calls say once it is not open */
     uint32_t last;      /* number of the sample that counts as read last */
     uint32_t sequence;  /* number of the newest sample read, 0 = none yet */
-    uint32_t missed;    /* samples overwritten unread */
     uint32_t beat;
     uint32_t reserved;
+    uint64_t missed; /* samples overwritten unread */
     shmgen_path path; /* the field whose count was too high */
 } shmgen_subscriber;
 
@@ -139,7 +139,8 @@ static inline shmgen_status shmgen_take(
     if (skipped != 0 && skipped < SHMGEN_RESTART_GAP) {
         self->missed += skipped;
         /* Outside of the lock: of two readers that add at once one may be lost, which a figure for people survives. */
-        shmgen_store(end, SHMGEN_AT(missed), shmgen_load(end, SHMGEN_AT(missed)) + skipped);
+        if (!end->passive)
+            shmgen_store(end, SHMGEN_AT(missed), shmgen_load(end, SHMGEN_AT(missed)) + skipped);
     }
     self->last = number;
     if (receive != NULL) {

@@ -16,7 +16,7 @@ typedef struct shmgen_publisher {
     shmgen_link end;
     shmgen_status gone; /* what calls say once it is not open */
     uint32_t sequence;  /* number of the newest sample, 0 = none yet */
-    uint32_t number;    /* of the sample between begin and complete */
+    uint32_t number;    /* of the sample between begin and complete, 0 = none */
     uint32_t beat;      /* heartbeat as last written, or as seen while a PLC is watched */
     uint32_t jump;      /* 1: a writer before may only stand still, and its numbers are left to it */
     uint32_t inside;    /* 1: holds the lock */
@@ -30,7 +30,7 @@ static inline void shmgen_publisher_close(shmgen_publisher *self)
 {
     if (self->inside != 0 && !shmgen_is_inherited(&self->end))
         shmgen_leave(&self->end);
-    self->inside = 0;
+    self->inside = self->number = 0;
     shmgen_link_close(&self->end);
     self->gone = SHMGEN_CLOSED;
 }
@@ -153,7 +153,7 @@ static inline shmgen_status shmgen_lose(shmgen_publisher *self)
 {
     if (self->inside != 0)
         shmgen_leave(&self->end);
-    self->inside = 0;
+    self->inside = self->number = 0;
     shmgen_link_close(&self->end);
     return self->gone = SHMGEN_CLAIM_LOST;
 }
@@ -187,37 +187,50 @@ static inline void shmgen_fetch(const unsigned char *line)
 #endif
 }
 
-/* Begins the next sample: *payload is where its bytes go, which are then the region's own, with what an older sample
- * has left there. Behind it comes complete or cancel. `limit` is in ns, 0 = one try, without a system call.
- * SHMGEN_LOCK_TIMEOUT: the lock was not free, on a machine that needs it. */
-static inline shmgen_status shmgen_publisher_begin(shmgen_publisher *self, int64_t limit, void **payload)
+/* The first half of begin: the lock, as far as it is to be had within `limit` ns. */
+static inline shmgen_status shmgen_publisher_enter(shmgen_publisher *self, int64_t limit)
 {
     shmgen_link *end = &self->end;
-    size_t slot;
-    uint64_t stamp;
     if (end->step != SHMGEN_STEP_READY)
         return shmgen_why(self->gone);
     if (shmgen_is_inherited(end))
         return shmgen_publisher_disown(self);
-    self->number = shmgen_after(end, self->sequence, 1);
-    slot = shmgen_slot_of(end, self->number);
-    shmgen_fetch(end->base + slot);
-    if (end->slot_size > SHMGEN_SLOT_STEP)
-        shmgen_fetch(end->base + slot + SHMGEN_SLOT_STEP);
-    self->inside = shmgen_enter(end, limit);
-    if (self->inside == 0 && !shmgen_may_go_on(end))
-        return SHMGEN_LOCK_TIMEOUT;
+    if (self->number != 0)
+        return SHMGEN_MISUSED;
+    self->inside = self->inside != 0 || shmgen_enter(end, limit);
+    return self->inside != 0 || shmgen_may_go_on(end) ? SHMGEN_OK : SHMGEN_LOCK_TIMEOUT;
+}
+
+/* Begins the next sample: *payload is where its bytes go, which are then the region's own, with what an older sample
+ * has left there. Behind it comes complete or cancel; a second begin before is SHMGEN_MISUSED. `limit` is in ns, 0 = one
+ * try, without a system call. SHMGEN_LOCK_TIMEOUT: the lock was not free, on a machine that needs it. */
+static inline shmgen_status shmgen_publisher_begin(shmgen_publisher *self, int64_t limit, void **payload)
+{
+    shmgen_link *end = &self->end;
+    const uint32_t number = shmgen_after(end, self->sequence, 1);
+    const size_t slot = shmgen_slot_of(end, number);
+    shmgen_status status;
+    uint64_t stamp;
+    if (end->step == SHMGEN_STEP_READY) {
+        shmgen_fetch(end->base + slot);
+        if (end->slot_size > SHMGEN_SLOT_STEP)
+            shmgen_fetch(end->base + slot + SHMGEN_SLOT_STEP);
+    }
+    status = shmgen_publisher_enter(self, limit);
+    if (status != SHMGEN_OK)
+        return status;
     if (shmgen_load(end, SHMGEN_AT(writer)) != end->pid)
         return shmgen_lose(self);
+    self->number = number;
     shmgen_store(end, SHMGEN_AT(heartbeat), ++self->beat);
-    shmgen_store(end, SHMGEN_AT(begun), self->number);
+    shmgen_store(end, SHMGEN_AT(begun), number);
     stamp = self->unstamped != 0 ? 0 : shmgen_wall(); /* while that store is under way */
     if (end->type.size < SHMGEN_STREAMED)
         __atomic_thread_fence(__ATOMIC_RELEASE);
     else
         __atomic_thread_fence(__ATOMIC_SEQ_CST);
     memcpy(end->base + slot + offsetof(shmgen_slot, stamp_ns), &stamp, sizeof stamp);
-    shmgen_store(end, slot + offsetof(shmgen_slot, number), self->number);
+    shmgen_store(end, slot + offsetof(shmgen_slot, number), number);
     *payload = end->base + slot + SHMGEN_SLOT_HEADER;
     return SHMGEN_OK;
 }
@@ -227,7 +240,7 @@ static inline void shmgen_publisher_cancel(shmgen_publisher *self)
 {
     if (self->inside != 0)
         shmgen_leave(&self->end);
-    self->inside = 0;
+    self->inside = self->number = 0;
 }
 
 /* Completes the sample, comes out of the lock, and wakes a reader that waits. SHMGEN_CLAIM_LOST: another writer has
@@ -238,6 +251,8 @@ static inline shmgen_status shmgen_publisher_complete(shmgen_publisher *self)
     const bool posted = self->inside != 0;
     if (end->step != SHMGEN_STEP_READY)
         return shmgen_why(self->gone);
+    if (self->number == 0)
+        return SHMGEN_MISUSED;
     if (shmgen_load(end, SHMGEN_AT(writer)) != end->pid) {
         shmgen_store(end, shmgen_slot_of(end, self->number) + offsetof(shmgen_slot, number), 0);
         return shmgen_lose(self);
@@ -246,7 +261,7 @@ static inline shmgen_status shmgen_publisher_complete(shmgen_publisher *self)
     shmgen_store(end, SHMGEN_AT(completed), self->number);
     if (posted)
         shmgen_leave(end);
-    self->inside = 0;
+    self->inside = self->number = 0;
     shmgen_fence(posted);
     if (shmgen_load(end, SHMGEN_AT(armed)) != 0) {
         shmgen_store(end, SHMGEN_AT(armed), 0);

@@ -7,6 +7,6 @@
 #define SHMGEN_RUNTIME_H
 
 #include "shmgen_publisher.h"
-#include "shmgen_subscriber.h"
+#include "shmgen_wait_any.h"
 
 #endif
