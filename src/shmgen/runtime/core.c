@@ -12,6 +12,7 @@
 #include <math.h>
 #include <sys/syscall.h>
 
+#include "codec.h"
 #include "shmgen_subscriber.h"
 
 /* One step of taking numbers out of an object: the attribute `name` of object number `from` of those met so far (0 is the
@@ -749,7 +750,7 @@ static int fill(PyObject *module)
             return -1;
         }
     }
-    return PyModule_AddIntConstant(module, "ABI", SHMGEN_ABI);
+    return codec_fill(module) != 0 ? -1 : PyModule_AddIntConstant(module, "ABI", SHMGEN_ABI);
 }
 
 /* A full barrier, on every machine. */
