@@ -15,7 +15,7 @@ from .plc_demo import ready
 
 WORD = '    Word(176, "u32", "refused", "udiRefused", "readers", "samples they refused"),\n'
 DOCS = "from tests.support.region_page import tables; print(*next(tables()), sep='\\n')"
-COMPILE = "import hatch_build as it; print(it.compiled('runtime/core.c', it.SOURCES / '_core.abi3.so'))"
+COMPILE = "import hatch_build as it; print(it.compiled(it.SOURCES / '_core.abi3.so'))"
 PYTHON = """
 import sys
 sys.path.append("generated/python")

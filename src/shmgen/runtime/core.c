@@ -13,8 +13,14 @@
 
 #include "codec.h"
 
+#if defined(Py_LIMITED_API) && Py_LIMITED_API + 0 < 0x030B0000
+PyAPI_FUNC(int) PyObject_GetBuffer(PyObject *object, codec_buffer *view, int flags);
+PyAPI_FUNC(void) PyBuffer_Release(codec_buffer *view);
+#define PyBUF_SIMPLE 0
+#define PyBUF_WRITABLE 1
+#endif
+
 #define LONG_FROM 4096 /* bytes of a message that is copied into a bytearray, and lies in it */
-#define MOST_LATE 64   /* arrays that are copied straight into the slot */
 
 static PyObject *explainer; /* makes an error of (settings, status, pid, errno) */
 
@@ -269,8 +275,8 @@ static bool gather(Writer *self, PyObject *list, codec_late *late, size_t *count
             self->truncations++;
             continue;
         }
-        if (*count == MOST_LATE || PyObject_GetBuffer(PyTuple_GetItem(item, 2), &one->view, PyBUF_SIMPLE) != 0)
-            return PyErr_Occurred() != NULL ? false : PyErr_Format(PyExc_OverflowError, "too many long arrays") != NULL;
+        if (PyObject_GetBuffer(PyTuple_GetItem(item, 2), &one->view, PyBUF_SIMPLE) != 0)
+            return false;
         ++*count;
         if (one->offset < end || (size_t)one->view.len > one->room || one->room > self->of.size - one->offset)
             return PyErr_Format(PyExc_ValueError, "a long array has changed while it was published") != NULL;
@@ -284,7 +290,7 @@ static bool put_by_python(Writer *self, PyObject *message, int64_t limit)
 {
     PyObject *scratch = self->scratch, *list = PyList_New(0), *encode = PyObject_GetAttrString(self->of.kind, "_encode");
     PyObject *made = NULL;
-    codec_late late[MOST_LATE + 1];
+    codec_late *late = NULL;
     size_t count = 0;
     bool whole = false;
     self->scratch = NULL;
@@ -292,9 +298,12 @@ static bool put_by_python(Writer *self, PyObject *message, int64_t limit)
         memset(PyByteArray_AsString(scratch), 0, self->of.size);
     if (scratch != NULL && list != NULL && encode != NULL)
         made = PyObject_CallFunction(encode, "OOiO", message, scratch, 0, list);
-    if (made != NULL && gather(self, list, late, &count))
+    if (made != NULL && (late = PyMem_Calloc((size_t)PyList_Size(list) + 1, sizeof *late)) == NULL)
+        PyErr_NoMemory();
+    else if (made != NULL && gather(self, list, late, &count))
         whole = put(self, (const unsigned char *)PyByteArray_AsString(scratch), late, count, limit);
     codec_release(late, count);
+    PyMem_Free(late);
     Py_XDECREF(made);
     Py_XDECREF(encode);
     Py_XDECREF(list);
@@ -307,16 +316,16 @@ static bool put_by_python(Writer *self, PyObject *message, int64_t limit)
 
 static bool put_by_codec(Writer *self, PyObject *message, int64_t limit)
 {
-    codec_late late[MOST_LATE];
-    size_t count = 0;
+    codec_late late[CODEC_MOST_LATE];
+    size_t count = 0, cuts = 0;
     unsigned char *bytes = take_room(&self->room, self->of.size);
     int made;
     bool whole = false;
     if (bytes == NULL)
         return false;
-    made = codec_encode(self->of.codec, message, bytes, late, &count);
-    if (made == 0)
-        whole = put(self, bytes, late, count, limit);
+    made = codec_encode(self->of.codec, message, bytes, late, &count, &cuts);
+    if (made == 0 && (whole = put(self, bytes, late, count, limit)))
+        self->truncations += cuts;
     codec_release(late, count);
     give_room(&self->room, bytes);
     return made > 0 ? put_by_python(self, message, limit) : whole;
@@ -339,7 +348,7 @@ static PyObject *writer_publish(PyObject *object, PyObject *const *arguments, Py
             return NULL;
     }
     if ((PyObject *)Py_TYPE(arguments[0]) == self->of.kind) {
-        Py_buffer view;
+        codec_buffer view;
         if (PyObject_GetBuffer(arguments[0], &view, PyBUF_SIMPLE) != 0)
             return NULL;
         whole = put(self, view.buf, NULL, 0, limit);
@@ -504,7 +513,7 @@ static PyObject *read_long(Reader *self, int64_t limit, bool next)
 static PyObject *read_short(Reader *self, int64_t limit, bool next)
 {
     PyObject *message = self->make((PyTypeObject *)self->of.kind, self->nothing, NULL);
-    Py_buffer view;
+    codec_buffer view;
     bool has_come;
     if (message == NULL || PyObject_GetBuffer(message, &view, PyBUF_WRITABLE) != 0) {
         Py_XDECREF(message);
@@ -571,7 +580,7 @@ static PyObject *reader_read_into(PyObject *object, PyObject *message)
     if (bytes == NULL)
         return NULL;
     if (came(&self->of, read_into(self, bytes, self->s.end.limit, false))) {
-        Py_buffer view;
+        codec_buffer view;
         if ((PyObject *)Py_TYPE(message) != self->of.kind) {
             filled = fill_other(self, bytes, message);
         } else if (PyObject_GetBuffer(message, &view, PyBUF_WRITABLE) == 0) {

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from shmgen.core import abi
 
@@ -24,6 +24,7 @@ else:
 
         if engine.ABI != abi.ABI:
             raise ImportError
+        from shmgen.runtime.messages import plan
         from shmgen.runtime.refusals import refusal
 
         engine.explain_by(refusal)
@@ -37,3 +38,8 @@ Writer = engine.Writer
 Reader = engine.Reader
 sleep_any = engine.sleep_any
 can_wait_for_many = engine.can_wait_for_many
+
+
+def codec(kind: Any) -> Any:
+    """What moves messages of that class to bytes and back in C; None: the class does so itself."""
+    return plan.codec(engine.Codec, kind) if IN_C else None

@@ -45,7 +45,9 @@ class Publisher(Closable, Generic[M]):
 
     def _begin(self, topic: str, **options: Any) -> None:
         """Begins to open it: see open_all()."""
-        self._end = kept_from_children(engine.Writer(settings_for("publisher", self.message_type, topic, **options)))
+        kind = self.message_type
+        of = settings_for("publisher", kind, topic, codec=engine.codec(kind), **options)
+        self._end = kept_from_children(engine.Writer(of))
         self._topic = topic
 
     def publish(self, message: Any) -> None:

@@ -53,7 +53,8 @@ class Subscriber(Closable, Generic[M]):
 
     def _begin(self, topic: str, **options: Any) -> None:
         """Begins to open it: see open_all()."""
-        of = settings_for("subscriber", self.message_type, topic, **options)
+        kind = self.message_type
+        of = settings_for("subscriber", kind, topic, codec=engine.codec(kind), **options)
         self._end = kept_from_children(engine.Reader(of))
         self._topic, self._slots = topic, of.header.slots
         self._beat: int | None = None

@@ -45,6 +45,7 @@ def settings_for(
     kind: Any,
     topic: str,
     *,
+    codec: Any = None,
     depth: int = 1,
     lock_timeout: float | None = None,
     mode: int | None = None,
@@ -62,7 +63,7 @@ def settings_for(
     return Settings(
         topic=topic,
         kind=kind,
-        codec=None,
+        codec=codec,
         type_name=header.type_name,
         digest=header.digest,
         size=header.payload_size,
