@@ -13,7 +13,7 @@ import pytest
 from shmgen.runtime import region_name
 from shmgen.runtime.reference import claim, lock
 
-from ..support import machine
+from ..support import engines, machine
 
 HERE = Path(__file__).parent
 
@@ -29,13 +29,19 @@ def semaphore_file(topic):
 
 
 @pytest.fixture
-def on_x86(monkeypatch):
+def in_python(monkeypatch):
+    """Publishers and subscribers are of the reference."""
+    engines.use_python(monkeypatch)
+
+
+@pytest.fixture
+def on_x86(monkeypatch, in_python):
     """Where one goes on without the lock, on whatever machine the tests run."""
     monkeypatch.setattr(lock, "keeps_order", lambda: True)
 
 
 @pytest.fixture
-def on_arm(monkeypatch):
+def on_arm(monkeypatch, in_python):
     """Where the lock is needed."""
     monkeypatch.setattr(lock, "keeps_order", lambda: False)
 
@@ -47,7 +53,7 @@ def in_time(monkeypatch):
 
 
 @pytest.fixture
-def unhealed(monkeypatch):
+def unhealed(monkeypatch, in_python):
     """Who is inside is never taken for dead, however slow the machine is."""
     monkeypatch.setattr(lock, "_STUCK_AFTER", 1e9)
 

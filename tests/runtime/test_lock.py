@@ -16,10 +16,10 @@ import posix_ipc
 import pytest
 
 from shmgen import runtime
-from shmgen.runtime.region import header as h
 from shmgen.runtime.reference import lock
-from shmgen.runtime.region.names import event_name
 from shmgen.runtime.reference.region import REPAIR_LOCK
+from shmgen.runtime.region import header as h
+from shmgen.runtime.region.names import event_name
 
 from .messages import PosePublisher, PoseSubscriber, pose
 
