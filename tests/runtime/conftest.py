@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from shmgen.runtime import region_name
-from shmgen.runtime.reference import claim, lock
+from shmgen.runtime.reference import claim, lock, writer
 
 from ..support import engines, machine
 
@@ -37,13 +37,15 @@ def in_python(monkeypatch):
 @pytest.fixture
 def on_x86(monkeypatch, in_python):
     """Where one goes on without the lock, on whatever machine the tests run."""
-    monkeypatch.setattr(lock, "keeps_order", lambda: True)
+    for module in (lock, writer):
+        monkeypatch.setattr(module, "keeps_order", lambda: True)
 
 
 @pytest.fixture
 def on_arm(monkeypatch, in_python):
     """Where the lock is needed."""
-    monkeypatch.setattr(lock, "keeps_order", lambda: False)
+    for module in (lock, writer):
+        monkeypatch.setattr(module, "keeps_order", lambda: False)
 
 
 @pytest.fixture(autouse=True)

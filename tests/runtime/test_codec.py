@@ -6,12 +6,8 @@ import array
 import copy
 import ctypes
 import gc
-import importlib.util
-import os
 import random
-import shutil
 import struct
-import subprocess
 import sys
 from enum import IntEnum
 from pathlib import Path
@@ -28,7 +24,6 @@ from shmgen.generator import pipeline
 from shmgen.runtime import engine
 from shmgen.runtime.messages.message import CUT, LATE_FROM
 from shmgen.runtime.messages.plan import codec, plan
-from tests.conftest import REPOSITORY
 from tests.support import build, schemas
 
 from .messages import WHY_NOT, Scan
