@@ -201,24 +201,13 @@ static inline shmgen_status shmgen_publisher_enter(shmgen_publisher *self, int64
     return self->inside != 0 || shmgen_may_go_on(end) ? SHMGEN_OK : SHMGEN_LOCK_TIMEOUT;
 }
 
-/* Begins the next sample: *payload is where its bytes go, which are then the region's own, with what an older sample
- * has left there. Behind it comes complete or cancel; a second begin before is SHMGEN_MISUSED. `limit` is in ns, 0 = one
- * try, without a system call. SHMGEN_LOCK_TIMEOUT: the lock was not free, on a machine that needs it. */
-static inline shmgen_status shmgen_publisher_begin(shmgen_publisher *self, int64_t limit, void **payload)
+/* The second half of begin, behind shmgen_publisher_enter(): says which sample is being written, and where it goes. */
+static inline shmgen_status shmgen_publisher_place(shmgen_publisher *self, void **payload)
 {
     shmgen_link *end = &self->end;
     const uint32_t number = shmgen_after(end, self->sequence, 1);
     const size_t slot = shmgen_slot_of(end, number);
-    shmgen_status status;
     uint64_t stamp;
-    if (end->step == SHMGEN_STEP_READY) {
-        shmgen_fetch(end->base + slot);
-        if (end->slot_size > SHMGEN_SLOT_STEP)
-            shmgen_fetch(end->base + slot + SHMGEN_SLOT_STEP);
-    }
-    status = shmgen_publisher_enter(self, limit);
-    if (status != SHMGEN_OK)
-        return status;
     if (shmgen_load(end, SHMGEN_AT(writer)) != end->pid)
         return shmgen_lose(self);
     self->number = number;
@@ -233,6 +222,23 @@ static inline shmgen_status shmgen_publisher_begin(shmgen_publisher *self, int64
     shmgen_store(end, slot + offsetof(shmgen_slot, number), number);
     *payload = end->base + slot + SHMGEN_SLOT_HEADER;
     return SHMGEN_OK;
+}
+
+/* Begins the next sample: *payload is where its bytes go, which are then the region's own, with what an older sample
+ * has left there. Behind it comes complete or cancel; a second begin before is SHMGEN_MISUSED. `limit` is in ns, 0 = one
+ * try, without a system call. SHMGEN_LOCK_TIMEOUT: the lock was not free, on a machine that needs it. */
+static inline shmgen_status shmgen_publisher_begin(shmgen_publisher *self, int64_t limit, void **payload)
+{
+    shmgen_link *end = &self->end;
+    shmgen_status status;
+    if (end->step == SHMGEN_STEP_READY) {
+        const size_t slot = shmgen_slot_of(end, shmgen_after(end, self->sequence, 1));
+        shmgen_fetch(end->base + slot);
+        if (end->slot_size > SHMGEN_SLOT_STEP)
+            shmgen_fetch(end->base + slot + SHMGEN_SLOT_STEP);
+    }
+    status = shmgen_publisher_enter(self, limit);
+    return status == SHMGEN_OK ? shmgen_publisher_place(self, payload) : status;
 }
 
 /* Gives up what begin began; its number is used for the next. */
