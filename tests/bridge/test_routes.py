@@ -336,12 +336,12 @@ def test_the_plc_sees_a_ros_that_fell_silent(line: Callable[..., Line]) -> None:
         one.side.beat()
         assert not reader.is_stale(5)
         time.sleep(0.15)
-        before = reader._words[38]
+        before = region_of(reader).words[38]
         one.side.beat()
-        assert reader._words[38] == before
+        assert region_of(reader).words[38] == before
         one.side.take(message())
         one.side.beat()
-        assert reader._words[38] != before
+        assert region_of(reader).words[38] != before
 
 
 def test_a_plc_whose_heartbeat_stands_still_is_stale(line: Callable[..., Line]) -> None:

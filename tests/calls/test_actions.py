@@ -204,7 +204,7 @@ def test_only_a_server_with_nothing_to_do_waits(pair, monkeypatch):
 def test_a_plc_is_a_client_while_its_heartbeat_moves(topic, monkeypatch):
     now = time.monotonic()
     with MoveActionServer(topic) as server:
-        words = server._calls._requests._words
+        words = region_of(server._calls._requests).words
         assert not server.client_lives()
         words[h.WRITER], words[h.HEARTBEAT] = h.PLC, 5
         assert server.client_lives()

@@ -26,7 +26,7 @@ from shm_service.cell_msgs.srv import (
 from shmgen import runtime
 from shmgen.runtime import calls
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region import lock
+from shmgen.runtime.reference import lock
 
 from ..support.tracing import traced
 
@@ -201,7 +201,7 @@ def test_without_a_server_nothing_is_sent(topic, monkeypatch):
             client.call(request(), timeout=0.2)
         assert 0.2 <= time.monotonic() - begin < 2
         assert not client.server_is_ready()
-        asked, words = [], client._calls._responses._words
+        asked, words = [], region_of(client._calls._responses).words
         monkeypatch.setattr(client._calls, "wait_for_server", asked.append)
         client.server_is_ready()
         words[h.WRITER] = h.PLC
@@ -472,7 +472,7 @@ def test_a_thread_waits_for_the_call_of_another_no_longer_than_its_time(topic):
 
 def test_a_plc_serves_while_its_heartbeat_moves(topic):
     with StartClient(topic) as client:
-        words = client._calls._responses._words
+        words = region_of(client._calls._responses).words
         words[h.WRITER], words[h.HEARTBEAT] = h.PLC, 5
         assert not client.server_is_ready()
         stop = threading.Event()
@@ -494,9 +494,9 @@ def test_a_plc_serves_while_its_heartbeat_moves(topic):
 
 def test_a_server_that_waits_shows_that_it_lives(topic):
     with StartServer(topic) as server, StartClient(topic) as client:
-        before = client._calls._responses._words[h.HEARTBEAT]
+        before = region_of(client._calls._responses).words[h.HEARTBEAT]
         assert server.wait(0.3) is None
-        assert client._calls._responses._words[h.HEARTBEAT] - before >= 3
+        assert region_of(client._calls._responses).words[h.HEARTBEAT] - before >= 3
 
 
 def test_taking_does_not_wait(topic, monkeypatch):
@@ -532,10 +532,10 @@ def on_arm(monkeypatch):
 
 def leave_locked(side, holder):
     """As a process killed inside leaves it."""
-    assert side._region.semaphore.acquire(False)
+    assert region_of(side).semaphore.acquire()
     side._lock.forget()
-    side._region.words[h.LOCK_COUNT] += 1
-    side._region.words[h.LOCK_HOLDER] = holder
+    region_of(side).words[h.LOCK_COUNT] += 1
+    region_of(side).words[h.LOCK_HOLDER] = holder
 
 
 @pytest.mark.usefixtures("on_arm")
@@ -574,7 +574,7 @@ def test_a_server_that_begins_while_somebody_has_the_lock_serves_no_old_call(top
         with StartServer(topic) as before:
             client.send(request())
             assert before.take() is not None
-        semaphore = client._calls._requests._region.semaphore
+        semaphore = region_of(client._calls._requests).semaphore
         assert semaphore.acquire(False)
         with StartServer(topic) as server:
             semaphore.release()

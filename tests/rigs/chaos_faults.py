@@ -10,9 +10,10 @@ from collections.abc import Callable
 from typing import Any
 
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region import opening, resource
-from shmgen.runtime.region.lock import Lock
-from shmgen.runtime.region.region import Region
+from shmgen.runtime.reference import opening
+from shmgen.runtime.region import resource
+from shmgen.runtime.reference.lock import Lock
+from shmgen.runtime.reference.region import Region
 
 PUBLISHER, SUBSCRIBER = 1, 2
 """Places in the classes of a message."""

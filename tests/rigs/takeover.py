@@ -92,7 +92,7 @@ def python_reader_inside(demo: Any, topic: str, inside: Callable[[], None]) -> N
             return self.inner[where]
 
     with demo.python.DemoSubscriber(topic) as subscriber:
-        swap(subscriber, subscriber._region.words, Words)
+        swap(subscriber, region_of(subscriber).words, Words)
         while True:
             subscriber.wait(1.0)
 

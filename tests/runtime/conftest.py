@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from shmgen.runtime import region_name
-from shmgen.runtime.region import claim, lock
+from shmgen.runtime.reference import claim, lock
 
 from ..support import machine
 

@@ -18,7 +18,7 @@ from tests.support import machine
 machine.pretend()
 from shmgen import runtime  # noqa: E402
 from shmgen.runtime.messages import values  # noqa: E402
-from shmgen.runtime.region import claim  # noqa: E402
+from shmgen.runtime.reference import claim  # noqa: E402
 from shmgen.runtime.region import header as h  # noqa: E402
 
 WHY_NOT = "shmgen was installed without gcc or Python's headers: apt-get install gcc python3-dev; pip install -e ."
@@ -183,18 +183,18 @@ def main(work: str, topic: str, depth: int = 1) -> None:
                         number += 1
         case "inside":
             with PoseSubscriber(topic, depth=depth) as subscriber:
-                words = subscriber._region.words
-                assert subscriber._region.semaphore.acquire(True)
+                words = region_of(subscriber).words
+                assert region_of(subscriber).semaphore.acquire()
                 words[h.LOCK_COUNT] += 1
                 words[h.LOCK_HOLDER] = os.getpid()
                 say("ready")
                 sys.stdin.read()
         case "hold":
             with PoseSubscriber(topic, depth=depth) as subscriber:
-                subscriber._region.semaphore.acquire(True)
+                region_of(subscriber).semaphore.acquire()
                 say("ready")
                 sys.stdin.read()
-                subscriber._region.semaphore.release()
+                region_of(subscriber).semaphore.post()
         case _:
             raise SystemExit(work)
 

@@ -8,7 +8,8 @@ import pytest
 
 from shmgen import runtime
 from shmgen.runtime import calls, subscriber, wait_any
-from shmgen.runtime.region import access, claim, lock
+from shmgen.runtime.reference import claim, lock
+from shmgen.runtime.region import access
 from shmgen.runtime.region import header as h
 
 from ..rigs.chaos_faults import swap_map
@@ -23,9 +24,9 @@ STOOD_STILL = claim._STOOD_STILL
 def region(topic):
     """A reader's, with a PLC as the writer."""
     with PoseSubscriber(topic, depth=3) as reader:
-        reader._region.words[h.WRITER] = h.PLC
-        reader._region.words[h.COMPLETED] = NUMBER
-        yield reader._region
+        region_of(reader).words[h.WRITER] = h.PLC
+        region_of(reader).words[h.COMPLETED] = NUMBER
+        yield region_of(reader)
 
 
 @pytest.fixture
@@ -101,7 +102,7 @@ def test_who_stands_still_between_look_and_name_makes_sure(region, clock, monkey
 
 def test_who_loses_the_topic_in_its_copy_voids_the_slot_and_gives_all_back(topic):
     with PosePublisher(topic, depth=3) as publisher, PoseSubscriber(topic, depth=3) as subscriber:
-        region, words = publisher._region, publisher._region.words
+        region, words = region_of(publisher), region_of(publisher).words
         for number in (1, 2, 3):
             publisher.publish(pose(number))
         swap_map(publisher, says(region, h.WRITER, h.PLC))
@@ -109,7 +110,7 @@ def test_who_loses_the_topic_in_its_copy_voids_the_slot_and_gives_all_back(topic
             publisher.publish(pose(4))
         slots = [region.sample(number).start // 4 + 2 * h.NUMBER for number in (1, 2, 3, 4)]
         assert [words[slot] for slot in slots] == [1, 2, 3, 0]
-        assert (words[h.COMPLETED], words[h.LOCK_HOLDER], region.semaphore._get_value()) == (3, 0, 1)
+        assert (words[h.COMPLETED], words[h.LOCK_HOLDER], region.semaphore.value) == (3, 0, 1)
         assert subscriber.read().position.x == 3.0
         with pytest.raises(runtime.ClaimLost):
             publisher.heartbeat()
@@ -122,12 +123,12 @@ def test_who_has_lost_the_topic_writes_not_a_byte(topic, use):
     with PosePublisher(topic) as publisher:
         publisher.publish(pose(1.0))
         publisher._disconnect()
-        publisher._region.words[h.WRITER] = h.PLC
-        before = bytes(publisher._region.map)
+        region_of(publisher).words[h.WRITER] = h.PLC
+        before = bytes(region_of(publisher).map)
         with pytest.raises(runtime.ClaimLost, match="a PLC has taken the topic over"):
             use(publisher)
-        assert bytes(publisher._region.map) == before
-        publisher._region.words[h.WRITER] = publisher._region.pid  # another publisher of this process has it now
+        assert bytes(region_of(publisher).map) == before
+        region_of(publisher).words[h.WRITER] = region_of(publisher).pid  # another publisher of this process has it now
         with pytest.raises(runtime.ClaimLost):
             use(publisher)
-        assert publisher._region.words[h.COMPLETED] == 1
+        assert region_of(publisher).words[h.COMPLETED] == 1

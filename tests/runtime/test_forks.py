@@ -15,8 +15,9 @@ import pytest
 from shmgen import runtime
 from shmgen.runtime import publisher as publishing
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region import holders, semaphores
-from shmgen.runtime.region.region import _FLOCK, REPAIR_LOCK
+from shmgen.runtime.reference.region import REPAIR_LOCK
+from shmgen.runtime.region import holders
+from shmgen.runtime.region.looks import _FLOCK
 
 from ..rigs.chaos_faults import swap_map
 from ..support import machine
@@ -64,7 +65,7 @@ def test_a_child_holds_nothing_and_is_told(topic):
             answer = in_child(lambda call=call: told(call))
             assert answer.startswith(f"InForkedChild: {topic}: this ")
             assert f"belongs to process {os.getpid()}, from which this one was forked" in answer
-        assert f"/dev/shm/{publisher._region.name}" in open_files()
+        assert f"/dev/shm/{region_of(publisher).name}" in open_files()
         names = in_child(open_files)
         assert "pipe:" in names
         assert "/dev/shm" not in names
@@ -87,7 +88,7 @@ def test_a_child_opens_its_own(topic):
 def test_a_fork_or_an_exception_in_the_middle_of_closing(topic):
     """The map has a descriptor of its own, and with it the claim."""
     publisher = PosePublisher(topic)
-    map, names = publisher._region.map, []
+    map, names = region_of(publisher).map, []
 
     class Map:
         def close(self):
@@ -98,7 +99,7 @@ def test_a_fork_or_an_exception_in_the_middle_of_closing(topic):
             names[0] = in_child(open_files)
             raise KeyboardInterrupt
 
-    publisher._region.map = Map()
+    region_of(publisher).map = Map()
     with pytest.raises(KeyboardInterrupt):
         publisher.close()
     assert "pipe:" in names[0]
@@ -110,7 +111,7 @@ def test_a_fork_or_an_exception_in_the_middle_of_closing(topic):
 def test_closing_does_not_wait_for_a_child_that_has_not_run_yet(topic):
     """Which has the file, and so the claim, until it has its turn."""
     publisher = PosePublisher(topic)
-    also = os.dup(publisher._region.file)  # the same open file, as a child has it
+    also = os.dup(region_of(publisher).file)  # the same open file, as a child has it
     try:
         publisher.close()
         PosePublisher(topic).close()
@@ -167,25 +168,25 @@ def test_a_fork_in_the_middle_of_a_copy_leaves_the_lock_to_the_parent(topic, mon
     if not semlock:
         monkeypatch.setattr(semaphores, "SemLock", None)
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
-        lock = posix_ipc.Semaphore("/" + publisher._region.name)
+        lock = posix_ipc.Semaphore("/" + region_of(publisher).name)
         seen = []
 
         def fork():
             in_child(lambda: None)
-            seen.append((lock.value, publisher._region.words[h.LOCK_HOLDER], REPAIR_LOCK in locked()))
+            seen.append((lock.value, region_of(publisher).words[h.LOCK_HOLDER], REPAIR_LOCK in locked()))
 
         def locked():
             """By us, whose own locks a second descriptor meets."""
-            with open(f"/dev/shm/{publisher._region.name}", "rb") as file:
+            with open(f"/dev/shm/{region_of(publisher).name}", "rb") as file:
                 asked = _FLOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, REPAIR_LOCK, 1, 0)
                 kind, *_ = _FLOCK.unpack(fcntl.fcntl(file.fileno(), fcntl.F_OFD_GETLK, asked))
                 return [REPAIR_LOCK] if kind != fcntl.F_UNLCK else []
 
         swap_map(publisher, fork)
         publisher.publish(pose(1))
-        assert publisher._region.lock_byte(REPAIR_LOCK)
+        assert region_of(publisher).lock_byte(REPAIR_LOCK)
         publisher._lock._repairing = True
-        publisher._region.semaphore.acquire(False)
+        region_of(publisher).semaphore.acquire()
         fork()
         publisher._lock.leave()
         assert seen == [(0, os.getpid(), False), (0, 0, True)]

@@ -17,9 +17,9 @@ import pytest
 
 from shmgen import runtime
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region import lock, semaphores
+from shmgen.runtime.reference import lock
 from shmgen.runtime.region.names import event_name
-from shmgen.runtime.region.region import REPAIR_LOCK
+from shmgen.runtime.reference.region import REPAIR_LOCK
 
 from .messages import PosePublisher, PoseSubscriber, pose
 
@@ -58,8 +58,8 @@ def dead_pid():
 
 def leave_locked(side, holder):
     """As a process killed inside leaves it."""
-    words = side._region.words
-    semaphore = posix_ipc.Semaphore("/" + side._region.name)
+    words = region_of(side).words
+    semaphore = posix_ipc.Semaphore("/" + region_of(side).name)
     semaphore.acquire(0)
     semaphore.close()
     words[h.LOCK_COUNT] += 1
@@ -84,10 +84,10 @@ def test_the_lock_of_a_killed_process_is_healed(topic, other, value):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         publisher.publish(pose(0))
         holder = other("inside", topic)
-        assert publisher._region.words[h.LOCK_HOLDER] == holder.process.pid
+        assert region_of(publisher).words[h.LOCK_HOLDER] == holder.process.pid
         holder.kill()
         # The writer goes on meanwhile: `completed` moves, `lock_count` does not.
-        until(lambda: publisher.publish(pose(1)) or publisher._region.words[h.RECOVERIES])
+        until(lambda: publisher.publish(pose(1)) or region_of(publisher).words[h.RECOVERIES])
         misses = publisher.lock_misses
         publisher.publish(pose(2))
         assert subscriber.read().position.x == 2.0
@@ -110,11 +110,11 @@ def test_only_a_dead_process_is_healed_early(topic, monkeypatch, value, holder):
         end = time.monotonic() + 4 * SOON
         while time.monotonic() < end:
             publisher.publish(pose(1))
-        assert publisher._region.words[h.RECOVERIES] == early
+        assert region_of(publisher).words[h.RECOVERIES] == early
         monkeypatch.setattr(lock, "_STUCK_AFTER", 4 * SOON)
         # A reader heals as well.
-        until(lambda: publisher.publish(pose(2)) or (subscriber.read() and publisher._region.words[h.RECOVERIES]))
-        assert (publisher._region.words[h.RECOVERIES], publisher._region.words[h.LOCK_HOLDER], value()) == (1, 0, 1)
+        until(lambda: publisher.publish(pose(2)) or (subscriber.read() and region_of(publisher).words[h.RECOVERIES]))
+        assert (region_of(publisher).words[h.RECOVERIES], region_of(publisher).words[h.LOCK_HOLDER], value()) == (1, 0, 1)
 
 
 def test_a_holder_is_only_asked_after(monkeypatch):
@@ -136,7 +136,7 @@ def test_a_lock_is_watched_from_the_opening_on_only_if_it_is_not_free(topic, mon
                 if not stuck:
                     leave_locked(holder, 0)
                 publisher.publish(pose(1))
-                assert publisher._region.words[h.RECOVERIES] == 1
+                assert region_of(publisher).words[h.RECOVERIES] == 1
                 assert publisher.lock_misses == (not stuck)
 
 
@@ -147,7 +147,7 @@ def test_a_lock_that_others_pass_is_not_stuck(topic, monkeypatch, holder, after)
     with PosePublisher(topic, lock_timeout=0) as publisher:
         monkeypatch.setattr(lock, "time", SimpleNamespace(monotonic=lambda: now))
         leave_locked(publisher, holder())
-        words = publisher._region.words
+        words = region_of(publisher).words
         for _ in range(40):
             publisher.publish(pose(1))
             words[h.LOCK_COUNT] += 1
@@ -184,7 +184,7 @@ def test_a_wait_yields_and_then_sleeps(topic, monkeypatch):
             assert subscriber.read().position.x == 2.0
             assert (len(yields), subscriber.lock_misses) == (40, 1)
         del naps[:]
-        publisher._region.words[h.LOCK_COUNT] += 1  # another is inside
+        region_of(publisher).words[h.LOCK_COUNT] += 1  # another is inside
         assert not publisher._lock.wait(now + 0.002)  # a call that ends before the limit does
         assert len(naps) == pytest.approx(20, abs=1)
 
@@ -192,7 +192,7 @@ def test_a_wait_yields_and_then_sleeps(topic, monkeypatch):
 def test_a_token_that_others_post_at_each_try_is_not_ours(topic, monkeypatch):
     """Else the next call would believe to be inside, and give back what it does not hold."""
     with PosePublisher(topic) as publisher:
-        inner = publisher._region.semaphore
+        inner = region_of(publisher).semaphore
 
         class Full:
             def release(self):
@@ -204,16 +204,16 @@ def test_a_token_that_others_post_at_each_try_is_not_ours(topic, monkeypatch):
             def _count(self):
                 return inner._count() + 1
 
-        publisher._lock._region.semaphore = Full()
+        region_of(publisher._lock).semaphore = Full()
         publisher._lock.leave()
         assert publisher._lock._balance == -1
-        publisher._region.semaphore = inner
+        region_of(publisher).semaphore = inner
 
 
 def test_a_region_without_a_lock_is_not_entered(topic, monkeypatch):
     assert semaphores.NoSemaphore().acquire(False) is False
     with PosePublisher(topic) as publisher:
-        publisher._region.semaphore = semaphores.NoSemaphore()
+        region_of(publisher).semaphore = semaphores.NoSemaphore()
         assert not publisher._lock.wait()
         assert publisher.lock_misses == 0
 
@@ -223,16 +223,16 @@ def test_one_healer_at_a_time(topic, monkeypatch, value):
     monkeypatch.setattr(lock, "_DEAD_AFTER", 0.0)
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         leave_locked(publisher, dead_pid())
-        assert subscriber._region.lock_byte(REPAIR_LOCK)
+        assert region_of(subscriber).lock_byte(REPAIR_LOCK)
         for _ in range(5):
             publisher.publish(pose(1))
-        assert (publisher._region.words[h.RECOVERIES], value()) == (0, 0)
-        subscriber._region.unlock_byte(REPAIR_LOCK)
+        assert (region_of(publisher).words[h.RECOVERIES], value()) == (0, 0)
+        region_of(subscriber).unlock_byte(REPAIR_LOCK)
         # Both have taken it to be stuck; the second looks once more.
         stay = publisher._lock._stay()
         assert publisher._lock._take_over(stay)
         assert not subscriber._lock._take_over(stay)
-        assert (publisher._region.words[h.RECOVERIES], value()) == (1, 0)
+        assert (region_of(publisher).words[h.RECOVERIES], value()) == (1, 0)
         publisher._lock.leave()
         assert value() == 1
 
@@ -242,7 +242,7 @@ def test_taking_over_is_a_stay_of_its_own(topic, count, after):
     """Otherwise whoever has the same number as the dead one, in another container, would be taken for dead as well."""
     with PosePublisher(topic) as publisher:
         leave_locked(publisher, 1)
-        publisher._region.words[h.LOCK_COUNT] = count
+        region_of(publisher).words[h.LOCK_COUNT] = count
         assert publisher._lock._take_over((1, count))
         assert publisher._lock._stay() == (os.getpid(), after)
         publisher._lock.leave()
@@ -251,14 +251,14 @@ def test_taking_over_is_a_stay_of_its_own(topic, count, after):
 def test_a_lock_that_came_free_is_entered_not_healed(topic):
     with PosePublisher(topic) as publisher:
         assert publisher._lock._take_over(publisher._lock._stay())
-        assert publisher._region.words[h.RECOVERIES] == 0
+        assert region_of(publisher).words[h.RECOVERIES] == 0
 
 
 def test_a_holder_that_comes_back_leaves_no_surplus(topic, other, monkeypatch, value):
     with PosePublisher(topic) as publisher:
         monkeypatch.setattr(lock, "_STUCK_AFTER", SOON)
         holder = other("hold", topic)
-        until(lambda: publisher.publish(pose(1)) or publisher._region.words[h.RECOVERIES])
+        until(lambda: publisher.publish(pose(1)) or region_of(publisher).words[h.RECOVERIES])
         holder.end()
         assert value() == 1, "it sees that the token is there, and posts none"
 
@@ -275,9 +275,9 @@ def test_where_the_lock_is_needed_a_call_lasts_until_it_is_healed(topic, value):
             assert soonest <= time.monotonic() - start < soonest + LATE
         leave_locked(publisher, os.getpid())
         assert subscriber.read() is None
-        publisher._region.words[h.LOCK_HOLDER] = dead_pid()
+        region_of(publisher).words[h.LOCK_HOLDER] = dead_pid()
         assert subscriber.wait(10).position.x == 2.0
-        assert (publisher._region.words[h.RECOVERIES], value()) == (3, 1)
+        assert (region_of(publisher).words[h.RECOVERIES], value()) == (3, 1)
         assert (publisher.lock_misses, subscriber.lock_misses) == (0, 1)
 
 
@@ -360,11 +360,11 @@ def test_a_waiting_reader_is_woken_and_does_not_poll(topic, other, monkeypatch):
             threading.Thread(target=lambda x=x: (until_armed(subscriber), writer.tell(float(x)))).start()
             assert subscriber.wait(20).position.x == x
             assert int(writer.hear()) == x + 1
-            assert subscriber._words[h.ARMED] == 0
+            assert region_of(subscriber).words[h.ARMED] == 0
 
 
 def until_armed(subscriber):
-    while not subscriber._words[h.ARMED]:
+    while not region_of(subscriber).words[h.ARMED]:
         pass
 
 
@@ -375,21 +375,21 @@ def test_nobody_is_woken_who_does_not_wait(topic, value):
         assert value(event) == 0
         assert subscriber.wait(0).position.x == 1.0
         assert subscriber.wait(0.02) is None
-        assert (subscriber._words[h.ARMED], value(event)) == (0, 0)
+        assert (region_of(subscriber).words[h.ARMED], value(event)) == (0, 0)
 
 
 @pytest.mark.parametrize("locked", [False, True])
 def test_a_reader_that_died_waiting_does_no_harm(topic, value, locked):
     event = event_name(runtime.region_name(topic))
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
-        subscriber._words[h.ARMED] = 1
+        region_of(subscriber).words[h.ARMED] = 1
         assert subscriber.wait(0.02) is None
         if locked:
             leave_locked(publisher, 0)
         publisher.publish(pose(1))
-        subscriber._words[h.ARMED] = 1
+        region_of(subscriber).words[h.ARMED] = 1
         publisher.publish(pose(2))
-        assert (subscriber._words[h.ARMED], value(event)) == (0, 1)
+        assert (region_of(subscriber).words[h.ARMED], value(event)) == (0, 1)
         assert subscriber.wait(5).position.x == 2.0
         # The post that nobody took ends one wait early, which then goes on.
         assert subscriber.wait(0.02) is None
@@ -404,7 +404,7 @@ def test_a_post_too_many_does_not_make_a_reader_poll_for_good(topic, value, monk
         subscriber._event.release()  # as where a sample came between `armed` and the look at `completed`
         monkeypatch.setattr(time, "sleep", lambda _: pytest.fail("polled"))
         assert subscriber.wait(0.02) is None
-        assert (subscriber._words[h.ARMED], value(event)) == (0, 0)
+        assert (region_of(subscriber).words[h.ARMED], value(event)) == (0, 0)
         publisher.publish(pose(1))
         assert subscriber.wait(5).position.x == 1.0
 
@@ -417,7 +417,7 @@ def test_a_sample_between_the_look_and_the_wait_is_seen(topic, monkeypatch):
         subscriber._disconnect()
         subscriber._sleep(60, 0)
         assert subscriber.read().position.x == 1.0
-        assert subscriber._words[h.ARMED] == 0
+        assert region_of(subscriber).words[h.ARMED] == 0
 
 
 def test_a_reader_naps_while_another_has_the_event_or_there_is_none(topic, monkeypatch):
@@ -426,7 +426,7 @@ def test_a_reader_naps_while_another_has_the_event_or_there_is_none(topic, monke
         monkeypatch.setattr("shmgen.runtime.subscriber.time", SimpleNamespace(sleep=naps.append))
         subscriber._disconnect()
         subscriber._event = SimpleNamespace(handle=None)
-        words = subscriber._words
+        words = region_of(subscriber).words
         words[h.ARMED] = 1
         subscriber._sleep(60, 0)
         subscriber._sleep(0.0005, 0)
@@ -456,7 +456,7 @@ def test_without_a_handle_a_wait_looks_each_millisecond(monkeypatch):
 @pytest.mark.usefixtures("on_x86")
 def test_without_the_lock_a_fence_stands_between_completed_and_the_look_for_a_reader(topic, monkeypatch):
     with PosePublisher(topic, lock_timeout=0) as publisher:
-        words, fences = publisher._region.words, []
+        words, fences = region_of(publisher).words, []
         publisher._disconnect()
         monkeypatch.setattr("shmgen.runtime.publisher.fence", lambda: fences.append(words[h.COMPLETED]))
         publisher.publish(pose(1))

@@ -60,13 +60,13 @@ def ways(request, monkeypatch):
 
 def event_of(subscriber):
     """Its value, and how many wait for it."""
-    with open(semaphore_file(event_name(subscriber._region.name)), "rb") as file:
+    with open(semaphore_file(event_name(region_of(subscriber).name)), "rb") as file:
         return struct.unpack("<II", file.read(8))
 
 
 def at_rest(subscribers):
     """Nobody waits, and nothing is left that would end a wait early or make another poll."""
-    return [(event_of(one), one._words[h.ARMED]) for one in subscribers] == [((0, 0), 0)] * len(subscribers)
+    return [(event_of(one), region_of(one).words[h.ARMED]) for one in subscribers] == [((0, 0), 0)] * len(subscribers)
 
 
 def dozing(subscribers):
@@ -217,12 +217,12 @@ def test_one_killed_in_its_sleep_does_no_harm(several, writers, topic, other):
     until(stopped_asleep)
     process.kill()
     process.wait()
-    assert [(event_of(one), one._words[h.ARMED]) for one in several] == [((0, 1), 1)] * COUNT
+    assert [(event_of(one), region_of(one).words[h.ARMED]) for one in several] == [((0, 1), 1)] * COUNT
     for number, writer in enumerate(writers):
         writer.publish(pose(number))
     assert ready_any(several, 0) == several
     for number, one in enumerate(several):
-        assert (one.read().position.x, event_of(one), one._words[h.ARMED]) == (number, (1, 1), 0)
+        assert (one.read().position.x, event_of(one), region_of(one).words[h.ARMED]) == (number, (1, 1), 0)
     assert doze_all(tuple(several), LONG, LONG)  # takes what was posted for the dead one
     armed = threading.Thread(target=lambda: (until(lambda: several[2]._words[h.ARMED]), writers[2].publish(pose(9))))
     armed.start()
@@ -235,7 +235,7 @@ def test_one_killed_in_its_sleep_does_no_harm(several, writers, topic, other):
 SCRIPT = """
 import os, sys, threading
 from shmgen.runtime import can_wait_for_many, ready_any
-from shmgen.runtime import core
+from shmgen.runtime import engine
 from tests.runtime.messages import PosePublisher, PoseSubscriber, pose
 from tests.support import seccomp
 
@@ -248,7 +248,7 @@ with PoseSubscriber(topic) as first, PoseSubscriber(topic + "/second") as second
     assert ready_any([second, first], 0.01) == []
     threading.Timer(0.02, lambda: writer.publish(pose(1))).start()
     assert ready_any([second, first], 60) == [first]
-    assert first._words[41] == second._words[41] == 0
+    assert region_of(first).words[41] == region_of(second).words[41] == 0
 """
 
 

@@ -13,7 +13,7 @@ import pytest
 
 import shmgen
 from shmgen.core import abi
-from shmgen.runtime.region import memory_order
+from shmgen.runtime.reference import memory_order
 
 WORDS = 2**63 - 1, 2**31 - 1
 """sys.maxsize of a process of 64 and of 32 bits."""

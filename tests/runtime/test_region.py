@@ -15,10 +15,10 @@ import pytest
 
 from shmgen import runtime
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region import opening, region
+from shmgen.runtime.reference import opening
 from shmgen.runtime.region.access import RegionOptions
-from shmgen.runtime.region.opening import _complete_header, open_region
-from shmgen.runtime.region.region import REPAIR_LOCK, WRITER_LOCK
+from shmgen.runtime.reference.opening import _complete_header, open_region
+from shmgen.runtime.reference.region import REPAIR_LOCK, WRITER_LOCK
 
 from .messages import Pose, PosePublisher, PoseSubscriber, Scan, ScanSubscriber, pose
 
@@ -333,9 +333,9 @@ def test_a_plc_whose_heartbeat_moves_is_a_writer(topic):
         import itertools, sys, time
         from messages import PoseSubscriber
         with PoseSubscriber(sys.argv[1]) as plc:
-            plc._region.words[6] = 0xFFFFFFFF
+            region_of(plc).words[6] = 0xFFFFFFFF
             for count in itertools.count():
-                plc._region.words[38] = count & 0xFFFF
+                region_of(plc).words[38] = count & 0xFFFF
                 if count == 3: print("ready", flush=True)
                 time.sleep(0.01)
     """
@@ -476,12 +476,12 @@ def test_closing_twice_and_using_closed(topic):
             call()
     assert (publisher.topic, publisher.sequence, subscriber.missed, subscriber.age) == (topic, 0, 0, None)
     with pytest.raises(runtime.Closed):
-        publisher._region.words[0]
+        region_of(publisher).words[0]
 
 
 def test_record_locks_are_of_one_byte_each(topic):
     with PoseSubscriber(topic) as one, PoseSubscriber(topic) as other:
-        first, second = one._region, other._region
+        first, second = region_of(one), region_of(other)
         assert first.lock_byte(REPAIR_LOCK)
         assert not second.lock_byte(REPAIR_LOCK)
         assert (second.byte_is_locked(WRITER_LOCK), second.byte_is_locked(REPAIR_LOCK)) == (False, True)

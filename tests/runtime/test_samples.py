@@ -8,8 +8,8 @@ import pytest
 
 from shmgen import runtime
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region import lock, opening
-from shmgen.runtime.region.memory_order import keeps_order
+from shmgen.runtime.reference import lock, opening
+from shmgen.runtime.reference.memory_order import keeps_order
 
 from .messages import POSE, Pose, PosePublisher, PoseSubscriber, ScanPublisher, ScanSubscriber, pose, whole
 from .test_exchange import renumber, scan
@@ -55,7 +55,7 @@ def test_number_stamp_and_message_in_order(topic, way):
         assert (subscriber.samples(), subscriber.unread, subscriber.sequence) == ([], 0, 3)
         assert subscriber.age is not None
         publisher.publish(pose(4))
-        publisher._region.quads[publisher._region.sample(4).start // 8 + h.STAMP] = 0  # of a PLC without a clock
+        region_of(publisher).quads[region_of(publisher).sample(4).start // 8 + h.STAMP] = 0  # of a PLC without a clock
         ((number, stamp, message),) = subscriber.samples()
         assert (number, stamp, message.position.x) == (4, 0, 4.0)
 
@@ -104,7 +104,7 @@ def test_a_region_begun_anew(topic, way, history):
             publisher.publish(pose(x))
         assert len(subscriber.samples()) == 2
         missed = subscriber.missed
-        publisher._region.words[h.BEGUN] = publisher._region.words[h.COMPLETED] = publisher._sequence = 0
+        region_of(publisher).words[h.BEGUN] = region_of(publisher).words[h.COMPLETED] = publisher._sequence = 0
         assert (subscriber.samples(), subscriber.unread) == ([], 0)
         publisher.publish(pose(50))
         assert subscriber.unread == 1
@@ -129,9 +129,9 @@ def test_a_sample_being_overwritten_is_not_there(topic, way):
     """A writer that began to overwrite it has said so."""
     with PosePublisher(topic) as publisher, PoseSubscriber(topic, **way) as subscriber:
         publisher.publish(pose(1))
-        publisher._region.words[h.BEGUN] = 3  # as if sample 3 were on its way into the slot of 1
+        region_of(publisher).words[h.BEGUN] = 3  # as if sample 3 were on its way into the slot of 1
         assert subscriber.samples() == []
-        publisher._region.words[h.BEGUN] = 2
+        region_of(publisher).words[h.BEGUN] = 2
         assert seen(subscriber.samples()) == [(1, 1.0)]
 
 
@@ -151,7 +151,7 @@ def test_watching_leaves_every_byte_and_file_as_it_is(topic, file):
             assert sorted(file.parent.glob(mine)) == files
             assert file.read_bytes() == before
             with pytest.raises(TypeError, match="read-only"):
-                watcher._region.words[h.MISSED] = 1
+                region_of(watcher).words[h.MISSED] = 1
 
 
 def test_who_watches_takes_the_wake_up_from_nobody(topic, file, way):

@@ -23,7 +23,7 @@ from shmgen.core.model import Regions, TypeName
 from shmgen.generator import pipeline
 from shmgen.runtime import region_name
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region import memory_order
+from shmgen.runtime.reference import memory_order
 from tests.softplc import Plc, compile_st
 
 from ..support.build import classes, put

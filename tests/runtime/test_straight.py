@@ -21,7 +21,7 @@ from shmgen import runtime
 from shmgen.config import Config
 from shmgen.core.model import TypeName
 from shmgen.generator import pipeline
-from shmgen.runtime import core
+from shmgen.runtime import engine
 from shmgen.runtime.messages.fields import Elements
 from shmgen.runtime.region import header as h
 from tests.conftest import REPOSITORY
@@ -40,7 +40,7 @@ from .messages import (
     pose,
 )
 
-pytestmark = pytest.mark.skipif(not core.IN_C, reason=WHY_NOT)
+pytestmark = pytest.mark.skipif(not engine.IN_C, reason=WHY_NOT)
 
 KINDS = ["bool", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"]
 INNER = "".join(f"{kind} {kind}_one\n{kind}[3] {kind}_three\n{kind}[<=4] {kind}_some\n" for kind in KINDS)
@@ -98,7 +98,7 @@ def outcome(publisher, message):
     try:
         publisher.publish(message)
     except Exception as error:
-        assert publisher.sequence == before == publisher._region.words[h.COMPLETED]
+        assert publisher.sequence == before == region_of(publisher).words[h.COMPLETED]
         return type(error), str(error)
     assert publisher.sequence == before + 1
     return newest(publisher)
@@ -106,7 +106,7 @@ def outcome(publisher, message):
 
 def newest(publisher):
     """As text: nan is nan, and what lies behind a count is nothing."""
-    lies = publisher._region.map[publisher._region.payload(publisher.sequence)]
+    lies = region_of(publisher).map[region_of(publisher).payload(publisher.sequence)]
     return repr(publisher.message_type.from_buffer_copy(lies))
 
 
@@ -271,7 +271,7 @@ def test_long_arrays_lie_where_python_puts_them(topic):
             with suppress(ValueError, TypeError, IndexError, SystemError, OverflowError):
                 assert not quick._with_late(late)
             assert quick.sequence == len(long)
-        healthy = quick._region.semaphore._get_value(), quick._region.words[h.LOCK_HOLDER]
+        healthy = region_of(quick).semaphore.value, region_of(quick).words[h.LOCK_HOLDER]
         assert healthy == (1, 0)
 
 
@@ -315,21 +315,21 @@ def test_who_waits_may_be_closed_by_another_thread(topic):
 def test_a_waiting_reader_is_woken(topic):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         assert subscriber.wait(0) is None
-        subscriber._words[h.ARMED] = 1
+        region_of(subscriber).words[h.ARMED] = 1
         publisher.publish(pose(1))
-        assert (subscriber._words[h.ARMED], subscriber._event._get_value()) == (0, 1)
+        assert (region_of(subscriber).words[h.ARMED], subscriber._event._get_value()) == (0, 1)
 
 
 def test_a_topic_that_another_took_over_meanwhile(topic):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         publisher.publish(pose(1))
         for writer in (h.PLC, os.getpid()):  # at last another publisher of this process
-            publisher._region.words[h.WRITER] = writer
+            region_of(publisher).words[h.WRITER] = writer
             for message in (pose(2), SimpleNamespace(position=pose(2).position, orientation=pose(2).orientation)):
                 with pytest.raises(runtime.ClaimLost):
                     publisher.publish(message)
         assert subscriber.read().position.x == 1.0
-        assert publisher._region.semaphore._get_value() == 1
+        assert region_of(publisher).semaphore.value == 1
 
 
 def test_a_mode_without_the_lock_and_a_lock_without_a_handle(topic, monkeypatch):
@@ -349,7 +349,7 @@ def test_a_mode_without_the_lock_and_a_lock_without_a_handle(topic, monkeypatch)
 
     with LocklessPublisher(f"{topic}/lockless") as publisher, LocklessSubscriber(f"{topic}/lockless") as subscriber:
         assert publisher._direct
-        publisher._region.words[h.ARMED] = 1  # there is no event to post
+        region_of(publisher).words[h.ARMED] = 1  # there is no event to post
         publisher.publish(pose(1))
         assert subscriber.wait(0).position.x == 1.0
     monkeypatch.setattr("shmgen.runtime.region.semaphores.SemLock", None)

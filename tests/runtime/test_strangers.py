@@ -12,8 +12,8 @@ from types import SimpleNamespace
 import pytest
 
 from shmgen import runtime
-from shmgen.runtime.region import access, semaphores
-from shmgen.runtime.region import opening as regions
+from shmgen.runtime.reference import opening as regions
+from shmgen.runtime.region import access
 
 from .messages import PosePublisher, PoseSubscriber, pose
 

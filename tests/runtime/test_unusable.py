@@ -17,9 +17,10 @@ import pytest
 from shmgen import runtime
 from shmgen.runtime.errors import RegionUnusable
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region import names, opening, semaphores
+from shmgen.runtime.reference import opening
+from shmgen.runtime.region import names
 from shmgen.runtime.region.access import RegionOptions
-from shmgen.runtime.region.lock import Lock
+from shmgen.runtime.reference.lock import Lock
 
 from ..conftest import REPOSITORY
 from ..support import machine
@@ -201,10 +202,10 @@ def test_posts_too_many_stop_nobody(topic, most, recoveries):
     """`most` at once cannot be posted in a test: the value is written into the semaphore's own file."""
     guard = within(5 * machine.slower)
     with guard, PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
-        publisher._region.words[h.RECOVERIES] = recoveries
-        with open(f"/dev/shm/sem.{publisher._region.name}", "r+b") as file:
+        region_of(publisher).words[h.RECOVERIES] = recoveries
+        with open(f"/dev/shm/sem.{region_of(publisher).name}", "r+b") as file:
             file.write((most if sys.maxsize > 2**32 else most << 1).to_bytes(4, "little"))  # as glibc has it
-        semaphore = posix_ipc.Semaphore("/" + publisher._region.name)
+        semaphore = posix_ipc.Semaphore("/" + region_of(publisher).name)
         longest = 0.0
         for number in range(1, 30):
             before = time.process_time()
@@ -220,9 +221,9 @@ def test_posts_too_many_stop_nobody(topic, most, recoveries):
 def test_an_event_that_is_full_stops_nobody(topic):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         assert subscriber.wait(0) is None
-        with open(f"/dev/shm/sem.{publisher._region.name}-event", "r+b") as file:
+        with open(f"/dev/shm/sem.{region_of(publisher).name}-event", "r+b") as file:
             file.write((2**31 - 1).to_bytes(4, "little"))
-        publisher._region.words[h.ARMED] = 1
+        region_of(publisher).words[h.ARMED] = 1
         publisher.publish(pose(1))
         assert subscriber.wait(1).position.x == 1.0
         before = time.monotonic()
@@ -234,11 +235,11 @@ def test_the_lock_without_semlock(topic, monkeypatch):
     """posix_ipc behind the same calls."""
     monkeypatch.setattr(semaphores, "SemLock", None)
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
-        assert isinstance(publisher._region.semaphore, semaphores.PosixSemaphore)
+        assert isinstance(region_of(publisher).semaphore, semaphores.PosixSemaphore)
         publisher.publish(pose(1))
         assert subscriber.wait(1).position.x == 1.0
-        assert publisher._region.semaphore._get_value() == 1
-        assert publisher._region.semaphore._count() == 0
+        assert region_of(publisher).semaphore.value == 1
+        assert region_of(publisher).semaphore._count() == 0
         assert isinstance(publisher._lock, Lock)
 
 

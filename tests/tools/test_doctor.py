@@ -22,9 +22,9 @@ import shmgen.tools.watch.screen
 import shmgen.tools.watch.topics  # noqa: F401 nobody() may not be able to read them
 from shmgen.runtime import RegionUnusable, region_name
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region import memory_order
+from shmgen.runtime.reference import memory_order
 from shmgen.runtime.region.access import RegionOptions
-from shmgen.runtime.region.opening import open_region
+from shmgen.runtime.reference.opening import open_region
 
 from ..runtime.messages import PosePublisher
 from ..support.command import run
@@ -73,7 +73,7 @@ def test_a_writer_that_ended_is_no_fault(topic, shmgen, peer):
 
 
 def test_a_writer_killed_at_work(topic, shmgen, peer):
-    writer = peer(PUBLISHER.format(topic=topic) + "; publisher._region.words[h.BEGUN] = 2")
+    writer = peer(PUBLISHER.format(topic=topic) + "; region_of(publisher).words[h.BEGUN] = 2")
     assert "ended while" not in shmgen("doctor", topic).stdout
     writer.kill()
     writer.wait()
@@ -83,7 +83,7 @@ def test_a_writer_killed_at_work(topic, shmgen, peer):
 
 
 def test_a_lock_whose_holder_was_killed(topic, semaphore, shmgen, peer):
-    inside = "; publisher._region.semaphore.acquire(); publisher._region.words[h.LOCK_HOLDER] = os.getpid()"
+    inside = "; region_of(publisher).semaphore.acquire(); region_of(publisher).words[h.LOCK_HOLDER] = os.getpid()"
     holder = peer(PUBLISHER.format(topic=topic) + inside)
     fault = examined(shmgen, topic)
     assert f"its lock is held by process {holder.pid} (" in fault["message"]
@@ -99,10 +99,10 @@ def test_a_lock_in_use_is_no_fault(topic, shmgen, peer):
 import threading, time
 def work():
     while True:
-        publisher._region.semaphore.acquire()
-        publisher._region.words[h.LOCK_COUNT] += 1
+        region_of(publisher).semaphore.acquire()
+        region_of(publisher).words[h.LOCK_COUNT] += 1
         time.sleep(0.02)
-        publisher._region.semaphore.release()
+        region_of(publisher).semaphore.post()
 threading.Thread(target=work, daemon=True).start()
 """
     peer(PUBLISHER.format(topic=topic) + busy)
@@ -110,7 +110,7 @@ threading.Thread(target=work, daemon=True).start()
 
 
 def test_a_surplus_token(topic, semaphore, shmgen, peer):
-    post = "import posix_ipc; posix_ipc.Semaphore('/' + publisher._region.name).release()"
+    post = "import posix_ipc; posix_ipc.Semaphore('/' + region_of(publisher).name).release()"
     peer(f"{PUBLISHER.format(topic=topic)}; {post}")
     fault = examined(shmgen, topic)
     assert "its semaphore is 2" in fault["message"]
@@ -247,7 +247,7 @@ def for_nobody(topic):
 @pytest.mark.parametrize(
     "closed",
     [
-        "publisher._region._file.close()",
+        "region_of(publisher)._file.close()",
         "import mmap; opened = open({file!r}, 'r+b'); kept = mmap.mmap(opened.fileno(), 0); publisher.close(); "
         "del publisher",
     ],

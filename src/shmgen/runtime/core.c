@@ -1,666 +1,155 @@
-/* The straight way of publish() and read() in one call each: free lock, topic still ours, sample whole. Wherever
- * anything else is met nothing has been done, and Python goes its own way (publisher.py, subscriber.py), which knows
- * how to wait, to heal and what to raise. So no call here waits but the two that doze, and none runs Python code inside
- * the lock.
+/* The engine for Python: the C headers of templates/c as two types, Writer and Reader, and one sleep on many readers.
  *
- * Over the same header as generated C (templates/c), in CPython's limited API: one binary for 3.10 and all later.
+ * Nothing of the protocol is decided here. A call that has to wait gives the interpreter's lock away, and no Python code
+ * runs between taking the region's lock and giving it back: so a signal handler, a property or another thread that
+ * publishes on the same publisher finds it as between two calls. In CPython's limited API: one binary for 3.10 and all
+ * later. runtime/reference/ says the same in Python.
  */
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
 #include <structmember.h>
 
-#include <math.h>
-#include <sys/syscall.h>
+#include "shmgen_runtime.h"
 
-#include "shmgen_subscriber.h"
+#include "codec.h"
 
-/* One step of taking numbers out of an object: the attribute `name` of object number `from` of those met so far (0 is the
- * message), which is the next object, a number, or an array of `most` numbers: `code` is struct's, `at` the offset in
- * scratch. */
-typedef struct Step {
-    PyObject *name;
-    size_t at;
-    size_t most;     /* 0: no array */
-    size_t count_at; /* offset of the count of one with a bound, 0: all are there */
-    unsigned int from;
-    char code; /* 0: an object */
-} Step;
+#if defined(Py_LIMITED_API) && Py_LIMITED_API + 0 < 0x030B0000
+PyAPI_FUNC(int) PyObject_GetBuffer(PyObject *object, codec_buffer *view, int flags);
+PyAPI_FUNC(void) PyBuffer_Release(codec_buffer *view);
+#define PyBUF_SIMPLE 0
+#define PyBUF_WRITABLE 1
+#endif
 
-#define MOST_OBJECTS 32
+#define LONG_FROM 4096 /* bytes of a message that is copied into a bytearray, and lies in it */
 
-/* An array that is copied straight into its slot: room in scratch, which it is copied in place of, and where to. */
-typedef struct Late {
-    size_t offset;
-    size_t room;
-    PyObject *bytes; /* a memoryview, borrowed of the list of all */
-    PyObject *where; /* a slice of the region's map; NULL: no bytes */
-} Late;
+static PyObject *explainer; /* makes an error of (settings, status, pid, errno) */
 
-#define MOST_LATE 16
+/* What an end is opened with: a tuple of Python's, in which all else lies. */
+typedef struct Settings {
+    PyObject *tuple, *kind, *codec;
+    const char *topic, *type_name, *group;
+    unsigned long long digest;
+    unsigned int size, depth, mode, pid;
+    long long lock_ns; /* -1: as is usual */
+    int sequence, passive, history;
+} Settings;
 
-/* base == NULL: not connected. What it points at, and the objects, are kept by the object in Python. */
-typedef struct Writer {
-    PyObject_HEAD
-    shmgen_link end;
-    unsigned char *scratch; /* header of a slot, then the message */
-    Step *steps;            /* NULL: Python encodes */
-    Py_ssize_t count;
-    PyObject *map;
-    PyObject *kind;         /* the message type */
-    PyObject *message;      /* one message of it, an array's, that lies in scratch; NULL: too long for that */
-    sem_t *event;
-    size_t size;           /* bytes of a message */
-    unsigned int sequence; /* number of the newest sample */
-    unsigned int beat;
-    char direct; /* 1: connected */
-    char plain;  /* 1: and there are steps */
-} Writer;
-
-typedef struct Reader {
-    PyObject_HEAD
-    shmgen_link end;
-    PyObject *stamp; /* of the newest sample read, NULL: none yet */
-    unsigned long long event; /* address of the sem_t, which stays mapped also when it is closed; 0: there is none */
-    size_t size;
-    unsigned long long missed;
-    unsigned int last;
-    int is_long; /* 1: samples become a bytearray, in which a message can lie */
-} Reader;
-
-static bool enter(const shmgen_link *end)
+/* Raises what Python says of that status. */
+static PyObject *refused(const Settings *of, shmgen_status status)
 {
-    if (sem_trywait(end->lock) != 0)
-        return false;
-    shmgen_store(end, SHMGEN_AT(lock_count), shmgen_load(end, SHMGEN_AT(lock_count)) + 1);
-    shmgen_store(end, SHMGEN_AT(lock_holder), end->pid);
+    const int number = errno;
+    PyObject *error = PyObject_CallFunction(explainer, "OiIi", of->tuple, (int)status, of->pid, number);
+    if (error != NULL)
+        PyErr_SetObject((PyObject *)Py_TYPE(error), error);
+    Py_XDECREF(error);
+    return NULL;
+}
+
+static PyObject *done(const Settings *of, shmgen_status status)
+{
+    if (status != SHMGEN_OK)
+        return refused(of, status);
+    Py_RETURN_NONE;
+}
+
+/* --- threads ------------------------------------------------------------------------------------------------ */
+
+/* Who is in a call that has given the interpreter's lock away. */
+typedef struct Turn {
+    unsigned int sleepers; /* look at words of the region only, and may be many */
+    bool taken;            /* by the one that changes something */
+} Turn;
+
+static bool pause_for(const volatile unsigned int *sleepers, const volatile bool *taken)
+{
+    while (*taken || *sleepers != 0) {
+        Py_BEGIN_ALLOW_THREADS
+        shmgen_pause(SHMGEN_MS / 10);
+        Py_END_ALLOW_THREADS
+        if (PyErr_CheckSignals() != 0)
+            return false;
+    }
     return true;
 }
 
-static bool steps_of(Writer *self, PyObject *plan)
+/* Waits for another thread's call to end. False: a signal handler raised meanwhile. */
+static bool take_turn(Turn *turn)
 {
-    const Py_ssize_t count = PyTuple_Size(plan);
-    Step *steps = count > 0 ? PyMem_Calloc((size_t)count, sizeof(Step)) : NULL;
-    if (count <= 0)
-        return count == 0;
-    self->steps = steps;
-    for (Py_ssize_t number = 0; steps != NULL && number < count; number++) {
-        unsigned long long at, most, count_at;
-        PyObject *name;
-        int code;
-        if (!PyArg_ParseTuple(PyTuple_GetItem(plan, number), "UiKIKK", &name, &code, &at, &steps[number].from, &most,
-                              &count_at))
-            return false;
-        Py_INCREF(name);
-        PyUnicode_InternInPlace(&name);
-        steps[number].name = name;
-        steps[number].code = (char)code;
-        steps[number].at = (size_t)at;
-        steps[number].most = (size_t)most;
-        steps[number].count_at = (size_t)count_at;
-        self->count = number + 1;
-    }
-    if (steps == NULL)
-        PyErr_NoMemory();
-    return steps != NULL;
-}
-
-static PyObject *writer_connect(PyObject *object, PyObject *arguments)
-{
-    Writer *self = (Writer *)object;
-    unsigned long long base, lock, event, scratch, size;
-    unsigned int slots, slot_size, pid;
-    PyObject *plan, *map, *kind, *message;
-    if (!PyArg_ParseTuple(arguments, "KKKKKIIIO!OOO", &base, &lock, &event, &scratch, &size, &slots, &slot_size, &pid,
-                          &PyTuple_Type, &plan, &map, &kind, &message))
-        return NULL;
-    if (self->steps != NULL || !steps_of(self, plan))
-        return PyErr_Occurred() != NULL ? NULL : PyErr_Format(PyExc_RuntimeError, "connected twice");
-    self->end.lock = (sem_t *)(uintptr_t)lock;
-    self->end.slots = slots;
-    self->end.slot_size = slot_size;
-    self->end.pid = pid;
-    self->map = map;
-    self->kind = kind;
-    self->message = message != Py_None ? message : NULL;
-    self->event = (sem_t *)(uintptr_t)event;
-    self->scratch = (unsigned char *)(uintptr_t)scratch;
-    self->size = (size_t)size;
-    self->end.base = (unsigned char *)(uintptr_t)base;
-    self->direct = 1;
-    self->plain = self->steps != NULL;
-    Py_RETURN_NONE;
-}
-
-static PyObject *writer_disconnect(PyObject *object, PyObject *nothing)
-{
-    Writer *self = (Writer *)object;
-    (void)nothing;
-    self->end.base = NULL;
-    self->direct = self->plain = 0;
-    Py_RETURN_NONE;
-}
-
-/* Copies scratch, and late arrays in their room. False: an exception is set. */
-static bool copy(const Writer *self, unsigned char *payload, const Late *late, size_t count)
-{
-    const unsigned char *scratch = self->scratch + SHMGEN_SLOT_HEADER;
-    size_t done = 0;
-    for (const Late *one = late; one < late + count; one++) {
-        if (one->offset > done)
-            memcpy(payload + done, scratch + done, one->offset - done);
-        if (one->where != NULL && PyObject_SetItem(self->map, one->where, one->bytes) != 0)
-            return false;
-        done = one->offset + one->room;
-    }
-    if (done < self->size)
-        memcpy(payload + done, scratch + done, self->size - done);
+    static const unsigned int nobody = 0;
+    if (turn->taken && !pause_for(&nobody, &turn->taken))
+        return false;
+    turn->taken = true;
     return true;
 }
 
-/* Publishes what lies in scratch, and late arrays. False: nothing was done, or an exception is set. */
-static bool publish(Writer *self, const Late *late, size_t count)
+/* --- what both ends have ------------------------------------------------------------------------------------ */
+
+/* Takes the settings over; the strings are valid as long as the tuple is kept. */
+static bool settle(Settings *of, PyObject *arguments)
 {
-    shmgen_link *end = &self->end;
-    const bool locks = end->lock != NULL;
-    uint32_t number;
-    uint64_t stamp;
-    size_t slot;
-    bool ours;
-    if (end->base == NULL || (locks && !enter(end)))
+    const char *word;
+    PyObject *tuple, *header;
+    if (of->tuple != NULL)
+        return PyErr_Format(PyExc_RuntimeError, "begun already") != NULL;
+    if (!PyArg_ParseTuple(arguments, "O!", &PyTuple_Type, &tuple) ||
+        !PyArg_ParseTuple(tuple, "sOOsKIILIspppsO", &of->topic, &of->kind, &of->codec, &of->type_name, &of->digest,
+                          &of->size, &of->depth, &of->lock_ns, &of->mode, &of->group, &of->sequence, &of->passive,
+                          &of->history, &word, &header))
         return false;
-    if (shmgen_load(end, SHMGEN_AT(writer)) != end->pid) {
-        if (locks)
-            shmgen_leave(end);
-        return false;
-    }
-    number = shmgen_after(end, self->sequence, 1);
-    slot = shmgen_slot_of(end, number);
-    stamp = shmgen_wall();
-    shmgen_store(end, SHMGEN_AT(heartbeat), self->beat + 1);
-    shmgen_store(end, SHMGEN_AT(begun), number);
-    if (self->size < SHMGEN_STREAMED)
-        __atomic_thread_fence(__ATOMIC_RELEASE);
-    else
-        __atomic_thread_fence(__ATOMIC_SEQ_CST);
-    memcpy(end->base + slot + offsetof(shmgen_slot, stamp_ns), &stamp, sizeof stamp);
-    memcpy(end->base + slot + offsetof(shmgen_slot, number), &number, sizeof number);
-    if (!copy(self, end->base + slot + SHMGEN_SLOT_HEADER, late, count)) {
-        if (locks)
-            shmgen_leave(end);
-        return false;
-    }
-    ours = shmgen_load(end, SHMGEN_AT(writer)) == end->pid;
-    if (ours) {
-        self->sequence = number;
-        self->beat++;
-        shmgen_store(end, SHMGEN_AT(completed), number);
-    } else {
-        shmgen_store(end, slot + offsetof(shmgen_slot, number), 0); /* what lies there may be of two writers */
-    }
-    if (locks)
-        shmgen_leave(end);
-    shmgen_fence(locks);
-    if (ours && shmgen_load(end, SHMGEN_AT(armed)) != 0) {
-        shmgen_store(end, SHMGEN_AT(armed), 0);
-        if (self->event != NULL)
-            shmgen_post(self->event);
-    }
-    return ours;
-}
-
-static PyObject *writer_straight(PyObject *object, PyObject *nothing)
-{
-    (void)nothing;
-    return PyBool_FromLong(publish((Writer *)object, NULL, 0));
-}
-
-static size_t next_slot(const Writer *self)
-{
-    return shmgen_slot_of(&self->end, shmgen_after(&self->end, self->sequence, 1));
-}
-
-static size_t number_of(PyObject *tuple, Py_ssize_t index)
-{
-    return PyLong_AsSize_t(PyTuple_GetItem(tuple, index));
-}
-
-/* Fills `one` of (offset in scratch, room, bytes). False: an exception is set, or it is none to be copied. All that may
- * run code of anybody's is done here, before the lock. */
-static bool late_of(const Writer *self, PyObject *item, size_t slot, Late *one)
-{
-    PyObject *bytes = PyTuple_GetItem(item, 2), *length, *from, *to;
-    size_t count;
-    one->where = NULL;
-    if (bytes == NULL)
-        return false;
-    one->bytes = bytes;
-    one->offset = number_of(item, 0) - SHMGEN_SLOT_HEADER;
-    one->room = number_of(item, 1);
-    length = PyObject_GetAttrString(bytes, "nbytes");
-    if (length == NULL)
-        return false;
-    count = PyLong_AsSize_t(length);
-    Py_DECREF(length);
-    if (PyErr_Occurred() != NULL || one->room == 0 || one->offset > self->size ||
-        one->room > self->size - one->offset || count > one->room)
-        return false;
-    if (count == 0)
-        return true;
-    from = PyLong_FromSize_t(slot + SHMGEN_SLOT_HEADER + one->offset);
-    to = PyLong_FromSize_t(slot + SHMGEN_SLOT_HEADER + one->offset + count);
-    if (from != NULL && to != NULL)
-        one->where = PySlice_New(from, to, NULL);
-    Py_XDECREF(from);
-    Py_XDECREF(to);
-    return one->where != NULL;
-}
-
-/* The same with arrays that were left out of scratch. False: nothing was done. */
-static PyObject *writer_with_late(PyObject *object, PyObject *list)
-{
-    Writer *self = (Writer *)object;
-    const Py_ssize_t count = PyList_Size(list);
-    size_t known = 0;
-    Late late[MOST_LATE];
-    bool done = false;
-    if (count < 0)
-        return NULL;
-    if (self->end.base != NULL && count <= MOST_LATE) {
-        const size_t slot = next_slot(self);
-        while (known < (size_t)count && late_of(self, PyList_GetItem(list, (Py_ssize_t)known), slot, &late[known]))
-            known++;
-        done = known == (size_t)count && next_slot(self) == slot && publish(self, late, known);
-        while (known > 0)
-            Py_XDECREF(late[--known].where);
-    }
-    return PyErr_Occurred() != NULL ? NULL : PyBool_FromLong(done);
-}
-
-static size_t size_of(char code)
-{
-    return strchr("qQd", code) != NULL ? 8 : strchr("iIf", code) != NULL ? 4 : strchr("hH", code) != NULL ? 2 : 1;
-}
-
-/* Writes a number of exactly the kind that needs no second look; false: Python looks at it, and at all others. */
-static bool store(unsigned char *into, char code, PyObject *value)
-{
-    if (code == 'd' || code == 'f') {
-        double number;
-        if (PyFloat_CheckExact(value))
-            number = PyFloat_AsDouble(value);
-        else if (!PyLong_CheckExact(value) || ((number = PyLong_AsDouble(value)) == -1.0 && PyErr_Occurred() != NULL))
-            return false;
-        if (code == 'd') {
-            memcpy(into, &number, sizeof number);
-        } else {
-            float single = (float)number;
-            if (isinf(single) && !isinf(number))
-                return false;
-            memcpy(into, &single, sizeof single);
-        }
-        return true;
-    }
-    if (code == '?') {
-        if (value != Py_True && value != Py_False)
-            return false;
-        *into = value == Py_True;
-        return true;
-    }
-    if (!PyLong_CheckExact(value))
-        return false;
-    if (code == 'Q') {
-        uint64_t number = PyLong_AsUnsignedLongLong(value);
-        memcpy(into, &number, sizeof number);
-        return number != UINT64_MAX || PyErr_Occurred() == NULL;
-    } else {
-        int overflow = 0;
-        int64_t number = PyLong_AsLongLongAndOverflow(value, &overflow);
-        if (overflow != 0)
-            return false;
-#define KEEP(type)                              \
-    {                                           \
-        type kept = (type)number;               \
-        memcpy(into, &kept, sizeof kept);       \
-        return (int64_t)kept == number;         \
-    }
-        switch (code) {
-        case 'b': KEEP(int8_t)
-        case 'B': KEEP(uint8_t)
-        case 'h': KEEP(int16_t)
-        case 'H': KEEP(uint16_t)
-        case 'i': KEEP(int32_t)
-        case 'I': KEEP(uint32_t)
-        case 'q': KEEP(int64_t)
-        default: return false;
-        }
-#undef KEEP
-    }
-}
-
-static char family(char code)
-{
-    if (strchr("bhilqn", code) != NULL)
-        return 'i';
-    if (strchr("BHILQNc", code) != NULL)
-        return 'u';
-    return strchr("fd", code) != NULL ? 'f' : code;
-}
-
-/* A number that is an attribute; -1 and an exception: it is none. */
-static Py_ssize_t number_at(PyObject *object, const char *name)
-{
-    PyObject *value = PyObject_GetAttrString(object, name);
-    const Py_ssize_t number = value != NULL ? PyLong_AsSsize_t(value) : -1;
-    Py_XDECREF(value);
-    return number;
-}
-
-/* A copy of a buffer's bytes (array.array, numpy's), in order; NULL: it has none, or they are no such numbers. */
-static PyObject *bytes_of(PyObject *value, char code)
-{
-    PyObject *view = PyMemoryView_FromObject(value), *bytes = NULL;
-    PyObject *format = view != NULL ? PyObject_GetAttrString(view, "format") : NULL;
-    const char *text = format != NULL ? PyUnicode_AsUTF8AndSize(format, NULL) : NULL;
-    if (text != NULL) {
-        text += strspn(text, "@=<");
-        if (*text != 0 && text[1] == 0 && family(*text) == family(code) &&
-            number_at(view, "itemsize") == (Py_ssize_t)size_of(code) && number_at(view, "ndim") > 0)
-            bytes = PyBytes_FromObject(view);
-    }
-    Py_XDECREF(format);
-    Py_XDECREF(view);
-    return bytes;
-}
-
-static bool counted(unsigned char *scratch, const Step *step, Py_ssize_t length)
-{
-    const uint32_t count = (uint32_t)length;
-    if (length < 0 || (size_t)length > step->most || (step->count_at == 0 && (size_t)length < step->most))
-        return false;
-    if (step->count_at != 0)
-        memcpy(scratch + step->count_at, &count, sizeof count);
+    of->pid = (unsigned int)getpid();
+    of->tuple = tuple;
+    Py_INCREF(tuple);
     return true;
 }
 
-/* The same for an array: a list or a tuple number by number, in which no code of anybody's runs; of others the bytes. */
-static bool store_all(unsigned char *scratch, const Step *step, PyObject *value)
+static shmgen_type type_of(const Settings *from)
 {
-    const size_t size = size_of(step->code);
-    unsigned char *into = scratch + step->at;
-    const bool is_list = PyList_CheckExact(value);
-    PyObject *bytes;
-    bool taken;
-    if (is_list || PyTuple_CheckExact(value)) {
-        const Py_ssize_t length = is_list ? PyList_Size(value) : PyTuple_Size(value);
-        taken = counted(scratch, step, length);
-        for (Py_ssize_t index = 0; taken && index < length; index++, into += size)
-            taken = store(into, step->code, is_list ? PyList_GetItem(value, index) : PyTuple_GetItem(value, index));
-        return taken;
-    }
-    if (PyBytes_CheckExact(value) && step->code == 'B') {
-        bytes = value;
-        Py_INCREF(bytes);
-    } else {
-        bytes = bytes_of(value, step->code);
-    }
-    taken = bytes != NULL && counted(scratch, step, PyBytes_Size(bytes) / (Py_ssize_t)size);
-    if (taken)
-        memcpy(into, PyBytes_AsString(bytes), (size_t)PyBytes_Size(bytes));
-    Py_XDECREF(bytes);
-    return taken;
+    shmgen_type type;
+    memset(&type, 0, sizeof type);
+    type.name = from->type_name;
+    type.digest = from->digest;
+    type.size = from->size;
+    type.sequence = from->sequence != 0;
+    return type;
 }
 
-/* Takes a message of the message type, or the numbers out of any object, and publishes it. False: nothing was done. */
-static PyObject *writer_at_once(PyObject *object, PyObject *message)
+static shmgen_options options_of(const Settings *from)
 {
-    Writer *self = (Writer *)object;
-    PyObject *met[MOST_OBJECTS];
-    unsigned int known = 1;
-    bool taken = self->plain != 0;
-    if ((PyObject *)Py_TYPE(message) == self->kind) {
-        if (self->message == NULL || self->end.base == NULL)
-            Py_RETURN_FALSE;
-        if (PySequence_SetItem(self->message, 0, message) != 0)
-            return NULL;
-        return PyBool_FromLong(publish(self, NULL, 0));
-    }
-    met[0] = message;
-    for (Py_ssize_t number = 0; taken && number < self->count; number++) {
-        const Step *step = &self->steps[number];
-        PyObject *value = PyObject_GetAttr(met[step->from], step->name);
-        if (value == NULL) {
-            taken = false;
-        } else if (step->code == 0) {
-            met[known++] = value;
-        } else {
-            taken = step->most != 0 ? store_all(self->scratch, step, value)
-                                    : store(self->scratch + step->at, step->code, value);
-            Py_DECREF(value);
-        }
-    }
-    while (known > 1)
-        Py_DECREF(met[--known]);
-    if (PyErr_Occurred() != NULL) {
-        if (!PyErr_ExceptionMatches(PyExc_Exception))
-            return NULL;
-        PyErr_Clear(); /* Python meets it once more, and says where */
-    }
-    return PyBool_FromLong(taken && publish(self, NULL, 0));
+    shmgen_options options;
+    memset(&options, 0, sizeof options);
+    options.group = from->group;
+    options.depth = from->depth;
+    options.mode = from->mode;
+    options.lock_us = from->lock_ns > 0 ? (uint32_t)((from->lock_ns + 999) / 1000) : 0;
+    options.passive = from->passive != 0;
+    return options;
 }
 
-static PyObject *reader_connect(PyObject *object, PyObject *arguments)
+/* A word of the header, by its place in steps of four bytes. */
+static PyObject *word_of(const Settings *of, const shmgen_link *end, shmgen_status gone, PyObject *place)
 {
-    Reader *self = (Reader *)object;
-    unsigned long long base, lock, size;
-    unsigned int slots, slot_size, pid;
-    int is_long;
-    if (!PyArg_ParseTuple(arguments, "KKKIIIp", &base, &lock, &size, &slots, &slot_size, &pid, &is_long))
-        return NULL;
-    self->end.lock = (sem_t *)(uintptr_t)lock;
-    self->end.slots = slots;
-    self->end.slot_size = slot_size;
-    self->end.pid = pid;
-    self->size = (size_t)size;
-    self->is_long = is_long;
-    self->end.base = (unsigned char *)(uintptr_t)base;
-    Py_RETURN_NONE;
-}
-
-static PyObject *reader_disconnect(PyObject *object, PyObject *nothing)
-{
-    (void)nothing;
-    ((Reader *)object)->end.base = NULL;
-    Py_RETURN_NONE;
-}
-
-/* The payload of a sample if it is whole, which then counts as read; None: nothing was done. */
-static PyObject *reader_straight(PyObject *object, PyObject *asked)
-{
-    Reader *self = (Reader *)object;
-    shmgen_link *end = &self->end;
-    const bool locks = end->lock != NULL;
-    const uint32_t number = (uint32_t)PyLong_AsUnsignedLong(asked);
-    const size_t slot = shmgen_slot_of(end, number);
-    PyObject *data, *taken, *former;
-    uint64_t stamp = 0;
-    uint32_t skipped;
-    bool whole;
+    const size_t at = PyLong_AsSize_t(place);
     if (PyErr_Occurred() != NULL)
         return NULL;
-    if (end->base == NULL || number == 0)
-        Py_RETURN_NONE;
-    data = self->is_long ? PyByteArray_FromStringAndSize(NULL, (Py_ssize_t)self->size)
-                         : PyBytes_FromStringAndSize(NULL, (Py_ssize_t)self->size);
-    if (data == NULL)
-        return NULL;
-    if (locks && !enter(end)) {
-        Py_DECREF(data);
-        Py_RETURN_NONE;
-    }
-    whole = shmgen_is_whole(end, number, slot);
-    if (whole) {
-        memcpy(&stamp, end->base + slot + offsetof(shmgen_slot, stamp_ns), sizeof stamp);
-        memcpy(self->is_long ? PyByteArray_AsString(data) : PyBytes_AsString(data), end->base + slot + SHMGEN_SLOT_HEADER,
-               self->size);
-        __atomic_thread_fence(__ATOMIC_ACQUIRE);
-        whole = shmgen_is_whole(end, number, slot);
-    }
-    if (locks)
-        shmgen_leave(end);
-    taken = whole ? PyLong_FromUnsignedLongLong(stamp) : NULL;
-    if (taken == NULL) {
-        Py_DECREF(data);
-        if (whole)
-            return NULL;
-        Py_RETURN_NONE;
-    }
-    skipped = shmgen_steps(end, self->last, number) - 1;
-    if (skipped != 0 && skipped < SHMGEN_RESTART_GAP) {
-        self->missed += skipped;
-        shmgen_store(end, SHMGEN_AT(missed), shmgen_load(end, SHMGEN_AT(missed)) + skipped);
-    }
-    self->last = number;
-    former = self->stamp;
-    self->stamp = taken;
-    Py_XDECREF(former);
-    return data;
+    if (end->step != SHMGEN_STEP_READY)
+        return refused(of, shmgen_why(gone));
+    if (at >= SHMGEN_HEADER_SIZE / 4)
+        return PyErr_Format(PyExc_IndexError, "the header has no word %zu", at);
+    return PyLong_FromUnsignedLong(shmgen_load(end, 4 * at));
 }
 
-#ifdef SHMGEN_HAS_CLOCKWAIT
-/* Left set, `armed` would look like another reader's. While the GIL was let go another thread may have closed it. */
-static void disarm(const Reader *self, bool came)
+/* Whether the region's file is gone. */
+static PyObject *removed_of(const Settings *of, const shmgen_link *end, shmgen_status gone)
 {
-    if (self->end.base != NULL && (!came || shmgen_load(&self->end, SHMGEN_AT(armed)) != 0))
-        shmgen_store(&self->end, SHMGEN_AT(armed), 0);
+    struct stat status;
+    if (end->step != SHMGEN_STEP_READY)
+        return refused(of, shmgen_why(gone));
+    return PyBool_FromLong(fstat(end->file, &status) == 0 && status.st_nlink == 0);
 }
 
-/* True: it was nobody else's, there is an event, and we are to look at `completed` behind a fence, doze, and disarm. */
-static bool arm(const Reader *self)
+static PyObject *stepped(const Settings *of, shmgen_status status, const shmgen_link *end)
 {
-    if (self->end.base == NULL || self->event == 0 || shmgen_load(&self->end, SHMGEN_AT(armed)) != 0)
-        return false;
-    shmgen_store(&self->end, SHMGEN_AT(armed), 1);
-    return true;
-}
-
-static struct timespec in_ns(int64_t ns)
-{
-    const int64_t until = shmgen_now() + ns;
-    struct timespec time;
-    time.tv_sec = (time_t)(until / INT64_C(1000000000));
-    time.tv_nsec = (long)(until % INT64_C(1000000000));
-    return time;
-}
-#endif
-
-/* Waits so many ns for the event unless `completed` has left `newest` behind, or a signal comes, whose handler is then
- * Python's to call. False: nothing was done. */
-static PyObject *reader_doze(PyObject *object, PyObject *arguments)
-{
-#ifdef SHMGEN_HAS_CLOCKWAIT
-    Reader *self = (Reader *)object;
-    unsigned int newest;
-    long long ns;
-    bool came = false;
-    if (!PyArg_ParseTuple(arguments, "LI", &ns, &newest))
-        return NULL;
-    if (!arm(self))
-        Py_RETURN_FALSE;
-    shmgen_fence(false);
-    if (shmgen_load(&self->end, SHMGEN_AT(completed)) == newest) {
-        const struct timespec until = in_ns(ns);
-        Py_BEGIN_ALLOW_THREADS
-        came = sem_clockwait((sem_t *)(uintptr_t)self->event, CLOCK_MONOTONIC, &until) == 0;
-        Py_END_ALLOW_THREADS
-    }
-    disarm(self, came);
-    Py_RETURN_TRUE;
-#else
-    (void)object;
-    (void)arguments;
-    Py_RETURN_FALSE;
-#endif
-}
-
-/* One sleep on many events asks for futex_waitv (Linux 5.16) and for the sem_t of a 64-bit glibc, the same since 2.21:
- * eight bytes, of which the lower four are the value and the upper four count who waits. sem_post() adds one to the
- * value, and wakes one of those who wait for that word if the count is not 0. (sem_clockwait came with 2.30.) */
-#if defined(SHMGEN_HAS_CLOCKWAIT) && defined(__LP64__) && __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__
-#define HAS_MANY 1
-#define WAITS (UINT64_C(1) << 32)
-#ifndef SYS_futex_waitv
-#define SYS_futex_waitv 449
-#endif
-
-/* struct futex_waitv of linux/futex.h, which older headers lack. */
-typedef struct Wait {
-    uint64_t value;
-    uint64_t word;
-    uint32_t flags;
-    uint32_t reserved;
-} Wait;
-#define SHARED_32 2 /* FUTEX_32 */
-#define MOST_WAITS 128
-
-/* Until a post of any, a signal, or the time. False: this kernel, or who guards it, does not do that. */
-static bool sleep_on(Reader *const *readers, size_t count, int64_t ns)
-{
-    const struct timespec until = in_ns(ns);
-    Wait waits[MOST_WAITS];
-    bool could;
-    for (size_t number = 0; number < count; number++) {
-        waits[number] = (Wait){0, readers[number]->event, SHARED_32, 0};
-        __atomic_fetch_add((uint64_t *)(uintptr_t)readers[number]->event, WAITS, __ATOMIC_SEQ_CST);
-    }
-    Py_BEGIN_ALLOW_THREADS
-    could = syscall(SYS_futex_waitv, waits, (unsigned int)count, 0, &until, CLOCK_MONOTONIC) >= 0 || errno == EAGAIN ||
-            errno == EINTR || errno == ETIMEDOUT;
-    Py_END_ALLOW_THREADS
-    for (size_t number = 0; number < count; number++)
-        __atomic_fetch_sub((uint64_t *)(uintptr_t)waits[number].word, WAITS, __ATOMIC_SEQ_CST);
-    return could;
-}
-#endif
-
-/* Dozes as above for all of a tuple of readers at once, so many ns at most, or as many as the second number says where
- * there is one that nobody would wake us for. False: it was no sleep. */
-static PyObject *readers_doze(PyObject *type, PyObject *arguments)
-{
-#ifdef HAS_MANY
-    Reader *armed[MOST_WAITS];
-    PyObject *readers;
-    long long ns, poll;
-    size_t count = 0;
-    bool slept = false, unread = false;
-    Py_ssize_t length;
-    if (!PyArg_ParseTuple(arguments, "O!LL", &PyTuple_Type, &readers, &ns, &poll))
-        return NULL;
-    length = PyTuple_Size(readers);
-    for (Py_ssize_t number = 0; number < length; number++)
-        if (!PyObject_TypeCheck(PyTuple_GetItem(readers, number), (PyTypeObject *)type))
-            return PyErr_Format(PyExc_TypeError, "these are for subscribers");
-    for (Py_ssize_t number = 0; number < length; number++) {
-        Reader *self = (Reader *)PyTuple_GetItem(readers, number);
-        if (count < MOST_WAITS && arm(self))
-            armed[count++] = self;
-        else if (poll < ns)
-            ns = poll;
-    }
-    shmgen_fence(false);
-    for (size_t number = 0; number < count; number++) {
-        const uint32_t newest = shmgen_load(&armed[number]->end, SHMGEN_AT(completed));
-        unread = unread || (newest != 0 && newest != armed[number]->last);
-    }
-    if (count != 0 && !unread)
-        slept = sleep_on(armed, count, ns);
-    for (size_t number = 0; number < count; number++)
-        disarm(armed[number], sem_trywait((sem_t *)(uintptr_t)armed[number]->event) == 0);
-    return PyBool_FromLong(slept || unread);
-#else
-    (void)type;
-    (void)arguments;
-    Py_RETURN_FALSE;
-#endif
+    return status == SHMGEN_OPENING ? PyLong_FromUnsignedLong(end->step) : done(of, status);
 }
 
 static void object_free(PyObject *object)
@@ -671,56 +160,652 @@ static void object_free(PyObject *object)
     Py_DECREF(type);
 }
 
+/* Room for one message outside of Python. A call takes it along, so that one that comes upon it has room of its own. */
+typedef struct Room {
+    unsigned char *bytes;
+} Room;
+
+static unsigned char *take_room(Room *room, size_t size)
+{
+    unsigned char *bytes = room->bytes;
+    room->bytes = NULL;
+    if (bytes == NULL && (bytes = PyMem_Malloc(size)) == NULL)
+        PyErr_NoMemory();
+    return bytes;
+}
+
+static void give_room(Room *room, unsigned char *bytes)
+{
+    if (room->bytes == NULL)
+        room->bytes = bytes;
+    else
+        PyMem_Free(bytes);
+}
+
+/* --- the writer --------------------------------------------------------------------------------------------- */
+
+typedef struct Writer {
+    PyObject_HEAD
+    PyObject *weak;
+    shmgen_publisher p;
+    Settings of;
+    Turn turn;
+    Room room;
+    PyObject *scratch; /* a bytearray for messages that Python encodes; NULL: a call has it */
+    unsigned long long truncations;
+} Writer;
+
+static int writer_init(PyObject *object, PyObject *arguments, PyObject *names)
+{
+    Writer *self = (Writer *)object;
+    shmgen_type type;
+    shmgen_options options;
+    shmgen_status status;
+    (void)names;
+    if (!settle(&self->of, arguments))
+        return -1;
+    type = type_of(&self->of);
+    options = options_of(&self->of);
+    status = shmgen_publisher_start(&self->p, self->of.topic, &type, &options);
+    if (status != SHMGEN_OPENING)
+        return refused(&self->of, status), -1;
+    if (self->of.lock_ns >= 0)
+        self->p.end.limit = self->of.lock_ns;
+    return 0;
+}
+
+static PyObject *writer_step(PyObject *object, PyObject *nothing)
+{
+    Writer *self = (Writer *)object;
+    (void)nothing;
+    return stepped(&self->of, shmgen_publisher_step(&self->p), &self->p.end);
+}
+
+/* Begins a sample; the interpreter's lock is given away where the region's is not free at once. */
+static shmgen_status begin(Writer *self, int64_t limit, void **payload)
+{
+    shmgen_link *end = &self->p.end;
+    shmgen_status status;
+    if (limit > 0 && end->step == SHMGEN_STEP_READY && end->lock != NULL && shmgen_tokens(end->lock) < 1) {
+        Py_BEGIN_ALLOW_THREADS
+        status = shmgen_publisher_enter(&self->p, limit);
+        Py_END_ALLOW_THREADS
+        return status == SHMGEN_OK ? shmgen_publisher_place(&self->p, payload) : status;
+    }
+    return shmgen_publisher_begin(&self->p, limit, payload);
+}
+
+/* Publishes a message of one piece, and the arrays that lie in place of some of its bytes. False: an exception is set. */
+static bool put(Writer *self, const unsigned char *data, const codec_late *late, size_t count, int64_t limit)
+{
+    const size_t size = self->of.size;
+    size_t from = 0;
+    void *payload = NULL;
+    shmgen_status status;
+    if (!take_turn(&self->turn))
+        return false;
+    status = begin(self, limit, &payload);
+    if (status == SHMGEN_OK) {
+        unsigned char *into = payload;
+        for (const codec_late *one = late; one < late + count; one++) {
+            memcpy(into + from, data + from, one->offset - from);
+            memcpy(into + one->offset, one->view.buf, (size_t)one->view.len);
+            from = one->offset + one->room;
+        }
+        memcpy(into + from, data + from, size - from);
+        status = shmgen_publisher_complete(&self->p);
+    }
+    self->turn.taken = false;
+    return status == SHMGEN_OK || refused(&self->of, status) != NULL;
+}
+
+/* What Python's _encode() has put beside scratch: (offset, room, bytes), and one without room for each text it has cut. */
+static bool gather(Writer *self, PyObject *list, codec_late *late, size_t *count)
+{
+    const Py_ssize_t length = PyList_Size(list);
+    size_t end = 0;
+    for (Py_ssize_t index = 0; index < length; index++) {
+        PyObject *item = PyList_GetItem(list, index);
+        codec_late *one = &late[*count];
+        one->offset = PyLong_AsSize_t(PyTuple_GetItem(item, 0));
+        one->room = PyLong_AsSize_t(PyTuple_GetItem(item, 1));
+        if (PyErr_Occurred() != NULL)
+            return false;
+        if (one->room == 0) {
+            self->truncations++;
+            continue;
+        }
+        if (PyObject_GetBuffer(PyTuple_GetItem(item, 2), &one->view, PyBUF_SIMPLE) != 0)
+            return false;
+        ++*count;
+        if (one->offset < end || (size_t)one->view.len > one->room || one->room > self->of.size - one->offset)
+            return PyErr_Format(PyExc_ValueError, "a long array has changed while it was published") != NULL;
+        end = one->offset + one->room;
+    }
+    return true;
+}
+
+/* Where the codec does not know what to do: as the generated class says, which also says what is wrong. */
+static bool put_by_python(Writer *self, PyObject *message, int64_t limit)
+{
+    PyObject *scratch = self->scratch, *list = PyList_New(0), *encode = PyObject_GetAttrString(self->of.kind, "_encode");
+    PyObject *made = NULL;
+    codec_late *late = NULL;
+    size_t count = 0;
+    bool whole = false;
+    self->scratch = NULL;
+    if (scratch == NULL && (scratch = PyByteArray_FromStringAndSize(NULL, (Py_ssize_t)self->of.size)) != NULL)
+        memset(PyByteArray_AsString(scratch), 0, self->of.size);
+    if (scratch != NULL && list != NULL && encode != NULL)
+        made = PyObject_CallFunction(encode, "OOiO", message, scratch, 0, list);
+    if (made != NULL && (late = PyMem_Calloc((size_t)PyList_Size(list) + 1, sizeof *late)) == NULL)
+        PyErr_NoMemory();
+    else if (made != NULL && gather(self, list, late, &count))
+        whole = put(self, (const unsigned char *)PyByteArray_AsString(scratch), late, count, limit);
+    codec_release(late, count);
+    PyMem_Free(late);
+    Py_XDECREF(made);
+    Py_XDECREF(encode);
+    Py_XDECREF(list);
+    if (self->scratch == NULL)
+        self->scratch = scratch;
+    else
+        Py_XDECREF(scratch);
+    return whole;
+}
+
+static bool put_by_codec(Writer *self, PyObject *message, int64_t limit)
+{
+    codec_late late[CODEC_MOST_LATE];
+    size_t count = 0, cuts = 0;
+    unsigned char *bytes = take_room(&self->room, self->of.size);
+    int made;
+    bool whole = false;
+    if (bytes == NULL)
+        return false;
+    made = codec_encode(self->of.codec, message, bytes, late, &count, &cuts);
+    if (made == 0 && (whole = put(self, bytes, late, count, limit)))
+        self->truncations += cuts;
+    codec_release(late, count);
+    give_room(&self->room, bytes);
+    return made > 0 ? put_by_python(self, message, limit) : whole;
+}
+
+/* publish(message, left): `left` are ns of a call that ends then, None: the lock is waited for as the options say. */
+static PyObject *writer_publish(PyObject *object, PyObject *const *arguments, Py_ssize_t count)
+{
+    Writer *self = (Writer *)object;
+    shmgen_link *end = &self->p.end;
+    int64_t limit = end->limit;
+    bool whole;
+    if (count < 1 || count > 2)
+        return PyErr_Format(PyExc_TypeError, "publish() takes a message");
+    if (end->step != SHMGEN_STEP_READY)
+        return refused(&self->of, shmgen_why(self->p.gone));
+    if (count == 2 && arguments[1] != Py_None) {
+        limit = shmgen_limit_within(end, PyLong_AsLongLong(arguments[1]));
+        if (PyErr_Occurred() != NULL)
+            return NULL;
+    }
+    if ((PyObject *)Py_TYPE(arguments[0]) == self->of.kind) {
+        codec_buffer view;
+        if (PyObject_GetBuffer(arguments[0], &view, PyBUF_SIMPLE) != 0)
+            return NULL;
+        whole = put(self, view.buf, NULL, 0, limit);
+        PyBuffer_Release(&view);
+    } else if (self->of.codec != Py_None) {
+        whole = put_by_codec(self, arguments[0], limit);
+    } else {
+        whole = put_by_python(self, arguments[0], limit);
+    }
+    if (!whole)
+        return NULL;
+    Py_RETURN_NONE;
+}
+
+static PyObject *writer_heartbeat(PyObject *object, PyObject *nothing)
+{
+    (void)nothing;
+    return done(&((Writer *)object)->of, shmgen_publisher_heartbeat(&((Writer *)object)->p));
+}
+
+static PyObject *writer_assure(PyObject *object, PyObject *nothing)
+{
+    (void)nothing;
+    return done(&((Writer *)object)->of, shmgen_publisher_assure(&((Writer *)object)->p));
+}
+
+static PyObject *writer_load(PyObject *object, PyObject *place)
+{
+    const Writer *self = (const Writer *)object;
+    return word_of(&self->of, &self->p.end, self->p.gone, place);
+}
+
+static PyObject *writer_is_removed(PyObject *object, PyObject *nothing)
+{
+    const Writer *self = (const Writer *)object;
+    (void)nothing;
+    return removed_of(&self->of, &self->p.end, self->p.gone);
+}
+
+static PyObject *writer_close(PyObject *object, PyObject *nothing)
+{
+    Writer *self = (Writer *)object;
+    (void)nothing;
+    if (!take_turn(&self->turn))
+        return NULL;
+    shmgen_publisher_close(&self->p);
+    self->turn.taken = false;
+    Py_RETURN_NONE;
+}
+
+/* In a forked child: nothing of the parent's is touched, however deep inside it was. */
+static PyObject *writer_disown(PyObject *object, PyObject *nothing)
+{
+    Writer *self = (Writer *)object;
+    (void)nothing;
+    memset(&self->turn, 0, sizeof self->turn);
+    if (self->p.gone != SHMGEN_CLOSED)
+        shmgen_publisher_disown(&self->p);
+    Py_RETURN_NONE;
+}
+
 static void writer_free(PyObject *object)
 {
     Writer *self = (Writer *)object;
-    for (Py_ssize_t number = 0; number < self->count; number++)
-        Py_DECREF(self->steps[number].name);
-    PyMem_Free(self->steps);
+    PyObject_ClearWeakRefs(object);
+    if (self->of.tuple != NULL)
+        shmgen_publisher_close(&self->p);
+    Py_XDECREF(self->of.tuple);
+    PyMem_Free(self->room.bytes);
+    Py_XDECREF(self->scratch);
     object_free(object);
+}
+
+/* --- the reader --------------------------------------------------------------------------------------------- */
+
+typedef struct Reader {
+    PyObject_HEAD
+    PyObject *weak;
+    shmgen_subscriber s;
+    Settings of;
+    Turn turn;
+    Room room;
+    newfunc make;       /* a message without its defaults */
+    PyObject *nothing;  /* () for that */
+    PyObject *lies_in;  /* for long ones: kind.from_buffer */
+} Reader;
+
+static int reader_init(PyObject *object, PyObject *arguments, PyObject *names)
+{
+    Reader *self = (Reader *)object;
+    shmgen_type type;
+    shmgen_options options;
+    shmgen_status status;
+    (void)names;
+    if (!settle(&self->of, arguments))
+        return -1;
+    self->make = (newfunc)PyType_GetSlot((PyTypeObject *)self->of.kind, Py_tp_new);
+    self->nothing = PyTuple_New(0);
+    self->lies_in = PyObject_GetAttrString(self->of.kind, "from_buffer");
+    if (self->make == NULL || self->nothing == NULL || self->lies_in == NULL)
+        return -1;
+    type = type_of(&self->of);
+    options = options_of(&self->of);
+    status = shmgen_subscriber_start(&self->s, self->of.topic, &type, &options);
+    if (status != SHMGEN_OPENING)
+        return refused(&self->of, status), -1;
+    if (self->of.lock_ns >= 0)
+        self->s.end.limit = self->of.lock_ns;
+    return 0;
+}
+
+static PyObject *reader_step(PyObject *object, PyObject *nothing)
+{
+    Reader *self = (Reader *)object;
+    const bool was_open = self->s.end.step == SHMGEN_STEP_READY;
+    const shmgen_status status = shmgen_subscriber_step(&self->s);
+    (void)nothing;
+    if (status == SHMGEN_OK && !was_open && self->of.history)
+        self->s.last = 0;
+    return stepped(&self->of, status, &self->s.end);
+}
+
+/* Reads into bytes of the message's size. The interpreter's lock is given away for a wait only: where the first look did
+ * not do, because the region's lock is needed and not free, or writers were quicker each time. */
+static shmgen_status read_into(Reader *self, void *into, int64_t limit, bool next)
+{
+    shmgen_status (*const read)(shmgen_subscriber *, void *, size_t, int64_t, shmgen_receive) =
+        next ? shmgen_subscriber_read_next : shmgen_subscriber_read;
+    shmgen_status status;
+    if (!take_turn(&self->turn))
+        return SHMGEN_OPENING;
+    status = read(&self->s, into, self->of.size, 0, NULL);
+    if (limit > 0 && (status == SHMGEN_LOCK_TIMEOUT || status == SHMGEN_OVERWRITTEN)) {
+        Py_BEGIN_ALLOW_THREADS
+        status = read(&self->s, into, self->of.size, limit, NULL);
+        Py_END_ALLOW_THREADS
+    }
+    self->turn.taken = false;
+    return status;
+}
+
+/* Whether that is a message; else None, or an error, is to be returned. */
+static bool came(const Settings *of, shmgen_status status)
+{
+    if (status != SHMGEN_OK && status != SHMGEN_NOTHING_NEW && status != SHMGEN_LOCK_TIMEOUT &&
+        status != SHMGEN_OVERWRITTEN && PyErr_Occurred() == NULL)
+        refused(of, status);
+    return status == SHMGEN_OK;
+}
+
+static PyObject *read_long(Reader *self, int64_t limit, bool next)
+{
+    PyObject *data = PyByteArray_FromStringAndSize(NULL, (Py_ssize_t)self->of.size), *message = NULL;
+    if (data == NULL)
+        return NULL;
+    if (came(&self->of, read_into(self, PyByteArray_AsString(data), limit, next)))
+        message = PyObject_CallFunctionObjArgs(self->lies_in, data, NULL);
+    Py_DECREF(data);
+    return message;
+}
+
+static PyObject *read_short(Reader *self, int64_t limit, bool next)
+{
+    PyObject *message = self->make((PyTypeObject *)self->of.kind, self->nothing, NULL);
+    codec_buffer view;
+    bool has_come;
+    if (message == NULL || PyObject_GetBuffer(message, &view, PyBUF_WRITABLE) != 0) {
+        Py_XDECREF(message);
+        return NULL;
+    }
+    has_come = came(&self->of, read_into(self, view.buf, limit, next));
+    PyBuffer_Release(&view);
+    if (has_come)
+        return message;
+    Py_DECREF(message);
+    return NULL;
+}
+
+static PyObject *taken(Reader *self, PyObject *left, bool next)
+{
+    int64_t limit = self->s.end.limit;
+    PyObject *message;
+    if (left != Py_None) {
+        limit = shmgen_limit_within(&self->s.end, PyLong_AsLongLong(left));
+        if (PyErr_Occurred() != NULL)
+            return NULL;
+    }
+    if (self->s.end.step == SHMGEN_STEP_READY && !shmgen_has_unread(&self->s) && !shmgen_is_inherited(&self->s.end))
+        Py_RETURN_NONE; /* without a message made for nothing */
+    message = self->of.size >= LONG_FROM ? read_long(self, limit, next) : read_short(self, limit, next);
+    if (message == NULL && PyErr_Occurred() == NULL)
+        Py_RETURN_NONE;
+    return message;
+}
+
+/* read(left): the newest message, None: there is no unread one, or it cannot be had within so many ns. */
+static PyObject *reader_read(PyObject *object, PyObject *left)
+{
+    return taken((Reader *)object, left, false);
+}
+
+/* The oldest unread one that is still there. */
+static PyObject *reader_next(PyObject *object, PyObject *nothing)
+{
+    (void)nothing;
+    return taken((Reader *)object, Py_None, true);
+}
+
+/* Fills a message that is there already; one of another kind is filled by the codec, or as its class says. */
+static bool fill_other(const Reader *self, const unsigned char *bytes, PyObject *message)
+{
+    int made = self->of.codec != Py_None ? codec_decode(self->of.codec, bytes, message) : 1;
+    PyObject *found = NULL;
+    if (made > 0 && PyErr_Occurred() == NULL)
+        found = PyObject_CallMethod(self->of.kind, "_decode", "y#iO", (const char *)bytes, (Py_ssize_t)self->of.size, 0,
+                                    message);
+    Py_XDECREF(found);
+    return made == 0 || found != NULL;
+}
+
+static PyObject *reader_read_into(PyObject *object, PyObject *message)
+{
+    Reader *self = (Reader *)object;
+    unsigned char *bytes;
+    bool filled = false;
+    if (self->s.end.step == SHMGEN_STEP_READY && !shmgen_has_unread(&self->s) && !shmgen_is_inherited(&self->s.end))
+        Py_RETURN_FALSE;
+    bytes = take_room(&self->room, self->of.size);
+    if (bytes == NULL)
+        return NULL;
+    if (came(&self->of, read_into(self, bytes, self->s.end.limit, false))) {
+        codec_buffer view;
+        if ((PyObject *)Py_TYPE(message) != self->of.kind) {
+            filled = fill_other(self, bytes, message);
+        } else if (PyObject_GetBuffer(message, &view, PyBUF_WRITABLE) == 0) {
+            memcpy(view.buf, bytes, self->of.size);
+            PyBuffer_Release(&view);
+            filled = true;
+        }
+    }
+    give_room(&self->room, bytes);
+    return PyErr_Occurred() != NULL ? NULL : PyBool_FromLong(filled);
+}
+
+/* Opens what wakes it, with the interpreter's lock: a file. */
+static shmgen_status listen_to(Reader *self)
+{
+    shmgen_link *end = &self->s.end;
+    shmgen_status status;
+    if (end->step != SHMGEN_STEP_READY)
+        return shmgen_why(self->s.gone);
+    if (end->event != NULL)
+        return SHMGEN_OK;
+    end->since = shmgen_now();
+    while ((status = shmgen_open_event(end)) == SHMGEN_OPENING)
+        shmgen_pause(SHMGEN_MS);
+    return status;
+}
+
+/* ready(ns): whether there is an unread sample, as soon as there is one or after that time. */
+static PyObject *reader_ready(PyObject *object, PyObject *ns)
+{
+    Reader *self = (Reader *)object;
+    const int64_t wanted = PyLong_AsLongLong(ns), start = shmgen_now();
+    const int64_t end = wanted < INT64_MAX - start ? start + wanted : INT64_MAX;
+    shmgen_status status;
+    if (PyErr_Occurred() != NULL || !take_turn(&self->turn))
+        return NULL;
+    status = listen_to(self);
+    self->turn.taken = false;
+    while (status == SHMGEN_OK && !shmgen_has_unread(&self->s)) {
+        const uint32_t newest = shmgen_load(&self->s.end, SHMGEN_AT(completed));
+        const int64_t left = end - shmgen_now();
+        if (left <= 0)
+            Py_RETURN_FALSE;
+        self->turn.sleepers++;
+        Py_BEGIN_ALLOW_THREADS
+        shmgen_sleep(&self->s, left < SHMGEN_WAKE_MS * SHMGEN_MS ? left : SHMGEN_WAKE_MS * SHMGEN_MS, newest);
+        Py_END_ALLOW_THREADS
+        self->turn.sleepers--;
+        if (PyErr_CheckSignals() != 0)
+            return NULL;
+        status = self->s.end.step == SHMGEN_STEP_READY ? SHMGEN_OK : shmgen_why(self->s.gone);
+    }
+    return status == SHMGEN_OK ? PyBool_FromLong(1) : refused(&self->of, status);
+}
+
+static PyObject *reader_skip(PyObject *object, PyObject *nothing)
+{
+    (void)nothing;
+    shmgen_subscriber_skip(&((Reader *)object)->s);
+    Py_RETURN_NONE;
+}
+
+static PyObject *reader_load(PyObject *object, PyObject *place)
+{
+    const Reader *self = (const Reader *)object;
+    return word_of(&self->of, &self->s.end, self->s.gone, place);
+}
+
+/* Whether a process has claimed the topic. */
+static PyObject *reader_is_claimed(PyObject *object, PyObject *nothing)
+{
+    const Reader *self = (const Reader *)object;
+    (void)nothing;
+    if (self->s.end.step != SHMGEN_STEP_READY)
+        return refused(&self->of, shmgen_why(self->s.gone));
+    return PyBool_FromLong(shmgen_byte_is_locked(&self->s.end, SHMGEN_WRITER_LOCK));
+}
+
+static PyObject *reader_is_removed(PyObject *object, PyObject *nothing)
+{
+    const Reader *self = (const Reader *)object;
+    (void)nothing;
+    return removed_of(&self->of, &self->s.end, self->s.gone);
+}
+
+static PyObject *reader_close(PyObject *object, PyObject *nothing)
+{
+    Reader *self = (Reader *)object;
+    (void)nothing;
+    if (!take_turn(&self->turn))
+        return NULL;
+    self->s.gone = SHMGEN_CLOSED;
+    if (self->s.end.step == SHMGEN_STEP_READY)
+        self->s.end.step = SHMGEN_STEP_CLAIM; /* who sleeps on it sees so, and leaves */
+    self->turn.taken = false;
+    if (!pause_for(&self->turn.sleepers, &self->turn.taken))
+        return NULL;
+    shmgen_subscriber_close(&self->s);
+    Py_RETURN_NONE;
+}
+
+static PyObject *reader_disown(PyObject *object, PyObject *nothing)
+{
+    Reader *self = (Reader *)object;
+    (void)nothing;
+    memset(&self->turn, 0, sizeof self->turn);
+    if (self->s.gone == SHMGEN_CLOSED)
+        Py_RETURN_NONE;
+    shmgen_subscriber_close(&self->s);
+    self->s.gone = SHMGEN_IN_FORKED_CHILD;
+    Py_RETURN_NONE;
 }
 
 static void reader_free(PyObject *object)
 {
-    Py_XDECREF(((Reader *)object)->stamp);
+    Reader *self = (Reader *)object;
+    PyObject_ClearWeakRefs(object);
+    if (self->of.tuple != NULL)
+        shmgen_subscriber_close(&self->s);
+    Py_XDECREF(self->of.tuple);
+    PyMem_Free(self->room.bytes);
+    Py_XDECREF(self->nothing);
+    Py_XDECREF(self->lies_in);
     object_free(object);
 }
 
+/* sleep_any(readers, ns): until a writer of any has something for it; may return early. They are open, and their events:
+ * see ready(). */
+static PyObject *sleep_any(PyObject *module, PyObject *arguments)
+{
+    PyObject *readers;
+    shmgen_subscriber **several;
+    long long ns;
+    Py_ssize_t count;
+    shmgen_status status = SHMGEN_OK;
+    const Reader *last = NULL;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "O!L", &PyTuple_Type, &readers, &ns))
+        return NULL;
+    count = PyTuple_Size(readers);
+    several = PyMem_Malloc((size_t)(count + 1) * sizeof *several);
+    if (several == NULL)
+        return PyErr_NoMemory();
+    for (Py_ssize_t index = 0; index < count; index++) {
+        Reader *reader = (Reader *)PyTuple_GetItem(readers, index);
+        several[index] = &reader->s;
+        if (status == SHMGEN_OK) {
+            status = listen_to(reader);
+            last = reader;
+        }
+    }
+    if (status == SHMGEN_OK) {
+        for (Py_ssize_t index = 0; index < count; index++)
+            ((Reader *)PyTuple_GetItem(readers, index))->turn.sleepers++;
+        Py_BEGIN_ALLOW_THREADS
+        shmgen_sleep_any(several, (size_t)count, ns);
+        Py_END_ALLOW_THREADS
+        for (Py_ssize_t index = 0; index < count; index++)
+            ((Reader *)PyTuple_GetItem(readers, index))->turn.sleepers--;
+    }
+    PyMem_Free(several);
+    if (status != SHMGEN_OK)
+        return refused(&last->of, status);
+    Py_RETURN_NONE;
+}
+
+static PyObject *can_wait_for_many(PyObject *module, PyObject *nothing)
+{
+    (void)module;
+    (void)nothing;
+    return PyBool_FromLong(shmgen_can_wait_for_many());
+}
+
+/* --- the module --------------------------------------------------------------------------------------------- */
+
 static PyMemberDef writer_members[] = {
-    {"_sequence", T_UINT, offsetof(Writer, sequence), 0, NULL},
-    {"_heartbeat", T_UINT, offsetof(Writer, beat), 0, NULL},
-    {"_direct", T_BOOL, offsetof(Writer, direct), 0, NULL},
-    {"_plain", T_BOOL, offsetof(Writer, plain), 0, NULL},
+    {"__weaklistoffset__", T_PYSSIZET, offsetof(Writer, weak), READONLY, NULL},
+    {"sequence", T_UINT, offsetof(Writer, p.sequence), READONLY, NULL},
+    {"lock_misses", T_UINT, offsetof(Writer, p.end.misses), READONLY, NULL},
+    {"doubtful", T_UINT, offsetof(Writer, p.jump), READONLY, NULL},
+    {"pid", T_UINT, offsetof(Writer, of.pid), READONLY, NULL},
+    {"truncations", T_ULONGLONG, offsetof(Writer, truncations), READONLY, NULL},
     {NULL, 0, 0, 0, NULL},
 };
 
 static PyMethodDef writer_methods[] = {
-    {"_connect", writer_connect, METH_VARARGS, NULL},
-    {"_disconnect", writer_disconnect, METH_NOARGS, NULL},
-    {"_straight", writer_straight, METH_NOARGS, NULL},
-    {"_with_late", writer_with_late, METH_O, NULL},
-    {"_at_once", writer_at_once, METH_O, NULL},
+    {"step", writer_step, METH_NOARGS, NULL},
+    {"publish", (PyCFunction)(void (*)(void))writer_publish, METH_FASTCALL, NULL},
+    {"heartbeat", writer_heartbeat, METH_NOARGS, NULL},
+    {"assure", writer_assure, METH_NOARGS, NULL},
+    {"load", writer_load, METH_O, NULL},
+    {"is_removed", writer_is_removed, METH_NOARGS, NULL},
+    {"close", writer_close, METH_NOARGS, NULL},
+    {"disown", writer_disown, METH_NOARGS, NULL},
     {NULL, NULL, 0, NULL},
 };
 
 static PyMemberDef reader_members[] = {
-    {"_last", T_UINT, offsetof(Reader, last), 0, NULL},
-    {"_missed", T_ULONGLONG, offsetof(Reader, missed), 0, NULL},
-    {"_stamp", T_OBJECT, offsetof(Reader, stamp), 0, NULL},
-    {"_event_at", T_ULONGLONG, offsetof(Reader, event), 0, NULL},
+    {"__weaklistoffset__", T_PYSSIZET, offsetof(Reader, weak), READONLY, NULL},
+    {"sequence", T_UINT, offsetof(Reader, s.sequence), READONLY, NULL},
+    {"last", T_UINT, offsetof(Reader, s.last), READONLY, NULL},
+    {"stamp", T_ULONGLONG, offsetof(Reader, s.stamp), READONLY, NULL},
+    {"missed", T_ULONGLONG, offsetof(Reader, s.missed), READONLY, NULL},
+    {"lock_misses", T_UINT, offsetof(Reader, s.end.misses), READONLY, NULL},
+    {"pid", T_UINT, offsetof(Reader, of.pid), READONLY, NULL},
     {NULL, 0, 0, 0, NULL},
 };
 
 static PyMethodDef reader_methods[] = {
-    {"_connect", reader_connect, METH_VARARGS, NULL},
-    {"_disconnect", reader_disconnect, METH_NOARGS, NULL},
-    {"_straight", reader_straight, METH_O, NULL},
-    {"_doze", reader_doze, METH_VARARGS, NULL},
-    {"_doze_all", readers_doze, METH_VARARGS | METH_CLASS, NULL},
+    {"step", reader_step, METH_NOARGS, NULL},
+    {"read", reader_read, METH_O, NULL},
+    {"next", reader_next, METH_NOARGS, NULL},
+    {"read_into", reader_read_into, METH_O, NULL},
+    {"ready", reader_ready, METH_O, NULL},
+    {"skip", reader_skip, METH_NOARGS, NULL},
+    {"load", reader_load, METH_O, NULL},
+    {"is_removed", reader_is_removed, METH_NOARGS, NULL},
+    {"is_claimed", reader_is_claimed, METH_NOARGS, NULL},
+    {"close", reader_close, METH_NOARGS, NULL},
+    {"disown", reader_disown, METH_NOARGS, NULL},
     {NULL, NULL, 0, NULL},
 };
 
 static PyType_Slot writer_slots[] = {
+    {Py_tp_init, (void *)writer_init},
     {Py_tp_members, writer_members},
     {Py_tp_methods, writer_methods},
     {Py_tp_dealloc, (void *)writer_free},
@@ -728,6 +813,7 @@ static PyType_Slot writer_slots[] = {
 };
 
 static PyType_Slot reader_slots[] = {
+    {Py_tp_init, (void *)reader_init},
     {Py_tp_members, reader_members},
     {Py_tp_methods, reader_methods},
     {Py_tp_dealloc, (void *)reader_free},
@@ -735,8 +821,8 @@ static PyType_Slot reader_slots[] = {
 };
 
 static PyType_Spec specifications[] = {
-    {"shmgen._core.Writer", (int)sizeof(Writer), 0, Py_TPFLAGS_DEFAULT | Py_TPFLAGS_BASETYPE, writer_slots},
-    {"shmgen._core.Reader", (int)sizeof(Reader), 0, Py_TPFLAGS_DEFAULT | Py_TPFLAGS_BASETYPE, reader_slots},
+    {"shmgen._core.Writer", (int)sizeof(Writer), 0, Py_TPFLAGS_DEFAULT, writer_slots},
+    {"shmgen._core.Reader", (int)sizeof(Reader), 0, Py_TPFLAGS_DEFAULT, reader_slots},
 };
 
 static int fill(PyObject *module)
@@ -749,33 +835,26 @@ static int fill(PyObject *module)
             return -1;
         }
     }
+    if (codec_fill(module) != 0)
+        return -1;
     return PyModule_AddIntConstant(module, "ABI", SHMGEN_ABI);
 }
 
-/* A full barrier, on every machine. */
-static PyObject *fence(PyObject *module, PyObject *nothing)
+/* Takes the function that makes an error of a status. */
+static PyObject *explain_by(PyObject *module, PyObject *function)
 {
+    PyObject *former = explainer;
     (void)module;
-    (void)nothing;
-    __atomic_thread_fence(__ATOMIC_SEQ_CST);
+    Py_INCREF(function);
+    explainer = function;
+    Py_XDECREF(former);
     Py_RETURN_NONE;
 }
 
-/* Whether _doze_all() of readers can sleep. A kernel that knows the call says that none at all is too few. */
-static PyObject *has_many(PyObject *module, PyObject *nothing)
-{
-    (void)module;
-    (void)nothing;
-#ifdef HAS_MANY
-    return PyBool_FromLong(syscall(SYS_futex_waitv, NULL, 0, 0, NULL, CLOCK_MONOTONIC) != 0 && errno == EINVAL);
-#else
-    Py_RETURN_FALSE;
-#endif
-}
-
 static PyMethodDef functions[] = {
-    {"fence", fence, METH_NOARGS, NULL},
-    {"has_many", has_many, METH_NOARGS, NULL},
+    {"explain_by", explain_by, METH_O, NULL},
+    {"sleep_any", sleep_any, METH_VARARGS, NULL},
+    {"can_wait_for_many", can_wait_for_many, METH_NOARGS, NULL},
     {NULL, NULL, 0, NULL},
 };
 

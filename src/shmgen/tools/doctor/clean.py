@@ -11,7 +11,7 @@ from shmgen.runtime import region_name
 from shmgen.runtime.errors import PermissionDenied, RegionMissing
 from shmgen.runtime.region import header as h
 from shmgen.runtime.region.names import event_name, region_file, semaphore_file
-from shmgen.runtime.region.opening import foreign
+from shmgen.runtime.region.looks import foreign
 
 _WATCH = 0.25
 """Seconds within which a PLC that runs counts its heartbeat up, also with a slow task."""

@@ -1,0 +1,35 @@
+"""Turns a publisher, a subscriber or a topic into the region behind it, as another process has it: words to look at and
+to change, its lock, its record locks."""
+
+from __future__ import annotations
+
+import io
+import mmap
+import os
+from typing import Any
+
+from shmgen.runtime.reference.region import Region
+from shmgen.runtime.reference.semaphores import NoSemaphore, PosixSemaphore
+from shmgen.runtime.region.looks import peek
+from shmgen.runtime.region.names import region_file, region_name, semaphore_file
+
+
+class Opened(Region):
+    """Closed when nobody has it any more; a claim on the topic stays whose it is."""
+
+    name: str
+
+    def __del__(self) -> None:
+        self.pid = 0
+        self.close()
+
+
+def region_of(side: Any) -> Opened:
+    topic = side if isinstance(side, str) else side.topic
+    name = region_name(topic)
+    file = io.FileIO(os.open(region_file(name), os.O_RDWR | os.O_CLOEXEC), "r+b")
+    header = peek(file.fileno())
+    locked = os.path.exists(semaphore_file(name))
+    made = Opened(file, mmap.mmap(file.fileno(), header.size), header, PosixSemaphore("/" + name) if locked else NoSemaphore())
+    made.name = name
+    return made
