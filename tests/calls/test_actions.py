@@ -21,6 +21,7 @@ from shm_service.cell_msgs.action import (
 from shmgen import runtime
 from shmgen.runtime import action_server
 from shmgen.runtime.region import header as h
+from tests.support.region_of import region_of
 
 SERVE = """
 def move(goal):

@@ -25,8 +25,9 @@ from shm_service.cell_msgs.srv import (
 
 from shmgen import runtime
 from shmgen.runtime import calls
-from shmgen.runtime.region import header as h
 from shmgen.runtime.reference import lock
+from shmgen.runtime.region import header as h
+from tests.support.region_of import region_of
 
 from ..support.tracing import traced
 

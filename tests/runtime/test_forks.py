@@ -14,8 +14,8 @@ import pytest
 
 from shmgen import runtime
 from shmgen.runtime import publisher as publishing
-from shmgen.runtime.region import header as h
 from shmgen.runtime.reference.region import REPAIR_LOCK
+from shmgen.runtime.region import header as h
 from shmgen.runtime.region import holders
 from shmgen.runtime.region.looks import _FLOCK
 

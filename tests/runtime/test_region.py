@@ -14,11 +14,11 @@ import posix_ipc
 import pytest
 
 from shmgen import runtime
-from shmgen.runtime.region import header as h
 from shmgen.runtime.reference import opening
-from shmgen.runtime.region.access import RegionOptions
 from shmgen.runtime.reference.opening import _complete_header, open_region
 from shmgen.runtime.reference.region import REPAIR_LOCK, WRITER_LOCK
+from shmgen.runtime.region import header as h
+from shmgen.runtime.region.access import RegionOptions
 
 from .messages import Pose, PosePublisher, PoseSubscriber, Scan, ScanSubscriber, pose
 

@@ -16,11 +16,11 @@ import pytest
 
 from shmgen import runtime
 from shmgen.runtime.errors import RegionUnusable
-from shmgen.runtime.region import header as h
 from shmgen.runtime.reference import opening
+from shmgen.runtime.reference.lock import Lock
+from shmgen.runtime.region import header as h
 from shmgen.runtime.region import names
 from shmgen.runtime.region.access import RegionOptions
-from shmgen.runtime.reference.lock import Lock
 
 from ..conftest import REPOSITORY
 from ..support import machine

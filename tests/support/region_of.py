@@ -15,13 +15,16 @@ from shmgen.runtime.region.names import region_file, region_name, semaphore_file
 
 
 class Opened(Region):
-    """Closed when nobody has it any more; a claim on the topic stays whose it is."""
+    """Its file is closed when nobody has it any more."""
 
     name: str
 
+    def sample(self, number: int) -> slice:
+        """Where sample `number` lies, the header of its slot first."""
+        return slice(self.slot(number), self.payload(number).stop)
+
     def __del__(self) -> None:
-        self.pid = 0
-        self.close()
+        self._file.close()
 
 
 def region_of(side: Any) -> Opened:
@@ -30,6 +33,8 @@ def region_of(side: Any) -> Opened:
     file = io.FileIO(os.open(region_file(name), os.O_RDWR | os.O_CLOEXEC), "r+b")
     header = peek(file.fileno())
     locked = os.path.exists(semaphore_file(name))
-    made = Opened(file, mmap.mmap(file.fileno(), header.size), header, PosixSemaphore("/" + name) if locked else NoSemaphore())
+    made = Opened(
+        file, mmap.mmap(file.fileno(), header.size), header, PosixSemaphore("/" + name) if locked else NoSemaphore()
+    )
     made.name = name
     return made

@@ -21,10 +21,11 @@ import shmgen.tools.doctor.clean
 import shmgen.tools.watch.screen
 import shmgen.tools.watch.topics  # noqa: F401 nobody() may not be able to read them
 from shmgen.runtime import RegionUnusable, region_name
-from shmgen.runtime.region import header as h
 from shmgen.runtime.reference import memory_order
-from shmgen.runtime.region.access import RegionOptions
 from shmgen.runtime.reference.opening import open_region
+from shmgen.runtime.region import header as h
+from shmgen.runtime.region.access import RegionOptions
+from tests.support.region_of import region_of
 
 from ..runtime.messages import PosePublisher
 from ..support.command import run
