@@ -10,10 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from shmgen.runtime import region_name
+from shmgen.runtime import engine, region_name
 from shmgen.runtime.reference import claim, lock, writer
 
 from ..support import engines, machine
+from .messages import WHY_NOT
 
 HERE = Path(__file__).parent
 
@@ -30,8 +31,17 @@ def semaphore_file(topic):
 
 @pytest.fixture
 def in_python(monkeypatch):
-    """Publishers and subscribers are of the reference."""
+    """Publishers and subscribers are of the reference, here and in processes that a test starts."""
     engines.use_python(monkeypatch)
+    monkeypatch.setenv("SHMGEN_PURE", "1")
+
+
+@pytest.fixture(params=["Python", pytest.param("C", marks=pytest.mark.skipif(not engine.IN_C, reason=WHY_NOT))])
+def each_engine(request):
+    """Each of the two."""
+    if request.param == "Python":
+        request.getfixturevalue("in_python")
+    return request.param
 
 
 @pytest.fixture
