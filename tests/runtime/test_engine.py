@@ -57,7 +57,7 @@ ODD = (0.0, -0.5, 1e-50, 3.4e38, 3.5e38, 1e300, math.inf, -math.inf, math.nan, T
 
 def test_it_is_not_older_than_its_source() -> None:
     made = Path(sys.modules["shmgen._core"].__file__).stat().st_mtime
-    sources = [*(REPOSITORY / "src/shmgen/runtime").glob("*.[ch]"), *(REPOSITORY / "templates/c").glob("*.h")]
+    sources = [*(REPOSITORY / "src/shmgen/runtime/extension").glob("*.[ch]"), *(REPOSITORY / "templates/c").glob("*.h")]
     assert made >= max(source.stat().st_mtime for source in sources), "pip install -e . makes it anew"
 
 

@@ -83,7 +83,7 @@ def until(said):
 
 
 def doze_all(subscribers, ns):
-    """Whether it slept for longer than who polls would, or was woken."""
+    """How many seconds it slept."""
     before = time.monotonic()
     engine.sleep_any(tuple(one._end for one in subscribers), ns)
     return time.monotonic() - before

@@ -12,7 +12,6 @@ from pathlib import Path
 import pytest
 
 from shmgen.runtime.region import header as h
-from tests.support.region_of import region_of
 
 from ..runtime.messages import PosePublisher
 from ..support import machine

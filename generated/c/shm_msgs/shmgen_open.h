@@ -77,6 +77,8 @@ static inline shmgen_status shmgen_link_start(
     status = shmgen_name_region(link, topic);
     if (status != SHMGEN_OK)
         return status;
+    if (options != NULL && options->mode > 0777)
+        return SHMGEN_MODE_INVALID;
     if (depth > SHMGEN_MAX_DEPTH)
         return SHMGEN_DEPTH_INVALID;
     if (limit > 1000000)
@@ -209,16 +211,11 @@ static inline void shmgen_write_header(shmgen_link *link)
 /* Makes the page that a forked child finds empty, where Linux has that (4.14) and the C library shows it. */
 static inline void shmgen_mark(shmgen_link *link)
 {
-#ifdef MAP_ANONYMOUS
-    void *page = mmap(NULL, SHMGEN_PAGE, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
-    if (page == MAP_FAILED)
+    link->mine = (unsigned char *)shmgen_memory(SHMGEN_PAGE);
+    if (link->mine == NULL)
         return;
-    link->mine = (unsigned char *)page;
     link->mine[0] = 1;
-    (void)madvise(page, SHMGEN_PAGE, 18); /* MADV_WIPEONFORK, which older headers do not name */
-#else
-    (void)link;
-#endif
+    (void)madvise(link->mine, SHMGEN_PAGE, 18); /* MADV_WIPEONFORK, which older headers do not name */
 }
 
 /* The file is known and of a size: its header, checked before anything of it is mapped. */

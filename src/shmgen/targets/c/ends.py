@@ -10,7 +10,8 @@ from shmgen.targets.c.names import c_member, ends_header, header, struct_name
 from shmgen.targets.c.text import in_comment, quoted
 from shmgen.targets.counts import bound, counts
 
-RUNTIME = ("status", "link", "access", "lock", "open", "publisher", "subscriber", "runtime", "block", "block_calls")
+RUNTIME = ("status", "link", "access", "lock", "open", "publisher", "subscriber", "borrow", "wait_any", "runtime",
+           "block", "block_calls")  # fmt: skip
 """Written by hand, in templates/c; each needs those before it. The last two are for function blocks of a PLC in C."""
 
 

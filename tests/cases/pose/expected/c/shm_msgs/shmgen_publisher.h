@@ -11,7 +11,7 @@
 extern "C" {
 #endif
 
-/* For one thread at a time. `end.misses` counts locks not free in time, `end.refused` messages that did not fit. */
+/* For one thread at a time. */
 typedef struct shmgen_publisher {
     shmgen_link end;
     shmgen_status gone; /* what calls say once it is not open */
@@ -168,6 +168,24 @@ static inline shmgen_status shmgen_publisher_assure(shmgen_publisher *self)
     return shmgen_load(&self->end, SHMGEN_AT(writer)) == self->end.pid ? SHMGEN_OK : shmgen_lose(self);
 }
 
+/* The field that did not fit in the last message published, `points[3].label`; empty: all did. */
+static inline const char *shmgen_publisher_rejected(const shmgen_publisher *self)
+{
+    return shmgen_path_text(&self->path);
+}
+
+/* Messages that did not fit. */
+static inline uint32_t shmgen_publisher_refused(const shmgen_publisher *self)
+{
+    return self->end.refused;
+}
+
+/* How often the lock was not free in time. */
+static inline uint32_t shmgen_publisher_lock_misses(const shmgen_publisher *self)
+{
+    return self->end.misses;
+}
+
 /* Tells readers that the writer lives, without a sample. */
 static inline shmgen_status shmgen_publisher_heartbeat(shmgen_publisher *self)
 {
@@ -201,24 +219,13 @@ static inline shmgen_status shmgen_publisher_enter(shmgen_publisher *self, int64
     return self->inside != 0 || shmgen_may_go_on(end) ? SHMGEN_OK : SHMGEN_LOCK_TIMEOUT;
 }
 
-/* Begins the next sample: *payload is where its bytes go, which are then the region's own, with what an older sample
- * has left there. Behind it comes complete or cancel; a second begin before is SHMGEN_MISUSED. `limit` is in ns, 0 = one
- * try, without a system call. SHMGEN_LOCK_TIMEOUT: the lock was not free, on a machine that needs it. */
-static inline shmgen_status shmgen_publisher_begin(shmgen_publisher *self, int64_t limit, void **payload)
+/* The second half of begin, behind shmgen_publisher_enter(): says which sample is being written, and where it goes. */
+static inline shmgen_status shmgen_publisher_place(shmgen_publisher *self, void **payload)
 {
     shmgen_link *end = &self->end;
     const uint32_t number = shmgen_after(end, self->sequence, 1);
     const size_t slot = shmgen_slot_of(end, number);
-    shmgen_status status;
     uint64_t stamp;
-    if (end->step == SHMGEN_STEP_READY) {
-        shmgen_fetch(end->base + slot);
-        if (end->slot_size > SHMGEN_SLOT_STEP)
-            shmgen_fetch(end->base + slot + SHMGEN_SLOT_STEP);
-    }
-    status = shmgen_publisher_enter(self, limit);
-    if (status != SHMGEN_OK)
-        return status;
     if (shmgen_load(end, SHMGEN_AT(writer)) != end->pid)
         return shmgen_lose(self);
     self->number = number;
@@ -233,6 +240,23 @@ static inline shmgen_status shmgen_publisher_begin(shmgen_publisher *self, int64
     shmgen_store(end, slot + offsetof(shmgen_slot, number), number);
     *payload = end->base + slot + SHMGEN_SLOT_HEADER;
     return SHMGEN_OK;
+}
+
+/* Begins the next sample: *payload is where its bytes go, which are then the region's own, with what an older sample
+ * has left there. Behind it comes complete or cancel; a second begin before is SHMGEN_MISUSED. `limit` is in ns, 0 = one
+ * try, without a system call. SHMGEN_LOCK_TIMEOUT: the lock was not free, on a machine that needs it. */
+static inline shmgen_status shmgen_publisher_begin(shmgen_publisher *self, int64_t limit, void **payload)
+{
+    shmgen_link *end = &self->end;
+    shmgen_status status;
+    if (end->step == SHMGEN_STEP_READY) {
+        const size_t slot = shmgen_slot_of(end, shmgen_after(end, self->sequence, 1));
+        shmgen_fetch(end->base + slot);
+        if (end->slot_size > SHMGEN_SLOT_STEP)
+            shmgen_fetch(end->base + slot + SHMGEN_SLOT_STEP);
+    }
+    status = shmgen_publisher_enter(self, limit);
+    return status == SHMGEN_OK ? shmgen_publisher_place(self, payload) : status;
 }
 
 /* Gives up what begin began; its number is used for the next. */

@@ -764,7 +764,7 @@ static PyMemberDef writer_members[] = {
     {"__weaklistoffset__", T_PYSSIZET, offsetof(Writer, weak), READONLY, NULL},
     {"sequence", T_UINT, offsetof(Writer, p.sequence), 0, NULL},
     {"lock_misses", T_UINT, offsetof(Writer, p.end.misses), READONLY, NULL},
-    {"doubtful", T_UINT, offsetof(Writer, p.jump), READONLY, NULL},
+    {"doubtful", T_UINT, offsetof(Writer, p.jump), 0, NULL},
     {"pid", T_UINT, offsetof(Writer, of.pid), READONLY, NULL},
     {"truncations", T_ULONGLONG, offsetof(Writer, truncations), READONLY, NULL},
     {NULL, 0, 0, 0, NULL},
