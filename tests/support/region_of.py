@@ -14,8 +14,15 @@ from shmgen.runtime.region.looks import peek
 from shmgen.runtime.region.names import region_file, region_name, semaphore_file
 
 
+class File(io.FileIO):
+    """Closed when nobody has it any more."""
+
+    def __del__(self) -> None:
+        self.close()
+
+
 class Opened(Region):
-    """Its file is closed when nobody has it any more."""
+    """Lasts as long as somebody has it, or its words."""
 
     name: str
 
@@ -23,14 +30,11 @@ class Opened(Region):
         """Where sample `number` lies, the header of its slot first."""
         return slice(self.slot(number), self.payload(number).stop)
 
-    def __del__(self) -> None:
-        self._file.close()
-
 
 def region_of(side: Any) -> Opened:
     topic = side if isinstance(side, str) else side.topic
     name = region_name(topic)
-    file = io.FileIO(os.open(region_file(name), os.O_RDWR | os.O_CLOEXEC), "r+b")
+    file = File(os.open(region_file(name), os.O_RDWR | os.O_CLOEXEC), "r+b")
     header = peek(file.fileno())
     locked = os.path.exists(semaphore_file(name))
     made = Opened(

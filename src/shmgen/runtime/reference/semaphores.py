@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from types import BuiltinMethodType
 from typing import Protocol
 
@@ -59,7 +60,8 @@ class PosixSemaphore:
         return True
 
     def close(self) -> None:
-        self._inner.close()
+        with suppress(posix_ipc.ExistentialError):  # closed already, in the middle of a close that was forked
+            self._inner.close()
 
 
 class NoSemaphore:
