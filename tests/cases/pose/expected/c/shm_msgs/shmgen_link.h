@@ -169,6 +169,13 @@ static inline int64_t shmgen_now(void)
     return (int64_t)now.tv_sec * INT64_C(1000000000) + (int64_t)now.tv_nsec;
 }
 
+/* So many ns from now by that clock, INT64_MAX where that is beyond its end. */
+static inline int64_t shmgen_until(int64_t ns)
+{
+    const int64_t now = shmgen_now();
+    return ns < INT64_MAX - now ? now + ns : INT64_MAX;
+}
+
 /* ns since 1970. */
 static inline uint64_t shmgen_wall(void)
 {
