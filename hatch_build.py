@@ -1,6 +1,6 @@
 """Two hooks of hatchling: what is compiled for each wheel, and README.md as PyPI shows it.
 
-The first turns core.c and codec.c of src/shmgen/runtime into the extension that publish and read are quicker with, and
+The first turns core.c and codec.c of src/shmgen/runtime/extension into the extension that publish and read are quicker with, and
 for shmgen itself bridge/codec/transcode.c into that of the bridge, and the templates into Python. It is called for each wheel, of
 shmgen and of packaging/shmgen-runtime, and each editable installation, which reads its templates as they are. Nothing
 depends on the extensions: without a compiler, without Python's headers, and with SHMGEN_PURE set, there are none.
@@ -31,7 +31,7 @@ HERE = Path(__file__).resolve().parent
 SOURCES = HERE / "src" / "shmgen"
 HEADERS = HERE / "templates" / "c"
 """The engine; `shmgen.h`, which all of it includes, is printed from shmgen/core/abi.py."""
-RUNTIME = {"_core.abi3.so": ("runtime/core.c", "runtime/codec.c")}
+RUNTIME = {"_core.abi3.so": ("runtime/extension/core.c", "runtime/extension/codec.c")}
 ALL = RUNTIME | {"_transcode.abi3.so": ("bridge/codec/transcode.c",)}
 LIMITED = (3, 10)
 """The oldest Python that the binary runs on; so it does on all later ones."""

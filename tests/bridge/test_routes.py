@@ -27,6 +27,7 @@ from shmgen.live.classes import publisher, subscriber
 from shmgen.live.session import Session
 from shmgen.runtime import Publisher, Subscriber, Time, region_name
 from shmgen.runtime.region.names import region_file
+from tests.support.region_of import region_of
 
 PATH = """
 std_msgs/Header header

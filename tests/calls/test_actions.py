@@ -21,6 +21,7 @@ from shm_service.cell_msgs.action import (
 from shmgen import runtime
 from shmgen.runtime import action_server
 from shmgen.runtime.region import header as h
+from tests.support.region_of import region_of
 
 SERVE = """
 def move(goal):
@@ -289,7 +290,7 @@ def test_where_a_claim_is_in_doubt_goals_are_skip_stale_once_more(topic, monkeyp
     class Doubtful(getattr(MoveActionServer, half)):
         def __init__(self, *arguments, **options):
             super().__init__(*arguments, **options)
-            self._claim_doubtful = True
+            self._end.doubtful = 1
 
     times = []
     monkeypatch.setattr(action_server, "skip_stale", times.append)

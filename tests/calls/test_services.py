@@ -25,8 +25,10 @@ from shm_service.cell_msgs.srv import (
 
 from shmgen import runtime
 from shmgen.runtime import calls
+from shmgen.runtime.reference import lock, writer
 from shmgen.runtime.region import header as h
-from shmgen.runtime.reference import lock
+from tests.support.engines import use_python
+from tests.support.region_of import region_of
 
 from ..support.tracing import traced
 
@@ -511,7 +513,7 @@ def test_where_a_claim_is_in_doubt_requests_are_skip_stale_once_more(topic, monk
     class Doubtful(StartServer.reply_publisher):
         def __init__(self, *arguments, **options):
             super().__init__(*arguments, **options)
-            self._claim_doubtful = True
+            self._end.doubtful = 1
 
     times = []
     monkeypatch.setattr("shmgen.runtime.server.skip_stale", times.append)
@@ -527,13 +529,14 @@ def test_where_a_claim_is_in_doubt_requests_are_skip_stale_once_more(topic, monk
 
 @pytest.fixture
 def on_arm(monkeypatch):
-    monkeypatch.setattr(lock, "keeps_order", lambda: False)
+    use_python(monkeypatch)
+    for module in (lock, writer):
+        monkeypatch.setattr(module, "keeps_order", lambda: False)
 
 
 def leave_locked(side, holder):
     """As a process killed inside leaves it."""
     assert region_of(side).semaphore.acquire()
-    side._lock.forget()
     region_of(side).words[h.LOCK_COUNT] += 1
     region_of(side).words[h.LOCK_HOLDER] = holder
 
@@ -575,9 +578,9 @@ def test_a_server_that_begins_while_somebody_has_the_lock_serves_no_old_call(top
             client.send(request())
             assert before.take() is not None
         semaphore = region_of(client._calls._requests).semaphore
-        assert semaphore.acquire(False)
+        assert semaphore.acquire()
         with StartServer(topic) as server:
-            semaphore.release()
+            semaphore.post()
             assert server.take() is None
 
 
@@ -596,7 +599,7 @@ def test_a_call_that_finds_no_free_lock_ends_in_its_time(topic):
 def test_an_answer_that_waits_for_the_lock_gives_way_to_a_newer_call(topic):
     with StartServer(topic, lock_timeout=0) as server, StartClient(topic) as client:
         leave_locked(server._calls._responses, h.PLC)
-        server._calls._responses._lock._since += 3600
+        server._calls._responses._end.lock._since -= 3600
         asked = []
 
         def handler(request):

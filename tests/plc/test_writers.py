@@ -23,8 +23,9 @@ import pytest
 from shmgen.core.model import TypeName
 from shmgen.runtime import ClaimLost, LayoutMismatch, RegionInUse
 from shmgen.runtime.reference import lock, opening
-from shmgen.runtime.region import header
 from shmgen.runtime.reference.claim import WATCH
+from shmgen.runtime.region import header
+from tests.support.region_of import region_of
 
 from ..conftest import REPOSITORY
 from ..softplc import Block

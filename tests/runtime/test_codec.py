@@ -27,12 +27,11 @@ from shmgen.core.model import TypeName, TypeOptions
 from shmgen.generator import pipeline
 from shmgen.runtime import engine
 from shmgen.runtime.messages.message import CUT, LATE_FROM
-from shmgen.runtime.messages.plan import codec, plan
+from shmgen.runtime.messages.plan import plan
 from tests.conftest import REPOSITORY
 from tests.support import build, schemas
 
 from .messages import WHY_NOT, Scan
-from .test_straight import EDGES, ODD, SEQUENCES
 
 numpy = pytest.importorskip("numpy")
 pytestmark = pytest.mark.skipif(not engine.IN_C, reason=WHY_NOT)
@@ -61,36 +60,62 @@ class Small(IntEnum):
     ONE = 1
 
 
-class Odd:
+def odd(**given: Any) -> Any:
     """With whatever attributes, or methods of Python's, it is given."""
-
-    def __new__(cls, **given: Any) -> Any:
-        made = super().__new__(type("Odd", (cls,), given))
-        return made
+    return type("Odd", (SimpleNamespace,), given)()
 
 
 ODD = (
     *(True, False, None, "1", b"1", [1], 1j, Small.ONE, type("Own", (float,), {})(1.5), type("Own", (int,), {})(7)),
     *(numpy.float64(1.5), numpy.float32(1.5), numpy.int64(7), numpy.uint8(200), numpy.bool_(True), numpy.array(3)),
-    *(Odd(__index__=lambda _: 5), Odd(__float__=lambda _: 2.5), Odd(__index__=lambda _: 1 // 0)),
+    *(odd(__index__=lambda _: 5), odd(__float__=lambda _: 2.5), odd(__index__=lambda _: 1 // 0)),
 )
 SEQUENCES = (
     *([], [1], (1, 0, 1), [1, 0, 1, 0], (1,) * 5, [True, False, True], b"", b"abc", bytearray(b"abcd"), b"abcde"),
-    *(memoryview(b"abcdef")[::2], memoryview(bytes(8)).cast("B", (2, 2, 2)), array.array("B"), range(3), "abc", None, 7),
+    *(
+        memoryview(b"abcdef")[::2],
+        memoryview(bytes(8)).cast("B", (2, 2, 2)),
+        array.array("B"),
+        range(3),
+        "abc",
+        None,
+        7,
+    ),
     *(array.array(code, [1, 2, 3]) for code in "bBhHiIlLqQfd"),
     *(memoryview(array.array("d", range(6)))[::2], (3 * ctypes.c_double)(1, 2, 3), (3 * ctypes.c_bool)(1, 0, 1)),
     *((4 * ctypes.c_char)(b"a"), ctypes.c_uint8(7), {1: 2, 3: 4, 5: 6}, {1, 2, 3}, [[1], [2], [3]], [1, 2, Small.ONE]),
     *(numpy.array(value) for value in ([[1, 2], [3, 4]], [True, False, True], 7, [], [1.5, 2, 3], [1, 2, 3])),
     *(numpy.array([1, 2, 3]).astype(code) for code in ("f4", "f8", "i4", "u4", "u1", "i8", ">i4", ">f8", "f2", "O")),
-    *(numpy.arange(12, dtype="u2")[::4], numpy.asfortranarray(numpy.arange(4.0).reshape(2, 2)), numpy.matrix([1.0, 2.0])),
+    *(
+        numpy.arange(12, dtype="u2")[::4],
+        numpy.asfortranarray(numpy.arange(4.0).reshape(2, 2)),
+        numpy.ma.array([1.0, 2.0, 3.0]),
+    ),
 )
 TEXTS = (
     *("", "bow", "01234567", "012345678", "gr\xfc\xdf", "0123456\xe9", "01234567\xe9", "\N{SNOWMAN}" * 3, "a\0b", "\0"),
-    *("\ud800", "abc\udfff", "\N{GRINNING FACE}" * 2, "0123456\N{GRINNING FACE}", "\N{GRINNING FACE}" * 5, b"abc", None, 7),
+    *(
+        "\ud800",
+        "abc\udfff",
+        "\N{GRINNING FACE}" * 2,
+        "0123456\N{GRINNING FACE}",
+        "\N{GRINNING FACE}" * 5,
+        b"abc",
+        None,
+        7,
+    ),
     *(type("Own", (str,), {})("own"), numpy.str_("numpy"), bytearray(b"a"), ["a"]),
 )
 TIMES = (
-    *((0, 0), (1, 0), (-1, 0), (0, 1), (4_294_967, 295_999_999), (4_294_967, 296_000_000), (1_800_000_000, 123_456_789)),
+    *(
+        (0, 0),
+        (1, 0),
+        (-1, 0),
+        (0, 1),
+        (4_294_967, 295_999_999),
+        (4_294_967, 296_000_000),
+        (1_800_000_000, 123_456_789),
+    ),
     *((2**31 - 1, 10**9 - 1), (2**31, 0), (-(2**31), 0), (18_446_744_073, 709_551_615), (18_446_744_073, 709_551_616)),
     *((2**62, 0), (2**64, 0), (0, 2**32 - 1), (0, 2**32), (0, -1), (5, -1), (0, 10**12), (1.5, 0), ("1", 0), (None, 0)),
     *((True, False), (numpy.int64(3), numpy.int64(4)), (Small.ONE, 1)),
@@ -101,7 +126,7 @@ class Ways:
     """Both ways of one class, and that they agree."""
 
     def __init__(self, kind: Any) -> None:
-        self.kind, self.codec = kind, codec(kind)
+        self.kind, self.codec = kind, engine.codec(kind)
         assert self.codec is not None
         self.size = ctypes.sizeof(kind)
 
@@ -132,7 +157,7 @@ class Ways:
 
     def decode(self, data: bytes, message: Any) -> bool:
         """Whether it was for C, into a copy of `message`."""
-        quick, wanted = copy.deepcopy(message), copy.deepcopy(message)
+        quick, wanted = copied(message), copied(message)
         done = self.codec.decode(data, quick)
         try:
             self.kind._decode(data, 0, wanted)
@@ -160,17 +185,44 @@ def same(one: Any, other: Any, path: str = "") -> None:
             assert vars(one).keys() == vars(other).keys(), path
             for name in vars(one):
                 same(getattr(one, name), getattr(other, name), f"{path}.{name}")
-        case array.array() | numpy.ndarray():
-            assert (memoryview(one).format, one.tobytes()) == (memoryview(other).format, other.tobytes()), path
-            assert memoryview(one).shape == memoryview(other).shape
+        case numpy.ndarray():
+            assert (one.dtype, one.shape, one.tobytes()) == (other.dtype, other.shape, other.tobytes()), path
+        case array.array():
+            assert (one.typecode, one.tobytes()) == (other.typecode, other.tobytes()), path
         case _:
             assert repr(one) == repr(other), path
+
+
+def copied(value: Any) -> Any:
+    """Of all that a decoder may set something in."""
+    if isinstance(value, SimpleNamespace):
+        made = type(value)()
+        vars(made).update({name: copied(item) for name, item in vars(value).items()})
+        return made
+    if isinstance(value, ctypes.Structure):
+        return copy.deepcopy(value)
+    return [copied(item) for item in value] if type(value) is list else value
+
+
+def constructible(value: Any) -> Any:
+    """The same message where those in lists are of classes that can be called without arguments, as ROS's are."""
+    if isinstance(value, SimpleNamespace):
+        values = {name: constructible(item) for name, item in vars(value).items()}
+
+        class Made(SimpleNamespace):
+            def __init__(self) -> None:
+                super().__init__(**{name: copied(item) for name, item in values.items()})
+
+        return Made()
+    return [constructible(item) for item in value] if isinstance(value, list) else value
 
 
 def among(value: Any, draw: random.Random) -> Any:
     """The same message with each sequence of numbers in some kind of sequence."""
     if isinstance(value, SimpleNamespace):
-        return SimpleNamespace(**{name: among(item, draw) for name, item in vars(value).items()})
+        made = copied(value)
+        vars(made).update({name: among(item, draw) for name, item in vars(value).items()})
+        return made
     if not isinstance(value, list) or not value or not isinstance(value[0], bool | int | float):
         return [among(item, draw) for item in value] if isinstance(value, list) else value
     code = "d" if isinstance(value[0], float) else "q" if min(value) < 0 else "Q"
@@ -191,21 +243,18 @@ def test_any_message_goes_both_ways(schema, options, seed, tmp_path_factory):
         kind, _, _ = build.classes(folder, package, layout.name)
         ways = Ways(kind)
         for _ in range(4):
-            message = schemas.random_message(layout, layouts, draw)
+            message, target = (constructible(schemas.random_message(layout, layouts, draw)) for _ in "io")
             assert ways.encode(message), layout.message
             ways.encode(among(message, draw))
             data, _ = ways.python(message)
             other = kind.from_buffer_copy(data)
             foreign = type("Foreign", (kind,), {})()
             assert ways.encode(other)
-            targets = [schemas.random_message(layout, layouts, draw), message, foreign]
-            for target in (*targets, among(targets[0], draw)):
-                ways.decode(data, target)
-                ways.decode(draw.randbytes(ways.size), target)
-            assert ways.decode(data, foreign)
-            assert ways.decode(data, message)
+            for into in (target, foreign, among(target, draw)):
+                assert ways.decode(data, into), layout.message
+                ways.decode(draw.randbytes(ways.size), into)
+            ways.decode(data, schemas.random_message(layout, layouts, draw))
     build.forget(package)
-
 
 
 @pytest.fixture(scope="module", params=range(len(OPTIONS)))
@@ -225,9 +274,11 @@ def generated(folder: Path, package: str, options: TypeOptions) -> ModuleType:
     return build.module(folder, package, TypeName("tree_msgs", "msg", "Tree"))
 
 
-def leaf(**changed: Any) -> SimpleNamespace:
-    made = {f"{kind}_{end}": value for kind in NUMBERS for end, value in zip(("one", "three", "some"), (1, [1] * 3, [1]))}
-    return SimpleNamespace(**made | {"text": "bow", "wide": "sun", "stamp": time(1), "span": time(2)} | changed)
+class Leaf(SimpleNamespace):
+    def __init__(self, **changed: Any) -> None:
+        for kind in NUMBERS:
+            vars(self).update({f"{kind}_one": 1, f"{kind}_three": [1, 1, 1], f"{kind}_some": [1]})
+        super().__init__(**{"text": "bow", "wide": "sun", "stamp": time(1), "span": time(2)} | changed)
 
 
 def time(seconds: Any = 0, nanos: Any = 0) -> SimpleNamespace:
@@ -235,7 +286,7 @@ def time(seconds: Any = 0, nanos: Any = 0) -> SimpleNamespace:
 
 
 def tree(**changed: Any) -> SimpleNamespace:
-    made = SimpleNamespace(one=leaf(), two=[leaf(), leaf(text="two")], some=[leaf()], texts=["a", ""], wides=["b", "c"])
+    made = SimpleNamespace(one=Leaf(), two=[Leaf(), Leaf(text="two")], some=[Leaf()], texts=["a", ""], wides=["b", "c"])
     vars(made).update(stamps=[time(3)], spans=[time(4), time(5)], data=b"data", long=[0.5] * 600, last=9)
     vars(made).update(changed)
     return made
@@ -245,13 +296,13 @@ def test_numbers_and_sequences_of_every_kind(tree_kind):
     ways, taken = Ways(type(tree_kind().one)), set()
     for field in NUMBERS:
         for value in (*EDGES, *ODD):
-            ways.encode(leaf(**{f"{field}_one": value}))
-            ways.encode(leaf(**{f"{field}_three": [1, value, 0]}))
+            ways.encode(Leaf(**{f"{field}_one": value}))
+            ways.encode(Leaf(**{f"{field}_three": [1, value, 0]}))
         for value in (*SEQUENCES, *EDGES):
             for end in ("three", "some"):
-                if ways.encode(leaf(**{f"{field}_{end}": value})):
+                if ways.encode(Leaf(**{f"{field}_{end}": value})):
                     taken.add(type(value))
-                ways.decode(bytes(ways.size), leaf(**{f"{field}_{end}": value}))
+                ways.decode(bytes(ways.size), Leaf(**{f"{field}_{end}": value}))
     wanted = {list, tuple, bytes, bytearray, memoryview, array.array, numpy.ndarray, 3 * ctypes.c_double}
     assert wanted <= taken
     assert not taken & {range, str, dict, type(None), int}
@@ -261,14 +312,14 @@ def test_texts_and_times_of_every_kind(trees):
     ways = Ways(trees.Tree)
     for text in TEXTS:
         for changed in ({"text": text}, {"wide": text}):
-            ways.encode(tree(one=leaf(**changed)))
+            ways.encode(tree(one=Leaf(**changed)))
         for changed in ({"texts": [text]}, {"texts": ("", text)}, {"texts": text}, {"wides": [text, "a"]}):
             ways.encode(tree(**changed))
-    kinds = (time, lambda *of: SimpleNamespace(secs=of[0], nsecs=of[1]), lambda *of: of, lambda *of: Odd(sec=of[0]))
+    kinds = (time, lambda *of: SimpleNamespace(secs=of[0], nsecs=of[1]), lambda *of: of, lambda *of: odd(sec=of[0]))
     for parts in TIMES:
         for kind in kinds:
             found = kind(*parts)
-            for changed in ({"one": leaf(stamp=found)}, {"one": leaf(span=found)}, {"stamps": [found]}):
+            for changed in ({"one": Leaf(stamp=found)}, {"one": Leaf(span=found)}, {"stamps": [found]}):
                 message = tree(**changed)
                 ways.encode(message)
                 data, _ = ways.python(tree())
@@ -282,13 +333,15 @@ def test_bytes_of_no_text_and_no_bool(trees):
     ways, draw = Ways(trees.Tree), random.Random(3)
     data, _ = ways.python(tree())
     done = 0
-    for _ in range(1500):
+    for _ in range(200):
         spoiled = bytearray(data)
         for _ in range(draw.randrange(1, 40)):
-            spoiled[draw.randrange(6000 if draw.random() < 0.9 else len(data)) % len(data)] = draw.choice([0, 2, 216, 255])
+            spoiled[draw.randrange(6000 if draw.random() < 0.9 else len(data)) % len(data)] = draw.choice(
+                [0, 2, 216, 255]
+            )
         done += ways.decode(bytes(spoiled), tree())
         ways.encode(trees.Tree.from_buffer_copy(spoiled))
-    assert 0 < done < 1500
+    assert 0 < done < 200
 
 
 def test_a_class_that_is_not_as_generated_has_no_plan(tree_kind):
@@ -301,26 +354,14 @@ def test_a_class_that_is_not_as_generated_has_no_plan(tree_kind):
             return 7
 
     assert plan(Hidden) is None
-    assert codec(Hidden) is None
+    assert engine.codec(Hidden) is None
     assert plan(Shown) == plan(tree_kind)
-    assert plan(Scan) is None, "bare arrays are not shown"
 
+    class Bare(Scan):
+        _names_ = (*Scan._names_, "_ranges")
 
-def test_a_wrong_plan_is_refused(tree_kind):
-    kind, tools = type(codec(tree_kind)), ()
-    from shmgen.runtime.messages.plan import _TOOLS as tools
-
-    (step, *_), size = plan(type(tree_kind().one)), 1
-    assert kind((step,), size, tools)
-    for wrong in ({"at": 1}, {"size": 2}, {"most": 2}, {"count_at": 0}, {"inner": 1}, {"inner": -1}, {"code": "d"}):
-        with pytest.raises(ValueError, match="this is no plan"):
-            kind((step._replace(**wrong),), size, tools)
-    for wrong in ({"code": "T"}, {"code": "M"}, {"at": -1}, {"most": -1}, {"size": 0}):
-        with pytest.raises(ValueError, match="this is no plan"):
-            kind((step._replace(**wrong),), size, tools)
-    for arguments in ((), ([], 1, tools), (((),), 1, tools), ((step,), 1, ()), ((step,), 1, (*tools[:3], 1, 2))):
-        with pytest.raises(TypeError):
-            kind(*arguments)
+    assert plan(Scan)
+    assert plan(Bare) is None, "an array of ctypes alone"
 
 
 def test_attributes_that_are_any_code(tree_kind):
@@ -332,7 +373,7 @@ def test_attributes_that_are_any_code(tree_kind):
         """A tree in which `one.text` does something first."""
         made = tree()
 
-        class Leaf(SimpleNamespace):
+        class Seen(Leaf):
             @property
             def text(self) -> str:
                 calls.append(change(made))
@@ -342,12 +383,11 @@ def test_attributes_that_are_any_code(tree_kind):
             def text(self, value: str) -> None:
                 calls.append(change(made))
 
-        values = {name: value for name, value in vars(leaf()).items() if name != "text"}
-        made.one, made.two, made.some = Leaf(**values), [Leaf(**values), leaf(text="two")], [Leaf(**values)]
+        made.one, made.two, made.some = Seen(), [Seen(), Leaf(text="two")], [Seen()]
         return made
 
     def clear(made: Any) -> None:
-        made.two[:], made.some[:], made.texts[:], made.long[:] = [leaf()], [], [], []
+        made.two[:], made.some[:], made.texts[:], made.long[:] = [Leaf()], [], [], []
         gc.collect()
 
     def replace(made: Any) -> None:
@@ -361,10 +401,10 @@ def test_attributes_that_are_any_code(tree_kind):
     assert ways.in_c(seen(lambda made: 1 // 0)) is None
     ways.in_c(seen(clear))
     ways.in_c(seen(lambda made: (vars(made).clear(), gc.collect())))
-    ways.in_c(seen(lambda made: made.some.extend([leaf()] * 50)))
+    ways.in_c(seen(lambda made: made.some.extend([Leaf()] * 50)))
     for change in (once_more, replace, clear, lambda made: 1 // 0, lambda made: vars(made).clear()):
         ways.codec.decode(wanted[0], seen(change))
-    assert len(calls) > 20
+    assert len(calls) > 10
 
     def interrupt(made: Any) -> None:
         raise KeyboardInterrupt
@@ -378,17 +418,17 @@ def test_attributes_that_are_any_code(tree_kind):
 
 def test_numbers_that_let_go_of_what_they_are_in(tree_kind):
     ways = Ways(tree_kind)
-    made = tree(long=[0.5] * 600, one=leaf(int32_three=[1, 2, 3]))
+    made = tree(long=[0.5] * 600, one=Leaf(int32_three=[1, 2, 3]))
 
     def gone(_: Any) -> int:
-        made.long[:], made.one.int32_three, made.one = [], [], leaf()
+        made.long[:], made.one.int32_three, made.one = [], [], Leaf()
         gc.collect()
         return 7
 
-    made.one.int32_three[0] = Odd(__index__=gone)
+    made.one.int32_three[0] = odd(__index__=gone)
     assert ways.in_c(made) is None, "long is too short now"
     made = tree()
-    made.long[3] = Odd(__float__=lambda it: (made.long.clear(), gc.collect(), 0.25)[2])
+    made.long[3] = odd(__float__=lambda it: (made.long.clear(), gc.collect(), 0.25)[2])
     found, _ = ways.in_c(made)
     assert tree_kind.from_buffer_copy(found).long[2:5] == [0.5, 0.25, 0.5]
 
@@ -399,16 +439,17 @@ def test_long_arrays_are_let_go_of(tree_kind):
     data, long = bytearray(b"ab"), array.array("d", [0.5] * 600)
     assert ways.in_c(tree(data=data, long=long)) == ways.python(tree(data=data, long=long))
     assert ways.in_c(tree(data=data, long=long, last=256)) is None
-    for last in (Odd(__index__=lambda _: data.append(1)), Odd(__index__=lambda _: next(iter(())))):
+    for last in (odd(__index__=lambda _: data.append(1)), odd(__index__=lambda _: next(iter(())))):
         assert ways.in_c(tree(data=data, long=long, last=last)) is None
     data.append(3)
     long.append(0.5)
     assert ways.in_c(tree(long=long)) is None
-    assert ways.in_c(tree(data=numpy.arange(200, dtype="u1")[::2], long=numpy.full((20, 30), 0.5)))[0] == (
-        ways.python(tree(data=bytes(range(0, 200, 2))))[0]
+    assert (
+        ways.in_c(tree(data=numpy.arange(200, dtype="u1")[::2], long=numpy.full((20, 30), 0.5)))[0]
+        == (ways.python(tree(data=bytes(range(0, 200, 2))))[0])
     )
-    many = tree(two=[leaf(), leaf()])
-    assert 6000 > LATE_FROM
+    many = tree(two=[Leaf(), Leaf()])
+    assert LATE_FROM < 6000
     assert ways.encode(many)
 
 
@@ -430,5 +471,64 @@ def test_nothing_stays_behind(tree_kind):
     before = work(200)
     assert work(1000) - before < 256, "pages"
     for _ in range(100):
-        codec(tree_kind)
+        engine.codec(tree_kind)
     assert [sys.getrefcount(kind) for kind in (tree_kind, type(ways.codec))] == held
+
+
+HERE = "tests/runtime/test_codec.py"
+LOADED = """
+import sys, pytest, shmgen
+shmgen.__path__.insert(0, sys.argv[1])
+code = pytest.main(["-q", "-s", "-p", "no:cacheprovider", "-p", "no:hypothesispytest", "-k", sys.argv[3], sys.argv[2]])
+from shmgen import _core
+assert _core.__file__.startswith(sys.argv[1])
+sys.exit(code)
+"""
+"""Runs this file's tests with the extension in a folder."""
+FAULTS = {
+    "too long a list": ("(size_t)length > step->most || ", "", "numbers_and_sequences"),
+    "too high a count of a PLC's": ("if (count > step->most)", "if (false)", "bytes_of_no_text"),
+    "one byte behind": ("self->size - cleared);", "self->size - cleared + 64);", "texts_and_times"),
+}
+"""Planted in codec.c: what stands there, what then does, and who minds."""
+
+
+def sanitized(folder: Path, fault: tuple[str, str] | None, chosen: str) -> subprocess.CompletedProcess[str]:
+    """Tests of this file under the address and undefined-behaviour sanitizers, each object with bounds of its own."""
+    spec = importlib.util.spec_from_file_location("hatch_build", REPOSITORY / "hatch_build.py")
+    hook = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(hook)
+    hook.SOURCES = folder / "sources"
+    shutil.copytree(core_folder(), hook.SOURCES / "runtime", ignore=shutil.ignore_patterns("*.py", "*pycache*"))
+    if fault:
+        source = hook.SOURCES / "runtime/extension/codec.c"
+        assert source.read_text().count(fault[0]) == 1
+        source.write_text(source.read_text().replace(*fault))
+    library = subprocess.run(["gcc", "-print-file-name=libasan.so"], capture_output=True, text=True, check=True).stdout
+    with pytest.MonkeyPatch.context() as there:
+        there.setenv("CC", "gcc -g -fsanitize=address,undefined -fno-sanitize-recover=all")
+        assert hook.compiled(folder / "_core.abi3.so") == ""
+    options = {"LD_PRELOAD": library.strip(), "ASAN_OPTIONS": "detect_leaks=0", "PYTHONMALLOC": "malloc"}
+    command = [sys.executable, "-c", LOADED, folder, HERE, chosen]
+    return subprocess.run(
+        command, cwd=REPOSITORY, env=os.environ | options, capture_output=True, text=True, check=False
+    )
+
+
+def core_folder() -> Path:
+    return REPOSITORY / "src/shmgen/runtime"
+
+
+def test_the_sanitizers_find_nothing(tmp_path: Path) -> None:
+    done = sanitized(tmp_path, None, "not sanitizers and not behind and not planted")
+    assert done.returncode == 0, (done.stdout + done.stderr)[-4000:]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_planted_fault_is_found(tmp_path: Path, fault: str) -> None:
+    was, now, chosen = FAULTS[fault]
+    done = sanitized(tmp_path, (was, now), chosen)
+    assert done.returncode != 0
+    said = ("ERROR: AddressSanitizer", "runtime error", f"FAILED {HERE}::test_{chosen}")
+    assert any(one in done.stderr + done.stdout for one in said), done.stdout[-2000:]

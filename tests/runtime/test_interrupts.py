@@ -16,9 +16,9 @@ import pytest
 
 from shmgen import runtime
 from shmgen.runtime import engine
-from shmgen.runtime.region import header as h
 from shmgen.runtime.reference import lock
 from shmgen.runtime.reference.region import REPAIR_LOCK
+from shmgen.runtime.region import header as h
 
 from ..support.tracing import traced
 from .messages import WHY_NOT, PosePublisher, PoseSubscriber, pose

@@ -22,6 +22,7 @@ sys.path.append("generated/python")
 from shm_msgs.std_msgs.msg import UInt32, UInt32Publisher, UInt32Subscriber
 from shmgen.runtime import engine, read_header, region_name
 from shmgen.runtime.region import header
+from tests.support.region_of import region_of
 in_c, own, *topics = sys.argv[1:]
 assert engine.IN_C == bool(in_c)
 if own:

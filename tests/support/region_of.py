@@ -14,22 +14,31 @@ from shmgen.runtime.region.looks import peek
 from shmgen.runtime.region.names import region_file, region_name, semaphore_file
 
 
+class File(io.FileIO):
+    """Closed when nobody has it any more."""
+
+    def __del__(self) -> None:
+        self.close()
+
+
 class Opened(Region):
-    """Closed when nobody has it any more; a claim on the topic stays whose it is."""
+    """Lasts as long as somebody has it, or its words."""
 
     name: str
 
-    def __del__(self) -> None:
-        self.pid = 0
-        self.close()
+    def sample(self, number: int) -> slice:
+        """Where sample `number` lies, the header of its slot first."""
+        return slice(self.slot(number), self.payload(number).stop)
 
 
 def region_of(side: Any) -> Opened:
     topic = side if isinstance(side, str) else side.topic
     name = region_name(topic)
-    file = io.FileIO(os.open(region_file(name), os.O_RDWR | os.O_CLOEXEC), "r+b")
+    file = File(os.open(region_file(name), os.O_RDWR | os.O_CLOEXEC), "r+b")
     header = peek(file.fileno())
     locked = os.path.exists(semaphore_file(name))
-    made = Opened(file, mmap.mmap(file.fileno(), header.size), header, PosixSemaphore("/" + name) if locked else NoSemaphore())
+    made = Opened(
+        file, mmap.mmap(file.fileno(), header.size), header, PosixSemaphore("/" + name) if locked else NoSemaphore()
+    )
     made.name = name
     return made

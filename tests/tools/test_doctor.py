@@ -20,13 +20,14 @@ import pytest
 import shmgen.tools.doctor.clean
 import shmgen.tools.watch.screen
 import shmgen.tools.watch.topics  # noqa: F401 nobody() may not be able to read them
-from shmgen.runtime import RegionUnusable, region_name
-from shmgen.runtime.region import header as h
+from shmgen.runtime import RegionUnusable, Subscriber, region_name
 from shmgen.runtime.reference import memory_order
+from shmgen.runtime.region import header as h
 from shmgen.runtime.region.access import RegionOptions
-from shmgen.runtime.reference.opening import open_region
+from shmgen.tools.doctor import checks
+from tests.support.engines import use_python
 
-from ..runtime.messages import PosePublisher
+from ..runtime.messages import Pose, PosePublisher
 from ..support.command import run
 from .conftest import REPOSITORY
 
@@ -247,7 +248,8 @@ def for_nobody(topic):
 @pytest.mark.parametrize(
     "closed",
     [
-        "region_of(publisher)._file.close()",
+        "own = '/proc/self/fd/'; "
+        "[os.close(int(name)) for name in os.listdir(own) if os.path.realpath(own + name) == {file!r}]",
         "import mmap; opened = open({file!r}, 'r+b'); kept = mmap.mmap(opened.fileno(), 0); publisher.close(); "
         "del publisher",
     ],
@@ -365,7 +367,8 @@ def test_a_process_of_other_bitness(topic, file, tmp_path, shmgen, peer, machine
     subprocess.run(["i686-linux-gnu-gcc", "-static", "-o", program, program + ".c"], check=True)
     peer(PUBLISHER.format(topic=topic))
     monkeypatch.setattr(os, "uname", lambda: SimpleNamespace(machine=machine))
-    monkeypatch.setattr(memory_order, "EXTENSION", None)
+    use_python(monkeypatch)
+    monkeypatch.setattr(checks, "IN_C", False)
     monkeypatch.setattr(memory_order, "_membarrier", lambda: barrier or None)
     with subprocess.Popen([program, file], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as small:
         if small.stdout.readline() != "ready\n":
@@ -377,9 +380,9 @@ def test_a_process_of_other_bitness(topic, file, tmp_path, shmgen, peer, machine
     advised = 'write sync = "sequence" under [regions]' in fault["hint"]
     assert advised == (barrier or machine == "x86_64")
     assert advised or "run programs of one bitness on both sides" in fault["hint"]
-    options = RegionOptions(sync="sequence")
     with nullcontext() if advised else pytest.raises(RegionUnusable, match=f"sequence.*{machine}"):
-        open_region(f"{topic}_sequence", h.header_for("std_msgs/msg/Bool", 1, 1, 1), options).close()
+        kind = type("Lockless", (Pose,), {"_regions_": RegionOptions(sync="sequence")})
+        type("LocklessSubscriber", (Subscriber,), {"message_type": kind})(f"{topic}_sequence").close()
 
 
 @contextmanager

@@ -17,6 +17,7 @@ import pytest
 from shmgen.runtime.region import header as h
 from shmgen.tools.messages import stream
 from shmgen.tools.watch import reports, top
+from tests.support.region_of import region_of
 
 from ..runtime.messages import PosePublisher, PoseSubscriber, pose
 

@@ -40,15 +40,16 @@ class Publisher(Closable, Generic[M]):
         Raises ValueError (topic, depth, lock_timeout), LayoutMismatch, RegionInUse, PermissionDenied,
         RegionUnusable, LockTimeout.
         """
-        self._begin(topic, depth=depth, lock_timeout=lock_timeout, mode=mode, group=group)
-        finish([self._end])
+        end = self._begin(topic, depth=depth, lock_timeout=lock_timeout, mode=mode, group=group)
+        finish([end])
+        self._end = end  # not before: called twice this is refused, and the first goes on
 
-    def _begin(self, topic: str, **options: Any) -> None:
+    def _begin(self, topic: str, **options: Any) -> Any:
         """Begins to open it: see open_all()."""
         kind = self.message_type
         of = settings_for("publisher", kind, topic, codec=engine.codec(kind), **options)
-        self._end = kept_from_children(engine.Writer(of))
         self._topic = topic
+        return kept_from_children(engine.Writer(of))
 
     def publish(self, message: Any) -> None:
         """Writes `message`: a `message_type`, or any object with the same attributes.

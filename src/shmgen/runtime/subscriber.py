@@ -48,17 +48,18 @@ class Subscriber(Closable, Generic[M]):
         to it, nobody is kept from being woken, and only where the lock keeps the order (not on x86) it is taken.
         """
         options = {"depth": depth, "lock_timeout": lock_timeout, "mode": mode, "group": group}
-        self._begin(topic, passive=passive, history=history, **options)
-        finish([self._end])
+        end = self._begin(topic, passive=passive, history=history, **options)
+        finish([end])
+        self._end = end
 
-    def _begin(self, topic: str, **options: Any) -> None:
+    def _begin(self, topic: str, **options: Any) -> Any:
         """Begins to open it: see open_all()."""
         kind = self.message_type
         of = settings_for("subscriber", kind, topic, codec=engine.codec(kind), **options)
-        self._end = kept_from_children(engine.Reader(of))
         self._topic, self._slots = topic, of.header.slots
         self._beat: int | None = None
         self._beat_since = time.monotonic()
+        return kept_from_children(engine.Reader(of))
 
     def read(self) -> M | None:
         """The newest sample, or None if it has been read already (or the lock is needed and not free)."""
@@ -75,7 +76,8 @@ class Subscriber(Closable, Generic[M]):
 
     def samples(self) -> list[Sample[M]]:
         """The same, each as (number, stamp, message)."""
-        end, samples = self._end, []
+        end = self._end
+        samples: list[Sample[M]] = []
         while len(samples) < self._slots and (message := end.next()) is not None:
             samples.append(Sample((end.sequence, end.stamp, message)))
         return samples

@@ -25,18 +25,19 @@ def open_all(wanted: Iterable[tuple[type[E], str]], **options: Any) -> list[E]:
 
     Raises what the first raises that cannot be opened; then all are closed.
     """
-    sides: list[E] = []
+    begun: list[tuple[E, Any]] = []
     try:
         for kind, topic in wanted:
             side = kind.__new__(kind)
-            side._begin(topic, **options)
-            sides.append(side)
-        finish([side._end for side in sides])
+            begun.append((side, side._begin(topic, **options)))
+        finish([end for _, end in begun])
     except BaseException:
-        for side in sides:
-            side.close()
+        for _, end in begun:
+            end.close()
         raise
-    return sides
+    for side, end in begun:
+        side._end = end
+    return [side for side, _ in begun]
 
 
 def can_wait_for_many() -> bool:

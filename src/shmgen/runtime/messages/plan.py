@@ -6,14 +6,13 @@ do for every message that is out of the ordinary.
 
 from __future__ import annotations
 
-import array
 import copy
 import ctypes
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from shmgen.runtime.messages import strings, times
-from shmgen.runtime.messages.arrays import new_like
+from shmgen.runtime.messages.arrays import from_numbers, new_like
 from shmgen.runtime.messages.fields import Clock, Clocks, Elements, Text, Texts
 from shmgen.runtime.messages.range_checks import CODES
 
@@ -36,7 +35,9 @@ CLOCKS = {
     ("iI", times.seconds_nanoseconds, times.Duration): ("P", times.Duration),
 }
 """How a time is packed, and the functions of a field: its code in a plan, and what is made of it."""
-_TOOLS = (array.array, copy.copy, new_like, times.Time, times.Duration)
+_NAMES = ("sec", "nanosec", "secs", "nsecs", "__copy__", "from_buffer_copy")
+_TOOLS = (*_NAMES, copy.copy, new_like, from_numbers, times.Time, times.Duration)
+"""What codec.c refers to, in its order."""
 
 
 class Step(NamedTuple):

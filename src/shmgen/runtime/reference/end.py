@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Generator, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Iterator
+from typing import Any, TypeVar
 
 from shmgen.runtime.errors import Closed, InForkedChild, Reentered, ShmError
 from shmgen.runtime.reference.lock import Lock
 from shmgen.runtime.reference.region import Region
 from shmgen.runtime.region.looks import WRITER_LOCK
 from shmgen.runtime.region.settings import Settings
+
+T = TypeVar("T")
 
 
 class End:
@@ -67,8 +69,8 @@ class End:
     def disown(self) -> None:
         """In a forked child: lets go of the open file, and with it of the parent's claim, and of nothing else."""
         self._alone, self._inside = threading.RLock(), False
-        if hasattr(self, "lock"):
-            self.lock.held = False
+        if hasattr(self, "region"):
+            self.region.semaphore.held.clear()
         if not isinstance(self.gone, Closed) or hasattr(self, "region"):
             self._let_go(
                 InForkedChild(
@@ -88,8 +90,7 @@ class End:
         self.region.close()
         del self.region
 
-    @contextmanager
-    def _one_call(self) -> Iterator[None]:
+    def _one_call(self, work: Callable[..., T], *arguments: Any) -> T:
         """Other threads wait; what interrupts a call of this thread and calls again is told, before it does harm."""
         with self._alone:
             if self._inside:
@@ -99,8 +100,18 @@ class End:
                 )
             if self.gone is not None:
                 raise self.gone
-            self._inside = True
             try:
-                yield
-            finally:
-                self._inside = False
+                try:
+                    self._inside = True
+                    return work(*arguments)
+                finally:
+                    self._leave()
+            except BaseException as error:
+                self._leave()  # where the exception came upon the first
+                if self.gone is not None and isinstance(error, Exception):
+                    raise self.gone from None  # closed by what interrupted it
+                raise
+
+    def _leave(self) -> None:
+        self.lock.release()
+        self._inside = False

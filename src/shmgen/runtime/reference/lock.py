@@ -33,7 +33,6 @@ class Lock:
         self.keeps_order = keeps_order() or isinstance(region.semaphore, NoSemaphore)
         self.timeout = timeout
         self.misses = 0
-        self.held = False
         self._region = region
         # Who is inside when we open may be stuck: its time runs beside that in which a writer makes sure of its claim.
         self._seen: tuple[int, int] | None = self._stay() if region.semaphore.value == 0 else None
@@ -49,11 +48,11 @@ class Lock:
         """
         self.release()  # where an exception came upon an exception
         if self._region.semaphore.acquire() or self._wait(left):
-            self.held = True
             words = self._region.words
             words[h.LOCK_COUNT] = words[h.LOCK_COUNT] + 1 & h.LAST
             words[h.LOCK_HOLDER] = self._region.pid
-        return self.held
+            return True
+        return False
 
     def release(self) -> None:
         """Gives it back, if it is held.
@@ -61,16 +60,16 @@ class Lock:
         Where a token is there already ours goes, and of others so many that the work stays bounded: a holder taken
         for dead has come back, two have recovered the lock, or somebody has posted.
         """
-        if not self.held:
-            return
         semaphore = self._region.semaphore
+        if not semaphore.held:
+            return
         self._region.words[h.LOCK_HOLDER] = 0
-        self.held = False
         if not semaphore.post():
             for _ in range(_SURPLUS):
                 if not semaphore.acquire():
                     break
             semaphore.post()
+            semaphore.held.clear()
 
     def _wait(self, left: float | None) -> bool:
         if isinstance(self._region.semaphore, NoSemaphore):
@@ -122,7 +121,7 @@ class Lock:
                 return True
             if self._stay() != stay:
                 return False
-            self.held = True
+            region.semaphore.held.append(None)
             words[h.LOCK_COUNT] = stay[1] + 1 & h.LAST
             words[h.LOCK_HOLDER] = region.pid
             words[h.RECOVERIES] = words[h.RECOVERIES] + 1 & h.LAST

@@ -14,7 +14,7 @@ from contextlib import ExitStack, suppress
 
 import posix_ipc
 
-from shmgen.runtime.errors import PermissionDenied, RegionMissing, RegionUnusable
+from shmgen.runtime.errors import PermissionDenied, RegionUnusable
 from shmgen.runtime.reference.memory_order import fence, has_barrier, keeps_order
 from shmgen.runtime.reference.region import REPAIR_LOCK, Region
 from shmgen.runtime.reference.semaphores import NoSemaphore, PosixSemaphore, Semaphore
@@ -25,6 +25,7 @@ from shmgen.runtime.region.looks import (
     check_semaphore,
     lock_byte,
     need_glibc,
+    opened_to_read,
     peek,
     refused_by_system,
     restless,
@@ -53,10 +54,13 @@ def open_region(of: Settings) -> Generator[int, None, Region]:
         )
     if not of.sequence:
         need_glibc(of.topic)
+    if of.passive:
+        opened_to_read(region_name(of.topic)).close()
     passive = of.passive and (keeps_order() or of.sequence)
     for _ in range(_ATTEMPTS):
         with ExitStack() as so_far:
-            file = so_far.enter_context(_found_to_read(of) if passive else (yield from _open_file(of)))
+            found = opened_to_read(region_name(of.topic)) if passive else (yield from _open_file(of))
+            file = so_far.enter_context(found)
             check_header(of.topic, of.header, file)
             map = so_far.enter_context(_mapped(of, file, passive))
             semaphore: Semaphore = NoSemaphore()
@@ -102,16 +106,6 @@ def open_semaphore(of: Settings, name: str, value: int) -> Generator[int, None, 
         except posix_ipc.Error as error:
             raise RegionUnusable(f"{path}: {error}; see `ulimit -a` and `df /dev/shm`") from None
     raise restless(path)
-
-
-def _found_to_read(of: Settings) -> io.FileIO:
-    path = region_file(region_name(of.topic))
-    try:
-        return opened(path, os.O_RDONLY)
-    except FileNotFoundError:
-        raise RegionMissing(f"{path} does not exist: start a publisher or a subscriber of it") from None
-    except PermissionError:
-        raise denied(path) from None
 
 
 def _open_file(of: Settings) -> Generator[int, None, io.FileIO]:

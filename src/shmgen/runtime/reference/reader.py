@@ -21,7 +21,7 @@ _POLL = abi.POLL_MS / 1000
 
 
 class Reader(End):
-    """A reader of a topic. `last` is the number of the sample that counts as read last, `sequence` of one really read."""
+    """A reader of a topic. `last` is the number of the sample that counts as read, `sequence` of one really read."""
 
     last = 0
     sequence = 0
@@ -37,26 +37,17 @@ class Reader(End):
 
     def read(self, left: int | None = None) -> Any:
         """The newest message, None without an unread one that can be had. `left`: ns of a call that ends then."""
-        data = self._newest(left)
+        data = self._one_call(self._newest, None if left is None else left / 1e9)
         return None if data is None else self.of.kind.from_buffer(data)
 
     def next(self) -> Any:
         """The oldest unread one that is still there."""
-        with self._one_call():
-            for _ in range(_TRIES):
-                unread, slots = self._unread(), self.region.header.slots
-                start = self.last
-                for step in range(max(1, unread - slots + 1), unread + 1):
-                    data = self._copy(h.after(start, step, slots), None)
-                    if data is not None:
-                        return self.of.kind.from_buffer(data) if data else None
-                if not unread:
-                    break
-        return None
+        data = self._one_call(self._oldest)
+        return None if data is None else self.of.kind.from_buffer(data)
 
     def read_into(self, message: Any) -> bool:
         """As read(), but fills `message`; True = there was one."""
-        data = self._newest(None)
+        data = self._one_call(self._newest, None)
         if data is None:
             return False
         if type(message) is self.of.kind:
@@ -88,15 +79,25 @@ class Reader(End):
             self.last, unread = newest - 1, 1
         return unread
 
-    def _newest(self, left: int | None) -> bytearray | None:
-        with self._one_call():
-            for _ in range(_TRIES):
-                number = self.region.words[h.COMPLETED]
-                if number in (0, self.last):
-                    break
-                data = self._copy(number, None if left is None else left / 1e9)
+    def _newest(self, left: float | None) -> bytearray | None:
+        for _ in range(_TRIES):
+            number = self.region.words[h.COMPLETED]
+            if number in (0, self.last):
+                break
+            data = self._copy(number, left)
+            if data is not None:
+                return data or None
+        return None
+
+    def _oldest(self) -> bytearray | None:
+        for _ in range(_TRIES):
+            unread, slots, start = self._unread(), self.region.header.slots, self.last
+            for step in range(max(1, unread - slots + 1), unread + 1):
+                data = self._copy(h.after(start, step, slots), None)
                 if data is not None:
                     return data or None
+            if not unread:
+                break
         return None
 
     def _copy(self, number: int, left: float | None) -> bytearray | None:

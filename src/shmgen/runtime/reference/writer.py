@@ -43,16 +43,7 @@ class Writer(End):
         Raises ValueRejected, LockTimeout, ClaimLost.
         """
         data, late = self._encoded(message)
-        with self._one_call():
-            try:
-                self._write(data, late, None if left is None else left / 1e9)
-            finally:
-                self.lock.release()
-            fence()  # keeps the look at `armed` behind `completed`
-            words = self.region.words
-            if words[h.ARMED]:
-                words[h.ARMED] = 0
-                self._event.post()
+        self._one_call(self._publish, data, late, None if left is None else left / 1e9)
 
     def heartbeat(self) -> None:
         """Shows readers that the writer is alive, without a sample. Raises ClaimLost."""
@@ -73,6 +64,17 @@ class Writer(End):
         arrays = [found for found in late if found is not CUT]
         self.truncations += len(late) - len(arrays)
         return data, arrays
+
+    def _publish(self, data: bytes | bytearray, late: Late, left: float | None) -> None:
+        try:
+            self._write(data, late, left)
+        finally:
+            self.lock.release()
+        fence()  # keeps the look at `armed` behind `completed`
+        words = self.region.words
+        if words[h.ARMED]:
+            words[h.ARMED] = 0
+            self._event.post()
 
     def _write(self, data: bytes | bytearray, late: Late, left: float | None) -> None:
         region, words = self.region, self.region.words

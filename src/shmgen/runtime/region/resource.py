@@ -41,13 +41,13 @@ class End(Protocol):
     def disown(self) -> None: ...
 
 
-def kept_from_children(end: Any) -> Any:
-    """The same; a forked child lets go of it, also of one that its parent is still opening.
+def kept_from_children(made: Any) -> Any:
+    """The same end or file; a forked child lets go of it, also of one that its parent is still opening.
 
     It has the same open file, and with it the parent's claim on the topic, which would outlive the parent.
     """
-    _ends.add(end)
-    return end
+    _kept.add(made)
+    return made
 
 
 def finish(ends: Iterable[End]) -> None:
@@ -66,12 +66,12 @@ def finish(ends: Iterable[End]) -> None:
             time.sleep(_LOOK)
 
 
-_ends: weakref.WeakSet[Any] = weakref.WeakSet()
+_kept: weakref.WeakSet[Any] = weakref.WeakSet()
 
 
 def _in_child() -> None:
-    for end in list(_ends):
-        end.disown()
+    for made in list(_kept):
+        getattr(made, "disown", made.close)()
 
 
 os.register_at_fork(after_in_child=_in_child)

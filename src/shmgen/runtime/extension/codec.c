@@ -18,44 +18,46 @@ PyAPI_FUNC(int) PyBuffer_ToContiguous(void *into, const codec_buffer *view, Py_s
 PyAPI_FUNC(void) PyBuffer_Release(codec_buffer *view);
 #define PyBUF_SIMPLE 0
 #define PyBUF_WRITABLE 1
+#define PyBUF_FORMAT 4
+#define PyBUF_ND 8
 #define PyBUF_FULL_RO 0x11C
 #endif
+#define PyBUF_OF_ARRAY (PyBUF_WRITABLE | PyBUF_FORMAT | PyBUF_ND) /* in C's order */
 
 #define SECOND INT64_C(1000000000)
 #define MILLISECOND INT64_C(1000000)
 #define COME_ROUND (INT64_C(1) << 32) /* of TIME, in ms */
 
-enum { NUMBERS, TEXTS, CLOCKS, MESSAGES }; /* WHAT of messages/plan.py */
+enum { NUMBERS, TEXTS, CLOCKS, MESSAGES };
 
-/* One attribute of a message, or of an element of a list of such. The steps of a nested message follow its own. */
+/* One attribute of a message, or of an element of a list of such; the steps of a nested message follow its own. Its
+ * objects are the plan's. */
 typedef struct Step {
     PyObject *name;
-    PyObject *code_text; /* as array.array and numpy take it */
-    PyObject *kind;      /* of a time or a nested message: our class; else None */
+    PyObject *code_text;
+    PyObject *kind;      /* of a time or a nested message: our class */
+    PyTypeObject *known; /* that from_numbers() makes one of where the attribute is one; owned */
     size_t at;           /* offset in the message that it is an attribute of */
     size_t size;         /* of one element */
     size_t most;         /* elements; 0: no array */
     Py_ssize_t count_at; /* offset of the count of an array with a bound; -1: none */
     Py_ssize_t inner;    /* steps of a nested message */
     int what;
-    char code;
+    char code, family;
     bool cuts; /* a text that is too long */
 } Step;
 
-enum { SEC, NANOSEC, SECS, NSECS, SIZE, SHAPE, TYPECODE, FROM_BUFFER_COPY, NUMPY, WORDS };
-static const char *const WORD[WORDS] = {"sec",   "nanosec",  "secs",             "nsecs", "size",
-                                        "shape", "typecode", "from_buffer_copy", "numpy"};
-
-enum { ARRAY, COPY, NEW_LIKE, TIME, DURATION, TOOLS };
+/* What plan.py hands in. */
+enum { SEC, NANOSEC, SECS, NSECS, COPY_METHOD, FROM_BUFFER_COPY, COPY, NEW_LIKE, FROM_NUMBERS, TIME, DURATION, TOOLS };
 
 typedef struct Codec {
     PyObject_HEAD
     Step *steps;
     Py_ssize_t count;
     size_t size;
-    PyObject *words[WORDS];
-    PyObject *tools[TOOLS];
-    PyObject *ndarray, *empty; /* of numpy, once there was an array of it */
+    PyObject *plan;
+    PyObject *tools[TOOLS]; /* in `held` */
+    PyObject *held;
 } Codec;
 
 /* One call of codec_encode(). */
@@ -68,12 +70,7 @@ typedef struct Way {
 } Way;
 
 static bool put_all(Way *way, const Step *step, const Step *end, unsigned char *into, PyObject *message);
-static bool take_all(Codec *self, const Step *step, const Step *end, const unsigned char *from, PyObject *message);
-
-static size_t size_of(char code)
-{
-    return strchr("qQd", code) != NULL ? 8 : strchr("iIf", code) != NULL ? 4 : strchr("hH", code) != NULL ? 2 : 1;
-}
+static bool take_all(const Codec *self, Step *step, const Step *end, const unsigned char *from, PyObject *message);
 
 static char family(char code)
 {
@@ -103,73 +100,53 @@ static void clear(const Step *step, const Step *end, unsigned char *start, size_
     }
 }
 
-static bool put_float(unsigned char *into, char code, PyObject *value)
+static bool put_float(const Step *step, unsigned char *into, PyObject *value)
 {
     const double number = PyFloat_AsDouble(value);
     const float single = (float)number;
-    if (number == -1.0 && PyErr_Occurred() != NULL)
-        return false;
-    if (code == 'd') {
-        memcpy(into, &number, sizeof number);
-        return true;
-    }
-    memcpy(into, &single, sizeof single);
-    return !isinf(single) || isinf(number);
+    memcpy(into, step->size == 8 ? (const void *)&number : &single, step->size);
+    return (number != -1.0 || PyErr_Occurred() == NULL) && (step->size == 8 || !isinf(single) || isinf(number));
 }
 
 static bool put_bool(unsigned char *into, PyObject *value)
 {
-    const long number = PyLong_CheckExact(value) ? PyLong_AsLong(value) : value == Py_True ? 1 : value == Py_False ? 0 : 2;
+    const bool is_bool = value == Py_True || value == Py_False;
+    const long number = is_bool || PyLong_CheckExact(value) ? PyLong_AsLong(value) : -1;
     *into = number == 1;
     return number == 0 || number == 1;
 }
 
-static bool put_whole(unsigned char *into, char code, PyObject *value)
+static bool put_whole(const Step *step, unsigned char *into, PyObject *value)
 {
-    const size_t size = size_of(code);
+    const int bits = 8 * (int)step->size - (step->family == 'i');
     int overflow = 0;
     int64_t number;
     uint64_t large;
-    if (code == 'Q') {
+    if (step->code == 'Q') {
         large = PyLong_AsUnsignedLongLong(value);
         memcpy(into, &large, sizeof large);
         return large != UINT64_MAX || PyErr_Occurred() == NULL;
     }
     number = PyLong_AsLongLongAndOverflow(value, &overflow);
-    if (overflow != 0)
-        return false;
-    memcpy(into, &number, size); /* the lower bytes: this machine is little-endian */
-    if (size == 8)
-        return true;
-    if (family(code) == 'u')
-        return number >= 0 && number >> (8 * size) == 0;
-    return number >= -(INT64_C(1) << (8 * size - 1)) && number < INT64_C(1) << (8 * size - 1);
+    memcpy(into, &number, step->size); /* the lower bytes: this machine is little-endian */
+    return overflow == 0 && (bits == 63 || (number < INT64_C(1) << bits &&
+                                            number >= (step->family == 'i' ? -(INT64_C(1) << bits) : 0)));
 }
 
-static bool put_number(unsigned char *into, char code, PyObject *value)
+static bool put_number(const Step *step, unsigned char *into, PyObject *value)
 {
     PyObject *whole;
     bool taken;
-    if (code == 'd' || code == 'f')
-        return put_float(into, code, value);
-    if (code == '?')
+    if (step->family == 'f')
+        return put_float(step, into, value);
+    if (step->family == '?')
         return put_bool(into, value);
     if (PyLong_CheckExact(value))
-        return put_whole(into, code, value);
+        return put_whole(step, into, value);
     whole = PyNumber_Index(value);
-    taken = whole != NULL && put_whole(into, code, whole);
+    taken = whole != NULL && put_whole(step, into, whole);
     Py_XDECREF(whole);
     return taken;
-}
-
-static bool holds_nul(const char *data, size_t length, size_t unit)
-{
-    if (unit == 1)
-        return memchr(data, 0, length) != NULL;
-    for (size_t at = 0; at < length; at += 2)
-        if (data[at] == 0 && data[at + 1] == 0)
-            return true;
-    return false;
 }
 
 /* At most `room` bytes of a longer text, that tear no character. */
@@ -185,23 +162,21 @@ static size_t cut(const char *data, size_t room, char code)
 
 static bool put_text(Way *way, const Step *step, unsigned char *into, PyObject *value)
 {
-    const size_t unit = step->code == 'w' ? 2 : 1, room = step->size - unit;
+    const size_t room = step->size - (step->code == 'w' ? 2 : 1);
     PyObject *bytes = NULL;
     const char *data = NULL;
     Py_ssize_t length = 0;
     bool taken;
-    if (!PyUnicode_CheckExact(value))
-        return false;
+    if (!PyUnicode_CheckExact(value) || PyUnicode_FindChar(value, 0, 0, PyUnicode_GetLength(value), 1) != -1)
+        return false; /* a NUL would end it */
     if (step->code == 'u') {
         data = PyUnicode_AsUTF8AndSize(value, &length);
     } else {
-        bytes = step->code == 'w' ? PyUnicode_AsEncodedString(value, "utf-16-le", NULL) : PyUnicode_AsLatin1String(value);
-        if (bytes != NULL) {
-            data = PyBytes_AsString(bytes);
-            length = PyBytes_Size(bytes);
-        }
+        bytes = PyUnicode_AsEncodedString(value, step->code == 'w' ? "utf-16-le" : "latin-1", NULL);
+        data = bytes != NULL ? PyBytes_AsString(bytes) : NULL;
+        length = bytes != NULL ? PyBytes_Size(bytes) : 0;
     }
-    taken = data != NULL && !holds_nul(data, (size_t)length, unit);
+    taken = data != NULL;
     if (taken && (size_t)length > room) {
         taken = step->cuts;
         length = (Py_ssize_t)cut(data, room, step->code);
@@ -240,13 +215,13 @@ static bool put_clock(const Codec *self, char code, unsigned char *into, PyObjec
     int64_t seconds, nanos;
     uint64_t total;
     uint32_t words[2];
-    if (!whole_of(value, self->words[SEC], &seconds)) {
+    if (!whole_of(value, self->tools[SEC], &seconds)) {
         if (PyErr_Occurred() == NULL || !PyErr_ExceptionMatches(PyExc_AttributeError))
             return false;
         PyErr_Clear();
-        if (!whole_of(value, self->words[SECS], &seconds) || !whole_of(value, self->words[NSECS], &nanos))
+        if (!whole_of(value, self->tools[SECS], &seconds) || !whole_of(value, self->tools[NSECS], &nanos))
             return false;
-    } else if (!whole_of(value, self->words[NANOSEC], &nanos)) {
+    } else if (!whole_of(value, self->tools[NANOSEC], &nanos)) {
         return false;
     }
     if (code == 'P') {
@@ -283,26 +258,11 @@ static bool are_such(const codec_buffer *view, const Step *step)
 {
     const char *format = view->format != NULL ? view->format : "B";
     format += strspn(format, "@=<");
-    return *format != 0 && format[1] == 0 && family(*format) == family(step->code) && view->ndim > 0 &&
+    return *format != 0 && format[1] == 0 && family(*format) == step->family && view->ndim > 0 &&
            view->itemsize == (Py_ssize_t)step->size;
 }
 
-/* The numbers of a list or a tuple; what it is changed to meanwhile does not matter. */
-static bool put_items(const Step *step, unsigned char *message, PyObject *value)
-{
-    PyObject *items = PySequence_Tuple(value);
-    const Py_ssize_t length = items != NULL ? PyTuple_Size(items) : -1;
-    bool taken = counted(step, message, length);
-    unsigned char *into = message + step->at;
-    for (Py_ssize_t index = 0; taken && index < length; index++, into += step->size)
-        taken = put_number(into, step->code, PyTuple_GetItem(items, index));
-    if (taken && is_late(step))
-        memset(into, 0, (step->most - (size_t)length) * step->size);
-    Py_XDECREF(items);
-    return taken;
-}
-
-/* Those of a buffer, now or late. */
+/* The numbers of a buffer, now or late. */
 static bool put_buffer(Way *way, const Step *step, unsigned char *message, PyObject *value)
 {
     const bool late = is_late(step) && way->count < CODEC_MOST_LATE;
@@ -330,7 +290,7 @@ static bool put_one(Way *way, const Step *step, unsigned char *into, PyObject *v
 {
     switch (step->what) {
     case NUMBERS:
-        return put_number(into, step->code, value);
+        return put_number(step, into, value);
     case TEXTS:
         return put_text(way, step, into, value);
     case CLOCKS:
@@ -340,33 +300,28 @@ static bool put_one(Way *way, const Step *step, unsigned char *into, PyObject *v
     }
 }
 
-/* Texts, times or messages, of anything that has a length and can be gone through. */
+/* The elements of anything that has a length and can be gone through, as they are now. */
 static bool put_each(Way *way, const Step *step, unsigned char *message, PyObject *value)
 {
     unsigned char *into = message + step->at;
-    PyObject *items;
-    Py_ssize_t length;
-    bool taken;
-    if (step->what == TEXTS && (PyUnicode_Check(value) || PyBytes_Check(value)))
-        return false;
-    length = PyObject_Size(value);
-    if (!counted(step, message, length))
-        return false;
-    items = PySequence_Tuple(value);
-    taken = items != NULL && PyTuple_Size(items) == length;
+    const Py_ssize_t length = PyObject_Size(value);
+    PyObject *items = counted(step, message, length) ? PySequence_Tuple(value) : NULL;
+    bool taken = items != NULL && PyTuple_Size(items) == length;
     for (Py_ssize_t index = 0; taken && index < length; index++, into += step->size)
         taken = put_one(way, step, into, PyTuple_GetItem(items, index));
+    if (taken && is_late(step))
+        memset(into, 0, (step->most - (size_t)length) * step->size);
     Py_XDECREF(items);
     return taken;
 }
 
 static bool put_array(Way *way, const Step *step, unsigned char *message, PyObject *value)
 {
-    if (step->what != NUMBERS)
-        return put_each(way, step, message, value);
-    if (PyList_Check(value) || PyTuple_Check(value))
-        return put_items(step, message, value);
-    return put_buffer(way, step, message, value);
+    if (step->what == TEXTS && (PyUnicode_Check(value) || PyBytes_Check(value)))
+        return false;
+    if (step->what == NUMBERS && !PyList_Check(value) && !PyTuple_Check(value))
+        return put_buffer(way, step, message, value);
+    return put_each(way, step, message, value);
 }
 
 static bool put_all(Way *way, const Step *step, const Step *end, unsigned char *into, PyObject *message)
@@ -395,7 +350,8 @@ static int answer(bool done)
     return 1;
 }
 
-int codec_encode(PyObject *codec, PyObject *message, unsigned char *into, codec_late *late, size_t *count, size_t *cuts)
+int codec_encode(PyObject *codec, PyObject *message, unsigned char *into, codec_late *late, size_t *count,
+                 size_t *cuts)
 {
     const Codec *self = (Codec *)codec;
     Way way = {self, into, late, 0, 0};
@@ -406,50 +362,42 @@ int codec_encode(PyObject *codec, PyObject *message, unsigned char *into, codec_
     clear(self->steps, self->steps + self->count, into, 0, &cleared);
     memset(into + cleared, 0, self->size - cleared);
     found = answer(put_all(&way, self->steps, self->steps + self->count, into, message));
-    Py_DECREF(message);
-    Py_DECREF(codec);
     if (found != 0) {
         codec_release(late, way.count);
         way.count = way.cuts = 0;
+        memset(into, 0, self->size);
     }
+    Py_DECREF(message);
+    Py_DECREF(codec);
     *count = way.count;
     *cuts = way.cuts;
     return found;
 }
 
-/* Also while an exception is set: letting go may run code. */
 void codec_release(codec_late *late, size_t count)
 {
-    PyObject *type, *value, *traceback;
-    if (count == 0)
-        return;
-    PyErr_Fetch(&type, &value, &traceback);
     while (count > 0)
         PyBuffer_Release(&late[--count].view);
-    PyErr_Restore(type, value, traceback);
 }
 
-static PyObject *number_from(const unsigned char *from, char code)
+static PyObject *number_from(const Step *step, const unsigned char *from)
 {
-    const size_t size = size_of(code);
-    uint64_t large = 0;
+    const int unused = 64 - 8 * (int)step->size;
+    uint64_t whole = 0;
     double number;
     float single;
-    switch (code) {
-    case 'd':
-        memcpy(&number, from, sizeof number);
-        return PyFloat_FromDouble(number);
+    memcpy(&whole, from, step->size);
+    switch (step->family) {
     case 'f':
+        memcpy(&number, from, sizeof number * (step->size == 8));
         memcpy(&single, from, sizeof single);
-        return PyFloat_FromDouble((double)single);
+        return PyFloat_FromDouble(step->size == 8 ? number : (double)single);
     case '?':
-        return PyBool_FromLong(*from);
+        return PyBool_FromLong((long)whole);
+    case 'u':
+        return PyLong_FromUnsignedLongLong(whole);
     default:
-        memcpy(&large, from, size);
-        if (family(code) == 'u')
-            return PyLong_FromUnsignedLongLong(large);
-        large <<= 64 - 8 * size;
-        return PyLong_FromLongLong((int64_t)large >> (64 - 8 * size));
+        return PyLong_FromLongLong((int64_t)(whole << unused) >> unused);
     }
 }
 
@@ -500,35 +448,26 @@ static void parts_from(const unsigned char *from, char code, int64_t *seconds, i
     *nanos = ms % 1000 * MILLISECOND;
 }
 
-/* As tuple.__new__(Time, (seconds, nanos)). */
-static PyObject *new_clock(PyObject *kind, PyObject *seconds, PyObject *nanos)
+static bool is_ours(const Codec *self, PyTypeObject *type)
 {
-    PyObject *values = PyTuple_Pack(2, seconds, nanos), *arguments = values != NULL ? PyTuple_Pack(1, values) : NULL;
-    PyObject *made = NULL;
-    if (arguments != NULL)
-        made = ((newfunc)PyType_GetSlot(&PyTuple_Type, Py_tp_new))((PyTypeObject *)kind, arguments, NULL);
-    Py_XDECREF(arguments);
-    Py_XDECREF(values);
-    return made;
+    return PyType_IsSubtype(type, (PyTypeObject *)self->tools[TIME]) ||
+           PyType_IsSubtype(type, (PyTypeObject *)self->tools[DURATION]);
 }
 
 /* `like` set in place, as itself; or, where it is one of ours or NULL, a new one of ours. */
 static PyObject *clock_from(const Codec *self, const Step *step, const unsigned char *from, PyObject *like)
 {
-    PyTypeObject *type = like != NULL ? Py_TYPE(like) : NULL;
     PyObject *seconds, *nanos, *made = NULL;
     int64_t parts[2];
     parts_from(from, step->code, &parts[0], &parts[1]);
     seconds = PyLong_FromLongLong(parts[0]);
     nanos = PyLong_FromLongLong(parts[1]);
-    if (seconds == NULL || nanos == NULL) {
-    } else if (type == NULL || PyType_IsSubtype(type, (PyTypeObject *)self->tools[TIME]) ||
-               PyType_IsSubtype(type, (PyTypeObject *)self->tools[DURATION])) {
-        made = new_clock(step->kind, seconds, nanos);
-    } else {
-        const bool is_ros2 = has(like, self->words[SEC]);
-        if (PyErr_Occurred() == NULL && PyObject_SetAttr(like, self->words[is_ros2 ? SEC : SECS], seconds) == 0 &&
-            PyObject_SetAttr(like, self->words[is_ros2 ? NANOSEC : NSECS], nanos) == 0) {
+    if (seconds != NULL && nanos != NULL && (like == NULL || is_ours(self, Py_TYPE(like)))) {
+        made = PyObject_CallFunctionObjArgs(step->kind, seconds, nanos, NULL);
+    } else if (seconds != NULL && nanos != NULL) {
+        const bool is_ros2 = has(like, self->tools[SEC]);
+        if (PyErr_Occurred() == NULL && PyObject_SetAttr(like, self->tools[is_ros2 ? SEC : SECS], seconds) == 0 &&
+            PyObject_SetAttr(like, self->tools[is_ros2 ? NANOSEC : NSECS], nanos) == 0) {
             Py_INCREF(like);
             made = like;
         }
@@ -538,128 +477,90 @@ static PyObject *clock_from(const Codec *self, const Step *step, const unsigned 
     return made;
 }
 
-static PyObject *list_from(const Step *step, const unsigned char *from, Py_ssize_t count, bool is_tuple)
+/* A copy of `like`, an array of array.array or numpy, with other numbers. NULL, without an exception: it has not as
+ * many of the kind, or not in this order. */
+static PyObject *copy_from(const Codec *self, const Step *step, const unsigned char *from, Py_ssize_t bytes,
+                           PyObject *like)
 {
-    PyObject *made = is_tuple ? PyTuple_New(count) : PyList_New(count);
-    for (Py_ssize_t index = 0; made != NULL && index < count; index++, from += step->size) {
-        PyObject *item = number_from(from, step->code);
-        if (item == NULL)
-            Py_CLEAR(made);
-        else if (is_tuple)
-            PyTuple_SetItem(made, index, item);
-        else
-            PyList_SetItem(made, index, item);
-    }
-    return made;
-}
-
-/* numpy has not been looked for before there was something that may be of it. */
-static bool is_ndarray(Codec *self, PyObject *like)
-{
-    PyObject *numpy;
-    if (self->ndarray == NULL && (PyObject *)Py_TYPE(like) != self->tools[ARRAY] && like != Py_None) {
-        numpy = PyImport_GetModule(self->words[NUMPY]);
-        if (numpy != NULL) {
-            self->ndarray = PyObject_GetAttrString(numpy, "ndarray");
-            self->empty = PyObject_GetAttrString(numpy, "empty");
-            Py_DECREF(numpy);
-        }
-    }
-    return self->ndarray != NULL && self->empty != NULL &&
-           PyType_IsSubtype(Py_TYPE(like), (PyTypeObject *)self->ndarray);
-}
-
-/* Of the shape of `like` where it has as many elements. */
-static PyObject *ndarray_from(Codec *self, const Step *step, const unsigned char *from, Py_ssize_t count, PyObject *like)
-{
-    PyObject *size = PyObject_GetAttr(like, self->words[SIZE]), *shape = NULL, *made = NULL;
-    const Py_ssize_t bytes = count * (Py_ssize_t)step->size, found = size != NULL ? PyLong_AsSsize_t(size) : -1;
+    PyObject *made = PyObject_CallMethodObjArgs(like, self->tools[COPY_METHOD], NULL);
     codec_buffer view;
-    if (found >= 0)
-        shape = found == count ? PyObject_GetAttr(like, self->words[SHAPE]) : PyLong_FromSsize_t(count);
-    if (shape != NULL)
-        made = PyObject_CallFunctionObjArgs(self->empty, shape, step->code_text, NULL);
-    Py_XDECREF(shape);
-    Py_XDECREF(size);
-    if (made == NULL || PyObject_GetBuffer(made, &view, PyBUF_WRITABLE) != 0) {
-        Py_CLEAR(made);
-        return NULL;
+    bool done = false;
+    if (made != NULL && PyObject_GetBuffer(made, &view, PyBUF_OF_ARRAY) == 0) {
+        done = are_such(&view, step) && view.len == bytes;
+        if (done)
+            memcpy(view.buf, from, (size_t)bytes);
+        PyBuffer_Release(&view);
     }
-    if (view.len == bytes)
-        memcpy(view.buf, from, (size_t)bytes);
-    else
+    if (!done)
         Py_CLEAR(made);
-    PyBuffer_Release(&view);
+    if (PyErr_Occurred() != NULL && PyErr_ExceptionMatches(PyExc_Exception))
+        PyErr_Clear();
     return made;
 }
 
-static PyObject *array_from(Codec *self, const Step *step, const unsigned char *from, Py_ssize_t bytes, PyObject *like)
+/* What from_numbers() makes, and a copy of the array that the attribute is now once it is known to make such. */
+static PyObject *array_from(const Codec *self, Step *step, const unsigned char *from, Py_ssize_t bytes, PyObject *like)
 {
-    PyObject *data = PyBytes_FromStringAndSize((const char *)from, bytes), *made = NULL, *code = NULL;
-    if ((PyObject *)Py_TYPE(like) == self->tools[ARRAY]) { /* one of `l` stays one of `l` */
-        const char *text = (code = PyObject_GetAttr(like, self->words[TYPECODE])) != NULL
-                               ? PyUnicode_AsUTF8AndSize(code, NULL)
-                               : NULL;
-        const size_t size = text == NULL ? 0 : strchr("lL", *text) != NULL ? sizeof(long) : size_of(*text);
-        if (text != NULL && (family(*text) != family(step->code) || size != step->size))
-            Py_CLEAR(code);
-    }
-    if (data != NULL && PyErr_Occurred() == NULL)
-        made = PyObject_CallFunctionObjArgs(self->tools[ARRAY], code != NULL ? code : step->code_text, data, NULL);
-    Py_XDECREF(code);
+    PyTypeObject *kind = Py_TYPE(like), *former;
+    PyObject *made = kind == step->known ? copy_from(self, step, from, bytes, like) : NULL, *data;
+    if (made != NULL || PyErr_Occurred() != NULL)
+        return made;
+    data = PyBytes_FromStringAndSize((const char *)from, bytes);
+    if (data != NULL)
+        made = PyObject_CallFunctionObjArgs(self->tools[FROM_NUMBERS], data, step->code_text, like, NULL);
     Py_XDECREF(data);
+    if (made != NULL && Py_TYPE(made) == kind && kind != step->known) {
+        former = step->known;
+        Py_INCREF(kind);
+        step->known = kind;
+        Py_XDECREF(former);
+    }
     return made;
 }
 
-/* As from_numbers(): in the kind of sequence that the attribute is now. */
-static PyObject *numbers_from(Codec *self, const Step *step, const unsigned char *from, Py_ssize_t count, PyObject *like)
+static PyObject *ours_from(const Codec *self, const Step *step, const unsigned char *from)
 {
-    const Py_ssize_t bytes = count * (Py_ssize_t)step->size;
-    if (PyBytes_CheckExact(like))
-        return PyBytes_FromStringAndSize((const char *)from, bytes);
-    if (PyByteArray_CheckExact(like))
-        return PyByteArray_FromStringAndSize((const char *)from, bytes);
-    if (PyList_CheckExact(like) || PyTuple_CheckExact(like))
-        return list_from(step, from, count, PyTuple_CheckExact(like));
-    if (is_ndarray(self, like))
-        return ndarray_from(self, step, from, count, like);
-    if (PyErr_Occurred() != NULL)
-        return NULL;
-    return step->code == '?' ? list_from(step, from, count, false) : array_from(self, step, from, bytes, like);
+    PyObject *bytes = PyBytes_FromStringAndSize((const char *)from, (Py_ssize_t)step->size), *made = NULL;
+    if (bytes != NULL)
+        made = PyObject_CallMethodObjArgs(step->kind, self->tools[FROM_BUFFER_COPY], bytes, NULL);
+    Py_XDECREF(bytes);
+    return made;
 }
 
-/* An element of a list, of the kind of the `first` of those that the attribute holds now. */
-static PyObject *element_from(Codec *self, const Step *step, const unsigned char *from, PyObject *first)
+/* An element of a list: of the kind of `first`, and of ours if that is NULL. */
+static PyObject *element_from(const Codec *self, Step *step, const unsigned char *from, PyObject *first)
 {
-    PyObject *type = first != NULL ? (PyObject *)Py_TYPE(first) : NULL, *bytes, *made;
+    PyObject *like = NULL, *made;
+    if (step->what == NUMBERS)
+        return number_from(step, from);
     if (step->what == TEXTS)
         return text_from(step, from);
+    if (first != NULL)
+        like = PyObject_CallFunctionObjArgs(self->tools[step->what == CLOCKS ? COPY : NEW_LIKE], first, NULL);
+    if (first != NULL && like == NULL)
+        return NULL;
     if (step->what == CLOCKS) {
-        if (type == NULL || type == self->tools[TIME] || type == self->tools[DURATION])
-            return clock_from(self, step, from, NULL);
-        first = PyObject_CallFunctionObjArgs(self->tools[COPY], first, NULL);
-        made = first != NULL ? clock_from(self, step, from, first) : NULL;
-        Py_XDECREF(first);
+        made = clock_from(self, step, from, like);
+        Py_XDECREF(like);
         return made;
     }
-    if (type == NULL || type == step->kind) {
-        bytes = PyBytes_FromStringAndSize((const char *)from, (Py_ssize_t)step->size);
-        made = bytes != NULL ? PyObject_CallMethodObjArgs(step->kind, self->words[FROM_BUFFER_COPY], bytes, NULL) : NULL;
-        Py_XDECREF(bytes);
-        return made;
-    }
-    made = PyObject_CallFunctionObjArgs(self->tools[NEW_LIKE], first, NULL);
-    if (made != NULL && !take_all(self, step + 1, step + 1 + step->inner, from, made))
-        Py_CLEAR(made);
-    return made;
+    if (like == NULL)
+        return ours_from(self, step, from);
+    if (!take_all(self, step + 1, step + 1 + step->inner, from, like))
+        Py_CLEAR(like);
+    return like;
 }
 
-static PyObject *elements_from(Codec *self, const Step *step, const unsigned char *from, Py_ssize_t count, PyObject *like)
+/* A list of what the list `like` holds. */
+static PyObject *list_from(const Codec *self, Step *step, const unsigned char *from, Py_ssize_t count, PyObject *like)
 {
-    const Py_ssize_t length = step->what != TEXTS ? PyObject_Size(like) : 0;
+    const Py_ssize_t length = step->what == CLOCKS || step->what == MESSAGES ? PyObject_Size(like) : 0;
     PyObject *first = length > 0 ? PySequence_GetItem(like, 0) : NULL, *made = NULL;
     if (length == 0 || first != NULL)
         made = PyList_New(0);
+    if (first != NULL &&
+        (step->what == CLOCKS ? is_ours(self, Py_TYPE(first)) : (PyObject *)Py_TYPE(first) == step->kind))
+        Py_CLEAR(first);
     for (Py_ssize_t index = 0; made != NULL && index < count; index++, from += step->size) {
         PyObject *item = element_from(self, step, from, first);
         if (item == NULL || PyList_Append(made, item) != 0)
@@ -670,43 +571,60 @@ static PyObject *elements_from(Codec *self, const Step *step, const unsigned cha
     return made;
 }
 
-/* Of an array. NULL, also without an exception: Python is to look. */
-static PyObject *many_from(Codec *self, const Step *step, const unsigned char *message, PyObject *like)
+/* As from_numbers(): in the kind of sequence that the attribute is now. */
+static PyObject *numbers_from(const Codec *self, Step *step, const unsigned char *from, Py_ssize_t count,
+                              PyObject *like)
 {
+    const Py_ssize_t bytes = count * (Py_ssize_t)step->size;
+    PyObject *list, *made;
+    if (PyList_CheckExact(like))
+        return list_from(self, step, from, count, like);
+    if (PyBytes_CheckExact(like))
+        return PyBytes_FromStringAndSize((const char *)from, bytes);
+    if (!PyTuple_CheckExact(like))
+        return array_from(self, step, from, bytes, like);
+    list = list_from(self, step, from, count, like);
+    made = list != NULL ? PyList_AsTuple(list) : NULL;
+    Py_XDECREF(list);
+    return made;
+}
+
+/* An array's value. NULL, also without an exception: Python is to look. */
+static PyObject *many_from(const Codec *self, Step *step, const unsigned char *message, PyObject *like)
+{
+    const unsigned char *from = message + step->at;
     uint32_t count = (uint32_t)step->most;
     if (step->count_at >= 0)
         memcpy(&count, message + step->count_at, sizeof count);
-    if (count > step->most || like == NULL)
+    if (count > step->most)
         return NULL;
-    return (step->what == NUMBERS ? numbers_from : elements_from)(self, step, message + step->at, (Py_ssize_t)count, like);
+    if (step->what == NUMBERS)
+        return numbers_from(self, step, from, (Py_ssize_t)count, like);
+    return list_from(self, step, from, (Py_ssize_t)count, like);
 }
 
-/* One attribute. */
-static bool take_one(Codec *self, const Step *step, const unsigned char *message, PyObject *owner)
+static bool take_one(const Codec *self, Step *step, const unsigned char *message, PyObject *owner)
 {
-    const unsigned char *from = message + step->at;
     const bool fresh = step->what == TEXTS || (step->what == NUMBERS && step->most == 0);
-    PyObject *like = fresh ? Py_None : PyObject_GetAttr(owner, step->name), *made = NULL;
+    const unsigned char *from = message + step->at;
+    PyObject *like = fresh ? NULL : PyObject_GetAttr(owner, step->name), *made = NULL;
     bool taken = false;
-    if (step->most != 0)
+    if (step->most != 0 && (like != NULL || fresh))
         made = many_from(self, step, message, like);
-    else if (step->what == NUMBERS)
-        made = number_from(from, step->code);
-    else if (step->what == TEXTS)
-        made = text_from(step, from);
-    else if (step->what == CLOCKS)
-        made = like != NULL ? clock_from(self, step, from, like) : NULL;
+    else if (fresh)
+        made = element_from(self, step, from, NULL);
+    else if (like != NULL && step->what == CLOCKS)
+        made = clock_from(self, step, from, like);
     else
         taken = like != NULL && take_all(self, step + 1, step + 1 + step->inner, from, like);
     if (made != NULL)
         taken = PyObject_SetAttr(owner, step->name, made) == 0;
     Py_XDECREF(made);
-    if (!fresh)
-        Py_XDECREF(like);
+    Py_XDECREF(like);
     return taken;
 }
 
-static bool take_all(Codec *self, const Step *step, const Step *end, const unsigned char *from, PyObject *message)
+static bool take_all(const Codec *self, Step *step, const Step *end, const unsigned char *from, PyObject *message)
 {
     for (; step < end; step += 1 + step->inner)
         if (!take_one(self, step, from, message))
@@ -716,7 +634,7 @@ static bool take_all(Codec *self, const Step *step, const Step *end, const unsig
 
 int codec_decode(PyObject *codec, const unsigned char *data, PyObject *message)
 {
-    Codec *self = (Codec *)codec;
+    const Codec *self = (Codec *)codec;
     int found;
     Py_INCREF(codec);
     Py_INCREF(message);
@@ -724,11 +642,6 @@ int codec_decode(PyObject *codec, const unsigned char *data, PyObject *message)
     Py_DECREF(message);
     Py_DECREF(codec);
     return found;
-}
-
-size_t codec_size(PyObject *codec)
-{
-    return ((Codec *)codec)->size;
 }
 
 /* For tests: encode(message, into), the texts that were cut; None: not for C. */
@@ -741,7 +654,7 @@ static PyObject *encode(PyObject *object, PyObject *arguments)
     int found;
     if (!PyArg_ParseTuple(arguments, "OO", &message, &into) || PyObject_GetBuffer(into, &view, PyBUF_WRITABLE) != 0)
         return NULL;
-    if ((size_t)view.len != codec_size(object)) {
+    if ((size_t)view.len != ((Codec *)object)->size) {
         PyBuffer_Release(&view);
         return PyErr_Format(PyExc_ValueError, "as many bytes as the message has");
     }
@@ -768,7 +681,7 @@ static PyObject *decode(PyObject *object, PyObject *arguments)
     int found;
     if (!PyArg_ParseTuple(arguments, "OO", &data, &message) || PyObject_GetBuffer(data, &view, PyBUF_SIMPLE) != 0)
         return NULL;
-    if ((size_t)view.len == codec_size(object))
+    if ((size_t)view.len == ((Codec *)object)->size)
         found = codec_decode(object, view.buf, message);
     else
         found = 1;
@@ -776,97 +689,62 @@ static PyObject *decode(PyObject *object, PyObject *arguments)
     return found < 0 ? NULL : PyBool_FromLong(found == 0);
 }
 
-/* Whether all that the steps write is within a message of so many bytes. */
-static bool are_within(const Step *step, const Step *end, size_t size)
-{
-    for (; step < end; step += 1 + step->inner) {
-        const size_t many = step->most != 0 ? step->most : 1;
-        const size_t least = step->what == NUMBERS  ? size_of(step->code)
-                             : step->what == TEXTS  ? 1 + (size_t)(step->code == 'w')
-                             : step->what == CLOCKS ? 4 + 4 * (size_t)(step->code == 'N' || step->code == 'P')
-                                                    : 1;
-        if (step->inner < 0 || step->inner >= end - step || step->size < least || step->at > size ||
-            many > (size - step->at) / step->size || step->count_at > (Py_ssize_t)size - 4)
-            return false;
-        if (step->what == NUMBERS && step->size != least)
-            return false;
-        if (step->what == MESSAGES && !are_within(step + 1, step + 1 + step->inner, step->size))
-            return false;
-    }
-    return true;
-}
-
-/* What a row of the plan says, each object owned. */
+/* What a row of the plan says. */
 static bool step_of(Step *step, PyObject *row)
 {
-    static const char *const codes[] = {"?bBhHiIqQfd", "ulw", "TDNP", "M"};
-    PyObject *name, *code_text, *kind;
+    static const char *const codes[] = {"?bBhHiIqQfd", "ulw", "TDNP"};
     int cuts;
-    if (!PyArg_ParseTuple(row, "UUnnnnnpO", &name, &code_text, &step->at, &step->size, &step->most, &step->count_at,
-                          &step->inner, &cuts, &kind))
+    if (!PyArg_ParseTuple(row, "UUnnnnnpO", &step->name, &step->code_text, &step->at, &step->size, &step->most,
+                          &step->count_at, &step->inner, &cuts, &step->kind))
         return false;
-    Py_INCREF(name);
-    Py_INCREF(code_text);
-    Py_INCREF(kind);
-    PyUnicode_InternInPlace(&name);
-    step->name = name;
-    step->code_text = code_text;
-    step->kind = kind;
-    step->code = (char)PyUnicode_ReadChar(code_text, 0);
+    step->code = (char)PyUnicode_ReadChar(step->code_text, 0);
+    step->family = family(step->code);
     step->cuts = cuts;
     while (step->what < MESSAGES && strchr(codes[step->what], step->code) == NULL)
         step->what++;
-    return PyErr_Occurred() == NULL && (step->what < CLOCKS || PyType_Check(kind));
+    return true;
 }
 
-/* Codec(plan, size of a message, (array.array, copy.copy, arrays.new_like, Time, Duration)). */
+/* Codec(plan, size of a message, tools). */
 static PyObject *make(PyTypeObject *type, PyObject *arguments, PyObject *keywords)
 {
-    PyObject *plan, *tools[TOOLS];
+    PyObject *plan, *held;
     Py_ssize_t size, count;
     Codec *self;
-    bool made = true;
     (void)keywords;
-    if (!PyArg_ParseTuple(arguments, "O!n(OOOO!O!)", &PyTuple_Type, &plan, &size, &tools[ARRAY], &tools[COPY],
-                          &tools[NEW_LIKE], &PyType_Type, &tools[TIME], &PyType_Type, &tools[DURATION]))
+    if (!PyArg_ParseTuple(arguments, "O!nO!", &PyTuple_Type, &plan, &size, &PyTuple_Type, &held))
         return NULL;
     self = (Codec *)((allocfunc)PyType_GetSlot(type, Py_tp_alloc))(type, 0);
     if (self == NULL)
         return NULL;
-    for (int index = 0; index < TOOLS; index++) {
-        Py_INCREF(tools[index]);
-        self->tools[index] = tools[index];
-    }
-    for (int index = 0; made && index < WORDS; index++)
-        made = (self->words[index] = PyUnicode_InternFromString(WORD[index])) != NULL;
-    count = PyTuple_Size(plan);
+    Py_INCREF(plan);
+    Py_INCREF(held);
+    self->plan = plan;
+    self->held = held;
     self->size = (size_t)size;
+    count = PyTuple_Size(plan);
     self->steps = PyMem_Calloc((size_t)count + 1, sizeof(Step));
-    made = made && self->steps != NULL && size >= 0;
-    for (; made && self->count < count; self->count++)
-        made = step_of(&self->steps[self->count], PyTuple_GetItem(plan, self->count));
-    if (made && are_within(self->steps, self->steps + count, self->size))
+    if (self->steps == NULL)
+        PyErr_NoMemory();
+    for (int index = 0; PyErr_Occurred() == NULL && index < TOOLS; index++)
+        self->tools[index] = PyTuple_GetItem(held, index);
+    while (PyErr_Occurred() == NULL && self->count < count)
+        self->count += step_of(&self->steps[self->count], PyTuple_GetItem(plan, self->count));
+    if (PyErr_Occurred() == NULL)
         return (PyObject *)self;
     Py_DECREF(self);
-    return PyErr_Occurred() != NULL ? NULL : PyErr_Format(PyExc_ValueError, "this is no plan");
+    return NULL;
 }
 
 static void codec_free(PyObject *object)
 {
     Codec *self = (Codec *)object;
     PyTypeObject *type = Py_TYPE(object);
-    while (self->count-- > 0) {
-        Py_XDECREF(self->steps[self->count].name);
-        Py_XDECREF(self->steps[self->count].code_text);
-        Py_XDECREF(self->steps[self->count].kind);
-    }
+    while (self->count-- > 0)
+        Py_XDECREF(self->steps[self->count].known);
     PyMem_Free(self->steps);
-    for (int index = 0; index < WORDS; index++)
-        Py_XDECREF(self->words[index]);
-    for (int index = 0; index < TOOLS; index++)
-        Py_XDECREF(self->tools[index]);
-    Py_XDECREF(self->ndarray);
-    Py_XDECREF(self->empty);
+    Py_XDECREF(self->plan);
+    Py_XDECREF(self->held);
     ((freefunc)PyType_GetSlot(type, Py_tp_free))(object);
     Py_DECREF(type);
 }

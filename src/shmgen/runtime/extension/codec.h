@@ -41,13 +41,12 @@ typedef struct codec_late {
 
 int codec_fill(PyObject *module); /* adds the type */
 bool codec_is(PyObject *object);
-size_t codec_size(PyObject *codec); /* bytes of a message */
 
 /* Both run code of the message's, which may call them again. 0: done. 1: not for C, and no exception is set: `_encode`
  * or `_decode` is to do it from the start, and says what is wrong. -1: an exception that is no Exception. */
 
-/* Writes all codec_size() bytes at `into` but the rooms of late arrays, of which `late` takes CODEC_MOST_LATE, in the
- * order of their offsets; `cuts` are the texts that were cut. After any other answer than 0 there are none of both. */
+/* Writes all bytes of the structure but the rooms of late arrays, of which `late` takes CODEC_MOST_LATE; `cuts` are the
+ * texts that were cut. Else there are none of both, and all bytes are zero. */
 int codec_encode(PyObject *codec, PyObject *message, unsigned char *into, codec_late *late, size_t *count,
                  size_t *cuts);
 void codec_release(codec_late *late, size_t count);

@@ -726,6 +726,10 @@ static PyObject *sleep_any(PyObject *module, PyObject *arguments)
         return PyErr_NoMemory();
     for (Py_ssize_t index = 0; index < count; index++) {
         Reader *reader = (Reader *)PyTuple_GetItem(readers, index);
+        if ((void *)PyType_GetSlot(Py_TYPE(reader), Py_tp_init) != (void *)reader_init) {
+            PyMem_Free(several);
+            return PyErr_Format(PyExc_TypeError, "these are for subscribers");
+        }
         several[index] = &reader->s;
         if (status == SHMGEN_OK) {
             status = listen_to(reader);
@@ -758,9 +762,9 @@ static PyObject *can_wait_for_many(PyObject *module, PyObject *nothing)
 
 static PyMemberDef writer_members[] = {
     {"__weaklistoffset__", T_PYSSIZET, offsetof(Writer, weak), READONLY, NULL},
-    {"sequence", T_UINT, offsetof(Writer, p.sequence), READONLY, NULL},
+    {"sequence", T_UINT, offsetof(Writer, p.sequence), 0, NULL},
     {"lock_misses", T_UINT, offsetof(Writer, p.end.misses), READONLY, NULL},
-    {"doubtful", T_UINT, offsetof(Writer, p.jump), READONLY, NULL},
+    {"doubtful", T_UINT, offsetof(Writer, p.jump), 0, NULL},
     {"pid", T_UINT, offsetof(Writer, of.pid), READONLY, NULL},
     {"truncations", T_ULONGLONG, offsetof(Writer, truncations), READONLY, NULL},
     {NULL, 0, 0, 0, NULL},
@@ -781,7 +785,7 @@ static PyMethodDef writer_methods[] = {
 static PyMemberDef reader_members[] = {
     {"__weaklistoffset__", T_PYSSIZET, offsetof(Reader, weak), READONLY, NULL},
     {"sequence", T_UINT, offsetof(Reader, s.sequence), READONLY, NULL},
-    {"last", T_UINT, offsetof(Reader, s.last), READONLY, NULL},
+    {"last", T_UINT, offsetof(Reader, s.last), 0, NULL},
     {"stamp", T_ULONGLONG, offsetof(Reader, s.stamp), READONLY, NULL},
     {"missed", T_ULONGLONG, offsetof(Reader, s.missed), READONLY, NULL},
     {"lock_misses", T_UINT, offsetof(Reader, s.end.misses), READONLY, NULL},
