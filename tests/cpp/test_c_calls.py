@@ -1,11 +1,13 @@
 """Services and actions in C: all that holds for C++, and what a fault planted in either does to it."""
 
+# ruff: noqa: F811 (fixtures come from test_calls)
+
 from __future__ import annotations
 
 import fcntl
 import shutil
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -16,7 +18,7 @@ from shmgen.core import abi
 
 from ..support import cpp_peer
 from ..support.cpp_peer import Peer
-from ..support.plc_calls import PACKAGE, Calls
+from ..support.plc_calls import PACKAGE
 from ..support.plc_demo import Memory
 from .test_calls import CANCELED, NOTHING, SUCCEEDED, action, serve, srv  # noqa: F401
 from .test_calls import program as cpp_program  # noqa: F401
@@ -31,14 +33,14 @@ SOURCES = {"c": "calls.c", "cpp": "calls.cpp"}
 
 
 @pytest.fixture(scope="session")
-def program(cpp_program: Path, generated: Path) -> Path:  # noqa: F811
+def program(cpp_program: Path, generated: Path) -> Path:
     return cpp_peer.compiled(generated / "calls", "calls-c", cpp_peer.HERE / SOURCES["c"])
 
 
 # --- what each end keeps to, with Python at the other ---------------------------------------------------------
 
 
-def takes_no_old_call(peer: Peer, srv: Any, topic: str) -> None:  # noqa: F811
+def takes_no_old_call(peer: Peer, srv: Any, topic: str) -> None:
     """One that lies there when the server comes: nobody knows whether another server has served it."""
     with srv.AskClient(topic) as client:
         client.send(srv.Ask_Request(question=99))
@@ -47,7 +49,7 @@ def takes_no_old_call(peer: Peer, srv: Any, topic: str) -> None:  # noqa: F811
         assert client.call(srv.Ask_Request(question=1), timeout=20).answer == 4
 
 
-def takes_no_call_before_its_claim_stands(peer: Peer, srv: Any, topic: str) -> None:  # noqa: F811
+def takes_no_call_before_its_claim_stands(peer: Peer, srv: Any, topic: str) -> None:
     """Where a PLC served before, that takes more than a second, in which that PLC may still serve."""
     srv.AskServer(topic).close()
     Memory(topic, "-response")["writer"] = abi.PLC
@@ -60,7 +62,7 @@ def takes_no_call_before_its_claim_stands(peer: Peer, srv: Any, topic: str) -> N
         assert client.call(srv.Ask_Request(question=1), timeout=20).answer == 4
 
 
-def takes_no_response_to_another_call(peer: Peer, srv: Any, topic: str) -> None:  # noqa: F811
+def takes_no_response_to_another_call(peer: Peer, srv: Any, topic: str) -> None:
     assert peer.ask(f"client {topic}") == "0"
     with srv.AskServer(topic) as server:
         assert peer.ask("send 1 0") == "0"
@@ -104,7 +106,7 @@ def test_an_end_keeps_to_it(
     program: Path,
     cpp_program: Path,
     srv: ModuleType,
-    topic: str,  # noqa: F811
+    topic: str,
 ) -> None:
     with opened({"c": program, "cpp": cpp_program}[language]) as peer:
         scene(peer, srv, topic)
@@ -118,12 +120,12 @@ def test_a_fault_is_found(
     program: Path,
     generated: Path,
     srv: ModuleType,
-    topic: str,  # noqa: F811
+    topic: str,
 ) -> None:
     scene, *edit = FAULTS[fault]
-    with opened(faulty(generated / "calls", fault.replace(" ", "-"), language, *edit)) as peer:
-        with pytest.raises(AssertionError):
-            SCENES[scene](peer, srv, topic)
+    program = faulty(generated / "calls", fault.replace(" ", "-"), language, *edit)
+    with opened(program) as peer, pytest.raises(AssertionError):
+        SCENES[scene](peer, srv, topic)
 
 
 def faulty(folder: Path, name: str, language: str, header: str, right: str, wrong: str) -> Path:
@@ -159,8 +161,8 @@ class opened:
 def test_feedback_can_be_had_behind_the_end(
     language: str,
     program: Path,
-    cpp_program: Path,  # noqa: F811
-    serve: Callable[[str, str], Any],  # noqa: F811
+    cpp_program: Path,
+    serve: Callable[[str, str], Any],
     topic: str,
 ) -> None:
     serve("python", "Count")
@@ -177,7 +179,7 @@ def test_a_goal_that_nobody_took_can_be_cancelled(
     program: Path,
     cpp_program: Path,
     action: ModuleType,
-    topic: str,  # noqa: F811
+    topic: str,
 ) -> None:
     with opened({"c": program, "cpp": cpp_program}[language]) as peer, action.CountActionClient(topic) as client:
         assert peer.ask(f"act {topic} 20000") == "0"
