@@ -1,7 +1,7 @@
 """Two hooks of hatchling: what is compiled for each wheel, and README.md as PyPI shows it.
 
-The first turns src/shmgen/runtime/core.c into the extension that publish and read are quicker with, and for shmgen
-itself bridge/codec/transcode.c into that of the bridge, and the templates into Python. It is called for each wheel, of
+The first turns core.c and codec.c of src/shmgen/runtime/extension into the extension that publish and read are quicker with, and
+for shmgen itself bridge/codec/transcode.c into that of the bridge, and the templates into Python. It is called for each wheel, of
 shmgen and of packaging/shmgen-runtime, and each editable installation, which reads its templates as they are. Nothing
 depends on the extensions: without a compiler, without Python's headers, and with SHMGEN_PURE set, there are none.
 
@@ -31,8 +31,8 @@ HERE = Path(__file__).resolve().parent
 SOURCES = HERE / "src" / "shmgen"
 HEADERS = HERE / "templates" / "c"
 """The engine; `shmgen.h`, which all of it includes, is printed from shmgen/core/abi.py."""
-RUNTIME = {"_core.abi3.so": "runtime/core.c"}
-ALL = RUNTIME | {"_transcode.abi3.so": "bridge/codec/transcode.c"}
+RUNTIME = {"_core.abi3.so": ("runtime/extension/core.c", "runtime/extension/codec.c")}
+ALL = RUNTIME | {"_transcode.abi3.so": ("bridge/codec/transcode.c",)}
 LIMITED = (3, 10)
 """The oldest Python that the binary runs on; so it does on all later ones."""
 _LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)#:\s]+)((?:#[^)]*)?)\)")
@@ -52,13 +52,13 @@ class StraightHook(BuildHookInterface[Any]):
         """As hatchling calls it before it builds: `version` is `standard` or `editable`."""
         wanted = ALL if Path(self.root).resolve() == HERE else RUNTIME
         if version == "editable":
-            notes = [compiled(source, SOURCES / name) for name, source in wanted.items()]
+            notes = [compiled(SOURCES / name) for name in wanted]
         else:
             self._folder = tempfile.TemporaryDirectory()  # until the wheel is made
             folder = Path(self._folder.name)
             if wanted == ALL:
                 build_data["force_include"] |= compiled_templates(folder)
-            notes = [compiled(source, folder / name) for name, source in wanted.items()]
+            notes = [compiled(folder / name) for name in wanted]
             if not any(notes):
                 platform = sysconfig.get_platform().replace("-", "_").replace(".", "_")
                 build_data["force_include"] |= {str(folder / name): f"shmgen/{name}" for name in wanted}
@@ -68,8 +68,8 @@ class StraightHook(BuildHookInterface[Any]):
             self.app.display_info(f"publish and read stay in Python: {max(notes)}")
 
 
-def compiled(source: str, target: Path) -> str:
-    """Compiles the extension `source` into `target`. Empty, or why there is none."""
+def compiled(target: Path) -> str:
+    """Compiles an extension of ALL. Empty, or why there is none."""
     if os.environ.get("SHMGEN_PURE"):
         return "SHMGEN_PURE is set"
     if sys.platform != "linux" or sys.implementation.name != "cpython" or sysconfig.get_config_var("Py_GIL_DISABLED"):
@@ -86,7 +86,8 @@ def compiled(source: str, target: Path) -> str:
         f"-DPy_LIMITED_API=0x{LIMITED[0]:02X}{LIMITED[1]:02X}0000",
     ]
     folders = (sysconfig.get_path("include"), HEADERS, printed.name)
-    where = [*(f"-I{folder}" for folder in folders), str(SOURCES / source), "-o", str(made)]
+    sources = (str(SOURCES / source) for source in ALL[target.name])
+    where = [*(f"-I{folder}" for folder in folders), *sources, "-o", str(made)]
     try:
         print_header(Path(printed.name))
         done = subprocess.run([*compiler, *flags, *where], capture_output=True, text=True, check=False)

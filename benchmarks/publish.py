@@ -174,7 +174,7 @@ def _image(topic: str, hand_topic: str) -> None:
     with ImagePublisher(topic) as publisher, ImageSubscriber(topic) as subscriber:
 
         def read_new(_: None) -> None:
-            subscriber._last = 0
+            subscriber._end.last = 0
             subscriber.read()
 
         _table(

@@ -15,7 +15,7 @@ import pytest
 from shmgen.core import abi
 from shmgen.core.abi import Word
 from shmgen.generator.render import render
-from shmgen.runtime import core, region_name
+from shmgen.runtime import engine, region_name
 from shmgen.runtime.region import header as h
 from shmgen.targets.c import region
 from shmgen.targets.st import common
@@ -330,7 +330,7 @@ def test_a_new_counter_is_one_line(tmp_path: Path, topic: str) -> None:
         assert end(f"{topic}/{name}", ()) == []
     for count, end in enumerate(ends.values(), 1):
         assert end("", topics) == [count] * len(topics)
-    if core.IN_C:
+    if engine.IN_C:
         extended = new_word.in_python(tmp_path, pure=False)
         assert extended(f"{topic}/extension", [f"{topic}/extension"]) == [1]
         assert extended("", topics) == [len(ends) + 1] * len(topics)

@@ -147,7 +147,7 @@ def test_runtime_loads_only_the_standard_library_and_posix_ipc() -> None:
         [sys.executable, "-I", "-c", code.replace(", shmgen.runtime", "")], check=True, capture_output=True, text=True
     ).stdout.split()
     foreign = set(loaded) - set(bare) - set(sys.stdlib_module_names)
-    assert foreign == {"shmgen", "posix_ipc"}
+    assert foreign <= {"shmgen", "posix_ipc"}
 
 
 ALLOWED = (

@@ -92,7 +92,7 @@ int publish(int rounds)
     const std::string topic = "/shmgen_bench_cpp_" + std::to_string(getpid());
     shmgen::Publisher<Pose> publisher(topic);
     shmgen::Options options{};
-    options.unstamped = 1;
+    options.unstamped = true;
     shmgen::Publisher<Pose> bare(topic + "_bare", options);
     shmgen::Publisher<Mebibyte> large(topic + "_large");
     auto image = std::make_unique<Mebibyte>();

@@ -16,20 +16,49 @@ extern "C" {
 
 /* User ids below are the machine's own services, which only root makes (Debian policy 9.2.2, SYS_UID_MAX). */
 #define SHMGEN_FIRST_PERSON 1000
+/* Bytes for the names of a group's members: 30,000 at least. */
+#define SHMGEN_MEMBERS 1048576
 
 static inline mode_t shmgen_made_mode(const shmgen_link *link)
 {
     return (mode_t)(link->mode != 0 ? link->mode : 0660);
 }
 
+/* Memory of this process's own, all 0; NULL: not to be had. */
+static inline void *shmgen_memory(size_t size)
+{
+#ifdef MAP_ANONYMOUS
+    void *made = mmap(NULL, size, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    return made != MAP_FAILED ? made : NULL;
+#else
+    (void)size;
+    return NULL;
+#endif
+}
+
+/* The number of the group of that name; -1: there is none. All its members come with it. */
+static inline int64_t shmgen_group_called(const char *name)
+{
+    struct group entry, *found = NULL;
+    char few[4096];
+    int error = getgrnam_r(name, &entry, few, sizeof few, &found);
+    int64_t number = error == 0 && found != NULL ? (int64_t)found->gr_gid : -1;
+    char *many = error == ERANGE ? (char *)shmgen_memory(SHMGEN_MEMBERS) : NULL;
+    if (many != NULL) {
+        if (getgrnam_r(name, &entry, many, SHMGEN_MEMBERS, &found) == 0 && found != NULL)
+            number = (int64_t)found->gr_gid;
+        munmap(many, SHMGEN_MEMBERS);
+    }
+    return number;
+}
+
 /* The number of a group given by name or number; -1: there is none. */
 static inline int64_t shmgen_group(const char *name)
 {
-    struct group entry, *found = NULL;
-    char room[4096];
+    const int64_t called = shmgen_group_called(name);
     int64_t number = 0;
-    if (getgrnam_r(name, &entry, room, sizeof room, &found) == 0 && found != NULL)
-        return (int64_t)found->gr_gid;
+    if (called >= 0)
+        return called;
     for (const char *digit = name; *digit != 0; digit++) {
         if (*digit < '0' || *digit > '9' || number > INT64_C(0xFFFFFFFF))
             return -1;
@@ -52,17 +81,14 @@ static inline bool shmgen_is_member(gid_t group)
 static inline bool shmgen_is_known(const struct stat *file)
 {
     struct passwd user, *owner = NULL;
-    struct group entry, *group = NULL;
-    char room[4096], more[4096];
+    char room[4096];
     if (file->st_uid < SHMGEN_FIRST_PERSON || file->st_uid == geteuid())
         return true;
     if (getpwuid_r(file->st_uid, &user, room, sizeof room, &owner) != 0 || owner == NULL)
         return false;
-    if (getgrgid_r(file->st_gid, &entry, more, sizeof more, &group) != 0 || group == NULL)
+    if (owner->pw_gid != file->st_gid || shmgen_group_called(owner->pw_name) != (int64_t)file->st_gid)
         return false;
-    if (owner->pw_gid != group->gr_gid || strcmp(owner->pw_name, group->gr_name) != 0)
-        return false;
-    return shmgen_is_member(group->gr_gid);
+    return shmgen_is_member(file->st_gid);
 }
 
 /* Whether nobody can write the file without leave. */

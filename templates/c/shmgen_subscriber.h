@@ -14,7 +14,7 @@ extern "C" {
 /* Messages up to so many bytes are looked at in a copy of their own, before they take the place of another. */
 #define SHMGEN_SMALL 1024
 
-/* For one thread at a time. `end.misses` counts locks not free in time, `end.refused` samples with a count too high. */
+/* For one thread at a time. */
 typedef struct shmgen_subscriber {
     shmgen_link end;
     uint64_t stamp;     /* ns since 1970 of the newest sample read, 0 = none */
@@ -23,14 +23,18 @@ typedef struct shmgen_subscriber {
     uint32_t last;      /* number of the sample that counts as read last */
     uint32_t sequence;  /* number of the newest sample read, 0 = none yet */
     uint32_t beat;
-    uint32_t reserved;
     uint64_t missed; /* samples overwritten unread */
     shmgen_path path; /* the field whose count was too high */
+    uint32_t borrowed; /* number of the sample between borrow and return, 0 = none */
+    uint32_t inside;   /* 1: holds the lock meanwhile */
 } shmgen_subscriber;
 
 /* Lets go of the region, which stays. Does nothing the second time. */
 static inline void shmgen_subscriber_close(shmgen_subscriber *self)
 {
+    if (self->inside != 0 && !shmgen_is_inherited(&self->end))
+        shmgen_leave(&self->end);
+    self->inside = self->borrowed = 0;
     shmgen_link_close(&self->end);
     self->gone = SHMGEN_CLOSED;
 }
@@ -123,7 +127,21 @@ static inline shmgen_status shmgen_copy(
 /* Looks at a message that was read, or puts it right; NULL for one that can hold anything. */
 typedef shmgen_status (*shmgen_receive)(void *message, shmgen_path *path);
 
-/* Copies sample `number` and counts it as read, and those in between as missed. */
+/* Sample `number` counts as read, and those in between as missed. */
+static inline void shmgen_count(shmgen_subscriber *self, uint32_t number)
+{
+    shmgen_link *end = &self->end;
+    const uint32_t skipped = shmgen_steps(end, self->last, number) - 1;
+    self->last = number;
+    if (skipped == 0 || skipped >= SHMGEN_RESTART_GAP)
+        return;
+    self->missed += skipped;
+    /* Outside of the lock: of two readers that add at once one may be lost, which a figure for people survives. */
+    if (!end->passive)
+        shmgen_store(end, SHMGEN_AT(missed), shmgen_load(end, SHMGEN_AT(missed)) + skipped);
+}
+
+/* Copies sample `number`, which then counts as read. */
 static inline shmgen_status shmgen_take(
     shmgen_subscriber *self, uint32_t number, void *into, size_t size, int64_t limit, shmgen_receive receive)
 {
@@ -131,18 +149,10 @@ static inline shmgen_status shmgen_take(
     uint64_t own[SHMGEN_SMALL / sizeof(uint64_t)];
     void *copy = size <= sizeof own ? (void *)own : into;
     uint64_t stamp = 0;
-    uint32_t skipped;
     shmgen_status status = shmgen_copy(self, number, copy, size, limit, &stamp);
     if (status != SHMGEN_OK)
         return status;
-    skipped = shmgen_steps(end, self->last, number) - 1;
-    if (skipped != 0 && skipped < SHMGEN_RESTART_GAP) {
-        self->missed += skipped;
-        /* Outside of the lock: of two readers that add at once one may be lost, which a figure for people survives. */
-        if (!end->passive)
-            shmgen_store(end, SHMGEN_AT(missed), shmgen_load(end, SHMGEN_AT(missed)) + skipped);
-    }
-    self->last = number;
+    shmgen_count(self, number);
     if (receive != NULL) {
         shmgen_path_clear(&self->path);
         status = receive(copy, &self->path);
@@ -183,7 +193,7 @@ static inline shmgen_status shmgen_give_up(void *into, size_t size)
  * call.
  * SHMGEN_NOTHING_NEW: it has been read already. SHMGEN_LOCK_TIMEOUT: not now. SHMGEN_OVERWRITTEN: again and again, by a
  * writer that is quicker. SHMGEN_COUNT_EXCEEDED: it says of a sequence that it has more elements than its bound; it is
- * passed over and counted in `end.refused`. `into` is changed by SHMGEN_OK only, but for more than SHMGEN_SMALL bytes:
+ * passed over and counted in shmgen_subscriber_refused(). `into` is changed by SHMGEN_OK only, but for more than SHMGEN_SMALL bytes:
  * they may be 0 after the last two. */
 static inline shmgen_status shmgen_subscriber_read(
     shmgen_subscriber *self, void *into, size_t size, int64_t limit, shmgen_receive receive)
@@ -250,7 +260,7 @@ static inline void shmgen_sleep(shmgen_subscriber *self, int64_t ns, uint32_t ne
  * waiting reader of a region, others look each millisecond. */
 static inline shmgen_status shmgen_subscriber_ready(shmgen_subscriber *self, int64_t timeout)
 {
-    const int64_t end = shmgen_now() + timeout;
+    const int64_t end = shmgen_until(timeout);
     shmgen_status status = SHMGEN_OK;
     if (self->end.step != SHMGEN_STEP_READY)
         return shmgen_why(self->gone);
@@ -273,11 +283,13 @@ static inline shmgen_status shmgen_subscriber_ready(shmgen_subscriber *self, int
     }
 }
 
-/* The newest sample as soon as there is a new one, or SHMGEN_NOTHING_NEW after `timeout` ns. */
+/* The newest sample as soon as there is a new one, or SHMGEN_NOTHING_NEW after `timeout` ns, and `into` is as it was.
+ * SHMGEN_OVERWRITTEN: the time is over, and more than SHMGEN_SMALL bytes were overwritten in each copy; `into` may be 0. */
 static inline shmgen_status shmgen_subscriber_wait(
     shmgen_subscriber *self, void *into, size_t size, int64_t timeout, shmgen_receive receive)
 {
-    const int64_t end = shmgen_now() + timeout;
+    const int64_t end = shmgen_until(timeout);
+    bool spoiled = false;
     for (;;) {
         int64_t left = end - shmgen_now();
         shmgen_status status = shmgen_subscriber_ready(self, left > 0 ? left : 0);
@@ -285,11 +297,30 @@ static inline shmgen_status shmgen_subscriber_wait(
             status = shmgen_subscriber_read(self, into, size, shmgen_limit_within(&self->end, end - shmgen_now()), receive);
         if (status != SHMGEN_NOTHING_NEW && status != SHMGEN_LOCK_TIMEOUT && status != SHMGEN_OVERWRITTEN)
             return status;
+        spoiled = spoiled || (status == SHMGEN_OVERWRITTEN && size > SHMGEN_SMALL);
         if (shmgen_now() >= end)
-            return SHMGEN_NOTHING_NEW;
+            return spoiled ? SHMGEN_OVERWRITTEN : SHMGEN_NOTHING_NEW;
         if (status != SHMGEN_NOTHING_NEW) /* it is there, and cannot be had just now */
             shmgen_pause(SHMGEN_POLL_MS * SHMGEN_MS);
     }
+}
+
+/* The field whose count was above its bound in the sample read last; empty: none. */
+static inline const char *shmgen_subscriber_rejected(const shmgen_subscriber *self)
+{
+    return shmgen_path_text(&self->path);
+}
+
+/* Samples that said of a sequence that it has more elements than its bound. */
+static inline uint32_t shmgen_subscriber_refused(const shmgen_subscriber *self)
+{
+    return self->end.refused;
+}
+
+/* How often the lock was not free in time. */
+static inline uint32_t shmgen_subscriber_lock_misses(const shmgen_subscriber *self)
+{
+    return self->end.misses;
 }
 
 /* What is there counts as read. */

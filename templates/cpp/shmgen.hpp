@@ -5,7 +5,7 @@
 #ifndef SHMGEN_HPP
 #define SHMGEN_HPP
 
-#include "shmgen_values.hpp"
+#include "shmgen_loans.hpp"
 
 #include <optional>
 #include <stdexcept>
@@ -14,10 +14,48 @@
 
 namespace shmgen {
 
-// depth, mode, group, lock_us: see shmgen_link.h. All 0 is what is usual.
-using Options = shmgen_options;
+// Permission bits: 0660 in octal, or std::filesystem::perms. Any beyond 0777 are refused when the topic is opened.
+struct Permissions {
+    std::uint32_t bits = 0;
+    constexpr Permissions() noexcept = default;
+    constexpr Permissions(std::uint32_t mode) noexcept : bits(mode) {}
+    template <class Perms, class = std::enable_if_t<std::is_enum<Perms>::value>>
+    constexpr Permissions(Perms perms) noexcept : bits(static_cast<std::uint32_t>(perms))
+    {
+    }
+};
 
-inline const char *text_of(Status status) noexcept { return shmgen_status_text(status); }
+// As it stands here it is what is usual; shmgen_link.h says more of each.
+struct Options {
+    const char *group = nullptr;      // of the files, by name or number
+    std::uint32_t depth = 0;          // samples a slow reader can still fetch, the same on both sides; 0: 1
+    Permissions mode = {};            // of the files
+    std::chrono::nanoseconds lock{};  // the longest a call waits for the lock, a second at most
+    bool unstamped = false;           // samples carry no time
+    bool passive = false;             // a subscriber that only watches: the region must be there
+
+    shmgen_options c() const noexcept
+    {
+        const std::int64_t us = (lock.count() + 999) / 1000;
+        const std::uint32_t limit = us < 0 || us > UINT32_MAX ? UINT32_MAX : static_cast<std::uint32_t>(us);
+        return {group, depth, mode.bits, limit, unstamped, passive, 0};
+    }
+};
+
+// A topic as the C calls take it. No character is lost that would make it a wrong one: they say so.
+class Topic {
+public:
+    explicit Topic(std::string_view topic) noexcept
+    {
+        const std::size_t length = topic.copy(text_, sizeof text_ - 1);
+        for (std::size_t index = 0; index < length; ++index)
+            text_[index] = text_[index] != 0 ? text_[index] : '?';
+    }
+    operator const char *() const noexcept { return text_; }
+
+private:
+    char text_[SHMGEN_LONGEST + 32]{};
+};
 
 // Why a topic, service or action could not be opened.
 class Error : public std::runtime_error {
@@ -29,14 +67,6 @@ private:
     Status status_;
 };
 
-// A time as the C calls take it; what is longer than a century is a century.
-template <class Rep, class Period> std::int64_t ns_of(std::chrono::duration<Rep, Period> time) noexcept
-{
-    const std::chrono::duration<double> seconds = time;
-    return seconds.count() > 3e9 ? INT64_C(3000000000000000000)
-                                 : static_cast<std::int64_t>(std::chrono::duration_cast<std::chrono::nanoseconds>(time).count());
-}
-
 // The one writer of a topic. For one thread at a time; a forked child opens its own.
 template <class T> class Publisher {
     static_assert(std::is_trivially_copyable<T>::value && std::is_standard_layout<T>::value, "messages are bytes");
@@ -47,11 +77,11 @@ public:
 #if defined(__cpp_exceptions)
     // Opens the topic's region or makes it, and claims it, which takes a second where a PLC was the writer before.
     // Throws Error.
-    explicit Publisher(const std::string &topic, const Options &options = {})
+    explicit Publisher(std::string_view topic, const Options &options = {})
     {
-        const Status status = open(topic.c_str(), options);
-        if (status != SHMGEN_OK)
-            throw Error(topic, status);
+        const Status status = open(topic, options);
+        if (!status)
+            throw Error(std::string(topic), status);
     }
 #endif
     Publisher(const Publisher &) = delete;
@@ -68,18 +98,20 @@ public:
     ~Publisher() { close(); }
 
     // The same without exceptions.
-    [[nodiscard]] Status open(const char *topic, const Options &options = {}) noexcept
+    [[nodiscard]] Status open(std::string_view topic, const Options &options = {}) noexcept
     {
         close();
         const shmgen_type type = Message<T>::type();
-        return shmgen_publisher_open(&end_, topic, &type, &options);
+        const shmgen_options wanted = options.c();
+        return shmgen_publisher_open(&end_, Topic(topic), &type, &wanted);
     }
     // The same without waiting: call step() in each cycle until it says SHMGEN_OK.
-    Status start(const char *topic, const Options &options = {}) noexcept
+    Status start(std::string_view topic, const Options &options = {}) noexcept
     {
         close();
         const shmgen_type type = Message<T>::type();
-        return shmgen_publisher_start(&end_, topic, &type, &options);
+        const shmgen_options wanted = options.c();
+        return shmgen_publisher_start(&end_, Topic(topic), &type, &wanted);
     }
     Status step() noexcept { return shmgen_publisher_step(&end_); }
     // Others may claim the topic then; the region stays.
@@ -92,15 +124,18 @@ public:
     // Never waits, and where all is well makes no system call.
     [[nodiscard]] Status try_publish(const T &message) noexcept { return send(message, 0); }
     // As publish(), in a call that has so long left: where the lock is needed all of it.
-    [[nodiscard]] Status publish_within(const T &message, std::chrono::nanoseconds left) noexcept
+    template <class Rep, class Period>
+    [[nodiscard]] Status publish_within(const T &message, std::chrono::duration<Rep, Period> left) noexcept
     {
-        return send(message, shmgen_limit_within(&end_.end, left.count()));
+        return send(message, shmgen_limit_within(&end_.end, ns_of(left)));
     }
+    // The next sample in the region itself, to be filled in and published there: for large ones.
+    [[nodiscard]] Loan<T> loan() noexcept { return Loan<T>(end_, end_.end.limit); }
     // Tells readers that the writer lives, without a sample.
     Status heartbeat() noexcept { return shmgen_publisher_heartbeat(&end_); }
 
     // The field that did not fit in the last message published, `points[3].label`; empty if all did.
-    std::string_view rejected() const noexcept { return shmgen_path_text(&end_.path); }
+    std::string_view rejected() const noexcept { return shmgen_publisher_rejected(&end_); }
     // Number of the newest sample, 0 = none yet.
     std::uint32_t sequence() const noexcept { return end_.sequence; }
     // How often the lock was not free in time, and how many messages did not fit.
@@ -112,8 +147,8 @@ private:
     Status send(const T &message, std::int64_t limit) noexcept
     {
         shmgen_path_clear(&end_.path);
-        const Status status = Message<T>::template misfit<true>(message, end_.path);
-        if (status != SHMGEN_OK) {
+        const Status status = misfit<true>(message, end_.path);
+        if (!status) {
             end_.end.refused++;
             return status;
         }
@@ -132,11 +167,11 @@ public:
     Subscriber() noexcept = default;
 #if defined(__cpp_exceptions)
     // Opens the topic's region, or makes it when the writer comes later. Throws Error.
-    explicit Subscriber(const std::string &topic, const Options &options = {})
+    explicit Subscriber(std::string_view topic, const Options &options = {})
     {
-        const Status status = open(topic.c_str(), options);
-        if (status != SHMGEN_OK)
-            throw Error(topic, status);
+        const Status status = open(topic, options);
+        if (!status)
+            throw Error(std::string(topic), status);
     }
 #endif
     Subscriber(const Subscriber &) = delete;
@@ -156,53 +191,62 @@ public:
     }
     ~Subscriber() { close(); }
 
-    [[nodiscard]] Status open(const char *topic, const Options &options = {}) noexcept
+    [[nodiscard]] Status open(std::string_view topic, const Options &options = {}) noexcept
     {
         close();
         const shmgen_type type = Message<T>::type();
-        return shmgen_subscriber_open(&end_, topic, &type, &options);
+        const shmgen_options wanted = options.c();
+        return shmgen_subscriber_open(&end_, Topic(topic), &type, &wanted);
     }
-    Status start(const char *topic, const Options &options = {}) noexcept
+    Status start(std::string_view topic, const Options &options = {}) noexcept
     {
         close();
         const shmgen_type type = Message<T>::type();
-        return shmgen_subscriber_start(&end_, topic, &type, &options);
+        const shmgen_options wanted = options.c();
+        return shmgen_subscriber_start(&end_, Topic(topic), &type, &wanted);
     }
     Status step() noexcept { return shmgen_subscriber_step(&end_); }
     void close() noexcept { shmgen_subscriber_close(&end_); }
     bool is_open() const noexcept { return end_.end.step == SHMGEN_STEP_READY; }
 
     // The newest sample, or nothing: it has been read already, or cannot be had now; status() says which.
-    std::optional<T> read() noexcept
+    [[nodiscard]] std::optional<T> read() noexcept
     {
         return made([this](T &into) { return read_into(into); });
     }
     // The same, which never waits, and where all is well makes no system call.
-    std::optional<T> try_read() noexcept
+    [[nodiscard]] std::optional<T> try_read() noexcept
     {
         return made([this](T &into) { return status_ = shmgen_subscriber_read(&end_, &into, sizeof into, 0, receive); });
     }
     // The oldest unread sample that is still there.
-    std::optional<T> read_next() noexcept
+    [[nodiscard]] std::optional<T> read_next() noexcept
     {
         return made([this](T &into) { return next_into(into); });
     }
     // The newest sample as soon as there is a new one, or nothing after that time.
-    template <class Rep, class Period> std::optional<T> wait(std::chrono::duration<Rep, Period> timeout) noexcept
+    template <class Rep, class Period> [[nodiscard]] std::optional<T> wait(std::chrono::duration<Rep, Period> timeout) noexcept
     {
         return made([&](T &into) {
             return status_ = shmgen_subscriber_wait(&end_, &into, sizeof into, ns_of(timeout), receive);
         });
     }
-    // As read(), into a message that is there: for large ones. Other than SHMGEN_OK: it is as it was, or of more than
-    // SHMGEN_SMALL bytes perhaps 0.
-    Status read_into(T &into) noexcept
+    // As read(), into a message that is there: for large ones. Other than SHMGEN_OK: it is as it was; or of more than
+    // SHMGEN_SMALL bytes, after SHMGEN_OVERWRITTEN and SHMGEN_COUNT_EXCEEDED, perhaps 0.
+    [[nodiscard]] Status read_into(T &into) noexcept
     {
         return status_ = shmgen_subscriber_read(&end_, &into, sizeof into, end_.end.limit, receive);
     }
-    Status next_into(T &into) noexcept
+    [[nodiscard]] Status next_into(T &into) noexcept
     {
         return status_ = shmgen_subscriber_read_next(&end_, &into, sizeof into, end_.end.limit, receive);
+    }
+    // The newest sample where it lies: for large ones, of which little is needed.
+    [[nodiscard]] Borrowed<T> borrow() noexcept
+    {
+        Borrowed<T> found(end_);
+        status_ = found.status();
+        return found;
     }
     // Hands every unread sample that is still there to `each`, the oldest first, and returns how many.
     template <class Each> std::size_t read_all(Each &&each)
@@ -220,14 +264,14 @@ public:
         return count;
     }
     // The same as a vector, which takes memory.
-    std::vector<T> read_all()
+    [[nodiscard]] std::vector<T> read_all()
     {
         std::vector<T> samples;
         read_all([&](const T &sample) { samples.push_back(sample); });
         return samples;
     }
     // Whether there is an unread sample, as soon as there is one or after that time; reads nothing.
-    template <class Rep, class Period> bool ready(std::chrono::duration<Rep, Period> timeout) noexcept
+    template <class Rep, class Period> [[nodiscard]] bool ready(std::chrono::duration<Rep, Period> timeout) noexcept
     {
         status_ = shmgen_subscriber_ready(&end_, ns_of(timeout));
         return status_ == SHMGEN_OK;
@@ -236,7 +280,7 @@ public:
     void skip() noexcept { shmgen_subscriber_skip(&end_); }
 
     // Whether the writer's heartbeat has stood still for so long, as seen by calls of this: call it in each cycle.
-    template <class Rep, class Period> bool is_stale(std::chrono::duration<Rep, Period> timeout) noexcept
+    template <class Rep, class Period> [[nodiscard]] bool is_stale(std::chrono::duration<Rep, Period> timeout) noexcept
     {
         return shmgen_subscriber_is_stale(&end_, ns_of(timeout));
     }
@@ -260,14 +304,14 @@ public:
     shmgen_subscriber &c() noexcept { return end_; }
 
 private:
-    static Status receive(void *copy, shmgen_path *path) noexcept
+    static shmgen_status receive(void *copy, shmgen_path *path) noexcept
     {
-        return Message<T>::template misfit<false>(*static_cast<const T *>(copy), *path);
+        return misfit<false>(*static_cast<const T *>(copy), *path);
     }
     template <class Read> static std::optional<T> made(Read &&read) noexcept
     {
         std::optional<T> found(std::in_place);
-        if (read(*found) != SHMGEN_OK)
+        if (!read(*found))
             found.reset();
         return found;
     }
@@ -275,6 +319,15 @@ private:
     shmgen_subscriber end_{};
     Status status_{SHMGEN_CLOSED};
 };
+
+// Sleeps until one of the subscribers, whatever their messages, has an unread sample, and reads nothing: SHMGEN_OK,
+// SHMGEN_NOTHING_NEW after that time, or what one says that is not open.
+template <class Rep, class Period, class... T>
+[[nodiscard]] Status ready_any(std::chrono::duration<Rep, Period> timeout, Subscriber<T> &...subscribers) noexcept
+{
+    shmgen_subscriber *const several[] = {&subscribers.c()...};
+    return shmgen_ready_any(several, sizeof...(T), ns_of(timeout));
+}
 
 } // namespace shmgen
 

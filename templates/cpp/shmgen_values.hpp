@@ -16,162 +16,190 @@
 #include <cstring>
 #include <initializer_list>
 #include <iterator>
+#include <limits>
+#include <ostream>
 #include <string>
 #include <string_view>
 #include <type_traits>
 
 namespace shmgen {
 
-using Status = shmgen_status;
+// How a call ended: true if all went well. `status == SHMGEN_NOTHING_NEW` asks for one end, `switch` takes its code().
+class Status {
+public:
+    constexpr Status() noexcept = default;
+    constexpr Status(shmgen_status code) noexcept : code_(code) {}
+    constexpr explicit operator bool() const noexcept { return code_ == SHMGEN_OK; }
+    constexpr shmgen_status code() const noexcept { return code_; }
+    const char *text() const noexcept { return shmgen_status_text(code_); }
+
+    friend constexpr bool operator==(Status one, Status other) noexcept { return one.code_ == other.code_; }
+    friend constexpr bool operator!=(Status one, Status other) noexcept { return one.code_ != other.code_; }
+    friend std::ostream &operator<<(std::ostream &out, Status status) { return out << status.text(); }
+
+private:
+    shmgen_status code_ = SHMGEN_CLOSED;
+};
+
+inline const char *text_of(Status status) noexcept { return status.text(); }
+
+// A time of whatever unit in ns; what is beyond them is the longest that there is.
+template <class Rep, class Period> std::int64_t ns_of(std::chrono::duration<Rep, Period> time) noexcept
+{
+    const std::chrono::duration<double> seconds = time;
+    if (seconds.count() > 9.2e9 || seconds.count() < -9.2e9)
+        return seconds.count() > 0 ? INT64_MAX : -INT64_MAX;
+    return std::chrono::duration_cast<std::chrono::nanoseconds>(time).count();
+}
+
+// The same of a time of day, since 1970.
+template <class Duration> std::int64_t ns_of(std::chrono::time_point<std::chrono::system_clock, Duration> time) noexcept
+{
+    return ns_of(time.time_since_epoch());
+}
+
+// Whether a number is the same in T. A floating-point number is rounded as usual, but stays finite.
+template <class T, class Number> constexpr bool holds(Number value) noexcept
+{
+    static_assert(std::is_floating_point<T>::value || !std::is_floating_point<Number>::value,
+                  "floating-point numbers for integers: round them first");
+    if constexpr (std::is_floating_point<T>::value && std::is_floating_point<Number>::value) {
+        using Wide = std::common_type_t<T, Number>;
+        constexpr Wide most = std::numeric_limits<T>::max();
+        return !(value > most || value < -most) || value - value != 0; // beyond, or infinite before
+    } else if constexpr (std::is_floating_point<T>::value || std::is_same<Number, T>::value ||
+                         (std::is_same<Number, char>::value && sizeof(T) == 1)) { // bytes of a string
+        return true;
+    } else {
+        const T kept = static_cast<T>(value);
+        return static_cast<Number>(kept) == value && (kept < T{}) == (value < Number{});
+    }
+}
 
 // What becomes of a text that is too long: it makes its message one that is refused, or it is cut, in UTF-8 before the
 // code point that would be torn (`overflow` and `encoding` in shmgen.toml).
 enum class Long { refused, cut_utf8, cut_latin1 };
 
-// A STRING(Capacity). Reading never goes beyond its bytes, whatever they are.
-template <std::uint32_t Capacity, Long TooLong = Long::refused> class text {
+// A STRING(Capacity), or a WSTRING in UTF-16 code units. Reading never goes beyond its bytes, whatever they are.
+template <class Unit, std::uint32_t Capacity, Long TooLong> class BasicText {
+    using Traits = std::char_traits<Unit>;
+    using View = std::basic_string_view<Unit>;
+    using String = std::basic_string<Unit>;
+
 public:
-    text() noexcept = default;
-    text(std::string_view value) noexcept { assign(value); }
-    text(const char *value) noexcept { assign(std::string_view(value)); }
-    text(const std::string &value) noexcept { assign(std::string_view(value)); }
-    text &operator=(std::string_view value) noexcept
+    BasicText() noexcept = default;
+    BasicText(View value) noexcept { assign(value); }
+    BasicText(const Unit *value) noexcept { assign(View(value)); }
+    BasicText(const String &value) noexcept { assign(View(value)); }
+    BasicText &operator=(View value) noexcept
     {
         assign(value);
         return *this;
     }
-    text &operator=(const char *value) noexcept { return *this = std::string_view(value); }
-    text &operator=(const std::string &value) noexcept { return *this = std::string_view(value); }
+    BasicText &operator=(const Unit *value) noexcept { return *this = View(value); }
+    BasicText &operator=(const String &value) noexcept { return *this = View(value); }
 
     // False: it was too long, or held a NUL.
-    bool assign(std::string_view value) noexcept
+    bool assign(View value) noexcept
     {
-        std::size_t length = value.size();
-        const bool whole = length <= Capacity;
-        if (!whole && TooLong != Long::refused) {
-            length = Capacity;
-            while (TooLong == Long::cut_utf8 && length > 0 && (static_cast<unsigned char>(value[length]) & 0xC0) == 0x80)
-                --length;
-        }
-        if (length > Capacity || std::memchr(value.data(), 0, length) != nullptr) {
-            std::memset(data_, '?', sizeof data_);
+        const bool whole = value.size() <= Capacity;
+        const std::size_t length = whole || TooLong == Long::refused ? value.size() : cut(value);
+        if (length > Capacity || Traits::find(value.data(), length, Unit{}) != nullptr) {
+            Traits::assign(data_, Capacity + 1, Unit{'?'});
             return false;
         }
         if (length > 0)
-            std::memcpy(data_, value.data(), length);
-        std::memset(data_ + length, 0, sizeof data_ - length);
+            Traits::move(data_, value.data(), length); // which may be a part of this one
+        Traits::assign(data_ + length, Capacity + 1 - length, Unit{});
         return whole;
     }
-    std::string_view view() const noexcept
+    [[nodiscard]] View view() const noexcept
     {
-        const void *end = std::memchr(data_, 0, Capacity);
-        return {data_, end == nullptr ? Capacity : static_cast<std::size_t>(static_cast<const char *>(end) - data_)};
+        const Unit *end = Traits::find(data_, Capacity, Unit{});
+        return {data_, end == nullptr ? Capacity : static_cast<std::size_t>(end - data_)};
     }
-    operator std::string_view() const noexcept { return view(); }
-    std::string str() const { return std::string(view()); }
+    operator View() const noexcept { return view(); }
+    String str() const { return String(view()); }
     std::size_t size() const noexcept { return view().size(); }
-    bool empty() const noexcept { return data_[0] == 0; }
+    [[nodiscard]] bool empty() const noexcept { return data_[0] == 0; }
     static constexpr std::size_t capacity() noexcept { return Capacity; }
     // Whether it holds what was assigned to it.
-    bool fits() const noexcept { return std::memchr(data_, 0, sizeof data_) != nullptr; }
+    [[nodiscard]] bool fits() const noexcept { return Traits::find(data_, Capacity + 1, Unit{}) != nullptr; }
 
-    friend bool operator==(const text &one, const text &other) noexcept { return one.view() == other.view(); }
-    friend bool operator==(const text &one, std::string_view other) noexcept { return one.view() == other; }
-    friend bool operator==(const text &one, const char *other) noexcept { return one.view() == other; }
-    friend bool operator!=(const text &one, const text &other) noexcept { return one.view() != other.view(); }
-    friend bool operator!=(const text &one, std::string_view other) noexcept { return one.view() != other; }
-    friend bool operator!=(const text &one, const char *other) noexcept { return one.view() != other; }
+    friend bool operator==(const BasicText &one, const BasicText &other) noexcept { return one.view() == other.view(); }
+    friend bool operator==(const BasicText &one, View other) noexcept { return one.view() == other; }
+    friend bool operator==(const BasicText &one, const Unit *other) noexcept { return one.view() == other; }
+    friend bool operator!=(const BasicText &one, const BasicText &other) noexcept { return one.view() != other.view(); }
+    friend bool operator!=(const BasicText &one, View other) noexcept { return one.view() != other; }
+    friend bool operator!=(const BasicText &one, const Unit *other) noexcept { return one.view() != other; }
+    friend std::basic_ostream<Unit> &operator<<(std::basic_ostream<Unit> &out, const BasicText &text)
+    {
+        return out << text.view();
+    }
 
 private:
-    char data_[Capacity + 1]{};
+    // Before what would be torn.
+    static std::size_t cut(View value) noexcept
+    {
+        std::size_t length = Capacity;
+        constexpr bool wide = sizeof(Unit) > 1;
+        const auto torn = [&] { return (value[length] & (wide ? 0xFC00 : 0xC0)) == (wide ? 0xDC00 : 0x80); };
+        while ((wide || TooLong == Long::cut_utf8) && length > 0 && torn())
+            --length;
+        return length;
+    }
+
+    Unit data_[Capacity + 1]{};
 };
 
-// A WSTRING(Capacity), in UTF-16 code units.
-template <std::uint32_t Capacity, Long TooLong = Long::refused> class wide_text {
-public:
-    wide_text() noexcept = default;
-    wide_text(std::u16string_view value) noexcept { assign(value); }
-    wide_text(const char16_t *value) noexcept { assign(std::u16string_view(value)); }
-    wide_text &operator=(std::u16string_view value) noexcept
-    {
-        assign(value);
-        return *this;
-    }
-    wide_text &operator=(const char16_t *value) noexcept { return *this = std::u16string_view(value); }
-
-    // False: it was too long, or held a NUL.
-    bool assign(std::u16string_view value) noexcept
-    {
-        std::size_t length = value.size();
-        const bool whole = length <= Capacity;
-        if (!whole && TooLong != Long::refused) {
-            length = Capacity;
-            if (length > 0 && (value[length] & 0xFC00) == 0xDC00)
-                --length;
-        }
-        if (length > Capacity || value.substr(0, length).find(u'\0') != std::u16string_view::npos) {
-            for (char16_t &unit : data_)
-                unit = u'?';
-            return false;
-        }
-        for (std::size_t index = 0; index <= Capacity; ++index)
-            data_[index] = index < length ? value[index] : u'\0';
-        return whole;
-    }
-    std::u16string_view view() const noexcept
-    {
-        std::size_t length = 0;
-        while (length < Capacity && data_[length] != 0)
-            ++length;
-        return {data_, length};
-    }
-    operator std::u16string_view() const noexcept { return view(); }
-    std::u16string str() const { return std::u16string(view()); }
-    std::size_t size() const noexcept { return view().size(); }
-    bool empty() const noexcept { return data_[0] == 0; }
-    static constexpr std::size_t capacity() noexcept { return Capacity; }
-    bool fits() const noexcept { return shmgen_ends_wide(data_, Capacity + 1) != 0; }
-
-    friend bool operator==(const wide_text &one, const wide_text &other) noexcept { return one.view() == other.view(); }
-    friend bool operator==(const wide_text &one, std::u16string_view other) noexcept { return one.view() == other; }
-    friend bool operator!=(const wide_text &one, const wide_text &other) noexcept { return one.view() != other.view(); }
-    friend bool operator!=(const wide_text &one, std::u16string_view other) noexcept { return one.view() != other; }
-
-private:
-    char16_t data_[Capacity + 1]{};
-};
+template <std::uint32_t Capacity, Long TooLong = Long::refused> using Text = BasicText<char, Capacity, TooLong>;
+template <std::uint32_t Capacity, Long TooLong = Long::refused> using WideText = BasicText<char16_t, Capacity, TooLong>;
 
 // Up to Bound elements: the count, Gap bytes, the room for all. It lies in its message, an Owner, and nowhere else: take
 // a reference to it. Whatever the count says, size() is Bound at most, and an index beyond it ends the program.
-template <class T, std::uint32_t Bound, std::uint32_t Gap, class Owner> class sequence {
+template <class T, std::uint32_t Bound, std::uint32_t Gap, class Owner> class Sequence {
     static_assert(std::is_trivially_copyable<T>::value, "elements are bytes");
+    template <class V> static constexpr bool both_numbers = std::is_arithmetic<V>::value && std::is_arithmetic<T>::value;
 
 public:
     using value_type = T;
     using iterator = T *;
     using const_iterator = const T *;
 
-    sequence &operator=(const sequence &) noexcept = default;
-    sequence &operator=(std::initializer_list<T> values) noexcept
+    Sequence &operator=(const Sequence &) noexcept = default;
+    Sequence &operator=(std::initializer_list<T> values) noexcept
     {
         assign(values);
         return *this;
     }
     template <class Range, class = decltype(std::begin(std::declval<const Range &>()))>
-    sequence &operator=(const Range &values) noexcept
+    Sequence &operator=(const Range &values) noexcept
     {
         assign(values);
         return *this;
     }
 
-    // False: there were more than Bound, and publish() will refuse the message.
+    // False: there were more than Bound, or T does not hold one of them, and publish() will refuse the message.
     template <class Range> bool assign(const Range &values) noexcept
     {
         clear();
         bool fits = true;
-        for (const auto &value : values)
-            fits = push_back(static_cast<T>(value));
+        for (const auto &value : values) {
+            if constexpr (both_numbers<std::decay_t<decltype(value)>>)
+                fits = push_back(value);
+            else
+                fits = push_back(static_cast<T>(value));
+        }
         return fits;
+    }
+    template <class Number, class = std::enable_if_t<both_numbers<Number> && !std::is_same<Number, T>::value>>
+    bool push_back(Number value) noexcept
+    {
+        if (holds<T>(value))
+            return push_back(static_cast<T>(value));
+        if (fits())
+            set_count(~count()); // which element it is that does not fit
+        return false;
     }
     bool push_back(const T &value) noexcept
     {
@@ -194,7 +222,7 @@ public:
     void clear() noexcept { set_count(0); }
 
     std::size_t size() const noexcept { return fits() ? count() : Bound; }
-    bool empty() const noexcept { return count() == 0; }
+    [[nodiscard]] bool empty() const noexcept { return count() == 0; }
     static constexpr std::size_t capacity() noexcept { return Bound; }
     // Whether it holds all that was assigned to it.
     bool fits() const noexcept { return count() <= Bound; }
@@ -207,21 +235,24 @@ public:
     T &operator[](std::size_t index) noexcept { return data()[checked(index)]; }
     const T &operator[](std::size_t index) const noexcept { return data()[checked(index)]; }
     // The element, or nullptr where there is none.
-    T *find(std::size_t index) noexcept { return index < size() ? data() + index : nullptr; }
-    const T *find(std::size_t index) const noexcept { return index < size() ? data() + index : nullptr; }
+    [[nodiscard]] T *find(std::size_t index) noexcept { return index < size() ? data() + index : nullptr; }
+    [[nodiscard]] const T *find(std::size_t index) const noexcept { return index < size() ? data() + index : nullptr; }
 
-private:
-    friend Owner;
-    sequence() noexcept = default;
-    sequence(std::initializer_list<T> values) noexcept { assign(values); }
-    sequence(const sequence &) noexcept = default;
-
+    // How many it would be with all that was assigned to it, or of an element that T does not hold the bitwise complement
+    // of its index.
     std::uint32_t count() const noexcept
     {
         std::uint32_t value;
         std::memcpy(&value, count_, sizeof value);
         return value;
     }
+
+private:
+    friend Owner;
+    Sequence() noexcept = default;
+    Sequence(std::initializer_list<T> values) noexcept { assign(values); }
+    Sequence(const Sequence &) noexcept = default;
+
     void set_count(std::uint32_t value) noexcept { std::memcpy(count_, &value, sizeof value); }
     std::size_t checked(std::size_t index) const noexcept
     {
@@ -235,21 +266,26 @@ private:
 };
 
 // A bool of one byte, true whatever it is but 0.
-class flag {
+class Flag {
 public:
-    constexpr flag(bool value = false) noexcept : value_(value ? 1 : 0) {}
+    constexpr Flag(bool value = false) noexcept : value_(value ? 1 : 0) {}
     constexpr operator bool() const noexcept { return value_ != 0; }
 
 private:
     std::uint8_t value_;
 };
 
+// Of any of them below: a std::chrono duration, or a time of its system clock.
+template <class Time> using TakesTime = decltype(ns_of(std::declval<const Time &>()));
+
 // A time or duration in a TIME of the PLC: ms modulo 2^32.
-struct clock_ms {
+struct ClockMs {
     std::uint32_t value{};
-    clock_ms() noexcept = default;
-    clock_ms(std::chrono::nanoseconds time) noexcept
-        : value(static_cast<std::uint32_t>(std::chrono::floor<std::chrono::milliseconds>(time).count()))
+    ClockMs() noexcept = default;
+    template <class Time, class = TakesTime<Time>>
+    ClockMs(const Time &time) noexcept
+        : value(static_cast<std::uint32_t>(
+              std::chrono::floor<std::chrono::milliseconds>(std::chrono::nanoseconds(ns_of(time))).count()))
     {
     }
     std::chrono::nanoseconds time() const noexcept { return std::chrono::milliseconds(value); }
@@ -262,80 +298,34 @@ struct clock_ms {
 };
 
 // The same in an LTIME: ns.
-struct clock_ns {
+struct ClockNs {
     alignas(8) std::uint64_t value{};
-    clock_ns() noexcept = default;
-    clock_ns(std::chrono::nanoseconds time) noexcept : value(static_cast<std::uint64_t>(time.count())) {}
+    ClockNs() noexcept = default;
+    template <class Time, class = TakesTime<Time>>
+    ClockNs(const Time &time) noexcept : value(static_cast<std::uint64_t>(ns_of(time)))
+    {
+    }
     std::chrono::nanoseconds time() const noexcept { return std::chrono::nanoseconds(static_cast<std::int64_t>(value)); }
     std::chrono::nanoseconds near(std::chrono::nanoseconds) const noexcept { return time(); }
 };
 
-// The same where time = "struct".
-struct clock_pair {
+// The same where time = "struct". One before 1901 or after 2038 does not fit.
+struct ClockPair {
     std::int32_t sec{};
     std::uint32_t nanosec{};
-    clock_pair() noexcept = default;
-    clock_pair(std::chrono::nanoseconds time) noexcept
-        : sec(static_cast<std::int32_t>(std::chrono::floor<std::chrono::seconds>(time).count())),
-          nanosec(static_cast<std::uint32_t>((time - std::chrono::floor<std::chrono::seconds>(time)).count()))
+    ClockPair() noexcept = default;
+    template <class Time, class = TakesTime<Time>> ClockPair(const Time &time) noexcept
     {
+        const std::chrono::nanoseconds all(ns_of(time));
+        const auto seconds = std::chrono::floor<std::chrono::seconds>(all);
+        sec = static_cast<std::int32_t>(seconds.count());
+        nanosec = sec == seconds.count() ? static_cast<std::uint32_t>((all - seconds).count()) : UINT32_MAX;
     }
     std::chrono::nanoseconds time() const noexcept { return std::chrono::seconds(sec) + std::chrono::nanoseconds(nanosec); }
     std::chrono::nanoseconds near(std::chrono::nanoseconds) const noexcept { return time(); }
+    // Whether it holds what was assigned to it.
+    bool fits() const noexcept { return nanosec != UINT32_MAX; }
 };
-
-// What a generated message says of itself: name, digest, how its files look, and what in it may not fit.
-template <class T> struct Message;
-
-// What of a value does not fit; with Texts, as before it is sent, else its counts only, as when it was read.
-template <bool Texts, class T> Status misfit(const T &value, shmgen_path &path) noexcept
-{
-    return Message<T>::template misfit<Texts>(value, path);
-}
-
-template <bool Texts, std::uint32_t Capacity, Long TooLong>
-Status misfit(const text<Capacity, TooLong> &value, shmgen_path &) noexcept
-{
-    return !Texts || value.fits() ? SHMGEN_OK : SHMGEN_TEXT_TOO_LONG;
-}
-
-template <bool Texts, std::uint32_t Capacity, Long TooLong>
-Status misfit(const wide_text<Capacity, TooLong> &value, shmgen_path &) noexcept
-{
-    return !Texts || value.fits() ? SHMGEN_OK : SHMGEN_TEXT_TOO_LONG;
-}
-
-template <bool Texts, class Elements> Status misfit_within(const Elements &values, shmgen_path &path) noexcept
-{
-    using T = typename Elements::value_type;
-    if constexpr (!std::is_arithmetic<T>::value && !std::is_same<T, flag>::value && !std::is_same<T, clock_ms>::value &&
-                  !std::is_same<T, clock_ns>::value && !std::is_same<T, clock_pair>::value) {
-        std::uint32_t index = 0;
-        for (const T &value : values) {
-            const Status status = misfit<Texts>(value, path);
-            if (status != SHMGEN_OK) {
-                if (*shmgen_path_text(&path) != 0)
-                    shmgen_path_put(&path, ".");
-                shmgen_path_index(&path, index);
-                return status;
-            }
-            ++index;
-        }
-    }
-    return SHMGEN_OK;
-}
-
-template <bool Texts, class T, std::uint32_t Bound, std::uint32_t Gap, class Owner>
-Status misfit(const sequence<T, Bound, Gap, Owner> &values, shmgen_path &path) noexcept
-{
-    return values.fits() ? misfit_within<Texts>(values, path) : SHMGEN_COUNT_EXCEEDED;
-}
-
-template <bool Texts, class T, std::size_t Length>
-Status misfit(const std::array<T, Length> &values, shmgen_path &path) noexcept
-{
-    return misfit_within<Texts>(values, path);
-}
 
 } // namespace shmgen
 

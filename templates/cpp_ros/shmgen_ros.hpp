@@ -36,18 +36,6 @@ template <class T> struct Ros;
 struct time;
 struct duration;
 
-template <class T> constexpr bool is_clock =
-    std::is_same<T, clock_ms>::value || std::is_same<T, clock_ns>::value || std::is_same<T, clock_pair>::value;
-template <class T> constexpr bool is_number = std::is_arithmetic<T>::value || std::is_same<T, flag>::value;
-template <class T> constexpr bool is_text = false;
-template <std::uint32_t Capacity, Long TooLong> constexpr bool is_text<text<Capacity, TooLong>> = true;
-template <std::uint32_t Capacity, Long TooLong> constexpr bool is_text<wide_text<Capacity, TooLong>> = true;
-template <class T> constexpr bool is_sequence = false;
-template <class T, std::uint32_t Bound, std::uint32_t Gap, class Owner>
-constexpr bool is_sequence<sequence<T, Bound, Gap, Owner>> = true;
-template <class T> constexpr bool is_array = false;
-template <class T, std::size_t Length> constexpr bool is_array<std::array<T, Length>> = true;
-
 // `nanosec` in ROS 2, `nsec` in ROS 1.
 template <class Stamp> auto nanoseconds_of(Stamp &stamp, int) -> decltype((stamp.nanosec)) { return stamp.nanosec; }
 template <class Stamp> auto nanoseconds_of(Stamp &stamp, long) -> decltype((stamp.nsec)) { return stamp.nsec; }
@@ -55,7 +43,7 @@ template <class Stamp> auto nanoseconds_of(Stamp &stamp, long) -> decltype((stam
 template <class Kind, class T, class Stamp> void clock_to_ros(const T &from, Stamp &into)
 {
     auto &nanoseconds = nanoseconds_of(into, 0);
-    if constexpr (std::is_same<T, clock_pair>::value) {
+    if constexpr (std::is_same<T, ClockPair>::value) {
         into.sec = static_cast<std::decay_t<decltype(into.sec)>>(from.sec);
         nanoseconds = static_cast<std::decay_t<decltype(nanoseconds)>>(from.nanosec);
     } else {
@@ -72,7 +60,7 @@ template <class Kind, class Stamp, class T> bool clock_from_ros(const Stamp &fro
 {
     const std::int64_t seconds = static_cast<std::int64_t>(from.sec);
     const std::int64_t nanoseconds = static_cast<std::int64_t>(nanoseconds_of(from, 0));
-    if constexpr (std::is_same<T, clock_pair>::value) {
+    if constexpr (std::is_same<T, ClockPair>::value) {
         into.sec = static_cast<std::int32_t>(from.sec);
         into.nanosec = static_cast<std::uint32_t>(nanoseconds);
         return seconds == into.sec;
@@ -82,7 +70,7 @@ template <class Kind, class Stamp, class T> bool clock_from_ros(const Stamp &fro
         const bool negative = total < 0;
         total = negative ? 0 : total;
         into = T(std::chrono::nanoseconds(total));
-        if constexpr (std::is_same<T, clock_ms>::value) {
+        if constexpr (std::is_same<T, ClockMs>::value) {
             if (std::is_same<Kind, time>::value) {
                 if (total != 0 && into.value == 0) // which would be unset
                     into.value = 1;
@@ -99,7 +87,7 @@ template <class Kind = void, class T, class R> void to_ros(const T &from, R &int
 {
     if constexpr (is_clock<T>) {
         clock_to_ros<Kind>(from, into);
-    } else if constexpr (std::is_same<T, flag>::value) {
+    } else if constexpr (std::is_same<T, Flag>::value) {
         into = static_cast<R>(static_cast<bool>(from));
     } else if constexpr (is_number<T>) {
         into = static_cast<R>(from);
@@ -115,7 +103,7 @@ template <class Kind = void, class T, class R> void to_ros(const T &from, R &int
                 into.resize(from.size());
             for (std::size_t index = 0; index < from.size(); ++index) {
                 if constexpr (is_number<E>) // of std::vector<bool> there is no reference to an element
-                    into[index] = static_cast<F>(static_cast<std::conditional_t<std::is_same<E, flag>::value, bool, E>>(from[index]));
+                    into[index] = static_cast<F>(static_cast<std::conditional_t<std::is_same<E, Flag>::value, bool, E>>(from[index]));
                 else
                     to_ros<Kind>(from[index], into[index]);
             }
@@ -130,7 +118,7 @@ template <class Kind = void, class R, class T> bool from_ros(const R &from, T &i
 {
     if constexpr (is_clock<T>) {
         return clock_from_ros<Kind>(from, into);
-    } else if constexpr (std::is_same<T, flag>::value) {
+    } else if constexpr (std::is_same<T, Flag>::value) {
         into = static_cast<bool>(from);
         return true;
     } else if constexpr (is_number<T>) {

@@ -27,6 +27,7 @@ from shmgen.live.classes import publisher, subscriber
 from shmgen.live.session import Session
 from shmgen.runtime import Publisher, Subscriber, Time, region_name
 from shmgen.runtime.region.names import region_file
+from tests.support.region_of import region_of
 
 PATH = """
 std_msgs/Header header
@@ -336,12 +337,12 @@ def test_the_plc_sees_a_ros_that_fell_silent(line: Callable[..., Line]) -> None:
         one.side.beat()
         assert not reader.is_stale(5)
         time.sleep(0.15)
-        before = reader._words[38]
+        before = region_of(reader).words[38]
         one.side.beat()
-        assert reader._words[38] == before
+        assert region_of(reader).words[38] == before
         one.side.take(message())
         one.side.beat()
-        assert reader._words[38] != before
+        assert region_of(reader).words[38] != before
 
 
 def test_a_plc_whose_heartbeat_stands_still_is_stale(line: Callable[..., Line]) -> None:

@@ -21,6 +21,7 @@ from shm_service.cell_msgs.action import (
 from shmgen import runtime
 from shmgen.runtime import action_server
 from shmgen.runtime.region import header as h
+from tests.support.region_of import region_of
 
 SERVE = """
 def move(goal):
@@ -204,7 +205,7 @@ def test_only_a_server_with_nothing_to_do_waits(pair, monkeypatch):
 def test_a_plc_is_a_client_while_its_heartbeat_moves(topic, monkeypatch):
     now = time.monotonic()
     with MoveActionServer(topic) as server:
-        words = server._calls._requests._words
+        words = region_of(server._calls._requests).words
         assert not server.client_lives()
         words[h.WRITER], words[h.HEARTBEAT] = h.PLC, 5
         assert server.client_lives()
@@ -289,7 +290,7 @@ def test_where_a_claim_is_in_doubt_goals_are_skip_stale_once_more(topic, monkeyp
     class Doubtful(getattr(MoveActionServer, half)):
         def __init__(self, *arguments, **options):
             super().__init__(*arguments, **options)
-            self._claim_doubtful = True
+            self._end.doubtful = 1
 
     times = []
     monkeypatch.setattr(action_server, "skip_stale", times.append)

@@ -25,8 +25,10 @@ from shm_service.cell_msgs.srv import (
 
 from shmgen import runtime
 from shmgen.runtime import calls
+from shmgen.runtime.reference import lock, writer
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region import lock
+from tests.support.engines import use_python
+from tests.support.region_of import region_of
 
 from ..support.tracing import traced
 
@@ -201,7 +203,7 @@ def test_without_a_server_nothing_is_sent(topic, monkeypatch):
             client.call(request(), timeout=0.2)
         assert 0.2 <= time.monotonic() - begin < 2
         assert not client.server_is_ready()
-        asked, words = [], client._calls._responses._words
+        asked, words = [], region_of(client._calls._responses).words
         monkeypatch.setattr(client._calls, "wait_for_server", asked.append)
         client.server_is_ready()
         words[h.WRITER] = h.PLC
@@ -472,7 +474,7 @@ def test_a_thread_waits_for_the_call_of_another_no_longer_than_its_time(topic):
 
 def test_a_plc_serves_while_its_heartbeat_moves(topic):
     with StartClient(topic) as client:
-        words = client._calls._responses._words
+        words = region_of(client._calls._responses).words
         words[h.WRITER], words[h.HEARTBEAT] = h.PLC, 5
         assert not client.server_is_ready()
         stop = threading.Event()
@@ -494,9 +496,9 @@ def test_a_plc_serves_while_its_heartbeat_moves(topic):
 
 def test_a_server_that_waits_shows_that_it_lives(topic):
     with StartServer(topic) as server, StartClient(topic) as client:
-        before = client._calls._responses._words[h.HEARTBEAT]
+        before = region_of(client._calls._responses).words[h.HEARTBEAT]
         assert server.wait(0.3) is None
-        assert client._calls._responses._words[h.HEARTBEAT] - before >= 3
+        assert region_of(client._calls._responses).words[h.HEARTBEAT] - before >= 3
 
 
 def test_taking_does_not_wait(topic, monkeypatch):
@@ -511,7 +513,7 @@ def test_where_a_claim_is_in_doubt_requests_are_skip_stale_once_more(topic, monk
     class Doubtful(StartServer.reply_publisher):
         def __init__(self, *arguments, **options):
             super().__init__(*arguments, **options)
-            self._claim_doubtful = True
+            self._end.doubtful = 1
 
     times = []
     monkeypatch.setattr("shmgen.runtime.server.skip_stale", times.append)
@@ -527,15 +529,16 @@ def test_where_a_claim_is_in_doubt_requests_are_skip_stale_once_more(topic, monk
 
 @pytest.fixture
 def on_arm(monkeypatch):
-    monkeypatch.setattr(lock, "keeps_order", lambda: False)
+    use_python(monkeypatch)
+    for module in (lock, writer):
+        monkeypatch.setattr(module, "keeps_order", lambda: False)
 
 
 def leave_locked(side, holder):
     """As a process killed inside leaves it."""
-    assert side._region.semaphore.acquire(False)
-    side._lock.forget()
-    side._region.words[h.LOCK_COUNT] += 1
-    side._region.words[h.LOCK_HOLDER] = holder
+    assert region_of(side).semaphore.acquire()
+    region_of(side).words[h.LOCK_COUNT] += 1
+    region_of(side).words[h.LOCK_HOLDER] = holder
 
 
 @pytest.mark.usefixtures("on_arm")
@@ -574,10 +577,10 @@ def test_a_server_that_begins_while_somebody_has_the_lock_serves_no_old_call(top
         with StartServer(topic) as before:
             client.send(request())
             assert before.take() is not None
-        semaphore = client._calls._requests._region.semaphore
-        assert semaphore.acquire(False)
+        semaphore = region_of(client._calls._requests).semaphore
+        assert semaphore.acquire()
         with StartServer(topic) as server:
-            semaphore.release()
+            semaphore.post()
             assert server.take() is None
 
 
@@ -596,7 +599,7 @@ def test_a_call_that_finds_no_free_lock_ends_in_its_time(topic):
 def test_an_answer_that_waits_for_the_lock_gives_way_to_a_newer_call(topic):
     with StartServer(topic, lock_timeout=0) as server, StartClient(topic) as client:
         leave_locked(server._calls._responses, h.PLC)
-        server._calls._responses._lock._since += 3600
+        server._calls._responses._end.lock._since -= 3600
         asked = []
 
         def handler(request):

@@ -15,7 +15,7 @@ import pytest
 
 from shmgen import __version__
 from shmgen.core.diagnostics import CODES
-from shmgen.runtime import core
+from shmgen.runtime import engine
 
 from ..support.command import Result, run, tree
 
@@ -468,7 +468,7 @@ def test_a_file_is_no_output_folder(tmp_path: Path) -> None:
 
 
 def test_help_and_version(tmp_path: Path) -> None:
-    written = f"shmgen, version {__version__}; publish and read in {'C' if core.IN_C else 'Python'}\n"
+    written = f"shmgen, version {__version__}; publish and read in {'C' if engine.IN_C else 'Python'}\n"
     assert done(tmp_path, "--version") == written
     for command in ("generate", "show", "types", "list", "explain"):
         assert command in done(tmp_path, "-h")

@@ -48,7 +48,7 @@ void count(action::CountActionServer::Goal &goal)
     goal.succeed(result);
 }
 
-std::string said(shmgen::Status status) { return std::to_string(status); }
+std::string said(shmgen::Status status) { return std::to_string(status.code()); }
 
 } // namespace
 

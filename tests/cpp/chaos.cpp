@@ -154,7 +154,7 @@ int main(int, char **words)
     shmgen::Options options{};
     options.depth = static_cast<std::uint32_t>(std::stoul(words[4]));
     const std::uint32_t limits[] = {1, 1, 1000, 10000};
-    options.lock_us = limits[rng() % 4];
+    options.lock = std::chrono::microseconds(limits[rng() % 4]);
     using shm_chaos::chaos_msgs::msg::Large;
     using shm_chaos::chaos_msgs::msg::Small;
     if (writes)

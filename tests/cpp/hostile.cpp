@@ -73,16 +73,16 @@ struct Stage {
     shm_demo_msgs_Everything_subscriber in_c{};
     std::vector<unsigned char> fresh;
 
-    static shmgen_options options()
+    static shmgen::Options options()
     {
-        shmgen_options made{};
+        shmgen::Options made;
         made.depth = 4;
-        made.lock_us = 1;
+        made.lock = std::chrono::microseconds(1);
         return made;
     }
     Stage()
     {
-        const shmgen_options made = options();
+        const shmgen_options made = options().c();
         if (shm_demo_msgs_Everything_subscriber_open(&in_c, TOPIC, &made) != SHMGEN_OK)
             abort();
         Everything message;

@@ -1,8 +1,8 @@
 // A peer in C or C++ that does what it is told, a line at a time on stdin, and answers each with a line.
 //
-//   open NAME c|cpp pub|sub TOPIC [depth=N] [mode=OCTAL] [group=NAME] [lock_us=N] [start=1]
+//   open NAME c|cpp pub|sub TOPIC [depth=N] [mode=OCTAL] [group=NAME] [lock_us=N] [start=1] [passive=1]
 //   step NAME, publish NAME A, try_publish NAME A, misfit NAME count|text, begin NAME A, complete NAME, heartbeat NAME
-//   read|try|next|wait NAME [MS], all NAME, ready NAME MS, stale NAME MS, skip NAME, figures NAME, close NAME, sleep MS
+//   read|try|next|wait NAME [MS], all NAME, ready NAME MS, stale NAME MS, skip NAME, figures NAME, close NAME, sleep MS, fork NAME, child NAME 0|1
 //
 // An answer is `0 ...`, or the number of a status and its text.
 #include "ends.h"
@@ -35,7 +35,7 @@ struct Value {
 // Either language behind one face.
 struct End {
     virtual ~End() = default;
-    virtual shmgen_status open(const std::string &topic, bool writes, const shmgen_options &options, bool waits) = 0;
+    virtual shmgen_status open(const std::string &topic, bool writes, const shmgen::Options &options, bool waits) = 0;
     virtual shmgen_status step() = 0;
     virtual shmgen_status publish(std::uint32_t a, bool waits) = 0;
     virtual shmgen_status misfit(const std::string &what) = 0;
@@ -47,9 +47,10 @@ struct End {
 struct InC : End {
     c_end end{};
     ~InC() override { c_close(&end); }
-    shmgen_status open(const std::string &topic, bool writes, const shmgen_options &options, bool waits) override
+    shmgen_status open(const std::string &topic, bool writes, const shmgen::Options &options, bool waits) override
     {
-        return c_open(&end, topic.c_str(), writes, &options, waits);
+        const shmgen_options wanted = options.c();
+        return c_open(&end, topic.c_str(), writes, &wanted, waits);
     }
     shmgen_status step() override { return c_step(&end); }
     shmgen_status publish(std::uint32_t a, bool waits) override { return c_publish(&end, a, waits); }
@@ -57,7 +58,7 @@ struct InC : End {
     shmgen_status read(const std::string &how, milliseconds time, Value &value) override
     {
         shm_demo_msgs_Demo found;
-        const shmgen_status status = c_read(&end, how.c_str(), std::chrono::nanoseconds(time).count(), &found);
+        const shmgen_status status = c_read(&end, how.c_str(), shmgen::ns_of(time), &found);
         if (status == SHMGEN_OK) {
             value = {found.a, found.b, found.label, {}};
             for (std::uint32_t index = 0; index < found.tail_count; ++index)
@@ -71,13 +72,14 @@ struct InC : End {
 
 // As C, but without a lock.
 struct InSequence : InC {
-    shmgen_status open(const std::string &topic, bool writes, const shmgen_options &options, bool) override
+    shmgen_status open(const std::string &topic, bool writes, const shmgen::Options &options, bool) override
     {
+        const shmgen_options wanted = options.c();
         shmgen_type type = shm_demo_msgs_Demo_type();
         type.sequence = 1;
         end.writes = writes;
-        return writes ? shmgen_publisher_open(&end.publisher.end, topic.c_str(), &type, &options)
-                      : shmgen_subscriber_open(&end.subscriber.end, topic.c_str(), &type, &options);
+        return writes ? shmgen_publisher_open(&end.publisher.end, topic.c_str(), &type, &wanted)
+                      : shmgen_subscriber_open(&end.subscriber.end, topic.c_str(), &type, &wanted);
     }
 };
 
@@ -85,20 +87,20 @@ struct InCpp : End {
     DemoPublisher pub;
     DemoSubscriber sub;
     bool writes = false;
-    shmgen_status open(const std::string &topic, bool writing, const shmgen_options &options, bool waits) override
+    shmgen_status open(const std::string &topic, bool writing, const shmgen::Options &options, bool waits) override
     try {
         writes = writing;
         if (!waits)
-            return writes ? pub.start(topic.c_str(), options) : sub.start(topic.c_str(), options);
+            return (writes ? pub.start(topic, options) : sub.start(topic, options)).code();
         if (writes)
             pub = DemoPublisher(topic, options);
         else
             sub = DemoSubscriber(topic, options);
         return SHMGEN_OK;
     } catch (const shmgen::Error &error) {
-        return error.status();
+        return error.status().code();
     }
-    shmgen_status step() override { return writes ? pub.step() : sub.step(); }
+    shmgen_status step() override { return (writes ? pub.step() : sub.step()).code(); }
     static Demo made(std::uint32_t a)
     {
         Demo message;
@@ -110,7 +112,7 @@ struct InCpp : End {
     }
     shmgen_status publish(std::uint32_t a, bool waits) override
     {
-        return waits ? pub.publish(made(a)) : pub.try_publish(made(a));
+        return (waits ? pub.publish(made(a)) : pub.try_publish(made(a))).code();
     }
     shmgen_status misfit(const std::string &what) override
     {
@@ -119,7 +121,7 @@ struct InCpp : End {
             message.tail = std::vector<int>(4);
         else
             message.label = what == "nul" ? std::string(3, '\0') : std::string(10, 'y');
-        return pub.publish(message);
+        return pub.publish(message).code();
     }
     shmgen_status read(const std::string &how, milliseconds time, Value &value) override
     {
@@ -129,7 +131,7 @@ struct InCpp : End {
                                                           : sub.read();
         if (found)
             value = {found->a, found->b, found->label.str(), {found->tail.begin(), found->tail.end()}};
-        return found ? SHMGEN_OK : sub.status();
+        return found ? SHMGEN_OK : sub.status().code();
     }
     shmgen_publisher &publisher() override { return pub.c(); }
     shmgen_subscriber &subscriber() override { return sub.c(); }
@@ -149,7 +151,7 @@ std::string opened(std::unique_ptr<End> &end, std::istringstream &words)
 {
     std::string language, role, topic, word;
     words >> language >> role >> topic;
-    shmgen_options options{};
+    shmgen::Options options;
     std::string group;
     bool waits = true, ends_sequence = false;
     while (words >> word) {
@@ -160,12 +162,14 @@ std::string opened(std::unique_ptr<End> &end, std::istringstream &words)
             waits = false;
         else if (key == "sequence")
             ends_sequence = true;
+        else if (key == "mode")
+            options.mode = static_cast<std::uint32_t>(std::stoul(value, nullptr, 8));
+        else if (key == "lock_us")
+            options.lock = std::chrono::microseconds(std::stol(value));
+        else if (key == "depth")
+            options.depth = static_cast<std::uint32_t>(std::stoul(value));
         else
-            (key == "depth"     ? options.depth
-             : key == "mode"    ? options.mode
-             : key == "lock_us" ? options.lock_us
-                                : options.unstamped) =
-                static_cast<std::uint32_t>(std::stoul(value, nullptr, key == "mode" ? 8 : 10));
+            (key == "passive" ? options.passive : options.unstamped) = true;
     }
     if (ends_sequence)
         language = "sequence";
@@ -242,6 +246,17 @@ std::string answer(std::map<std::string, std::unique_ptr<End>> &ends, const std:
         waitpid(child, &status, 0);
         return std::to_string(status);
     }
+    if (verb == "child") { // which touches nothing, or closes what is not its own; until it is killed
+        const pid_t child = fork();
+        if (child == 0) {
+            if (number != 0)
+                shmgen_publisher_close(&end.publisher());
+            std::cout << getpid() << std::endl;
+            for (;;)
+                pause();
+        }
+        return "";
+    }
     if (verb == "enter") // and stays inside
         return std::to_string(shmgen_enter(&end.subscriber().end, end.subscriber().end.limit));
     if (verb == "strict") { // from now on any system call but a write ends this process, by SIGKILL
@@ -280,6 +295,7 @@ int main()
 {
     std::map<std::string, std::unique_ptr<End>> ends;
     for (std::string line; std::getline(std::cin, line);)
-        std::cout << answer(ends, line) << std::endl;
+        if (const std::string text = answer(ends, line); !text.empty())
+            std::cout << text << std::endl;
     return 0;
 }

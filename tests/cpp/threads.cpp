@@ -34,7 +34,7 @@ int main(int count, char **)
     constexpr std::uint32_t SAMPLES = 100000;
     shmgen::Options options{};
     options.depth = 4;
-    options.lock_us = 1000000;
+    options.lock = std::chrono::seconds(1);
     shm_plc_demo::demo_msgs::msg::DemoPublisher publisher("/shmgen_test/threads", options);
     shm_plc_demo::demo_msgs::msg::DemoSubscriber subscriber("/shmgen_test/threads", options);
     shmgen_link &end = subscriber.c().end;

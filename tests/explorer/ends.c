@@ -157,7 +157,7 @@ static void reader(void)
     }
     if (subscriber.sequence != 0 &&
         shmgen_steps(&subscriber.end, before, subscriber.sequence) != received_by(self) + subscriber.missed)
-        fail("MISCOUNTED: %u to %u, %u read, %u missed", before, subscriber.sequence, received_by(self), subscriber.missed);
+        fail("MISCOUNTED: %u to %u, %u read, %u missed", before, subscriber.sequence, received_by(self), (unsigned)subscriber.missed);
 }
 
 /* Waits for each sample up to number n (leave=K: K), and is to have it `bound_us` after it is complete; all=1: each;
@@ -188,7 +188,7 @@ static void waiter(void)
             continue;
         }
         if (subscriber.missed != 0 && told("all", 0))
-            fail("LOST: %c has missed %u", 'A' + self, subscriber.missed);
+            fail("LOST: %c has missed %u", 'A' + self, (unsigned)subscriber.missed);
         if (since_published(subscriber.sequence) > told("bound_us", 0) * 1000)
             fail("LATE: sample %u after %.1f ms", subscriber.sequence, (double)since_published(subscriber.sequence) / MS);
     }

@@ -22,8 +22,10 @@ import pytest
 
 from shmgen.core.model import TypeName
 from shmgen.runtime import ClaimLost, LayoutMismatch, RegionInUse
-from shmgen.runtime.region import header, lock, opening
-from shmgen.runtime.region.claim import WATCH
+from shmgen.runtime.reference import lock, opening
+from shmgen.runtime.reference.claim import WATCH
+from shmgen.runtime.region import header
+from tests.support.region_of import region_of
 
 from ..conftest import REPOSITORY
 from ..softplc import Block
@@ -78,9 +80,9 @@ def python_stops_in_its_copy(demo: Demo, topic: str) -> Callable[[], None]:
     def work() -> None:
         with demo.python.DemoPublisher(topic) as publisher:
             publisher.publish(demo.message(1))
-            half = Halves(publisher._region.map)
+            half = Halves(region_of(publisher).map)
             publisher._disconnect()
-            publisher._hot = tuple(half if item is publisher._region.map else item for item in publisher._hot)
+            publisher._hot = tuple(half if item is region_of(publisher).map else item for item in publisher._hot)
             publisher.publish(demo.message(2))
 
     return work

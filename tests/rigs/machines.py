@@ -236,7 +236,7 @@ def filled(root: Path) -> None:
     (root / "usr/lib/python3/dist-packages/shmgen.pth").write_text(f"import sys; sys.path[:0] = {paths}\n")
     header = render([region.plan("engine")])["c/engine/shmgen.h"]
     (target / "shmgen.h").write_text(header)
-    core = f"{INSIDE}/src/shmgen/runtime/core.c -o {INSIDE}/src/shmgen/_core.abi3.so"
+    core = f"{INSIDE}/src/shmgen/runtime/co*.c -o {INSIDE}/src/shmgen/_core.abi3.so"
     flags = "-O2 -std=gnu11 -fPIC -shared -pthread -DPy_LIMITED_API=0x030A0000"
     include = "$(python3 -c 'import sysconfig; print(sysconfig.get_path(\"include\"))')"
     build = f"gcc {flags} -I{include} -I{INSIDE}/templates/c -I{INSIDE} {core}"

@@ -27,6 +27,7 @@ from shmgen.runtime import LockTimeout, RegionMissing, read_header, region_name
 from shmgen.runtime.region import header as h
 
 from ..support import plc_demo
+from ..support.region_of import region_of
 from .chaos_faults import Wrapped, swap, swap_map
 
 LIMIT = 1.3
@@ -92,7 +93,7 @@ def python_reader_inside(demo: Any, topic: str, inside: Callable[[], None]) -> N
             return self.inner[where]
 
     with demo.python.DemoSubscriber(topic) as subscriber:
-        swap(subscriber, subscriber._region.words, Words)
+        swap(subscriber, region_of(subscriber).words, Words)
         while True:
             subscriber.wait(1.0)
 

@@ -10,10 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from shmgen.runtime import region_name
-from shmgen.runtime.region import claim, lock
+from shmgen.runtime import engine, region_name
+from shmgen.runtime.reference import claim, lock, writer
 
-from ..support import machine
+from ..support import engines, machine
+from .messages import WHY_NOT
 
 HERE = Path(__file__).parent
 
@@ -29,15 +30,32 @@ def semaphore_file(topic):
 
 
 @pytest.fixture
-def on_x86(monkeypatch):
-    """Where one goes on without the lock, on whatever machine the tests run."""
-    monkeypatch.setattr(lock, "keeps_order", lambda: True)
+def in_python(monkeypatch):
+    """Publishers and subscribers are of the reference, here and in processes that a test starts."""
+    engines.use_python(monkeypatch)
+    monkeypatch.setenv("SHMGEN_PURE", "1")
+
+
+@pytest.fixture(params=["Python", pytest.param("C", marks=pytest.mark.skipif(not engine.IN_C, reason=WHY_NOT))])
+def each_engine(request):
+    """Each of the two."""
+    if request.param == "Python":
+        request.getfixturevalue("in_python")
+    return request.param
 
 
 @pytest.fixture
-def on_arm(monkeypatch):
+def on_x86(monkeypatch, in_python):
+    """Where one goes on without the lock, on whatever machine the tests run."""
+    for module in (lock, writer):
+        monkeypatch.setattr(module, "keeps_order", lambda: True)
+
+
+@pytest.fixture
+def on_arm(monkeypatch, in_python):
     """Where the lock is needed."""
-    monkeypatch.setattr(lock, "keeps_order", lambda: False)
+    for module in (lock, writer):
+        monkeypatch.setattr(module, "keeps_order", lambda: False)
 
 
 @pytest.fixture(autouse=True)
@@ -47,7 +65,7 @@ def in_time(monkeypatch):
 
 
 @pytest.fixture
-def unhealed(monkeypatch):
+def unhealed(monkeypatch, in_python):
     """Who is inside is never taken for dead, however slow the machine is."""
     monkeypatch.setattr(lock, "_STUCK_AFTER", 1e9)
 

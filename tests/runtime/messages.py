@@ -18,8 +18,9 @@ from tests.support import machine
 machine.pretend()
 from shmgen import runtime  # noqa: E402
 from shmgen.runtime.messages import values  # noqa: E402
-from shmgen.runtime.region import claim  # noqa: E402
+from shmgen.runtime.reference import claim  # noqa: E402
 from shmgen.runtime.region import header as h  # noqa: E402
+from tests.support.region_of import region_of  # noqa: E402
 
 WHY_NOT = "shmgen was installed without gcc or Python's headers: apt-get install gcc python3-dev; pip install -e ."
 if "t" in sys.abiflags:
@@ -87,15 +88,17 @@ class Scan(runtime.Message):
     _fields_ = [  # noqa: RUF012
         ("id", ctypes.c_uint32),
         ("_pad0", ctypes.c_uint8 * 4),
-        ("ranges", ctypes.c_double * LONG),
-        ("data_count", ctypes.c_uint32),
-        ("data", ctypes.c_uint8 * LONG),
+        ("_ranges", ctypes.c_double * LONG),
+        ("_data_count", ctypes.c_uint32),
+        ("_data", ctypes.c_uint8 * LONG),
         ("_name", ctypes.c_char * 17),
         ("_pad1", ctypes.c_uint8 * 3),
     ]
     _type_name_ = "test_msgs/msg/Scan"
     _digest_ = 0x5CA9
-    _names_ = ("id", "name")
+    _names_ = ("id", "ranges", "data", "name")
+    ranges = runtime.Elements(8, ctypes.c_double, LONG)
+    data = runtime.Elements(12 + 8 * LONG, ctypes.c_uint8, LONG, 8 + 8 * LONG)
     name = runtime.Text(12 + 9 * LONG, 17, 16, values.text, values.from_text)
 
     @staticmethod
@@ -183,18 +186,18 @@ def main(work: str, topic: str, depth: int = 1) -> None:
                         number += 1
         case "inside":
             with PoseSubscriber(topic, depth=depth) as subscriber:
-                words = subscriber._region.words
-                assert subscriber._region.semaphore.acquire(True)
+                words = region_of(subscriber).words
+                assert region_of(subscriber).semaphore.acquire()
                 words[h.LOCK_COUNT] += 1
                 words[h.LOCK_HOLDER] = os.getpid()
                 say("ready")
                 sys.stdin.read()
         case "hold":
             with PoseSubscriber(topic, depth=depth) as subscriber:
-                subscriber._region.semaphore.acquire(True)
+                region_of(subscriber).semaphore.acquire()
                 say("ready")
                 sys.stdin.read()
-                subscriber._region.semaphore.release()
+                region_of(subscriber).semaphore.post()
         case _:
             raise SystemExit(work)
 

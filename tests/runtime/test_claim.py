@@ -8,10 +8,12 @@ import pytest
 
 from shmgen import runtime
 from shmgen.runtime import calls, subscriber, wait_any
-from shmgen.runtime.region import access, claim, lock
+from shmgen.runtime.reference import claim, lock, reader
+from shmgen.runtime.region import access, settings
 from shmgen.runtime.region import header as h
 
 from ..rigs.chaos_faults import swap_map
+from ..support.region_of import region_of
 from .messages import PosePublisher, PoseSubscriber, pose
 
 NUMBER = 41
@@ -22,29 +24,36 @@ STOOD_STILL = claim._STOOD_STILL
 @pytest.fixture
 def region(topic):
     """A reader's, with a PLC as the writer."""
-    with PoseSubscriber(topic, depth=3) as reader:
-        reader._region.words[h.WRITER] = h.PLC
-        reader._region.words[h.COMPLETED] = NUMBER
-        yield reader._region
+    PoseSubscriber(topic, depth=3).close()
+    region = region_of(topic)
+    region.words[h.WRITER] = h.PLC
+    region.words[h.COMPLETED] = NUMBER
+    return region
 
 
 @pytest.fixture
 def clock(monkeypatch):
-    """Goes on only by sleeping; `events` are (from when on, what happens once)."""
-    clock = SimpleNamespace(now=0.0, naps=[], events=[])
+    """Goes on only between two steps; `events` are (from when on, what happens once)."""
+    clock = SimpleNamespace(now=0.0, steps=[], events=[])
 
     def monotonic():
         while clock.events and clock.events[0][0] <= clock.now:
             clock.events.pop(0)[1]()
         return clock.now
 
-    def sleep(seconds):
-        clock.naps.append(seconds)
-        clock.now += seconds
-        monotonic()
+    def claimed(region):
+        steps = claim.claim("/topic", region)
+        while True:
+            try:
+                clock.steps.append(next(steps))
+            except StopIteration as done:
+                return done.value
+            clock.now += 0.001
+            monotonic()
 
-    monkeypatch.setattr(claim, "time", SimpleNamespace(monotonic=monotonic, sleep=sleep))
+    monkeypatch.setattr(claim, "time", SimpleNamespace(monotonic=monotonic))
     monkeypatch.setattr(claim, "_STOOD_STILL", STOOD_STILL)
+    clock.claimed = claimed
     return clock
 
 
@@ -53,23 +62,24 @@ def says(region, word, value):
 
 
 def test_limits_are_those_of_the_protocol():
-    assert (claim.WATCH, claim._CONFIRM, STOOD_STILL) == (1.0, 0.1, 0.05)
-    assert (lock.LOCK_TIMEOUT, lock.UNTIL_RECOVERED, lock._DEAD_AFTER, lock._STUCK_AFTER) == (0.01, 1.1, 0.05, 1.0)
-    assert (subscriber._POLL, subscriber._SLICE) == (wait_any._POLL, wait_any._SLICE) == (0.001, 0.01)
+    assert (claim.WATCHED, claim._CONFIRM, STOOD_STILL) == (1.0, 0.1, 0.05)
+    assert (lock.LOCK_TIMEOUT, settings.UNTIL_RECOVERED, lock._DEAD_AFTER, lock._STUCK_AFTER) == (0.01, 1.1, 0.05, 1.0)
+    assert (subscriber._POLL, reader._POLL, wait_any._SLICE) == (0.001, 0.001, 0.01)
     assert (calls._FRESH, calls._HEARTBEAT, access.PATIENCE) == (1.0, 0.05, 0.1)
 
 
 def test_a_plc_that_stands_still_is_watched_for_a_second_and_a_turn_is_left_to_it(region, clock):
-    assert claim.claim(region) == (NUMBER + region.header.slots, True)
+    assert clock.claimed(region) == (NUMBER + region.header.slots, True)
     assert 1.1 <= clock.now < 1.104
-    assert clock.naps[-1] == 0.1
-    assert set(clock.naps[:-1]) == {0.002}
+    watched = clock.steps.index(claim.CONFIRM)
+    assert (set(clock.steps[:watched]), set(clock.steps[watched:])) == ({claim.WATCH}, {claim.CONFIRM})
+    assert watched == pytest.approx(1000, abs=2)
     assert region.words[h.WRITER] == region.pid
 
 
 def test_a_plc_that_lets_go_leaves_its_numbers_too(region, clock):
     clock.events = [(0.5, says(region, h.WRITER, 0))]
-    assert claim.claim(region) == (NUMBER, False)
+    assert clock.claimed(region) == (NUMBER, False)
     assert 0.5 <= clock.now < 0.504
 
 
@@ -77,31 +87,32 @@ def test_a_plc_that_lets_go_leaves_its_numbers_too(region, clock):
 def test_who_moves_at_the_last_moment_is_a_writer(region, clock, word):
     clock.events = [(0.99, says(region, word, 77))]
     with pytest.raises(runtime.RegionInUse):
-        claim.claim(region)
+        clock.claimed(region)
     assert 0.99 <= clock.now < 0.994
 
 
 def test_whose_name_stands_in_the_end_is_the_writer(region, clock):
     clock.events = [(1.05, says(region, h.WRITER, h.PLC))]
     with pytest.raises(runtime.RegionInUse):
-        claim.claim(region)
+        clock.claimed(region)
     assert region.words[h.WRITER] == h.PLC
 
 
 @pytest.mark.parametrize(("stop", "doubtful"), [(0.05, False), (0.0501, True)])
 def test_who_stands_still_between_look_and_name_makes_sure(region, clock, monkeypatch, stop, doubtful):
     """The second look at the clock comes after the name."""
-    looks = iter((0.0, stop))
+    monotonic, looks = claim.time.monotonic, [0.0]
     clock.now = stop
-    monkeypatch.setattr(claim.time, "monotonic", lambda: next(looks))
+    monkeypatch.setattr(claim.time, "monotonic", lambda: looks.pop() if looks else monotonic())
     region.words[h.WRITER] = 12345
-    assert claim.claim(region) == (NUMBER + region.header.slots if doubtful else NUMBER, doubtful)
-    assert clock.naps == ([0.1] if doubtful else [])
+    assert clock.claimed(region) == (NUMBER + region.header.slots if doubtful else NUMBER, doubtful)
+    assert len(clock.steps) == pytest.approx(100 if doubtful else 0, abs=2)
 
 
+@pytest.mark.usefixtures("in_python")
 def test_who_loses_the_topic_in_its_copy_voids_the_slot_and_gives_all_back(topic):
     with PosePublisher(topic, depth=3) as publisher, PoseSubscriber(topic, depth=3) as subscriber:
-        region, words = publisher._region, publisher._region.words
+        region, words = region_of(publisher), region_of(publisher).words
         for number in (1, 2, 3):
             publisher.publish(pose(number))
         swap_map(publisher, says(region, h.WRITER, h.PLC))
@@ -109,7 +120,7 @@ def test_who_loses_the_topic_in_its_copy_voids_the_slot_and_gives_all_back(topic
             publisher.publish(pose(4))
         slots = [region.sample(number).start // 4 + 2 * h.NUMBER for number in (1, 2, 3, 4)]
         assert [words[slot] for slot in slots] == [1, 2, 3, 0]
-        assert (words[h.COMPLETED], words[h.LOCK_HOLDER], region.semaphore._get_value()) == (3, 0, 1)
+        assert (words[h.COMPLETED], words[h.LOCK_HOLDER], region.semaphore.value) == (3, 0, 1)
         assert subscriber.read().position.x == 3.0
         with pytest.raises(runtime.ClaimLost):
             publisher.heartbeat()
@@ -118,16 +129,19 @@ def test_who_loses_the_topic_in_its_copy_voids_the_slot_and_gives_all_back(topic
 
 
 @pytest.mark.parametrize("use", [lambda publisher: publisher.publish(pose(2.0)), PosePublisher.heartbeat])
+@pytest.mark.usefixtures("each_engine")
 def test_who_has_lost_the_topic_writes_not_a_byte(topic, use):
+    """But that it was inside the lock."""
     with PosePublisher(topic) as publisher:
         publisher.publish(pose(1.0))
-        publisher._disconnect()
-        publisher._region.words[h.WRITER] = h.PLC
-        before = bytes(publisher._region.map)
+        region_of(publisher).words[h.WRITER] = h.PLC
+        before = bytes(region_of(publisher).map)
+        inside = 4 * h.LOCK_COUNT
         with pytest.raises(runtime.ClaimLost, match="a PLC has taken the topic over"):
             use(publisher)
-        assert bytes(publisher._region.map) == before
-        publisher._region.words[h.WRITER] = publisher._region.pid  # another publisher of this process has it now
+        after = bytes(region_of(publisher).map)
+        assert after[:inside] + after[inside + 4 :] == before[:inside] + before[inside + 4 :]
+        region_of(publisher).words[h.WRITER] = region_of(publisher).pid  # another publisher of this process has it now
         with pytest.raises(runtime.ClaimLost):
             use(publisher)
-        assert publisher._region.words[h.COMPLETED] == 1
+        assert region_of(publisher).words[h.COMPLETED] == 1

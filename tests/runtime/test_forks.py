@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
+import ctypes
 import fcntl
 import os
 import signal
 import subprocess
 import sys
+import time
 from contextlib import suppress
 
 import posix_ipc
 import pytest
 
 from shmgen import runtime
-from shmgen.runtime import publisher as publishing
+from shmgen.runtime.reference import writer
+from shmgen.runtime.reference.region import REPAIR_LOCK
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region import holders, semaphores
-from shmgen.runtime.region.region import _FLOCK, REPAIR_LOCK
+from shmgen.runtime.region import holders
+from shmgen.runtime.region.looks import _FLOCK, WRITER_LOCK
 
 from ..rigs.chaos_faults import swap_map
 from ..support import machine
+from ..support.region_of import region_of
 from ..support.tracing import traced
 from .messages import PosePublisher, PoseSubscriber, pose
 
@@ -56,6 +60,10 @@ def open_files():
     return found
 
 
+each_engine = pytest.mark.usefixtures("each_engine")
+
+
+@each_engine
 def test_a_child_holds_nothing_and_is_told(topic):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         publisher.publish(pose(1))
@@ -64,7 +72,7 @@ def test_a_child_holds_nothing_and_is_told(topic):
             answer = in_child(lambda call=call: told(call))
             assert answer.startswith(f"InForkedChild: {topic}: this ")
             assert f"belongs to process {os.getpid()}, from which this one was forked" in answer
-        assert f"/dev/shm/{publisher._region.name}" in open_files()
+        assert f"/dev/shm/{runtime.region_name(topic)}" in open_files()
         names = in_child(open_files)
         assert "pipe:" in names
         assert "/dev/shm" not in names
@@ -73,6 +81,7 @@ def test_a_child_holds_nothing_and_is_told(topic):
         assert subscriber.read().position.x == 3.0
 
 
+@each_engine
 def test_a_child_opens_its_own(topic):
     with PosePublisher(topic) as publisher:
         publisher.publish(pose(1))
@@ -84,10 +93,12 @@ def test_a_child_opens_its_own(topic):
         assert in_child(own) == "1.0"
 
 
+@pytest.mark.usefixtures("in_python")
 def test_a_fork_or_an_exception_in_the_middle_of_closing(topic):
     """The map has a descriptor of its own, and with it the claim."""
     publisher = PosePublisher(topic)
-    map, names = publisher._region.map, []
+    region, names = publisher._end.region, []
+    map = region.map
 
     class Map:
         def close(self):
@@ -98,7 +109,7 @@ def test_a_fork_or_an_exception_in_the_middle_of_closing(topic):
             names[0] = in_child(open_files)
             raise KeyboardInterrupt
 
-    publisher._region.map = Map()
+    region.map = Map()
     with pytest.raises(KeyboardInterrupt):
         publisher.close()
     assert "pipe:" in names[0]
@@ -107,17 +118,42 @@ def test_a_fork_or_an_exception_in_the_middle_of_closing(topic):
     PosePublisher(topic).close()
 
 
+@each_engine
 def test_closing_does_not_wait_for_a_child_that_has_not_run_yet(topic):
     """Which has the file, and so the claim, until it has its turn."""
     publisher = PosePublisher(topic)
-    also = os.dup(publisher._region.file)  # the same open file, as a child has it
+    name = f"/dev/shm/{runtime.region_name(topic)}"
+    mine = [int(one) for one in os.listdir("/proc/self/fd") if os.path.exists(f"/proc/self/fd/{one}")]
+    also = [os.dup(one) for one in mine if os.readlink(f"/proc/self/fd/{one}") == name]  # as a child has them
+    assert also
     try:
+        with pytest.raises(runtime.RegionInUse):
+            PosePublisher(topic)
         publisher.close()
         PosePublisher(topic).close()
     finally:
-        os.close(also)
+        for one in also:
+            os.close(one)
 
 
+@each_engine
+def test_a_child_that_touches_nothing_keeps_no_claim(topic):
+    """Of a fork that Python knows nothing of, so that nothing is let go there."""
+    publisher = PosePublisher(topic)
+    pid = ctypes.PyDLL(None).fork()
+    if pid == 0:
+        time.sleep(600)
+        os._exit(0)
+    try:
+        publisher.close()
+        with PosePublisher(topic) as next_one:
+            next_one.publish(pose(1))
+    finally:
+        os.kill(pid, signal.SIGKILL)
+        os.waitpid(pid, 0)
+
+
+@pytest.mark.usefixtures("in_python")
 def test_a_fork_between_any_two_instructions(topic):
     """Of opening, publishing, reading and closing, each 37th, by a child that has neither file nor map then."""
     name, held, forks = runtime.region_name(topic), [], 0
@@ -161,53 +197,65 @@ def test_a_fork_between_any_two_instructions(topic):
     assert len(held) <= 5
 
 
-@pytest.mark.parametrize("semlock", [True, False])
-def test_a_fork_in_the_middle_of_a_copy_leaves_the_lock_to_the_parent(topic, monkeypatch, semlock):
-    """As by another thread, or by a signal handler: the child has the parent's count of the lock, and not the lock."""
-    if not semlock:
-        monkeypatch.setattr(semaphores, "SemLock", None)
+@pytest.mark.usefixtures("in_python")
+def test_a_fork_in_the_middle_of_a_copy_leaves_the_lock_to_the_parent(topic):
+    """As by another thread, or by a signal handler: the child has the parent's note of the lock, and not the lock."""
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
-        lock = posix_ipc.Semaphore("/" + publisher._region.name)
-        seen = []
+        region, seen = publisher._end.region, []
 
         def fork():
             in_child(lambda: None)
-            seen.append((lock.value, publisher._region.words[h.LOCK_HOLDER], REPAIR_LOCK in locked()))
+            seen.append((region.semaphore.value, region.words[h.LOCK_HOLDER], repairing()))
 
-        def locked():
+        def repairing():
             """By us, whose own locks a second descriptor meets."""
-            with open(f"/dev/shm/{publisher._region.name}", "rb") as file:
+            with open(f"/dev/shm/{runtime.region_name(topic)}", "rb") as file:
                 asked = _FLOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, REPAIR_LOCK, 1, 0)
                 kind, *_ = _FLOCK.unpack(fcntl.fcntl(file.fileno(), fcntl.F_OFD_GETLK, asked))
-                return [REPAIR_LOCK] if kind != fcntl.F_UNLCK else []
+                return kind != fcntl.F_UNLCK
 
         swap_map(publisher, fork)
         publisher.publish(pose(1))
-        assert publisher._region.lock_byte(REPAIR_LOCK)
-        publisher._lock._repairing = True
-        publisher._region.semaphore.acquire(False)
+        assert region.lock_byte(REPAIR_LOCK)
+        assert publisher._end.lock.acquire()
         fork()
-        publisher._lock.leave()
-        assert seen == [(0, os.getpid(), False), (0, 0, True)]
-        assert lock.value == 1
-        lock.close()
+        publisher._end.lock.release()
+        assert seen == [(0, os.getpid(), False), (0, os.getpid(), True)]
+        assert region.semaphore.value == 1
         assert subscriber.read().position.x == 1.0
 
 
+@pytest.mark.usefixtures("in_python")
 def test_a_fork_while_it_opens_takes_no_claim_along(topic, monkeypatch):
     """By another thread, just after the claim."""
     names = []
 
     def forked(*arguments):
-        made = claim(*arguments)
+        made = yield from claim(*arguments)
         names.append(in_child(open_files))
         return made
 
-    claim = publishing.claim
-    monkeypatch.setattr(publishing, "claim", forked)
+    claim = writer.claim
+    monkeypatch.setattr(writer, "claim", forked)
     PosePublisher(topic).close()
     assert "pipe:" in names[0]
     assert "/dev/shm" not in names[0]
+
+
+@pytest.mark.usefixtures("each_engine")
+def test_a_fork_between_two_steps_of_an_opening_takes_no_claim_along(topic):
+    """As by another thread: a PLC's claim is watched meanwhile."""
+    PoseSubscriber(topic).close()
+    region_of(topic).words[h.WRITER] = h.PLC
+    publisher = PosePublisher.__new__(PosePublisher)
+    end = publisher._begin(topic)
+    while not region_of(topic).byte_is_locked(WRITER_LOCK):
+        assert end.step() is not None
+    names = in_child(open_files)
+    assert "pipe:" in names
+    assert "/dev/shm" not in names
+    end.close()
+    assert not region_of(topic).byte_is_locked(WRITER_LOCK)
 
 
 PARENT = """
@@ -222,6 +270,7 @@ time.sleep(600)
 """
 
 
+@each_engine
 def test_the_claim_ends_with_the_parent_and_not_with_its_children(topic):
     where = os.path.dirname(__file__)
     command = [sys.executable, "-c", PARENT, topic]
@@ -268,6 +317,7 @@ def test_which_bytes_a_process_has_locked(tmp_path, line, held):
     assert [byte for byte in range(3) if holders._locks(str(info), byte)] == held
 
 
+@each_engine
 def test_who_really_holds_the_claim_is_named(topic):
     """A child of a fork that Python knows nothing of; its parent, whose pid stands in the header, is dead."""
     where = os.path.dirname(__file__)

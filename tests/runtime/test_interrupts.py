@@ -15,10 +15,10 @@ import posix_ipc
 import pytest
 
 from shmgen import runtime
-from shmgen.runtime import core
+from shmgen.runtime import engine
+from shmgen.runtime.reference import lock
+from shmgen.runtime.reference.region import REPAIR_LOCK
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region import lock
-from shmgen.runtime.region.region import REPAIR_LOCK
 
 from ..support.tracing import traced
 from .messages import WHY_NOT, PosePublisher, PoseSubscriber, pose
@@ -27,7 +27,7 @@ RUNTIME = os.path.dirname(runtime.__file__)
 INTERRUPTS = 300
 NOT_TAKEN = dis.opmap.get("NOT_TAKEN")
 """An instruction of 3.14 that does nothing: no signal comes there, and some of them stand in no exception table."""
-WAYS = ["Python", pytest.param("C", marks=pytest.mark.skipif(not core.IN_C, reason=WHY_NOT))]
+WAYS = ["Python", pytest.param("C", marks=pytest.mark.skipif(not engine.IN_C, reason=WHY_NOT))]
 
 
 class Interrupt(BaseException):
@@ -75,18 +75,18 @@ def sides(topic, request):
 
 def healthy(publisher, subscriber, number):
     """Nobody is inside, nobody heals, and the next sample goes through."""
-    semaphore = posix_ipc.Semaphore("/" + publisher._region.name)
+    semaphore = posix_ipc.Semaphore("/" + region_of(publisher).name)
     try:
         assert semaphore.value == 1
     finally:
         semaphore.close()
     for side in (publisher, subscriber):
-        assert not side._region.byte_is_locked(REPAIR_LOCK)
+        assert not region_of(side).byte_is_locked(REPAIR_LOCK)
         assert not side._lock._repairing
     misses = publisher.lock_misses, subscriber.lock_misses
     publisher.publish(pose(number))
     assert subscriber.read().position.x == number
-    assert publisher._region.words[h.LOCK_HOLDER] == 0
+    assert region_of(publisher).words[h.LOCK_HOLDER] == 0
     assert (publisher.lock_misses, subscriber.lock_misses) == misses
 
 
@@ -101,7 +101,7 @@ def test_an_exception_between_any_two_instructions(sides, play, monkeypatch):
         publisher.publish(pose(-1))
         subscriber.read()
 
-    other = posix_ipc.Semaphore("/" + publisher._region.name)
+    other = posix_ipc.Semaphore("/" + region_of(publisher).name)
     raised = 0
     try:
         for step in range(1, 10_000):
@@ -132,7 +132,7 @@ publisher, subscriber = PosePublisher(topic), PoseSubscriber(topic)
 if way == "Python":
     publisher._disconnect()
     subscriber._disconnect()
-semaphore = posix_ipc.Semaphore("/" + publisher._region.name)
+semaphore = posix_ipc.Semaphore("/" + region_of(publisher).name)
 message = pose(1.0)
 publisher.publish(message)
 
@@ -193,7 +193,7 @@ def test_ctrl_c_at_random_instants(topic, side, way):
 
 def test_a_call_in_which_it_happened_twice_is_made_good_by_the_next(sides):
     publisher, subscriber = sides
-    assert publisher._region.semaphore.acquire(False)  # as where an exception came upon the giving back
+    assert region_of(publisher).semaphore.acquire()  # as where an exception came upon the giving back
     healthy_after = publisher.lock_misses
     publisher.publish(pose(5))
     assert publisher.lock_misses == healthy_after
@@ -203,8 +203,8 @@ def test_a_call_in_which_it_happened_twice_is_made_good_by_the_next(sides):
 @pytest.mark.parametrize("kind", [PosePublisher, PoseSubscriber])
 def test_closing_gives_back_what_is_held(topic, kind):
     side = kind(topic)
-    semaphore = posix_ipc.Semaphore("/" + side._region.name)
-    assert side._region.semaphore.acquire(False)
+    semaphore = posix_ipc.Semaphore("/" + region_of(side).name)
+    assert region_of(side).semaphore.acquire()
     side.close()
     assert semaphore.value == 1
     semaphore.close()

@@ -13,17 +13,24 @@ import pytest
 
 import shmgen
 from shmgen.core import abi
-from shmgen.runtime.region import memory_order
+from shmgen.runtime import engine, reference
+from shmgen.runtime.reference import memory_order
 
 WORDS = 2**63 - 1, 2**31 - 1
 """sys.maxsize of a process of 64 and of 32 bits."""
+
+
+def chosen():
+    """The fence of a Python that starts there."""
+    fresh = runpy.run_path(memory_order.__file__)
+    return memory_order._locked if fresh["fence"] is fresh["_locked"] else fresh["fence"]
 
 
 @pytest.fixture
 def machine(monkeypatch):
     """Turns a machine's name, the bits of a process there, and what membarrier(2) answers, into the calls of it."""
 
-    def pretend(name, maxsize=WORDS[0], answer=0, extension=None):
+    def pretend(name, maxsize=WORDS[0], answer=0):
         calls = []
 
         def syscall(*arguments):
@@ -33,7 +40,6 @@ def machine(monkeypatch):
         monkeypatch.setattr(os, "uname", lambda: SimpleNamespace(machine=name))
         monkeypatch.setattr(sys, "maxsize", maxsize)
         monkeypatch.setattr(ctypes, "CDLL", lambda name: SimpleNamespace(syscall=syscall))
-        monkeypatch.setattr(memory_order, "EXTENSION", extension)
         return calls
 
     yield pretend
@@ -45,7 +51,7 @@ def test_x86_keeps_its_order(machine, name):
     calls = machine(name, answer=-1)
     assert memory_order.keeps_order()
     assert memory_order.has_barrier()
-    assert memory_order._chosen() is memory_order._locked
+    assert chosen() is memory_order._locked
     words = memoryview(bytearray(8))
     assert memory_order.ordered(words) is words
     assert not calls
@@ -66,7 +72,7 @@ def test_linux_has_a_barrier_for_others(machine, name, maxsize, number):
     calls = machine(name, maxsize)
     assert not memory_order.keeps_order()
     assert memory_order.has_barrier()
-    fence = memory_order._chosen()
+    fence = chosen()
     del calls[:]
     fence()
     assert calls == [[(ctypes.c_long, value) for value in (number, 2, 0, 0)]]
@@ -76,16 +82,8 @@ def test_linux_has_a_barrier_for_others(machine, name, maxsize, number):
 def test_machines_without_any(machine, name, maxsize, answer):
     machine(name, maxsize, answer)
     assert not memory_order.has_barrier()
-    assert memory_order._chosen() is memory_order._locked
+    assert chosen() is memory_order._locked
     memory_order._locked()
-
-
-def test_the_extension_comes_first(machine):
-    extension = SimpleNamespace(fence=lambda: None)
-    calls = machine("aarch64", answer=-1, extension=extension)
-    assert memory_order.has_barrier()
-    assert memory_order._chosen() is extension.fence
-    assert not calls
 
 
 def test_each_word_stands_between_two_barriers(machine, monkeypatch):
@@ -109,8 +107,8 @@ def test_each_word_stands_between_two_barriers(machine, monkeypatch):
 )
 def test_an_extension_that_is_older_or_of_another_python_is_not_taken(monkeypatch, pure, flags, abi_of_it, taken):
     """A free-threaded Python (flag t) finds one made by its neighbour by name, and would fail in the middle of it."""
-    extension = SimpleNamespace(ABI=abi.ABI + abi_of_it, fence=lambda: None)
+    extension = Mock(ABI=abi.ABI + abi_of_it)
     monkeypatch.setenv("SHMGEN_PURE", pure)
     monkeypatch.setattr(sys, "abiflags", flags)
     monkeypatch.setattr(shmgen, "_core", extension, raising=False)
-    assert runpy.run_path(memory_order.__file__)["EXTENSION"] is (extension if taken else None)
+    assert runpy.run_path(engine.__file__)["engine"] is (extension if taken else reference)

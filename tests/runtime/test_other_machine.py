@@ -1,6 +1,6 @@
 """The same tests once more where the runtime believes to be on another machine: what its name alone changes.
 
-With the lock needed instead of gone on without, and each word between two barriers. CI runs all of them (slow); what
+The reference does, with the lock needed instead of gone on without, and each word between two barriers. CI runs all of them (slow); what
 another processor really does is tests/test_machines.py's and tests/cpp/test_machines.py's, under qemu.
 """
 
@@ -30,6 +30,6 @@ ALL = [f"--ignore={HERE}/test_other_machine.py", HERE, "tests/calls/test_service
 )
 def test_all_holds_there(name: str, where: list[str]) -> None:
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", *where]
-    there = {**os.environ, machine.NAME: name}
+    there = {**os.environ, machine.NAME: name, "SHMGEN_PURE": "1"}
     done = subprocess.run(command, cwd=REPOSITORY, env=there, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-4000:]

@@ -11,7 +11,6 @@ import shutil
 import subprocess
 import sys
 import time
-import types
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,9 +21,10 @@ from shmgen.config import Config
 from shmgen.core.model import Regions, TypeName
 from shmgen.generator import pipeline
 from shmgen.runtime import region_name
+from shmgen.runtime.reference import memory_order, opening
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region import memory_order
 from tests.softplc import Plc, compile_st
+from tests.support.engines import use_python
 
 from ..support.build import classes, put
 from ..support.command import run
@@ -290,11 +290,9 @@ def test_a_machine_with_barriers_is_not_refused(
     monkeypatch.setattr(os, "uname", lambda: os.uname_result(("Linux", "", "", "", machine)))
     barriers: list[None] = []
     monkeypatch.setattr(memory_order, "fence", lambda: barriers.append(None))
-    monkeypatch.setattr(
-        memory_order, "EXTENSION", memory_order.EXTENSION or types.SimpleNamespace(fence=memory_order.fence)
-    )
+    monkeypatch.setattr(opening, "has_barrier", lambda: True)
+    use_python(monkeypatch)
     with made.publisher(topic) as publisher, made.subscriber(topic) as subscriber:
-        publisher._disconnect(), subscriber._disconnect()
         publisher.publish(made.message(data=[7] * SIZE))
         message = subscriber.wait(1.0)
         assert message
@@ -307,7 +305,7 @@ def test_another_machine_is_refused(made: Made, topic: str, monkeypatch: pytest.
     from shmgen.runtime import RegionUnusable
 
     monkeypatch.setattr(os, "uname", lambda: os.uname_result(("Linux", "", "", "", "sparc")))
-    monkeypatch.setattr(memory_order, "EXTENSION", None)
+    use_python(monkeypatch)
     with pytest.raises(RegionUnusable, match="needs full memory barriers on sparc, and this Python has none"):
         made.publisher(topic)
     assert not Path(f"/dev/shm/{region_name(topic)}").exists()

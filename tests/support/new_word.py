@@ -15,22 +15,23 @@ from .plc_demo import ready
 
 WORD = '    Word(176, "u32", "refused", "udiRefused", "readers", "samples they refused"),\n'
 DOCS = "from tests.support.region_page import tables; print(*next(tables()), sep='\\n')"
-COMPILE = "import hatch_build as it; print(it.compiled('runtime/core.c', it.SOURCES / '_core.abi3.so'))"
+COMPILE = "import hatch_build as it; print(it.compiled(it.SOURCES / '_core.abi3.so'))"
 PYTHON = """
 import sys
 sys.path.append("generated/python")
 from shm_msgs.std_msgs.msg import UInt32, UInt32Publisher, UInt32Subscriber
-from shmgen.runtime import core, read_header, region_name
+from shmgen.runtime import engine, read_header, region_name
 from shmgen.runtime.region import header
+from tests.support.region_of import region_of
 in_c, own, *topics = sys.argv[1:]
-assert core.IN_C == bool(in_c)
+assert engine.IN_C == bool(in_c)
 if own:
     with UInt32Publisher(own) as publisher:
         publisher.publish(UInt32(data=7))
 for topic in topics:
     with UInt32Subscriber(topic) as subscriber:
         assert subscriber.read().data == 7, topic
-        subscriber._region.words[header.REFUSED] += 1
+        region_of(subscriber).words[header.REFUSED] += 1
     print(read_header(region_name(topic)).refused)
 """
 C = r"""

@@ -19,6 +19,7 @@ PEER = """
 import os, sys
 sys.path.insert(0, {repository!r})
 from tests.runtime.messages import PosePublisher, PoseSubscriber, pose
+from tests.support.region_of import region_of
 from shmgen.runtime.region import header as h
 {work}
 print("ready", flush=True)

@@ -62,7 +62,7 @@ def test_not_under_a_reader(topic, file, shmgen, peer):
 
 
 def test_what_a_killed_writer_left(topic, file, shmgen, peer):
-    writer = peer(PUBLISHER.format(topic=topic) + "; publisher._region.semaphore.acquire()")
+    writer = peer(PUBLISHER.format(topic=topic) + "; region_of(publisher).semaphore.acquire()")
     writer.kill()
     writer.wait()
     assert shmgen("clean", topic).code == 0

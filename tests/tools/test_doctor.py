@@ -20,13 +20,14 @@ import pytest
 import shmgen.tools.doctor.clean
 import shmgen.tools.watch.screen
 import shmgen.tools.watch.topics  # noqa: F401 nobody() may not be able to read them
-from shmgen.runtime import RegionUnusable, region_name
+from shmgen.runtime import RegionUnusable, Subscriber, region_name
+from shmgen.runtime.reference import memory_order
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region import memory_order
 from shmgen.runtime.region.access import RegionOptions
-from shmgen.runtime.region.opening import open_region
+from shmgen.tools.doctor import checks
+from tests.support.engines import use_python
 
-from ..runtime.messages import PosePublisher
+from ..runtime.messages import Pose, PosePublisher
 from ..support.command import run
 from .conftest import REPOSITORY
 
@@ -73,7 +74,7 @@ def test_a_writer_that_ended_is_no_fault(topic, shmgen, peer):
 
 
 def test_a_writer_killed_at_work(topic, shmgen, peer):
-    writer = peer(PUBLISHER.format(topic=topic) + "; publisher._region.words[h.BEGUN] = 2")
+    writer = peer(PUBLISHER.format(topic=topic) + "; region_of(publisher).words[h.BEGUN] = 2")
     assert "ended while" not in shmgen("doctor", topic).stdout
     writer.kill()
     writer.wait()
@@ -83,7 +84,7 @@ def test_a_writer_killed_at_work(topic, shmgen, peer):
 
 
 def test_a_lock_whose_holder_was_killed(topic, semaphore, shmgen, peer):
-    inside = "; publisher._region.semaphore.acquire(); publisher._region.words[h.LOCK_HOLDER] = os.getpid()"
+    inside = "; region_of(publisher).semaphore.acquire(); region_of(publisher).words[h.LOCK_HOLDER] = os.getpid()"
     holder = peer(PUBLISHER.format(topic=topic) + inside)
     fault = examined(shmgen, topic)
     assert f"its lock is held by process {holder.pid} (" in fault["message"]
@@ -99,10 +100,10 @@ def test_a_lock_in_use_is_no_fault(topic, shmgen, peer):
 import threading, time
 def work():
     while True:
-        publisher._region.semaphore.acquire()
-        publisher._region.words[h.LOCK_COUNT] += 1
+        region_of(publisher).semaphore.acquire()
+        region_of(publisher).words[h.LOCK_COUNT] += 1
         time.sleep(0.02)
-        publisher._region.semaphore.release()
+        region_of(publisher).semaphore.post()
 threading.Thread(target=work, daemon=True).start()
 """
     peer(PUBLISHER.format(topic=topic) + busy)
@@ -110,7 +111,7 @@ threading.Thread(target=work, daemon=True).start()
 
 
 def test_a_surplus_token(topic, semaphore, shmgen, peer):
-    post = "import posix_ipc; posix_ipc.Semaphore('/' + publisher._region.name).release()"
+    post = "import posix_ipc; posix_ipc.Semaphore('/' + region_of(publisher).name).release()"
     peer(f"{PUBLISHER.format(topic=topic)}; {post}")
     fault = examined(shmgen, topic)
     assert "its semaphore is 2" in fault["message"]
@@ -247,7 +248,8 @@ def for_nobody(topic):
 @pytest.mark.parametrize(
     "closed",
     [
-        "publisher._region._file.close()",
+        "own = '/proc/self/fd/'; "
+        "[os.close(int(name)) for name in os.listdir(own) if os.path.realpath(own + name) == {file!r}]",
         "import mmap; opened = open({file!r}, 'r+b'); kept = mmap.mmap(opened.fileno(), 0); publisher.close(); "
         "del publisher",
     ],
@@ -365,7 +367,8 @@ def test_a_process_of_other_bitness(topic, file, tmp_path, shmgen, peer, machine
     subprocess.run(["i686-linux-gnu-gcc", "-static", "-o", program, program + ".c"], check=True)
     peer(PUBLISHER.format(topic=topic))
     monkeypatch.setattr(os, "uname", lambda: SimpleNamespace(machine=machine))
-    monkeypatch.setattr(memory_order, "EXTENSION", None)
+    use_python(monkeypatch)
+    monkeypatch.setattr(checks, "IN_C", False)
     monkeypatch.setattr(memory_order, "_membarrier", lambda: barrier or None)
     with subprocess.Popen([program, file], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as small:
         if small.stdout.readline() != "ready\n":
@@ -377,9 +380,9 @@ def test_a_process_of_other_bitness(topic, file, tmp_path, shmgen, peer, machine
     advised = 'write sync = "sequence" under [regions]' in fault["hint"]
     assert advised == (barrier or machine == "x86_64")
     assert advised or "run programs of one bitness on both sides" in fault["hint"]
-    options = RegionOptions(sync="sequence")
     with nullcontext() if advised else pytest.raises(RegionUnusable, match=f"sequence.*{machine}"):
-        open_region(f"{topic}_sequence", h.header_for("std_msgs/msg/Bool", 1, 1, 1), options).close()
+        kind = type("Lockless", (Pose,), {"_regions_": RegionOptions(sync="sequence")})
+        type("LocklessSubscriber", (Subscriber,), {"message_type": kind})(f"{topic}_sequence").close()
 
 
 @contextmanager

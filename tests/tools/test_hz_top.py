@@ -17,6 +17,7 @@ import pytest
 from shmgen.runtime.region import header as h
 from shmgen.tools.messages import stream
 from shmgen.tools.watch import reports, top
+from tests.support.region_of import region_of
 
 from ..runtime.messages import PosePublisher, PoseSubscriber, pose
 
@@ -117,7 +118,7 @@ def test_top_counts_what_readers_missed(topic, shmgen):
         assert len(readers[1].read_all()) == 4
         assert [reader.missed for reader in readers] == [9, 6]
         assert shown(shmgen, topic)["missed"] == 9 + 6
-        publisher._region.words[h.MISSED] = 2**32 - 1
+        region_of(publisher).words[h.MISSED] = 2**32 - 1
         publisher.publish(pose(10))
         publisher.publish(pose(11))
         for reader in readers:

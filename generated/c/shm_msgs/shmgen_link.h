@@ -84,6 +84,7 @@ typedef struct shmgen_options {
     uint32_t unstamped; /* 1: samples carry no time, which saves a look at the clock */
     uint32_t passive;   /* 1: a reader for tools that watch. The region must be there; nothing is written to it, nobody is
                          * kept from being woken, and the lock is taken only where it is needed (not on x86) */
+    uint32_t reserved;
 } shmgen_options;
 
 /* Where opening is; each step is taken without waiting. */
@@ -115,7 +116,7 @@ typedef struct shmgen_link {
     uint32_t refused; /* messages that did not fit, or said so of a sequence */
     uint32_t attempts;
     uint32_t passive; /* 1: nothing is written to the region, and there is no lock */
-    uint32_t reserved;
+    uint32_t watches; /* 1: the region must be there */
     int file;
     shmgen_type type;
     unsigned char *base; /* the region */
@@ -169,11 +170,11 @@ static inline int64_t shmgen_now(void)
     return (int64_t)now.tv_sec * INT64_C(1000000000) + (int64_t)now.tv_nsec;
 }
 
-/* So many ns from now by that clock, INT64_MAX where that is beyond its end. */
+/* So many ns from now by that clock, none where they are below 0, INT64_MAX where that is beyond its end. */
 static inline int64_t shmgen_until(int64_t ns)
 {
     const int64_t now = shmgen_now();
-    return ns < INT64_MAX - now ? now + ns : INT64_MAX;
+    return ns <= 0 ? now : ns < INT64_MAX - now ? now + ns : INT64_MAX;
 }
 
 /* ns since 1970. */

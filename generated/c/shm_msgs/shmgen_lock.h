@@ -35,7 +35,7 @@ static inline bool shmgen_token(sem_t *semaphore, int64_t ns)
         return true;
     if (ns <= 0)
         return false;
-    end = shmgen_now() + ns;
+    end = shmgen_until(ns);
 #ifdef SHMGEN_HAS_CLOCKWAIT
     struct timespec until;
     until.tv_sec = (time_t)(end / INT64_C(1000000000));
@@ -136,7 +136,7 @@ static inline int64_t shmgen_slice(int64_t limit)
  * is needed there is nothing else to do than to wait on, until the limit or the recovery. */
 static inline bool shmgen_wait_for_lock(shmgen_link *link, int64_t limit)
 {
-    const int64_t end = limit > 0 ? shmgen_now() + limit : 0;
+    const int64_t end = limit > 0 ? shmgen_until(limit) : 0;
     int64_t left = limit;
     do {
         shmgen_note_stay(link);

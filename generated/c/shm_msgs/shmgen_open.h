@@ -73,10 +73,13 @@ static inline shmgen_status shmgen_link_start(
     link->group = group != NULL && *group != 0 ? shmgen_group(group) : -1;
     link->limit = (int64_t)limit * 1000;
     link->pid = (uint32_t)getpid();
-    link->passive = options != NULL && options->passive != 0 && (SHMGEN_KEEPS_ORDER || type->sequence != 0);
+    link->watches = options != NULL && options->passive != 0;
+    link->passive = link->watches && (SHMGEN_KEEPS_ORDER || type->sequence != 0);
     status = shmgen_name_region(link, topic);
     if (status != SHMGEN_OK)
         return status;
+    if (options != NULL && options->mode > 0777)
+        return SHMGEN_MODE_INVALID;
     if (depth > SHMGEN_MAX_DEPTH)
         return SHMGEN_DEPTH_INVALID;
     if (limit > 1000000)
@@ -125,7 +128,7 @@ static inline shmgen_status shmgen_open_file(shmgen_link *link)
                                                    : SHMGEN_REGION_NO_ACCESS;
         if (errno != ENOENT)
             return errno == EACCES || errno == EPERM ? SHMGEN_REGION_NO_ACCESS : SHMGEN_REGION_OPEN_FAILED;
-        if (link->passive)
+        if (link->watches)
             return SHMGEN_REGION_MISSING;
         link->file = shm_open(link->name, O_RDWR | O_CREAT | O_EXCL, shmgen_made_mode(link));
         if (link->file >= 0) {
@@ -209,16 +212,11 @@ static inline void shmgen_write_header(shmgen_link *link)
 /* Makes the page that a forked child finds empty, where Linux has that (4.14) and the C library shows it. */
 static inline void shmgen_mark(shmgen_link *link)
 {
-#ifdef MAP_ANONYMOUS
-    void *page = mmap(NULL, SHMGEN_PAGE, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
-    if (page == MAP_FAILED)
+    link->mine = (unsigned char *)shmgen_memory(SHMGEN_PAGE);
+    if (link->mine == NULL)
         return;
-    link->mine = (unsigned char *)page;
     link->mine[0] = 1;
-    (void)madvise(page, SHMGEN_PAGE, 18); /* MADV_WIPEONFORK, which older headers do not name */
-#else
-    (void)link;
-#endif
+    (void)madvise(link->mine, SHMGEN_PAGE, 18); /* MADV_WIPEONFORK, which older headers do not name */
 }
 
 /* The file is known and of a size: its header, checked before anything of it is mapped. */

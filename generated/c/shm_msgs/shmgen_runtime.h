@@ -6,6 +6,7 @@
 #ifndef SHMGEN_RUNTIME_H
 #define SHMGEN_RUNTIME_H
 
+#include "shmgen_borrow.h"
 #include "shmgen_publisher.h"
 #include "shmgen_wait_any.h"
 

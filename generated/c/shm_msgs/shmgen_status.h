@@ -52,7 +52,9 @@ typedef enum shmgen_status {
     SHMGEN_CLOSED = 103,
     SHMGEN_IN_FORKED_CHILD = 104,
     SHMGEN_REGION_MISSING = 105,
-    SHMGEN_MISUSED = 106
+    SHMGEN_MISUSED = 106,
+    SHMGEN_MODE_INVALID = 107,
+    SHMGEN_VALUE_EXCEEDED = 108
 } shmgen_status;
 
 static inline const char *shmgen_status_text(shmgen_status status)
@@ -95,7 +97,9 @@ static inline const char *shmgen_status_text(shmgen_status status)
     case SHMGEN_CLOSED: return "not open";
     case SHMGEN_IN_FORKED_CHILD: return "it belongs to the process from which this one was forked: open one here";
     case SHMGEN_REGION_MISSING: return "there is no such region: start a publisher or a subscriber of it";
-    case SHMGEN_MISUSED: return "begin comes once before complete or cancel";
+    case SHMGEN_MISUSED: return "begin comes once before complete or cancel, borrow before return";
+    case SHMGEN_MODE_INVALID: return "the mode has bits beyond 0777: in C an octal number begins with 0, 0660";
+    case SHMGEN_VALUE_EXCEEDED: return "a value that the type of its field does not hold";
     }
     return "no status of shmgen";
 }

@@ -67,7 +67,7 @@ _FAMILIES = {
 def _say_version(context: click.Context) -> None:
     said = f"shmgen, version {__version__}"
     if options.HAS_REGIONS:
-        from shmgen.runtime.core import IN_C  # nothing else asked here needs the runtime
+        from shmgen.runtime.engine import IN_C  # nothing else asked here needs the runtime
 
         said += f"; publish and read in {'C' if IN_C else 'Python'}"
     click.echo(said)

@@ -15,9 +15,8 @@ from shmgen.runtime import region_name
 from shmgen.runtime.errors import RegionMissing, RegionUnusable, ShmError
 from shmgen.runtime.region import header as h
 from shmgen.runtime.region.holders import holder
+from shmgen.runtime.region.looks import WRITER_LOCK, byte_is_locked, foreign, opened_to_read
 from shmgen.runtime.region.names import HALVES, region_file, semaphore_file
-from shmgen.runtime.region.opening import foreign, opened_to_read
-from shmgen.runtime.region.region import WRITER_LOCK, byte_is_locked
 
 FOLDER = "/dev/shm"
 
@@ -90,7 +89,7 @@ def removed(end: Any) -> bool:
     """Whether a region of a publisher, subscriber, client or server of ours is gone from /dev/shm."""
     calls = getattr(end, "_calls", None)
     ends = (calls._requests, calls._responses, getattr(end, "_progress", calls._requests)) if calls else (end,)
-    return any(os.fstat(one._region.file).st_nlink == 0 for one in ends)
+    return any(one._end.is_removed() for one in ends)
 
 
 def live() -> list[str]:

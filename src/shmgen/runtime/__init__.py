@@ -18,6 +18,7 @@ from shmgen.runtime.errors import (
     NoServer,
     OutOfRange,
     PermissionDenied,
+    Reentered,
     RegionInUse,
     RegionMissing,
     RegionUnusable,
@@ -32,12 +33,12 @@ from shmgen.runtime.messages.times import Duration, Time
 from shmgen.runtime.publisher import Publisher
 from shmgen.runtime.region.access import RegionOptions
 from shmgen.runtime.region.header import Header
+from shmgen.runtime.region.looks import read_header
 from shmgen.runtime.region.names import region_name
-from shmgen.runtime.region.opening import read_header
 from shmgen.runtime.sample import Sample
 from shmgen.runtime.server import Call, ServiceServer
 from shmgen.runtime.subscriber import Subscriber
-from shmgen.runtime.wait_any import can_wait_for_many, ready_any
+from shmgen.runtime.wait_any import can_wait_for_many, open_all, ready_any
 
 __all__ = [
     "LATE_FROM",
@@ -63,6 +64,7 @@ __all__ = [
     "OutOfRange",
     "PermissionDenied",
     "Publisher",
+    "Reentered",
     "RegionInUse",
     "RegionMissing",
     "RegionOptions",
@@ -79,6 +81,7 @@ __all__ = [
     "Time",
     "ValueRejected",
     "can_wait_for_many",
+    "open_all",
     "read_header",
     "ready_any",
     "region_name",

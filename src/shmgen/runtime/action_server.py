@@ -13,8 +13,8 @@ from shmgen.runtime.calls import CallServer, deadline_of, log_exception, skip_st
 from shmgen.runtime.errors import LockTimeout
 from shmgen.runtime.messages.message import Message
 from shmgen.runtime.publisher import Publisher
-from shmgen.runtime.region.lock import UNTIL_RECOVERED
 from shmgen.runtime.region.resource import Closable
+from shmgen.runtime.region.settings import UNTIL_RECOVERED
 from shmgen.runtime.subscriber import Subscriber
 
 Goal = TypeVar("Goal", bound=Message)
@@ -89,7 +89,7 @@ class ActionServer(Closable, Generic[Goal]):
             skip_stale(requests)
             self._progress = opened.enter_context(self.progress_publisher(f"{action}-feedback", **options))
             responses = opened.enter_context(self.outcome_publisher(f"{action}-result", **options))
-            if self._progress._claim_doubtful or responses._claim_doubtful:
+            if self._progress._end.doubtful or responses._end.doubtful:
                 skip_stale(requests)
             opened.pop_all()
         self._calls = CallServer(requests, responses)

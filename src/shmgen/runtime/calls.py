@@ -17,8 +17,6 @@ from shmgen.runtime.errors import LockTimeout
 from shmgen.runtime.messages.message import Message
 from shmgen.runtime.publisher import Publisher
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region.claim import WATCH
-from shmgen.runtime.region.region import WRITER_LOCK
 from shmgen.runtime.subscriber import Subscriber
 
 Q = TypeVar("Q", bound=Message)
@@ -28,7 +26,7 @@ T = TypeVar("T")
 _LOOK = 2e-3
 """Seconds between two looks for a server."""
 _FRESH = abi.CLAIM_MS / 1000
-"""Seconds for which a heartbeat seen to move counts."""
+"""Seconds for which a heartbeat seen to move counts, and within which a PLC that still runs moves it."""
 _LONGEST_WAIT = 1.0
 _HEARTBEAT = abi.HEARTBEAT_MS / 1000
 """Seconds between two signs of life of a server that waits."""
@@ -54,8 +52,9 @@ class CallClient(Generic[Q, A]):
         `deadline`, by time.monotonic(): how long it may wait for the lock, where that is needed.
         """
         self.number = 0
-        self._responses._skip()  # what is there responds to nothing that is still to come
-        self._requests._publish_by(request, deadline)
+        self._responses._end.skip()  # what is there responds to nothing that is still to come
+        left = None if deadline is None else round(1e9 * (deadline - time.monotonic()))
+        self._requests._end.publish(request, left)
         self.number = self._requests.sequence
         return self.number
 
@@ -80,7 +79,7 @@ class CallClient(Generic[Q, A]):
 
     def server_is_ready(self) -> bool:
         """Whether somebody serves now. Takes up to a second where a PLC served and may have stopped."""
-        return self.wait_for_server(WATCH if self._responses._words[h.WRITER] == h.PLC else 0.0)
+        return self.wait_for_server(_FRESH if self._responses._end.load(h.WRITER) == h.PLC else 0.0)
 
     def wait_for_server(self, timeout: float) -> bool:
         """Whether somebody serves, as soon as somebody does or after `timeout` seconds."""
@@ -104,12 +103,13 @@ class CallClient(Generic[Q, A]):
 
     def _server_lives(self) -> bool:
         """A process holds its record lock, and has put its name there; a PLC can only be seen to count."""
-        words, now = self._responses._words, time.monotonic()
-        if words[h.WRITER] != h.PLC and self._responses._region.byte_is_locked(WRITER_LOCK):
+        end, now = self._responses._end, time.monotonic()
+        is_plc = end.load(h.WRITER) == h.PLC
+        if not is_plc and end.is_claimed():
             return True
-        before, self._beat = self._beat, words[h.HEARTBEAT]
+        before, self._beat = self._beat, end.load(h.HEARTBEAT)
         known, self._looked = now - self._looked < _FRESH, now
-        return bool(words[h.WRITER] == h.PLC and known and self._beat != before)
+        return is_plc and known and self._beat != before
 
 
 class CallServer(Generic[Q, A]):
@@ -133,7 +133,7 @@ class CallServer(Generic[Q, A]):
             left = max(0.0, deadline - time.monotonic())
             request = self._requests.wait(min(left, _HEARTBEAT)) if left else self._requests.read()
             if request is not None:
-                self._responses._assure()  # or another server has taken over, and serves it
+                self._responses._end.assure()  # or another server has taken over, and serves it
                 return self._requests.sequence, request
             if not left:
                 return None
@@ -178,9 +178,9 @@ class CallServer(Generic[Q, A]):
     def client_lives(self) -> bool:
         """A process holds its record lock; a PLC's heartbeat has moved within the last second."""
         requests = self._requests
-        if requests._words[h.WRITER] == h.PLC:
+        if requests._end.load(h.WRITER) == h.PLC:
             return not requests.is_stale(_FRESH)
-        return requests._region.byte_is_locked(WRITER_LOCK)
+        return bool(requests._end.is_claimed())
 
     def close(self) -> None:
         self._requests.close()
@@ -212,4 +212,4 @@ def skip_stale(requests: Subscriber[Q]) -> None:
 
     Comes before the claim that shows clients a server, so that no call is lost between the two.
     """
-    requests._skip()
+    requests._end.skip()

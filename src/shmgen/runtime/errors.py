@@ -39,6 +39,10 @@ class InForkedChild(Closed):
     """The object belongs to the process from which this one was forked."""
 
 
+class Reentered(ShmError):
+    """A call of this end runs already, and was interrupted: without the extension in C no other may come in between."""
+
+
 class LockTimeout(ShmError):
     """The lock was not free in time, on a machine where going on without it is not safe."""
 

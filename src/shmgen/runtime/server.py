@@ -49,7 +49,7 @@ class ServiceServer(Closable, Generic[Request]):
             requests = opened.enter_context(self.request_subscriber(f"{service}-request", **options))
             skip_stale(requests)
             responses = opened.enter_context(self.reply_publisher(f"{service}-response", **options))
-            if responses._claim_doubtful:
+            if responses._end.doubtful:
                 skip_stale(requests)
             opened.pop_all()
         self._calls = CallServer(requests, responses)

@@ -1,4 +1,4 @@
-"""Turns many subscribers into one wait: a thread sleeps until the writer of any of them wakes it."""
+"""Turns many subscribers into one wait, and many topics into ends that are opened side by side."""
 
 from __future__ import annotations
 
@@ -7,23 +7,44 @@ from collections.abc import Iterable
 from typing import Any, TypeVar
 
 from shmgen.core import abi
-from shmgen.runtime import core
+from shmgen.runtime import engine
+from shmgen.runtime.publisher import Publisher
 from shmgen.runtime.region.header import COMPLETED
+from shmgen.runtime.region.resource import finish
 from shmgen.runtime.subscriber import Subscriber
 
+E = TypeVar("E", bound="Publisher[Any] | Subscriber[Any]")
 S = TypeVar("S", bound=Subscriber[Any])
 
-_POLL = abi.POLL_MS / 1000
-"""Seconds between two looks at a topic whose writer will not wake us."""
 _SLICE = abi.WAKE_MS / 1000
 """Seconds of the longest single sleep: what a lost wake-up costs at most."""
+
+
+def open_all(wanted: Iterable[tuple[type[E], str]], **options: Any) -> list[E]:
+    """Opens (class, topic) side by side, in the time of the slowest; `options` are those of each class.
+
+    Raises what the first raises that cannot be opened; then all are closed.
+    """
+    begun: list[tuple[E, Any]] = []
+    try:
+        for kind, topic in wanted:
+            side = kind.__new__(kind)
+            begun.append((side, side._begin(topic, **options)))
+        finish([end for _, end in begun])
+    except BaseException:
+        for _, end in begun:
+            end.close()
+        raise
+    for side, end in begun:
+        side._end = end
+    return [side for side, _ in begun]
 
 
 def can_wait_for_many() -> bool:
     """Whether ready_any() of several sleeps until it is woken: in 64-bit processes with the extension in C, glibc and
     futex_waitv(2) (Linux 5.16, and nothing that forbids it). Elsewhere it looks every millisecond.
     """
-    return core.HAS_MANY
+    return bool(engine.can_wait_for_many())
 
 
 def ready_any(subscribers: Iterable[S], timeout: float) -> list[S]:
@@ -36,13 +57,10 @@ def ready_any(subscribers: Iterable[S], timeout: float) -> list[S]:
     if len(several) == 1:
         return list(several) if several[0].ready(timeout) else []
     deadline = time.monotonic() + timeout
-    for one in several:
-        if one._event is None:
-            one._listen()
-    while not (found := [one for one in several if one._words[COMPLETED] not in (0, one._last)]):
+    ends = tuple(one._end for one in several)
+    while not (found := [one for one in several if one._end.load(COMPLETED) not in (0, one._end.last)]):
         left = deadline - time.monotonic()
         if left <= 0:
             break
-        if not Subscriber._doze_all(several, int(min(left, _SLICE) * 1e9), int(_POLL * 1e9)):
-            time.sleep(min(left, _POLL))
+        engine.sleep_any(ends, int(min(left, _SLICE) * 1e9))
     return found

@@ -14,7 +14,7 @@ from shmgen.bridge.codec.steps import CODES, KINDS, UNITS, Step, steps_of
 from shmgen.bridge.codec.wire_format import CDR, WireFormat
 from shmgen.core.model import Clock, Layout, Layouts
 from shmgen.runtime import CountExceeded, Time, ValueRejected, values
-from shmgen.runtime.core import IN_C
+from shmgen.runtime.engine import IN_C
 
 if TYPE_CHECKING:
     EXTENSION: Any

@@ -115,13 +115,13 @@ def each_back(
     """
     if not len(like) or type(like[0]) is kind:
         return [kind.from_buffer_copy(data, at + item_size * index) for index in range(count)]
-    made = [_new_like(like[0]) for _ in range(count)]
+    made = [new_like(like[0]) for _ in range(count)]
     for index, message in enumerate(made):
         kind._decode(data, at + item_size * index, message)
     return made
 
 
-def _new_like(message: Any) -> Any:
+def new_like(message: Any) -> Any:
     try:
         return type(message)()
     except TypeError:  # a dataclass without defaults, as rosbags makes them

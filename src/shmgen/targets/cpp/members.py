@@ -10,7 +10,6 @@ from shmgen.core.model import (
     Default,
     Element,
     Layout,
-    Layouts,
     Ref,
     Role,
     Scalar,
@@ -21,14 +20,13 @@ from shmgen.core.model import (
     assert_never,
     ros_type,
 )
-from shmgen.targets.c.ends import limited
 from shmgen.targets.c.target import Member
 from shmgen.targets.c.text import in_comment, quoted, quoted_wide
 from shmgen.targets.counts import bound, counts
 from shmgen.targets.cpp.names import class_name, cpp_name, qualified
 
-_TYPES = {Scalar.BOOL: "::shmgen::flag", Scalar.FLOAT32: "float", Scalar.FLOAT64: "double"}
-_CLOCKS = {"TIME": "::shmgen::clock_ms", "LTIME": "::shmgen::clock_ns", "struct": "::shmgen::clock_pair"}
+_TYPES = {Scalar.BOOL: "::shmgen::Flag", Scalar.FLOAT32: "float", Scalar.FLOAT64: "double"}
+_CLOCKS = {"TIME": "::shmgen::ClockMs", "LTIME": "::shmgen::ClockNs", "struct": "::shmgen::ClockPair"}
 _CUT = {"utf-8": "cut_utf8", "latin-1": "cut_latin1"}
 
 
@@ -49,7 +47,7 @@ def members(layout: Layout, package: str) -> Iterator[Member]:
         if slot.name in counted:
             gap = slot.offset - start.offset - 4
             most = bound(counted[slot.name])
-            line = f"::shmgen::sequence<{element}, {most}, {gap}, {class_name(layout.name)}>"
+            line = f"::shmgen::Sequence<{element}, {most}, {gap}, {class_name(layout.name)}>"
             aligned = ""
         else:
             line = element if slot.count is None else f"::std::array<{element}, {slot.count}>"
@@ -60,13 +58,11 @@ def members(layout: Layout, package: str) -> Iterator[Member]:
         yield Member(declared, cpp_name(slot.name), str(start.offset), str(size), f"{start.offset}{comment}")
 
 
-def misfits(layout: Layout, layouts: Layouts) -> Iterator[str]:
-    """Statements that return for the first field that does not fit; of a message that was read the counts matter."""
-    for slot in layout.slots:
-        if slot.role is Role.DATA and (slot.name in counts(layout) or limited(slot, layouts)):
-            check = f"::shmgen::misfit<Texts>(message.{cpp_name(slot.name)}, path)"
-            yield f"if (::shmgen::Status status = {check}; status != SHMGEN_OK)"
-            yield f"    return shmgen_at(&path, {quoted(slot.name.encode())}, status);"
+def visits(layout: Layout) -> str:
+    """An expression that visits the fields in their order, until a visit says false."""
+    slots = [slot for slot in layout.slots if slot.role is Role.DATA]
+    visited = (f"visit({quoted(slot.name.encode())}, message.{cpp_name(slot.name)})" for slot in slots)
+    return "\n            && ".join(visited) or "true"
 
 
 def element_of(type_: Element, options: TypeOptions, package: str) -> str:
@@ -77,7 +73,7 @@ def element_of(type_: Element, options: TypeOptions, package: str) -> str:
         case Clock():
             return _CLOCKS[options.time]
         case String(capacity, wide):
-            kind = "wide_text" if wide else "text"
+            kind = "WideText" if wide else "Text"
             cut = f", ::shmgen::Long::{_CUT[options.encoding]}" if options.overflow == "truncate" else ""
             return f"::shmgen::{kind}<{capacity}{cut}>"
         case Ref(name):

@@ -6,23 +6,24 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from shmgen.core.diagnostics import Report
-from shmgen.core.model import Layout, Layouts, Output, Regions
+from shmgen.core.model import Layout, Output, Regions
 from shmgen.core.plural import counted
 from shmgen.targets import Job
 from shmgen.targets.c import ends, region
 from shmgen.targets.c.target import Member
 from shmgen.targets.c.text import in_comment, quoted
 from shmgen.targets.cpp import calls
-from shmgen.targets.cpp.members import constant_line, members, misfits
+from shmgen.targets.cpp.members import constant_line, members, visits
 from shmgen.targets.cpp.names import NAMES as NAMES
 from shmgen.targets.cpp.names import class_name, header, namespace, qualified
 
-RUNTIME = ("shmgen_values.hpp", "shmgen.hpp", "shmgen_calls.hpp", "shmgen_actions.hpp")
+RUNTIME = ("shmgen_values.hpp", "shmgen_fields.hpp", "shmgen_loans.hpp", "shmgen.hpp", "shmgen_calls.hpp",
+           "shmgen_actions.hpp")  # fmt: skip
 """Written by hand, in templates/cpp."""
 
 
 class Header(NamedTuple):
-    """One message; all strings finished. `misfits` are statements."""
+    """One message; all strings finished. `visits` is an expression."""
 
     title: str
     origin: str
@@ -43,7 +44,7 @@ class Header(NamedTuple):
     sequence: str
     constants: tuple[str, ...]
     members: tuple[Member, ...]
-    misfits: tuple[str, ...]
+    visits: str
     requested: bool
 
 
@@ -55,12 +56,12 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
     for file in RUNTIME:
         yield Output(f"{root}/{file}", f"cpp/{file}", None)
     for name, layout in job.layouts.items():
-        view = _header(layout, job.layouts, job.package, job.options.regions)
+        view = _header(layout, job.package, job.options.regions)
         yield Output(f"cpp/{header(name, job.package)}", "cpp/message.hpp.j2", view)
     yield from calls.plan(job.layouts, job.package)
 
 
-def _header(layout: Layout, layouts: Layouts, package: str, regions: Regions) -> Header:
+def _header(layout: Layout, package: str, regions: Regions) -> Header:
     name, message = layout.name, layout.message
     return Header(
         title=str(name),
@@ -82,6 +83,6 @@ def _header(layout: Layout, layouts: Layouts, package: str, regions: Regions) ->
         sequence=ends.sequence(regions),
         constants=tuple(constant_line(constant, layout.options) for constant in message.constants),
         members=tuple(members(layout, package)),
-        misfits=tuple(misfits(layout, layouts)),
+        visits=visits(layout),
         requested=layout.requested,
     )

@@ -9,8 +9,9 @@ from collections.abc import Iterator
 from shmgen.core.plural import counted
 from shmgen.live.processes import alive, called
 from shmgen.live.regions import damage
+from shmgen.runtime.engine import IN_C
+from shmgen.runtime.reference.memory_order import has_barrier
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region.memory_order import has_barrier
 from shmgen.runtime.region.names import region_file, semaphore_file
 from shmgen.tools.doctor import permissions
 from shmgen.tools.doctor.problem import Problem
@@ -112,7 +113,7 @@ def _bitness(seen: Evidence) -> Iterator[Problem]:
         shown = ", ".join(f"{peer} has {peer.bits} bits" for peer in seen.peers if peer.bits)
         message = f"a semaphore does not cross bitness: {shown}; the semaphore was made in a {maker}-bit process"
         hint = 'write sync = "sequence" under [regions] in shmgen.toml, and generate both sides again'
-        if not has_barrier():
+        if not (IN_C or has_barrier()):
             hint = f'run programs of one bitness on both sides: sync = "sequence" is refused on {os.uname().machine}'
         odd = next((peer.pid for peer in seen.peers if peer.bits == 32), None)
         yield Problem(seen.topic, message, hint, semaphore_file(seen.name), odd)

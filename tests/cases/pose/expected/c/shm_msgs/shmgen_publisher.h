@@ -11,7 +11,7 @@
 extern "C" {
 #endif
 
-/* For one thread at a time. `end.misses` counts locks not free in time, `end.refused` messages that did not fit. */
+/* For one thread at a time. */
 typedef struct shmgen_publisher {
     shmgen_link end;
     shmgen_status gone; /* what calls say once it is not open */
@@ -166,6 +166,24 @@ static inline shmgen_status shmgen_publisher_assure(shmgen_publisher *self)
     if (shmgen_is_inherited(&self->end))
         return shmgen_publisher_disown(self);
     return shmgen_load(&self->end, SHMGEN_AT(writer)) == self->end.pid ? SHMGEN_OK : shmgen_lose(self);
+}
+
+/* The field that did not fit in the last message published, `points[3].label`; empty: all did. */
+static inline const char *shmgen_publisher_rejected(const shmgen_publisher *self)
+{
+    return shmgen_path_text(&self->path);
+}
+
+/* Messages that did not fit. */
+static inline uint32_t shmgen_publisher_refused(const shmgen_publisher *self)
+{
+    return self->end.refused;
+}
+
+/* How often the lock was not free in time. */
+static inline uint32_t shmgen_publisher_lock_misses(const shmgen_publisher *self)
+{
+    return self->end.misses;
 }
 
 /* Tells readers that the writer lives, without a sample. */

@@ -48,7 +48,7 @@ typedef struct shmgen_futex {
 /* Until a post of any, a signal, or the time. False: this kernel, or who guards it, does not do that. */
 static inline bool shmgen_wait_for_posts(sem_t *const *events, size_t count, int64_t ns)
 {
-    const int64_t end = shmgen_now() + ns;
+    const int64_t end = shmgen_until(ns);
     struct timespec until;
     shmgen_futex waits[SHMGEN_MOST_WAITS];
     bool could;
@@ -123,7 +123,7 @@ static inline void shmgen_sleep_any(shmgen_subscriber *const *several, size_t co
  * SHMGEN_NOTHING_NEW, or what one of them says that is not open. */
 static inline shmgen_status shmgen_ready_any(shmgen_subscriber *const *several, size_t count, int64_t timeout)
 {
-    const int64_t start = shmgen_now(), end = timeout < INT64_MAX - start ? start + timeout : INT64_MAX;
+    const int64_t end = shmgen_until(timeout);
     for (;;) {
         int64_t left;
         bool unread = false;

@@ -57,8 +57,8 @@ static inline shmgen_status shm_demo_msgs_Modes_publisher_start(
     return shmgen_publisher_start(&self->end, topic, &type, options);
 }
 
-/* Waits `limit` ns for the lock. A value that does not fit is refused: end.path says which, and the region keeps the
- * former sample. */
+/* Waits `limit` ns for the lock. A value that does not fit is refused: shmgen_publisher_rejected(&publisher.end) says which,
+ * and the region keeps the former sample. */
 static inline shmgen_status shm_demo_msgs_Modes_publisher_send(
     shm_demo_msgs_Modes_publisher *self, const shm_demo_msgs_Modes *message, int64_t limit)
 {
@@ -135,7 +135,7 @@ static inline shmgen_status shm_demo_msgs_Modes_subscriber_read_next(
         &self->end, into, sizeof *into, self->end.end.limit, shmgen_receive_shm_demo_msgs_Modes);
 }
 
-/* The newest sample as soon as there is a new one, or SHMGEN_NOTHING_NEW after `timeout` ns. */
+/* The newest sample as soon as there is a new one, or SHMGEN_NOTHING_NEW after `timeout` ns; INT64_MAX waits for ever. */
 static inline shmgen_status shm_demo_msgs_Modes_subscriber_wait(
     shm_demo_msgs_Modes_subscriber *self, shm_demo_msgs_Modes *into, int64_t timeout)
 {

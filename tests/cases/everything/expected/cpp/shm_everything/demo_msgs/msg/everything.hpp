@@ -36,7 +36,7 @@ struct Everything_Constants {
  * A second paragraph.
  */
 struct alignas(8) Everything : Everything_Constants {
-    ::shmgen::flag flag{true}; /* 0: bool */
+    ::shmgen::Flag flag{true}; /* 0: bool */
     ::std::uint8_t raw{}; /* 1: uint8 */
     ::std::uint8_t letter{65}; /* 2: uint8 */
     ::std::int8_t i8{-8}; /* 3: int8, a default and a comment */
@@ -54,29 +54,29 @@ struct alignas(8) Everything : Everything_Constants {
     ::std::array<::std::uint8_t, 4> _pad3{}; /* 44 */
     alignas(8) double f64{1e-09}; /* 48: float64 */
     alignas(8) double angle{}; /* 56: float64 [rad], A comment above, */
-    ::shmgen::text<10> label{"none"}; /* 64: string<=10 */
-    ::shmgen::text<7> short_{}; /* 75: string<=7 */
+    ::shmgen::Text<10> label{"none"}; /* 64: string<=10 */
+    ::shmgen::Text<7> short_{}; /* 75: string<=7 */
     ::std::array<::std::uint8_t, 1> _pad4{}; /* 83 */
-    alignas(2) ::shmgen::wide_text<5> wide{u"a\u00f1"}; /* 84: wstring<=5 */
-    ::shmgen::text<24> text{}; /* 96: string<=24 */
+    alignas(2) ::shmgen::WideText<5> wide{u"a\u00f1"}; /* 84: wstring<=5 */
+    ::shmgen::Text<24> text{}; /* 96: string<=24 */
     ::std::array<::std::uint8_t, 7> _pad5{}; /* 121 */
     alignas(8) ::std::array<double, 3> vector{{1.0, 0.0, -1.0}}; /* 128: float64[3] */
     ::std::array<::std::uint8_t, 4> bytes{}; /* 152: uint8[4] */
-    ::std::array<::shmgen::text<3>, 2> names{{"a", "b"}}; /* 156: string<=3[2] */
+    ::std::array<::shmgen::Text<3>, 2> names{{"a", "b"}}; /* 156: string<=3[2] */
     alignas(4) ::std::array<::shm_everything::demo_msgs::msg::Point, 2> corners{}; /* 164: demo_msgs/Point[2] */
-    alignas(4) ::std::array<::shmgen::clock_ms, 2> stamps{}; /* 196: time[2] */
-    ::shmgen::sequence<::shmgen::flag, 3, 0, Everything> flags{}; /* 204: bool[<=3] */
+    alignas(4) ::std::array<::shmgen::ClockMs, 2> stamps{}; /* 196: time[2] */
+    ::shmgen::Sequence<::shmgen::Flag, 3, 0, Everything> flags{}; /* 204: bool[<=3] */
     ::std::array<::std::uint8_t, 1> _pad6{}; /* 211 */
-    ::shmgen::sequence<::std::int16_t, 5, 0, Everything> samples{}; /* 212: int16[<=5] */
+    ::shmgen::Sequence<::std::int16_t, 5, 0, Everything> samples{}; /* 212: int16[<=5] */
     ::std::array<::std::uint8_t, 2> _pad7{}; /* 226 */
-    ::shmgen::sequence<::shmgen::text<3>, 2, 0, Everything> words{}; /* 228: string<=3[<=2] */
-    ::shmgen::sequence<::shmgen::wide_text<2>, 2, 0, Everything> wides{}; /* 240: wstring<=2[<=2] */
-    ::shmgen::sequence<::shm_everything::demo_msgs::msg::Point, 2, 0, Everything> path{}; /* 256: demo_msgs/Point[<=2] */
-    ::shmgen::sequence<::shmgen::clock_ms, 2, 0, Everything> times{}; /* 292: time[<=2] */
-    ::shmgen::sequence<::shmgen::clock_ms, 2, 0, Everything> waits{}; /* 304: duration[<=2] */
+    ::shmgen::Sequence<::shmgen::Text<3>, 2, 0, Everything> words{}; /* 228: string<=3[<=2] */
+    ::shmgen::Sequence<::shmgen::WideText<2>, 2, 0, Everything> wides{}; /* 240: wstring<=2[<=2] */
+    ::shmgen::Sequence<::shm_everything::demo_msgs::msg::Point, 2, 0, Everything> path{}; /* 256: demo_msgs/Point[<=2] */
+    ::shmgen::Sequence<::shmgen::ClockMs, 2, 0, Everything> times{}; /* 292: time[<=2] */
+    ::shmgen::Sequence<::shmgen::ClockMs, 2, 0, Everything> waits{}; /* 304: duration[<=2] */
     alignas(4) ::shm_everything::demo_msgs::msg::Point where{}; /* 316: demo_msgs/Point */
-    alignas(4) ::shmgen::clock_ms stamp{}; /* 332: time */
-    alignas(4) ::shmgen::clock_ms wait{}; /* 336: duration */
+    alignas(4) ::shmgen::ClockMs stamp{}; /* 332: time */
+    alignas(4) ::shmgen::ClockMs wait{}; /* 336: duration */
     ::std::array<::std::uint8_t, 4> _pad8{}; /* 340 */
 };
 
@@ -178,39 +178,51 @@ template <> struct shmgen::Message<::shm_everything::demo_msgs::msg::Everything>
     {
         return {"demo_msgs/msg/Everything", NULL, UINT64_C(0x411f8bad4819e534), 344, 0, 0, 0};
     }
-    template <bool Texts>
-    static ::shmgen::Status misfit([[maybe_unused]] const ::shm_everything::demo_msgs::msg::Everything &message, [[maybe_unused]] shmgen_path &path) noexcept
+    template <class Visit>
+    static bool each([[maybe_unused]] const ::shm_everything::demo_msgs::msg::Everything &message, [[maybe_unused]] Visit &&visit)
     {
-        if (::shmgen::Status status = ::shmgen::misfit<Texts>(message.label, path); status != SHMGEN_OK)
-            return shmgen_at(&path, "label", status);
-        if (::shmgen::Status status = ::shmgen::misfit<Texts>(message.short_, path); status != SHMGEN_OK)
-            return shmgen_at(&path, "short", status);
-        if (::shmgen::Status status = ::shmgen::misfit<Texts>(message.wide, path); status != SHMGEN_OK)
-            return shmgen_at(&path, "wide", status);
-        if (::shmgen::Status status = ::shmgen::misfit<Texts>(message.text, path); status != SHMGEN_OK)
-            return shmgen_at(&path, "text", status);
-        if (::shmgen::Status status = ::shmgen::misfit<Texts>(message.names, path); status != SHMGEN_OK)
-            return shmgen_at(&path, "names", status);
-        if (::shmgen::Status status = ::shmgen::misfit<Texts>(message.corners, path); status != SHMGEN_OK)
-            return shmgen_at(&path, "corners", status);
-        if (::shmgen::Status status = ::shmgen::misfit<Texts>(message.flags, path); status != SHMGEN_OK)
-            return shmgen_at(&path, "flags", status);
-        if (::shmgen::Status status = ::shmgen::misfit<Texts>(message.samples, path); status != SHMGEN_OK)
-            return shmgen_at(&path, "samples", status);
-        if (::shmgen::Status status = ::shmgen::misfit<Texts>(message.words, path); status != SHMGEN_OK)
-            return shmgen_at(&path, "words", status);
-        if (::shmgen::Status status = ::shmgen::misfit<Texts>(message.wides, path); status != SHMGEN_OK)
-            return shmgen_at(&path, "wides", status);
-        if (::shmgen::Status status = ::shmgen::misfit<Texts>(message.path, path); status != SHMGEN_OK)
-            return shmgen_at(&path, "path", status);
-        if (::shmgen::Status status = ::shmgen::misfit<Texts>(message.times, path); status != SHMGEN_OK)
-            return shmgen_at(&path, "times", status);
-        if (::shmgen::Status status = ::shmgen::misfit<Texts>(message.waits, path); status != SHMGEN_OK)
-            return shmgen_at(&path, "waits", status);
-        if (::shmgen::Status status = ::shmgen::misfit<Texts>(message.where, path); status != SHMGEN_OK)
-            return shmgen_at(&path, "where", status);
-        return SHMGEN_OK;
+        return visit("flag", message.flag)
+            && visit("raw", message.raw)
+            && visit("letter", message.letter)
+            && visit("i8", message.i8)
+            && visit("u8", message.u8)
+            && visit("i16", message.i16)
+            && visit("u16", message.u16)
+            && visit("i32", message.i32)
+            && visit("u32", message.u32)
+            && visit("i64", message.i64)
+            && visit("u64", message.u64)
+            && visit("f32", message.f32)
+            && visit("f64", message.f64)
+            && visit("angle", message.angle)
+            && visit("label", message.label)
+            && visit("short", message.short_)
+            && visit("wide", message.wide)
+            && visit("text", message.text)
+            && visit("vector", message.vector)
+            && visit("bytes", message.bytes)
+            && visit("names", message.names)
+            && visit("corners", message.corners)
+            && visit("stamps", message.stamps)
+            && visit("flags", message.flags)
+            && visit("samples", message.samples)
+            && visit("words", message.words)
+            && visit("wides", message.wides)
+            && visit("path", message.path)
+            && visit("times", message.times)
+            && visit("waits", message.waits)
+            && visit("where", message.where)
+            && visit("stamp", message.stamp)
+            && visit("wait", message.wait);
     }
 };
+
+namespace shm_everything {
+namespace demo_msgs {
+namespace msg {
+inline ::std::ostream &operator<<(::std::ostream &out, const Everything &message) { return ::shmgen::print(out, message); }
+}
+}
+}
 
 #endif

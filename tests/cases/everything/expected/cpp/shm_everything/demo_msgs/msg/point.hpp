@@ -17,7 +17,7 @@ namespace msg {
 struct alignas(4) Point {
     alignas(4) float x{static_cast<float>(1.5)}; /* 0: float32 [m], to the front */
     alignas(4) float y{}; /* 4: float32 [m], to the left */
-    ::shmgen::sequence<::std::uint16_t, 2, 0, Point> weights{}; /* 8: uint16[<=2] */
+    ::shmgen::Sequence<::std::uint16_t, 2, 0, Point> weights{}; /* 8: uint16[<=2] */
 };
 
 static_assert(sizeof(Point) == 16, "sizeof Point is 16");
@@ -37,13 +37,21 @@ template <> struct shmgen::Message<::shm_everything::demo_msgs::msg::Point> {
     {
         return {"demo_msgs/msg/Point", NULL, UINT64_C(0xc2e1156a5f1aa254), 16, 0, 0, 0};
     }
-    template <bool Texts>
-    static ::shmgen::Status misfit([[maybe_unused]] const ::shm_everything::demo_msgs::msg::Point &message, [[maybe_unused]] shmgen_path &path) noexcept
+    template <class Visit>
+    static bool each([[maybe_unused]] const ::shm_everything::demo_msgs::msg::Point &message, [[maybe_unused]] Visit &&visit)
     {
-        if (::shmgen::Status status = ::shmgen::misfit<Texts>(message.weights, path); status != SHMGEN_OK)
-            return shmgen_at(&path, "weights", status);
-        return SHMGEN_OK;
+        return visit("x", message.x)
+            && visit("y", message.y)
+            && visit("weights", message.weights);
     }
 };
+
+namespace shm_everything {
+namespace demo_msgs {
+namespace msg {
+inline ::std::ostream &operator<<(::std::ostream &out, const Point &message) { return ::shmgen::print(out, message); }
+}
+}
+}
 
 #endif

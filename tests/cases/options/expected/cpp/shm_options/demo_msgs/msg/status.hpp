@@ -17,13 +17,13 @@ struct Status_Constants {
 };
 
 struct alignas(4) Status : Status_Constants {
-    ::shmgen::flag ready{true}; /* 0: bool */
-    ::std::array<::shmgen::flag, 2> doors{{true, false}}; /* 1: bool[2] */
-    ::shmgen::text<10, ::shmgen::Long::cut_latin1> name{"T\374r"}; /* 3: string<=10 */
+    ::shmgen::Flag ready{true}; /* 0: bool */
+    ::std::array<::shmgen::Flag, 2> doors{{true, false}}; /* 1: bool[2] */
+    ::shmgen::Text<10, ::shmgen::Long::cut_latin1> name{"T\374r"}; /* 3: string<=10 */
     ::std::array<::std::uint8_t, 2> _pad0{}; /* 14 */
-    ::shmgen::sequence<::shmgen::text<3, ::shmgen::Long::cut_latin1>, 2, 0, Status> parts{}; /* 16: string<=3[<=2] */
-    alignas(4) ::shmgen::clock_pair stamp{}; /* 28: time */
-    ::shmgen::sequence<::shmgen::clock_pair, 2, 0, Status> waits{}; /* 36: duration[<=2] */
+    ::shmgen::Sequence<::shmgen::Text<3, ::shmgen::Long::cut_latin1>, 2, 0, Status> parts{}; /* 16: string<=3[<=2] */
+    alignas(4) ::shmgen::ClockPair stamp{}; /* 28: time */
+    ::shmgen::Sequence<::shmgen::ClockPair, 2, 0, Status> waits{}; /* 36: duration[<=2] */
 };
 
 static_assert(sizeof(Status) == 56, "sizeof Status is 56");
@@ -54,17 +54,24 @@ template <> struct shmgen::Message<::shm_options::demo_msgs::msg::Status> {
     {
         return {"demo_msgs/msg/Status", "plc", UINT64_C(0xbdd29caa4bdfb245), 56, 0666, 1, 0};
     }
-    template <bool Texts>
-    static ::shmgen::Status misfit([[maybe_unused]] const ::shm_options::demo_msgs::msg::Status &message, [[maybe_unused]] shmgen_path &path) noexcept
+    template <class Visit>
+    static bool each([[maybe_unused]] const ::shm_options::demo_msgs::msg::Status &message, [[maybe_unused]] Visit &&visit)
     {
-        if (::shmgen::Status status = ::shmgen::misfit<Texts>(message.name, path); status != SHMGEN_OK)
-            return shmgen_at(&path, "name", status);
-        if (::shmgen::Status status = ::shmgen::misfit<Texts>(message.parts, path); status != SHMGEN_OK)
-            return shmgen_at(&path, "parts", status);
-        if (::shmgen::Status status = ::shmgen::misfit<Texts>(message.waits, path); status != SHMGEN_OK)
-            return shmgen_at(&path, "waits", status);
-        return SHMGEN_OK;
+        return visit("ready", message.ready)
+            && visit("doors", message.doors)
+            && visit("name", message.name)
+            && visit("parts", message.parts)
+            && visit("stamp", message.stamp)
+            && visit("waits", message.waits);
     }
 };
+
+namespace shm_options {
+namespace demo_msgs {
+namespace msg {
+inline ::std::ostream &operator<<(::std::ostream &out, const Status &message) { return ::shmgen::print(out, message); }
+}
+}
+}
 
 #endif

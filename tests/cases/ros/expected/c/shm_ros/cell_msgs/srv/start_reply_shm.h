@@ -57,8 +57,8 @@ static inline shmgen_status shm_cell_msgs_Start_Reply_publisher_start(
     return shmgen_publisher_start(&self->end, topic, &type, options);
 }
 
-/* Waits `limit` ns for the lock. A value that does not fit is refused: end.path says which, and the region keeps the
- * former sample. */
+/* Waits `limit` ns for the lock. A value that does not fit is refused: shmgen_publisher_rejected(&publisher.end) says which,
+ * and the region keeps the former sample. */
 static inline shmgen_status shm_cell_msgs_Start_Reply_publisher_send(
     shm_cell_msgs_Start_Reply_publisher *self, const shm_cell_msgs_Start_Reply *message, int64_t limit)
 {
@@ -135,7 +135,7 @@ static inline shmgen_status shm_cell_msgs_Start_Reply_subscriber_read_next(
         &self->end, into, sizeof *into, self->end.end.limit, shmgen_receive_shm_cell_msgs_Start_Reply);
 }
 
-/* The newest sample as soon as there is a new one, or SHMGEN_NOTHING_NEW after `timeout` ns. */
+/* The newest sample as soon as there is a new one, or SHMGEN_NOTHING_NEW after `timeout` ns; INT64_MAX waits for ever. */
 static inline shmgen_status shm_cell_msgs_Start_Reply_subscriber_wait(
     shm_cell_msgs_Start_Reply_subscriber *self, shm_cell_msgs_Start_Reply *into, int64_t timeout)
 {

@@ -58,8 +58,8 @@ static inline shmgen_status shm_cell_msgs_Start_Response_publisher_start(
     return shmgen_publisher_start(&self->end, topic, &type, options);
 }
 
-/* Waits `limit` ns for the lock. A value that does not fit is refused: end.path says which, and the region keeps the
- * former sample. */
+/* Waits `limit` ns for the lock. A value that does not fit is refused: shmgen_publisher_rejected(&publisher.end) says which,
+ * and the region keeps the former sample. */
 static inline shmgen_status shm_cell_msgs_Start_Response_publisher_send(
     shm_cell_msgs_Start_Response_publisher *self, const shm_cell_msgs_Start_Response *message, int64_t limit)
 {
@@ -136,7 +136,7 @@ static inline shmgen_status shm_cell_msgs_Start_Response_subscriber_read_next(
         &self->end, into, sizeof *into, self->end.end.limit, shmgen_receive_shm_cell_msgs_Start_Response);
 }
 
-/* The newest sample as soon as there is a new one, or SHMGEN_NOTHING_NEW after `timeout` ns. */
+/* The newest sample as soon as there is a new one, or SHMGEN_NOTHING_NEW after `timeout` ns; INT64_MAX waits for ever. */
 static inline shmgen_status shm_cell_msgs_Start_Response_subscriber_wait(
     shm_cell_msgs_Start_Response_subscriber *self, shm_cell_msgs_Start_Response *into, int64_t timeout)
 {

@@ -7,23 +7,7 @@ import os
 import sys
 import threading
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, cast
-
-from shmgen.core import abi
-
-if TYPE_CHECKING:
-    EXTENSION: Any
-    """The extension in C, None where it is not at work."""
-else:
-    try:
-        if os.environ.get("SHMGEN_PURE") or "t" in getattr(sys, "abiflags", ""):  # objects of 3.13t look otherwise
-            raise ImportError
-        from shmgen import _core as EXTENSION
-
-        if EXTENSION.ABI != abi.ABI:
-            raise ImportError
-    except ImportError:
-        EXTENSION = None
+from typing import Any, cast
 
 _KEEP = ("x86_64", "AMD64", "i386", "i486", "i586", "i686")
 """Machines on which a later load alone passes an earlier store."""
@@ -45,8 +29,8 @@ def keeps_order() -> bool:
 
 
 def has_barrier() -> bool:
-    """Whether fence() is a full barrier here: on x86 always, elsewhere by the extension in C or by Linux."""
-    return keeps_order() or EXTENSION is not None or _membarrier() is not None
+    """Whether fence() is a full barrier here: on x86 always, elsewhere where Linux allows it."""
+    return keeps_order() or _membarrier() is not None
 
 
 def ordered(words: memoryview) -> memoryview:
@@ -55,8 +39,6 @@ def ordered(words: memoryview) -> memoryview:
 
 
 class _Ordered:
-    __slots__ = ("_words",)
-
     def __init__(self, words: memoryview) -> None:
         self._words = words
 
@@ -91,12 +73,6 @@ def _membarrier() -> Callable[[], Any] | None:
     return (lambda: call(*arguments)) if call(*arguments) == 0 else None
 
 
-def _chosen() -> Callable[[], Any]:
-    if keeps_order():
-        return _locked
-    return (EXTENSION and EXTENSION.fence) or _membarrier() or _locked
-
-
 _mutex = threading.Lock()
-fence: Callable[[], Any] = _chosen()
+fence: Callable[[], Any] = _locked if keeps_order() else _membarrier() or _locked
 """Keeps loads and stores on their side of it, where has_barrier()."""

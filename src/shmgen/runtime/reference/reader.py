@@ -1,0 +1,128 @@
+"""Turns the samples of a region into messages (docs/protocol.md, "Reading")."""
+
+from __future__ import annotations
+
+import ctypes
+import time
+from collections.abc import Generator
+from typing import Any
+
+from shmgen.core import abi
+from shmgen.runtime.reference.end import End
+from shmgen.runtime.reference.lock import LOCK_TIMEOUT, Lock
+from shmgen.runtime.reference.memory_order import fence
+from shmgen.runtime.reference.opening import open_region
+from shmgen.runtime.region import header as h
+
+_TRIES = 8
+"""How often a sample overwritten while it was copied is given up for a newer one in one call."""
+_POLL = abi.POLL_MS / 1000
+"""Seconds between two looks of a reader that waits: Python has no wait for a semaphore by a clock that nobody sets."""
+
+
+class Reader(End):
+    """A reader of a topic. `last` is the number of the sample that counts as read, `sequence` of one really read."""
+
+    last = 0
+    sequence = 0
+    stamp = 0
+    missed = 0
+
+    def _open(self) -> Generator[int, None, None]:
+        of = self.of
+        self.region = region = yield from open_region(of)
+        self.lock = Lock(region, LOCK_TIMEOUT if of.lock_ns < 0 else of.lock_ns / 1e9)
+        self.last = 0 if of.history else max(0, region.words[h.COMPLETED] - 1)
+        self.gone = None
+
+    def read(self, left: int | None = None) -> Any:
+        """The newest message, None without an unread one that can be had. `left`: ns of a call that ends then."""
+        data = self._one_call(self._newest, None if left is None else left / 1e9)
+        return None if data is None else self.of.kind.from_buffer(data)
+
+    def next(self) -> Any:
+        """The oldest unread one that is still there."""
+        data = self._one_call(self._oldest)
+        return None if data is None else self.of.kind.from_buffer(data)
+
+    def read_into(self, message: Any) -> bool:
+        """As read(), but fills `message`; True = there was one."""
+        data = self._one_call(self._newest, None)
+        if data is None:
+            return False
+        if type(message) is self.of.kind:
+            ctypes.memmove(ctypes.addressof(message), bytes(data), len(data))
+        else:
+            self.of.kind._decode(data, 0, message)
+        return True
+
+    def ready(self, ns: int) -> bool:
+        """Whether there is an unread sample, as soon as there is one or after that time."""
+        deadline = time.monotonic() + ns / 1e9
+        while self.load(h.COMPLETED) in (0, self.last):
+            left = deadline - time.monotonic()
+            if left <= 0:
+                return False
+            time.sleep(min(left, _POLL))
+        return True
+
+    def skip(self) -> None:
+        """What is there counts as read."""
+        self.last = self.load(h.COMPLETED)
+
+    def _unread(self) -> int:
+        newest = self.region.words[h.COMPLETED]
+        if newest in (0, self.last):
+            return 0
+        unread = h.steps(self.last, newest, self.region.header.slots)
+        if unread >= abi.RESTART_GAP:  # the region was begun anew and counts from 1 again
+            self.last, unread = newest - 1, 1
+        return unread
+
+    def _newest(self, left: float | None) -> bytearray | None:
+        for _ in range(_TRIES):
+            number = self.region.words[h.COMPLETED]
+            if number in (0, self.last):
+                break
+            data = self._copy(number, left)
+            if data is not None:
+                return data or None
+        return None
+
+    def _oldest(self) -> bytearray | None:
+        for _ in range(_TRIES):
+            unread, slots, start = self._unread(), self.region.header.slots, self.last
+            for step in range(max(1, unread - slots + 1), unread + 1):
+                data = self._copy(h.after(start, step, slots), None)
+                if data is not None:
+                    return data or None
+            if not unread:
+                break
+        return None
+
+    def _copy(self, number: int, left: float | None) -> bytearray | None:
+        """The payload of sample `number`; None if it was overwritten, empty where the lock is needed and not free."""
+        region, words = self.region, self.region.words
+        slots, slot = region.header.slots, region.slot(number)
+        try:
+            if not self.lock.acquire(left) and not self.lock.keeps_order:
+                return bytearray()
+            stamp = region.quads[slot // 8 + h.STAMP]
+            data = bytearray(memoryview(region.map)[region.payload(number)])
+            fence()
+            # Both after the copy: a writer says what it is about to overwrite before it does, and one that has lost
+            # the topic meanwhile voids the number of what it has written.
+            begun, found = words[h.BEGUN], words[slot // 4 + 2 * h.NUMBER]
+        finally:
+            self.lock.release()
+        if found != number or h.steps(number, begun, slots) >= slots:
+            return None
+        skipped = h.steps(self.last, number, slots) - 1
+        if 0 < skipped < abi.RESTART_GAP:
+            self.missed += skipped
+            if not self.of.passive:
+                # Outside of the lock: of two readers that add at once one may be lost, which a figure survives.
+                words[h.MISSED] = words[h.MISSED] + skipped & h.LAST
+        self.last = self.sequence = number
+        self.stamp = stamp
+        return data

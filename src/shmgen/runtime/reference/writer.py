@@ -1,0 +1,113 @@
+"""Turns messages into samples of a region (docs/protocol.md, "Writing")."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Generator
+from typing import Any
+
+from shmgen.runtime.errors import ClaimLost, LockTimeout
+from shmgen.runtime.messages.message import CUT, Late
+from shmgen.runtime.reference.claim import claim
+from shmgen.runtime.reference.end import End
+from shmgen.runtime.reference.lock import LOCK_TIMEOUT, Lock
+from shmgen.runtime.reference.memory_order import fence, keeps_order
+from shmgen.runtime.reference.opening import open_event, open_region
+from shmgen.runtime.reference.semaphores import Semaphore
+from shmgen.runtime.region import header as h
+from shmgen.runtime.region.looks import writer_of
+from shmgen.runtime.region.settings import UNTIL_RECOVERED
+
+
+class Writer(End):
+    """The one writer of a topic. `sequence` is the number of its newest sample."""
+
+    sequence = 0
+    doubtful = False
+    truncations = 0
+    _event: Semaphore
+
+    def _open(self) -> Generator[int, None, None]:
+        of = self.of
+        self.region = region = yield from open_region(of)
+        usual = LOCK_TIMEOUT if keeps_order() or of.sequence else UNTIL_RECOVERED
+        self.lock = Lock(region, usual if of.lock_ns < 0 else of.lock_ns / 1e9)
+        self._event = yield from open_event(of)
+        self.sequence, self.doubtful = yield from claim(of.topic, region)
+        self._heartbeat = region.words[h.HEARTBEAT]
+        self.gone = None
+
+    def publish(self, message: Any, left: int | None = None) -> None:
+        """Writes a message: one of its kind, or any object with its attributes. `left`: ns of a call that ends then.
+
+        Raises ValueRejected, LockTimeout, ClaimLost.
+        """
+        data, late = self._encoded(message)
+        self._one_call(self._publish, data, late, None if left is None else left / 1e9)
+
+    def heartbeat(self) -> None:
+        """Shows readers that the writer is alive, without a sample. Raises ClaimLost."""
+        self.assure()
+        self._beat()
+
+    def assure(self) -> None:
+        """Raises ClaimLost unless the topic is still this writer's."""
+        if self.load(h.WRITER) != self.region.pid:
+            self._lose()
+
+    def _encoded(self, message: Any) -> tuple[bytes | bytearray, Late]:
+        """Its bytes, and those of arrays that lie in place of some."""
+        if type(message) is self.of.kind:
+            return bytes(message), []
+        data, late = bytearray(self.of.size), []  # type: ignore[var-annotated]
+        self.of.kind._encode(message, data, 0, late)
+        arrays = [found for found in late if found is not CUT]
+        self.truncations += len(late) - len(arrays)
+        return data, arrays
+
+    def _publish(self, data: bytes | bytearray, late: Late, left: float | None) -> None:
+        try:
+            self._write(data, late, left)
+        finally:
+            self.lock.release()
+        fence()  # keeps the look at `armed` behind `completed`
+        words = self.region.words
+        if words[h.ARMED]:
+            words[h.ARMED] = 0
+            self._event.post()
+
+    def _write(self, data: bytes | bytearray, late: Late, left: float | None) -> None:
+        region, words = self.region, self.region.words
+        if not self.lock.acquire(left) and not self.lock.keeps_order:
+            raise LockTimeout(
+                f"{self.of.topic}: the lock was not free in time, held by process {words[h.LOCK_HOLDER]}; "
+                "nothing was published. See `shmgen doctor`"
+            )
+        self.assure()
+        number = h.after(self.sequence, 1, region.header.slots)
+        slot, payload = region.slot(number), region.payload(number)
+        self._beat()
+        words[h.BEGUN] = number
+        # memcpy may use streaming stores, which pass earlier ones even on x86.
+        fence()
+        region.quads[slot // 8 + h.STAMP] = time.time_ns()
+        words[slot // 4 + 2 * h.NUMBER] = number
+        region.map[payload] = data
+        for offset, _, array in late:
+            region.map[payload.start + offset : payload.start + offset + array.nbytes] = array
+        if words[h.WRITER] != region.pid:
+            words[slot // 4 + 2 * h.NUMBER] = 0  # what lies in the slot may be of two writers
+            self._lose()
+        self.sequence = number
+        words[h.COMPLETED] = number
+
+    def _beat(self) -> None:
+        self._heartbeat = self._heartbeat + 1 & h.LAST
+        self.region.words[h.HEARTBEAT] = self._heartbeat
+
+    def _lose(self) -> None:
+        """Leaves the topic to the writer who has claimed it: this one stood still for a second, or seemed to."""
+        who = writer_of(self.of.topic, self.region.file, self.region.words[h.WRITER])
+        gone = ClaimLost(f"{self.of.topic}: {who} has taken the topic over; nothing was published")
+        self._let_go(gone)
+        raise gone

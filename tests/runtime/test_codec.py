@@ -1,0 +1,534 @@
+"""What the codec in C makes of a message, and of its bytes, is what generated `_encode` and `_decode` make of it."""
+
+from __future__ import annotations
+
+import array
+import copy
+import ctypes
+import gc
+import importlib.util
+import os
+import random
+import shutil
+import struct
+import subprocess
+import sys
+from enum import IntEnum
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from shmgen.config import Config
+from shmgen.core.model import TypeName, TypeOptions
+from shmgen.generator import pipeline
+from shmgen.runtime import engine
+from shmgen.runtime.messages.message import CUT, LATE_FROM
+from shmgen.runtime.messages.plan import plan
+from tests.conftest import REPOSITORY
+from tests.support import build, schemas
+
+from .messages import WHY_NOT, Scan
+
+numpy = pytest.importorskip("numpy")
+pytestmark = pytest.mark.skipif(not engine.IN_C, reason=WHY_NOT)
+
+OPTIONS = [
+    TypeOptions(),
+    TypeOptions(time="LTIME", encoding="latin-1"),
+    TypeOptions(time="struct", bool="BOOL", overflow="truncate"),
+    TypeOptions(encoding="latin-1", overflow="truncate"),
+]
+NUMBERS = ["bool", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"]
+LEAF = "".join(f"{kind} {kind}_one\n{kind}[3] {kind}_three\n{kind}[<=4] {kind}_some\n" for kind in NUMBERS)
+DEFINITIONS = {
+    "Leaf": f"{LEAF}string<=8 text\nwstring<=8 wide\nbuiltin_interfaces/Time stamp\nbuiltin_interfaces/Duration span\n",
+    "Tree": "Leaf one\nLeaf[2] two\nLeaf[<=3] some\nstring<=8[<=3] texts\nwstring<=4[2] wides\n"
+    "builtin_interfaces/Time[<=3] stamps\nbuiltin_interfaces/Duration[2] spans\n"
+    "uint8[<=6000] data\nfloat64[600] long\nuint8 last\n",
+}
+EDGES = (
+    *(0, 1, 0.0, -0.5, 1e-50, 3.4e38, 3.5e38, 1e300, 10**30, 10**400, float("inf"), float("-inf"), float("nan")),
+    *(sign * 2**bits + step for bits in (7, 8, 15, 16, 31, 32, 63, 64) for sign in (1, -1) for step in (-1, 0)),
+)
+
+
+class Small(IntEnum):
+    ONE = 1
+
+
+def odd(**given: Any) -> Any:
+    """With whatever attributes, or methods of Python's, it is given."""
+    return type("Odd", (SimpleNamespace,), given)()
+
+
+ODD = (
+    *(True, False, None, "1", b"1", [1], 1j, Small.ONE, type("Own", (float,), {})(1.5), type("Own", (int,), {})(7)),
+    *(numpy.float64(1.5), numpy.float32(1.5), numpy.int64(7), numpy.uint8(200), numpy.bool_(True), numpy.array(3)),
+    *(odd(__index__=lambda _: 5), odd(__float__=lambda _: 2.5), odd(__index__=lambda _: 1 // 0)),
+)
+SEQUENCES = (
+    *([], [1], (1, 0, 1), [1, 0, 1, 0], (1,) * 5, [True, False, True], b"", b"abc", bytearray(b"abcd"), b"abcde"),
+    *(
+        memoryview(b"abcdef")[::2],
+        memoryview(bytes(8)).cast("B", (2, 2, 2)),
+        array.array("B"),
+        range(3),
+        "abc",
+        None,
+        7,
+    ),
+    *(array.array(code, [1, 2, 3]) for code in "bBhHiIlLqQfd"),
+    *(memoryview(array.array("d", range(6)))[::2], (3 * ctypes.c_double)(1, 2, 3), (3 * ctypes.c_bool)(1, 0, 1)),
+    *((4 * ctypes.c_char)(b"a"), ctypes.c_uint8(7), {1: 2, 3: 4, 5: 6}, {1, 2, 3}, [[1], [2], [3]], [1, 2, Small.ONE]),
+    *(numpy.array(value) for value in ([[1, 2], [3, 4]], [True, False, True], 7, [], [1.5, 2, 3], [1, 2, 3])),
+    *(numpy.array([1, 2, 3]).astype(code) for code in ("f4", "f8", "i4", "u4", "u1", "i8", ">i4", ">f8", "f2", "O")),
+    *(
+        numpy.arange(12, dtype="u2")[::4],
+        numpy.asfortranarray(numpy.arange(4.0).reshape(2, 2)),
+        numpy.ma.array([1.0, 2.0, 3.0]),
+    ),
+)
+TEXTS = (
+    *("", "bow", "01234567", "012345678", "gr\xfc\xdf", "0123456\xe9", "01234567\xe9", "\N{SNOWMAN}" * 3, "a\0b", "\0"),
+    *(
+        "\ud800",
+        "abc\udfff",
+        "\N{GRINNING FACE}" * 2,
+        "0123456\N{GRINNING FACE}",
+        "\N{GRINNING FACE}" * 5,
+        b"abc",
+        None,
+        7,
+    ),
+    *(type("Own", (str,), {})("own"), numpy.str_("numpy"), bytearray(b"a"), ["a"]),
+)
+TIMES = (
+    *(
+        (0, 0),
+        (1, 0),
+        (-1, 0),
+        (0, 1),
+        (4_294_967, 295_999_999),
+        (4_294_967, 296_000_000),
+        (1_800_000_000, 123_456_789),
+    ),
+    *((2**31 - 1, 10**9 - 1), (2**31, 0), (-(2**31), 0), (18_446_744_073, 709_551_615), (18_446_744_073, 709_551_616)),
+    *((2**62, 0), (2**64, 0), (0, 2**32 - 1), (0, 2**32), (0, -1), (5, -1), (0, 10**12), (1.5, 0), ("1", 0), (None, 0)),
+    *((True, False), (numpy.int64(3), numpy.int64(4)), (Small.ONE, 1)),
+)
+
+
+class Ways:
+    """Both ways of one class, and that they agree."""
+
+    def __init__(self, kind: Any) -> None:
+        self.kind, self.codec = kind, engine.codec(kind)
+        assert self.codec is not None
+        self.size = ctypes.sizeof(kind)
+
+    def python(self, message: Any) -> tuple[bytes, int]:
+        """The bytes, and how many texts were cut."""
+        into, late = bytearray(self.size), []
+        self.kind._encode(message, into, 0, late)
+        for offset, room, view in late:
+            if room:
+                into[offset : offset + room] = bytes(view).ljust(room, b"\0")
+        return bytes(into), sum(found is CUT for found in late)
+
+    def in_c(self, message: Any) -> tuple[bytes, int] | None:
+        into = bytearray(b"\xaa" * self.size)  # of a former message
+        cuts = self.codec.encode(message, into)
+        return None if cuts is None else (bytes(into), cuts)
+
+    def encode(self, message: Any) -> bool:
+        """Whether it was for C."""
+        found = self.in_c(message)
+        try:
+            wanted = self.python(message)
+        except Exception:
+            assert found is None
+            return False
+        assert found in (None, wanted)
+        return found is not None
+
+    def decode(self, data: bytes, message: Any) -> bool:
+        """Whether it was for C, into a copy of `message`."""
+        quick, wanted = copied(message), copied(message)
+        done = self.codec.decode(data, quick)
+        try:
+            self.kind._decode(data, 0, wanted)
+        except Exception:
+            assert not done
+            return False
+        if done:
+            same(quick, wanted)
+        return done
+
+
+def same(one: Any, other: Any, path: str = "") -> None:
+    """Of the same kind all through, and the same bits."""
+    assert type(one) is type(other), (path, one, other)
+    match one:
+        case float():
+            assert struct.pack("d", one) == struct.pack("d", other), path
+        case ctypes.Structure():
+            assert bytes(one) == bytes(other), path
+        case list():
+            assert len(one) == len(other), path
+            for index, pair in enumerate(zip(one, other, strict=True)):
+                same(*pair, f"{path}[{index}]")
+        case SimpleNamespace():
+            assert vars(one).keys() == vars(other).keys(), path
+            for name in vars(one):
+                same(getattr(one, name), getattr(other, name), f"{path}.{name}")
+        case numpy.ndarray():
+            assert (one.dtype, one.shape, one.tobytes()) == (other.dtype, other.shape, other.tobytes()), path
+        case array.array():
+            assert (one.typecode, one.tobytes()) == (other.typecode, other.tobytes()), path
+        case _:
+            assert repr(one) == repr(other), path
+
+
+def copied(value: Any) -> Any:
+    """Of all that a decoder may set something in."""
+    if isinstance(value, SimpleNamespace):
+        made = type(value)()
+        vars(made).update({name: copied(item) for name, item in vars(value).items()})
+        return made
+    if isinstance(value, ctypes.Structure):
+        return copy.deepcopy(value)
+    return [copied(item) for item in value] if type(value) is list else value
+
+
+def constructible(value: Any) -> Any:
+    """The same message where those in lists are of classes that can be called without arguments, as ROS's are."""
+    if isinstance(value, SimpleNamespace):
+        values = {name: constructible(item) for name, item in vars(value).items()}
+
+        class Made(SimpleNamespace):
+            def __init__(self) -> None:
+                super().__init__(**{name: copied(item) for name, item in values.items()})
+
+        return Made()
+    return [constructible(item) for item in value] if isinstance(value, list) else value
+
+
+def among(value: Any, draw: random.Random) -> Any:
+    """The same message with each sequence of numbers in some kind of sequence."""
+    if isinstance(value, SimpleNamespace):
+        made = copied(value)
+        vars(made).update({name: among(item, draw) for name, item in vars(value).items()})
+        return made
+    if not isinstance(value, list) or not value or not isinstance(value[0], bool | int | float):
+        return [among(item, draw) for item in value] if isinstance(value, list) else value
+    code = "d" if isinstance(value[0], float) else "q" if min(value) < 0 else "Q"
+    kinds = [list, tuple, numpy.array, lambda items: array.array(code, items)]
+    kinds += [bytes, bytearray] if max(value) < 256 and min(value) >= 0 and code == "Q" else []
+    return draw.choice(kinds)(value)
+
+
+@given(schema=schemas.schemas(), options=st.sampled_from(OPTIONS), seed=st.integers(0, 2**32))
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_any_message_goes_both_ways(schema, options, seed, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("any")
+    layouts = build.layouts_of(schema, options)
+    package = f"coded_{folder.name}"
+    build.put(build.texts_of(layouts, "python", package), folder)
+    draw = random.Random(seed)
+    for layout in layouts.values():
+        kind, _, _ = build.classes(folder, package, layout.name)
+        ways = Ways(kind)
+        for _ in range(4):
+            message, target = (constructible(schemas.random_message(layout, layouts, draw)) for _ in "io")
+            assert ways.encode(message), layout.message
+            ways.encode(among(message, draw))
+            data, _ = ways.python(message)
+            other = kind.from_buffer_copy(data)
+            foreign = type("Foreign", (kind,), {})()
+            assert ways.encode(other)
+            for into in (target, foreign, among(target, draw)):
+                assert ways.decode(data, into), layout.message
+                ways.decode(draw.randbytes(ways.size), into)
+            ways.decode(data, schemas.random_message(layout, layouts, draw))
+    build.forget(package)
+
+
+@pytest.fixture(scope="module", params=range(len(OPTIONS)))
+def trees(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
+    return generated(tmp_path_factory.mktemp("trees"), f"shm_trees{request.param}", OPTIONS[request.param])
+
+
+@pytest.fixture(scope="module")
+def tree_kind(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    return generated(tmp_path_factory.mktemp("tree"), "shm_tree", OPTIONS[0]).Tree
+
+
+def generated(folder: Path, package: str, options: TypeOptions) -> ModuleType:
+    build.put({f"msgs/tree_msgs/msg/{name}.msg": text for name, text in DEFINITIONS.items()}, folder)
+    config = Config(folder, path=(folder / "msgs",), package=package, targets=("python",), types=options)
+    build.put(pipeline.generate(config, ["tree_msgs"]), folder)
+    return build.module(folder, package, TypeName("tree_msgs", "msg", "Tree"))
+
+
+class Leaf(SimpleNamespace):
+    def __init__(self, **changed: Any) -> None:
+        for kind in NUMBERS:
+            vars(self).update({f"{kind}_one": 1, f"{kind}_three": [1, 1, 1], f"{kind}_some": [1]})
+        super().__init__(**{"text": "bow", "wide": "sun", "stamp": time(1), "span": time(2)} | changed)
+
+
+def time(seconds: Any = 0, nanos: Any = 0) -> SimpleNamespace:
+    return SimpleNamespace(sec=seconds, nanosec=nanos)
+
+
+def tree(**changed: Any) -> SimpleNamespace:
+    made = SimpleNamespace(one=Leaf(), two=[Leaf(), Leaf(text="two")], some=[Leaf()], texts=["a", ""], wides=["b", "c"])
+    vars(made).update(stamps=[time(3)], spans=[time(4), time(5)], data=b"data", long=[0.5] * 600, last=9)
+    vars(made).update(changed)
+    return made
+
+
+def test_numbers_and_sequences_of_every_kind(tree_kind):
+    ways, taken = Ways(type(tree_kind().one)), set()
+    for field in NUMBERS:
+        for value in (*EDGES, *ODD):
+            ways.encode(Leaf(**{f"{field}_one": value}))
+            ways.encode(Leaf(**{f"{field}_three": [1, value, 0]}))
+        for value in (*SEQUENCES, *EDGES):
+            for end in ("three", "some"):
+                if ways.encode(Leaf(**{f"{field}_{end}": value})):
+                    taken.add(type(value))
+                ways.decode(bytes(ways.size), Leaf(**{f"{field}_{end}": value}))
+    wanted = {list, tuple, bytes, bytearray, memoryview, array.array, numpy.ndarray, 3 * ctypes.c_double}
+    assert wanted <= taken
+    assert not taken & {range, str, dict, type(None), int}
+
+
+def test_texts_and_times_of_every_kind(trees):
+    ways = Ways(trees.Tree)
+    for text in TEXTS:
+        for changed in ({"text": text}, {"wide": text}):
+            ways.encode(tree(one=Leaf(**changed)))
+        for changed in ({"texts": [text]}, {"texts": ("", text)}, {"texts": text}, {"wides": [text, "a"]}):
+            ways.encode(tree(**changed))
+    kinds = (time, lambda *of: SimpleNamespace(secs=of[0], nsecs=of[1]), lambda *of: of, lambda *of: odd(sec=of[0]))
+    for parts in TIMES:
+        for kind in kinds:
+            found = kind(*parts)
+            for changed in ({"one": Leaf(stamp=found)}, {"one": Leaf(span=found)}, {"stamps": [found]}):
+                message = tree(**changed)
+                ways.encode(message)
+                data, _ = ways.python(tree())
+                assert ways.decode(data, message) in (True, isinstance(found, SimpleNamespace))
+    assert ways.encode(tree())
+    assert ways.in_c(tree(stamps=[trees.Tree().one.stamp], texts=numpy.array(["a"], object)))
+
+
+def test_bytes_of_no_text_and_no_bool(trees):
+    """Stale text behind a NUL, no UTF-8, half a pair, a bool of 2, and counts past their bounds."""
+    ways, draw = Ways(trees.Tree), random.Random(3)
+    data, _ = ways.python(tree())
+    done = 0
+    for _ in range(200):
+        spoiled = bytearray(data)
+        for _ in range(draw.randrange(1, 40)):
+            spoiled[draw.randrange(6000 if draw.random() < 0.9 else len(data)) % len(data)] = draw.choice(
+                [0, 2, 216, 255]
+            )
+        done += ways.decode(bytes(spoiled), tree())
+        ways.encode(trees.Tree.from_buffer_copy(spoiled))
+    assert 0 < done < 200
+
+
+def test_a_class_that_is_not_as_generated_has_no_plan(tree_kind):
+    class Hidden(tree_kind):
+        last = property(lambda self: 7)
+
+    class Shown(tree_kind):
+        @property
+        def more(self) -> int:
+            return 7
+
+    assert plan(Hidden) is None
+    assert engine.codec(Hidden) is None
+    assert plan(Shown) == plan(tree_kind)
+
+    class Bare(Scan):
+        _names_ = (*Scan._names_, "_ranges")
+
+    assert plan(Scan)
+    assert plan(Bare) is None, "an array of ctypes alone"
+
+
+def test_attributes_that_are_any_code(tree_kind):
+    """They raise, change lists while these are gone through, encode once more, or let go of what is held."""
+    ways, calls = Ways(tree_kind), []
+    wanted = ways.python(tree())
+
+    def seen(change: Any) -> Any:
+        """A tree in which `one.text` does something first."""
+        made = tree()
+
+        class Seen(Leaf):
+            @property
+            def text(self) -> str:
+                calls.append(change(made))
+                return "bow"
+
+            @text.setter
+            def text(self, value: str) -> None:
+                calls.append(change(made))
+
+        made.one, made.two, made.some = Seen(), [Seen(), Leaf(text="two")], [Seen()]
+        return made
+
+    def clear(made: Any) -> None:
+        made.two[:], made.some[:], made.texts[:], made.long[:] = [Leaf()], [], [], []
+        gc.collect()
+
+    def replace(made: Any) -> None:
+        vars(made).update({name: value for name, value in vars(tree()).items() if name not in ("one", "two", "some")})
+
+    def once_more(made: Any) -> None:
+        assert ways.in_c(tree(last=1)) == ways.python(tree(last=1))
+        assert ways.codec.decode(wanted[0], tree())
+
+    assert ways.in_c(seen(once_more)) == ways.in_c(seen(replace)) == wanted
+    assert ways.in_c(seen(lambda made: 1 // 0)) is None
+    ways.in_c(seen(clear))
+    ways.in_c(seen(lambda made: (vars(made).clear(), gc.collect())))
+    ways.in_c(seen(lambda made: made.some.extend([Leaf()] * 50)))
+    for change in (once_more, replace, clear, lambda made: 1 // 0, lambda made: vars(made).clear()):
+        ways.codec.decode(wanted[0], seen(change))
+    assert len(calls) > 10
+
+    def interrupt(made: Any) -> None:
+        raise KeyboardInterrupt
+
+    for _ in range(2):
+        with pytest.raises(KeyboardInterrupt):
+            ways.codec.encode(seen(interrupt), bytearray(ways.size))
+        with pytest.raises(KeyboardInterrupt):
+            ways.codec.decode(wanted[0], seen(interrupt))
+
+
+def test_numbers_that_let_go_of_what_they_are_in(tree_kind):
+    ways = Ways(tree_kind)
+    made = tree(long=[0.5] * 600, one=Leaf(int32_three=[1, 2, 3]))
+
+    def gone(_: Any) -> int:
+        made.long[:], made.one.int32_three, made.one = [], [], Leaf()
+        gc.collect()
+        return 7
+
+    made.one.int32_three[0] = odd(__index__=gone)
+    assert ways.in_c(made) is None, "long is too short now"
+    made = tree()
+    made.long[3] = odd(__float__=lambda it: (made.long.clear(), gc.collect(), 0.25)[2])
+    found, _ = ways.in_c(made)
+    assert tree_kind.from_buffer_copy(found).long[2:5] == [0.5, 0.25, 0.5]
+
+
+def test_long_arrays_are_let_go_of(tree_kind):
+    """A buffer that is still held cannot grow: after success, after a later failure and after an interrupt."""
+    ways = Ways(tree_kind)
+    data, long = bytearray(b"ab"), array.array("d", [0.5] * 600)
+    assert ways.in_c(tree(data=data, long=long)) == ways.python(tree(data=data, long=long))
+    assert ways.in_c(tree(data=data, long=long, last=256)) is None
+    for last in (odd(__index__=lambda _: data.append(1)), odd(__index__=lambda _: next(iter(())))):
+        assert ways.in_c(tree(data=data, long=long, last=last)) is None
+    data.append(3)
+    long.append(0.5)
+    assert ways.in_c(tree(long=long)) is None
+    assert (
+        ways.in_c(tree(data=numpy.arange(200, dtype="u1")[::2], long=numpy.full((20, 30), 0.5)))[0]
+        == (ways.python(tree(data=bytes(range(0, 200, 2))))[0])
+    )
+    many = tree(two=[Leaf(), Leaf()])
+    assert LATE_FROM < 6000
+    assert ways.encode(many)
+
+
+def test_nothing_stays_behind(tree_kind):
+    ways = Ways(tree_kind)
+    draw = random.Random(1)
+    messages = [tree(), tree_kind(), among(tree(), draw), among(tree(), draw), tree(last=256), tree(texts=["a", 1])]
+    data, _ = ways.python(tree())
+
+    def work(times: int) -> int:
+        for _ in range(times):
+            for message in messages:
+                ways.in_c(message)
+                ways.codec.decode(data, message)
+        gc.collect()
+        return int(Path("/proc/self/statm").read_text().split()[1])
+
+    held = [sys.getrefcount(kind) for kind in (tree_kind, type(ways.codec))]
+    before = work(200)
+    assert work(1000) - before < 256, "pages"
+    for _ in range(100):
+        engine.codec(tree_kind)
+    assert [sys.getrefcount(kind) for kind in (tree_kind, type(ways.codec))] == held
+
+
+HERE = "tests/runtime/test_codec.py"
+LOADED = """
+import sys, pytest, shmgen
+shmgen.__path__.insert(0, sys.argv[1])
+code = pytest.main(["-q", "-s", "-p", "no:cacheprovider", "-p", "no:hypothesispytest", "-k", sys.argv[3], sys.argv[2]])
+from shmgen import _core
+assert _core.__file__.startswith(sys.argv[1])
+sys.exit(code)
+"""
+"""Runs this file's tests with the extension in a folder."""
+FAULTS = {
+    "too long a list": ("(size_t)length > step->most || ", "", "numbers_and_sequences"),
+    "too high a count of a PLC's": ("if (count > step->most)", "if (false)", "bytes_of_no_text"),
+    "one byte behind": ("self->size - cleared);", "self->size - cleared + 64);", "texts_and_times"),
+}
+"""Planted in codec.c: what stands there, what then does, and who minds."""
+
+
+def sanitized(folder: Path, fault: tuple[str, str] | None, chosen: str) -> subprocess.CompletedProcess[str]:
+    """Tests of this file under the address and undefined-behaviour sanitizers, each object with bounds of its own."""
+    spec = importlib.util.spec_from_file_location("hatch_build", REPOSITORY / "hatch_build.py")
+    hook = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(hook)
+    hook.SOURCES = folder / "sources"
+    shutil.copytree(core_folder(), hook.SOURCES / "runtime", ignore=shutil.ignore_patterns("*.py", "*pycache*"))
+    if fault:
+        source = hook.SOURCES / "runtime/extension/codec.c"
+        assert source.read_text().count(fault[0]) == 1
+        source.write_text(source.read_text().replace(*fault))
+    library = subprocess.run(["gcc", "-print-file-name=libasan.so"], capture_output=True, text=True, check=True).stdout
+    with pytest.MonkeyPatch.context() as there:
+        there.setenv("CC", "gcc -g -fsanitize=address,undefined -fno-sanitize-recover=all")
+        assert hook.compiled(folder / "_core.abi3.so") == ""
+    options = {"LD_PRELOAD": library.strip(), "ASAN_OPTIONS": "detect_leaks=0", "PYTHONMALLOC": "malloc"}
+    command = [sys.executable, "-c", LOADED, folder, HERE, chosen]
+    return subprocess.run(
+        command, cwd=REPOSITORY, env=os.environ | options, capture_output=True, text=True, check=False
+    )
+
+
+def core_folder() -> Path:
+    return REPOSITORY / "src/shmgen/runtime"
+
+
+def test_the_sanitizers_find_nothing(tmp_path: Path) -> None:
+    done = sanitized(tmp_path, None, "not sanitizers and not behind and not planted")
+    assert done.returncode == 0, (done.stdout + done.stderr)[-4000:]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_planted_fault_is_found(tmp_path: Path, fault: str) -> None:
+    was, now, chosen = FAULTS[fault]
+    done = sanitized(tmp_path, (was, now), chosen)
+    assert done.returncode != 0
+    said = ("ERROR: AddressSanitizer", "runtime error", f"FAILED {HERE}::test_{chosen}")
+    assert any(one in done.stderr + done.stdout for one in said), done.stdout[-2000:]

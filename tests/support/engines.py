@@ -1,0 +1,25 @@
+"""Turns a stretch of a test into one in which publishers and subscribers are of the reference in Python."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from shmgen.runtime import engine, reference
+
+NAMES = ("Writer", "Reader", "sleep_any", "can_wait_for_many")
+
+
+def use_python(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in NAMES:
+        monkeypatch.setattr(engine, name, getattr(reference, name))
+    monkeypatch.setattr(engine, "IN_C", False)
+
+
+@contextmanager
+def in_python() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patched:
+        use_python(patched)
+        yield

@@ -1,0 +1,44 @@
+"""Turns a publisher, a subscriber or a topic into the region behind it, as another process has it: words to look at and
+to change, its lock, its record locks."""
+
+from __future__ import annotations
+
+import io
+import mmap
+import os
+from typing import Any
+
+from shmgen.runtime.reference.region import Region
+from shmgen.runtime.reference.semaphores import NoSemaphore, PosixSemaphore
+from shmgen.runtime.region.looks import peek
+from shmgen.runtime.region.names import region_file, region_name, semaphore_file
+
+
+class File(io.FileIO):
+    """Closed when nobody has it any more."""
+
+    def __del__(self) -> None:
+        self.close()
+
+
+class Opened(Region):
+    """Lasts as long as somebody has it, or its words."""
+
+    name: str
+
+    def sample(self, number: int) -> slice:
+        """Where sample `number` lies, the header of its slot first."""
+        return slice(self.slot(number), self.payload(number).stop)
+
+
+def region_of(side: Any) -> Opened:
+    topic = side if isinstance(side, str) else side.topic
+    name = region_name(topic)
+    file = File(os.open(region_file(name), os.O_RDWR | os.O_CLOEXEC), "r+b")
+    header = peek(file.fileno())
+    locked = os.path.exists(semaphore_file(name))
+    made = Opened(
+        file, mmap.mmap(file.fileno(), header.size), header, PosixSemaphore("/" + name) if locked else NoSemaphore()
+    )
+    made.name = name
+    return made
