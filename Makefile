@@ -130,8 +130,9 @@ fuzz: $(VENV)/ready-to-test  ## five minutes of definitions nobody would write, 
 fuzz-many: $(VENV)/ready-to-test  ## a million definitions, not guided; then of files for import and of bags, each
 	for kind in definitions st xml mcap; do $(BIN)/python -m tests.rigs.fuzz_many 1000000 --of $$kind || exit 1; done
 
-mutants: $(VENV)/ready-for-all  ## the core made wrong in some two thousand ways, one at a time: which does no test mind?
+mutants: $(VENV)/ready-for-all  ## the core made wrong in some two thousand ways, one at a time, then the headers for C: which does no test mind?
 	$(BIN)/python -m tests.rigs.mutants
+	$(BIN)/python -m tests.rigs.header_faults
 
 hostile: $(VENV)/ready-to-test  ## a million regions in which anything may lie, read by C and C++
 	$(BIN)/python -m tests.cpp.hostile

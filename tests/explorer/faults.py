@@ -15,13 +15,17 @@ else:
 
 @dataclass(frozen=True)
 class Fault:
-    """In `file` each of `edits`: what stands there, and what instead. `reason`: why `scene` finds nothing."""
+    """In `file` each of `edits`: what stands there, and what instead. `scene` finds it, or `test`, one of pytest's.
+
+    `reason`: why `scene` finds nothing.
+    """
 
     name: str
     file: str
-    scene: str
     edits: tuple[tuple[str, str], ...]
+    scene: str = ""
     reason: str = ""
+    test: str = ""
 
     def planted(self, texts: Mapping[str, str]) -> dict[str, str]:
         """`texts` with the fault in them."""
@@ -33,4 +37,7 @@ class Fault:
         return {**texts, path: text}
 
 
-FAULTS = [Fault(**fault) for fault in tomllib.loads(Path(__file__).with_name("faults.toml").read_text())["fault"]]
+_ALL = [Fault(**fault) for fault in tomllib.loads(Path(__file__).with_name("faults.toml").read_text())["fault"]]
+FAULTS = [fault for fault in _ALL if fault.scene]
+TESTED = [fault for fault in _ALL if fault.test]
+"""For `make mutants` (tests/rigs/header_faults.py)."""

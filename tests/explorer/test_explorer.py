@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from ..conftest import REPOSITORY
 from .build import build, explore, generated, missing
-from .faults import FAULTS, Fault
+from .faults import FAULTS, TESTED, Fault
 from .scenes import FULL, KNOWN, LARGE, QUICK, SCENES, Known, Scene
 
 pytestmark = pytest.mark.skipif(bool(missing()), reason=f"not here: {', '.join(missing())}: the ends are not explored")
@@ -72,12 +73,15 @@ def test_a_planted_fault_is_found(fault: Fault, tmp_path: Path) -> None:
     assert verdict["found"], verdict
 
 
-@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
+@pytest.mark.parametrize(
+    "fault", list({fault.name: fault for fault in [*FAULTS, *TESTED]}.values()), ids=lambda fault: fault.name
+)
 def test_a_fault_can_be_planted(fault: Fault, tmp_path_factory: pytest.TempPathFactory) -> None:
     """Also those that no scene finds: what they change still stands in what is generated."""
     texts = generated(tmp_path_factory.getbasetemp())
+    texts |= {str(path): path.read_text() for path in (REPOSITORY / "templates" / "cpp").glob("*.hpp")}
     assert fault.planted(texts) != texts
-    assert fault.scene in SCENES
+    assert fault.test or fault.scene in SCENES
 
 
 @pytest.mark.parametrize(

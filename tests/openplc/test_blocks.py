@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import random
+import resource
 import stat
 import threading
 import time
@@ -198,12 +199,13 @@ def test_nothing_waits_for_a_lock_that_somebody_holds(plc: Program, python: Clas
     said, heard = publisher(plc, "Number", topic), subscriber(plc, "Number", topic)
     assert said().xSent
     semaphore(topic).acquire(0)
-    longest = 0.0
+    longest, slept = 0.0, resource.getrusage(resource.RUSAGE_THREAD).ru_nvcsw
     for _ in range(200):
         before = time.thread_time()
         said(), heard()
         longest = max(longest, time.thread_time() - before)
     assert longest < 0.005
+    assert resource.getrusage(resource.RUSAGE_THREAD).ru_nvcsw - slept < 100, "they sleep"
     assert said.udiLockMisses >= 200
     assert until(lambda: (said(), Memory(topic)["recoveries"])[1] == 1)
     assert said().xSent

@@ -57,8 +57,12 @@ class Worker:
     def try_(self, mutant: Mutant, tests: list[str], limit: float, pure: bool = True) -> str:
         """`limit` is in seconds; `pure`: without the extension in C, which does what most of the runtime does."""
         path = self.copy / CODE / mutant.file
+        return self.try_text(path, mutant.apply(path.read_bytes()), tests, limit, pure)
+
+    def try_text(self, path: Path, wrong: bytes, tests: list[str], limit: float, pure: bool) -> str:
+        """The same with that file of the copy so."""
         text = path.read_bytes()
-        path.write_bytes(mutant.apply(text))
+        path.write_bytes(wrong)
         self._age(path)
         try:
             return self._ask(tests, limit, (), pure)[0]

@@ -1,0 +1,48 @@
+"""Plants the faults of tests/explorer/faults.toml that a test finds, one at a time, in the headers: `make mutants`.
+
+    python -m tests.rigs.header_faults [NAME ...]
+
+All happens in a copy of the checkout. Exit code 1 where a fault lives, or its test fails without it.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+from tests.explorer.faults import TESTED, Fault
+from tests.support.mutation_worker import Worker
+
+SECONDS = 120
+"""For each test, at most."""
+
+
+def tried(worker: Worker, fault: Fault) -> str:
+    """What becomes of it: killed, hung, or lives; or what of its test without it."""
+    path = next((worker.copy / "templates").rglob(fault.file))
+    text = path.read_text()
+    if worker.try_text(path, text.encode(), [fault.test], SECONDS, pure=False) != "lives":
+        return f"{fault.test} fails without it"
+    wrong = fault.planted({str(path): text})[str(path)]
+    return worker.try_text(path, wrong.encode(), [fault.test], SECONDS, pure=False)
+
+
+def main() -> None:
+    """Prints what became of each fault."""
+    faults = [fault for fault in TESTED if not sys.argv[1:] or fault.name in sys.argv[1:]]
+    with tempfile.TemporaryDirectory(prefix="shmgen-faults") as folder:
+        os.chmod(folder, 0o755)
+        worker = Worker(Path(folder))
+        try:
+            ends = [tried(worker, fault) for fault in faults]
+        finally:
+            worker.close()
+    for fault, how in zip(faults, ends, strict=True):
+        print(f"{fault.name}: {how} by {fault.test}" if how == "killed" else f"{fault.name}: {how}")
+    sys.exit(any(how != "killed" for how in ends))
+
+
+if __name__ == "__main__":
+    main()
