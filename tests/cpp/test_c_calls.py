@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import fcntl
 import shutil
+import subprocess
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -188,3 +189,12 @@ def test_a_goal_that_nobody_took_can_be_cancelled(
             client.send_goal(action.Count_Goal(target=10**9), timeout=20)
             client.cancel()
             assert client.result(timeout=20).status == CANCELED
+
+
+def test_what_does_not_fit_ends_the_call(tmp_path: Path, topic: str) -> None:
+    """At once, and whoever sent it; so do names that cannot be."""
+    lists = "uint8[<=4] codes\n---\nuint8[<=4] codes\n"
+    cpp_peer.generate(tmp_path, {"put_msgs/srv/Put.srv": lists}, package="shm_refused", targets=("c",))
+    both = cpp_peer.compiled(tmp_path, "refused", cpp_peer.HERE / "refused_calls.c")
+    done = subprocess.run([both, topic], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.stdout, done.returncode) == ("", 0)
