@@ -14,11 +14,11 @@ namespace calls {
 
 template <class T> shmgen_status check(const void *message, shmgen_path *path) noexcept
 {
-    return Message<T>::template misfit<true>(*static_cast<const T *>(message), *path);
+    return ::shmgen::misfit<true>(*static_cast<const T *>(message), *path);
 }
 template <class T> shmgen_status receive(void *message, shmgen_path *path) noexcept
 {
-    return Message<T>::template misfit<false>(*static_cast<const T *>(message), *path);
+    return ::shmgen::misfit<false>(*static_cast<const T *>(message), *path);
 }
 template <class T> shmgen_part part() noexcept { return {Message<T>::type(), check<T>, receive<T>}; }
 
@@ -74,7 +74,8 @@ protected:
     Status opened(const std::string &name, const shmgen_interface &carries, const Options &options) noexcept
     {
         close();
-        return status_ = shmgen_client_open(&end_, name.c_str(), &carries, &options);
+        const shmgen_options wanted = options.c();
+        return status_ = shmgen_client_open(&end_, name.c_str(), &carries, &wanted);
     }
 };
 
@@ -88,7 +89,8 @@ protected:
     Status opened(const std::string &name, const shmgen_interface &carries, const Options &options) noexcept
     {
         close();
-        return status_ = shmgen_server_open(&end_, name.c_str(), &carries, &options);
+        const shmgen_options wanted = options.c();
+        return status_ = shmgen_server_open(&end_, name.c_str(), &carries, &wanted);
     }
     std::int64_t limit() const noexcept { return end_.responses.end.limit; }
     // Ends the call or goal of that number; `response` may be null.
