@@ -30,7 +30,7 @@ target_compile_options(sends PRIVATE -Wall -Wextra -Wold-style-cast -Werror)
 SENDS = """#include "shm_msgs/demo_msgs/msg/robot.hpp"
 int main() {
     shm_msgs::demo_msgs::msg::RobotPublisher publisher("/shmgen_test/cmake");
-    return publisher.publish({});
+    return publisher.publish({}) ? 0 : 1;
 }
 """
 SIZE = """#include <stdio.h>

@@ -14,11 +14,11 @@ namespace calls {
 
 template <class T> shmgen_status check(const void *message, shmgen_path *path) noexcept
 {
-    return ::shmgen::misfit<true>(*static_cast<const T *>(message), *path);
+    return misfit<true>(*static_cast<const T *>(message), *path);
 }
 template <class T> shmgen_status receive(void *message, shmgen_path *path) noexcept
 {
-    return ::shmgen::misfit<false>(*static_cast<const T *>(message), *path);
+    return misfit<false>(*static_cast<const T *>(message), *path);
 }
 template <class T> shmgen_part part() noexcept { return {Message<T>::type(), check<T>, receive<T>}; }
 

@@ -84,20 +84,20 @@ enum class Long { refused, cut_utf8, cut_latin1 };
 template <class Unit, std::uint32_t Capacity, Long TooLong> class BasicText {
     using Traits = std::char_traits<Unit>;
     using View = std::basic_string_view<Unit>;
-    using String = std::basic_string<Unit>;
+    using OwnText = std::basic_string<Unit>;
 
 public:
     BasicText() noexcept = default;
     BasicText(View value) noexcept { assign(value); }
     BasicText(const Unit *value) noexcept { assign(View(value)); }
-    BasicText(const String &value) noexcept { assign(View(value)); }
+    BasicText(const OwnText &value) noexcept { assign(View(value)); }
     BasicText &operator=(View value) noexcept
     {
         assign(value);
         return *this;
     }
     BasicText &operator=(const Unit *value) noexcept { return *this = View(value); }
-    BasicText &operator=(const String &value) noexcept { return *this = View(value); }
+    BasicText &operator=(const OwnText &value) noexcept { return *this = View(value); }
 
     // False: it was too long, or held a NUL.
     bool assign(View value) noexcept
@@ -119,7 +119,7 @@ public:
         return {data_, end == nullptr ? Capacity : static_cast<std::size_t>(end - data_)};
     }
     operator View() const noexcept { return view(); }
-    String str() const { return String(view()); }
+    OwnText str() const { return OwnText(view()); }
     std::size_t size() const noexcept { return view().size(); }
     [[nodiscard]] bool empty() const noexcept { return data_[0] == 0; }
     static constexpr std::size_t capacity() noexcept { return Capacity; }
@@ -276,14 +276,14 @@ private:
 };
 
 // Of any of them below: a std::chrono duration, or a time of its system clock.
-template <class Time> using TakesTime = decltype(ns_of(std::declval<const Time &>()));
+template <class Moment> using TakesTime = decltype(ns_of(std::declval<const Moment &>()));
 
 // A time or duration in a TIME of the PLC: ms modulo 2^32.
 struct ClockMs {
     std::uint32_t value{};
     ClockMs() noexcept = default;
-    template <class Time, class = TakesTime<Time>>
-    ClockMs(const Time &time) noexcept
+    template <class Moment, class = TakesTime<Moment>>
+    ClockMs(const Moment &time) noexcept
         : value(static_cast<std::uint32_t>(
               std::chrono::floor<std::chrono::milliseconds>(std::chrono::nanoseconds(ns_of(time))).count()))
     {
@@ -301,8 +301,8 @@ struct ClockMs {
 struct ClockNs {
     alignas(8) std::uint64_t value{};
     ClockNs() noexcept = default;
-    template <class Time, class = TakesTime<Time>>
-    ClockNs(const Time &time) noexcept : value(static_cast<std::uint64_t>(ns_of(time)))
+    template <class Moment, class = TakesTime<Moment>>
+    ClockNs(const Moment &time) noexcept : value(static_cast<std::uint64_t>(ns_of(time)))
     {
     }
     std::chrono::nanoseconds time() const noexcept { return std::chrono::nanoseconds(static_cast<std::int64_t>(value)); }
@@ -314,7 +314,7 @@ struct ClockPair {
     std::int32_t sec{};
     std::uint32_t nanosec{};
     ClockPair() noexcept = default;
-    template <class Time, class = TakesTime<Time>> ClockPair(const Time &time) noexcept
+    template <class Moment, class = TakesTime<Moment>> ClockPair(const Moment &time) noexcept
     {
         const std::chrono::nanoseconds all(ns_of(time));
         const auto seconds = std::chrono::floor<std::chrono::seconds>(all);

@@ -54,7 +54,7 @@ def test_two_that_join_a_folder_both_stay(monkeypatch: pytest.MonkeyPatch, tmp_p
     commands = [["generate", "-q", "-t", "c", f"std_msgs/{name}"] for name in ("Bool", "Int32", "String")]
     interrupted(monkeypatch, tmp_path, *commands[1:])
     assert run(commands[0], tmp_path).code == 0
-    assert run(["check", "-t", "c"], tmp_path).stdout == "generated: up to date, 3 messages in 18 files\n"
+    assert run(["check", "-t", "c"], tmp_path).stdout == "generated: up to date, 3 messages in 23 files\n"
 
 
 def test_while_files_are_written_nobody_else_writes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -93,7 +93,7 @@ def test_what_a_killed_run_staged_goes_though_its_file_was_given_up(tmp_path: Pa
     assert said.code == 1
     assert f"{stray}: error[SHM406]" in said.stderr
     assert run(["generate", "-t", "c", "std_msgs/Bool"], tmp_path).stdout == (
-        "generated: 0 files written, 14 unchanged, 1 removed\n"
+        "generated: 0 files written, 19 unchanged, 1 removed\n"
     )
     (tmp_path / mine).unlink()
     put({stray: "half"}, tmp_path)

@@ -11,6 +11,7 @@ import os
 import time
 from collections.abc import Generator
 from contextlib import ExitStack, suppress
+from typing import cast
 
 import posix_ipc
 
@@ -32,6 +33,7 @@ from shmgen.runtime.region.looks import (
     unlock_byte,
 )
 from shmgen.runtime.region.names import event_name, region_file, region_name, semaphore_file
+from shmgen.runtime.region.resource import kept_from_children
 from shmgen.runtime.region.settings import Settings
 
 OTHER_MAKER = 2e-3
@@ -137,7 +139,8 @@ def _found_or_made(of: Settings, path: str, access: Access) -> io.FileIO:
                 return file
             with suppress(FileExistsError):
                 flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
-                return _given(io.FileIO(os.open(path, flags, access.made_mode), "r+b"), path, access, of.header.size)
+                made = kept_from_children(io.FileIO(os.open(path, flags, access.made_mode), "r+b"))
+                return _given(made, path, access, of.header.size)
         except PermissionError:
             raise denied(path) from None
         except OSError as error:
@@ -171,7 +174,8 @@ def _admitted(access: Access, file: io.FileIO, path: str) -> Generator[int, None
 
 def _mapped(of: Settings, file: io.FileIO, passive: bool) -> mmap.mmap:
     try:
-        return mmap.mmap(file.fileno(), of.header.size, prot=mmap.PROT_READ | (0 if passive else mmap.PROT_WRITE))
+        access = mmap.PROT_READ | (0 if passive else mmap.PROT_WRITE)
+        return cast(mmap.mmap, kept_from_children(mmap.mmap(file.fileno(), of.header.size, prot=access)))
     except OSError as error:
         refused_by_system(region_file(region_name(of.topic)), error.errno or 0, of.header.size)
 

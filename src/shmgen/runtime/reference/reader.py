@@ -108,7 +108,8 @@ class Reader(End):
             if not self.lock.acquire(left) and not self.lock.keeps_order:
                 return bytearray()
             stamp = region.quads[slot // 8 + h.STAMP]
-            data = bytearray(memoryview(region.map)[region.payload(number)])
+            payload = region.payload(number)
+            data = bytearray(memoryview(region.map)[payload])
             fence()
             # Both after the copy: a writer says what it is about to overwrite before it does, and one that has lost
             # the topic meanwhile voids the number of what it has written.

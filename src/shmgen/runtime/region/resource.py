@@ -7,6 +7,7 @@ import time
 import weakref
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
+from contextlib import suppress
 from types import TracebackType
 from typing import Any, Protocol, TypeVar
 
@@ -42,7 +43,7 @@ class End(Protocol):
 
 
 def kept_from_children(made: Any) -> Any:
-    """The same end or file; a forked child lets go of it, also of one that its parent is still opening.
+    """The same end, file or map; a forked child lets go of it, also of one that its parent is still opening.
 
     It has the same open file, and with it the parent's claim on the topic, which would outlive the parent.
     """
@@ -71,7 +72,8 @@ _kept: weakref.WeakSet[Any] = weakref.WeakSet()
 
 def _in_child() -> None:
     for made in list(_kept):
-        getattr(made, "disown", made.close)()
+        with suppress(BufferError):  # a map whose words are in use: its region lets go of both
+            getattr(made, "disown", made.close)()
 
 
 os.register_at_fork(after_in_child=_in_child)
