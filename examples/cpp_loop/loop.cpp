@@ -34,8 +34,8 @@ public:
         lost_ = state_.is_stale(STALE);
     }
     void update(double wanted) noexcept { effort_.data = lost_ ? 0.0 : 10.0 * (wanted - position_); }
-    bool write() noexcept { return command_.try_publish(effort_) == SHMGEN_OK; }
-    unsigned missed() const noexcept { return state_.missed(); }
+    bool write() noexcept { return bool(command_.try_publish(effort_)); }
+    std::uint64_t missed() const noexcept { return state_.missed(); }
 
 private:
     JointStateSubscriber state_;

@@ -34,9 +34,8 @@ int main(int count, char **words)
     const ros::Publisher speed = node.advertise<std_msgs::Float64>(SPEED, 1, true);
     const ros::Subscriber robot = node.subscribe<geometry_msgs::PointStamped>(
         ROBOT, 10, [&to_plc](const geometry_msgs::PointStamped::ConstPtr &message) {
-            const shmgen::Status status = to_plc.publish(for_plc(*message));
-            if (status != SHMGEN_OK)
-                ROS_WARN_THROTTLE(1.0, "%s %s", to_plc.rejected().data(), shmgen::text_of(status));
+            if (const shmgen::Status status = to_plc.publish(for_plc(*message)); !status)
+                ROS_WARN_THROTTLE(1.0, "%s %s", to_plc.rejected().data(), status.text());
         });
 
     ROS_INFO("running");

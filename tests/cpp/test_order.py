@@ -20,8 +20,8 @@ sleep: armed armed= |SEQ_CST completed armed=
 take over: lock_holder lock_count lock_count= lock_holder= recoveries recoveries=
 take over what has changed: lock_holder -> the lock was not free in time
 """
-"""docs/protocol.md says why: who enters counts before it signs; `begun`, then the number, then the bytes; the reader looks
-again behind its copy, and nothing passes the fence between."""
+"""docs/protocol.md says why: who enters counts before it signs; `begun`, then the number, then the bytes; the reader
+looks again behind its copy, and nothing passes the fence between."""
 
 
 @pytest.mark.skipif(os.uname().machine != "x86_64", reason="elsewhere a read takes the lock")
