@@ -1,7 +1,7 @@
 """Two hooks of hatchling: what is compiled for each wheel, and README.md as PyPI shows it.
 
-The first turns core.c and codec.c of src/shmgen/runtime/extension into the extension that publish and read are quicker with, and
-for shmgen itself bridge/codec/transcode.c into that of the bridge, and the templates into Python. It is called for each wheel, of
+The first turns core.c and codec.c of src/shmgen/runtime/extension into the engine, and for shmgen itself
+bridge/codec/transcode.c into that of the bridge, and the templates into Python. It is called for each wheel, of
 shmgen and of packaging/shmgen-runtime, and each editable installation, which reads its templates as they are. Nothing
 depends on the extensions: without a compiler, without Python's headers, and with SHMGEN_PURE set, there are none.
 

@@ -3,8 +3,8 @@
     python benchmarks/messages.py
 
 By hand is a semaphore taken and released, and struct's pack_into from attributes straight into the map, with all that
-the message holds: the best that Python does without a library. Targets: Pose at most 0.4 of it, PoseStamped 0.6, Imu and
-JointState 1.0; read_into() at most 1.5 us for each.
+the message holds: the best that Python does without a library. Targets: Pose at most 0.4 of it, PoseStamped 0.6, Imu
+and JointState 1.0; read_into() at most 1.5 us for each.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from types import SimpleNamespace
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "generated" / "python"))
-from shm_msgs.geometry_msgs import msg as geometry  # type: ignore[import-not-found]  # noqa: E402
-from shm_msgs.sensor_msgs import msg as sensor  # type: ignore[import-not-found]  # noqa: E402
+from shm_msgs.geometry_msgs import msg as geometry  # type: ignore[import-not-found]
+from shm_msgs.sensor_msgs import msg as sensor  # type: ignore[import-not-found]
 
 ROUNDS, CALLS = 301, 200
 TOPIC = f"/shmgen_benchmark_{os.getpid()}"

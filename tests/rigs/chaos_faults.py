@@ -1,6 +1,7 @@
 """Turns the protocol into eight wrong ones, which the chaos test must find: each function plants one in this process.
 
-All are planted in the reference in Python, which is then the engine of all; the processes that chaos.py forks inherit them.
+All are planted in the reference in Python, which is then the engine of all; the processes that chaos.py forks have
+them too.
 """
 
 from __future__ import annotations

@@ -473,7 +473,7 @@ def test_long_arrays_go_late_and_leave_the_rest_of_their_room(topic):
             assert target.ranges == [float(id)] * LONG
         publisher.publish(scan(6, 3, "n"))
         message = subscriber.wait(0)
-        # Slot 0 last held sample 4, which had no data, and before it sample 2 with ten bytes. The reference clears them.
+        # Slot 0 last held sample 4, which had no data, before it sample 2 with ten bytes. The reference clears them.
         assert bytes(message._data)[:12] == b"\6\6\6" + (b"\2" if engine.IN_C else b"\0") * 7 + b"\0\0"
 
 

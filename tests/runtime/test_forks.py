@@ -11,7 +11,6 @@ import sys
 import time
 from contextlib import suppress
 
-import posix_ipc
 import pytest
 
 from shmgen import runtime
@@ -193,7 +192,15 @@ def test_a_fork_between_any_two_instructions(topic):
         pass
     assert forks > 100
     # Where a descriptor, or a view, is on its way from the call that made it to the name it gets.
-    assert set(held) <= {"opened", "_found_or_made", "_mapped", "kept_from_children", "__init__", "ordered", "keeps_order"}
+    assert set(held) <= {
+        "opened",
+        "_found_or_made",
+        "_mapped",
+        "kept_from_children",
+        "__init__",
+        "ordered",
+        "keeps_order",
+    }
     assert len(held) <= forks // 30, (held, forks)
 
 

@@ -1,6 +1,7 @@
 """The same tests once more where the runtime believes to be on another machine: what its name alone changes.
 
-The reference does, with the lock needed instead of gone on without, and each word between two barriers. CI runs all of them (slow); what
+The reference does: the lock is needed instead of gone on without, and each word is between two barriers. CI runs all
+of them (slow); what
 another processor really does is tests/test_machines.py's and tests/cpp/test_machines.py's, under qemu.
 """
 

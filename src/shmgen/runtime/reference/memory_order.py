@@ -58,7 +58,7 @@ class _Ordered:
 
 
 def _locked() -> None:
-    """On x86 taking any mutex is a locked instruction, which is a full barrier: one of its own, which nobody waits for."""
+    """On x86 taking any mutex is a locked instruction, which is a full barrier; one of its own is free."""
     threading.Lock().acquire()
 
 
