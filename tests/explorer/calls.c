@@ -32,14 +32,25 @@ static void end_cycle(const shmgen_block *block)
     pause_ms(told("every", 100));
 }
 
+/* The end that the block is opening. */
+static const shmgen_link *opening_of(const shmgen_block *block)
+{
+    const shmgen_client *client = &block->call->client;
+    const shmgen_server *server = &block->call->server;
+    if (block->call == NULL)
+        return block->writer ? &block->publisher.end : &block->subscriber.end;
+    if (block->writer)
+        return client->requests.end.step != SHMGEN_STEP_READY ? &client->requests.end : &client->responses.end;
+    return server->requests.end.step != SHMGEN_STEP_READY ? &server->requests.end : &server->responses.end;
+}
+
 /* How a region comes to be is explored where opening=1 says so. */
 static void open_quietly(shmgen_block *block)
 {
     const bool was_quiet = quiet;
-    shmgen_link *link = block == NULL ? NULL : block->writer ? &block->publisher.end : &block->subscriber.end;
     settle();
     quiet = quiet || !told("opening", 0);
-    while (quiet && link != NULL && link->step < SHMGEN_STEP_LOCK && !shmgen_block_is_open(block))
+    while (quiet && block->opening && opening_of(block)->step < SHMGEN_STEP_LOCK && !shmgen_block_is_open(block))
         pause_ms(1);
     quiet = was_quiet;
 }
@@ -90,13 +101,15 @@ static void block_reader(void)
 
 static shmgen_block *enter_service(uint32_t *number, bool calls)
 {
-    const shmgen_type types[] = {shm_ex_msgs_Ask_Request_type(), shm_ex_msgs_Ask_Reply_type()};
+    shmgen_interface carries;
     shmgen_block *block = shmgen_block_enter(number, number, true);
-    if (block == NULL) {
-        block = shmgen_call_open(number, number, types, 2, calls, SERVICE, strlen(SERVICE));
+    memset(&carries, 0, sizeof carries);
+    carries.request = shmgen_part_of(shm_ex_msgs_Ask_Request_type(), NULL, NULL);
+    carries.response = shmgen_part_of(shm_ex_msgs_Ask_Reply_type(), NULL, NULL);
+    if (block == NULL)
+        block = shmgen_call_open(number, number, &carries, calls, SERVICE, strlen(SERVICE));
+    if (!block->ready)
         open_quietly(block);
-        open_quietly(block->beside[SHMGEN_ANSWERS]);
-    }
     return block;
 }
 
@@ -110,19 +123,18 @@ static void block_client(void)
         pause_ms(told("start", 0));
     for (int64_t n = told("n", 5); n > 0; n--) {
         shmgen_block *end = enter_service(&number, true);
-        shmgen_caller_cycle(end, executes, false);
-        if (shmgen_caller_asks(end)) {
+        shmgen_block_client_cycle(end, executes, false);
+        if (shmgen_block_client_sends(end)) {
             question = new_question();
             *(shm_ex_msgs_Ask_Request *)end->message = (shm_ex_msgs_Ask_Request){question, question};
-            shmgen_caller_ask(end, SHMGEN_OK);
+            shmgen_block_client_send(end);
         }
-        if (shmgen_caller_is_answered(end, told("patience", 0) * MS)) {
-            const shm_ex_msgs_Ask_Reply *message = (const shm_ex_msgs_Ask_Reply *)end->beside[SHMGEN_ANSWERS]->message;
-            if (shmgen_caller_take(end, message->call, message->status, 1, 1, SHMGEN_OK))
-                answered(question, message->response.a, message->response.b);
+        if (shmgen_block_client_ends(end, told("patience", 0) * MS)) {
+            const shm_ex_msgs_Ask_Reply *message = (const shm_ex_msgs_Ask_Reply *)end->call->response;
+            answered(question, message->response.a, message->response.b);
         }
-        executes = end->call.busy; /* it falls for a cycle between two calls */
-        executes = executes || !(end->call.done || end->call.failed || end->call.aborted);
+        executes = end->call->busy; /* it falls for a cycle between two calls */
+        executes = executes || !(end->call->done || end->call->failed || end->call->aborted);
         end_cycle(end);
     }
 }
@@ -137,20 +149,16 @@ static void block_server(void)
         pause_ms(told("start", 0));
     for (int64_t n = told("n", 5); n > 0; n--) {
         shmgen_block *end = enter_service(&number, false);
-        shmgen_server_cycle(end, job);
-        if (shmgen_server_answers(end)) {
-            shm_ex_msgs_Ask_Reply *message = (shm_ex_msgs_Ask_Reply *)end->beside[SHMGEN_ANSWERS]->message;
-            message->response = (shm_ex_msgs_Ask_Response){answer, answer};
-            message->call = end->call.answered;
-            message->status = (uint8_t)shmgen_server_how(end, SHMGEN_OK, 1, 2);
-            shmgen_server_answer(end);
+        shmgen_block_server_cycle(end, job);
+        if (shmgen_block_server_responds(end)) {
+            ((shm_ex_msgs_Ask_Reply *)end->call->response)->response = (shm_ex_msgs_Ask_Response){answer, answer};
+            shmgen_block_server_respond(end, 1, 2);
         }
-        if (shmgen_server_is_asked(end)) {
+        if (shmgen_block_server_takes(end, 2)) {
             const shm_ex_msgs_Ask_Request *message = (const shm_ex_msgs_Ask_Request *)end->message;
-            if (shmgen_server_take(end, 0, SHMGEN_OK, 2))
-                answer = taken(message->a, message->b);
+            answer = taken(message->a, message->b);
         }
-        job = end->call.execute ? 1 : 0;
+        job = end->call->execute ? 1 : 0;
         end_cycle(end);
     }
 }

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import os
-import threading
+import time
 from collections.abc import Callable, Generator, Iterator
+from contextlib import suppress
+from threading import get_ident
 from typing import Any, TypeVar
 
+from shmgen.core import abi
 from shmgen.runtime.errors import Closed, InForkedChild, Reentered, ShmError
 from shmgen.runtime.reference.lock import Lock
 from shmgen.runtime.reference.region import Region
@@ -14,6 +17,9 @@ from shmgen.runtime.region.looks import WRITER_LOCK
 from shmgen.runtime.region.settings import Settings
 
 T = TypeVar("T")
+_BY = "by"
+_POLL = abi.POLL_MS / 1000
+"""Seconds between two looks whether another thread's call has ended."""
 
 
 class End:
@@ -26,8 +32,7 @@ class End:
         self.of = of
         self.pid = os.getpid()
         self.gone: ShmError | None = Closed(f"{of.topic}: this {of.word} is not open yet")
-        self._alone = threading.RLock()
-        self._inside = False
+        self._taken: dict[str, int] = {}
         self._steps: Iterator[int] = self._open()
 
     def _open(self) -> Generator[int, None, None]:
@@ -63,12 +68,23 @@ class End:
 
     def close(self) -> None:
         """Lets go of the region, once another thread's call has ended."""
-        with self._alone:
-            self._let_go(Closed(f"{self.of.topic}: this {self.of.word} is closed"))
+        gone = Closed(f"{self.of.topic}: this {self.of.word} is closed")
+        if self._taken.get(_BY) == get_ident():  # by what came upon a call of this thread
+            self._let_go(gone)
+            return
+        try:
+            self._take()
+            self._let_go(gone)
+        finally:
+            self._leave()
+
+    def __del__(self) -> None:
+        with suppress(Exception):  # at the end of a process much is gone already
+            self.close()
 
     def disown(self) -> None:
         """In a forked child: lets go of the open file, and with it of the parent's claim, and of nothing else."""
-        self._alone, self._inside = threading.RLock(), False
+        self._taken = {}
         if hasattr(self, "region"):
             self.region.semaphore.held.clear()
         if not isinstance(self.gone, Closed) or hasattr(self, "region"):
@@ -91,27 +107,35 @@ class End:
         del self.region
 
     def _one_call(self, work: Callable[..., T], *arguments: Any) -> T:
-        """Other threads wait; what interrupts a call of this thread and calls again is told, before it does harm."""
-        with self._alone:
-            if self._inside:
-                raise Reentered(
-                    f"{self.of.topic}: this {self.of.word} is called while a call of it runs: a signal handler, a "
-                    "property or a finalizer cannot use it then; the extension in C can"
-                )
-            if self.gone is not None:
-                raise self.gone
+        """Other threads wait; what interrupts a call of this thread and calls again is told, before it does harm.
+
+        A signal handler may raise between any two instructions here: who leaves twice has left for certain.
+        """
+        if self._taken.get(_BY) == get_ident():
+            raise Reentered(
+                f"{self.of.topic}: this {self.of.word} is called while a call of it runs: a signal handler, a "
+                "property or a finalizer cannot use it then; the extension in C can"
+            )
+        try:
             try:
-                try:
-                    self._inside = True
-                    return work(*arguments)
-                finally:
-                    self._leave()
-            except BaseException as error:
-                self._leave()  # where the exception came upon the first
-                if self.gone is not None and isinstance(error, Exception):
-                    raise self.gone from None  # closed by what interrupted it
-                raise
+                self._take()
+                if self.gone is not None:
+                    raise self.gone
+                return work(*arguments)
+            finally:
+                self._leave()
+        except BaseException as error:
+            self._leave()
+            if self.gone is not None and isinstance(error, Exception):
+                raise self.gone from None  # closed by what interrupted it
+            raise
+
+    def _take(self) -> None:
+        while self._taken.setdefault(_BY, get_ident()) != get_ident():  # one step, whatever the threads do
+            time.sleep(_POLL)
 
     def _leave(self) -> None:
-        self.lock.release()
-        self._inside = False
+        if self._taken.get(_BY) == get_ident():
+            if hasattr(self, "lock"):
+                self.lock.release()
+            self._taken.clear()

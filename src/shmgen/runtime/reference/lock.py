@@ -113,21 +113,27 @@ class Lock:
         One process at a time, and each looks once more: had the one before only released, somebody who is in but has
         not incremented yet would be taken for dead in turn.
         """
-        region, words = self._region, self._region.words
-        if not region.lock_byte(REPAIR_LOCK):
-            return False
+        region = self._region
         try:
-            if self._try_for(min(self.timeout, LOCK_TIMEOUT)):
-                return True
-            if self._stay() != stay:
-                return False
-            region.semaphore.held.append(None)
-            words[h.LOCK_COUNT] = stay[1] + 1 & h.LAST
-            words[h.LOCK_HOLDER] = region.pid
-            words[h.RECOVERIES] = words[h.RECOVERIES] + 1 & h.LAST
+            try:
+                return region.lock_byte(REPAIR_LOCK) and self._take_place(stay)
+            finally:
+                region.unlock_byte(REPAIR_LOCK)
+        except BaseException:
+            region.unlock_byte(REPAIR_LOCK)  # where a signal handler's came upon the first
+            raise
+
+    def _take_place(self, stay: tuple[int, int]) -> bool:
+        region, words = self._region, self._region.words
+        if self._try_for(min(self.timeout, LOCK_TIMEOUT)):
             return True
-        finally:
-            region.unlock_byte(REPAIR_LOCK)
+        if self._stay() != stay:
+            return False
+        region.semaphore.held.append(None)
+        words[h.LOCK_COUNT] = stay[1] + 1 & h.LAST
+        words[h.LOCK_HOLDER] = region.pid
+        words[h.RECOVERIES] = words[h.RECOVERIES] + 1 & h.LAST
+        return True
 
 
 def _is_dead(pid: int) -> bool:

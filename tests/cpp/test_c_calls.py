@@ -1,0 +1,200 @@
+"""Services and actions in C: all that holds for C++, and what a fault planted in either does to it."""
+
+# ruff: noqa: F811 (fixtures come from test_calls)
+
+from __future__ import annotations
+
+import fcntl
+import shutil
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from shmgen.core import abi
+
+from ..support import cpp_peer
+from ..support.cpp_peer import Peer
+from ..support.plc_calls import PACKAGE
+from ..support.plc_demo import Memory
+from .test_calls import CANCELED, NOTHING, SUCCEEDED, action, serve, srv  # noqa: F401
+from .test_calls import program as cpp_program  # noqa: F401
+from .test_calls import test_cpp_calls as test_c_calls  # noqa: F401
+from .test_calls import test_cpp_sends_goals as test_c_sends_goals  # noqa: F401
+from .test_calls import test_cpp_serves_a_plc as test_c_serves_a_plc  # noqa: F401
+from .test_calls import test_cpp_serves_goals_of_python as test_c_serves_goals_of_python  # noqa: F401
+from .test_calls import test_cpp_serves_python_and_takes_no_old_call as test_c_serves_python  # noqa: F401
+
+Scene = Callable[[Peer, Any, str], None]
+SOURCES = {"c": "calls.c", "cpp": "calls.cpp"}
+
+
+@pytest.fixture(scope="session")
+def program(cpp_program: Path, generated: Path) -> Path:
+    return cpp_peer.compiled(generated / "calls", "calls-c", cpp_peer.HERE / SOURCES["c"])
+
+
+# --- what each end keeps to, with Python at the other ---------------------------------------------------------
+
+
+def takes_no_old_call(peer: Peer, srv: Any, topic: str) -> None:
+    """One that lies there when the server comes: nobody knows whether another server has served it."""
+    with srv.AskClient(topic) as client:
+        client.send(srv.Ask_Request(question=99))
+        assert peer.ask(f"serve {topic} 20000") == "0"
+        assert client.wait(0.3) is None
+        assert client.call(srv.Ask_Request(question=1), timeout=20).answer == 4
+
+
+def takes_no_call_before_its_claim_stands(peer: Peer, srv: Any, topic: str) -> None:
+    """Where a PLC served before, that takes more than a second, in which that PLC may still serve."""
+    srv.AskServer(topic).close()
+    Memory(topic, "-response")["writer"] = abi.PLC
+    with srv.AskClient(topic) as client:
+        peer.tell(f"serve {topic} 20000")
+        time.sleep(0.5)
+        client.send(srv.Ask_Request(question=99))
+        assert peer.hear() == "0"
+        assert client.wait(0.3) is None
+        assert client.call(srv.Ask_Request(question=1), timeout=20).answer == 4
+
+
+def takes_no_response_to_another_call(peer: Peer, srv: Any, topic: str) -> None:
+    assert peer.ask(f"client {topic}") == "0"
+    with srv.AskServer(topic) as server:
+        assert peer.ask("send 1 0") == "0"
+        late = server.wait(20)
+        assert peer.ask("send 2 0") == "0"
+        assert server.reply(late, srv.Ask_Response(answer=4, copies=[4] * 16))
+        assert peer.ask("poll") == str(NOTHING)
+        assert server.reply(server.wait(20), srv.Ask_Response(answer=7, copies=[7] * 16))
+        assert peer.ask("poll") == "0 7"
+
+
+SCENES = {scene.__name__: scene for scene in (
+    takes_no_old_call, takes_no_call_before_its_claim_stands, takes_no_response_to_another_call)}  # fmt: skip
+FAULTS = {
+    "old calls are served": (
+        "takes_no_old_call",
+        "shmgen_server.h",
+        "        shmgen_subscriber_skip(&self->requests);",
+        "",
+    ),
+    "stale requests are skipped once": (
+        "takes_no_call_before_its_claim_stands",
+        "shmgen_server.h",
+        "        shmgen_subscriber_skip(&self->requests);",
+        "        if (self->responses.end.step == SHMGEN_STEP_FILE) shmgen_subscriber_skip(&self->requests);",
+    ),
+    "the number is not compared": (
+        "takes_no_response_to_another_call",
+        "shmgen_client.h",
+        "self->number == 0 || head.number != self->number",
+        "self->number == 0",
+    ),
+}
+
+
+@pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
+@pytest.mark.parametrize("language", SOURCES)
+def test_an_end_keeps_to_it(
+    language: str,
+    scene: Scene,
+    program: Path,
+    cpp_program: Path,
+    srv: ModuleType,
+    topic: str,
+) -> None:
+    with opened({"c": program, "cpp": cpp_program}[language]) as peer:
+        scene(peer, srv, topic)
+
+
+@pytest.mark.parametrize("language", SOURCES)
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_is_found(
+    fault: str,
+    language: str,
+    program: Path,
+    generated: Path,
+    srv: ModuleType,
+    topic: str,
+) -> None:
+    scene, *edit = FAULTS[fault]
+    program = faulty(generated / "calls", fault.replace(" ", "-"), language, *edit)
+    with opened(program) as peer, pytest.raises(AssertionError):
+        SCENES[scene](peer, srv, topic)
+
+
+def faulty(folder: Path, name: str, language: str, header: str, right: str, wrong: str) -> Path:
+    """The program of that language over headers of which one has the fault."""
+    copy = folder / name
+    with (folder / f"{name}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        for root in ("c", "cpp") if not copy.exists() else ():
+            shutil.copytree(folder / root, copy / root)
+            path = copy / root / PACKAGE / header
+            text = path.read_text()
+            assert text.count(right) == 1
+            path.write_text(text.replace(right, wrong))
+    return cpp_peer.compiled(copy, f"calls-{language}", cpp_peer.HERE / SOURCES[language])
+
+
+class opened:
+    """A peer that ends with its block, served or not."""
+
+    def __init__(self, program: Path) -> None:
+        self._program = program
+
+    def __enter__(self) -> Peer:
+        self._peer = Peer(self._program)
+        return self._peer
+
+    def __exit__(self, *_: object) -> None:
+        self._peer.kill()
+        self._peer.close()
+
+
+@pytest.mark.parametrize("language", SOURCES)
+def test_feedback_can_be_had_behind_the_end(
+    language: str,
+    program: Path,
+    cpp_program: Path,
+    serve: Callable[[str, str], Any],
+    topic: str,
+) -> None:
+    serve("python", "Count")
+    with opened({"c": program, "cpp": cpp_program}[language]) as peer:
+        assert peer.ask(f"goals {topic}") == "0"
+        assert peer.ask("goal 3 1 20000") == "0"
+        assert peer.ask("result 20000") == f"0 {SUCCEEDED} 3"
+        assert peer.ask("progress") == "2 3"
+
+
+@pytest.mark.parametrize("language", SOURCES)
+def test_a_goal_that_nobody_took_can_be_cancelled(
+    language: str,
+    program: Path,
+    cpp_program: Path,
+    action: ModuleType,
+    topic: str,
+) -> None:
+    with opened({"c": program, "cpp": cpp_program}[language]) as peer, action.CountActionClient(topic) as client:
+        assert peer.ask(f"act {topic} 20000") == "0"
+        for _ in range(20):
+            client.send_goal(action.Count_Goal(target=10**9), timeout=20)
+            client.send_goal(action.Count_Goal(target=10**9), timeout=20)
+            client.cancel()
+            assert client.result(timeout=20).status == CANCELED
+
+
+def test_what_does_not_fit_ends_the_call(tmp_path: Path, topic: str) -> None:
+    """At once, and whoever sent it; so do names that cannot be."""
+    lists = "uint8[<=4] codes\n---\nuint8[<=4] codes\n"
+    cpp_peer.generate(tmp_path, {"put_msgs/srv/Put.srv": lists}, package="shm_refused", targets=("c",))
+    both = cpp_peer.compiled(tmp_path, "refused", cpp_peer.HERE / "refused_calls.c")
+    done = subprocess.run([both, topic], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.stdout, done.returncode) == ("", 0)
