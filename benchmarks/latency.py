@@ -6,7 +6,7 @@ A sample carries the time when it was handed over; its age is taken when the rec
 own, in microseconds, at 1 kHz (1 MiB: 100 Hz). The sender sleeps between two samples, as one with a cycle does. Rounds
 are interleaved; the figure is the median over the rounds of each round's median, the ratio is to shmgen in the same
 mode, round by round.
-C++ is what shmgen generates, C its floor: two slots and a word.
+C++ is what shmgen generates, C its floor: two slots and a word. In place: the reader looks at the sample where it lies.
 Targets: C++ at most 1.5 x C; event at most 1.3 x the age of an event by hand and under 2 % of a core; a Pose ahead of
 every peer.
 """
@@ -35,6 +35,8 @@ POLLED = ("shmgen", "by hand, Python")
 WOKEN_ONLY = ("Modbus TCP (pymodbus)", "OPC UA (asyncua)")
 LARGEST = {"Modbus TCP (pymodbus)": 240, "cyclonedds": 1 << 16}
 """Bytes: 123 registers are the most of one Modbus write; a mebibyte of DDS octets goes through a Python list."""
+LARGE = 4096
+"""Bytes from which on a sample is also read in place."""
 WARM_UP = 0.3
 _PATIENCE = 12
 
@@ -57,7 +59,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         floor = Path(folder, "floor")
         subprocess.run(["gcc", "-O2", "-pthread", "-o", floor, HERE / "peers" / "floor.c"], check=True)
-        compiled = {"C": floor, "C++": generated.program(Path(folder))}
+        program = generated.program(Path(folder))
+        compiled = {"C": floor, "C++": program, "C++ in place": program}
         for size in given.sizes:
             _table(size, SIZES[size], ways, compiled, given.rounds, given.seconds)
 
@@ -99,7 +102,8 @@ def _table(size: int, rate: int, ways: list[str], compiled: dict[str, Path], rou
     for number in range(rounds):
         for row, (way, mode) in enumerate(rows):
             if way in compiled:
-                found[way, mode].append(_floor(compiled[way], mode, size, rate, seconds))
+                more = ["1"] if way == "C++ in place" else []
+                found[way, mode].append(_floor(compiled[way], mode, size, rate, seconds, *more))
             else:
                 name = f"shmgen_latency_{os.getpid()}_{number}_{row}"
                 found[way, mode].append(_measured(way, mode, size, name, seconds))
@@ -119,8 +123,8 @@ def _table(size: int, rate: int, ways: list[str], compiled: dict[str, Path], rou
 
 
 def _fits(way: str, mode: str, size: int) -> bool:
-    if way in ("C", "C++"):
-        return mode != "poll"
+    if way in ("C", "C++", "C++ in place"):
+        return mode != "poll" and (way != "C++ in place" or size > LARGE)
     return (
         size <= LARGEST.get(way, size)
         and (mode != "poll" or way in POLLED)
@@ -151,9 +155,10 @@ def _measured(way: str, mode: str, size: int, name: str, seconds: float) -> list
             remove(name)
 
 
-def _floor(floor: Path, mode: str, size: int, rate: int, seconds: float) -> list[float]:
-    command = [str(floor), mode, str(size), str(rate), str(seconds)]
-    *ages, cpu = map(float, subprocess.run(command, capture_output=True, text=True, check=True).stdout.split())
+def _floor(*command: object) -> list[float]:
+    *ages, cpu = map(
+        float, subprocess.run(list(map(str, command)), capture_output=True, text=True, check=True).stdout.split()
+    )
     ages.sort()
     return [statistics.median(ages), ages[len(ages) * 99 // 100], cpu, len(ages)]
 

@@ -1,6 +1,6 @@
 // What generated C++ does, for latency.py and cpp.py: the program generates nothing, shmgen does (-t cpp).
 //
-//   cpp spin|event SIZE RATE SECONDS      prints "age" of each sample received, ns, and then percent of a core
+//   cpp spin|event SIZE RATE SECONDS [1]  prints "age" of each sample received, ns, and then percent of a core; 1: read in place
 //   cpp publish ROUNDS                    prints ns a call, a line for each round: see cpp.py
 #include "shm_msgs/bench_msgs/msg/block320.hpp"
 #include "shm_msgs/bench_msgs/msg/block56.hpp"
@@ -31,7 +31,7 @@ std::uint64_t now()
     return static_cast<std::uint64_t>(t.tv_sec) * 1000000000u + static_cast<std::uint64_t>(t.tv_nsec);
 }
 
-template <class Block> int one_way(bool event, double rate, double seconds)
+template <class Block> int one_way(bool event, double rate, double seconds, bool in_place)
 {
     const std::string topic = "/shmgen_bench_cpp_" + std::to_string(getpid());
     const pid_t sender = fork();
@@ -58,7 +58,14 @@ template <class Block> int one_way(bool event, double rate, double seconds)
     for (unsigned looks = 1; (!event && looks % 65536 != 0) || now() - last < 300000000u; looks++) {
         if (event && !subscriber.ready(std::chrono::milliseconds(100)))
             continue;
-        if (subscriber.read_into(*own) == SHMGEN_OK) {
+        if (in_place) {
+            auto sample = subscriber.borrow();
+            const std::uint64_t sent = sample ? sample->data[0] : 0, held = now();
+            if (sample && sample.give_back()) {
+                last = held;
+                ages.push_back(held - sent);
+            }
+        } else if (subscriber.read_into(*own)) {
             last = now();
             ages.push_back(last - own->data[0]);
         }
@@ -158,13 +165,14 @@ int main(int count, char **words)
 {
     if (count == 3)
         return publish(std::atoi(words[2]));
-    if (count != 5)
+    if (count != 5 && count != 6)
         return 2;
+    const bool in_place = count == 6;
     const bool event = std::string(words[1]) == "event";
     const double rate = std::atof(words[3]), seconds = std::atof(words[4]);
     switch (std::atoi(words[2])) {
-    case 56: return one_way<shm_msgs::bench_msgs::msg::Block56>(event, rate, seconds);
-    case 320: return one_way<shm_msgs::bench_msgs::msg::Block320>(event, rate, seconds);
-    default: return one_way<shm_msgs::bench_msgs::msg::Mebibyte>(event, rate, seconds);
+    case 56: return one_way<shm_msgs::bench_msgs::msg::Block56>(event, rate, seconds, in_place);
+    case 320: return one_way<shm_msgs::bench_msgs::msg::Block320>(event, rate, seconds, in_place);
+    default: return one_way<shm_msgs::bench_msgs::msg::Mebibyte>(event, rate, seconds, in_place);
     }
 }
