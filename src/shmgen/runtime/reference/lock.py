@@ -116,12 +116,13 @@ class Lock:
         region = self._region
         try:
             try:
-                return region.lock_byte(REPAIR_LOCK) and self._take_place(stay)
+                taken = region.lock_byte(REPAIR_LOCK) and self._take_place(stay)
             finally:
                 region.unlock_byte(REPAIR_LOCK)
         except BaseException:
             region.unlock_byte(REPAIR_LOCK)  # where a signal handler's came upon the first
             raise
+        return taken
 
     def _take_place(self, stay: tuple[int, int]) -> bool:
         region, words = self._region, self._region.words
