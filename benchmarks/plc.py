@@ -114,7 +114,7 @@ def _misses(block: Block) -> int:
     """Of a program those of all its regions."""
     if block._name != "PRG_CALLS":
         return int(block.udiLockMisses)
-    regions = (getattr(side, name) for side in (block.fbClient._fbCaller, block.fbServer._fbServer) for name in REGIONS)
+    regions = (getattr(side, name) for side in (block.fbClient._fbClient, block.fbServer._fbServer) for name in REGIONS)
     return sum(region.udiLockMisses for region in regions)
 
 

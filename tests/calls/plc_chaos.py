@@ -168,7 +168,7 @@ def run(folder: Path, scene: str, number: int, seed: int, fault: str = "", longe
     calls = open_or_make(folder)
     srv = module(calls.folder, PACKAGE, TypeName("calls_msgs", "srv", "Ask"))
     stage = Stage(calls, srv, f"/shmgen_test/t{uuid.uuid4().hex}", writer)
-    if fault and FAULTS[fault][0] == "FB_ShmCaller":
+    if fault and FAULTS[fault][0] == "FB_ShmClient":
         stage.client_fault = f"_{fault}"
     elif fault:
         stage.server_fault = f"_{fault}"

@@ -1,7 +1,7 @@
 /* A service: two clients that change over, A in Python and B a PLC, two servers, S in Python and T a PLC; two regions.
  *
  * A sample is one step here (writers.pml has its parts), so are the rest of a copy and the look after it. Claim, looks,
- * numbers, and what each end does with them are as in runtime/calls.py, FB_ShmCaller and FB_ShmServer. No lock: what holds
+ * numbers, and what each end does with them are as in runtime/calls.py, FB_ShmClient and FB_ShmServer. No lock: what holds
  * here holds with it.
  */
 #define A 0

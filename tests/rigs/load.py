@@ -20,6 +20,7 @@ from typing import Any
 from shmgen.runtime import region_name
 
 from ..runtime.messages import PosePublisher, PoseSubscriber, pose
+from ..support.region_of import region_of
 
 TOPICS = 64
 DEPTH = 16

@@ -27,6 +27,7 @@ from shmgen.runtime import LockTimeout, RegionMissing, read_header, region_name
 from shmgen.runtime.region import header as h
 
 from ..support import plc_demo
+from ..support.region_of import region_of
 from .chaos_faults import Wrapped, swap, swap_map
 
 LIMIT = 1.3

@@ -144,7 +144,11 @@ def test_only_a_dead_process_is_healed_early(topic, monkeypatch, value, holder):
         monkeypatch.setattr(lock, "_STUCK_AFTER", 4 * SOON)
         # A reader heals as well.
         until(lambda: publisher.publish(pose(2)) or (subscriber.read() and region_of(publisher).words[h.RECOVERIES]))
-        assert (region_of(publisher).words[h.RECOVERIES], region_of(publisher).words[h.LOCK_HOLDER], value()) == (1, 0, 1)
+        assert (region_of(publisher).words[h.RECOVERIES], region_of(publisher).words[h.LOCK_HOLDER], value()) == (
+            1,
+            0,
+            1,
+        )
 
 
 def test_a_holder_is_only_asked_after(monkeypatch):

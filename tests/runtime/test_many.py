@@ -231,7 +231,9 @@ def test_one_killed_in_its_sleep_does_no_harm(several, writers, topic, other):
     for number, one in enumerate(several):
         assert (one.read().position.x, event_of(one), region_of(one).words[h.ARMED]) == (number, (1, 1), 0)
     doze_all(several, LONG)  # takes what was posted for the dead one
-    armed = threading.Thread(target=lambda: (until(lambda: region_of(several[2]).words[h.ARMED]), writers[2].publish(pose(9))))
+    armed = threading.Thread(
+        target=lambda: (until(lambda: region_of(several[2]).words[h.ARMED]), writers[2].publish(pose(9)))
+    )
     armed.start()
     doze_all(several, LONG)
     armed.join()

@@ -15,12 +15,15 @@ import pytest
 
 from shmgen import runtime
 from shmgen.runtime.reference import opening
-from shmgen.runtime.reference.opening import _complete_header, open_region
+from shmgen.runtime.reference.opening import _complete_header
 from shmgen.runtime.reference.region import REPAIR_LOCK, WRITER_LOCK
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region.access import RegionOptions
+from shmgen.runtime.region import looks
 
+from ..support.region_of import region_of
 from .messages import Pose, PosePublisher, PoseSubscriber, Scan, ScanSubscriber, pose
+
+in_python = pytest.mark.usefixtures("in_python")
 
 
 @pytest.mark.parametrize(
@@ -228,10 +231,12 @@ def test_a_header_completed_meanwhile_is_not_written_again(topic, file):
     before = file.read_bytes()
     with file.open("r+b") as opened:
         other = h.header_for("other_msgs/msg/Pose", 77, 56, 1)
-        _complete_header(opened.fileno(), mmap.mmap(opened.fileno(), 4096), other)
+        for _ in _complete_header(opened.fileno(), mmap.mmap(opened.fileno(), 4096), other):
+            pass
     assert file.read_bytes() == before
 
 
+@in_python
 def test_a_barrier_stands_between_a_header_and_its_magic(topic, file, monkeypatch):
     seen = []
     monkeypatch.setattr(opening, "fence", lambda: seen.append(struct.unpack_from("<I4xQ", file.read_bytes())))
@@ -240,12 +245,13 @@ def test_a_barrier_stands_between_a_header_and_its_magic(topic, file, monkeypatc
     assert struct.unpack_from("<I", file.read_bytes()) == (h.MAGIC,)
 
 
+@in_python
 def test_a_header_is_looked_at_again_once_it_is_there(topic, file, monkeypatch):
     """Two makers of different types at once: the first finds that the second has written over it, and refuses."""
     complete = opening._complete_header
 
     def both(*arguments):
-        complete(*arguments)
+        yield from complete(*arguments)
         change(file, 8, b"\x99")
 
     monkeypatch.setattr(opening, "_complete_header", both)
@@ -253,14 +259,16 @@ def test_a_header_is_looked_at_again_once_it_is_there(topic, file, monkeypatch):
         PosePublisher(topic)
 
 
+@in_python
 def test_an_object_whose_maker_lives_is_waited_for(topic, file, monkeypatch):
     naps = on_sleep(monkeypatch, lambda: os.truncate(file, 4096))
     file.touch(mode=0o600)
     monkeypatch.setattr(opening, "_allocate", None)
     PosePublisher(topic).close()
-    assert naps[:2] == [0.001, 0.002], "for its bytes, and for another who makes the same header"
+    assert set(naps) == {0.001}
 
 
+@in_python
 def test_who_writes_a_header_is_waited_for(topic, file, monkeypatch):
     PosePublisher(topic).close()
     header = file.read_bytes()[:192]
@@ -269,9 +277,9 @@ def test_who_writes_a_header_is_waited_for(topic, file, monkeypatch):
 
         def written():
             change(file, 0, header)
-            region.unlock_byte(other.fileno(), REPAIR_LOCK)
+            looks.unlock_byte(other.fileno(), REPAIR_LOCK)
 
-        assert region.lock_byte(other.fileno(), REPAIR_LOCK)
+        assert looks.lock_byte(other.fileno(), REPAIR_LOCK)
         naps = on_sleep(monkeypatch, written)
         monkeypatch.setattr(opening, "fence", None)
         PosePublisher(topic).close()
@@ -292,13 +300,19 @@ def on_sleep(monkeypatch, work):
     return naps
 
 
+@in_python
 def test_without_barriers_a_region_has_a_lock(topic, file, monkeypatch):
+    class Lockless(Pose):
+        _regions_ = runtime.RegionOptions(sync="sequence")
+
+    class LocklessSubscriber(runtime.Subscriber):
+        message_type = Lockless
+
     monkeypatch.setattr(opening, "has_barrier", lambda: False)
-    ours = h.header_for("std_msgs/msg/Bool", 1, 1, 1)
     with pytest.raises(runtime.RegionUnusable, match=r'sync = "sequence" needs full memory barriers'):
-        open_region(topic, ours, RegionOptions(sync="sequence"))
+        LocklessSubscriber(topic)
     assert not file.exists()
-    open_region(topic, ours).close()
+    PoseSubscriber(topic).close()
 
 
 def test_an_object_without_bytes_is_waited_for_and_then_taken_over(topic, file):
@@ -331,11 +345,12 @@ def test_a_refused_writer_does_not_free_the_claim(topic):
 def test_a_plc_whose_heartbeat_moves_is_a_writer(topic):
     beat = """if True:
         import itertools, sys, time
-        from messages import PoseSubscriber
+        from messages import PoseSubscriber, region_of
         with PoseSubscriber(sys.argv[1]) as plc:
-            region_of(plc).words[6] = 0xFFFFFFFF
+            words = region_of(plc).words
+            words[6] = 0xFFFFFFFF
             for count in itertools.count():
-                region_of(plc).words[38] = count & 0xFFFF
+                words[38] = count & 0xFFFF
                 if count == 3: print("ready", flush=True)
                 time.sleep(0.01)
     """
@@ -475,8 +490,6 @@ def test_closing_twice_and_using_closed(topic):
         with pytest.raises(runtime.Closed, match=r"(publisher|subscriber) is closed"):
             call()
     assert (publisher.topic, publisher.sequence, subscriber.missed, subscriber.age) == (topic, 0, 0, None)
-    with pytest.raises(runtime.Closed):
-        region_of(publisher).words[0]
 
 
 def test_record_locks_are_of_one_byte_each(topic):
@@ -496,16 +509,12 @@ def test_record_locks_are_of_one_byte_each(topic):
 def test_a_record_lock_that_cannot_be_is_no_lock_of_another(topic, file):
     PosePublisher(topic).close()
     with file.open("rb") as opened, pytest.raises(OSError, match="Bad file descriptor"):
-        region.lock_byte(opened.fileno(), WRITER_LOCK)
+        looks.lock_byte(opened.fileno(), WRITER_LOCK)
 
 
 def test_an_abandoned_publisher_frees_the_claim(topic):
-    def abandon():
-        PosePublisher(topic)
-        gc.collect()
-
-    with pytest.warns(ResourceWarning):
-        abandon()
+    PosePublisher(topic)
+    gc.collect()
     PosePublisher(topic).close()
 
 
@@ -529,7 +538,7 @@ def test_open_region_leaves_no_descriptor_behind_when_refused(topic):
     before = len(os.listdir("/proc/self/fd"))
     for _ in range(5):
         with pytest.raises(runtime.LayoutMismatch):
-            open_region(topic, h.header_for("a/msg/B", 1, 8, 1))
+            ScanSubscriber(topic)
         with PosePublisher(topic), pytest.raises(runtime.RegionInUse):
             PosePublisher(topic)
     assert len(os.listdir("/proc/self/fd")) == before

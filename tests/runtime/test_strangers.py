@@ -6,6 +6,8 @@ import json
 import os
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -157,22 +159,22 @@ def test_a_semaphore_that_all_may_write_is_refused_too(topic, semaphore_file):
     assert semaphore_file.stat().st_mode & 0o777 == 0o660
 
 
-def test_a_group_that_its_maker_is_about_to_give(topic, file, monkeypatch):
+def test_a_group_that_its_maker_is_about_to_give(topic, file):
     """Between the making of a file and its chmod a peer waits, as it does before its first byte."""
-    naps = []
-
-    def sleep(seconds):
-        naps.append(seconds)
-        if len(naps) == 3:
-            file.chmod(0o660)
-
     PosePublisher(topic).close()
     file.chmod(0o666)
-    monkeypatch.setattr(access, "time", SimpleNamespace(monotonic=lambda: len(naps) / 1000, sleep=sleep))
+    timer = threading.Timer(0.02, file.chmod, [0o660])
+    timer.start()
     PoseSubscriber(topic).close()
-    assert naps == [0.001] * 3
+    timer.join()
+    file.chmod(0o666)
+    before = time.monotonic()
+    with pytest.raises(runtime.PermissionDenied, match="every user"):
+        PoseSubscriber(topic)
+    assert time.monotonic() - before >= 0.1
 
 
+@pytest.mark.usefixtures("in_python")
 def test_a_group_that_its_maker_may_not_give(topic, file, monkeypatch):
     def refuse(*of):
         raise PermissionError
@@ -241,6 +243,7 @@ def test_reading_a_header_waits_for_no_fifo(topic, file):
         runtime.read_header(runtime.region_name(topic))
 
 
+@pytest.mark.usefixtures("in_python")
 @pytest.mark.parametrize("when", ["found", "made"])
 def test_a_link_put_in_place_of_a_semaphore_meanwhile(topic, semaphore_file, tmp_path, monkeypatch, when):
     """Mode and group are given to what was opened; a link that came since is not followed, nor is it used."""
@@ -255,14 +258,10 @@ def test_a_link_put_in_place_of_a_semaphore_meanwhile(topic, semaphore_file, tmp
             semaphore_file.symlink_to(victim)
         swaps.append(1)
 
-    class Opening:
-        real = semaphores.SemLock
-
-        @classmethod
-        def _rebuild(cls, *arguments):
-            opened = cls.real._rebuild(*arguments)
-            swap()
-            return opened
+    def opening(*arguments):
+        opened = found(*arguments)
+        swap()
+        return opened
 
     class Making:
         def __init__(self, *arguments, **keywords):
@@ -272,10 +271,10 @@ def test_a_link_put_in_place_of_a_semaphore_meanwhile(topic, semaphore_file, tmp
             self.made.close()
             swap()
 
-    real = regions.posix_ipc.Semaphore
+    real, found = regions.posix_ipc.Semaphore, regions.PosixSemaphore
     if when == "found":
         PosePublisher(topic).close()
-        monkeypatch.setattr(semaphores, "SemLock", Opening)
+        monkeypatch.setattr(regions, "PosixSemaphore", opening)
     else:
         monkeypatch.setattr(regions.posix_ipc, "Semaphore", Making)
     with pytest.raises(runtime.RegionUnusable, match=f"{semaphore_file} cannot be opened: "):

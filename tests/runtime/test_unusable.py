@@ -15,24 +15,26 @@ import posix_ipc
 import pytest
 
 from shmgen import runtime
+from shmgen.runtime import engine
 from shmgen.runtime.errors import RegionUnusable
 from shmgen.runtime.reference import opening
-from shmgen.runtime.reference.lock import Lock
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region import names
+from shmgen.runtime.region import looks, names
 from shmgen.runtime.region.access import RegionOptions
 
 from ..conftest import REPOSITORY
 from ..support import machine
 from ..support.guard import within
-from .messages import PosePublisher, PoseSubscriber, pose
+from ..support.region_of import region_of
+from .messages import Pose, PosePublisher, PoseSubscriber, pose
 
 MANY = 2**31 - 3
+in_python = pytest.mark.usefixtures("in_python")
 
 
 @pytest.mark.parametrize(
     "data",
-    [b"", b"\0" * 5, b"\xff" * semaphores._OURS, b"\1" * semaphores._OURS, b"\0" * 4096],
+    [b"", b"\0" * 5, b"\xff" * looks._OURS, b"\1" * looks._OURS, b"\0" * 4096],
     ids=["empty", "short", "ones", "garbage", "long"],
 )
 def test_a_file_that_is_no_semaphore(topic, semaphore_file, data):
@@ -58,6 +60,7 @@ def test_a_semaphore_of_the_other_bitness(topic, semaphore_file):
 
 
 @pytest.mark.parametrize("error", [OSError(22, "Invalid argument"), ValueError("unrecognized configuration name")])
+@in_python
 def test_another_c_library_than_glibc(topic, file, semaphore_file, monkeypatch, error):
     """As confstr() answers in musl, where /dev/shm/NAME would be the region and the semaphore at a time."""
 
@@ -69,8 +72,8 @@ def test_another_c_library_than_glibc(topic, file, semaphore_file, monkeypatch, 
         PosePublisher(topic)
     assert not file.exists()
     assert not semaphore_file.exists()
-    without = opening.open_region(topic, h.header_for("std_msgs/msg/Bool", 1, 1, 1), RegionOptions(sync="sequence"))
-    without.close()
+    kind = type("Lockless", (Pose,), {"_regions_": RegionOptions(sync="sequence")})
+    type("LocklessSubscriber", (runtime.Subscriber,), {"message_type": kind})(topic).close()
 
 
 def test_another_python_than_cpython():
@@ -111,6 +114,7 @@ def test_no_descriptors_left(topic):
     assert "Too many open files" in text
 
 
+@in_python
 def test_an_open_that_failed_holds_nothing(topic, monkeypatch):
     """Whoever keeps the error keeps all that was on its way; Python 3.13 on riscv64 did."""
 
@@ -118,13 +122,14 @@ def test_an_open_that_failed_holds_nothing(topic, monkeypatch):
         raise runtime.RegionUnusable("for once")
 
     PosePublisher(topic).close()
-    monkeypatch.setattr(opening, "_open_semaphore", refuse)
+    monkeypatch.setattr(opening, "open_semaphore", refuse)
     before = os.listdir("/proc/self/fd")
     with pytest.raises(runtime.RegionUnusable, match="for once") as kept:
         PosePublisher(topic)
     assert len(os.listdir("/proc/self/fd")) == len(before), kept.traceback
 
 
+@in_python
 @pytest.mark.parametrize(
     ("error", "text"), [(errno.ENOSPC, "no room for 4096 bytes"), (errno.EIO, "Input/output error")]
 )
@@ -140,6 +145,7 @@ def test_an_open_that_failed_leaves_no_file(topic, file, monkeypatch, error, tex
     PosePublisher(topic).close()
 
 
+@in_python
 @pytest.mark.parametrize("place", [names.region_file, names.semaphore_file])
 def test_what_vanishes_again_and_again_is_given_up(topic, monkeypatch, place):
     """Somebody removes the semaphore, or the region, at each try between its opening and the last look."""
@@ -158,19 +164,21 @@ def test_what_vanishes_again_and_again_is_given_up(topic, monkeypatch, place):
     assert len(tries) >= 10 - 1
 
 
+@in_python
 def test_what_is_there_only_for_who_makes_it_is_given_up(topic, monkeypatch):
-    monkeypatch.setattr(opening, "_found", Mock(side_effect=FileNotFoundError))
-    monkeypatch.setattr(opening, "_made", Mock(side_effect=posix_ipc.ExistentialError))
+    monkeypatch.setattr(opening, "opened", Mock(side_effect=FileNotFoundError))
+    monkeypatch.setattr(os, "open", Mock(side_effect=FileExistsError))
     with pytest.raises(runtime.RegionUnusable, match="keeps appearing and vanishing"):
         PosePublisher(topic)
 
 
-@pytest.mark.parametrize("error", [FileNotFoundError, PermissionError])
+@in_python
+@pytest.mark.parametrize("error", [posix_ipc.ExistentialError, posix_ipc.PermissionsError])
 def test_a_semaphore_that_changes_between_a_look_and_its_opening(topic, monkeypatch, error):
-    opened = semaphores.opened
+    opened = opening.PosixSemaphore
     tries = Mock(side_effect=[error, opened, opened])
-    monkeypatch.setattr(semaphores, "opened", lambda *arguments: tries()(*arguments))
-    if error is PermissionError:
+    monkeypatch.setattr(opening, "PosixSemaphore", lambda *arguments: tries()(*arguments))
+    if error is posix_ipc.PermissionsError:
         with pytest.raises(runtime.PermissionDenied, match="join the group"):
             PosePublisher(topic)
     else:
@@ -178,13 +186,14 @@ def test_a_semaphore_that_changes_between_a_look_and_its_opening(topic, monkeypa
         assert tries.call_count == 3, "the lock twice, and the event"
 
 
+@in_python
 def test_a_region_whose_maker_gave_up_is_opened_anew(topic, file, monkeypatch):
     """Removed by who made it, between another's opening and his last look."""
     complete = opening._complete_header
     seen = []
 
     def removed(*arguments):
-        complete(*arguments)
+        yield from complete(*arguments)
         if not seen:
             file.unlink()
         seen.append(1)
@@ -213,7 +222,9 @@ def test_posts_too_many_stop_nobody(topic, most, recoveries):
             assert subscriber.read().position.x == number
             longest = max(longest, time.process_time() - before)
         assert longest < 0.5 * machine.slower
-        assert semaphore.value == max(1, most - 58 * 65)
+        # On x86 the reader in C leaves the lock alone.
+        takes = 29 if engine.IN_C and machine.keeps_order() else 58
+        assert semaphore.value == max(1, most - takes * 65)
         semaphore.close()
         assert (publisher.lock_misses, subscriber.lock_misses) == (0, 0)
 
@@ -229,29 +240,3 @@ def test_an_event_that_is_full_stops_nobody(topic):
         before = time.monotonic()
         assert subscriber.wait(0.05) is None
         assert time.monotonic() - before >= 0.05
-
-
-def test_the_lock_without_semlock(topic, monkeypatch):
-    """posix_ipc behind the same calls."""
-    monkeypatch.setattr(semaphores, "SemLock", None)
-    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
-        assert isinstance(region_of(publisher).semaphore, semaphores.PosixSemaphore)
-        publisher.publish(pose(1))
-        assert subscriber.wait(1).position.x == 1.0
-        assert region_of(publisher).semaphore.value == 1
-        assert region_of(publisher).semaphore._count() == 0
-        assert isinstance(publisher._lock, Lock)
-
-
-@pytest.mark.parametrize(
-    ("said", "raised"),
-    [(posix_ipc.ExistentialError, FileNotFoundError), (posix_ipc.PermissionsError, PermissionError)],
-)
-def test_what_posix_ipc_says_is_said_in_pythons_own_errors(monkeypatch, said, raised):
-    def refuse(name):
-        raise said(name)
-
-    monkeypatch.setattr(semaphores, "SemLock", None)
-    monkeypatch.setattr(semaphores.posix_ipc, "Semaphore", refuse)
-    with pytest.raises(raised, match="/shmgen_test_nothing"):
-        semaphores.opened("/shmgen_test_nothing", 1)

@@ -20,8 +20,8 @@ DEFINITIONS = {
     "calls_msgs/action/Count.action": "uint32 target\nuint32 stride 1\n---\nuint32 reached\n---\nuint32 position\n",
 }
 FAULTS = {
-    "any_reply": ("FB_ShmCaller", " AND udiAnswered = udiCall;", ";"),
-    "old_replies": ("FB_ShmCaller", "        _fbReply.Skip();", "        ;"),
+    "any_reply": ("FB_ShmClient", " AND udiAnswered = udiCall;", ";"),
+    "old_replies": ("FB_ShmClient", "        _fbReply.Skip();", "        ;"),
     "old_calls": ("FB_ShmServer", "    _fbRequest.Skip();", "    ;"),
     "early_end": (
         "FB_ShmServer",
@@ -200,10 +200,10 @@ def make(folder: Path) -> None:
 
 
 def _faulty(sources: Mapping[str, str]) -> Iterator[tuple[str, str]]:
-    """A client or a server for each fault, `FB_calls_msgs_Ask_Client_any_reply` on `FB_ShmCaller_any_reply`."""
+    """A client or a server for each fault, `FB_calls_msgs_Ask_Client_any_reply` on `FB_ShmClient_any_reply`."""
     for fault, (block, right, wrong) in FAULTS.items():
         assert sources[f"st/shmgen/{block}.st"].count(right) == 1, f"{block} has no longer {right!r}"
-        user = "FB_calls_msgs_Ask_Client" if block == "FB_ShmCaller" else "FB_calls_msgs_Ask_Server"
+        user = "FB_calls_msgs_Ask_Client" if block == "FB_ShmClient" else "FB_calls_msgs_Ask_Server"
         yield (
             f"{block}_{fault}",
             sources[f"st/shmgen/{block}.st"].replace(right, wrong).replace(block, f"{block}_{fault}"),

@@ -18,7 +18,7 @@ NAMES = [path.stem for path in FILES]
 
 def test_there_are_blocks_enumerations_a_list_and_a_structure() -> None:
     assert " ".join(NAMES) == (
-        "E_ShmError E_ShmState FB_ShmCaller FB_ShmRegion FB_ShmServer GVL_ShmClock ST_shmgen_Time"
+        "E_ShmError E_ShmState FB_ShmClient FB_ShmRegion FB_ShmServer GVL_ShmClock ST_shmgen_Time"
     )
 
 

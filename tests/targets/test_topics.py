@@ -148,7 +148,7 @@ def test_services_and_actions_as_a_user_reads_them(tmp_path: Path) -> None:
 
 
 def test_without_services_their_common_blocks_are_not_there(texts: dict[str, str]) -> None:
-    assert not any("FB_ShmCaller" in path or "FB_ShmServer" in path for path in texts)
+    assert not any("FB_ShmClient" in path or "FB_ShmServer" in path for path in texts)
 
 
 def test_the_task_calls_the_program(texts: dict[str, str]) -> None:

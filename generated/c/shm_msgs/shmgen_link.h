@@ -116,7 +116,7 @@ typedef struct shmgen_link {
     uint32_t refused; /* messages that did not fit, or said so of a sequence */
     uint32_t attempts;
     uint32_t passive; /* 1: nothing is written to the region, and there is no lock */
-    uint32_t reserved;
+    uint32_t watches; /* 1: the region must be there */
     int file;
     shmgen_type type;
     unsigned char *base; /* the region */

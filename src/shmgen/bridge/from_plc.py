@@ -122,10 +122,10 @@ class FromPlc:
             self.counters.missed += missed
 
     def _opened(self) -> Subscriber[Message]:
-        made = subscriber(self.route.kind, self.route.topic.topic, self.route.topic.depth)
-        if not self._is_first:
-            made._last = 0  # all there is was written since the region before was removed
-        elif not self.route.topic.carried.latch:
+        topic = self.route.topic
+        # What lies in a second region was all written since the one before was removed.
+        made = subscriber(self.route.kind, topic.topic, topic.depth, history=not self._is_first)
+        if self._is_first and not topic.carried.latch:
             # As in ROS: who comes later does not hear what was said before, least of all a command of yesterday.
             made.read()
         self._missed, self._is_first = made.missed, False

@@ -15,9 +15,8 @@ from shmgen.runtime import region_name
 from shmgen.runtime.errors import RegionMissing, RegionUnusable, ShmError
 from shmgen.runtime.region import header as h
 from shmgen.runtime.region.holders import holder
+from shmgen.runtime.region.looks import WRITER_LOCK, byte_is_locked, foreign, opened_to_read
 from shmgen.runtime.region.names import HALVES, region_file, semaphore_file
-from shmgen.runtime.region.looks import foreign, opened_to_read
-from shmgen.runtime.region.looks import WRITER_LOCK, byte_is_locked
 
 FOLDER = "/dev/shm"
 

@@ -33,8 +33,8 @@ from shmgen.runtime.messages.times import Duration, Time
 from shmgen.runtime.publisher import Publisher
 from shmgen.runtime.region.access import RegionOptions
 from shmgen.runtime.region.header import Header
-from shmgen.runtime.region.names import region_name
 from shmgen.runtime.region.looks import read_header
+from shmgen.runtime.region.names import region_name
 from shmgen.runtime.sample import Sample
 from shmgen.runtime.server import Call, ServiceServer
 from shmgen.runtime.subscriber import Subscriber

@@ -13,8 +13,8 @@ from shmgen.runtime.calls import CallServer, deadline_of, log_exception, skip_st
 from shmgen.runtime.errors import LockTimeout
 from shmgen.runtime.messages.message import Message
 from shmgen.runtime.publisher import Publisher
-from shmgen.runtime.region.settings import UNTIL_RECOVERED
 from shmgen.runtime.region.resource import Closable
+from shmgen.runtime.region.settings import UNTIL_RECOVERED
 from shmgen.runtime.subscriber import Subscriber
 
 Goal = TypeVar("Goal", bound=Message)

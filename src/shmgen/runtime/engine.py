@@ -13,6 +13,7 @@ from shmgen.core import abi
 
 if TYPE_CHECKING:
     from shmgen.runtime import reference as engine
+    from shmgen.runtime.messages import plan
 
     IN_C: bool
     """Whether the extension is at work."""
@@ -42,4 +43,4 @@ can_wait_for_many = engine.can_wait_for_many
 
 def codec(kind: Any) -> Any:
     """What moves messages of that class to bytes and back in C; None: the class does so itself."""
-    return plan.codec(engine.Codec, kind) if IN_C else None
+    return plan.codec(getattr(engine, "Codec"), kind) if IN_C else None  # noqa: B009 the reference has none

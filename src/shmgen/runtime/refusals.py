@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from contextlib import suppress
 from enum import IntEnum
@@ -75,7 +76,7 @@ def _raise(of: Settings, status: int, pid: int, number: int) -> NoReturn:
         raise RegionMissing(f"{path} does not exist: start a publisher or a subscriber of it")
     if status in (Status.WRITER_IN_USE, Status.CLAIM_LOST, Status.LOCK_TIMEOUT):
         _raise_of_peer(of, status, name)
-    if status == Status.RESTLESS:
+    if status == Status.RESTLESS and number not in (errno.EMFILE, errno.ENFILE):
         raise restless(path)
     if not of.sequence:
         need_glibc(of.topic)

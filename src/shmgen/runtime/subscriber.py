@@ -76,7 +76,8 @@ class Subscriber(Closable, Generic[M]):
 
     def samples(self) -> list[Sample[M]]:
         """The same, each as (number, stamp, message)."""
-        end, samples = self._end, []
+        end = self._end
+        samples: list[Sample[M]] = []
         while len(samples) < self._slots and (message := end.next()) is not None:
             samples.append(Sample((end.sequence, end.stamp, message)))
         return samples

@@ -1,4 +1,4 @@
-"""The protocol in Python, without a trick: for machines without the extension, and to be read beside docs/protocol.md."""
+"""The protocol in Python, without a trick: for machines without the extension, and to read beside docs/protocol.md."""
 
 from __future__ import annotations
 

@@ -61,7 +61,8 @@ def open_region(of: Settings) -> Generator[int, None, Region]:
     passive = of.passive and (keeps_order() or of.sequence)
     for _ in range(_ATTEMPTS):
         with ExitStack() as so_far:
-            file = so_far.enter_context(opened_to_read(region_name(of.topic)) if passive else (yield from _open_file(of)))
+            found = opened_to_read(region_name(of.topic)) if passive else (yield from _open_file(of))
+            file = so_far.enter_context(found)
             check_header(of.topic, of.header, file)
             map = so_far.enter_context(_mapped(of, file, passive))
             semaphore: Semaphore = NoSemaphore()

@@ -21,7 +21,7 @@ _POLL = abi.POLL_MS / 1000
 
 
 class Reader(End):
-    """A reader of a topic. `last` is the number of the sample that counts as read last, `sequence` of one really read."""
+    """A reader of a topic. `last` is the number of the sample that counts as read, `sequence` of one really read."""
 
     last = 0
     sequence = 0

@@ -7,7 +7,6 @@ import io
 import os
 import pwd
 import stat
-import time
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -70,15 +69,6 @@ class Access(NamedTuple):
             kept = status.st_mode & 0o7777
             self._replace(mode=kept if self.mode is None else self.mode).give(file, path)
 
-    def admit(self, file: int, path: str) -> None:
-        """Raises PermissionDenied for a file that strangers can write."""
-        deadline = time.monotonic() + PATIENCE
-        while objection := self.objection(os.fstat(file), path):
-            if time.monotonic() > deadline:
-                who, leave = objection
-                raise PermissionDenied(f"{path}: {who}, and is not used\n  hint: {leave}")
-            time.sleep(0.001)  # its maker may be about to give it its group
-
     def objection(self, status: os.stat_result, path: str) -> tuple[str, str] | None:
         """Who could write a file without leave, and what gives it; None where nobody could.
 
@@ -113,7 +103,7 @@ def opened(path: str, how: int) -> io.FileIO:
     """
     try:
         flags = os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
-        file = kept_from_children(io.FileIO(os.open(path, how | flags)))
+        file: io.FileIO = kept_from_children(io.FileIO(os.open(path, how | flags)))
     except (FileNotFoundError, PermissionError):
         raise
     except OSError as error:

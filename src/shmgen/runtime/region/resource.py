@@ -42,13 +42,13 @@ class End(Protocol):
     def disown(self) -> None: ...
 
 
-def kept_from_children(end: Any) -> Any:
+def kept_from_children(made: Any) -> Any:
     """The same end, file or map; a forked child lets go of it, also of one that its parent is still opening.
 
     It has the same open file, and with it the parent's claim on the topic, which would outlive the parent.
     """
-    _ends.add(end)
-    return end
+    _kept.add(made)
+    return made
 
 
 def finish(ends: Iterable[End]) -> None:
@@ -67,13 +67,13 @@ def finish(ends: Iterable[End]) -> None:
             time.sleep(_LOOK)
 
 
-_ends: weakref.WeakSet[Any] = weakref.WeakSet()
+_kept: weakref.WeakSet[Any] = weakref.WeakSet()
 
 
 def _in_child() -> None:
-    for end in list(_ends):
+    for made in list(_kept):
         with suppress(BufferError):  # a map whose words are in use: its region lets go of both
-            getattr(end, "disown", end.close)()
+            getattr(made, "disown", made.close)()
 
 
 os.register_at_fork(after_in_child=_in_child)

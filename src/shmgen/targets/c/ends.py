@@ -10,8 +10,8 @@ from shmgen.targets.c.names import c_member, ends_header, header, struct_name
 from shmgen.targets.c.text import in_comment, quoted
 from shmgen.targets.counts import bound, counts
 
-RUNTIME = ("status", "link", "access", "lock", "open", "publisher", "subscriber", "borrow", "wait_any", "runtime",
-           "block", "block_calls")  # fmt: skip
+_ENDS = "status link access lock open publisher subscriber borrow wait_any calls client server runtime"
+RUNTIME = (*_ENDS.split(), "block", "block_calls")
 """Written by hand, in templates/c; each needs those before it. The last two are for function blocks of a PLC in C."""
 
 
@@ -56,7 +56,7 @@ def plan(layout: Layout, layouts: Layouts, package: str, regions: Regions) -> Ou
             mode=mode(regions),
             group=group(regions),
             sequence=sequence(regions),
-            check=tuple(_check(layout, layouts)) or ("(void)message;", "(void)path;"),
+            check=tuple(_check(layout, layouts)) or ("(void)sent;", "(void)path;"),
             receive=tuple(_receive(layout, layouts)) or ("(void)copy;", "(void)path;"),
         ),
     )
@@ -90,9 +90,11 @@ def limited(slot: Slot, layouts: Layouts) -> bool:
 
 
 def _check(layout: Layout, layouts: Layouts) -> Iterator[str]:
-    """Statements that return for the first field of `*message` that does not fit."""
+    """Statements that return for the first field of the message at `sent` that does not fit."""
     if not limits(layout, layouts):
         return
+    struct = struct_name(layout.name)
+    yield f"const {struct} *message = (const {struct} *)sent;"
     if any(isinstance(slot.type, Ref) for slot, _, _ in _fields(layout, layouts)):
         yield "shmgen_status status;"
     yield from _counts(layout)

@@ -37,6 +37,12 @@ def ends_header(name: TypeName, package: str) -> str:
     return header(name, package).removesuffix(".h") + "_shm.h"
 
 
+def calls_header(name: TypeName, package: str) -> str:
+    """The file of a service or an action: `shm_msgs/std_srvs/srv/set_bool_service.h`."""
+    word = "action" if name.kind == "action" else "service"
+    return header(name, package).removesuffix(".h") + f"_{word}.h"
+
+
 def _made(layout: Layout, package: str) -> Iterator[ClaimedName]:
     """Structures and macros share C's one space for names."""
     struct = struct_name(layout.name)
@@ -45,6 +51,9 @@ def _made(layout: Layout, package: str) -> Iterator[ClaimedName]:
         yield ClaimedName("name", macro(layout.name, constant.name))
     for ending in _ENDS if layout.requested else ():
         yield ClaimedName("name", struct + ending, follows=True)
+    for wrapper, calls in _CALLS.items() if layout.requested else ():
+        if layout.name.kind != "msg" and struct.endswith(wrapper):
+            yield from (ClaimedName("name", struct.removesuffix(wrapper) + call, follows=True) for call in calls)
     yield ClaimedName("file", header(layout.name, package))
     yield ClaimedName("file", ends_header(layout.name, package), follows=True)
 
@@ -57,6 +66,17 @@ _ENDS = (
     *(f"_subscriber{call}" for call in _SUBSCRIBER),
 )
 """What stands behind the name of a structure in those of its type, publisher and subscriber and of their calls."""
+_EACH = ("", "_open", "_start", "_close")
+_CLIENT = tuple(f"_client{call}" for call in (*_EACH, "_send", "_poll", "_wait"))
+_SERVER = tuple(f"_server{call}" for call in (*_EACH, "_take"))
+_CALLS = {
+    "_Reply": ("_interface", *_CLIENT, "_client_call", *_SERVER, "_server_reply", "_server_fail"),
+    "_Outcome": (
+        *("_interface", *_CLIENT, "_client_send_goal", "_client_progress", "_client_cancel", *_SERVER),
+        *(f"_server{call}" for call in ("_is_cancel_requested", "_accept", "_feedback", "_end")),
+    ),
+}
+"""The same of a service and of an action, by what shmgen makes of each."""
 
 
 C_RESERVED = words("""

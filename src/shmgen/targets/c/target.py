@@ -22,7 +22,7 @@ from shmgen.core.model import (
 )
 from shmgen.core.plural import counted
 from shmgen.targets import Job
-from shmgen.targets.c import ends, region
+from shmgen.targets.c import calls, ends, region
 from shmgen.targets.c.names import NAMES as NAMES
 from shmgen.targets.c.names import c_member, header, macro, struct_name
 from shmgen.targets.c.text import element as c_element
@@ -76,6 +76,7 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
         end = ends.plan(layout, job.layouts, job.package, job.options.regions)
         yield end
         yield replace(end, path=fits_piece(name), template="c/fits.h.j2", piece=True)
+    yield from calls.plan(job.layouts, job.package)
 
 
 def struct_piece(name: TypeName) -> str:

@@ -159,8 +159,9 @@ def _publish(layout: Layout, layouts: Layouts, compiler: Compiler) -> Iterator[s
     yield f"    const bool send = is_open && {compiler.get('XSEND')} != 0;"
     yield "    shmgen_status fits = SHMGEN_OK;"
     yield "    if (send) {"
-    filled = fill(layout, layouts, compiler, "end", (("MSG", "", layout.name),))
-    yield from (f"        {line}" for line in filled)
+    yield from (f"        {line}" for line in fill(layout, layouts, compiler, "end->message", ("MSG", "", layout.name)))
+    yield "        shmgen_path_clear(&end->publisher.path);"
+    yield f"        fits = shmgen_check_{struct_name(layout.name)}(message, &end->publisher.path);"
     yield "    }"
     yield "    sent = is_open && shmgen_block_write(end, send, fits);"
     yield f"    {compiler.put('UDISEQUENCE', 'end->sequence')}"
@@ -171,16 +172,14 @@ def _publish(layout: Layout, layouts: Layouts, compiler: Compiler) -> Iterator[s
 
 
 def fill(
-    layout: Layout, layouts: Layouts, compiler: Compiler, end: str, parts: Iterable[tuple[str, str, TypeName]]
+    layout: Layout, layouts: Layouts, compiler: Compiler, at: str, part: tuple[str, str, TypeName]
 ) -> Iterator[str]:
-    """Copies inputs into the end's `message`, each to the member that it is, and looks whether they `fits`."""
+    """Copies an input into the message at `at`, to the member that it is."""
     name = struct_name(layout.name)
-    yield f"{name} *message = ({name} *){end}->message;"
-    for variable, at, part in parts:
-        place = compiler.structure(variable)
-        yield from copies(layouts[part], layouts, compiler, place, f"message->{at}", to_plc=False)
-    yield f"shmgen_path_clear(&{end}->publisher.path);"
-    yield f"fits = shmgen_check_{name}(message, &{end}->publisher.path);"
+    yield f"{name} *message = ({name} *){at};"
+    variable, member, held = part
+    place = compiler.structure(variable)
+    yield from copies(layouts[held], layouts, compiler, place, f"message->{member}", to_plc=False)
 
 
 def _read(layout: Layout, layouts: Layouts, compiler: Compiler) -> Iterator[str]:

@@ -59,7 +59,7 @@ def plan(layouts: Layouts) -> Iterator[Output]:
     """Nothing where no service and no action was asked for."""
     services, actions = list(interfaces.services(layouts)), list(interfaces.actions(layouts))
     if services or actions:
-        yield from common.by_hand("FB_ShmCaller", "FB_ShmServer")
+        yield from common.by_hand("FB_ShmClient", "FB_ShmServer")
     for name in services:
         yield from _service(name, layouts)
     for name in actions:

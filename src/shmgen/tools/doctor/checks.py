@@ -9,9 +9,9 @@ from collections.abc import Iterator
 from shmgen.core.plural import counted
 from shmgen.live.processes import alive, called
 from shmgen.live.regions import damage
-from shmgen.runtime.region import header as h
 from shmgen.runtime.engine import IN_C
 from shmgen.runtime.reference.memory_order import has_barrier
+from shmgen.runtime.region import header as h
 from shmgen.runtime.region.names import region_file, semaphore_file
 from shmgen.tools.doctor import permissions
 from shmgen.tools.doctor.problem import Problem

@@ -10,8 +10,8 @@ from shmgen.live.regions import FOLDER, View, missing
 from shmgen.runtime import region_name
 from shmgen.runtime.errors import PermissionDenied, RegionMissing
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region.names import event_name, region_file, semaphore_file
 from shmgen.runtime.region.looks import foreign
+from shmgen.runtime.region.names import event_name, region_file, semaphore_file
 
 _WATCH = 0.25
 """Seconds within which a PLC that runs counts its heartbeat up, also with a slow task."""

@@ -10,8 +10,8 @@ from contextlib import suppress
 from shmgen.live.regions import topic_of
 from shmgen.runtime.errors import PermissionDenied, ShmError
 from shmgen.runtime.region.access import Access, RegionOptions, access_for, name_of_group, name_of_user
-from shmgen.runtime.region.names import event_name, region_file, semaphore_file
 from shmgen.runtime.region.looks import foreign, read_header
+from shmgen.runtime.region.names import event_name, region_file, semaphore_file
 from shmgen.tools.doctor.problem import Problem, owner
 from shmgen.tools.doctor.snapshot import Evidence
 

@@ -15,8 +15,9 @@ extern "C" {
 #endif
 
 /* Whether a writer may send it; else the first field that does not fit is in `path`. */
-static inline shmgen_status shmgen_check_shm_geometry_msgs_PoseStamped(const shm_geometry_msgs_PoseStamped *message, shmgen_path *path)
+static inline shmgen_status shmgen_check_shm_geometry_msgs_PoseStamped(const void *sent, shmgen_path *path)
 {
+    const shm_geometry_msgs_PoseStamped *message = (const shm_geometry_msgs_PoseStamped *)sent;
     shmgen_status status;
     status = shmgen_check_shm_std_msgs_Header(&message->header, path);
     if (status != SHMGEN_OK)

@@ -14,9 +14,9 @@ extern "C" {
 #endif
 
 /* Whether a writer may send it; else the first field that does not fit is in `path`. */
-static inline shmgen_status shmgen_check_shm_geometry_msgs_Twist(const shm_geometry_msgs_Twist *message, shmgen_path *path)
+static inline shmgen_status shmgen_check_shm_geometry_msgs_Twist(const void *sent, shmgen_path *path)
 {
-    (void)message;
+    (void)sent;
     (void)path;
     return SHMGEN_OK;
 }

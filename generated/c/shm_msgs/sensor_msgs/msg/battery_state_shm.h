@@ -14,8 +14,9 @@ extern "C" {
 #endif
 
 /* Whether a writer may send it; else the first field that does not fit is in `path`. */
-static inline shmgen_status shmgen_check_shm_sensor_msgs_BatteryState(const shm_sensor_msgs_BatteryState *message, shmgen_path *path)
+static inline shmgen_status shmgen_check_shm_sensor_msgs_BatteryState(const void *sent, shmgen_path *path)
 {
+    const shm_sensor_msgs_BatteryState *message = (const shm_sensor_msgs_BatteryState *)sent;
     shmgen_status status;
     if (message->cell_voltage_count > 16)
         return shmgen_at(path, "cell_voltage", SHMGEN_COUNT_EXCEEDED);

@@ -16,8 +16,9 @@ extern "C" {
 #endif
 
 /* Whether a writer may send it; else the first field that does not fit is in `path`. */
-static inline shmgen_status shmgen_check_shm_sensor_msgs_Imu(const shm_sensor_msgs_Imu *message, shmgen_path *path)
+static inline shmgen_status shmgen_check_shm_sensor_msgs_Imu(const void *sent, shmgen_path *path)
 {
+    const shm_sensor_msgs_Imu *message = (const shm_sensor_msgs_Imu *)sent;
     shmgen_status status;
     status = shmgen_check_shm_std_msgs_Header(&message->header, path);
     if (status != SHMGEN_OK)

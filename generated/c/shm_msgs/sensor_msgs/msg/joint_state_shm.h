@@ -14,8 +14,9 @@ extern "C" {
 #endif
 
 /* Whether a writer may send it; else the first field that does not fit is in `path`. */
-static inline shmgen_status shmgen_check_shm_sensor_msgs_JointState(const shm_sensor_msgs_JointState *message, shmgen_path *path)
+static inline shmgen_status shmgen_check_shm_sensor_msgs_JointState(const void *sent, shmgen_path *path)
 {
+    const shm_sensor_msgs_JointState *message = (const shm_sensor_msgs_JointState *)sent;
     shmgen_status status;
     if (message->name_count > 8)
         return shmgen_at(path, "name", SHMGEN_COUNT_EXCEEDED);

@@ -13,9 +13,9 @@ extern "C" {
 #endif
 
 /* Whether a writer may send it; else the first field that does not fit is in `path`. */
-static inline shmgen_status shmgen_check_shm_std_msgs_ColorRGBA(const shm_std_msgs_ColorRGBA *message, shmgen_path *path)
+static inline shmgen_status shmgen_check_shm_std_msgs_ColorRGBA(const void *sent, shmgen_path *path)
 {
-    (void)message;
+    (void)sent;
     (void)path;
     return SHMGEN_OK;
 }

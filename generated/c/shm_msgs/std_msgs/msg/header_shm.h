@@ -13,8 +13,9 @@ extern "C" {
 #endif
 
 /* Whether a writer may send it; else the first field that does not fit is in `path`. */
-static inline shmgen_status shmgen_check_shm_std_msgs_Header(const shm_std_msgs_Header *message, shmgen_path *path)
+static inline shmgen_status shmgen_check_shm_std_msgs_Header(const void *sent, shmgen_path *path)
 {
+    const shm_std_msgs_Header *message = (const shm_std_msgs_Header *)sent;
     if (!shmgen_ends(message->frame_id, 33))
         return shmgen_at(path, "frame_id", SHMGEN_TEXT_TOO_LONG);
     return SHMGEN_OK;

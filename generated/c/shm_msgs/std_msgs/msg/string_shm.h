@@ -13,8 +13,9 @@ extern "C" {
 #endif
 
 /* Whether a writer may send it; else the first field that does not fit is in `path`. */
-static inline shmgen_status shmgen_check_shm_std_msgs_String(const shm_std_msgs_String *message, shmgen_path *path)
+static inline shmgen_status shmgen_check_shm_std_msgs_String(const void *sent, shmgen_path *path)
 {
+    const shm_std_msgs_String *message = (const shm_std_msgs_String *)sent;
     if (!shmgen_ends(message->data, 81))
         return shmgen_at(path, "data", SHMGEN_TEXT_TOO_LONG);
     return SHMGEN_OK;

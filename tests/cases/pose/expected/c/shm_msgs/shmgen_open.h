@@ -73,7 +73,8 @@ static inline shmgen_status shmgen_link_start(
     link->group = group != NULL && *group != 0 ? shmgen_group(group) : -1;
     link->limit = (int64_t)limit * 1000;
     link->pid = (uint32_t)getpid();
-    link->passive = options != NULL && options->passive != 0 && (SHMGEN_KEEPS_ORDER || type->sequence != 0);
+    link->watches = options != NULL && options->passive != 0;
+    link->passive = link->watches && (SHMGEN_KEEPS_ORDER || type->sequence != 0);
     status = shmgen_name_region(link, topic);
     if (status != SHMGEN_OK)
         return status;
@@ -127,7 +128,7 @@ static inline shmgen_status shmgen_open_file(shmgen_link *link)
                                                    : SHMGEN_REGION_NO_ACCESS;
         if (errno != ENOENT)
             return errno == EACCES || errno == EPERM ? SHMGEN_REGION_NO_ACCESS : SHMGEN_REGION_OPEN_FAILED;
-        if (link->passive)
+        if (link->watches)
             return SHMGEN_REGION_MISSING;
         link->file = shm_open(link->name, O_RDWR | O_CREAT | O_EXCL, shmgen_made_mode(link));
         if (link->file >= 0) {

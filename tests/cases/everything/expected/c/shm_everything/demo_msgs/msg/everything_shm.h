@@ -14,8 +14,9 @@ extern "C" {
 #endif
 
 /* Whether a writer may send it; else the first field that does not fit is in `path`. */
-static inline shmgen_status shmgen_check_shm_demo_msgs_Everything(const shm_demo_msgs_Everything *message, shmgen_path *path)
+static inline shmgen_status shmgen_check_shm_demo_msgs_Everything(const void *sent, shmgen_path *path)
 {
+    const shm_demo_msgs_Everything *message = (const shm_demo_msgs_Everything *)sent;
     shmgen_status status;
     if (message->flags_count > 3)
         return shmgen_at(path, "flags", SHMGEN_COUNT_EXCEEDED);

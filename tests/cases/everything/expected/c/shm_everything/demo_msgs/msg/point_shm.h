@@ -13,8 +13,9 @@ extern "C" {
 #endif
 
 /* Whether a writer may send it; else the first field that does not fit is in `path`. */
-static inline shmgen_status shmgen_check_shm_demo_msgs_Point(const shm_demo_msgs_Point *message, shmgen_path *path)
+static inline shmgen_status shmgen_check_shm_demo_msgs_Point(const void *sent, shmgen_path *path)
 {
+    const shm_demo_msgs_Point *message = (const shm_demo_msgs_Point *)sent;
     if (message->weights_count > 2)
         return shmgen_at(path, "weights", SHMGEN_COUNT_EXCEEDED);
     return SHMGEN_OK;

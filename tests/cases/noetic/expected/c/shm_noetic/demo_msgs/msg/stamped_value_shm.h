@@ -14,8 +14,9 @@ extern "C" {
 #endif
 
 /* Whether a writer may send it; else the first field that does not fit is in `path`. */
-static inline shmgen_status shmgen_check_shm_demo_msgs_stamped_Value(const shm_demo_msgs_stamped_Value *message, shmgen_path *path)
+static inline shmgen_status shmgen_check_shm_demo_msgs_stamped_Value(const void *sent, shmgen_path *path)
 {
+    const shm_demo_msgs_stamped_Value *message = (const shm_demo_msgs_stamped_Value *)sent;
     shmgen_status status;
     status = shmgen_check_shm_std_msgs_Header(&message->header, path);
     if (status != SHMGEN_OK)

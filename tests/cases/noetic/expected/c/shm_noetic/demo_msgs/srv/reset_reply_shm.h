@@ -14,8 +14,9 @@ extern "C" {
 #endif
 
 /* Whether a writer may send it; else the first field that does not fit is in `path`. */
-static inline shmgen_status shmgen_check_shm_demo_msgs_Reset_Reply(const shm_demo_msgs_Reset_Reply *message, shmgen_path *path)
+static inline shmgen_status shmgen_check_shm_demo_msgs_Reset_Reply(const void *sent, shmgen_path *path)
 {
+    const shm_demo_msgs_Reset_Reply *message = (const shm_demo_msgs_Reset_Reply *)sent;
     shmgen_status status;
     status = shmgen_check_shm_demo_msgs_Reset_Response(&message->response, path);
     if (status != SHMGEN_OK)

@@ -13,8 +13,9 @@ extern "C" {
 #endif
 
 /* Whether a writer may send it; else the first field that does not fit is in `path`. */
-static inline shmgen_status shmgen_check_shm_demo_msgs_Reset_Response(const shm_demo_msgs_Reset_Response *message, shmgen_path *path)
+static inline shmgen_status shmgen_check_shm_demo_msgs_Reset_Response(const void *sent, shmgen_path *path)
 {
+    const shm_demo_msgs_Reset_Response *message = (const shm_demo_msgs_Reset_Response *)sent;
     if (!shmgen_ends(message->message, 81))
         return shmgen_at(path, "message", SHMGEN_TEXT_TOO_LONG);
     return SHMGEN_OK;

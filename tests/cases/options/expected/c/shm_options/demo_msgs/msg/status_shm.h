@@ -13,8 +13,9 @@ extern "C" {
 #endif
 
 /* Whether a writer may send it; else the first field that does not fit is in `path`. */
-static inline shmgen_status shmgen_check_shm_demo_msgs_Status(const shm_demo_msgs_Status *message, shmgen_path *path)
+static inline shmgen_status shmgen_check_shm_demo_msgs_Status(const void *sent, shmgen_path *path)
 {
+    const shm_demo_msgs_Status *message = (const shm_demo_msgs_Status *)sent;
     if (message->parts_count > 2)
         return shmgen_at(path, "parts", SHMGEN_COUNT_EXCEEDED);
     if (message->waits_count > 2)

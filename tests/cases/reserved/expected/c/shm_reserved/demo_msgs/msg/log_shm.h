@@ -13,8 +13,9 @@ extern "C" {
 #endif
 
 /* Whether a writer may send it; else the first field that does not fit is in `path`. */
-static inline shmgen_status shmgen_check_shm_demo_msgs_Log(const shm_demo_msgs_Log *message, shmgen_path *path)
+static inline shmgen_status shmgen_check_shm_demo_msgs_Log(const void *sent, shmgen_path *path)
 {
+    const shm_demo_msgs_Log *message = (const shm_demo_msgs_Log *)sent;
     if (message->values_count > 2)
         return shmgen_at(path, "values", SHMGEN_COUNT_EXCEEDED);
     if (!shmgen_ends(message->str, 4))

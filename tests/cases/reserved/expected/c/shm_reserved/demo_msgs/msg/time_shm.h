@@ -14,8 +14,9 @@ extern "C" {
 #endif
 
 /* Whether a writer may send it; else the first field that does not fit is in `path`. */
-static inline shmgen_status shmgen_check_shm_demo_msgs_Time(const shm_demo_msgs_Time *message, shmgen_path *path)
+static inline shmgen_status shmgen_check_shm_demo_msgs_Time(const void *sent, shmgen_path *path)
 {
+    const shm_demo_msgs_Time *message = (const shm_demo_msgs_Time *)sent;
     shmgen_status status;
     if (message->step_count > 2)
         return shmgen_at(path, "step", SHMGEN_COUNT_EXCEEDED);

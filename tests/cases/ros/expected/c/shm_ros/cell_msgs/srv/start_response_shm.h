@@ -13,9 +13,9 @@ extern "C" {
 #endif
 
 /* Whether a writer may send it; else the first field that does not fit is in `path`. */
-static inline shmgen_status shmgen_check_shm_cell_msgs_Start_Response(const shm_cell_msgs_Start_Response *message, shmgen_path *path)
+static inline shmgen_status shmgen_check_shm_cell_msgs_Start_Response(const void *sent, shmgen_path *path)
 {
-    (void)message;
+    (void)sent;
     (void)path;
     return SHMGEN_OK;
 }

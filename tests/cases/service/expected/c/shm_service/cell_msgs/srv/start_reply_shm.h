@@ -14,8 +14,9 @@ extern "C" {
 #endif
 
 /* Whether a writer may send it; else the first field that does not fit is in `path`. */
-static inline shmgen_status shmgen_check_shm_cell_msgs_Start_Reply(const shm_cell_msgs_Start_Reply *message, shmgen_path *path)
+static inline shmgen_status shmgen_check_shm_cell_msgs_Start_Reply(const void *sent, shmgen_path *path)
 {
+    const shm_cell_msgs_Start_Reply *message = (const shm_cell_msgs_Start_Reply *)sent;
     shmgen_status status;
     status = shmgen_check_shm_cell_msgs_Start_Response(&message->response, path);
     if (status != SHMGEN_OK)
