@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 from shmgen.runtime.errors import Closed, InForkedChild, Reentered, ShmError
 from shmgen.runtime.reference.lock import Lock
-from shmgen.runtime.reference.region import Region
+from shmgen.runtime.reference.region import REPAIR_LOCK, Region
 from shmgen.runtime.region.looks import WRITER_LOCK
 from shmgen.runtime.region.settings import Settings
 
@@ -108,7 +108,9 @@ class End:
                     self._leave()
             except BaseException as error:
                 self._leave()  # where the exception came upon the first
-                if self.gone is not None and isinstance(error, Exception):
+                if self.gone is None:
+                    self.region.unlock_byte(REPAIR_LOCK)  # or upon the end of a recovery
+                elif isinstance(error, Exception):
                     raise self.gone from None  # closed by what interrupted it
                 raise
 

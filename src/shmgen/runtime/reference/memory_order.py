@@ -58,9 +58,8 @@ class _Ordered:
 
 
 def _locked() -> None:
-    """On x86 taking any mutex is a locked instruction, which is a full barrier."""
-    with _mutex:
-        pass
+    """On x86 taking a free mutex is a locked instruction, which is a full barrier; a new one no fork has left taken."""
+    threading.Lock().acquire()
 
 
 def _membarrier() -> Callable[[], Any] | None:
@@ -73,6 +72,5 @@ def _membarrier() -> Callable[[], Any] | None:
     return (lambda: call(*arguments)) if call(*arguments) == 0 else None
 
 
-_mutex = threading.Lock()
 fence: Callable[[], Any] = _locked if keeps_order() else _membarrier() or _locked
 """Keeps loads and stores on their side of it, where has_barrier()."""
