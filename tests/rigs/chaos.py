@@ -29,17 +29,19 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, NoReturn
 
 from shmgen.config import Config
 from shmgen.core.model import TypeName
 from shmgen.generator import pipeline
 from shmgen.live import processes
-from shmgen.runtime import LockTimeout, RegionInUse, RegionMissing, read_header, region_name
+from shmgen.runtime import LockTimeout, RegionInUse, RegionMissing, engine, read_header, reference, region_name
 from shmgen.tools.doctor import clean, orphan_semaphores
 
-from ..support import cpp_peer
+from ..support import cpp_peer, engines
 from ..support.build import classes, put
+from ..support.region_of import region_of
 from . import chaos_faults, chaos_mishaps, chaos_still
 from .chaos_faults import Wrapped, swap
 from .chaos_mishaps import Interrupted
@@ -58,6 +60,10 @@ PATIENCE = 1.5
 """Seconds that a new writer waits for children of the one before, which let go of its claim as soon as they run."""
 
 
+INSTALLED = SimpleNamespace(**{name: getattr(engine, name) for name in engines.NAMES})
+"""The engine that is at work before any process chooses."""
+
+
 @dataclass
 class Stage:
     """What all processes share: a topic, the classes, and a word for each role that says how often it has moved.
@@ -73,6 +79,7 @@ class Stage:
     depth: int = 1
     kind: str = "Small"
     calm: bool = False
+    planted: bool = False
     calls: list[Callable[[], Any]] = field(default_factory=list)
     """What the process itself has open, which a forked child of it must not use."""
     program: Path | None = None
@@ -131,10 +138,10 @@ class Verdict:
 def write(stage: Stage, place: int, rng: random.Random) -> None:
     """Also as on a machine where the lock is needed: then a dead holder stops everybody until it is healed."""
     pause = rng.choice((0, 0, 0.0003))
+    choose_engine(stage, rng)
     with stage.kinds[1](stage.topic, depth=stage.depth, lock_timeout=rng.choice((0, 0, 0.001, 0.01))) as publisher:
         stage.calls = [publisher.heartbeat]
-        publisher._lock.keeps_order &= rng.random() < 0.7
-        copy_slowly(publisher, stage, rng)
+        be_slow(publisher, stage, rng)
         while True:
             try:
                 publisher.publish(stage.sample(publisher.sequence + 1))
@@ -146,10 +153,10 @@ def write(stage: Stage, place: int, rng: random.Random) -> None:
 
 def read(stage: Stage, place: int, rng: random.Random) -> None:
     way = rng.choice(("read", "read_all", "wait"))
+    choose_engine(stage, rng)
     with stage.kinds[2](stage.topic, depth=stage.depth, lock_timeout=rng.choice((0, 0, 0.001, 0.01))) as subscriber:
         stage.calls = [subscriber.read]
-        subscriber._lock.keeps_order &= rng.random() < 0.7
-        copy_slowly(subscriber, stage, rng)
+        be_slow(subscriber, stage, rng)
         goes_on = True
         while goes_on:
             with suppress(Interrupted):  # what it had in hand is lost, and counting begins anew
@@ -158,7 +165,7 @@ def read(stage: Stage, place: int, rng: random.Random) -> None:
 
 def follow(stage: Stage, place: int, subscriber: Any, way: str) -> bool:
     """Until the figures do not agree: False."""
-    start, missed, count = subscriber._last, subscriber.missed, 0
+    start, missed, count = subscriber._end.last, subscriber.missed, 0
     last = start
     while True:
         match way:
@@ -181,10 +188,20 @@ def follow(stage: Stage, place: int, subscriber: Any, way: str) -> bool:
             return False
 
 
-def copy_slowly(side: Any, stage: Stage, rng: random.Random) -> None:
-    """Every other publisher and subscriber of small samples, as if memory were slow."""
+def choose_engine(stage: Stage, rng: random.Random) -> None:
+    """Every other process has the reference in Python; where a fault is planted in it, all have."""
+    chosen = reference if stage.planted or rng.random() < 0.5 else INSTALLED
+    for name in engines.NAMES:
+        setattr(engine, name, getattr(chosen, name))
+
+
+def be_slow(side: Any, stage: Stage, rng: random.Random) -> None:
+    """Some of the reference, as where the lock is needed; and every other of small samples, as if memory were slow."""
+    if not isinstance(side._end, (reference.Writer, reference.Reader)):
+        return
+    side._end.lock.keeps_order &= rng.random() < 0.7
     if stage.kind == "Small" and rng.random() < 0.5:
-        swap(side, side._region.map, lambda map: Halves(map, rng))
+        swap(side, "map", lambda map: Halves(map, rng))
 
 
 class Halves(Wrapped):
@@ -333,6 +350,7 @@ def play(
     stage, complaints = _stage(folder, plc, cpp)
     stage.calm = calm
     if fault:
+        stage.planted = True
         plant = chaos_faults.PLANTED[fault]
         plant(stage)
         stage.calm = plant in chaos_faults.CALM
@@ -471,7 +489,7 @@ def _overtake(one: Actor, other: Actor, rng: random.Random) -> None:
 def _last_sample_is_lost(stage: Stage) -> Iterator[str]:
     """With no writer about, what `completed` says is what a new reader gets, whole."""
     with stage.kinds[2](stage.topic, depth=stage.depth, lock_timeout=0) as subscriber:
-        completed = subscriber._region.words[33]
+        completed = region_of(subscriber).words[33]
         # Where the lock is needed a dead reader may have it, until it is healed.
         message = subscriber.read() or subscriber.wait(PATIENCE)
         if completed and message is None:

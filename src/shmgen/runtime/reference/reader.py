@@ -109,7 +109,7 @@ class Reader(End):
                 return bytearray()
             stamp = region.quads[slot // 8 + h.STAMP]
             payload = region.payload(number)
-            data = bytearray(memoryview(region.map)[payload])
+            data = bytearray(region.map[payload])
             fence()
             # Both after the copy: a writer says what it is about to overwrite before it does, and one that has lost
             # the topic meanwhile voids the number of what it has written.
