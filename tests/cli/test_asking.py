@@ -134,6 +134,7 @@ def test_what_needs_a_bound_is_left_out_and_check_knows(folder: Path) -> None:
         "stop_request",
         "stop_response",
         "stop_reply",
+        "stop_service",
     }
     assert "skip_unbounded = true\n" in (folder / "generated/layout.lock").read_text()
     checked = shmgen(folder, "check")

@@ -319,6 +319,20 @@ def test_wait(topic, other):
         assert subscriber.wait(5).position.x == 3.0
 
 
+def test_a_writer_that_came_long_after_the_opening_is_not_stale(topic):
+    with PoseSubscriber(topic) as subscriber:
+        time.sleep(0.2)
+        with PosePublisher(topic) as publisher:
+            publisher.publish(pose(1))
+            assert not subscriber.is_stale(0.1), "at the first look"
+            time.sleep(0.15)
+            assert subscriber.is_stale(0.1)
+    with PoseSubscriber(topic) as subscriber:
+        assert not subscriber.is_stale(0.1)
+        time.sleep(0.15)
+        assert subscriber.is_stale(0.1)
+
+
 def test_ready_sleeps_until_it_is_woken(topic):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         threading.Timer(0.1, publisher.publish, [pose(1)]).start()

@@ -173,7 +173,7 @@ class Subscriber(Closable, Generic[M]):
         Call it in each cycle; before the first call the time counts from the opening.
         """
         beat, now = self._end.load(HEARTBEAT), time.monotonic()
-        if self._beat not in (None, beat):
+        if beat != (self._end.beat if self._beat is None else self._beat):
             self._beat_since = now
         self._beat = beat
         return now - self._beat_since >= timeout

@@ -786,6 +786,7 @@ static PyMemberDef reader_members[] = {
     {"__weaklistoffset__", T_PYSSIZET, offsetof(Reader, weak), READONLY, NULL},
     {"sequence", T_UINT, offsetof(Reader, s.sequence), READONLY, NULL},
     {"last", T_UINT, offsetof(Reader, s.last), 0, NULL},
+    {"beat", T_UINT, offsetof(Reader, s.beat), READONLY, NULL}, /* heartbeat as it was at the opening */
     {"stamp", T_ULONGLONG, offsetof(Reader, s.stamp), READONLY, NULL},
     {"missed", T_ULONGLONG, offsetof(Reader, s.missed), READONLY, NULL},
     {"lock_misses", T_UINT, offsetof(Reader, s.end.misses), READONLY, NULL},

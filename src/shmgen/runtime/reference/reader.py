@@ -23,6 +23,8 @@ _POLL = abi.POLL_MS / 1000
 class Reader(End):
     """A reader of a topic. `last` is the number of the sample that counts as read, `sequence` of one really read."""
 
+    beat = 0
+    """The heartbeat as it was at the opening."""
     last = 0
     sequence = 0
     stamp = 0
@@ -32,6 +34,7 @@ class Reader(End):
         of = self.of
         self.region = region = yield from open_region(of)
         self.lock = Lock(region, LOCK_TIMEOUT if of.lock_ns < 0 else of.lock_ns / 1e9)
+        self.beat = region.words[h.HEARTBEAT]
         self.last = 0 if of.history else max(0, region.words[h.COMPLETED] - 1)
         self.gone = None
 
