@@ -12,6 +12,7 @@ import pytest
 
 from shmgen import runtime
 from shmgen.runtime import engine
+from shmgen.runtime.messages import values
 from shmgen.runtime.reference import lock
 from shmgen.runtime.region import header as h
 from shmgen.runtime.region.header import after
@@ -540,6 +541,24 @@ def test_a_long_structure_goes_as_it_is(topic):
 
 
 # --- the messages themselves ---------------------------------------------------------------------
+
+
+def test_a_list_that_grows_while_it_is_encoded_stays_in_its_room():
+    """By a property of its own first element."""
+    points = []
+
+    class Odd:
+        y = z = 0.0
+
+        @property
+        def x(self):
+            points.extend([Point(x=9.0)] * 5)
+            return 1.0
+
+    points += [Odd(), Odd()]
+    into = bytearray(5 * 24)
+    assert values.each(points, Point._encode, into, 0, 24, "points", [], at_most=3) == 2
+    assert into[48:] == bytes(3 * 24)
 
 
 def test_message_defaults_names_and_text():

@@ -93,7 +93,7 @@ def each(
     count = check_count(values, path, exactly, at_most)
     position = 0
     try:
-        for position, value in enumerate(values):  # noqa: B007
+        for position, value in zip(range(count), values):  # noqa: B007, B905 a list may grow while it is encoded
             encode(value, into, at, late)
             at += item_size
     except ValueRejected as error:
