@@ -405,6 +405,8 @@ static PyObject *writer_disown(PyObject *object, PyObject *nothing)
     Writer *self = (Writer *)object;
     (void)nothing;
     memset(&self->turn, 0, sizeof self->turn);
+    self->p.inside = 0;
+    self->p.end.passive = 1; /* also where Linux wipes no page (before 4.14), the claim is not given back */
     if (self->p.gone != SHMGEN_CLOSED)
         shmgen_publisher_disown(&self->p);
     Py_RETURN_NONE;
