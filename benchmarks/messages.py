@@ -34,7 +34,7 @@ POSE = SimpleNamespace(position=POINT, orientation=TURN)
 NAMES = [f"joint_{number}" for number in range(6)]
 NUMBERS = [0.5] * 6
 NINE = [0.0] * 9
-MESSAGES: dict[str, tuple[Any, Any]] = {
+EXAMPLES: dict[str, tuple[Any, Any]] = {
     "Pose": (geometry, POSE),
     "PoseStamped": (geometry, SimpleNamespace(header=HEADER, pose=POSE)),
     "Imu": (
@@ -100,7 +100,7 @@ def main() -> None:
     lock, map = SemLock(1, 1, 1, f"/{TOPIC[1:]}", True), mmap.mmap(-1, 4096)
     acquire, release = lock.acquire, lock.release
     try:
-        for (name, (package, message)), pack in zip(MESSAGES.items(), BY_HAND, strict=True):
+        for (name, (package, message)), pack in zip(EXAMPLES.items(), BY_HAND, strict=True):
             row(name, package, message, lambda m, pack=pack: (acquire(True, 0.01), pack(map, m), release()))
     finally:
         for file in Path("/dev/shm").glob(f"*{TOPIC[1:]}*"):

@@ -24,10 +24,11 @@ from pathlib import Path
 from typing import Any
 
 from shmgen.runtime import LockTimeout, RegionMissing, read_header, region_name
+from shmgen.runtime.reference import lock, writer
 from shmgen.runtime.region import header as h
 
 from ..support import plc_demo
-from ..support.region_of import region_of
+from ..support.engines import in_python
 from .chaos_faults import Wrapped, swap, swap_map
 
 LIMIT = 1.3
@@ -38,9 +39,8 @@ Play = Callable[[Any, str, Callable[[], None]], None]
 """Works on a topic of a Demo for ever, and calls back for each sample, or once it is inside the lock."""
 
 
-def python_writer(demo: Any, topic: str, moved: Callable[[], None], keeps_order: bool = True) -> None:
+def python_writer(demo: Any, topic: str, moved: Callable[[], None]) -> None:
     with demo.python.DemoPublisher(topic) as publisher:
-        publisher._lock.keeps_order = keeps_order
         while True:
             with suppress(LockTimeout):
                 publisher.publish(demo.message(1))
@@ -49,7 +49,11 @@ def python_writer(demo: Any, topic: str, moved: Callable[[], None], keeps_order:
 
 
 def python_writer_in_need(demo: Any, topic: str, moved: Callable[[], None]) -> None:
-    python_writer(demo, topic, moved, keeps_order=False)
+    """As the reference is on another machine than x86, in this process alone."""
+    for module in (lock, writer):
+        module.keeps_order = lambda: False
+    with in_python():
+        python_writer(demo, topic, moved)
 
 
 def python_reader(demo: Any, topic: str, moved: Callable[[], None]) -> None:
@@ -77,7 +81,7 @@ def plc_reader(demo: Any, topic: str, moved: Callable[[], None]) -> None:
 
 def python_writer_inside(demo: Any, topic: str, inside: Callable[[], None]) -> None:
     """Beats for a while, so that a writer on standby gives way, and stops half-way in a copy."""
-    with demo.python.DemoPublisher(topic) as publisher:
+    with in_python(), demo.python.DemoPublisher(topic) as publisher:
         for _ in range(20):
             publisher.publish(demo.message(1))
             time.sleep(PERIOD)
@@ -92,8 +96,8 @@ def python_reader_inside(demo: Any, topic: str, inside: Callable[[], None]) -> N
                 inside()
             return self.inner[where]
 
-    with demo.python.DemoSubscriber(topic) as subscriber:
-        swap(subscriber, region_of(subscriber).words, Words)
+    with in_python(), demo.python.DemoSubscriber(topic) as subscriber:
+        swap(subscriber, "words", Words)
         while True:
             subscriber.wait(1.0)
 
