@@ -194,6 +194,7 @@ def test_a_fork_between_any_two_instructions(topic):
     # Where a descriptor, or a view, is on its way from the call that made it to the name it gets.
     assert set(held) <= {
         "opened",
+        "open_region",
         "_found_or_made",
         "_mapped",
         "kept_from_children",

@@ -386,7 +386,7 @@ def test_what_a_killed_maker_left_at_the_umask_is_put_right_if_it_is_asked_for(t
         left.chmod(0o640)
     PosePublisher(topic).close()
     assert [left.stat().st_mode & 0o777 for left in files] == [0o640] * 3
-    with PoseSubscriber(topic, mode=0o660) as subscriber:
+    with PosePublisher(topic, mode=0o660), PoseSubscriber(topic, mode=0o660) as subscriber:
         subscriber.wait(0)
     assert [left.stat().st_mode & 0o777 for left in files] == [0o660] * 3
 
@@ -422,7 +422,7 @@ def test_group(topic, file, semaphore_file):
         pytest.skip("this user is in one group only")
     event = semaphore_file.with_name(semaphore_file.name + "-event")
     for gid, mode in ((others[0], 0o660), (os.getegid(), 0o640)):  # made here, then found
-        with PoseSubscriber(topic, group=gid) as subscriber:
+        with PosePublisher(topic, group=gid), PoseSubscriber(topic, group=gid) as subscriber:
             subscriber.wait(0)
         assert [left.stat().st_gid for left in (file, semaphore_file, event)] == [gid] * 3
         assert [left.stat().st_mode & 0o777 for left in (file, semaphore_file, event)] == [mode] * 3

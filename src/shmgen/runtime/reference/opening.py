@@ -105,7 +105,7 @@ def open_semaphore(of: Settings, name: str, value: int) -> Generator[int, None, 
             raise denied(path) from None
         except posix_ipc.ExistentialError:
             continue
-        except posix_ipc.Error as error:
+        except (posix_ipc.Error, OSError) as error:
             raise RegionUnusable(f"{path}: {error}; see `ulimit -a` and `df /dev/shm`") from None
     raise restless(path)
 
