@@ -28,9 +28,10 @@ class Surplus:
     """Whether the lock has had more than one token at each look so far: two could be inside at a time."""
 
     def __init__(self, stage: Any) -> None:
+        """None: nobody there has to take one away."""
         self._lock: posix_ipc.Semaphore | None = None
         with suppress(posix_ipc.ExistentialError):
-            self._lock = posix_ipc.Semaphore(f"/{region_name(stage.topic)}")
+            self._lock = posix_ipc.Semaphore(f"/{region_name(stage.topic)}") if stage else None
 
     def is_there(self) -> bool:
         if self._lock and self._lock.value <= 1:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -10,6 +11,14 @@ import pytest
 from shmgen.runtime import engine, reference
 
 NAMES = ("Writer", "Reader", "sleep_any", "can_wait_for_many")
+
+
+def become_python() -> None:
+    """For the rest of this process, and in those that it starts."""
+    for name in NAMES:
+        setattr(engine, name, getattr(reference, name))
+    engine.IN_C = False
+    os.environ["SHMGEN_PURE"] = "1"
 
 
 def use_python(monkeypatch: pytest.MonkeyPatch) -> None:
