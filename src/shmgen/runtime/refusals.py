@@ -67,6 +67,23 @@ def gone(of: Settings, status: int, pid: int) -> ShmError:
     return Closed(f"{of.topic}: this {of.word} is {'not open yet' if status == Status.OPENING else 'closed'}")
 
 
+def in_use(topic: str, who: str) -> RegionInUse:
+    """What to say to a second writer."""
+    return RegionInUse(f"{topic}: {who} publishes already; one writer a topic: stop that one first")
+
+
+def claim_lost(topic: str, who: str) -> ClaimLost:
+    """What to say to a writer whose topic another has taken over."""
+    return ClaimLost(f"{topic}: {who} has taken the topic over; nothing was published")
+
+
+def lock_timeout(topic: str, holder: int) -> LockTimeout:
+    """What to say where the lock is needed and was not free."""
+    return LockTimeout(
+        f"{topic}: the lock was not free in time, held by process {holder}; nothing was published. See `shmgen doctor`"
+    )
+
+
 def _raise(of: Settings, status: int, pid: int, number: int) -> NoReturn:
     name = region_name(of.topic)
     path = region_file(name)
@@ -96,13 +113,10 @@ def _raise_of_peer(of: Settings, status: int, name: str) -> NoReturn:
         header = peek(file.fileno())
         who, holder = writer_of(of.topic, file.fileno(), header.writer), header.lock_holder
     if status == Status.CLAIM_LOST:
-        raise ClaimLost(f"{of.topic}: {who} has taken the topic over; nothing was published")
+        raise claim_lost(of.topic, who)
     if status == Status.WRITER_IN_USE:
-        raise RegionInUse(f"{of.topic}: {who} publishes already; one writer a topic: stop that one first")
-    raise LockTimeout(
-        f"{of.topic}: the lock was not free in time, held by process {holder}; nothing was published. "
-        "See `shmgen doctor`"
-    )
+        raise in_use(of.topic, who)
+    raise lock_timeout(of.topic, holder)
 
 
 def _look(of: Settings, path: str, is_region: bool) -> None:

@@ -9,6 +9,7 @@ from shmgen.core import abi
 from shmgen.runtime.errors import RegionInUse
 from shmgen.runtime.reference.opening import CONFIRM, WATCH
 from shmgen.runtime.reference.region import Region
+from shmgen.runtime.refusals import in_use
 from shmgen.runtime.region import header as h
 from shmgen.runtime.region.looks import WRITER_LOCK, writer_of
 
@@ -30,14 +31,14 @@ def claim(topic: str, region: Region) -> Generator[int, None, tuple[int, bool]]:
     """
     words = region.words
     if not region.lock_byte(WRITER_LOCK):
-        raise in_use(topic, region)
+        raise _in_use(topic, region)
     doubtful = False
     looked = time.monotonic()
     if words[h.WRITER] == h.PLC:
         before, deadline = words[h.HEARTBEAT], looked + WATCHED
         while words[h.WRITER] and not doubtful:
             if words[h.WRITER] != h.PLC or words[h.HEARTBEAT] != before:
-                raise in_use(topic, region)
+                raise _in_use(topic, region)
             yield WATCH
             looked = time.monotonic()
             doubtful = looked >= deadline
@@ -47,12 +48,10 @@ def claim(topic: str, region: Region) -> Generator[int, None, tuple[int, bool]]:
     while doubtful and time.monotonic() < named + _CONFIRM:
         yield CONFIRM
     if doubtful and words[h.WRITER] != region.pid:
-        raise in_use(topic, region)
+        raise _in_use(topic, region)
     newest, slots = words[h.COMPLETED], region.header.slots
     return (h.after(newest, slots, slots) if doubtful else newest), doubtful
 
 
-def in_use(topic: str, region: Region) -> RegionInUse:
-    """What to say to a second writer."""
-    who = writer_of(topic, region.file, region.words[h.WRITER])
-    return RegionInUse(f"{topic}: {who} publishes already; one writer a topic: stop that one first")
+def _in_use(topic: str, region: Region) -> RegionInUse:
+    return in_use(topic, writer_of(topic, region.file, region.words[h.WRITER]))

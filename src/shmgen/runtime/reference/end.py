@@ -10,9 +10,10 @@ from threading import get_ident
 from typing import Any, TypeVar
 
 from shmgen.core import abi
-from shmgen.runtime.errors import Closed, InForkedChild, Reentered, ShmError
+from shmgen.runtime.errors import Closed, Reentered, ShmError
 from shmgen.runtime.reference.lock import Lock
 from shmgen.runtime.reference.region import Region
+from shmgen.runtime.refusals import Status, gone
 from shmgen.runtime.region.looks import WRITER_LOCK
 from shmgen.runtime.region.settings import Settings
 
@@ -31,7 +32,7 @@ class End:
     def __init__(self, of: Settings) -> None:
         self.of = of
         self.pid = os.getpid()
-        self.gone: ShmError | None = Closed(f"{of.topic}: this {of.word} is not open yet")
+        self.gone: ShmError | None = gone(of, Status.OPENING, self.pid)
         self._taken: dict[str, int] = {}
         self._steps: Iterator[int] = self._open()
 
@@ -68,13 +69,13 @@ class End:
 
     def close(self) -> None:
         """Lets go of the region, once another thread's call has ended."""
-        gone = Closed(f"{self.of.topic}: this {self.of.word} is closed")
+        closed = gone(self.of, Status.CLOSED, self.pid)
         if self._taken.get(_BY) == get_ident():  # by what came upon a call of this thread
-            self._let_go(gone)
+            self._let_go(closed)
             return
         try:
             self._take()
-            self._let_go(gone)
+            self._let_go(closed)
         finally:
             self._leave()
 
@@ -88,21 +89,16 @@ class End:
         if hasattr(self, "region"):
             self.region.semaphore.held.clear()
         if not isinstance(self.gone, Closed) or hasattr(self, "region"):
-            self._let_go(
-                InForkedChild(
-                    f"{self.of.topic}: this {self.of.word} belongs to process {self.pid}, from which this one was "
-                    "forked; open one here, or start processes by the method `spawn`"
-                )
-            )
+            self._let_go(gone(self.of, Status.IN_FORKED_CHILD, self.pid))
 
-    def _let_go(self, gone: ShmError) -> None:
+    def _let_go(self, why: ShmError) -> None:
         self._steps = iter(())
         if not hasattr(self, "region"):
-            self.gone = gone
+            self.gone = why
             return
         if hasattr(self, "lock"):
             self.lock.release()
-        self.gone = gone
+        self.gone = why
         self.region.close()
         del self.region
 

@@ -39,7 +39,7 @@ from shmgen.runtime.region.settings import Settings
 OTHER_MAKER = 2e-3
 """Seconds after which another maker of the same header has written his."""
 _ATTEMPTS = 10
-ADMIT, HEADER, SETTLE, LOCK, WATCH, CONFIRM = range(1, 7)
+ADMIT, HEADER, SETTLE, WATCH, CONFIRM = range(1, 6)
 """What is waited for."""
 
 
@@ -56,9 +56,9 @@ def open_region(of: Settings) -> Generator[int, None, Region]:
         )
     if not of.sequence:
         need_glibc(of.topic)
-    if of.passive:
-        opened_to_read(region_name(of.topic)).close()
     passive = of.passive and (keeps_order() or of.sequence)
+    if of.passive and not passive:
+        opened_to_read(region_name(of.topic)).close()
     for _ in range(_ATTEMPTS):
         with ExitStack() as so_far:
             found = opened_to_read(region_name(of.topic)) if passive else (yield from _open_file(of))

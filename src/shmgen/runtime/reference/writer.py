@@ -6,7 +6,6 @@ import time
 from collections.abc import Generator
 from typing import Any
 
-from shmgen.runtime.errors import ClaimLost, LockTimeout
 from shmgen.runtime.messages.message import CUT, Late
 from shmgen.runtime.reference.claim import claim
 from shmgen.runtime.reference.end import End
@@ -14,6 +13,7 @@ from shmgen.runtime.reference.lock import LOCK_TIMEOUT, Lock
 from shmgen.runtime.reference.memory_order import fence, keeps_order
 from shmgen.runtime.reference.opening import open_event, open_region
 from shmgen.runtime.reference.semaphores import Semaphore
+from shmgen.runtime.refusals import claim_lost, lock_timeout
 from shmgen.runtime.region import header as h
 from shmgen.runtime.region.looks import writer_of
 from shmgen.runtime.region.settings import UNTIL_RECOVERED
@@ -79,10 +79,7 @@ class Writer(End):
     def _write(self, data: bytes | bytearray, late: Late, left: float | None) -> None:
         region, words = self.region, self.region.words
         if not self.lock.acquire(left) and not self.lock.keeps_order:
-            raise LockTimeout(
-                f"{self.of.topic}: the lock was not free in time, held by process {words[h.LOCK_HOLDER]}; "
-                "nothing was published. See `shmgen doctor`"
-            )
+            raise lock_timeout(self.of.topic, words[h.LOCK_HOLDER])
         self.assure()
         number = h.after(self.sequence, 1, region.header.slots)
         slot, payload = region.slot(number), region.payload(number)
@@ -108,6 +105,6 @@ class Writer(End):
     def _lose(self) -> None:
         """Leaves the topic to the writer who has claimed it: this one stood still for a second, or seemed to."""
         who = writer_of(self.of.topic, self.region.file, self.region.words[h.WRITER])
-        gone = ClaimLost(f"{self.of.topic}: {who} has taken the topic over; nothing was published")
-        self._let_go(gone)
-        raise gone
+        lost = claim_lost(self.of.topic, who)
+        self._let_go(lost)
+        raise lost
