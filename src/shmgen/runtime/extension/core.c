@@ -60,9 +60,10 @@ typedef struct Turn {
     bool taken;            /* by the one that changes something */
 } Turn;
 
-static bool pause_for(const volatile unsigned int *sleepers, const volatile bool *taken)
+/* Waits for another thread's call to end, and for sleepers if they count. False: a signal handler raised meanwhile. */
+static bool await_turn(const Turn *turn, bool sleepers)
 {
-    while (*taken || *sleepers != 0) {
+    while (turn->taken || (sleepers && turn->sleepers != 0)) {
         Py_BEGIN_ALLOW_THREADS
         shmgen_pause(SHMGEN_MS / 10);
         Py_END_ALLOW_THREADS
@@ -72,11 +73,9 @@ static bool pause_for(const volatile unsigned int *sleepers, const volatile bool
     return true;
 }
 
-/* Waits for another thread's call to end. False: a signal handler raised meanwhile. */
 static bool take_turn(Turn *turn)
 {
-    static const unsigned int nobody = 0;
-    if (turn->taken && !pause_for(&nobody, &turn->taken))
+    if (!await_turn(turn, false))
         return false;
     turn->taken = true;
     return true;
@@ -678,7 +677,7 @@ static PyObject *reader_close(PyObject *object, PyObject *nothing)
     if (self->s.end.step == SHMGEN_STEP_READY)
         self->s.end.step = SHMGEN_STEP_CLAIM; /* who sleeps on it sees so, and leaves */
     self->turn.taken = false;
-    if (!pause_for(&self->turn.sleepers, &self->turn.taken))
+    if (!await_turn(&self->turn, true))
         return NULL;
     shmgen_subscriber_close(&self->s);
     Py_RETURN_NONE;
