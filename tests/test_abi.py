@@ -36,26 +36,33 @@ HEADER = {
     "writer": (24, 4, "udiWriter"),
     "slots": (28, 4, "udiSlots"),
     "type_name": (32, 96, "abyTypeName"),
-    "begun": (128, 4, "udiBegun"),
-    "completed": (132, 4, "udiCompleted"),
+    "completed0": (128, 4, "udiCompleted0"),
+    "completed1": (132, 4, "udiCompleted1"),
+    "turn": (136, 4, "udiTurn"),
+    "left": (140, 4, "udiLeft"),
+    "retired": (144, 4, "udiRetired"),
+    "ordered": (148, 4, "udiOrdered"),
     "heartbeat": (152, 4, "udiHeartbeat"),
     "lock_holder": (156, 4, "udiLockHolder"),
     "recoveries": (160, 4, "udiRecoveries"),
     "armed": (164, 4, "udiArmed"),
     "lock_count": (168, 4, "udiLockCount"),
     "missed": (172, 4, "udiMissed"),
+    "bell": (176, 4, "udiBell"),
 }
 SLOT = {"stamp_ns": (0, 8, "lwStamp"), "number": (8, 4, "udiNumber")}
 NUMBERS = {
-    "MAGIC": 0x474D4853, "ABI": 1, "HEADER_SIZE": 192, "SLOT_HEADER": 16, "SLOT_STEP": 64, "PAGE": 4096,
+    "MAGIC": 0x474D4853, "ABI": 2, "HEADER_SIZE": 192, "SLOT_HEADER": 16, "SLOT_STEP": 64, "LANES": 2,
+    "PAGE": 4096,
     "PLC": 0xFFFFFFFF, "LAST": 0xFFFFFFFF, "RESTART_GAP": 0x80000000,
     "MAX_DEPTH": 65535, "MAX_TYPE_NAME": 95, "MAX_NAME": 74, "MAX_CALL_NAME": 65, "WRITER_LOCK": 0, "REPAIR_LOCK": 1,
+    "READER_LOCK": 2,
     "RETRY_MS": 500, "CLAIM_MS": 1000, "CONFIRM_MS": 100, "RECOVER_MS": 1000, "DEAD_MS": 50, "LOCK_MS": 10,
     "WAKE_MS": 10, "POLL_MS": 1, "HEARTBEAT_MS": 50, "PEER_MS": 100,
 }  # fmt: skip
 OF_A_PLC = {
-    "MAGIC", "ABI", "HEADER_SIZE", "SLOT_HEADER", "SLOT_STEP", "PAGE", "PLC", "LAST", "RESTART_GAP", "MAX_DEPTH",
-    "MAX_TYPE_NAME", "MAX_NAME", "RETRY_MS", "CLAIM_MS", "CONFIRM_MS", "RECOVER_MS",
+    "MAGIC", "ABI", "HEADER_SIZE", "SLOT_HEADER", "SLOT_STEP", "LANES", "PAGE", "PLC", "LAST", "RESTART_GAP",
+    "MAX_DEPTH", "MAX_TYPE_NAME", "MAX_NAME", "RETRY_MS", "CLAIM_MS", "CONFIRM_MS", "RECOVER_MS",
 }  # fmt: skip
 
 Places = dict[str, tuple[int, int]]
@@ -189,10 +196,11 @@ class Header(ctypes.LittleEndianStructure):
         ("magic", ctypes.c_uint32), ("abi", ctypes.c_uint16), ("header_size", ctypes.c_uint16),
         ("digest", ctypes.c_uint64), ("payload_size", ctypes.c_uint32), ("slot_size", ctypes.c_uint32),
         ("writer", ctypes.c_uint32), ("slots", ctypes.c_uint32), ("type_name", ctypes.c_char * 96),
-        ("begun", ctypes.c_uint32), ("completed", ctypes.c_uint32), ("_zero0", ctypes.c_char * 16),
+        ("completed0", ctypes.c_uint32), ("completed1", ctypes.c_uint32), ("turn", ctypes.c_uint32),
+        ("left", ctypes.c_uint32), ("retired", ctypes.c_uint32), ("ordered", ctypes.c_uint32),
         ("heartbeat", ctypes.c_uint32), ("lock_holder", ctypes.c_uint32), ("recoveries", ctypes.c_uint32),
         ("armed", ctypes.c_uint32), ("lock_count", ctypes.c_uint32), ("missed", ctypes.c_uint32),
-        ("_zero1", ctypes.c_char * 16),
+        ("bell", ctypes.c_uint32), ("_zero1", ctypes.c_char * 12),
     )  # fmt: skip
 
 
@@ -209,7 +217,6 @@ def test_the_runtime_finds_the_words_that_change() -> None:
     """It reads and writes them by numbers, in steps of four bytes, and of eight where two are one look."""
     changing = ["writer", *list(HEADER)[9:]]
     assert {name: 4 * getattr(h, name.upper()) for name in changing} == {name: HEADER[name][0] for name in changing}
-    assert 8 * h.RECOVERIES_ARMED == HEADER["recoveries"][0] == HEADER["armed"][0] - 4
     assert (SLOT["stamp_ns"][0], SLOT["number"][0]) == (8 * h.STAMP, 8 * h.NUMBER)
     made = [HEADER[name][:2] for name in list(HEADER)[:9] if name != "writer"]
     assert [(place.start, place.stop - place.start) for place in h.MADE] == made
@@ -222,10 +229,11 @@ def test_a_publisher_writes_what_ctypes_reads(topic: str) -> None:
         publisher.heartbeat()
         data = Path(f"/dev/shm/{region_name(topic)}").read_bytes()
     found = Header.from_buffer_copy(data)
-    assert (found.magic, found.abi, found.header_size) == (0x474D4853, 1, 192)
+    assert (found.magic, found.abi, found.header_size) == (0x474D4853, 2, 192)
     assert (found.payload_size, found.slot_size, found.slots) == (56, 128, 4)
-    assert (found.begun, found.completed, found.heartbeat, found.lock_count) == (5, 5, 6, 5)
-    assert (found.lock_holder, found.recoveries, found.armed, found.missed) == (0, 0, 0, 0)
+    assert (found.completed0, found.completed1, found.turn, found.left) == (5, 0, 0, 0)
+    assert (found.heartbeat, found.lock_count) == (6, 5)
+    assert (found.lock_holder, found.recoveries, found.armed, found.missed, found.bell) == (0, 0, 0, 0, 0)
     assert struct.unpack_from("<II7d", data, 192 + 5 % 4 * 128 + 8) == (5, 0, *7 * [5.0])
 
 
@@ -285,7 +293,7 @@ SAID = {
     ],
     "docs/structured-text.md": ["at most {MAX_NAME} characters, a service or an action {MAX_CALL_NAME}"],
     "docs/protocol.md": [
-        "unchanged for {DEAD_MS} ms", "16#{LAST:08X} comes `slots`", "waits for the event, {WAKE_MS} ms",
+        "unchanged for {DEAD_MS} ms", "16#{LAST:08X} comes `slots`", "is what it was, {WAKE_MS} ms at a time",
     ],
 }  # fmt: skip
 
@@ -335,4 +343,4 @@ def test_a_new_counter_is_one_line(tmp_path: Path, topic: str) -> None:
         assert extended(f"{topic}/extension", [f"{topic}/extension"]) == [1]
         assert extended("", topics) == [len(ends) + 1] * len(topics)
     docs = new_word.python(tmp_path, "-c", new_word.DOCS)
-    assert "| 176 | u32 | refused | readers | samples they refused |" in docs
+    assert "| 180 | u32 | refused | readers | samples they refused |" in docs

@@ -25,7 +25,7 @@ def test_killed_at_any_instant_nothing_is_torn_lost_or_stuck() -> None:
     assert "nothing torn, nothing lost, nobody stuck, nothing left over" in result.stdout
 
 
-LONG = ("begun_late",)
+LONG = ("not_cleared",)
 """Faults that take a minute to show."""
 
 

@@ -134,7 +134,7 @@ def test_erratum_of_table_1() -> None:
 
 @pytest.mark.parametrize(
     ("payload", "slots", "size"),
-    [(56, 2, 4096), (1, 2, 4096), (1904, 2, 4096), (1905, 2, 8192), (2**20, 2, 2_101_248), (56, 64, 12288)],
+    [(56, 2, 4096), (1, 2, 4096), (944, 2, 4096), (945, 2, 8192), (2**20, 2, 4_198_400), (56, 64, 20480)],
 )
 def test_a_region_is_whole_pages(payload: int, slots: int, size: int) -> None:
     assert region_size(payload, slots) == size

@@ -232,6 +232,14 @@ static inline void shmgen_thread_ended(void *unused)
         shmgen_block_drop(place, NULL, thread);
 }
 
+#ifdef SHMGEN_GROUP
+/* No cycle looks it up: that may ask files, services and the network. */
+__attribute__((constructor, unused)) static void shmgen_loaded(void)
+{
+    shmgen_group_loaded = shmgen_group(SHMGEN_GROUP);
+}
+#endif
+
 /* Nothing is left mapped when the program is unloaded. A thread that is inside a call still keeps its end: the process
  * is about to end then. */
 __attribute__((destructor, unused)) static void shmgen_unload(void)

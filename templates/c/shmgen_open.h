@@ -72,6 +72,7 @@ static inline shmgen_status shmgen_link_start(
     link->mode = options != NULL && options->mode != 0 ? options->mode : type->mode;
     link->group = group != NULL && *group != 0 ? shmgen_group(group) : -1;
     link->limit = (int64_t)limit * 1000;
+    link->spin = options != NULL ? (int64_t)options->spin_us * 1000 : 0;
     link->pid = (uint32_t)getpid();
     link->watches = options != NULL && options->passive != 0;
     link->passive = link->watches && (SHMGEN_KEEPS_ORDER || type->sequence != 0);
@@ -82,14 +83,14 @@ static inline shmgen_status shmgen_link_start(
         return SHMGEN_MODE_INVALID;
     if (depth > SHMGEN_MAX_DEPTH)
         return SHMGEN_DEPTH_INVALID;
-    if (limit > 1000000)
+    if (limit > 1000000 || link->spin > SHMGEN_MS)
         return SHMGEN_LIMIT_INVALID;
     if (group != NULL && *group != 0 && link->group < 0)
         return SHMGEN_GROUP_UNKNOWN;
     for (link->slots = 2; link->slots <= depth;)
         link->slots *= 2;
     link->slot_size = (SHMGEN_SLOT_HEADER + type->size + SHMGEN_SLOT_STEP - 1) / SHMGEN_SLOT_STEP * SHMGEN_SLOT_STEP;
-    link->size = SHMGEN_HEADER_SIZE + (uint64_t)link->slots * link->slot_size;
+    link->size = SHMGEN_HEADER_SIZE + (uint64_t)SHMGEN_LANES * link->slots * link->slot_size;
     link->size = (link->size + SHMGEN_PAGE - 1) / SHMGEN_PAGE * SHMGEN_PAGE;
     shmgen_go(link, SHMGEN_STEP_FILE);
     return SHMGEN_OK;
@@ -98,8 +99,8 @@ static inline shmgen_status shmgen_link_start(
 /* Lets go of everything; the region stays for the other side. */
 static inline void shmgen_link_close(shmgen_link *link)
 {
-    if (link->base != NULL && !link->passive && !shmgen_is_inherited(link))
-        shmgen_byte(link, SHMGEN_WRITER_LOCK, F_UNLCK); /* a child that was forked keeps the open file, and with it the claim */
+    if (link->base != NULL && !link->passive && !shmgen_is_inherited(link)) /* a forked child keeps the open file, and its locks */
+        shmgen_byte(link, link->writes ? SHMGEN_WRITER_LOCK : SHMGEN_READER_LOCK, F_UNLCK);
     if (link->base != NULL)
         munmap(link->base, (size_t)link->size);
     if (link->mine != NULL)
@@ -182,6 +183,8 @@ static inline shmgen_status shmgen_check_header(const shmgen_link *link, uint32_
     if (found.magic != 0) {
         if (found.abi != SHMGEN_ABI || found.header_size != SHMGEN_HEADER_SIZE)
             return SHMGEN_ABI_MISMATCH;
+        if (found.retired != 0)
+            return SHMGEN_REGION_RETIRED;
         if (found.digest != link->type.digest || strncmp(found.type_name, link->type.name, sizeof found.type_name) != 0)
             return SHMGEN_DIGEST_MISMATCH;
         if (found.payload_size != link->type.size || found.slot_size != link->slot_size)
@@ -205,7 +208,7 @@ static inline void shmgen_write_header(shmgen_link *link)
     made.slots = link->slots;
     strncpy(made.type_name, link->type.name, SHMGEN_MAX_TYPE_NAME);
     memcpy(link->base + SHMGEN_AT(abi), &made.abi, SHMGEN_AT(writer) - SHMGEN_AT(abi));
-    memcpy(link->base + SHMGEN_AT(slots), &made.slots, SHMGEN_AT(begun) - SHMGEN_AT(slots));
+    memcpy(link->base + SHMGEN_AT(slots), &made.slots, SHMGEN_AT(completed0) - SHMGEN_AT(slots));
     shmgen_store(link, SHMGEN_AT(magic), SHMGEN_MAGIC);
 }
 
@@ -240,6 +243,11 @@ static inline shmgen_status shmgen_map(shmgen_link *link)
     checked = shmgen_check_header(link, &magic);
     if (checked != SHMGEN_OK)
         return checked;
+    /* From here on nobody of another layout replaces it. */
+    if (link->writes && !shmgen_byte(link, SHMGEN_WRITER_LOCK, F_WRLCK))
+        return SHMGEN_WRITER_IN_USE;
+    if (!link->writes && !link->passive && !shmgen_byte(link, SHMGEN_READER_LOCK, F_RDLCK)) /* somebody is about to */
+        return shmgen_elapsed(link) < 2 * SHMGEN_CLAIM_MS * SHMGEN_MS ? SHMGEN_OPENING : SHMGEN_RESTLESS;
     base = mmap(NULL, (size_t)link->size, link->passive ? PROT_READ : PROT_READ | PROT_WRITE, MAP_SHARED, link->file, 0);
     if (base == MAP_FAILED)
         return SHMGEN_REGION_NO_MEMORY;
@@ -353,6 +361,54 @@ static inline shmgen_status shmgen_open_event(shmgen_link *link)
                                                            : shmgen_open_semaphore(link, "-event", 0, &link->event);
 }
 
+/* The name leads elsewhere by now. */
+static inline shmgen_status shmgen_open_anew(shmgen_link *link)
+{
+    const uint32_t attempts = link->attempts + 1;
+    shmgen_link_close(link);
+    link->attempts = attempts;
+    return attempts < SHMGEN_ATTEMPTS ? shmgen_go(link, SHMGEN_STEP_FILE) : SHMGEN_RESTLESS;
+}
+
+/* Whether a region is one of ours that no end of this layout can use. */
+static inline bool shmgen_is_outdated(shmgen_status status)
+{
+    return status == SHMGEN_REGION_RETIRED || status == SHMGEN_DIGEST_MISMATCH || status == SHMGEN_PAYLOAD_MISMATCH ||
+           status == SHMGEN_DEPTH_MISMATCH || status == SHMGEN_REGION_SIZE_MISMATCH;
+}
+
+/* Takes the name away from a region of another layout, unless somebody living writes it, or, where this is a reader, has it
+ * open; then that is why it cannot be used. A PLC that reads it takes no record lock: it sees `retired`, and opens anew. */
+static inline shmgen_status shmgen_replace(shmgen_link *link)
+{
+    const shmgen_status outdated = (shmgen_status)link->outdated;
+    const uint32_t retired = 1;
+    shmgen_region found;
+    memset(&found, 0, sizeof found);
+    if (pread(link->file, &found, sizeof found, 0) < 0 || found.magic != SHMGEN_MAGIC)
+        return outdated;
+    if (link->step != SHMGEN_STEP_REPLACE) {
+        link->beat = found.heartbeat;
+        shmgen_go(link, SHMGEN_STEP_REPLACE);
+    }
+    if (found.retired == 0) {
+        if (!shmgen_byte(link, SHMGEN_WRITER_LOCK, F_WRLCK) ||
+            (!link->writes && !shmgen_byte(link, SHMGEN_READER_LOCK, F_WRLCK)))
+            return outdated;
+        if (found.writer == SHMGEN_PLC && found.heartbeat != link->beat)
+            return outdated;
+        if (found.writer == SHMGEN_PLC && shmgen_elapsed(link) < SHMGEN_CLAIM_MS * SHMGEN_MS)
+            return SHMGEN_OPENING;
+    }
+    if (!shmgen_byte(link, SHMGEN_REPAIR_LOCK, F_WRLCK)) /* one at a time: the next finds that the name leads elsewhere */
+        return shmgen_elapsed(link) < 2 * SHMGEN_CLAIM_MS * SHMGEN_MS ? SHMGEN_OPENING : outdated;
+    if (pwrite(link->file, &retired, sizeof retired, SHMGEN_AT(retired)) < 0)
+        return outdated;
+    if (shmgen_leads_to(link->name, link->file) && shm_unlink(link->name) != 0)
+        return outdated;
+    return shmgen_open_anew(link);
+}
+
 static inline shmgen_status shmgen_open_lock(shmgen_link *link)
 {
     shmgen_status status = SHMGEN_OK;
@@ -360,12 +416,10 @@ static inline shmgen_status shmgen_open_lock(shmgen_link *link)
         status = shmgen_open_semaphore(link, "", 1, &link->lock);
     if (status != SHMGEN_OK)
         return status;
-    if (!link->passive && !shmgen_leads_to(link->name, link->file)) { /* removed meanwhile */
-        uint32_t attempts = link->attempts + 1;
-        shmgen_link_close(link);
-        link->attempts = attempts;
-        return attempts < SHMGEN_ATTEMPTS ? shmgen_go(link, SHMGEN_STEP_FILE) : SHMGEN_RESTLESS;
-    }
+    if (!link->passive && !shmgen_leads_to(link->name, link->file)) /* removed meanwhile */
+        return shmgen_open_anew(link);
+    if (!link->passive && SHMGEN_KEEPS_ORDER)
+        shmgen_store(link, SHMGEN_AT(ordered), 1);
     /* The lock may be stuck: its time runs beside that in which a writer makes sure of its claim. */
     if (link->lock != NULL && shmgen_tokens(link->lock) < 1)
         shmgen_note_stay(link);
@@ -383,12 +437,17 @@ static inline shmgen_status shmgen_link_step(shmgen_link *link)
     case SHMGEN_STEP_ADMIT: status = shmgen_map(link); break;
     case SHMGEN_STEP_HEADER: status = shmgen_complete_header(link); break;
     case SHMGEN_STEP_SETTLE: status = shmgen_settle(link); break;
+    case SHMGEN_STEP_REPLACE: status = shmgen_replace(link); break;
     case SHMGEN_STEP_LOCK: status = shmgen_open_lock(link); break;
     case SHMGEN_STEP_CLOSED: break;
     case SHMGEN_STEP_CLAIM:
     case SHMGEN_STEP_WATCH:
     case SHMGEN_STEP_CONFIRM:
     case SHMGEN_STEP_READY: status = SHMGEN_OK; break;
+    }
+    if (shmgen_is_outdated(status) && !link->watches && link->step != SHMGEN_STEP_REPLACE) {
+        link->outdated = (uint32_t)status;
+        status = shmgen_replace(link);
     }
     if (status != SHMGEN_OK && status != SHMGEN_OPENING)
         shmgen_link_close(link);

@@ -6,6 +6,7 @@
 #define SHMGEN_SUBSCRIBER_H
 
 #include "shmgen_open.h"
+#include "shmgen_wake.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -60,7 +61,7 @@ static inline shmgen_status shmgen_subscriber_step(shmgen_subscriber *self)
         return shmgen_why(self->gone);
     self->gone = shmgen_link_step(&self->end);
     if (self->gone == SHMGEN_OK) {
-        uint32_t newest = shmgen_load(&self->end, SHMGEN_AT(completed));
+        const uint32_t newest = shmgen_newest(&self->end);
         self->last = newest != 0 ? newest - 1 : 0;
         self->beat = shmgen_load(&self->end, SHMGEN_AT(heartbeat));
         self->beat_since = shmgen_now();
@@ -83,12 +84,21 @@ static inline shmgen_status shmgen_subscriber_open(
     return status;
 }
 
-/* Whether sample `number` lies whole in that slot: begun fewer than `slots` writes ago, and not voided since. */
+/* Whether sample `number` lies whole in that slot: the number is 0 while a writer is at it. */
 static inline bool shmgen_is_whole(const shmgen_link *end, uint32_t number, size_t slot)
 {
-    uint32_t begun = shmgen_load(end, SHMGEN_AT(begun));
-    uint32_t found = shmgen_load(end, slot + offsetof(shmgen_slot, number));
-    return found == number && shmgen_steps(end, number, begun) < end->slots;
+    return shmgen_load(end, slot + offsetof(shmgen_slot, number)) == number;
+}
+
+/* The slot in which sample `number` lies whole, 0 = in none. No number is in both lanes. */
+static inline size_t shmgen_find(const shmgen_link *end, uint32_t number)
+{
+    for (uint32_t lane = 0; lane < SHMGEN_LANES; lane++) {
+        const size_t slot = shmgen_slot_of(end, number, lane);
+        if (shmgen_is_whole(end, number, slot))
+            return slot;
+    }
+    return 0;
 }
 
 /* A limit for the lock: leave it alone. */
@@ -106,16 +116,16 @@ static inline shmgen_status shmgen_copy(
     shmgen_subscriber *self, uint32_t number, void *into, size_t size, int64_t limit, uint64_t *stamp)
 {
     shmgen_link *end = &self->end;
-    const size_t slot = shmgen_slot_of(end, number);
     const bool inside = limit != SHMGEN_OUTSIDE && shmgen_enter(end, limit);
-    bool whole;
+    size_t slot;
+    bool whole = false;
     if (!inside && !shmgen_may_go_on(end))
         return SHMGEN_LOCK_TIMEOUT;
-    whole = shmgen_is_whole(end, number, slot);
-    if (whole) {
+    slot = shmgen_find(end, number);
+    if (slot != 0) {
         memcpy(stamp, end->base + slot + offsetof(shmgen_slot, stamp_ns), sizeof *stamp);
         SHMGEN_COPY(into, end->base + slot + SHMGEN_SLOT_HEADER, size);
-        /* Again behind the copy: a writer says what it is about to overwrite before it does. */
+        /* Again behind the copy: a writer clears the number of what it is about to overwrite. */
         __atomic_thread_fence(__ATOMIC_ACQUIRE);
         whole = shmgen_is_whole(end, number, slot);
     }
@@ -181,6 +191,18 @@ static inline shmgen_status shmgen_readable(shmgen_subscriber *self, size_t size
     return size == self->end.type.size ? SHMGEN_OK : SHMGEN_SIZEOF_MISMATCH;
 }
 
+/* No new sample: there is none yet, or there will be none in a region that was removed or replaced. */
+static inline shmgen_status shmgen_nothing(const shmgen_subscriber *self)
+{
+    return !self->end.passive && shmgen_is_retired(&self->end) ? SHMGEN_REGION_RETIRED : SHMGEN_NOTHING_NEW;
+}
+
+/* The same for who is about to wait, and looks at the file as well. */
+static inline shmgen_status shmgen_nothing_yet(const shmgen_subscriber *self)
+{
+    return !self->end.passive && shmgen_is_removed(&self->end) ? SHMGEN_REGION_RETIRED : shmgen_nothing(self);
+}
+
 /* A writer was quicker each time: what a large copy has left is no sample. */
 static inline shmgen_status shmgen_give_up(void *into, size_t size)
 {
@@ -202,15 +224,25 @@ static inline shmgen_status shmgen_subscriber_read(
     if (status != SHMGEN_OK)
         return status;
     for (int left = SHMGEN_TRIES; left > 0; left--) {
-        uint32_t number = shmgen_load(&self->end, SHMGEN_AT(completed));
+        const uint32_t number = shmgen_newest(&self->end);
         if (number == 0 || number == self->last)
-            return SHMGEN_NOTHING_NEW;
+            return shmgen_nothing(self);
         status = shmgen_take(self, number, into, size, shmgen_limit_of_try(&self->end, left, limit), receive);
         if (status != SHMGEN_OVERWRITTEN)
             return status;
     }
     return shmgen_give_up(into, size);
 }
+
+/* Whether there is a sample that does not count as read. */
+static inline bool shmgen_has_unread(const shmgen_subscriber *self)
+{
+    const uint32_t newest = shmgen_newest(&self->end);
+    return newest != 0 && newest != self->last;
+}
+
+/* So many numbers are left out at most where a writer takes over. */
+#define SHMGEN_LEFT 2
 
 /* The oldest unread sample that is still there; as shmgen_subscriber_read() in all else. */
 static inline shmgen_status shmgen_subscriber_read_next(
@@ -221,16 +253,16 @@ static inline shmgen_status shmgen_subscriber_read_next(
     if (status != SHMGEN_OK)
         return status;
     for (int left = SHMGEN_TRIES; left > 0; left--) {
-        const uint32_t newest = shmgen_load(end, SHMGEN_AT(completed)), start = self->last;
+        const uint32_t newest = shmgen_newest(end), start = self->last;
         uint32_t unread, step;
         if (newest == 0 || newest == self->last)
-            return SHMGEN_NOTHING_NEW;
+            return shmgen_nothing(self);
         unread = shmgen_steps(end, start, newest);
         if (unread >= SHMGEN_RESTART_GAP) { /* the region was begun anew and counts from 1 again */
             self->last = newest - 1;
             continue;
         }
-        for (step = unread >= end->slots ? unread - end->slots + 1 : 1; step <= unread; step++) {
+        for (step = unread > end->slots + SHMGEN_LEFT ? unread - end->slots - SHMGEN_LEFT : 1; step <= unread; step++) {
             status = shmgen_take(
                 self, shmgen_after(end, start, step), into, size, shmgen_limit_of_try(end, left, limit), receive);
             if (status != SHMGEN_OVERWRITTEN)
@@ -240,24 +272,36 @@ static inline shmgen_status shmgen_subscriber_read_next(
     return shmgen_give_up(into, size);
 }
 
-/* Until the writer posts the event, or `completed` has left `newest` behind already; `ns` at most. */
-static inline void shmgen_sleep(shmgen_subscriber *self, int64_t ns, uint32_t newest)
+/* Whether one of these has an unread sample; looks for `ns` without sleep, and lets others run who want this processor. */
+static inline bool shmgen_look(shmgen_subscriber *const *several, size_t count, int64_t ns)
 {
-    shmgen_link *end = &self->end;
-    if (end->event == NULL || shmgen_load(end, SHMGEN_AT(armed)) != 0) {
-        /* There is no event, or another reader has it. If that died waiting, the next sample clears the word. */
-        shmgen_pause(ns < SHMGEN_POLL_MS * SHMGEN_MS ? ns : SHMGEN_POLL_MS * SHMGEN_MS);
-        return;
-    }
-    shmgen_store(end, SHMGEN_AT(armed), 1);
-    shmgen_fence(false);
-    if (shmgen_load(end, SHMGEN_AT(completed)) != newest || !shmgen_token(end->event, ns) ||
-        shmgen_load(end, SHMGEN_AT(armed)) != 0)
-        shmgen_store(end, SHMGEN_AT(armed), 0); /* left so, it would look like another reader's */
+    const int64_t end = ns > 0 ? shmgen_until(ns) : 0;
+    do
+        for (size_t index = 0; index < count; index++)
+            if (shmgen_has_unread(several[index]))
+                return true;
+    while (ns > 0 && sched_yield() == 0 && shmgen_now() < end);
+    return false;
 }
 
-/* Waits `timeout` ns for an unread sample, and reads nothing: SHMGEN_OK or SHMGEN_NOTHING_NEW. The writer wakes one
- * waiting reader of a region, others look each millisecond. */
+/* Until a writer of any of these may have something for its reader, `ns` at most: opened, and with their events, where
+ * there are any. May return early. */
+static inline void shmgen_sleep(shmgen_subscriber *const *several, size_t count, int64_t ns)
+{
+    const int64_t spin = several[0]->end.spin < ns ? several[0]->end.spin : ns;
+    shmgen_sleeper sleeper;
+    if (spin > 0 && (shmgen_look(several, count, spin) || spin == ns))
+        return;
+    shmgen_sleeper_begin(&sleeper, ns - spin);
+    for (size_t index = 0; index < count; index++)
+        shmgen_arm(&sleeper, &several[index]->end);
+    shmgen_fence(false);
+    if (!shmgen_look(several, count, 0))
+        shmgen_sleep_armed(&sleeper);
+}
+
+/* Waits `timeout` ns for an unread sample, and reads nothing: SHMGEN_OK or SHMGEN_NOTHING_NEW. The writer wakes all
+ * that wait. */
 static inline shmgen_status shmgen_subscriber_ready(shmgen_subscriber *self, int64_t timeout)
 {
     const int64_t end = shmgen_until(timeout);
@@ -272,14 +316,14 @@ static inline shmgen_status shmgen_subscriber_ready(shmgen_subscriber *self, int
     if (status != SHMGEN_OK)
         return status;
     for (;;) {
-        const uint32_t newest = shmgen_load(&self->end, SHMGEN_AT(completed));
         int64_t left;
-        if (newest != 0 && newest != self->last)
+        if (shmgen_has_unread(self))
             return SHMGEN_OK;
         left = end - shmgen_now();
-        if (left <= 0)
-            return SHMGEN_NOTHING_NEW;
-        shmgen_sleep(self, left < SHMGEN_WAKE_MS * SHMGEN_MS ? left : SHMGEN_WAKE_MS * SHMGEN_MS, newest);
+        status = left > 0 ? shmgen_nothing_yet(self) : shmgen_nothing(self);
+        if (left <= 0 || status != SHMGEN_NOTHING_NEW)
+            return status;
+        shmgen_sleep(&self, 1, left < SHMGEN_WAKE_MS * SHMGEN_MS ? left : SHMGEN_WAKE_MS * SHMGEN_MS);
     }
 }
 
@@ -327,7 +371,7 @@ static inline uint32_t shmgen_subscriber_lock_misses(const shmgen_subscriber *se
 static inline void shmgen_subscriber_skip(shmgen_subscriber *self)
 {
     if (self->end.step == SHMGEN_STEP_READY)
-        self->last = shmgen_load(&self->end, SHMGEN_AT(completed));
+        self->last = shmgen_newest(&self->end);
 }
 
 /* Whether the writer's heartbeat has stood still for `timeout` ns, as seen by calls of this; before the first the time
@@ -343,7 +387,10 @@ static inline bool shmgen_subscriber_is_stale(shmgen_subscriber *self, int64_t t
         self->beat = beat;
         self->beat_since = now;
     }
-    return now - self->beat_since >= timeout;
+    if (now - self->beat_since < timeout)
+        return false;
+    (void)shmgen_is_removed(&self->end);
+    return true;
 }
 
 /* ns since the newest sample read was written, by the wall clock; -1 without one, or without its stamp. */

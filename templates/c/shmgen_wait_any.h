@@ -7,117 +7,9 @@
 
 #include "shmgen_subscriber.h"
 
-#include <sys/syscall.h>
-
 #ifdef __cplusplus
 extern "C" {
 #endif
-
-#if !defined(__USE_MISC) && !defined(__cplusplus) /* then <unistd.h> does not show it */
-extern long syscall(long number, ...);
-#endif
-
-/* One sleep on many events asks for futex_waitv (Linux 5.16) and for the sem_t of a 64-bit glibc, the same since 2.21:
- * eight bytes, of which the lower four are the value and the upper four count who waits. sem_post() adds one to the
- * value, and wakes one of those who wait for that word if the count is not 0. (sem_clockwait came with 2.30.) */
-#if defined(SHMGEN_HAS_CLOCKWAIT) && defined(__LP64__) && __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__
-#define SHMGEN_HAS_WAITV 1
-#ifdef SYS_futex_waitv
-#define SHMGEN_WAITV SYS_futex_waitv
-#else
-#define SHMGEN_WAITV 449
-#endif
-#define SHMGEN_WAITER (UINT64_C(1) << 32)
-#else
-#define SHMGEN_HAS_WAITV 0
-#endif
-
-/* The kernel's limit of futexes in one wait. */
-#define SHMGEN_MOST_WAITS 128
-
-#if SHMGEN_HAS_WAITV
-/* struct futex_waitv of linux/futex.h, which older headers lack. */
-typedef struct shmgen_futex {
-    uint64_t value;
-    uint64_t word;
-    uint32_t flags;
-    uint32_t reserved;
-} shmgen_futex;
-#define SHMGEN_SHARED_32 2 /* FUTEX_32 */
-
-/* Until a post of any, a signal, or the time. False: this kernel, or who guards it, does not do that. */
-static inline bool shmgen_wait_for_posts(sem_t *const *events, size_t count, int64_t ns)
-{
-    const int64_t end = shmgen_until(ns);
-    struct timespec until;
-    shmgen_futex waits[SHMGEN_MOST_WAITS];
-    bool could;
-    until.tv_sec = (time_t)(end / INT64_C(1000000000));
-    until.tv_nsec = (long)(end % INT64_C(1000000000));
-    memset(waits, 0, sizeof waits);
-    for (size_t index = 0; index < count; index++) {
-        waits[index].word = (uint64_t)(uintptr_t)events[index];
-        waits[index].flags = SHMGEN_SHARED_32;
-        __atomic_fetch_add((uint64_t *)(void *)events[index], SHMGEN_WAITER, __ATOMIC_SEQ_CST);
-    }
-    could = syscall(SHMGEN_WAITV, waits, (unsigned)count, 0, &until, CLOCK_MONOTONIC) >= 0 || errno == EAGAIN ||
-            errno == EINTR || errno == ETIMEDOUT;
-    for (size_t index = 0; index < count; index++)
-        __atomic_fetch_sub((uint64_t *)(void *)events[index], SHMGEN_WAITER, __ATOMIC_SEQ_CST);
-    return could;
-}
-#endif
-
-/* Whether one sleep on many can be had here. A kernel that knows the call says that none at all is too few. */
-static inline bool shmgen_can_wait_for_many(void)
-{
-#if SHMGEN_HAS_WAITV
-    return syscall(SHMGEN_WAITV, NULL, 0, 0, NULL, CLOCK_MONOTONIC) != 0 && errno == EINVAL;
-#else
-    return false;
-#endif
-}
-
-static inline bool shmgen_has_unread(const shmgen_subscriber *self)
-{
-    const uint32_t newest = shmgen_load(&self->end, SHMGEN_AT(completed));
-    return newest != 0 && newest != self->last;
-}
-
-/* Sleeps until a writer of any of these open subscribers has something for it, `ns` at most; where one of them would be
- * woken by nobody, a millisecond. May return early. Their events are open: see shmgen_open_event(). */
-static inline void shmgen_sleep_any(shmgen_subscriber *const *several, size_t count, int64_t ns)
-{
-    bool slept = false;
-#if SHMGEN_HAS_WAITV
-    sem_t *events[SHMGEN_MOST_WAITS];
-    const shmgen_link *armed[SHMGEN_MOST_WAITS];
-    size_t known = 0;
-    bool unread = false;
-    for (size_t index = 0; index < count; index++) {
-        const shmgen_link *end = &several[index]->end;
-        if (known < SHMGEN_MOST_WAITS && end->event != NULL && shmgen_load(end, SHMGEN_AT(armed)) == 0) {
-            shmgen_store(end, SHMGEN_AT(armed), 1);
-            armed[known] = end;
-            events[known++] = end->event;
-        } else if (ns > SHMGEN_POLL_MS * SHMGEN_MS) {
-            ns = SHMGEN_POLL_MS * SHMGEN_MS;
-        }
-    }
-    shmgen_fence(false);
-    for (size_t index = 0; index < count; index++)
-        unread = unread || shmgen_has_unread(several[index]);
-    slept = unread || (known != 0 && shmgen_wait_for_posts(events, known, ns));
-    for (size_t index = 0; index < known; index++)
-        if (sem_trywait(events[index]) != 0 || shmgen_load(armed[index], SHMGEN_AT(armed)) != 0)
-            shmgen_store(armed[index], SHMGEN_AT(armed), 0); /* left so, it would look like another reader's */
-#else
-    (void)several;
-    (void)count;
-#endif
-    if (!slept)
-        shmgen_pause(ns < SHMGEN_POLL_MS * SHMGEN_MS ? ns : SHMGEN_POLL_MS * SHMGEN_MS);
-}
 
 /* Waits `timeout` ns until one of `count` subscribers has an unread sample, and reads nothing: SHMGEN_OK,
  * SHMGEN_NOTHING_NEW, or what one of them says that is not open. */
@@ -138,7 +30,7 @@ static inline shmgen_status shmgen_ready_any(shmgen_subscriber *const *several, 
         left = end - shmgen_now();
         if (left <= 0)
             return SHMGEN_NOTHING_NEW;
-        shmgen_sleep_any(several, count, left < SHMGEN_WAKE_MS * SHMGEN_MS ? left : SHMGEN_WAKE_MS * SHMGEN_MS);
+        shmgen_sleep(several, count, left < SHMGEN_WAKE_MS * SHMGEN_MS ? left : SHMGEN_WAKE_MS * SHMGEN_MS);
     }
 }
 

@@ -33,12 +33,18 @@ struct Options {
     std::chrono::nanoseconds lock{};  // the longest a call waits for the lock, a second at most
     bool unstamped = false;           // samples carry no time
     bool passive = false;             // a subscriber that only watches: the region must be there
+    std::chrono::nanoseconds spin{};  // a reader that waits looks so long before each sleep, 1 ms at most
 
     shmgen_options c() const noexcept
     {
-        const std::int64_t us = (lock.count() + 999) / 1000;
-        const std::uint32_t limit = us < 0 || us > UINT32_MAX ? UINT32_MAX : static_cast<std::uint32_t>(us);
-        return {group, depth, mode.bits, limit, unstamped, passive, 0};
+        return {group, depth, mode.bits, microseconds(lock), unstamped, passive, microseconds(spin)};
+    }
+
+private:
+    static std::uint32_t microseconds(std::chrono::nanoseconds time) noexcept
+    {
+        const std::int64_t us = (time.count() + 999) / 1000;
+        return us < 0 || us > UINT32_MAX ? UINT32_MAX : static_cast<std::uint32_t>(us);
     }
 };
 

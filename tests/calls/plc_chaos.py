@@ -205,7 +205,7 @@ def run(folder: Path, scene: str, number: int, seed: int, fault: str = "", longe
 def _newest_call(stage: Stage) -> int:
     """What is there when a server starts is old."""
     with suppress(runtime.RegionMissing):
-        return runtime.read_header(f"{runtime.region_name(stage.service)}-request").completed
+        return runtime.read_header(f"{runtime.region_name(stage.service)}-request").newest
     return 0
 
 

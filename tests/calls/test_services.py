@@ -64,6 +64,12 @@ def test_a_call_between_two_processes(topic, peer):
         assert [client.call(request(n), timeout=10).batch for n in range(50)] == list(range(0, 100, 2))
 
 
+def test_a_call_between_two_that_spin(topic, peer):
+    peer(SERVE.format(topic=topic).replace(f"{topic!r})", f"{topic!r}, spin=0.0005)"))
+    with StartClient(topic, spin=0.0005) as client:
+        assert [client.call(request(n), timeout=10).batch for n in range(50)] == list(range(0, 100, 2))
+
+
 def test_any_object_with_the_attributes_is_a_request_and_a_response(topic):
     with StartServer(topic) as server, StartClient(topic) as client:
         number = client.send(SimpleNamespace(on=True, batch=5))

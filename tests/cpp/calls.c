@@ -7,8 +7,8 @@
 
 static shm_calls_msgs_Ask_server server;
 static shm_calls_msgs_Ask_client client;
-static shm_calls_msgs_Count_server counter;
-static shm_calls_msgs_Count_client goals;
+static shm_calls_msgs_Count_action_server counter;
+static shm_calls_msgs_Count_action_client goals;
 
 static void say(shmgen_status status)
 {
@@ -43,21 +43,21 @@ static void count(const shm_calls_msgs_Count_Goal *goal)
     uint32_t reached = 0;
     int8_t how = SHMGEN_GOAL_SUCCEEDED;
     if (goal->stride == 0) {
-        shm_calls_msgs_Count_server_end(&counter, SHMGEN_GOAL_REJECTED, NULL, SHMGEN_MS);
+        shm_calls_msgs_Count_action_server_end(&counter, SHMGEN_GOAL_REJECTED, NULL, SHMGEN_MS);
         return;
     }
     while (reached < goal->target && how == SHMGEN_GOAL_SUCCEEDED) {
-        if (shm_calls_msgs_Count_server_is_cancel_requested(&counter)) {
+        if (shm_calls_msgs_Count_action_server_is_cancel_requested(&counter)) {
             how = SHMGEN_GOAL_CANCELED;
         } else {
             reached += goal->stride;
             progress.feedback.position = reached;
-            shm_calls_msgs_Count_server_feedback(&counter, &progress, SHMGEN_MS);
+            shm_calls_msgs_Count_action_server_feedback(&counter, &progress, SHMGEN_MS);
             shmgen_pause(SHMGEN_MS);
         }
     }
     outcome.result.reached = reached;
-    shm_calls_msgs_Count_server_end(&counter, how, &outcome, SHMGEN_MS);
+    shm_calls_msgs_Count_action_server_end(&counter, how, &outcome, SHMGEN_MS);
 }
 
 static shmgen_status act(int64_t ns)
@@ -65,10 +65,10 @@ static shmgen_status act(int64_t ns)
     const int64_t end = shmgen_until(ns);
     for (;;) {
         shm_calls_msgs_Count_Command command;
-        const shmgen_status status = shm_calls_msgs_Count_server_take(&counter, &command, shmgen_left(end));
+        const shmgen_status status = shm_calls_msgs_Count_action_server_take(&counter, &command, shmgen_left(end));
         if (status != SHMGEN_OK)
             return status;
-        shm_calls_msgs_Count_server_accept(&counter, shmgen_left(end));
+        shm_calls_msgs_Count_action_server_accept(&counter, shmgen_left(end));
         count(&command.goal);
     }
 }
@@ -97,7 +97,7 @@ static void look(void)
 {
     static int status;
     shm_calls_msgs_Count_Progress progress;
-    if (shm_calls_msgs_Count_client_progress(&goals, &progress) != SHMGEN_OK) {
+    if (shm_calls_msgs_Count_action_client_progress(&goals, &progress) != SHMGEN_OK) {
         printf("%d\n", status);
     } else if ((status = progress.status) == SHMGEN_GOAL_ACCEPTED) {
         printf("%d\n", status);
@@ -109,7 +109,7 @@ static void look(void)
 static void end(long ms)
 {
     shm_calls_msgs_Count_Outcome outcome;
-    const shmgen_status status = shm_calls_msgs_Count_client_wait(&goals, &outcome, ms * SHMGEN_MS);
+    const shmgen_status status = shm_calls_msgs_Count_action_client_wait(&goals, &outcome, ms * SHMGEN_MS);
     if (status == SHMGEN_OK)
         printf("0 %d %u\n", outcome.status, (unsigned)outcome.result.reached);
     else
@@ -133,21 +133,21 @@ int main(void)
             say(serve(one * SHMGEN_MS));
             shm_calls_msgs_Ask_server_close(&server);
         } else if (strcmp(verb, "act") == 0) {
-            say(shm_calls_msgs_Count_server_open(&counter, topic, NULL));
+            say(shm_calls_msgs_Count_action_server_open(&counter, topic, NULL));
             say(act(one * SHMGEN_MS));
-            shm_calls_msgs_Count_server_close(&counter);
+            shm_calls_msgs_Count_action_server_close(&counter);
         } else if (strcmp(verb, "client") == 0) {
             say(shm_calls_msgs_Ask_client_open(&client, topic, NULL));
         } else if (strcmp(verb, "goals") == 0) {
-            say(shm_calls_msgs_Count_client_open(&goals, topic, NULL));
+            say(shm_calls_msgs_Count_action_client_open(&goals, topic, NULL));
         } else if (strcmp(verb, "ready") == 0) {
             printf("%d\n", shmgen_client_wait_for_server(&client.end, one * SHMGEN_MS) == SHMGEN_OK);
         } else if (strcmp(verb, "goal") == 0) {
             command.goal.target = (uint32_t)one;
             command.goal.stride = (uint32_t)two;
-            say(shm_calls_msgs_Count_client_send_goal(&goals, &command, three * SHMGEN_MS));
+            say(shm_calls_msgs_Count_action_client_send_goal(&goals, &command, three * SHMGEN_MS));
         } else if (strcmp(verb, "cancel") == 0) {
-            say(shm_calls_msgs_Count_client_cancel(&goals));
+            say(shm_calls_msgs_Count_action_client_cancel(&goals));
         } else if (strcmp(verb, "progress") == 0) {
             look();
         } else if (strcmp(verb, "result") == 0) {
@@ -158,6 +158,6 @@ int main(void)
         fflush(stdout);
     }
     shm_calls_msgs_Ask_client_close(&client);
-    shm_calls_msgs_Count_client_close(&goals);
+    shm_calls_msgs_Count_action_client_close(&goals);
     return 0;
 }

@@ -133,7 +133,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size
     stage.subscriber.c().last = stage.in_c.end.last = size > 0 ? data[size - 1] % 12u : 0;
     if (std::getenv("PLANTED") != nullptr) {
         shm_demo_msgs_Everything copy;
-        const std::size_t slot = shmgen_slot_of(&stage.in_c.end.end, 11);
+        const std::size_t slot = shmgen_slot_of(&stage.in_c.end.end, 11, 0);
         std::memcpy(&copy, base + slot + SHMGEN_SLOT_HEADER, sizeof copy);
         use(copy);
         return 0;
@@ -141,8 +141,10 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size
     read_all(stage);
     if (stage.publisher.is_open()) {
         const std::uint32_t sequence = stage.publisher.c().sequence;
-        std::memcpy(&stage.publisher.c().sequence, base + SHMGEN_AT(completed), sizeof sequence);
+        std::memcpy(&stage.publisher.c().sequence, base + SHMGEN_AT(completed0), sizeof sequence);
         shmgen_store(&stage.publisher.c().end, SHMGEN_AT(writer), pid); // else it would be lost, for good
+        shmgen_store(&stage.publisher.c().end, SHMGEN_AT(turn), stage.publisher.c().turn);
+        shmgen_store(&stage.publisher.c().end, SHMGEN_AT(retired), 0);
         (void)!stage.publisher.try_publish(Everything());
         stage.publisher.c().sequence = sequence;
         read_all(stage);

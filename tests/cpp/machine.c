@@ -65,7 +65,7 @@ static int self(const char *topic)
 
 static int echo(const char *topic, int count, uint32_t sequence)
 {
-    shmgen_type type = shm_demo_msgs_Demo_type();
+    shmgen_type type = shmgen_type_of_shm_demo_msgs_Demo();
     shmgen_publisher out;
     shmgen_subscriber in;
     shm_demo_msgs_Demo found;

@@ -1,6 +1,6 @@
 /* In which order the shipped ends load and store the words that others look at, where they copy, and where nothing may pass.
  *
- *   order TOPIC      prints a line for each call: `begun` is a load, `begun=` a store, `|acquire` a fence, `copy` a payload
+ *   order TOPIC      prints a line for each call: `turn` is a load, `turn=` a store, `|acquire` a fence, `copy` a payload
  */
 #include "shm_plc_demo/shmgen.h"
 
@@ -18,8 +18,8 @@ static void note(const void *at, const char *how)
         const char *name;
     } words[] = {
 #define WORD(name) {offsetof(shmgen_region, name), #name}
-        WORD(magic),     WORD(writer),      WORD(begun),      WORD(completed),  WORD(heartbeat),
-        WORD(lock_holder), WORD(recoveries), WORD(armed), WORD(lock_count), WORD(missed),
+        WORD(magic),       WORD(writer),     WORD(completed0), WORD(completed1), WORD(turn),   WORD(left), WORD(heartbeat),
+        WORD(lock_holder), WORD(recoveries), WORD(armed),      WORD(lock_count), WORD(missed), WORD(bell),
     };
     const size_t offset = (size_t)((const unsigned char *)at - region);
     if (quiet)
@@ -57,7 +57,7 @@ static shm_demo_msgs_Demo message;
 static void look(const char *name, shmgen_status (*call)(void))
 {
     printf("%s:", name);
-    slot_seen = shmgen_slot_of(&publisher.end.end, 1);
+    slot_seen = shmgen_slot_of(&publisher.end.end, 1, 0);
     quiet = 0;
     shmgen_status status = call();
     quiet = 1;
@@ -79,7 +79,9 @@ static shmgen_status borrow(void)
 
 static shmgen_status sleep_until_posted(void)
 {
-    shmgen_sleep(&subscriber.end, 0, 1);
+    shmgen_subscriber *waits = &subscriber.end;
+    subscriber.end.last = 0;
+    shmgen_sleep(&waits, 1, 0);
     return SHMGEN_OK;
 }
 

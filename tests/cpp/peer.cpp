@@ -75,7 +75,7 @@ struct InSequence : InC {
     shmgen_status open(const std::string &topic, bool writes, const shmgen::Options &options, bool) override
     {
         const shmgen_options wanted = options.c();
-        shmgen_type type = shm_demo_msgs_Demo_type();
+        shmgen_type type = shmgen_type_of_shm_demo_msgs_Demo();
         type.sequence = 1;
         end.writes = writes;
         return writes ? shmgen_publisher_open(&end.publisher.end, topic.c_str(), &type, &wanted)
@@ -258,7 +258,7 @@ std::string answer(std::map<std::string, std::unique_ptr<End>> &ends, const std:
         return "";
     }
     if (verb == "enter") // and stays inside
-        return std::to_string(shmgen_enter(&end.subscriber().end, end.subscriber().end.limit));
+        return std::to_string(shmgen_enter(&end.subscriber().end, ns > 0 ? ns : end.subscriber().end.limit));
     if (verb == "strict") { // from now on any system call but a write ends this process, by SIGKILL
         End &reader = *ends.at("r");
         Value value{};

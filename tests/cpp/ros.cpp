@@ -83,7 +83,42 @@ static void markers()
     CHECK(!shmgen::from_ros(theirs, ours) && ours.lifetime.time() == std::chrono::milliseconds(4294967295));
 }
 
-int main()
+#if ROS == 2
+// What Lyrical's rosidl::Buffer<uint8_t> has of all this: off the CPU it throws.
+struct Buffer {
+    using value_type = std::uint8_t;
+    std::vector<std::uint8_t> bytes;
+    std::string backend = "cpu";
+    bool lost = false;
+    const std::vector<std::uint8_t> &here() const { return backend == "cpu" ? bytes : throw std::runtime_error(backend); }
+    std::string get_backend_type() const { return backend; }
+    std::size_t size() const { return bytes.size(); }
+    const std::uint8_t *begin() const { return here().data(); }
+    std::vector<std::uint8_t> to_vector() const { return lost ? throw std::runtime_error("lost") : bytes; }
+    template <class It> void assign(It first, It last)
+    {
+        here();
+        bytes.assign(first, last);
+    }
+};
+
+static void buffers()
+{
+    marker::Marker ours;
+    for (const char *backend : {"cpu", "cuda"}) {
+        Buffer theirs{{1, 2, 3}, backend};
+        CHECK(shmgen::from_ros(theirs, ours.texture.data) && ours.texture.data.size() == 3 && ours.texture.data[2] == 3);
+        ours.texture.data.push_back(4);
+        shmgen::to_ros(ours.texture.data, theirs);
+        CHECK(theirs.backend == "cpu" && theirs.bytes.size() == 4);
+        theirs = Buffer{std::vector<std::uint8_t>(1000), backend};
+        CHECK(!shmgen::from_ros(theirs, ours.texture.data) && !ours.texture.data.fits());
+    }
+    CHECK(!shmgen::from_ros(Buffer{{1}, "cuda", true}, ours.texture.data) && !ours.texture.data.fits());
+}
+#endif
+
+int main(int, [[maybe_unused]] char **argv)
 {
     joints();
     markers();
@@ -113,10 +148,17 @@ int main()
     Adapter::convert_to_ros_message(custom, message);
     CHECK(message.position.at(0) == 4.0);
     message.name.assign(100, "x");
+    Adapter::convert_to_custom(message, custom); // it must not end spin()
+    CHECK(!custom.name.fits() && Adapter::misfits() == 1);
+    sensor::JointStatePublisher publisher(argv[1]);
+    CHECK(publisher.publish(custom) == SHMGEN_COUNT_EXCEEDED && publisher.rejected() == "name");
+    shmgen::adapters_throw = true;
     try {
         Adapter::convert_to_custom(message, custom);
         CHECK(false);
     } catch (const std::range_error &) {
+        CHECK(Adapter::misfits() == 2);
     }
+    buffers();
 #endif
 }

@@ -136,7 +136,7 @@ def test_cpp_serves_python_and_takes_no_old_call(serve: Callable[[str, str], Any
         process = serve("cpp", "Ask")
         assert client.wait_for_server(20)
         time.sleep(0.1)
-        assert Memory(topic, "-response")["completed"] == 0, "the old call was served"
+        assert Memory(topic, "-response")["completed0"] == 0, "the old call was served"
         assert [client.call(srv.Ask_Request(question=n), timeout=20).answer for n in range(50)] == [
             3 * n + 1 for n in range(50)
         ]

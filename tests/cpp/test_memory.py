@@ -16,7 +16,7 @@ pytestmark = pytest.mark.skipif(shutil.which("g++") is None or shutil.which("nm"
 ASKED = {
     "copying": "memcpy memset memcmp memchr strlen strcmp strncmp strcasecmp strcpy strncpy strcat",
     "compiling": "__stack_chk_fail _GLOBAL_OFFSET_TABLE_",
-    "regions": "shm_open shm_unlink mmap munmap ftruncate posix_fallocate fstat fcntl pread close",
+    "regions": "shm_open shm_unlink mmap munmap ftruncate posix_fallocate fstat fcntl pread pwrite close",
     "access": "fchmod fchown getegid geteuid getgrgid_r getgrnam_r getgroups getpwuid_r madvise",
     "locks": "sem_open sem_close sem_unlink sem_trywait sem_clockwait sem_getvalue sem_post sem_init",
     "times": "clock_gettime nanosleep sched_yield",

@@ -12,16 +12,16 @@ from ..support import cpp_peer
 from ..support.cpp_peer import HERE
 
 ORDER = """
-publish: lock_count lock_count= lock_holder= writer heartbeat= begun= |RELEASE number= copy writer completed= \
-lock_holder= armed
-read: completed begun number copy |ACQUIRE begun number
-borrow: completed begun number copy |ACQUIRE begun number
-sleep: armed armed= |SEQ_CST completed armed=
+publish: lock_count lock_count= lock_holder= writer turn heartbeat= number= |RELEASE copy writer turn number= \
+completed0= lock_holder= armed
+read: completed0 completed1 number copy |ACQUIRE number
+borrow: completed0 completed1 number copy |ACQUIRE number |ACQUIRE number
+sleep: writer bell armed= |SEQ_CST completed0 completed1
 take over: lock_holder lock_count lock_count= lock_holder= recoveries recoveries=
 take over what has changed: lock_holder -> the lock was not free in time
 """
-"""docs/protocol.md says why: who enters counts before it signs; `begun`, then the number, then the bytes; the reader
-looks again behind its copy, and nothing passes the fence between."""
+"""docs/protocol.md says why: who enters counts before it signs; the number is cleared, then the bytes, then the number,
+then `completed`; the reader looks again behind its copy, and nothing passes the fence between."""
 
 
 @pytest.mark.skipif(os.uname().machine != "x86_64", reason="elsewhere a read takes the lock")

@@ -7,12 +7,14 @@ import os
 import signal
 import struct
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
 from shmgen.runtime import ClaimLost, LayoutMismatch, RegionInUse, region_name
+from shmgen.runtime.region.looks import WRITER_LOCK, lock_byte
 
 from ..support.cpp_peer import Peer
 from ..support.plc_demo import CLAIM, CONFIRM, SLOTS, Clock, Demo, Memory, semaphore
@@ -29,6 +31,14 @@ def file_of(topic: str) -> Path:
 
 def semaphore_of(topic: str) -> Path:
     return Path("/dev/shm") / f"sem.{region_name(topic)}"
+
+
+@contextmanager
+def writes(topic: str) -> Iterator[None]:
+    """Somebody does, whose region nobody replaces."""
+    with file_of(topic).open("r+b") as held:
+        assert lock_byte(held.fileno(), WRITER_LOCK)
+        yield
 
 
 # --- what is there already --------------------------------------------------------------------------
@@ -65,9 +75,9 @@ def test_another_layout_or_depth(language: str, peer: Start, demo: Demo, topic: 
     process = peer(language)
     with demo.python.OtherSubscriber(topic):
         assert process.opens("x", "sub", topic) == DIGEST
-    with demo.python.DemoSubscriber(f"{topic}/deep", depth=4):
+    with demo.python.DemoPublisher(f"{topic}/deep", depth=4):
         assert process.opens("x", "pub", f"{topic}/deep") == DEPTH
-        assert process.opens("x", "pub", f"{topic}/deep", "depth=4") == 0
+    assert process.opens("x", "pub", f"{topic}/deep", "depth=4") == 0
     assert process.opens("y", "sub", f"{topic}/ours") == 0
     with pytest.raises(LayoutMismatch):
         demo.python.OtherSubscriber(f"{topic}/ours")
@@ -89,13 +99,14 @@ def test_each_word_that_the_maker_writes_is_looked_at(language: str, peer: Start
     process = peer(language)
     assert process.opens("x", "sub", topic) == 0
     data = file_of(topic).read_bytes()
-    for offset, status in WORDS.items():
-        file_of(topic).write_bytes(data[:offset] + bytes([data[offset] ^ 0x41]) + data[offset + 1 :])
-        assert (offset, process.opens("y", "sub", topic)) == (offset, status)
-        assert process.opens("y", "pub", topic) == status
-    for size in (192, len(data) + 4096):
-        file_of(topic).write_bytes(data.ljust(size, b"\0")[:size])
-        assert process.opens("y", "sub", topic) == SIZE
+    with writes(topic):
+        for offset, status in WORDS.items():
+            file_of(topic).write_bytes(data[:offset] + bytes([data[offset] ^ 0x41]) + data[offset + 1 :])
+            assert (offset, process.opens("y", "sub", topic)) == (offset, status)
+            assert process.opens("y", "pub", topic) == status
+        for size in (192, len(data) + 4096):
+            file_of(topic).write_bytes(data.ljust(size, b"\0")[:size])
+            assert process.opens("y", "sub", topic) == SIZE
     file_of(topic).write_bytes(b"\0" * 4096)  # made by one who died before his header
     assert process.opens("y", "sub", topic) == 0
     assert file_of(topic).read_bytes()[:32] == data[:32]
@@ -118,12 +129,14 @@ def test_a_region_that_a_runtime_has_rounded_up_to_larger_pages(language: str, p
             assert found
             assert (found[0], file_of(topic).stat().st_size) == (str(page), page)
             process.does("close w"), process.does("close r")
-        for at in (len(data), page - 1):
-            file_of(topic).write_bytes(data.ljust(at, b"\0") + b"1".ljust(page - at, b"\0"))
-            assert (at, process.opens("x", "sub", topic)) == (at, SIZE)
-    for size in (8192, 3 * 16384):
-        file_of(topic).write_bytes(data.ljust(size, b"\0"))
-        assert (size, process.opens("x", "sub", topic)) == (size, SIZE)
+        with writes(topic):
+            for at in (len(data), page - 1):
+                file_of(topic).write_bytes(data.ljust(at, b"\0") + b"1".ljust(page - at, b"\0"))
+                assert (at, process.opens("x", "sub", topic)) == (at, SIZE)
+    with writes(topic):
+        for size in (8192, 3 * 16384):
+            file_of(topic).write_bytes(data.ljust(size, b"\0"))
+            assert (size, process.opens("x", "sub", topic)) == (size, SIZE)
 
 
 def test_what_is_no_file_of_ours(language: str, peer: Start, topic: str, tmp_path: Path) -> None:
@@ -178,7 +191,7 @@ def test_one_writer_among_processes(language: str, peer: Start, demo: Demo, topi
         assert other.opens("w", "pub", topic) == IN_USE
     assert other.opens("w", "pub", topic) == 0
     assert other.does("publish w 2") == 0
-    assert Memory(topic)["completed"] == 2
+    assert Memory(topic)["completed0"] == 2
 
 
 def test_a_plc_is_watched_and_its_numbers_left_to_it(
@@ -199,7 +212,8 @@ def test_a_plc_is_watched_and_its_numbers_left_to_it(
         pass
     assert (status, process.does("publish w 1")) == (0, 0)
     assert 1.1 <= time.monotonic() - begun < 5
-    assert Memory(topic)["completed"] == first + 1 + SLOTS + 1
+    memory = Memory(topic)  # the PLC's next number is left out, and that in whose slot of this lane nothing lies
+    assert (memory["completed0"], memory["completed1"]) == (first + 1, first + 1 + 2)
     assert (block().xSent, block.eErrorID) == (False, "WRITER_IN_USE")
     assert Memory(topic)["writer"] == process.pid
 
@@ -220,12 +234,11 @@ def test_who_has_lost_writes_nothing_more(language: str, peer: Start, demo: Demo
         block.Msg.a = 9
         block()
     assert block.xSent
-    newest = Memory(topic)["completed"]
+    newest = Memory(topic)["completed1"]
     process.process.send_signal(signal.SIGCONT)
     assert (process.does("complete w"), process.does("publish w 3"), process.does("step w")) == (LOST, LOST, LOST)
-    assert Memory(topic)["completed"] == newest
-    slot = 192 + 2 % SLOTS * 128
-    assert newest > 2 + SLOTS
+    assert (Memory(topic)["completed0"], Memory(topic)["completed1"]) == (1, newest)
+    slot = 192 + 2 % SLOTS * 128  # that of the copy it was in; the PLC's lie in the other lane
     assert struct.unpack_from("<I", Memory(topic).bytes(), slot + 8) == (0,)
     with demo.python.DemoSubscriber(topic) as subscriber:
         assert subscriber.read().a == 9
@@ -237,9 +250,9 @@ def test_a_claim_is_lost_between_two_samples(language: str, peer: Start, demo: D
     for call in ("publish w 1", "heartbeat w"):
         assert process.opens("w", "pub", topic) == 0
         memory = Memory(topic)
-        before, memory["writer"] = (memory["begun"], memory["heartbeat"]), 0xFFFFFFFF
+        before, memory["writer"] = (memory.bytes()[192:], memory["heartbeat"]), 0xFFFFFFFF
         assert (process.does(call), process.does("publish w 2")) == (LOST, LOST)
-        assert (memory["begun"], memory["heartbeat"]) == before
+        assert (memory.bytes()[192:], memory["heartbeat"]) == before
         memory["writer"] = 0
     with demo.python.DemoPublisher(topic) as publisher:  # its record lock is given back
         Memory(topic)["writer"] = process.pid
@@ -268,6 +281,17 @@ def test_a_lock_heals(language: str, peer: Start, demo: Demo, topic: str) -> Non
     assert Memory(topic)["lock_holder"] == 0
     with demo.python.DemoSubscriber(topic) as subscriber:
         assert subscriber.read().a == a
+
+
+def test_a_limit_of_many_seconds_waits_no_longer_for_a_dead_holder(peer: Start, topic: str) -> None:
+    process, dead = peer("c"), peer("c")
+    assert (process.opens("r", "sub", topic), dead.opens("x", "sub", topic)) == (0, 0)
+    assert dead.ask("enter x") == "1"
+    dead.kill()
+    begun = time.monotonic()
+    assert process.ask("enter r 20000") == "1"
+    assert time.monotonic() - begun < 10
+    assert Memory(topic)["recoveries"] == 1
 
 
 def test_a_reader_leaves_the_lock_alone(language: str, peer: Start, topic: str) -> None:
@@ -321,7 +345,7 @@ def test_a_new_region_counts_from_one_again(language: str, peer: Start, topic: s
         assert process.does(f"publish w {a}") == 0
     assert process.reads("read r") is not None
     memory = Memory(topic)
-    memory["begun"] = memory["completed"] = 3
+    memory["completed0"] = 3
     memory.poke(192 + 128 + 8, struct.pack("<I", 3))  # in the slot of 7
     assert process.ask("all r") == "0 7"
     assert process.ask("figures r").split()[:2] == ["3", "7"]

@@ -46,7 +46,7 @@ def of_ros2() -> list[Path]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("ros", [1, 2])
-def test_messages_go_to_ros_and_back(tmp_path: Path, ros: int) -> None:
+def test_messages_go_to_ros_and_back(tmp_path: Path, topic: str, ros: int) -> None:
     if shutil.which("g++") is None:
         pytest.skip("g++ is not installed")
     headers = of_ros1() if ros == 1 else of_ros2()
@@ -58,10 +58,10 @@ def test_messages_go_to_ros_and_back(tmp_path: Path, ros: int) -> None:
     ours = [tmp_path / "made" / root for root in ("cpp", f"cpp_ros{ros}")]
     command = ["g++", "-std=c++17", "-O1", "-Wall", "-Wextra", "-Wconversion", "-Werror", f"-DROS={ros}"]
     where = [f"-I{folder}" for folder in (*ours, tmp_path / "stub")] + [f"-isystem{folder}" for folder in headers]
-    program, libraries = tmp_path / "ros", ["-lrostime"] if ros == 1 else []
+    program, libraries = tmp_path / "ros", ["-lrostime"] if ros == 1 else ["-pthread", "-lrt"]
     done = subprocess.run(
         [*command, *where, HERE / "ros.cpp", "-o", program, *libraries], capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr[:4000]
-    done = subprocess.run([program], capture_output=True, text=True)
+    done = subprocess.run([program, topic], capture_output=True, text=True, timeout=60)
     assert (done.returncode, done.stdout) == (0, "")

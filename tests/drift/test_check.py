@@ -48,7 +48,7 @@ def check(folder: Path, options: str = "") -> Result:
 
 
 def test_clean(folder: Path) -> None:
-    assert check(folder) == (0, "generated: up to date, 2 messages in 21 files\n", "")
+    assert check(folder) == (0, "generated: up to date, 2 messages in 22 files\n", "")
     assert check(folder, "--format github") == (0, "", "")
     assert json.loads(check(folder, "--json").stdout) == {"worst": None, "findings": []}
 
@@ -233,14 +233,15 @@ def test_a_run_killed_between_two_renames(folder: Path, renames: int) -> None:
     assert run(["generate", "-q"], folder.parent / "whole").code == 0
     new = tree(folder.parent / "whole" / "generated")
     code = f"""
-import os, pathlib, signal
-left, replace = {renames}, pathlib.Path.replace
-def counted(self, target):
+import os, signal
+left, replace = {renames}, os.replace
+def counted(source, *others, **keywords):
     global left
-    if not left: os.kill(os.getpid(), signal.SIGKILL)
-    left -= 1
-    return replace(self, target)
-pathlib.Path.replace = counted
+    if str(source).endswith(".tmp"):
+        if not left: os.kill(os.getpid(), signal.SIGKILL)
+        left -= 1
+    return replace(source, *others, **keywords)
+os.replace = counted
 from shmgen.cli import main
 main.main()
 """
@@ -257,11 +258,13 @@ main.main()
 # --- a check that was clean before ------------------------------------------------------------------------
 
 
-def recalled(folder: Path, options: str = "") -> Result:
-    """In a process of its own, without leave to load what makes a check in full."""
+def recalled(folder: Path, options: str = "", command: str = "check", **environment: str) -> Result:
+    """In a process of its own, without leave to load what runs the command in full."""
     code = "import sys; sys.modules['shmgen.cli'] = None; from shmgen.__main__ import main; main()"
-    command = [sys.executable, "-c", code, "check", *options.split()]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    words = [sys.executable, "-c", code, *command.split(), *options.split()]
+    done = subprocess.run(
+        words, cwd=folder, env={**os.environ, **environment}, capture_output=True, text=True, check=False
+    )
     return Result(done.returncode, done.stdout, done.stderr)
 
 
@@ -270,11 +273,11 @@ def remembered(folder: Path) -> Path:
     """A clean check, after the moment in which a file might still have been written."""
     time.sleep(3 * check_cache._TICK / 1e9)
     assert check(folder).code == 0
-    assert recalled(folder) == (0, "generated: up to date, 2 messages in 21 files\n", "")
+    assert recalled(folder) == (0, "generated: up to date, 2 messages in 22 files\n", "")
     return folder
 
 
-@pytest.mark.parametrize(
+CHANGES = pytest.mark.parametrize(
     ("path", "text"),
     [
         ("msgs/demo_msgs/msg/Arm.msg", "float32[<=9] joints\n"),
@@ -288,10 +291,76 @@ def remembered(folder: Path) -> Path:
         ("generated/layout.lock", ""),
     ],
 )
+
+
+@CHANGES
 def test_whatever_changes_the_check_is_made_anew(remembered: Path, path: str, text: str) -> None:
     write(remembered, {path: text})
     assert recalled(remembered).code == 1
     assert recalled(remembered, "--json").code == 1
+
+
+@pytest.fixture
+def generated(folder: Path) -> Path:
+    """A generate with nothing to do."""
+    time.sleep(3 * check_cache._TICK / 1e9)
+    said = run(["generate"], folder)
+    assert recalled(folder, command="generate") == said == (0, "generated: 0 files written, 22 unchanged\n", "")
+    return folder
+
+
+@CHANGES
+def test_whatever_changes_generate_runs(generated: Path, path: str, text: str) -> None:
+    write(generated, {path: text})
+    assert recalled(generated, command="generate").code == 1
+
+
+def test_what_generate_has_just_written_is_not_remembered(folder: Path) -> None:
+    write(folder, {"msgs/demo_msgs/msg/Arm.msg": f"{ARM}bool last\n"})
+    time.sleep(3 * check_cache._TICK / 1e9)
+    assert run(["generate", "-q"], folder).code == 0
+    assert recalled(folder, "-q", "generate").code == 1
+
+
+def test_a_depfile_that_is_gone_is_written_again(generated: Path) -> None:
+    command = ["generate", "-q", "--depfile", "X.d"]
+    assert run(command, generated).code == 0
+    time.sleep(3 * check_cache._TICK / 1e9)
+    assert run(command, generated).code == 0
+    assert recalled(generated, "", " ".join(command)) == (0, "", "")
+    (generated / "X.d").unlink()
+    assert recalled(generated, "", " ".join(command)).code == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "at", "shell", "known"),
+    [
+        ("shmgen gen", "1", "bash", True),
+        ("shmgen check --fa", "2", "zsh", True),
+        ("shmgen ge", "ge", "fish", True),
+        ("shmgen show geometry_msgs/Po", "2", "bash", False),
+        ("shmgen show ", "", "fish", False),
+        ("shmgen echo /a --field x", "4", "bash", False),
+    ],
+)
+def test_what_completes_a_command_or_an_option_is_remembered(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, words: str, at: str, shell: str, known: bool
+) -> None:
+    for name, value in {"COMP_WORDS": words, "COMP_CWORD": at, "_SHMGEN_COMPLETE": f"{shell}_complete"}.items():
+        monkeypatch.setenv(name, value)
+    program = "import sys; sys.argv[0] = 'shmgen'; from shmgen.__main__ import main; main()"
+    done = subprocess.run([sys.executable, "-c", program], cwd=folder, capture_output=True, text=True, check=True)
+    again = recalled(folder, command="")
+    assert (again.code == 0) == known
+    assert not known or again.stdout == done.stdout
+
+
+def test_the_version_is_remembered_for_each_engine(folder: Path) -> None:
+    said = run(["--version"], folder)
+    command = [sys.executable, "-m", "shmgen", "--version"]
+    first = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True).stdout
+    assert recalled(folder, "", "--version") == (0, first, "") == said
+    assert recalled(folder, "", "--version", SHMGEN_PURE="1").code == 1
 
 
 def test_a_change_that_keeps_size_and_time_is_seen(remembered: Path) -> None:

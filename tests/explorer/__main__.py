@@ -16,7 +16,7 @@ from typing import Any
 
 from .build import build, explore, generated, instead, missing
 from .faults import FAULTS
-from .scenes import KNOWN, SCENES
+from .scenes import SCENES
 
 
 def main() -> int:
@@ -49,14 +49,12 @@ def _scenes(options: argparse.Namespace, folder: Path) -> int:
     for sync in ("lock", "sequence"):
         texts = generated(folder / sync, sync)
         programs[sync] = build(folder / sync, instead(texts, options.instead) if options.instead else texts)
-    expected = {} if options.instead else {known.scene.name: known.found for known in KNOWN}
     wrong = 0
     for scene in [SCENES[name] for name in options.names or SCENES]:
         verdict, told = explore(programs[scene.sync], ["bits=26", *scene.arguments], options.seconds)
         where = f" [{verdict['schedule']}]" if verdict["found"] else ""
         print(f"{scene.name}: {said(verdict)}{where}", flush=True)
-        complete = bool(verdict["found"] or verdict["complete"])
-        wrong += not complete or verdict["found"].partition(":")[0] != expected.get(scene.name, "")
+        wrong += bool(verdict["found"]) or not verdict["complete"]
         if options.names:
             print(told)
     return wrong

@@ -313,7 +313,7 @@ uint64_t state_hash(void)
 {
     uint64_t hash = mixed(mixed(memory_hash(), files_hash()), (uint64_t)now);
     for (const actor *who = actors; who < actors + actors_count; who++) {
-        hash = mixed(hash, who->learnt * 4 + who->state);
+        hash = mixed(mixed(hash, who->learnt * 4 + who->state), (uint64_t)who->steps); /* some tell it nothing: a close */
         if (who->state == SLEEPS)
             hash = mixed(hash, (uint64_t)who->wake * 8 + (uint64_t)who->woken);
     }

@@ -59,7 +59,7 @@ static void open_quietly(shmgen_block *block)
 
 static shmgen_block *enter_topic(uint32_t *number, bool writes)
 {
-    const shmgen_type type = shm_ex_msgs_Pair_type();
+    const shmgen_type type = shmgen_type_of_shm_ex_msgs_Pair();
     shmgen_block *block = shmgen_block_enter(number, number, true);
     if (block == NULL) {
         block = shmgen_block_open(number, number, &type, writes, TOPIC, strlen(TOPIC), (uint32_t)told("depth", 1));
@@ -104,8 +104,8 @@ static shmgen_block *enter_service(uint32_t *number, bool calls)
     shmgen_interface carries;
     shmgen_block *block = shmgen_block_enter(number, number, true);
     memset(&carries, 0, sizeof carries);
-    carries.request = shmgen_part_of(shm_ex_msgs_Ask_Request_type(), NULL, NULL);
-    carries.response = shmgen_part_of(shm_ex_msgs_Ask_Reply_type(), NULL, NULL);
+    carries.request = shmgen_part_of(shmgen_type_of_shm_ex_msgs_Ask_Request(), NULL, NULL);
+    carries.response = shmgen_part_of(shmgen_type_of_shm_ex_msgs_Ask_Reply(), NULL, NULL);
     if (block == NULL)
         block = shmgen_call_open(number, number, &carries, calls, SERVICE, strlen(SERVICE));
     if (!block->ready)
@@ -169,7 +169,7 @@ const end call_ends[] = {{"block_writer", block_writer}, {"block_reader", block_
 /* The two regions of the service, and a table of blocks with nothing in it. */
 void set_up_calls(void)
 {
-    const shmgen_type types[] = {shm_ex_msgs_Ask_Request_type(), shm_ex_msgs_Ask_Reply_type()};
+    const shmgen_type types[] = {shmgen_type_of_shm_ex_msgs_Ask_Request(), shmgen_type_of_shm_ex_msgs_Ask_Reply()};
     shmgen_subscriber subscriber;
     heap_used = 0;
     memset(shmgen_blocks, 0, sizeof shmgen_blocks);

@@ -17,6 +17,8 @@ bool is_later(uint32_t number, uint32_t than)
 
 void published(uint32_t number, uint64_t content)
 {
+    if (known[CONTENT + number % CONTENTS] != 0 && known[CONTENT + number % CONTENTS] != content)
+        fail("TWO: sample %u is %u, and %u", number, (unsigned)known[CONTENT + number % CONTENTS], (unsigned)content);
     if (is_later(number, (uint32_t)known[NEWEST]))
         known[NEWEST] = number;
     known[TIME + number % CONTENTS] = (uint64_t)now;

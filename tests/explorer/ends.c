@@ -9,7 +9,7 @@ typedef shm_ex_msgs_Pair pair;
 
 static shmgen_type type_of_pair(void)
 {
-    shmgen_type type = shm_ex_msgs_Pair_type();
+    shmgen_type type = shmgen_type_of_shm_ex_msgs_Pair();
     type.sequence = (uint32_t)told("sequence", 0);
     return type;
 }
@@ -222,7 +222,31 @@ static void locker(void)
     }
 }
 
-const end c_ends[] = {{"writer", writer}, {"reader", reader}, {"waiter", waiter}, {"locker", locker}, {NULL, NULL}};
+/* Has a region of its own layout (depth=D) open for `ms`, to write it (writes=1) or to read. It bears the name meanwhile, or
+ * this end is told; where it is written, or only read by others (kept=1), nobody takes its name away. */
+static void holder(void)
+{
+    const bool writes = told("writes", 0) != 0;
+    shmgen_publisher publisher;
+    shmgen_subscriber subscriber;
+    shmgen_link *link = writes ? &publisher.end : &subscriber.end;
+    if ((writes ? open_publisher(&publisher) : open_subscriber(&subscriber)) != SHMGEN_OK)
+        return;
+    for (int64_t left = told("ms", 30); left > 0; left -= 10) {
+        const bool bears_the_name = shmgen_leads_to(link->name, link->file);
+        const bool retired = shmgen_is_retired(link);
+        settle();
+        if (!bears_the_name && !retired)
+            fail("ORPHAN: %c has a region without a name, and was not told", 'A' + self);
+        if ((writes || told("kept", 0)) && retired && stalls == 0)
+            fail("ROBBED: the region of %c was replaced, who lives", 'A' + self);
+        pause_ms(10);
+    }
+    shmgen_link_close(link);
+}
+
+const end c_ends[] = {
+    {"writer", writer}, {"reader", reader}, {"waiter", waiter}, {"locker", locker}, {"holder", holder}, {NULL, NULL}};
 
 /* --- before and after -------------------------------------------------------------------------------------- */
 

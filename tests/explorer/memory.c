@@ -171,30 +171,31 @@ static int size_of_piece(const void *at, size_t left_over)
     return (int)(left_over < room ? left_over : room);
 }
 
-/* A plain access: in pieces, so that others can see a copy half done. */
+/* A plain access: in pieces, so that others can see a copy half done, and be in the middle of one of their own. */
 static void announced(void *start, size_t size, bool stores)
 {
     unsigned char *at = start;
+    piece own[PIECES];
+    int count = 0;
     if (!is_shared(at))
         return;
     settle();
-    is_store = stores;
-    for (int count = 0; size > 0;) {
+    for (; size > 0; count++) {
         const int bytes = size_of_piece(at, size);
-        const uint64_t value = stores ? 0 : load(at, bytes);
         if (count == PIECES)
             fail("a copy of more than %d pieces", PIECES);
-        shown[count] = (piece){at, stores ? 0 : value, bytes};
-        count++;
+        own[count] = (piece){at, stores ? 0 : load(at, bytes), bytes};
         at += bytes;
         size -= (size_t)bytes;
-        if (size == 0)
-            for (int i = shown_count = count; i-- > 0;) { /* only now: others have had their turns in between */
-                const uint64_t shows = stores ? get(shown[i].at, shown[i].size) : shown[i].value;
-                shown[i].value = get(shown[i].at, shown[i].size);
-                __builtin_memcpy(shown[i].at, &shows, (size_t)shown[i].size);
-            }
     }
+    for (int i = 0; i < count; i++) { /* only now: others have had their turns in between */
+        const uint64_t shows = stores ? get(own[i].at, own[i].size) : own[i].value;
+        shown[i] = own[i];
+        shown[i].value = get(own[i].at, own[i].size);
+        __builtin_memcpy(own[i].at, &shows, (size_t)own[i].size);
+    }
+    shown_count = count;
+    is_store = stores;
 }
 
 /* memcpy of the ends (-Dmemcpy=explored_memcpy), piece by piece. */
@@ -275,6 +276,20 @@ ATOMIC(8)
 ATOMIC(16)
 ATOMIC(32)
 ATOMIC(64)
+
+/* Those who wait for a semaphore are counted in its upper half. What was there is looked at by nobody. */
+uint64_t __tsan_atomic64_fetch_add(volatile uint64_t *at, uint64_t value, int order)
+{
+    (void)order;
+    locked();
+    put((const void *)(uintptr_t)at, *at + value, 8);
+    return 0;
+}
+
+uint64_t __tsan_atomic64_fetch_sub(volatile uint64_t *at, uint64_t value, int order)
+{
+    return __tsan_atomic64_fetch_add(at, -value, order);
+}
 
 void __tsan_read_range(void *at, size_t size) { announced(at, size, false); }
 void __tsan_write_range(void *at, size_t size) { announced(at, size, true); }

@@ -43,6 +43,7 @@ static void plc_writer() {
     }
 }
 
+// sees=1: at the end it has read the newest sample.
 static void plc_reader() {
     T_fb_ex_msgs_pair_subscriber block{};
     wait_for_start();
@@ -55,6 +56,8 @@ static void plc_reader() {
         if (block.v_xnewdata.byte) received(block.v_udisequence, block.v_msg.v_a, block.v_msg.v_b);
         if (told("every", 0)) pause_ms(told("every", 0));
     }
+    if (told("sees", 0) && is_later(newest_published(), block.v_udisequence))
+        fail("HIDDEN: %u was published, a PLC has read %u", newest_published(), block.v_udisequence);
 }
 
 // One call after the other for n cycles; each times out after `patience` ms.

@@ -56,7 +56,8 @@ int sem_post(sem_t *semaphore)
     let_out(self);
     put(semaphore, get(semaphore, 4) + 1, 4);
     say("posts %s", name_of(semaphore));
-    wake(semaphore, 1); /* who sleeps in sem_clockwait sees the value; this is for futex_waitv */
+    if (get(semaphore, 8) >> 32 != 0) /* for futex_waitv; who sleeps in sem_clockwait sees the value */
+        wake(semaphore, 1);
     return 0;
 }
 
@@ -106,6 +107,11 @@ long syscall(long number, ...)
         return futex_waitv((const waited *)first, (unsigned)second, (const struct timespec *)fourth);
     if (number == SYS_futex && (second & FUTEX_CMD_MASK) == FUTEX_WAKE)
         return wake((const void *)first, (int)third);
+    if (number == SYS_futex && (second & FUTEX_CMD_MASK) == FUTEX_WAIT) {
+        const waited word = {.value = (uint64_t)third, .at = (uint64_t)first};
+        const struct timespec *ns = (const struct timespec *)fourth, until = {.tv_nsec = ns->tv_nsec + now};
+        return futex_waitv(&word, 1, &until);
+    }
     fail("system call %ld is not explored", number);
     return -1;
 }

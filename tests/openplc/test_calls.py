@@ -216,7 +216,7 @@ def poke(made: Made, topic: str, name: str, field: str) -> None:
         layout = made[2].get(getattr(slot.type, "name", None), layout)  # type: ignore[arg-type]
     memory = Memory(topic, "-response" if name.endswith("_Reply") else "-request")
     words = memoryview(memory.bytes()[:64]).cast("I")
-    memory.poke(abi.HEADER_SIZE + memory["completed"] % memory["slots"] * words[5] + abi.SLOT_HEADER + at, bytes([9]))
+    memory.poke(abi.HEADER_SIZE + memory["completed0"] % memory["slots"] * words[5] + abi.SLOT_HEADER + at, bytes([9]))
 
 
 def test_either_side_starts_anew(block: Any, ros: Any, topic: str) -> None:
@@ -364,11 +364,12 @@ def test_a_block_lets_go(block: Any, plc: Program, topic: str) -> None:
     """And what cannot work is told."""
     every = [block(role) for role in ("Server", "Client", "ActionServer", "ActionClient")]
     assert len(held(topic)) >= 10, "five regions, from two sides"
+    other = opening(plc.block("FB_demo_msgs_Stop_Client", xEnable=True, sService=topic))
+    assert (other.eErrorID, state(other)) == (22, ""), "another service has the name"
+    other(xEnable=False)
     for one in every:
         one(xEnable=False)
         assert (one.xBusy, one.xError, one.eErrorID) == (0, 0, 0)
     assert held(topic) == []
     for name, error in (("", 1), ("//no", 2)):
         assert block("Server", name).eErrorID == block("Client", name).eErrorID == error
-    empty = opening(plc.block("FB_demo_msgs_Stop_Client", xEnable=True, sService=topic))
-    assert (empty.eErrorID, state(empty)) == (22, ""), "another service has the name"

@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import json
+import os
 import re
+import subprocess
+import sys
+import time
 from pathlib import Path
 from typing import Any
+
+import pytest
 
 from shmgen import config
 from shmgen.core.diagnostics import Report
@@ -40,7 +46,7 @@ def test_a_library_says_what_it_holds_and_needs(made: Made) -> None:
     for name, chunk in chunks.items():
         needed = {dep["name"] for dep in chunk["deps"]}
         used = set(re.findall(r"\b(?:ST|FB)_[A-Z0-9_]+\b", chunk["header"])) & set(chunks)
-        used |= {"ST_" + found.upper() for found in re.findall(r"\bshm_(\w+?)_type\(\)", chunk["cpp"])}
+        used |= {"ST_" + found.upper() for found in re.findall(r"\bshmgen_type_of_shm_(\w+)\(\)", chunk["cpp"])}
         assert used - {name} == needed - {"SHMGEN_PROTOCOL"}, name
         assert "#include" not in chunk["header"] + chunk["cpp"], name
 
@@ -145,6 +151,77 @@ def test_a_topic_a_service_and_an_action_are_as_expected(tmp_path: Path, update_
         build.put(found, GOLDEN)
     for name, text in found.items():
         assert text == (GOLDEN / name).read_text(), name
+
+
+OWN = """(* PROGRAM PRG_Old is gone, and 'PROGRAM PRG_Text' is none. *)
+FUNCTION_BLOCK FB_Filter
+VAR_INPUT lrIn : LREAL; END_VAR
+VAR_OUTPUT lrOut : LREAL; END_VAR
+lrOut := lrIn;
+END_FUNCTION_BLOCK
+
+PROGRAM PRG_Cell
+VAR_EXTERNAL
+    GVL_Ros : ST_Ros;
+END_VAR
+GVL_Ros.cell_speed.Msg.now := 1.0; // PROGRAM PRG_Comment
+END_PROGRAM
+
+program prg_second
+END_PROGRAM
+"""
+
+
+def test_own_sources_stand_in_the_upload_and_are_called(tmp_path: Path) -> None:
+    """Behind PRG_Ros, in the order of their files, by the same task; a CODESYS project's files do not change."""
+    more = '[plc]\nsources = ["plc/cell.st"]\n'
+    build.put({"shmgen.toml": CELL + more, "plc/cell.st": OWN, **DEFINITIONS}, tmp_path)
+    texts = pipeline.generate(config.load(tmp_path / "shmgen.toml", "shmgen.toml", Report()), [])
+    for path in ("openplc/PRG_Ros.st", "matiec/upload.st"):
+        before, _, configuration = texts[path].partition("\nCONFIGURATION ")
+        assert before.endswith("END_PROGRAM\n\n" + OWN), path
+        assert re.findall("    PROGRAM (.*);", configuration) == [
+            "Ros WITH RosTask : PRG_Ros",
+            "Run_PRG_Cell WITH RosTask : PRG_Cell",
+            "Run_prg_second WITH RosTask : prg_second",
+        ], path
+    assert "FB_Filter" not in texts["matiec/shm_msgs.st"]
+    open_plc.read(texts["matiec/shm_msgs.st"])
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("PROGRAM Prg_Ros\nEND_PROGRAM\n", "cell.st:1:9: error[SHM203]: there are two programs Prg_Ros"),
+        ("\n  PROGRAM A\nEND_PROGRAM\nPROGRAM a\n", "cell.st:4:9: error[SHM203]: there are two programs a"),
+        ("CONFIGURATION Mine\nEND_CONFIGURATION\n", "cell.st:1:15: error[SHM203]: Mine is a second configuration"),
+        ("(* caf\xe9 *)\n", "cell.st:1:7: error[SHM002]: byte 0xE9 is not UTF-8"),
+        (None, "cell.st: error[SHM001]: cannot read: No such file or directory"),
+    ],
+)
+def test_own_sources_that_cannot_be_taken_are_said(text: str | None, said: str, tmp_path: Path) -> None:
+    build.put({"shmgen.toml": CELL + '[plc]\nsources = ["cell.st"]\n', **DEFINITIONS}, tmp_path)
+    if text is not None:
+        (tmp_path / "cell.st").write_text(text, encoding="latin-1")
+    command = [sys.executable, "-m", "shmgen", "generate", "--no-cache"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=60)
+    assert (done.returncode, done.stderr.splitlines()[0]) == (1, said)
+
+
+def test_a_check_sees_that_an_own_source_changed(tmp_path: Path) -> None:
+    """Also where the check before found nothing, which is remembered."""
+    build.put({"shmgen.toml": CELL + '[plc]\nsources = ["cell.st"]\n', "cell.st": OWN, **DEFINITIONS}, tmp_path)
+
+    def shmgen(*words: str) -> int:
+        environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache")}
+        command = [sys.executable, "-m", "shmgen", *words]
+        return subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, check=False).returncode
+
+    assert shmgen("generate") == 0
+    time.sleep(0.1)  # what was touched just now is not remembered
+    assert [shmgen("check"), shmgen("check")] == [0, 0]
+    (tmp_path / "cell.st").write_text(OWN.replace("1.0", "2.0"))
+    assert shmgen("check") != 0
 
 
 def as_text(library: dict[str, Any]) -> str:

@@ -489,9 +489,9 @@ def _overtake(one: Actor, other: Actor, rng: random.Random) -> None:
 
 
 def _last_sample_is_lost(stage: Stage) -> Iterator[str]:
-    """With no writer about, what `completed` says is what a new reader gets, whole."""
+    """With no writer about, the newest sample is what a new reader gets, whole."""
     with stage.kinds[2](stage.topic, depth=stage.depth, lock_timeout=0) as subscriber:
-        completed = region_of(subscriber).words[33]
+        completed = region_of(subscriber).newest()
         # Where the lock is needed a dead reader may have it, until it is healed.
         message = subscriber.read() or subscriber.wait(PATIENCE)
         if completed and message is None:

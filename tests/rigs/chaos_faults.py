@@ -1,4 +1,4 @@
-"""Turns the protocol into eight wrong ones, which the chaos test must find: each function plants one in this process.
+"""Turns the protocol into seven wrong ones, which the chaos test must find: each function plants one in this process.
 
 All are planted in the reference in Python, which is then the engine of all; the processes that chaos.py forks have
 them too.
@@ -6,14 +6,16 @@ them too.
 
 from __future__ import annotations
 
+import functools
 import os
 import sys
 from collections.abc import Callable
 from typing import Any
 
+from shmgen.core import abi
+from shmgen.runtime.reference import bell, writer
 from shmgen.runtime.reference.lock import Lock
-from shmgen.runtime.reference.region import Region
-from shmgen.runtime.reference.semaphores import PosixSemaphore
+from shmgen.runtime.reference.region import Region, Semaphore
 from shmgen.runtime.region import header as h
 
 from .chaos_mishaps import Interrupted
@@ -25,69 +27,49 @@ PUBLISHER, SUBSCRIBER = 1, 2
 def one_slot(stage: Any) -> None:
     """Every sample lies in slot 0: a writer that dies half-way destroys the last complete one."""
     slot = Region.slot
-    Region.slot = lambda region, number: slot(region, 0)  # type: ignore[method-assign]
+    Region.slot = lambda region, number, lane: slot(region, 0, lane)  # type: ignore[method-assign]
 
 
 def completed_first(stage: Any) -> None:
     """The writer says that a sample is there, and then copies it."""
 
     def plant(publisher: Any) -> None:
-        words = publisher._end.region.words
-        swap_map(publisher, lambda: words.__setitem__(h.COMPLETED, words[h.BEGUN]))
+        end = publisher._end
+        words = end.region.words
+
+        def says() -> None:
+            number, lane = end.sequence + 1, words[h.TURN] % abi.LANES
+            words[end.region.slot(number, lane) // 4 + 2 * h.NUMBER] = words[h.COMPLETED0 + lane] = number
+
+        swap_map(publisher, says)
 
     after_opening(stage, PUBLISHER, plant)
 
 
-def no_begun(stage: Any) -> None:
-    """The writer does not say what it begins."""
+def not_cleared(stage: Any) -> None:
+    """The writer leaves the number of the slot as it is until the copy is made."""
 
     class Words(Wrapped):
         def __setitem__(self, where: int, value: int) -> None:
-            if where != h.BEGUN:
+            if value or where < h.HEADER_SIZE // 4:
                 self.inner[where] = value
 
     after_opening(stage, PUBLISHER, lambda publisher: swap(publisher, "words", Words))
 
 
-def begun_late(stage: Any) -> None:
-    """The writer says what it begins, in `begun` and in the slot, when the copy is made."""
-
-    class Words(Wrapped):
-        def __setitem__(self, where: int, value: int) -> None:
-            if where == h.BEGUN or where >= h.HEADER_SIZE // 4:
-                self.late[where] = value
-                return
-            if where == h.COMPLETED:
-                for begun, number in self.late.items():
-                    self.inner[begun] = number
-                self.late.clear()
-            self.inner[where] = value
-
-        def __init__(self, inner: Any) -> None:
-            super().__init__(inner)
-            self.late: dict[int, int] = {}
-
-    after_opening(stage, PUBLISHER, lambda publisher: swap(publisher, "words", Words))
-
-
-def number_alone(stage: Any) -> None:
-    """The reader looks at the slot's number before the copy, and not at `begun`."""
+def one_look(stage: Any) -> None:
+    """The reader looks at the slot's number before the copy, and not again."""
 
     def plant(subscriber: Any) -> None:
-        words, number = subscriber._end.region.words, 0
+        region = subscriber._end.region
 
-        class Quads(Wrapped):
-            def __getitem__(self, where: int) -> Any:  # the stamp, before the copy
-                nonlocal number
-                number = words[2 * (where + h.NUMBER)]
-                return self.inner[where]
+        def find(number: int) -> int:
+            region.is_whole = functools.partial(Region.is_whole, region)
+            slot = Region.find(region, number)
+            region.is_whole = lambda *_: True
+            return slot
 
-        class Words(Wrapped):
-            def __getitem__(self, where: int) -> Any:
-                return number if where == h.BEGUN or where > h.HEADER_SIZE // 4 else self.inner[where]
-
-        swap(subscriber, "quads", Quads)
-        swap(subscriber, "words", Words)
+        region.find = find
 
     after_opening(stage, SUBSCRIBER, plant)
 
@@ -109,14 +91,15 @@ def claim_kept(stage: Any) -> None:
 
 
 def second_token(stage: Any) -> None:
-    """Who comes out of the lock posts it although there is a token already."""
+    """Who comes out of the lock posts more tokens than it takes back."""
 
     def post(self: Any) -> bool:
-        self._inner.release()
+        for _ in range(3):
+            self._inner.release()
         self.held.clear()
         return True
 
-    PosixSemaphore.post = post  # type: ignore[method-assign]
+    Semaphore.post = post  # type: ignore[method-assign]
 
 
 def lock_lost(stage: Any) -> None:
@@ -131,7 +114,7 @@ def lock_lost(stage: Any) -> None:
     Lock.release = kept  # type: ignore[method-assign]
 
 
-CALM: tuple[Callable[[Any], None], ...] = (one_slot, completed_first, no_begun, begun_late, number_alone)
+CALM: tuple[Callable[[Any], None], ...] = (one_slot, completed_first, not_cleared, one_look)
 """What kills and stops alone bring to light."""
 PLANTED: dict[str, Callable[[Any], None]] = {
     plant.__name__: plant for plant in (*CALM, claim_kept, second_token, lock_lost)
@@ -152,6 +135,16 @@ class Wrapped:
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.inner, name)
+
+
+def _ring(map: Any) -> None:
+    """That of the map itself, whatever stands around it."""
+    while isinstance(map, Wrapped):
+        map = map.inner
+    bell.ring(map)
+
+
+writer.ring = _ring  # type: ignore[attr-defined]
 
 
 def after_opening(stage: Any, which: int, plant: Callable[[Any], None]) -> None:

@@ -16,7 +16,20 @@ import posix_ipc
 from shmgen.runtime import ShmError, read_header, region_name
 from shmgen.runtime.region.names import event_name
 
-_WORDS = ("writer", "begun", "completed", "heartbeat", "lock_holder", "lock_count", "recoveries", "armed", "missed")
+_WORDS = (
+    "writer",
+    "completed0",
+    "completed1",
+    "turn",
+    "left",
+    "heartbeat",
+    "lock_holder",
+    "lock_count",
+    "recoveries",
+    "armed",
+    "missed",
+    "bell",
+)
 
 
 def tells(stage: Any) -> None:

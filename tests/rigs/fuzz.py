@@ -1,13 +1,15 @@
-"""Fuzzes the readers of definitions with atheris, guided by coverage: `make fuzz`.
+"""Fuzzes the readers of definitions, and of the files of others, with atheris, guided by coverage: `make fuzz`.
 
-The seeds are the corpus of real definitions. Each input must end in a schema or in a diagnostic, and soon; every 50th
-that can be read goes through all stages. What fails is kept in .fuzz/.
+The seeds are the corpus of real definitions, and for the others those of tests/support/foreign.py. Each input must end
+in a schema or in a diagnostic, and soon; every 50th definition that can be read goes through all stages. What fails is
+kept in .fuzz/.
 """
 
 from __future__ import annotations
 
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import atheris
@@ -15,6 +17,7 @@ import atheris
 with atheris.instrument_imports(include=["shmgen"]):
     from shmgen.generator import pipeline  # noqa: F401
     from shmgen.targets.st import target as st  # noqa: F401
+    from tests.support import foreign
 
 from tests.conftest import REPOSITORY, SHARED
 from tests.support.definitions import KINDS, SOURCES, TOKENS, Fuzzed, generated, read
@@ -23,21 +26,32 @@ SLOW = 10
 """Seconds for one input, of the wall clock; libFuzzer knows no other."""
 
 
-def main(seconds: int) -> None:
+def main(seconds: int, kind: str) -> None:
     kept = REPOSITORY / ".fuzz"
-    seeds = kept / "seeds"
+    seeds = kept / f"seeds-{kind}"
     seeds.mkdir(parents=True, exist_ok=True)
-    for number, file in enumerate(sorted((SHARED / "corpus").glob("*/*/*/*.[msa]*"))):
-        first = KINDS.index(file.suffix[1:]) + len(KINDS) * ("noetic" in file.parts)
-        (seeds / f"{number:03d}").write_bytes(bytes([first]) + file.read_bytes())
-    dictionary = kept / "words"
-    dictionary.write_text("".join(f'"{escaped(token)}"\n' for token in dict.fromkeys(TOKENS)))
-    options = [f"-max_total_time={seconds}", f"-timeout={SLOW}", f"-artifact_prefix={kept}/", f"-dict={dictionary}"]
-    with tempfile.TemporaryDirectory() as folder:
-        atheris.Setup(
-            [sys.argv[0], *options, "-max_len=4096", "-print_final_stats=1", str(seeds)], Target(Path(folder))
-        )
+    begins = first_seeds() if kind == "definitions" else foreign.seeds(kind)
+    for number, seed in enumerate(begins):
+        (seeds / f"{number:03d}").write_bytes(seed)
+    dictionary = kept / f"words-{kind}"
+    tokens = TOKENS if kind == "definitions" else foreign.TOKENS
+    dictionary.write_text("".join(f'"{escaped(token)}"\n' for token in dict.fromkeys(tokens)))
+    options = [f"-max_total_time={seconds}", f"-timeout={SLOW}", f"-artifact_prefix={kept}/{kind}-"]
+    options += [f"-dict={dictionary}", "-max_len=4096", "-print_final_stats=1", str(seeds)]
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        target: Callable[[bytes], object] = Target(folder)
+        if kind != "definitions":
+            target = lambda data: foreign.read(kind, data, folder)  # noqa: E731
+        atheris.Setup([sys.argv[0], *options], target)
         atheris.Fuzz()
+
+
+def first_seeds() -> list[bytes]:
+    """Real definitions, behind the byte that Target takes."""
+    files = sorted((SHARED / "corpus").glob("*/*/*/*.[msa]*"))
+    firsts = [KINDS.index(file.suffix[1:]) + len(KINDS) * ("noetic" in file.parts) for file in files]
+    return [bytes([first]) + file.read_bytes() for first, file in zip(firsts, files, strict=True)]
 
 
 def escaped(token: str) -> str:
@@ -61,4 +75,4 @@ class Target:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 300)
+    main(int(sys.argv[1]), sys.argv[2])

@@ -81,7 +81,7 @@ def read(readers: list[Any], pid: int, seconds: float) -> int:
     _, status = os.waitpid(pid, 0)
     cycle()
     missed = sum(reader.missed for reader in readers)
-    written = sum(region_of(reader).words[33] for reader in readers)
+    written = sum(region_of(reader).newest() for reader in readers)
     lock_misses = sum(reader.lock_misses for reader in readers)
     print(f"reader: {sum(count)} read, {missed} missed of {written}, {lock_misses} locks not free, {grown.text}")
     return int(os.waitstatus_to_exitcode(status) or grown.kib > GROWTH or sum(count) + missed != written)

@@ -2,10 +2,10 @@
 
     python -m tests.rigs.load_bridge --seconds 30 --backend ros1
 
-First through a plain echo: in rospy, in rclpy of Jazzy with `--backend ros2`, in cyclonedds with `--backend dds`, where
-a second one does not look at the bytes; then through the bridge, the regions, an echo in Python there, and back; and
-once more while calls wait for a PLC that is not there. Exit code 1 if the bridge let a message go that neither came
-nor was counted.
+First through a plain echo: in rospy, in rclpy of Jazzy with `--backend ros2`, in zenoh with `--backend zenoh`, in
+cyclonedds with `--backend dds`, where a second one does not look at the bytes; then through the bridge, the regions, an
+echo in Python there, and back; and once more while calls wait for a PLC that is not there. Exit code 1 if the bridge
+let a message go that neither came nor was counted.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from pathlib import Path
 from typing import Any
 
 from ..conftest import REPOSITORY
-from ..support import ros2
+from ..support import ros2, zenoh
 from ..support.dds import Domain
 from ..support.ros1 import Graph
 
-Ros = Graph | Domain | ros2.Graph
+Ros = Graph | Domain | ros2.Graph | zenoh.Graph
 DEPTH = 255
 """Of each region: a quarter of a second of the fast topic, so that a busy machine has no excuse."""
 RATES = {f"t{number}": 100 for number in range(10)} | {"fast": 1000}
@@ -72,7 +72,7 @@ def main() -> None:
     """Prints a table."""
     parser = argparse.ArgumentParser(description="10 topics at 100 Hz and one at 1 kHz.")
     parser.add_argument("--seconds", type=float, default=30)
-    parser.add_argument("--backend", choices=("ros1", "ros2", "dds"), default="ros1")
+    parser.add_argument("--backend", choices=("ros1", "ros2", "dds", "zenoh"), default="ros1")
     arguments = parser.parse_args()
     seconds = arguments.seconds
     print(f"{'':<22}{'':>8}{'':>8}{'':>9}{'':>6}  {'1 kHz, ms':>16}  {'100 Hz, ms':>16}  CPU of one core")
@@ -100,6 +100,10 @@ def made(backend: str, folder: Path) -> Ros:
     number = 1 + os.getpid() % 100
     if backend == "ros1":
         return Graph(folder)
+    if backend == "zenoh":
+        graph = zenoh.Graph(folder, number)
+        graph.router()
+        return graph
     return ros2.Graph(folder, number) if backend == "ros2" else Domain(folder, number)
 
 

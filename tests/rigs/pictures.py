@@ -1,4 +1,4 @@
-"""Turns figures and screens into the pictures of the documentation: docs/latency.svg, top.svg, view.gif.
+"""Turns figures, blocks and screens into the pictures of the documentation: docs/latency, blocks, top.svg, view.gif.
 
     make pictures
 
@@ -33,21 +33,24 @@ import pyte
 
 from ..conftest import REPOSITORY
 from ..view.browser import Page
+from . import fbd
 
 DOCS = REPOSITORY / "docs"
 _TITLE = re.compile(r"(\d+) bytes at (\d+) Hz")
 _ROW = re.compile(r"  (spin|event|poll) +(.+?) +(\d+\.\d) +(\d+\.\d) +\d+\.\d +\d+\.\d\d +\d+")
 _FONTS = re.compile(r"@font-face \{.*?\}\s*", re.DOTALL)
-_LEFT, _WIDE, _LINE = 170, 560, 20
+_LEFT, _WIDE, _LINE = 190, 530, 20
 _WINDOW = 1234, 436
 """Pixels of the page, and of view.gif."""
-_COLOURS = {"shmgen": "#1b7f4d", "by hand, Python": "#7a9e8a", "C": "#7a9e8a"}
+_COLOURS = {**dict.fromkeys(("shmgen", "C", "C++"), "#1b7f4d"), "by hand": "#7a9e8a"}
 
 
 def main() -> None:
     with suppress(PermissionError):  # for curves without gaps on a busy machine
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(5))
     (DOCS / "latency.svg").write_text(latency((DOCS / "performance.md").read_text()))
+    with tempfile.TemporaryDirectory() as made:
+        (DOCS / "blocks.svg").write_text(fbd.blocks(Path(made)))
     with moving() as folder:
         (DOCS / "top.svg").write_text(top(folder))
         shots = asyncio.run(view(folder))
@@ -59,15 +62,15 @@ def latency(page: str) -> str:
     """Bars to the median, lines to the 99th percentile, in microseconds on a logarithmic axis: 56 bytes, woken."""
     rows = [
         found.groups()
-        for found in map(_ROW.match, page[page.rindex("56 bytes at") : page.rindex("320 bytes at")].splitlines())
+        for found in map(_ROW.match, page[page.rindex("\n56 bytes at") : page.rindex("\n320 bytes at")].splitlines())
         if found
     ]
     rows = [(way, float(median), float(most)) for mode, way, median, most in rows if mode == "event"]
     height = 58 + _LINE * len(rows) + 40
-    decades = range(4)
+    powers = math.ceil(math.log10(max(most for _, _, most in rows)))
 
     def at(value: float) -> float:
-        return round(_LEFT + _WIDE * math.log10(max(1.0, value)) / 3, 1)
+        return round(_LEFT + _WIDE * math.log10(max(1.0, value)) / powers, 1)
 
     parts = [
         '<svg xmlns="http://www.w3.org/2000/svg" font-family="sans-serif" font-size="13"'
@@ -76,7 +79,7 @@ def latency(page: str) -> str:
         '<text x="16" y="24" font-size="15">Age of 56 bytes when a waiting reader has them, 1 kHz, one way</text>',
         '<text x="16" y="42" fill="#555555">bar: median; line: 99 of 100; us, logarithmic; docs/performance.md</text>',
     ]
-    for decade in decades:
+    for decade in range(powers + 1):
         x = at(10**decade)
         parts.append(f'<line x1="{x}" y1="52" x2="{x}" y2="{height - 34}" stroke="#dddddd"/>')
         parts.append(f'<text x="{x}" y="{height - 16}" text-anchor="middle" fill="#555555">{10**decade}</text>')

@@ -3,9 +3,10 @@
     python -m tests.rigs.soak_bridge --seconds 3600 --backend dds --seed 1
 
 26 topics, two services and two actions. A chaos takes topics over as a PLC does, has regions made anew, removed and
-replaced by files that are none, fills /dev/shm, stops and kills peers and the master of ROS 1. It keeps away from the
-topics CALM, whose heartbeat must never stand still for LONGEST; and at the end each message that was sent is in one
-counter of the bridge, everything goes on by itself, and memory and descriptors are what they were.
+replaced by those of another layout and by files that are none, fills /dev/shm, cuts the network, stops and kills peers
+and the master of ROS 1. It keeps away from the topics CALM, whose heartbeat must never stand still for LONGEST; and at
+the end each message that was sent is in one counter of the bridge, everything goes on by itself, and memory and
+descriptors are what they were. Of a heartbeat that stands still for longer the stacks of the bridge's threads are kept.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ from shmgen.runtime.region import header as h
 
 from ..bridge.contract import FIBONACCI
 from ..conftest import REPOSITORY
-from ..support.ros1 import Graph
+from ..support.ros1 import Graph, wait_for
 from ..support.standby import Onlooker, a_plc_writes, file_of, made_anew, words_of
 from .load_bridge import RATES, Ros, busy, made, peer
 
@@ -53,10 +54,13 @@ CALM = [*QUIET, *(name for name in RATES if name not in TOUCHED)]
 WRITTEN = ("calm", "anew")
 """Topics from the PLC that are written here; the region of the second is removed again and again."""
 TYPE = "geometry_msgs/PoseStamped"
+OTHER = "geometry_msgs/Point"
 FILL = "soak_fills_it"
 SHM = 48
 """MiB of the /dev/shm that the rig has for itself."""
 SETTLE = 4.0
+STACKS = 20_000
+"""Characters of stacks that are shown."""
 GROWTH = 12
 """MiB that a bridge may take more at the end than after a third of its time."""
 
@@ -95,10 +99,15 @@ class Stage:
         action = graph.folder / "msgs" / "test_msgs" / "action" / "Fibonacci.action"
         action.parent.mkdir(parents=True)
         action.write_text(FIBONACCI)
+        graph.start, start = self._dumping(graph.start), graph.start  # type: ignore[method-assign]
         self.bridge = graph.bridge(self._config([*RATES, *QUIET], services=True))
+        graph.start = start  # type: ignore[method-assign]
         loaded = load(graph.folder / "shmgen.toml", "shmgen.toml", Report())
         self.session = Session(loaded)
-        self.kind = self.session.classes([TYPE])["geometry_msgs/msg/PoseStamped"]
+        kinds = self.session.classes([TYPE, OTHER])
+        self.kind = kinds["geometry_msgs/msg/PoseStamped"]
+        with publisher(kinds["geometry_msgs/msg/Point"], self.topic("layout"), 3):
+            self.other_layout = file_of(self.topic("layout")).read_bytes()
         (graph.folder / "echo.toml").write_text(self._config([name for name in RATES if name in CALM]))
         self.source = peer(graph, "source", space, str(seconds))
         self.echo, self.caller = self.start_echo(), peer(graph, "caller", space)
@@ -106,6 +115,12 @@ class Stage:
 
     def topic(self, name: str) -> str:
         return f"{self.space}/{name}"
+
+    def touched(self, dice: random.Random) -> str:
+        """A topic that may be touched, as soon as its region is there again."""
+        topic = self.topic(dice.choice(TOUCHED))
+        wait_for(file_of(topic).exists, f"the region of {topic}")
+        return topic
 
     def start_echo(self) -> Any:
         command = [sys.executable, "-m", "tests.rigs.load_bridge_echo", self.graph.folder / "echo.toml", self.space]
@@ -115,6 +130,18 @@ class Stage:
 
     def start_caller(self) -> Any:
         return peer(self.graph, "caller", self.space)
+
+    @property
+    def stacks(self) -> Path:
+        """Where SIGUSR2 has the bridge write where its threads are, whatever holds them."""
+        return self.graph.folder / "stacks"
+
+    def _dumping(self, start: Callable[..., Any]) -> Callable[..., Any]:
+        lines = "import faulthandler, signal", f"faulthandler.register(signal.SIGUSR2, open({str(self.stacks)!r}, 'a'))"
+        (self.graph.folder / "site").mkdir()
+        (self.graph.folder / "site" / "sitecustomize.py").write_text("\n".join(lines))
+        path = f"{self.graph.folder / 'site'}:{REPOSITORY / 'src'}"
+        return lambda command, more=None, **streams: start(command, {**(more or {}), "PYTHONPATH": path}, **streams)
 
     def _config(self, names: list[str], services: bool = False) -> str:
         entries = [(name, "to_plc") for name in names] + [
@@ -179,7 +206,7 @@ class Stage:
 
 
 def take_over(stage: Stage, dice: random.Random) -> None:
-    with a_plc_writes(stage.topic(dice.choice(TOUCHED))):
+    with a_plc_writes(stage.touched(dice)):
         time.sleep(dice.uniform(0.2, 2.5))
 
 
@@ -189,7 +216,7 @@ def make_anew(stage: Stage, dice: random.Random) -> None:
     def by_a_plc(words: memoryview) -> None:
         words[h.WRITER] = h.PLC
 
-    made_anew(stage.topic(dice.choice(TOUCHED)), by_a_plc)
+    made_anew(stage.touched(dice), by_a_plc)
 
 
 def remove(stage: Stage, dice: random.Random) -> None:
@@ -201,11 +228,12 @@ def remove(stage: Stage, dice: random.Random) -> None:
 
 
 def replace(stage: Stage, dice: random.Random) -> None:
-    """By what is no region of that layout, for some time."""
+    """By a region of another layout, or what is none, for some time."""
     names = dice.sample(TOUCHED, dice.choice((1, 3, 5)))
     for name in names:
         other = file_of(stage.topic("other"))
-        other.write_bytes(dice.choice((b"", b"x" * 5000, file_of(stage.topic("q0")).read_bytes()[:700])))
+        cut_off = file_of(stage.topic("q0")).read_bytes()[:700]
+        other.write_bytes(dice.choice((b"", b"x" * 5000, cut_off, stage.other_layout)))
         other.rename(file_of(stage.topic(name)))
     time.sleep(dice.uniform(0.1, 1.5))
     for name in names:
@@ -239,6 +267,13 @@ def kill_a_peer(stage: Stage, dice: random.Random) -> None:
     setattr(stage, name, getattr(stage, f"start_{name}")())
 
 
+def cut_the_network(stage: Stage, dice: random.Random) -> None:
+    """Which is the loopback of the rig's own."""
+    subprocess.run(["ip", "link", "set", "lo", "down"], check=True)
+    time.sleep(dice.uniform(0.1, 1.0))
+    subprocess.run(["ip", "link", "set", "lo", "up"], check=True)
+
+
 def kill_the_master(stage: Stage, dice: random.Random) -> None:
     assert isinstance(stage.graph, Graph)
     stage.graph.stop_master()
@@ -247,17 +282,18 @@ def kill_the_master(stage: Stage, dice: random.Random) -> None:
 
 
 def reload(stage: Stage, dice: random.Random) -> None:
-    """A topic goes and comes back, in a file whose lines have moved."""
+    """A topic, service or action goes and comes back, in a file whose lines have moved."""
     file = stage.graph.folder / "shmgen.toml"
     text = file.read_text()
-    entry = next(part for part in re.split(r"(?=\[\[)", text) if f'"{stage.topic(TOUCHED[0])}_back"' in part)
+    name = stage.topic(dice.choice((f"{TOUCHED[0]}_back", "call", "ask", "do", "seek")))
+    entry = next(part for part in re.split(r"(?=\[\[)", text) if f'"{name}"' in part)
     for now in (text.replace(entry, ""), text):
         file.write_text(now)
         stage.bridge.process.send_signal(signal.SIGHUP)
         time.sleep(1.0)
 
 
-_OFTEN = (take_over, make_anew, remove, replace, fill, stop_a_peer, kill_a_peer, kill_the_master)
+_OFTEN = (take_over, make_anew, remove, replace, fill, stop_a_peer, kill_a_peer, cut_the_network, kill_the_master)
 MISHAPS: tuple[Callable[[Stage, random.Random], None], ...] = (*_OFTEN, *_OFTEN, *_OFTEN, reload)
 """A reload reads all definitions, and leaves some 0.2 MiB behind."""
 
@@ -272,7 +308,7 @@ def run(graph: Ros, space: str, seconds: float, seed: int, longest: float) -> Ve
     stage.source.stdin.flush()
     begun, before = time.monotonic(), busy(pid)
     measured = begun + max(3.0, seconds / 3)
-    with Onlooker(map(stage.topic, CALM)) as looks:
+    with Onlooker(map(stage.topic, CALM), longest, lambda: os.kill(pid, signal.SIGUSR2)) as looks:
         while time.monotonic() < begun + seconds:
             mishap = dice.choice([one for one in MISHAPS if one is not kill_the_master or isinstance(graph, Graph)])
             mishap(stage, dice)
@@ -288,7 +324,8 @@ def run(graph: Ros, space: str, seconds: float, seed: int, longest: float) -> Ve
         verdict.cpu = (busy(pid) - before) / (time.monotonic() - begun)
     verdict.gap = max(looks.longest.values())
     if verdict.gap >= longest:
-        verdict.complaints.append(f"heartbeats stood still: {looks.longest}")
+        where = stage.stacks.read_text() if stage.stacks.exists() else ""
+        verdict.complaints.append(f"heartbeats stood still: {looks.longest}\n{where[:STACKS]}")
     stage.sent.update(json.loads(stage.source.stdout.readline()))
     stage.stop.set()
     for player in stage.players:
@@ -335,12 +372,13 @@ def main() -> None:
     parser.add_argument("--backend", choices=("ros1", "ros2", "dds"), default="dds")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--longest", type=float, default=LONGEST, help="of a gap, for machines that are busy")
-    parser.add_argument("--own-shm", action="store_true", help="is said by itself: /dev/shm is its own")
+    parser.add_argument("--own", action="store_true", help="is said by itself: /dev/shm and the network are its own")
     given = parser.parse_args()
-    if not given.own_shm:
-        mount = f'mount -t tmpfs -o size={SHM}m,mode=1777 none /dev/shm; exec "$@"'
-        own = ["unshare", "-m", "--propagation", "private", "sh", "-c", mount, "sh"]
-        sys.exit(subprocess.call([*own, sys.executable, "-m", __spec__.name, *sys.argv[1:], "--own-shm"]))
+    if not given.own:
+        mount = f"mount -t tmpfs -o size={SHM}m,mode=1777 none /dev/shm"
+        begin = f'{mount}; ip link set lo up multicast on; exec "$@"'
+        own = ["unshare", "-mn", "--propagation", "private", "sh", "-c", begin, "sh"]
+        sys.exit(subprocess.call([*own, sys.executable, "-m", __spec__.name, *sys.argv[1:], "--own"]))
     with tempfile.TemporaryDirectory() as folder:
         graph = made(given.backend, Path(folder))
         try:

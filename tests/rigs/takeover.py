@@ -92,7 +92,7 @@ def python_writer_inside(demo: Any, topic: str, inside: Callable[[], None]) -> N
 def python_reader_inside(demo: Any, topic: str, inside: Callable[[], None]) -> None:
     class Words(Wrapped):
         def __getitem__(self, where: int) -> Any:
-            if where == h.BEGUN:
+            if where >= h.HEADER_SIZE // 4:
                 inside()
             return self.inner[where]
 

@@ -27,7 +27,7 @@ def region(topic):
     PoseSubscriber(topic, depth=3).close()
     region = region_of(topic)
     region.words[h.WRITER] = h.PLC
-    region.words[h.COMPLETED] = NUMBER
+    region.words[h.COMPLETED0] = NUMBER
     return region
 
 
@@ -68,8 +68,9 @@ def test_limits_are_those_of_the_protocol():
     assert (calls._FRESH, calls._HEARTBEAT, access.PATIENCE) == (1.0, 0.05, 0.1)
 
 
-def test_a_plc_that_stands_still_is_watched_for_a_second_and_a_turn_is_left_to_it(region, clock):
-    assert clock.claimed(region) == (NUMBER + region.header.slots, True)
+def test_a_plc_that_stands_still_is_watched_for_a_second_and_its_lane_is_left_to_it(region, clock):
+    assert clock.claimed(region) == (NUMBER + 1, 2, True)
+    assert (region.words[h.LEFT], region.words[h.TURN]) == (NUMBER + 1, 2)
     assert 1.1 <= clock.now < 1.104
     watched = clock.steps.index(claim.CONFIRM)
     assert (set(clock.steps[:watched]), set(clock.steps[watched:])) == ({claim.WATCH}, {claim.CONFIRM})
@@ -79,7 +80,7 @@ def test_a_plc_that_stands_still_is_watched_for_a_second_and_a_turn_is_left_to_i
 
 def test_a_plc_that_lets_go_leaves_its_numbers_too(region, clock):
     clock.events = [(0.5, says(region, h.WRITER, 0))]
-    assert clock.claimed(region) == (NUMBER, False)
+    assert clock.claimed(region) == (NUMBER, 0, False)
     assert 0.5 <= clock.now < 0.504
 
 
@@ -105,7 +106,7 @@ def test_who_stands_still_between_look_and_name_makes_sure(region, clock, monkey
     clock.now = stop
     monkeypatch.setattr(claim.time, "monotonic", lambda: looks.pop() if looks else monotonic())
     region.words[h.WRITER] = 12345
-    assert clock.claimed(region) == (NUMBER + region.header.slots if doubtful else NUMBER, doubtful)
+    assert clock.claimed(region) == ((NUMBER + 1, 2, True) if doubtful else (NUMBER, 0, False))
     assert len(clock.steps) == pytest.approx(100 if doubtful else 0, abs=2)
 
 
@@ -118,9 +119,8 @@ def test_who_loses_the_topic_in_its_copy_voids_the_slot_and_gives_all_back(topic
         swap_map(publisher, says(region, h.WRITER, h.PLC))
         with pytest.raises(runtime.ClaimLost, match="taken the topic over"):
             publisher.publish(pose(4))
-        slots = [region.sample(number).start // 4 + 2 * h.NUMBER for number in (1, 2, 3, 4)]
-        assert [words[slot] for slot in slots] == [1, 2, 3, 0]
-        assert (words[h.COMPLETED], words[h.LOCK_HOLDER], region.semaphore.value) == (3, 0, 1)
+        assert [words[region.number_at(number)] for number in (1, 2, 3, 4)] == [1, 2, 3, 0]
+        assert (words[h.COMPLETED0], words[h.LOCK_HOLDER], region.semaphore.value) == (3, 0, 1)
         assert subscriber.read().position.x == 3.0
         with pytest.raises(runtime.ClaimLost):
             publisher.heartbeat()
@@ -144,4 +144,4 @@ def test_who_has_lost_the_topic_writes_not_a_byte(topic, use):
         region_of(publisher).words[h.WRITER] = region_of(publisher).pid  # another publisher of this process has it now
         with pytest.raises(runtime.ClaimLost):
             use(publisher)
-        assert region_of(publisher).words[h.COMPLETED] == 1
+        assert region_of(publisher).words[h.COMPLETED0] == 1

@@ -27,7 +27,7 @@ from shmgen.core.model import TypeName, TypeOptions
 from shmgen.generator import pipeline
 from shmgen.runtime import engine
 from shmgen.runtime.messages.message import CUT, LATE_FROM
-from shmgen.runtime.messages.plan import plan
+from shmgen.runtime.messages.plan import codec, plan
 from tests.conftest import REPOSITORY
 from tests.support import build, schemas
 
@@ -471,7 +471,8 @@ def test_nothing_stays_behind(tree_kind):
     before = work(200)
     assert work(1000) - before < 256, "pages"
     for _ in range(100):
-        engine.codec(tree_kind)
+        codec(type(ways.codec), tree_kind)
+    assert engine.codec(tree_kind) is ways.codec, "made once"
     assert [sys.getrefcount(kind) for kind in (tree_kind, type(ways.codec))] == held
 
 

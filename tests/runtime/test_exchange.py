@@ -33,12 +33,10 @@ from .messages import (
 )
 
 
-def renumber(publisher, begun, completed):
+def renumber(publisher, completed):
     """As if `completed` samples had been written; the newest is there again under its new number."""
-    words = region_of(publisher).words
-    words[h.BEGUN], words[h.COMPLETED] = begun, completed
-    place = region_of(publisher).sample(completed).start // 4
-    words[place + 2] = completed
+    region = region_of(publisher)
+    region.words[h.COMPLETED0] = region.words[region.number_at(completed)] = completed
     publisher._end.sequence = completed
 
 
@@ -168,22 +166,22 @@ def test_read_all_in_order_and_misses_exact(topic, depth, written):
 
 
 def test_a_sample_being_overwritten_is_not_there(topic):
-    """A writer stopped, or killed, after saying what it overwrites: the oldest is gone, the newest is not."""
+    """A writer stopped, or killed, in its copy: the oldest is gone, the newest is not."""
     with PosePublisher(topic, depth=2) as publisher, PoseSubscriber(topic, depth=2) as subscriber:
         for x in range(1, 5):
             publisher.publish(pose(x))
-        region_of(publisher).words[h.BEGUN] = 5
+        region_of(publisher).words[region_of(publisher).number_at(5)] = 0
         assert numbers(subscriber.read_all()) == [2.0, 3.0, 4.0]
         assert subscriber.missed == 1
         publisher.publish(pose(5))
         assert numbers(subscriber.read_all()) == [5.0]
 
 
-def test_the_number_in_the_slot_counts_too(topic):
-    """A peer that began before us may have copied half a sample: its number is another one."""
+def test_the_number_in_the_slot_counts(topic):
+    """That alone says what lies there, and whether it is whole."""
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         publisher.publish(pose(1))
-        place = region_of(publisher).sample(1).start // 4 + 2
+        place = region_of(publisher).number_at(1)
         region_of(publisher).words[place] = 3
         assert subscriber.read() is None
         assert subscriber.read_all() == []
@@ -206,7 +204,7 @@ def test_read_counts_what_it_skips(topic):
 def test_after_the_last_number_comes_that_of_slots(topic):
     with PosePublisher(topic, depth=2) as publisher, PoseSubscriber(topic, depth=2) as subscriber:
         publisher.publish(pose(0))
-        renumber(publisher, 0xFFFFFFFE, 0xFFFFFFFE)
+        renumber(publisher, 0xFFFFFFFE)
         subscriber._end.last = 0xFFFFFFFD
         for x, number in enumerate((0xFFFFFFFF, 4, 5, 6)):
             publisher.publish(pose(x))
@@ -220,7 +218,7 @@ def test_after_the_last_number_comes_that_of_slots(topic):
 def test_misses_across_the_last_number(topic):
     with PosePublisher(topic, depth=2) as publisher, PoseSubscriber(topic, depth=2) as subscriber:
         publisher.publish(pose(0))
-        renumber(publisher, 0xFFFFFFFE, 0xFFFFFFFE)
+        renumber(publisher, 0xFFFFFFFE)
         subscriber._end.last = 0xFFFFFFFE
         for x in range(3):
             publisher.publish(pose(x))
@@ -245,7 +243,7 @@ def test_a_region_begun_anew(topic, way):
             publisher.publish(pose(x))
         subscriber.read()
         missed = subscriber.missed
-        region_of(publisher).words[h.BEGUN] = region_of(publisher).words[h.COMPLETED] = publisher._end.sequence = 0
+        region_of(publisher).words[h.COMPLETED0] = publisher._end.sequence = 0
         publisher.publish(pose(50))
         got = subscriber.read() if way == "read" else subscriber.read_all()[0]
         assert got.position.x == 50.0
@@ -434,11 +432,12 @@ def test_who_is_inside_stands_in_the_header(topic):
     """Seen by a copy that looks at the header meanwhile. Of C the explorer says so."""
     seen = []
     with PosePublisher(topic) as publisher:
-        words, map = region_of(publisher).words, publisher._end.region.map
+        region, map = region_of(publisher), publisher._end.region.map
+        words = region.words
 
         class Spy:
             def __setitem__(self, where, data):
-                seen.append((words[h.LOCK_HOLDER], words[h.BEGUN], words[h.COMPLETED], words[h.HEARTBEAT]))
+                seen.append((words[h.LOCK_HOLDER], words[region.number_at(1)], words[h.COMPLETED0], words[h.HEARTBEAT]))
                 map[where] = data
 
             def close(self):
@@ -448,7 +447,7 @@ def test_who_is_inside_stands_in_the_header(topic):
         publisher.publish(pose(1))
         publisher.publish(pose(2))
     pid = runtime.read_header(runtime.region_name(topic)).writer
-    assert seen == [(pid, 1, 0, 1), (pid, 2, 1, 2)]
+    assert seen == [(pid, 0, 0, 1), (pid, 1, 1, 2)]
 
 
 # --- values that do not fit, and long arrays -----------------------------------------------------
@@ -518,12 +517,14 @@ def test_a_late_array_that_does_not_fit(topic, file):
 @pytest.mark.usefixtures("in_python")
 def test_a_fence_keeps_a_copy_behind_the_number_that_announces_it(topic, monkeypatch):
     with ScanPublisher(topic) as publisher:
-        words, fences = region_of(publisher).words, []
+        region, fences = region_of(publisher), []
+        words, number = region.words, region.number_at(1)
+        words[number] = 7
         monkeypatch.setattr(
-            "shmgen.runtime.reference.writer.fence", lambda: fences.append((words[h.BEGUN], words[h.COMPLETED]))
+            "shmgen.runtime.reference.writer.fence", lambda: fences.append((words[number], words[h.COMPLETED0]))
         )
         publisher.publish(Scan())
-        assert fences == [(1, 0), (1, 1)]
+        assert fences == [(0, 0), (1, 1)]
 
 
 def test_a_long_structure_goes_as_it_is(topic):

@@ -14,10 +14,10 @@ from contextlib import suppress
 import pytest
 
 from shmgen import runtime
+from shmgen.core.abi import REPAIR_LOCK
 from shmgen.runtime.reference import writer
-from shmgen.runtime.reference.region import REPAIR_LOCK
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region import holders
+from shmgen.runtime.region import holders, looks
 from shmgen.runtime.region.looks import _FLOCK, WRITER_LOCK
 
 from ..rigs.chaos_faults import swap_map
@@ -194,6 +194,7 @@ def test_a_fork_between_any_two_instructions(topic):
     # Where a descriptor, or a view, is on its way from the call that made it to the name it gets.
     assert set(held) <= {
         "opened",
+        "_open",
         "open_region",
         "_found_or_made",
         "_mapped",
@@ -224,7 +225,7 @@ def test_a_fork_in_the_middle_of_a_copy_leaves_the_lock_to_the_parent(topic):
 
         swap_map(publisher, fork)
         publisher.publish(pose(1))
-        assert region.lock_byte(REPAIR_LOCK)
+        assert looks.lock_byte(region.file, REPAIR_LOCK)
         assert publisher._end.lock.acquire()
         fork()
         publisher._end.lock.release()
@@ -250,6 +251,11 @@ def test_a_fork_while_it_opens_takes_no_claim_along(topic, monkeypatch):
     assert runtime.region_name(topic) not in names[0]
 
 
+def is_claimed(topic):
+    region = region_of(topic)
+    return looks.byte_is_locked(region.file, WRITER_LOCK)
+
+
 @pytest.mark.usefixtures("each_engine")
 def test_a_fork_between_two_steps_of_an_opening_takes_no_claim_along(topic):
     """As by another thread: a PLC's claim is watched meanwhile."""
@@ -257,13 +263,13 @@ def test_a_fork_between_two_steps_of_an_opening_takes_no_claim_along(topic):
     region_of(topic).words[h.WRITER] = h.PLC
     publisher = PosePublisher.__new__(PosePublisher)
     end = publisher._begin(topic)
-    while not region_of(topic).byte_is_locked(WRITER_LOCK):
+    while not is_claimed(topic):
         assert end.step() is not None
     names = in_child(open_files)
     assert "pipe:" in names
     assert runtime.region_name(topic) not in names
     end.close()
-    assert not region_of(topic).byte_is_locked(WRITER_LOCK)
+    assert not is_claimed(topic)
 
 
 PARENT = """
@@ -342,3 +348,31 @@ def test_who_really_holds_the_claim_is_named(topic):
             assert expected in shown.stdout + shown.stderr
     finally:
         os.kill(child, signal.SIGKILL)
+
+
+def test_a_child_forked_while_a_buffer_of_the_map_is_in_use_keeps_no_claim(topic, monkeypatch, in_python):
+    """As in the middle of a ring of the bell; its parent is killed, the child lives on."""
+    told, tell = os.pipe()
+
+    def ring(map):
+        word = ctypes.c_uint32.from_buffer(map)
+        child = os.fork()
+        if child == 0:
+            time.sleep(60)
+            os._exit(word.value)
+        os.write(tell, child.to_bytes(4, "little"))
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    monkeypatch.setattr(writer, "ring", ring)
+    parent = os.fork()
+    if parent == 0:
+        publisher = PosePublisher(topic)
+        region_of(publisher).words[h.ARMED] = 1
+        publisher.publish(pose(1))
+    os.waitpid(parent, 0)
+    child = int.from_bytes(os.read(told, 4), "little")
+    try:
+        PosePublisher(topic).close()
+    finally:
+        os.kill(child, signal.SIGKILL)
+        os.close(told), os.close(tell)

@@ -16,9 +16,10 @@ import posix_ipc
 import pytest
 
 from shmgen import runtime
+from shmgen.core.abi import REPAIR_LOCK
 from shmgen.runtime.reference import lock
-from shmgen.runtime.reference.region import REPAIR_LOCK
 from shmgen.runtime.region import header as h
+from shmgen.runtime.region import looks
 
 from ..support import machine
 from ..support.region_of import region_of
@@ -75,7 +76,7 @@ def healthy(publisher, subscriber, number):
     """Nobody is inside, nobody heals, and the next sample goes through."""
     region = region_of(publisher)
     assert region.semaphore.value == 1
-    assert not region.byte_is_locked(REPAIR_LOCK)
+    assert not looks.byte_is_locked(region.file, REPAIR_LOCK)
     misses = publisher.lock_misses, subscriber.lock_misses
     publisher.publish(pose(number))
     assert subscriber.read().position.x == number
@@ -355,4 +356,4 @@ def test_who_waits_is_told_when_another_thread_closes(topic, held):
     publisher.close()
     subscriber.close()
     assert region.semaphore.value == 1
-    assert not region.byte_is_locked(0)
+    assert not looks.byte_is_locked(region.file, 0)

@@ -91,7 +91,7 @@ def test_long_messages(topic, way):
 def test_across_the_last_number(topic, way):
     with PosePublisher(topic, depth=2) as publisher, PoseSubscriber(topic, depth=2, **way) as subscriber:
         publisher.publish(pose(0))
-        renumber(publisher, 0xFFFFFFFE, 0xFFFFFFFE)
+        renumber(publisher, 0xFFFFFFFE)
         subscriber._end.last = 0xFFFFFFFE
         for x in range(3):
             publisher.publish(pose(x))
@@ -107,7 +107,7 @@ def test_a_region_begun_anew(topic, way, history):
             publisher.publish(pose(x))
         assert len(subscriber.samples()) == 2
         missed = subscriber.missed
-        region_of(publisher).words[h.BEGUN] = region_of(publisher).words[h.COMPLETED] = publisher._end.sequence = 0
+        region_of(publisher).words[h.COMPLETED0] = publisher._end.sequence = 0
         assert (subscriber.samples(), subscriber.unread) == ([], 0)
         publisher.publish(pose(50))
         assert subscriber.unread == 1
@@ -129,12 +129,13 @@ def test_history_is_all_that_was_published(topic, way, written, there):
 
 
 def test_a_sample_being_overwritten_is_not_there(topic, way):
-    """A writer that began to overwrite it has said so."""
+    """A writer that begins to overwrite it clears its number."""
     with PosePublisher(topic) as publisher, PoseSubscriber(topic, **way) as subscriber:
         publisher.publish(pose(1))
-        region_of(publisher).words[h.BEGUN] = 3  # as if sample 3 were on its way into the slot of 1
+        number = region_of(publisher).number_at(1)
+        region_of(publisher).words[number] = 0  # as if sample 3 were on its way into the slot of 1
         assert subscriber.samples() == []
-        region_of(publisher).words[h.BEGUN] = 2
+        region_of(publisher).words[number] = 1
         assert seen(subscriber.samples()) == [(1, 1.0)]
 
 

@@ -149,7 +149,7 @@ def test_an_open_that_failed_leaves_no_file(topic, file, monkeypatch, error, tex
 @pytest.mark.parametrize("place", [names.region_file, names.semaphore_file])
 def test_what_vanishes_again_and_again_is_given_up(topic, monkeypatch, place):
     """Somebody removes the semaphore, or the region, at each try between its opening and the last look."""
-    leads = opening._leads_to
+    leads = looks.leads_to
     tries = []
 
     def vanished(path, file):
@@ -158,7 +158,7 @@ def test_what_vanishes_again_and_again_is_given_up(topic, monkeypatch, place):
             return False
         return leads(path, file)
 
-    monkeypatch.setattr(opening, "_leads_to", vanished)
+    monkeypatch.setattr(looks, "leads_to", vanished)
     with pytest.raises(runtime.RegionUnusable, match="keeps appearing and vanishing"):
         PosePublisher(topic)
     assert len(tries) >= 10 - 1
@@ -175,15 +175,15 @@ def test_what_is_there_only_for_who_makes_it_is_given_up(topic, monkeypatch):
 @in_python
 @pytest.mark.parametrize("error", [posix_ipc.ExistentialError, posix_ipc.PermissionsError])
 def test_a_semaphore_that_changes_between_a_look_and_its_opening(topic, monkeypatch, error):
-    opened = opening.PosixSemaphore
-    tries = Mock(side_effect=[error, opened, opened])
-    monkeypatch.setattr(opening, "PosixSemaphore", lambda *arguments: tries()(*arguments))
+    opened = opening.Semaphore
+    tries = Mock(side_effect=[error, opened])
+    monkeypatch.setattr(opening, "Semaphore", lambda *arguments: tries()(*arguments))
     if error is posix_ipc.PermissionsError:
         with pytest.raises(runtime.PermissionDenied, match="join the group"):
             PosePublisher(topic)
     else:
         PosePublisher(topic).close()
-        assert tries.call_count == 3, "the lock twice, and the event"
+        assert tries.call_count == 2
 
 
 @in_python
@@ -202,7 +202,7 @@ def test_a_region_whose_maker_gave_up_is_opened_anew(topic, file, monkeypatch):
     with PosePublisher(topic) as publisher:
         publisher.publish(pose(1))
     assert len(seen) == 2
-    assert runtime.read_header(runtime.region_name(topic)).completed == 1
+    assert runtime.read_header(runtime.region_name(topic)).newest == 1
 
 
 @pytest.mark.parametrize("recoveries", [0, 1])
@@ -229,6 +229,7 @@ def test_posts_too_many_stop_nobody(topic, most, recoveries):
         assert (publisher.lock_misses, subscriber.lock_misses) == (0, 0)
 
 
+@pytest.mark.skipif(not engine.IN_C, reason="the reference has no event")
 def test_an_event_that_is_full_stops_nobody(topic):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         assert subscriber.wait(0) is None

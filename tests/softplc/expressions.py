@@ -28,7 +28,7 @@ _FUNCTIONS = {
     name.upper()
     for name in (
         "SysSharedMemoryOpen2", "SysSharedMemoryCreate", "SysSharedMemoryGetPointer", "SysSharedMemoryClose",
-        "SysSemProcessCreate", "SysSemProcessEnter", "SysSemProcessLeave",
+        "SysSemProcessCreate", "SysSemProcessEnter", "SysSemProcessLeave", "SysSemProcessDelete",
     )
 }  # fmt: skip
 _CONVERSION = re.compile(rf"({'|'.join(ELEMENTARY)})_TO_({'|'.join(ELEMENTARY)})")
@@ -219,7 +219,7 @@ class Scope:
         return found if isinstance(found, Block) else None
 
     def type_of(self, tree: Any, but_last: bool = False) -> Type | None:
-        """Of a plain path `a.b.c`, for calls; None for anything else."""
+        """Of a path `a.b[i].c`, for calls; None for anything else."""
         if isinstance(tree, b.SimpleVariable):
             return None if tree.dereferenced else self.declared_type(str(tree.name).upper())
         elements = tree.elements[:-1] if but_last else tree.elements
@@ -228,6 +228,9 @@ class Scope:
         members = self.members(str(tree.name.name).upper())
         type_ = self.declared_type(str(tree.name.name).upper())
         for element in elements:
+            if isinstance(element, b.SubscriptList) and isinstance(type_, Array) and not element.dereferenced:
+                type_ = type_.of
+                continue
             if not isinstance(element, b.FieldSelector) or element.dereferenced or element.field.dereferenced:
                 return None
             if type_ is not None:

@@ -25,6 +25,15 @@ def online_change(old: Block, plc: Plc) -> Block:
     return new
 
 
+def change_globals(old: View, new: View) -> None:
+    """The same for the blocks in a list of variables."""
+    for block in _within(old):
+        _each(block, "FB_Exit", bInCopyCode=True)
+    _copy(old, new)
+    for block in _within(new):
+        _each(block, "FB_Reinit")
+
+
 def _each(block: Block, method: str, **inputs: Any) -> None:
     """Calls it for the block and those in it, where they have it."""
     for one in (block, *_within(block)):

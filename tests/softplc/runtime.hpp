@@ -308,7 +308,9 @@ template <class A> constexpr A inverse(A a) {
     return static_cast<A>(~a);
 }
 
-// -1, 0 or 1; for what has no order 0 or 1.
+// -1, 0 or 1; for what has no order 0 or 1, and 2 where one is not a number. Operands are looked at once, by value:
+// shared memory may be another between two looks.
+template <class T> constexpr int order(T a, T b) { return a != a || b != b ? 2 : (a > b) - (a < b); }
 template <class A, class B> constexpr int compared(const A &a, const B &b) {
     if constexpr (is_pointer<A>) {
         if constexpr (is_literal<B>) {
@@ -316,16 +318,13 @@ template <class A, class B> constexpr int compared(const A &a, const B &b) {
             return a.to != nullptr;
         } else return static_cast<const void *>(a.to) != static_cast<const void *>(b.to);
     } else if constexpr (std::is_same_v<A, BOOL> && std::is_same_v<B, BOOL>) return (a.byte != 0) - (b.byte != 0);
-    else if constexpr (std::is_same_v<A, TIME> && std::is_same_v<B, TIME>) return (a.ms > b.ms) - (a.ms < b.ms);
-    else if constexpr (std::is_same_v<A, LTIME> && std::is_same_v<B, LTIME>) return (a.ns > b.ns) - (a.ns < b.ns);
+    else if constexpr (std::is_same_v<A, TIME> && std::is_same_v<B, TIME>) return order(a.ms, b.ms);
+    else if constexpr (std::is_same_v<A, LTIME> && std::is_same_v<B, LTIME>) return order(a.ns, b.ns);
     else if constexpr (std::is_enum_v<A> || std::is_enum_v<B>) {
         static_assert(std::is_same_v<A, B>, "a strict enumeration is compared with its own values only");
-        return (a > b) - (a < b);
+        return order<A>(a, b);
     } else if constexpr (is_literal<A> && is_literal<B>) return (B::value < A::value) - (A::value < B::value);
-    else {
-        using T = common_t<A, B>;
-        return (as<T>(a) > as<T>(b)) - (as<T>(a) < as<T>(b));
-    }
+    else return order<common_t<A, B>>(as<common_t<A, B>>(a), as<common_t<A, B>>(b));
 }
 template <int N, int M, class C> constexpr int compared(const Text<N, C> &a, const Text<M, C> &b) {
     int at = 0;
@@ -339,8 +338,12 @@ template <class A, class B> BOOL less(const A &a, const B &b) {
     return BOOL(compared(a, b) < 0);
 }
 template <class A, class B> BOOL greater(const A &a, const B &b) { return less(b, a); }
-template <class A, class B> BOOL at_most(const A &a, const B &b) { return inverse(less(b, a)); }
-template <class A, class B> BOOL at_least(const A &a, const B &b) { return inverse(less(a, b)); }
+template <class A, class B> BOOL at_most(const A &a, const B &b) {
+    static_assert(!is_pointer<A>, "pointers have no order");
+    const int found = compared(a, b);
+    return BOOL(found == -1 || found == 0);
+}
+template <class A, class B> BOOL at_least(const A &a, const B &b) { return at_most(b, a); }
 
 // A condition is a BOOL and nothing else.
 inline bool truth(BOOL value) { return value.byte != 0; }
@@ -413,6 +416,7 @@ template <class T> RTS_IEC_RESULT SYSSEMPROCESSENTER(RTS_IEC_HANDLE handle, T ti
     return shim_sem_enter(handle, as<UDINT>(timeout));
 }
 inline RTS_IEC_RESULT SYSSEMPROCESSLEAVE(RTS_IEC_HANDLE handle) { return shim_sem_leave(handle); }
+inline RTS_IEC_RESULT SYSSEMPROCESSDELETE(RTS_IEC_HANDLE handle) { return shim_sem_delete(handle); }
 
 // --- what Python sees -----------------------------------------------------------------------------------
 

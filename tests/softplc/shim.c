@@ -185,6 +185,12 @@ uint32_t shim_sem_leave(uint64_t handle) {
     return sem_post((sem_t *)(uintptr_t)handle) == 0 ? OK : FAILED;
 }
 
+uint32_t shim_sem_delete(uint64_t handle) {
+    uint32_t wanted = failure("SysSemProcessDelete");
+    if (handle == INVALID) return PARAMETER;
+    return wanted ? wanted : sem_close((sem_t *)(uintptr_t)handle) == 0 ? OK : FAILED;
+}
+
 static uint64_t ns_now(void) {
     struct timespec now;
     clock_gettime(CLOCK_MONOTONIC, &now);

@@ -19,6 +19,7 @@ uint32_t shim_shm_close(uint64_t handle);
 uint64_t shim_sem_create(const char *name, uint32_t *result);
 uint32_t shim_sem_enter(uint64_t handle, uint32_t timeout_ms);
 uint32_t shim_sem_leave(uint64_t handle);
+uint32_t shim_sem_delete(uint64_t handle); /* here: gives the handle back, the file stays; of CODESYS nobody knows */
 uint32_t shim_now(void); /* [ms], for TIME() */
 
 /* What tests set and ask. */

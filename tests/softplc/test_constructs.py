@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -193,6 +194,11 @@ CASES = {
         "over := other.Count(iBy := 98, iBefore => before);",
         {"n": 5, "fb.iCount": 5, "fb._iCalls": 3, "other.iCount": 101, "over": True, "before": 3},
     ),
+    "blocks in an array": Case(
+        "fbs : ARRAY[1..2] OF FB_Counter; i : INT; n : INT; over : BOOL;",
+        "FOR i := 1 TO 2 DO fbs[i](iStep := i); END_FOR over := fbs[2].Count(iBy := 100); n := fbs[2].iCount;",
+        {"n": 102, "over": True},
+    ),
     "locals of a method begin anew": Case(
         "fb : FB_Counter; a : BOOL; b : BOOL",
         "a := fb.Count(iBy := 1); b := fb.Count(iBy := 1, iTimes := 2);",
@@ -208,6 +214,11 @@ CASES = {
         "r : REAL := 16777216.0; l : LREAL := 16777216.0; x : BOOL; n : LREAL := -0.5; m : LREAL",
         "r := r + 1.0; l := l + 1.0; x := r < l; m := -n * 2.0;",
         {"r": 16777216.0, "l": 16777217.0, "x": True, "m": 1.0},
+    ),
+    "what is not a number compares with nothing": Case(
+        "l : LREAL := 1.0E308; a : BOOL; b : BOOL; c : BOOL; d : BOOL; e : BOOL;",
+        "l := l * 10.0; l := l - l; a := l >= 0.0; b := l <= 0.0; c := l = l; d := l <> l; e := l < 0.0 OR l > 0.0;",
+        {"a": False, "b": False, "c": False, "d": True, "e": False},
     ),
     "comments and blanks": Case(
         "(* a comment // *) n : INT; // another (* one", "n (* := 5 *) := 7 ; // n := 8;\n", {"n": 7}
@@ -238,6 +249,24 @@ def found(view: Any, path: str) -> Any:
     for part in path.split("."):
         view = view[int(part)] if part.lstrip("-").isdigit() else getattr(view, part)
     return view
+
+
+def test_an_operand_in_shared_memory_is_looked_at_once() -> None:
+    """A word that others make 0 and 2, 2 and 0 is never found to be 1."""
+    looks = """FOR n := 1 TO 1000000 DO
+        IF p^ = 1 THEN wrong := wrong + 1; END_IF
+        IF t^ = T#1ms THEN wrong := wrong + 1; END_IF
+    END_FOR"""
+    variables = "p : POINTER TO UDINT; t : POINTER TO TIME; n : UDINT; wrong : UDINT;"
+    block = compile_st({"P.st": program("P", variables, looks)}).block("P")
+    shared = ctypes.c_uint32()
+    block.p = block.t = ctypes.addressof(shared)
+    with ThreadPoolExecutor(1) as thread:
+        looking = thread.submit(block)
+        while not looking.done():
+            for value in (0, 2) * 500:
+                shared.value = value
+    assert block.wrong == 0
 
 
 def test_two_plcs_in_one_process_share_nothing() -> None:

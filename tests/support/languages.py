@@ -225,13 +225,17 @@ _IN_MATIEC = _IN_ST.removesuffix("_?")
 
 _PYTHON = Language(python_tokens, _python, frozenset(keyword.kwlist), name=_NAME)
 _C = Language(c_tokens, _c, C_WORDS, name=_NAME)
+_BESIDE_ROS = Language(c_tokens, keywords=C_WORDS, name=_NAME)
+"""tests/cpp/test_ros.py has ROS's headers, tests/ros2/test_cpp_node.py rclcpp."""
 _ST = Language(st_tokens, keywords=ST_WORDS, ignores_case=True, name=_IN_ST)
 _XML = Language(xml_tokens)
 _CONFIGURATION = Language(_hash)
 
 LANGUAGES = [
+    ("*/launch/*.py", Language(python_tokens, _python)),  # with no name of a message
     ("*.py", _PYTHON),
-    ("cpp_ros?/*", Language(c_tokens, keywords=C_WORDS, name=_NAME)),  # tests/cpp/test_ros.py has ROS's headers
+    ("ros2_control/*/include/shmgen_control.hpp", Language(lambda text: [])),  # by hand, with rclcpp's words
+    *((path, _BESIDE_ROS) for path in ("cpp_ros?/*", "ros2_c*/include/*", "ros2_c*/src/*")),
     ("matiec/*.h", Language(embedded_tokens, _c, C_WORDS, name=_NAME)),
     ("*.h", _C),
     ("*.hpp", _C),
@@ -241,6 +245,7 @@ LANGUAGES = [
     ("plcopen/*.xml", Language(xml_tokens, keywords=ST_WORDS, ignores_case=True, name=_IN_ST)),
     ("*.xml", _XML),
     ("*.launch", _XML),
+    ("*.xacro", Language(lambda text: [], _each(etree.fromstring))),  # fields stand in it as ROS names them
     ("*.toml", Language(_hash, _each(tomllib.loads))),
     ("*.yaml", Language(_hash, _each(YAML(typ="safe").load))),
     ("*.cfg", Language(_hash, _each(lambda text: configparser.ConfigParser(interpolation=None).read_string(text)))),

@@ -13,7 +13,7 @@ from ..conftest import REPOSITORY
 from ..softplc import compile_st
 from .plc_demo import ready
 
-WORD = '    Word(176, "u32", "refused", "udiRefused", "readers", "samples they refused"),\n'
+WORD = '    Word(180, "u32", "refused", "udiRefused", "readers", "samples they refused"),\n'
 DOCS = "from tests.support.region_page import tables; print(*next(tables()), sep='\\n')"
 COMPILE = "import hatch_build as it; print(it.compiled(it.SOURCES / '_core.abi3.so'))"
 PYTHON = """
@@ -82,7 +82,7 @@ def copy(folder: Path) -> None:
         shutil.copytree(REPOSITORY / name, folder / name, ignore=shutil.ignore_patterns("__pycache__", "*.so"))
     shutil.copy(REPOSITORY / "hatch_build.py", folder)
     table = folder / "src" / "shmgen" / "core" / "abi.py"
-    head, last, rest = table.read_text().partition('    Word(172, "u32", "missed"')
+    head, last, rest = table.read_text().partition('    Word(176, "u32", "bell"')
     line, end, rest = rest.partition("\n")
     table.write_text(head + last + line + end + WORD + rest)
     python(folder, "-m", "shmgen", "generate", "--quiet", "std_msgs/UInt32")

@@ -12,6 +12,7 @@ from typing import Any
 
 from shmgen import definitions
 from shmgen.config import Config
+from shmgen.core.diagnostics import Report
 from shmgen.core.model import Array, Clock, Layout, Layouts, Ref, Role, Scalar, Slot, String, TypeName, TypeOptions
 from shmgen.definitions.wrappers import WRAPPERS
 from shmgen.generator import pipeline
@@ -50,7 +51,7 @@ def corpus_names(config: Config) -> list[str]:
     left_out = NEEDS_IDL | REJECTED.keys() if config.source != "noetic" else set()
     return [
         str(name)
-        for name in definitions.available(sources)
+        for name in definitions.open_library(sources, Report()).known()
         if name.package in packages and str(name) not in left_out and not name.name.endswith(WRAPPERS[name.kind])
     ]
 

@@ -120,9 +120,10 @@ class Memory:
     """The bytes of a topic's region, and its header's words by their names."""
 
     WORDS: ClassVar = {
-        "magic": 0, "slots": 7, "writer": header.WRITER, "begun": header.BEGUN, "completed": header.COMPLETED,
-        "heartbeat": header.HEARTBEAT, "lock_holder": header.LOCK_HOLDER, "recoveries": 40, "armed": 41,
-        "lock_count": header.LOCK_COUNT, "missed": header.MISSED,
+        "magic": 0, "slots": 7, "writer": header.WRITER, "heartbeat": header.HEARTBEAT,
+        "retired": header.RETIRED, "ordered": header.ORDERED,
+        "completed0": header.COMPLETED0, "completed1": header.COMPLETED1, "lock_holder": header.LOCK_HOLDER,
+        "recoveries": 40, "armed": 41, "lock_count": header.LOCK_COUNT, "missed": header.MISSED,
     }  # fmt: skip
 
     def __init__(self, topic: str, suffix: str = "") -> None:
@@ -136,6 +137,10 @@ class Memory:
 
     def __setitem__(self, name: str, value: int) -> None:
         self._words[self.WORDS[name]] = value
+
+    @property
+    def newest(self) -> int:
+        return header.later(self["completed0"], self["completed1"])
 
     def poke(self, offset: int, data: bytes) -> None:
         self._map[offset : offset + len(data)] = data

@@ -8,8 +8,9 @@ import mmap
 import os
 from typing import Any
 
-from shmgen.runtime.reference.region import Region
-from shmgen.runtime.reference.semaphores import NoSemaphore, PosixSemaphore
+from shmgen.core import abi
+from shmgen.runtime.reference.region import Region, Semaphore
+from shmgen.runtime.region import header as h
 from shmgen.runtime.region.looks import peek
 from shmgen.runtime.region.names import region_file, region_name, semaphore_file
 
@@ -27,8 +28,13 @@ class Opened(Region):
     name: str
 
     def sample(self, number: int) -> slice:
-        """Where sample `number` lies, the header of its slot first."""
-        return slice(self.slot(number), self.payload(number).stop)
+        """Where sample `number` of the present writer lies, the header of its slot first."""
+        slot = self.slot(number, self.words[h.TURN] % abi.LANES)
+        return slice(slot, self.payload(slot).stop)
+
+    def number_at(self, number: int) -> int:
+        """Which word its slot's number is."""
+        return self.sample(number).start // 4 + 2 * h.NUMBER
 
 
 def region_of(side: Any) -> Opened:
@@ -38,7 +44,7 @@ def region_of(side: Any) -> Opened:
     header = peek(file.fileno())
     locked = os.path.exists(semaphore_file(name))
     made = Opened(
-        file, mmap.mmap(file.fileno(), header.size), header, PosixSemaphore("/" + name) if locked else NoSemaphore()
+        file, mmap.mmap(file.fileno(), header.size), header, Semaphore("/" + name) if locked else Semaphore("")
     )
     made.name = name
     return made

@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from math import inf
 from pathlib import Path
 
 from shmgen.runtime import region_name
@@ -59,10 +60,14 @@ def made_anew(topic: str, change: Callable[[memoryview], object]) -> None:
 
 
 class Onlooker:
-    """The longest time for which the heartbeats of topics stood still; a context."""
+    """The longest time for which the heartbeats of topics stood still; a context.
 
-    def __init__(self, topics: Iterable[str]) -> None:
+    `late` is called while one stands still for `limit` seconds, and again at twice as many.
+    """
+
+    def __init__(self, topics: Iterable[str], limit: float = inf, late: Callable[[], object] = list) -> None:
         self.longest = dict.fromkeys(topics, 0.0)
+        self._limit, self._late = limit, late
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run)
 
@@ -84,6 +89,9 @@ class Onlooker:
                 beat = self._beat(topic)
                 seen[topic] = (beat, now) if beat not in (before, None) else (before, since + max(0.0, late))
                 self.longest[topic] = max(self.longest[topic], now - seen[topic][1])
+            if max(self.longest.values()) > self._limit:
+                self._limit *= 2
+                self._late()
 
     def _beat(self, topic: str) -> int | None:
         with suppress(OSError), file_of(topic).open("rb") as file:

@@ -52,11 +52,20 @@ static inline int64_t shmgen_group_called(const char *name)
     return number;
 }
 
+#ifdef SHMGEN_GROUP
+/* Its number, looked up when the program was loaded; -1: it was not. */
+static int64_t shmgen_group_loaded = -1;
+#endif
+
 /* The number of a group given by name or number; -1: there is none. */
 static inline int64_t shmgen_group(const char *name)
 {
-    const int64_t called = shmgen_group_called(name);
-    int64_t number = 0;
+    int64_t called, number = 0;
+#ifdef SHMGEN_GROUP
+    if (shmgen_group_loaded >= 0 && strcmp(name, SHMGEN_GROUP) == 0)
+        return shmgen_group_loaded;
+#endif
+    called = shmgen_group_called(name);
     if (called >= 0)
         return called;
     for (const char *digit = name; *digit != 0; digit++) {

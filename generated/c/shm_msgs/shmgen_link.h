@@ -84,7 +84,8 @@ typedef struct shmgen_options {
     uint32_t unstamped; /* 1: samples carry no time, which saves a look at the clock */
     uint32_t passive;   /* 1: a reader for tools that watch. The region must be there; nothing is written to it, nobody is
                          * kept from being woken, and the lock is taken only where it is needed (not on x86) */
-    uint32_t reserved;
+    uint32_t spin_us;   /* a reader that waits looks so long before each sleep, 1000 at most: a processor that
+                         * slept takes longer to wake than a sample takes to come. 0: not at all */
 } shmgen_options;
 
 /* Where opening is; each step is taken without waiting. */
@@ -94,6 +95,7 @@ typedef enum shmgen_step {
     SHMGEN_STEP_ADMIT,
     SHMGEN_STEP_HEADER,
     SHMGEN_STEP_SETTLE,
+    SHMGEN_STEP_REPLACE,
     SHMGEN_STEP_LOCK,
     SHMGEN_STEP_CLAIM,
     SHMGEN_STEP_WATCH,
@@ -107,6 +109,7 @@ typedef struct shmgen_link {
     char name[256];       /* "/robot.pose" */
     int64_t since;        /* ns, start of the present step */
     int64_t stood;        /* ns, since when the holder that is known has held the lock */
+    int64_t spin;         /* ns to look before a sleep */
     int64_t group;        /* wanted of the files, -1: none in particular */
     uint32_t mode;        /* the same, 0: none in particular */
     uint32_t seen_holder; /* the stay that is known */
@@ -117,6 +120,10 @@ typedef struct shmgen_link {
     uint32_t attempts;
     uint32_t passive; /* 1: nothing is written to the region, and there is no lock */
     uint32_t watches; /* 1: the region must be there */
+    uint32_t writes;
+    uint32_t outdated; /* a shmgen_status: why the region found is to be replaced */
+    uint32_t beat;     /* heartbeat of a PLC that may write it */
+    uint32_t reserved;
     int file;
     shmgen_type type;
     unsigned char *base; /* the region */
@@ -143,10 +150,29 @@ static inline void shmgen_store(const shmgen_link *link, size_t word, uint32_t v
     __atomic_store_n((uint32_t *)(void *)(link->base + word), value, __ATOMIC_RELEASE);
 }
 
-/* Where the slot of sample `number` begins. */
-static inline size_t shmgen_slot_of(const shmgen_link *link, uint32_t number)
+/* Where the slot of sample `number` begins in lane 0 or 1. */
+static inline size_t shmgen_slot_of(const shmgen_link *link, uint32_t number, uint32_t lane)
 {
-    return SHMGEN_HEADER_SIZE + (size_t)(number & (link->slots - 1)) * link->slot_size;
+    return SHMGEN_HEADER_SIZE + ((size_t)(number & (link->slots - 1)) + (size_t)lane * link->slots) * link->slot_size;
+}
+
+/* Where the number of the newest sample completed in that lane stands. */
+static inline size_t shmgen_completed(uint32_t lane)
+{
+    return SHMGEN_AT(completed0) + lane * (SHMGEN_AT(completed1) - SHMGEN_AT(completed0));
+}
+
+/* The later of two numbers of samples, of which 0 is none. */
+static inline uint32_t shmgen_later(uint32_t one, uint32_t other)
+{
+    return other != 0 && (one == 0 || other - one < SHMGEN_RESTART_GAP) ? other : one;
+}
+
+/* Number of the newest sample, 0 = none yet. */
+static inline uint32_t shmgen_newest(const shmgen_link *link)
+{
+    const uint32_t one = shmgen_load(link, SHMGEN_AT(completed0)), other = shmgen_load(link, SHMGEN_AT(completed1));
+    return shmgen_later(one, other);
 }
 
 /* The number of the sample so many steps later: after SHMGEN_LAST comes `slots`. */
@@ -218,7 +244,24 @@ static inline shmgen_status shmgen_go(shmgen_link *link, shmgen_step step)
     return SHMGEN_OPENING;
 }
 
-/* A record lock of the open-file kind, which goes with the descriptor, also by SIGKILL: kind is F_WRLCK or F_UNLCK. */
+/* Whether the region was removed or replaced: its name leads elsewhere, or nowhere. */
+static inline bool shmgen_is_retired(const shmgen_link *link)
+{
+    return shmgen_load(link, SHMGEN_AT(retired)) != 0;
+}
+
+/* Whether its file was removed by who does not say so; those who have it open, PLCs too, are told then. */
+static inline bool shmgen_is_removed(const shmgen_link *link)
+{
+    struct stat status;
+    if (fstat(link->file, &status) != 0 || status.st_nlink != 0)
+        return false;
+    if (!link->passive)
+        shmgen_store(link, SHMGEN_AT(retired), 1);
+    return true;
+}
+
+/* A record lock of the open-file kind, which goes with the descriptor, also by SIGKILL: kind is F_RDLCK, F_WRLCK or F_UNLCK. */
 static inline bool shmgen_byte(const shmgen_link *link, off_t byte, short kind)
 {
 #ifdef F_OFD_SETLK

@@ -1,4 +1,4 @@
-"""The region as data (ABI 1): every word of its header and of a slot's, and every number both sides must know.
+"""The region as data (ABI 2): every word of its header and of a slot's, and every number both sides must know.
 
 The runtime, `shmgen.h`, `ST_ShmHeader`, `ST_ShmSlot`, `GVL_Shm` and the tables of docs/protocol.md are made from here;
 no other file says where a word stands. A new counter is one line in HEADER, where bytes are free.
@@ -12,10 +12,11 @@ from typing import NamedTuple
 # --- Numbers ------------------------------------------------------------------------------------------
 
 MAGIC = 0x474D4853
-ABI = 1
+ABI = 2
 HEADER_SIZE = 192
 SLOT_HEADER = 16
 SLOT_STEP = 64
+LANES = 2
 PAGE = 4096
 PLC = 0xFFFFFFFF
 LAST = 0xFFFFFFFF
@@ -28,6 +29,7 @@ MAX_NAME = 80 - len(EVENT)
 MAX_CALL_NAME = MAX_NAME - len("-response")
 WRITER_LOCK = 0
 REPAIR_LOCK = 1
+READER_LOCK = 2
 
 RETRY_MS = 500
 CLAIM_MS = 1000
@@ -56,6 +58,7 @@ NUMBERS = (
     Number("HEADER_SIZE", HEADER_SIZE, "UINT", "bytes before slot 0"),
     Number("SLOT_HEADER", SLOT_HEADER, "UDINT", "bytes before the payload of a slot"),
     Number("SLOT_STEP", SLOT_STEP, "UDINT", "bytes; the size of a slot is a multiple of it"),
+    Number("LANES", LANES, "UDINT", "rows of slots; a writer uses one of them"),
     Number("PAGE", PAGE, "UDINT", "bytes; the size of a region is a multiple of it"),
     Number("PLC", PLC, "UDINT", "in place of a process id, which a PLC does not know"),
     Number("LAST", LAST, "UDINT", "the greatest number of a sample; then it wraps around to the number of slots"),
@@ -65,15 +68,21 @@ NUMBERS = (
     Number("MAX_NAME", MAX_NAME, "UDINT", "characters of a region's name: STRING(80) less '-event'"),
     Number("MAX_CALL_NAME", MAX_CALL_NAME, "", "characters of a service or an action: MAX_NAME less '-response'"),
     Number("WRITER_LOCK", WRITER_LOCK, "", "the byte under a record lock while a writer has the region open"),
-    Number("REPAIR_LOCK", REPAIR_LOCK, "", "the byte under one while the header is written or the lock is recovered"),
+    Number(
+        "REPAIR_LOCK",
+        REPAIR_LOCK,
+        "",
+        "the byte under one while the header is written, the lock recovered, or the file removed",
+    ),
+    Number("READER_LOCK", READER_LOCK, "", "the byte under a shared one while a reader has the region open"),
     Number("RETRY_MS", RETRY_MS, "UDINT", "a PLC tries again to open what it could not open"),
     Number("CLAIM_MS", CLAIM_MS, "UDINT", "a writer whose heartbeat does not change for this long is gone"),
     Number("CONFIRM_MS", CONFIRM_MS, "UDINT", "an id in `writer` that is unchanged after this time is a claim"),
     Number("RECOVER_MS", RECOVER_MS, "UDINT", "a lock that nobody has acquired for this long is stuck"),
     Number("DEAD_MS", DEAD_MS, "", "the same, if its holder is a process that no longer exists"),
     Number("LOCK_MS", LOCK_MS, "", "timeout for the lock, by default"),
-    Number("WAKE_MS", WAKE_MS, "", "the longest single wait for the event: what a lost wake-up costs"),
-    Number("POLL_MS", POLL_MS, "", "between two looks where there is no event, or another reader has it"),
+    Number("WAKE_MS", WAKE_MS, "", "the longest single sleep of who waits: what a lost wake-up costs"),
+    Number("POLL_MS", POLL_MS, "", "between two looks where nobody would wake"),
     Number("HEARTBEAT_MS", HEARTBEAT_MS, "", "a waiting server increments its heartbeat at least this often"),
     Number("PEER_MS", PEER_MS, "", "a peer between two system calls has made the second by then, or is dead"),
 )
@@ -127,19 +136,40 @@ HEADER = (
     Word(24, "u32", "writer", "udiWriter", "writer", f"process id; {_PLC}, 0 = none yet"),
     Word(28, "u32", "slots", "udiSlots", CREATOR, "a power of two, 2 at least"),
     Word(32, f"char[{MAX_TYPE_NAME + 1}]", "type_name", "abyTypeName", CREATOR, "'geometry_msgs/msg/Pose', the rest 0"),
-    Word(128, "u32", "begun", "udiBegun", "writer", "number of the newest write begun"),
-    Word(132, "u32", "completed", "udiCompleted", "writer", "number of the newest write completed, 0 = none yet"),
+    Word(
+        128,
+        "u32",
+        "completed0",
+        "udiCompleted0",
+        "writer",
+        "number of the newest sample completed in lane 0, 0 = none yet",
+    ),
+    Word(132, "u32", "completed1", "udiCompleted1", "writer", "the same of lane 1"),
+    Word(136, "u32", "turn", "udiTurn", "writer", "its second bit is the lane; odd: a takeover has begun"),
+    Word(140, "u32", "left", "udiLeft", "writer", "number that the writer began after; 0 = none left out"),
+    Word(
+        144, "u32", "retired", "udiRetired", "who removes it", "1 = the name leads elsewhere: let go, and open it anew"
+    ),
+    Word(
+        148,
+        "u32",
+        "ordered",
+        "udiOrdered",
+        "whoever knows",
+        "1 = stores and loads keep their order on this machine: x86",
+    ),
     Word(152, "u32", "heartbeat", "udiHeartbeat", "writer", "incremented in each cycle, with or without data"),
     Word(156, "u32", "lock_holder", "udiLockHolder", "lock holder", f"process id; {_PLC}, 0 = nobody"),
     Word(160, "u32", "recoveries", "udiRecoveries", "whoever recovers", "how often a stuck lock was recovered"),
-    Word(164, "u32", "armed", "udiArmed", "a waiting reader", "1 = a reader waits; the writer clears it and posts"),
+    Word(164, "u32", "armed", "udiArmed", "a waiting reader", "1 = a reader waits; the writer clears it and wakes"),
     Word(168, "u32", "lock_count", "udiLockCount", "lock holder", "incremented at each acquisition"),
     Word(172, "u32", "missed", "udiMissed", "readers", "samples that readers missed, for people to see"),
+    Word(176, "u32", "bell", "udiBell", "writer", "number of the sample for which it has woken readers"),
 )
 
 SLOT = (
     Word(0, "u64", "stamp_ns", "lwStamp", "writer", "the writer's wall clock in ns since 1970, 0 = it has none"),
-    Word(8, "u32", "number", "udiNumber", "writer", "number of the sample"),
+    Word(8, "u32", "number", "udiNumber", "writer", "number of the sample, 0 = it is not whole"),
 )
 
 
@@ -178,11 +208,11 @@ def slot_size(payload: int) -> int:
 
 
 def region_size(payload: int, slots: int) -> int:
-    """Bytes of a region: header and slots, in whole pages.
+    """Bytes of a region: header and two lanes of slots, in whole pages.
 
     So a runtime that compares sizes exactly and one that rounds them agree.
     """
-    return _round_up(HEADER_SIZE + slots * slot_size(payload), PAGE)
+    return _round_up(HEADER_SIZE + LANES * slots * slot_size(payload), PAGE)
 
 
 def _round_up(size: int, step: int) -> int:

@@ -5,7 +5,7 @@ A **field** is the user's, a **slot** is bytes, a **row** is printed.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import field
 from enum import Enum
 from typing import Literal, NamedTuple, NoReturn, TypeAlias
@@ -369,6 +369,3 @@ class Output:
     template: str
     view: object
     piece: bool = False
-
-
-Outputs: TypeAlias = Iterable[Output]

@@ -1,4 +1,4 @@
-"""Turns message definitions into the hash by which ROS 2 knows them (REP 2016, version 1: `RIHS01_…`).
+"""Turns definitions into the hash by which ROS 2 knows them (REP 2016, version 1: `RIHS01_…`).
 
 It is taken over what a message is in ROS, whatever shmgen.toml bounds it to: names and types of all fields, also of
 those in the messages it holds. Constants, defaults and comments are not in it. ROS 1 has no such hash.
@@ -11,11 +11,13 @@ import json
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from shmgen.core.diagnostics import Span
 from shmgen.core.model import (
     Array,
     Clock,
     Element,
     Field,
+    FieldType,
     Message,
     Ref,
     Scalar,
@@ -23,6 +25,7 @@ from shmgen.core.model import (
     String,
     TypeName,
     assert_never,
+    ros_type,
 )
 
 FILLER = "structure_needs_at_least_one_member"
@@ -50,6 +53,12 @@ _SCALARS = {
 _WORDS = {"char": 13, "wchar": 14, "byte": 16}
 _STRING, _WIDE, _BOUNDED = 17, 18, 4
 _ARRAY, _BOUNDED_SEQUENCE, _SEQUENCE = 48, 96, 144
+_EVENT_INFO: dict[str, FieldType] = {
+    "event_type": Scalar.UINT8,
+    "stamp": Clock.TIME,
+    "client_gid": Array(Scalar.UINT8, 16),
+    "sequence_number": Scalar.INT64,
+}
 
 _Described = dict[str, Any]
 
@@ -59,6 +68,27 @@ def type_hash(messages: Iterable[Message]) -> str:
     known = {message.name: message for message in messages}
     *_, last = known
     return hash_of(last, known)
+
+
+def service_hash(request: tuple[Message, ...], response: tuple[Message, ...]) -> str:
+    """Of the service whose halves are the last of each; they hold all that these refer to."""
+    halves = Ref(request[-1].name), Ref(response[-1].name)
+    whole = halves[0].name._replace(name=halves[0].name.name.removesuffix("_Request"))
+    info = made_message(TypeName("service_msgs", "msg", "ServiceEventInfo"), _EVENT_INFO)
+    request_event, response_event = (Sequence(half, 1) for half in halves)
+    event = made_message(
+        whole.part("_Event"), {"info": Ref(info.name), "request": request_event, "response": response_event}
+    )
+    parts = {"request_message": halves[0], "response_message": halves[1], "event_message": Ref(event.name)}
+    return type_hash((*request, *response, info, event, made_message(whole, parts)))
+
+
+def made_message(name: TypeName, fields: Mapping[str, FieldType]) -> Message:
+    """One that ROS 2 itself makes of services and actions, of which nobody has written a file."""
+    place = Span(str(name))
+    made = tuple(Field(field, type_, ros_type(type_), place) for field, type_ in fields.items())
+    text = "".join(f"{field.written} {field.name}\n" for field in made)
+    return Message(name, made, (), place, name.package, text)
 
 
 def hash_of(name: TypeName, known: Mapping[TypeName, Message]) -> str:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import errno
 import os
 import re
-import tempfile
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+import stat
+from collections.abc import Iterable, Iterator, Mapping, Set
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 from shmgen.core import files
@@ -41,37 +41,46 @@ def write(
     leftovers = list(leftovers)
     given, folder = folder, _reachable(folder)
     removed: list[str] = []
-    staged: dict[str, Path] = {}
+    staged: dict[str, str] = {}
     made: list[Path] = []
     path = ""
     try:
         made += _make_folder(folder)
-        with _alone(folder):
+        with _alone(folder) as descriptor, closing(_Below(folder, descriptor, made)) as below:
             if current(folder, last) != former:
                 return None
-            changed = [path for path in texts if current(folder, path) != texts[path].encode()]
-            changed.sort(key=lambda path: path == last)
-            removed += [path for path in abandoned(folder, [*texts, *leftovers]) if _remove(folder, path)]
+            listed = names_in(folder, [*texts, *leftovers])
+            changed = [
+                path for path in texts if not _is_listed(path, listed) or current(folder, path) != texts[path].encode()
+            ]
+            changed.sort(key=lambda path: (path == last, path))
+            removed += [path for path in abandoned(folder, listed) if _remove(folder, path)]
+            beside = f".shmgen-{os.urandom(4).hex()}.tmp"
             for path in changed:
-                _stay_inside(folder, path)
-                made += _make_folder((folder / path).parent)
-                staged[path] = _stage(folder / path, texts[path])
+                if _is_listed(path, listed) and os.path.isdir(folder / path):
+                    raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+                place, slash, name = path.rpartition("/")
+                staged[path] = f"{place}{slash}.{name}{beside}"
+                _stage(*below.find(staged[path]), texts[path])
             made.clear()
             for path in changed:
                 if path == last:
                     removed += [leftover for leftover in leftovers if _remove(folder, leftover)]
-                staged.pop(path).replace(folder / path)
+                (temporary, there), (file, _) = below.find(staged[path]), below.find(path)
+                os.replace(temporary, file, src_dir_fd=there, dst_dir_fd=there)
+                del staged[path]
     except OSError as error:
         reason = f"cannot write: {error.strerror or error}"
         hint = "choose another folder with -o, or make room in this one"
         raise Rejected([Diagnostic("SHM007", reason, Span(str(given / path)), hint=hint)]) from error
     finally:
-        for temporary in staged.values():
-            temporary.unlink()
+        for left in staged.values():
+            with suppress(OSError):  # it did not come to be
+                os.unlink(folder / left)
         for empty in reversed(made):
             with suppress(OSError):  # another run has something in it by now
                 empty.rmdir()
-    return Written(tuple(changed), tuple(path for path in texts if path not in changed), tuple(removed))
+    return Written(tuple(changed), tuple(sorted(texts.keys() - changed)), tuple(removed))
 
 
 def current(folder: Path, path: str) -> bytes | None:
@@ -100,45 +109,101 @@ def is_inside(folder: Path, path: str) -> bool:
     return file.is_file() and folder.resolve() in file.resolve().parents
 
 
-def abandoned(folder: Path, paths: Iterable[str]) -> list[str]:
-    """Files that a killed run staged in the folders of `paths`, or below them, and did not come to rename.
+def abandoned(folder: Path, listed: Mapping[str, Set[str]]) -> list[str]:
+    """Files that a killed run staged and did not come to rename.
 
     The file that was to be may have left the configuration since, so its name says nothing.
     """
-    found: list[str] = []
+    found = (f"{place}{name}" for place, names in listed.items() for name in sorted(names) if _STAGED.fullmatch(name))
+    return [path for path in found if is_inside(folder, path)]
+
+
+def names_in(folder: Path, paths: Iterable[str]) -> dict[str, Set[str]]:
+    """The names in all folders below those where `paths` begin, `c/shm_msgs/` and so on, and last in `folder` itself.
+
+    What a link leads to is not looked into.
+    """
+    listed: dict[str, Set[str]] = {}
     for room in sorted({path.partition("/")[0] for path in paths if "/" in path}):
         for place, folders, names in os.walk(folder / room):
             folders.sort()
-            found += [os.path.join(place, name) for name in sorted(names) if _STAGED.fullmatch(name)]
+            listed[f"{Path(place).relative_to(folder).as_posix()}/"] = {*folders, *names}
     with suppress(OSError):
-        found += [str(folder / name) for name in sorted(os.listdir(folder)) if _STAGED.fullmatch(name)]
-    inside = (Path(os.path.relpath(path, folder)).as_posix() for path in found)
-    return [path for path in inside if is_inside(folder, path)]
+        listed[""] = {*os.listdir(folder)}
+    return listed
+
+
+def _is_listed(path: str, listed: Mapping[str, Set[str]]) -> bool:
+    """Whether there is one, or it cannot be said, being behind a link."""
+    place, slash, name = path.rpartition("/")
+    names = listed.get(f"{place}{slash}")
+    return name in names if names is not None else bool(place) and _is_listed(place, listed)
 
 
 _STAGED = re.compile(r"\..+\.shmgen-[a-z0-9_]{8}\.tmp")
 
 
 @contextmanager
-def _alone(folder: Path) -> Iterator[None]:
-    """Two runs at once, of a parallel build, take turns; on Windows, or without locks in the file system, not."""
+def _alone(folder: Path) -> Iterator[int | None]:
+    """Two runs at once, of a parallel build, take turns; on Windows, or without locks in the file system, not.
+
+    Gives a descriptor of the folder where there can be one.
+    """
     if fcntl is None:
-        yield
+        yield None
         return
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         with suppress(OSError):
             fcntl.flock(descriptor, fcntl.LOCK_EX)
-        yield
+        yield descriptor
     finally:
         os.close(descriptor)
 
 
-def _stay_inside(folder: Path, path: str) -> None:
-    """Raises OSError where a folder on the way is a link: what is written there would be written elsewhere."""
-    for parent in Path(path).parents:
-        if (folder / parent).is_symlink() and parent != Path():
-            raise OSError(errno.ELOOP, f"{folder / parent} is a symbolic link")
+class _Below:
+    """The folders below one, each opened from the one above it, so that none is a link; once, if paths are in order.
+
+    On Windows, which opens no folders, their whole paths stand for them. Those that were missing are added to `made`.
+    """
+
+    def __init__(self, folder: Path, descriptor: int | None, made: list[Path]) -> None:
+        self._folder, self._made = folder, made
+        self._way: list[str] = []
+        self._descriptors = [descriptor]
+
+    def find(self, path: str) -> tuple[str | Path, int | None]:
+        """The name of a file, and the descriptor of the folder that is to be seen from. Raises OSError."""
+        *way, name = path.split("/")
+        while self._way != way[: len(self._way)]:
+            self._leave()
+        for inner in way[len(self._way) :]:
+            self._enter(inner)
+        return (name if self._descriptors[-1] is not None else self._folder / path), self._descriptors[-1]
+
+    def close(self) -> None:
+        while self._way:
+            self._leave()
+
+    def _enter(self, name: str) -> None:
+        path, above = self._folder.joinpath(*self._way, name), self._descriptors[-1]
+        seen = path if above is None else name
+        try:
+            if stat.S_ISLNK(os.lstat(seen, dir_fd=above).st_mode):
+                raise OSError(errno.ELOOP, f"{path} is a symbolic link")
+        except FileNotFoundError:
+            with suppress(FileExistsError):  # of another run by now
+                os.mkdir(seen, dir_fd=above)
+                self._made.append(path)
+        flags = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW if above is not None else 0
+        self._descriptors.append(None if above is None else os.open(seen, flags, dir_fd=above))
+        self._way.append(name)
+
+    def _leave(self) -> None:
+        self._way.pop()
+        descriptor = self._descriptors.pop()
+        if descriptor is not None:
+            os.close(descriptor)
 
 
 def _make_folder(folder: Path) -> list[Path]:
@@ -148,20 +213,16 @@ def _make_folder(folder: Path) -> list[Path]:
     return missing[::-1]
 
 
-def _stage(path: Path, text: str) -> Path:
-    """A file beside `path` that has only to be renamed."""
-    if path.is_dir():
-        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
-    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.shmgen-", suffix=".tmp")
-    temporary = Path(name)
+def _stage(name: str | Path, folder: int | None, text: str) -> None:
+    """A file beside the one it is for, that has only to be renamed."""
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
+    descriptor = os.open(name, flags, 0o666, dir_fd=folder)
     try:
-        with os.fdopen(descriptor, "wb") as file:
-            file.write(text.encode())
-        temporary.chmod(0o666 & ~_umask())
-    except BaseException:
-        temporary.unlink()
-        raise
-    return temporary
+        left = memoryview(text.encode())
+        while left:
+            left = left[os.write(descriptor, left) :]
+    finally:
+        os.close(descriptor)
 
 
 def _remove(folder: Path, path: str) -> bool:
@@ -175,9 +236,3 @@ def _remove(folder: Path, path: str) -> bool:
             break
         parent.rmdir()
     return True
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

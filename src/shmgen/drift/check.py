@@ -9,23 +9,12 @@ from pathlib import Path
 
 from shmgen.core import write
 from shmgen.core.diagnostics import Diagnostic, Report, Span
-from shmgen.core.fast_dataclass import dataclass
 from shmgen.drift import lockfile
 from shmgen.drift.compare import compare
 from shmgen.drift.findings import Finding, Severity, worst
 
 REGENERATE = "run `shmgen generate` and commit the result"
 REBUILD = "run `shmgen generate`, commit the result, rebuild both sides"
-
-
-@dataclass(frozen=True, slots=True)
-class _Files:
-    """Paths of generated files that are not as they should be, each in one of these."""
-
-    stale: tuple[str, ...]
-    edited: tuple[str, ...]
-    missing: tuple[str, ...]
-    left_over: tuple[str, ...]
 
 
 def check(texts: Mapping[str, str], folder: Path) -> list[Finding]:
@@ -37,7 +26,7 @@ def check(texts: Mapping[str, str], folder: Path) -> list[Finding]:
         found = Diagnostic("SHM407", "layout.lock is missing", Span(shown), hint=hint)
         return [Finding(Severity.BREAKING, found)]
     as_it_should_be = all(write.current(folder, path) == text.encode() for path, text in texts.items())
-    if as_it_should_be and not write.abandoned(folder, texts):
+    if as_it_should_be and not write.abandoned(folder, write.names_in(folder, texts)):
         return []  # layout.lock among them, which is slow to take apart
     report = Report()
     old = lockfile.read(kept.decode(errors="replace"), shown, report)
@@ -45,7 +34,7 @@ def check(texts: Mapping[str, str], folder: Path) -> list[Finding]:
         return [Finding(Severity.BREAKING, found) for found in report.diagnostics]
     new = lockfile.read(texts[lockfile.LOCK], shown, report)
     findings = [_with_advice(found) for found in compare(old, new, shown)] if old != new else []
-    findings += _of_files(_files(texts, folder, old), folder, worst(findings))
+    findings += _of_files(texts, folder, old, worst(findings))
     if not findings and kept != texts[lockfile.LOCK].encode():
         findings += _listed("SHM403", Severity.COSMETIC, [lockfile.LOCK], folder, ("is stale", ""), REGENERATE)
     return findings
@@ -69,7 +58,7 @@ def _with_advice(found: Finding) -> Finding:
     return replace(found, diagnostic=replace(found.diagnostic, hint=hint))
 
 
-def _files(texts: Mapping[str, str], folder: Path, lock: lockfile.Lock) -> _Files:
+def _of_files(texts: Mapping[str, str], folder: Path, lock: lockfile.Lock, cause: Severity | None) -> list[Finding]:
     """An interrupted `generate` leaves files that are new already: those are as they should be."""
     stale, edited, missing = [], [], []
     for path, text in texts.items():
@@ -83,18 +72,14 @@ def _files(texts: Mapping[str, str], folder: Path, lock: lockfile.Lock) -> _File
         else:
             edited.append(path)
     left_over = [path for path in lock.files if path not in texts and write.is_inside(folder, path)]
-    left_over += write.abandoned(folder, [*texts, *lock.files])
-    return _Files(tuple(stale), tuple(edited), tuple(missing), tuple(left_over))
-
-
-def _of_files(files: _Files, folder: Path, cause: Severity | None) -> list[Finding]:
-    stale = "" if cause else f"another version of shmgen wrote this; {REGENERATE}"
+    left_over += write.abandoned(folder, write.names_in(folder, [*texts, *lock.files]))
+    advice = "" if cause else f"another version of shmgen wrote this; {REGENERATE}"
     by_hand = "it is lost at the next `shmgen generate`: change the definition or shmgen.toml instead"
     return [
-        *_listed("SHM403", cause or Severity.COSMETIC, files.stale, folder, ("is stale", "are stale"), stale),
-        *_listed("SHM404", Severity.BREAKING, files.edited, folder, ("was edited", "were edited"), by_hand),
-        *_listed("SHM405", Severity.BREAKING, files.missing, folder, ("is missing", "are missing"), REGENERATE),
-        *_listed("SHM406", Severity.COSMETIC, files.left_over, folder, ("is left over", "are left over"), REGENERATE),
+        *_listed("SHM403", cause or Severity.COSMETIC, stale, folder, ("is stale", "are stale"), advice),
+        *_listed("SHM404", Severity.BREAKING, edited, folder, ("was edited", "were edited"), by_hand),
+        *_listed("SHM405", Severity.BREAKING, missing, folder, ("is missing", "are missing"), REGENERATE),
+        *_listed("SHM406", Severity.COSMETIC, left_over, folder, ("is left over", "are left over"), REGENERATE),
     ]
 
 

@@ -1,7 +1,7 @@
-"""Remembers that a check found nothing, and everything it looked at, so that the same check need not be made again.
+"""Remembers that check, or generate, found nothing to do, and everything it looked at, so that it need not look again.
 
 Loads next to nothing, as most of a short run is Python reading modules. What is remembered is in the user's cache
-folder; a byte changed anywhere that the check looked at, or a file more or less, and it is made in full.
+folder; a byte changed anywhere that the command looked at, or a file more or less, and it is run in full.
 """
 
 from __future__ import annotations
@@ -24,19 +24,32 @@ _CONTENT, _STATE, _NAMES = "CSN"
 """What of a path counts: the bytes of a file, its size and time, the names in a folder."""
 
 
+def fixed() -> list[str]:
+    """Names the answers that hang on this shmgen alone: its version, and what completes commands and options.
+
+    Empty where something else is asked.
+    """
+    shell, line, at = (os.environ.get(name, "") for name in ("_SHMGEN_COMPLETE", "COMP_WORDS", "COMP_CWORD"))
+    words = line.split()
+    word = "".join(words[int(at) : int(at) + 1]) if at.isdecimal() else at  # fish gives the word itself
+    if shell and (at == "1" or words[1:] in ([], [at]) or word.startswith("-")):
+        return ["complete", shell, line, at]
+    return ["version", os.environ.get("SHMGEN_PURE", "")] if sys.argv[1:] in (["--version"], ["-V"]) else []
+
+
 def load(arguments: Sequence[str]) -> str | None:
     """What `shmgen arguments…` would print in this folder, if nothing has changed since it was clean."""
     kept = None if "--no-cache" in arguments else cache.read(_name(arguments))
     if kept is None:
         return None
     digest, said, *watched = kept.decode(errors="surrogateescape").split("\n")
-    return f"{said}\n" if digest == _digest(watched) else None
+    return said.replace("\0", "\n") if digest == _digest(watched) else None
 
 
 def store(arguments: Sequence[str], said: str, folders: Iterable[str], files: Sequence[str], began: int) -> None:
     """`folders` are where definitions are looked for, `files` all others that were read or might have been.
 
-    What was touched since the check `began`, in ns since 1970, may not be what it saw: then nothing is remembered.
+    What was touched since the command `began`, in ns since 1970, may not be what it saw: then nothing is remembered.
     """
     if not hasattr(os, "geteuid"):  # on Windows, where cache.py keeps nothing
         return
@@ -47,7 +60,7 @@ def store(arguments: Sequence[str], said: str, folders: Iterable[str], files: Se
         *(line for folder in folders for line in _definitions(folder)),
         *(f"{_STATE}{file}" for file in _tool()),
     ]
-    text = "\n".join([_digest(watched), said, *watched])
+    text = "\n".join([_digest(watched), said.replace("\n", "\0"), *watched])
     if text.count("\n") != len(watched) + 1 or _touched(watched) > began - _TICK:  # the former: a line feed in a name
         return
     cache.write(_name(arguments), text.encode(errors="surrogateescape"))
@@ -125,9 +138,8 @@ def _tool() -> Iterator[str]:
     """Our own files, and those of others that have a say in what is written."""
     ours = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
     folders = [ours, os.path.join(os.path.dirname(os.path.dirname(ours)), "templates")]
-    for package, inner in (("rosbags", "typesys/stores"), ("jinja2", "")):
-        place = next((place for place in sys.path if os.path.isdir(os.path.join(place, package))), "")
-        folders.append(os.path.join(place, package, inner))
+    place = next((place for place in sys.path if os.path.isdir(os.path.join(place, "rosbags"))), "")
+    folders.append(os.path.join(place, "rosbags/typesys/stores"))
     for folder in folders:
         for place, within, names in os.walk(folder):
             within[:] = sorted(name for name in within if name not in ("__pycache__", ".mypy_cache"))

@@ -6,8 +6,8 @@ import functools
 import hashlib
 import json
 import re
-from collections.abc import Callable, Container, Iterable, Mapping
-from dataclasses import field
+from collections.abc import Container, Iterable, Mapping
+from dataclasses import field, replace
 from typing import Any
 
 from shmgen.core import toml
@@ -67,10 +67,6 @@ class Lock:
     files: Mapping[str, str] = field(default_factory=dict)
 
 
-Reading = Callable[[str, str, Report], Lock]
-"""`read`, or `read_asked`."""
-
-
 def write(layouts: Layouts, texts: Mapping[str, str], settings: Mapping[str, object]) -> str:
     """The text of layout.lock: stable order, one line a slot, no date, no host, no version of ours."""
     lines = [
@@ -104,9 +100,13 @@ def read(text: str, shown: str, report: Report) -> Lock:
 
 
 def read_asked(text: str, shown: str, report: Report) -> Lock:
-    """The same of what stands before the messages alone, which take long: what was asked for, and the settings."""
-    asked, found, _ = text.partition("\n[messages.")
-    return read(f"{asked}\n[files]\n" if found else text, shown, report)
+    """The same without the messages, which take long: what was asked for, the settings, and the files."""
+    asked, found, rest = text.partition("\n[messages.")
+    listed = rest.partition("\n[files]\n")[2]
+    files = dict(_FILE.findall(listed))
+    if not found or len(files) < listed.count("\n"):
+        return read(text, shown, report)
+    return replace(read(f"{asked}\n[files]\n", shown, report), files=files)
 
 
 @functools.lru_cache(2)
@@ -179,6 +179,7 @@ def _toml(value: object) -> str:
     return _JSON(value).replace("\x7f", "\\u007f")
 
 
+_FILE = re.compile(r'^"([^"\\]+)" = "([0-9a-f]{64})"$', re.MULTILINE)
 _JSON = json.JSONEncoder(ensure_ascii=False).encode
 _SLOT = re.compile(r"(\d+) (\S+) (\S+?)(?:\[(\d+)\])?(?: \((\w+)\))?")
 _CONSTANT = re.compile(r"(\S+) (\S+) = (.*)", re.DOTALL)

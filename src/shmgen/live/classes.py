@@ -38,6 +38,11 @@ class ClassRegistry:
     def config(self) -> Config:
         return self.session.config
 
+    def depth_of(self, topic: str) -> int:
+        """What shmgen.toml says, or 1."""
+        asked = topic.lstrip("/")
+        return next((entry.depth for entry in self.config.topics if entry.topic.lstrip("/") == asked), 1)
+
     def message(self, request: str, digest: int | None = None, part_of: str = "") -> type[Message]:
         """The class of `geometry_msgs/Pose`, with that digest if one is given; `part_of` as in Session.
 

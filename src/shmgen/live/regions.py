@@ -9,13 +9,14 @@ from contextlib import suppress
 from types import TracebackType
 from typing import Any
 
+from shmgen.core import abi
 from shmgen.core.diagnostics import closest
 from shmgen.core.plural import counted
 from shmgen.runtime import region_name
 from shmgen.runtime.errors import RegionMissing, RegionUnusable, ShmError
 from shmgen.runtime.region import header as h
 from shmgen.runtime.region.holders import holder
-from shmgen.runtime.region.looks import WRITER_LOCK, byte_is_locked, foreign, opened_to_read
+from shmgen.runtime.region.looks import READER_LOCK, WRITER_LOCK, byte_is_locked, foreign, opened_to_read
 from shmgen.runtime.region.names import HALVES, region_file, semaphore_file
 
 FOLDER = "/dev/shm"
@@ -46,10 +47,16 @@ class View:
 
     def stamp(self, number: int, header: h.Header) -> int | None:
         """Nanoseconds since 1970 when sample `number` was written, 0 if its writer has no clock; None: overwritten."""
-        at = h.HEADER_SIZE + number % header.slots * header.slot_size
-        data = os.pread(self._file.fileno(), _SLOT.size, at)
-        stamp, found = _SLOT.unpack(data.ljust(_SLOT.size, b"\0"))
-        return stamp if found == number else None
+        slot = self.slot(number, header)
+        return _SLOT.unpack(self.read(slot, _SLOT.size))[0] if slot else None
+
+    def slot(self, number: int, header: h.Header) -> int:
+        """Where sample `number` lies whole, 0 = nowhere: overwritten."""
+        for lane in range(abi.LANES):
+            slot = h.HEADER_SIZE + (number % header.slots + lane * header.slots) * header.slot_size
+            if _SLOT.unpack(self.read(slot, _SLOT.size).ljust(_SLOT.size, b"\0"))[1] == number:
+                return slot
+        return 0
 
     def read(self, start: int, size: int) -> bytes:
         """Bytes of the file, fewer at its end."""
@@ -58,6 +65,10 @@ class View:
     def claimed(self) -> bool:
         """Whether a living process holds the record lock of the writer; PLCs take none."""
         return byte_is_locked(self._file.fileno(), WRITER_LOCK)
+
+    def is_read(self) -> bool:
+        """Whether a living process holds that of a reader."""
+        return byte_is_locked(self._file.fileno(), READER_LOCK)
 
     def writer(self, said: int) -> int:
         """The process that holds it; `said`, what stands in the header, where this user cannot see."""
@@ -147,11 +158,10 @@ def damage(header: h.Header) -> str:
         return f"it says {header.slots} slots, and that is no power of two above 1"
     if header.slot_size < h.SLOT_HEADER + header.payload_size:
         return f"its slots of {header.slot_size} bytes cannot hold {header.payload_size} and {h.SLOT_HEADER}"
-    size = h.HEADER_SIZE + header.slots * header.slot_size
+    size = h.HEADER_SIZE + abi.LANES * header.slots * header.slot_size
     if header.size < size:
-        return (
-            f"the file has {counted(header.size, 'byte')}, its {header.slots} slots of {header.slot_size} need {size:,}"
-        )
+        needs = f"its {abi.LANES} x {header.slots} slots of {header.slot_size} need {size:,}"
+        return f"the file has {counted(header.size, 'byte')}, {needs}"
     return ""
 
 

@@ -156,7 +156,8 @@ class ActionServer(Closable, Generic[Goal]):
         if not command.cancel:
             self._calls.begin(number)
             self._is_unwanted = False
-            self._waiting = ServedGoal(self, number, command.goal)
+            usable = self._calls.is_usable(command, partial(self._end, number, "REJECTED", None))
+            self._waiting = ServedGoal(self, number, command.goal) if usable else None
         elif command.cancel == self._calls.number and not self._waiting:
             self._is_unwanted = True
         else:  # nobody has taken that goal: it waits here, or its cancel has overwritten it

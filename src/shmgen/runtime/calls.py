@@ -13,10 +13,11 @@ from math import inf
 from typing import Any, Generic, TypeVar
 
 from shmgen.core import abi
-from shmgen.runtime.errors import LockTimeout
+from shmgen.runtime.errors import CountExceeded, LockTimeout
 from shmgen.runtime.messages.message import Message
 from shmgen.runtime.publisher import Publisher
 from shmgen.runtime.region import header as h
+from shmgen.runtime.region.settings import UNTIL_RECOVERED
 from shmgen.runtime.subscriber import Subscriber
 
 Q = TypeVar("Q", bound=Message)
@@ -141,6 +142,16 @@ class CallServer(Generic[Q, A]):
     def begin(self, number: int) -> None:
         """From now on this request waits for its response, and no other."""
         self.number, self._begun_at = number, self._responses.sequence
+
+    def is_usable(self, request: Message, refuse: Callable[[], object]) -> bool:
+        """False: the request begun last has a count above its bound, and `refuse` has sent the response."""
+        try:
+            request._check_counts()
+        except CountExceeded:
+            log_exception(f"{self._requests.topic}: request {self.number} cannot be used")
+            self.retry_until_sent(refuse, deadline_of(UNTIL_RECOVERED))
+            return False
+        return True
 
     def awaits(self, number: int) -> bool:
         """Whether that request still waits for its response.

@@ -31,16 +31,17 @@ class ServiceClient(Closable, Generic[Request, Response]):
         lock_timeout: float | None = None,
         mode: int | None = None,
         group: str | int | None = None,
+        spin: float = 0.0,
     ) -> None:
         """Opens the service's regions or creates them; one client for each service. No server is needed yet.
 
-        `lock_timeout` (seconds), `mode` and `group` as for a Publisher, and its errors: ValueError, LayoutMismatch,
-        RegionInUse, PermissionDenied, RegionUnusable.
+        `lock_timeout` (seconds), `mode`, `group` and `spin` as for a Subscriber, and its errors: ValueError,
+        LayoutMismatch, RegionInUse, PermissionDenied, RegionUnusable.
         """
         options: dict[str, Any] = {"lock_timeout": lock_timeout, "mode": mode, "group": group}
         with ExitStack() as opened:
             requests = opened.enter_context(self.request_publisher(f"{service}-request", **options))
-            responses = opened.enter_context(self.reply_subscriber(f"{service}-response", **options))
+            responses = opened.enter_context(self.reply_subscriber(f"{service}-response", spin=spin, **options))
             opened.pop_all()
         self._calls = CallClient(requests, responses, "call")
         self._one_at_a_time = threading.RLock()

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import sys
+import weakref
 from typing import TYPE_CHECKING, Any
 
 from shmgen.core import abi
@@ -42,5 +43,12 @@ can_wait_for_many = engine.can_wait_for_many
 
 
 def codec(kind: Any) -> Any:
-    """What moves messages of that class to bytes and back in C; None: the class does so itself."""
-    return plan.codec(getattr(engine, "Codec"), kind) if IN_C else None  # noqa: B009 the reference has none
+    """What moves messages of that class to bytes and back in C, made once; None: the class does so itself."""
+    if not IN_C:
+        return None
+    if kind not in _codecs:
+        _codecs[kind] = plan.codec(getattr(engine, "Codec"), kind)  # noqa: B009 the reference has none
+    return _codecs[kind]
+
+
+_codecs: weakref.WeakKeyDictionary[Any, Any] = weakref.WeakKeyDictionary()

@@ -19,6 +19,10 @@ class RegionUnusable(ShmError):
     """The region cannot be created or mapped: /dev/shm is full, or its file keeps appearing and vanishing."""
 
 
+class RegionRetired(RegionUnusable):
+    """The region was removed, or replaced by one of another layout; open the topic anew."""
+
+
 class LayoutMismatch(ShmError):
     """The region holds another layout than the one generated here; nothing was read or written."""
 
@@ -41,6 +45,10 @@ class InForkedChild(Closed):
 
 class Reentered(ShmError):
     """A call of this end runs already, and was interrupted: without the extension in C no other may come in between."""
+
+
+class Overwritten(ShmError):
+    """The writer has overwritten a sample that was read in place: what was read of it is nothing."""
 
 
 class LockTimeout(ShmError):

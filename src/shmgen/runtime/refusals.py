@@ -2,57 +2,59 @@
 
 from __future__ import annotations
 
-import errno
-import os
+import time
 from contextlib import suppress
 from enum import IntEnum
-from typing import NoReturn
 
+from shmgen.core import abi
 from shmgen.runtime.errors import (
     ClaimLost,
     Closed,
     InForkedChild,
     LockTimeout,
-    PermissionDenied,
-    RegionInUse,
-    RegionMissing,
+    Reentered,
+    RegionRetired,
     RegionUnusable,
     ShmError,
 )
-from shmgen.runtime.region.access import access_for, denied, opened
-from shmgen.runtime.region.looks import (
-    check_header,
-    check_semaphore,
-    need_glibc,
-    opened_to_read,
-    peek,
-    refused_by_system,
-    restless,
-    writer_of,
-)
-from shmgen.runtime.region.names import event_name, region_file, region_name, semaphore_file
+from shmgen.runtime.region.looks import in_use, opened_to_read, peek, refused_by_system, restless, writer_of
+from shmgen.runtime.region.names import region_file, region_name
 from shmgen.runtime.region.settings import Settings
 
 
 class Status(IntEnum):
-    """Of shmgen_status.h, those that are more than a file one can look at."""
+    """Of shmgen_status.h, those of an end that cannot be opened for more reasons than its files, or that was open."""
 
-    REGION_NO_ACCESS = 10
     RESTLESS = 15
-    SEMAPHORE_NO_ACCESS = 30
+    REGION_RETIRED = 17
     LOCK_TIMEOUT = 33
     WRITER_IN_USE = 40
     CLAIM_LOST = 41
     OPENING = 102
     CLOSED = 103
     IN_FORKED_CHILD = 104
-    REGION_MISSING = 105
+    MISUSED = 106
 
 
 def refusal(of: Settings, status: int, pid: int, number: int) -> ShmError:
     """The error to raise; `pid` is that of the process that opened the end, `number` an errno."""
+    match status:
+        case Status.MISUSED:
+            return borrowed_already(of)
+        case Status.OPENING | Status.CLOSED | Status.IN_FORKED_CHILD:
+            return gone(of, status, pid)
+        case Status.REGION_RETIRED:
+            return retired(of)
+        case Status.WRITER_IN_USE | Status.CLAIM_LOST | Status.LOCK_TIMEOUT:
+            return _of_peer(of, status)
     try:
-        _raise(of, status, pid, number)
+        _open_again(of)
+        path = region_file(region_name(of.topic))
+        if status == Status.RESTLESS:
+            return restless(path)
+        if number:
+            refused_by_system(path, number, of.header.size)
+        return RegionUnusable(f"{path} was changed while it was opened (status {status}); try again")
     except ShmError as error:
         return error
 
@@ -67,9 +69,17 @@ def gone(of: Settings, status: int, pid: int) -> ShmError:
     return Closed(f"{of.topic}: this {of.word} is {'not open yet' if status == Status.OPENING else 'closed'}")
 
 
-def in_use(topic: str, who: str) -> RegionInUse:
-    """What to say to a second writer."""
-    return RegionInUse(f"{topic}: {who} publishes already; one writer a topic: stop that one first")
+def retired(of: Settings) -> RegionRetired:
+    """What to say of an end whose region has lost its name."""
+    return RegionRetired(
+        f"{of.topic}: the region was removed, or replaced by one of another layout: open this {of.word} anew, from "
+        "what is generated now"
+    )
+
+
+def borrowed_already(of: Settings) -> Reentered:
+    """What to say to who borrows twice."""
+    return Reentered(f"{of.topic}: this {of.word} has lent a sample already: leave that `with` first")
 
 
 def claim_lost(topic: str, who: str) -> ClaimLost:
@@ -84,55 +94,19 @@ def lock_timeout(topic: str, holder: int) -> LockTimeout:
     )
 
 
-def _raise(of: Settings, status: int, pid: int, number: int) -> NoReturn:
-    name = region_name(of.topic)
-    path = region_file(name)
-    if status in (Status.OPENING, Status.CLOSED, Status.IN_FORKED_CHILD):
-        raise gone(of, status, pid)
-    if status == Status.REGION_MISSING:
-        raise RegionMissing(f"{path} does not exist: start a publisher or a subscriber of it")
-    if status in (Status.WRITER_IN_USE, Status.CLAIM_LOST, Status.LOCK_TIMEOUT):
-        _raise_of_peer(of, status, name)
-    if status == Status.RESTLESS and number not in (errno.EMFILE, errno.ENFILE):
-        raise restless(path)
-    if not of.sequence:
-        need_glibc(of.topic)
-    for file in (path, semaphore_file(name), semaphore_file(event_name(name))):
-        with suppress(FileNotFoundError):
-            _look(of, file, is_region=file == path)
-    if status in (Status.REGION_NO_ACCESS, Status.SEMAPHORE_NO_ACCESS):
-        raise denied(path)
-    if number:
-        refused_by_system(path, number, of.header.size)
-    raise RegionUnusable(f"{path} was changed while it was opened (status {status}); try again")
-
-
-def _raise_of_peer(of: Settings, status: int, name: str) -> NoReturn:
+def _of_peer(of: Settings, status: int) -> ShmError:
     who, holder = "another process", 0
-    with suppress(ShmError), opened_to_read(name) as file:
+    with suppress(ShmError), opened_to_read(region_name(of.topic)) as file:
         header = peek(file.fileno())
         who, holder = writer_of(of.topic, file.fileno(), header.writer), header.lock_holder
-    if status == Status.CLAIM_LOST:
-        raise claim_lost(of.topic, who)
-    if status == Status.WRITER_IN_USE:
-        raise in_use(of.topic, who)
-    raise lock_timeout(of.topic, holder)
+    if status == Status.LOCK_TIMEOUT:
+        return lock_timeout(of.topic, holder)
+    return claim_lost(of.topic, who) if status == Status.CLAIM_LOST else in_use(of.topic, who)
 
 
-def _look(of: Settings, path: str, is_region: bool) -> None:
-    """As who opens it looks at a file; raises what there is to say of it, or FileNotFoundError."""
-    access = access_for(of.options)
-    try:
-        file = opened(path, os.O_RDONLY if of.passive else os.O_RDWR)
-    except PermissionError:
-        raise denied(path) from None
-    with file:
-        if not of.passive:
-            access.mend(file.fileno(), path)
-            if objection := access.objection(os.fstat(file.fileno()), path):
-                who, leave = objection
-                raise PermissionDenied(f"{path}: {who}, and is not used\n  hint: {leave}")
-        if is_region:
-            check_header(of.topic, of.header, file)
-        else:
-            check_semaphore(file.fileno(), path)
+def _open_again(of: Settings) -> None:
+    """As the reference in Python opens the same files, which says in words what C says by a number."""
+    from shmgen.runtime.reference.opening import look_at  # loaded where something is wrong only
+
+    for _ in look_at(of):
+        time.sleep(abi.POLL_MS / 1000)

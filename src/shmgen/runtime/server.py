@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from functools import partial
@@ -38,15 +39,16 @@ class ServiceServer(Closable, Generic[Request]):
         lock_timeout: float | None = None,
         mode: int | None = None,
         group: str | int | None = None,
+        spin: float = 0.0,
     ) -> None:
         """Opens the service's regions or creates them; one server for each service. Requests pending before are stale.
 
-        `lock_timeout` (seconds), `mode` and `group` as for a Publisher, and its errors: ValueError, LayoutMismatch,
-        RegionInUse, PermissionDenied, RegionUnusable.
+        `lock_timeout` (seconds), `mode`, `group` and `spin` as for a Subscriber, and its errors: ValueError,
+        LayoutMismatch, RegionInUse, PermissionDenied, RegionUnusable.
         """
         options: dict[str, Any] = {"lock_timeout": lock_timeout, "mode": mode, "group": group}
         with ExitStack() as opened:
-            requests = opened.enter_context(self.request_subscriber(f"{service}-request", **options))
+            requests = opened.enter_context(self.request_subscriber(f"{service}-request", spin=spin, **options))
             skip_stale(requests)
             responses = opened.enter_context(self.reply_publisher(f"{service}-response", **options))
             if responses._end.doubtful:
@@ -83,13 +85,16 @@ class ServiceServer(Closable, Generic[Request]):
     def wait(self, timeout: float) -> Call | None:
         """The newest request as soon as there is a new one, or None after `timeout` seconds.
 
-        A request before it that was not taken is dropped: its client has abandoned it.
+        A request before it that was not taken is dropped: its client has abandoned it. One with a count above its
+        bound fails at once, and is logged as `shmgen`.
         """
-        taken = self._calls.take(timeout)
-        if taken is None:
-            return None
-        self._calls.begin(taken[0])
-        return Call(*taken)
+        deadline = time.monotonic() + timeout
+        while taken := self._calls.take(max(0.0, deadline - time.monotonic())):
+            call = Call(*taken)
+            self._calls.begin(call.number)
+            if self._calls.is_usable(call.request, partial(self.fail, call)):
+                return call
+        return None
 
     def reply(self, call: Call, response: Any) -> bool:
         """Sends the response; False if the call has one already, or a newer call has been taken.

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import mmap
 import time
 from collections.abc import AsyncIterator, Iterator
+from contextlib import contextmanager
 from typing import Any, Generic
 
 from shmgen.core import abi
 from shmgen.runtime import engine
-from shmgen.runtime.errors import Closed
-from shmgen.runtime.region.header import COMPLETED, HEARTBEAT, steps
+from shmgen.runtime.errors import Closed, Overwritten, RegionRetired
+from shmgen.runtime.messages.in_place import InPlace
+from shmgen.runtime.region.header import HEARTBEAT, steps
 from shmgen.runtime.region.resource import Closable, finish, kept_from_children
 from shmgen.runtime.region.settings import settings_for
 from shmgen.runtime.sample import M, Sample
@@ -40,15 +43,18 @@ class Subscriber(Closable, Generic[M]):
         group: str | int | None = None,
         passive: bool = False,
         history: bool = False,
+        spin: float = 0.0,
     ) -> None:
         """Opens the region, or creates it if the writer has not yet; parameters and errors as for a publisher.
 
         The newest sample published before counts as unread; with `history` all of them do, as missed if they were
         overwritten. `passive` is for tools that watch: the region must be there (RegionMissing), nothing is written
         to it, nobody is kept from being woken, and only where the lock keeps the order (not on x86) it is taken.
+        Who waits looks for `spin` seconds before each sleep, 0.001 at most (in C): for a processor that
+        has slept takes longer to wake than most samples take to come.
         """
         options = {"depth": depth, "lock_timeout": lock_timeout, "mode": mode, "group": group}
-        end = self._begin(topic, passive=passive, history=history, **options)
+        end = self._begin(topic, passive=passive, history=history, spin=spin, **options)
         finish([end])
         self._end = end
 
@@ -56,7 +62,8 @@ class Subscriber(Closable, Generic[M]):
         """Begins to open it: see open_all()."""
         kind = self.message_type
         of = settings_for("subscriber", kind, topic, codec=engine.codec(kind), **options)
-        self._topic, self._slots = topic, of.header.slots
+        self._topic, self._slots, self._size, self._passive = topic, of.header.slots, of.header.size, of.passive
+        self._map: mmap.mmap | None = None
         self._beat: int | None = None
         self._beat_since = time.monotonic()
         return kept_from_children(engine.Reader(of))
@@ -70,6 +77,34 @@ class Subscriber(Closable, Generic[M]):
         """As read(), but fills `message`, a `message_type` or any object with the same attributes; True if new."""
         return bool(self._end.read_into(message))
 
+    @contextmanager
+    def borrow(self) -> Iterator[InPlace | None]:
+        """The newest sample where it lies, for a `with`, or None as for read(): for messages that take long to copy.
+
+        It is read-only, arrays of numbers as memoryviews. The writer may overwrite it meanwhile, and at the end of the
+        `with` what was read either counts or raises Overwritten. A `depth` of 3 or more leaves more time. Where the
+        lock is needed (not on x86) it is held. Reentered: one is borrowed already. ValueError: passive ones copy.
+        """
+        if self._passive:
+            raise ValueError(f"{self._topic}: a passive subscriber reads copies; use read()")
+        at = self._end.borrow()
+        if at is None:
+            yield None
+            return
+        try:
+            if self._map is None:
+                self._map = kept_from_children(mmap.mmap(self._end.file, self._size))
+            yield InPlace(self.message_type.from_buffer(self._map, at), self._map, at)
+        except BaseException as error:
+            if self._end.give_back() or not isinstance(error, Exception):
+                raise
+            raise self._overwritten() from error
+        if not self._end.give_back():
+            raise self._overwritten()
+
+    def _overwritten(self) -> Overwritten:
+        return Overwritten(f"{self._topic}: the sample was overwritten while it was read in place; read the newest")
+
     def read_all(self) -> list[M]:
         """Every unread sample not overwritten yet, the oldest first."""
         return [message for _, _, message in self.samples()]
@@ -78,8 +113,12 @@ class Subscriber(Closable, Generic[M]):
         """The same, each as (number, stamp, message)."""
         end = self._end
         samples: list[Sample[M]] = []
-        while len(samples) < self._slots and (message := end.next()) is not None:
-            samples.append(Sample((end.sequence, end.stamp, message)))
+        try:
+            while len(samples) < self._slots and (message := end.next()) is not None:
+                samples.append(Sample((end.sequence, end.stamp, message)))
+        except RegionRetired:
+            if not samples:  # else the next call says so
+                raise
         return samples
 
     def ready(self, timeout: float) -> bool:
@@ -92,7 +131,7 @@ class Subscriber(Closable, Generic[M]):
     def wait(self, timeout: float) -> M | None:
         """The newest sample as soon as there is a new one, or None after `timeout` seconds.
 
-        The writer wakes one waiting reader of a region, others poll every millisecond. Raises PermissionDenied.
+        The writer wakes all that wait. Raises PermissionDenied.
         """
         deadline = time.monotonic() + timeout
         while self._end.ready(_ns(deadline - time.monotonic())):
@@ -146,7 +185,7 @@ class Subscriber(Closable, Generic[M]):
     @property
     def unread(self) -> int:
         """Samples published since the newest one read, those overwritten meanwhile too."""
-        newest, last = self._end.load(COMPLETED), self._end.last
+        newest, last = self._end.newest(), self._end.last
         if newest in (0, last):
             return 0
         unread = steps(last, newest, self._slots)
@@ -176,7 +215,10 @@ class Subscriber(Closable, Generic[M]):
         if beat != (self._end.beat if self._beat is None else self._beat):
             self._beat_since = now
         self._beat = beat
-        return now - self._beat_since >= timeout
+        stale = now - self._beat_since >= timeout
+        if stale:
+            self._end.is_removed()
+        return stale
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self._topic!r}, sequence={self.sequence}, missed={self.missed})"

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 from shmgen.core import abi
 from shmgen.runtime import engine
 from shmgen.runtime.publisher import Publisher
-from shmgen.runtime.region.header import COMPLETED
+from shmgen.runtime.region.header import RETIRED
 from shmgen.runtime.region.resource import finish
 from shmgen.runtime.subscriber import Subscriber
 
@@ -48,19 +48,24 @@ def can_wait_for_many() -> bool:
 
 
 def ready_any(subscribers: Iterable[S], timeout: float) -> list[S]:
-    """Those with an unread sample, as soon as one has one, or none after `timeout` seconds; reads nothing.
+    """Those with an unread sample, as soon as one has one, or none after `timeout` seconds; reads nothing. One whose
+    region was removed or replaced is among them: reading it says so.
 
-    For one thread, as a subscriber is. What Subscriber.wait() says of several readers of a topic holds here too; beyond
-    128 topics, which is the kernel's limit, it looks at all every millisecond. Raises what Subscriber.ready() does.
+    For one thread, as a subscriber is. Beyond the kernel's limit, 64 topics of a PLC or 128 of other programs, it looks
+    at all every millisecond. Raises what Subscriber.ready() does.
     """
     several = tuple(subscribers)
     if len(several) == 1:
         return list(several) if several[0].ready(timeout) else []
     deadline = time.monotonic() + timeout
     ends = tuple(one._end for one in several)
-    while not (found := [one for one in several if one._end.load(COMPLETED) not in (0, one._end.last)]):
+    while not (found := [one for one in several if _has_news(one._end)]):
         left = deadline - time.monotonic()
         if left <= 0:
             break
         engine.sleep_any(ends, int(min(left, _SLICE) * 1e9))
     return found
+
+
+def _has_news(end: Any) -> bool:
+    return end.newest() not in (0, end.last) or bool(end.load(RETIRED))

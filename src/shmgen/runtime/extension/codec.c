@@ -48,13 +48,14 @@ typedef struct Step {
 } Step;
 
 /* What plan.py hands in. */
-enum { SEC, NANOSEC, SECS, NSECS, COPY_METHOD, FROM_BUFFER_COPY, COPY, NEW_LIKE, FROM_NUMBERS, TIME, DURATION, TOOLS };
+enum { SEC, NANOSEC, SECS, NSECS, COPY_METHOD, FROM_BUFFER_COPY, COPY, NEW_LIKE, FROM_NUMBERS, TIME, DURATION, NAMESPACE, TOOLS };
 
 typedef struct Codec {
     PyObject_HEAD
     Step *steps;
     Py_ssize_t count;
     size_t size;
+    bool has_late;
     PyObject *plan;
     PyObject *tools[TOOLS]; /* in `held` */
     PyObject *held;
@@ -71,6 +72,28 @@ typedef struct Way {
 
 static bool put_all(Way *way, const Step *step, const Step *end, unsigned char *into, PyObject *message);
 static bool take_all(const Codec *self, Step *step, const Step *end, const unsigned char *from, PyObject *message);
+
+/* That of a SimpleNamespace, which has all attributes there, since its type cannot change: half the time of asking the
+ * object. NULL: it is another. */
+static PyObject *dictionary_of(const Codec *self, PyObject *message)
+{
+    PyObject *found = NULL;
+    if ((PyObject *)Py_TYPE(message) == self->tools[NAMESPACE] && (found = PyObject_GenericGetDict(message, NULL)) == NULL)
+        PyErr_Clear();
+    return found;
+}
+
+static PyObject *get(PyObject *message, PyObject *dictionary, PyObject *name)
+{
+    PyObject *value = dictionary != NULL ? PyDict_GetItemWithError(dictionary, name) : NULL;
+    Py_XINCREF(value);
+    return value != NULL || PyErr_Occurred() != NULL ? value : PyObject_GetAttr(message, name);
+}
+
+static bool set(PyObject *message, PyObject *dictionary, PyObject *name, PyObject *value)
+{
+    return (dictionary != NULL ? PyDict_SetItem(dictionary, name, value) : PyObject_SetAttr(message, name, value)) == 0;
+}
 
 static char family(char code)
 {
@@ -326,15 +349,20 @@ static bool put_array(Way *way, const Step *step, unsigned char *message, PyObje
 
 static bool put_all(Way *way, const Step *step, const Step *end, unsigned char *into, PyObject *message)
 {
-    for (; step < end; step += 1 + step->inner) {
-        PyObject *value = PyObject_GetAttr(message, step->name);
-        const bool taken = value != NULL && (step->most != 0 ? put_array(way, step, into, value)
-                                                             : put_one(way, step, into + step->at, value));
+    PyObject *dictionary = dictionary_of(way->self, message);
+    bool taken = true;
+    for (; taken && step < end; step += 1 + step->inner) {
+        PyObject *value = get(message, dictionary, step->name);
+        if (value == NULL)
+            taken = false;
+        else if (step->most != 0)
+            taken = put_array(way, step, into, value);
+        else
+            taken = put_one(way, step, into + step->at, value);
         Py_XDECREF(value);
-        if (!taken)
-            return false;
     }
-    return true;
+    Py_XDECREF(dictionary);
+    return taken;
 }
 
 /* What to answer: an Exception is not told, as Python meets it once more and says where. */
@@ -359,7 +387,8 @@ int codec_encode(PyObject *codec, PyObject *message, unsigned char *into, codec_
     int found;
     Py_INCREF(codec);
     Py_INCREF(message);
-    clear(self->steps, self->steps + self->count, into, 0, &cleared);
+    if (self->has_late)
+        clear(self->steps, self->steps + self->count, into, 0, &cleared);
     memset(into + cleared, 0, self->size - cleared);
     found = answer(put_all(&way, self->steps, self->steps + self->count, into, message));
     if (found != 0) {
@@ -603,11 +632,11 @@ static PyObject *many_from(const Codec *self, Step *step, const unsigned char *m
     return list_from(self, step, from, (Py_ssize_t)count, like);
 }
 
-static bool take_one(const Codec *self, Step *step, const unsigned char *message, PyObject *owner)
+static bool take_one(const Codec *self, Step *step, const unsigned char *message, PyObject *owner, PyObject *dictionary)
 {
     const bool fresh = step->what == TEXTS || (step->what == NUMBERS && step->most == 0);
     const unsigned char *from = message + step->at;
-    PyObject *like = fresh ? NULL : PyObject_GetAttr(owner, step->name), *made = NULL;
+    PyObject *like = fresh ? NULL : get(owner, dictionary, step->name), *made = NULL;
     bool taken = false;
     if (step->most != 0 && (like != NULL || fresh))
         made = many_from(self, step, message, like);
@@ -618,7 +647,7 @@ static bool take_one(const Codec *self, Step *step, const unsigned char *message
     else
         taken = like != NULL && take_all(self, step + 1, step + 1 + step->inner, from, like);
     if (made != NULL)
-        taken = PyObject_SetAttr(owner, step->name, made) == 0;
+        taken = set(owner, dictionary, step->name, made);
     Py_XDECREF(made);
     Py_XDECREF(like);
     return taken;
@@ -626,10 +655,12 @@ static bool take_one(const Codec *self, Step *step, const unsigned char *message
 
 static bool take_all(const Codec *self, Step *step, const Step *end, const unsigned char *from, PyObject *message)
 {
-    for (; step < end; step += 1 + step->inner)
-        if (!take_one(self, step, from, message))
-            return false;
-    return true;
+    PyObject *dictionary = dictionary_of(self, message);
+    bool taken = true;
+    for (; taken && step < end; step += 1 + step->inner)
+        taken = take_one(self, step, from, message, dictionary);
+    Py_XDECREF(dictionary);
+    return taken;
 }
 
 int codec_decode(PyObject *codec, const unsigned char *data, PyObject *message)
@@ -728,8 +759,11 @@ static PyObject *make(PyTypeObject *type, PyObject *arguments, PyObject *keyword
         PyErr_NoMemory();
     for (int index = 0; PyErr_Occurred() == NULL && index < TOOLS; index++)
         self->tools[index] = PyTuple_GetItem(held, index);
-    while (PyErr_Occurred() == NULL && self->count < count)
-        self->count += step_of(&self->steps[self->count], PyTuple_GetItem(plan, self->count));
+    while (PyErr_Occurred() == NULL && self->count < count) {
+        Step *step = &self->steps[self->count];
+        self->count += step_of(step, PyTuple_GetItem(plan, self->count));
+        self->has_late = self->has_late || is_late(step);
+    }
     if (PyErr_Occurred() == NULL)
         return (PyObject *)self;
     Py_DECREF(self);

@@ -27,30 +27,13 @@ static PyObject *explainer; /* makes an error of (settings, status, pid, errno) 
 /* What an end is opened with: a tuple of Python's, in which all else lies. */
 typedef struct Settings {
     PyObject *tuple, *kind, *codec;
+    newfunc make; /* a message without its defaults */
     const char *topic, *type_name, *group;
     unsigned long long digest;
-    unsigned int size, depth, mode, pid;
+    unsigned int size, depth, mode, pid, spin_us;
     long long lock_ns; /* -1: as is usual */
     int sequence, passive, history;
 } Settings;
-
-/* Raises what Python says of that status. */
-static PyObject *refused(const Settings *of, shmgen_status status)
-{
-    const int number = errno;
-    PyObject *error = PyObject_CallFunction(explainer, "OiIi", of->tuple, (int)status, of->pid, number);
-    if (error != NULL)
-        PyErr_SetObject((PyObject *)Py_TYPE(error), error);
-    Py_XDECREF(error);
-    return NULL;
-}
-
-static PyObject *done(const Settings *of, shmgen_status status)
-{
-    if (status != SHMGEN_OK)
-        return refused(of, status);
-    Py_RETURN_NONE;
-}
 
 /* --- threads ------------------------------------------------------------------------------------------------ */
 
@@ -83,6 +66,55 @@ static bool take_turn(Turn *turn)
 
 /* --- what both ends have ------------------------------------------------------------------------------------ */
 
+/* A Writer or a Reader. A call takes its room and its scratch along, so that one that comes upon it has its own. */
+typedef struct End {
+    PyObject_HEAD
+    PyObject *weak;
+    Settings of;
+    Turn turn;
+    unsigned char *room; /* for one message, outside of Python */
+    bool writes;
+    union {
+        shmgen_link link; /* both begin with it */
+        shmgen_publisher p;
+        shmgen_subscriber s;
+    };
+    unsigned long long truncations;
+    PyObject *scratch; /* a bytearray for messages that Python encodes */
+    PyObject *nothing; /* () to make a message without its defaults */
+    PyObject *lies_in; /* for long ones: kind.from_buffer */
+} End;
+
+static shmgen_status *gone(End *self)
+{
+    return self->writes ? &self->p.gone : &self->s.gone;
+}
+
+/* Raises what Python says of that status. */
+static PyObject *refused(const End *self, shmgen_status status)
+{
+    const int number = errno;
+    PyObject *error =
+        PyObject_CallFunction(explainer, "OiIi", self->of.tuple, (int)status, self->of.pid, number);
+    if (error != NULL)
+        PyErr_SetObject((PyObject *)Py_TYPE(error), error);
+    Py_XDECREF(error);
+    return NULL;
+}
+
+static PyObject *done(const End *self, shmgen_status status)
+{
+    if (status != SHMGEN_OK)
+        return refused(self, status);
+    Py_RETURN_NONE;
+}
+
+/* False, and an exception: it is not open. */
+static bool is_open(End *self)
+{
+    return self->link.step == SHMGEN_STEP_READY || refused(self, shmgen_why(*gone(self))) != NULL;
+}
+
 /* Takes the settings over; the strings are valid as long as the tuple is kept. */
 static bool settle(Settings *of, PyObject *arguments)
 {
@@ -91,139 +123,172 @@ static bool settle(Settings *of, PyObject *arguments)
     if (of->tuple != NULL)
         return PyErr_Format(PyExc_RuntimeError, "begun already") != NULL;
     if (!PyArg_ParseTuple(arguments, "O!", &PyTuple_Type, &tuple) ||
-        !PyArg_ParseTuple(tuple, "sOOsKIILIspppsO", &of->topic, &of->kind, &of->codec, &of->type_name, &of->digest,
+        !PyArg_ParseTuple(tuple, "sOOsKIILIspppIsO", &of->topic, &of->kind, &of->codec, &of->type_name, &of->digest,
                           &of->size, &of->depth, &of->lock_ns, &of->mode, &of->group, &of->sequence, &of->passive,
-                          &of->history, &word, &header))
+                          &of->history, &of->spin_us, &word, &header))
         return false;
+    of->make = (newfunc)PyType_GetSlot((PyTypeObject *)of->kind, Py_tp_new);
     of->pid = (unsigned int)getpid();
     of->tuple = tuple;
     Py_INCREF(tuple);
     return true;
 }
 
-static shmgen_type type_of(const Settings *from)
+/* Begins to open it; what `start` is given is valid for that call. */
+static int begin_end(PyObject *object, PyObject *arguments, bool writes)
 {
+    End *self = (End *)object;
+    Settings *of = &self->of;
     shmgen_type type;
+    shmgen_options options;
+    shmgen_status status;
+    if (!settle(of, arguments))
+        return -1;
     memset(&type, 0, sizeof type);
-    type.name = from->type_name;
-    type.digest = from->digest;
-    type.size = from->size;
-    type.sequence = from->sequence != 0;
-    return type;
+    type.name = of->type_name;
+    type.digest = of->digest;
+    type.size = of->size;
+    type.sequence = of->sequence != 0;
+    memset(&options, 0, sizeof options);
+    options.group = of->group;
+    options.depth = of->depth;
+    options.mode = of->mode;
+    options.lock_us = of->lock_ns > 0 ? (uint32_t)((of->lock_ns + 999) / 1000) : 0;
+    options.passive = of->passive != 0;
+    options.spin_us = of->spin_us;
+    self->writes = writes;
+    status = writes ? shmgen_publisher_start(&self->p, of->topic, &type, &options)
+                    : shmgen_subscriber_start(&self->s, of->topic, &type, &options);
+    if (status != SHMGEN_OPENING)
+        return refused(self, status), -1;
+    if (of->lock_ns >= 0)
+        self->link.limit = of->lock_ns;
+    return 0;
 }
 
-static shmgen_options options_of(const Settings *from)
+static PyObject *end_step(PyObject *object, PyObject *nothing)
 {
-    shmgen_options options;
-    memset(&options, 0, sizeof options);
-    options.group = from->group;
-    options.depth = from->depth;
-    options.mode = from->mode;
-    options.lock_us = from->lock_ns > 0 ? (uint32_t)((from->lock_ns + 999) / 1000) : 0;
-    options.passive = from->passive != 0;
-    return options;
+    End *self = (End *)object;
+    const bool was_open = self->link.step == SHMGEN_STEP_READY;
+    const shmgen_status status = self->writes ? shmgen_publisher_step(&self->p) : shmgen_subscriber_step(&self->s);
+    (void)nothing;
+    if (status == SHMGEN_OK && !was_open && !self->writes && self->of.history)
+        self->s.last = 0;
+    return status == SHMGEN_OPENING ? PyLong_FromUnsignedLong(self->link.step) : done(self, status);
 }
 
 /* A word of the header, by its place in steps of four bytes. */
-static PyObject *word_of(const Settings *of, const shmgen_link *end, shmgen_status gone, PyObject *place)
+static PyObject *end_load(PyObject *object, PyObject *place)
 {
+    End *self = (End *)object;
     const size_t at = PyLong_AsSize_t(place);
-    if (PyErr_Occurred() != NULL)
+    if (PyErr_Occurred() != NULL || !is_open(self))
         return NULL;
-    if (end->step != SHMGEN_STEP_READY)
-        return refused(of, shmgen_why(gone));
     if (at >= SHMGEN_HEADER_SIZE / 4)
         return PyErr_Format(PyExc_IndexError, "the header has no word %zu", at);
-    return PyLong_FromUnsignedLong(shmgen_load(end, 4 * at));
+    return PyLong_FromUnsignedLong(shmgen_load(&self->link, 4 * at));
 }
 
 /* Whether the region's file is gone. */
-static PyObject *removed_of(const Settings *of, const shmgen_link *end, shmgen_status gone)
+static PyObject *end_is_removed(PyObject *object, PyObject *nothing)
 {
-    struct stat status;
-    if (end->step != SHMGEN_STEP_READY)
-        return refused(of, shmgen_why(gone));
-    return PyBool_FromLong(fstat(end->file, &status) == 0 && status.st_nlink == 0);
+    End *self = (End *)object;
+    (void)nothing;
+    return is_open(self) ? PyBool_FromLong(shmgen_is_removed(&self->link)) : NULL;
 }
 
-static PyObject *stepped(const Settings *of, shmgen_status status, const shmgen_link *end)
+/* Whether a process has claimed the topic. */
+static PyObject *end_is_claimed(PyObject *object, PyObject *nothing)
 {
-    return status == SHMGEN_OPENING ? PyLong_FromUnsignedLong(end->step) : done(of, status);
+    End *self = (End *)object;
+    (void)nothing;
+    return is_open(self) ? PyBool_FromLong(shmgen_byte_is_locked(&self->link, SHMGEN_WRITER_LOCK)) : NULL;
 }
 
-static void object_free(PyObject *object)
+static void shut(End *self)
 {
+    if (self->writes)
+        shmgen_publisher_close(&self->p);
+    else
+        shmgen_subscriber_close(&self->s);
+}
+
+static PyObject *end_close(PyObject *object, PyObject *nothing)
+{
+    End *self = (End *)object;
+    (void)nothing;
+    if (!take_turn(&self->turn))
+        return NULL;
+    *gone(self) = SHMGEN_CLOSED;
+    if (self->link.step == SHMGEN_STEP_READY)
+        self->link.step = SHMGEN_STEP_CLAIM; /* who sleeps on it sees so, and leaves */
+    self->turn.taken = false;
+    if (!await_turn(&self->turn, true))
+        return NULL;
+    shut(self);
+    Py_RETURN_NONE;
+}
+
+/* In a forked child: nothing of the parent's is touched, however deep inside it was. */
+static PyObject *end_disown(PyObject *object, PyObject *nothing)
+{
+    End *self = (End *)object;
+    (void)nothing;
+    memset(&self->turn, 0, sizeof self->turn);
+    *(self->writes ? &self->p.inside : &self->s.inside) = 0;
+    self->link.passive = 1; /* also where Linux wipes no page (before 4.14), the claim is not given back */
+    if (*gone(self) != SHMGEN_CLOSED) {
+        shut(self);
+        *gone(self) = SHMGEN_IN_FORKED_CHILD;
+    }
+    Py_RETURN_NONE;
+}
+
+static void end_free(PyObject *object)
+{
+    End *self = (End *)object;
     PyTypeObject *type = Py_TYPE(object);
-    freefunc release = (freefunc)PyType_GetSlot(type, Py_tp_free);
-    release(object);
+    PyObject_ClearWeakRefs(object);
+    if (self->of.tuple != NULL)
+        shut(self);
+    PyMem_Free(self->room);
+    Py_XDECREF(self->of.tuple);
+    Py_XDECREF(self->scratch);
+    Py_XDECREF(self->nothing);
+    Py_XDECREF(self->lies_in);
+    ((freefunc)PyType_GetSlot(type, Py_tp_free))(object);
     Py_DECREF(type);
 }
 
-/* Room for one message outside of Python. A call takes it along, so that one that comes upon it has room of its own. */
-typedef struct Room {
-    unsigned char *bytes;
-} Room;
-
-static unsigned char *take_room(Room *room, size_t size)
+static unsigned char *take_room(End *self)
 {
-    unsigned char *bytes = room->bytes;
-    room->bytes = NULL;
-    if (bytes == NULL && (bytes = PyMem_Malloc(size)) == NULL)
+    unsigned char *bytes = self->room;
+    self->room = NULL;
+    if (bytes == NULL && (bytes = PyMem_Malloc(self->of.size)) == NULL)
         PyErr_NoMemory();
     return bytes;
 }
 
-static void give_room(Room *room, unsigned char *bytes)
+static void give_room(End *self, unsigned char *bytes)
 {
-    if (room->bytes == NULL)
-        room->bytes = bytes;
+    if (self->room == NULL)
+        self->room = bytes;
     else
         PyMem_Free(bytes);
 }
 
 /* --- the writer --------------------------------------------------------------------------------------------- */
 
-typedef struct Writer {
-    PyObject_HEAD
-    PyObject *weak;
-    shmgen_publisher p;
-    Settings of;
-    Turn turn;
-    Room room;
-    PyObject *scratch; /* a bytearray for messages that Python encodes; NULL: a call has it */
-    unsigned long long truncations;
-} Writer;
-
 static int writer_init(PyObject *object, PyObject *arguments, PyObject *names)
 {
-    Writer *self = (Writer *)object;
-    shmgen_type type;
-    shmgen_options options;
-    shmgen_status status;
     (void)names;
-    if (!settle(&self->of, arguments))
-        return -1;
-    type = type_of(&self->of);
-    options = options_of(&self->of);
-    status = shmgen_publisher_start(&self->p, self->of.topic, &type, &options);
-    if (status != SHMGEN_OPENING)
-        return refused(&self->of, status), -1;
-    if (self->of.lock_ns >= 0)
-        self->p.end.limit = self->of.lock_ns;
-    return 0;
-}
-
-static PyObject *writer_step(PyObject *object, PyObject *nothing)
-{
-    Writer *self = (Writer *)object;
-    (void)nothing;
-    return stepped(&self->of, shmgen_publisher_step(&self->p), &self->p.end);
+    return begin_end(object, arguments, true);
 }
 
 /* Begins a sample; the interpreter's lock is given away where the region's is not free at once. */
-static shmgen_status begin(Writer *self, int64_t limit, void **payload)
+static shmgen_status begin(End *self, int64_t limit, void **payload)
 {
-    shmgen_link *end = &self->p.end;
+    shmgen_link *end = &self->link;
     shmgen_status status;
     if (limit > 0 && end->step == SHMGEN_STEP_READY && end->lock != NULL && shmgen_tokens(end->lock) < 1) {
         Py_BEGIN_ALLOW_THREADS
@@ -235,7 +300,7 @@ static shmgen_status begin(Writer *self, int64_t limit, void **payload)
 }
 
 /* Publishes a message of one piece, and the arrays that lie in place of some of its bytes. False: an exception is set. */
-static bool put(Writer *self, const unsigned char *data, const codec_late *late, size_t count, int64_t limit)
+static bool put(End *self, const unsigned char *data, const codec_late *late, size_t count, int64_t limit)
 {
     const size_t size = self->of.size;
     size_t from = 0;
@@ -255,11 +320,11 @@ static bool put(Writer *self, const unsigned char *data, const codec_late *late,
         status = shmgen_publisher_complete(&self->p);
     }
     self->turn.taken = false;
-    return status == SHMGEN_OK || refused(&self->of, status) != NULL;
+    return status == SHMGEN_OK || refused(self, status) != NULL;
 }
 
 /* What Python's _encode() has put beside scratch: (offset, room, bytes), and one without room for each text it has cut. */
-static bool gather(Writer *self, PyObject *list, codec_late *late, size_t *count)
+static bool gather(End *self, PyObject *list, codec_late *late, size_t *count)
 {
     const Py_ssize_t length = PyList_Size(list);
     size_t end = 0;
@@ -285,7 +350,7 @@ static bool gather(Writer *self, PyObject *list, codec_late *late, size_t *count
 }
 
 /* Where the codec does not know what to do: as the generated class says, which also says what is wrong. */
-static bool put_by_python(Writer *self, PyObject *message, int64_t limit)
+static bool put_by_python(End *self, PyObject *message, int64_t limit)
 {
     PyObject *scratch = self->scratch, *list = PyList_New(0), *encode = PyObject_GetAttrString(self->of.kind, "_encode");
     PyObject *made = NULL;
@@ -313,11 +378,11 @@ static bool put_by_python(Writer *self, PyObject *message, int64_t limit)
     return whole;
 }
 
-static bool put_by_codec(Writer *self, PyObject *message, int64_t limit)
+static bool put_by_codec(End *self, PyObject *message, int64_t limit)
 {
     codec_late late[CODEC_MOST_LATE];
     size_t count = 0, cuts = 0;
-    unsigned char *bytes = take_room(&self->room, self->of.size);
+    unsigned char *bytes = take_room(self);
     int made;
     bool whole = false;
     if (bytes == NULL)
@@ -326,21 +391,21 @@ static bool put_by_codec(Writer *self, PyObject *message, int64_t limit)
     if (made == 0 && (whole = put(self, bytes, late, count, limit)))
         self->truncations += cuts;
     codec_release(late, count);
-    give_room(&self->room, bytes);
+    give_room(self, bytes);
     return made > 0 ? put_by_python(self, message, limit) : whole;
 }
 
 /* publish(message, left): `left` are ns of a call that ends then, None: the lock is waited for as the options say. */
 static PyObject *writer_publish(PyObject *object, PyObject *const *arguments, Py_ssize_t count)
 {
-    Writer *self = (Writer *)object;
-    shmgen_link *end = &self->p.end;
+    End *self = (End *)object;
+    shmgen_link *end = &self->link;
     int64_t limit = end->limit;
     bool whole;
     if (count < 1 || count > 2)
         return PyErr_Format(PyExc_TypeError, "publish() takes a message");
     if (end->step != SHMGEN_STEP_READY)
-        return refused(&self->of, shmgen_why(self->p.gone));
+        return refused(self, shmgen_why(self->p.gone));
     if (count == 2 && arguments[1] != Py_None) {
         limit = shmgen_limit_within(end, PyLong_AsLongLong(arguments[1]));
         if (PyErr_Occurred() != NULL)
@@ -364,117 +429,34 @@ static PyObject *writer_publish(PyObject *object, PyObject *const *arguments, Py
 
 static PyObject *writer_heartbeat(PyObject *object, PyObject *nothing)
 {
+    End *self = (End *)object;
     (void)nothing;
-    return done(&((Writer *)object)->of, shmgen_publisher_heartbeat(&((Writer *)object)->p));
+    return done(self, shmgen_publisher_heartbeat(&self->p));
 }
 
 static PyObject *writer_assure(PyObject *object, PyObject *nothing)
 {
+    End *self = (End *)object;
     (void)nothing;
-    return done(&((Writer *)object)->of, shmgen_publisher_assure(&((Writer *)object)->p));
-}
-
-static PyObject *writer_load(PyObject *object, PyObject *place)
-{
-    const Writer *self = (const Writer *)object;
-    return word_of(&self->of, &self->p.end, self->p.gone, place);
-}
-
-static PyObject *writer_is_removed(PyObject *object, PyObject *nothing)
-{
-    const Writer *self = (const Writer *)object;
-    (void)nothing;
-    return removed_of(&self->of, &self->p.end, self->p.gone);
-}
-
-static PyObject *writer_close(PyObject *object, PyObject *nothing)
-{
-    Writer *self = (Writer *)object;
-    (void)nothing;
-    if (!take_turn(&self->turn))
-        return NULL;
-    shmgen_publisher_close(&self->p);
-    self->turn.taken = false;
-    Py_RETURN_NONE;
-}
-
-/* In a forked child: nothing of the parent's is touched, however deep inside it was. */
-static PyObject *writer_disown(PyObject *object, PyObject *nothing)
-{
-    Writer *self = (Writer *)object;
-    (void)nothing;
-    memset(&self->turn, 0, sizeof self->turn);
-    self->p.inside = 0;
-    self->p.end.passive = 1; /* also where Linux wipes no page (before 4.14), the claim is not given back */
-    if (self->p.gone != SHMGEN_CLOSED)
-        shmgen_publisher_disown(&self->p);
-    Py_RETURN_NONE;
-}
-
-static void writer_free(PyObject *object)
-{
-    Writer *self = (Writer *)object;
-    PyObject_ClearWeakRefs(object);
-    if (self->of.tuple != NULL)
-        shmgen_publisher_close(&self->p);
-    Py_XDECREF(self->of.tuple);
-    PyMem_Free(self->room.bytes);
-    Py_XDECREF(self->scratch);
-    object_free(object);
+    return done(self, shmgen_publisher_assure(&self->p));
 }
 
 /* --- the reader --------------------------------------------------------------------------------------------- */
 
-typedef struct Reader {
-    PyObject_HEAD
-    PyObject *weak;
-    shmgen_subscriber s;
-    Settings of;
-    Turn turn;
-    Room room;
-    newfunc make;       /* a message without its defaults */
-    PyObject *nothing;  /* () for that */
-    PyObject *lies_in;  /* for long ones: kind.from_buffer */
-} Reader;
-
 static int reader_init(PyObject *object, PyObject *arguments, PyObject *names)
 {
-    Reader *self = (Reader *)object;
-    shmgen_type type;
-    shmgen_options options;
-    shmgen_status status;
+    End *self = (End *)object;
     (void)names;
-    if (!settle(&self->of, arguments))
+    if (begin_end(object, arguments, false) != 0)
         return -1;
-    self->make = (newfunc)PyType_GetSlot((PyTypeObject *)self->of.kind, Py_tp_new);
     self->nothing = PyTuple_New(0);
     self->lies_in = PyObject_GetAttrString(self->of.kind, "from_buffer");
-    if (self->make == NULL || self->nothing == NULL || self->lies_in == NULL)
-        return -1;
-    type = type_of(&self->of);
-    options = options_of(&self->of);
-    status = shmgen_subscriber_start(&self->s, self->of.topic, &type, &options);
-    if (status != SHMGEN_OPENING)
-        return refused(&self->of, status), -1;
-    if (self->of.lock_ns >= 0)
-        self->s.end.limit = self->of.lock_ns;
-    return 0;
-}
-
-static PyObject *reader_step(PyObject *object, PyObject *nothing)
-{
-    Reader *self = (Reader *)object;
-    const bool was_open = self->s.end.step == SHMGEN_STEP_READY;
-    const shmgen_status status = shmgen_subscriber_step(&self->s);
-    (void)nothing;
-    if (status == SHMGEN_OK && !was_open && self->of.history)
-        self->s.last = 0;
-    return stepped(&self->of, status, &self->s.end);
+    return self->nothing == NULL || self->lies_in == NULL ? -1 : 0;
 }
 
 /* Reads into bytes of the message's size. The interpreter's lock is given away for a wait only: where the first look did
  * not do, because the region's lock is needed and not free, or writers were quicker each time. */
-static shmgen_status read_into(Reader *self, void *into, int64_t limit, bool next)
+static shmgen_status read_into(End *self, void *into, int64_t limit, bool next)
 {
     shmgen_status (*const read)(shmgen_subscriber *, void *, size_t, int64_t, shmgen_receive) =
         next ? shmgen_subscriber_read_next : shmgen_subscriber_read;
@@ -492,35 +474,35 @@ static shmgen_status read_into(Reader *self, void *into, int64_t limit, bool nex
 }
 
 /* Whether that is a message; else None, or an error, is to be returned. */
-static bool came(const Settings *of, shmgen_status status)
+static bool came(const End *self, shmgen_status status)
 {
     if (status != SHMGEN_OK && status != SHMGEN_NOTHING_NEW && status != SHMGEN_LOCK_TIMEOUT &&
         status != SHMGEN_OVERWRITTEN && PyErr_Occurred() == NULL)
-        refused(of, status);
+        refused(self, status);
     return status == SHMGEN_OK;
 }
 
-static PyObject *read_long(Reader *self, int64_t limit, bool next)
+static PyObject *read_long(End *self, int64_t limit, bool next)
 {
     PyObject *data = PyByteArray_FromStringAndSize(NULL, (Py_ssize_t)self->of.size), *message = NULL;
     if (data == NULL)
         return NULL;
-    if (came(&self->of, read_into(self, PyByteArray_AsString(data), limit, next)))
+    if (came(self, read_into(self, PyByteArray_AsString(data), limit, next)))
         message = PyObject_CallFunctionObjArgs(self->lies_in, data, NULL);
     Py_DECREF(data);
     return message;
 }
 
-static PyObject *read_short(Reader *self, int64_t limit, bool next)
+static PyObject *read_short(End *self, int64_t limit, bool next)
 {
-    PyObject *message = self->make((PyTypeObject *)self->of.kind, self->nothing, NULL);
+    PyObject *message = self->of.make((PyTypeObject *)self->of.kind, self->nothing, NULL);
     codec_buffer view;
     bool has_come;
     if (message == NULL || PyObject_GetBuffer(message, &view, PyBUF_WRITABLE) != 0) {
         Py_XDECREF(message);
         return NULL;
     }
-    has_come = came(&self->of, read_into(self, view.buf, limit, next));
+    has_come = came(self, read_into(self, view.buf, limit, next));
     PyBuffer_Release(&view);
     if (has_come)
         return message;
@@ -528,16 +510,22 @@ static PyObject *read_short(Reader *self, int64_t limit, bool next)
     return NULL;
 }
 
-static PyObject *taken(Reader *self, PyObject *left, bool next)
+static bool nothing_to_read(const End *self)
 {
-    int64_t limit = self->s.end.limit;
+    return self->link.step == SHMGEN_STEP_READY && !shmgen_has_unread(&self->s) && !shmgen_is_retired(&self->link) &&
+           !shmgen_is_inherited(&self->link);
+}
+
+static PyObject *taken(End *self, PyObject *left, bool next)
+{
+    int64_t limit = self->link.limit;
     PyObject *message;
     if (left != Py_None) {
-        limit = shmgen_limit_within(&self->s.end, PyLong_AsLongLong(left));
+        limit = shmgen_limit_within(&self->link, PyLong_AsLongLong(left));
         if (PyErr_Occurred() != NULL)
             return NULL;
     }
-    if (self->s.end.step == SHMGEN_STEP_READY && !shmgen_has_unread(&self->s) && !shmgen_is_inherited(&self->s.end))
+    if (nothing_to_read(self))
         Py_RETURN_NONE; /* without a message made for nothing */
     message = self->of.size >= LONG_FROM ? read_long(self, limit, next) : read_short(self, limit, next);
     if (message == NULL && PyErr_Occurred() == NULL)
@@ -548,18 +536,18 @@ static PyObject *taken(Reader *self, PyObject *left, bool next)
 /* read(left): the newest message, None: there is no unread one, or it cannot be had within so many ns. */
 static PyObject *reader_read(PyObject *object, PyObject *left)
 {
-    return taken((Reader *)object, left, false);
+    return taken((End *)object, left, false);
 }
 
 /* The oldest unread one that is still there. */
 static PyObject *reader_next(PyObject *object, PyObject *nothing)
 {
     (void)nothing;
-    return taken((Reader *)object, Py_None, true);
+    return taken((End *)object, Py_None, true);
 }
 
 /* Fills a message that is there already; one of another kind is filled by the codec, or as its class says. */
-static bool fill_other(const Reader *self, const unsigned char *bytes, PyObject *message)
+static bool fill_other(const End *self, const unsigned char *bytes, PyObject *message)
 {
     int made = self->of.codec != Py_None ? codec_decode(self->of.codec, bytes, message) : 1;
     PyObject *found = NULL;
@@ -572,15 +560,15 @@ static bool fill_other(const Reader *self, const unsigned char *bytes, PyObject 
 
 static PyObject *reader_read_into(PyObject *object, PyObject *message)
 {
-    Reader *self = (Reader *)object;
+    End *self = (End *)object;
     unsigned char *bytes;
     bool filled = false;
-    if (self->s.end.step == SHMGEN_STEP_READY && !shmgen_has_unread(&self->s) && !shmgen_is_inherited(&self->s.end))
+    if (nothing_to_read(self))
         Py_RETURN_FALSE;
-    bytes = take_room(&self->room, self->of.size);
+    bytes = take_room(self);
     if (bytes == NULL)
         return NULL;
-    if (came(&self->of, read_into(self, bytes, self->s.end.limit, false))) {
+    if (came(self, read_into(self, bytes, self->link.limit, false))) {
         codec_buffer view;
         if ((PyObject *)Py_TYPE(message) != self->of.kind) {
             filled = fill_other(self, bytes, message);
@@ -590,14 +578,47 @@ static PyObject *reader_read_into(PyObject *object, PyObject *message)
             filled = true;
         }
     }
-    give_room(&self->room, bytes);
+    give_room(self, bytes);
     return PyErr_Occurred() != NULL ? NULL : PyBool_FromLong(filled);
 }
 
-/* Opens what wakes it, with the interpreter's lock: a file. */
-static shmgen_status listen_to(Reader *self)
+/* borrow(): where the newest message lies in the region, to read it there; None: as for read(). */
+static PyObject *reader_borrow(PyObject *object, PyObject *nothing)
 {
-    shmgen_link *end = &self->s.end;
+    End *self = (End *)object;
+    const void *payload = NULL;
+    shmgen_status status;
+    (void)nothing;
+    if (!take_turn(&self->turn))
+        return NULL;
+    Py_BEGIN_ALLOW_THREADS
+    status = shmgen_subscriber_borrow(&self->s, &payload);
+    Py_END_ALLOW_THREADS
+    self->turn.taken = false;
+    if (came(self, status))
+        return PyLong_FromSize_t((size_t)((const unsigned char *)payload - self->link.base));
+    if (PyErr_Occurred() != NULL)
+        return NULL;
+    Py_RETURN_NONE;
+}
+
+/* give_back(): whether what was borrowed stayed whole, and so counts as read. */
+static PyObject *reader_give_back(PyObject *object, PyObject *nothing)
+{
+    End *self = (End *)object;
+    shmgen_status status;
+    (void)nothing;
+    if (!take_turn(&self->turn))
+        return NULL;
+    status = shmgen_subscriber_return(&self->s);
+    self->turn.taken = false;
+    return came(self, status) || PyErr_Occurred() == NULL ? PyBool_FromLong(status == SHMGEN_OK) : NULL;
+}
+
+/* Opens what wakes it, with the interpreter's lock: a file. */
+static shmgen_status listen_to(End *self)
+{
+    shmgen_link *end = &self->link;
     shmgen_status status;
     if (end->step != SHMGEN_STEP_READY)
         return shmgen_why(self->s.gone);
@@ -612,7 +633,7 @@ static shmgen_status listen_to(Reader *self)
 /* ready(ns): whether there is an unread sample, as soon as there is one or after that time. */
 static PyObject *reader_ready(PyObject *object, PyObject *ns)
 {
-    Reader *self = (Reader *)object;
+    End *self = (End *)object;
     const int64_t wanted = PyLong_AsLongLong(ns), start = shmgen_now();
     const int64_t end = wanted < INT64_MAX - start ? start + wanted : INT64_MAX;
     shmgen_status status;
@@ -621,91 +642,40 @@ static PyObject *reader_ready(PyObject *object, PyObject *ns)
     status = listen_to(self);
     self->turn.taken = false;
     while (status == SHMGEN_OK && !shmgen_has_unread(&self->s)) {
-        const uint32_t newest = shmgen_load(&self->s.end, SHMGEN_AT(completed));
+        shmgen_subscriber *const waits = &self->s;
         const int64_t left = end - shmgen_now();
+        status = left > 0 ? shmgen_nothing_yet(waits) : shmgen_nothing(waits);
+        if (status != SHMGEN_NOTHING_NEW)
+            break;
         if (left <= 0)
             Py_RETURN_FALSE;
         self->turn.sleepers++;
         Py_BEGIN_ALLOW_THREADS
-        shmgen_sleep(&self->s, left < SHMGEN_WAKE_MS * SHMGEN_MS ? left : SHMGEN_WAKE_MS * SHMGEN_MS, newest);
+        shmgen_sleep(&waits, 1, left < SHMGEN_WAKE_MS * SHMGEN_MS ? left : SHMGEN_WAKE_MS * SHMGEN_MS);
         Py_END_ALLOW_THREADS
         self->turn.sleepers--;
         if (PyErr_CheckSignals() != 0)
             return NULL;
-        status = self->s.end.step == SHMGEN_STEP_READY ? SHMGEN_OK : shmgen_why(self->s.gone);
+        status = self->link.step == SHMGEN_STEP_READY ? SHMGEN_OK : shmgen_why(self->s.gone);
     }
-    return status == SHMGEN_OK ? PyBool_FromLong(1) : refused(&self->of, status);
+    return status == SHMGEN_OK ? PyBool_FromLong(1) : refused(self, status);
 }
 
 static PyObject *reader_skip(PyObject *object, PyObject *nothing)
 {
     (void)nothing;
-    shmgen_subscriber_skip(&((Reader *)object)->s);
+    shmgen_subscriber_skip(&((End *)object)->s);
     Py_RETURN_NONE;
 }
 
-static PyObject *reader_load(PyObject *object, PyObject *place)
+/* newest(): number of the newest sample, 0 = none yet. */
+static PyObject *reader_newest(PyObject *object, PyObject *nothing)
 {
-    const Reader *self = (const Reader *)object;
-    return word_of(&self->of, &self->s.end, self->s.gone, place);
-}
-
-/* Whether a process has claimed the topic. */
-static PyObject *reader_is_claimed(PyObject *object, PyObject *nothing)
-{
-    const Reader *self = (const Reader *)object;
+    End *self = (End *)object;
     (void)nothing;
-    if (self->s.end.step != SHMGEN_STEP_READY)
-        return refused(&self->of, shmgen_why(self->s.gone));
-    return PyBool_FromLong(shmgen_byte_is_locked(&self->s.end, SHMGEN_WRITER_LOCK));
-}
-
-static PyObject *reader_is_removed(PyObject *object, PyObject *nothing)
-{
-    const Reader *self = (const Reader *)object;
-    (void)nothing;
-    return removed_of(&self->of, &self->s.end, self->s.gone);
-}
-
-static PyObject *reader_close(PyObject *object, PyObject *nothing)
-{
-    Reader *self = (Reader *)object;
-    (void)nothing;
-    if (!take_turn(&self->turn))
-        return NULL;
-    self->s.gone = SHMGEN_CLOSED;
-    if (self->s.end.step == SHMGEN_STEP_READY)
-        self->s.end.step = SHMGEN_STEP_CLAIM; /* who sleeps on it sees so, and leaves */
-    self->turn.taken = false;
-    if (!await_turn(&self->turn, true))
-        return NULL;
-    shmgen_subscriber_close(&self->s);
-    Py_RETURN_NONE;
-}
-
-static PyObject *reader_disown(PyObject *object, PyObject *nothing)
-{
-    Reader *self = (Reader *)object;
-    (void)nothing;
-    memset(&self->turn, 0, sizeof self->turn);
-    if (self->s.gone == SHMGEN_CLOSED)
-        Py_RETURN_NONE;
-    shmgen_subscriber_close(&self->s);
-    self->s.gone = SHMGEN_IN_FORKED_CHILD;
-    Py_RETURN_NONE;
-}
-
-static void reader_free(PyObject *object)
-{
-    Reader *self = (Reader *)object;
-    PyObject_ClearWeakRefs(object);
-    if (self->of.tuple != NULL)
-        shmgen_subscriber_close(&self->s);
-    Py_XDECREF(self->of.tuple);
-    PyMem_Free(self->room.bytes);
-    Py_XDECREF(self->nothing);
-    Py_XDECREF(self->lies_in);
-    object_free(object);
+    if (self->link.step != SHMGEN_STEP_READY)
+        return refused(self, shmgen_why(self->s.gone));
+    return PyLong_FromUnsignedLong(shmgen_newest(&self->link));
 }
 
 /* sleep_any(readers, ns): until a writer of any has something for it; may return early. They are open, and their events:
@@ -717,7 +687,7 @@ static PyObject *sleep_any(PyObject *module, PyObject *arguments)
     long long ns;
     Py_ssize_t count;
     shmgen_status status = SHMGEN_OK;
-    const Reader *last = NULL;
+    const End *last = NULL;
     (void)module;
     if (!PyArg_ParseTuple(arguments, "O!L", &PyTuple_Type, &readers, &ns))
         return NULL;
@@ -726,7 +696,7 @@ static PyObject *sleep_any(PyObject *module, PyObject *arguments)
     if (several == NULL)
         return PyErr_NoMemory();
     for (Py_ssize_t index = 0; index < count; index++) {
-        Reader *reader = (Reader *)PyTuple_GetItem(readers, index);
+        End *reader = (End *)PyTuple_GetItem(readers, index);
         if ((void *)PyType_GetSlot(Py_TYPE(reader), Py_tp_init) != (void *)reader_init) {
             PyMem_Free(several);
             return PyErr_Format(PyExc_TypeError, "these are for subscribers");
@@ -739,16 +709,16 @@ static PyObject *sleep_any(PyObject *module, PyObject *arguments)
     }
     if (status == SHMGEN_OK) {
         for (Py_ssize_t index = 0; index < count; index++)
-            ((Reader *)PyTuple_GetItem(readers, index))->turn.sleepers++;
+            ((End *)PyTuple_GetItem(readers, index))->turn.sleepers++;
         Py_BEGIN_ALLOW_THREADS
-        shmgen_sleep_any(several, (size_t)count, ns);
+        shmgen_sleep(several, (size_t)count, ns);
         Py_END_ALLOW_THREADS
         for (Py_ssize_t index = 0; index < count; index++)
-            ((Reader *)PyTuple_GetItem(readers, index))->turn.sleepers--;
+            ((End *)PyTuple_GetItem(readers, index))->turn.sleepers--;
     }
     PyMem_Free(several);
     if (status != SHMGEN_OK)
-        return refused(&last->of, status);
+        return refused(last, status);
     Py_RETURN_NONE;
 }
 
@@ -761,52 +731,52 @@ static PyObject *can_wait_for_many(PyObject *module, PyObject *nothing)
 
 /* --- the module --------------------------------------------------------------------------------------------- */
 
+#define MEMBERS_OF_BOTH                                                                                                \
+    {"__weaklistoffset__", T_PYSSIZET, offsetof(End, weak), READONLY, NULL},                                           \
+        {"lock_misses", T_UINT, offsetof(End, link.misses), READONLY, NULL}
+
+#define METHODS_OF_BOTH                                                                                                \
+    {"step", end_step, METH_NOARGS, NULL}, {"load", end_load, METH_O, NULL},                                           \
+        {"is_removed", end_is_removed, METH_NOARGS, NULL}, {"is_claimed", end_is_claimed, METH_NOARGS, NULL},          \
+        {"close", end_close, METH_NOARGS, NULL}, {"disown", end_disown, METH_NOARGS, NULL}
+
 static PyMemberDef writer_members[] = {
-    {"__weaklistoffset__", T_PYSSIZET, offsetof(Writer, weak), READONLY, NULL},
-    {"sequence", T_UINT, offsetof(Writer, p.sequence), 0, NULL},
-    {"lock_misses", T_UINT, offsetof(Writer, p.end.misses), READONLY, NULL},
-    {"doubtful", T_UINT, offsetof(Writer, p.jump), 0, NULL},
-    {"pid", T_UINT, offsetof(Writer, of.pid), READONLY, NULL},
-    {"truncations", T_ULONGLONG, offsetof(Writer, truncations), READONLY, NULL},
+    MEMBERS_OF_BOTH,
+    {"sequence", T_UINT, offsetof(End, p.sequence), 0, NULL},
+    {"doubtful", T_UINT, offsetof(End, p.jump), 0, NULL},
+    {"truncations", T_ULONGLONG, offsetof(End, truncations), READONLY, NULL},
     {NULL, 0, 0, 0, NULL},
 };
 
 static PyMethodDef writer_methods[] = {
-    {"step", writer_step, METH_NOARGS, NULL},
+    METHODS_OF_BOTH,
     {"publish", (PyCFunction)(void (*)(void))writer_publish, METH_FASTCALL, NULL},
     {"heartbeat", writer_heartbeat, METH_NOARGS, NULL},
     {"assure", writer_assure, METH_NOARGS, NULL},
-    {"load", writer_load, METH_O, NULL},
-    {"is_removed", writer_is_removed, METH_NOARGS, NULL},
-    {"close", writer_close, METH_NOARGS, NULL},
-    {"disown", writer_disown, METH_NOARGS, NULL},
     {NULL, NULL, 0, NULL},
 };
 
 static PyMemberDef reader_members[] = {
-    {"__weaklistoffset__", T_PYSSIZET, offsetof(Reader, weak), READONLY, NULL},
-    {"sequence", T_UINT, offsetof(Reader, s.sequence), READONLY, NULL},
-    {"last", T_UINT, offsetof(Reader, s.last), 0, NULL},
-    {"beat", T_UINT, offsetof(Reader, s.beat), READONLY, NULL}, /* heartbeat as it was at the opening */
-    {"stamp", T_ULONGLONG, offsetof(Reader, s.stamp), READONLY, NULL},
-    {"missed", T_ULONGLONG, offsetof(Reader, s.missed), READONLY, NULL},
-    {"lock_misses", T_UINT, offsetof(Reader, s.end.misses), READONLY, NULL},
-    {"pid", T_UINT, offsetof(Reader, of.pid), READONLY, NULL},
+    MEMBERS_OF_BOTH,
+    {"sequence", T_UINT, offsetof(End, s.sequence), READONLY, NULL},
+    {"file", T_INT, offsetof(End, link.file), READONLY, NULL},
+    {"last", T_UINT, offsetof(End, s.last), 0, NULL},
+    {"beat", T_UINT, offsetof(End, s.beat), READONLY, NULL}, /* heartbeat as it was at the opening */
+    {"stamp", T_ULONGLONG, offsetof(End, s.stamp), READONLY, NULL},
+    {"missed", T_ULONGLONG, offsetof(End, s.missed), READONLY, NULL},
     {NULL, 0, 0, 0, NULL},
 };
 
 static PyMethodDef reader_methods[] = {
-    {"step", reader_step, METH_NOARGS, NULL},
+    METHODS_OF_BOTH,
     {"read", reader_read, METH_O, NULL},
     {"next", reader_next, METH_NOARGS, NULL},
     {"read_into", reader_read_into, METH_O, NULL},
     {"ready", reader_ready, METH_O, NULL},
     {"skip", reader_skip, METH_NOARGS, NULL},
-    {"load", reader_load, METH_O, NULL},
-    {"is_removed", reader_is_removed, METH_NOARGS, NULL},
-    {"is_claimed", reader_is_claimed, METH_NOARGS, NULL},
-    {"close", reader_close, METH_NOARGS, NULL},
-    {"disown", reader_disown, METH_NOARGS, NULL},
+    {"newest", reader_newest, METH_NOARGS, NULL},
+    {"borrow", reader_borrow, METH_NOARGS, NULL},
+    {"give_back", reader_give_back, METH_NOARGS, NULL},
     {NULL, NULL, 0, NULL},
 };
 
@@ -814,7 +784,7 @@ static PyType_Slot writer_slots[] = {
     {Py_tp_init, (void *)writer_init},
     {Py_tp_members, writer_members},
     {Py_tp_methods, writer_methods},
-    {Py_tp_dealloc, (void *)writer_free},
+    {Py_tp_dealloc, (void *)end_free},
     {0, NULL},
 };
 
@@ -822,13 +792,13 @@ static PyType_Slot reader_slots[] = {
     {Py_tp_init, (void *)reader_init},
     {Py_tp_members, reader_members},
     {Py_tp_methods, reader_methods},
-    {Py_tp_dealloc, (void *)reader_free},
+    {Py_tp_dealloc, (void *)end_free},
     {0, NULL},
 };
 
 static PyType_Spec specifications[] = {
-    {"shmgen._core.Writer", (int)sizeof(Writer), 0, Py_TPFLAGS_DEFAULT, writer_slots},
-    {"shmgen._core.Reader", (int)sizeof(Reader), 0, Py_TPFLAGS_DEFAULT, reader_slots},
+    {"shmgen._core.Writer", (int)sizeof(End), 0, Py_TPFLAGS_DEFAULT, writer_slots},
+    {"shmgen._core.Reader", (int)sizeof(End), 0, Py_TPFLAGS_DEFAULT, reader_slots},
 };
 
 static int fill(PyObject *module)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 from typing import Any, ClassVar, TypeAlias
 
+from shmgen.runtime.errors import CountExceeded
 from shmgen.runtime.messages.range_checks import CheckedStructure
 from shmgen.runtime.region.access import RegionOptions
 
@@ -54,6 +55,18 @@ class Message(CheckedStructure):
     def _decode(data: bytes | bytearray, at: int, message: Any) -> None:
         """Generated: fills `message` with the bytes from `at` on."""
         raise NotImplementedError
+
+    def _check_counts(self) -> None:
+        """Raises CountExceeded where a peer says that a sequence has more elements than its bound allows."""
+        for name in self._names_:
+            value = getattr(self, name)
+            is_array = isinstance(value, ctypes.Array) and issubclass(value._type_, Message)
+            for index, inner in enumerate(value if is_array else [value]):
+                try:
+                    if isinstance(inner, Message):
+                        inner._check_counts()
+                except CountExceeded as error:
+                    raise error.inside(f"{name}[{index}]" if is_array else name) from None
 
     def __reduce__(self) -> Any:
         """For copies and pickles: that of ctypes wants a `__dict__`, which only a class of the user's may have."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import copy
 import ctypes
 from collections.abc import Iterator
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 from shmgen.runtime.messages import strings, times
@@ -36,7 +37,7 @@ CLOCKS = {
 }
 """How a time is packed, and the functions of a field: its code in a plan, and what is made of it."""
 _NAMES = ("sec", "nanosec", "secs", "nsecs", "__copy__", "from_buffer_copy")
-_TOOLS = (*_NAMES, copy.copy, new_like, from_numbers, times.Time, times.Duration)
+_TOOLS = (*_NAMES, copy.copy, new_like, from_numbers, times.Time, times.Duration, SimpleNamespace)
 """What codec.c refers to, in its order."""
 
 

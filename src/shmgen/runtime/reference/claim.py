@@ -9,9 +9,8 @@ from shmgen.core import abi
 from shmgen.runtime.errors import RegionInUse
 from shmgen.runtime.reference.opening import CONFIRM, WATCH
 from shmgen.runtime.reference.region import Region
-from shmgen.runtime.refusals import in_use
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region.looks import WRITER_LOCK, writer_of
+from shmgen.runtime.region.looks import in_use, writer_of
 
 WATCHED = abi.CLAIM_MS / 1000
 """Seconds within which a PLC that still runs increments its heartbeat."""
@@ -21,17 +20,15 @@ _STOOD_STILL = _CONFIRM / 2
 """Seconds from a look to our name, behind which somebody else may have begun meanwhile."""
 
 
-def claim(topic: str, region: Region) -> Generator[int, None, tuple[int, bool]]:
+def claim(topic: str, region: Region) -> Generator[int, None, tuple[int, int, bool]]:
     """Makes this process the topic's writer. Raises RegionInUse.
 
-    Returns the number after which the samples begin, and whether a PLC may have gone on until now. A record lock keeps
-    other processes out. A PLC knows no such lock: it is watched, then this process puts its name into `writer`, waits,
-    and looks whether it still stands. A PLC that was only standing still may go on with a write of its own at any
-    time, so its numbers are left to it: ours begin a turn of the slots later.
+    Returns the number after which the samples begin, the turn, and whether a PLC may have gone on until now. A record
+    lock keeps other processes out. A PLC knows no such lock: it is watched, then this process puts its name into
+    `writer`, waits, and looks whether it still stands. A PLC that was only standing still may go on with a write of its
+    own at any time, so its lane and its next number are left to it.
     """
     words = region.words
-    if not region.lock_byte(WRITER_LOCK):
-        raise _in_use(topic, region)
     doubtful = False
     looked = time.monotonic()
     if words[h.WRITER] == h.PLC:
@@ -42,15 +39,36 @@ def claim(topic: str, region: Region) -> Generator[int, None, tuple[int, bool]]:
             yield WATCH
             looked = time.monotonic()
             doubtful = looked >= deadline
+    doubtful = doubtful or bool(words[h.TURN] & 1)
+    turn = _begin_turn(region) if doubtful else 0
     words[h.WRITER] = region.pid
     named = time.monotonic()
-    doubtful = doubtful or named - looked > _STOOD_STILL
+    if not doubtful and named - looked > _STOOD_STILL:
+        doubtful, turn = True, _begin_turn(region)
     while doubtful and time.monotonic() < named + _CONFIRM:
         yield CONFIRM
-    if doubtful and words[h.WRITER] != region.pid:
+    if doubtful and (words[h.WRITER] != region.pid or words[h.TURN] != turn):
         raise _in_use(topic, region)
-    newest, slots = words[h.COMPLETED], region.header.slots
-    return (h.after(newest, slots, slots) if doubtful else newest), doubtful
+    turn = words[h.TURN] + doubtful & h.LAST
+    last, slots = h.later(region.newest(), words[h.LEFT]), region.header.slots
+    there = words[h.COMPLETED0 + h.lane(turn)]
+    if there and (last + 1 - there) % slots == 0:  # not into the slot of what may be the newest sample
+        words[h.LEFT] = last = h.after(last, 1, slots)
+    if doubtful:
+        words[h.TURN] = turn
+    return last, turn, doubtful
+
+
+def _begin_turn(region: Region) -> int:
+    """Leaves lane and next number to a writer before that may only stand still.
+
+    Before the name, and an odd turn says that nobody has ended it: who comes next, and finds the name of a dead one,
+    must begin it too.
+    """
+    words = region.words
+    words[h.LEFT] = h.after(h.later(region.newest(), words[h.LEFT]), 1, region.header.slots)
+    words[h.TURN] = turn = words[h.TURN] | 1
+    return int(turn)
 
 
 def _in_use(topic: str, region: Region) -> RegionInUse:

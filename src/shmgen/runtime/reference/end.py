@@ -13,8 +13,9 @@ from shmgen.core import abi
 from shmgen.runtime.errors import Closed, Reentered, ShmError
 from shmgen.runtime.reference.lock import Lock
 from shmgen.runtime.reference.region import Region
-from shmgen.runtime.refusals import Status, gone
-from shmgen.runtime.region.looks import WRITER_LOCK
+from shmgen.runtime.refusals import Status, gone, retired
+from shmgen.runtime.region import header as h
+from shmgen.runtime.region.looks import WRITER_LOCK, byte_is_locked
 from shmgen.runtime.region.settings import Settings
 
 T = TypeVar("T")
@@ -28,6 +29,8 @@ class End:
 
     region: Region
     lock: Lock
+    borrowed = 0
+    """Number of the sample that is being read in place, with the lock where it is needed; 0 = none."""
 
     def __init__(self, of: Settings) -> None:
         self.of = of
@@ -56,12 +59,25 @@ class End:
     def is_claimed(self) -> bool:
         """Whether a process has claimed the topic."""
         self.load(0)
-        return self.region.byte_is_locked(WRITER_LOCK)
+        return byte_is_locked(self.region.file, WRITER_LOCK)
 
     def is_removed(self) -> bool:
-        """Whether the region's file is gone from /dev/shm."""
+        """Whether the region's file is gone from /dev/shm. Those who have it open, PLCs too, are told then."""
         self.load(0)
-        return os.fstat(self.region.file).st_nlink == 0
+        removed = os.fstat(self.region.file).st_nlink == 0
+        if removed and not self.of.passive:
+            self.region.words[h.RETIRED] = 1
+        return removed
+
+    def _need_region(self) -> None:
+        """Raises RegionRetired if it was removed or replaced; a tool that watches looks for itself."""
+        if self.load(h.RETIRED) and not self.of.passive:
+            raise retired(self.of)
+
+    @property
+    def file(self) -> int:
+        """The descriptor of the region."""
+        return self.region.file
 
     @property
     def lock_misses(self) -> int:
@@ -132,6 +148,6 @@ class End:
 
     def _leave(self) -> None:
         if self._taken.get(_BY) == get_ident():
-            if hasattr(self, "lock"):
+            if hasattr(self, "lock") and not self.borrowed:
                 self.lock.release()
             self._taken.clear()

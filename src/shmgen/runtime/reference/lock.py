@@ -7,9 +7,9 @@ import time
 
 from shmgen.core import abi
 from shmgen.runtime.reference.memory_order import keeps_order
-from shmgen.runtime.reference.region import REPAIR_LOCK, Region
-from shmgen.runtime.reference.semaphores import NoSemaphore
+from shmgen.runtime.reference.region import Region
 from shmgen.runtime.region import header as h
+from shmgen.runtime.region.looks import lock_byte, unlock_byte
 
 LOCK_TIMEOUT = abi.LOCK_MS / 1000
 """Seconds to wait for the lock, unless told otherwise, and longest single wait."""
@@ -30,7 +30,7 @@ class Lock:
     """
 
     def __init__(self, region: Region, timeout: float) -> None:
-        self.keeps_order = keeps_order() or isinstance(region.semaphore, NoSemaphore)
+        self.keeps_order = keeps_order() or not region.semaphore.is_there
         self.timeout = timeout
         self.misses = 0
         self._region = region
@@ -70,9 +70,12 @@ class Lock:
                     break
             semaphore.post()
             semaphore.held.clear()
+        elif semaphore.value > 1 and semaphore.acquire():
+            semaphore.post()  # we stood still in front of the post, and were taken for dead: it was one too many
+            semaphore.held.clear()
 
     def _wait(self, left: float | None) -> bool:
-        if isinstance(self._region.semaphore, NoSemaphore):
+        if not self._region.semaphore.is_there:
             return False  # which is no miss
         limit = self.timeout if left is None else max(0.0, min(left, self.timeout) if self.keeps_order else left)
         end = time.monotonic() + limit
@@ -113,14 +116,14 @@ class Lock:
         One process at a time, and each looks once more: had the one before only released, somebody who is in but has
         not incremented yet would be taken for dead in turn.
         """
-        region = self._region
+        file = self._region.file
         try:
             try:
-                taken = region.lock_byte(REPAIR_LOCK) and self._take_place(stay)
+                taken = lock_byte(file, abi.REPAIR_LOCK) and self._take_place(stay)
             finally:
-                region.unlock_byte(REPAIR_LOCK)
+                unlock_byte(file, abi.REPAIR_LOCK)
         except BaseException:
-            region.unlock_byte(REPAIR_LOCK)  # where a signal handler's came upon the first
+            unlock_byte(file, abi.REPAIR_LOCK)  # where a signal handler's came upon the first
             raise
         return taken
 

@@ -5,33 +5,23 @@ Each generator yields a number where it has to wait for a peer, and goes on at i
 
 from __future__ import annotations
 
+import fcntl
 import io
 import mmap
 import os
 import time
-from collections.abc import Generator
-from contextlib import ExitStack, suppress
-from typing import cast
+from collections.abc import Callable, Generator, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 
 import posix_ipc
 
+from shmgen.core import abi
 from shmgen.runtime.errors import PermissionDenied, RegionUnusable
 from shmgen.runtime.reference.memory_order import fence, has_barrier, keeps_order
-from shmgen.runtime.reference.region import REPAIR_LOCK, Region
-from shmgen.runtime.reference.semaphores import NoSemaphore, PosixSemaphore, Semaphore
+from shmgen.runtime.reference.region import Region, Semaphore
 from shmgen.runtime.region import header as h
+from shmgen.runtime.region import looks
 from shmgen.runtime.region.access import PATIENCE, Access, access_for, denied, opened
-from shmgen.runtime.region.looks import (
-    check_header,
-    check_semaphore,
-    lock_byte,
-    need_glibc,
-    opened_to_read,
-    peek,
-    refused_by_system,
-    restless,
-    unlock_byte,
-)
 from shmgen.runtime.region.names import event_name, region_file, region_name, semaphore_file
 from shmgen.runtime.region.resource import kept_from_children
 from shmgen.runtime.region.settings import Settings
@@ -43,11 +33,12 @@ ADMIT, HEADER, SETTLE, WATCH, CONFIRM = range(1, 6)
 """What is waited for."""
 
 
-def open_region(of: Settings) -> Generator[int, None, Region]:
+def open_region(of: Settings, writes: bool = False) -> Generator[int, None, Region]:
     """Opens the topic's region and its lock, or creates what is missing.
 
-    Raises LayoutMismatch, PermissionDenied, RegionUnusable; for a passive reader RegionMissing.
+    Raises LayoutMismatch, PermissionDenied, RegionUnusable; RegionMissing if passive, RegionInUse to a writer.
     """
+    name = region_name(of.topic)
     if of.sequence and not has_barrier():
         raise RegionUnusable(
             f'{of.topic}: sync = "sequence" needs full memory barriers on {os.uname().machine}, and this Python has '
@@ -55,25 +46,41 @@ def open_region(of: Settings) -> Generator[int, None, Region]:
             'here; between programs of one bitness sync = "lock" works as well'
         )
     if not of.sequence:
-        need_glibc(of.topic)
+        looks.need_glibc(of.topic)
     passive = of.passive and (keeps_order() or of.sequence)
     if of.passive and not passive:
-        opened_to_read(region_name(of.topic)).close()
+        looks.opened_to_read(name).close()
     for _ in range(_ATTEMPTS):
         with ExitStack() as so_far:
-            found = opened_to_read(region_name(of.topic)) if passive else (yield from _open_file(of))
-            file = so_far.enter_context(found)
-            check_header(of.topic, of.header, file)
-            map = so_far.enter_context(_mapped(of, file, passive))
-            semaphore: Semaphore = NoSemaphore()
+            file = so_far.enter_context(looks.opened_to_read(name) if passive else (yield from _open_file(of, name)))
+            if not passive and (yield from _replaced(of, file, writes)):
+                continue
+            looks.check_header(of.topic, of.header, file)
+            # From here on nobody of another layout replaces it.
+            if writes and not looks.lock_byte(file.fileno(), looks.WRITER_LOCK):
+                raise looks.in_use(of.topic, looks.writer_of(of.topic, file.fileno(), looks.peek(file.fileno()).writer))
+            while not (passive or writes or looks.lock_byte(file.fileno(), looks.READER_LOCK, fcntl.F_RDLCK)):
+                yield ADMIT
+            with _system_errors(of, region_file(name)):
+                protection = mmap.PROT_READ if passive else mmap.PROT_READ | mmap.PROT_WRITE
+                # A map keeps a descriptor of its file, also in a child that is forked while a buffer of it is in use:
+                # one of its own, without the record locks.
+                with open(f"/proc/self/fd/{file.fileno()}", "rb" if passive else "r+b", buffering=0) as own:
+                    map = kept_from_children(mmap.mmap(own.fileno(), of.header.size, prot=protection))
+            so_far.enter_context(map)
             if not passive:
                 yield from _complete_header(file.fileno(), map, of.header)
-                check_header(of.topic, of.header, file)
-                semaphore = yield from open_semaphore(of, region_name(of.topic), 1)
-            if passive or _leads_to(region_file(region_name(of.topic)), file):
+                looks.check_header(of.topic, of.header, file)
+                if looks.peek(file.fileno()).retired:  # by one who has held those record locks before
+                    continue
+            semaphore = Semaphore("") if passive else (yield from open_semaphore(of, name, 1))
+            if passive or looks.leads_to(region_file(name), file.fileno()):
                 so_far.pop_all()
-                return Region(file, map, of.header, semaphore)
-    raise restless(region_file(region_name(of.topic)))
+                region = Region(file, map, of.header, semaphore)
+                if keeps_order() and not passive:
+                    region.words[h.ORDERED] = 1
+                return region
+    raise looks.restless(region_file(name))
 
 
 def open_event(of: Settings) -> Generator[int, None, Semaphore]:
@@ -81,111 +88,127 @@ def open_event(of: Settings) -> Generator[int, None, Semaphore]:
     return (yield from open_semaphore(of, event_name(region_name(of.topic)), 0))
 
 
+def look_at(of: Settings) -> Generator[int, None, None]:
+    """Opens all of a topic's files and closes them again. Raises as the two above."""
+    (yield from open_region(of)).close()
+    if not of.passive:
+        (yield from open_event(of)).close()
+
+
 def open_semaphore(of: Settings, name: str, value: int) -> Generator[int, None, Semaphore]:
     """The same for any, made with that value."""
     if of.sequence:
-        return NoSemaphore()
-    access, path = access_for(of.options), semaphore_file(name)
+        return Semaphore("")
+    path = semaphore_file(name)
+
+    def make(access: Access) -> None:
+        posix_ipc.Semaphore("/" + name, posix_ipc.O_CREX, access.made_mode, value).close()
+        with suppress(FileNotFoundError), opened(path, os.O_RDWR) as made:
+            access.give(made.fileno(), path)
+
     for _ in range(_ATTEMPTS):
-        try:
-            with suppress(FileNotFoundError), opened(path, os.O_RDWR) as file:
-                access.mend(file.fileno(), path)
-                yield from _admitted(access, file, path)
-                check_semaphore(file.fileno(), path)
-                found = PosixSemaphore("/" + name)
-                if _leads_to(path, file):  # by its name, which may have gone to another file since
+        with (yield from _found_or_made(of, path, make)) as file:
+            looks.check_semaphore(file.fileno(), path)
+            with suppress(posix_ipc.ExistentialError), _system_errors(of, path):
+                found = Semaphore("/" + name)
+                if looks.leads_to(path, file.fileno()):  # by its name, which may have gone to another file since
                     return found
                 found.close()
-                continue
-            with suppress(posix_ipc.ExistentialError, FileNotFoundError):
-                posix_ipc.Semaphore("/" + name, posix_ipc.O_CREX, access.made_mode, value).close()
-                with opened(path, os.O_RDWR) as made:
-                    access.give(made.fileno(), path)
-        except (posix_ipc.PermissionsError, PermissionError):
-            raise denied(path) from None
-        except posix_ipc.ExistentialError:
-            continue
-        except (posix_ipc.Error, OSError) as error:
-            raise RegionUnusable(f"{path}: {error}; see `ulimit -a` and `df /dev/shm`") from None
-    raise restless(path)
+    raise looks.restless(path)
 
 
-def _open_file(of: Settings) -> Generator[int, None, io.FileIO]:
+def _open_file(of: Settings, name: str) -> Generator[int, None, io.FileIO]:
     """The file of the region, that nobody can write without leave, and of a size."""
-    path, access = region_file(region_name(of.topic)), access_for(of.options)
-    file = _found_or_made(of, path, access)
-    try:
-        yield from _admitted(access, file, path)
+    path = region_file(name)
+
+    def make(access: Access) -> None:
+        how = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
+        with kept_from_children(io.FileIO(os.open(path, how, access.made_mode), "r+b")) as made:
+            try:
+                access.give(made.fileno(), path)
+                _allocate(made, of.header.size)
+            except BaseException:
+                # Whoever has opened it meanwhile sees at the end that the name leads elsewhere.
+                if looks.leads_to(path, made.fileno()):
+                    os.unlink(path)
+                raise
+
+    with ExitStack() as so_far:
+        file = so_far.enter_context((yield from _found_or_made(of, path, make)))
         # Between shm_open and ftruncate of its maker an object has no bytes; who died there is stood in for.
         deadline = time.monotonic() + PATIENCE
         while os.fstat(file.fileno()).st_size == 0:
             if time.monotonic() > deadline:
-                _allocate(file, path, of.header.size)
+                with _system_errors(of, path):
+                    _allocate(file, of.header.size)
             else:
                 yield ADMIT
-    except BaseException:
-        file.close()
-        raise
-    return file
+        so_far.pop_all()
+        return file
 
 
-def _found_or_made(of: Settings, path: str, access: Access) -> io.FileIO:
+def _found_or_made(of: Settings, path: str, make: Callable[[Access], None]) -> Generator[int, None, io.FileIO]:
+    """The open file of that path, once its maker has given it a group with which nobody can write it without leave."""
+    access = access_for(of.options)
     for _ in range(_ATTEMPTS):
-        try:
+        with ExitStack() as so_far, _system_errors(of, path):
             # Without O_CREAT: `fs.protected_regular` refuses that for another user's file, even to root.
             with suppress(FileNotFoundError):
-                file = opened(path, os.O_RDWR)
+                file = so_far.enter_context(opened(path, os.O_RDWR))
                 access.mend(file.fileno(), path)
+                deadline = time.monotonic() + PATIENCE
+                while objection := access.objection(os.fstat(file.fileno()), path):
+                    if time.monotonic() > deadline:
+                        who, leave = objection
+                        raise PermissionDenied(f"{path}: {who}, and is not used\n  hint: {leave}")
+                    yield ADMIT
+                so_far.pop_all()
                 return file
-            with suppress(FileExistsError):
-                flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
-                made = kept_from_children(io.FileIO(os.open(path, flags, access.made_mode), "r+b"))
-                return _given(made, path, access, of.header.size)
-        except PermissionError:
-            raise denied(path) from None
-        except OSError as error:
-            refused_by_system(path, error.errno or 0, of.header.size)
-    raise restless(path)
+            with suppress(FileExistsError, posix_ipc.ExistentialError):
+                make(access)
+    raise looks.restless(path)
 
 
-def _given(made: io.FileIO, path: str, access: Access, size: int) -> io.FileIO:
-    """A file made just now, with its mode, its group and its bytes; or none at all."""
+@contextmanager
+def _system_errors(of: Settings, path: str) -> Iterator[None]:
+    """Makes typed errors of what the system says."""
     try:
-        access.give(made.fileno(), path)
-        _allocate(made, path, size)
-    except BaseException:
-        # Whoever has opened it meanwhile sees at the end that the name leads elsewhere.
-        if _leads_to(path, made):
-            os.unlink(path)
-        made.close()
-        raise
-    return made
-
-
-def _admitted(access: Access, file: io.FileIO, path: str) -> Generator[int, None, None]:
-    """Waits for the file's maker, who may be about to give it its group. Raises PermissionDenied."""
-    deadline = time.monotonic() + PATIENCE
-    while objection := access.objection(os.fstat(file.fileno()), path):
-        if time.monotonic() > deadline:
-            who, leave = objection
-            raise PermissionDenied(f"{path}: {who}, and is not used\n  hint: {leave}")
-        yield ADMIT
-
-
-def _mapped(of: Settings, file: io.FileIO, passive: bool) -> mmap.mmap:
-    try:
-        access = mmap.PROT_READ | (0 if passive else mmap.PROT_WRITE)
-        return cast(mmap.mmap, kept_from_children(mmap.mmap(file.fileno(), of.header.size, prot=access)))
+        yield
+    except (PermissionError, posix_ipc.PermissionsError):
+        raise denied(path) from None
     except OSError as error:
-        refused_by_system(region_file(region_name(of.topic)), error.errno or 0, of.header.size)
+        if error.errno is None:  # posix_ipc has put it into words
+            raise RegionUnusable(f"{path}: {error}; see `ulimit -a`") from None
+        looks.refused_by_system(path, error.errno, of.header.size)
 
 
-def _allocate(file: io.FileIO, path: str, size: int) -> None:
+def _allocate(file: io.FileIO, size: int) -> None:
     """As ftruncate, and takes the memory now: a full /dev/shm is an error here, not SIGBUS at the first store."""
-    try:
-        os.posix_fallocate(file.fileno(), 0, size)
-    except OSError as error:
-        refused_by_system(path, error.errno or 0, size)
+    os.posix_fallocate(file.fileno(), 0, size)
+
+
+def _replaced(of: Settings, file: io.FileIO, writes: bool) -> Generator[int, None, bool]:
+    """Takes the name away from a region of another layout; False: it has ours, or is in use.
+
+    That is: somebody living writes it, or, where this is a reader, has it open. A PLC that reads it takes no record
+    lock: it sees `retired`, and opens anew.
+    """
+    fd, end = file.fileno(), time.monotonic() + abi.CLAIM_MS / 1000
+    if not looks.is_outdated(of.header, file):
+        return False
+    header = looks.peek(fd)
+    if not header.retired:
+        if not looks.lock_byte(fd, looks.WRITER_LOCK) or not (writes or looks.lock_byte(fd, looks.READER_LOCK)):
+            return False
+        before = header.heartbeat
+        while header.writer == h.PLC and time.monotonic() < end:
+            yield WATCH
+            header = looks.peek(fd)
+            if header.heartbeat != before:
+                return False
+    while not looks.retire(region_file(region_name(of.topic)), fd):
+        yield ADMIT
+    return True
 
 
 def _complete_header(fd: int, map: mmap.mmap, ours: h.Header) -> Generator[int, None, None]:
@@ -195,9 +218,9 @@ def _complete_header(fd: int, map: mmap.mmap, ours: h.Header) -> Generator[int, 
     """
     deadline = time.monotonic() + PATIENCE
     try:
-        while not lock_byte(fd, REPAIR_LOCK) and time.monotonic() < deadline:
+        while not looks.lock_byte(fd, abi.REPAIR_LOCK) and time.monotonic() < deadline:
             yield HEADER
-        if peek(fd).magic == 0:
+        if looks.peek(fd).magic == 0:
             data = h.pack(ours)
             magic, *others = h.MADE
             for place in others:
@@ -209,11 +232,4 @@ def _complete_header(fd: int, map: mmap.mmap, ours: h.Header) -> Generator[int, 
             while time.monotonic() < settled:
                 yield SETTLE
     finally:
-        unlock_byte(fd, REPAIR_LOCK)
-
-
-def _leads_to(path: str, file: io.FileIO) -> bool:
-    try:
-        return os.path.samestat(os.fstat(file.fileno()), os.lstat(path))
-    except OSError:
-        return False
+        looks.unlock_byte(fd, abi.REPAIR_LOCK)

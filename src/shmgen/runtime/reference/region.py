@@ -1,4 +1,4 @@
-"""A region that is open: its map, the words in it, and its record locks."""
+"""A region that is open: its map, the words in it, and its semaphore."""
 
 from __future__ import annotations
 
@@ -6,21 +6,66 @@ import io
 import mmap
 import os
 from contextlib import suppress
+from types import BuiltinMethodType
+from typing import Any
+
+import posix_ipc
 
 from shmgen.core import abi
 from shmgen.runtime.reference.memory_order import ordered
-from shmgen.runtime.reference.semaphores import Semaphore
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region.looks import WRITER_LOCK, byte_is_locked, lock_byte, unlock_byte
+from shmgen.runtime.region.looks import READER_LOCK, WRITER_LOCK, unlock_byte
 
-REPAIR_LOCK = abi.REPAIR_LOCK
-"""The byte under a record lock while the header is written, and while a lock is recovered."""
+_call = BuiltinMethodType.__call__
+
+
+class Semaphore:
+    """One that is there; without a name none, which is never taken and never posted.
+
+    `held` has an entry for each token that was taken and not given back. A signal handler may raise between any two
+    calls. So a token is taken and noted, and given back and struck out, by one call of what is written in C.
+    """
+
+    def __init__(self, name: str) -> None:
+        """Raises posix_ipc.ExistentialError and PermissionsError."""
+        self.is_there = bool(name)
+        self._inner: Any = posix_ipc.Semaphore(name) if name else None
+        self.held: list[None] = []
+
+    @property
+    def value(self) -> int:
+        return int(self._inner.value) if self.is_there else 1
+
+    def acquire(self) -> bool:
+        """Tries; True = taken."""
+        if not self.is_there:
+            return False
+        try:
+            self.held += map(self._inner.acquire, (0,))
+        except posix_ipc.BusyError:
+            return False
+        return True
+
+    def post(self) -> bool:
+        """Posts unless there is a token already: two would let two in, or end a later wait early.
+
+        True = posted, and nothing is held any more.
+        """
+        if self.value > 0:
+            return False
+        any(map(_call, (self._inner.release, self.held.clear)))
+        return True
+
+    def close(self) -> None:
+        with suppress(posix_ipc.ExistentialError):  # closed already, in the middle of a close that was forked
+            if self.is_there:
+                self._inner.close()
 
 
 class Region:
     """One topic's shared memory: `map` for copies, `words` and `quads` for single loads and stores of 4 and 8 bytes.
 
-    `pid` is that of the process that opened it, and `file` its descriptor.
+    `pid` is that of the process that opened it.
     """
 
     def __init__(self, file: io.FileIO, map: mmap.mmap, header: h.Header, semaphore: Semaphore) -> None:
@@ -34,28 +79,30 @@ class Region:
 
     @property
     def file(self) -> int:
+        """Its descriptor."""
         return self._file.fileno()
 
-    def lock_byte(self, byte: int) -> bool:
-        """Tries for a record lock."""
-        return lock_byte(self.file, byte)
+    def newest(self) -> int:
+        """Number of the newest sample, 0 = none yet."""
+        return h.later(self.words[h.COMPLETED0], self.words[h.COMPLETED1])
 
-    def unlock_byte(self, byte: int) -> None:
-        """Gives a record lock back."""
-        unlock_byte(self.file, byte)
+    def slot(self, number: int, lane: int) -> int:
+        """Where the slot of sample `number` begins in that lane."""
+        slots = self.header.slots
+        return h.HEADER_SIZE + (number % slots + lane * slots) * self.header.slot_size
 
-    def byte_is_locked(self, byte: int) -> bool:
-        """Whether somebody else holds that record lock."""
-        return byte_is_locked(self.file, byte)
+    def is_whole(self, number: int, slot: int) -> bool:
+        """Whether sample `number` lies whole in that slot: the number is 0 while a writer is at it."""
+        return self.words[slot // 4 + 2 * h.NUMBER] == number
 
-    def slot(self, number: int) -> int:
-        """Where the slot of sample `number` begins."""
-        return h.HEADER_SIZE + number % self.header.slots * self.header.slot_size
+    def find(self, number: int) -> int:
+        """The slot in which sample `number` lies whole, 0 = in none. No number is in both lanes."""
+        slots = (self.slot(number, lane) for lane in range(abi.LANES))
+        return next((slot for slot in slots if self.is_whole(number, slot)), 0)
 
-    def payload(self, number: int) -> slice:
-        """Where sample `number` lies, without the header of its slot."""
-        start = self.slot(number) + h.SLOT_HEADER
-        return slice(start, start + self.header.payload_size)
+    def payload(self, slot: int) -> slice:
+        """Where the message lies in a slot."""
+        return slice(slot + h.SLOT_HEADER, slot + h.SLOT_HEADER + self.header.payload_size)
 
     def close(self) -> None:
         """Lets go of everything; the region stays for the peer.
@@ -63,7 +110,8 @@ class Region:
         A child that was forked keeps the open file, and with it a claim that is not given back here.
         """
         if os.getpid() == self.pid and not self._file.closed:
-            self.unlock_byte(WRITER_LOCK)
+            for byte in (WRITER_LOCK, READER_LOCK):
+                unlock_byte(self.file, byte)
         self.words.release()
         self.quads.release()
         self._file.close()

@@ -7,16 +7,19 @@ from collections.abc import Generator
 from typing import Any
 
 from shmgen.runtime.messages.message import CUT, Late
+from shmgen.runtime.reference.bell import ring
 from shmgen.runtime.reference.claim import claim
 from shmgen.runtime.reference.end import End
 from shmgen.runtime.reference.lock import LOCK_TIMEOUT, Lock
 from shmgen.runtime.reference.memory_order import fence, keeps_order
-from shmgen.runtime.reference.opening import open_event, open_region
-from shmgen.runtime.reference.semaphores import Semaphore
+from shmgen.runtime.reference.opening import open_region
 from shmgen.runtime.refusals import claim_lost, lock_timeout
 from shmgen.runtime.region import header as h
 from shmgen.runtime.region.looks import writer_of
 from shmgen.runtime.region.settings import UNTIL_RECOVERED
+
+_FORGET = 1 << 28
+"""Each so many samples a writer clears the numbers of others, before they grow so old that they look new."""
 
 
 class Writer(End):
@@ -25,15 +28,13 @@ class Writer(End):
     sequence = 0
     doubtful = False
     truncations = 0
-    _event: Semaphore
 
     def _open(self) -> Generator[int, None, None]:
         of = self.of
-        self.region = region = yield from open_region(of)
+        self.region = region = yield from open_region(of, writes=True)
         usual = LOCK_TIMEOUT if keeps_order() or of.sequence else UNTIL_RECOVERED
         self.lock = Lock(region, usual if of.lock_ns < 0 else of.lock_ns / 1e9)
-        self._event = yield from open_event(of)
-        self.sequence, self.doubtful = yield from claim(of.topic, region)
+        self.sequence, self._turn, self.doubtful = yield from claim(of.topic, region)
         self._heartbeat = region.words[h.HEARTBEAT]
         self.gone = None
 
@@ -46,13 +47,15 @@ class Writer(End):
         self._one_call(self._publish, data, late, None if left is None else left / 1e9)
 
     def heartbeat(self) -> None:
-        """Shows readers that the writer is alive, without a sample. Raises ClaimLost."""
+        """Shows readers that the writer is alive, without a sample. Raises ClaimLost, RegionRetired."""
+        self.is_removed()
         self.assure()
         self._beat()
 
     def assure(self) -> None:
-        """Raises ClaimLost unless the topic is still this writer's."""
-        if self.load(h.WRITER) != self.region.pid:
+        """Raises ClaimLost unless the topic is still this writer's, RegionRetired unless its region is the topic's."""
+        self._need_region()
+        if self.load(h.WRITER) != self.region.pid or self.load(h.TURN) != self._turn:
             self._lose()
 
     def _encoded(self, message: Any) -> tuple[bytes | bytearray, Late]:
@@ -74,29 +77,31 @@ class Writer(End):
         words = self.region.words
         if words[h.ARMED]:
             words[h.ARMED] = 0
-            self._event.post()
+            words[h.BELL] = self.sequence
+            ring(self.region.map)
 
     def _write(self, data: bytes | bytearray, late: Late, left: float | None) -> None:
         region, words = self.region, self.region.words
         if not self.lock.acquire(left) and not self.lock.keeps_order:
             raise lock_timeout(self.of.topic, words[h.LOCK_HOLDER])
         self.assure()
-        number = h.after(self.sequence, 1, region.header.slots)
-        slot, payload = region.slot(number), region.payload(number)
+        number, lane = h.after(self.sequence, 1, region.header.slots), h.lane(self._turn)
+        slot = region.slot(number, lane)
+        payload = region.payload(slot)
         self._beat()
-        words[h.BEGUN] = number
+        words[slot // 4 + 2 * h.NUMBER] = 0
         # memcpy may use streaming stores, which pass earlier ones even on x86.
         fence()
         region.quads[slot // 8 + h.STAMP] = time.time_ns()
-        words[slot // 4 + 2 * h.NUMBER] = number
         region.map[payload] = data
         for offset, _, array in late:
             region.map[payload.start + offset : payload.start + offset + array.nbytes] = array
-        if words[h.WRITER] != region.pid:
-            words[slot // 4 + 2 * h.NUMBER] = 0  # what lies in the slot may be of two writers
-            self._lose()
-        self.sequence = number
-        words[h.COMPLETED] = number
+        self.assure()
+        self.sequence = number  # first: who comes upon this with an exception must not let it be used again
+        words[slot // 4 + 2 * h.NUMBER] = number
+        words[h.COMPLETED0 + lane] = number
+        if number % _FORGET == 0:
+            words[h.COMPLETED1 - lane] = words[h.LEFT] = 0
 
     def _beat(self) -> None:
         self._heartbeat = self._heartbeat + 1 & h.LAST

@@ -1,4 +1,4 @@
-"""Turns a layout into the header of its region, and the bytes of a header back into words (ABI 1: core/abi.py)."""
+"""Turns a layout into the header of its region, and the bytes of a header back into words (ABI 2: core/abi.py)."""
 
 from __future__ import annotations
 
@@ -16,15 +16,14 @@ __all__ = ["ABI", "HEADER_SIZE", "LAST", "MAGIC", "PAGE", "PLC", "SLOT_HEADER"] 
 
 _AT = {word.name: word.offset for word in (*abi.HEADER, *abi.SLOT)}
 
-# Where the words that change stand, in steps of four bytes: WRITER, BEGUN and so on, as the table names them.
+# Where the words that change stand, in steps of four bytes: WRITER, TURN and so on, as the table names them.
 globals().update((word.name.upper(), word.offset // 4) for word in abi.HEADER if word.by != abi.CREATOR)
 if TYPE_CHECKING:
 
     def __getattr__(name: str) -> int: ...
 
 
-# And in steps of eight, for two words in one look.
-RECOVERIES_ARMED = _AT["recoveries"] // 8
+# And of a slot in steps of eight.
 STAMP = _AT["stamp_ns"] // 8
 NUMBER = _AT["number"] // 8
 """With the four bytes of 0 behind it."""
@@ -66,6 +65,11 @@ class Header(_Words):
     def fixed(self) -> tuple[int | str, ...]:
         """All that both sides must agree on."""
         return (self.size, *(getattr(self, word.name) for word in _MADE))
+
+    @property
+    def newest(self) -> int:
+        """Number of the newest sample, 0 = none yet."""
+        return later(self.completed0, self.completed1)
 
     @property
     def foreign(self) -> bool:
@@ -112,6 +116,16 @@ def unpack(data: bytes, size: int) -> Header:
     """The header at the start of a region of `size` bytes; missing bytes are read as 0."""
     values = _HEADER.unpack(data[:HEADER_SIZE].ljust(HEADER_SIZE, b"\0"))
     return Header._make((size, *(_text(value) if isinstance(value, bytes) else value for value in values)))
+
+
+def later(one: int, other: int) -> int:
+    """The later of two numbers of samples, of which 0 is none."""
+    return other if other and (not one or (other - one & LAST) < abi.RESTART_GAP) else one
+
+
+def lane(turn: int) -> int:
+    """The lane of a turn."""
+    return turn >> 1 & 1
 
 
 def after(number: int, steps: int, slots: int) -> int:

@@ -11,7 +11,7 @@ import sys
 from typing import NoReturn
 
 from shmgen.core import abi
-from shmgen.runtime.errors import LayoutMismatch, RegionMissing, RegionUnusable
+from shmgen.runtime.errors import LayoutMismatch, RegionInUse, RegionMissing, RegionUnusable
 from shmgen.runtime.region import header as h
 from shmgen.runtime.region.access import denied, opened
 from shmgen.runtime.region.holders import holder
@@ -19,6 +19,8 @@ from shmgen.runtime.region.names import region_file, region_name
 
 WRITER_LOCK = abi.WRITER_LOCK
 """The byte under a record lock as long as somebody publishes."""
+READER_LOCK = abi.READER_LOCK
+"""The same of readers, who share it."""
 _LARGER_PAGES = (16384, 65536)
 """Bytes: on a Raspberry Pi 5 and Apple's machines, and in kernels for servers with ARM or POWER."""
 _FLOCK = struct.Struct("hhqqi4x")
@@ -61,25 +63,32 @@ def foreign(path: str, header: h.Header) -> RegionUnusable:
     return RegionUnusable(f"{path} is {header}\n  hint: {hint}")
 
 
+def is_outdated(ours: h.Header, file: io.FileIO) -> bool:
+    """Whether a region of shmgen has another layout, or was retired."""
+    theirs = peek(file.fileno())
+    return _is_of_this_abi(theirs) and (bool(theirs.retired) or not _fits(ours, theirs, file))
+
+
 def check_header(topic: str, ours: h.Header, file: io.FileIO) -> None:
     """Raises LayoutMismatch and RegionUnusable unless that is the topic's region, or still empty."""
     name = region_name(topic)
     theirs = peek(file.fileno())
     if theirs.foreign:
         raise foreign(region_file(name), theirs)
-    if _is_rounded(ours.size, theirs.size, file):
-        theirs = theirs._replace(size=ours.size)
-    if theirs.fixed == ours.fixed or (theirs.magic == 0 and theirs.size == ours.size):
+    if _fits(ours, theirs, file):
         return
     if theirs.digest == ours.digest and theirs.slots != ours.slots:
         advice = "the depth differs: configure the same depth on both sides"
     else:
         advice = "generate both sides from the same definitions and options"
+    if not _is_of_this_abi(theirs):
+        advice += f"; if the region is a leftover, remove it: `shmgen clean {topic}`"
+    elif byte_is_locked(file.fileno(), WRITER_LOCK) or theirs.writer == h.PLC:
+        advice += f"; {writer_of(topic, file.fileno(), theirs.writer)} writes it: update that side, or stop it"
+    elif byte_is_locked(file.fileno(), READER_LOCK):
+        advice += "; others read it, and a reader does not replace it: stop them, or start the publisher"
     raise LayoutMismatch(
-        f"{topic}: {region_file(name)} holds another layout\n"
-        f"  there: {theirs}\n"
-        f"  here:  {ours}\n"
-        f"  {advice}; if the region is a leftover, remove it: `shmgen clean {topic}`"
+        f"{topic}: {region_file(name)} holds another layout\n  there: {theirs}\n  here:  {ours}\n  {advice}"
     )
 
 
@@ -132,10 +141,33 @@ def writer_of(topic: str, file: int, said: int) -> str:
     return "a PLC" if said == h.PLC else f"process {said}"
 
 
-def lock_byte(fd: int, byte: int) -> bool:
+def leads_to(path: str, file: int) -> bool:
+    """Whether that path is the one of that descriptor."""
+    try:
+        return os.path.samestat(os.fstat(file), os.lstat(path))
+    except OSError:
+        return False
+
+
+def retire(path: str, file: int) -> bool:
+    """Takes the name away from a region, and tells all who have it open: PLCs take no record lock. False: not now."""
+    if not lock_byte(file, abi.REPAIR_LOCK):  # one at a time: the next finds that the name leads elsewhere
+        return False
+    os.pwrite(file, b"\1", 4 * h.RETIRED)
+    if leads_to(path, file):
+        os.unlink(path)
+    return True
+
+
+def in_use(topic: str, who: str) -> RegionInUse:
+    """What to say to a second writer."""
+    return RegionInUse(f"{topic}: {who} publishes already; one writer a topic: stop that one first")
+
+
+def lock_byte(fd: int, byte: int, kind: int = fcntl.F_WRLCK) -> bool:
     """Tries for a record lock of the open-file kind; it goes with the descriptor, also by SIGKILL."""
     try:
-        fcntl.fcntl(fd, fcntl.F_OFD_SETLK, _FLOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, byte, 1, 0))
+        fcntl.fcntl(fd, fcntl.F_OFD_SETLK, _FLOCK.pack(kind, os.SEEK_SET, byte, 1, 0))
     except OSError as error:
         if error.errno not in (errno.EAGAIN, errno.EACCES):
             raise
@@ -153,6 +185,16 @@ def byte_is_locked(fd: int, byte: int) -> bool:
 def unlock_byte(fd: int, byte: int) -> None:
     """Gives it back."""
     fcntl.fcntl(fd, fcntl.F_OFD_SETLK, _FLOCK.pack(fcntl.F_UNLCK, os.SEEK_SET, byte, 1, 0))
+
+
+def _is_of_this_abi(header: h.Header) -> bool:
+    return (header.magic, header.abi, header.header_size) == (h.MAGIC, h.ABI, h.HEADER_SIZE)
+
+
+def _fits(ours: h.Header, theirs: h.Header, file: io.FileIO) -> bool:
+    if _is_rounded(ours.size, theirs.size, file):
+        theirs = theirs._replace(size=ours.size)
+    return theirs.fixed == ours.fixed or (theirs.magic == 0 and theirs.size == ours.size)
 
 
 def _is_rounded(ours: int, theirs: int, file: io.FileIO) -> bool:

@@ -13,6 +13,9 @@ from shmgen.runtime.region.names import region_name
 UNTIL_RECOVERED = (abi.RECOVER_MS + abi.PEER_MS) / 1000
 """Seconds a writer waits where the lock is needed: whatever has become of its holder, it is free or recovered then."""
 
+_MOST_SPIN = 0.001
+"""Seconds."""
+
 
 class Settings(NamedTuple):
     """In the order in which C takes them. `lock_ns` -1: as is usual; `mode` 0 and `group` "": as shmgen.toml says."""
@@ -30,6 +33,7 @@ class Settings(NamedTuple):
     sequence: bool
     passive: bool
     history: bool
+    spin_us: int
     word: str
     """What errors call the end."""
     header: Header
@@ -52,8 +56,11 @@ def settings_for(
     group: str | int | None = None,
     passive: bool = False,
     history: bool = False,
+    spin: float = 0.0,
 ) -> Settings:
     """Raises ValueError for a topic, a depth or a limit that cannot be."""
+    if not 0 <= spin <= _MOST_SPIN:
+        raise ValueError(f"spin is {spin}; it goes from 0 to {_MOST_SPIN} seconds")
     longest = abi.RECOVER_MS / 1000
     if lock_timeout is not None and not 0 <= lock_timeout <= longest:
         raise ValueError(f"lock_timeout is {lock_timeout}; it goes from 0 to {longest:.0f} second")
@@ -74,6 +81,7 @@ def settings_for(
         sequence=options.sync == "sequence",
         passive=passive,
         history=history,
+        spin_us=round(spin * 1e6),
         word=word,
         header=header,
     )

@@ -30,7 +30,7 @@ static inline shmgen_status shmgen_receive_shm_geometry_msgs_Pose(void *copy, sh
     return SHMGEN_OK;
 }
 
-static inline shmgen_type shm_geometry_msgs_Pose_type(void)
+static inline shmgen_type shmgen_type_of_shm_geometry_msgs_Pose(void)
 {
     shmgen_type type = {shmgen_type_name_shm_geometry_msgs_Pose, NULL, shmgen_digest_shm_geometry_msgs_Pose,
                         sizeof(shm_geometry_msgs_Pose), 0, 0, 0};
@@ -46,7 +46,7 @@ typedef struct shm_geometry_msgs_Pose_publisher {
 static inline shmgen_status shm_geometry_msgs_Pose_publisher_open(
     shm_geometry_msgs_Pose_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_geometry_msgs_Pose_type();
+    const shmgen_type type = shmgen_type_of_shm_geometry_msgs_Pose();
     return shmgen_publisher_open(&self->end, topic, &type, options);
 }
 
@@ -54,7 +54,7 @@ static inline shmgen_status shm_geometry_msgs_Pose_publisher_open(
 static inline shmgen_status shm_geometry_msgs_Pose_publisher_start(
     shm_geometry_msgs_Pose_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_geometry_msgs_Pose_type();
+    const shmgen_type type = shmgen_type_of_shm_geometry_msgs_Pose();
     return shmgen_publisher_start(&self->end, topic, &type, options);
 }
 
@@ -101,7 +101,7 @@ typedef struct shm_geometry_msgs_Pose_subscriber {
 static inline shmgen_status shm_geometry_msgs_Pose_subscriber_open(
     shm_geometry_msgs_Pose_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_geometry_msgs_Pose_type();
+    const shmgen_type type = shmgen_type_of_shm_geometry_msgs_Pose();
     return shmgen_subscriber_open(&self->end, topic, &type, options);
 }
 
@@ -109,7 +109,7 @@ static inline shmgen_status shm_geometry_msgs_Pose_subscriber_open(
 static inline shmgen_status shm_geometry_msgs_Pose_subscriber_start(
     shm_geometry_msgs_Pose_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_geometry_msgs_Pose_type();
+    const shmgen_type type = shmgen_type_of_shm_geometry_msgs_Pose();
     return shmgen_subscriber_start(&self->end, topic, &type, options);
 }
 

@@ -35,7 +35,7 @@ static inline shmgen_status shmgen_receive_shm_geometry_msgs_PoseStamped(void *c
     return SHMGEN_OK;
 }
 
-static inline shmgen_type shm_geometry_msgs_PoseStamped_type(void)
+static inline shmgen_type shmgen_type_of_shm_geometry_msgs_PoseStamped(void)
 {
     shmgen_type type = {shmgen_type_name_shm_geometry_msgs_PoseStamped, NULL, shmgen_digest_shm_geometry_msgs_PoseStamped,
                         sizeof(shm_geometry_msgs_PoseStamped), 0, 0, 0};
@@ -51,7 +51,7 @@ typedef struct shm_geometry_msgs_PoseStamped_publisher {
 static inline shmgen_status shm_geometry_msgs_PoseStamped_publisher_open(
     shm_geometry_msgs_PoseStamped_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_geometry_msgs_PoseStamped_type();
+    const shmgen_type type = shmgen_type_of_shm_geometry_msgs_PoseStamped();
     return shmgen_publisher_open(&self->end, topic, &type, options);
 }
 
@@ -59,7 +59,7 @@ static inline shmgen_status shm_geometry_msgs_PoseStamped_publisher_open(
 static inline shmgen_status shm_geometry_msgs_PoseStamped_publisher_start(
     shm_geometry_msgs_PoseStamped_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_geometry_msgs_PoseStamped_type();
+    const shmgen_type type = shmgen_type_of_shm_geometry_msgs_PoseStamped();
     return shmgen_publisher_start(&self->end, topic, &type, options);
 }
 
@@ -106,7 +106,7 @@ typedef struct shm_geometry_msgs_PoseStamped_subscriber {
 static inline shmgen_status shm_geometry_msgs_PoseStamped_subscriber_open(
     shm_geometry_msgs_PoseStamped_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_geometry_msgs_PoseStamped_type();
+    const shmgen_type type = shmgen_type_of_shm_geometry_msgs_PoseStamped();
     return shmgen_subscriber_open(&self->end, topic, &type, options);
 }
 
@@ -114,7 +114,7 @@ static inline shmgen_status shm_geometry_msgs_PoseStamped_subscriber_open(
 static inline shmgen_status shm_geometry_msgs_PoseStamped_subscriber_start(
     shm_geometry_msgs_PoseStamped_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_geometry_msgs_PoseStamped_type();
+    const shmgen_type type = shmgen_type_of_shm_geometry_msgs_PoseStamped();
     return shmgen_subscriber_start(&self->end, topic, &type, options);
 }
 

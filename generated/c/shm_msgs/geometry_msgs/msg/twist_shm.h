@@ -29,7 +29,7 @@ static inline shmgen_status shmgen_receive_shm_geometry_msgs_Twist(void *copy, s
     return SHMGEN_OK;
 }
 
-static inline shmgen_type shm_geometry_msgs_Twist_type(void)
+static inline shmgen_type shmgen_type_of_shm_geometry_msgs_Twist(void)
 {
     shmgen_type type = {shmgen_type_name_shm_geometry_msgs_Twist, NULL, shmgen_digest_shm_geometry_msgs_Twist,
                         sizeof(shm_geometry_msgs_Twist), 0, 0, 0};
@@ -45,7 +45,7 @@ typedef struct shm_geometry_msgs_Twist_publisher {
 static inline shmgen_status shm_geometry_msgs_Twist_publisher_open(
     shm_geometry_msgs_Twist_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_geometry_msgs_Twist_type();
+    const shmgen_type type = shmgen_type_of_shm_geometry_msgs_Twist();
     return shmgen_publisher_open(&self->end, topic, &type, options);
 }
 
@@ -53,7 +53,7 @@ static inline shmgen_status shm_geometry_msgs_Twist_publisher_open(
 static inline shmgen_status shm_geometry_msgs_Twist_publisher_start(
     shm_geometry_msgs_Twist_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_geometry_msgs_Twist_type();
+    const shmgen_type type = shmgen_type_of_shm_geometry_msgs_Twist();
     return shmgen_publisher_start(&self->end, topic, &type, options);
 }
 
@@ -100,7 +100,7 @@ typedef struct shm_geometry_msgs_Twist_subscriber {
 static inline shmgen_status shm_geometry_msgs_Twist_subscriber_open(
     shm_geometry_msgs_Twist_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_geometry_msgs_Twist_type();
+    const shmgen_type type = shmgen_type_of_shm_geometry_msgs_Twist();
     return shmgen_subscriber_open(&self->end, topic, &type, options);
 }
 
@@ -108,7 +108,7 @@ static inline shmgen_status shm_geometry_msgs_Twist_subscriber_open(
 static inline shmgen_status shm_geometry_msgs_Twist_subscriber_start(
     shm_geometry_msgs_Twist_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_geometry_msgs_Twist_type();
+    const shmgen_type type = shmgen_type_of_shm_geometry_msgs_Twist();
     return shmgen_subscriber_start(&self->end, topic, &type, options);
 }
 

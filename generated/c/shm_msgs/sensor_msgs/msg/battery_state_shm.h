@@ -48,7 +48,7 @@ static inline shmgen_status shmgen_receive_shm_sensor_msgs_BatteryState(void *co
     return SHMGEN_OK;
 }
 
-static inline shmgen_type shm_sensor_msgs_BatteryState_type(void)
+static inline shmgen_type shmgen_type_of_shm_sensor_msgs_BatteryState(void)
 {
     shmgen_type type = {shmgen_type_name_shm_sensor_msgs_BatteryState, NULL, shmgen_digest_shm_sensor_msgs_BatteryState,
                         sizeof(shm_sensor_msgs_BatteryState), 0, 0, 0};
@@ -64,7 +64,7 @@ typedef struct shm_sensor_msgs_BatteryState_publisher {
 static inline shmgen_status shm_sensor_msgs_BatteryState_publisher_open(
     shm_sensor_msgs_BatteryState_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_sensor_msgs_BatteryState_type();
+    const shmgen_type type = shmgen_type_of_shm_sensor_msgs_BatteryState();
     return shmgen_publisher_open(&self->end, topic, &type, options);
 }
 
@@ -72,7 +72,7 @@ static inline shmgen_status shm_sensor_msgs_BatteryState_publisher_open(
 static inline shmgen_status shm_sensor_msgs_BatteryState_publisher_start(
     shm_sensor_msgs_BatteryState_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_sensor_msgs_BatteryState_type();
+    const shmgen_type type = shmgen_type_of_shm_sensor_msgs_BatteryState();
     return shmgen_publisher_start(&self->end, topic, &type, options);
 }
 
@@ -119,7 +119,7 @@ typedef struct shm_sensor_msgs_BatteryState_subscriber {
 static inline shmgen_status shm_sensor_msgs_BatteryState_subscriber_open(
     shm_sensor_msgs_BatteryState_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_sensor_msgs_BatteryState_type();
+    const shmgen_type type = shmgen_type_of_shm_sensor_msgs_BatteryState();
     return shmgen_subscriber_open(&self->end, topic, &type, options);
 }
 
@@ -127,7 +127,7 @@ static inline shmgen_status shm_sensor_msgs_BatteryState_subscriber_open(
 static inline shmgen_status shm_sensor_msgs_BatteryState_subscriber_start(
     shm_sensor_msgs_BatteryState_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_sensor_msgs_BatteryState_type();
+    const shmgen_type type = shmgen_type_of_shm_sensor_msgs_BatteryState();
     return shmgen_subscriber_start(&self->end, topic, &type, options);
 }
 

@@ -36,7 +36,7 @@ static inline shmgen_status shmgen_receive_shm_sensor_msgs_Imu(void *copy, shmge
     return SHMGEN_OK;
 }
 
-static inline shmgen_type shm_sensor_msgs_Imu_type(void)
+static inline shmgen_type shmgen_type_of_shm_sensor_msgs_Imu(void)
 {
     shmgen_type type = {shmgen_type_name_shm_sensor_msgs_Imu, NULL, shmgen_digest_shm_sensor_msgs_Imu,
                         sizeof(shm_sensor_msgs_Imu), 0, 0, 0};
@@ -52,7 +52,7 @@ typedef struct shm_sensor_msgs_Imu_publisher {
 static inline shmgen_status shm_sensor_msgs_Imu_publisher_open(
     shm_sensor_msgs_Imu_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_sensor_msgs_Imu_type();
+    const shmgen_type type = shmgen_type_of_shm_sensor_msgs_Imu();
     return shmgen_publisher_open(&self->end, topic, &type, options);
 }
 
@@ -60,7 +60,7 @@ static inline shmgen_status shm_sensor_msgs_Imu_publisher_open(
 static inline shmgen_status shm_sensor_msgs_Imu_publisher_start(
     shm_sensor_msgs_Imu_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_sensor_msgs_Imu_type();
+    const shmgen_type type = shmgen_type_of_shm_sensor_msgs_Imu();
     return shmgen_publisher_start(&self->end, topic, &type, options);
 }
 
@@ -107,7 +107,7 @@ typedef struct shm_sensor_msgs_Imu_subscriber {
 static inline shmgen_status shm_sensor_msgs_Imu_subscriber_open(
     shm_sensor_msgs_Imu_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_sensor_msgs_Imu_type();
+    const shmgen_type type = shmgen_type_of_shm_sensor_msgs_Imu();
     return shmgen_subscriber_open(&self->end, topic, &type, options);
 }
 
@@ -115,7 +115,7 @@ static inline shmgen_status shm_sensor_msgs_Imu_subscriber_open(
 static inline shmgen_status shm_sensor_msgs_Imu_subscriber_start(
     shm_sensor_msgs_Imu_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_sensor_msgs_Imu_type();
+    const shmgen_type type = shmgen_type_of_shm_sensor_msgs_Imu();
     return shmgen_subscriber_start(&self->end, topic, &type, options);
 }
 

@@ -57,7 +57,7 @@ static inline shmgen_status shmgen_receive_shm_sensor_msgs_JointState(void *copy
     return SHMGEN_OK;
 }
 
-static inline shmgen_type shm_sensor_msgs_JointState_type(void)
+static inline shmgen_type shmgen_type_of_shm_sensor_msgs_JointState(void)
 {
     shmgen_type type = {shmgen_type_name_shm_sensor_msgs_JointState, NULL, shmgen_digest_shm_sensor_msgs_JointState,
                         sizeof(shm_sensor_msgs_JointState), 0, 0, 0};
@@ -73,7 +73,7 @@ typedef struct shm_sensor_msgs_JointState_publisher {
 static inline shmgen_status shm_sensor_msgs_JointState_publisher_open(
     shm_sensor_msgs_JointState_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_sensor_msgs_JointState_type();
+    const shmgen_type type = shmgen_type_of_shm_sensor_msgs_JointState();
     return shmgen_publisher_open(&self->end, topic, &type, options);
 }
 
@@ -81,7 +81,7 @@ static inline shmgen_status shm_sensor_msgs_JointState_publisher_open(
 static inline shmgen_status shm_sensor_msgs_JointState_publisher_start(
     shm_sensor_msgs_JointState_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_sensor_msgs_JointState_type();
+    const shmgen_type type = shmgen_type_of_shm_sensor_msgs_JointState();
     return shmgen_publisher_start(&self->end, topic, &type, options);
 }
 
@@ -128,7 +128,7 @@ typedef struct shm_sensor_msgs_JointState_subscriber {
 static inline shmgen_status shm_sensor_msgs_JointState_subscriber_open(
     shm_sensor_msgs_JointState_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_sensor_msgs_JointState_type();
+    const shmgen_type type = shmgen_type_of_shm_sensor_msgs_JointState();
     return shmgen_subscriber_open(&self->end, topic, &type, options);
 }
 
@@ -136,7 +136,7 @@ static inline shmgen_status shm_sensor_msgs_JointState_subscriber_open(
 static inline shmgen_status shm_sensor_msgs_JointState_subscriber_start(
     shm_sensor_msgs_JointState_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_sensor_msgs_JointState_type();
+    const shmgen_type type = shmgen_type_of_shm_sensor_msgs_JointState();
     return shmgen_subscriber_start(&self->end, topic, &type, options);
 }
 

@@ -28,7 +28,7 @@ static inline shmgen_status shmgen_receive_shm_std_msgs_ColorRGBA(void *copy, sh
     return SHMGEN_OK;
 }
 
-static inline shmgen_type shm_std_msgs_ColorRGBA_type(void)
+static inline shmgen_type shmgen_type_of_shm_std_msgs_ColorRGBA(void)
 {
     shmgen_type type = {shmgen_type_name_shm_std_msgs_ColorRGBA, NULL, shmgen_digest_shm_std_msgs_ColorRGBA,
                         sizeof(shm_std_msgs_ColorRGBA), 0, 0, 0};
@@ -44,7 +44,7 @@ typedef struct shm_std_msgs_ColorRGBA_publisher {
 static inline shmgen_status shm_std_msgs_ColorRGBA_publisher_open(
     shm_std_msgs_ColorRGBA_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_std_msgs_ColorRGBA_type();
+    const shmgen_type type = shmgen_type_of_shm_std_msgs_ColorRGBA();
     return shmgen_publisher_open(&self->end, topic, &type, options);
 }
 
@@ -52,7 +52,7 @@ static inline shmgen_status shm_std_msgs_ColorRGBA_publisher_open(
 static inline shmgen_status shm_std_msgs_ColorRGBA_publisher_start(
     shm_std_msgs_ColorRGBA_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_std_msgs_ColorRGBA_type();
+    const shmgen_type type = shmgen_type_of_shm_std_msgs_ColorRGBA();
     return shmgen_publisher_start(&self->end, topic, &type, options);
 }
 
@@ -99,7 +99,7 @@ typedef struct shm_std_msgs_ColorRGBA_subscriber {
 static inline shmgen_status shm_std_msgs_ColorRGBA_subscriber_open(
     shm_std_msgs_ColorRGBA_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_std_msgs_ColorRGBA_type();
+    const shmgen_type type = shmgen_type_of_shm_std_msgs_ColorRGBA();
     return shmgen_subscriber_open(&self->end, topic, &type, options);
 }
 
@@ -107,7 +107,7 @@ static inline shmgen_status shm_std_msgs_ColorRGBA_subscriber_open(
 static inline shmgen_status shm_std_msgs_ColorRGBA_subscriber_start(
     shm_std_msgs_ColorRGBA_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_std_msgs_ColorRGBA_type();
+    const shmgen_type type = shmgen_type_of_shm_std_msgs_ColorRGBA();
     return shmgen_subscriber_start(&self->end, topic, &type, options);
 }
 

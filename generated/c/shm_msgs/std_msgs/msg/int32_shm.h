@@ -28,7 +28,7 @@ static inline shmgen_status shmgen_receive_shm_std_msgs_Int32(void *copy, shmgen
     return SHMGEN_OK;
 }
 
-static inline shmgen_type shm_std_msgs_Int32_type(void)
+static inline shmgen_type shmgen_type_of_shm_std_msgs_Int32(void)
 {
     shmgen_type type = {shmgen_type_name_shm_std_msgs_Int32, NULL, shmgen_digest_shm_std_msgs_Int32,
                         sizeof(shm_std_msgs_Int32), 0, 0, 0};
@@ -44,7 +44,7 @@ typedef struct shm_std_msgs_Int32_publisher {
 static inline shmgen_status shm_std_msgs_Int32_publisher_open(
     shm_std_msgs_Int32_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_std_msgs_Int32_type();
+    const shmgen_type type = shmgen_type_of_shm_std_msgs_Int32();
     return shmgen_publisher_open(&self->end, topic, &type, options);
 }
 
@@ -52,7 +52,7 @@ static inline shmgen_status shm_std_msgs_Int32_publisher_open(
 static inline shmgen_status shm_std_msgs_Int32_publisher_start(
     shm_std_msgs_Int32_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_std_msgs_Int32_type();
+    const shmgen_type type = shmgen_type_of_shm_std_msgs_Int32();
     return shmgen_publisher_start(&self->end, topic, &type, options);
 }
 
@@ -99,7 +99,7 @@ typedef struct shm_std_msgs_Int32_subscriber {
 static inline shmgen_status shm_std_msgs_Int32_subscriber_open(
     shm_std_msgs_Int32_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_std_msgs_Int32_type();
+    const shmgen_type type = shmgen_type_of_shm_std_msgs_Int32();
     return shmgen_subscriber_open(&self->end, topic, &type, options);
 }
 
@@ -107,7 +107,7 @@ static inline shmgen_status shm_std_msgs_Int32_subscriber_open(
 static inline shmgen_status shm_std_msgs_Int32_subscriber_start(
     shm_std_msgs_Int32_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_std_msgs_Int32_type();
+    const shmgen_type type = shmgen_type_of_shm_std_msgs_Int32();
     return shmgen_subscriber_start(&self->end, topic, &type, options);
 }
 

@@ -30,7 +30,7 @@ static inline shmgen_status shmgen_receive_shm_std_msgs_String(void *copy, shmge
     return SHMGEN_OK;
 }
 
-static inline shmgen_type shm_std_msgs_String_type(void)
+static inline shmgen_type shmgen_type_of_shm_std_msgs_String(void)
 {
     shmgen_type type = {shmgen_type_name_shm_std_msgs_String, NULL, shmgen_digest_shm_std_msgs_String,
                         sizeof(shm_std_msgs_String), 0, 0, 0};
@@ -46,7 +46,7 @@ typedef struct shm_std_msgs_String_publisher {
 static inline shmgen_status shm_std_msgs_String_publisher_open(
     shm_std_msgs_String_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_std_msgs_String_type();
+    const shmgen_type type = shmgen_type_of_shm_std_msgs_String();
     return shmgen_publisher_open(&self->end, topic, &type, options);
 }
 
@@ -54,7 +54,7 @@ static inline shmgen_status shm_std_msgs_String_publisher_open(
 static inline shmgen_status shm_std_msgs_String_publisher_start(
     shm_std_msgs_String_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_std_msgs_String_type();
+    const shmgen_type type = shmgen_type_of_shm_std_msgs_String();
     return shmgen_publisher_start(&self->end, topic, &type, options);
 }
 
@@ -101,7 +101,7 @@ typedef struct shm_std_msgs_String_subscriber {
 static inline shmgen_status shm_std_msgs_String_subscriber_open(
     shm_std_msgs_String_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_std_msgs_String_type();
+    const shmgen_type type = shmgen_type_of_shm_std_msgs_String();
     return shmgen_subscriber_open(&self->end, topic, &type, options);
 }
 
@@ -109,7 +109,7 @@ static inline shmgen_status shm_std_msgs_String_subscriber_open(
 static inline shmgen_status shm_std_msgs_String_subscriber_start(
     shm_std_msgs_String_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_std_msgs_String_type();
+    const shmgen_type type = shmgen_type_of_shm_std_msgs_String();
     return shmgen_subscriber_start(&self->end, topic, &type, options);
 }
 

@@ -17,15 +17,19 @@ static inline shmgen_status shmgen_subscriber_return(shmgen_subscriber *self)
 {
     shmgen_link *end = &self->end;
     const uint32_t number = self->borrowed;
-    const size_t slot = shmgen_slot_of(end, number);
+    size_t slot;
     shmgen_status status = shmgen_readable(self, end->type.size);
-    uint64_t stamp;
-    bool whole;
+    uint64_t stamp = 0;
+    bool whole = false;
     if (status != SHMGEN_OK || number == 0)
         return status != SHMGEN_OK ? status : SHMGEN_MISUSED;
-    memcpy(&stamp, end->base + slot + offsetof(shmgen_slot, stamp_ns), sizeof stamp);
     __atomic_thread_fence(__ATOMIC_ACQUIRE);
-    whole = shmgen_is_whole(end, number, slot);
+    slot = shmgen_find(end, number);
+    if (slot != 0) {
+        memcpy(&stamp, end->base + slot + offsetof(shmgen_slot, stamp_ns), sizeof stamp);
+        __atomic_thread_fence(__ATOMIC_ACQUIRE);
+        whole = shmgen_is_whole(end, number, slot);
+    }
     if (self->inside != 0)
         shmgen_leave(end);
     self->inside = self->borrowed = 0;
@@ -46,21 +50,23 @@ static inline shmgen_status shmgen_subscriber_borrow(shmgen_subscriber *self, co
     shmgen_link *end = &self->end;
     shmgen_status status = shmgen_readable(self, end->type.size);
     uint32_t number;
+    size_t slot;
     if (status != SHMGEN_OK)
         return status;
     if (self->borrowed != 0)
         return SHMGEN_MISUSED;
-    number = shmgen_load(end, SHMGEN_AT(completed));
+    number = shmgen_newest(end);
     if (number == 0 || number == self->last)
-        return SHMGEN_NOTHING_NEW;
+        return shmgen_nothing(self);
     if (!shmgen_may_go_on(end)) {
         if (!shmgen_enter(end, end->limit))
             return SHMGEN_LOCK_TIMEOUT;
         self->inside = 1;
     }
     self->borrowed = number;
-    *payload = end->base + shmgen_slot_of(end, number) + SHMGEN_SLOT_HEADER;
-    return shmgen_is_whole(end, number, shmgen_slot_of(end, number)) ? SHMGEN_OK : shmgen_subscriber_return(self);
+    slot = shmgen_find(end, number);
+    *payload = end->base + slot + SHMGEN_SLOT_HEADER;
+    return slot != 0 ? SHMGEN_OK : shmgen_subscriber_return(self);
 }
 
 #ifdef __cplusplus

@@ -136,8 +136,8 @@ static inline int64_t shmgen_slice(int64_t limit)
  * is needed there is nothing else to do than to wait on, until the limit or the recovery. */
 static inline bool shmgen_wait_for_lock(shmgen_link *link, int64_t limit)
 {
-    const int64_t end = limit > 0 ? shmgen_until(limit) : 0;
-    int64_t left = limit;
+    const int64_t end = limit > 0 ? shmgen_until(limit) : 0, longest = SHMGEN_RECOVER_MS * SHMGEN_MS;
+    int64_t left = SHMGEN_KEEPS_ORDER && limit > longest ? longest : limit; /* for one stay, which is dead then */
     do {
         shmgen_note_stay(link);
         if (left > 0 && (link->seen == 1 || !SHMGEN_KEEPS_ORDER)) {
@@ -198,6 +198,8 @@ static inline void shmgen_leave(shmgen_link *link)
         for (int left = SHMGEN_SURPLUS; left > 0 && sem_trywait(link->lock) == 0; left--)
             ;
         shmgen_post(link->lock);
+    } else if (shmgen_tokens(link->lock) > 1 && sem_trywait(link->lock) == 0) {
+        shmgen_post(link->lock); /* we stood still in front of the post, and were taken for dead */
     }
 }
 

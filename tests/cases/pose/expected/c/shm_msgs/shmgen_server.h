@@ -52,15 +52,17 @@ static inline shmgen_status shmgen_server_start(
         &self->responses, shmgen_half(topic, name, acts ? "-result" : "-response"), &carries->response.type, options);
 }
 
-/* One step of opening, which does not wait. The responses come last, for their claim shows clients a server: what lies
- * there before it stands is old, and nobody knows whether another has served it. */
+/* One step of opening, which does not wait. The responses come last, for their record lock, taken when the region is mapped,
+ * or where a PLC was the server the name put over its own, shows clients a server: what lies there before is old, and nobody
+ * knows whether another has served it. */
 static inline shmgen_status shmgen_server_step(shmgen_server *self)
 {
     shmgen_status status = shmgen_subscriber_step(&self->requests);
     if (status == SHMGEN_OK && shmgen_is_action(&self->carries))
         status = shmgen_publisher_step(&self->progress);
     if (status == SHMGEN_OK && self->responses.end.step != SHMGEN_STEP_READY) {
-        shmgen_subscriber_skip(&self->requests);
+        if (self->responses.end.base == NULL || self->responses.end.step == SHMGEN_STEP_WATCH)
+            shmgen_subscriber_skip(&self->requests);
         status = shmgen_publisher_step(&self->responses);
     }
     if (status != SHMGEN_OK && status != SHMGEN_OPENING) {
@@ -121,8 +123,8 @@ static inline shmgen_status shmgen_server_look(shmgen_server *self, int64_t limi
         status = shmgen_readable(requests, self->carries.request.type.size);
     if (status != SHMGEN_OK)
         return status;
-    newest = shmgen_load(&requests->end, SHMGEN_AT(completed));
-    if (newest == 0 || newest == requests->last)
+    newest = shmgen_newest(&requests->end);
+    if (!shmgen_has_unread(requests))
         return SHMGEN_NOTHING_NEW;
     if (shmgen_is_action(&self->carries))
         status = shmgen_copy(requests, newest, &cancel, sizeof cancel, limit, &stamp);

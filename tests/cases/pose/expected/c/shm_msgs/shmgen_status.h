@@ -29,6 +29,7 @@ typedef enum shmgen_status {
     SHMGEN_REGION_OPEN_FAILED = 13,
     SHMGEN_RESTLESS = 15,
     SHMGEN_STRANGER = 16,
+    SHMGEN_REGION_RETIRED = 17,
     SHMGEN_NOT_A_REGION = 20,
     SHMGEN_ABI_MISMATCH = 21,
     SHMGEN_DIGEST_MISMATCH = 22,
@@ -66,12 +67,13 @@ static inline const char *shmgen_status_text(shmgen_status status)
     case SHMGEN_TOPIC_TOO_LONG: return "the topic is longer than a file name may be";
     case SHMGEN_DEPTH_INVALID: return "the depth is not in 1 to 65535";
     case SHMGEN_SIZEOF_MISMATCH: return "the buffer is not of the message's size";
-    case SHMGEN_LIMIT_INVALID: return "the time limit of the lock is more than a second";
+    case SHMGEN_LIMIT_INVALID: return "the time limit of the lock is more than a second, or spin_us more than 1000";
     case SHMGEN_GROUP_UNKNOWN: return "there is no such group here";
     case SHMGEN_REGION_NO_ACCESS: return "this user may not open or make the region: see docs/deploy.md";
     case SHMGEN_REGION_NO_MEMORY: return "no room in /dev/shm";
     case SHMGEN_REGION_SIZE_MISMATCH: return "the region has another size: another depth or message";
     case SHMGEN_REGION_OPEN_FAILED: return "the region cannot be opened, or is no regular file";
+    case SHMGEN_REGION_RETIRED: return "the region was removed or replaced: open it anew";
     case SHMGEN_RESTLESS: return "something keeps removing the region";
     case SHMGEN_STRANGER: return "a stranger could write the region, which is not used: see docs/deploy.md";
     case SHMGEN_NOT_A_REGION: return "the shared memory of this name was not made by shmgen";

@@ -29,7 +29,7 @@ static inline shmgen_status shmgen_receive_shm_demo_msgs_Modes(void *copy, shmge
     return SHMGEN_OK;
 }
 
-static inline shmgen_type shm_demo_msgs_Modes_type(void)
+static inline shmgen_type shmgen_type_of_shm_demo_msgs_Modes(void)
 {
     shmgen_type type = {shmgen_type_name_shm_demo_msgs_Modes, NULL, shmgen_digest_shm_demo_msgs_Modes,
                         sizeof(shm_demo_msgs_Modes), 0, 0, 0};
@@ -45,7 +45,7 @@ typedef struct shm_demo_msgs_Modes_publisher {
 static inline shmgen_status shm_demo_msgs_Modes_publisher_open(
     shm_demo_msgs_Modes_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_demo_msgs_Modes_type();
+    const shmgen_type type = shmgen_type_of_shm_demo_msgs_Modes();
     return shmgen_publisher_open(&self->end, topic, &type, options);
 }
 
@@ -53,7 +53,7 @@ static inline shmgen_status shm_demo_msgs_Modes_publisher_open(
 static inline shmgen_status shm_demo_msgs_Modes_publisher_start(
     shm_demo_msgs_Modes_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_demo_msgs_Modes_type();
+    const shmgen_type type = shmgen_type_of_shm_demo_msgs_Modes();
     return shmgen_publisher_start(&self->end, topic, &type, options);
 }
 
@@ -100,7 +100,7 @@ typedef struct shm_demo_msgs_Modes_subscriber {
 static inline shmgen_status shm_demo_msgs_Modes_subscriber_open(
     shm_demo_msgs_Modes_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_demo_msgs_Modes_type();
+    const shmgen_type type = shmgen_type_of_shm_demo_msgs_Modes();
     return shmgen_subscriber_open(&self->end, topic, &type, options);
 }
 
@@ -108,7 +108,7 @@ static inline shmgen_status shm_demo_msgs_Modes_subscriber_open(
 static inline shmgen_status shm_demo_msgs_Modes_subscriber_start(
     shm_demo_msgs_Modes_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_demo_msgs_Modes_type();
+    const shmgen_type type = shmgen_type_of_shm_demo_msgs_Modes();
     return shmgen_subscriber_start(&self->end, topic, &type, options);
 }
 

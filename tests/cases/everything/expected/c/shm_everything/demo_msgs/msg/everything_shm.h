@@ -113,7 +113,7 @@ static inline shmgen_status shmgen_receive_shm_demo_msgs_Everything(void *copy, 
     return SHMGEN_OK;
 }
 
-static inline shmgen_type shm_demo_msgs_Everything_type(void)
+static inline shmgen_type shmgen_type_of_shm_demo_msgs_Everything(void)
 {
     shmgen_type type = {shmgen_type_name_shm_demo_msgs_Everything, NULL, shmgen_digest_shm_demo_msgs_Everything,
                         sizeof(shm_demo_msgs_Everything), 0, 0, 0};
@@ -129,7 +129,7 @@ typedef struct shm_demo_msgs_Everything_publisher {
 static inline shmgen_status shm_demo_msgs_Everything_publisher_open(
     shm_demo_msgs_Everything_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_demo_msgs_Everything_type();
+    const shmgen_type type = shmgen_type_of_shm_demo_msgs_Everything();
     return shmgen_publisher_open(&self->end, topic, &type, options);
 }
 
@@ -137,7 +137,7 @@ static inline shmgen_status shm_demo_msgs_Everything_publisher_open(
 static inline shmgen_status shm_demo_msgs_Everything_publisher_start(
     shm_demo_msgs_Everything_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_demo_msgs_Everything_type();
+    const shmgen_type type = shmgen_type_of_shm_demo_msgs_Everything();
     return shmgen_publisher_start(&self->end, topic, &type, options);
 }
 
@@ -184,7 +184,7 @@ typedef struct shm_demo_msgs_Everything_subscriber {
 static inline shmgen_status shm_demo_msgs_Everything_subscriber_open(
     shm_demo_msgs_Everything_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_demo_msgs_Everything_type();
+    const shmgen_type type = shmgen_type_of_shm_demo_msgs_Everything();
     return shmgen_subscriber_open(&self->end, topic, &type, options);
 }
 
@@ -192,7 +192,7 @@ static inline shmgen_status shm_demo_msgs_Everything_subscriber_open(
 static inline shmgen_status shm_demo_msgs_Everything_subscriber_start(
     shm_demo_msgs_Everything_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_demo_msgs_Everything_type();
+    const shmgen_type type = shmgen_type_of_shm_demo_msgs_Everything();
     return shmgen_subscriber_start(&self->end, topic, &type, options);
 }
 

@@ -34,7 +34,7 @@ static inline shmgen_status shmgen_receive_shm_demo_msgs_Reset_Reply(void *copy,
     return SHMGEN_OK;
 }
 
-static inline shmgen_type shm_demo_msgs_Reset_Reply_type(void)
+static inline shmgen_type shmgen_type_of_shm_demo_msgs_Reset_Reply(void)
 {
     shmgen_type type = {shmgen_type_name_shm_demo_msgs_Reset_Reply, NULL, shmgen_digest_shm_demo_msgs_Reset_Reply,
                         sizeof(shm_demo_msgs_Reset_Reply), 0, 0, 0};
@@ -50,7 +50,7 @@ typedef struct shm_demo_msgs_Reset_Reply_publisher {
 static inline shmgen_status shm_demo_msgs_Reset_Reply_publisher_open(
     shm_demo_msgs_Reset_Reply_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_demo_msgs_Reset_Reply_type();
+    const shmgen_type type = shmgen_type_of_shm_demo_msgs_Reset_Reply();
     return shmgen_publisher_open(&self->end, topic, &type, options);
 }
 
@@ -58,7 +58,7 @@ static inline shmgen_status shm_demo_msgs_Reset_Reply_publisher_open(
 static inline shmgen_status shm_demo_msgs_Reset_Reply_publisher_start(
     shm_demo_msgs_Reset_Reply_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_demo_msgs_Reset_Reply_type();
+    const shmgen_type type = shmgen_type_of_shm_demo_msgs_Reset_Reply();
     return shmgen_publisher_start(&self->end, topic, &type, options);
 }
 
@@ -105,7 +105,7 @@ typedef struct shm_demo_msgs_Reset_Reply_subscriber {
 static inline shmgen_status shm_demo_msgs_Reset_Reply_subscriber_open(
     shm_demo_msgs_Reset_Reply_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_demo_msgs_Reset_Reply_type();
+    const shmgen_type type = shmgen_type_of_shm_demo_msgs_Reset_Reply();
     return shmgen_subscriber_open(&self->end, topic, &type, options);
 }
 
@@ -113,7 +113,7 @@ static inline shmgen_status shm_demo_msgs_Reset_Reply_subscriber_open(
 static inline shmgen_status shm_demo_msgs_Reset_Reply_subscriber_start(
     shm_demo_msgs_Reset_Reply_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_demo_msgs_Reset_Reply_type();
+    const shmgen_type type = shmgen_type_of_shm_demo_msgs_Reset_Reply();
     return shmgen_subscriber_start(&self->end, topic, &type, options);
 }
 

@@ -28,7 +28,7 @@ static inline shmgen_status shmgen_receive_shm_demo_msgs_Reset_Request(void *cop
     return SHMGEN_OK;
 }
 
-static inline shmgen_type shm_demo_msgs_Reset_Request_type(void)
+static inline shmgen_type shmgen_type_of_shm_demo_msgs_Reset_Request(void)
 {
     shmgen_type type = {shmgen_type_name_shm_demo_msgs_Reset_Request, NULL, shmgen_digest_shm_demo_msgs_Reset_Request,
                         sizeof(shm_demo_msgs_Reset_Request), 0, 0, 0};
@@ -44,7 +44,7 @@ typedef struct shm_demo_msgs_Reset_Request_publisher {
 static inline shmgen_status shm_demo_msgs_Reset_Request_publisher_open(
     shm_demo_msgs_Reset_Request_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_demo_msgs_Reset_Request_type();
+    const shmgen_type type = shmgen_type_of_shm_demo_msgs_Reset_Request();
     return shmgen_publisher_open(&self->end, topic, &type, options);
 }
 
@@ -52,7 +52,7 @@ static inline shmgen_status shm_demo_msgs_Reset_Request_publisher_open(
 static inline shmgen_status shm_demo_msgs_Reset_Request_publisher_start(
     shm_demo_msgs_Reset_Request_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_demo_msgs_Reset_Request_type();
+    const shmgen_type type = shmgen_type_of_shm_demo_msgs_Reset_Request();
     return shmgen_publisher_start(&self->end, topic, &type, options);
 }
 
@@ -99,7 +99,7 @@ typedef struct shm_demo_msgs_Reset_Request_subscriber {
 static inline shmgen_status shm_demo_msgs_Reset_Request_subscriber_open(
     shm_demo_msgs_Reset_Request_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_demo_msgs_Reset_Request_type();
+    const shmgen_type type = shmgen_type_of_shm_demo_msgs_Reset_Request();
     return shmgen_subscriber_open(&self->end, topic, &type, options);
 }
 
@@ -107,7 +107,7 @@ static inline shmgen_status shm_demo_msgs_Reset_Request_subscriber_open(
 static inline shmgen_status shm_demo_msgs_Reset_Request_subscriber_start(
     shm_demo_msgs_Reset_Request_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_demo_msgs_Reset_Request_type();
+    const shmgen_type type = shmgen_type_of_shm_demo_msgs_Reset_Request();
     return shmgen_subscriber_start(&self->end, topic, &type, options);
 }
 

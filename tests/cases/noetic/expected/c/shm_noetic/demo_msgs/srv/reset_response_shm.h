@@ -30,7 +30,7 @@ static inline shmgen_status shmgen_receive_shm_demo_msgs_Reset_Response(void *co
     return SHMGEN_OK;
 }
 
-static inline shmgen_type shm_demo_msgs_Reset_Response_type(void)
+static inline shmgen_type shmgen_type_of_shm_demo_msgs_Reset_Response(void)
 {
     shmgen_type type = {shmgen_type_name_shm_demo_msgs_Reset_Response, NULL, shmgen_digest_shm_demo_msgs_Reset_Response,
                         sizeof(shm_demo_msgs_Reset_Response), 0, 0, 0};
@@ -46,7 +46,7 @@ typedef struct shm_demo_msgs_Reset_Response_publisher {
 static inline shmgen_status shm_demo_msgs_Reset_Response_publisher_open(
     shm_demo_msgs_Reset_Response_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_demo_msgs_Reset_Response_type();
+    const shmgen_type type = shmgen_type_of_shm_demo_msgs_Reset_Response();
     return shmgen_publisher_open(&self->end, topic, &type, options);
 }
 
@@ -54,7 +54,7 @@ static inline shmgen_status shm_demo_msgs_Reset_Response_publisher_open(
 static inline shmgen_status shm_demo_msgs_Reset_Response_publisher_start(
     shm_demo_msgs_Reset_Response_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_demo_msgs_Reset_Response_type();
+    const shmgen_type type = shmgen_type_of_shm_demo_msgs_Reset_Response();
     return shmgen_publisher_start(&self->end, topic, &type, options);
 }
 
@@ -101,7 +101,7 @@ typedef struct shm_demo_msgs_Reset_Response_subscriber {
 static inline shmgen_status shm_demo_msgs_Reset_Response_subscriber_open(
     shm_demo_msgs_Reset_Response_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_demo_msgs_Reset_Response_type();
+    const shmgen_type type = shmgen_type_of_shm_demo_msgs_Reset_Response();
     return shmgen_subscriber_open(&self->end, topic, &type, options);
 }
 
@@ -109,7 +109,7 @@ static inline shmgen_status shm_demo_msgs_Reset_Response_subscriber_open(
 static inline shmgen_status shm_demo_msgs_Reset_Response_subscriber_start(
     shm_demo_msgs_Reset_Response_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_demo_msgs_Reset_Response_type();
+    const shmgen_type type = shmgen_type_of_shm_demo_msgs_Reset_Response();
     return shmgen_subscriber_start(&self->end, topic, &type, options);
 }
 

@@ -17,12 +17,12 @@ extern "C" {
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Reset_Reply, call) == 0, "shm_demo_msgs_Reset_Reply begins with a number");
 SHMGEN_STATIC_ASSERT(offsetof(shm_demo_msgs_Reset_Reply, status) == 4, "shm_demo_msgs_Reset_Reply goes on with a status");
 
-static inline shmgen_interface shm_demo_msgs_Reset_interface(void)
+static inline shmgen_interface shmgen_interface_of_shm_demo_msgs_Reset(void)
 {
     shmgen_interface made;
     memset(&made, 0, sizeof made);
-    made.request = shmgen_part_of(shm_demo_msgs_Reset_Request_type(), shmgen_check_shm_demo_msgs_Reset_Request, shmgen_receive_shm_demo_msgs_Reset_Request);
-    made.response = shmgen_part_of(shm_demo_msgs_Reset_Reply_type(), shmgen_check_shm_demo_msgs_Reset_Reply, shmgen_receive_shm_demo_msgs_Reset_Reply);
+    made.request = shmgen_part_of(shmgen_type_of_shm_demo_msgs_Reset_Request(), shmgen_check_shm_demo_msgs_Reset_Request, shmgen_receive_shm_demo_msgs_Reset_Request);
+    made.response = shmgen_part_of(shmgen_type_of_shm_demo_msgs_Reset_Reply(), shmgen_check_shm_demo_msgs_Reset_Reply, shmgen_receive_shm_demo_msgs_Reset_Reply);
     return made;
 }
 
@@ -35,7 +35,7 @@ typedef struct shm_demo_msgs_Reset_client {
 static inline shmgen_status shm_demo_msgs_Reset_client_open(
     shm_demo_msgs_Reset_client *self, const char *name, const shmgen_options *options)
 {
-    const shmgen_interface carries = shm_demo_msgs_Reset_interface();
+    const shmgen_interface carries = shmgen_interface_of_shm_demo_msgs_Reset();
     return shmgen_client_open(&self->end, name, &carries, options);
 }
 
@@ -43,7 +43,7 @@ static inline shmgen_status shm_demo_msgs_Reset_client_open(
 static inline shmgen_status shm_demo_msgs_Reset_client_start(
     shm_demo_msgs_Reset_client *self, const char *name, const shmgen_options *options)
 {
-    const shmgen_interface carries = shm_demo_msgs_Reset_interface();
+    const shmgen_interface carries = shmgen_interface_of_shm_demo_msgs_Reset();
     return shmgen_client_start(&self->end, name, &carries, options);
 }
 
@@ -61,7 +61,7 @@ typedef struct shm_demo_msgs_Reset_server {
 static inline shmgen_status shm_demo_msgs_Reset_server_open(
     shm_demo_msgs_Reset_server *self, const char *name, const shmgen_options *options)
 {
-    const shmgen_interface carries = shm_demo_msgs_Reset_interface();
+    const shmgen_interface carries = shmgen_interface_of_shm_demo_msgs_Reset();
     return shmgen_server_open(&self->end, name, &carries, options);
 }
 
@@ -69,7 +69,7 @@ static inline shmgen_status shm_demo_msgs_Reset_server_open(
 static inline shmgen_status shm_demo_msgs_Reset_server_start(
     shm_demo_msgs_Reset_server *self, const char *name, const shmgen_options *options)
 {
-    const shmgen_interface carries = shm_demo_msgs_Reset_interface();
+    const shmgen_interface carries = shmgen_interface_of_shm_demo_msgs_Reset();
     return shmgen_server_start(&self->end, name, &carries, options);
 }
 

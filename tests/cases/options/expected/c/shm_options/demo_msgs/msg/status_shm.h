@@ -45,7 +45,7 @@ static inline shmgen_status shmgen_receive_shm_demo_msgs_Status(void *copy, shmg
     return SHMGEN_OK;
 }
 
-static inline shmgen_type shm_demo_msgs_Status_type(void)
+static inline shmgen_type shmgen_type_of_shm_demo_msgs_Status(void)
 {
     shmgen_type type = {shmgen_type_name_shm_demo_msgs_Status, "plc", shmgen_digest_shm_demo_msgs_Status,
                         sizeof(shm_demo_msgs_Status), 0666, 1, 0};
@@ -61,7 +61,7 @@ typedef struct shm_demo_msgs_Status_publisher {
 static inline shmgen_status shm_demo_msgs_Status_publisher_open(
     shm_demo_msgs_Status_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_demo_msgs_Status_type();
+    const shmgen_type type = shmgen_type_of_shm_demo_msgs_Status();
     return shmgen_publisher_open(&self->end, topic, &type, options);
 }
 
@@ -69,7 +69,7 @@ static inline shmgen_status shm_demo_msgs_Status_publisher_open(
 static inline shmgen_status shm_demo_msgs_Status_publisher_start(
     shm_demo_msgs_Status_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_demo_msgs_Status_type();
+    const shmgen_type type = shmgen_type_of_shm_demo_msgs_Status();
     return shmgen_publisher_start(&self->end, topic, &type, options);
 }
 
@@ -116,7 +116,7 @@ typedef struct shm_demo_msgs_Status_subscriber {
 static inline shmgen_status shm_demo_msgs_Status_subscriber_open(
     shm_demo_msgs_Status_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_demo_msgs_Status_type();
+    const shmgen_type type = shmgen_type_of_shm_demo_msgs_Status();
     return shmgen_subscriber_open(&self->end, topic, &type, options);
 }
 
@@ -124,7 +124,7 @@ static inline shmgen_status shm_demo_msgs_Status_subscriber_open(
 static inline shmgen_status shm_demo_msgs_Status_subscriber_start(
     shm_demo_msgs_Status_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_demo_msgs_Status_type();
+    const shmgen_type type = shmgen_type_of_shm_demo_msgs_Status();
     return shmgen_subscriber_start(&self->end, topic, &type, options);
 }
 

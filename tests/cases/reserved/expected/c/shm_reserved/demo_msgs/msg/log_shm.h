@@ -37,7 +37,7 @@ static inline shmgen_status shmgen_receive_shm_demo_msgs_Log(void *copy, shmgen_
     return SHMGEN_OK;
 }
 
-static inline shmgen_type shm_demo_msgs_Log_type(void)
+static inline shmgen_type shmgen_type_of_shm_demo_msgs_Log(void)
 {
     shmgen_type type = {shmgen_type_name_shm_demo_msgs_Log, NULL, shmgen_digest_shm_demo_msgs_Log,
                         sizeof(shm_demo_msgs_Log), 0, 0, 0};
@@ -53,7 +53,7 @@ typedef struct shm_demo_msgs_Log_publisher {
 static inline shmgen_status shm_demo_msgs_Log_publisher_open(
     shm_demo_msgs_Log_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_demo_msgs_Log_type();
+    const shmgen_type type = shmgen_type_of_shm_demo_msgs_Log();
     return shmgen_publisher_open(&self->end, topic, &type, options);
 }
 
@@ -61,7 +61,7 @@ static inline shmgen_status shm_demo_msgs_Log_publisher_open(
 static inline shmgen_status shm_demo_msgs_Log_publisher_start(
     shm_demo_msgs_Log_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_demo_msgs_Log_type();
+    const shmgen_type type = shmgen_type_of_shm_demo_msgs_Log();
     return shmgen_publisher_start(&self->end, topic, &type, options);
 }
 
@@ -108,7 +108,7 @@ typedef struct shm_demo_msgs_Log_subscriber {
 static inline shmgen_status shm_demo_msgs_Log_subscriber_open(
     shm_demo_msgs_Log_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_demo_msgs_Log_type();
+    const shmgen_type type = shmgen_type_of_shm_demo_msgs_Log();
     return shmgen_subscriber_open(&self->end, topic, &type, options);
 }
 
@@ -116,7 +116,7 @@ static inline shmgen_status shm_demo_msgs_Log_subscriber_open(
 static inline shmgen_status shm_demo_msgs_Log_subscriber_start(
     shm_demo_msgs_Log_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_demo_msgs_Log_type();
+    const shmgen_type type = shmgen_type_of_shm_demo_msgs_Log();
     return shmgen_subscriber_start(&self->end, topic, &type, options);
 }
 

@@ -38,7 +38,7 @@ static inline shmgen_status shmgen_receive_shm_demo_msgs_Time(void *copy, shmgen
     return SHMGEN_OK;
 }
 
-static inline shmgen_type shm_demo_msgs_Time_type(void)
+static inline shmgen_type shmgen_type_of_shm_demo_msgs_Time(void)
 {
     shmgen_type type = {shmgen_type_name_shm_demo_msgs_Time, NULL, shmgen_digest_shm_demo_msgs_Time,
                         sizeof(shm_demo_msgs_Time), 0, 0, 0};
@@ -54,7 +54,7 @@ typedef struct shm_demo_msgs_Time_publisher {
 static inline shmgen_status shm_demo_msgs_Time_publisher_open(
     shm_demo_msgs_Time_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_demo_msgs_Time_type();
+    const shmgen_type type = shmgen_type_of_shm_demo_msgs_Time();
     return shmgen_publisher_open(&self->end, topic, &type, options);
 }
 
@@ -62,7 +62,7 @@ static inline shmgen_status shm_demo_msgs_Time_publisher_open(
 static inline shmgen_status shm_demo_msgs_Time_publisher_start(
     shm_demo_msgs_Time_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_demo_msgs_Time_type();
+    const shmgen_type type = shmgen_type_of_shm_demo_msgs_Time();
     return shmgen_publisher_start(&self->end, topic, &type, options);
 }
 
@@ -109,7 +109,7 @@ typedef struct shm_demo_msgs_Time_subscriber {
 static inline shmgen_status shm_demo_msgs_Time_subscriber_open(
     shm_demo_msgs_Time_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_demo_msgs_Time_type();
+    const shmgen_type type = shmgen_type_of_shm_demo_msgs_Time();
     return shmgen_subscriber_open(&self->end, topic, &type, options);
 }
 
@@ -117,7 +117,7 @@ static inline shmgen_status shm_demo_msgs_Time_subscriber_open(
 static inline shmgen_status shm_demo_msgs_Time_subscriber_start(
     shm_demo_msgs_Time_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_demo_msgs_Time_type();
+    const shmgen_type type = shmgen_type_of_shm_demo_msgs_Time();
     return shmgen_subscriber_start(&self->end, topic, &type, options);
 }
 

@@ -29,7 +29,7 @@ static inline shmgen_status shmgen_receive_shm_cell_msgs_Move_Command(void *copy
     return SHMGEN_OK;
 }
 
-static inline shmgen_type shm_cell_msgs_Move_Command_type(void)
+static inline shmgen_type shmgen_type_of_shm_cell_msgs_Move_Command(void)
 {
     shmgen_type type = {shmgen_type_name_shm_cell_msgs_Move_Command, NULL, shmgen_digest_shm_cell_msgs_Move_Command,
                         sizeof(shm_cell_msgs_Move_Command), 0, 0, 0};
@@ -45,7 +45,7 @@ typedef struct shm_cell_msgs_Move_Command_publisher {
 static inline shmgen_status shm_cell_msgs_Move_Command_publisher_open(
     shm_cell_msgs_Move_Command_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_cell_msgs_Move_Command_type();
+    const shmgen_type type = shmgen_type_of_shm_cell_msgs_Move_Command();
     return shmgen_publisher_open(&self->end, topic, &type, options);
 }
 
@@ -53,7 +53,7 @@ static inline shmgen_status shm_cell_msgs_Move_Command_publisher_open(
 static inline shmgen_status shm_cell_msgs_Move_Command_publisher_start(
     shm_cell_msgs_Move_Command_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_cell_msgs_Move_Command_type();
+    const shmgen_type type = shmgen_type_of_shm_cell_msgs_Move_Command();
     return shmgen_publisher_start(&self->end, topic, &type, options);
 }
 
@@ -100,7 +100,7 @@ typedef struct shm_cell_msgs_Move_Command_subscriber {
 static inline shmgen_status shm_cell_msgs_Move_Command_subscriber_open(
     shm_cell_msgs_Move_Command_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_cell_msgs_Move_Command_type();
+    const shmgen_type type = shmgen_type_of_shm_cell_msgs_Move_Command();
     return shmgen_subscriber_open(&self->end, topic, &type, options);
 }
 
@@ -108,7 +108,7 @@ static inline shmgen_status shm_cell_msgs_Move_Command_subscriber_open(
 static inline shmgen_status shm_cell_msgs_Move_Command_subscriber_start(
     shm_cell_msgs_Move_Command_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_cell_msgs_Move_Command_type();
+    const shmgen_type type = shmgen_type_of_shm_cell_msgs_Move_Command();
     return shmgen_subscriber_start(&self->end, topic, &type, options);
 }
 

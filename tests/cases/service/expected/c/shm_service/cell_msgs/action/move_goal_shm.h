@@ -28,7 +28,7 @@ static inline shmgen_status shmgen_receive_shm_cell_msgs_Move_Goal(void *copy, s
     return SHMGEN_OK;
 }
 
-static inline shmgen_type shm_cell_msgs_Move_Goal_type(void)
+static inline shmgen_type shmgen_type_of_shm_cell_msgs_Move_Goal(void)
 {
     shmgen_type type = {shmgen_type_name_shm_cell_msgs_Move_Goal, NULL, shmgen_digest_shm_cell_msgs_Move_Goal,
                         sizeof(shm_cell_msgs_Move_Goal), 0, 0, 0};
@@ -44,7 +44,7 @@ typedef struct shm_cell_msgs_Move_Goal_publisher {
 static inline shmgen_status shm_cell_msgs_Move_Goal_publisher_open(
     shm_cell_msgs_Move_Goal_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_cell_msgs_Move_Goal_type();
+    const shmgen_type type = shmgen_type_of_shm_cell_msgs_Move_Goal();
     return shmgen_publisher_open(&self->end, topic, &type, options);
 }
 
@@ -52,7 +52,7 @@ static inline shmgen_status shm_cell_msgs_Move_Goal_publisher_open(
 static inline shmgen_status shm_cell_msgs_Move_Goal_publisher_start(
     shm_cell_msgs_Move_Goal_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_cell_msgs_Move_Goal_type();
+    const shmgen_type type = shmgen_type_of_shm_cell_msgs_Move_Goal();
     return shmgen_publisher_start(&self->end, topic, &type, options);
 }
 
@@ -99,7 +99,7 @@ typedef struct shm_cell_msgs_Move_Goal_subscriber {
 static inline shmgen_status shm_cell_msgs_Move_Goal_subscriber_open(
     shm_cell_msgs_Move_Goal_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_cell_msgs_Move_Goal_type();
+    const shmgen_type type = shmgen_type_of_shm_cell_msgs_Move_Goal();
     return shmgen_subscriber_open(&self->end, topic, &type, options);
 }
 
@@ -107,7 +107,7 @@ static inline shmgen_status shm_cell_msgs_Move_Goal_subscriber_open(
 static inline shmgen_status shm_cell_msgs_Move_Goal_subscriber_start(
     shm_cell_msgs_Move_Goal_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_cell_msgs_Move_Goal_type();
+    const shmgen_type type = shmgen_type_of_shm_cell_msgs_Move_Goal();
     return shmgen_subscriber_start(&self->end, topic, &type, options);
 }
 

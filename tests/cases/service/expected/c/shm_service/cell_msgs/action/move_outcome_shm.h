@@ -29,7 +29,7 @@ static inline shmgen_status shmgen_receive_shm_cell_msgs_Move_Outcome(void *copy
     return SHMGEN_OK;
 }
 
-static inline shmgen_type shm_cell_msgs_Move_Outcome_type(void)
+static inline shmgen_type shmgen_type_of_shm_cell_msgs_Move_Outcome(void)
 {
     shmgen_type type = {shmgen_type_name_shm_cell_msgs_Move_Outcome, NULL, shmgen_digest_shm_cell_msgs_Move_Outcome,
                         sizeof(shm_cell_msgs_Move_Outcome), 0, 0, 0};
@@ -45,7 +45,7 @@ typedef struct shm_cell_msgs_Move_Outcome_publisher {
 static inline shmgen_status shm_cell_msgs_Move_Outcome_publisher_open(
     shm_cell_msgs_Move_Outcome_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_cell_msgs_Move_Outcome_type();
+    const shmgen_type type = shmgen_type_of_shm_cell_msgs_Move_Outcome();
     return shmgen_publisher_open(&self->end, topic, &type, options);
 }
 
@@ -53,7 +53,7 @@ static inline shmgen_status shm_cell_msgs_Move_Outcome_publisher_open(
 static inline shmgen_status shm_cell_msgs_Move_Outcome_publisher_start(
     shm_cell_msgs_Move_Outcome_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_cell_msgs_Move_Outcome_type();
+    const shmgen_type type = shmgen_type_of_shm_cell_msgs_Move_Outcome();
     return shmgen_publisher_start(&self->end, topic, &type, options);
 }
 
@@ -100,7 +100,7 @@ typedef struct shm_cell_msgs_Move_Outcome_subscriber {
 static inline shmgen_status shm_cell_msgs_Move_Outcome_subscriber_open(
     shm_cell_msgs_Move_Outcome_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_cell_msgs_Move_Outcome_type();
+    const shmgen_type type = shmgen_type_of_shm_cell_msgs_Move_Outcome();
     return shmgen_subscriber_open(&self->end, topic, &type, options);
 }
 
@@ -108,7 +108,7 @@ static inline shmgen_status shm_cell_msgs_Move_Outcome_subscriber_open(
 static inline shmgen_status shm_cell_msgs_Move_Outcome_subscriber_start(
     shm_cell_msgs_Move_Outcome_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_cell_msgs_Move_Outcome_type();
+    const shmgen_type type = shmgen_type_of_shm_cell_msgs_Move_Outcome();
     return shmgen_subscriber_start(&self->end, topic, &type, options);
 }
 

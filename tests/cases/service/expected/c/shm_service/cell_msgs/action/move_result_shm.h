@@ -28,7 +28,7 @@ static inline shmgen_status shmgen_receive_shm_cell_msgs_Move_Result(void *copy,
     return SHMGEN_OK;
 }
 
-static inline shmgen_type shm_cell_msgs_Move_Result_type(void)
+static inline shmgen_type shmgen_type_of_shm_cell_msgs_Move_Result(void)
 {
     shmgen_type type = {shmgen_type_name_shm_cell_msgs_Move_Result, NULL, shmgen_digest_shm_cell_msgs_Move_Result,
                         sizeof(shm_cell_msgs_Move_Result), 0, 0, 0};
@@ -44,7 +44,7 @@ typedef struct shm_cell_msgs_Move_Result_publisher {
 static inline shmgen_status shm_cell_msgs_Move_Result_publisher_open(
     shm_cell_msgs_Move_Result_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_cell_msgs_Move_Result_type();
+    const shmgen_type type = shmgen_type_of_shm_cell_msgs_Move_Result();
     return shmgen_publisher_open(&self->end, topic, &type, options);
 }
 
@@ -52,7 +52,7 @@ static inline shmgen_status shm_cell_msgs_Move_Result_publisher_open(
 static inline shmgen_status shm_cell_msgs_Move_Result_publisher_start(
     shm_cell_msgs_Move_Result_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_cell_msgs_Move_Result_type();
+    const shmgen_type type = shmgen_type_of_shm_cell_msgs_Move_Result();
     return shmgen_publisher_start(&self->end, topic, &type, options);
 }
 
@@ -99,7 +99,7 @@ typedef struct shm_cell_msgs_Move_Result_subscriber {
 static inline shmgen_status shm_cell_msgs_Move_Result_subscriber_open(
     shm_cell_msgs_Move_Result_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_cell_msgs_Move_Result_type();
+    const shmgen_type type = shmgen_type_of_shm_cell_msgs_Move_Result();
     return shmgen_subscriber_open(&self->end, topic, &type, options);
 }
 
@@ -107,7 +107,7 @@ static inline shmgen_status shm_cell_msgs_Move_Result_subscriber_open(
 static inline shmgen_status shm_cell_msgs_Move_Result_subscriber_start(
     shm_cell_msgs_Move_Result_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_cell_msgs_Move_Result_type();
+    const shmgen_type type = shmgen_type_of_shm_cell_msgs_Move_Result();
     return shmgen_subscriber_start(&self->end, topic, &type, options);
 }
 

@@ -34,7 +34,7 @@ static inline shmgen_status shmgen_receive_shm_cell_msgs_Start_Reply(void *copy,
     return SHMGEN_OK;
 }
 
-static inline shmgen_type shm_cell_msgs_Start_Reply_type(void)
+static inline shmgen_type shmgen_type_of_shm_cell_msgs_Start_Reply(void)
 {
     shmgen_type type = {shmgen_type_name_shm_cell_msgs_Start_Reply, NULL, shmgen_digest_shm_cell_msgs_Start_Reply,
                         sizeof(shm_cell_msgs_Start_Reply), 0, 0, 0};
@@ -50,7 +50,7 @@ typedef struct shm_cell_msgs_Start_Reply_publisher {
 static inline shmgen_status shm_cell_msgs_Start_Reply_publisher_open(
     shm_cell_msgs_Start_Reply_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_cell_msgs_Start_Reply_type();
+    const shmgen_type type = shmgen_type_of_shm_cell_msgs_Start_Reply();
     return shmgen_publisher_open(&self->end, topic, &type, options);
 }
 
@@ -58,7 +58,7 @@ static inline shmgen_status shm_cell_msgs_Start_Reply_publisher_open(
 static inline shmgen_status shm_cell_msgs_Start_Reply_publisher_start(
     shm_cell_msgs_Start_Reply_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_cell_msgs_Start_Reply_type();
+    const shmgen_type type = shmgen_type_of_shm_cell_msgs_Start_Reply();
     return shmgen_publisher_start(&self->end, topic, &type, options);
 }
 
@@ -105,7 +105,7 @@ typedef struct shm_cell_msgs_Start_Reply_subscriber {
 static inline shmgen_status shm_cell_msgs_Start_Reply_subscriber_open(
     shm_cell_msgs_Start_Reply_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_cell_msgs_Start_Reply_type();
+    const shmgen_type type = shmgen_type_of_shm_cell_msgs_Start_Reply();
     return shmgen_subscriber_open(&self->end, topic, &type, options);
 }
 
@@ -113,7 +113,7 @@ static inline shmgen_status shm_cell_msgs_Start_Reply_subscriber_open(
 static inline shmgen_status shm_cell_msgs_Start_Reply_subscriber_start(
     shm_cell_msgs_Start_Reply_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_cell_msgs_Start_Reply_type();
+    const shmgen_type type = shmgen_type_of_shm_cell_msgs_Start_Reply();
     return shmgen_subscriber_start(&self->end, topic, &type, options);
 }
 

@@ -30,7 +30,7 @@ static inline shmgen_status shmgen_receive_shm_cell_msgs_Start_Response(void *co
     return SHMGEN_OK;
 }
 
-static inline shmgen_type shm_cell_msgs_Start_Response_type(void)
+static inline shmgen_type shmgen_type_of_shm_cell_msgs_Start_Response(void)
 {
     shmgen_type type = {shmgen_type_name_shm_cell_msgs_Start_Response, NULL, shmgen_digest_shm_cell_msgs_Start_Response,
                         sizeof(shm_cell_msgs_Start_Response), 0, 0, 0};
@@ -46,7 +46,7 @@ typedef struct shm_cell_msgs_Start_Response_publisher {
 static inline shmgen_status shm_cell_msgs_Start_Response_publisher_open(
     shm_cell_msgs_Start_Response_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_cell_msgs_Start_Response_type();
+    const shmgen_type type = shmgen_type_of_shm_cell_msgs_Start_Response();
     return shmgen_publisher_open(&self->end, topic, &type, options);
 }
 
@@ -54,7 +54,7 @@ static inline shmgen_status shm_cell_msgs_Start_Response_publisher_open(
 static inline shmgen_status shm_cell_msgs_Start_Response_publisher_start(
     shm_cell_msgs_Start_Response_publisher *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_cell_msgs_Start_Response_type();
+    const shmgen_type type = shmgen_type_of_shm_cell_msgs_Start_Response();
     return shmgen_publisher_start(&self->end, topic, &type, options);
 }
 
@@ -101,7 +101,7 @@ typedef struct shm_cell_msgs_Start_Response_subscriber {
 static inline shmgen_status shm_cell_msgs_Start_Response_subscriber_open(
     shm_cell_msgs_Start_Response_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_cell_msgs_Start_Response_type();
+    const shmgen_type type = shmgen_type_of_shm_cell_msgs_Start_Response();
     return shmgen_subscriber_open(&self->end, topic, &type, options);
 }
 
@@ -109,7 +109,7 @@ static inline shmgen_status shm_cell_msgs_Start_Response_subscriber_open(
 static inline shmgen_status shm_cell_msgs_Start_Response_subscriber_start(
     shm_cell_msgs_Start_Response_subscriber *self, const char *topic, const shmgen_options *options)
 {
-    const shmgen_type type = shm_cell_msgs_Start_Response_type();
+    const shmgen_type type = shmgen_type_of_shm_cell_msgs_Start_Response();
     return shmgen_subscriber_start(&self->end, topic, &type, options);
 }
 

@@ -17,12 +17,12 @@ extern "C" {
 SHMGEN_STATIC_ASSERT(offsetof(shm_cell_msgs_Start_Reply, call) == 0, "shm_cell_msgs_Start_Reply begins with a number");
 SHMGEN_STATIC_ASSERT(offsetof(shm_cell_msgs_Start_Reply, status) == 4, "shm_cell_msgs_Start_Reply goes on with a status");
 
-static inline shmgen_interface shm_cell_msgs_Start_interface(void)
+static inline shmgen_interface shmgen_interface_of_shm_cell_msgs_Start(void)
 {
     shmgen_interface made;
     memset(&made, 0, sizeof made);
-    made.request = shmgen_part_of(shm_cell_msgs_Start_Request_type(), shmgen_check_shm_cell_msgs_Start_Request, shmgen_receive_shm_cell_msgs_Start_Request);
-    made.response = shmgen_part_of(shm_cell_msgs_Start_Reply_type(), shmgen_check_shm_cell_msgs_Start_Reply, shmgen_receive_shm_cell_msgs_Start_Reply);
+    made.request = shmgen_part_of(shmgen_type_of_shm_cell_msgs_Start_Request(), shmgen_check_shm_cell_msgs_Start_Request, shmgen_receive_shm_cell_msgs_Start_Request);
+    made.response = shmgen_part_of(shmgen_type_of_shm_cell_msgs_Start_Reply(), shmgen_check_shm_cell_msgs_Start_Reply, shmgen_receive_shm_cell_msgs_Start_Reply);
     return made;
 }
 
@@ -35,7 +35,7 @@ typedef struct shm_cell_msgs_Start_client {
 static inline shmgen_status shm_cell_msgs_Start_client_open(
     shm_cell_msgs_Start_client *self, const char *name, const shmgen_options *options)
 {
-    const shmgen_interface carries = shm_cell_msgs_Start_interface();
+    const shmgen_interface carries = shmgen_interface_of_shm_cell_msgs_Start();
     return shmgen_client_open(&self->end, name, &carries, options);
 }
 
@@ -43,7 +43,7 @@ static inline shmgen_status shm_cell_msgs_Start_client_open(
 static inline shmgen_status shm_cell_msgs_Start_client_start(
     shm_cell_msgs_Start_client *self, const char *name, const shmgen_options *options)
 {
-    const shmgen_interface carries = shm_cell_msgs_Start_interface();
+    const shmgen_interface carries = shmgen_interface_of_shm_cell_msgs_Start();
     return shmgen_client_start(&self->end, name, &carries, options);
 }
 
@@ -61,7 +61,7 @@ typedef struct shm_cell_msgs_Start_server {
 static inline shmgen_status shm_cell_msgs_Start_server_open(
     shm_cell_msgs_Start_server *self, const char *name, const shmgen_options *options)
 {
-    const shmgen_interface carries = shm_cell_msgs_Start_interface();
+    const shmgen_interface carries = shmgen_interface_of_shm_cell_msgs_Start();
     return shmgen_server_open(&self->end, name, &carries, options);
 }
 
@@ -69,7 +69,7 @@ static inline shmgen_status shm_cell_msgs_Start_server_open(
 static inline shmgen_status shm_cell_msgs_Start_server_start(
     shm_cell_msgs_Start_server *self, const char *name, const shmgen_options *options)
 {
-    const shmgen_interface carries = shm_cell_msgs_Start_interface();
+    const shmgen_interface carries = shmgen_interface_of_shm_cell_msgs_Start();
     return shmgen_server_start(&self->end, name, &carries, options);
 }
 

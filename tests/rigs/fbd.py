@@ -1,0 +1,152 @@
+"""Turns generated function blocks into docs/blocks.svg: how they look in an editor for FBD, and how they are wired.
+
+Pins, their order and their types are read from the Structured Text, which is what an IDE draws a box from.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+from xml.sax.saxutils import escape
+
+from shmgen.config import load
+from shmgen.core.diagnostics import Report
+from shmgen.generator import pipeline
+from shmgen.targets.st import reader
+from shmgen.targets.st.objects import Unit
+
+from ..conftest import REPOSITORY
+
+WIDTH, _PIN, _HEAD = 1000, 17, 44
+CELL = """targets = ["st"]
+path = ["msgs"]
+[[topics]]
+topic = "/robot/target"
+type = "geometry_msgs/Pose"
+[[topics]]
+topic = "/conveyor/speed"
+type = "std_msgs/Float64"
+direction = "from_plc"
+[[services]]
+service = "/press/run"
+type = "press_msgs/Run"
+server = "plc"
+[[services]]
+service = "/robot/unload"
+type = "press_msgs/Unload"
+server = "ros"
+"""
+PRESS = """FUNCTION_BLOCK FB_Press
+VAR_INPUT
+    xExecute  : BOOL;
+    uiParts   : UINT;
+END_VAR
+VAR_OUTPUT
+    xDone     : BOOL;
+    xError    : BOOL;
+END_VAR
+END_FUNCTION_BLOCK
+"""
+
+
+class Placed(NamedTuple):
+    """A block on the sheet; `given` stands at its inputs, `taken` at its outputs. `y` is that of its frame."""
+
+    instance: str
+    unit: Unit
+    x: int
+    y: int
+    width: int
+    given: dict[str, str]
+    taken: dict[str, str]
+
+    def pins(self, keyword: str) -> list[str]:
+        return [one.name for part in self.unit.sections if part.keyword == keyword for one in part.variables]
+
+    @property
+    def height(self) -> int:
+        return _HEAD + _PIN * max(len(self.pins("VAR_INPUT")), len(self.pins("VAR_OUTPUT"))) + 6
+
+    def at(self, pin: str) -> tuple[int, int]:
+        """Where a wire meets the frame."""
+        left = self.pins("VAR_INPUT")
+        number = left.index(pin) if pin in left else self.pins("VAR_OUTPUT").index(pin)
+        return self.x + (0 if pin in left else self.width), self.y + _HEAD + _PIN * number + 4
+
+
+def blocks(folder: Path) -> str:
+    """The picture; `folder` is where the configuration is put. Raises AssertionError where a pin is gone."""
+    (folder / "shmgen.toml").write_text(CELL.replace("msgs", str(REPOSITORY / "examples/press_service/msgs"), 1))
+    texts = pipeline.generate(load(folder / "shmgen.toml", "shmgen.toml", Report()), [])
+    units = {Path(path).stem: text for path, text in texts.items() if Path(path).name.startswith("FB_")}
+
+    def placed(instance: str, name: str, x: int, y: int, given: dict[str, str], taken: dict[str, str]) -> Placed:
+        unit = reader.read(name, units.get(name, PRESS))
+        assert isinstance(unit, Unit)
+        return Placed(instance, unit, x, y, 290, given, taken)
+
+    enabled = {"xEnable": "TRUE"}
+    read = placed(
+        "fbTarget", "FB_geometry_msgs_Pose_Subscriber", 140, 92,
+        {**enabled, "sTopic": "'/robot/target'", "tTimeout": "T#200ms"}, {"xStale": "xRobotGone", "Msg": "stTarget"},
+    )  # fmt: skip
+    sent = placed(
+        "fbSpeed", "FB_std_msgs_Float64_Publisher", 600, 92,
+        {**enabled, "sTopic": "'/conveyor/speed'", "Msg": "stSpeed"}, {"xSent": "", "eErrorID": "eWhy"},
+    )  # fmt: skip
+    call = placed(
+        "fbUnload", "FB_press_msgs_Unload_Client", 600, 318,
+        {**enabled, "sService": "'/robot/unload'", "xExecute": "xReady"}, {"xDone": "xUnloaded", "eErrorID": "eWhy"},
+    )  # fmt: skip
+    job = placed("fbPress", "FB_Press", 600, 580, {}, {})
+    run = placed("fbRun", "FB_press_msgs_Run_Server", 140, 560, {**enabled, "sService": "'/press/run'"}, {})
+    sheet = (read, sent, call, run, job)
+    height = max(one.y + one.height for one in sheet) + 40
+    return "\n".join([*_head(height), *(line for one in sheet for line in _box(one)), *_wires(run, job), "</svg>", ""])
+
+
+def _head(height: int) -> Iterator[str]:
+    yield (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{WIDTH}" height="{height}" viewBox="0 0 {WIDTH} {height}"'
+        ' role="img" aria-label="Generated function blocks as an editor for FBD shows them">'
+    )
+    yield "<style>text { font: 12.5px 'DejaVu Sans', sans-serif; fill: #1f2933 } .type { font-weight: bold }"
+    yield " .pin { fill: #0b57a4 } .box { fill: #eef4fb; stroke: #33475b } .wire { fill: none; stroke: #33475b }"
+    yield " .title { font-size: 16px; font-weight: bold } .note { fill: #66717d }</style>"
+    yield f'<rect width="{WIDTH}" height="{height}" fill="#ffffff"/>'
+    yield '<text x="20" y="30" class="title">A function block for each topic and service, in FBD, LD or CFC</text>'
+    yield '<text x="20" y="52" class="note">Drawn from the generated Structured Text, not a screenshot.</text>'
+
+
+def _box(one: Placed) -> Iterator[str]:
+    middle = one.x + one.width // 2
+    yield f'<rect x="{one.x}" y="{one.y}" width="{one.width}" height="{one.height}" class="box"/>'
+    yield f'<text x="{middle}" y="{one.y - 7}" text-anchor="middle">{one.instance}</text>'
+    yield f'<text x="{middle}" y="{one.y + 18}" text-anchor="middle" class="type">{one.unit.name}</text>'
+    for keyword, side, values in (("VAR_INPUT", -1, one.given), ("VAR_OUTPUT", 1, one.taken)):
+        assert set(values) <= set(one.pins(keyword)), values
+        anchor = "start" if side < 0 else "end"
+        for pin in one.pins(keyword):
+            x, y = one.at(pin)
+            yield f'<text x="{x - 8 * side}" y="{y + 4}" text-anchor="{anchor}">{pin}</text>'
+            yield f'<path d="M{x} {y} h{12 * side}" class="wire"/>'
+            if value := values.get(pin):
+                other = "end" if side < 0 else "start"
+                place = f'x="{x + 16 * side}" y="{y + 4}" text-anchor="{other}"'
+                yield f'<text {place} class="pin">{escape(value)}</text>'
+
+
+def _wires(run: Placed, job: Placed) -> Iterator[str]:
+    """What calls the service executes the block; what becomes of it is the answer."""
+    for number, (pin, other) in enumerate((("xExecute", "xExecute"), ("Request", "uiParts"))):
+        (x, y), (to_x, to_y) = run.at(pin), job.at(other)
+        bend = 60 + 20 * number
+        yield f'<path d="M{x} {y} H{x + bend} V{to_y} H{to_x}" class="wire"/>'
+        if pin == "Request":
+            yield f'<text x="{to_x - 14}" y="{to_y + 16}" text-anchor="end" class="pin">.parts</text>'
+    below = run.y + run.height + 12
+    for number, (pin, other) in enumerate((("xDone", "xDone"), ("xError", "xFailed"))):
+        (x, y), (to_x, to_y) = job.at(pin), run.at(other)
+        out, back, low = 40 - 16 * number, 40 - 16 * number, below + 16 - 10 * number
+        yield f'<path d="M{x} {y} H{x + out} V{low} H{to_x - back} V{to_y} H{to_x}" class="wire"/>'

@@ -1,0 +1,196 @@
+"""The newest sample where it lies: what is read of it counts, or the end of the `with` says that it does not."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from shmgen import runtime
+from shmgen.config import Config
+from shmgen.core.model import TypeName
+from shmgen.generator import pipeline
+from tests.support import build
+from tests.support.region_of import region_of
+
+DEFINITIONS = {
+    "Point": "float64 x\nuint8[3] colour\n",
+    "Cloud": "uint32 id\nstring name\nPoint first\nPoint[2] two\nPoint[<=3] some\nfloat32[<=4] depths\nbool[2] flags\n"
+    "builtin_interfaces/Time at\nuint8[<=4096] data\n",
+}
+WRITE = """
+import os, sys
+sys.path.insert(0, sys.argv[1])
+from shm_borrow.borrow_msgs.msg import Cloud, CloudPublisher
+publisher = CloudPublisher(sys.argv[2])
+publisher.publish(Cloud(id=1, data=b"a" * 4096))
+print("published", flush=True)
+sys.stdin.read()
+"""
+pytestmark = pytest.mark.usefixtures("each_engine")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("borrow")
+    build.put({f"msgs/borrow_msgs/msg/{name}.msg": text for name, text in DEFINITIONS.items()}, folder)
+    config = Config(folder, path=(folder / "msgs",), package="shm_borrow", targets=("python",))
+    build.put(pipeline.generate(config, ["borrow_msgs"]), folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def msg(folder):
+    return build.module(folder, "shm_borrow", TypeName("borrow_msgs", "msg", "Cloud"))
+
+
+@pytest.fixture
+def pair(topic, msg):
+    with msg.CloudPublisher(topic) as publisher, msg.CloudSubscriber(topic) as subscriber:
+        yield publisher, subscriber
+
+
+def test_a_sample_is_read_where_it_lies(msg, pair):
+    publisher, subscriber = pair
+    with subscriber.borrow() as nothing:
+        assert nothing is None
+    point = msg.Point(x=2.5, colour=[1, 2, 3])
+    publisher.publish(msg.Cloud())
+    publisher.publish(
+        msg.Cloud(
+            id=7, name="hall", first=point, two=[msg.Point(), point], some=[point], depths=[0.5, 1.5],
+            flags=[True, False], data=b"abc",
+        )
+    )  # fmt: skip
+    with subscriber.borrow() as cloud:
+        assert (cloud.id, cloud.name, cloud.at) == (7, "hall", runtime.Time())
+        assert (cloud.first.x, cloud.first.colour.tolist()) == (2.5, [1, 2, 3])
+        assert [(one.x, one.colour[2]) for one in cloud.two] == [(0, 0), (2.5, 3)]
+        assert [one.x for one in cloud.some] == [2.5]
+        assert (cloud.depths.tolist(), cloud.flags.tolist(), bytes(cloud.data)) == ([0.5, 1.5], [True, False], b"abc")
+        assert "name='hall'" in repr(cloud)
+        region = region_of(publisher)
+        place = region.payload(region.sample(2).start).start + msg.Cloud.id.offset
+        region.map[place] = 9
+        assert cloud.id == 9, "not a copy"
+    assert (subscriber.sequence, subscriber.missed, subscriber.read()) == (2, 1, None)
+
+
+def test_nothing_is_written_there(msg, pair):
+    publisher, subscriber = pair
+    publisher.publish(msg.Cloud(id=7, some=[msg.Point()], data=b"abc"))
+    with subscriber.borrow() as cloud:
+        for change in (
+            lambda: setattr(cloud, "id", 1),
+            lambda: setattr(cloud.first, "x", 1.0),
+            lambda: cloud.data.__setitem__(0, 1),
+            lambda: cloud.some[0].colour.__setitem__(0, 1),
+        ):
+            with pytest.raises((AttributeError, TypeError)):
+                change()
+    region = region_of(publisher)
+    assert bytes(region.map[region.payload(region.sample(1).start)]) == bytes(
+        msg.Cloud(id=7, some=[msg.Point()], data=b"abc")
+    )
+
+
+def borrowed(publisher, subscriber, kind, last):
+    """Reads in place, while the writer comes round to that slot."""
+    with subscriber.borrow() as cloud:
+        publisher.publish(kind())
+        publisher.publish(kind(id=9))
+        last(cloud)
+
+
+def test_one_that_is_overwritten_meanwhile_is_told_of_and_does_not_count(msg, pair):
+    publisher, subscriber = pair
+    publisher.publish(msg.Cloud(id=1))
+    seen = []
+    with pytest.raises(runtime.Overwritten, match="read the newest"):
+        borrowed(publisher, subscriber, msg.Cloud, lambda cloud: seen.append(cloud.id))
+    assert (seen, subscriber.sequence, subscriber.missed) == ([9], 0, 0)
+    with subscriber.borrow() as cloud:
+        publisher.publish(msg.Cloud(id=4))  # into the other slot
+        assert cloud.id == 9
+    assert (subscriber.sequence, subscriber.missed, subscriber.read().id) == (3, 2, 4)
+
+
+def test_an_error_in_the_with_comes_out_unless_an_overwritten_sample_is_its_cause(msg, pair):
+    publisher, subscriber = pair
+    publisher.publish(msg.Cloud(id=1))
+    with pytest.raises(KeyError), subscriber.borrow():
+        raise KeyError
+    assert subscriber.sequence == 1
+
+    def torn(cloud):
+        region = region_of(publisher)
+        place = region.payload(region.sample(publisher.sequence).start).start + vars(msg.Cloud)["data"].count_at
+        region.map[place : place + 4] = b"\xff" * 4
+        assert cloud.data
+
+    def interrupted(cloud):
+        raise KeyboardInterrupt
+
+    publisher.publish(msg.Cloud(id=2))
+    with pytest.raises(runtime.Overwritten) as raised:
+        borrowed(publisher, subscriber, msg.Cloud, torn)
+    assert isinstance(raised.value.__cause__, runtime.CountExceeded)
+    publisher.publish(msg.Cloud(id=5))
+    with pytest.raises(KeyboardInterrupt):
+        borrowed(publisher, subscriber, msg.Cloud, interrupted)
+    with subscriber.borrow() as cloud:
+        assert cloud.id == 9
+
+
+def test_one_at_a_time(msg, pair):
+    publisher, subscriber = pair
+    publisher.publish(msg.Cloud(id=1))
+    with subscriber.borrow() as cloud:
+        with pytest.raises(runtime.Reentered, match="lent a sample already"), subscriber.borrow():
+            pass
+        assert cloud.id == 1
+
+
+def test_what_was_borrowed_outlives_its_subscriber(msg, pair):
+    """It is the memory still, and what was read counts no more."""
+    publisher, subscriber = pair
+    publisher.publish(msg.Cloud(id=1, data=b"abc"))
+    kept = []
+
+    def closed_meanwhile():
+        with subscriber.borrow() as cloud:
+            subscriber.close()
+            kept.extend((cloud, cloud.data))
+
+    with pytest.raises(runtime.Closed):
+        closed_meanwhile()
+    assert (kept[0].id, bytes(kept[1])) == (1, b"abc")
+    with pytest.raises(runtime.Closed), subscriber.borrow():
+        pass
+
+
+def test_the_writer_may_die_meanwhile(folder, topic, msg):
+    command = [sys.executable, "-c", WRITE, str(folder / "python"), topic]
+    with (
+        subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as writer,
+        msg.CloudSubscriber(topic) as subscriber,
+    ):
+        assert writer.stdout.readline() == "published\n"
+        with subscriber.borrow() as cloud:
+            os.kill(writer.pid, signal.SIGKILL)
+            writer.wait()
+            assert bytes(cloud.data) == b"a" * 4096
+        assert subscriber.sequence == 1
+
+
+def test_passive_ones_copy(topic, msg, pair):
+    pair[0].publish(msg.Cloud())
+    with (
+        msg.CloudSubscriber(topic, passive=True) as watcher,
+        pytest.raises(ValueError, match=r"use read\(\)"),
+        watcher.borrow(),
+    ):
+        pass

@@ -1,0 +1,75 @@
+"""A ROS 2 that has rclcpp, for tests: one that is sourced, or the prefixes that SHMGEN_RCLCPP names, as PATH does.
+
+No package index has rclcpp, and `make test-all` cannot bring it; where there is none, what needs it is skipped.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import pytest
+
+from .build import put
+from .command import run
+
+JOINED = ("AMENT_PREFIX_PATH", "CMAKE_PREFIX_PATH", "LD_LIBRARY_PATH", "PATH")
+
+
+def environment(package: str = "rclcpp") -> dict[str, str]:
+    """What builds with it needs to have set, and what runs with it. A skip where it has no such package."""
+    named = os.environ.get("SHMGEN_RCLCPP") or os.environ.get("AMENT_PREFIX_PATH", "")
+    prefixes = [Path(prefix) for prefix in named.split(":") if prefix]
+    if not any((prefix / "share" / package).is_dir() for prefix in prefixes):
+        pytest.skip(f"no {package}: source a ROS 2 that has it, or set SHMGEN_RCLCPP to its prefixes, one:two")
+    for tool in ("cmake", "g++"):
+        if shutil.which(tool) is None:
+            pytest.skip(f"no {tool}: apt-get install {tool}")
+    return {name: ":".join([*map(str, _folders(name, prefixes)), *_known(name)]) for name in JOINED}
+
+
+def _folders(name: str, prefixes: list[Path]) -> Iterator[Path]:
+    for prefix in prefixes:
+        match name:
+            case "PATH":
+                yield prefix / "bin"
+            case "LD_LIBRARY_PATH":
+                yield prefix / "lib"
+                yield from prefix.glob("lib/python*/site-packages/*.libs")  # where it is made of wheels
+            case _:
+                yield prefix
+
+
+def _known(name: str) -> list[str]:
+    return [os.environ[name]] if name in ("PATH", "LD_LIBRARY_PATH") and os.environ.get(name) else []
+
+
+def generated(folder: Path, config: str, *targets: str) -> Path:
+    """What `shmgen generate` writes into it."""
+    put({"shmgen.toml": config}, folder)
+    result = run(["generate", "-q", *(word for target in targets for word in ("-t", target))], folder)
+    assert result.code == 0, result.stderr
+    return folder / "generated"
+
+
+def built(source: Path, folder: Path, ros: Mapping[str, str], kind: str = "Release") -> Path:
+    """Where CMake has installed the package at `source`."""
+    bare = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+    install = folder / "install"
+    settings = (
+        f"-DCMAKE_INSTALL_PREFIX={install}",
+        f"-DCMAKE_BUILD_TYPE={kind}",
+        "-DCMAKE_CXX_FLAGS=-Wall -Wextra -Werror",
+    )
+    for command in (
+        ["-S", source, "-B", folder / "build", *settings],
+        ["--build", folder / "build", "--target", "install"],
+    ):
+        done = subprocess.run(
+            ["cmake", *command], env={**bare, **ros}, capture_output=True, text=True, check=False
+        )  # fmt: skip
+        assert done.returncode == 0, (done.stdout + done.stderr)[-6000:]
+    return install
