@@ -1,8 +1,7 @@
-"""A ROS 1 graph for each test that wants one, and regions that leave nothing behind."""
+"""A ROS 1 graph for each test that wants one."""
 
 from __future__ import annotations
 
-import uuid
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -19,12 +18,3 @@ def graph(tmp_path: Path, space: str) -> Iterator[Graph]:
         yield made
     finally:
         made.close()
-
-
-@pytest.fixture
-def space() -> Iterator[str]:
-    """A namespace for topics that nobody else uses; their regions go afterwards."""
-    name = f"t{uuid.uuid4().hex[:12]}"
-    yield f"/{name}"
-    for file in Path("/dev/shm").glob(f"*{name}.*"):
-        file.unlink()

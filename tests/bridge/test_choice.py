@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +14,7 @@ from shmgen.bridge import choice
 from shmgen.bridge.backend import BackendMissing
 
 from ..conftest import REPOSITORY
+from ..support import ros2
 
 
 @pytest.fixture
@@ -29,7 +31,8 @@ def installed(monkeypatch: pytest.MonkeyPatch) -> set[str]:
     [
         (None, {"rospy"}, ("ros1", "rospy is installed")),
         (None, {"rospy", "rclpy", "cyclonedds"}, ("ros2", "rclpy is installed")),
-        (None, {"cyclonedds"}, ("dds", "cyclonedds is installed")),
+        (None, {"rospy", "cyclonedds", "zenoh"}, ("dds", "cyclonedds is installed")),
+        (None, {"rospy", "zenoh"}, ("zenoh", "zenoh is installed")),
         ("1", {"rospy", "rclpy"}, ("ros1", "ROS_VERSION is 1")),
         ("2", set(), ("ros2", "ROS_VERSION is 2")),
     ],
@@ -47,14 +50,14 @@ def test_as_told(installed: set[str]) -> None:
     assert choice.chosen("dds") == ("dds", "as told")
 
 
-@pytest.mark.parametrize("backend", ["ros1", "ros2", "dds"])
+@pytest.mark.parametrize("backend", ["ros2", "dds", "zenoh", "ros1"])
 def test_a_missing_one_says_what_to_install(installed: set[str], backend: str) -> None:
     with pytest.raises(BackendMissing, match=f"backend {backend}: .* is missing: .*(apt-get|source|pip) "):
         choice.module(backend)
 
 
 def test_none_at_all(installed: set[str]) -> None:
-    with pytest.raises(BackendMissing, match=r"one of these is needed\n  ros2: .*\n  ros1: .*\n  dds: "):
+    with pytest.raises(BackendMissing, match=r"one of these is needed\n  ros2: .*\n  dds: .*\n  zenoh: .*\n  ros1: "):
         choice.chosen("auto")
 
 
@@ -75,16 +78,30 @@ def test_the_command_says_so(tmp_path: Path) -> None:
     )
 
 
-def test_what_rclpy_misses_is_said_with_the_line_to_type(tmp_path: Path) -> None:
+OTHER_PYTHON = "`source /opt/ros/jazzy/setup.bash`, in the Python that ROS was built for"
+
+
+@pytest.mark.parametrize(
+    ("rclpy", "said"),
+    [
+        ("import yaml", "rclpy needs yaml, which is missing here: `{python} -m pip install pyyaml`"),
+        ("import rclpy._rclpy_pybind11", f"rclpy cannot be loaded, No module named .*: {OTHER_PYTHON}"),
+        ("raise ImportError('libx.so: cannot open')", f"rclpy cannot be loaded, libx.so: cannot open: {OTHER_PYTHON}"),
+        ("", "rclpy needs yaml, which is missing here: `{python} -m pip install pyyaml`"),
+    ],
+    ids=["no PyYAML", "another Python", "not sourced", "no PyYAML, with the real one"],
+)
+def test_what_rclpy_misses_is_said_with_the_line_to_type(tmp_path: Path, rclpy: str, said: str) -> None:
     """PyYAML is a system package of Ubuntu, which pipx and a virtual environment do not see."""
     (tmp_path / "shmgen.toml").write_text('[[topics]]\ntopic = "/a"\ntype = "std_msgs/Bool"\n')
-    (tmp_path / "rclpy").mkdir()
-    (tmp_path / "rclpy" / "__init__.py").write_text("import yaml\n")
+    python = Path(sys.executable) if rclpy else ros2.prefix("jazzy") / "bin" / "python"
+    if rclpy:
+        (tmp_path / "rclpy").mkdir()
+        (tmp_path / "rclpy" / "__init__.py").write_text(rclpy)
     hide = "import sys; sys.modules['yaml'] = None; from shmgen.__main__ import main; main()"
-    command = [sys.executable, "-c", hide, "bridge", "--backend", "ros2"]
+    command = [python, "-c", hide, "bridge", "--backend", "ros2"]
     environment = {"PYTHONPATH": f"{REPOSITORY / 'src'}:{tmp_path}", "PATH": ""}
     result = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert (result.returncode, result.stdout) == (1, "")
-    assert result.stderr == (
-        f"error: backend ros2: rclpy needs yaml, which is missing here: `{sys.executable} -m pip install pyyaml`\n"
-    )
+    line = re.escape("error: backend ros2: ") + said.format(python=re.escape(str(python)))
+    assert re.fullmatch(f"{line}\n", result.stderr), result.stderr

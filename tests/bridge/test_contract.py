@@ -21,7 +21,7 @@ import pytest
 from shmgen.bridge.backend import Node, RosPublisher, RosSubscription
 
 from ..conftest import REPOSITORY
-from ..support import pages, ros1, ros2
+from ..support import pages, ros1, ros2, zenoh
 from ..support.dds import Domain
 from . import contract
 
@@ -49,6 +49,14 @@ def with_cyclone(folder: Path, number: int) -> Any:
     return domain, domain.start([sys.executable, "-m", "tests.bridge.contract", "dds"])
 
 
+def with_zenoh(folder: Path, number: int) -> Any:
+    if importlib.util.find_spec("zenoh") is None:
+        pytest.skip("no eclipse-zenoh here")
+    graph = zenoh.Graph(folder, number)
+    graph.router()
+    return graph, graph.start([sys.executable, "-m", "tests.bridge.contract", "zenoh"])
+
+
 def within_a_process(folder: Path, number: int) -> Any:
     """That of the page, in a copy of the repository."""
     pages.follow(PAGE, pages.copy(folder))
@@ -62,6 +70,7 @@ BACKENDS: dict[str, Callable[[Path, int], Any]] = {
     "ros2 jazzy": with_rclpy("jazzy"),
     "ros2 kilted": with_rclpy("kilted"),
     "dds": with_cyclone,
+    "zenoh": with_zenoh,
     "memory": within_a_process,
 }
 """What starts the checks of each in a graph; gives what to close, and the process."""

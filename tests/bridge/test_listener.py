@@ -13,8 +13,8 @@ import pytest
 
 from shmgen.bridge import listener, sides
 from shmgen.bridge.counters import Counters
-from shmgen.bridge.from_plc import FromPlc
 from shmgen.bridge.listener import Listener
+from shmgen.bridge.topics import FromPlc
 from shmgen.config import load
 from shmgen.core.diagnostics import Report
 from shmgen.live.session import Session

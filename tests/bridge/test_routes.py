@@ -16,8 +16,7 @@ from shmgen.bridge.backend import RosPublisher, RosSubscription
 from shmgen.bridge.codec.cut import cut
 from shmgen.bridge.counters import Counters
 from shmgen.bridge.diagnostics import ERROR, OK, STALE, WARN, Reporter
-from shmgen.bridge.from_plc import FromPlc
-from shmgen.bridge.to_plc import ToPlc
+from shmgen.bridge.topics import FromPlc, ToPlc
 from shmgen.config import Config, load
 from shmgen.config.entries import Bound, Bounds
 from shmgen.core.diagnostics import Rejected, Report, Span

@@ -24,7 +24,7 @@ from tests.softplc import compile_st
 
 from ..rigs.load_bridge import RATES, bridged
 from ..support.dds import Domain
-from ..support.ros1 import LIMIT, Bridge
+from ..support.ros1 import LIMIT, PROMPTLY, Bridge
 from .peers import running
 
 CONFIG = """
@@ -109,7 +109,7 @@ def test_through_a_plc_and_back(peer: Path, cell: Domain, library: Path, domain:
     with running(peer, domain, "reliable", "volatile", *tasks) as theirs:
         theirs.said(ANSWER, 3)
         assert not [line for line in theirs.lines if line.startswith("took") and not re.match(ANSWER, line)]
-    assert bridge.stop(signal.SIGTERM) < 3
+    assert bridge.stop(signal.SIGTERM) < PROMPTLY
     bridge.said("/joints_back +[0-9]+ passed")
 
 

@@ -16,9 +16,9 @@ from cyclonedds.pub import DataWriter
 from cyclonedds.qos import Policy, Qos, _CQos
 from cyclonedds.topic import Topic
 
-from shmgen.bridge.backend import Node
+from shmgen.bridge.backend import Node, keep
 from shmgen.bridge.dds import backend
-from shmgen.bridge.dds.entities import keep, matches, quality, said_by
+from shmgen.bridge.dds.entities import matches, quality, said_by
 from shmgen.bridge.dds.types import structure
 from shmgen.core.model import Schema
 

@@ -13,8 +13,9 @@ import numpy
 import pytest
 
 from shmgen.bridge.backend import RosPublisher, Wire
+from shmgen.bridge.codec.type_identity import type_name
 from shmgen.bridge.dds import backend
-from shmgen.bridge.dds.types import topic_name, type_name
+from shmgen.bridge.dds.types import topic_name
 from shmgen.core.model import Schema
 
 from ..support.schemas import plain

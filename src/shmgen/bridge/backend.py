@@ -7,12 +7,17 @@ ROS's attributes, whatever their class. All calls may come from any thread.
 
 from __future__ import annotations
 
+import os
+import sys
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, TypeVar
 
 from shmgen.bridge.codec.direct import DirectPath
+from shmgen.bridge.codec.wire_format import WireFormat
+from shmgen.config.bridging import MAX_DOMAIN
 from shmgen.core.model import Message, TypeName
 from shmgen.runtime import Time
 
@@ -24,6 +29,14 @@ _SLACK = 4
 """So many times what its region holds may a larger one have."""
 _MEMORY = 2**26
 """Bytes that the queue of a topic may come to."""
+_COMPLAIN = 10.0
+"""Seconds from one line about what a peer sends to the next."""
+_LOOK = 0.01
+_MOST = 1000
+"""Peers at one end that are remembered, of those that have gone too."""
+
+T = TypeVar("T")
+V = TypeVar("V")
 
 
 class BackendMissing(Exception):
@@ -82,6 +95,17 @@ class Wire:
     def largest(self) -> int:
         """Bytes that a message may have on its way; what is longer need not be read to know that it does not fit."""
         return largest(self.room)
+
+
+def domain_without_ros(node: Node, backend: str) -> int:
+    """The domain to join. Raises ValueError for one that cannot be."""
+    if node.arguments:
+        node.tell(f"{backend}: there is no ROS here to take {' '.join(node.arguments)}")
+    text = os.environ.get("ROS_DOMAIN_ID", "").strip() if node.domain is None else str(node.domain)
+    if (not text.isdecimal() and text) or int(text or 0) > MAX_DOMAIN:
+        where = "ROS_DOMAIN_ID" if node.domain is None else "shmgen.toml"
+        raise ValueError(f"{backend}: a domain is a number from 0 to {MAX_DOMAIN}, not {text!r} as {where} says")
+    return int(text or 0)
 
 
 def queue_of(largest: int) -> int:
@@ -151,6 +175,39 @@ class MessageSink(ErrorSink, Protocol):
         """One message."""
 
 
+def from_bytes(
+    wire: Wire, decode: Callable[[bytes], Any], wire_format: WireFormat, sink: MessageSink
+) -> Callable[[bytes], None]:
+    """What hands over the message that bytes make, by the short way where there is one, or rejects them."""
+    straight = wire.short.into_region(wire_format) if wire.short else None
+
+    def take(data: bytes) -> None:
+        if len(data) > wire.largest:
+            sink.reject(f"{len(data):,} bytes, and more than {wire.largest:,} are no message for its region")
+            return
+        try:
+            message = (straight and straight(data)) or decode(data)
+        except ValueError as error:
+            sink.reject(str(error))
+            return
+        sink.take(message)
+
+    return take
+
+
+class RateLimitedLog:
+    """Tells what a callback raises for what a peer sends, not often."""
+
+    def __init__(self, name: str, tell: Callable[[str], None]) -> None:
+        self._name, self._tell = name, tell
+        self._told = float("-inf")
+
+    def __call__(self, error: Exception) -> None:
+        if time.monotonic() - self._told >= _COMPLAIN:
+            self._told = time.monotonic()
+            self._tell(f"{self._name}: {type(error).__name__}: {error}")
+
+
 @dataclass(frozen=True, slots=True)
 class RosPublisher:
     """A ROS publisher. `new()` makes an empty message, `send(message)` publishes one that `new` made.
@@ -185,6 +242,35 @@ class RosClient:
     new: Callable[[], Any]
     call: Callable[[Any, float], Any]
     is_connected: Callable[[], bool] = lambda: True
+
+
+def keep(known: dict[T, V], peer: T, what: V) -> None:
+    """Forgets who was met first where there are very many: peers come and go as long as the bridge runs."""
+    known[peer] = what
+    if len(known) > _MOST:
+        del known[next(iter(known))]
+
+
+def await_server(is_connected: Callable[[], bool], timeout: float) -> float:
+    """The deadline of what has to be over within `timeout`, as soon as there is a server. Raises NoAnswer."""
+    deadline = time.monotonic() + timeout
+    while not is_connected():
+        if time.monotonic() >= deadline:
+            raise NoAnswer(f"no server within {timeout:g} s")
+        time.sleep(_LOOK)
+    return deadline
+
+
+def wall_clock() -> Time:
+    """What is now, where a ROS has no clock of its own."""
+    return Time(*divmod(time.time_ns(), 10**9))
+
+
+def end_at_once() -> None:
+    """For atexit, where a thread is still in a call of a ROS's library, whose destructors would fail the process."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(0)
 
 
 Answer = Callable[[Any, Any], None]
@@ -248,7 +334,7 @@ class RosActionClient(Protocol):
 class Actions(Protocol):
     """How a kind of ROS makes actions of topics and services: `ros1/actions.py`, `ros2/actions.py`."""
 
-    def serve(self, backend: Backend, wire: ActionWire, worker: Worker, mishaps: ErrorSink) -> None:
+    def serve(self, backend: Backend, wire: ActionWire, worker: Worker, mishaps: ErrorSink) -> object:
         """Offers the action. Raises as Backend.publisher()."""
 
     def seeker(self, backend: Backend, wire: ActionWire, mishaps: ErrorSink) -> RosActionClient:

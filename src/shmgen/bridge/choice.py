@@ -37,10 +37,15 @@ def module(key: str) -> ModuleType:
         raise BackendMissing(f"backend {key}: {backend.imports} is missing: {backend.install}")
     try:
         return importlib.import_module(f"shmgen.bridge.{key}.backend")
-    except ModuleNotFoundError as error:
+    except ImportError as error:
         needed = (error.name or "").partition(".")[0]
-        if needed in ("", "shmgen"):
+        if needed == "shmgen":
             raise
+        if needed == backend.imports or not isinstance(error, ModuleNotFoundError):  # built for another Python
+            why = str(error).partition("\n")[0]
+            raise BackendMissing(
+                f"backend {key}: {backend.imports} cannot be loaded, {why}: {backend.install}"
+            ) from None
         package = _PACKAGES.get(needed, needed)
         tool = (
             f"{sys.executable} -m pip install"

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Generic, Protocol, TypeVar
 
 from shmgen.bridge.backend import NoAnswer
 from shmgen.bridge.counters import Counters
 from shmgen.live.regions import removed
-from shmgen.runtime import Closed, RegionInUse, ShmError
+from shmgen.runtime import Closed, RegionInUse, RegionRetired, ShmError
 
 LOOK = 0.1
 """Seconds after which a thread that waits for the PLC looks whether the bridge is to stop."""
@@ -54,7 +55,8 @@ class ReopeningEndpoint(Generic[T]):
         """`now`, or None if it was removed, after `rest` has taken what is left there. Is asked each LOOK."""
         if self.now is not None and removed(self.now):
             try:
-                rest(self.now)
+                with suppress(RegionRetired):
+                    rest(self.now)
             finally:
                 self.lose("the region was removed")
         return self.now

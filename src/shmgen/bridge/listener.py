@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 from shmgen.bridge.counters import Counters
 from shmgen.bridge.endpoint import LOOK
-from shmgen.runtime import ShmError, Subscriber, ready_any
+from shmgen.runtime import RegionRetired, ShmError, Subscriber, ready_any
 
 _AGAIN = 0.5
 """Seconds until a region that could not be read is tried again."""
@@ -99,6 +99,8 @@ class Listener:
             topic = self._readers[reader]
             try:
                 taken |= topic.take(reader)
+            except RegionRetired:  # the next look opens what is there now
+                del self._readers[reader]
             except Exception as error:
                 del self._readers[reader]
                 self._fail(topic, error)

@@ -13,11 +13,10 @@ from shmgen.bridge.actions import PlcActionClient, PlcActionServer
 from shmgen.bridge.backend import Backend
 from shmgen.bridge.counters import Counters
 from shmgen.bridge.endpoint import LOOK, ReopeningEndpoint
-from shmgen.bridge.from_plc import FromPlc
 from shmgen.bridge.listener import Listener
 from shmgen.bridge.plan import About, ActionRoute, Route, ServiceRoute
 from shmgen.bridge.services import PlcServiceClient, PlcServiceServer
-from shmgen.bridge.to_plc import ToPlc
+from shmgen.bridge.topics import FromPlc, ToPlc
 from shmgen.live.session import Session
 from shmgen.runtime import can_wait_for_many
 

@@ -16,6 +16,11 @@ _NONE = "RIHS01_" + "0" * 64
 """What some say who know nothing of type hashes."""
 
 
+def type_name(name: TypeName) -> str:
+    """`geometry_msgs::msg::dds_::Pose_`."""
+    return f"{name.package}::{name.kind}::dds_::{name.name}_"
+
+
 class Identity:
     """Of one topic, or of one half of a service; its methods may be called from any thread."""
 

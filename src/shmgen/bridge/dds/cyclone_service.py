@@ -57,7 +57,7 @@ class CyclonePair(Pair):
 
 
 class Cyclone:
-    """A Way."""
+    """A ServiceTransport."""
 
     inline = False
 

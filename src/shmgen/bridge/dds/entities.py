@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 from cyclonedds.core import (
     DDSException,
@@ -30,11 +30,9 @@ from cyclonedds.qos import Policy, Qos
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
+from shmgen.bridge.backend import RateLimitedLog, keep
 from shmgen.bridge.codec.type_identity import Identity
 from shmgen.bridge.dds.types import sample
-
-T = TypeVar("T")
-V = TypeVar("V")
 
 Matched = Callable[[Any, int, bool], None]
 """Is called with our end and the handle of a peer of it, once they have found (True) or lost each other."""
@@ -45,10 +43,6 @@ _AT_ONCE = 64
 """Samples taken from a reader in one go, or its queue if that is longer."""
 _FAREWELL = 0.4
 """Seconds that all threads together get to finish what they are at."""
-_COMPLAIN = 10.0
-"""Seconds from one line about what a peer sends to the next."""
-_MOST = 1000
-"""Peers of one reader or writer that are remembered, of those that have gone too."""
 _FOREVER = 2**63 - 1
 _ANY = SampleState.Any | ViewState.Any | InstanceState.Any
 _ASKING = threading.Lock()
@@ -138,19 +132,6 @@ class Ends:
         if verb == "offer":
             return Listener(on_offered_incompatible_qos=told, on_publication_matched=met)
         return Listener(on_requested_incompatible_qos=told, on_subscription_matched=met)
-
-
-class RateLimitedLog:
-    """Tells what a callback raises for what a peer sends, not often."""
-
-    def __init__(self, name: str, tell: Callable[[str], None]) -> None:
-        self._name, self._tell = name, tell
-        self._told = float("-inf")
-
-    def __call__(self, error: Exception) -> None:
-        if time.monotonic() - self._told >= _COMPLAIN:
-            self._told = time.monotonic()
-            self._tell(f"{self._name}: {type(error).__name__}: {error}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -275,13 +256,6 @@ class Peers:
         except LookupError:
             return "a peer has gone before it could be asked what it means by the type"
         return self._identity.refusal(word_of(words, "typehash").partition("=")[2])
-
-
-def keep(known: dict[T, V], peer: T, what: V) -> None:
-    """Forgets who was met first where there are very many: peers come and go as long as the bridge runs."""
-    known[peer] = what
-    if len(known) > _MOST:
-        del known[next(iter(known))]
 
 
 def matches(entity: Any) -> list[int]:

@@ -6,7 +6,6 @@ Source: rcl (discovery_options.c) and rmw_cyclonedds of Iron and later, whose co
 from __future__ import annotations
 
 import ctypes
-import fcntl
 import os
 import socket
 import stat
@@ -82,20 +81,6 @@ def _discovery(reach: str, peers: list[str]) -> str:
     return (silent if reach == "LOCALHOST" else "") + discovery
 
 
-def addresses() -> list[str]:
-    """Of this machine, one for each interface that has one, but for the loopback's.
-
-    Named one by one, Fast DDS does not turn them into 127.0.0.1, from where Cyclone takes no announcement.
-    """
-    found = []
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asked:
-        for _, name in socket.if_nameindex():
-            with suppress(OSError):  # it has none
-                answer = fcntl.ioctl(asked, _GET_ADDRESS, struct.pack("256s", name.encode()))
-                found.append(socket.inet_ntoa(answer[20:24]))
-    return [address for address in found if not address.startswith("127.")]
-
-
 def sockets() -> set[int]:
     """The descriptors of those that this process has open."""
     found = set()
@@ -126,8 +111,6 @@ def confine(before: set[int]) -> None:
                 found.setsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER, program)
 
 
-_GET_ADDRESS = 0x8915
-"""SIOCGIFADDR (linux/sockios.h)."""
 _SO_ATTACH_FILTER = 26
 _LOAD, _JUMP_IF_EQUAL, _RETURN = 0x20, 0x15, 0x06
 _INTERFACE = 0xFFFFF008

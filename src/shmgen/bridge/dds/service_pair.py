@@ -1,4 +1,4 @@
-"""What dds_services asks of DDS: for each service a reader and a writer, and who is at the other end of the two."""
+"""What services.py asks of DDS: for each service a reader and a writer, and who is at the other end of the two."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
-from shmgen.bridge.dds.entities import keep
+from shmgen.bridge.backend import keep
 
 Met = Callable[[list[str], bool], None]
 """Is called with the words in the user data of a peer, and whether it is one that we hear; once for each."""
@@ -39,8 +39,6 @@ class Came:
 
 class Pair(ABC):
     """A reader and a writer. Its methods may be called from any thread."""
-
-    inline = False
 
     def __init__(self, met: Met) -> None:
         self._met = met
@@ -95,7 +93,7 @@ class ServiceTransport(Protocol):
     """If not, what to do for it: the beginning of a sentence."""
 
     def pair(self, hears: Side, says: Side, met: Met) -> Pair:
-        """Raises OSError where it cannot be had."""
+        """Raises ValueError where it cannot be had."""
 
     def leave(self) -> None:
         """For good; waits for nobody."""

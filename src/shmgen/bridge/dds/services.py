@@ -18,12 +18,12 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from shmgen.bridge.backend import Answer, NoAnswer, Refuse, RosClient, ServiceWire
+from shmgen.bridge.backend import Answer, NoAnswer, Refuse, RosClient, ServiceWire, await_server
 from shmgen.bridge.codec.cdr import codec
-from shmgen.bridge.codec.type_identity import Identity
+from shmgen.bridge.codec.type_identity import Identity, type_name
 from shmgen.bridge.dds.entities import word_of
 from shmgen.bridge.dds.service_pair import Came, Pair, ServiceTransport, Side
-from shmgen.bridge.dds.types import reply_name, request_name, structure, type_name
+from shmgen.bridge.dds.types import reply_name, request_name, structure
 from shmgen.core.model import Message
 
 _CALL = struct.Struct("<Qq")
@@ -44,34 +44,40 @@ _STRANGER = "a peer is not on rmw_cyclonedds: nothing passes between us and it"
 _HINT = "start it with RMW_IMPLEMENTATION=rmw_cyclonedds_cpp, or the bridge with --backend ros2"
 _BOTH = "there are servers on rmw_cyclonedds and on rmw_fastrtps, and each would take the other's request for its own"
 
-Open = Callable[[Callable[[ServiceTransport], None]], None]
-"""Calls back as soon as it is known how services are had, which may take seconds: see dds_ways.py."""
-
 
 def serve(
-    opened: Open, wire: ServiceWire, tell: Callable[[str], None], answer: Answer, refuse: Refuse
+    transport: ServiceTransport, wire: ServiceWire, tell: Callable[[str], None], answer: Answer, refuse: Refuse
 ) -> Callable[[], None]:
     """Calls `answer` in the thread of the service, request after request. Gives what ends it. Raises ValueError for a
     `wstring`.
     """
-    served = _Served(wire, tell, answer, refuse)
-    opened(served.open)
-    return served.close
+    return _Served(transport, wire, tell, answer, refuse).close
 
 
-def client(opened: Open, wire: ServiceWire, tell: Callable[[str], None]) -> tuple[RosClient, Callable[[], None]]:
+def client(
+    transport: ServiceTransport, wire: ServiceWire, tell: Callable[[str], None]
+) -> tuple[RosClient, Callable[[], None]]:
     """And what ends it. Raises ValueError for a `wstring`."""
-    asking = _Client(wire, tell)
-    opened(asking.open)
+    asking = _Client(transport, wire, tell)
     return RosClient(asking.request.new, asking.call, asking.is_connected), asking.close
 
 
 class _Half:
     """What the two ends of a service have in common."""
 
-    def __init__(self, wire: ServiceWire, tell: Callable[[str], None], ours: str, theirs: str, refuse: Refuse) -> None:
+    pair: Pair
+
+    def __init__(
+        self,
+        transport: ServiceTransport,
+        wire: ServiceWire,
+        tell: Callable[[str], None],
+        ours: str,
+        theirs: str,
+        refuse: Refuse,
+    ) -> None:
         self.request, self.response = codec(wire.request), codec(wire.response)
-        self.pair: Pair | None = None
+        self._transport = transport
         self._closed = False
         self._name = wire.service
         self._tell = tell
@@ -87,43 +93,46 @@ class _Half:
     def close(self) -> None:
         """Nothing of what still comes is answered."""
         self._closed = True
-        if self.pair:
-            self.pair.close()
+        self.pair.close()
 
     def _id(self, words: list[str]) -> str:
         """Nothing of one that says inline whose call it is."""
         return word_of(words, self._theirs)
 
-    def _strange(self, way: ServiceTransport) -> None:
+    def _strange(self) -> None:
         self._refuse(_STRANGER)
         if not self._told:
             self._told = True
-            self._tell(f"{self._name}: {_STRANGER}; {way.why}{_HINT}")
+            self._tell(f"{self._name}: {_STRANGER}; {self._transport.why}{_HINT}")
 
 
 class _Served(_Half):
-    def __init__(self, wire: ServiceWire, tell: Callable[[str], None], answer: Answer, refuse: Refuse) -> None:
-        super().__init__(wire, tell, "serviceid", "clientid", refuse)
+    def __init__(
+        self,
+        transport: ServiceTransport,
+        wire: ServiceWire,
+        tell: Callable[[str], None],
+        answer: Answer,
+        refuse: Refuse,
+    ) -> None:
+        super().__init__(transport, wire, tell, "serviceid", "clientid", refuse)
         self._answer = answer
         self._at_once = wire.at_once
-
-    def open(self, way: ServiceTransport) -> None:
-        def met(words: list[str], heard: bool) -> None:
-            if heard and (why := self._asked.refusal(_hash(words))):
-                self._refuse(why)
-            elif heard and not way.inline and not self._id(words):
-                self._strange(way)
-
-        self.pair = way.pair(self._asks, self._answers, met)
+        self.pair = transport.pair(self._asks, self._answers, self._met)
         self.pair.listen(self._came, self._name)
 
+    def _met(self, words: list[str], heard: bool) -> None:
+        if heard and (why := self._asked.refusal(_hash(words))):
+            self._refuse(why)
+        elif heard and not self._transport.inline and not self._id(words):
+            self._strange()
+
     def _came(self, came: Came) -> None:
-        assert self.pair
         if self._closed:
             return
         if why := self._asked.refusal(_hash(came.words)):
             self._refuse(why)
-        elif not self._id(came.words) and not self.pair.inline:
+        elif not self._id(came.words) and not self._transport.inline:
             self._refuse(_STRANGER)
         else:
             try:
@@ -133,76 +142,68 @@ class _Served(_Half):
                 self._refuse(str(error))
                 raise  # who listens tells, not too often
             if self._at_once:
-                threading.Thread(target=self._reply, args=(self.pair, came, before, request), daemon=True).start()
+                threading.Thread(target=self._reply, args=(came, before, request), daemon=True).start()
             else:
-                self._reply(self.pair, came, before, request)
+                self._reply(came, before, request)
 
-    def _reply(self, pair: Pair, came: Came, before: bytes, request: Any) -> None:
+    def _reply(self, came: Came, before: bytes, request: Any) -> None:
         response = self.response.new()
         try:
             self._answer(request, response)
         except NoAnswer as error:  # ROS 2 has no word for it: the client waits in vain
             self._tell(f"{self._name}: no answer: {error}")
             return
-        self._await_reader(pair, came)
+        self._await_reader(came)
         reply = self.response.encode(response)
-        pair.send(_joined(before, reply), came.call if not before else None)
+        self.pair.send(_joined(before, reply), came.call if not before else None)
 
-    def _await_reader(self, pair: Pair, came: Came) -> None:
+    def _await_reader(self, came: Came) -> None:
         """A client whose writer we know may have a reader that we do not know yet, and that the reply would miss."""
         deadline = time.monotonic() + (_REPLY_READER_AT_ONCE if self._at_once else _REPLY_READER)
-        while came.sender in pair.peers(heard=True) and not self._hears(pair, came):
+        while came.sender in self.pair.peers(heard=True) and not self._hears(came):
             if time.monotonic() >= deadline:
                 return
             time.sleep(_LOOK)
 
-    def _hears(self, pair: Pair, came: Came) -> bool:
-        hearing = pair.peers(heard=False)
+    def _hears(self, came: Came) -> bool:
+        hearing = self.pair.peers(heard=False)
         if theirs := self._id(came.words):
             return any(theirs == self._id(words) for words in hearing.values())
         return not came.call[_GUID - 1] & _READER or came.call[:_GUID] in hearing
 
 
 class _Client(_Half):
-    def __init__(self, wire: ServiceWire, tell: Callable[[str], None]) -> None:
-        super().__init__(wire, tell, "clientid", "serviceid", lambda why: None)
+    def __init__(self, transport: ServiceTransport, wire: ServiceWire, tell: Callable[[str], None]) -> None:
+        super().__init__(transport, wire, tell, "clientid", "serviceid", lambda why: None)
         self._guid = uuid.uuid4().int & (2**64 - 1)
         self._numbers = itertools.count(1)
         self._waiting: dict[bytes, queue.SimpleQueue[bytes | NoAnswer]] = {}
         self._sending = threading.Lock()
         """Held until it is known by what the reply will be known."""
+        self.pair = transport.pair(self._answers, self._asks, self._met)
+        self.pair.listen(self._came, self._name)
 
-    def open(self, way: ServiceTransport) -> None:
-        def met(words: list[str], heard: bool) -> None:
-            if not heard and not way.inline and not self._id(words):
-                self._strange(way)
-
-        pair = way.pair(self._answers, self._asks, met)
-        pair.listen(self._came, self._name)
-        self.pair = pair
+    def _met(self, words: list[str], heard: bool) -> None:
+        if not heard and not self._transport.inline and not self._id(words):
+            self._strange()
 
     def is_connected(self) -> bool:
-        return bool(self.pair and self.pair.peers(heard=True) and self.pair.peers(heard=False))
+        return bool(self.pair.peers(heard=True) and self.pair.peers(heard=False))
 
     def call(self, message: Any, timeout: float) -> Any:
-        deadline = time.monotonic() + timeout
-        while not self.pair or not self.is_connected():
-            if time.monotonic() >= deadline:
-                raise NoAnswer(f"no server within {timeout:g} s")
-            time.sleep(_LOOK)
-        pair = self.pair
-        servers = pair.peers(heard=False)
-        inline = self._inline(pair, list(servers.values()))
+        deadline = await_server(self.is_connected, timeout)
+        servers = self.pair.peers(heard=False)
+        inline = self._inline(list(servers.values()))
         answer: queue.SimpleQueue[bytes | NoAnswer] = queue.SimpleQueue()
         with self._sending:
-            call = self._send(pair, self.request.encode(message), inline)
+            call = self._send(self.request.encode(message), inline)
             self._waiting[call] = answer
         try:
             while True:
                 with suppress(queue.Empty):
                     came = answer.get(timeout=max(0.0, min(_PATIENCE, deadline - time.monotonic())))
                     break
-                if not servers.keys() & pair.peers(heard=False).keys():
+                if not servers.keys() & self.pair.peers(heard=False).keys():
                     raise NoAnswer("the server has gone")
                 if time.monotonic() >= deadline:
                     raise NoAnswer(f"no answer within {timeout:g} s")
@@ -212,10 +213,10 @@ class _Client(_Half):
             raise came
         return self.response.decode(came)
 
-    def _inline(self, pair: Pair, servers: list[list[str]]) -> bool:
+    def _inline(self, servers: list[list[str]]) -> bool:
         """Whether these want to be asked so. Raises NoAnswer if they may not be asked at all."""
         strangers = [words for words in servers if not self._id(words)]
-        if strangers and not pair.inline:
+        if strangers and not self._transport.inline:
             raise NoAnswer(_STRANGER)
         for words in servers:
             if why := self._asked.refusal(_hash(words)):
@@ -224,12 +225,12 @@ class _Client(_Half):
             raise NoAnswer(_BOTH)
         return bool(strangers)
 
-    def _send(self, pair: Pair, request: bytes, inline: bool) -> bytes:
+    def _send(self, request: bytes, inline: bool) -> bytes:
         """Gives what its reply is known by."""
         if inline:
-            return pair.send(request)
+            return self.pair.send(request)
         call = _CALL.pack(self._guid, next(self._numbers))
-        pair.send(_joined(call, request))
+        self.pair.send(_joined(call, request))
         return call
 
     def _came(self, came: Came) -> None:

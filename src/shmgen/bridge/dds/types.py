@@ -12,6 +12,7 @@ from typing import Any, cast
 
 from cyclonedds.idl import make_idl_struct, types
 
+from shmgen.bridge.codec.type_identity import type_name
 from shmgen.core.model import (
     Array,
     Clock,
@@ -49,11 +50,6 @@ def request_name(service: str) -> str:
 def reply_name(service: str) -> str:
     """`/robot/stop` answers on `rr/robot/stopReply`."""
     return f"rr/{service.strip('/')}Reply"
-
-
-def type_name(name: TypeName) -> str:
-    """`geometry_msgs::msg::dds_::Pose_`."""
-    return f"{name.package}::{name.kind}::dds_::{name.name}_"
 
 
 @functools.cache  # as long as the process lasts: Cyclone goes on to look at the type of a topic that was deleted

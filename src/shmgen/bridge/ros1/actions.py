@@ -47,16 +47,6 @@ _AGAIN = 0.2
 _LOOK = 0.02
 
 
-def serve(backend: Backend, wire: ActionWire, worker: Worker, mishaps: ErrorSink) -> None:
-    """As Actions says it."""
-    _Server(backend, wire, worker, mishaps)
-
-
-def seeker(backend: Backend, wire: ActionWire, mishaps: ErrorSink) -> _Client:
-    """As Actions says it."""
-    return _Client(backend, wire, mishaps)
-
-
 class _Taker:
     """A MessageSink that calls one function."""
 
@@ -298,3 +288,6 @@ _STATUS = _message(
 )
 """Constants count in ROS 1's md5 sums."""
 _STATUSES = _message(TypeName("actionlib_msgs", "msg", "GoalStatusArray"), "Header header\nGoalStatus[] status_list\n")
+
+serve, seeker = _Server, _Client
+"""As Actions says it."""

@@ -215,7 +215,11 @@ def _register() -> None:
 
 def _reachable() -> bool:
     """Whether something listens there; unlike a call to the master this has a time limit."""
-    host, port = rosgraph.network.parse_http_host_and_port(rosgraph.get_master_uri())
+    master = rosgraph.get_master_uri()
+    try:
+        host, port = rosgraph.network.parse_http_host_and_port(master)
+    except ValueError as error:
+        raise ValueError(f"ros1: ROS_MASTER_URI is {master!r}: {error}") from None
     try:
         socket.create_connection((host, port), _REACH).close()
     except OSError:

@@ -6,7 +6,6 @@ Source: the ROS 2 design article *Actions*, rcl_action, and the .msg and .srv fi
 from __future__ import annotations
 
 import threading
-import time
 import uuid
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
@@ -26,9 +25,10 @@ from shmgen.bridge.backend import (
     ServiceWire,
     Wire,
     Worker,
+    await_server,
 )
-from shmgen.core.diagnostics import Span
-from shmgen.core.model import Array, Clock, Field, FieldType, Message, Ref, Scalar, Sequence, TypeName, ros_type
+from shmgen.core.model import Array, Clock, FieldType, Message, Ref, Scalar, Sequence, TypeName
+from shmgen.core.type_hash import made_message
 from shmgen.runtime import Time
 
 _UNKNOWN, _ACCEPTED, _EXECUTING, _CANCELING = range(4)
@@ -39,19 +39,8 @@ _KEPT = 16
 """Goals whose end can still be asked for."""
 _FOREVER = 1e9
 """Seconds that a goal may take."""
-_LOOK = 0.01
 _GONE = 2.0
 """Seconds that a cancel may take of a goal that nobody waits for any more."""
-
-
-def serve(backend: Backend, wire: ActionWire, worker: Worker, mishaps: ErrorSink) -> None:
-    """As Actions says it."""
-    _Server(backend, wire, worker, mishaps)
-
-
-def seeker(backend: Backend, wire: ActionWire, mishaps: ErrorSink) -> _Client:
-    """As Actions says it."""
-    return _Client(backend, wire, mishaps)
 
 
 class _Served:
@@ -178,7 +167,9 @@ class _Client:
             follower.feedback(message.feedback)
 
     def send(self, fill: Fill, timeout: float, follower: GoalObserver) -> Callable[[], threading.Thread] | None:
-        self._await_server(timeout)
+        # All of it: discovery brings its ends one after another, and the first feedback would come to nobody.
+        ends = (self._sending, self._results, self._canceling, self._feedback)
+        await_server(lambda: all(end.is_connected() for end in ends), timeout)
         key = uuid.uuid4().bytes
         request = self._sending.new()
         request.goal_id.uuid[:] = list(key)
@@ -195,14 +186,6 @@ class _Client:
             return None
         threading.Thread(target=self._await, args=(key,), daemon=True).start()
         return lambda: self._cancel(key)
-
-    def _await_server(self, timeout: float) -> None:
-        """All of it: discovery brings its ends one after another, and the first feedback would come to nobody."""
-        deadline = time.monotonic() + timeout
-        while not all(end.is_connected() for end in (self._sending, self._results, self._canceling, self._feedback)):
-            if time.monotonic() >= deadline:
-                raise NoAnswer(f"no server within {timeout:g} s")
-            time.sleep(_LOOK)
 
     def _await(self, key: bytes) -> None:
         request = self._results.new()
@@ -259,7 +242,7 @@ class Said:
 
     def __init__(self, wire: ActionWire) -> None:
         def message(ending: str, held: Iterable[Message], fields: Mapping[str, FieldType]) -> tuple[Message, ...]:
-            return _closed(held, _message(wire.type.part(ending), fields))
+            return _closed(held, made_message(wire.type.part(ending), fields))
 
         def part(messages: tuple[Message, ...]) -> Ref:
             return Ref(messages[-1].name)
@@ -283,34 +266,32 @@ class Said:
         self.status = Wire(f"{place}/status", _STATUSES, latch=True)
 
 
-def _message(name: TypeName, fields: Mapping[str, FieldType]) -> Message:
-    place = Span(str(name))
-    made = tuple(Field(field, type_, ros_type(type_), place) for field, type_ in fields.items())
-    text = "".join(f"{field.written} {field.name}\n" for field in made)
-    return Message(name, made, (), place, "action_msgs", text)
-
-
 def _closed(held: Iterable[Message], own: Message) -> tuple[Message, ...]:
     """Each once, and the message last."""
     return (*dict.fromkeys(held), own)
 
 
-_UUID = _message(TypeName("unique_identifier_msgs", "msg", "UUID"), {"uuid": Array(Scalar.UINT8, 16)})
-_INFO = _message(
+_UUID = made_message(TypeName("unique_identifier_msgs", "msg", "UUID"), {"uuid": Array(Scalar.UINT8, 16)})
+_INFO = made_message(
     TypeName("action_msgs", "msg", "GoalInfo"),
     {"goal_id": Ref(TypeName("unique_identifier_msgs", "msg", "UUID")), "stamp": Clock.TIME},
 )
-_STATUS = _message(TypeName("action_msgs", "msg", "GoalStatus"), {"goal_info": Ref(_INFO.name), "status": Scalar.INT8})
+_STATUS = made_message(
+    TypeName("action_msgs", "msg", "GoalStatus"), {"goal_info": Ref(_INFO.name), "status": Scalar.INT8}
+)
 _STATUSES = (
     _UUID,
     _INFO,
     _STATUS,
-    _message(TypeName("action_msgs", "msg", "GoalStatusArray"), {"status_list": Sequence(Ref(_STATUS.name))}),
+    made_message(TypeName("action_msgs", "msg", "GoalStatusArray"), {"status_list": Sequence(Ref(_STATUS.name))}),
 )
 _CANCEL = TypeName("action_msgs", "srv", "CancelGoal")
-_CANCEL_REQUEST = (_UUID, _INFO, _message(_CANCEL.part("_Request"), {"goal_info": Ref(_INFO.name)}))
+_CANCEL_REQUEST = (_UUID, _INFO, made_message(_CANCEL.part("_Request"), {"goal_info": Ref(_INFO.name)}))
 _CANCEL_RESPONSE = (
     _UUID,
     _INFO,
-    _message(_CANCEL.part("_Response"), {"return_code": Scalar.INT8, "goals_canceling": Sequence(Ref(_INFO.name))}),
+    made_message(_CANCEL.part("_Response"), {"return_code": Scalar.INT8, "goals_canceling": Sequence(Ref(_INFO.name))}),
 )
+
+serve, seeker = _Server, _Client
+"""As Actions says it."""

@@ -7,8 +7,6 @@ executor is left with what hardly ever happens: parameters, the clock, answers t
 from __future__ import annotations
 
 import atexit
-import os
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterable
@@ -35,6 +33,8 @@ from shmgen.bridge.backend import (
     RosSubscription,
     ServiceWire,
     Wire,
+    await_server,
+    end_at_once,
 )
 from shmgen.bridge.codec.cdr import Codec, codec
 from shmgen.bridge.codec.type_identity import TAKES_OURS, Identity
@@ -48,7 +48,6 @@ from shmgen.runtime import Time
 
 _FAREWELL = 0.4
 """Seconds that all threads together get to finish what they are at."""
-_LOOK = 0.01
 _PATIENCE = 0.1
 """Seconds that a call waits before it looks whether there still is a server."""
 
@@ -62,7 +61,7 @@ def connect(node: Node) -> Ros2:
         return Ros2(node)
     except Exception as error:  # rclpy has a class for each, and no word that is above them
         rclpy.try_shutdown()
-        raise ValueError(f"ros2: {error}") from error
+        raise ValueError(f"ros2: {type(error).__name__}: {error}") from error
 
 
 class Ros2:
@@ -179,11 +178,7 @@ class Ros2:
             return self._closing.is_set() or client.service_is_ready()
 
         def call(message: Any, timeout: float) -> Any:
-            deadline = time.monotonic() + timeout
-            while not is_connected():
-                if time.monotonic() >= deadline:
-                    raise NoAnswer(f"no server within {timeout:g} s")
-                self._pause()
+            deadline = await_server(is_connected, timeout)
             if self._closing.is_set():
                 raise NoAnswer("the bridge ends")
             check()
@@ -218,7 +213,7 @@ class Ros2:
         if all(ended) and not self._thread.is_alive():  # else somebody still has them in hand
             self._node.destroy_node()
         else:
-            atexit.register(_end_at_once)
+            atexit.register(end_at_once)
         rclpy.try_shutdown()
 
     def _wait(self, entity: Any, kind: Any, take: Callable[[], None], name: str) -> None:
@@ -249,10 +244,6 @@ class Ros2:
         identity = Identity(wire.service, messages[-1].name, made.type_hash, self._tell)
         return Peers(identity, lambda: _hashes(find(topic, no_mangle=True)))
 
-    def _pause(self) -> None:
-        if self._closing.wait(_LOOK):
-            raise NoAnswer("the bridge ends")
-
     def _spin(self) -> None:
         while not self._closing.is_set():
             try:
@@ -270,13 +261,6 @@ def _when_matched(callbacks: Any, met: Callable[..., None]) -> Any:
         return callbacks(matched=met)
     except TypeError:
         return callbacks()
-
-
-def _end_at_once() -> None:
-    """A thread still in a call would have Fast DDS's destructors end the process as failed."""
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os._exit(0)
 
 
 def _never(*messages: Any) -> None:

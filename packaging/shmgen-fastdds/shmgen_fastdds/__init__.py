@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import ctypes
+import fcntl
 import socket
+import struct
 import threading
 from collections.abc import Callable, Hashable, Iterable
+from contextlib import suppress
+from pathlib import Path
 
-from shmgen.bridge.backend import queue_of
-from shmgen.bridge.dds.entities import RateLimitedLog
-from shmgen.bridge.dds.network import Network, addresses, confine, sockets
+from shmgen.bridge.backend import Node, RateLimitedLog, queue_of
+from shmgen.bridge.dds.network import Network, confine, sockets
 from shmgen.bridge.dds.service_pair import Came, Met, Pair, Side
 
+_LIBRARY = Path(__file__).with_name("services.so")
 _GUID = 16
 _CALL = 24
 """Bytes of what says whose call it is: the GUID of who asks, and a number."""
@@ -20,32 +24,33 @@ _HEADER = 20
 _WORDS = 4096
 _PEERS = 1024
 """Ends of others that one service may have."""
+_GET_ADDRESS = 0x8915
+"""SIOCGIFADDR (linux/sockios.h)."""
 _EVERYBODY = "239.255.0.1"
 """To whom multicast goes, which must be said where anybody else is named (DDSI-RTPS 2.5, 9.6.2.4)."""
 
 
 class Fast:
-    """A Way: one more participant of this process, for services alone. Its threads end with `leave()`."""
+    """A ServiceTransport: one more participant of this process, for services alone. `leave()` ends its threads."""
 
     inline = True
     why = ""
 
-    def __init__(
-        self, library: ctypes.CDLL, domain: int, name: str, network: Network, largest: int, tell: Callable[[str], None]
-    ) -> None:
-        """As the participant `<name>_services`. Raises OSError where it cannot join."""
+    def __init__(self, node: Node, domain: int, network: Network) -> None:
+        """As the participant `<node>_services`. Raises OSError where it cannot join, or is of another Fast DDS."""
+        self._library = library = ctypes.CDLL(str(_LIBRARY))
         for function in (library.fast_join, library.fast_open):
             function.restype = ctypes.c_void_p
-        self._library, self._tell = library, tell
-        self._largest = largest + _HEADER
+        self._tell = node.tell
+        self._largest = node.largest + _HEADER
         ours = addresses() or ["127.0.0.1"] if network.reach == "LOCALHOST" else []
-        peers = [*ours, *_resolved(network.peers, tell)]
+        peers = [*ours, *_resolved(network.peers, node.tell)]
         if peers and not ours:
             peers.append(_EVERYBODY)
         before = sockets()
         found = library.fast_join(
             domain,
-            f"{name}_services".encode(),
+            f"{node.name}_services".encode(),
             " ".join(peers).encode(),
             " ".join(ours).encode(),
             ctypes.c_uint32(self._largest),
@@ -61,14 +66,14 @@ class Fast:
                 raise
 
     def pair(self, hears: Side, says: Side, met: Met) -> Pair:
-        """Raises OSError, also after `leave()`."""
+        """Raises ValueError where it cannot be had."""
         sides = [
             (ctypes.c_char_p * 3)(side.topic.encode(), side.type_name.encode(), side.words.encode())
             for side in (hears, says)
         ]
         found = self._library.fast_open(self._handle, *sides, queue_of(self._largest))
         if not found:
-            raise OSError(f"Fast DDS cannot open {hears.topic} and {says.topic}")
+            raise ValueError(f"Fast DDS cannot open {hears.topic} and {says.topic}")
         return FastPair(self._library, ctypes.c_void_p(found), self._largest, met, self._tell)
 
     def leave(self) -> None:
@@ -78,8 +83,6 @@ class Fast:
 
 class FastPair(Pair):
     """Peers go by their GUIDs."""
-
-    inline = True
 
     def __init__(
         self, library: ctypes.CDLL, handle: ctypes.c_void_p, largest: int, met: Met, tell: Callable[[str], None]
@@ -107,7 +110,7 @@ class FastPair(Pair):
         return sent.raw
 
     def close(self) -> None:
-        self._tell("a service on Fast DDS that is not carried any more stays in the graph until the bridge ends")
+        self._library.fast_close(self._handle)
 
     def listen(self, callback: Callable[[Came], None], name: str) -> None:
         threading.Thread(target=self._run, args=(callback, name), name=name, daemon=True).start()
@@ -139,3 +142,17 @@ def _resolved(names: Iterable[str], tell: Callable[[str], None]) -> list[str]:
         except OSError as error:
             tell(f"dds: services do not find {name}: {error}")
     return [str(address) for address in found]
+
+
+def addresses() -> list[str]:
+    """Of this machine, one for each interface that has one, but for the loopback's.
+
+    Named one by one, Fast DDS does not turn them into 127.0.0.1, from where Cyclone takes no announcement.
+    """
+    found = []
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asked:
+        for _, name in socket.if_nameindex():
+            with suppress(OSError):  # it has none
+                answer = fcntl.ioctl(asked, _GET_ADDRESS, struct.pack("256s", name.encode()))
+                found.append(socket.inet_ntoa(answer[20:24]))
+    return [address for address in found if not address.startswith("127.")]

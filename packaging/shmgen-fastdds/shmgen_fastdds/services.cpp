@@ -1,7 +1,7 @@
 // Services of ROS 2 as rmw_fastrtps has them: a reader and a writer of Fast DDS, with the inline QoS that says whose a
-// sample is. Bytes pass through unread. fast_library.py compiles it on the user's machine, against Fast DDS 2.9 to 3,
-// and fast.py calls the functions at the end.
-#include "fastdds_versions.hpp"
+// sample is. Bytes pass through unread. hatch_build.py compiles it against Fast DDS 2.9 to 3, and __init__.py calls the
+// functions at the end.
+#include "versions.hpp"
 
 #include <algorithm>
 #include <condition_variable>
@@ -47,9 +47,11 @@ Call call_of(const GUID_t &guid, const rtps::SequenceNumber_t &number) {
     return found;
 }
 
-// A service's two ends. Who listens here must not be waited for with `mutex` in hand.
+// A service's two ends. `life` is shared by all who use them, and taken by who deletes them. Who listens here must not be
+// waited for with `mutex` in hand.
 struct End : DataReaderListener, DataWriterListener {
     struct Domain *domain = nullptr;
+    std::shared_mutex life;
     DataReader *reader = nullptr;
     DataWriter *writer = nullptr;
     std::mutex mutex;
@@ -78,9 +80,9 @@ struct End : DataReaderListener, DataWriterListener {
     }
 };
 
-// `life` is shared by all who use the participant, and taken by who deletes it. One thread opens ends and leaves.
+// `life` is taken by who opens or closes ends, or leaves. Ends stay in memory for those who still ask them.
 struct Domain : DomainParticipantListener {
-    std::shared_mutex life;
+    std::mutex life;
     DomainParticipant *participant = nullptr;
     Publisher *publisher = nullptr;
     Subscriber *subscriber = nullptr;
@@ -171,6 +173,23 @@ Topic *topic_of(Domain &domain, const char *name, const char *type) {
     return domain.participant->create_topic(name, type, TOPIC_QOS_DEFAULT);
 }
 
+// As soon as nobody sends any more.
+void close(Domain &domain, End &end) {
+    {
+        std::lock_guard<std::mutex> hold(end.mutex);
+        end.closing = true;
+        end.news.notify_all();
+    }
+    std::unique_lock<std::shared_mutex> last(end.life);
+    if (end.reader) domain.subscriber->delete_datareader(end.reader);
+    if (end.writer) domain.publisher->delete_datawriter(end.writer);
+    end.reader = nullptr;
+    end.writer = nullptr;
+    std::lock_guard<std::mutex> hold(end.mutex);
+    end.heard.clear();
+    end.hearing.clear();
+}
+
 // No exception leaves this library.
 template <typename Result, typename Body> Result guarded(Result failed, Body body) {
     try {
@@ -205,7 +224,7 @@ void *fast_join(int number, const char *name, const char *peers, const char *int
 void *fast_open(void *of, const char *const *hears, const char *const *says, int queue) {
     return guarded<void *>(nullptr, [&]() -> void * {
         auto &domain = *static_cast<Domain *>(of);
-        std::shared_lock<std::shared_mutex> alive(domain.life);
+        std::lock_guard<std::mutex> opening(domain.life);
         if (!domain.participant) return nullptr;
         Topic *heard = topic_of(domain, hears[0], hears[1]), *said = topic_of(domain, says[0], says[1]);
         if (!heard || !said) return nullptr;
@@ -213,9 +232,11 @@ void *fast_open(void *of, const char *const *hears, const char *const *says, int
         end->domain = &domain;
         DataReaderQos asked = DATAREADER_QOS_DEFAULT;
         adapt(asked, hears[2], queue);
+        promptly(asked);
         asked.endpoint().history_memory_policy = rtps::PREALLOCATED_MEMORY_MODE;  // what is larger does not come in
         DataWriterQos offered = DATAWRITER_QOS_DEFAULT;
         adapt(offered, says[2], queue);
+        promptly(offered);
         offered.endpoint().history_memory_policy = rtps::DYNAMIC_RESERVE_MEMORY_MODE;
         end->writer = domain.publisher->create_datawriter(said, offered, end.get(), StatusMask::publication_matched());
         end->reader = domain.subscriber->create_datareader(
@@ -229,7 +250,7 @@ void *fast_open(void *of, const char *const *hears, const char *const *says, int
 int fast_take(void *of, void *bytes, std::uint32_t room, unsigned char *sender, Call *call) {
     return guarded<int>(-1, [&] {
         auto &end = *static_cast<End *>(of);
-        std::shared_lock<std::shared_mutex> alive(end.domain->life);
+        std::shared_lock<std::shared_mutex> alive(end.life);
         std::unique_lock<std::mutex> hold(end.mutex);
         while (!end.closing) {
             if (end.met) {
@@ -262,8 +283,8 @@ int fast_take(void *of, void *bytes, std::uint32_t room, unsigned char *sender, 
 int fast_send(void *of, void *bytes, std::uint32_t size, const Call *call, Call *sent) {
     return guarded<int>(0, [&] {
         auto &end = *static_cast<End *>(of);
-        std::shared_lock<std::shared_mutex> alive(end.domain->life);
-        if (!end.domain->participant) return 1;  // this is the end, and nobody need hear of it
+        std::shared_lock<std::shared_mutex> alive(end.life);
+        if (!end.writer) return 1;  // this is the end, and nobody need hear of it
         rtps::WriteParams whose;
         if (call) {
             whose.related_sample_identity().writer_guid() = guid_of(call->guid);
@@ -298,17 +319,23 @@ int fast_said(void *of, const unsigned char *guid, char *words, int room) {
     return static_cast<int>(found->second.size());
 }
 
-// Leaves the domain, as soon as nobody sends any more. What was opened in it may still be asked, and says so.
+// Takes a service out of the graph.
+void fast_close(void *of) {
+    guarded<int>(0, [&] {
+        auto &end = *static_cast<End *>(of);
+        std::lock_guard<std::mutex> closing(end.domain->life);
+        if (end.domain->participant) close(*end.domain, end);
+        return 0;
+    });
+}
+
+// Leaves the domain. What was opened in it may still be asked, and says so.
 void fast_leave(void *of) {
     guarded<int>(0, [&] {
         auto &domain = *static_cast<Domain *>(of);
-        for (auto &end : domain.ends) {
-            std::lock_guard<std::mutex> hold(end->mutex);
-            end->closing = true;
-            end->news.notify_all();
-        }
-        std::unique_lock<std::shared_mutex> last(domain.life);
+        std::lock_guard<std::mutex> last(domain.life);
         if (!domain.participant) return 0;
+        for (auto &end : domain.ends) close(domain, *end);
         domain.participant->delete_contained_entities();
         DomainParticipantFactory::get_instance()->delete_participant(domain.participant);
         domain.participant = nullptr;

@@ -1,4 +1,4 @@
-// What fastdds_services.cpp needs of Fast DDS and has another name in 2 and in 3, and the one type that it tells both of.
+// What services.cpp needs of Fast DDS and has another name in 2 and in 3, and the one type that it tells both of.
 #pragma once
 
 #include <fastdds/dds/domain/DomainParticipant.hpp>
@@ -32,6 +32,8 @@
 namespace {
 
 using namespace eprosima::fastdds::dds;
+// Nanoseconds from one word of a writer to the next, while somebody has not got what it sent.
+const std::uint32_t HEARTBEAT = 20'000'000;
 #if FAST_DDS_3
 namespace rtps = eprosima::fastdds::rtps;
 const auto OK = RETCODE_OK;
@@ -41,6 +43,25 @@ namespace rtps = eprosima::fastrtps::rtps;
 const ReturnCode_t OK = ReturnCode_t::RETCODE_OK;
 bool written(bool done) { return done; }
 #endif
+// What got lost is said and sent again at once: by default that takes 3 s, and calls wait behind each other.
+void promptly(DataWriterQos &quality) {
+    auto &times = quality.reliable_writer_qos().times;
+#if FAST_DDS_3
+    times.heartbeat_period = {0, HEARTBEAT};
+    times.nack_response_delay = {0, 0};
+#else
+    times.heartbeatPeriod = {0, HEARTBEAT};
+    times.nackResponseDelay = {0, 0};
+#endif
+}
+void promptly(DataReaderQos &quality) {
+    auto &times = quality.reliable_reader_qos().times;
+#if FAST_DDS_3
+    times.heartbeat_response_delay = {0, 0};
+#else
+    times.heartbeatResponseDelay = {0, 0};
+#endif
+}
 using Transport = eprosima::fastdds::rtps::UDPv4TransportDescriptor;
 using rtps::GUID_t;
 

@@ -1,0 +1,30 @@
+"""A PLC in a ROS 2 graph on rmw_zenoh, without ROS on its machine: `shmgen bridge --backend zenoh`."""
+
+from __future__ import annotations
+
+import socket
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE.parent))
+
+from stage import cell  # noqa: E402 it lies beside the examples
+
+
+def main() -> int:
+    """Exit status of the robot."""
+    with cell(HERE, "blark", "zenoh-ros2-sdk") as here:
+        here.generate()
+        here.start_plc("PRG_Drive")
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            router = f'["tcp/127.0.0.1:{probe.getsockname()[1]}"]'
+        here.environment["ZENOH_CONFIG_OVERRIDE"] = f'mode="router";listen/endpoints={router}'
+        here.start_bridge("zenoh")
+        here.environment["ZENOH_CONFIG_OVERRIDE"] = f"connect/endpoints={router}"
+        return here.run("robot.py")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
