@@ -7,14 +7,16 @@
 //
 // What is too long for its field is not lost in silence: the field remembers it, and publish() refuses the message with
 // the field's path. A duration has no way to remember; where it cannot travel as it is (a TIME of the PLC goes from 0 to
-// 49 days) it becomes the nearest one that can, and from_ros() says false.
+// 49 days) it becomes the nearest one that can, and from_ros() says false. An adapter counts both, see Adapter.
 #ifndef SHMGEN_ROS_HPP
 #define SHMGEN_ROS_HPP
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <chrono>
 #include <cstdint>
+#include <exception>
 #include <limits>
 #include <stdexcept>
 #include <type_traits>
@@ -83,6 +85,10 @@ template <class Kind, class Stamp, class T> bool clock_from_ros(const Stamp &fro
     }
 }
 
+// rosidl::Buffer, a uint8[] of ROS 2 from Lyrical on, may lie in other memory than the CPU's.
+template <class R, class = void> inline constexpr bool has_backend = false;
+template <class R> inline constexpr bool has_backend<R, std::void_t<decltype(std::declval<const R &>().get_backend_type())>> = true;
+
 template <class Kind = void, class T, class R> void to_ros(const T &from, R &into)
 {
     if constexpr (is_clock<T>) {
@@ -96,6 +102,10 @@ template <class Kind = void, class T, class R> void to_ros(const T &from, R &int
     } else if constexpr (is_sequence<T> || is_array<T>) {
         using E = typename T::value_type;
         using F = typename R::value_type;
+        if constexpr (has_backend<R>) {
+            if (into.get_backend_type() != "cpu")
+                into = R();
+        }
         if constexpr (is_sequence<T> && std::is_arithmetic<E>::value && std::is_same<E, F>::value) {
             into.assign(from.begin(), from.end());
         } else {
@@ -130,6 +140,16 @@ template <class Kind = void, class R, class T> bool from_ros(const R &from, T &i
         using E = typename T::value_type;
         using F = typename R::value_type;
         bool fits = true;
+        if constexpr (has_backend<R>) {
+            if (from.get_backend_type() != "cpu") {
+                try {
+                    return from_ros<Kind>(from.to_vector(), into);
+                } catch (const std::exception &) { // it cannot be had here
+                    into.resize(T::capacity() + 1);
+                    return false;
+                }
+            }
+        }
         if constexpr (is_sequence<T>) {
             into.clear();
             fits = into.resize(from.size());
@@ -158,17 +178,29 @@ template <class T> typename Ros<T>::type to_ros(const T &from)
 }
 
 #ifdef SHMGEN_HAS_TYPE_ADAPTER
+// Whether an adapter throws std::range_error where something does not fit: out of spin(), where such a message ends the
+// node, and within one process out of the publish() of another.
+inline std::atomic<bool> adapters_throw{false};
+
 // What REP 2007 asks of a type that nodes publish and subscribe in place of ROS's own.
-template <class T> struct Adapter {
+template <class T> class Adapter {
+    static inline std::atomic<std::uint64_t> misfits_{0};
+
+public:
     using is_specialized = std::true_type;
     using custom_type = T;
     using ros_message_type = typename Ros<T>::type;
     static void convert_to_ros_message(const custom_type &from, ros_message_type &into) { Ros<T>::give(from, into); }
     static void convert_to_custom(const ros_message_type &from, custom_type &into)
     {
-        if (!Ros<T>::take(from, into))
+        if (Ros<T>::take(from, into))
+            return;
+        ++misfits_;
+        if (adapters_throw)
             throw std::range_error("a value of the ROS message does not fit its field in shared memory");
     }
+    // Messages of ROS until now of which something did not fit.
+    static std::uint64_t misfits() noexcept { return misfits_; }
 };
 #endif
 

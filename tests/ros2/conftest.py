@@ -1,8 +1,7 @@
-"""A domain of ROS 2 for each test that wants one, with real rclpy in it, and regions that leave nothing behind."""
+"""A domain of ROS 2 for each test that wants one, with real rclpy in it."""
 
 from __future__ import annotations
 
-import uuid
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
@@ -27,12 +26,3 @@ def graph(request: pytest.FixtureRequest, tmp_path: Path, domain: int, space: st
         yield made
     finally:
         made.close()
-
-
-@pytest.fixture
-def space() -> Iterator[str]:
-    """A namespace for topics that nobody else uses; their regions go afterwards."""
-    name = f"t{uuid.uuid4().hex[:12]}"
-    yield f"/{name}"
-    for file in Path("/dev/shm").glob(f"*{name}.*"):
-        file.unlink()

@@ -289,7 +289,8 @@ def test_arguments_of_ros(graph: Graph, space: str) -> None:
     assert peer.ask(do="connected", topic=f"{space}/other") == 1
     peer.ask(do="publish", topic=f"{space}/other", messages=[{"data": "a"}])
     assert peer.ask(do="heard", topic="/diagnostics") >= 1
-    assert "cell_4" in [one["node"] for one in peer.ask(do="graph", topic="/diagnostics")]
+    # What the graph calls a node comes later than the node.
+    wait_for(lambda: "cell_4" in [one["node"] for one in peer.ask(do="graph", topic="/diagnostics")], "the name")
     bridge.counted(" 1 passed")
     bridge.stop(signal.SIGINT)
     wrong = graph.bridge("", "--ros-args", "--no-such-thing", ready=False)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import random
 import signal
+import subprocess
+import sys
 import threading
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,14 +17,15 @@ pytest.importorskip("cyclonedds")
 
 from shmgen.bridge.backend import Node
 from shmgen.bridge.dds import backend
-from shmgen.live.classes import client, publisher, server
+from shmgen.live.classes import client, server
 from shmgen.runtime import ShmError
 
+from ..conftest import REPOSITORY
 from ..support.dds import this_machine, without_fast_dds
-from ..support.ros1 import PROMPTLY, Bridge, wait_for
+from ..support.ros1 import Bridge, wait_for
 from ..support.ros2 import Graph
 from ..support.schemas import plain, random_message
-from .test_bridge import SET_BOOL, call, monkeypatched, plc_server, session, topic
+from .test_bridge import SET_BOOL, call, monkeypatched, plc_server, session
 from .test_identity import service
 
 by_dds = pytest.mark.parametrize("graph", [("jazzy", "dds"), ("kilted", "dds")], indirect=True, ids="-".join)
@@ -178,9 +180,9 @@ def test_where_ours_is_another(graph: Graph, space: str) -> None:
 
 
 @by_dds
-def test_without_a_compiler(graph: Graph, space: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_it(graph: Graph, space: str) -> None:
     """Through Cyclone nobody on rmw_fastrtps can be answered or asked: said once, as soon as the two meet."""
-    monkeypatch.setenv("CXX", "no-such-compiler")
+    (graph.folder / "shmgen_fastdds.py").write_text("raise ImportError")
     bridge = graph.bridge(
         f'source = "{graph.source}"\n'
         + SET_BOOL.format(space=space, server="plc", timeout=1)
@@ -199,45 +201,25 @@ def test_without_a_compiler(graph: Graph, space: str, monkeypatch: pytest.Monkey
         for _ in range(2):
             assert "failed" in call(plc)
     for name in ("flag", "of/flag"):
-        bridge.said(
-            f"^{space}/{name}: a peer is not on rmw_cyclonedds.*apt-get install g.. libfastrtps-dev.*--backend ros2"
-        )
+        bridge.said(f"^{space}/{name}: a peer is not on rmw_cyclonedds.*install shmgen-fastdds .*--backend ros2")
     bridge.stop(signal.SIGTERM)
     assert len([line for line in bridge.lines if "--backend ros2" in line]) == 2
     bridge.said(f"{space}/flag +0 passed, 1 refused$")
     bridge.said(f"{space}/of/flag +0 passed, 2 failed$")
 
 
-COMPILER = """#!/bin/sh
-case "$*" in *-E*) echo '-lfastrtps "9.9.9"';; *) echo $$ > compiling; sleep 600;; esac
-"""
-
-
 @pytest.mark.parametrize("graph", [("jazzy", "dds")], indirect=True, ids="-".join)
-def test_while_it_is_compiled(graph: Graph, space: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Topics flow, and the end does not wait for it."""
-    compiler = graph.folder / "compiler"
-    compiler.write_text(COMPILER)
-    compiler.chmod(0o755)
-    monkeypatch.setenv("CXX", str(compiler))
-    bridge = graph.bridge(
-        f'source = "{graph.source}"\n'
-        + SET_BOOL.format(space=space, server="ros", timeout=1)
-        + topic(f"{space}/word", "std_msgs/Int32", 'direction = "from_plc"')
-    )
-    bridge.said("^services of rmw_fastrtps: compiling, once, with Fast DDS 9.9.9")
-    wait_for((graph.folder / "compiling").exists, "the compiler")
-    peer = graph.peer()
-    peer.ask(do="subscribe", topic=f"{space}/word", type="std_msgs/msg/Int32")
-    peer.ask(do="heard", topic=f"{space}/word")
-    with publisher(session(graph).classes(["std_msgs/Int32"])["std_msgs/msg/Int32"], f"{space}/word", 1) as writer:
-
-        def crossed() -> Any:
-            writer.publish(SimpleNamespace(data=7))
-            return peer.ask(do="take", topic=f"{space}/word", count=1, timeout=0.2)
-
-        wait_for(crossed, "a message")
-    assert bridge.stop(signal.SIGTERM) < PROMPTLY
-    number = int((graph.folder / "compiling").read_text())
-    wait_for(lambda: not os.path.exists(f"/proc/{number}"), "the end of the compiler")
-    assert not [line for line in bridge.lines if "Traceback" in line]
+def test_installed_from_its_sdist(graph: Graph, space: str) -> None:
+    """By pip, beside shmgen."""
+    hatchling = [sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", graph.folder]
+    subprocess.run(hatchling, cwd=REPOSITORY / "packaging" / "shmgen-fastdds", check=True, stdout=-3)
+    pip = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-build-isolation", "--no-index"]
+    (sdist,) = graph.folder.glob("shmgen_fastdds-*.tar.gz")
+    subprocess.run([*pip, "--target", graph.folder, sdist], check=True, stderr=-3)
+    bridge = graph.bridge(f'source = "{graph.source}"\n' + SET_BOOL.format(space=space, server="plc", timeout=20))
+    maps = Path(f"/proc/{bridge.process.pid}/maps").read_text()
+    assert f"{graph.folder}/shmgen_fastdds/services.so" in maps
+    asked = {"do": "call", "service": f"{space}/flag", "type": "std_srvs/srv/SetBool", "request": {}, "timeout": 20}
+    with plc_server(graph, f"{space}/flag", lambda request: SimpleNamespace(success=True, message="of the PLC")):
+        assert graph.peer().ask(**asked) == {"success": True, "message": "of the PLC"}
+    bridge.stop(signal.SIGTERM)

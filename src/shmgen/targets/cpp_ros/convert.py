@@ -6,32 +6,11 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 from shmgen.core.diagnostics import Report
-from shmgen.core.model import Clock, Layout, Layouts, Output, Role, TypeName
+from shmgen.core.model import Clock, Layout, Output, Role, TypeName
 from shmgen.targets import Job
 from shmgen.targets.c.text import in_comment
 from shmgen.targets.cpp.names import class_name, cpp_name, header, namespace, qualified
-from shmgen.targets.naming import ClaimedName, Names
-
-
-class Ros(NamedTuple):
-    """`key` is the target's; `include` and `type` are of what split() gives, as that ROS calls them."""
-
-    key: str
-    include: Callable[[TypeName, str], str]
-    type: Callable[[TypeName, str], str]
-    adapts: bool
-
-
-def names(key: str) -> Names:
-    """A target's names: the classes are those of cpp and of ROS, the files its own."""
-
-    def made(layout: Layout, package: str) -> Iterator[ClaimedName]:
-        if split(layout.name):
-            yield ClaimedName("namespace", cpp_name(layout.name.package), package, layout.name.package)
-            yield ClaimedName("class", class_name(layout.name), namespace(layout.name, package))
-            yield ClaimedName("file", header(layout.name, _root(key, package)))
-
-    return Names(f"C++ for ROS {key[-1]}", member=cpp_name, constant=cpp_name, made=made)
+from shmgen.targets.naming import ClaimedName, Names, file_stem
 
 
 def split(name: TypeName) -> tuple[TypeName, str] | None:
@@ -73,17 +52,55 @@ class Header(NamedTuple):
     adapts: bool
 
 
-def plan(ros: Ros, job: Job, report: Report) -> Iterator[Output]:
-    """`cpp_ros2/<package>_ros2/<ros package>/msg/pose.hpp` for all that ROS has, and what all share."""
-    root = _root(ros.key, job.package)
-    yield Output(f"{ros.key}/{root}/shmgen_ros.hpp", "cpp_ros/shmgen_ros.hpp", None)
-    for name, layout in job.layouts.items():
-        if split(name):
-            view = _header(ros, layout, job.layouts, job.package, root)
-            yield Output(f"{ros.key}/{header(name, root)}", "cpp_ros/convert.hpp.j2", view)
+class Ros(NamedTuple):
+    """A target. `include` and `type_name` are of what split() gives, as that ROS calls them."""
+
+    key: str
+    include: Callable[[TypeName, str], str]
+    type_name: Callable[[TypeName, str], str]
+    adapts: bool
+
+    @property
+    def NAMES(self) -> Names:
+        """The classes are those of cpp and of ROS, the files its own."""
+        return Names(f"C++ for ROS {self.key[-1]}", member=cpp_name, constant=cpp_name, made=self._made)
+
+    def _made(self, layout: Layout, package: str) -> Iterator[ClaimedName]:
+        if split(layout.name):
+            yield ClaimedName("namespace", cpp_name(layout.name.package), package, layout.name.package)
+            yield ClaimedName("class", class_name(layout.name), namespace(layout.name, package))
+            yield ClaimedName("file", header(layout.name, _root(self.key, package)))
+
+    def plan(self, job: Job, report: Report) -> Iterator[Output]:
+        """`cpp_ros2/<package>_ros2/<ros package>/msg/pose.hpp` for all that ROS has, and what all share.
+
+        They stand beside `cpp/`, whose classes they convert.
+        """
+        root = _root(self.key, job.package)
+        yield Output(f"{self.key}/{root}/shmgen_ros.hpp", "cpp_ros/shmgen_ros.hpp", None)
+        for name, layout in job.layouts.items():
+            if split(name):
+                view = _header(self, layout, job.package, root)
+                yield Output(f"{self.key}/{header(name, root)}", "cpp_ros/convert.hpp.j2", view)
 
 
-def _header(ros: Ros, layout: Layout, layouts: Layouts, package: str, root: str) -> Header:
+ROS1 = Ros(
+    "cpp_ros1",
+    lambda whole, half: f"{whole.package}/{whole.name}{half}.h",
+    lambda whole, half: f"::{cpp_name(whole.package)}::{cpp_name(whole.name + half)}",
+    adapts=False,
+)
+"""roscpp's classes: `geometry_msgs::Pose`."""
+ROS2 = Ros(
+    "cpp_ros2",
+    lambda whole, half: f"{whole.package}/{whole.kind}/{file_stem(whole)}.hpp",
+    lambda whole, half: f"::{cpp_name(whole.package)}::{whole.kind}::{cpp_name(whole.name + (half and '_' + half))}",
+    adapts=True,
+)
+"""rosidl's classes, `geometry_msgs::msg::Pose`, with TypeAdapters."""
+
+
+def _header(ros: Ros, layout: Layout, package: str, root: str) -> Header:
     name, (whole, half) = layout.name, split(layout.name) or (layout.name, "")
     inner = (header(one, root) for one in sorted(layout.dependencies))
     return Header(
@@ -93,7 +110,7 @@ def _header(ros: Ros, layout: Layout, layouts: Layouts, package: str, root: str)
         includes=(header(name, package), f"{root}/shmgen_ros.hpp", *inner),
         theirs=ros.include(whole, half),
         ours=qualified(name, package),
-        type=ros.type(whole, half),
+        type=ros.type_name(whole, half),
         steps=tuple(_steps(layout)),
         adapts=ros.adapts,
     )

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import chain
 from typing import NamedTuple
 
 from shmgen.core import toml
@@ -29,33 +31,83 @@ class Text(NamedTuple):
     text: str
 
 
-def plan(ros: str, files: Sequence[tuple[str, str]], job: Job, report: Report) -> Iterator[Output]:
-    """`<ros>/<name>/` with its `files`, each a path and a template. Reports SHM504 where there is nothing to carry.
-
-    What the bridge needs of shmgen.toml comes along; `path` becomes a folder of the package, with the definitions.
-    """
+def described(target: str, job: Job, report: Report) -> Package | None:
+    """The package of a target. Reports SHM504 where there is nothing to carry."""
     carried = {used.type.package for used in job.uses}
     if not carried:
         hint = "list [[topics]] or [[services]] in shmgen.toml"
-        report.error("SHM504", f"the target {ros} has nothing to carry", Span("shmgen.toml"), hint=hint)
-        return
+        report.error("SHM504", f"the target {target} has nothing to carry", Span("shmgen.toml"), hint=hint)
+        return None
     options = job.options
     version = options.distribution.partition(" ")[2]
-    package = Package(
+    return Package(
         options.ros_package or default_name(job.package),
         version if re.fullmatch(r"\d+\.\d+\.\d+", version) else "0.1.0",
         options.node,
         tuple(sorted(carried)),
     )
-    root = f"{ros}/{package.name}"
-    for file, template in files:
-        yield Output(f"{root}/{file.format(package.name)}", f"ros/{template}", package)
-    definitions = dict(_definitions(job.layouts))
-    said = {key: value for key, value in options.configuration.items() if key not in _ELSEWHERE}
-    configuration = toml.dumps({"path": ["msgs"], **said} if definitions else said)
-    yield Output(f"{root}/config/shmgen.toml", "ros/shmgen.toml.j2", Text(configuration.rstrip("\n")))
-    for path, text in definitions.items():
-        yield Output(f"{root}/config/msgs/{path}", "ros/text.j2", Text(text.rstrip("\n")))
+
+
+class Starting(NamedTuple):
+    """A target whose package starts `shmgen bridge`. `files` are the paths in it, each with its template.
+
+    The user's names stand in copies of the definitions alone.
+    """
+
+    key: str
+    files: tuple[tuple[str, str], ...]
+    NAMES: None = None
+
+    def plan(self, job: Job, report: Report) -> Iterator[Output]:
+        """`<key>/<name>/`. Reports SHM504 where there is nothing to carry.
+
+        What the bridge needs of shmgen.toml comes along; `path` becomes a folder of the package, with the definitions.
+        """
+        package = described(self.key, job, report)
+        if package is None:
+            return
+        root = f"{self.key}/{package.name}"
+        for file, template in self.files:
+            yield Output(f"{root}/{file.format(package.name)}", f"ros/{template}", package)
+        definitions = dict(_definitions(job.layouts))
+        said = {key: value for key, value in job.options.configuration.items() if key not in _ELSEWHERE}
+        configuration = toml.dumps({"path": ["msgs"], **said} if definitions else said)
+        yield Output(f"{root}/config/shmgen.toml", "ros/shmgen.toml.j2", Text(configuration.rstrip("\n")))
+        for path, text in definitions.items():
+            yield Output(f"{root}/config/msgs/{path}", "ros/text.j2", Text(text.rstrip("\n")))
+
+
+ROS1 = Starting(
+    "ros1",
+    (
+        ("package.xml", "ros1_package.xml.j2"),
+        ("CMakeLists.txt", "CMakeLists.txt.j2"),
+        ("setup.py", "ros1_setup.py.j2"),
+        ("src/{}/__init__.py", "bridge.py.j2"),
+        ("scripts/bridge", "script.j2"),
+        ("launch/bridge.launch", "bridge.launch.j2"),
+    ),
+)
+"""A catkin package."""
+ROS2 = Starting(
+    "ros2",
+    (
+        ("package.xml", "ros2_package.xml.j2"),
+        ("setup.py", "ros2_setup.py.j2"),
+        ("setup.cfg", "setup.cfg.j2"),
+        ("resource/{}", "empty.j2"),
+        ("{}/__init__.py", "bridge.py.j2"),
+        ("launch/bridge.launch.py", "bridge.launch.py.j2"),
+        ("config/bridge.yaml", "bridge.yaml.j2"),
+    ),
+)
+"""An ament_python package."""
+
+
+def beside(root: str, *targets: Iterator[Output]) -> Iterator[Output]:
+    """What other targets write, below `root`/include."""
+    for output in chain(*targets):
+        yield replace(output, path=f"{root}/include/{output.path.partition('/')[2]}")
 
 
 def default_name(package: str) -> str:

@@ -1,0 +1,45 @@
+"""A ROS 2 node that says where the robot is, and looks at the feeder; it knows nothing of shared memory or PLCs."""
+
+import sys
+import time
+
+import rclpy
+from geometry_msgs.msg import PoseStamped
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import Float64
+
+PATIENCE = 20.0  # s for each speed to be reached
+LATE = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def main() -> int:
+    """0 if the feeder ran as fast as the robot was far, and stood still when nothing more was said."""
+    rclpy.init()
+    node = rclpy.create_node("robot")
+    pose = node.create_publisher(PoseStamped, "/feeder/robot", 10)
+    speeds: list[float] = []
+    node.create_subscription(Float64, "/feeder/speed", lambda message: speeds.append(message.data), LATE)
+
+    def reached(speed: float, x: float | None) -> bool:
+        """Whether the feeder gets there; nothing is said of the robot without an `x`."""
+        deadline = time.monotonic() + PATIENCE
+        while speeds[-1:] != [speed] and time.monotonic() < deadline:
+            if x is not None:
+                message = PoseStamped()
+                message.header.stamp = node.get_clock().now().to_msg()
+                message.pose.position.x = x
+                pose.publish(message)
+            rclpy.spin_once(node, timeout_sec=0.05)
+        said = "the robot says nothing" if x is None else f"the robot is at {x:g} m"
+        print(f"   {said}: the feeder runs at {speeds[-1] if speeds else '?'} m/s", flush=True)
+        return speeds[-1:] == [speed]
+
+    done = [reached(x / 2, x) for x in (3.0, 1.0, 0.5)] + [reached(0.0, None)]
+    print(f"   {sum(done)} of 4 as it should be", flush=True)
+    node.destroy_node()
+    rclpy.shutdown()
+    return 0 if all(done) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,37 @@
+"""What the demos of ROS 2 in C++ share: a generated package, built as colcon would build it, and what runs it."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from stage import Cell
+
+
+def needs(package: str) -> None:
+    """Raises SystemExit where no ROS 2 with that package is sourced, or nothing to build with is here."""
+    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(":")
+    if not any(Path(prefix, "share", package).is_dir() for prefix in prefixes if prefix):
+        sys.exit(f"this example needs a ROS 2 with {package}: source /opt/ros/<distribution>/setup.bash")
+    if not shutil.which("cmake") or not shutil.which("g++"):
+        sys.exit("this example needs: apt-get install cmake g++")
+
+
+def build(made: Cell, source: Path) -> Path:
+    """Where the package is installed; the cell's processes find it there, as after `. install/setup.bash`."""
+    install, folder = made.folder / "install", made.folder / f"build_{source.name}"
+    print(f"\n$ cmake -S {source.name} -B build && cmake --build build --target install", flush=True)
+    for command in (
+        ["-S", source, "-B", folder, f"-DCMAKE_INSTALL_PREFIX={install}"],
+        ["--build", folder, "--target", "install"],
+    ):
+        done = subprocess.run(["cmake", *map(str, command)], capture_output=True, text=True, check=False)
+        if done.returncode:
+            sys.exit(done.stdout + done.stderr)
+    for name, found in (("AMENT_PREFIX_PATH", install), ("LD_LIBRARY_PATH", install / "lib")):
+        made.environment[name] = os.pathsep.join(filter(None, [str(found), made.environment.get(name)]))
+    made.environment["ROS_LOG_DIR"] = str(made.folder / "log")
+    return install

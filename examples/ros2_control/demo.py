@@ -1,0 +1,63 @@
+"""A PLC as hardware of ros2_control: its own ResourceManager, a loop at 1 kHz, and the PLC killed in the middle of it.
+
+Needs a ROS 2 with hardware_interface that is sourced.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+from xml.etree import ElementTree
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE.parent))
+
+from rclcpp import build, needs  # noqa: E402 they lie beside the examples
+from stage import cell  # noqa: E402
+
+CYCLES = 3000
+
+
+def main() -> int:
+    """0 if all positions came back, and a killed PLC was an error."""
+    needs("hardware_interface")
+    with cell(HERE, "blark") as made:
+        made.generate()
+        build(made, HERE)
+        install = build(made, made.folder / "ros2_control" / "arm_control")
+        robot = made.folder / "robot.urdf"
+        robot.write_text(urdf(install / "share" / "arm_control" / "urdf" / "plc.ros2_control.xacro"))
+        plc = made.start_plc("PRG_Arm")
+        command = [install / "bin" / "loop", robot, str(CYCLES), "1"]
+        done = subprocess.run(command, env=made.environment, capture_output=True, text=True, timeout=120, check=False)
+        found = json.loads(done.stdout.splitlines()[-1])
+        p50, p99, most = found["us"]
+        print(f"\n   {found['ok']} cycles, {found['wrong']} wrong; read to write: {p50} us, p99 {p99}, max {most}")
+        command[2] = "1000000"
+        loop = subprocess.Popen(
+            command, env=made.environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        )
+        time.sleep(2)
+        plc.kill()
+        last = json.loads(loop.communicate(timeout=20)[0].splitlines()[-1])
+        print(f"   the PLC killed: `{last['failed']}` is an error in cycle {last['ok'] + 1}", flush=True)
+    return 0 if (found["ok"], found["wrong"], last["failed"]) == (CYCLES, 0, "read") else 1
+
+
+def urdf(snippet: Path) -> str:
+    """Six joints, and what was generated."""
+    robot = '<robot name="arm"><link name="link0"/>'
+    for joint in range(1, 7):
+        limit = '<limit lower="-1e9" upper="1e9" velocity="1" effort="1"/>'
+        ends = f'<parent link="link{joint - 1}"/><child link="link{joint}"/>'
+        robot += f'<link name="link{joint}"/><joint name="joint{joint}" type="revolute">{ends}{limit}</joint>'
+    control = ElementTree.parse(snippet).getroot().find("ros2_control")
+    assert control is not None
+    return f"{robot}{ElementTree.tostring(control, encoding='unicode')}</robot>"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

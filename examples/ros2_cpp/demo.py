@@ -1,0 +1,28 @@
+"""A generated ROS 2 node in C++ with a PLC behind it, and a robot in rclpy. Needs a ROS 2 that is sourced."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE.parent))
+
+from rclcpp import build, needs  # noqa: E402 they lie beside the examples
+from stage import cell  # noqa: E402
+
+
+def main() -> int:
+    """Exit status of the robot."""
+    needs("rclcpp")
+    with cell(HERE, "blark") as made:
+        made.generate()
+        install = build(made, made.folder / "ros2_cpp" / "belt_bridge")
+        made.start_plc("PRG_Belt")
+        made.start_program("node", "sh", "-c", f"exec {install}/lib/belt_bridge/bridge 2>&1", ready="running")
+        return subprocess.run(["python3", HERE / "robot.py"], env=made.environment, timeout=120, check=False).returncode
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,144 @@
+"""Turns a Job into an ament_cmake package of ROS 2, `ros2_control/<name>/`: a PLC as a SystemInterface."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from shmgen.core.diagnostics import Report
+from shmgen.core.model import Layout, Layouts, Output, Ref, Role, Scalar, Topic
+from shmgen.targets import Job
+from shmgen.targets.counts import counts
+from shmgen.targets.cpp import target as cpp
+from shmgen.targets.cpp.names import header, qualified
+from shmgen.targets.ros import package
+
+NAMES = cpp.NAMES
+
+_FILES = (
+    ("package.xml", "package.xml.j2"),
+    ("CMakeLists.txt", "CMakeLists.txt.j2"),
+    ("plugin.xml", "plugin.xml.j2"),
+    ("src/system.cpp", "system.cpp.j2"),
+    ("urdf/plc.ros2_control.xacro", "urdf.xacro.j2"),
+    ("config/controllers.yaml", "controllers.yaml.j2"),
+    ("launch/control.launch.py", "control.launch.py.j2"),
+)
+_RUNTIME = ("shmgen_control.hpp", "shmgen_fields.hpp")
+"""Written by hand, in templates/ros2_control."""
+_KINDS = {Scalar.BOOL: "boolean", **{kind: kind.value for kind in Scalar if kind.value[-2:] in ("t8", "16", "32")},
+          Scalar.FLOAT64: "float64"}  # fmt: skip
+"""What a double holds exactly; int64 and uint64 are not among them."""
+
+
+class Number(NamedTuple):
+    """A number in a message, or all of an array: `dimensions` are arguments of a Dimension each."""
+
+    path: str
+    kind: str
+    offset: str
+    dimensions: tuple[str, ...]
+    length: int = 1
+
+
+class Region(NamedTuple):
+    """A topic; `way` is a class of shmgen_control.hpp."""
+
+    way: str
+    list: str
+    type: str
+    name: str
+    depth: str
+    numbers: tuple[Number, ...]
+
+
+class Interface(NamedTuple):
+    """One of a component in the URDF."""
+
+    way: str
+    name: str
+    topic: str
+    field: str
+
+
+class Component(NamedTuple):
+    """A joint or a gpio."""
+
+    tag: str
+    name: str
+    interfaces: tuple[Interface, ...]
+
+
+class System(NamedTuple):
+    package: package.Package
+    includes: tuple[str, ...]
+    regions: tuple[Region, ...]
+    components: tuple[Component, ...]
+    joints: tuple[str, ...]
+    commanded: str
+
+
+def plan(job: Job, report: Report) -> Iterator[Output]:
+    """Reports SHM504 where there is nothing to carry."""
+    about = package.described("ros2_control", job, report)
+    if about is None:
+        return
+    regions = tuple(_region(topic, job) for topic in job.topics)
+    components = tuple(_components(regions))
+    joints = tuple(it.name for it in components if it.tag == "joint" and any(i.way == "command" for i in it.interfaces))
+    commanded = next(
+        (i.name for it in components if it.name in joints for i in it.interfaces if i.way == "command"), ""
+    )
+    includes = tuple(dict.fromkeys(header(topic.type, job.package) for topic in job.topics))
+    view = System(about, includes, regions, components, joints, commanded)
+    root = f"ros2_control/{about.name}"
+    for file, template in _FILES:
+        yield Output(f"{root}/{file}", f"ros2_control/{template}", view)
+    yield from package.beside(root, cpp.plan(job, report))
+    for name in _RUNTIME:
+        yield Output(f"{root}/include/{name}", f"ros2_control/{name}", None)
+
+
+def _region(topic: Topic, job: Job) -> Region:
+    way, list_ = ("Commands", "commands_for_plc_") if topic.to_plc else ("States", "states_of_plc_")
+    numbers = tuple(_numbers(job.layouts[topic.type], job.layouts))
+    return Region(way, list_, qualified(topic.type, job.package), topic.name, str(topic.depth), numbers)
+
+
+def _numbers(
+    layout: Layout, layouts: Layouts, prefix: str = "", offset: int = 0, around: tuple[str, ...] = (), length: int = 1
+) -> Iterator[Number]:
+    counters = counts(layout)
+    for slot in layout.slots:
+        if slot.role is not Role.DATA:
+            continue
+        path, at, dimensions = prefix + slot.name, offset + slot.offset, around
+        if slot.count is not None:
+            counter = offset + counters[slot.name].offset if slot.name in counters else -1
+            path, dimensions = f"{path}[]", (*around, f"{slot.count}, {slot.element_size}, {counter}")
+        held = length * (slot.count or 1)
+        if isinstance(slot.type, Ref):
+            yield from _numbers(layouts[slot.type.name], layouts, f"{path}.", at, dimensions, held)
+        elif kind := _KINDS.get(slot.type) if isinstance(slot.type, Scalar) else None:
+            yield Number(path, kind, str(at), dimensions, held)
+
+
+def _components(regions: tuple[Region, ...]) -> Iterator[Component]:
+    """A joint for each element of `position[]` and its like, a gpio for what comes with each, and one for the rest."""
+    found: dict[tuple[str, str], list[Interface]] = {}
+    plain = [(region, number) for region in regions for number in region.numbers if "." not in number.path]
+    size = max((number.length for _, number in plain if number.path in _OF_JOINTS), default=0)
+    for region, number in plain:
+        way, name = "command" if region.way == "Commands" else "state", number.path.removesuffix("[]")
+        if not number.dimensions:
+            found.setdefault(("gpio", "plc"), []).append(Interface(way, name, region.name, name))
+        elif number.length == size:
+            tag = "joint" if number.path in _OF_JOINTS else "gpio"
+            for index in range(size):
+                key = tag, f"{'joint' if tag == 'joint' else 'axis'}{index + 1}"
+                found.setdefault(key, []).append(Interface(way, name, region.name, f"{name}[{index}]"))
+    for (tag, name), interfaces in sorted(found.items(), key=lambda item: item[0][0] == "gpio"):
+        yield Component(tag, name, tuple(sorted(interfaces)))
+
+
+_OF_JOINTS = ("position[]", "velocity[]", "acceleration[]", "effort[]")

@@ -1,0 +1,253 @@
+"""The package that `-t ros2_control` writes, loaded by hardware_interface's own ResourceManager."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from lxml import etree
+
+from shmgen.config import load
+from shmgen.core.diagnostics import Report
+from shmgen.live.classes import publisher, subscriber
+from shmgen.live.session import Session
+
+from ..conftest import REPOSITORY
+from ..support import rclcpp
+from ..support.build import put
+
+pytestmark = pytest.mark.slow
+
+MESSAGES = {
+    "msgs/cell_msgs/msg/Command.msg": "uint8 enable\nuint8 reset\nbool stop\nfloat64[] position\n",
+    "msgs/cell_msgs/msg/State.msg": "uint8 state\nuint16[6] status\nfloat64[6] position\nPart[2] parts\nint64 big\n",
+    "msgs/cell_msgs/msg/Part.msg": "float32[] weights\n",
+}
+CONFIG = """path = ["msgs"]
+ros_package = "cell_control"
+[bounds]
+"cell_msgs/Command" = 6
+"cell_msgs/Part" = 3
+[[topics]]
+topic = "{space}/command"
+type = "cell_msgs/Command"
+[[topics]]
+topic = "{space}/state"
+type = "cell_msgs/State"
+direction = "from_plc"
+"""
+LOOP = f"""cmake_minimum_required(VERSION 3.16)
+project(loop CXX)
+set(CMAKE_CXX_STANDARD 17)
+find_package(hardware_interface REQUIRED)
+add_executable(loop {REPOSITORY}/examples/ros2_control/loop.cpp)
+target_link_libraries(loop hardware_interface::hardware_interface)
+install(TARGETS loop DESTINATION bin)
+"""
+PLC = """
+import sys
+from types import SimpleNamespace
+from tests.ros2.test_control import regions
+command, state = regions(*sys.argv[1:])
+with command as command, state as state:
+    print("ready", flush=True)
+    while True:
+        sample = command.wait(0.02)
+        if sample is None:
+            state.heartbeat()
+        else:
+            position = list(sample.position)
+            part = SimpleNamespace(weights=position[:2])
+            status = [int(sample.enable)] * 6
+            state.publish(SimpleNamespace(state=1, status=status, position=position, parts=[part, part], big=0))
+"""
+
+
+def regions(folder: str, space: str) -> tuple[Any, Any]:
+    """The PLC's ends."""
+    os.chdir(folder)
+    kinds = Session(load(Path("shmgen.toml"), "shmgen.toml", Report())).classes(
+        ["cell_msgs/Command", "cell_msgs/State"]
+    )
+    command = subscriber(kinds["cell_msgs/msg/Command"], f"{space}/command", 1)
+    return command, publisher(kinds["cell_msgs/msg/State"], f"{space}/state", 1)
+
+
+class Cell:
+    """The package and the loop, as CMake has installed them."""
+
+    def __init__(self, folder: Path) -> None:
+        self.ros = rclcpp.environment("hardware_interface")
+        self.space = f"/t{os.urandom(6).hex()}"
+        self.folder = folder
+        put(MESSAGES, folder)
+        source = rclcpp.generated(folder, CONFIG.format(space=self.space), "ros2_control")
+        self.install = rclcpp.built(source / "ros2_control" / "cell_control", folder / "package", self.ros)
+        put({"loop/CMakeLists.txt": LOOP}, folder)
+        self.loop = rclcpp.built(folder / "loop", folder / "of_loop", self.ros) / "bin" / "loop"
+        snippet = self.install / "share" / "cell_control" / "urdf" / "plc.ros2_control.xacro"
+        (self.control,) = etree.fromstring(snippet.read_bytes()).iter("ros2_control")
+        self.processes: list[subprocess.Popen[str]] = []
+
+    def urdf(self, *changes: tuple[str, str]) -> Path:
+        """A robot of six joints that includes what was generated, with some of its text changed."""
+        robot = '<robot name="cell"><link name="l0"/>'
+        for joint in range(1, 7):
+            limit = '<limit lower="-1e9" upper="1e9" velocity="1" effort="1"/>'
+            ends = f'<parent link="l{joint - 1}"/><child link="l{joint}"/>'
+            robot += f'<link name="l{joint}"/><joint name="joint{joint}" type="revolute">{ends}{limit}</joint>'
+        control = etree.tostring(self.control, encoding="unicode")
+        for pattern, by in changes:
+            control, count = re.subn(pattern, by, control, flags=re.DOTALL)
+            assert count == 1, pattern
+        file = self.folder / "robot.urdf"
+        file.write_text(f"{robot}{control}</robot>")
+        return file
+
+    def start(self, command: list[Any]) -> subprocess.Popen[str]:
+        settings = self.ros | {
+            "AMENT_PREFIX_PATH": f"{self.install}:{self.ros['AMENT_PREFIX_PATH']}",
+            "LD_LIBRARY_PATH": f"{self.install}/lib:{self.ros['LD_LIBRARY_PATH']}",
+            "ROS_LOG_DIR": str(self.folder / "log"),
+            "PYTHONPATH": f"{REPOSITORY / 'src'}:{REPOSITORY}",
+        }
+        process = subprocess.Popen(
+            [str(word) for word in command],
+            env={**os.environ, **settings},
+            stdout=-1,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        self.processes.append(process)
+        return process
+
+    def plc(self) -> subprocess.Popen[str]:
+        """One that sends back what it is sent."""
+        process = self.start([sys.executable, "-c", PLC, self.folder, self.space])
+        until(process, "ready")
+        return process
+
+    def controller(self, cycles: int, *changes: tuple[str, str], enable: float = 1) -> subprocess.Popen[str]:
+        return self.start([self.loop, self.urdf(*changes), cycles, enable])
+
+
+def until(process: subprocess.Popen[str], word: str) -> list[str]:
+    """All lines to the first with that word."""
+    assert process.stdout
+    lines = []
+    for line in process.stdout:
+        lines.append(line)
+        if word in line:
+            return lines
+    raise AssertionError("".join(lines))
+
+
+def outcome(process: subprocess.Popen[str]) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(until(process, '{"')[-1])
+    return found
+
+
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
+    made = Cell(tmp_path_factory.mktemp("cell_control"))
+    yield made
+    for file in Path("/dev/shm").glob(f"*{made.space[1:]}.*"):
+        file.unlink()
+
+
+@pytest.fixture(autouse=True)
+def ended(cell: Cell) -> Iterator[None]:
+    yield
+    for process in cell.processes:
+        process.kill()
+        process.communicate()
+    cell.processes.clear()
+
+
+SAFE = r'(<command_interface name="enable">)(.*?)(<param name="field">)', r'\1\2<param name="safe">0</param>\3'
+
+
+def test_values_go_to_the_plc_and_back(cell: Cell) -> None:
+    cell.plc()
+    found = outcome(cell.controller(3000))
+    assert (found["ok"], found["failed"], found["wrong"]) == (3000, "", 0), found
+    assert found["answered"] > 2000, found
+
+
+def test_a_plc_that_is_killed_is_an_error_and_ends_in_the_safe_command(cell: Cell) -> None:
+    plc = cell.plc()
+    controller = cell.controller(60_000, SAFE)
+    until(controller, "running")
+    time.sleep(0.5)
+    plc.kill()
+    begun = time.monotonic()
+    found = outcome(controller)
+    assert time.monotonic() - begun < 5
+    assert (found["failed"], found["wrong"]) == ("read", 0), found
+    kinds = Session(load(cell.folder / "shmgen.toml", "shmgen.toml", Report())).classes(["cell_msgs/Command"])
+    with subscriber(kinds["cell_msgs/msg/Command"], f"{cell.space}/command", 1) as reader:
+        last = reader.read()
+    assert last is not None
+    assert (last.enable, next(iter(last.position))) == (0, float(found["ok"])), "enable is safe, the positions are held"
+
+
+def test_a_controller_that_is_killed_is_seen_by_the_plc(cell: Cell) -> None:
+    cell.plc()
+    kinds = Session(load(cell.folder / "shmgen.toml", "shmgen.toml", Report())).classes(["cell_msgs/Command"])
+    with subscriber(kinds["cell_msgs/msg/Command"], f"{cell.space}/command", 1) as reader:
+        for _ in range(3):
+            controller = cell.controller(60_000)
+            until(controller, "running")
+            deadline = time.monotonic() + 20
+            while reader.wait(0.5) is None:
+                assert time.monotonic() < deadline
+            assert not reader.is_stale(0.1)
+            controller.kill()
+            deadline = time.monotonic() + 2
+            while not reader.is_stale(0.1):
+                assert time.monotonic() < deadline
+
+
+def test_a_command_that_its_field_does_not_hold_is_an_error(cell: Cell) -> None:
+    cell.plc()
+    found = outcome(cell.controller(1000, enable=256))
+    assert (found["failed"], found["ok"]) == ("write", 0)
+
+
+MISTAKES = {
+    "index": (
+        r"position\[5\](?=</param>\s*</command)",
+        "position[6]",
+        "joint6/position: position[6]: it has 6 elements",
+    ),
+    "name": (r">status\[5\]<", ">stutus[5]<", "`stutus[5]` is not a number of the message, which has state, status[],"),
+    "stale": (r'<param name="stale">0.1<', '<param name="stale">soon<', "stale is a number, not `soon`"),
+    "state": (r">stop</param>", ">position[0].x</param>", "`position[0].x` is not a number of the message"),
+    "int64": (r">state</param>", ">big</param>", "`big` is not a number of the message"),
+    "missing": (r'<param name="field">enable</param>', "", 'plc/enable: <param name="field"> says which number of /'),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_in_the_urdf_is_refused_in_words(cell: Cell, mistake: str) -> None:
+    pattern, by, why = MISTAKES[mistake]
+    process = cell.controller(10, (pattern, by))
+    assert why in "".join(until(process, "refused"))
+
+
+def test_elements_beyond_a_sequence_are_no_number(cell: Cell) -> None:
+    """And one within it is: parts[1].weights[1] comes back, parts[1].weights[2] is not there."""
+    cell.plc()
+    for index in (1, 2):
+        field = (r">position\[1\](?=</param>\s*</state)", f">parts[1].weights[{index}]")
+        found = outcome(cell.controller(500, field))
+        assert found["failed"] == ""
+        assert (found["wrong"] > 0) == (index == 2), (index, found)
