@@ -104,10 +104,10 @@ def test_cancel_of_what_has_just_ended(calls: Calls, topic: str) -> None:
     begin(client, 3)
     server()
     end(server, "xDone", 3)
-    Memory(topic, "-result")["completed"] = 0  # not seen yet
+    Memory(topic, "-result")["completed0"] = 0  # not seen yet
     assert state(client(xCancel=True)) == "xBusy"
     server(), server()
-    Memory(topic, "-result")["completed"] = 1
+    Memory(topic, "-result")["completed0"] = 1
     assert (state(client()), client.Result.reached) == ("xDone", 3)
 
 

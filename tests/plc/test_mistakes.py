@@ -28,8 +28,8 @@ MISTAKES = {
     "a wrong magic": ("GVL_Shm", ":= 16#474D4853", ":= 16#474D4854"),
     "a missing member": ("ST_ShmHeader", "    udiWriter      : UDINT;", "    //"),
     "a narrow variable": ("FB_ShmRegion", "_udiNumber      : UDINT;", "_udiNumber      : UINT;"),
-    "an assignment forgotten": ("FB_demo_msgs_Demo_Publisher", "    pMsg^ := Msg;\n", ""),
-    "another slot": ("FB_ShmRegion", "uxOffset := udiNumber MOD _udiSlots;", "uxOffset := 0;"),
+    "an assignment forgotten": ("FB_demo_msgs_Demo_Publisher", "    pSlot^ := pFrom^;\n", ""),
+    "another slot": ("FB_ShmRegion", "uxOffset := udiNumber MOD _udiSlots + _udiLane * _udiSlots;", "uxOffset := 0;"),
 }
 
 

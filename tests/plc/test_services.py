@@ -49,6 +49,20 @@ def test_a_call_and_its_answer(calls: Calls, topic: str) -> None:
     assert state(client(xExecute=False)) == ""
 
 
+def test_no_request_is_shown_that_may_be_half_of_one(calls: Calls, topic: str) -> None:
+    """Overwritten while it is copied, as by a client that goes on without the lock."""
+    server, client = ready(calls.server(topic)), ready(calls.client(topic))
+    begin(client, 5)
+    number = 192 + 64 + 8  # of the slot of the first sample
+    request = Memory(topic, "-request")
+    assert request.bytes()[number : number + 4] == bytes([1, 0, 0, 0])
+    request.poke(number, bytes(4))
+    server()
+    assert (server.xExecute, server.Request.question) == (False, 0)
+    request.poke(number, bytes([1, 0, 0, 0]))
+    assert (server().xExecute, server.Request.question) == (True, 5)
+
+
 def test_who_lets_go_early_sees_the_end_for_one_cycle(calls: Calls, topic: str) -> None:
     server, client = ready(calls.server(topic)), ready(calls.client(topic))
     begin(client, 5)

@@ -190,6 +190,24 @@ def test_clashes_are_told(clash: str, tmp_path: Path) -> None:
     assert [found.code for found in rejected.value.diagnostics] == codes
 
 
+def test_what_real_packages_name_alike_passes(tmp_path: Path) -> None:
+    """kortex_driver has a message `X` and one `X_type`, rosbridge_test_msgs a service and an action of one name."""
+    put({
+        "msgs/odd_msgs/msg/A.msg": "uint8 x\n", "msgs/odd_msgs/msg/A_type.msg": "uint8 x\n",
+        "msgs/odd_msgs/msg/Go_interface.msg": "uint8 x\n",
+        "msgs/odd_msgs/srv/Go.srv": "---\n", "msgs/odd_msgs/action/Go.action": "---\n---\n",
+    }, tmp_path)  # fmt: skip
+    config = Config(tmp_path, source="noetic", path=(tmp_path / "msgs",), package="shm_odd", targets=("c", "cpp"))
+    put(pipeline.generate(config, ["odd_msgs"]), tmp_path)
+    for folder, language, pattern in (("c", "c", "*.h"), ("cpp", "c++", "*.hpp")):
+        headers = [path.relative_to(tmp_path / folder) for path in (tmp_path / folder).rglob(pattern)]
+        including = "".join(f'#include "{header}"\n' for header in headers)
+        command = ["g++" if language == "c++" else "gcc", f"-x{language}", "-Wall", "-Werror", "-fsyntax-only", "-"]
+        command += [f"-I{tmp_path / one}" for one in ("c", "cpp")]
+        done = subprocess.run(command, input=including, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr[:3000]
+
+
 PAGE = REPOSITORY / "docs" / "names.md"
 
 

@@ -110,9 +110,9 @@ def test_nobody_serves(folder, shmgen, topic):
     region = topic[1:].replace("/", ".")
     removed = shmgen("clean", topic)
     assert removed.code == 0
-    ends = ("-request-event", "-request", "-response")
+    ends = ("-request", "-response")
     files = [f"/dev/shm/sem.{region}{end}" for end in ends]
-    assert set(removed.stdout.split()) - {"removed"} == {*files, *(f"/dev/shm/{region}{end}" for end in ends[1:])}
+    assert set(removed.stdout.split()) - {"removed"} == {*files, *(f"/dev/shm/{region}{end}" for end in ends)}
     assert not list(Path("/dev/shm").glob(f"*{region}*"))
 
 

@@ -9,9 +9,8 @@ enumeration. Both are here: the structured one is what the target st planned, th
 from __future__ import annotations
 
 import functools
-import html
+import hashlib
 import re
-import uuid
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
@@ -154,7 +153,7 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
     folders: dict[str, list[DataType | GlobalList | Unit]] = {}
     for printed in sorted(job.printed["st"], key=lambda printed: printed.output.path):
         _, *below, _ = printed.output.path.split("/")
-        folders.setdefault("/".join(below), []).append(_stored(_object(printed), printed.text.rstrip("\n")))
+        folders.setdefault("/".join(below), []).append(_stored(stored_object(printed), printed.text.rstrip("\n")))
     loose = tuple(folders.pop("", ()))
     found = [*(one for objects in folders.values() for one in objects), *loose]
     interval = job.options.task_interval
@@ -179,7 +178,7 @@ def _libraries() -> Iterator[Library]:
         yield Library(f"#{title}" if is_placeholder else resolution, title, namespace, resolution, is_placeholder)
 
 
-def _object(printed: RenderedFile) -> objects.DataType | objects.GlobalList | objects.Unit:
+def stored_object(printed: RenderedFile) -> objects.DataType | objects.GlobalList | objects.Unit:
     """As it was planned. The text of blocks, which is written by hand in the templates, is cut as an IDE stores it."""
     match printed.output.view:
         case objects.Dut() | objects.Gvl() as view:
@@ -237,14 +236,20 @@ def _unit(found: objects.Unit, within: str = "") -> Unit:
     )
 
 
-_OURS = uuid.UUID("6a9c1f0e-5d3b-5f63-9c55-7e1f6d2b8a40")
+_OURS = bytes.fromhex("6a9c1f0e5d3b5f639c557e1f6d2b8a40")
 """Drawn once. An object's id is made of this and of its name, so that it is the same each time."""
 
 
 def _head(name: str, head: objects.Head, text: str, within: str = "") -> Head:
     attributes = tuple(Attribute(_text(found.name), _text(found.value)) for found in head.attributes)
-    own = str(uuid.uuid5(_OURS, within + name))
-    return Head(name, own, _text("\n".join(head.comment)), attributes, _text(text))
+    return Head(name, _id(within + name), _text("\n".join(head.comment)), attributes, _text(text))
+
+
+def _id(name: str) -> str:
+    """As `uuid.uuid5` makes it (RFC 9562, 5.5); that module takes long to load."""
+    made = int.from_bytes(hashlib.sha1(_OURS + name.encode(), usedforsecurity=False).digest()[:16], "big")
+    digits = f"{made & ~(0xF << 76) & ~(3 << 62) | 5 << 76 | 2 << 62:032x}"
+    return "-".join((digits[:8], digits[8:12], digits[12:16], digits[16:20], digits[20:]))
 
 
 def _variables(found: Iterable[objects.Variable]) -> tuple[Variable, ...]:
@@ -299,4 +304,4 @@ def _text(text: str) -> str:
     """For an element or an attribute. XML 1.0 has no way to write most control characters; Structured Text has none."""
     assert text.isascii(), "generated Structured Text is ASCII"
     assert text.replace("\n", "").isprintable(), "and has no control characters"
-    return html.escape(text, quote=False).replace('"', "&quot;")
+    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;").replace('"', "&quot;")

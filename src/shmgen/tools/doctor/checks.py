@@ -22,7 +22,7 @@ _ADVICE_CLEAN = "stop both sides, `shmgen clean {topic}`, start them again"
 
 def of_region(seen: Evidence) -> Iterator[Problem]:
     """All that is wrong with one region and its semaphore."""
-    for check in (_header, _layout, _writer, permissions.of_files, _semaphore, _lock, _bitness):
+    for check in (_header, _layout, permissions.of_files, _semaphore, _lock, _bitness):
         yield from check(seen)
 
 
@@ -52,17 +52,6 @@ def _layout(seen: Evidence) -> Iterator[Problem]:
         message = f"it has {header.slots} slots, and depth = {wanted.depth} in shmgen.toml takes {slots}"
         hint = "give both sides the same depth; " + _ADVICE_CLEAN.format(topic=seen.topic)
         yield Problem(seen.topic, message, hint, file)
-
-
-def _writer(seen: Evidence) -> Iterator[Problem]:
-    """That a writer is gone is nothing wrong; that it was killed at work is good to know."""
-    writer = seen.after.writer
-    before, after = ((look.begun, look.completed, look.heartbeat) for look in (seen.before, seen.after))
-    if seen.claimed or before != after or seen.after.begun == seen.after.completed:
-        return
-    who = "the PLC" if writer == h.PLC else f"process {writer}"
-    message = f"{who} ended while it wrote sample {seen.after.begun}; sample {seen.after.completed} is whole"
-    yield Problem(seen.topic, message, "start it again: it goes on from there", region_file(seen.name), writer, True)
 
 
 def _semaphore(seen: Evidence) -> Iterator[Problem]:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import os
 import time
+from contextlib import suppress
 
 from shmgen.live.processes import Processes, called
 from shmgen.live.regions import FOLDER, View, missing
 from shmgen.runtime import region_name
 from shmgen.runtime.errors import PermissionDenied, RegionMissing
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region.looks import foreign
+from shmgen.runtime.region.access import opened
+from shmgen.runtime.region.looks import foreign, peek, retire
 from shmgen.runtime.region.names import event_name, region_file, semaphore_file
 
 _WATCH = 0.25
@@ -39,10 +41,12 @@ def leftovers(topic: str) -> list[str]:
 
 def in_use(topic: str, processes: Processes) -> str:
     """Who needs the files: a living writer, or a process that has them mapped. Nothing if nobody does."""
-    name = region_name(topic)
+    name, hidden = region_name(topic), ""
     try:
         with View(name) as view:
             header = view.header()
+            if view.is_read():
+                hidden = "a process of another user or in another container has it open"
             if view.claimed():
                 writer = view.writer(header.writer)
                 return f"process {writer} {_named(writer)}publishes on it"
@@ -59,14 +63,15 @@ def in_use(topic: str, processes: Processes) -> str:
             if mapping.name in names and mapping.device == device and not mapping.removed
         }
     )
-    return "".join(f"process {pid} {_named(pid)}has it open, " for pid in pids).removesuffix(", ")
+    return ", ".join(f"process {pid} {_named(pid)}has it open" for pid in pids) or hidden
 
 
 def remove(files: list[str]) -> None:
-    """Raises PermissionDenied."""
+    """Tells those who have the region open, as PLCs that read it may. Raises PermissionDenied."""
     for file in files:
         try:
-            os.unlink(file)
+            if not _retired(file):
+                os.unlink(file)
         except FileNotFoundError:
             continue
         except PermissionError:
@@ -75,6 +80,13 @@ def remove(files: list[str]) -> None:
                 f"{file} belongs to user {owner}, and in sticky {FOLDER} only the owner and root may remove it: "
                 "run this with sudo"
             ) from None
+
+
+def _retired(file: str) -> bool:
+    """Whether it was a region, whose name is gone now: who was told may have made a new one under it already."""
+    with suppress(PermissionError), opened(file, os.O_RDWR) as region:
+        return peek(region.fileno()).magic == h.MAGIC and retire(file, region.fileno())
+    return False
 
 
 def _unfinished(header: h.Header) -> bool:

@@ -86,7 +86,7 @@ def plain(report: Examination) -> dict[str, Any]:
                 "payload_size": seen.after.payload_size,
                 "size": seen.after.size,
                 "slots": seen.after.slots,
-                "samples": seen.after.completed,
+                "samples": seen.after.newest,
                 "owner": seen.status.st_uid,
                 "group": seen.status.st_gid,
                 "mode": f"{seen.status.st_mode & 0o7777:o}",
@@ -121,7 +121,7 @@ def _full(topic: str) -> str:
 def _title(seen: Evidence) -> str:
     header = seen.after
     return (
-        f"{seen.topic}  {header.type_name}, {counted(header.slots, 'slot')}, {counted(header.completed, 'sample')}, "
+        f"{seen.topic}  {header.type_name}, {counted(header.slots, 'slot')}, {counted(header.newest, 'sample')}, "
         f"{counted(header.size, 'byte')}, {owner(seen.status)}"
     )
 

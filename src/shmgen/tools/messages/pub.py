@@ -50,8 +50,7 @@ def _expected(topic: str, request: str, registry: ClassRegistry) -> tuple[int | 
         same = request in (header.type_name, f"{package}/{bare.rpartition('/')[2]}")
         if same:
             return header.digest, depth_of(header)
-    asked = "/" + topic.removeprefix("/")
-    return None, next((entry.depth for entry in registry.config.topics if "/" + entry.topic.lstrip("/") == asked), 1)
+    return None, registry.depth_of(topic)
 
 
 def _sleep_until(due: float, heartbeat: Callable[[], None]) -> None:

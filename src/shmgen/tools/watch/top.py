@@ -159,8 +159,8 @@ def _row(view: View, header: h.Header, looks: Sequence[_Look]) -> TopicRow:
     first, last = looks[0], looks[-1]
     earlier = looks[-2].header if len(looks) > 1 else None
     seconds = last.when - first.when
-    written = steps(first.header.completed, header.completed, header.slots)
-    stamp = view.stamp(header.completed, header) if header.completed else None
+    written = steps(first.header.newest, header.newest, header.slots)
+    stamp = view.stamp(header.newest, header) if header.newest else None
     entered = (header.lock_count - first.header.lock_count) % 2**32
     stuck = earlier and header.lock_holder and header.lock_count == earlier.lock_count
     return TopicRow(

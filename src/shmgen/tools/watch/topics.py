@@ -108,7 +108,7 @@ def _region(view: View, around: Processes) -> Region:
         readers=tuple(sorted(pids - {writer})),
         slots=header.slots,
         age=max(0.0, (time.time_ns() - stamp) / 1e9) if stamp else None,
-        samples=header.completed,
+        samples=header.newest,
         missed=header.missed,
         payload=header.payload_size,
         size=header.size,
@@ -119,9 +119,9 @@ def _region(view: View, around: Processes) -> Region:
 def newest_stamp(view: View, header: h.Header) -> int | None:
     """Of the newest sample; tried again where that was overwritten in between."""
     for _ in range(_TRIES):
-        if not header.completed:
+        if not header.newest:
             return None
-        stamp = view.stamp(header.completed, header)
+        stamp = view.stamp(header.newest, header)
         if stamp is not None:
             return stamp
         header = view.header()

@@ -1,0 +1,50 @@
+"""An alarm list of a PLC on /diagnostics: raised, cleared, acknowledged; kept while the bridge is away, or the PLC."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE.parent))
+
+from stage import LOOPBACK, cell  # noqa: E402 it lies beside the examples
+
+SEEN, UNSEEN, GONE = "acknowledged", "not acknowledged", "gone, not acknowledged"
+
+
+def main() -> int:
+    """0; a picture of the alarms that does not come ends it with an error."""
+    with cell(HERE, "blark", "cyclonedds") as here:
+        os.environ.setdefault("CYCLONEDDS_URI", LOOPBACK)
+        here.generate()
+        from supervisor import Supervisor
+
+        here.start_plc("PRG_Plant", "PRG_Alarms")
+        bridge = here.start_bridge("dds")
+        ros = Supervisor()
+
+        def step(what: str, **wanted: str) -> None:
+            seconds = ros.until({f"press: {name}": message for name, message in wanted.items()})
+            values = [f"{one.associated_values_[0]:g} degC" for one in ros.alarms]
+            print(f"   {what}: {wanted or 'no alarm'} {' '.join(values)} after {seconds:.3f} s", flush=True)
+
+        step("too hot, before ROS was there", temperature=UNSEEN)
+        ros.acknowledge(1)
+        step("acknowledged", temperature=SEEN)
+        step("cooled down")
+        bridge.kill()
+        bridge.wait()
+        print("   the bridge is killed; the door opens and closes", flush=True)
+        time.sleep(4.5)
+        here.start_bridge("dds")
+        step("the bridge is back", door=GONE)
+        ros.acknowledge(2)
+        step("acknowledged")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

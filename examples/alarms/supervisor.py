@@ -1,0 +1,129 @@
+"""A ROS 2 node's side of the alarms, as a DDS participant: hears both pictures, acknowledges. Knows of no PLC."""
+
+import os
+import time
+from dataclasses import dataclass
+
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.idl import IdlStruct
+from cyclonedds.idl.types import byte, float64, int32, sequence, uint32
+from cyclonedds.pub import DataWriter
+from cyclonedds.qos import Policy, Qos
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+
+XCDR1 = Policy.DataRepresentation(use_cdrv0_representation=True)  # ROS 2 asks for it and offers nothing else
+RELIABLE = Policy.Reliability.Reliable(1_000_000_000)
+KEPT = Qos(XCDR1, RELIABLE, Policy.Durability.TransientLocal, Policy.History.KeepLast(1))
+PLAIN = Qos(XCDR1, RELIABLE, Policy.History.KeepLast(10))
+
+
+@dataclass
+class Time(IdlStruct, typename="builtin_interfaces::msg::dds_::Time_"):
+    """builtin_interfaces/Time."""
+
+    sec_: int32
+    nanosec_: uint32
+
+
+@dataclass
+class Header(IdlStruct, typename="std_msgs::msg::dds_::Header_"):
+    """std_msgs/Header."""
+
+    stamp_: Time
+    frame_id_: str
+
+
+@dataclass
+class KeyValue(IdlStruct, typename="diagnostic_msgs::msg::dds_::KeyValue_"):
+    """diagnostic_msgs/KeyValue."""
+
+    key_: str
+    value_: str
+
+
+@dataclass
+class DiagnosticStatus(IdlStruct, typename="diagnostic_msgs::msg::dds_::DiagnosticStatus_"):
+    """diagnostic_msgs/DiagnosticStatus."""
+
+    level_: byte
+    name_: str
+    message_: str
+    hardware_id_: str
+    values_: sequence[KeyValue]
+
+
+@dataclass
+class DiagnosticArray(IdlStruct, typename="diagnostic_msgs::msg::dds_::DiagnosticArray_"):
+    """diagnostic_msgs/DiagnosticArray."""
+
+    header_: Header
+    status_: sequence[DiagnosticStatus]
+
+
+@dataclass
+class Alarm(IdlStruct, typename="ros2_medkit_roxsie_msgs::msg::dds_::Alarm_"):
+    """ros2_medkit_roxsie_msgs/Alarm."""
+
+    alarm_id_: uint32
+    source_: str
+    alarm_class_: str
+    priority_: byte  # rosidl declares uint8 to DDS as octet
+    producer_: str
+    active_: bool
+    acknowledged_: bool
+    plc_timestamp_: Time
+    associated_values_: sequence[float64]
+
+
+@dataclass
+class AlarmList(IdlStruct, typename="ros2_medkit_roxsie_msgs::msg::dds_::AlarmList_"):
+    """ros2_medkit_roxsie_msgs/AlarmList."""
+
+    stamp_: Time
+    catalog_version_: str
+    alarms_: sequence[Alarm]
+    truncated_: bool
+
+
+@dataclass
+class UInt8(IdlStruct, typename="std_msgs::msg::dds_::UInt8_"):
+    """std_msgs/UInt8."""
+
+    data_: byte
+
+
+class Supervisor:
+    """Waits until both pictures of the alarms say the same, {name: message}, and acknowledges one."""
+
+    def __init__(self) -> None:
+        self.node = node = DomainParticipant(int(os.environ.get("ROS_DOMAIN_ID", "0")))
+        self.diagnostics = DataReader(node, Topic(node, "rt/diagnostics", DiagnosticArray), qos=KEPT)
+        self.lists = DataReader(node, Topic(node, "rt/plc/alarms", AlarmList), qos=KEPT)
+        self.acknowledged = DataWriter(node, Topic(node, "rt/alarms/acknowledge", UInt8), qos=PLAIN)
+        self.last: dict[str, str] | None = None
+        self.alarms: list[Alarm] = []
+
+    def until(self, wanted: dict[str, str], seconds: float = 30.0) -> float:
+        """Seconds until the pictures were this. Raises SystemExit."""
+        begun = time.monotonic()
+        while time.monotonic() - begun < seconds:
+            for picture in self.diagnostics.take(10):
+                if isinstance(picture, DiagnosticArray):  # and not that its writer has left
+                    self.last = {one.name_: one.message_ for one in picture.status_}
+            for alarms in self.lists.take(10):
+                if isinstance(alarms, AlarmList):
+                    self.alarms = list(alarms.alarms_)
+            if self.last == wanted == {one.source_: _message(one) for one in self.alarms}:
+                return time.monotonic() - begun
+            time.sleep(0.005)
+        raise SystemExit(f"{seconds:g} s, and the pictures are {self.last} and {self.alarms}, not {wanted}")
+
+    def acknowledge(self, alarm: int) -> None:
+        """By its number."""
+        self.acknowledged.write(UInt8(alarm))
+
+
+def _message(alarm: Alarm) -> str:
+    acknowledged = "acknowledged" if alarm.acknowledged_ else "not acknowledged"
+    return acknowledged if alarm.active_ else f"gone, {acknowledged}"

@@ -1,0 +1,112 @@
+"""Six axes at 1 kHz: enable, move, and a controller and a PLC that are killed in turn; says how soon the axes stood.
+
+demo.py --seconds 60 --kills 20
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE.parent))
+
+from stage import Cell, cell  # noqa: E402 it lies beside the examples
+
+LIMIT = 1.0
+"""Seconds from the kill to standstill: 0.05 until silence is noticed, 0.1 for the ramp, the rest for a busy machine."""
+
+
+class Watch:
+    """What the axes do, by this process's clock."""
+
+    def __init__(self, subscriber: Any) -> None:
+        self.subscriber = subscriber
+
+    def until(self, wanted: Callable[[Any], bool], what: str, seconds: float = 20.0) -> Any:
+        """The first state that is as wanted. Raises SystemExit."""
+        until = time.monotonic() + seconds
+        while time.monotonic() < until:
+            state = self.subscriber.wait(0.1)
+            if state is not None and wanted(state):
+                return state
+        sys.exit(f"{seconds:g} s and no sign of: {what}")
+
+
+def main(seconds: float, kills: int) -> int:
+    """0 if the axes stood in time after each kill, and the last controller ended in order."""
+    if not shutil.which("g++"):
+        sys.exit("g++ is not installed")
+    with cell(HERE, "blark") as made:
+        made.generate()
+        program = made.folder / "controller"
+        print("\n$ g++ -std=c++17 -O2 -I generated/cpp controller.cpp -o controller", flush=True)
+        flags = ["-std=c++17", "-O2", "-Wall", "-Wextra", "-Werror", f"-I{made.folder}/cpp"]
+        subprocess.run(["g++", *flags, HERE / "controller.cpp", "-o", program, "-lrt", "-lpthread"], check=True)
+        sys.path.insert(0, f"{made.folder}/python")
+        from shm_msgs.axes_msgs.msg import AxesStateSubscriber  # type: ignore[import-not-found]
+
+        with AxesStateSubscriber("/axes/state") as subscriber:
+            return _run(made, Watch(subscriber), program, seconds, kills)
+
+
+def _run(made: Cell, watch: Watch, program: Path, seconds: float, kills: int) -> int:
+    plc = made.start_plc("PRG_Axes")
+    took = []
+    for kill in range(kills):
+        with subprocess.Popen([program, "600"], stdout=subprocess.DEVNULL) as controller:
+            try:
+                watch.until(_moves, "a motion")
+                time.sleep(0.05 * kill)
+            finally:
+                controller.kill()
+                killed = time.monotonic()
+        state = watch.until(lambda state: bool(state.state == state.FAULT), "a safe stop")
+        took.append(time.monotonic() - killed)
+        print(
+            f"   controller killed: standstill {1000 * took[-1]:.0f} ms later; by the PLC's clock {state.silent} ms of"
+            f" silence, {state.stopped} ms to standstill",
+            flush=True,
+        )
+    with subprocess.Popen([program, "600"], stdout=subprocess.DEVNULL) as controller:
+        try:
+            watch.until(_moves, "a motion after a reset")
+            plc.kill()
+            plc.wait()
+            killed = time.monotonic()
+            made.run_plc("PRG_Axes")
+            watch.until(_moves, "a motion after a restart of the PLC")
+            print(
+                f"   PLC killed and started again: the axes moved again {time.monotonic() - killed:.1f} s later",
+                flush=True,
+            )
+        finally:
+            controller.kill()
+    print(f"\n$ ./controller {seconds:g}", flush=True)
+    controller = subprocess.Popen([program, str(seconds)], stdout=subprocess.PIPE, text=True)
+    said = controller.communicate()[0]
+    print("".join(f"   {line}\n" for line in said.splitlines()), end="", flush=True)
+    late = [one for one in took if one > LIMIT]
+    if took:
+        middle, most = 1000 * statistics.median(took), 1000 * max(took)
+        print(f"   {len(took)} safe stops: standstill {middle:.0f} ms (median), {most:.0f} ms (longest) after the kill")
+    return 1 if late or controller.returncode else 0
+
+
+def _moves(state: Any) -> bool:
+    return bool(state.state == state.ENABLED and max(map(abs, state.velocity)) > 0.5)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--seconds", type=float, default=3.0)
+    parser.add_argument("--kills", type=int, default=2)
+    asked, _ = parser.parse_known_args()
+    sys.exit(main(asked.seconds, asked.kills))
