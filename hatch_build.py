@@ -110,10 +110,10 @@ def print_header(folder: Path) -> None:
 
 
 def compiled_templates(folder: Path) -> dict[str, str]:
-    """What Jinja makes of the templates, and where it goes in a wheel. Who has another Jinja compiles them himself."""
-    render = _of_shmgen("generator.render")
-    render.compile_templates(folder / render.COMPILED)
-    return {str(folder / render.COMPILED): f"shmgen/templates/{render.COMPILED}"}
+    """The templates in Python, and where that goes in a wheel."""
+    made = folder / "printers.py"
+    made.write_text(_of_shmgen("generator.templates").compiled(HERE / "templates"), encoding="utf-8")
+    return {str(made): f"{_of_shmgen('generator.render').BUILT.replace('.', '/')}.py"}
 
 
 def _of_shmgen(module: str) -> Any:

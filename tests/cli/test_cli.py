@@ -345,7 +345,7 @@ def test_list_says_what_generate_would_say(folder: Path) -> None:
     write(folder, {"msgs/demo_msgs/msg/Holds.msg": "Twice[2] twice\n"})
     write(folder, {"msgs/demo_msgs/msg/Large.msg": "float64[3000000] a\nTwice b\n"})
     twice = "SHM203 demo_msgs/Twice.A: `a` and `A` are one name in Structured Text, which ignores case"
-    large = "demo_msgs/Large needs a region of 48,001,024 bytes, more than 16,777,216"
+    large = "demo_msgs/Large needs a region of 96,002,048 bytes, more than 33,554,432"
     assert done(folder, "list -I msgs demo_msgs").splitlines() == [
         "demo_msgs/Arm           81 bytes",
         f"demo_msgs/Holds  {twice}",
@@ -360,8 +360,11 @@ def test_list_says_what_generate_would_say(folder: Path) -> None:
     assert (held["size"], [fault["code"] for fault in held["faults"]]) == (32, ["SHM203"])
     for name in ("Holds", "Large", "Twice"):
         assert shmgen(folder, f"generate -I msgs demo_msgs/{name}").code == 1
-    write(folder, {"shmgen.toml": 'source = "noetic"\ntargets = ["python", "c"]\nmax_region = 50000000\n'})
+    write(folder, {"shmgen.toml": 'source = "noetic"\ntargets = ["python", "c"]\nmax_region = 100000000\n'})
     assert "5 of 5" in done(folder, "list -I msgs demo_msgs")
+    write(folder, {"msgs/demo_msgs/msg/Arm_publisher.msg": "uint8 x\n"})
+    assert "5 of 6" in done(folder, "list -I msgs demo_msgs")
+    assert shmgen(folder, "generate -I msgs demo_msgs/Arm demo_msgs/Arm_publisher").code == 1
 
 
 def test_list_json_has_a_stable_shape(folder: Path) -> None:

@@ -53,6 +53,17 @@ def test_too_many_folders_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     )
 
 
+def test_a_link_that_leads_nowhere_is_passed_over(tmp_path: Path) -> None:
+    """As /proc/1/root is for most, below `-I /`: its target cannot even be asked about."""
+    (tmp_path / "msgs/demo_msgs/msg").mkdir(parents=True)
+    (tmp_path / "msgs/demo_msgs/msg/Foo.msg").write_text("int8 x\n")
+    for place in ("msgs", "msgs/demo_msgs/msg"):
+        (tmp_path / place / "link").symlink_to("x" * 300)
+    said = run(["list", "-I", "msgs", "demo_msgs"], tmp_path)
+    assert (said.code, said.stderr) == (0, "")
+    assert said.stdout.endswith("1 of 1 can be generated.\n")
+
+
 def test_init_does_not_write_through_links(tmp_path: Path) -> None:
     (tmp_path / "here").mkdir()
     (tmp_path / "elsewhere").mkdir()
@@ -62,6 +73,27 @@ def test_init_does_not_write_through_links(tmp_path: Path) -> None:
     assert (said.code, said.stdout.partition(",")[0]) == (1, "shmgen.toml is there")
     assert "cannot write: .github is a symbolic link" in said.stderr
     assert not list((tmp_path / "elsewhere").iterdir())
+
+
+@pytest.mark.parametrize(
+    ("raised", "told"),
+    [
+        (OSError(28, "No space left on device"), "error: shmgen_bridge: [Errno 28] No space left on device\n"),
+        (ValueError("/a: x\x1b[2J"), "error: /a: x\\u001b[2J\n"),
+    ],
+)
+def test_what_ends_a_bridge_is_told_by_its_name(
+    raised: Exception, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from shmgen.bridge import run as running
+
+    def fails(*_: object) -> None:
+        raise raised
+
+    (tmp_path / "shmgen.toml").write_text('[[topics]]\ntopic = "/a"\ntype = "std_msgs/Bool"\n')
+    monkeypatch.setattr(running, "run", fails)
+    said = run(["bridge"], tmp_path)
+    assert (said.code, said.stdout, said.stderr) == (1, "", told)
 
 
 def test_a_peer_begins_no_line_of_the_bridges_log(capsys: pytest.CaptureFixture[str]) -> None:

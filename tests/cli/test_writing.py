@@ -54,19 +54,19 @@ def test_two_that_join_a_folder_both_stay(monkeypatch: pytest.MonkeyPatch, tmp_p
     commands = [["generate", "-q", "-t", "c", f"std_msgs/{name}"] for name in ("Bool", "Int32", "String")]
     interrupted(monkeypatch, tmp_path, *commands[1:])
     assert run(commands[0], tmp_path).code == 0
-    assert run(["check", "-t", "c"], tmp_path).stdout == "generated: up to date, 3 messages in 23 files\n"
+    assert run(["check", "-t", "c"], tmp_path).stdout == "generated: up to date, 3 messages in 24 files\n"
 
 
 def test_while_files_are_written_nobody_else_writes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    staged: list[Path] = []
+    staged: list[str] = []
 
-    def stage(path: Path, text: str) -> Path:
-        staged.append(path)
+    def stage(name: str, *others: object) -> None:
+        staged.append(name)
         folder = os.open(tmp_path / "generated", os.O_RDONLY)
         with pytest.raises(BlockingIOError):
             fcntl.flock(folder, fcntl.LOCK_SH | fcntl.LOCK_NB)
         os.close(folder)
-        return genuine(path, text)
+        genuine(name, *others)
 
     genuine = shmgen.core.write._stage
     monkeypatch.setattr(shmgen.core.write, "_stage", stage)
@@ -93,7 +93,7 @@ def test_what_a_killed_run_staged_goes_though_its_file_was_given_up(tmp_path: Pa
     assert said.code == 1
     assert f"{stray}: error[SHM406]" in said.stderr
     assert run(["generate", "-t", "c", "std_msgs/Bool"], tmp_path).stdout == (
-        "generated: 0 files written, 19 unchanged, 1 removed\n"
+        "generated: 0 files written, 20 unchanged, 1 removed\n"
     )
     (tmp_path / mine).unlink()
     put({stray: "half"}, tmp_path)
@@ -111,6 +111,42 @@ def test_nothing_is_written_through_a_link(tmp_path: Path) -> None:
     assert "generated/c/shm_msgs/geometry_msgs is a symbolic link" in said.stderr
     assert "error[SHM007]" in said.stderr
     assert tree(tmp_path) == before
+
+
+def test_nothing_is_written_through_a_link_that_comes_in_between(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    place, elsewhere = tmp_path / "generated/c/shm_msgs", tmp_path / "elsewhere"
+    elsewhere.mkdir()
+
+    def stage(*arguments: object) -> None:
+        genuine(*arguments)
+        if place.is_dir() and not place.is_symlink():
+            place.rename(tmp_path / "moved")
+            place.symlink_to(elsewhere)
+
+    genuine = shmgen.core.write._stage
+    monkeypatch.setattr(shmgen.core.write, "_stage", stage)
+    run(["generate", "-q", "-t", "c", "std_msgs/Bool"], tmp_path)
+    assert place.is_symlink()
+    assert not list(elsewhere.iterdir())
+
+
+def test_each_folder_is_opened_to_stage_and_to_rename(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    opened: list[str] = []
+
+    def opening(path: str, flags: int, *rest: int, dir_fd: int | None = None) -> int:
+        if flags & os.O_DIRECTORY and dir_fd is not None:
+            opened.append(path)
+        return genuine(path, flags, *rest, dir_fd=dir_fd)
+
+    genuine = os.open
+    monkeypatch.setattr(os, "open", opening)
+    assert run(["generate", "-q", "-t", "c", "std_msgs/Bool", "std_msgs/Int8"], tmp_path).code == 0
+    assert sorted(opened) == sorted(2 * ["c", "shm_msgs", "std_msgs", "msg"])
+    opened.clear()
+    assert run(["generate", "-q", "-t", "c", "std_msgs/Bool", "std_msgs/Int8"], tmp_path).code == 0
+    assert not opened
 
 
 def test_a_link_to_the_folder_itself_is_the_users_own(tmp_path: Path) -> None:

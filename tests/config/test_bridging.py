@@ -58,7 +58,7 @@ def test_each_key_of_a_topic(tmp_path: Path, text: str, meant: Carrying) -> None
     ("text", "code", "line", "says"),
     [
         ("bridge = 3", "SHM502", 1, "write [bridge]"),
-        ("[bridge]\nbackend = 'ros'", "SHM502", 2, "auto, ros2, ros1, dds"),
+        ("[bridge]\nbackend = 'ros'", "SHM502", 2, "auto, ros2, dds, zenoh, ros1"),
         ("[bridge]\nbackand = 'ros1'", "SHM501", 2, "did you mean backend?"),
         ("[bridge]\nnode = '/bridge'", "SHM502", 2, "letters, digits and _"),
         ("[bridge]\nnode = 3", "SHM502", 2, "not 3"),

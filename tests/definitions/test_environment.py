@@ -11,7 +11,7 @@ from rosbags.typesys import get_types_from_msg
 from shmgen.config import Config
 from shmgen.core.diagnostics import Rejected, Report
 from shmgen.core.model import Message, Schema
-from shmgen.definitions import Sources, available, environment, load
+from shmgen.definitions import Sources, environment, load, open_library
 from shmgen.generator import pipeline
 from tests.definitions import references
 from tests.definitions.test_requests import MANIFEST, write
@@ -85,7 +85,7 @@ def test_the_first_prefix_wins(tmp_path, monkeypatch):
     source(monkeypatch, AMENT_PREFIX_PATH=[tmp_path / "missing", mine, "", theirs, mine])
     found = messages(load(["b_msgs"], ENV, Report()))
     assert [field.name for field in found["a_msgs/msg/A"].fields] == ["mine"]
-    assert [str(name) for name in available(ENV)] == ["a_msgs/msg/A", "b_msgs/msg/B"]
+    assert [str(name) for name in open_library(ENV, Report()).known()] == ["a_msgs/msg/A", "b_msgs/msg/B"]
     assert "looked in " + str(mine / "share/a_msgs") in refusal("a_msgs/Other")
 
 
@@ -105,7 +105,7 @@ def test_an_index_may_say_anything(tmp_path, monkeypatch):
     write(prefix / INDEX, {"c_msgs": "\n".join(lines), "no package": "msg/D.msg"})
     (prefix / INDEX / "folder").mkdir()
     source(monkeypatch, AMENT_PREFIX_PATH=prefix)
-    assert [str(name) for name in available(ENV)] == [
+    assert [str(name) for name in open_library(ENV, Report()).known()] == [
         "a_msgs/msg/A",
         "c_msgs/msg/Gone",
         "c_msgs/msg/OnlyIdl",
@@ -136,7 +136,7 @@ def test_a_ros1_is_what_rospack_would_find(tmp_path, monkeypatch):
     assert list(found) == ["std_msgs/msg/Header", "a_msgs/msg/A"]
     assert [str(field.type) for field in found["a_msgs/msg/A"].fields][1:] == ["Scalar.INT8", "Clock.TIME"]
     assert found["a_msgs/msg/A"].origin == "a_msgs/msg/A.msg of ROS 1"
-    assert {name.package for name in available(ENV)} == {"a_msgs", "std_msgs"}
+    assert {name.package for name in open_library(ENV, Report()).known()} == {"a_msgs", "std_msgs"}
 
 
 def test_one_ros_at_a_time(tmp_path, monkeypatch):

@@ -9,7 +9,7 @@ import pytest
 
 from shmgen.core.diagnostics import Rejected, Report
 from shmgen.core.model import Schema
-from shmgen.definitions import Sources, available, load, load_usable, open_library
+from shmgen.definitions import Sources, load, load_usable, open_library
 
 
 @pytest.fixture(autouse=True)
@@ -209,8 +209,12 @@ def test_where_packages_are_found(tmp_path):
     )
     (tmp_path / "src" / "deep" / "loop").symlink_to(tmp_path / "src")
     (tmp_path / "src" / "again").symlink_to(tmp_path / "src" / "plain_msgs")
-    built_in = set(available(Sources()))
-    found = [str(name) for name in available(Sources((tmp_path,), "jazzy", tmp_path)) if name not in built_in]
+    built_in = set(open_library(Sources(), Report()).known())
+    found = [
+        str(name)
+        for name in open_library(Sources((tmp_path,), "jazzy", tmp_path), Report()).known()
+        if name not in built_in
+    ]
     assert found == [
         "again/msg/B",
         "broken/srv/C_Reply",
@@ -231,6 +235,8 @@ def test_a_package_folder_itself_is_a_path(tmp_path):
 def test_two_packages_of_one_name(tmp_path):
     write(tmp_path, {"a/x_msgs/msg/A.msg": "", "b/x_msgs/msg/A.msg": "", "c_msgs/msg/C.msg": "int8 c"})
     assert "SHM505" in refusal(tmp_path, "x_msgs/A")
+    assert names(from_folder(tmp_path, "c_msgs")) == ["c_msgs/msg/C"]
+    write(tmp_path, {"a/c_msgs/package.xml": MANIFEST.format("c_msgs")})  # a package of programs alone
     assert names(from_folder(tmp_path, "c_msgs")) == ["c_msgs/msg/C"]
     with pytest.raises(Rejected, match="SHM505"):
         load([str(tmp_path / f"{place}/x_msgs/msg/A.msg") for place in "ab"], Sources(), Report())

@@ -12,7 +12,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from shmgen.core.diagnostics import Report
 from shmgen.core.model import Clock, Scalar, Schema
-from shmgen.definitions import Sources, available, load, store
+from shmgen.definitions import Sources, load, open_library, store
 from tests.definitions import references
 
 ORIGINAL = {store.value.partition("_")[2]: store for store in Stores if "_" in store.value}
@@ -26,7 +26,7 @@ def cache(monkeypatch, tmp_path):
 
 def everything(source: str) -> Schema:
     sources = Sources((), source)
-    return load(sorted({name.package for name in available(sources)}), sources, Report())
+    return load(sorted({name.package for name in open_library(sources, Report()).known()}), sources, Report())
 
 
 def test_all_stores_are_offered():

@@ -215,7 +215,7 @@ def _depth(channel: Channel, topic: str, registry: ClassRegistry) -> int:
         pass
     if depth := channel.metadata.get("shmgen_depth"):
         return int(depth)
-    return next((entry.depth for entry in registry.config.topics if "/" + entry.topic.lstrip("/") == topic), 1)
+    return registry.depth_of(topic)
 
 
 def _plain(text: str) -> list[list[str]]:

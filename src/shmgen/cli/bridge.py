@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from shmgen.cli import options
+from shmgen.cli import common, options
 from shmgen.config import Config
 from shmgen.config.bridging import BACKEND_KEYS
 
@@ -22,8 +22,9 @@ def bridge(
 ) -> None:
     """Carry topics, services and actions between ROS and shared memory.
 
-    Runs what shmgen.toml lists, until Ctrl-C or SIGTERM. Backends: ros1 (rospy), ros2 (rclpy) and dds (a ROS 2 graph
-    through cyclonedds, without ROS); auto selects the ROS whose setup was sourced, otherwise the one installed.
+    Runs what shmgen.toml lists, until Ctrl-C or SIGTERM. Backends: ros2 (rclpy), dds (a ROS 2 graph through
+    cyclonedds, without ROS) and ros1 (rospy); auto selects the ROS whose setup was sourced, or else one that is
+    installed.
     Prints its counters on SIGUSR1 and at exit, and reads shmgen.toml again on SIGHUP.
     """
     from shmgen.bridge.backend import BackendMissing
@@ -41,12 +42,10 @@ def bridge(
         )
     try:
         run(config, ros_arguments, _say, _tell, load)
-    except (BackendMissing, ShmError, ValueError, OSError) as error:
-        first, _, rest = str(error).partition("\n")
-        click.echo(click.style("error: ", fg="red", bold=True) + first, err=True)
-        if rest:
-            click.echo(rest, err=True)
-        sys.exit(1)
+    except (BackendMissing, ValueError) as error:  # which begin with what they are about
+        common.fail(str(error))
+    except (ShmError, OSError) as error:
+        common.fail(f"{config.bridge.node}: {error}")
 
 
 COMMANDS = (bridge,)
@@ -58,7 +57,4 @@ def _say(text: str) -> None:
 
 
 def _tell(text: str) -> None:
-    from shmgen.core.escape import lines
-
-    indented = lines(text).replace("\n", "\n  ")  # peers had a word in it, and begin no line of the log
-    click.echo(click.style(indented, fg="yellow"), err=True)
+    common.note(text.replace("\n", "\n  "))  # peers had a word in it, and begin no line of the log

@@ -14,10 +14,8 @@ from typing import Any, TypeVar
 import click
 
 from shmgen.cli import options
-from shmgen.config import Config
 from shmgen.core.diagnostics import Diagnostic, Rejected, Span
 from shmgen.core.plural import counted
-from shmgen.drift import check_cache
 from shmgen.drift.findings import Finding, Severity, as_annotations, as_json, summary, worst
 from shmgen.targets import KEYS
 
@@ -88,7 +86,7 @@ def check(
     try:
         config = options.load(config_file, include)
         config = replace(config, targets=target) if target else config
-        lock, formerly = requested.former(output, current(output, lockfile.LOCK), lockfile.read_asked)
+        lock, formerly = requested.former(output, current(output, lockfile.LOCK))
         config = replace(config, skip_unbounded=lock.settings.get("skip_unbounded") is True)
         requests = requested.configured(config) or list(lock.requested)
         if requests or (output / lockfile.LOCK).is_file():
@@ -107,7 +105,8 @@ def check(
     said = f"{output}: up to date, {counted(messages, 'message')} in {counted(len(texts), 'file')}"
     if form == "text":
         click.echo(said)
-        _remember(said, config, config_file, [os.path.join(output, path) for path in texts], began)
+        files = [os.path.join(output, path) for path in texts]
+        requested.remember(f"{said}\n", config, requests, config_file, files, began)
     else:
         click.echo(as_json([]) if form == "json" else "", nl=False)
 
@@ -196,11 +195,3 @@ def _tell(findings: Sequence[Finding], form: str, fail_on: Severity, *, to_stder
             level = found.diagnostic.level if found.severity >= fail_on else "note"
             options.complain([replace(found.diagnostic, level=level)], to_stderr=to_stderr)
         click.echo(summary(findings) or "no difference", err=to_stderr)
-
-
-def _remember(said: str, config: Config, config_file: Path | None, files: list[str], began: int) -> None:
-    """Definitions given by their paths, or of a sourced ROS, may lie anywhere, so then nothing is remembered."""
-    anywhere = config.source == "env" or any(Path(message).suffix for message in config.messages)
-    if not anywhere:
-        configurations = [str(config_file)] if config_file else ["shmgen.toml", "pyproject.toml"]
-        check_cache.store(sys.argv[1:], said, map(str, config.path), [*configurations, *files], began)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
+import time
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -36,6 +39,11 @@ from shmgen.targets import KEYS
 )
 @click.option("--skip-unbounded", is_flag=True, help="Leave out messages that still need a bound, instead of failing.")
 @click.option("-q", "--quiet", is_flag=True, help="Print diagnostics only.")
+@click.option(
+    "--depfile",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Also write which files X depends on, for make or Ninja; named X.d.",
+)
 @options.where
 def generate(
     messages: tuple[str, ...],
@@ -43,6 +51,7 @@ def generate(
     target: tuple[str, ...],
     skip_unbounded: bool,
     quiet: bool,
+    depfile: Path | None,
     config_file: Path | None,
     include: tuple[Path, ...],
 ) -> None:
@@ -54,10 +63,12 @@ def generate(
     """
     from shmgen.core.write import current, write
 
+    began = time.time_ns()
     config = options.load(config_file, include)
     if target:
         config = replace(config, targets=target)
     config = replace(config, skip_unbounded=skip_unbounded)
+    opened = pipeline.library(config) if depfile else None
     written = None
     while written is None:  # or another run has written since, and what it has done counts
         kept = current(output, lockfile.LOCK)
@@ -66,20 +77,36 @@ def generate(
             requests = [*messages, *lock.requested]
         else:
             requests, formerly = requested.configured(config), {}
-        texts = requested.texts(config, requests, formerly, output)
+        texts = requested.texts(config, requests, formerly, output, opened)
         leftovers = sorted(set(lock.files) - set(texts))
         written = write(output, texts, leftovers, last=lockfile.LOCK, former=kept)
+    files = [os.path.join(output, path) for path in texts]
+    if depfile and opened:
+        files.append(str(depfile))
+        _write_depfile(depfile, filter(None, [options.file_in_force(config_file), *opened.files()]))
+    lines = []
     if not quiet:
         removed = f", {len(written.removed)} removed" if written.removed else ""
-        click.echo(
-            f"{output}: {counted(len(written.changed), 'file')} written, {len(written.unchanged)} unchanged{removed}"
-        )
-        for path in written.changed:
-            click.echo(f"  {output / path}")
+        counts = f"{counted(len(written.changed), 'file')} written, {len(written.unchanged)} unchanged{removed}"
+        lines = [f"{output}: {counts}", *(f"  {output / path}" for path in written.changed)]
         if skip_unbounded and (skipped := requested.left_out(config, requests)):
-            click.echo(f"{counted(len(skipped), 'message')} left out for want of a bound, see `shmgen list`:")
-            for name in skipped:
-                click.echo(f"  {name}")
+            lines.append(f"{counted(len(skipped), 'message')} left out for want of a bound, see `shmgen list`:")
+            lines += [f"  {name}" for name in skipped]
+    said = "".join(f"{line}\n" for line in lines)
+    click.echo(said, nl=False)
+    if not written.changed and not written.removed:
+        requested.remember(said, config, requests, config_file, files, began)
+
+
+def _write_depfile(file: Path, read: Iterable[Path]) -> None:
+    """As compilers write it for make; one that is so already is not touched."""
+    made, *names = (
+        re.sub("([ #])", r"\\\1", path.absolute().as_posix().replace("$", "$$"))
+        for path in (file.with_suffix(""), *read)
+    )
+    text = f"{made}: {' '.join(names)}\n"
+    if not file.is_file() or file.read_text(encoding="utf-8") != text:
+        file.write_text(text, encoding="utf-8")
 
 
 @click.command()
@@ -96,7 +123,7 @@ def show(type_name: str, as_json: bool, as_svg: bool, config_file: Path | None, 
 
     if as_json and as_svg:
         raise click.UsageError("--json or --svg, not both.")
-    if digest := _DIGEST.fullmatch(type_name):
+    if digest := re.fullmatch(r"(?:16#|0x)?([0-9a-fA-F]{16})", type_name):
         layouts = _of_digest(int(digest[1], 16), config_file, include)
     else:
         layouts = pipeline.lay_out(options.load(config_file, include), [type_name])
@@ -113,9 +140,6 @@ def show(type_name: str, as_json: bool, as_svg: bool, config_file: Path | None, 
             click.echo(drawing.encode(), nl=False)
     else:
         click.echo("\n".join(table.table(layout, layouts) for layout in shown), nl=False)
-
-
-_DIGEST = re.compile(r"(?:16#|0x)?([0-9a-fA-F]{16})")
 
 
 def _of_digest(digest: int, config_file: Path | None, include: tuple[Path, ...]) -> Layouts:

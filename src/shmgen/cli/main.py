@@ -7,6 +7,9 @@ import importlib
 import io
 import os
 import sys
+import time
+from collections.abc import Sequence
+from contextlib import redirect_stdout
 from typing import Any
 
 import click
@@ -14,6 +17,7 @@ import click
 from shmgen import __version__
 from shmgen.cli import options
 from shmgen.core.diagnostics import Diagnostic, Rejected, Span, closest
+from shmgen.drift import check_cache
 
 
 def main() -> None:
@@ -24,6 +28,8 @@ def main() -> None:
             if isinstance(sys.stdout, io.TextIOWrapper):
                 # A sign in a comment that the terminal does not know is no reason to stop. This flushes: see _full.
                 sys.stdout.reconfigure(errors="replace")
+            if fixed := check_cache.fixed():
+                _answer(fixed, color)
             cli(standalone_mode=True, color=color)
         except Rejected as rejected:
             options.complain(rejected.diagnostics)
@@ -33,6 +39,22 @@ def main() -> None:
                 raise
             options.complain([_full(error) or _fault(error)])
             sys.exit(1)
+
+
+def _answer(fixed: Sequence[str], color: bool | None) -> None:
+    """The same, and remembers it."""
+    began, code = time.time_ns(), None
+    with redirect_stdout(io.TextIOWrapper(io.BytesIO(), encoding="utf-8")) as printed:
+        try:
+            cli(standalone_mode=True, color=color)
+        except SystemExit as end:
+            code = end.code
+    printed.seek(0)
+    said = printed.read()
+    if not code:
+        check_cache.store(fixed, said, (), (), began)
+    click.echo(said, nl=False)
+    sys.exit(code)
 
 
 def _full(error: Exception) -> Diagnostic | None:
@@ -55,7 +77,7 @@ def _fault(error: Exception) -> Diagnostic:
 _FAMILIES = {
     "generate": ("generate", "show", "types", "list", "explain"),
     "drift": ("check", "diff", "init"),
-    "plc": ("import",),
+    "plc": ("import", "selftest"),
     "bridge": ("bridge",),
     "live": ("doctor", "clean", "echo", "pub", "call", "hz", "top"),
     "look": ("topics", "info", "bw", "delay", "plot", "completion"),

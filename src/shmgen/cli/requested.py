@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
 from shmgen.config import Config, document
 from shmgen.core.diagnostics import Diagnostic, Rejected, Report, Span
-from shmgen.drift import lockfile
+from shmgen.definitions import Library
+from shmgen.drift import check_cache, lockfile
 from shmgen.generator import pipeline
 
 
@@ -17,10 +19,8 @@ def configured(config: Config) -> list[str]:
     return [*config.messages, *config.types_used]
 
 
-def former(
-    output: Path, kept: bytes | None, read: lockfile.Reading = lockfile.read
-) -> tuple[lockfile.Lock, dict[str, Span]]:
-    """What a former run left in the folder, and where each of its requests stands there. Raises Rejected: SHM408.
+def former(output: Path, kept: bytes | None) -> tuple[lockfile.Lock, dict[str, Span]]:
+    """What a former run left in the folder, messages aside, and where each request stands. Raises Rejected: SHM408.
 
     `kept` are the bytes of layout.lock there, None if there is none.
     """
@@ -28,19 +28,21 @@ def former(
         return lockfile.Lock(), {}
     file, report = output / lockfile.LOCK, Report()
     text = kept.decode(errors="replace")
-    lock = read(text, str(file), report)
+    lock = lockfile.read_asked(text, str(file), report)
     report.stop_if_any()
     return lock, document.quoted(text, str(file), lock.requested)
 
 
-def texts(config: Config, requests: Iterable[str], formerly: Mapping[str, Span], output: Path) -> dict[str, str]:
+def texts(
+    config: Config, requests: Iterable[str], formerly: Mapping[str, Span], output: Path, opened: Library | None = None
+) -> dict[str, str]:
     """{path: text} of all targets. What is wrong with a request is told at the place where it was written."""
     requests = dict.fromkeys(requests)
     if not requests:
         hint = 'name one, `shmgen generate geometry_msgs/Pose`, or list them in shmgen.toml: messages = ["..."]'
         raise Rejected([Diagnostic("SHM504", "no messages to generate", Span("command line"), hint=hint)])
     try:
-        return pipeline.generate(config, requests)
+        return pipeline.generate(config, requests, opened)
     except Rejected as rejected:
         found = [_placed(found, config.places, formerly, output) for found in rejected.diagnostics]
         if {diagnostic.code for diagnostic in found} == {"SHM101"}:
@@ -52,6 +54,20 @@ def left_out(config: Config, requests: Iterable[str]) -> list[str]:
     """What `--skip-unbounded` leaves out, for people."""
     asked, bounded = pipeline.skippable(config, dict.fromkeys([*requests, *config.types_used]))
     return sorted(name.short for name in asked.requested - bounded.requested)
+
+
+def remember(
+    said: str, config: Config, requests: Iterable[str], config_file: Path | None, files: Iterable[str], began: int
+) -> None:
+    """That there was nothing to do, for the next such run; `files` are those written, or that would have been.
+
+    Definitions given by their paths, or of a sourced ROS, may lie anywhere, so then nothing is remembered.
+    """
+    anywhere = config.source == "env" or any(Path(request).suffix for request in requests)
+    if not anywhere:
+        configurations = [str(config_file)] if config_file else ["shmgen.toml", "pyproject.toml"]
+        read = [*configurations, *map(str, config.sources), *files]
+        check_cache.store(sys.argv[1:], said, map(str, config.path), read, began)
 
 
 def _way_round(config: Config, requests: Iterable[str]) -> Iterator[str]:

@@ -46,15 +46,14 @@ def view(
     try:
         import textual  # noqa: F401
         import textual_plotext  # noqa: F401
+
+        if not terminal:
+            from shmgen.view.serve import HOST, Page
     except ImportError as error:
         raise ValueError(_MISSING.format(name=error.name)) from None
     if terminal:
         _in_terminal(topic, allow_write, config_file, include)
         return
-    try:
-        from shmgen.view.serve import HOST, Page
-    except ImportError as error:
-        raise ValueError(_MISSING.format(name=error.name)) from None
     common.registry(config_file, include)  # what is wrong with shmgen.toml is told here
     try:
         listening = socket.create_server((HOST, port))

@@ -30,8 +30,9 @@ class Backend(NamedTuple):
 
 BACKENDS = (
     Backend("ros2", "rclpy", "`source /opt/ros/jazzy/setup.bash`, in the Python that ROS was built for", "2"),
-    Backend("ros1", "rospy", "`apt-get install python3-rospy`, or `source /opt/ros/noetic/setup.bash`", "1"),
     Backend("dds", "cyclonedds", "`pip install cyclonedds`"),
+    Backend("zenoh", "zenoh", "`pip install eclipse-zenoh`"),
+    Backend("ros1", "rospy", "`apt-get install python3-rospy`, or `source /opt/ros/noetic/setup.bash`", "1"),
 )
 """In the order in which `auto` looks for them."""
 BACKEND_KEYS = ("auto", *(backend.key for backend in BACKENDS))

@@ -18,7 +18,7 @@ def read(path: Path, shown: str, prefix: str, report: Report) -> tuple[dict[str,
 
     Raises Rejected: SHM001, SHM002, SHM503.
     """
-    text = _text(path, shown, report)
+    text = contents(path, shown, report, "give a file that can be read with -c")
     try:
         document = toml.loads(text)
     except ValueError as error:
@@ -58,19 +58,19 @@ class Reader:
         return value
 
     def texts(
-        self, key: str, data: dict[str, Any], default: tuple[str, ...], choices: tuple[str, ...] = ()
+        self, key: str, data: dict[str, Any], default: tuple[str, ...], choices: tuple[str, ...] = (), section: str = ""
     ) -> tuple[str, ...]:
         value = data.get(key, list(default))
         if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
-            self.wrong("", key, f'{key} is a list of strings, such as ["{choices[0] if choices else "..."}"]')
+            self.wrong(section, key, f'{key} is a list of strings, such as ["{choices[0] if choices else "..."}"]')
             return default
         if choices and not value:
-            self.wrong("", key, f"{key} is empty: leave it out, or name some of {', '.join(choices)}")
+            self.wrong(section, key, f"{key} is empty: leave it out, or name some of {', '.join(choices)}")
         for item in value:
             if choices and item not in choices:
                 close = closest(item, choices)
                 hint = f"did you mean {close}?" if close else ""
-                self.wrong("", key, f'"{item}" is not one of {", ".join(choices)}', hint)
+                self.wrong(section, key, f'"{item}" is not one of {", ".join(choices)}', hint)
         return tuple(value)
 
     def choice(self, section: str, key: str, data: dict[str, Any], choices: tuple[str, ...], default: str) -> str:
@@ -162,14 +162,13 @@ def _span(shown: str, number: int, line: str, start: int, end: int) -> Span:
     return Span(shown, number, start + 1, end - start, line.rstrip("\r"))
 
 
-def _text(path: Path, shown: str, report: Report) -> str:
+def contents(path: Path, shown: str, report: Report, hint: str) -> str:
+    """The text of a file; the hint is for one that cannot be read. Raises Rejected: SHM001, SHM002."""
     try:
         text = files.content(path).decode("utf-8").removeprefix("\N{ZERO WIDTH NO-BREAK SPACE}")
         return text.replace("\r\n", "\n")
     except OSError as error:
-        report.error(
-            "SHM001", f"cannot read: {error.strerror}", Span(shown), hint="give a file that can be read with -c"
-        )
+        report.error("SHM001", f"cannot read: {error.strerror}", Span(shown), hint=hint)
     except UnicodeDecodeError as error:
         before = error.object[: error.start].decode()
         place = Span(shown, before.count("\n") + 1, len(before) - before.rfind("\n"))

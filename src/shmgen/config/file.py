@@ -20,7 +20,7 @@ from shmgen.targets import KEYS, USUAL
 
 FILE_NAME = "shmgen.toml"
 SOURCES = ("jazzy", "humble", "noetic", "kilted", "lyrical", "iron", "galactic", "foxy", "eloquent", "dashing", "env")
-MAX_REGION = 16 * 2**20
+MAX_REGION = 32 * 2**20
 """Bytes; more than any sane topic, less than what a forgotten bound makes."""
 TASK_INTERVAL = 10
 """Milliseconds between two calls of the generated PROGRAM."""
@@ -31,6 +31,7 @@ class Config:
     """The user's words; `root` is the folder that relative paths start from.
 
     `document` is what was read. `places` says where each of `messages`, `path` and `types_used` is written.
+    `sources` are the user's own files of Structured Text.
     `skip_unbounded` is said on the command line only: messages without a bound are left out.
     """
 
@@ -54,6 +55,7 @@ class Config:
     actions: tuple[ActionEntry, ...] = ()
     regions: Regions = field(default_factory=Regions)
     bridge: Bridge = field(default_factory=Bridge)
+    sources: tuple[Path, ...] = ()
     places: Mapping[str, Span] = field(default_factory=dict)
 
     @property
@@ -102,7 +104,9 @@ class _Sections:
             "ros_package",
         )
         lists = ("topics", "services", "actions")
-        self.read.keys("", data, (*known, "types", "strings", "bounds", *lists, "regions", "bridge"))
+        self.read.keys("", data, (*known, "types", "strings", "bounds", *lists, "regions", "bridge", "plc"))
+        plc = self.read.table(data, "plc")
+        self.read.keys("plc", plc, ("sources",))
         types, strings, bounds = (self.read.table(data, name) for name in ("types", "strings", "bounds"))
         self.read.keys("types", types, ("bool", "time", "names"))
         return Config(
@@ -136,6 +140,7 @@ class _Sections:
             actions=entries.actions(self.read, data),
             regions=self.regions(self.read.table(data, "regions")),
             bridge=bridging.bridge(self.read, self.read.table(data, "bridge")),
+            sources=tuple(root / file for file in self.read.texts("sources", plc, (), section="plc")),
         )
 
     def regions(self, data: dict[str, Any]) -> Regions:

@@ -6,6 +6,6 @@ parser.
 """
 
 from shmgen.definitions.library import Library, Sources, open_library
-from shmgen.definitions.schema import available, load, load_from, load_usable
+from shmgen.definitions.schema import load, load_from, load_usable
 
-__all__ = ["Library", "Sources", "available", "load", "load_from", "load_usable", "open_library"]
+__all__ = ["Library", "Sources", "load", "load_from", "load_usable", "open_library"]

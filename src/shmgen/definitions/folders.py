@@ -31,7 +31,9 @@ def catalogue(folder: Path, relative_to: Path, report: Report) -> Catalogue:
         said = f"more than {_MOST_FOLDERS:,} folders are in and below it"
         report.error("SHM001", said, Span(shorten(folder, relative_to)), hint=hint)
     for package in packages or ():
-        found[package.name] = (*found.get(package.name, ()), package)
+        held = tuple(other for other in found.get(package.name, ()) if other.definitions)
+        if package.definitions or not held:  # one of programs alone is not meant
+            found[package.name] = (*held, package)
     return found
 
 
@@ -135,7 +137,7 @@ def _packages(folder: Path, relative_to: Path) -> list[Package] | None:
             continue
         if "rospack_nosubdirs" in names:
             continue
-        waiting += [entry for entry in reversed(entries) if not entry.name.startswith(".") and entry.is_dir()]
+        waiting += [entry for entry in reversed(entries) if entry.name[0] != "." and os.path.isdir(entry)]
     return found
 
 

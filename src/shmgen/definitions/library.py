@@ -116,6 +116,12 @@ class Library:
         packages |= {name: (package,) for name, package in self.given.items()}
         return sorted({name for found in packages.values() for package in found for name in package.definitions})
 
+    def files(self) -> list[Path]:
+        """Those that were read, and what says how they are to be read: the package.xml above."""
+        read = [definition.content for definition in self._read if isinstance(definition.content, Path)]
+        above = [folder / "package.xml" for folder in dict.fromkeys(place for file in read for place in file.parents)]
+        return [*read, *(file for file in above if file.is_file())]
+
     def places(self) -> list[str]:
         """Where was looked, for people."""
         folders = [shorten(folder, self.sources.relative_to) for folder in self.sources.path]

@@ -63,11 +63,6 @@ def load_usable(library: Library, requests: Iterable[str], report: Report) -> tu
     return Schema(usable, frozenset(set(requested) - set(broken))), broken
 
 
-def available(sources: Sources) -> list[TypeName]:
-    """All that can be asked for, sorted; nothing is read. Raises Rejected."""
-    return open_library(sources, Report()).known()
-
-
 Faults: TypeAlias = Mapping[TypeName, tuple[Diagnostic, ...]]
 _FILES = (*(f".{kind}" for kind in SECTIONS), ".idl")
 _REQUEST = re.compile(r"([A-Za-z][A-Za-z0-9_]*)(?:/(?:(msg|srv|action)/)?([A-Za-z][A-Za-z0-9_]*))?")

@@ -47,9 +47,9 @@ def _types(config: Config, schema: Schema) -> TypeOptions:
     return replace(config.types, own=own)
 
 
-def generate(config: Config, requests: Iterable[str]) -> dict[str, str]:
+def generate(config: Config, requests: Iterable[str], opened: definitions.Library | None = None) -> dict[str, str]:
     """{path: text} of all targets, and of layout.lock; what the configuration uses comes along. Raises Rejected."""
-    return printed(config, lay_out(config, dict.fromkeys([*requests, *config.types_used])))
+    return printed(config, lay_out(config, dict.fromkeys([*requests, *config.types_used]), opened))
 
 
 def printed(config: Config, layouts: Layouts) -> dict[str, str]:
@@ -124,6 +124,7 @@ def job_of(config: Config, layouts: Layouts, report: Report) -> Job:
         task_interval=config.task_interval,
         ros_package=config.ros_package,
         node=config.bridge.node,
+        sources=tuple(resolve.sources(config, report)),
         configuration=config.document,
     )
     return Job(
@@ -164,7 +165,8 @@ def inventory(config: Config, asked: str | None = None) -> list[Item]:
     missing = bounds.unbounded(schema, config.bounds)
     mappable = tuple(message for message in schema.messages if not missing[message.name])
     bounded = bounds.apply(Schema(mappable), config.bounds, Report())
-    layouts = layout.lay_out(bounded, _types(config, bounded), config.max_region, Report())
+    all_sizes = layout.lay_out(bounded, _types(config, bounded), config.max_region, Report())
+    layouts = {name: replace(it, requested=name in schema.requested) for name, it in all_sizes.items()}
     faults = _faults(config, layouts)
     return [
         Item(name, layouts[name].size, (), faults[name], by_default.get(name, ()))

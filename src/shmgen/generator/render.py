@@ -1,17 +1,20 @@
-"""Turns Outputs into {path: text}: the only module that knows jinja2."""
+"""Turns Outputs into {path: text}, with what the templates become in Python."""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable
+import hashlib
+import marshal
+import sys
+from collections.abc import Callable, Iterable, Mapping
+from importlib import import_module
 from pathlib import Path
+from typing import Any, cast
 
-import jinja2
-
+from shmgen.core import cache
 from shmgen.core.model import Output
 
-COMPILED = f"compiled-{jinja2.__version__}"
-"""The folder below that of the templates with what a build has compiled of them, for this very Jinja."""
+BUILT = "shmgen.generator.printers"
 
 
 def render(outputs: Iterable[Output]) -> dict[str, str]:
@@ -20,7 +23,7 @@ def render(outputs: Iterable[Output]) -> dict[str, str]:
     for output in outputs:
         assert output.path not in texts, f"two outputs at {output.path}"
         if output.template.endswith(".j2"):
-            texts[output.path] = _environment().get_template(output.template).render(view=output.view)
+            texts[output.path] = _printers()[output.template](output.view)
         elif output.template.startswith("shmgen/"):  # of this package
             texts[output.path] = (Path(__file__).parents[2] / output.template).read_text(encoding="utf-8")
         else:  # written by hand
@@ -28,25 +31,30 @@ def render(outputs: Iterable[Output]) -> dict[str, str]:
     return dict(sorted(texts.items()))
 
 
-def compile_templates(folder: Path) -> None:
-    """Writes what Jinja makes of all templates into `folder`, for a wheel."""
-    _environment(False).compile_templates(str(folder), extensions=["j2"], zip=None, ignore_errors=False)
-
-
 @functools.cache
-def _environment(may_be_compiled: bool = True) -> jinja2.Environment:
-    templates = template_folder()
-    compiled = templates / COMPILED
-    use_compiled = may_be_compiled and compiled.is_dir()
-    return jinja2.Environment(
-        loader=jinja2.ModuleLoader(compiled) if use_compiled else jinja2.FileSystemLoader(templates),
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        auto_reload=False,  # nobody edits them within one run
-        autoescape=False,  # targets hand over finished strings; what is printed is not HTML
-    )
+def _printers() -> Mapping[str, Callable[[Any], str]]:
+    """Of the module that a wheel brings; in a checkout, where templates change, what is made of them now."""
+    try:
+        scope = vars(import_module(BUILT))
+    except ModuleNotFoundError:
+        scope = {}
+        exec(_compiled(template_folder()), scope)
+    return cast("Mapping[str, Callable[[Any], str]]", scope["PRINTERS"])
+
+
+def _compiled(templates: Path) -> Any:
+    """The code of the module that they become, from the cache if they are those it was made of."""
+    files = [Path(__file__).with_name("templates.py"), *sorted(templates.rglob("*.j2"))]
+    states = [(str(file), file.stat().st_size, file.stat().st_mtime_ns) for file in files]
+    name = f"templates-{hashlib.sha256(repr((sys.version, states)).encode()).hexdigest()[:16]}"
+    kept = cache.read(name)
+    if kept is None:
+        from shmgen.generator.templates import compiled  # jinja2 takes longer to load than all that a message takes
+
+        kept = marshal.dumps(compile(compiled(templates), str(templates), "exec"))
+        cache.write(name, kept)
+        cache.forget("templates-", 3)
+    return marshal.loads(kept)
 
 
 def template_folder() -> Path:

@@ -1,13 +1,15 @@
-"""Finds the types of the topics, services and actions that shmgen.toml lists among the layouts."""
+"""Finds what shmgen.toml names: the types of topics, services and actions among the layouts, the user's own sources."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 
-from shmgen.config import Config
-from shmgen.core.diagnostics import Report
+from shmgen.config import Config, document
+from shmgen.core.diagnostics import Report, Span
 from shmgen.core.model import Action, Layouts, Service, Topic
-from shmgen.targets import interfaces
+from shmgen.definitions.folders import shorten
+from shmgen.targets import Source, interfaces
 
 
 def topics(config: Config, layouts: Layouts, report: Report) -> Iterable[Topic]:
@@ -44,3 +46,28 @@ def actions(config: Config, layouts: Layouts, report: Report) -> Iterable[Action
             report.error(
                 "SHM502", f"{action.type} is not an action", span, hint="name a .action file: package/action/Name"
             )
+
+
+_REMARK = r"(?s)\(\*.*?\*\)|//[^\n]*|'(?:\$.|[^'$\n])*'"
+_UNIT = r"(?im)^[ \t]*(PROGRAM|CONFIGURATION)[ \t]+(\w+)"
+
+
+def sources(config: Config, report: Report) -> Iterable[Source]:
+    """The files of [plc] sources. Raises Rejected: SHM001, SHM002. Reports SHM203."""
+    called = {"PRG_ROS"}
+    for path in config.sources:
+        shown = shorten(path, config.root)
+        text = document.contents(path, shown, report, "[plc] sources in shmgen.toml names it")
+        plain = re.sub(_REMARK, lambda remark: re.sub(r"[^\n]", " ", remark[0]), text)
+        programs = []
+        for found in re.finditer(_UNIT, plain):
+            line, start = plain.count("\n", 0, found.start(2)), found.start(2) - plain.rfind("\n", 0, found.start(2))
+            place = Span(shown, line + 1, start, len(found[2]), text.splitlines()[line])
+            if found[1].upper() == "CONFIGURATION":
+                hint = "leave it out: tasks and globals are generated, and the task calls each PROGRAM"
+                report.error("SHM203", f"{found[2]} is a second configuration", place, hint=hint)
+            elif found[2].upper() in called:
+                report.error("SHM203", f"there are two programs {found[2]}", place, hint="rename one")
+            called.add(found[2].upper())
+            programs.append(found[2])
+        yield Source(text.rstrip("\n"), tuple(programs))

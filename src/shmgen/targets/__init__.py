@@ -1,6 +1,6 @@
 """What a target is, and the tuple of all: a room each, which turns a Job into Outputs.
 
-This file holds keys, and functions that load a room when it is needed; nothing of a target's code is loaded by it. So
+This file holds keys and the names of modules; nothing of a target's code is loaded by it. So
 the configuration can take its keys from here without knowing more of a target than its name, and one that is not asked
 for costs nothing at start-up.
 """
@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import field
-from typing import TYPE_CHECKING, Any, Protocol
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
 
 from shmgen.core.diagnostics import Report
 from shmgen.core.fast_dataclass import dataclass
@@ -17,6 +18,13 @@ from shmgen.core.model import Action, Layouts, Output, Regions, Service, Topic
 
 if TYPE_CHECKING:
     from shmgen.targets.naming import Names
+
+
+class Source(NamedTuple):
+    """A file of the user's own Structured Text, and the programs in it that a task is to call."""
+
+    text: str
+    programs: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +42,7 @@ class Options:
     task_interval: int = 10
     ros_package: str = ""
     node: str = "shmgen_bridge"
+    sources: tuple[Source, ...] = ()
     configuration: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -90,84 +99,31 @@ class Target:
     opt_in: bool = False
 
 
-def _python() -> TargetModule:
-    from shmgen.targets.python import target
+def _module(name: str, within: str = "") -> Callable[[], TargetModule]:
+    """What loads a module of this package, or an object in it."""
 
-    return target
+    def load() -> TargetModule:
+        module = import_module(f"{__name__}.{name}")
+        return cast("TargetModule", getattr(module, within) if within else module)
 
-
-def _st() -> TargetModule:
-    from shmgen.targets.st import target
-
-    return target
-
-
-def _plcopen() -> TargetModule:
-    from shmgen.targets.plcopen import target
-
-    return target
-
-
-def _c() -> TargetModule:
-    from shmgen.targets.c import target
-
-    return target
-
-
-def _cpp() -> TargetModule:
-    from shmgen.targets.cpp import target
-
-    return target
-
-
-def _cpp_ros1() -> TargetModule:
-    from shmgen.targets.cpp_ros import ros1
-
-    return ros1
-
-
-def _cpp_ros2() -> TargetModule:
-    from shmgen.targets.cpp_ros import ros2
-
-    return ros2
-
-
-def _matiec() -> TargetModule:
-    from shmgen.targets.openplc import matiec as target
-
-    return target
-
-
-def _openplc() -> TargetModule:
-    from shmgen.targets.openplc import target
-
-    return target
-
-
-def _ros1() -> TargetModule:
-    from shmgen.targets.ros import ros1
-
-    return ros1
-
-
-def _ros2() -> TargetModule:
-    from shmgen.targets.ros import ros2
-
-    return ros2
+    return load
 
 
 TARGETS = (
-    Target("python", _python),
-    Target("st", _st),
-    Target("plcopen", _plcopen, after="st"),
-    Target("c", _c),
-    Target("cpp", _cpp, opt_in=True),
-    Target("cpp_ros1", _cpp_ros1, opt_in=True),
-    Target("cpp_ros2", _cpp_ros2, opt_in=True),
-    Target("openplc", _openplc, after="c", opt_in=True),
-    Target("matiec", _matiec, after="c", opt_in=True),
-    Target("ros1", _ros1, opt_in=True),
-    Target("ros2", _ros2, opt_in=True),
+    Target("python", _module("python.target")),
+    Target("st", _module("st.target")),
+    Target("plcopen", _module("plcopen.target"), after="st"),
+    Target("cds_text_sync", _module("plcopen.text_sync"), after="st", opt_in=True),
+    Target("c", _module("c.target")),
+    Target("cpp", _module("cpp.target"), opt_in=True),
+    Target("cpp_ros2", _module("cpp_ros.convert", "ROS2"), opt_in=True),
+    Target("openplc", _module("openplc.target"), after="c", opt_in=True),
+    Target("matiec", _module("openplc.matiec"), after="c", opt_in=True),
+    Target("ros2", _module("ros.package", "ROS2"), opt_in=True),
+    Target("ros2_cpp", _module("ros.ros2_cpp"), opt_in=True),
+    Target("ros2_control", _module("ros.ros2_control"), opt_in=True),
+    Target("cpp_ros1", _module("cpp_ros.convert", "ROS1"), opt_in=True),
+    Target("ros1", _module("ros.package", "ROS1"), opt_in=True),
 )
 """Each stands behind the one it is `after`."""
 KEYS = tuple(target.key for target in TARGETS)

@@ -59,7 +59,7 @@ class RegionScreen(Screen[None]):
         self._allow_write = allow_write
         self._paused = False
         self._fields: dict[str, TreeNode[str]] = {}
-        self._since = time.monotonic(), source.header().completed
+        self._since = time.monotonic(), source.header().newest
 
     def compose(self) -> ComposeResult:
         yield Header(icon="")
@@ -161,14 +161,14 @@ class RegionScreen(Screen[None]):
         now = time.monotonic()
         since, number = self._since
         if now - since >= 2:
-            self._since = now, header.completed
-        rate = (header.completed - number) / (now - since) if now > since else 0.0
+            self._since = now, header.newest
+        rate = (header.newest - number) / (now - since) if now > since else 0.0
         newest = self._source.newest
         age = f"{time.time() - newest.stamp / 1e9:.3f} s" if newest and newest.stamp else "-"
         state = "paused" if self._paused else f"{rate:.1f}/s"
         missed = f"   {counted(self._source.missed, 'sample')} overwritten between two looks here"
         self.query_one("#about", Static).update(
-            f"{legible(header.type_name)}   sample {header.completed:,}   {state}   age {age}\n"
+            f"{legible(header.type_name)}   sample {header.newest:,}   {state}   age {age}\n"
             f"{counted(header.payload_size, 'byte')}   digest 16#{header.digest:016X}{missed}"
         )
         if not self._paused:

@@ -74,8 +74,8 @@ class Source:
         """Bytes of the newest sample, the header of its slot first, as they are in the region now."""
         assert self._view is not None
         header = self._view.header()
-        at = h.HEADER_SIZE + header.completed % header.slots * header.slot_size
-        return self._view.read(at + start, size)
+        slot = self._view.slot(header.newest, header) or h.HEADER_SIZE
+        return self._view.read(slot + start, size)
 
     def publish(self, text: str) -> str:
         """One sample with the values of `text`, YAML or JSON; says what was published.

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from shmgen.core.model import Layouts, Output, TypeName
 from shmgen.targets import interfaces
-from shmgen.targets.c.names import calls_header, ends_header, struct_name
+from shmgen.targets.c.names import calls_header, calls_name, ends_header, struct_name
 from shmgen.targets.c.text import in_comment
 
 
@@ -56,7 +56,7 @@ def _output(
         origin=in_comment(layouts[messages["response"]].message.origin),
         guard=path.upper().replace("/", "_").replace(".", "_"),
         includes=(*headers, *sorted(ends_header(one, package) for one in messages.values())),
-        name=struct_name(name),
+        name=calls_name(name),
         parts=parts,
         headed=parts[1:],
         number="goal" if progress else "call",

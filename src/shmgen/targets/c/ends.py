@@ -10,7 +10,7 @@ from shmgen.targets.c.names import c_member, ends_header, header, struct_name
 from shmgen.targets.c.text import in_comment, quoted
 from shmgen.targets.counts import bound, counts
 
-_ENDS = "status link access lock open publisher subscriber borrow wait_any calls client server runtime"
+_ENDS = "status link access lock wake open publisher subscriber borrow wait_any calls client server runtime"
 RUNTIME = (*_ENDS.split(), "block", "block_calls")
 """Written by hand, in templates/c; each needs those before it. The last two are for function blocks of a PLC in C."""
 

@@ -43,6 +43,11 @@ def calls_header(name: TypeName, package: str) -> str:
     return header(name, package).removesuffix(".h") + f"_{word}.h"
 
 
+def calls_name(name: TypeName) -> str:
+    """What stands before `_client`: a package may have an action and a service of one name."""
+    return struct_name(name) + ("_action" if name.kind == "action" else "")
+
+
 def _made(layout: Layout, package: str) -> Iterator[ClaimedName]:
     """Structures and macros share C's one space for names."""
     struct = struct_name(layout.name)
@@ -53,7 +58,8 @@ def _made(layout: Layout, package: str) -> Iterator[ClaimedName]:
         yield ClaimedName("name", struct + ending, follows=True)
     for wrapper, calls in _CALLS.items() if layout.requested else ():
         if layout.name.kind != "msg" and struct.endswith(wrapper):
-            yield from (ClaimedName("name", struct.removesuffix(wrapper) + call, follows=True) for call in calls)
+            begin = calls_name(layout.name._replace(name=layout.name.name.removesuffix(wrapper)))
+            yield from (ClaimedName("name", begin + call, follows=True) for call in calls)
     yield ClaimedName("file", header(layout.name, package))
     yield ClaimedName("file", ends_header(layout.name, package), follows=True)
 
@@ -61,18 +67,17 @@ def _made(layout: Layout, package: str) -> Iterator[ClaimedName]:
 _PUBLISHER = ("", "_open", "_start", "_send", "_publish", "_try_publish", "_close")
 _SUBSCRIBER = ("", "_open", "_start", "_read", "_try_read", "_read_next", "_wait", "_close")
 _ENDS = (
-    "_type",
     *(f"_publisher{call}" for call in _PUBLISHER),
     *(f"_subscriber{call}" for call in _SUBSCRIBER),
 )
-"""What stands behind the name of a structure in those of its type, publisher and subscriber and of their calls."""
+"""What stands behind the name of a structure in those of its publisher and subscriber and of their calls."""
 _EACH = ("", "_open", "_start", "_close")
 _CLIENT = tuple(f"_client{call}" for call in (*_EACH, "_send", "_poll", "_wait"))
 _SERVER = tuple(f"_server{call}" for call in (*_EACH, "_take"))
 _CALLS = {
-    "_Reply": ("_interface", *_CLIENT, "_client_call", *_SERVER, "_server_reply", "_server_fail"),
+    "_Reply": (*_CLIENT, "_client_call", *_SERVER, "_server_reply", "_server_fail"),
     "_Outcome": (
-        *("_interface", *_CLIENT, "_client_send_goal", "_client_progress", "_client_cancel", *_SERVER),
+        *(*_CLIENT, "_client_send_goal", "_client_progress", "_client_cancel", *_SERVER),
         *(f"_server{call}" for call in ("_is_cancel_requested", "_accept", "_feedback", "_end")),
     ),
 }

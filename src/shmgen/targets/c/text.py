@@ -30,8 +30,12 @@ def element(type_: Element, options: TypeOptions) -> str:
 
 def in_comment(text: str) -> str:
     """Text that can neither end the comment it stands in nor begin another; `??/` is a backslash to C11."""
-    printable = "".join(char if char == "\n" or char.isprintable() else " " for char in text)
+    printable = "\n".join(map(_printable, text.split("\n")))
     return printable.replace("??/", "? ?/").replace("*/", "* /").replace("/*", "/ *").rstrip()
+
+
+def _printable(line: str) -> str:
+    return line if line.isprintable() else "".join(sign if sign.isprintable() else " " for sign in line)
 
 
 def literal(constant: Constant, options: TypeOptions) -> str:

@@ -56,7 +56,7 @@ def pair(layout: Layout, layouts: Layouts, compiler: Compiler) -> tuple[Block, B
 
 def named(compiler: Compiler, name: str, example: str) -> Variable:
     """The input with the name of what the block opens."""
-    return Variable(name, compiler.text(80, in_array=False), f"'{example}'; read on the rising edge of xEnable")
+    return Variable(name, compiler.text(80, False), f"'{example}'; read on the rising edge of xEnable")
 
 
 def message(name: str, layout: Layout, comment: str) -> Variable:
@@ -138,7 +138,7 @@ def enter(compiler: Compiler, name: str, opened: Iterable[str]) -> Iterator[str]
 def _enter(layout: Layout, compiler: Compiler, writer: str) -> Iterator[str]:
     depth = compiler.get("UDIDEPTH")
     opened = (
-        f"const shmgen_type type = {struct_name(layout.name)}_type();",
+        f"const shmgen_type type = shmgen_type_of_{struct_name(layout.name)}();",
         f"end = shmgen_block_open(&number, {compiler.owner}, &type, {writer}, {{text}}, {{length}}, {depth});",
     )
     yield from enter(compiler, "STOPIC", opened)

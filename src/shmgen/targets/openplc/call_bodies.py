@@ -41,7 +41,8 @@ def _opened(call: Call, calls: str) -> Iterator[str]:
     for member, layout in (("request", call.question), ("response", call.answer), ("progress", call.progress)):
         if layout:
             name = struct_name(layout.name)
-            yield f"carries.{member} = shmgen_part_of({name}_type(), shmgen_check_{name}, shmgen_receive_{name});"
+            parts = f"shmgen_type_of_{name}(), shmgen_check_{name}, shmgen_receive_{name}"
+            yield f"carries.{member} = shmgen_part_of({parts});"
     yield f"end = shmgen_call_open(&number, {call.compiler.owner}, &carries, {calls}, {{text}}, {{length}});"
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
 from shmgen.core.model import Clock, Element, Ref, Scalar, Slot, String, TypeOptions, assert_never
 from shmgen.targets.openplc.names import whole
@@ -12,60 +12,32 @@ from shmgen.targets.st import names as st
 NS_PER_MS = 1_000_000
 
 
-class Compiler(ABC):
-    """`longest` is the number of characters that a text may have."""
+class Compiler(NamedTuple):
+    """Each function gives a piece of C, or of Structured Text; `longest` is the number of characters of a text.
+
+    Of the block's variables, by their names: `text` the type of a text of so many characters, in an array or not; `get`
+    the value of an elementary one, `put` the statement that gives it one; `structure` one that is a structure; `topic`
+    a statement, and then the text of a variable and its length; `ns` a TIME in ns; `owner` what tells one block from
+    another, its address. Of what the program holds: `element` of an array, the `value` of a member, `time_in` the
+    statement that gives it a TIME of the message in ms, `time_out` a TIME in ms, `text_in` and `text_out` the same of
+    texts, the latter with a capacity.
+    """
 
     title: str
     longest: int
     owner: str
-    """What tells one function block from another: its address."""
-
-    @abstractmethod
-    def text(self, capacity: int, *, in_array: bool) -> str:
-        """The type of a text."""
-
-    @abstractmethod
-    def get(self, variable: str) -> str:
-        """The value of the block's variable, of an elementary type."""
-
-    @abstractmethod
-    def put(self, variable: str, value: str) -> str:
-        """The statement that gives it one."""
-
-    @abstractmethod
-    def structure(self, variable: str) -> str:
-        """The block's variable that is a structure."""
-
-    @abstractmethod
-    def topic(self, variable: str) -> tuple[str, str, str]:
-        """A statement, and then the text of a variable and its length."""
-
-    @abstractmethod
-    def ns(self, variable: str) -> str:
-        """A TIME in ns."""
-
-    @abstractmethod
-    def element(self, array: str, index: str) -> str: ...
-
-    @abstractmethod
-    def value(self, plc: str) -> str:
-        """The value of a member of the program's, of an elementary type."""
-
-    @abstractmethod
-    def time_in(self, plc: str, c: str) -> str:
-        """The statement that gives a TIME of the message, in ms, to the program."""
-
-    @abstractmethod
-    def time_out(self, plc: str) -> str:
-        """A TIME of the program's in ms."""
-
-    @abstractmethod
-    def text_in(self, plc: str, c: str) -> str:
-        """The statement that gives a text of the message to the program."""
-
-    @abstractmethod
-    def text_out(self, plc: str, c: str, capacity: int) -> str:
-        """The other way round."""
+    text: Callable[[int, bool], str]
+    get: Callable[[str], str]
+    put: Callable[[str, str], str]
+    structure: Callable[[str], str]
+    topic: Callable[[str], tuple[str, str, str]]
+    ns: Callable[[str], str]
+    element: Callable[[str, str], str]
+    value: Callable[[str], str]
+    time_in: Callable[[str, str], str]
+    time_out: Callable[[str], str]
+    text_in: Callable[[str, str], str]
+    text_out: Callable[[str, str, int], str]
 
     def leaf_in(self, plc: str, c: str, type_: Element, options: TypeOptions) -> str:
         """The statement that gives a value of the message to the program."""
@@ -107,7 +79,7 @@ class Compiler(ABC):
                 return st.ST_TIME if options.time == "struct" else "TIME"
             case String(capacity, _):
                 assert capacity is not None, "bounds come before targets"
-                return self.text(capacity, in_array=in_array)
+                return self.text(capacity, in_array)
             case Ref(name):
                 return whole(st.st_type(name))
             case _:
@@ -124,97 +96,44 @@ class Compiler(ABC):
         yield f"{plc}.UDINANOSEC", f"{c}.nanosec"
 
 
-class Matiec(Compiler):
-    """A block's data is `data__`, each variable a structure of value and flags, and within it all is plain C."""
-
-    title = "matiec"
-    longest = 126
-    owner = "data__"
-
-    def text(self, capacity: int, *, in_array: bool) -> str:
-        return "STRING"
-
-    def get(self, variable: str) -> str:
-        return f"data__->{variable}.value"
-
-    def put(self, variable: str, value: str) -> str:
-        return f"data__->{variable}.value = {value};"
-
-    def structure(self, variable: str) -> str:
-        return self.get(variable)
-
-    def topic(self, variable: str) -> tuple[str, str, str]:
-        text = self.get(variable)
-        return "", f"(const char *){text}.body", f"(size_t)({text}.len > 0 ? {text}.len : 0)"
-
-    def ns(self, variable: str) -> str:
-        time = self.get(variable)
-        return f"(int64_t){time}.tv_sec * 1000000000 + {time}.tv_nsec"
-
-    def element(self, array: str, index: str) -> str:
-        return f"{array}.table[{index}]"
-
-    def value(self, plc: str) -> str:
-        return plc
-
-    def time_in(self, plc: str, c: str) -> str:
-        return f"{plc}.tv_sec = {c} / 1000; {plc}.tv_nsec = {c} % 1000 * {NS_PER_MS};"
-
-    def time_out(self, plc: str) -> str:
-        return f"(int64_t){plc}.tv_sec * 1000 + {plc}.tv_nsec / {NS_PER_MS}"
-
-    def text_in(self, plc: str, c: str) -> str:
-        return f"{plc}.len = shmgen_text_in({plc}.body, sizeof {plc}.body, {c});"
-
-    def text_out(self, plc: str, c: str, capacity: int) -> str:
-        length = f"(size_t)({plc}.len > 0 ? {plc}.len : 0)"
-        return f"shmgen_text_out({c}, {capacity}, {plc}.body, {length});"
+def _matiec_topic(variable: str) -> tuple[str, str, str]:
+    text = f"data__->{variable}.value"
+    return "", f"(const char *){text}.body", f"(size_t)({text}.len > 0 ? {text}.len : 0)"
 
 
-class Strucpp(Compiler):
-    """A block is a class; each elementary value in it is wrapped, so that a debugger can force it."""
-
-    title = "OpenPLC"
-    longest = 254
-    owner = "this"
-
-    def text(self, capacity: int, *, in_array: bool) -> str:
-        return "STRING" if in_array else f"STRING({capacity})"
-
-    def get(self, variable: str) -> str:
-        return f"{variable}.get()"
-
-    def put(self, variable: str, value: str) -> str:
-        return f"{variable} = {value};"
-
-    def structure(self, variable: str) -> str:
-        return variable
-
-    def topic(self, variable: str) -> tuple[str, str, str]:
-        return f"const auto text = {variable}.get();", "text.c_str()", "text.length()"
-
-    def ns(self, variable: str) -> str:
-        return f"(int64_t){variable}.get()"
-
-    def element(self, array: str, index: str) -> str:
-        return f"{array}[{index}]"
-
-    def value(self, plc: str) -> str:
-        return f"{plc}.get()"
-
-    def time_in(self, plc: str, c: str) -> str:
-        return f"{plc} = (int64_t){c} * {NS_PER_MS};"
-
-    def time_out(self, plc: str) -> str:
-        return f"{plc}.get() / {NS_PER_MS}"
-
-    def text_in(self, plc: str, c: str) -> str:
-        return f"{plc} = {c};"
-
-    def text_out(self, plc: str, c: str, capacity: int) -> str:
-        copy = f"shmgen_text_out({c}, {capacity}, text.c_str(), text.length());"
-        return f"{{ const auto text = {plc}.get(); {copy} }}"
-
-
-MATIEC = Matiec()
-STRUCPP = Strucpp()
+MATIEC = Compiler(
+    title="matiec",
+    longest=126,
+    owner="data__",
+    text=lambda capacity, in_array: "STRING",
+    get="data__->{}.value".format,
+    put="data__->{}.value = {};".format,
+    structure="data__->{}.value".format,
+    topic=_matiec_topic,
+    ns="(int64_t)data__->{0}.value.tv_sec * 1000000000 + data__->{0}.value.tv_nsec".format,
+    element="{}.table[{}]".format,
+    value=str,
+    time_in=f"{{0}}.tv_sec = {{1}} / 1000; {{0}}.tv_nsec = {{1}} % 1000 * {NS_PER_MS};".format,
+    time_out=f"(int64_t){{0}}.tv_sec * 1000 + {{0}}.tv_nsec / {NS_PER_MS}".format,
+    text_in="{0}.len = shmgen_text_in({0}.body, sizeof {0}.body, {1});".format,
+    text_out="shmgen_text_out({1}, {2}, {0}.body, (size_t)({0}.len > 0 ? {0}.len : 0));".format,
+)
+"""A block's data is `data__`, each variable a structure of value and flags, and within it all is plain C."""
+STRUCPP = Compiler(
+    title="OpenPLC",
+    longest=254,
+    owner="this",
+    text=lambda capacity, in_array: "STRING" if in_array else f"STRING({capacity})",
+    get="{}.get()".format,
+    put="{} = {};".format,
+    structure=str,
+    topic=lambda variable: (f"const auto text = {variable}.get();", "text.c_str()", "text.length()"),
+    ns="(int64_t){}.get()".format,
+    element="{}[{}]".format,
+    value="{}.get()".format,
+    time_in=f"{{}} = (int64_t){{}} * {NS_PER_MS};".format,
+    time_out=f"{{}}.get() / {NS_PER_MS}".format,
+    text_in="{} = {};".format,
+    text_out="{{ const auto text = {0}.get(); shmgen_text_out({1}, {2}, text.c_str(), text.length()); }}".format,
+)
+"""A block is a class; each elementary value in it is wrapped, so that a debugger can force it."""

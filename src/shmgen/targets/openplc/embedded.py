@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from shmgen.core.model import Layout
 from shmgen.targets import Job
-from shmgen.targets.c.ends import RUNTIME
+from shmgen.targets.c.ends import RUNTIME, group
 from shmgen.targets.c.target import fits_piece, struct_piece
 
 
@@ -23,14 +23,15 @@ def printed(job: Job) -> dict[str, str]:
     return {one.output.path: one.text for one in job.printed["c"]}
 
 
-def protocol(package: str, texts: Mapping[str, str]) -> Text:
+def protocol(job: Job, texts: Mapping[str, str]) -> Text:
     """What all messages share, and the end of a block: all of it C99, C++11 and C++17."""
+    asked = [f"#define SHMGEN_GROUP {group(job.options.regions)}"] if job.options.regions.group else []
     headers = ("shmgen.h", *(f"shmgen_{name}.h" for name in RUNTIME))
-    lines = [line for header in headers for line in texts[f"c/{package}/{header}"].splitlines()]
+    lines = [line for header in headers for line in texts[f"c/{job.package}/{header}"].splitlines()]
     includes = [line.split()[1] for line in lines if line.startswith("#include <")]
     return Text(
         tuple(sorted({include.strip("<>") for include in includes})),
-        tuple(line for line in lines if not line.startswith("#include")),
+        (*asked, *(line for line in lines if not line.startswith("#include"))),
     )
 
 

@@ -77,7 +77,7 @@ def _short(block: Block) -> Block:
 
 def _header(job: Job) -> Iterator[str]:
     texts = embedded.printed(job)
-    shared = embedded.protocol(job.package, texts)
+    shared = embedded.protocol(job, texts)
     yield "#ifndef SHMGEN_BLOCKS_H"
     yield "#define SHMGEN_BLOCKS_H"
     yield "#ifndef _GNU_SOURCE"

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from shmgen.core.model import Layout
-from shmgen.targets import Job
+from shmgen.targets import Job, Source
 from shmgen.targets.openplc import calls, names
 from shmgen.targets.openplc.blocks import Block, Variable, pair
 from shmgen.targets.openplc.compiler import Compiler
@@ -33,13 +33,14 @@ class Instance(NamedTuple):
 
 
 class Program(NamedTuple):
-    """`structures` are the types of the `variables`, which are global."""
+    """`structures` are the types of the `variables`, which are global; `own` is the user's, called behind ours."""
 
     name: str
     structures: tuple[Structure, ...]
     variables: tuple[Variable, ...]
     instances: tuple[Instance, ...]
     interval: str
+    own: tuple[Source, ...]
     resource: str = RESOURCE
     task: str = TASK
 
@@ -73,6 +74,7 @@ def plan(job: Job, compiler: Compiler, blocks: tuple[Block, ...]) -> Program | N
         (Variable(names.GLOBALS, every.name, every.doc), *(variable for _, variable in lists)),
         tuple(instances),
         str(job.options.task_interval),
+        job.options.sources,
     )
 
 

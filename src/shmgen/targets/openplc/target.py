@@ -51,7 +51,7 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
 def _library(job: Job, blocks: tuple[Block, ...], made: program.Program | None) -> str:
     layouts = ordered(job.layouts)
     texts = embedded.printed(job)
-    protocol = embedded.protocol(job.package, texts)
+    protocol = embedded.protocol(job, texts)
     own = [Structure(ST_TIME, "", SECONDS)] if any(layout.options.time == "struct" for layout in layouts) else []
     messages = {structure(layout, STRUCPP): embedded.message(layout, texts) for layout in layouts}
     every = {**dict.fromkeys(own, ()), **messages, **dict.fromkeys(made.structures if made else (), ())}

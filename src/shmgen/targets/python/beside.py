@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from importlib import resources
+from pathlib import Path
 
 from shmgen.core.model import Output
 
@@ -15,9 +15,8 @@ CORE = ("__init__.py", "abi.py", "escape.py", "plural.py")
 
 def plan(root: str) -> Iterator[Output]:
     """`<root>/_beside/shmgen/…`, in Python alone, and a README.txt with its licence."""
-    with resources.as_file(resources.files("shmgen")) as package:
-        found = (package / "runtime").rglob("*.py")
-        runtime = sorted(file.relative_to(package).as_posix() for file in found)
+    package = Path(__file__).parents[2]
+    runtime = sorted(file.relative_to(package).as_posix() for file in (package / "runtime").rglob("*.py"))
     for path in ("__init__.py", "py.typed", *(f"core/{name}" for name in CORE), *runtime):
         yield Output(f"{root}/{FOLDER}/shmgen/{path}", f"shmgen/{path}", None)
     yield Output(f"{root}/{FOLDER}/shmgen/README.txt", "python/beside.txt", None)

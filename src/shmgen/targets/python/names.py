@@ -54,8 +54,8 @@ PYTHON_USED = words("""
 """What a generated module refers to by a bare name."""
 
 PYTHON_STORED = words("""
-    _anonymous_ _align_ _as_parameter_ _b_base_ _b_needsfree_ _decode _digest_ _encode _fields_ _layout_
-    _names_ _objects _pack_ _regions_ _set_defaults _swappedbytes_ _type_name_
+    _anonymous_ _align_ _as_parameter_ _b_base_ _b_needsfree_ _check_counts _decode _digest_ _encode _fields_
+    _layout_ _names_ _objects _pack_ _regions_ _set_defaults _swappedbytes_ _type_name_
 """)
 """Attributes that ctypes and the generated classes have for themselves, and that all begin with an underscore."""
 

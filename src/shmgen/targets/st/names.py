@@ -8,6 +8,7 @@ vain compiles and one left out does not.
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Iterator
 
@@ -30,6 +31,7 @@ ST_TIME = "ST_shmgen_Time"
 _USUAL = TypeOptions()
 
 
+@functools.cache
 def st_member(name: str) -> str:
     """A field or a constant in Structured Text: `step` -> `step_`.
 

@@ -22,11 +22,12 @@ class Instance(NamedTuple):
 
 
 class Program(NamedTuple):
-    """What calls the blocks in the list `gvl`."""
+    """What calls the blocks in the list `gvl`, and the programs `behind` them."""
 
     name: str
     gvl: str
     instances: tuple[Instance, ...]
+    behind: tuple[str, ...] = ()
 
 
 def plan(topics: Sequence[Topic], services: Sequence[Service], actions: Sequence[Action]) -> Iterator[Output]:

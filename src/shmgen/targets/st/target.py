@@ -119,11 +119,8 @@ def _gvl(layout: Layout) -> Gvl:
 
 def _pair(layout: Layout, layouts: Layouts) -> Iterator[Output]:
     name = layout.name
-    for block, template, looked_at in (
-        (names.publisher_block(name), "publisher", "Msg"),
-        (names.subscriber_block(name), "subscriber", "_Received"),
-    ):
-        checks = counts.checks(layout, layouts, "Fits", looked_at)
+    checks = counts.checks(layout, layouts, "Fits", "_pMsg^")
+    for block, template in ((names.publisher_block(name), "publisher"), (names.subscriber_block(name), "subscriber")):
         view = Block(block, str(name), names.st_type(name, layout.options), names.gvl(name), bool(checks), checks)
         yield Output(f"st/{name.package}/{block}.st", f"st/{template}.st.j2", view)
 
