@@ -37,6 +37,8 @@ ROOTS := mmdebstrap qemu-user-static
 MACHINES ?= named i386 i686 arm64 armhf armhf-t64 riscv64
 # What goes through the models of the protocol.
 MODELS := spin
+# What proves that the headers touch no memory but theirs.
+PROVER := frama-c-base
 # What the page of `shmgen view` is looked at with.
 BROWSER := chromium
 # DDS that is not ours, for the tests of the backend dds: Fast DDS, and Cyclone's C library.
@@ -48,7 +50,7 @@ TESTS :=
 # The extra `bench`, one by one: who cannot be had here is left out.
 PEERS := iceoryx2 cyclonedds eclipse-zenoh pyzmq asyncua pymodbus
 
-.PHONY: demo test test-all test-pure machines lint generated coverage pictures chaos model explore load load-record load-view load-bridge soak-bridge bare fuzz fuzz-many hostile mutants bench site dist clean
+.PHONY: demo test test-all test-pure machines lint generated coverage pictures chaos model explore load load-record load-view load-bridge soak-bridge bare fuzz fuzz-many hostile prove mutants bench site dist clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/ready
@@ -101,6 +103,12 @@ model: $(VENV)/ready-to-test  ## the protocol's models, also in sizes that take 
 explore: $(VENV)/ready-to-test  ## the shipped ends in all schedules, also of scenes that take long, and with each planted fault
 	$(BIN)/python -m tests.explorer --faults
 
+axes: $(VENV)/ready-to-test  ## examples/axes for a minute at 1 kHz, with twenty controllers killed
+	$(BIN)/python examples/axes/demo.py --seconds 60 --kills 20
+
+readers: $(VENV)/ready-to-test  ## one, two, four and eight readers of a topic at 200 Hz and 1 kHz, every pairing: what each misses, and when
+	$(BIN)/python -m tests.rigs.readers
+
 load: $(VENV)/ready-to-test  ## 64 topics at 1 kHz for a minute
 	$(BIN)/python -m tests.rigs.load
 
@@ -110,10 +118,11 @@ load-record: $(VENV)/ready-to-test  ## the same recorded into a bag, and the bag
 load-view: $(VENV)/ready-to-test  ## what 200 regions and an image of 1 MiB take of a core on the screens of view
 	$(BIN)/python -m tests.rigs.load_view
 
-load-bridge: $(VENV)/ready-for-all  ## 10 topics at 100 Hz and one at 1 kHz through ROS 1, ROS 2 and DDS, for 30 s each
+load-bridge: $(VENV)/ready-for-all  ## 10 topics at 100 Hz and one at 1 kHz through ROS 1, ROS 2, DDS and zenoh, for 30 s each
 	$(BIN)/python -m tests.rigs.load_bridge --backend ros1
 	$(BIN)/python -m tests.rigs.load_bridge --backend ros2
 	$(BIN)/python -m tests.rigs.load_bridge --backend dds
+	$(BIN)/python -m tests.rigs.load_bridge --backend zenoh
 
 soak-bridge: $(VENV)/ready-for-all  ## an hour of bridges among vanishing regions, dying peers and a full /dev/shm; as root
 	$(BIN)/python -m tests.rigs.soak_bridge --backend ros1
@@ -123,9 +132,9 @@ soak-bridge: $(VENV)/ready-for-all  ## an hour of bridges among vanishing region
 bare:  ## as root: the commands of README on Debian 12, Debian 13 and Ubuntu 24.04 that have nothing, six times; ARGS="--help"
 	$(PYTHON) -m tests.rigs.bare $(ARGS)
 
-fuzz: $(VENV)/ready-to-test  ## five minutes of definitions nobody would write, guided by coverage
+fuzz: $(VENV)/ready-to-test  ## five minutes of definitions, PLC files and bags nobody would write, guided by coverage
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[fuzz]'
-	$(BIN)/python -m tests.rigs.fuzz 300
+	for kind in definitions st xml mcap; do $(BIN)/python -m tests.rigs.fuzz 75 $$kind || exit 1; done
 
 fuzz-many: $(VENV)/ready-to-test  ## a million definitions, not guided; then of files for import and of bags, each
 	for kind in definitions st xml mcap; do $(BIN)/python -m tests.rigs.fuzz_many 1000000 --of $$kind || exit 1; done
@@ -137,9 +146,13 @@ mutants: $(VENV)/ready-for-all  ## the core made wrong in some two thousand ways
 hostile: $(VENV)/ready-to-test  ## a million regions in which anything may lie, read by C and C++
 	$(BIN)/python -m tests.cpp.hostile
 
-bench: $(VENV)/ready-to-test
+prove: $(VENV)/ready-to-test  ## that the headers for C touch no memory but theirs, whatever a region holds and system calls say
+	@$(call debian,command -v frama-c,$(PROVER),exit 1)
+	$(BIN)/python -m tests.prove
+
+bench: $(VENV)/ready-to-test  ## all benchmarks; ARGS=--docs puts what they print into docs/performance.md
 	for peer in $(PEERS); do $(BIN)/python -m pip install --quiet --disable-pip-version-check $$peer || echo "$$peer: left out"; done
-	$(BIN)/python benchmarks/run.py
+	$(BIN)/python benchmarks/run.py $(ARGS)
 
 site: $(VENV)/ready  ## the documentation as a site, in site/
 	@$(call pip,$(BIN)) --editable '.[docs]'
@@ -150,6 +163,7 @@ dist: $(VENV)/ready  ## sdist and wheels in dist/, of Python alone and with the 
 	rm -rf dist
 	SHMGEN_PURE=1 $(BIN)/python -m build --outdir dist
 	SHMGEN_PURE=1 $(BIN)/python -m build --wheel --outdir dist packaging/shmgen-runtime
+	$(BIN)/python -m build --sdist --outdir dist packaging/shmgen-fastdds
 	for project in . packaging/shmgen-runtime; do $(BIN)/python -m build --wheel --outdir dist/raw $$project || exit 1; done
 	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/auditwheel repair --wheel-dir dist dist/raw/*-abi3-*.whl && rm -rf dist/raw
 	$(BIN)/python -m twine check --strict dist/*
@@ -179,14 +193,16 @@ $(VENV)/ready-to-test: $(VENV)/ready
 	@$(call pip,$(BIN)) --editable '.[test]'
 	@touch $@
 
-$(VENV)/ready-for-all: $(VENV)/ready-to-test
+$(VENV)/ready-for-all: $(VENV)/ready-to-test $(wildcard packaging/shmgen-fastdds/*.py packaging/shmgen-fastdds/*/*.[ch]pp)
 	@$(call optional,for tool in $(CROSS_TOOLS); do command -v $$tool || exit 1; done,$(CROSS))
 	@$(call optional,/usr/bin/python3 -c 'import rosidl_parser.parser; import genmsg' && ls -d /usr/share/actionlib_msgs,$(REFERENCES))
 	@$(call optional,/usr/bin/python3 -c 'import rospy; import rosmaster; import rostopic; import rosservice; import actionlib' && command -v catkin_make,$(ROS1))
 	@$(call optional,command -v cmake && ls -d /usr/include/ros/ros.h $(patsubst %,/usr/include/%/,$(subst -,_,$(ROSCPP_MESSAGES))),$(ROSCPP))
 	@$(call optional,command -v clang++,$(CLANG))
 	@$(call optional,command -v fastddsgen && command -v idlc,$(DDS))
+	@$(call pip,$(BIN)) --no-deps --editable packaging/shmgen-fastdds || echo 'no shmgen-fastdds here; tests that need it are skipped' >&2
 	@$(call optional,command -v spin,$(MODELS))
+	@$(call optional,command -v frama-c,$(PROVER))
 	@$(call optional,command -v chromium,$(BROWSER))
 	@if /usr/bin/python3 -c 'import rospy' 2>/dev/null; then \
 	    echo 'making $(VENV)/ros1'; \

@@ -107,7 +107,7 @@ def caller(client: Any, request: Any) -> Callable[[int], int]:
 def udp_caller(peer: tuple[str, int]) -> Callable[[int], int]:
     udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     udp.connect(peer)
-    udp.settimeout(10.0)
+    udp.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("@ll", 10, 0))  # settimeout adds a system call
 
     def call(number: int) -> int:
         udp.send(REQUEST.pack(number, number, 1))

@@ -1,8 +1,8 @@
 """Times whole commands: one message against a bare Python start, the whole store against rosidl's C generator.
 
-Both sides of a ratio are run in turn. Against the bare start it is the median of the ratios of two runs beside each
-other, which a machine with other things to do moves least; else the ratio of the medians. Without Debian's
-rosidl-generator-c-cpp the second part says so and is left out.
+All is written into new folders, in TMPDIR. Both sides of a ratio are run in turn. Against the bare start it is the
+median of the ratios of two runs beside each other, which a machine with other things to do moves least; else the ratio
+of the medians. Without Debian's rosidl-generator-c-cpp the second part says so and is left out.
 """
 
 from __future__ import annotations
@@ -34,20 +34,25 @@ def main() -> None:
 
 def one_message(folder: Path, environment: dict[str, str]) -> None:
     bare = [sys.executable, "-c", "pass"]
-    generate = [*SHMGEN, "generate", "geometry_msgs/Pose", "--quiet", "--output", str(folder / "pose")]
-    run(generate, environment)
+    generate = [*SHMGEN, "generate", "geometry_msgs/Pose", "--quiet", "--output"]
+    run([*generate, str(folder / "pose")], environment)
     floors, ours = [], []
-    for _ in range(RUNS):
+    for number in range(RUNS):
         floors.append(run(bare, environment))
-        ours.append(run(generate, environment))
+        ours.append(run([*generate, str(folder / f"pose{number}")], environment))
     floor, mine = statistics.median(floors), statistics.median(ours)
     ratio = statistics.median(our / bare for our, bare in zip(ours, floors, strict=True))
     print(f"bare python start            {floor * 1e3:8.1f} ms   1")
-    print(f"shmgen generate, one message {mine * 1e3:8.1f} ms   {ratio:.1f}x (wanted: at most 12x)")
+    print(f"shmgen generate, one message {mine * 1e3:8.1f} ms   {ratio:.1f}x (wanted: at most 7x)")
 
 
 def whole_store(folder: Path, environment: dict[str, str]) -> None:
-    packages = store.catalogue("jazzy")
+    """Packages of messages alone: rosidl's generator takes services another way."""
+    packages = {
+        package: found
+        for package, found in store.catalogue("jazzy").items()
+        if all(name.kind == "msg" for (one,) in [found] for name in one.definitions)
+    }
     messages = {
         str(name): str(one.content) for (found,) in packages.values() for name, one in found.definitions.items()
     }
@@ -60,14 +65,14 @@ def whole_store(folder: Path, environment: dict[str, str]) -> None:
     everything = statistics.median(run([*alone, str(folder / f"all{index}")], environment) for index in range(3))
     count = len(messages)
     print(f"shmgen, C alone              {mine / count * 1e3:8.2f} ms a message, {count} messages")
-    print(f"shmgen, all targets          {everything / count * 1e3:8.2f} ms a message")
+    print(f"shmgen, default targets      {everything / count * 1e3:8.2f} ms a message (wanted: at most 2 ms)")
     if not ROSIDL.exists():
         print("rosidl's C generator is not installed (apt-get install rosidl-generator-c-cpp python3-rosidl)")
         return
     theirs = rosidl(folder, messages, environment)
     print(
         f"rosidl C generator           {theirs / count * 1e3:8.2f} ms a message   "
-        f"{theirs / everything:.0f}x all our targets, {theirs / mine:.0f}x our C (wanted: at least 20x)"
+        f"{theirs / everything:.0f}x our default targets, {theirs / mine:.0f}x our C (wanted: at least 20x)"
     )
 
 

@@ -1,12 +1,13 @@
 """Turns a paced stream between two processes into the age of its samples and the reader's CPU, ours beside others.
 
-    python benchmarks/latency.py [--rounds 5] [--seconds 1] [--only shmgen,UDP]
+    python benchmarks/latency.py [--rounds 3] [--seconds 0.5] [--only shmgen,UDP]
 
 A sample carries the time when it was handed over; its age is taken when the receiver holds it as a message of its
 own, in microseconds, at 1 kHz (1 MiB: 100 Hz). The sender sleeps between two samples, as one with a cycle does. Rounds
 are interleaved; the figure is the median over the rounds of each round's median, the ratio is to shmgen in the same
 mode, round by round.
-C++ is what shmgen generates, C its floor: two slots and a word. In place: the reader looks at the sample where it lies.
+C++ is what shmgen generates, C its floor: two slots and a word. In place: the reader looks at all of a sample where it
+lies, as that of iceoryx2 does of a mebibyte. The last table has several readers that sleep.
 Targets: C++ at most 1.5 x C; event at most 1.3 x the age of an event by hand and under 2 % of a core; a Pose ahead of
 every peer.
 """
@@ -23,18 +24,23 @@ import sys
 import tempfile
 import threading
 import time
+from contextlib import ExitStack
 from pathlib import Path
 from subprocess import DEVNULL
 
 from peers import WAYS, generated, networks, remove
 
+from shmgen.core.plural import counted
+
 HERE = Path(__file__).parent
 MODES = ("spin", "event", "poll")
 SIZES = {56: 1000, 320: 1000, 1 << 20: 100}
-POLLED = ("shmgen", "by hand, Python")
+POLLED = ("shmgen", "by hand")
 WOKEN_ONLY = ("Modbus TCP (pymodbus)", "OPC UA (asyncua)")
 LARGEST = {"Modbus TCP (pymodbus)": 240, "cyclonedds": 1 << 16}
 """Bytes: 123 registers are the most of one Modbus write; a mebibyte of DDS octets goes through a Python list."""
+MANY = ("shmgen", "iceoryx2")
+"""Ways in which one call sends to all readers."""
 LARGE = 4096
 """Bytes from which on a sample is also read in place."""
 WARM_UP = 0.3
@@ -44,8 +50,8 @@ _PATIENCE = 12
 def main() -> None:
     """Prints a table for each size."""
     parser = argparse.ArgumentParser(description="One-way latency and CPU of a paced stream.")
-    parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--seconds", type=float, default=1)
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--seconds", type=float, default=0.5)
     parser.add_argument("--only", default="")
     parser.add_argument("--sizes", type=int, nargs="*", default=list(SIZES), choices=SIZES)
     parser.add_argument("--child", nargs=5, metavar=("ROLE", "WAY", "MODE", "SIZE", "NAME"))
@@ -61,8 +67,13 @@ def main() -> None:
         subprocess.run(["gcc", "-O2", "-pthread", "-o", floor, HERE / "peers" / "floor.c"], check=True)
         program = generated.program(Path(folder))
         compiled = {"C": floor, "C++": program, "C++ in place": program}
+        if (peer := generated.iceoryx(Path(folder))) is not None:
+            compiled["iceoryx 2.0.3, C++"] = peer
+        else:
+            print("iceoryx in C++ is left out: apt-get install libiceoryx-posh-dev libacl1-dev")
         for size in given.sizes:
             _table(size, SIZES[size], ways, compiled, given.rounds, given.seconds)
+    _readers([way for way in MANY if way in ways], given.rounds, given.seconds)
 
 
 def child(role: str, way: str, mode: str, size: int, name: str, seconds: float) -> None:
@@ -123,36 +134,53 @@ def _table(size: int, rate: int, ways: list[str], compiled: dict[str, Path], rou
 
 
 def _fits(way: str, mode: str, size: int) -> bool:
-    if way in ("C", "C++", "C++ in place"):
+    if way.startswith("C") or way.endswith("C++"):
         return mode != "poll" and (way != "C++ in place" or size > LARGE)
     return (
-        size <= LARGEST.get(way, size)
+        (size > LARGE or not way.endswith("in place"))
+        and size <= LARGEST.get(way, size)
         and (mode != "poll" or way in POLLED)
         and (mode == "event" or way not in WOKEN_ONLY)
     )
 
 
-def _measured(way: str, mode: str, size: int, name: str, seconds: float) -> list[float]:
-    """Empty if nothing came."""
+def _readers(ways: list[str], rounds: int, seconds: float) -> None:
+    """The middle of what each of them has, medians of the rounds."""
+    found: dict[tuple[str, int], list[list[float]]] = {(way, many): [] for many in (1, 2, 4) for way in ways}
+    for number in range(rounds):
+        for row, (way, many) in enumerate(found):
+            name = f"shmgen_readers_{os.getpid()}_{number}_{row}"
+            found[way, many].append(_measured(way, "event", 56, name, seconds, many))
+    print(f"\n{'Readers that sleep, 56 bytes at 1000 Hz':<47}{'p50 us':>10}{'p99 us':>10}{'CPU %':>8}{'samples':>17}")
+    for (way, many), results in found.items():
+        p50, p99, cpu, count = (statistics.median(column) for column in zip(*filter(None, results), strict=True))
+        print(
+            f"  {counted(many, 'reader'):<10}{way:<30}{p50 / 1000:>10.1f}{p99 / 1000:>10.1f}{cpu:>8.1f}{count:>17.0f}"
+        )
+
+
+def _measured(way: str, mode: str, size: int, name: str, seconds: float, readers: int = 1) -> list[float]:
+    """Empty if nothing came; of several readers the medians."""
     command = [sys.executable, str(HERE / "latency.py"), "--seconds", str(seconds), "--child"]
     ends = [way, mode, str(size), name]
-    with subprocess.Popen([*command, "receive", *ends], stdout=subprocess.PIPE, stderr=DEVNULL, text=True) as receiver:
-        assert receiver.stdout
-        # Who waits for ever, because its sender is gone, is told so.
-        patience = threading.Timer(_PATIENCE + seconds, receiver.kill)
-        patience.start()
-        try:
-            if receiver.stdout.readline().strip() != "ready":
-                return []
-            with subprocess.Popen([*command, "send", *ends], stderr=DEVNULL) as sender:
-                try:
-                    return [float(word) for word in receiver.stdout.readline().split()]
-                finally:
-                    sender.kill()
-        finally:
-            patience.cancel()
-            receiver.kill()
-            remove(name)
+    with ExitStack() as stack:
+        stack.callback(remove, name)
+        receivers = []
+        for _ in range(readers):
+            receiver = subprocess.Popen([*command, "receive", *ends], stdout=subprocess.PIPE, stderr=DEVNULL, text=True)
+            stack.enter_context(receiver)
+            stack.callback(receiver.kill)
+            # Who waits for ever, because its sender is gone, is told so.
+            patience = threading.Timer(_PATIENCE + seconds, receiver.kill)
+            patience.start()
+            stack.callback(patience.cancel)
+            receivers.append(receiver.stdout)
+        if any(not out or out.readline().strip() != "ready" for out in receivers):
+            return []
+        sender = stack.enter_context(subprocess.Popen([*command, "send", *ends], stderr=DEVNULL))
+        stack.callback(sender.kill)
+        said = [[float(word) for word in out.readline().split()] for out in receivers if out]
+        return [statistics.median(column) for column in zip(*filter(None, said), strict=True)]
 
 
 def _floor(*command: object) -> list[float]:

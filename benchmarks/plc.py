@@ -11,6 +11,7 @@ import sys
 import tempfile
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import posix_ipc
@@ -70,7 +71,8 @@ def main() -> None:
             region = "/" + region_name(name)
             posix_ipc.unlink_shared_memory(region)
             for semaphore_name in (region, f"{region}-event"):
-                posix_ipc.unlink_semaphore(semaphore_name)
+                with suppress(posix_ipc.ExistentialError):
+                    posix_ipc.unlink_semaphore(semaphore_name)
 
 
 def topic(plc: Plc) -> None:

@@ -48,7 +48,7 @@ class Cell:
         print("\n$ shmgen", command, *(word for word in arguments if word not in ("--output", self.folder)), flush=True)
         subprocess.run([*SHMGEN, command, *arguments, "-c", self.here / "shmgen.toml"], check=True)
 
-    def start_plc(self, *programs: str) -> None:
+    def start_plc(self, *programs: str) -> subprocess.Popen[str]:
         """Compiles all Structured Text and calls PRG_Ros and `programs`, files of `here`, every millisecond."""
         sys.path.insert(0, str(REPOSITORY))
         own, generated = sorted(self.here.glob("*.st")), sorted((self.folder / "st").rglob("*.st"))
@@ -61,12 +61,16 @@ class Cell:
             from tests.softplc import compile_st
 
             compile_st({path.name: path.read_text() for path in (*generated, *own)}, self.folder / "plc")
-        task = ["-m", "tests.softplc.task", self.folder / "plc" / "plc.so", "PRG_Ros", *programs]
-        self.start("PLC", *task, "--period", "0.001", ready="running", cwd=REPOSITORY)
+        return self.run_plc(*programs)
 
-    def start_bridge(self, backend: str) -> None:
+    def run_plc(self, *programs: str) -> subprocess.Popen[str]:
+        """The same once more, compiled as it is."""
+        task = ["-m", "tests.softplc.task", self.folder / "plc" / "plc.so", "PRG_Ros", *programs]
+        return self.start("PLC", *task, "--period", "0.001", ready="running", cwd=REPOSITORY)
+
+    def start_bridge(self, backend: str) -> subprocess.Popen[str]:
         """Topics of ROS to and from the regions, from now on."""
-        self.start(
+        return self.start(
             "bridge", "-m", "shmgen", "bridge", "--backend", backend, "-c", self.here / "shmgen.toml", ready="running"
         )
 
@@ -87,9 +91,9 @@ class Cell:
                 return process
         raise SystemExit(f"{name} ended before it was ready")
 
-    def run(self, script: str, *arguments: str, timeout: float = 120) -> int:
+    def run(self, script: str, *arguments: str, timeout: float = 120, python: str | Path = sys.executable) -> int:
         """Runs a file of `here` to its end; its exit status."""
-        command = [sys.executable, self.here / script, *arguments]
+        command = [python, self.here / script, *arguments]
         return subprocess.run(command, env=self.environment, timeout=timeout, check=False).returncode
 
 
@@ -99,7 +103,7 @@ def cell(here: Path, *packages: str) -> Iterator[Cell]:
 
     Raises SystemExit, before anything takes long, if a package that the example needs is not installed.
     """
-    if missing := [package for package in packages if not find_spec(package)]:
+    if missing := [package for package in packages if not find_spec(package.replace("-", "_"))]:
         raise SystemExit(f"this example needs: {sys.executable} -m pip install {' '.join(missing)}")
     with tempfile.TemporaryDirectory() as folder:
         try:

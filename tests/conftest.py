@@ -55,6 +55,15 @@ def topic() -> Iterator[str]:
         file.unlink()
 
 
+@pytest.fixture
+def space() -> Iterator[str]:
+    """A namespace for topics that nobody else uses; their regions go afterwards."""
+    name = f"t{uuid.uuid4().hex[:12]}"
+    yield f"/{name}"
+    for file in Path("/dev/shm").glob(f"*{name}*"):
+        file.unlink()
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """What ROS, and whatever is killed, leaves in /tmp and ~/.ros goes with the session. Workers inherit this."""
     if not hasattr(config, "workerinput"):

@@ -46,6 +46,7 @@ INNER_ARROWS: dict[str, set[str]] = {
     "bridge/ros1": {"backend", "codec"},
     "bridge/ros2": {"backend", "codec"},
     "bridge/dds": {"backend", "codec", "ros2"},
+    "bridge/zenoh": {"backend", "codec", "ros2"},
     "runtime/region": {"errors"},
     "runtime/messages": {"errors", "region"},
     "tools/messages": set(),
@@ -70,6 +71,7 @@ ONLY_IN = {
     "rclpy": {"bridge"},
     "genpy": {"bridge"},
     "cyclonedds": {"bridge"},
+    "zenoh": {"bridge"},
 }
 
 

@@ -19,20 +19,25 @@ from .support.command import run
 CMAKE = """cmake_minimum_required(VERSION 3.16)
 project(robot_shm C CXX)
 find_package(shmgen REQUIRED)
-shmgen_generate(robot_messages INCLUDE interfaces/share INSTALL)
+shmgen_generate(robot_messages INCLUDE interfaces/share INSTALL TARGETS c cpp cpp_ros2 python)
 add_executable(size size.c)
 target_link_libraries(size PRIVATE robot_messages)
 add_executable(sends sends.cpp)
 target_link_libraries(sends PRIVATE robot_messages)
 target_compile_features(sends PRIVATE cxx_std_17)
 target_compile_options(sends PRIVATE -Wall -Wextra -Wold-style-cast -Werror)
+target_include_directories(sends PRIVATE ros)
 """
 SENDS = """#include "shm_msgs/demo_msgs/msg/robot.hpp"
+#include "shm_msgs_ros2/far_msgs/msg/far.hpp"
 int main() {
+    if (shmgen::to_ros(shm_msgs::far_msgs::msg::Far{}).a != 0)
+        return 2;
     shm_msgs::demo_msgs::msg::RobotPublisher publisher("/shmgen_test/cmake");
     return publisher.publish({}) ? 0 : 1;
 }
 """
+FAR = "#include <cstdint>\nnamespace far_msgs::msg { struct Far { std::int8_t a, b; }; }\n"
 SIZE = """#include <stdio.h>
 #include "shm_msgs/demo_msgs/msg/robot.h"
 int main(void) { printf("%zu\\n", sizeof(shm_demo_msgs_Robot)); return 0; }
@@ -40,22 +45,29 @@ int main(void) { printf("%zu\\n", sizeof(shm_demo_msgs_Robot)); return 0; }
 
 
 @pytest.mark.skipif(shutil.which("cmake") is None, reason="no cmake")
-def test_cmake_generates_when_a_definition_changes(tmp_path: Path) -> None:
-    """From an installed interface package, as it lies below share/, and one beside CMakeLists.txt."""
-    source, build = tmp_path / "source", tmp_path / "build"
+@pytest.mark.parametrize("generator", ["Unix Makefiles", "Ninja"])
+def test_cmake_generates_when_a_definition_changes(tmp_path: Path, generator: str) -> None:
+    """From an installed interface package, as it lies below share/, one beside CMakeLists.txt, one far from both."""
+    if generator == "Ninja" and shutil.which("ninja") is None:
+        pytest.skip("no ninja: apt-get install ninja-build")
+    source, build, far = tmp_path / "source", tmp_path / "build", tmp_path / "far away"
     write(
         source,
         {
             "CMakeLists.txt": CMAKE,
             "size.c": SIZE,
             "sends.cpp": SENDS,
-            "shmgen.toml": SETTINGS.replace('["c"]', '["c", "cpp", "python"]').replace("demo_msgs/Robot", "demo_msgs"),
+            "shmgen.toml": f'path = ["{far}"]\n'
+            + SETTINGS.replace('"demo_msgs/Robot"', '"demo_msgs", "far_msgs"').replace('path = ["msgs"]\n', ""),
+            "ros/far_msgs/msg/far.hpp": FAR,
             "msgs/other_msgs/msg/Other.msg": "int8 a\n",
             "interfaces/share/demo_msgs/package.xml": "<package><name>demo_msgs</name></package>",
             "interfaces/share/demo_msgs/msg/Robot.msg": ROBOT,
             "interfaces/share/demo_msgs/msg/Arm.msg": ARM,
         },
     )
+    manifest = "<package><name>far_msgs</name><buildtool_depend>{}</buildtool_depend></package>"
+    write(far, {"far_msgs/package.xml": manifest.format("catkin"), "far_msgs/msg/Far.msg": "int8 a\n"})
     bin = tmp_path / "bin"
     bin.mkdir()
     (bin / "shmgen").write_text(f'#!/bin/sh\nexec {sys.executable} -m shmgen "$@"\n')
@@ -73,7 +85,7 @@ def test_cmake_generates_when_a_definition_changes(tmp_path: Path) -> None:
 
     install = tmp_path / "installed"
     where = [f"-Dshmgen_DIR={REPOSITORY / 'src' / 'shmgen' / 'cmake'}", f"-DCMAKE_INSTALL_PREFIX={install}"]
-    cmake("-S", source, "-B", build, *where)
+    cmake("-S", source, "-B", build, "-G", generator, *where)
     assert "shmgen generate robot_messages" in cmake("--build", build)
     before = size()
     assert "shmgen generate" not in cmake("--build", build)
@@ -81,9 +93,25 @@ def test_cmake_generates_when_a_definition_changes(tmp_path: Path) -> None:
     write(source, {"interfaces/share/demo_msgs/msg/Arm.msg": ARM + "float64 last\n"})
     assert "shmgen generate robot_messages" in cmake("--build", build)
     assert size() > before
+    for changed in (
+        {"far_msgs/msg/Far.msg": "int8 a\nint8 b\n"},
+        {"far_msgs/package.xml": manifest.format("ament_cmake")},
+    ):
+        assert "shmgen generate" not in cmake("--build", build)
+        time.sleep(1.1)
+        write(far, changed)
+        assert "shmgen generate robot_messages" in cmake("--build", build), changed
+    time.sleep(1.1)
+    write(source, {"interfaces/share/late_msgs/msg/Late.idl": "module late_msgs {};\n"})
+    assert "shmgen generate robot_messages" in cmake("--build", build)
+    assert "shmgen generate" not in cmake("--build", build)
     cmake("--install", build)
-    for ending in ("h", "hpp"):
-        assert (install / f"include/shm_msgs/demo_msgs/msg/robot.{ending}").is_file()
+    for header in (
+        "shm_msgs/demo_msgs/msg/robot.h",
+        "shm_msgs/demo_msgs/msg/robot.hpp",
+        "shm_msgs_ros2/shmgen_ros.hpp",
+    ):
+        assert (install / "include" / header).is_file()
     assert subprocess.run([build / "sends"], check=False).returncode == 0
     for file in Path("/dev/shm").glob("*shmgen_test.cmake*"):
         file.unlink()

@@ -10,13 +10,14 @@ import sys
 import sysconfig
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
+from typing import Any
 
 import posix_ipc
 import pytest
-from jinja2 import TemplateNotFound
 
 from shmgen.config import Config
 from shmgen.generator import pipeline, render
+from shmgen.generator.templates import compiled
 
 from .conftest import REPOSITORY
 
@@ -119,21 +120,45 @@ def test_the_extension_is_compiled_for_no_other_python(
     assert (note, [*tmp_path.iterdir()]) == ("the extension is for CPython with its lock, on Linux", [])
 
 
-def test_a_wheel_needs_no_text_of_its_templates(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """They are compiled when it is built, and print the same; another Jinja than that of the build reads the texts."""
+def test_a_wheel_needs_no_text_of_its_templates_and_no_jinja(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are compiled when it is built, and print the same."""
     pose = Config(tmp_path, messages=("geometry_msgs/Pose",))
     texts = pipeline.generate(pose, pose.messages)
-    ((made, place),) = hook().compiled_templates(tmp_path / "built").items()
-    assert place == f"shmgen/templates/{render.COMPILED}"
+    ((made, place),) = hook().compiled_templates(tmp_path).items()
+    assert place == "shmgen/generator/printers.py"
     templates = tmp_path / "templates"
     shutil.copytree(render.template_folder(), templates, ignore=shutil.ignore_patterns("*.j2"))
-    shutil.copytree(made, templates / render.COMPILED)
     monkeypatch.setattr(render, "template_folder", lambda: templates)
-    monkeypatch.setattr(render, "_environment", render._environment.__wrapped__)
-    assert pipeline.generate(pose, pose.messages) == texts
-    monkeypatch.setattr(render, "COMPILED", "compiled-0.0")
-    with pytest.raises(TemplateNotFound):
+    monkeypatch.setattr(render, "_printers", render._printers.__wrapped__)
+    monkeypatch.setenv("SHMGEN_NO_CACHE", "1")
+    monkeypatch.setitem(sys.modules, "jinja2", None)
+    monkeypatch.delitem(sys.modules, "shmgen.generator.templates", raising=False)
+    with pytest.raises((ImportError, KeyError)):
         pipeline.generate(pose, pose.messages)
+    printers = ModuleType(render.BUILT)
+    exec(Path(made).read_text(), vars(printers))
+    monkeypatch.setitem(sys.modules, render.BUILT, printers)
+    assert pipeline.generate(pose, pose.messages) == texts
+
+
+@pytest.mark.parametrize(
+    "text", ["{{ view.a | upper }}", "{% for a, b in view %}{% endfor %}", "{% if view == 1 %}{% endif %}"]
+)
+def test_a_template_with_logic_is_not_compiled(tmp_path: Path, text: str) -> None:
+    (tmp_path / "a.j2").write_text(text)
+    with pytest.raises(ValueError, match="a template holds "):
+        compiled(tmp_path)
+
+
+def test_a_template_in_python_prints_what_stands_there(tmp_path: Path) -> None:
+    """Quotes, braces and signs as they are; a loop within a loop may have the name of the outer one."""
+    loops = "{% for x in view.a %}{% for x in x.b %}{{ x }}{% endfor %}{{ x.c }}{% endfor %}\n"
+    text = "'\"\"\"{ñ}\\n\t{{ '{{' }}{% if view.no %}no{% else %}yes{% endif %}" + loops
+    (tmp_path / "a.j2").write_text(text)
+    scope: dict[str, Any] = {}
+    exec(compiled(tmp_path), scope)
+    view = SimpleNamespace(no="", a=[SimpleNamespace(b=[1, 2], c="c"), SimpleNamespace(b=[], c="d")])
+    assert scope["PRINTERS"]["a.j2"](view) == '\'"""{ñ}\\n\t{{yes12cd'
 
 
 def test_generated_code_without_it_says_what_it_needs() -> None:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 from shmgen import config
 from shmgen.core.diagnostics import Report
 from shmgen.generator import pipeline
 
 from .conftest import REPOSITORY
+from .rigs.fbd import blocks
 
 
 def test_generated_is_up_to_date() -> None:
@@ -34,6 +36,10 @@ def test_the_pictures_are_up_to_date() -> None:
     layouts = pipeline.lay_out(settings, [str(name)])
     (drawing,) = render([memory_map.plan(layouts[name], layouts)]).values()
     assert (REPOSITORY / "docs" / "memory_map.svg").read_text() == drawing, "run `make generated`"
+
+
+def test_the_boxes_of_the_blocks_are_up_to_date(tmp_path: Path) -> None:
+    assert (REPOSITORY / "docs" / "blocks.svg").read_text() == blocks(tmp_path), "run `make pictures`"
 
 
 def test_no_version_of_python_warns_of_generated_code() -> None:

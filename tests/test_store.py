@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import random
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from shmgen.core.diagnostics import Span
 from shmgen.core.model import Clock, Layout, Layouts, Ref, Role, Scalar, Slot, TypeName
 from shmgen.generator import pipeline
 
+from .conftest import REPOSITORY
 from .support.build import classes, compile_headers, put
 from .support.schemas import plain, random_message
 from .test_layout import assert_same_bytes
@@ -53,6 +55,26 @@ def test_list_says_what_stops_each_message() -> None:
     assert all(not entry.unbounded for entry in entries if entry.size is not None)
     (joint_state,) = [entry for entry in entries if entry.name.short == "sensor_msgs/JointState"]
     assert joint_state.unbounded[0] == "sensor_msgs/JointState.name"
+
+
+DISTRIBUTIONS = re.findall(r"^\| (\w+) \| (\d+) generated", (REPOSITORY / "docs" / "ros.md").read_text(), re.MULTILINE)
+
+
+@pytest.mark.parametrize(("source", "count"), DISTRIBUTIONS)
+def test_every_definition_of_a_distribution_is_generated(source: str, count: str) -> None:
+    """As many as docs/ros.md says."""
+    plain = Config(Path.cwd(), source=source.lower())
+    names = [str(entry.name) for entry in pipeline.inventory(plain)]
+    bounds = Bounds({}, {name.split("/")[0]: Bound(3, Span("shmgen.toml")) for name in names})
+    texts = pipeline.generate(dataclasses.replace(plain, bounds=bounds), names)
+    assert len(names) == int(count)
+    for name in names:
+        package, _, short = name.split("/")
+        assert any(f"ST_{package}_{short}.st" in path for path in texts), name
+
+
+def test_the_page_has_all_distributions() -> None:
+    assert [name for name, _ in DISTRIBUTIONS] == ["Humble", "Jazzy", "Kilted", "Lyrical"]
 
 
 def test_with_bounds_none_is_left(bounded: Config) -> None:

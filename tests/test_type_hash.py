@@ -13,9 +13,9 @@ from shmgen.bridge.plan import closure
 from shmgen.bridge.ros2 import actions as ros2_actions
 from shmgen.config import Config
 from shmgen.config.entries import Bound, Bounds
-from shmgen.core.diagnostics import Span
-from shmgen.core.type_hash import TIMES, hash_of, type_hash
-from shmgen.definitions import Sources, available
+from shmgen.core.diagnostics import Report, Span
+from shmgen.core.type_hash import TIMES, hash_of, service_hash, type_hash
+from shmgen.definitions import Sources, open_library
 from shmgen.generator import pipeline
 
 from .support import ros2
@@ -29,11 +29,20 @@ def test_every_definition_installed(distribution: str, monkeypatch: pytest.Monke
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(ros2.prefix(distribution)))
     monkeypatch.setenv("ROS_VERSION", "2")
     theirs = ros2.hashes(distribution)
-    names = [str(name) for name in available(Sources((), "env", Path.cwd()))]
-    known = {message.name: message for message in pipeline.read(Config(Path.cwd(), source="env"), names).messages}
+    names = [str(name) for name in open_library(Sources((), "env", Path.cwd()), Report()).known()]
+    schema = pipeline.read(Config(Path.cwd(), source="env"), names)
+    known = {message.name: message for message in schema.messages}
+    parts = {str(name): name for name in known}
     ours = {str(name): hash_of(name, known) for name in known}
     compared = theirs.keys() & ours.keys()
     assert {name: ours[name] for name in compared} == {name: theirs[name] for name in compared}
+    of_services = {
+        name: service_hash(*(closure(schema, parts[f"{name}_{half}"]) for half in ("Request", "Response")))
+        for name in theirs
+        if f"{name}_Request" in parts
+    }
+    assert of_services == {name: theirs[name] for name in of_services}
+    assert len(of_services) > 20
     wholes = {name for name in theirs if f"{name}_Request" in theirs or f"{name}_Goal" in theirs}
     left = theirs.keys() - compared - wholes - {str(name) for name in TIMES.values()}
     assert not {name for name in left if not any(part in name for part in OF_ROS_ITSELF)}
@@ -53,9 +62,13 @@ def test_what_ros_makes_of_an_action(distribution: str, monkeypatch: pytest.Monk
     said = ros2_actions.Said(ActionWire("/a", goal, result, feedback))
     halves = [half for service in (said.send, said.cancel, said.result) for half in (service.request, service.response)]
     ours = {str(wire[-1].name): type_hash(wire) for wire in (*halves, said.feedback.messages, said.status.messages)}
+    ours |= {
+        str(service.type): service_hash(service.request, service.response)
+        for service in (said.send, said.cancel, said.result)
+    }
     theirs = ros2.hashes(distribution)
     assert ours == {name: theirs[name] for name in ours}
-    assert len(ours) == 8
+    assert len(ours) == 11
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ from pathlib import Path
 from shmgen.config import Config
 from shmgen.generator import pipeline
 
+ICEORYX = "/usr/include/iceoryx/v2.0.3"
 SIZES = {"Block56": 56, "Block320": 320, "Mebibyte": 1 << 20}
 
 
@@ -27,3 +28,13 @@ def program(folder: Path) -> Path:
     source = Path(__file__).with_name("cpp.cpp")
     subprocess.run(["g++", "-O2", "-std=c++17", f"-I{folder / 'cpp'}", source, "-pthread", "-o", made], check=True)
     return made
+
+
+def iceoryx(folder: Path) -> Path | None:
+    """Debian's, in C++; None where libiceoryx-posh-dev or libacl1-dev is missing."""
+    made = folder / "iceoryx_peer"
+    source = Path(__file__).with_name("iceoryx.cpp")
+    libraries = [f"-liceoryx_{name}" for name in ("posh_roudi", "posh", "hoofs", "platform")]
+    headers = f"-isystem{ICEORYX}"
+    command = ["g++", "-O2", "-std=c++17", headers, source, "-o", made, *libraries, "-pthread", "-lrt", "-lacl"]
+    return made if subprocess.run(command, capture_output=True, check=False).returncode == 0 else None

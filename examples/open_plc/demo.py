@@ -30,8 +30,6 @@ def main() -> int:
         if not matiec:
             print("\nNo MATIEC: set it to the folder of a built matiec, see docs/openplc.md, and it runs.")
             return 0
-        source = with_program((made / "upload.st").read_text(), (HERE / "PRG_Conveyor.st").read_text())
-        (made / "cell.st").write_text(source)
         compile_by(Path(matiec), made)
         here.start_program("PLC", made / "plc", ready="running")
         here.shmgen("call", "/open/drive", "belt_msgs/Drive", "{may_run: true}")
@@ -40,19 +38,10 @@ def main() -> int:
         return status
 
 
-def with_program(upload: str, program: str) -> str:
-    """A program of one's own stands before the configuration, which has a line for it behind that of PRG_Ros."""
-    before, mark, configuration = upload.partition("CONFIGURATION")
-    ros = "    PROGRAM Ros WITH RosTask : PRG_Ros;\n"
-    own = "    PROGRAM Conveyor WITH RosTask : PRG_Conveyor;\n"
-    assert ros in configuration
-    return f"{before}{program}\n{mark}{configuration.replace(ros, ros + own)}"
-
-
 def compile_by(matiec: Path, folder: Path) -> None:
     """To C by iec2c, and with the header that the blocks call to a program."""
-    print("\n$ iec2c cell.st, and gcc", flush=True)
-    call = [matiec / "iec2c", "-f", "-l", "-p", "-I", matiec / "lib", "-T", folder, folder / "cell.st"]
+    print("\n$ iec2c upload.st, and gcc", flush=True)
+    call = [matiec / "iec2c", "-f", "-l", "-p", "-I", matiec / "lib", "-T", folder, folder / "upload.st"]
     subprocess.run(call, check=True, stdout=subprocess.DEVNULL)
     options = ["-w", "-O1", "-include", folder / "shm_msgs.h", f"-I{matiec}/lib/C", f"-I{folder}"]
     sources = [folder / "Config0.c", folder / "Res0.c", HERE / "cycle.c"]

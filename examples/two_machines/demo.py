@@ -114,6 +114,10 @@ def main() -> int:
         time.sleep(2)
         tell("a quiet cable", both)
 
+        wire("0.05")
+        time.sleep(4)
+        tell("every twentieth frame lost", both)
+
         wire("0.2")
         time.sleep(3)
         wire("0.0")

@@ -1,0 +1,146 @@
+// iceoryx, as Debian has it (libiceoryx-posh-dev), for latency.py: filled where it is loaned, read where it lies.
+//
+//   iceoryx spin|event SIZE RATE SECONDS  prints "age" of each sample received, ns, and then percent of a core
+//
+// Its daemon RouDi is a process of this program.
+#include "iceoryx_hoofs/log/logmanager.hpp"
+#include "iceoryx_posh/internal/roudi/roudi.hpp"
+#include "iceoryx_posh/popo/publisher.hpp"
+#include "iceoryx_posh/popo/subscriber.hpp"
+#include "iceoryx_posh/popo/wait_set.hpp"
+#include "iceoryx_posh/roudi/iceoryx_roudi_components.hpp"
+#include "iceoryx_posh/runtime/posh_runtime.hpp"
+
+#include <csignal>
+#include <cstdio>
+#include <cstring>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <time.h>
+#include <unistd.h>
+#include <vector>
+
+namespace {
+
+struct Small {
+    std::uint64_t stamp;
+    unsigned char data[48];
+};
+
+struct Middle {
+    std::uint64_t stamp;
+    unsigned char data[312];
+};
+
+struct Large {
+    std::uint64_t stamp;
+    unsigned char data[(1 << 20) - 8];
+};
+
+std::uint64_t now()
+{
+    timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return static_cast<std::uint64_t>(t.tv_sec) * 1000000000u + static_cast<std::uint64_t>(t.tv_nsec);
+}
+
+[[noreturn]] void serve()
+{
+    (void)!std::freopen("/dev/null", "w", stdout); // it says that it is ready
+    iox::mepoo::MePooConfig pools;
+    pools.addMemPool({128, 64});
+    pools.addMemPool({1024, 64});
+    pools.addMemPool({(1 << 20) + 128, 16});
+    iox::RouDiConfig_t config;
+    config.m_sharedMemorySegments.push_back({iox::posix::PosixGroup::getGroupOfCurrentProcess().getName(),
+                                             iox::posix::PosixGroup::getGroupOfCurrentProcess().getName(), pools});
+    iox::roudi::IceOryxRouDiComponents parts(config);
+    iox::roudi::RouDi roudi(parts.rouDiMemoryManager, parts.portManager,
+                            iox::roudi::RouDi::RoudiStartupParameters{iox::roudi::MonitoringMode::OFF, false});
+    for (;;)
+        pause();
+}
+
+template <class Block> void send(double rate, double seconds)
+{
+    iox::runtime::PoshRuntime::initRuntime("sender");
+    iox::popo::Publisher<Block> publisher({"shmgen", "benchmark", "block"});
+    static Block own;
+    const auto period = static_cast<std::uint64_t>(1e9 / rate);
+    std::uint64_t due = now();
+    for (int number = 1; number <= seconds * rate; number++) {
+        due += period;
+        const timespec until = {static_cast<time_t>(due / 1000000000), static_cast<long>(due % 1000000000)};
+        clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, nullptr);
+        const std::uint64_t stamp = now();
+        (void)publisher.loan().and_then([&](auto &sample) {
+            std::memcpy(sample->data, own.data, sizeof own.data);
+            sample->stamp = stamp;
+            sample.publish();
+        });
+    }
+}
+
+template <class Block> int receive(bool event)
+{
+    iox::runtime::PoshRuntime::initRuntime("receiver");
+    iox::popo::SubscriberOptions options;
+    options.queueCapacity = 1;
+    iox::popo::Subscriber<Block> subscriber({"shmgen", "benchmark", "block"}, options);
+    iox::popo::WaitSet<> waiter;
+    (void)waiter.attachState(subscriber, iox::popo::SubscriberState::HAS_DATA);
+    std::vector<std::uint64_t> ages;
+    const std::uint64_t began = now();
+    std::uint64_t last = began;
+    for (unsigned looks = 1; (!event && looks % 65536 != 0) || now() - last < 300000000u; looks++) {
+        if (event && waiter.timedWait(iox::units::Duration::fromMilliseconds(100)).empty())
+            continue;
+        (void)subscriber.take().and_then([&](auto &sample) {
+            last = now();
+            ages.push_back(last - sample->stamp);
+        });
+    }
+    rusage used;
+    getrusage(RUSAGE_SELF, &used);
+    const double busy = static_cast<double>(used.ru_utime.tv_sec + used.ru_stime.tv_sec) +
+                        static_cast<double>(used.ru_utime.tv_usec + used.ru_stime.tv_usec) / 1e6;
+    for (const std::uint64_t age : ages)
+        std::printf("%lu\n", static_cast<unsigned long>(age));
+    std::printf("%f\n", busy / (static_cast<double>(now() - began) / 1e9) * 100);
+    return 0;
+}
+
+template <class Block> int one_way(bool event, double rate, double seconds)
+{
+    iox::log::LogManager::GetLogManager().SetDefaultLogLevel(iox::log::LogLevel::kOff);
+    const pid_t daemon = fork();
+    if (daemon == 0)
+        serve();
+    const pid_t sender = fork();
+    if (sender == 0) {
+        send<Block>(rate, seconds);
+        _exit(0);
+    }
+    const int result = receive<Block>(event);
+    waitpid(sender, nullptr, 0);
+    std::fflush(stdout);
+    kill(daemon, SIGKILL);
+    waitpid(daemon, nullptr, 0);
+    _exit(result); // its runtime would say goodbye to a daemon that is gone
+}
+
+} // namespace
+
+int main(int, char **argv)
+{
+    const bool event = std::strcmp(argv[1], "event") == 0;
+    const double rate = std::atof(argv[3]), seconds = std::atof(argv[4]);
+    switch (std::atoi(argv[2])) {
+    case sizeof(Small):
+        return one_way<Small>(event, rate, seconds);
+    case sizeof(Middle):
+        return one_way<Middle>(event, rate, seconds);
+    default:
+        return one_way<Large>(event, rate, seconds);
+    }
+}
