@@ -12,9 +12,6 @@
 extern "C" {
 #endif
 
-/* Each so many samples a writer clears the numbers of others, before they grow so old that they look new. */
-#define SHMGEN_FORGET UINT32_C(0x10000000)
-
 /* For one thread at a time. */
 typedef struct shmgen_publisher {
     shmgen_link end;

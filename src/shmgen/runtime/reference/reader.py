@@ -17,8 +17,6 @@ from shmgen.runtime.region import header as h
 
 _TRIES = 8
 """How often a sample overwritten while it was copied is given up for a newer one in one call."""
-LEFT = 2
-"""So many numbers are left out at most where a writer takes over."""
 _POLL = abi.POLL_MS / 1000
 """Seconds between two looks of a reader that waits: Python has no wait for a semaphore by a clock that nobody sets."""
 
@@ -110,7 +108,7 @@ class Reader(End):
             if not unread:
                 self._need_region()
                 break
-            for step in range(max(1, unread - slots - LEFT) if oldest else unread, unread + 1):
+            for step in range(max(1, unread - slots - abi.LEFT_OUT) if oldest else unread, unread + 1):
                 data = self._copy(h.after(start, step, slots), left)
                 if data is not None:
                     return data or None

@@ -6,6 +6,7 @@ import time
 from collections.abc import Generator
 from typing import Any
 
+from shmgen.core import abi
 from shmgen.runtime.messages.message import CUT, Late
 from shmgen.runtime.reference.bell import ring
 from shmgen.runtime.reference.claim import claim
@@ -17,9 +18,6 @@ from shmgen.runtime.refusals import claim_lost, lock_timeout
 from shmgen.runtime.region import header as h
 from shmgen.runtime.region.looks import writer_of
 from shmgen.runtime.region.settings import UNTIL_RECOVERED
-
-_FORGET = 1 << 28
-"""Each so many samples a writer clears the numbers of others, before they grow so old that they look new."""
 
 
 class Writer(End):
@@ -100,7 +98,7 @@ class Writer(End):
         self.sequence = number  # first: who comes upon this with an exception must not let it be used again
         words[slot // 4 + 2 * h.NUMBER] = number
         words[h.COMPLETED0 + lane] = number
-        if number % _FORGET == 0:
+        if number % abi.FORGET == 0:
             words[h.COMPLETED1 - lane] = words[h.LEFT] = 0
 
     def _beat(self) -> None:

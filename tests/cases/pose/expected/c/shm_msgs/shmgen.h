@@ -37,6 +37,8 @@ extern "C" {
 #define SHMGEN_PLC UINT32_C(0xFFFFFFFF)         /* in place of a process id, which a PLC does not know */
 #define SHMGEN_LAST UINT32_C(0xFFFFFFFF)        /* the greatest number of a sample; then it wraps around to the number of slots */
 #define SHMGEN_RESTART_GAP UINT32_C(0x80000000) /* samples; so many cannot be missed: the numbers have started again */
+#define SHMGEN_FORGET UINT32_C(0x10000000)      /* each so many samples a writer clears the numbers of others, before these look new */
+#define SHMGEN_LEFT_OUT 2                       /* numbers that are left out at most where a writer takes over */
 #define SHMGEN_MAX_DEPTH 65535                  /* samples a slow reader can still fetch */
 #define SHMGEN_MAX_TYPE_NAME 95                 /* bytes of a type's name, before the 0 that ends it */
 #define SHMGEN_MAX_NAME 74                      /* characters of a region's name: STRING(80) less '-event' */

@@ -241,9 +241,6 @@ static inline bool shmgen_has_unread(const shmgen_subscriber *self)
     return newest != 0 && newest != self->last;
 }
 
-/* So many numbers are left out at most where a writer takes over. */
-#define SHMGEN_LEFT 2
-
 /* The oldest unread sample that is still there; as shmgen_subscriber_read() in all else. */
 static inline shmgen_status shmgen_subscriber_read_next(
     shmgen_subscriber *self, void *into, size_t size, int64_t limit, shmgen_receive receive)
@@ -253,7 +250,7 @@ static inline shmgen_status shmgen_subscriber_read_next(
     if (status != SHMGEN_OK)
         return status;
     for (int left = SHMGEN_TRIES; left > 0; left--) {
-        const uint32_t newest = shmgen_newest(end), start = self->last;
+        const uint32_t newest = shmgen_newest(end), start = self->last, kept = end->slots + SHMGEN_LEFT_OUT;
         uint32_t unread, step;
         if (newest == 0 || newest == self->last)
             return shmgen_nothing(self);
@@ -262,7 +259,7 @@ static inline shmgen_status shmgen_subscriber_read_next(
             self->last = newest - 1;
             continue;
         }
-        for (step = unread > end->slots + SHMGEN_LEFT ? unread - end->slots - SHMGEN_LEFT : 1; step <= unread; step++) {
+        for (step = unread > kept ? unread - kept : 1; step <= unread; step++) {
             status = shmgen_take(
                 self, shmgen_after(end, start, step), into, size, shmgen_limit_of_try(end, left, limit), receive);
             if (status != SHMGEN_OVERWRITTEN)
