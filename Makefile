@@ -29,9 +29,11 @@ CLANG := clang
 # ROS 2 for the bridge's tests: a volunteer's wheels on PyPI, each distribution in an environment of its own, 250 MB.
 ROS2 := jazzy kilted
 ROS2_PACKAGES := rclpy rmw-fastrtps-cpp common-interfaces std-srvs test-msgs
-# What builds packages there; the metadata of ament-cmake leaves two of its own out.
+# What builds packages there; the metadata of ament-cmake leaves two of its own out. Then what makes code of interfaces.
 ROS2_BUILD := colcon-common-extensions \
-              ros-jazzy-ament-cmake ros-jazzy-ament-cmake-include-directories ros-jazzy-ament-package
+              ros-jazzy-ament-cmake ros-jazzy-ament-cmake-include-directories ros-jazzy-ament-package \
+              $(addprefix ros-jazzy-,rosidl-core-generators rosidl-default-generators python-cmake-module domain-coordinator \
+              ament-cmake-gmock ament-cmake-gtest ament-cmake-pytest ament-cmake-ros)
 # Other machines' Debian, and what runs it; MACHINES: which, of tests/rigs/machines.py.
 ROOTS := mmdebstrap qemu-user-static
 MACHINES ?= named i386 i686 arm64 armhf armhf-t64 riscv64

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import click
 
-from shmgen.cli import options, requested
+from shmgen.cli import linked, options, requested
 from shmgen.core.diagnostics import CODES, Diagnostic, Rejected, Span, closest
 from shmgen.core.model import Layouts
 from shmgen.core.plural import counted
@@ -38,6 +38,14 @@ from shmgen.targets import KEYS
     help="Generate this target only and remove the files of others; may be repeated.",
 )
 @click.option("--skip-unbounded", is_flag=True, help="Leave out messages that still need a bound, instead of failing.")
+@click.option("--only", is_flag=True, help="Generate these messages only and remove all others.")
+@click.option(
+    "--link",
+    type=click.Path(path_type=Path, file_okay=False),
+    multiple=True,
+    help="Folder that another run has written: its messages keep their bounds, its headers and Structured Text are "
+    "not written again; may be repeated.",
+)
 @click.option("-q", "--quiet", is_flag=True, help="Print diagnostics only.")
 @click.option(
     "--depfile",
@@ -50,6 +58,8 @@ def generate(
     output: Path,
     target: tuple[str, ...],
     skip_unbounded: bool,
+    only: bool,
+    link: tuple[Path, ...],
     quiet: bool,
     depfile: Path | None,
     config_file: Path | None,
@@ -68,22 +78,26 @@ def generate(
     if target:
         config = replace(config, targets=target)
     config = replace(config, skip_unbounded=skip_unbounded)
-    opened = pipeline.library(config) if depfile else None
+    opened = pipeline.library(config) if depfile or link else None
+    if link and opened:
+        config = linked.configured(config, link, opened)
+    locks = [folder / lockfile.LOCK for folder in link]
     written = None
     while written is None:  # or another run has written since, and what it has done counts
         kept = current(output, lockfile.LOCK)
         lock, formerly = requested.former(output, kept)
         if messages:
-            requests = [*messages, *lock.requested]
+            requests = [*messages, *(() if only else lock.requested)]
         else:
             requests, formerly = requested.configured(config), {}
         texts = requested.texts(config, requests, formerly, output, opened)
+        linked.check(texts[lockfile.LOCK], locks)
         leftovers = sorted(set(lock.files) - set(texts))
         written = write(output, texts, leftovers, last=lockfile.LOCK, former=kept)
-    files = [os.path.join(output, path) for path in texts]
+    files = [*(os.path.join(output, path) for path in texts), *map(str, locks)]
     if depfile and opened:
         files.append(str(depfile))
-        _write_depfile(depfile, filter(None, [options.file_in_force(config_file), *opened.files()]))
+        _write_depfile(depfile, filter(None, [options.file_in_force(config_file), *locks, *opened.files()]))
     lines = []
     if not quiet:
         removed = f", {len(written.removed)} removed" if written.removed else ""

@@ -5,7 +5,12 @@
 #     [INCLUDE <folder>...]        where message packages are looked for before all others
 #     [OUTPUT <folder>]            default: <build folder>/<target>
 #     [TARGETS <target>...]        what to write, c and cpp and so on; default: the `targets` of shmgen.toml
-#     [INSTALL])                   headers to include/, Python and Structured Text to share/<project>/shmgen
+#     [MESSAGES <type|package>...] what to write it of; default: the `messages` of shmgen.toml
+#     [LINK <folder>...]           where another call has installed its layout.lock: what that has written is not written
+#                                  again, so link its target too
+#     [OPTIONAL]                   leave out messages without a bound; if nothing can be written, warn and make no <target>
+#     [HEADERS <folder>]           where they are installed; default: include
+#     [INSTALL])                   headers, and Python, Structured Text and layout.lock to share/<project>/shmgen
 #
 # <target> is an INTERFACE library: linked, it gives the headers of OUTPUT/c, cpp, cpp_ros1 and cpp_ros2, and what they
 # need of the system. Python is in OUTPUT/python. All is written anew when shmgen.toml, a definition that was read or its
@@ -20,7 +25,7 @@ if(NOT SHMGEN_EXECUTABLE)
 endif()
 
 function(shmgen_generate target)
-  cmake_parse_arguments(PARSE_ARGV 1 ARG "INSTALL" "CONFIG;OUTPUT" "INCLUDE;TARGETS")
+  cmake_parse_arguments(PARSE_ARGV 1 ARG "INSTALL;OPTIONAL" "CONFIG;OUTPUT;HEADERS" "INCLUDE;TARGETS;MESSAGES;LINK")
   if(ARG_UNPARSED_ARGUMENTS)
     message(FATAL_ERROR "shmgen_generate(${target}): what is ${ARG_UNPARSED_ARGUMENTS}?")
   endif()
@@ -29,6 +34,9 @@ function(shmgen_generate target)
   endif()
   if(NOT ARG_OUTPUT)
     set(ARG_OUTPUT "${CMAKE_CURRENT_BINARY_DIR}/${target}")
+  endif()
+  if(NOT ARG_HEADERS)
+    set(ARG_HEADERS include)
   endif()
   get_filename_component(config "${ARG_CONFIG}" ABSOLUTE)
   get_filename_component(home "${config}" DIRECTORY)
@@ -46,18 +54,33 @@ function(shmgen_generate target)
   foreach(wanted IN LISTS ARG_TARGETS)
     list(APPEND options -t "${wanted}")
   endforeach()
+  if(ARG_MESSAGES)
+    list(APPEND options --only ${ARG_MESSAGES})
+  endif()
+  foreach(folder IN LISTS ARG_LINK)
+    list(APPEND options --link "${folder}")
+  endforeach()
+  if(ARG_OPTIONAL)
+    list(APPEND options --skip-unbounded)
+  endif()
   set(stamp "${CMAKE_CURRENT_BINARY_DIR}/${target}.stamp")
   set(headers "${ARG_OUTPUT}/c" "${ARG_OUTPUT}/cpp" "${ARG_OUTPUT}/cpp_ros1" "${ARG_OUTPUT}/cpp_ros2")
-  set(generate "${SHMGEN_EXECUTABLE}" generate --quiet --config "${config}" --output "${ARG_OUTPUT}" ${options})
+  set(generate "${SHMGEN_EXECUTABLE}" generate --config "${config}" --output "${ARG_OUTPUT}" ${options})
   # Ninja compiles anew for headers that it knows to be made; what this run fails for, the build says.
-  execute_process(COMMAND ${generate} OUTPUT_QUIET ERROR_QUIET)
+  execute_process(COMMAND ${generate} OUTPUT_VARIABLE said ERROR_VARIABLE error RESULT_VARIABLE failed)
+  if(ARG_OPTIONAL AND failed)
+    message(WARNING "shmgen writes nothing of ${ARG_MESSAGES}:\n${error}")
+    return()
+  elseif(said MATCHES "[0-9]+ messages? left out.*")
+    message(STATUS "shmgen: ${CMAKE_MATCH_0}")
+  endif()
   list(TRANSFORM headers APPEND "/*.h*" OUTPUT_VARIABLE patterns)
   file(GLOB_RECURSE made ${patterns})
   set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS "${config}")
   add_custom_command(
     OUTPUT "${stamp}"
     BYPRODUCTS ${made}
-    COMMAND ${generate} --depfile "${stamp}.d"
+    COMMAND ${generate} --quiet --depfile "${stamp}.d"
     COMMAND "${CMAKE_COMMAND}" -E touch "${stamp}"
     DEPENDS "${config}" ${definitions}
     DEPFILE "${stamp}.d"
@@ -66,15 +89,17 @@ function(shmgen_generate target)
   add_custom_target(${target}_files ALL DEPENDS "${stamp}")
   add_library(${target} INTERFACE)
   add_dependencies(${target} ${target}_files)
-  target_include_directories(${target} SYSTEM INTERFACE ${headers})
+  target_include_directories(${target} SYSTEM INTERFACE
+    "$<BUILD_INTERFACE:${headers}>" "$<INSTALL_INTERFACE:${ARG_HEADERS}>")
   if(UNIX)
     target_link_libraries(${target} INTERFACE pthread rt)  # in the C library itself since glibc 2.34
   endif()
   if(ARG_INSTALL)
     foreach(folder IN LISTS headers)
-      install(DIRECTORY "${folder}/" DESTINATION include OPTIONAL)
+      install(DIRECTORY "${folder}/" DESTINATION "${ARG_HEADERS}" OPTIONAL)
     endforeach()
     install(DIRECTORY "${ARG_OUTPUT}/python" "${ARG_OUTPUT}/st" "${ARG_OUTPUT}/plcopen"
       DESTINATION "share/${PROJECT_NAME}/shmgen" OPTIONAL PATTERN __pycache__ EXCLUDE)
+    install(FILES "${ARG_OUTPUT}/layout.lock" DESTINATION "share/${PROJECT_NAME}/shmgen")
   endif()
 endfunction()

@@ -32,7 +32,8 @@ class Config:
 
     `document` is what was read. `places` says where each of `messages`, `path` and `types_used` is written.
     `sources` are the user's own files of Structured Text.
-    `skip_unbounded` is said on the command line only: messages without a bound are left out.
+    Two are said on the command line only: with `skip_unbounded` messages without a bound are left out, and `linked` is
+    what other runs have written, each file with its SHA-256, and the messages that they were asked for.
     """
 
     root: Path
@@ -48,6 +49,7 @@ class Config:
     max_region: int = MAX_REGION
     task_interval: int = TASK_INTERVAL
     skip_unbounded: bool = False
+    linked: Mapping[str, str] = field(default_factory=dict)
     types: TypeOptions = field(default_factory=TypeOptions)
     bounds: Bounds = field(default_factory=lambda: Bounds({}, {}))
     topics: tuple[TopicEntry, ...] = ()

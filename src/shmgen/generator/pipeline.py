@@ -36,6 +36,8 @@ def lay_out(config: Config, requests: Iterable[str], opened: definitions.Library
     if config.skip_unbounded:
         schema = _bounded(config, schema, opened)
     schema = bounds.apply(schema, config.bounds, Report(), opened.known)
+    also = (message.name for message in schema.messages if str(message.name) in config.linked)
+    schema = replace(schema, requested=schema.requested.union(also))  # or it were written again, and as less
     return layout.lay_out(schema, _types(config, schema), config.max_region, Report())
 
 
@@ -56,8 +58,14 @@ def printed(config: Config, layouts: Layouts) -> dict[str, str]:
     """The same of what is laid out already."""
     report = Report()
     texts = printed_by(TARGETS, config.targets, job_of(config, layouts, report), report)
-    texts = dict(sorted(texts.items()))
+    texts = {path: text for path, text in sorted(texts.items()) if not _is_linked(path, text, config)}
     return texts | {lockfile.LOCK: lockfile.write(layouts, texts, settings(config))}
+
+
+def _is_linked(path: str, text: str, config: Config) -> bool:
+    """Whether a compiler, or who imports Structured Text, finds it where another run has written it."""
+    has_one_for_each_type = path.startswith(("c/", "cpp/", "cpp_ros1/", "cpp_ros2/", "st/"))
+    return has_one_for_each_type and path in config.linked and config.linked[path] == lockfile.sha256(text)
 
 
 def skippable(config: Config, requests: Iterable[str]) -> tuple[Schema, Schema]:

@@ -1,0 +1,53 @@
+"""Makes what other runs have written a part of this one: their messages keep their bounds, and are the same here."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from shmgen.config import Config
+from shmgen.config.entries import Bound
+from shmgen.core.diagnostics import Diagnostic, Rejected, Report, Span
+from shmgen.definitions import Library
+from shmgen.drift import lockfile
+from shmgen.drift.compare import compare
+from shmgen.drift.findings import Severity
+
+
+def configured(config: Config, folders: Iterable[Path], opened: Library) -> Config:
+    """With the bounds and files of the layout.lock in each folder. Raises Rejected: SHM407, SHM408."""
+    from shmgen.live import config_of_lock
+
+    strings: dict[str, Bound] = {}
+    sequences: dict[str, Bound] = {}
+    files: dict[str, str] = {}
+    in_reach = set(map(str, opened.known()))
+    for folder in folders:
+        lock = config_of_lock.read(folder / lockfile.LOCK)
+        if not lock:
+            hint = "give a folder that `shmgen generate` has written"
+            raise Rejected([Diagnostic("SHM407", "layout.lock is missing", Span(str(folder)), hint=hint)])
+        messages = {name: message for name, message in lock["messages"].items() if name in in_reach}
+        said = config_of_lock.settings(lock | {"messages": messages}, config).bounds
+        strings |= said.strings
+        sequences |= said.sequences
+        files |= lock["files"] | dict.fromkeys(lock["requested"], "")
+    bounds = replace(
+        config.bounds, strings=strings | {**config.bounds.strings}, sequences=sequences | {**config.bounds.sequences}
+    )
+    return replace(config, bounds=bounds, linked=files)
+
+
+def check(text: str, locks: Sequence[Path]) -> None:
+    """`text` is our layout.lock. Raises Rejected, SHM401, where a message has another layout in one of `locks`."""
+    ours = lockfile.read(text, lockfile.LOCK, Report()) if locks else lockfile.Lock()
+    found: list[Diagnostic] = []
+    for file in locks:
+        theirs = lockfile.read(file.read_text(encoding="utf-8"), str(file), Report())
+        both = theirs.messages.keys() & ours.messages.keys()
+        before, after = (lockfile.Lock(messages={name: one.messages[name] for name in both}) for one in (theirs, ours))
+        found += [it.diagnostic for it in compare(before, after, str(file)) if it.severity is Severity.BREAKING]
+    if found:
+        hint = "to be linked, both need the same layout: the same bounds and [types], or generate that one again"
+        raise Rejected([replace(one, hint=hint) for one in found])
