@@ -126,10 +126,11 @@ load-bridge: $(VENV)/ready-for-all  ## 10 topics at 100 Hz and one at 1 kHz thro
 	$(BIN)/python -m tests.rigs.load_bridge --backend dds
 	$(BIN)/python -m tests.rigs.load_bridge --backend zenoh
 
-soak-bridge: $(VENV)/ready-for-all  ## an hour of bridges among vanishing regions, dying peers and a full /dev/shm; as root
+soak-bridge: $(VENV)/ready-for-all  ## 80 minutes of bridges among vanishing regions, dying peers and a full /dev/shm; as root
 	$(BIN)/python -m tests.rigs.soak_bridge --backend ros1
 	$(BIN)/python -m tests.rigs.soak_bridge --backend ros2
 	$(BIN)/python -m tests.rigs.soak_bridge --backend dds
+	$(BIN)/python -m tests.rigs.soak_bridge --backend zenoh
 
 bare:  ## as root: the commands of README on Debian 12, Debian 13 and Ubuntu 24.04 that have nothing, six times; ARGS="--help"
 	$(PYTHON) -m tests.rigs.bare $(ARGS)

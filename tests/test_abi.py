@@ -61,8 +61,8 @@ NUMBERS = {
     "WAKE_MS": 10, "POLL_MS": 1, "HEARTBEAT_MS": 50, "PEER_MS": 100,
 }  # fmt: skip
 OF_A_PLC = {
-    "MAGIC", "ABI", "HEADER_SIZE", "SLOT_HEADER", "SLOT_STEP", "LANES", "PAGE", "PLC", "LAST", "RESTART_GAP", "FORGET", "LEFT_OUT",
-    "MAX_DEPTH", "MAX_TYPE_NAME", "MAX_NAME", "RETRY_MS", "CLAIM_MS", "CONFIRM_MS", "RECOVER_MS",
+    "MAGIC", "ABI", "HEADER_SIZE", "SLOT_HEADER", "SLOT_STEP", "LANES", "PAGE", "PLC", "LAST", "RESTART_GAP",
+    "FORGET", "LEFT_OUT", "MAX_DEPTH", "MAX_TYPE_NAME", "MAX_NAME", "RETRY_MS", "CLAIM_MS", "CONFIRM_MS", "RECOVER_MS",
 }  # fmt: skip
 
 Places = dict[str, tuple[int, int]]

@@ -52,7 +52,7 @@ def test_what_we_say_to_install_reads_idl() -> None:
     """What is installed for one purpose more, `.[view]`, is installed over that."""
     places = ["README.md", "action.yml", "packaging/docker/Dockerfile", "tests/rigs/bare.py"]
     texts = [(REPOSITORY / place).read_text() for place in places]
-    texts += [path.read_text() for path in (REPOSITORY / "docs").glob("*.md")]
+    texts += [path.read_text() for path in (REPOSITORY / "docs").rglob("*.md")]
     found = [re.findall(INSTALLS, text) for text in texts]
     assert all(found[: len(places)])
     others = [

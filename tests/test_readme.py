@@ -17,7 +17,7 @@ import pytest
 
 from .conftest import PROGRAMS, REPOSITORY
 
-PAGES = [REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").glob("*.md"))]
+PAGES = [REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").rglob("*.md"))]
 BLOCK = re.compile(r"^```(console|python|toml|c|cpp)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 FILES = {"python": "example.py", "toml": "shmgen.toml"}
 

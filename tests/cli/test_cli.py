@@ -354,7 +354,7 @@ def test_list_says_what_generate_would_say(folder: Path) -> None:
         f"demo_msgs/Twice  {twice}",
         "",
         "2 of 5 can be generated.",
-        "More is said by `shmgen explain SHM203` and `shmgen explain SHM303`",
+        "Run `shmgen explain SHM203` or `shmgen explain SHM303` for details",
     ]
     held = json.loads(done(folder, "list -I msgs demo_msgs --json"))[1]
     assert (held["size"], [fault["code"] for fault in held["faults"]]) == (32, ["SHM203"])

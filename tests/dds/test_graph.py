@@ -122,7 +122,7 @@ def test_text_that_is_no_utf8(graph: backend.Graph, domain: int, schema: Schema,
     for text in "üa":
         writer.write(kind(text))
     assert came.get(timeout=5).data == "a"
-    assert told[0] == f"{topic}: a peer announces no type hash; its std_msgs/String is taken for ours"
+    assert told[0] == f"{topic}: a peer announces no type hash; its std_msgs/String is assumed to be the same"
     assert "Could not deserialize 'std_msgs/msg/String'" in told[1]
 
 

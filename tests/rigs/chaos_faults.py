@@ -79,15 +79,13 @@ def one_look(stage: Any) -> None:
 
 def claim_kept(stage: Any) -> None:
     """A forked child keeps the open file of the region, and with it the claim, beyond its parent's death."""
-    close, held = Region.close, []
+    opening = Region.__init__
 
-    def kept(self: Region) -> None:
-        if os.getpid() == self.pid:
-            close(self)
-        else:
-            held.append(self)
+    def keeps(self: Region, file: Any, *others: Any) -> None:
+        opening(self, file, *others)
+        os.dup(file.fileno())
 
-    Region.close = kept  # type: ignore[method-assign]
+    Region.__init__ = keeps  # type: ignore[method-assign]
 
 
 def second_token(stage: Any) -> None:

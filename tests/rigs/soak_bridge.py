@@ -4,9 +4,10 @@
 
 26 topics, two services and two actions. A chaos takes topics over as a PLC does, has regions made anew, removed and
 replaced by those of another layout and by files that are none, fills /dev/shm, cuts the network, stops and kills peers
-and the master of ROS 1. It keeps away from the topics CALM, whose heartbeat must never stand still for LONGEST; and at
-the end each message that was sent is in one counter of the bridge, everything goes on by itself, and memory and
-descriptors are what they were. Of a heartbeat that stands still for longer the stacks of the bridge's threads are kept.
+and the master of ROS 1 or the router of zenoh. It keeps away from the topics CALM, whose heartbeat must never stand
+still for LONGEST; and at the end each message that was sent is in one counter of the bridge, everything goes on by
+itself, and memory and descriptors are what they were. Of a heartbeat that stands still for longer the stacks of the
+bridge's threads are kept.
 """
 
 from __future__ import annotations
@@ -41,6 +42,7 @@ from shmgen.runtime.region import header as h
 
 from ..bridge.contract import FIBONACCI
 from ..conftest import REPOSITORY
+from ..support import zenoh
 from ..support.ros1 import Graph, wait_for
 from ..support.standby import Onlooker, a_plc_writes, file_of, made_anew, words_of
 from .load_bridge import RATES, Ros, busy, made, peer
@@ -275,7 +277,8 @@ def cut_the_network(stage: Stage, dice: random.Random) -> None:
 
 
 def kill_the_master(stage: Stage, dice: random.Random) -> None:
-    assert isinstance(stage.graph, Graph)
+    """Of ROS 1, or the router of zenoh."""
+    assert isinstance(stage.graph, (Graph, zenoh.Graph))
     stage.graph.stop_master()
     time.sleep(dice.uniform(0.1, 2.0))
     stage.graph.start_master()
@@ -310,7 +313,9 @@ def run(graph: Ros, space: str, seconds: float, seed: int, longest: float) -> Ve
     measured = begun + max(3.0, seconds / 3)
     with Onlooker(map(stage.topic, CALM), longest, lambda: os.kill(pid, signal.SIGUSR2)) as looks:
         while time.monotonic() < begun + seconds:
-            mishap = dice.choice([one for one in MISHAPS if one is not kill_the_master or isinstance(graph, Graph)])
+            mishap = dice.choice(
+                [one for one in MISHAPS if one is not kill_the_master or hasattr(graph, "stop_master")]
+            )
             mishap(stage, dice)
             verdict.mishaps[mishap.__name__] += 1
             time.sleep(dice.uniform(0.1, 1.0))
@@ -369,7 +374,7 @@ def judge(stage: Stage, verdict: Verdict) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0] if __doc__ else "")
     parser.add_argument("--seconds", type=float, default=1200)
-    parser.add_argument("--backend", choices=("ros1", "ros2", "dds"), default="dds")
+    parser.add_argument("--backend", choices=("ros1", "ros2", "dds", "zenoh"), default="dds")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--longest", type=float, default=LONGEST, help="of a gap, for machines that are busy")
     parser.add_argument("--own", action="store_true", help="is said by itself: /dev/shm and the network are its own")

@@ -160,7 +160,7 @@ def test_a_subscriber_of_another_definition_is_told_of(
     for name in ("same", "last"):
         stranger.subscribe(wire(tmp_path / name, f"{space}/{name}", texts[name]), takers[name])
     for name in ("first", "last"):
-        bridge.said(f"{space}/{name}: a peer has another geometry_msgs/Vector3: .*it takes our bytes for its own")
+        bridge.said(f"{space}/{name}: a peer has another geometry_msgs/Vector3: .*it will misread our messages")
     bridge.stop(signal.SIGTERM)
     assert not [line for line in bridge.lines if f"{space}/same: " in line]
 

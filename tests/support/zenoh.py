@@ -50,9 +50,16 @@ class Graph:
         self.processes: list[subprocess.Popen[str]] = []
 
     def router(self) -> subprocess.Popen[str]:
-        made = self.start([self.python, "-c", ROUTER, self.port], stdin=-1)
+        self._router = made = self.start([self.python, "-c", ROUTER, self.port], stdin=-1)
         assert made.stdout.readline() == "ready\n"
         return made
+
+    start_master = router
+
+    def stop_master(self) -> None:
+        self._router.kill()
+        self._router.communicate()
+        self.processes.remove(self._router)
 
     def bridge(self, config: str = "", ready: bool = True) -> Bridge:
         """`shmgen bridge` in the folder."""

@@ -211,7 +211,7 @@ def clashes_are_told(target: Target) -> None:
 def _constants_beside_fields(target: Target, pairs: Sequence[tuple[str, str]]) -> None:
     """A target that says that constants have a space of their own is taken at its word, and at the compiler's."""
     form = "uint8 {}=1\nuint8 {}\n"
-    giver = next((other for other in TARGETS if other.key == target.after), target)
+    giver = next((other for other in TARGETS if other.key in target.after), target)
     names = target.room().NAMES or giver.room().NAMES
     if names and names.constants_apart:
         accepted(printed(target, {f"zq_msgs/msg/Foo{n}.msg": form.format(*pair) for n, pair in enumerate(pairs)}))

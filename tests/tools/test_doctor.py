@@ -81,7 +81,7 @@ def test_a_lock_whose_holder_was_killed(topic, semaphore, shmgen, peer):
     holder.kill()
     os.waitid(os.P_PID, holder.pid, os.WEXITED | os.WNOWAIT)  # a zombie, until its parent asks
     fault = examined(shmgen, topic)
-    assert f"held by process {holder.pid}, which is dead, and nobody has got in for 1." in fault["message"]
+    assert f"held by process {holder.pid}, which is dead, and has not been released for 1." in fault["message"]
     assert (fault["file"], fault["process"]) == (str(semaphore), holder.pid)
 
 
@@ -105,7 +105,7 @@ def test_a_surplus_token(topic, semaphore, shmgen, peer):
     peer(f"{PUBLISHER.format(topic=topic)}; {post}")
     fault = examined(shmgen, topic)
     assert "its semaphore is 2" in fault["message"]
-    assert "comes down by itself" in fault["hint"]
+    assert "returns to 1 automatically" in fault["hint"]
     assert fault["file"] == str(semaphore)
 
 
@@ -320,9 +320,9 @@ def test_a_region_that_is_only_in_a_container_is_found_if_it_is_asked_for(topic,
     ("value", "waiters", "dead", "said"),
     [
         (0, 1, False, "its lock is held by process {holder} ("),
-        (0, 0, True, "its lock is held by process {holder}, which is dead, and nobody has got in for 1."),
+        (0, 0, True, "its lock is held by process {holder}, which is dead, and has not been released for 1."),
         (1, 1, True, ""),
-        (2, 0, True, "its semaphore is 2, so that as many get in at a time"),
+        (2, 0, True, "its semaphore is 2: that many processes can hold the lock at once"),
     ],
 )
 def test_the_semaphore_of_a_32_bit_process(topic, semaphore, file, shmgen, value, waiters, dead, said):

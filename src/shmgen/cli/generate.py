@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import re
+import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,8 +16,8 @@ from shmgen.cli import linked, options, requested
 from shmgen.core.diagnostics import CODES, Diagnostic, Rejected, Span, closest
 from shmgen.core.model import Layouts
 from shmgen.core.plural import counted
-from shmgen.drift import lockfile
-from shmgen.generator import pipeline
+from shmgen.drift import check_cache, lockfile
+from shmgen.generator import changed, pipeline
 from shmgen.targets import KEYS
 
 
@@ -82,45 +83,57 @@ def generate(
     if link and opened:
         config = linked.configured(config, link, opened)
     locks = [folder / lockfile.LOCK for folder in link]
-    written = None
+    requests: list[str] = []
+    texts: dict[str, str] = {}
+    written = some = None
     while written is None:  # or another run has written since, and what it has done counts
         kept = current(output, lockfile.LOCK)
-        lock, formerly = requested.former(output, kept)
-        if messages:
-            requests = [*messages, *(() if only else lock.requested)]
-        else:
-            requests, formerly = requested.configured(config), {}
-        texts = requested.texts(config, requests, formerly, output, opened)
-        linked.check(texts[lockfile.LOCK], locks)
-        leftovers = sorted(set(lock.files) - set(texts))
+        edited = check_cache.changed(sys.argv[1:], {os.path.join(output, lockfile.LOCK): kept})
+        some = changed.texts(config, output, edited) if edited is not None else None
+        texts, leftovers = some or {}, list[str]()
+        if some is None:
+            lock, formerly = requested.former(output, kept)
+            others = () if only else lock.requested
+            requests = [*messages, *others] if messages else requested.configured(config)
+            texts = requested.texts(config, requests, formerly if messages else {}, output, opened)
+            linked.check(texts[lockfile.LOCK], locks)
+            leftovers = sorted(set(lock.files) - set(texts))
         written = write(output, texts, leftovers, last=lockfile.LOCK, former=kept)
+    total = len(texts) if some is None else (kept or b"").partition(b"\n[files]\n")[2].count(b"\n") + 1
+    skipped = [] if quiet or not skip_unbounded else list(requested.left_out(config, requests))
+
+    def said(changed: Sequence[str], removed: Sequence[str]) -> str:
+        gone = f", {len(removed)} removed" if removed else ""
+        lines = [f"{output}: {counted(len(changed), 'file')} written, {total - len(changed)} unchanged{gone}"]
+        lines += [f"  {output / path}" for path in changed]
+        if skipped:
+            lines.append(f"{counted(len(skipped), 'message')} left out for want of a bound, see `shmgen list`:")
+            lines += [f"  {name}" for name in skipped]
+        return "" if quiet else "".join(f"{line}\n" for line in lines)
+
+    click.echo(said(written.changed, written.removed), nl=False)
+    own = {os.path.join(output, path): texts[path] for path in written.changed}
+    if some is not None:
+        check_cache.store_again(own)
+        return
     files = [*(os.path.join(output, path) for path in texts), *map(str, locks)]
     if depfile and opened:
         files.append(str(depfile))
-        _write_depfile(depfile, filter(None, [options.file_in_force(config_file), *locks, *opened.files()]))
-    lines = []
-    if not quiet:
-        removed = f", {len(written.removed)} removed" if written.removed else ""
-        counts = f"{counted(len(written.changed), 'file')} written, {len(written.unchanged)} unchanged{removed}"
-        lines = [f"{output}: {counts}", *(f"  {output / path}" for path in written.changed)]
-        if skip_unbounded and (skipped := requested.left_out(config, requests)):
-            lines.append(f"{counted(len(skipped), 'message')} left out for want of a bound, see `shmgen list`:")
-            lines += [f"  {name}" for name in skipped]
-    said = "".join(f"{line}\n" for line in lines)
-    click.echo(said, nl=False)
-    if not written.changed and not written.removed:
-        requested.remember(said, config, requests, config_file, files, began)
+        own |= _write_depfile(depfile, filter(None, [options.file_in_force(config_file), *locks, *opened.files()]))
+    requested.remember(said((), ()), config, requests, config_file, files, began, own)
 
 
-def _write_depfile(file: Path, read: Iterable[Path]) -> None:
-    """As compilers write it for make; one that is so already is not touched."""
+def _write_depfile(file: Path, read: Iterable[Path]) -> dict[str, str]:
+    """As compilers write it for make; one that is so already is not touched. What was written."""
     made, *names = (
         re.sub("([ #])", r"\\\1", path.absolute().as_posix().replace("$", "$$"))
         for path in (file.with_suffix(""), *read)
     )
     text = f"{made}: {' '.join(names)}\n"
-    if not file.is_file() or file.read_text(encoding="utf-8") != text:
-        file.write_text(text, encoding="utf-8")
+    if file.is_file() and file.read_text(encoding="utf-8") == text:
+        return {}
+    file.write_text(text, encoding="utf-8")
+    return {str(file): text}
 
 
 @click.command()

@@ -57,7 +57,13 @@ def left_out(config: Config, requests: Iterable[str]) -> list[str]:
 
 
 def remember(
-    said: str, config: Config, requests: Iterable[str], config_file: Path | None, files: Iterable[str], began: int
+    said: str,
+    config: Config,
+    requests: Iterable[str],
+    config_file: Path | None,
+    files: Iterable[str],
+    began: int,
+    written: Mapping[str, str] | None = None,
 ) -> None:
     """That there was nothing to do, for the next such run; `files` are those written, or that would have been.
 
@@ -67,7 +73,7 @@ def remember(
     if not anywhere:
         configurations = [str(config_file)] if config_file else ["shmgen.toml", "pyproject.toml"]
         read = [*configurations, *map(str, config.sources), *files]
-        check_cache.store(sys.argv[1:], said, map(str, config.path), read, began)
+        check_cache.store(sys.argv[1:], said, map(str, config.path), read, began, written)
 
 
 def _way_round(config: Config, requests: Iterable[str]) -> Iterator[str]:

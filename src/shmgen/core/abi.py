@@ -65,7 +65,9 @@ NUMBERS = (
     Number("PLC", PLC, "UDINT", "in place of a process id, which a PLC does not know"),
     Number("LAST", LAST, "UDINT", "the greatest number of a sample; then it wraps around to the number of slots"),
     Number("RESTART_GAP", RESTART_GAP, "UDINT", "samples; so many cannot be missed: the numbers have started again"),
-    Number("FORGET", FORGET, "UDINT", "each so many samples a writer clears the numbers of others, before these look new"),
+    Number(
+        "FORGET", FORGET, "UDINT", "each so many samples a writer clears the numbers of others, before these look new"
+    ),
     Number("LEFT_OUT", LEFT_OUT, "UDINT", "numbers that are left out at most where a writer takes over"),
     Number("MAX_DEPTH", MAX_DEPTH, "UDINT", "samples a slow reader can still fetch"),
     Number("MAX_TYPE_NAME", MAX_TYPE_NAME, "UDINT", "bytes of a type's name, before the 0 that ends it"),

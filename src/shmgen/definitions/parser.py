@@ -1,7 +1,7 @@
 """Turns the text of a .msg, .srv or .action file into Messages that know the place of every word.
 
 One declaration a line, as rosidl_adapter (ROS 2) and genmsg (ROS 1) read them. Where those two differ from each other
-or fall over, docs/definitions.md says what is done here.
+or fall over, docs/grammar.md says what is done here.
 """
 
 from __future__ import annotations

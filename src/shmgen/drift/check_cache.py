@@ -9,7 +9,8 @@ from __future__ import annotations
 import hashlib
 import os
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from shmgen.core import cache
 
@@ -20,8 +21,10 @@ _TICK = 20_000_000
 _SUFFIXES = (".msg", ".srv", ".action", ".idl")
 _PIECE = 1 << 16
 """Bytes that are read at once; most files are shorter."""
-_CONTENT, _STATE, _NAMES = "CSN"
-"""What of a path counts: the bytes of a file, its size and time, the names in a folder."""
+_CONTENT, _DEFINITION, _STATE, _NAMES = "CDSN"
+"""What of a path counts: the bytes of a file, here a definition, its size and time, the names in a folder."""
+_compared: tuple[list[str], str, dict[str, str], list[str], int] | None = None
+"""What load() has found changed, and when it began: for changed() and store_again()."""
 
 
 def fixed() -> list[str]:
@@ -39,32 +42,80 @@ def fixed() -> list[str]:
 
 def load(arguments: Sequence[str]) -> str | None:
     """What `shmgen arguments…` would print in this folder, if nothing has changed since it was clean."""
+    global _compared
     kept = None if "--no-cache" in arguments else cache.read(_name(arguments))
     if kept is None:
         return None
-    digest, said, *watched = kept.decode(errors="surrogateescape").split("\n")
-    return said.replace("\0", "\n") if digest == _digest(watched) else None
+    began = time.time_ns()
+    said, *lines = kept.decode(errors="surrogateescape").split("\n")
+    now, changed = {}, []
+    for line in lines:
+        seen, _, watched = line.partition(" ")
+        now[watched] = _seen(watched)
+        if now[watched] != seen:
+            changed.append(watched)
+    _compared = [*arguments], said, now, changed, began
+    return None if changed else said.replace("\0", "\n")
 
 
-def store(arguments: Sequence[str], said: str, folders: Iterable[str], files: Sequence[str], began: int) -> None:
+def changed(arguments: Sequence[str], still: Mapping[str, bytes | None]) -> list[str] | None:
+    """The definitions that alone have changed since that was so; None if more has, or it never was.
+
+    The files `still` must be what they were when load() looked.
+    """
+    if _compared is None or _compared[0] != [*arguments] or any(it[0] != _DEFINITION for it in _compared[3]):
+        return None
+    same = all(_compared[2].get(_CONTENT + file) == _hashed(content or b"") for file, content in still.items())
+    return [it[1:] for it in _compared[3]] if same else None
+
+
+def store_again(written: Mapping[str, str]) -> None:
+    """That all is done that the definitions of changed() asked for, and what was written for it."""
+    assert _compared
+    arguments, said, now, changed, began = _compared
+    if _touched(changed) <= began - _TICK:
+        now |= {_CONTENT + file: _hashed(text.encode()) for file, text in written.items()}
+        _write(arguments, said, now)
+
+
+def store(
+    arguments: Sequence[str],
+    said: str,
+    folders: Iterable[str],
+    files: Sequence[str],
+    began: int,
+    written: Mapping[str, str] | None = None,
+) -> None:
     """`folders` are where definitions are looked for, `files` all others that were read or might have been.
 
     What was touched since the command `began`, in ns since 1970, may not be what it saw: then nothing is remembered.
+    What it has `written` itself is what it should be, whatever is there by now.
     """
     if not hasattr(os, "geteuid"):  # on Windows, where cache.py keeps nothing
         return
-    places = sorted({os.path.dirname(file) or "." for file in files})
+    written = written or {}
+    places = dict.fromkeys(os.path.dirname(file) or "." for file in files)
+    fresh = {os.path.dirname(file) or "." for file in written}
+    definitions = {line for folder in folders for line in _definitions(folder)}
     watched = [
         *(f"{_CONTENT}{file}" for file in files),
         *(f"{_NAMES}{place}" for place in places),
-        *(line for folder in folders for line in _definitions(folder)),
+        *definitions,
         *(f"{_STATE}{file}" for file in _tool()),
     ]
-    text = "\n".join([_digest(watched), said.replace("\n", "\0"), *watched])
-    if text.count("\n") != len(watched) + 1 or _touched(watched) > began - _TICK:  # the former: a line feed in a name
+    own = {_CONTENT + file for file in written} | {_NAMES + place for place in fresh}
+    is_staged = any(name.endswith(".tmp") for place in fresh for name in os.listdir(place))  # of a run beside this one
+    if is_staged or _touched(line for line in watched if line not in own or line in definitions) > began - _TICK:
         return
-    cache.write(_name(arguments), text.encode(errors="surrogateescape"))
-    cache.forget(_KIND, _KEPT)
+    now = {line: _seen(line) for line in watched}
+    _write(arguments, said, now | {_CONTENT + file: _hashed(text.encode()) for file, text in written.items()})
+
+
+def _write(arguments: Sequence[str], said: str, now: Mapping[str, str]) -> None:
+    text = "\n".join([said.replace("\n", "\0"), *(f"{seen} {line}" for line, seen in now.items())])
+    if text.count("\n") == len(now):  # else a name has a line feed in it
+        cache.write(_name(arguments), text.encode(errors="surrogateescape"))
+        cache.forget(_KIND, _KEPT)
 
 
 def _name(arguments: Sequence[str]) -> str:
@@ -72,26 +123,26 @@ def _name(arguments: Sequence[str]) -> str:
     return f"{_KIND}{hashlib.sha256(key).hexdigest()[:16]}"
 
 
-def _digest(watched: Iterable[str]) -> str:
-    whole = hashlib.sha256()
-    for line in watched:
-        kind, path = line[:1], line[1:]
-        try:
-            if kind == _CONTENT:
-                seen = _hash(path)
-            elif kind == _NAMES:
-                names = sorted(name for name in os.listdir(path) if name != "__pycache__")
-                seen = "\0".join(names).encode(errors="surrogateescape")
-            else:
-                state = os.stat(path)
-                seen = b"%d %d" % (state.st_size, state.st_mtime_ns)
-        except OSError:
-            seen = b"none"
-        whole.update(b"%d\0%b\0%b" % (len(seen), line.encode(errors="surrogateescape"), seen))
-    return whole.hexdigest()
+def _seen(line: str) -> str:
+    """What of a path counts, without a blank in it."""
+    kind, path = line[:1], line[1:]
+    try:
+        if kind in (_CONTENT, _DEFINITION):
+            return _hash(path)
+        if kind == _NAMES:
+            names = sorted(name for name in os.listdir(path) if name != "__pycache__")
+            return _hashed("\0".join(names).encode(errors="surrogateescape"))
+        state = os.stat(path)
+        return f"{state.st_size}.{state.st_mtime_ns}"
+    except OSError:
+        return "none"
 
 
-def _hash(path: str) -> bytes:
+def _hashed(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def _hash(path: str) -> str:
     """Of a file. It is most of a check that nothing has changed for, and open() would add as much again."""
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     try:
@@ -100,7 +151,7 @@ def _hash(path: str) -> bytes:
         while len(piece) == _PIECE:
             piece = os.read(descriptor, _PIECE)
             found.update(piece)
-        return found.digest()
+        return found.hexdigest()
     finally:
         os.close(descriptor)
 
@@ -128,7 +179,7 @@ def _definitions(folder: str) -> Iterator[str]:
         inner[:] = sorted(name for name in inner if not name.startswith("."))
         yield f"{_NAMES}{place}"
         yield from (
-            f"{_CONTENT}{os.path.join(place, name)}"
+            f"{_CONTENT if name == 'package.xml' else _DEFINITION}{os.path.join(place, name)}"
             for name in sorted(names)
             if name.endswith(_SUFFIXES) or name == "package.xml"
         )

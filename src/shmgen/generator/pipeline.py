@@ -89,7 +89,7 @@ def printed_by(targets: Sequence[Target], keys: Sequence[str], job: Job, report:
         _check_names(target, waiting, job, report)
     done: dict[str, tuple[RenderedFile, ...]] = {}
     while waiting:
-        ready = [target for target in waiting if not target.after or target.after in done]
+        ready = [target for target in waiting if done.keys() >= set(target.after)]
         planned = {target.key: _planned(target, waiting, replace(job, printed=done), report) for target in ready}
         report.stop_if_any()
 
@@ -104,7 +104,7 @@ def printed_by(targets: Sequence[Target], keys: Sequence[str], job: Job, report:
 
 def _planned(target: Target, waiting: Sequence[Target], job: Job, report: Report) -> list[Output]:
     """Without pieces where nobody waits for them."""
-    are_wanted = any(other.after == target.key for other in waiting)
+    are_wanted = any(target.key in other.after for other in waiting)
     return [output for output in target.room().plan(job, report) if are_wanted or not output.piece]
 
 
@@ -112,14 +112,14 @@ def _wanted(targets: Sequence[Target], keys: Sequence[str]) -> list[Target]:
     """In the order of `targets`, where each stands behind the one it is `after`."""
     wanted = set(keys)
     for target in reversed(targets):
-        if target.key in wanted and target.after:
-            wanted.add(target.after)
+        if target.key in wanted:
+            wanted.update(target.after)
     return [target for target in targets if target.key in wanted]
 
 
 def _check_names(target: Target, wanted: Sequence[Target], job: Job, report: Report) -> None:
     if names := target.room().NAMES:
-        keys = [target.key, *(other.key for other in wanted if other.after == target.key)]
+        keys = [target.key, *(other.key for other in wanted if target.key in other.after)]
         naming.check(job.layouts, job.package, job.uses, names, keys, report)
 
 

@@ -63,7 +63,7 @@ def inventory(entries: list[Item], machine: bool, default: int | None = None) ->
         lines.append(f"* of {default} by [bounds] default")
     codes = sorted({fault.code for entry in entries for fault in entry.faults})
     if codes:
-        lines.append("More is said by " + " and ".join(f"`shmgen explain {code}`" for code in codes))
+        lines.append("Run " + " or ".join(f"`shmgen explain {code}`" for code in codes) + " for details")
     return "\n".join(lines) + "\n"
 
 

@@ -89,13 +89,13 @@ class TargetModule(Protocol):
 class Target:
     """A target: its key in shmgen.toml, and what loads its room.
 
-    `after` is the key of another target whose files this one takes in; that one is then planned and printed too, but
-    written only where it is asked for itself. `opt_in` is for what is written only where shmgen.toml asks for it.
+    `after` are the keys of those whose files this one takes in; they are then planned and printed too, but written
+    only where they are asked for themselves. `opt_in` is for what is written only where shmgen.toml asks for it.
     """
 
     key: str
     room: Callable[[], TargetModule]
-    after: str = ""
+    after: tuple[str, ...] = ()
     opt_in: bool = False
 
 
@@ -112,13 +112,13 @@ def _module(name: str, within: str = "") -> Callable[[], TargetModule]:
 TARGETS = (
     Target("python", _module("python.target")),
     Target("st", _module("st.target")),
-    Target("plcopen", _module("plcopen.target"), after="st"),
-    Target("cds_text_sync", _module("plcopen.text_sync"), after="st", opt_in=True),
+    Target("plcopen", _module("plcopen.target"), after=("st",)),
+    Target("cds_text_sync", _module("plcopen.text_sync"), after=("st",), opt_in=True),
     Target("c", _module("c.target")),
     Target("cpp", _module("cpp.target"), opt_in=True),
     Target("cpp_ros2", _module("cpp_ros.convert", "ROS2"), opt_in=True),
-    Target("openplc", _module("openplc.target"), after="c", opt_in=True),
-    Target("matiec", _module("openplc.matiec"), after="c", opt_in=True),
+    Target("openplc", _module("openplc.target"), after=("c", "st"), opt_in=True),
+    Target("matiec", _module("openplc.matiec"), after=("c", "st"), opt_in=True),
     Target("ros2", _module("ros.package", "ROS2"), opt_in=True),
     Target("ros2_cpp", _module("ros.ros2_cpp"), opt_in=True),
     Target("ros2_control", _module("ros.ros2_control"), opt_in=True),

@@ -148,7 +148,7 @@ def _check_one(layout: Layout, names: Names, way_out: str, report: Report) -> No
         if ours.role:
             report.error(
                 "SHM204",
-                f"`{theirs.name}` meets the {ours.role} `{ours.name}` that shmgen adds",
+                f"`{theirs.name}` clashes with the {ours.role} `{ours.name}` that shmgen adds",
                 theirs.span,
                 field=f"{layout.name.short}.{theirs.name}",
                 hint=f"rename `{theirs.name}` in the definition",

@@ -278,7 +278,7 @@ CHECKS: dict[str, Callable[[Partner], Found]] = {
     "restart": _restart,
     "online-change": _online_change,
 }
-"""What docs/codesys.md names under "Not verified"; the last two want a person at the IDE."""
+"""What docs/evidence/codesys.md names; the last two want a person at the IDE."""
 
 
 def _asked(partner: Partner, what: int) -> Any:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from shmgen.core.model import TypeName
 
-TAKES_OURS = "it takes our bytes for its own, and DDS does not let us keep them from it"
+TAKES_OURS = "it will misread our messages; DDS offers no way to withhold them"
 """What comes of a subscriber of another definition."""
 _NONE = "RIHS01_" + "0" * 64
 """What some say who know nothing of type hashes."""
@@ -49,11 +49,11 @@ class Identity:
         if announced == self._ours:
             return ""
         if not announced.startswith("RIHS01_") or announced == _NONE:
-            self._once("", f"a peer announces no type hash; its {self._type.short} is taken for ours")
+            self._once("", f"a peer announces no type hash; its {self._type.short} is assumed to be the same")
             return ""
         why = f"a peer has another {self._type.short}: its type hash is {announced}, ours {self._ours}"
         if self.accepts_other:
-            self._once(announced, f'{why}; it is taken for ours, for other_definition = "accept"')
+            self._once(announced, f'{why}; it is assumed to be the same, because of other_definition = "accept"')
             return ""
         self._once(announced, f"{why}; {self._then}")
         return why

@@ -21,7 +21,7 @@ _BOUNDS = (
 
 
 def chosen(ends: Ends, node: Node, domain: int, network: Network, environment: Mapping[str, str]) -> ServiceTransport:
-    """Fast DDS goes nowhere that Cyclone was told not to go."""
+    """Fast DDS respects Cyclone's network restrictions."""
     if environment.get("RMW_IMPLEMENTATION") == "rmw_cyclonedds_cpp" or network.reach == "OFF":
         return Cyclone(ends, "")
     if environment.get("CYCLONEDDS_URI") and not any(map(environment.get, _BOUNDS)):

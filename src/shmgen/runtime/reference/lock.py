@@ -46,7 +46,7 @@ class Lock:
         they stood at the first try that failed, one stay inside lasts: waiting again would cost the limit each time
         for nothing, until it has lasted for so long that its holder must be dead.
         """
-        self.release()  # where an exception came upon an exception
+        self.release()  # if a second exception interrupted the first's cleanup
         if self._region.semaphore.acquire() or self._wait(left):
             words = self._region.words
             words[h.LOCK_COUNT] = words[h.LOCK_COUNT] + 1 & h.LAST

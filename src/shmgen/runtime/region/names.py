@@ -24,12 +24,11 @@ def region_name(topic: str) -> str:
     if topic.startswith("~"):
         raise ValueError(f"topic {topic!r}: `~` stands for a node's name; write the name out")
     if not all(parts):
-        raise ValueError(f"topic {topic!r}: nothing stands before, between or after the slashes")
+        raise ValueError(f"topic {topic!r}: a part between slashes is empty")
     for part in parts:
         if not (part.isascii() and part.isidentifier()):
-            raise ValueError(
-                f"topic {topic!r}: {part!r} is not made of letters, digits and `_`, starting with no digit"
-            )
+            why = "starts with a digit" if part[0].isdigit() else "has other characters"
+            raise ValueError(f"topic {topic!r}: {part!r} {why}; use letters, digits and `_`")
     if dash and half not in HALVES:
         raise ValueError(f"topic {topic!r}: a `-` stands only before {', '.join(HALVES)}, in services and actions")
     if parts[0] == "sem" and len(parts) > 1:

@@ -1,20 +1,22 @@
-"""Turns a Layout into its pair of function blocks: variables, and a body in C that calls templates/c/shmgen_block.h.
-
-Inputs, outputs and their meaning are those of the target st, but for eErrorID, which is a number here.
+"""Turns a Layout into its pair of function blocks: the variables that the target st gives them, and a body in C that
+calls templates/c/shmgen_block.h.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from shmgen.core.model import Layout, Layouts, TypeName
+from shmgen.targets import Job
 from shmgen.targets.c.names import struct_name
 from shmgen.targets.counts import holds_counts
 from shmgen.targets.openplc.compiler import Compiler
 from shmgen.targets.openplc.copying import copies
 from shmgen.targets.openplc.names import whole
 from shmgen.targets.st import names as st
+from shmgen.targets.st import objects, reader
 
 
 class Variable(NamedTuple):
@@ -39,85 +41,45 @@ class Block(NamedTuple):
 
 
 END = Variable("_udiEnd", "UDINT", "the open end's number; not to be written")
-_ENABLE = Variable("xEnable", "BOOL", "TRUE: opens the region, makes it if need be, and keeps it")
-_DEPTH = Variable(
-    "udiDepth", "UDINT", "samples a slow reader can still fetch, as on the other side; read as sTopic", "1"
-)
-_STATE = (
-    Variable("xBusy", "BOOL", "the region is being opened"),
-    Variable("xError", "BOOL", "see eErrorID; opening is tried again"),
-    Variable("eErrorID", "UDINT", "0, or why"),
-)
+_ERROR = "E_ShmError"
 
 
-def pair(layout: Layout, layouts: Layouts, compiler: Compiler) -> tuple[Block, Block]:
-    return _publisher(layout, layouts, compiler), _subscriber(layout, layouts, compiler)
+class Blocks:
+    """Inputs, outputs and meaning of the blocks that the target st has printed, as an open compiler spells them."""
+
+    def __init__(self, job: Job, compiler: Compiler) -> None:
+        self._units = {}
+        for printed in job.printed["st"]:
+            name = printed.output.path.rpartition("/")[2].removesuffix(".st")
+            if name == _ERROR:
+                errors = reader.read(name, printed.text)
+                assert isinstance(errors, objects.DataType)
+                self._codes = {it.name: it.value for it in errors.members}
+            elif name.startswith("FB_"):
+                self._units[name] = printed.text
+        own = {st.st_type(it.name, it.options): whole(st.st_type(it.name)) for it in job.layouts.values()}
+        self._types = {**own, _ERROR: "UDINT", "STRING(80)": compiler.text(80, False)}
+
+    def block(self, name: str, body: Iterable[str], needs: tuple[TypeName, ...]) -> Block:
+        unit = reader.read(name, self._units[name])
+        assert isinstance(unit, objects.Unit)
+        inputs, outputs = (tuple(map(self._spelled, section.variables)) for section in unit.sections[:2])
+        return Block(whole(name), unit.head.comment[0], inputs, outputs, (END,), tuple(body), needs)
+
+    def _spelled(self, variable: objects.Variable) -> Variable:
+        comment = re.sub(r"[A-Z_]{4,}", self._with_code, variable.comment)
+        return Variable(variable.name, self._types.get(variable.type, variable.type), comment, str(variable.value))
+
+    def _with_code(self, word: re.Match[str]) -> str:
+        """There are no enumerations: NO_ERROR is `NO_ERROR (0)`."""
+        return f"{word[0]} ({self._codes[word[0]]})" if word[0] in self._codes else word[0]
 
 
-def named(compiler: Compiler, name: str, example: str) -> Variable:
-    """The input with the name of what the block opens."""
-    return Variable(name, compiler.text(80, False), f"'{example}'; read on the rising edge of xEnable")
-
-
-def message(name: str, layout: Layout, comment: str) -> Variable:
-    """An input or output that is a structure."""
-    return Variable(name, whole(st.st_type(layout.name)), comment)
-
-
-def _publisher(layout: Layout, layouts: Layouts, compiler: Compiler) -> Block:
-    misses = "cycles in which the lock was not free"
-    return Block(
-        whole(st.publisher_block(layout.name)),
-        f"Publishes {layout.name} on one topic. Call it once in each cycle.",
-        (
-            _ENABLE,
-            named(compiler, "sTopic", "/robot/pose"),
-            Variable("xSend", "BOOL", "TRUE: writes Msg in this cycle", "TRUE"),
-            message("Msg", layout, ""),
-            _DEPTH,
-        ),
-        (
-            Variable("xSent", "BOOL", "Msg was written in this cycle"),
-            *_STATE,
-            Variable("udiSequence", "UDINT", "number of the sample written last"),
-            Variable("udiLockMisses", "UDINT", misses),
-        ),
-        (END,),
-        tuple(_publish(layout, layouts, compiler)),
-        (layout.name,),
-    )
-
-
-def _subscriber(layout: Layout, layouts: Layouts, compiler: Compiler) -> Block:
-    refused = (
-        [Variable("udiRefused", "UDINT", "samples with a count above its bound, which Msg did not take")]
-        if holds_counts(layout, layouts)
-        else []
-    )
-    return Block(
-        whole(st.subscriber_block(layout.name)),
-        f"Reads {layout.name} from one topic. Call it once in each cycle.",
-        (
-            _ENABLE,
-            named(compiler, "sTopic", "/robot/pose"),
-            Variable("tTimeout", "TIME", "xStale after so long without a sign of the writer", "T#1s"),
-            Variable("xNewest", "BOOL", "FALSE: the oldest unread sample, one a call", "TRUE"),
-            _DEPTH,
-        ),
-        (
-            Variable("xValid", "BOOL", "Msg holds a sample received since the rising edge of xEnable"),
-            Variable("xNewData", "BOOL", "Msg changed in this cycle"),
-            *_STATE,
-            message("Msg", layout, ""),
-            Variable("udiSequence", "UDINT", "number of the sample in Msg"),
-            Variable("udiMissed", "UDINT", "samples overwritten unread"),
-            Variable("udiLockMisses", "UDINT", "cycles in which the lock was not free"),
-            Variable("xStale", "BOOL", "the writer's heartbeat has not changed for tTimeout"),
-            *refused,
-        ),
-        (END,),
-        tuple(_read(layout, layouts, compiler)),
-        (layout.name,),
+def pair(layout: Layout, layouts: Layouts, compiler: Compiler, known: Blocks) -> tuple[Block, Block]:
+    name = layout.name
+    return (
+        known.block(st.publisher_block(name), _publish(layout, layouts, compiler), (name,)),
+        known.block(st.subscriber_block(name), _read(layout, layouts, compiler), (name,)),
     )
 
 

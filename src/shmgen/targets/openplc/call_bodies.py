@@ -26,6 +26,10 @@ class Call(NamedTuple):
     def part(self, ending: str) -> Layout:
         return self.layouts[self.name.part(ending)]
 
+    @property
+    def needs(self) -> tuple[TypeName, ...]:
+        return tuple(layout.name for layout in (self.question, self.answer, self.progress) if layout)
+
     def copied(self, layout: Layout, variable: str, at: str) -> list[str]:
         """From `message` to the program."""
         return copies(layout, self.layouts, self.compiler, self.compiler.structure(variable), at, to_plc=True)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from shmgen.core.model import Layout
 from shmgen.targets import Job, Source
 from shmgen.targets.openplc import calls, names
-from shmgen.targets.openplc.blocks import Block, Variable, pair
+from shmgen.targets.openplc.blocks import Block, Blocks, Variable, pair
 from shmgen.targets.openplc.compiler import Compiler
 from shmgen.targets.openplc.types import Structure, constants, ordered
 from shmgen.targets.st.calls import parts
@@ -49,8 +49,9 @@ def blocks(job: Job, compiler: Compiler) -> tuple[Block, ...]:
     """A pair for each message that was asked for, but for the parts of services and actions, which have their own."""
     called = parts(job.layouts) - {topic.type for topic in job.topics}
     carried = [one for one in ordered(job.layouts) if one.requested and one.name not in called]
-    pairs = [block for layout in carried for block in pair(layout, job.layouts, compiler)]
-    return (*pairs, *calls.blocks(job.layouts, compiler))
+    known = Blocks(job, compiler)
+    pairs = [block for layout in carried for block in pair(layout, job.layouts, compiler, known)]
+    return (*pairs, *calls.blocks(job.layouts, compiler, known))
 
 
 def plan(job: Job, compiler: Compiler, blocks: tuple[Block, ...]) -> Program | None:

@@ -71,8 +71,8 @@ def _semaphore(seen: Evidence) -> Iterator[Problem]:
         message = f"its semaphore's file has {held}, and a semaphore has 32 (of 32-bit processes 16)"
         yield Problem(seen.topic, message, _ADVICE_CLEAN.format(topic=seen.topic), file)
     elif before and min(before.value or 0, now.value or 0) > 1:
-        message = f"its semaphore is {now.value}, so that as many get in at a time"
-        hint = "it comes down by itself: each sample that Python writes or reads takes 64 of them away"
+        message = f"its semaphore is {now.value}: that many processes can hold the lock at once"
+        hint = "it returns to 1 automatically: each Python publish or read removes up to 64"
         yield Problem(seen.topic, message, hint, file)
 
 
@@ -88,7 +88,7 @@ def _lock(seen: Evidence) -> Iterator[Problem]:
         who = "a PLC"
     else:
         who = f"process {holder} ({called(holder)})" if alive(holder) else f"process {holder}, which is dead"
-    message = f"its lock is held by {who}, and nobody has got in for {seen.seconds:.1f} s"
+    message = f"its lock is held by {who}, and has not been released for {seen.seconds:.1f} s"
     hint = f"the next publisher or subscriber frees it within 1.2 s; with none, `shmgen clean {seen.topic}`"
     pid = holder if holder not in (0, h.PLC) else None
     yield Problem(seen.topic, message, hint, semaphore_file(seen.name), pid)

@@ -33,7 +33,7 @@ def of_strays(processes: Processes, names: Collection[str], asked: Collection[st
         file = f"/dev/shm/{found.name}"
         if found.semaphore:
             if found.removed and found.device == ours and region in names and semaphore(region):
-                message = f"{who} locks with a semaphore that was removed, so its lock keeps nobody out"
+                message = f"{who} locks with a semaphore that was removed, so its lock excludes no other process"
                 yield Problem(topic, message, f"restart process {found.pid}", file, found.pid)
             continue
         likely = region in names or (found.pid, found.device, f"sem.{region}") in pairs
