@@ -172,7 +172,7 @@ dist: $(VENV)/ready  ## sdist and wheels in dist/, of Python alone and with the 
 	$(BIN)/python -m twine check --strict dist/*
 	for wheel in dist/*.whl; do \
 	    $(PYTHON) -m venv $(VENV)/dist && $(call pip,$(VENV)/dist/bin) $$wheel && \
-	    $(VENV)/dist/bin/python -c "import shmgen.runtime.core as s; assert s.IN_C == ('abi3' in '$$wheel')" && \
+	    $(VENV)/dist/bin/python -c "import shmgen.runtime.engine as s; assert s.IN_C == ('abi3' in '$$wheel')" && \
 	    du -sh $(VENV)/dist && rm -rf $(VENV)/dist || exit 1; \
 	done
 

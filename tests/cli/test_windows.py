@@ -94,7 +94,20 @@ def test_no_command_of_help_is_a_fault_of_ours(tmp_path: Path) -> None:
     assert "SHM901" not in done.stderr
     assert f"shmgen, version {__version__}\n[0] --version\n" in done.stdout
     assert "_shmgen_completion" in done.stdout
-    here = {"check", "completion", "diff", "explain", "generate", "import", "init", "list", "selftest", "show", "types"}
+    here = {
+        "check",
+        "completion",
+        "diff",
+        "explain",
+        "generate",
+        "import",
+        "init",
+        "list",
+        "schema",
+        "selftest",
+        "show",
+        "types",
+    }
     stopped = {line.split()[1] for line in codes if line.startswith("[1]") and line.endswith(" /a x")}
     assert stopped - here == set(names) - here
     assert {f"[0] {name} --help" for name in names} <= set(codes)

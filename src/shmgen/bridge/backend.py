@@ -17,7 +17,7 @@ from typing import Any, Literal, Protocol, TypeVar
 
 from shmgen.bridge.codec.direct import DirectPath
 from shmgen.bridge.codec.wire_format import WireFormat
-from shmgen.config.bridging import MAX_DOMAIN
+from shmgen.config.keys import MAX_DOMAIN
 from shmgen.core.model import Message, TypeName
 from shmgen.runtime import Time
 

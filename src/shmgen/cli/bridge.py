@@ -10,11 +10,11 @@ import click
 
 from shmgen.cli import common, options
 from shmgen.config import Config
-from shmgen.config.bridging import BACKEND_KEYS
+from shmgen.config.keys import BACKENDS
 
 
 @click.command(context_settings={"ignore_unknown_options": True})
-@click.option("--backend", type=click.Choice(BACKEND_KEYS), help="Overrides shmgen.toml.")
+@click.option("--backend", type=click.Choice(BACKENDS), help="Overrides shmgen.toml.")
 @click.argument("ros_arguments", nargs=-1, type=click.UNPROCESSED, metavar="[ROS_ARGUMENT]...")
 @options.where
 def bridge(

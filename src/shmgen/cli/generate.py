@@ -229,4 +229,14 @@ def explain(code: str) -> None:
     click.echo(f"{code}{section.rstrip()}")
 
 
-COMMANDS = (generate, show, types, list_, explain)
+@click.command()
+def schema() -> None:
+    """Print a JSON schema of shmgen.toml, for editors that check and complete it."""
+    import json
+
+    from shmgen.config.schema import schema as made
+
+    click.echo(json.dumps(made(), indent=2))
+
+
+COMMANDS = (generate, show, types, list_, explain, schema)

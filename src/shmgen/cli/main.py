@@ -75,7 +75,7 @@ def _fault(error: Exception) -> Diagnostic:
 
 
 _FAMILIES = {
-    "generate": ("generate", "show", "types", "list", "explain"),
+    "generate": ("generate", "show", "types", "list", "explain", "schema"),
     "drift": ("check", "diff", "init"),
     "plc": ("import", "selftest"),
     "bridge": ("bridge",),

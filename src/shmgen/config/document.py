@@ -8,6 +8,8 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
+from shmgen.config import keys
+from shmgen.config.keys import Key
 from shmgen.core import files, toml
 from shmgen.core.diagnostics import Report, Span, closest
 from shmgen.core.fast_dataclass import dataclass
@@ -40,15 +42,23 @@ class Reader:
     file: Span
     report: Report
 
-    def keys(self, section: str, data: dict[str, Any], allowed: tuple[str, ...]) -> None:
+    def values(self, section: str, data: dict[str, Any]) -> dict[str, Any]:
+        """{key: value} of a table; `topics.0` has the keys of `topics`."""
+        name = section.partition(".")[0]
+        known = keys.of(name)
+        if name not in keys.OPEN:
+            self._known(section, data, (*(key.name for key in known), *(keys.SECTIONS if not name else ())))
+        return {key.name: self._value(section, key, data) for key in known}
+
+    def _known(self, section: str, data: dict[str, Any], allowed: tuple[str, ...]) -> None:
         place = f" in [{section.partition('.')[0]}]" if section else ""
-        for key in data:
-            if key not in allowed:
-                close = closest(key, allowed)
+        for name in data:
+            if name not in allowed:
+                close = closest(name, allowed)
                 hint = f"did you mean {close}?" if close else f"known keys{place}: {', '.join(allowed)}"
-                if not section and key in _HOMES:
-                    hint = f"it belongs under [{_HOMES[key]}]"
-                self.report.error("SHM501", f"unknown key {key}{place}", self.span(section, key), hint=hint)
+                if not section and (home := next((key for key in keys.KEYS if key.name == name), None)):
+                    hint = f"it belongs under {keys.header(home.section)}"
+                self.report.error("SHM501", f"unknown key {name}{place}", self.span(section, name), hint=hint)
 
     def table(self, data: dict[str, Any], key: str, header: str = "") -> dict[str, Any]:
         value = data.get(key, {})
@@ -57,55 +67,56 @@ class Reader:
             return {}
         return value
 
-    def texts(
-        self, key: str, data: dict[str, Any], default: tuple[str, ...], choices: tuple[str, ...] = (), section: str = ""
-    ) -> tuple[str, ...]:
-        value = data.get(key, list(default))
-        if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
-            self.wrong(section, key, f'{key} is a list of strings, such as ["{choices[0] if choices else "..."}"]')
-            return default
-        if choices and not value:
-            self.wrong(section, key, f"{key} is empty: leave it out, or name some of {', '.join(choices)}")
-        for item in value:
-            if choices and item not in choices:
-                close = closest(item, choices)
+    def _value(self, section: str, key: Key, data: dict[str, Any]) -> Any:
+        value = data.get(key.name)
+        if key.name not in data:
+            return key.default
+        said, hint = f"{key.name} {key.rule}", key.hint
+        match key.kind:
+            case "strings":
+                return self._strings(section, key, value)
+            case "choice":
+                if value in key.choices:
+                    return value
+                said, close = f"{key.name} is one of {', '.join(key.choices)}", closest(str(value), key.choices)
                 hint = f"did you mean {close}?" if close else ""
-                self.wrong(section, key, f'"{item}" is not one of {", ".join(choices)}', hint)
+            case "integer":
+                if type(value) is int and key.least <= value <= key.most:
+                    return value
+                said = f"{key.name} is a whole number from {key.least} to {key.most}"
+            case "number":
+                if isinstance(value, int | float) and type(value) is not bool and key.least <= value <= key.most:
+                    return float(value)
+                said = f"{key.name} is a number of {key.unit} from {key.least:g} to {key.most:g}"
+            case "boolean":
+                if type(value) is bool:
+                    return value
+                said = f"{key.name} is true or false"
+            case "string":
+                if isinstance(value, str) and (not key.pattern or re.fullmatch(key.pattern, value)):
+                    return value
+        self.wrong(section, key.name, f"{said}, not {value!r}", hint)
+        return key.default
+
+    def _strings(self, section: str, key: Key, value: Any) -> tuple[str, ...]:
+        if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
+            example = key.choices[0] if key.choices else "..."
+            self.wrong(section, key.name, f'{key.name} is a list of strings, such as ["{example}"]')
+            return tuple(key.default)
+        if key.choices and not value:
+            self.wrong(
+                section, key.name, f"{key.name} is empty: leave it out, or name some of {', '.join(key.choices)}"
+            )
+        for item in value:
+            if key.choices and item not in key.choices:
+                close = closest(item, key.choices)
+                hint = f"did you mean {close}?" if close else ""
+                self.wrong(section, key.name, f'"{item}" is not one of {", ".join(key.choices)}', hint)
         return tuple(value)
 
-    def choice(self, section: str, key: str, data: dict[str, Any], choices: tuple[str, ...], default: str) -> str:
-        value = data.get(key, default)
-        if value not in choices:
-            close = closest(str(value), choices)
-            hint = f"did you mean {close}?" if close else ""
-            self.wrong(section, key, f"{key} is one of {', '.join(choices)}, not {value!r}", hint)
-            return default
-        return str(value)
-
-    def number(self, section: str, key: str, data: dict[str, Any], default: int, most: int = 2**31 - 1) -> int:
-        value = data.get(key, default)
-        if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= most:
-            self.wrong(section, key, f"{key} is a whole number from 1 to {most}, not {value!r}")
-            return default
-        return value
-
-    def real(
-        self, section: str, key: str, data: dict[str, Any], default: float | None, least: float, most: float, unit: str
-    ) -> float | None:
-        value = data.get(key, default)
-        if value is None:
-            return None
-        if not isinstance(value, int | float) or isinstance(value, bool) or not least <= value <= most:
-            self.wrong(section, key, f"{key} is a number of {unit} from {least:g} to {most:g}, not {value!r}")
-            return default
-        return float(value)
-
-    def flag(self, section: str, key: str, data: dict[str, Any], default: bool) -> bool:
-        value = data.get(key, default)
-        if not isinstance(value, bool):
-            self.wrong(section, key, f"{key} is true or false, not {value!r}")
-            return default
-        return value
+    def number(self, section: str, name: str, data: dict[str, Any]) -> int:
+        """Of a key that the user has made up."""
+        return int(self._value(section, Key(section, name, "integer", 1, ""), data))
 
     def wrong(self, section: str, key: str, message: str, hint: str = "") -> None:
         self.report.error("SHM502", message, self.span(section, key), hint=hint)
@@ -135,7 +146,6 @@ def quoted(text: str, shown: str, words: Collection[str]) -> dict[str, Span]:
 _HEADER = re.compile(r"\s*(\[\[?)\s*([^\]#]+?)\s*\]")
 _KEY = re.compile(r"""\s*("[^"]*"|'[^']*'|[A-Za-z0-9_-]+)\s*[=.]""")
 _QUOTED = re.compile(r"""["']([^"']+)["']""")
-_HOMES = {"bool": "types", "time": "types", "default": "strings", "encoding": "strings", "overflow": "strings"}
 
 
 def _positions(text: str, prefix: str, shown: str) -> dict[tuple[str, str], Span]:

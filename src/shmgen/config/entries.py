@@ -8,7 +8,7 @@ from dataclasses import field
 from typing import Any, NamedTuple
 
 from shmgen.config import bridging
-from shmgen.config.bridging import CARRYING, MAX_SECONDS, Carrying
+from shmgen.config.bridging import Carrying
 from shmgen.config.document import Reader
 from shmgen.core import abi
 from shmgen.core.diagnostics import Span
@@ -76,22 +76,20 @@ class ActionEntry:
 
 def topics(read: Reader, data: dict[str, Any]) -> tuple[TopicEntry, ...]:
     """Reports SHM501, SHM502; so do the others."""
-    return tuple(
-        _topic(read, entry) for entry in _entries(read, data, "topics", ("direction", "depth", *CARRYING), abi.MAX_NAME)
-    )
+    return tuple(_topic(read, entry) for entry in _entries(read, data, "topics", abi.MAX_NAME))
 
 
 def services(read: Reader, data: dict[str, Any]) -> tuple[ServiceEntry, ...]:
     return tuple(
-        ServiceEntry(entry.name, entry.type, _server(read, entry), _timeout(read, entry), entry.span)
-        for entry in _entries(read, data, "services", ("server", "timeout"), abi.MAX_CALL_NAME)
+        ServiceEntry(entry.name, entry.type, entry.values["server"], entry.values["timeout"], entry.span)
+        for entry in _entries(read, data, "services", abi.MAX_CALL_NAME)
     )
 
 
 def actions(read: Reader, data: dict[str, Any]) -> tuple[ActionEntry, ...]:
     return tuple(
-        ActionEntry(entry.name, entry.type, _server(read, entry), _timeout(read, entry), entry.span)
-        for entry in _entries(read, data, "actions", ("server", "timeout"), abi.MAX_CALL_NAME)
+        ActionEntry(entry.name, entry.type, entry.values["server"], entry.values["timeout"], entry.span)
+        for entry in _entries(read, data, "actions", abi.MAX_CALL_NAME)
     )
 
 
@@ -100,6 +98,7 @@ class _Entry(NamedTuple):
 
     section: str
     table: dict[str, Any]
+    values: dict[str, Any]
     name: str
     type: str
     span: Span
@@ -108,9 +107,7 @@ class _Entry(NamedTuple):
 _MESSAGE = re.compile(r"[A-Za-z]\w*/((msg|srv|action)/)?[A-Za-z]\w*", re.ASCII)
 
 
-def _entries(
-    read: Reader, data: dict[str, Any], list_name: str, options: tuple[str, ...], longest: int
-) -> Iterator[_Entry]:
+def _entries(read: Reader, data: dict[str, Any], list_name: str, longest: int) -> Iterator[_Entry]:
     """The tables of one list, the name and the type of each looked at."""
     kind = list_name.removesuffix("s")
     tables = data.get(list_name, [])
@@ -120,12 +117,10 @@ def _entries(
     seen: set[str] = set()
     for index, table in enumerate(tables):
         section = f"{list_name}.{index}"
-        read.keys(section, table, (kind, "type", *options))
+        values = read.values(section, table)
         for key in (kind, "type"):
             if key not in table:
                 read.report.error("SHM502", f'a [[{list_name}]] entry needs {key} = "..."', read.span(section, ""))
-            elif not isinstance(table[key], str):
-                read.wrong(section, key, f"{key} is a string, not {table[key]!r}")
         name, type = str(table.get(kind)), str(table.get("type"))
         if isinstance(table.get(kind), str) and (why := _not_a_name(name, longest)):
             read.wrong(section, kind, f"{kind} {name} {why}")
@@ -133,7 +128,7 @@ def _entries(
             what = "message" if kind == "topic" else kind
             read.wrong(section, "type", f"type {type} names no {what}: write package/Name")
         span = read.span(section, kind)
-        yield _Entry(section, table, name, type, span)
+        yield _Entry(section, table, values, name, type, span)
         if name.removeprefix("/") in seen:
             read.report.error("SHM502", f"{kind} {name} is listed twice", span)
         if kind in table:
@@ -141,18 +136,8 @@ def _entries(
 
 
 def _topic(read: Reader, entry: _Entry) -> TopicEntry:
-    direction = read.choice(entry.section, "direction", entry.table, ("to_plc", "from_plc"), "to_plc")
-    depth = read.number(entry.section, "depth", entry.table, 1, abi.MAX_DEPTH)
-    carried = bridging.carrying(read, entry.section, entry.table, direction)
-    return TopicEntry(entry.name, entry.type, direction, depth, entry.span, carried)
-
-
-def _server(read: Reader, entry: _Entry) -> str:
-    return read.choice(entry.section, "server", entry.table, ("plc", "ros"), "plc")
-
-
-def _timeout(read: Reader, entry: _Entry) -> float:
-    return read.real(entry.section, "timeout", entry.table, 1.0, 0.001, MAX_SECONDS, "seconds") or 1.0
+    carried = bridging.carrying(read, entry.section, entry.table, entry.values)
+    return TopicEntry(entry.name, entry.type, entry.values["direction"], entry.values["depth"], entry.span, carried)
 
 
 def _not_a_name(name: str, longest: int) -> str:
