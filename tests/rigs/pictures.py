@@ -176,7 +176,7 @@ def top(folder: Path) -> str:
     for number, line in enumerate(screen.display):
         style = "reverse" if screen.buffer[number][0].reverse else None
         console.print(line, style=style, highlight=False, markup=False)
-    return _FONTS.sub("", console.export_svg(title="shmgen top", unique_id="top"))
+    return _FONTS.sub("", console.export_svg(title="robot@cell", unique_id="top"))
 
 
 async def view(folder: Path) -> list[tuple[bytes, int]]:

@@ -47,7 +47,7 @@ class Curves(PlotextPlot):
         plot.clear_data()
         plot.clear_figure()
         plot.xlabel(f"seconds; {self._seconds:g} across" + (", paused" if self._held else ""))
-        drawn = False
+        drawn: list[float] = []
         for path, points in self._curves.items():
             seen = [point for point in points if end - self._seconds <= point[0] <= end and math.isfinite(point[1])]
             if seen:
@@ -55,14 +55,26 @@ class Curves(PlotextPlot):
                 plot.plot(
                     [at - end for at, _ in thin], [value for _, value in thin], label=legible(path), marker="braille"
                 )
-                drawn = True
+                drawn += [value for _, value in thin]
         if drawn:
             plot.xlim(-self._seconds, 0)
+            if ticks := round_ticks(min(drawn), max(drawn)):
+                plot.yticks(ticks, [f"{tick:.10g}" for tick in ticks])
         else:
             plot.title(
                 "Enter or a click on a number of the tree draws it here" if not self._curves else "nothing in this time"
             )
         self.refresh()
+
+
+def round_ticks(least: float, most: float) -> list[float]:
+    """At most eight round numbers from one to the other, none where there are none: plotext's own may read -0.00."""
+    span = most - least
+    if not 1e-300 < span < math.inf:
+        return []
+    power = 10.0 ** (math.floor(math.log10(span)) - 1)
+    step = next(power * part for part in (1, 2, 5, 10, 20) if span / (power * part) <= 7)
+    return [number * step for number in range(math.ceil(least / step), math.floor(most / step) + 1)]
 
 
 def _thinned(points: list[Point], most: int) -> list[Point]:

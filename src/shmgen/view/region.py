@@ -166,7 +166,7 @@ class RegionScreen(Screen[None]):
         newest = self._source.newest
         age = f"{time.time() - newest.stamp / 1e9:.3f} s" if newest and newest.stamp else "-"
         state = "paused" if self._paused else f"{rate:.1f}/s"
-        missed = f"   {counted(self._source.missed, 'sample')} overwritten between two looks here"
+        missed = f"   {counted(self._source.missed, 'sample')} not shown (published between screen updates)"
         self.query_one("#about", Static).update(
             f"{legible(header.type_name)}   sample {header.newest:,}   {state}   age {age}\n"
             f"{counted(header.payload_size, 'byte')}   digest 16#{header.digest:016X}{missed}"
