@@ -1,6 +1,6 @@
 #!/bin/sh
 # Makes shmgen_VERSION_ARCHITECTURE.deb in the folder where it is called, for the Debian or Ubuntu it runs on:
-#     packaging/debian/make_deb.sh && sudo apt install ./shmgen_*.deb
+#     contrib/debian/make_deb.sh && sudo apt install ./shmgen_*.deb
 # What reads .idl is python3-rosidl, which apt brings with it. What is not Debian's own (rosbags and others) is in /usr/lib/shmgen, where no other program sees it.
 # Needs python3-venv. With gcc and python3-dev there, publish and read are quicker. DEBFULLNAME and DEBEMAIL are who answers for it.
 set -eu
