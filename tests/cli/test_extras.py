@@ -31,7 +31,6 @@ def without(extras: tuple[str, ...], words: list[str], folder: Path) -> subproce
 @pytest.mark.parametrize(
     ("extra", "words", "line"),
     [
-        ("view", ["view", "--port", "0"], "`pip install '.[view]'`"),
         ("view", ["view", "--terminal"], "`pip install '.[view]'`"),
         ("dds", ["bridge", "--backend", "dds"], "`pip install cyclonedds`"),
         ("zenoh", ["bridge", "--backend", "zenoh"], "`pip install eclipse-zenoh`"),
