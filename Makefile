@@ -83,6 +83,7 @@ lint: $(VENV)/ready-to-test
 generated: $(VENV)/ready  ## regenerate the committed output
 	$(BIN)/shmgen generate --quiet
 	$(BIN)/shmgen show sensor_msgs/BatteryState --svg > docs/memory_map.svg
+	$(BIN)/python -m tests.rigs.world > docs/architecture.svg
 
 # Tests of what was generated, and of processes that are killed, say little about src/ and cost most.
 UNCOUNTED := plc openplc cpp softplc model explorer dds ros2 test_chaos.py test_load.py test_examples.py test_builds.py test_mutants.py

@@ -13,6 +13,7 @@ from shmgen.generator import pipeline
 
 from .conftest import REPOSITORY
 from .rigs.fbd import blocks
+from .rigs.world import world
 
 
 def test_generated_is_up_to_date() -> None:
@@ -36,6 +37,10 @@ def test_the_pictures_are_up_to_date() -> None:
     layouts = pipeline.lay_out(settings, [str(name)])
     (drawing,) = render([memory_map.plan(layouts[name], layouts)]).values()
     assert (REPOSITORY / "docs" / "memory_map.svg").read_text() == drawing, "run `make generated`"
+
+
+def test_the_picture_of_the_users_world_is_up_to_date() -> None:
+    assert (REPOSITORY / "docs" / "architecture.svg").read_text() == world(), "run `make generated`"
 
 
 def test_the_boxes_of_the_blocks_are_up_to_date(tmp_path: Path) -> None:

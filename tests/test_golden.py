@@ -109,7 +109,7 @@ def generated(case: Path) -> dict[str, str]:
 
 def is_common(path: str) -> bool:
     """Or holds what is: the XML has all of the Structured Text once more."""
-    if path.startswith(("c/", "cpp/")):
+    if path.startswith(("c/", "cpp/", "ros2_cpp/", "ros2_control/")):
         return fnmatch(path, "*/shmgen_*.h*") or path.endswith("/shmgen.hpp")
     return path.startswith(("st/shmgen/", "plcopen/")) and "ST_shmgen_Time" not in path
 

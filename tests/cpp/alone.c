@@ -146,6 +146,7 @@ static void many_topics_wake_one(void)
     snprintf(second, sizeof second, "%s_second", topic);
     HOLDS(shmgen_subscriber_open(&other, second, &large, NULL) == SHMGEN_OK);
     HOLDS(shmgen_publisher_open(&writer, second, &large, NULL) == SHMGEN_OK);
+    HOLDS(shmgen_ready_any(NULL, 0, 2 * SHMGEN_MS) == SHMGEN_NOTHING_NEW);
     HOLDS(shmgen_ready_any(several, 2, 2 * SHMGEN_MS) == SHMGEN_NOTHING_NEW);
     HOLDS(shmgen_load(&other.end, SHMGEN_AT(armed)) == 1 && shmgen_load(&subscriber.end.end, SHMGEN_AT(armed)) == 1);
     publish(1);

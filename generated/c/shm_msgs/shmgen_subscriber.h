@@ -285,7 +285,7 @@ static inline bool shmgen_look(shmgen_subscriber *const *several, size_t count, 
  * there are any. May return early. */
 static inline void shmgen_sleep(shmgen_subscriber *const *several, size_t count, int64_t ns)
 {
-    const int64_t spin = several[0]->end.spin < ns ? several[0]->end.spin : ns;
+    const int64_t most = count > 0 ? several[0]->end.spin : 0, spin = most < ns ? most : ns;
     shmgen_sleeper sleeper;
     if (spin > 0 && (shmgen_look(several, count, spin) || spin == ns))
         return;

@@ -92,6 +92,11 @@ class Wire:
         return max(self.depth, queue_of(self.largest))
 
     @property
+    def is_large(self) -> bool:
+        """Whether less than a second of a topic at 1 kHz may wait."""
+        return queue_of(self.largest) < QUEUE
+
+    @property
     def largest(self) -> int:
         """Bytes that a message may have on its way; what is longer need not be read to know that it does not fit."""
         return largest(self.room)
@@ -213,12 +218,13 @@ class RosPublisher:
     """A ROS publisher. `new()` makes an empty message, `send(message)` publishes one that `new` made.
 
     Lists in it may hold any objects with the attributes of the element's type, such as those of our own classes.
-    `send` neither waits for subscribers nor raises for want of them. What it `keeps` nobody changes later.
+    `send` raises nothing for want of subscribers, and waits for them only where the wire `is_large`; it may give how
+    many that it had sent were lost by it. What it `keeps` nobody changes later.
     `send_payload` does the same with the bytes of a sample; what it raises is to be sent as a message.
     """
 
     new: Callable[[], Any]
-    send: Callable[[Any], None]
+    send: Callable[[Any], int | None]
     keeps: bool = True
     send_payload: Callable[[bytes], None] | None = None
 

@@ -113,7 +113,8 @@ class ToPlc:
 class FromPlc:
     """A Side: what the PLC writes goes to ROS, by a thread that sleeps until it does.
 
-    It shares `listener` with others; without one, and with a `rate`, for which it waits itself, it has its own.
+    It shares `listener` with others; without one, and where it may have to wait itself, for a `rate` or for subscribers
+    of large messages, it has its own.
     """
 
     def __init__(
@@ -129,7 +130,8 @@ class FromPlc:
         self._is_first = True
         self.end = ReopeningEndpoint(self._opened, counters, stopping)
         self.end.silence = self._silence
-        self._listener = listener if listener and not route.topic.carried.rate else Listener(stopping)
+        waits = route.topic.carried.rate or route.wire.is_large
+        self._listener = listener if listener and not waits else Listener(stopping)
 
     def join(self, backend: Backend) -> None:
         self._outlet, self._now = backend.publisher(self.route.wire), backend.now
@@ -186,8 +188,10 @@ class FromPlc:
             self.route.kind._decode(bytes(sample), 0, message)
             if self.route.topic.carried.stamp == "now":
                 self._stamp(message)
-            self._outlet.send(message)
-            self.counters.passed += 1
+            lost = self._outlet.send(message) or 0
+            self.counters.passed += 1 - lost
+            if lost:
+                self.counters.lose(lost)
         except ValueRejected as error:
             self.counters.reject(str(error))
         except Exception as error:  # whatever a ROS may raise: one message is not worth the bridge

@@ -15,6 +15,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from shmgen.core import cache
 
 _KIND = "clean-"
+_FORM = "2"
+"""Of what is kept; a former shmgen, of the same place, had another."""
 _KEPT = 20
 _TICK = 20_000_000
 """Nanoseconds that the time of a file may be behind the clock: two jiffies of the slowest Linux."""
@@ -119,7 +121,7 @@ def _write(arguments: Sequence[str], said: str, now: Mapping[str, str]) -> None:
 
 
 def _name(arguments: Sequence[str]) -> str:
-    key = "\n".join([os.getcwd(), __file__, sys.version, *arguments]).encode(errors="surrogateescape")
+    key = "\n".join([_FORM, os.getcwd(), __file__, sys.version, *arguments]).encode(errors="surrogateescape")
     return f"{_KIND}{hashlib.sha256(key).hexdigest()[:16]}"
 
 

@@ -115,18 +115,21 @@ def _are_alone(names: Iterable[TypeName], blocks: Iterable[str]) -> bool:
     )
 
 
-_OBJECT = re.compile(r'(<(dataType|pou|globalVars) name="\w+").*?</\2>', re.DOTALL)
+_OBJECT = re.compile('<(dataType|pou|globalVars) name="\\w+"')
 _LISTED = re.compile("^ {12}<Object .*?^ {12}</Object>\n", re.DOTALL | re.MULTILINE)
 
 
 def _inserted(whole: str, part: str) -> str | None:
     """PLCopen XML with each object of `part` in the place of the one of its name; None where the IDE shows others."""
     shown = whole[whole.rfind("<ProjectStructure>") :]
-    if not all(listed in shown for listed in _LISTED.findall(part)):
+    if not all(listed in shown for listed in _LISTED.findall(part, part.rfind("<ProjectStructure>"))):
         return None
+    pieces, done = [], 0
     for found in _OBJECT.finditer(part):
-        begin = whole.index(found[1])
-        end = whole.index(f"</{found[2]}>", begin)
-        if whole[begin:end] != found[0].rpartition("<")[0]:
-            whole = whole[:begin] + found[0].rpartition("<")[0] + whole[end:]
-    return whole
+        end = f"</{found[1]}>"
+        begin = whole.find(found[0], done)  # they are in the same order
+        if begin < 0:
+            return None
+        pieces += [whole[done:begin], part[found.start() : part.index(end, found.start())]]
+        done = whole.index(end, begin)
+    return "".join([*pieces, whole[done:]])

@@ -40,6 +40,7 @@ from shmgen.bridge.codec.cdr import Codec, codec
 from shmgen.bridge.codec.type_identity import TAKES_OURS, Identity
 from shmgen.bridge.ros2 import actions as ros2_actions
 from shmgen.bridge.ros2 import types
+from shmgen.bridge.ros2.outlet import Outlet
 from shmgen.bridge.ros2.peers import Peers
 from shmgen.bridge.ros2.topics import Inlet
 from shmgen.bridge.ros2.waiter import Ours, Waiter
@@ -88,14 +89,17 @@ class Ros2:
             for one in self._node.get_subscriptions_info_by_topic(publisher.topic_name):
                 identity.refusal(_hash(one))
 
+        queue = 1 if wire.latch else wire.queue
         publisher = self._node.create_publisher(
             kind,
             wire.topic,
-            _qos(wire, 1 if wire.latch else wire.queue),
+            _qos(wire, queue),
             event_callbacks=_when_matched(PublisherEventCallbacks, met),
         )
         self.undo.append(lambda: self._node.destroy_publisher(publisher))
-        return RosPublisher(made.new, lambda message: publisher.publish(made.encode(message)), keeps=False)
+        waits = wire.is_large and wire.qos == "reliable" and not wire.latch and hasattr(publisher, "wait_for_all_acked")
+        outlet = Outlet(publisher, queue, self._closing.is_set) if waits else publisher
+        return RosPublisher(made.new, lambda message: outlet.publish(made.encode(message)), keeps=False)
 
     def subscribe(self, wire: Wire, sink: MessageSink) -> RosSubscription:
         kind, made = types.message(wire.messages), _codec(wire.messages)
