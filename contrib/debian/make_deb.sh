@@ -42,4 +42,11 @@ Priority: optional
 Description: Shared-memory bridge code between CODESYS softPLCs and ROS
  Reads ROS message definitions and writes the code for both sides, all from one memory layout.
 CONTROL
+# dpkg does not know what Python has compiled there, where root ran it.
+cat > "$root/DEBIAN/postrm" <<'REMOVED'
+#!/bin/sh
+set -e
+if [ "$1" = remove ] || [ "$1" = purge ]; then rm -rf /usr/lib/shmgen; fi
+REMOVED
+chmod 755 "$root/DEBIAN/postrm"
 dpkg-deb --root-owner-group --build "$root" "shmgen_${version}_$architecture.deb"
