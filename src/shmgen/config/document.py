@@ -56,7 +56,12 @@ class Reader:
             if name not in allowed:
                 close = closest(name, allowed)
                 hint = f"did you mean {close}?" if close else f"known keys{place}: {', '.join(allowed)}"
-                if not section and (home := next((key for key in keys.KEYS if key.name == name), None)):
+                is_header = close in keys.SECTIONS and isinstance(data[name], dict | list)
+                if (
+                    not section
+                    and not is_header
+                    and (home := next((key for key in keys.KEYS if key.name == name), None))
+                ):
                     hint = f"it belongs under {keys.header(home.section)}"
                 self.report.error("SHM501", f"unknown key {name}{place}", self.span(section, name), hint=hint)
 
