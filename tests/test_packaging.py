@@ -1,4 +1,4 @@
-"""packaging/: what can be held of the container without a docker. `make bare` makes and installs the Debian package."""
+"""contrib/: what can be held of the container without a docker. `make bare` makes and installs the Debian package."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ruamel.yaml import YAML
 from .conftest import REPOSITORY
 from .test_distributions import tomllib
 
-DOCKER = REPOSITORY / "packaging" / "docker"
+DOCKER = REPOSITORY / "contrib" / "docker"
 
 
 def test_the_image_gets_all_that_the_wheel_is_made_of() -> None:
@@ -50,7 +50,7 @@ INSTALLS = rf"""(?:pipx|pip"?|uv tool) install (?:--\S+ )*['"]?(?:{OURS})\S*"""
 
 def test_what_we_say_to_install_reads_idl() -> None:
     """What is installed for one purpose more, `.[view]`, is installed over that."""
-    places = ["README.md", "action.yml", "packaging/docker/Dockerfile", "tests/rigs/bare.py"]
+    places = ["README.md", "action.yml", "contrib/docker/Dockerfile", "tests/rigs/bare.py"]
     texts = [(REPOSITORY / place).read_text() for place in places]
     texts += [path.read_text() for path in (REPOSITORY / "docs").rglob("*.md")]
     found = [re.findall(INSTALLS, text) for text in texts]
@@ -62,4 +62,11 @@ def test_what_we_say_to_install_reads_idl() -> None:
 
 
 def test_the_scripts_are_sh(tmp_path: Path) -> None:
-    subprocess.run(["sh", "-n", REPOSITORY / "packaging" / "debian" / "make_deb.sh"], check=True, cwd=tmp_path)
+    subprocess.run(["sh", "-n", REPOSITORY / "contrib" / "debian" / "make_deb.sh"], check=True, cwd=tmp_path)
+
+
+def test_the_key_of_rosdep_is_the_one_that_the_page_names() -> None:
+    keys = YAML(typ="safe").load(REPOSITORY / "contrib" / "rosdep" / "cell.yaml")
+    assert all(rule["pip"]["packages"] == ["posix_ipc"] for key in keys for rule in keys[key].values())
+    page = (REPOSITORY / "contrib" / "README.md").read_text()
+    assert all(f"<exec_depend>{key}</exec_depend>" in page for key in keys)

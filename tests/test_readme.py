@@ -118,7 +118,12 @@ def test_the_readme_names_no_other_make_target() -> None:
 
 def test_links_lead_somewhere() -> None:
     """To a file or a folder, and to a heading in it; in code nothing is a link."""
-    for page in [*REPOSITORY.glob("*.md"), *PAGES[1:], *REPOSITORY.glob("examples/**/*.md")]:
+    for page in [
+        *REPOSITORY.glob("*.md"),
+        *PAGES[1:],
+        *REPOSITORY.glob("contrib/*.md"),
+        *REPOSITORY.glob("examples/**/*.md"),
+    ]:
         text = re.sub(r"^```.*?^```|`[^`\n]*`", "", page.read_text(), flags=re.MULTILINE | re.DOTALL)
         for link, anchor in re.findall(r"\]\(([^)#:\s]*)(?:#([^)\s]+))?\)", text):
             target = page.parent / link if link else page

@@ -147,27 +147,47 @@ How shmgen reads ambiguous or unusual definitions, and how the reference impleme
 {versions}. A test runs all of them and compares the results with this page;
 `pytest --update-golden tests/definitions/test_corner_cases.py` regenerates it.
 
-* **definition**: `␊` stands for a line break, `␉` for a tab, `␍` for a carriage return, `␀` for a zero byte, and
-  `U+2028` for that character. Unless stated otherwise, the definition is the message `demo_msgs/Foo`; its package also
-  has `Bar.msg`, with one field `int8 b`.
+Each section has a table of what they read differently, with the reason, and below it what all read, or refuse, alike.
+
+* **definition**: `␊` is a line break, `␉` a tab, `␍` a carriage return, `␀` a zero byte. It is the message
+  `demo_msgs/Foo` if no file is named; its package also has `Bar.msg`, with one field `int8 b`.
 * **here**: what shmgen reads; a code such as SHM003 is the [diagnostic](diagnostics.md) that it reports.
-* **same**: the same fields, types, bounds, defaults, constants and units as shmgen. rosbags and genmsg do not return
-  defaults and units, so these are not compared.
+* **same**: the same fields, types, bounds, defaults, constants and units. rosbags and genmsg do not return defaults
+  and units, so these are not compared.
 * **refused**: rejected with a message about the definition. **crashes**: an exception that does not describe it.
 * **-**: no input: rosidl_parser reads the .idl that rosidl_adapter generates, and rosbags reads no .srv or .action.
 """
 
 
 def page(rows: dict[str, list[Row]]) -> str:
+    """Which rows differ is asked of their reasons, so that it is known where a reference is not."""
     names = [f"{name} {version}" for name, version in VERSIONS.items()]
     text = HEAD.format(versions=f"{', '.join(names[:-1])} and {names[-1]}")
     for title, dialect in GROUPS:
         columns = REFERENCES[dialect]
-        text += f"\n## {title}\n| definition | here | {' | '.join(columns)} | why |\n|{'---|' * (len(columns) + 3)}\n"
-        for row in rows[title]:
+        text += f"\n## {title}\n"
+        told_apart = [row for row in rows[title] if row.case.why]
+        if told_apart:
+            text += f"| definition | here | {' | '.join(columns)} | why |\n|{'---|' * (len(columns) + 3)}\n"
+        for row in told_apart:
             cells = [written(row.case), told(row.here), *(cell(row, name) for name in columns), row.case.why]
             text += f"| {' | '.join(cells)} |\n"
+        text += alike([row for row in rows[title] if not row.case.why], "\n" if told_apart else "")
     return text
+
+
+def alike(rows: list[Row], before: str) -> str:
+    """By what is read: as it is written, as something else, not at all."""
+    found: dict[str, list[str]] = {}
+    for row in rows:
+        here, definition = told(row.here), written(row.case)
+        if isinstance(row.here, Refused):
+            found.setdefault(f"Refused by all, here as {here}", []).append(definition)
+        elif here == definition:
+            found.setdefault("Read by all as it is written", []).append(definition)
+        else:
+            found.setdefault("Read by all as something else", []).append(f"{definition} as {here}")
+    return before + "".join(f"* {what}: {'; '.join(those)}\n" for what, those in found.items()) if found else ""
 
 
 def cell(row: Row, reference: str) -> str:

@@ -45,7 +45,7 @@ SET_UP_SECONDS, SET_UP_MB = 180, 600
 """What setting up for `make test` may take, packages of README included, where nothing else goes on."""
 
 APT = "apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq"
-DEB = f"{APT} python3-venv && shmgen/packaging/debian/make_deb.sh && {APT} ./shmgen_*.deb && shmgen --version"
+DEB = f"{APT} python3-venv && shmgen/contrib/debian/make_deb.sh && {APT} ./shmgen_*.deb && shmgen --version"
 VENV = "python3 -m venv v && v/bin/pip -q install ./shmgen && v/bin/shmgen --version"
 UV = "python3 -m venv u && u/bin/pip -q install uv && u/bin/uv -q tool install ./shmgen && .local/bin/shmgen --version"
 PIPX = "pipx install './shmgen[idl]' && .local/bin/shmgen --version"

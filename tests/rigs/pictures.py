@@ -42,6 +42,8 @@ _FONTS = re.compile(r"@font-face \{.*?\}\s*", re.DOTALL)
 _LEFT, _WIDE, _LINE = 190, 530, 20
 _WINDOW = 1234, 436
 """Pixels of the page, and of view.gif."""
+_NAMES = {"C": "shmgen, C", "C++": "shmgen, C++", "shmgen": "shmgen, Python", "by hand": "by hand, Python"}
+"""Who is meant by a row of the page's table."""
 _COLOURS = {**dict.fromkeys(("shmgen", "C", "C++"), "#1b7f4d"), "by hand": "#7a9e8a"}
 
 
@@ -77,7 +79,7 @@ def latency(page: str) -> str:
         f' width="780" height="{height}">',
         f'<rect width="780" height="{height}" fill="#ffffff"/>',
         '<text x="16" y="24" font-size="15">Age of 56 bytes when a waiting reader has them, 1 kHz, one way</text>',
-        '<text x="16" y="42" fill="#555555">bar: median; line: 99 of 100; us, logarithmic; docs/performance.md</text>',
+        '<text x="16" y="42" fill="#555555">bar, number: median; line: to the 99th percentile; µs, logarithmic</text>',
     ]
     for decade in range(powers + 1):
         x = at(10**decade)
@@ -88,10 +90,10 @@ def latency(page: str) -> str:
         width = round(at(median) - _LEFT, 1)
         middle = y + 7
         parts += [
-            f'<text x="{_LEFT - 8}" y="{y + 12}" text-anchor="end">{escape(way)}</text>',
+            f'<text x="{_LEFT - 8}" y="{y + 12}" text-anchor="end">{escape(_NAMES.get(way, way))}</text>',
             f'<rect x="{_LEFT}" y="{y}" width="{width}" height="14" fill="{_COLOURS.get(way, "#7d8fb3")}"/>',
             f'<line x1="{at(median)}" y1="{middle}" x2="{at(most)}" y2="{middle}" stroke="#333333"/>',
-            f'<text x="{at(most) + 6}" y="{y + 12}" fill="#333333">{median:g}</text>',
+            f'<text x="{at(most) + 6}" y="{y + 12}" fill="#333333">{median:.1f}</text>',
         ]
     return "\n".join([*parts, "</svg>"]) + "\n"
 

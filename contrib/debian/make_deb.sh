@@ -1,6 +1,6 @@
 #!/bin/sh
 # Makes shmgen_VERSION_ARCHITECTURE.deb in the folder where it is called, for the Debian or Ubuntu it runs on:
-#     packaging/debian/make_deb.sh && sudo apt install ./shmgen_*.deb
+#     contrib/debian/make_deb.sh && sudo apt install ./shmgen_*.deb
 # What reads .idl is python3-rosidl, which apt brings with it. What is not Debian's own (rosbags and others) is in /usr/lib/shmgen, where no other program sees it.
 # Needs python3-venv. With gcc and python3-dev there, publish and read are quicker. DEBFULLNAME and DEBEMAIL are who answers for it.
 set -eu
@@ -42,4 +42,11 @@ Priority: optional
 Description: Shared-memory bridge code between CODESYS softPLCs and ROS
  Reads ROS message definitions and writes the code for both sides, all from one memory layout.
 CONTROL
+# dpkg does not know what Python has compiled there, where root ran it.
+cat > "$root/DEBIAN/postrm" <<'REMOVED'
+#!/bin/sh
+set -e
+if [ "$1" = remove ] || [ "$1" = purge ]; then rm -rf /usr/lib/shmgen; fi
+REMOVED
+chmod 755 "$root/DEBIAN/postrm"
 dpkg-deb --root-owner-group --build "$root" "shmgen_${version}_$architecture.deb"
