@@ -63,7 +63,7 @@ static inline const char *shmgen_status_text(shmgen_status status)
     switch (status) {
     case SHMGEN_OK: return "done";
     case SHMGEN_TOPIC_EMPTY: return "the topic is empty";
-    case SHMGEN_TOPIC_INVALID: return "the topic is not made of letters, digits and _ between single slashes";
+    case SHMGEN_TOPIC_INVALID: return "the topic needs letters, digits and _ between single slashes";
     case SHMGEN_TOPIC_TOO_LONG: return "the topic is longer than a file name may be";
     case SHMGEN_DEPTH_INVALID: return "the depth is not in 1 to 65535";
     case SHMGEN_SIZEOF_MISMATCH: return "the buffer is not of the message's size";

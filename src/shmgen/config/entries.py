@@ -144,7 +144,7 @@ def _not_a_name(name: str, longest: int) -> str:
     """Why a PLC cannot have it, or nothing."""
     bare = name.removeprefix("/")
     if not re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", bare, re.ASCII):
-        return "is not made of letters, digits and _ between single slashes, no digit first"
+        return "needs letters, digits and _ between single slashes, no digit first"
     if len(bare) > longest:
         return f"has {len(bare)} characters, more than the {longest} of a STRING(80) and its suffix"
     if bare.upper() in _TAKEN:
