@@ -101,17 +101,8 @@ def generate(
         written = write(output, texts, leftovers, last=lockfile.LOCK, former=kept)
     total = len(texts) if some is None else (kept or b"").partition(b"\n[files]\n")[2].count(b"\n") + 1
     skipped = [] if quiet or not skip_unbounded else list(requested.left_out(config, requests))
-
-    def said(changed: Sequence[str], removed: Sequence[str]) -> str:
-        gone = f", {len(removed)} removed" if removed else ""
-        lines = [f"{output}: {counted(len(changed), 'file')} written, {total - len(changed)} unchanged{gone}"]
-        lines += [f"  {output / path}" for path in changed]
-        if skipped:
-            lines.append(f"{counted(len(skipped), 'message')} left out for want of a bound, see `shmgen list`:")
-            lines += [f"  {name}" for name in skipped]
-        return "" if quiet else "".join(f"{line}\n" for line in lines)
-
-    click.echo(said(written.changed, written.removed), nl=False)
+    if not quiet:
+        click.echo(_summary(output, total, skipped, written.changed, len(written.removed)), nl=False)
     own = {os.path.join(output, path): texts[path] for path in written.changed}
     if some is not None:
         check_cache.store_again(own)
@@ -120,7 +111,19 @@ def generate(
     if depfile and opened:
         files.append(str(depfile))
         own |= _write_depfile(depfile, filter(None, [options.file_in_force(config_file), *locks, *opened.files()]))
-    requested.remember(said((), ()), config, requests, config_file, files, began, own)
+    said = "" if quiet else _summary(output, total, skipped)
+    requested.remember(said, config, requests, config_file, files, began, own)
+
+
+def _summary(output: Path, total: int, skipped: Sequence[str], changed: Sequence[str] = (), removed: int = 0) -> str:
+    """What was done with so many files, and which messages were left out."""
+    gone = f", {removed} removed" if removed else ""
+    lines = [f"{output}: {counted(len(changed), 'file')} written, {total - len(changed)} unchanged{gone}"]
+    lines += [f"  {output / path}" for path in changed]
+    if skipped:
+        lines.append(f"{counted(len(skipped), 'message')} left out for want of a bound, see `shmgen list`:")
+        lines += [f"  {name}" for name in skipped]
+    return "".join(f"{line}\n" for line in lines)
 
 
 def _write_depfile(file: Path, read: Iterable[Path]) -> dict[str, str]:
