@@ -9,7 +9,7 @@ import sys
 from types import ModuleType
 
 from shmgen.bridge.backend import BackendMissing
-from shmgen.config.bridging import BACKENDS
+from shmgen.config.backends import BACKENDS
 
 _PACKAGES = {"yaml": "pyyaml"}
 """What PyPI calls a module, where that is another name."""

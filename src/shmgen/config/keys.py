@@ -5,12 +5,13 @@ from __future__ import annotations
 import keyword
 from typing import Any, Literal, NamedTuple
 
+from shmgen.config import backends
 from shmgen.core import abi
 from shmgen.targets import KEYS as TARGETS
 from shmgen.targets import USUAL
 
 SOURCES = ("jazzy", "humble", "noetic", "kilted", "lyrical", "iron", "galactic", "foxy", "eloquent", "dashing", "env")
-BACKENDS = ("auto", "ros2", "dds", "zenoh", "ros1")
+BACKENDS = ("auto", *(backend.key for backend in backends.BACKENDS))
 MAX_REGION = 32 * 2**20
 """Bytes; more than any sane topic, less than what a forgotten bound makes."""
 MAX_NUMBER = 2**31 - 1
