@@ -14,7 +14,7 @@ from .faults import FAULTS, TESTED, Fault
 from .scenes import FULL, LARGE, QUICK, SCENES, Scene
 
 pytestmark = pytest.mark.skipif(bool(missing()), reason=f"not here: {', '.join(missing())}: the ends are not explored")
-SECONDS = 120.0
+SECONDS = 200.0
 """Of the processor, at most; most scenes take less than one."""
 
 
