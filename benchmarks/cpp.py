@@ -1,4 +1,4 @@
-"""Turns a second of publishing in C++ into medians, each beside the work by hand in the same program.
+"""Times publishing in C++, each beside the work by hand in the same program.
 
     python benchmarks/cpp.py
 

@@ -1,4 +1,4 @@
-"""Turns a paced stream between two processes into the age of its samples and the reader's CPU, ours beside others.
+"""Measures the age of the samples of a paced stream between two processes, and the reader's CPU, beside others.
 
     python benchmarks/latency.py [--rounds 3] [--seconds 0.5] [--only shmgen,UDP]
 

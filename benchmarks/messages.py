@@ -1,4 +1,4 @@
-"""Turns four ordinary messages into what publishing and reading each takes, beside its bytes packed by hand.
+"""Times publishing and reading of four ordinary messages, beside their bytes packed by hand.
 
     python benchmarks/messages.py
 

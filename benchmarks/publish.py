@@ -1,4 +1,4 @@
-"""Turns a few seconds of publishing and reading into a table of medians, each beside a floor in the same run.
+"""Times publishing and reading in one process, each beside a floor in the same run.
 
     python benchmarks/publish.py
 

@@ -1,4 +1,4 @@
-"""Turns each way to send bytes between two processes into a pair of functions: send(ns) and receive() -> ns or None.
+"""Each way to send bytes between two processes, as a pair of functions: send(ns) and receive() -> ns or None.
 
 A way is `way(role, mode, size, name)`; it gives the one function that `role` ("send" or "receive") needs, for a
 message of `size` bytes that begins with a time in nanoseconds. `mode` is how the receiver waits: "spin" returns None

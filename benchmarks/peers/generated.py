@@ -1,4 +1,4 @@
-"""Turns peers/cpp.cpp, and what shmgen generates for it, into a program."""
+"""Builds peers/cpp.cpp with what shmgen generates for it."""
 
 from __future__ import annotations
 

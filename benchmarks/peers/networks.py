@@ -1,4 +1,4 @@
-"""Turns peers from PyPI into ways to send bytes, as peers/__init__.py says; each is imported only where it is used."""
+"""Peers from PyPI as ways to send bytes, as peers/__init__.py says; each is imported only where it is used."""
 
 from __future__ import annotations
 

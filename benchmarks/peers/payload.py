@@ -1,4 +1,4 @@
-"""Turns a time into the bytes of a message and back, for peers that carry bytes: the least that a user would do too."""
+"""The time in the bytes of a message, for peers that carry bytes: the least that a user would do too."""
 
 from __future__ import annotations
 

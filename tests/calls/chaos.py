@@ -1,4 +1,4 @@
-"""Turns a seed into thousands of calls between processes that are killed meanwhile, and what must hold into a verdict.
+"""Thousands of calls between processes that are killed meanwhile, from a seed, and what must hold all the same.
 
     python -m tests.calls.chaos --calls 10000 --seed 1 [--fault client|server]
 

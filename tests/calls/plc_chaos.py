@@ -1,4 +1,4 @@
-"""Turns a seed into thousands of calls with a PLC at one end or both, killed meanwhile, and into a verdict.
+"""Thousands of calls with a PLC at one end or both, killed meanwhile, from a seed.
 
     python -m tests.calls.plc_chaos --calls 10000 --seed 1 [--scenes plc_serves plc_asks plc_alone] [--fault NAME]
 

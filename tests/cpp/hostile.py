@@ -1,4 +1,4 @@
-"""Turns a number of inputs into a verdict on what C and C++ do with a region whose every byte may be anything.
+"""What C and C++ do with a region whose every byte may be anything.
 
     python -m tests.cpp.hostile [--inputs 1000000] [--seed 1]
 

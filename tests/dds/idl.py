@@ -1,4 +1,4 @@
-"""Turns message definitions into IDL with ROS 2's names, for peers that are compiled from it."""
+"""Message definitions as IDL with ROS 2's names, for peers that are compiled from it."""
 
 from __future__ import annotations
 

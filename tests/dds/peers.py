@@ -1,4 +1,4 @@
-"""Turns message definitions into two programs that are not ours: on Fast DDS and on Cyclone's C library."""
+"""Two programs that are not ours, from message definitions: on Fast DDS and on Cyclone's C library."""
 
 from __future__ import annotations
 

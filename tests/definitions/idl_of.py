@@ -1,4 +1,4 @@
-"""Turns folders of .msg, .srv and .action into the .idl that rosidl_adapter makes of them; to be run on its own.
+"""The .idl that rosidl_adapter makes of folders of .msg, .srv and .action; to be run on its own.
 
 Arguments: the folder of packages, the folder to write to, and the names of packages. rosidl_adapter prints, and leaves
 a file out that it refuses.

@@ -1,4 +1,4 @@
-"""Turns a model and its settings into what spin says of every state that can come."""
+"""Runs a model in spin: what it says of every state that can come."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns nothing into Debian 12, Debian 13 and Ubuntu 24.04, and runs the commands of README there, as strangers do.
+"""Runs the commands of README on Debian 12, Debian 13 and Ubuntu 24.04 that have nothing, as strangers do.
 
     sudo make bare                                             # six runs: each pair of what may differ is in one
     sudo make bare ARGS="--only debian-13 --tests tests/cli"   # runs with this in their name; a part of the tests

@@ -1,4 +1,4 @@
-"""Turns a seed into thousands of SIGKILLs at random instants, and what must hold all the same into a verdict.
+"""Thousands of SIGKILLs at random instants, from a seed, and what must hold all the same.
 
     python -m tests.rigs.chaos --seconds 60 --seed 1 [--no-plc] [--no-cpp] [--fault NAME]
 

@@ -1,4 +1,4 @@
-"""Turns the protocol into seven wrong ones, which the chaos test must find: each function plants one in this process.
+"""Wrong protocols that the chaos test must find: each function plants one in this process.
 
 All are planted in the reference in Python, which is then the engine of all; the processes that chaos.py forks have
 them too.

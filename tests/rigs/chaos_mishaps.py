@@ -1,4 +1,4 @@
-"""Turns a live region, or the place where one will be, into what bad luck and bad neighbours make of it; for chaos.py.
+"""What bad luck and bad neighbours make of a live region, or of the place where one will be; for chaos.py.
 
 DURING happens to processes that go on: an exception out of a signal handler, a fork in the middle of anything, a stop
 longer than the dead are waited for, posts too many. BETWEEN happens where no process is left: a region cut short, a

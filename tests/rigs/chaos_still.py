@@ -1,4 +1,4 @@
-"""Turns actors of chaos.py that do not move into what is known: how each is, where, and what the region says."""
+"""What is known of actors of chaos.py that do not move: how each is, where, and what the region says."""
 
 from __future__ import annotations
 

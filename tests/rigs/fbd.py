@@ -1,4 +1,4 @@
-"""Turns generated function blocks into docs/blocks.svg: how they look in an editor for FBD, and how they are wired.
+"""Draws docs/blocks.svg: how generated function blocks look in an editor for FBD, and how they are wired.
 
 Pins, their order and their types are read from the Structured Text, which is what an IDE draws a box from.
 """

@@ -1,4 +1,4 @@
-"""Turns a number into as many definitions nobody would write, and reads each: python -m tests.rigs.fuzz_many 1000000.
+"""Reads many definitions that nobody would write: python -m tests.rigs.fuzz_many 1000000.
 
 Not guided, as `make fuzz` is, so quicker, and on all processors. Two of three are real definitions that were damaged,
 one is made from a grammar; every 200th goes through all stages. A seed makes a thousand, so that what fails is found

@@ -1,4 +1,4 @@
-"""Turns a minute of 64 topics at 1 kHz, all in one process and all read in another, into misses, CPU and memory.
+"""A minute of 64 topics at 1 kHz, all in one process and all read in another: misses, CPU and memory.
 
     python -m tests.rigs.load --seconds 60
 

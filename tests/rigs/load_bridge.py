@@ -1,4 +1,4 @@
-"""Turns 30 seconds of 10 topics at 100 Hz and one at 1 kHz into what got lost, how late it came, and what it cost.
+"""30 seconds of 10 topics at 100 Hz and one at 1 kHz: what got lost, how late it came, and what it cost.
 
     python -m tests.rigs.load_bridge --seconds 30 --backend ros1
 

@@ -1,4 +1,4 @@
-"""Turns a minute of 64 topics at 1 kHz, recorded into a bag, into misses, CPU and memory of the recorder.
+"""A minute of 64 topics at 1 kHz, recorded into a bag: misses, CPU and memory of the recorder.
 
     python -m tests.rigs.load_record --seconds 60
 

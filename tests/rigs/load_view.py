@@ -1,4 +1,4 @@
-"""Turns 200 regions that move, and an image of 1 MiB at 30 Hz, into what the screens of `shmgen view` take of a core.
+"""What the screens of `shmgen view` take of a core with 200 regions that move, and an image of 1 MiB at 30 Hz.
 
     python -m tests.rigs.load_view
 

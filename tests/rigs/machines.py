@@ -1,4 +1,4 @@
-"""Turns the name of another machine into a Debian root of it, and what is tested there into a line of a table.
+"""Tests in a Debian root of another machine, and a line of a table for each.
 
     sudo python -m tests.rigs.machines [--folder FOLDER] [--seconds 20] i386 arm64 … [-- pytest's own arguments]
 

@@ -1,4 +1,4 @@
-"""Turns each line of the core into wrong ones, one at a time, and lists those that no test minds: `make mutants`.
+"""Makes each line of the core wrong, one at a time, and lists the wrong ones that no test minds: `make mutants`.
 
     python -m tests.rigs.mutants [FILE ...] [--sample N] [--seconds N] [--processes N]
 

@@ -1,4 +1,4 @@
-"""Turns figures, blocks and screens into the pictures of the documentation: docs/latency, blocks, top.svg, view.gif.
+"""Draws the pictures of the documentation, of figures, blocks and screens: docs/latency, blocks, top.svg, view.gif.
 
     make pictures
 

@@ -1,4 +1,4 @@
-"""Turns a kill inside the lock into seconds until everybody moves again, for each pair of who dies and who writes on.
+"""Seconds from a kill inside the lock until everybody moves again, for each pair of who dies and who writes on.
 
     python -m tests.rigs.takeover [--tries 1]
 

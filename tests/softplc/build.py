@@ -1,4 +1,4 @@
-"""Turns Structured Text into a shared library, by way of C++ and g++, and loads it."""
+"""Compiles Structured Text into a shared library, by way of C++ and g++, and loads it."""
 
 from __future__ import annotations
 

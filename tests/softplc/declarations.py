@@ -1,4 +1,4 @@
-"""Turns blark's trees into what is declared: types, lists of variables, blocks with their methods."""
+"""What is declared in blark's trees: types, lists of variables, blocks with their methods."""
 
 from __future__ import annotations
 

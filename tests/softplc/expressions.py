@@ -1,4 +1,4 @@
-"""Turns expressions and calls, as blark reads them, into C++ on top of runtime.hpp.
+"""Expressions and calls, as blark reads them, in C++ on top of runtime.hpp.
 
 A name stays recognisable: `xEnable` is `v_xenable`, a type `T_...`, a method `m_...`; no user's name can meet a word
 of C++. What a name means is left to C++, whose scopes (method, block, qualified lists) are those of Structured Text;

@@ -1,4 +1,4 @@
-"""Turns literals of Structured Text into C++: untyped ones into `Integer<5ULL>{}` and `Real{1.5}` of runtime.hpp."""
+"""Literals of Structured Text in C++: untyped ones as `Integer<5ULL>{}` and `Real{1.5}` of runtime.hpp."""
 
 from __future__ import annotations
 

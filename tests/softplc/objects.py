@@ -1,4 +1,4 @@
-"""Turns one declared object into C++: a type, the code of a block, and rows that tell Python of its members."""
+"""One declared object in C++: a type, the code of a block, and rows that tell Python of its members."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns a running block into the same block of a changed program, as an online change of CODESYS does.
+"""Puts a changed program under a running block, as an online change of CODESYS does.
 
 The steps are those of its help ("FB_Init, FB_Reinit, FB_Exit"): FB_Exit of the old instance with bInCopyCode, FB_Init
 of the new one, the copy of each member whose name and type are the same in both, FB_Reinit. Handles and mapped memory

@@ -1,4 +1,4 @@
-"""Turns a compiled PLC into objects: blocks one can call, variables one can read and write by their names."""
+"""A compiled PLC as objects: blocks one can call, variables one can read and write by their names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns Structured Text into blark's trees, one for each TYPE, VAR_GLOBAL, block, program and method.
+"""Reads Structured Text into blark's trees, one for each TYPE, VAR_GLOBAL, block, program and method.
 
 blark needs a quarter of a millisecond for each character (it is an Earley parser), so comments and idle blanks go
 first, names, strings and numbers are replaced by others of their kind, and what then is the same text is parsed once,

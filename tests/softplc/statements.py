@@ -1,4 +1,4 @@
-"""Turns statements, as blark reads them, into C++."""
+"""Statements, as blark reads them, in C++."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns a library of compile_st into a process that runs its programs in a cycle, as a task of a PLC does.
+"""A process that runs the programs of a compiled PLC in a cycle, as a task of a PLC does.
 
     python -m tests.softplc.task FOLDER/plc.so PRG_Ros PRG_Own --period 0.001 [--set xEnable=true ...]
 

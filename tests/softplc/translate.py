@@ -1,4 +1,4 @@
-"""Turns Structured Text into C++17 that does the same, in some units that are compiled on their own."""
+"""Translates Structured Text to C++17 that does the same, in some units that are compiled on their own."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns dice into definitions nobody would write, and holds what must be for each: a schema, or a diagnostic, soon."""
+"""Definitions that nobody would write, and what must be for each: a schema, or a diagnostic, soon."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns a stretch of a test into one in which publishers and subscribers are of the reference in Python."""
+"""Lets publishers and subscribers of a stretch of a test be of the reference in Python."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns a mutant and tests into killed, hung or lives, in a copy of the checkout that a process of its own works in.
+"""Runs tests on a mutant, in a copy of the checkout of its own: killed, hung or lives.
 
 That process has loaded what others wrote and nothing of ours, and forks for each mutant: a second less for each.
 """

@@ -1,4 +1,4 @@
-"""Turns a module into all the wrong ones that one change makes: another operator, number or truth, one step less."""
+"""All the wrong modules that one change makes of one: another operator, number or truth, one step less."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns PLCopen XML into the objects that an IDE would store."""
+"""The objects that an IDE would store of PLCopen XML."""
 
 from __future__ import annotations
 

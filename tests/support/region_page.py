@@ -1,4 +1,4 @@
-"""Turns abi.py into the tables of docs/protocol.md."""
+"""The tables of docs/protocol.md, from abi.py."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns a number of a system call into one that this process may not make, from now on."""
+"""Takes a system call from this process, from now on."""
 
 from __future__ import annotations
 

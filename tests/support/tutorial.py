@@ -1,4 +1,4 @@
-"""Turns docs/tutorial-plc.md into its shmgen.toml, what that generates, and the Structured Text of the whole PLC."""
+"""The shmgen.toml of docs/tutorial-plc.md, what that generates, and the Structured Text of the whole PLC."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns chunks into a ROS 2 bag: a folder with metadata.yaml and one MCAP file after the other."""
+"""Writes a ROS 2 bag: a folder with metadata.yaml and one MCAP file after the other."""
 
 from __future__ import annotations
 

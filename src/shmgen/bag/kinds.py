@@ -1,4 +1,4 @@
-"""Turns the type of a region into what a bag says of it: its ROS name, definition and hash, and its layout here."""
+"""What a bag says of the type of a region: its ROS name, definition and hash, and its layout here."""
 
 from __future__ import annotations
 

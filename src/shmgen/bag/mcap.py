@@ -1,4 +1,4 @@
-"""Turns messages into an MCAP file that is whole after every chunk, whatever becomes of the one who writes it.
+"""Writes an MCAP file that is whole after every chunk, whatever becomes of the one who writes it.
 
 Source: the MCAP specification, version 0, and what rosbag2 puts into its files. Of rosbags only the reader is used:
 its writer keeps one stamp of the two, has no end in the file until it is closed, and looks through all connections for

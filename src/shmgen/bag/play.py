@@ -1,4 +1,4 @@
-"""Turns a bag into samples of regions again, at the pace they came in or another."""
+"""Plays a bag into regions, at the pace it was recorded at or another."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns an MCAP file, whole or cut short, or a bag of ROS 2, into its messages in the order they were written in."""
+"""Reads an MCAP file, whole or cut short, or a bag of ROS 2: its messages in the order they were written in."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns live regions into a bag: every sample that can be had, in order, with the number and stamp of its writer."""
+"""Records live regions: every sample that can be had, in order, with the number and stamp of its writer."""
 
 from __future__ import annotations
 

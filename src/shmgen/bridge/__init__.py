@@ -1,1 +1,1 @@
-"""Turns ROS topics and services into regions and back, in one process for all of shmgen.toml."""
+"""The bridge: ROS topics and services to regions and back, in one process for all of shmgen.toml."""

@@ -1,4 +1,4 @@
-"""Turns goals of a ROS action into goals of the PLC, and goals of the PLC into those of a ROS action."""
+"""Carries goals between a ROS action and the PLC, in either direction."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns what is installed, and what the environment says, into the backend to use."""
+"""Chooses the backend, by what is installed and what the environment says."""
 
 from __future__ import annotations
 

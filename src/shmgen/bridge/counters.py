@@ -1,4 +1,4 @@
-"""Turns what becomes of each message of a topic into numbers, and what is wrong with some of them into few lines."""
+"""Counts what becomes of each message of a topic, and reports what is wrong with some of them in few lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns the counters of all topics into a diagnostic_msgs/DiagnosticArray, with the levels of REP 107."""
+"""Reports the counters of all topics as a diagnostic_msgs/DiagnosticArray, with the levels of REP 107."""
 
 from __future__ import annotations
 

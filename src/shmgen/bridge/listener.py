@@ -1,4 +1,4 @@
-"""Turns samples in the regions of many topics into calls, one topic after the other, by one thread."""
+"""Waits for samples in the regions of many topics, in one thread, and hands them on topic by topic."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns shmgen.toml into routes: for each topic, service and action what ROS must know and what moves its bytes."""
+"""Plans the routes of shmgen.toml: for each topic, service and action what ROS must know and what moves its bytes."""
 
 from __future__ import annotations
 

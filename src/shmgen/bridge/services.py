@@ -1,4 +1,4 @@
-"""Turns calls of a ROS service into calls of the PLC, and calls of the PLC into calls of a ROS service."""
+"""Carries calls between a ROS service and the PLC, in either direction."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns `shmgen record` and `shmgen play` into bags and samples, and what they count into lines."""
+"""The commands record and play."""
 
 from __future__ import annotations
 

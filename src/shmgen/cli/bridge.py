@@ -1,4 +1,4 @@
-"""Turns `shmgen bridge` into a running bridge, and what it says into lines."""
+"""The command bridge: starts one, and prints what it says."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns the command lines of check, diff and init into Findings, files and exit codes."""
+"""The commands check, diff and init."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns the commands that read definitions and write bindings into calls of the pipeline, and its answers into text."""
+"""The commands that read definitions and write bindings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns a folder with message packages into a first shmgen.toml, and says how it is checked before commit and merge."""
+"""Writes a first shmgen.toml for a folder with message packages, and says how it is checked before commit and merge."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns the commands for live regions into calls of the tools, and their answers into text and exit codes."""
+"""The commands for live regions."""
 
 from __future__ import annotations
 

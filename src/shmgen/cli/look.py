@@ -1,4 +1,4 @@
-"""Turns the commands that look at topics as `ros2 topic` does into calls of the tools, and their answers into text."""
+"""The commands that look at topics as `ros2 topic` does."""
 
 from __future__ import annotations
 

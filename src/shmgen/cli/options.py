@@ -1,4 +1,4 @@
-"""Turns the options that say where things are into a Config: what all commands share."""
+"""The options that say where things are, which all commands share, and the Config that they lead to."""
 
 from __future__ import annotations
 

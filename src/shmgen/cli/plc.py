@@ -1,4 +1,4 @@
-"""Turns the commands for a PLC's project into files: what is imported from one, and what tests the runtime of one."""
+"""The commands for a PLC's project: what is imported from one, and what tests the runtime of one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns what the user asks for, now or in a former run, into texts; complaints go to where it was written."""
+"""What the user asks for, now or in a former run; complaints point at where it was written."""
 
 from __future__ import annotations
 

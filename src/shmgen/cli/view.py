@@ -1,4 +1,4 @@
-"""Turns `shmgen view` into screens in this terminal, or into a page of the browser on this machine."""
+"""The command view: screens in this terminal, or a page of the browser on this machine."""
 
 from __future__ import annotations
 

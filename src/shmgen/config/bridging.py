@@ -1,4 +1,4 @@
-"""Turns what shmgen.toml says to the bridge, in `[bridge]` and for each topic, into data."""
+"""What shmgen.toml says to the bridge, in `[bridge]` and for each topic."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns a TOML document into tables that know where each key stands, and complain about what is wrong in them."""
+"""Tables of a TOML document that know where each key stands, and complain about what is wrong in them."""
 
 from __future__ import annotations
 

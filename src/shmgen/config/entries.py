@@ -1,4 +1,4 @@
-"""Turns bounds, `[[topics]]`, `[[services]]` and `[[actions]]` of shmgen.toml into data, with the line of a mistake."""
+"""Reads bounds, `[[topics]]`, `[[services]]` and `[[actions]]` of shmgen.toml; a mistake has its line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns shmgen.toml (or `[tool.shmgen]` in pyproject.toml) into a Config, with the line of whatever is wrong."""
+"""Reads shmgen.toml (or `[tool.shmgen]` in pyproject.toml) into a Config; whatever is wrong has its line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns the keys of shmgen.toml into a JSON schema for editors, and into the table of docs/configuration.md."""
+"""A JSON schema of shmgen.toml for editors, and the table of its keys in docs/configuration.md."""
 
 from __future__ import annotations
 

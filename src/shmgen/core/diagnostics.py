@@ -1,4 +1,4 @@
-"""Turns what is wrong with the user's input into text that says where, why, and what to type next."""
+"""What is wrong with the user's input: where, why, and what to type next."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns text that others wrote into text that a terminal shows and does not obey."""
+"""Makes text that others wrote safe for a terminal, which shows it and does not obey it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns a path into the bytes of the file there, and of nothing else that may stand there."""
+"""Reads a file, and nothing else that may stand under its name."""
 
 from __future__ import annotations
 

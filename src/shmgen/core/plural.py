@@ -1,4 +1,4 @@
-"""Turns a number and what it counts into words."""
+"""Numbers with the word for what they count."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns TOML into tables and back: the one place that knows which Python has a reader, and what is too deep for it."""
+"""Reads and writes TOML: the one place that knows which Python has a reader, and what is too deep for it."""
 
 from __future__ import annotations
 

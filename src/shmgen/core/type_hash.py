@@ -1,4 +1,4 @@
-"""Turns definitions into the hash by which ROS 2 knows them (REP 2016, version 1: `RIHS01_…`).
+"""The hash by which ROS 2 knows a definition (REP 2016, version 1: `RIHS01_…`).
 
 It is taken over what a message is in ROS, whatever shmgen.toml bounds it to: names and types of all fields, also of
 those in the messages it holds. Constants, defaults and comments are not in it. ROS 1 has no such hash.

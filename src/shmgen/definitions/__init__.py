@@ -1,4 +1,4 @@
-"""Turns what the user asks for into a closed Schema: finds definitions, reads them, follows what they hold.
+"""Finds and reads definitions, and all that they hold: a closed Schema of what the user asks for.
 
 schema asks library for messages; library looks in folders, then in the environment or the store; parser reads .msg,
 .srv and .action, idl reads .idl. Another place is another function that returns a Catalogue, another language another

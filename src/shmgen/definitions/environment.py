@@ -1,4 +1,4 @@
-"""Turns the environment of a sourced ROS into a Catalogue: the packages that ROS itself would find in this shell.
+"""Finds packages in the environment of a sourced ROS: those that ROS itself would find in this shell.
 
 ROS 2 has an index of interfaces in each prefix, `share/ament_index/resource_index/rosidl_interfaces` (ament's
 resource index). ROS 1 has folders that rospack crawls. Debian's ROS 1 lies in /usr/share, and nobody sources it.

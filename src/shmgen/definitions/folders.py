@@ -1,4 +1,4 @@
-"""Turns folders of packages into a Catalogue.
+"""Finds packages in folders.
 
 A package is a folder with a package.xml, or with definitions in msg/, srv/ or action/. In one with a package.xml these
 folders may lie in others that group them (`planning/msg/`) or hold such (`msg/planning/`), as rosidl takes them.

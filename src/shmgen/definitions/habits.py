@@ -1,4 +1,4 @@
-"""Turns what other languages have people type in a definition into hints: only for what is rejected anyway."""
+"""Hints for what other languages have people type in a definition: only for what is rejected anyway."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns names into messages: looks in the folders, then in the sourced ROS or the store; reads each file once."""
+"""Finds messages by name, in the folders, then in the sourced ROS or the store; reads each file once."""
 
 from __future__ import annotations
 

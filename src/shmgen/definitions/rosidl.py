@@ -1,4 +1,4 @@
-"""Turns the text of an .idl file into the syntax tree of rosidl_parser, wherever that is installed."""
+"""The syntax tree of an .idl file, by rosidl_parser, wherever that is installed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns what the user asks for into a closed Schema, dependencies first."""
+"""Collects what the user asks for and all that it holds, dependencies first."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns the message definitions that come with PyPI's rosbags into a Catalogue of .msg texts.
+"""The message definitions that come with PyPI's rosbags.
 
 Importing a store of rosbags takes longer than all the rest of a run, so its texts are kept in the user's cache folder.
 """

@@ -1,4 +1,4 @@
-"""Turns places in a definition into spans, so that every complaint can point at what is wrong."""
+"""Places in a definition, so that every complaint can point at what is wrong."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns the parts of a .srv or .action into the messages that carry them with the number of their call or goal.
+"""The messages that carry the parts of a .srv or .action with the number of their call or goal.
 
 What a request or a goal needs beside itself is the number of its sample, so only what goes with such a number is
 wrapped. How they are used: docs/protocol.md, "Services" and "Actions".

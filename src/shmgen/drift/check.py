@@ -1,4 +1,4 @@
-"""Turns what would be generated, and what lies in the folder, into Findings; changes nothing."""
+"""Compares what would be generated with what lies in the folder; changes nothing."""
 
 from __future__ import annotations
 

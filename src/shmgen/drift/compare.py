@@ -1,4 +1,4 @@
-"""Turns two locks into Findings: what became of every message and setting, in words, meaning first."""
+"""Compares two locks: what became of every message and setting, in words, meaning first."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns what `check` and `diff` found into what machines read: JSON, and annotations of GitHub."""
+"""Findings of `check` and `diff` for machines: JSON, and annotations of GitHub."""
 
 from __future__ import annotations
 

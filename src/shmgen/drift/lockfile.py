@@ -1,4 +1,4 @@
-"""Turns Layouts and printed files into layout.lock, and reads it back: what was generated, from what, and how."""
+"""Writes and reads layout.lock: what was generated, from what, and how."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns a file, a folder or a git revision into the layout.lock that it holds."""
+"""Finds the layout.lock that a file, a folder or a git revision holds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns a Schema into one where every string and sequence has a bound, by the user's words."""
+"""Gives every string and sequence of a Schema its bound, by the user's words."""
 
 from __future__ import annotations
 

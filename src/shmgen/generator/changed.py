@@ -1,4 +1,4 @@
-"""Turns what a former run wrote, and definitions that have changed since, into the files that are to be written anew.
+"""Writes only what follows from definitions that have changed since a former run.
 
 Those are printed from the messages that changed and those that hold them, and put between the rest of what is made of
 all messages. Where more than that hangs on a change, such as a name that others have too, all is to be generated.

@@ -1,4 +1,4 @@
-"""Turns templates/selftest into the PLC's side of `shmgen selftest`, for CODESYS or OpenPLC."""
+"""Writes the PLC's side of `shmgen selftest`, for CODESYS or OpenPLC."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns the templates into Python, which prints without Jinja: the only module that knows jinja2.
+"""Compiles the templates to Python, which prints without Jinja: the only module that knows jinja2.
 
 A template has text, `{{ dotted.name }}`, `for`, `if` on a name and `include`; each becomes a function of a view.
 """

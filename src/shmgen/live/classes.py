@@ -1,4 +1,4 @@
-"""Turns the type and digest in a region's header into the Python class that can decode it."""
+"""The Python class that can decode a region, by the type and digest in its header."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns layout.lock back into the configuration that its layouts came from."""
+"""The configuration that the layouts of a layout.lock came from."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns a digest, as it stands in a region's header, into the message that it is of."""
+"""Finds the message that has a digest, as it stands in a region's header."""
 
 from __future__ import annotations
 

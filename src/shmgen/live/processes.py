@@ -1,4 +1,4 @@
-"""Turns /proc into who maps which file of /dev/shm, and what kind of process that is."""
+"""Who maps which file of /dev/shm, and what kind of process that is, out of /proc."""
 
 from __future__ import annotations
 

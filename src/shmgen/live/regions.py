@@ -1,4 +1,4 @@
-"""Turns the files in /dev/shm into regions: which there are, and what their headers say now."""
+"""Which regions are in /dev/shm, and what their headers say now."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns a configuration into what lives of it: definitions, layouts and classes, each made once and then at hand."""
+"""Definitions, layouts and classes of a configuration, each made once and then at hand."""
 
 from __future__ import annotations
 

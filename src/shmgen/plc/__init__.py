@@ -1,4 +1,4 @@
-"""Turns data types of a PLC project into message definitions that hold the same bytes.
+"""Imports data types of a PLC project as message definitions that hold the same bytes.
 
 sources opens files, declarations reads Structured Text, types knows what ROS has for a type, messages writes .msg.
 """

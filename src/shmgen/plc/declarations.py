@@ -1,4 +1,4 @@
-"""Turns Structured Text into the data types and constants that it declares.
+"""Reads the data types and constants that Structured Text declares.
 
 Of a file only `TYPE … END_TYPE` and `VAR_GLOBAL CONSTANT … END_VAR` are looked at; all else is passed over.
 """

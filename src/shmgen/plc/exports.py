@@ -1,4 +1,4 @@
-"""Turns exports in XML, PLCopen's and TwinCAT's own, into the data types and constants in them."""
+"""Reads the data types and constants in exports in XML, PLCopen's and TwinCAT's own."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns the data types of a PLC project into .msg files of one ROS package.
+"""Writes the data types of a PLC project as .msg files of one ROS package.
 
 A structure becomes a message, an enumeration one with its names as constants and the field `value`; what is called
 otherwise in ROS keeps its own name in a comment, `(PLC: rSpeed)`, which Structured Text generated from it takes.

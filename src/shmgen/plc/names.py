@@ -1,4 +1,4 @@
-"""Turns names of Structured Text into those that ROS wants."""
+"""ROS names for names of Structured Text."""
 
 from __future__ import annotations
 

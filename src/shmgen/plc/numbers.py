@@ -1,4 +1,4 @@
-"""Turns what bounds and enumerations are spelled as into whole numbers, by the constants of the project."""
+"""Works out the whole numbers that bounds and enumerations are spelled with, by the constants of the project."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns messages into the other files of a package that ROS 2 builds."""
+"""Writes the other files of a package that ROS 2 builds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns files of a PLC project into the data types that they declare: PLCopen XML, .TcDUT and .TcGVL, and plain .st."""
+"""Finds the files of a PLC project that declare data types: PLCopen XML, .TcDUT and .TcGVL, and plain .st."""
 
 from __future__ import annotations
 

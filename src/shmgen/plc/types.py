@@ -1,4 +1,4 @@
-"""Turns a type as Structured Text spells it into what ROS has for it, or says why it has nothing."""
+"""What ROS has for a type as Structured Text spells it, or why it has nothing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns messages into samples in shared memory and back: what generated Python imports (stdlib and posix_ipc only)."""
+"""What generated Python imports: messages as samples in shared memory (stdlib and posix_ipc only)."""
 
 from __future__ import annotations
 

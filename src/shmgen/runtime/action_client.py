@@ -1,4 +1,4 @@
-"""Turns goals of an action into commands in shared memory, and progress and outcome into feedback and results."""
+"""The client of an action: goals are commands in shared memory, answered by feedback and results."""
 
 from __future__ import annotations
 

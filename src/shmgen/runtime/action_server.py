@@ -1,4 +1,4 @@
-"""Turns commands in shared memory into goals for Python to work on, and their ends into outcomes."""
+"""The server of an action: takes goals that come as commands in shared memory, and reports how they end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns two regions into requests and their responses: what clients and servers of services and of actions share.
+"""Requests and their responses in two regions: what clients and servers of services and of actions share.
 
 A request has the number of its sample, and a response carries the number of its request. So a late response, to a call
 given up or to a former client, is known from its number, and a restarted server knows by the position of the samples

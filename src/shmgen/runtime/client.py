@@ -1,4 +1,4 @@
-"""Turns calls of a service into requests in shared memory, and replies into responses."""
+"""The client of a service."""
 
 from __future__ import annotations
 

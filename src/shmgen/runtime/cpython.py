@@ -1,4 +1,4 @@
-"""Turns another Python than CPython into a sentence: ctypes and fcntl of others lack what the runtime is built on."""
+"""Says so on another Python than CPython: ctypes and fcntl of others lack what the runtime is built on."""
 
 from __future__ import annotations
 

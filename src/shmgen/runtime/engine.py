@@ -1,4 +1,4 @@
-"""Turns what is installed into the engine: the C headers behind the extension, or the reference in Python.
+"""Chooses the engine: the C headers behind the extension, or the reference in Python.
 
 Both have a Writer, a Reader, sleep_any() and can_wait_for_many(), and raise the same errors.
 """

@@ -1,4 +1,4 @@
-"""Turns what can go wrong with a region or a value into typed errors that say where, why and what to do next."""
+"""The typed errors of regions and values, which say where, why and what to do next."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns messages into samples of a topic's region, one writer for each topic."""
+"""The publisher of a topic: writes messages into its region, one writer for each topic."""
 
 from __future__ import annotations
 

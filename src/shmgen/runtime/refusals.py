@@ -1,4 +1,4 @@
-"""Turns a status of the C headers into a typed error that says where, why and what to do next."""
+"""The typed error for a status of the C headers: where, why and what to do next."""
 
 from __future__ import annotations
 

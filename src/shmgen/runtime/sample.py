@@ -1,4 +1,4 @@
-"""Turns a message that was read into one with its number and its stamp."""
+"""A message that was read, with its number and its stamp."""
 
 from __future__ import annotations
 

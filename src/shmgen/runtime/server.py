@@ -1,4 +1,4 @@
-"""Turns requests in shared memory into calls for Python to handle, and responses into replies."""
+"""The server of a service: hands requests to Python, and its responses back."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns the samples of a topic's region into messages."""
+"""The subscriber of a topic: reads messages from its region."""
 
 from __future__ import annotations
 

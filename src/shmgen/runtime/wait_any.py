@@ -1,4 +1,4 @@
-"""Turns many subscribers into one wait, and many topics into ends that are opened side by side."""
+"""Waits for many subscribers at once, and opens many ends side by side."""
 
 from __future__ import annotations
 

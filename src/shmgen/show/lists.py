@@ -1,4 +1,4 @@
-"""Turns the types in force, and the messages in reach, into lists for a person or a program."""
+"""Lists of the types in force and of the messages in reach, for a person or a program."""
 
 from __future__ import annotations
 

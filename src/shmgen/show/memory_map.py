@@ -1,4 +1,4 @@
-"""Turns one Layout into a drawing of its memory, 8 bytes a line, one colour a field."""
+"""Draws the memory of one Layout, 8 bytes a line, one colour a field."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns one Layout into what a person or a program reads: an offset table, or JSON."""
+"""Shows one Layout as an offset table or as JSON."""
 
 from __future__ import annotations
 

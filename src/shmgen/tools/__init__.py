@@ -1,1 +1,1 @@
-"""Turns live regions in /dev/shm into what a person at a terminal wants to know, and a person's words into samples."""
+"""What a person at a terminal wants to know of live regions in /dev/shm, and says into them."""

@@ -1,4 +1,4 @@
-"""Turns what a PLC's runtime does with regions into a report: the other side of PRG_ShmSelfTest, docs/verified.md.
+"""Judges what a PLC's runtime does with regions: the other side of PRG_ShmSelfTest, docs/verified.md.
 
 Each check says what was measured beside what this project believes; none stops the others.
 """

@@ -1,4 +1,4 @@
-"""Turns all live regions into a table, and each of them into a screen of its own."""
+"""The first screen: a table of all live regions, each of which leads to a screen of its own."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns the newest seconds of some numbers into a plot, with pause and zoom."""
+"""A plot of the newest seconds of some numbers, with pause and zoom."""
 
 from __future__ import annotations
 

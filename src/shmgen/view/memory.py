@@ -1,4 +1,4 @@
-"""Turns the newest sample into lines of 16 bytes, each with the fields that lie there; only what is seen is read."""
+"""The newest sample in lines of 16 bytes, each with the fields that lie there; only what is seen is read."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns one region into a screen: its fields with values, curves, the memory with its bytes, a sample by hand."""
+"""The screen of one region: its fields with values, curves, the memory with its bytes, a sample by hand."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns the screens into a page of the browser on this machine, and lets nobody else have it.
+"""Serves the screens as a page to the browser on this machine, and to nobody else.
 
 textual-serve brings the page and the WebSocket that drives a process of ours for each visit. Around all of it stand
 here: the loopback address; the Host that was meant, so that no name of others leads here; a token that opens once, for

@@ -1,4 +1,4 @@
-"""Turns a region into what the screens show of it: the newest message, curves of numbers, the bytes of its slots."""
+"""What the screens show of a region: the newest message, curves of numbers, the bytes of its slots."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns definitions into what genmsg (ROS 1) makes of them; to be run on its own.
+"""What genmsg (ROS 1) makes of definitions; to be run on its own.
 
 Standard input: [[package, kind, name, text], …]. Standard output: as by_rosidl.py has it, without defaults and units.
 genmsg leaves .action to others: those are split here as it splits a .srv, at each line that begins with `---`.

@@ -1,4 +1,4 @@
-"""Turns definitions into what rosidl_adapter and rosidl_parser (ROS 2) make of them; to be run on its own.
+"""What rosidl_adapter and rosidl_parser (ROS 2) make of definitions; to be run on its own.
 
 Standard input: [[package, kind, name, text], …]; the argument: `adapter`, `parser` or `parser-without-comments`.
 Standard output: for each either its messages, as `Read` in __init__.py, or the names of the exception's classes.

@@ -1,1 +1,1 @@
-"""Turns messages into bytes on the wire and back: CDR, ROS 1's format, and straight from bytes to bytes."""
+"""Messages as bytes on the wire: CDR, ROS 1's format, and straight from bytes to bytes."""

@@ -1,4 +1,4 @@
-"""Turns messages into the bytes ROS 2 sends of them (XCDR1 of OMG's DDS-XTypes, little-endian) and back.
+"""Writes and reads messages as ROS 2 sends them (XCDR1 of OMG's DDS-XTypes, little-endian).
 
 rosbags does it: it compiles a codec for each type, and its messages bear the names that ROS's have in Python.
 """

@@ -1,4 +1,4 @@
-"""Turns a message that is too long for its region into one that fits: sequences lose their ends, and so do strings."""
+"""Cuts a message that is too long for its region: sequences lose their ends, and so do strings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns the layout of a topic's region into the short way between its bytes and ROS's, without a message of ROS."""
+"""Finds the short way between the bytes of a topic's region and ROS's, without a message of ROS."""
 
 from __future__ import annotations
 

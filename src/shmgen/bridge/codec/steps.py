@@ -1,4 +1,4 @@
-"""Turns a layout into the steps by which its bytes become those that ROS sends, and those become its bytes again."""
+"""The steps by which the bytes of a layout become those that ROS sends, and become its bytes again."""
 
 from __future__ import annotations
 

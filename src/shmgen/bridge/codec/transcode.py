@@ -1,4 +1,4 @@
-"""Turns the bytes of a sample straight into those that ROS sends of it, and back.
+"""Moves the bytes of a sample straight into those that ROS sends of it, and back.
 
 The same as decoding a message and encoding it with `bridge.cdr`, or genpy, which the tests hold it to. The extension
 in C (transcode.c) does the ordinary at a tenth of the time, and leaves the rest to the Python here.

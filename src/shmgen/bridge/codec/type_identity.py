@@ -1,4 +1,4 @@
-"""Turns the type hash that a peer announces into whether it means by a type what we do.
+"""Whether a peer means by a type what we do, by the type hash that it announces.
 
 Bytes do not say what they are: an int32 taken from a float32 is a number too, and a wrong one.
 """

@@ -1,4 +1,4 @@
-"""Turns topics and services into those of a ROS 2 graph without ROS: Cyclone DDS, with ROS 2's names on the wire.
+"""The backend dds: a ROS 2 graph without ROS, by Cyclone DDS with ROS 2's names on the wire.
 
 Source: rmw_cyclonedds, whose names, QoS, type hashes and services these are.
 """

@@ -1,4 +1,4 @@
-"""Turns a service into a reader and a writer of Cyclone."""
+"""One service as a reader and a writer of Cyclone."""
 
 from __future__ import annotations
 

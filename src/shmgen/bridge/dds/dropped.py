@@ -1,4 +1,4 @@
-"""Turns what Cyclone complains of into calls of those who count what it drops, and into lines of the bridge's log.
+"""Counts what Cyclone complains that it dropped, and passes its other complaints to the bridge's log.
 
 Cyclone has no status, statistic or log sink for it in Python: it writes to the stderr of C that was in force when its
 domain was made, which is a pipe here, so that no word of a peer begins a line of the log.

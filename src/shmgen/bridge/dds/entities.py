@@ -1,4 +1,4 @@
-"""Turns names, types and QoS into Cyclone's readers and writers: one thread for all topics, and one for each service.
+"""Cyclone's readers and writers, from names, types and QoS: one thread for all topics, and one for each service.
 
 A thread that waits costs less than Cyclone's listener, for which Python makes a thread state at each message.
 """

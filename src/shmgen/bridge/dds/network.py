@@ -1,4 +1,4 @@
-"""Turns what ROS 2's environment says of discovery, and the size of our messages, into Cyclone's configuration.
+"""Cyclone's configuration, from what ROS 2's environment says of discovery and from the size of our messages.
 
 Source: rcl (discovery_options.c) and rmw_cyclonedds of Iron and later, whose configuration for each range this is.
 """

@@ -1,4 +1,4 @@
-"""Turns services of ROS 2 into two topics, request and reply, as rmw_cyclonedds and as rmw_fastrtps do.
+"""Services of ROS 2 as two topics, request and reply, as rmw_cyclonedds and as rmw_fastrtps do.
 
 Both must say whose call a request or a reply is. rmw_cyclonedds puts 16 bytes before it, and rmw_fastrtps says it
 inline, which Cyclone neither shows nor lets us set, and Fast DDS does. Who has an identity in its user data is of the

@@ -1,4 +1,4 @@
-"""Turns message definitions into what DDS is told of a topic's type: ROS 2's names, and structures for Cyclone.
+"""What DDS is told of a topic's type: ROS 2's names, and structures for Cyclone.
 
 The structures say what the bytes are; the bytes themselves pass through unread, since `cdr` makes them.
 Source of the names: the ROS 2 design article *Topic and Service name mapping to DDS*, rosidl_generator_dds_idl.

@@ -1,4 +1,4 @@
-"""Turns an action into the five topics that ROS 1's actionlib makes of it.
+"""An action as the five topics of ROS 1's actionlib.
 
 Source: actionlib's documentation and its Python (1.14), whose state machines these ends satisfy; actionlib_msgs.
 """

@@ -1,4 +1,4 @@
-"""Turns definitions into the classes of genpy: the installed ones, else made at run time, so that no catkin is needed.
+"""The classes of genpy for definitions: the installed ones, else made at run time, so that no catkin is needed.
 
 Either way the md5 sums are genmsg's own, so that ROS 1 compares them as always.
 """

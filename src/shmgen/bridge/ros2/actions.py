@@ -1,4 +1,4 @@
-"""Turns an action into what ROS 2 makes of it: three services and two topics.
+"""An action as ROS 2 has it: three services and two topics.
 
 Source: the ROS 2 design article *Actions*, rcl_action, and the .msg and .srv files of action_msgs.
 """

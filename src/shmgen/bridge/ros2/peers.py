@@ -1,4 +1,4 @@
-"""Turns what the graph says of the peers of a topic into whether what they send may pass.
+"""Whether what the peers of a topic send may pass, by what the graph says of them.
 
 Fast DDS tells the graph of a peer before it pairs it with an end of ours, and takes it away when it goes; but what the
 peer has sent by then still waits to be taken. So one of another definition counts until all of that has been taken.

@@ -1,4 +1,4 @@
-"""Turns the messages of a topic of rclpy into calls of ours, and counts those that nobody got."""
+"""The topics of rclpy: hands on their messages, and counts those that nobody got."""
 
 from __future__ import annotations
 

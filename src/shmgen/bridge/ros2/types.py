@@ -1,4 +1,4 @@
-"""Turns definitions into the installed classes of rosidl, which say how a type is called and how it looks in this ROS.
+"""The installed classes of rosidl, which say how a type is called and how it looks in this ROS.
 
 The messages themselves cross as bytes, by cdr.py: what rosidl's classes hold is made by nobody but rclpy's services.
 """

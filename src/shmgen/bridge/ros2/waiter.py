@@ -1,4 +1,4 @@
-"""Turns something of a node that messages come to into a thread that takes them, one after another, in order.
+"""A thread that takes what comes to something of a node, one message after another, in order.
 
 rclpy's executors make a wait set of all that a node has for every message, and give one at a time; so a topic waits
 for others, and behind its own queue. Here each has a wait set of its own, as in rclpy.wait_for_message.

@@ -1,4 +1,4 @@
-"""Turns sequences into the bytes of an array, and those bytes back into a sequence of the caller's kind.
+"""Moves sequences into the bytes of an array, and those bytes back into a sequence of the caller's kind.
 
 The host is little-endian, as every machine is that these regions are made for; native arrays are taken as they are.
 """

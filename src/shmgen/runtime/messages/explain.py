@@ -1,4 +1,4 @@
-"""Turns a failed `pack_into` into an error that names the field at fault."""
+"""Finds the field at fault when `pack_into` has failed."""
 
 from __future__ import annotations
 

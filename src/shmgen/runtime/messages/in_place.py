@@ -1,4 +1,4 @@
-"""Turns the bytes of a sample where it lies into a message that can be read and not written."""
+"""A message that lies in a sample and can be read there, and not written."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns keyword arguments into a message, and a message into text one can read: the base of generated classes."""
+"""The base of generated classes: made of keyword arguments, shown as text one can read."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns a generated class into the plan by which the extension moves messages to its bytes and back (codec.c).
+"""The plan by which the extension moves messages of a generated class to its bytes and back (codec.c).
 
 A class that shows a field otherwise than generated code does has none: its `_encode` and `_decode` do it then, as they
 do for every message that is out of the ordinary.

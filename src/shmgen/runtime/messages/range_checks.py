@@ -1,4 +1,4 @@
-"""Turns a number that its type cannot hold into an error, where ctypes would store what is left of it.
+"""Refuses a number that its type cannot hold, where ctypes would store what is left of it.
 
 ctypes keeps the low 32 bits of a number too large for an int32, infinity of 1e300 in a float32, and True for any text.
 float64 is not among what is checked: whatever ctypes takes for one fits.

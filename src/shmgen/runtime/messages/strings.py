@@ -1,4 +1,4 @@
-"""Turns strings into the bytes of a STRING or WSTRING, and those bytes back into strings."""
+"""Moves strings into the bytes of a STRING or WSTRING, and those bytes back into strings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns ROS times and durations, of ROS 1 or ROS 2, into the PLC's TIME, LTIME or seconds, and back."""
+"""ROS times and durations, of ROS 1 or ROS 2, as the PLC's TIME, LTIME or seconds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns the values of messages into bytes and back: all the helpers that generated code calls, in one place."""
+"""All the helpers that generated code calls to move values into bytes and back, in one place."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns a region into one that this process writes, or into who else does."""
+"""Claims a region for the one that writes it, or says who else does."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns the region's semaphore into a lock that nobody waits for longer than the time limit, and that recovers."""
+"""The region's lock, which nobody waits for longer than the time limit, and which recovers."""
 
 from __future__ import annotations
 

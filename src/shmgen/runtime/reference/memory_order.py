@@ -1,4 +1,4 @@
-"""Turns a machine into what keeps loads and stores in their order there: nothing, a full barrier, or the lock alone."""
+"""What keeps loads and stores in their order on this machine: nothing, a full barrier, or the lock alone."""
 
 from __future__ import annotations
 

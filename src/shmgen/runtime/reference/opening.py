@@ -1,4 +1,4 @@
-"""Turns a topic into its open region, created or found in either order, in steps that do not wait (docs/protocol.md).
+"""Opens the region of a topic, created or found in either order, in steps that do not wait (docs/protocol.md).
 
 Each generator yields a number where it has to wait for a peer, and goes on at its next step.
 """

@@ -1,4 +1,4 @@
-"""Turns the samples of a region into messages (docs/protocol.md, "Reading")."""
+"""Reads the samples of a region (docs/protocol.md, "Reading")."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns messages into samples of a region (docs/protocol.md, "Writing")."""
+"""Writes samples into a region (docs/protocol.md, "Writing")."""
 
 from __future__ import annotations
 

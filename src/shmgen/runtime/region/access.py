@@ -1,4 +1,4 @@
-"""Turns a mode and a group into files that both sides may open and strangers cannot write, and a refusal into words."""
+"""Files that both sides may open and strangers cannot write, by mode and group, and a refusal in words."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns a layout into the header of its region, and the bytes of a header back into words (ABI 2: core/abi.py)."""
+"""The header of a region: its bytes for a layout, and its words out of bytes (ABI 2: core/abi.py)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns a record lock into the process that holds it, which the kernel does not say of locks of the open-file kind."""
+"""Finds the process that holds a record lock, which the kernel does not say of locks of the open-file kind."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns the files of a region into its header, or into what to say of files that are none."""
+"""Looks at the files of a region: its header, or what to say of files that are none."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns a topic, or a half of a service or action, into the name of its region."""
+"""The name of the region of a topic, or of a half of a service or action."""
 
 from __future__ import annotations
 

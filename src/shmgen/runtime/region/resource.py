@@ -1,4 +1,4 @@
-"""Turns settings into ends that are open, `close()` into the end of a `with`, and a fork into ends that are let go."""
+"""Ends that are opened by settings, closed at the end of a `with`, and let go in a forked child."""
 
 from __future__ import annotations
 

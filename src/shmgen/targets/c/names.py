@@ -1,4 +1,4 @@
-"""Turns ROS names into names that C11 and C++17 accept.
+"""Names that C11 and C++17 accept.
 
 The words are those of ISO/IEC 9899:2011 and 9899:2024, of ISO/IEC 14882:2020, and the macros without a leading
 underscore that gcc defines in its default mode.

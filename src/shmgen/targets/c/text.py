@@ -1,4 +1,4 @@
-"""Turns types, values and words of a definition into what C and C++ take: text that stays where it stands."""
+"""Types, values and words of a definition as C and C++ take them: text that stays where it stands."""
 
 from __future__ import annotations
 

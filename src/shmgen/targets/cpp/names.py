@@ -1,4 +1,4 @@
-"""Turns ROS names into names that C++17 accepts: a namespace for each package and kind, a class for each message."""
+"""Names that C++17 accepts: a namespace for each package and kind, a class for each message."""
 
 from __future__ import annotations
 

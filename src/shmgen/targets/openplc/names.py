@@ -1,4 +1,4 @@
-"""Turns ROS names into names that both open compilers accept, STruC++ and matiec.
+"""Names that both open compilers accept, STruC++ and matiec.
 
 matiec refuses a name that ends with an underscore or holds two in a row, so that the escape of the target st, `type_`,
 will not do: it is `type_0` here. The words are those of the target st, those of matiec's lexer beside them, and macros.

@@ -1,4 +1,4 @@
-"""Turns what generated code imports of shmgen into files of the generated package, so that a robot needs no shmgen."""
+"""Copies what generated code imports of shmgen into the generated package, so that a robot needs no shmgen."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns ROS names into names that Python accepts.
+"""Names that Python accepts.
 
 The keywords are those of the language reference, section "Keywords" (3.10 to 3.14 agree).
 """

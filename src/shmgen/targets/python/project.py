@@ -1,4 +1,4 @@
-"""Turns the name and version of a distribution into the pyproject.toml that makes the generated Python installable."""
+"""The pyproject.toml that makes the generated Python installable."""
 
 from __future__ import annotations
 

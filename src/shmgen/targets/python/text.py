@@ -1,4 +1,4 @@
-"""Turns the user's words into Python text that stays where it is printed: docstrings and literals."""
+"""The user's words as Python text that stays where it is printed: docstrings and literals."""
 
 from __future__ import annotations
 

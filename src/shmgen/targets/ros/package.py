@@ -1,4 +1,4 @@
-"""Turns the topics and services of shmgen.toml into a ROS package that starts `shmgen bridge` for them."""
+"""Writes a ROS package that starts `shmgen bridge` for the topics and services of shmgen.toml."""
 
 from __future__ import annotations
 

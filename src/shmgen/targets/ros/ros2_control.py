@@ -1,4 +1,4 @@
-"""Turns a Job into an ament_cmake package of ROS 2, `ros2_control/<name>/`: a PLC as a SystemInterface."""
+"""Writes an ament_cmake package of ROS 2, `ros2_control/<name>/`: a PLC as a SystemInterface."""
 
 from __future__ import annotations
 

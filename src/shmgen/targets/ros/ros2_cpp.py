@@ -1,4 +1,4 @@
-"""Turns a Job into an ament_cmake package of ROS 2, `ros2_cpp/<name>/`: a node in C++ that is the bridge."""
+"""Writes an ament_cmake package of ROS 2, `ros2_cpp/<name>/`: a node in C++ that is the bridge."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns the region of abi.py into Structured Text, and adds the blocks and enumerations that are written by hand.
+"""Writes the region of abi.py in Structured Text, and adds the blocks and enumerations written by hand.
 
 All of it is common to a project's messages and stands in `st/shmgen/`.
 """

@@ -1,4 +1,4 @@
-"""Turns a Layout into the method by which a reading block sees that no count in a sample is above its bound.
+"""The method by which a reading block sees that no count in a sample is above its bound.
 
 Whoever writes the sample, a peer in C or damage, may have written 9 of 8, and a loop to it would leave the array.
 """

@@ -1,4 +1,4 @@
-"""Turns ROS names into names that Structured Text accepts, and types into those of IEC 61131-3.
+"""Names that Structured Text accepts, and the types of IEC 61131-3.
 
 The words are the keywords, elementary types, standard functions and function blocks of IEC 61131-3 edition 3, the
 instruction list operators of edition 2, and what the CODESYS and TwinCAT help adds under "Keywords" and under compiler

@@ -1,4 +1,4 @@
-"""Turns topics, services and actions into the list of their blocks and the program that calls them.
+"""The list of the blocks of topics, services and actions, and the program that calls them.
 
 These are `st/GVL_Ros.st` and `st/PRG_Ros.st`.
 """

@@ -1,4 +1,4 @@
-"""Turns values and comments into Structured Text: literals, and ASCII that cannot leave its comment."""
+"""Values and comments in Structured Text: literals, and ASCII that cannot leave its comment."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns evidence about a region into problems: what is wrong, which file, which process, what to do next."""
+"""The problems that evidence about a region shows: what is wrong, which file, which process, what to do next."""
 
 from __future__ import annotations
 

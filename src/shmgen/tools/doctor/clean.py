@@ -1,4 +1,4 @@
-"""Turns a topic into files to remove, and into the reason why not to."""
+"""Which files of a topic to remove, or why not to."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns all regions, or one, into a report of their state and of what is wrong with them."""
+"""Reports the state of all regions, or of one, and what is wrong with them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns the processes and the machine around the regions into problems: what is held, hidden, full or apart."""
+"""Problems of the processes and the machine around the regions: what is held, hidden, full or apart."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns the files in /dev/shm into those that a process killed while it made a semaphore has left there."""
+"""Finds what a process left in /dev/shm that was killed while it made a semaphore."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns owner, group, mode and kind of a region's files into problems: who may not open them, and who should not."""
+"""Problems of owner, group, mode and kind of a region's files: who may not open them, and who should not."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns a region, its semaphore and the processes around it into what `doctor` judges by."""
+"""Takes down what `doctor` judges by: a region, its semaphore and the processes around it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns a person's values into one call of a service, and its reply into the response."""
+"""Calls a service once, with a person's values."""
 
 from __future__ import annotations
 

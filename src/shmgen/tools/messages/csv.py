@@ -1,4 +1,4 @@
-"""Turns messages into lines of a table: one value a column, for spreadsheets and plots."""
+"""Messages as lines of a table: one value a column, for spreadsheets and plots."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns samples into what `shmgen echo` prints of them: all or one field, if they are wanted at all."""
+"""What `shmgen echo` prints of samples: all or one field, if they are wanted at all."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns a message into YAML as `ros2 topic echo` prints it, or into a line of JSON."""
+"""A message as YAML as `ros2 topic echo` prints it, or as a line of JSON."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns what a person types, YAML or JSON, into a message; every complaint names the field."""
+"""Reads what a person types, YAML or JSON, as a message; every complaint names the field."""
 
 from __future__ import annotations
 

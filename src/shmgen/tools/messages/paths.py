@@ -1,4 +1,4 @@
-"""Turns what a person writes of a message's inside into values: `pose.position.x`, `points[2]`, and conditions."""
+"""Values inside a message, as a person names them: `pose.position.x`, `points[2]`, and conditions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns a person's values into samples, once or at a rate."""
+"""Publishes a person's values, once or at a rate."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns a topic into the samples that come, from its region of now and from those that follow it."""
+"""Follows a topic: the samples that come, from its region of now and from those that follow it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns numbers over time into a drawing of characters: Braille, eight dots each, or plain ASCII."""
+"""Draws numbers over time with characters: Braille, eight dots each, or plain ASCII."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns the numbers and stamps of a topic's samples into their rate, their bandwidth and their delay."""
+"""The rate, the bandwidth and the delay of a topic, from the numbers and stamps of its samples."""
 
 from __future__ import annotations
 

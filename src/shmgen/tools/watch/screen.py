@@ -1,4 +1,4 @@
-"""Turns tables that come one after the other into a live screen with keys, or into plain text in a pipe."""
+"""Shows tables that come one after the other as a live screen with keys, or as plain text in a pipe."""
 
 from __future__ import annotations
 

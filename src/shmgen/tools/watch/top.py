@@ -1,4 +1,4 @@
-"""Turns what all regions do from one look to the next into the rows of a table."""
+"""The rows of `shmgen top`: what all regions did since the last look."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns all regions, or one, into what `ros2 topic list` and `info` say of topics."""
+"""What `ros2 topic list` and `info` say of topics, of all regions or one."""
 
 from __future__ import annotations
 
