@@ -1,9 +1,10 @@
-"""Turns calls of a service between two Python processes into the time of a round trip, beside UDP in the same run.
+"""Times calls of a service between two Python processes, beside UDP in the same run.
 
     python benchmarks/call.py [--rounds 21] [--calls 200]
 
-Both ends wait in the kernel. The floor is the least that a user of UDP would write: a packed request with its number, a
-packed reply, no check of either. Rounds are interleaved; medians of the rounds' medians, in microseconds.
+Both ends wait in the kernel; with `spin` they look for so long before they do. The floor is the least that a user of
+UDP would write: a packed request with its number, a packed reply, no check of either. How long that takes hangs on
+which processor the kernel wakes. Rounds are interleaved; medians of the rounds' medians, in microseconds.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +28,7 @@ from shmgen.config import Config
 from shmgen.generator import pipeline
 
 SERVICE = "/shmgen_benchmark/call"
+SPINS = {"shmgen": 0.0, "shmgen, spin=20e-6 at both ends": 20e-6}
 DEFINITION = "int64 a\nint64 b\n---\nint64 sum\n"
 REQUEST = struct.Struct("<Iqq")
 REPLY = struct.Struct("<Iq")
@@ -40,11 +44,16 @@ def main() -> None:
     served, answered = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)  # one byte each: ready
     udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     udp.bind(("127.0.0.1", 0))
-    children = [child(lambda: serve(classes, answered)), child(lambda: serve_udp(udp))]
+    children = [child(lambda: serve_udp(udp))]
     try:
-        served.recv(1)
-        with classes.AddClient(SERVICE) as client:
-            ways = {"UDP, by hand": udp_caller(udp.getsockname()), "shmgen": caller(client, classes.Add_Request)}
+        with ExitStack() as opened:
+            ways = {"UDP, by hand": udp_caller(udp.getsockname())}
+            for way, spin in SPINS.items():
+                topic = f"{SERVICE}/{spin > 0}"
+                children.append(child(partial(serve, classes, answered, topic, spin)))
+                served.recv(1)
+                client = opened.enter_context(classes.AddClient(topic, spin=spin))
+                ways[way] = caller(client, classes.Add_Request)
             found: dict[str, list[float]] = {way: [] for way in ways}
             for _ in range(given.rounds):
                 for way, call in ways.items():
@@ -87,8 +96,8 @@ def child(work: Callable[[], None]) -> int:
     return pid
 
 
-def serve(classes: Any, ready: socket.socket) -> None:
-    with classes.AddServer(SERVICE) as server:
+def serve(classes: Any, ready: socket.socket, service: str, spin: float) -> None:
+    with classes.AddServer(service, spin=spin) as server:
         ready.send(b".")
         server.serve(lambda request: classes.Add_Response(sum=request.a + request.b))
 

@@ -1,8 +1,9 @@
 """Times whole commands: one message against a bare Python start, the whole store against rosidl's C generator.
 
-All is written into new folders, in TMPDIR. Both sides of a ratio are run in turn. Against the bare start it is the
-median of the ratios of two runs beside each other, which a machine with other things to do moves least; else the ratio
-of the medians. Without Debian's rosidl-generator-c-cpp the second part says so and is left out.
+All is written into new folders in memory: what a disk takes is not ours. Both sides of a ratio are run in turn. Against
+the bare start it is the median of the ratios of two runs beside each other, which a machine with other things to do
+moves least; else the ratio of the medians. Without Debian's rosidl-generator-c-cpp the second part says so and is left
+out.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ DEBIAN_PYTHON = "/usr/bin/python3"
 
 def main() -> None:
     environment = {key: value for key, value in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"}
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory(dir="/dev/shm") as folder:
         one_message(Path(folder), environment)
         whole_store(Path(folder), environment)
 
