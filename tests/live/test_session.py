@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections import Counter
 from pathlib import Path
 from types import SimpleNamespace
@@ -168,6 +169,18 @@ def test_a_session_gives_what_the_pipeline_does(folder: Path) -> None:
     assert [kind._type_name_ for kind in pair] == ["cell_msgs/srv/Ask_Request", "cell_msgs/srv/Ask_Reply"]
     with pytest.raises(ValueError, match="cell_msgs/Ask is 3 messages"):
         registry.message("cell_msgs/Ask")
+
+
+def test_a_class_leaves_only_itself_behind(folder: Path) -> None:
+    """A bridge makes its classes anew with each shmgen.toml that it is told of."""
+
+    def known() -> tuple[int, ...]:
+        return len(sys.path), len(sys.modules), len(sys.path_importer_cache)
+
+    session(folder).classes(["cell_msgs/Thing"])
+    before = known()
+    session(folder).classes(["cell_msgs/Thing"])
+    assert known() == before
 
 
 def test_strings_that_do_not_fit_are_the_bridges_to_cut(folder: Path, topic: str) -> None:

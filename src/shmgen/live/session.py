@@ -91,6 +91,8 @@ def _imported(config: Config, layouts: Layouts) -> dict[str, type[Message]]:
             sys.path.remove(f"{folder}/python")
             for name in [name for name in sys.modules if name.partition(".")[0] == _PACKAGE]:
                 del sys.modules[name]
+            for place in [place for place in sys.path_importer_cache if place.startswith(folder)]:
+                del sys.path_importer_cache[place]  # else a bridge grows with each shmgen.toml that it reads
     items = [item for module in modules for item in vars(module).values()]
     kinds = [item for item in items if isinstance(item, type) and issubclass(item, Message) and item is not Message]
     return {kind._type_name_: kind for kind in kinds}
