@@ -5,6 +5,7 @@ rosbags does it: it compiles a codec for each type, and its messages bear the na
 
 from __future__ import annotations
 
+import functools
 import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -43,6 +44,7 @@ class Codec:
     type_hash: str
 
 
+@functools.cache  # rosbags compiles classes for each
 def codec(messages: tuple[Message, ...], wide_unit: Literal[2, 4] = 4) -> Codec:
     """For the last of `messages`, which hold all it refers to.
 
