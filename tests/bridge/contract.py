@@ -6,7 +6,9 @@ as a line of JSON. It needs nothing that is not in shmgen.
 
 from __future__ import annotations
 
+import gc
 import json
+import os
 import sys
 import tempfile
 import threading
@@ -506,6 +508,28 @@ def what_is_undone_is_gone_and_the_rest_goes_on(scene: Scene) -> None:
         _no_answer(scene.backend.client(service), 0.2)
 
 
+def what_is_undone_leaves_nothing_behind(scene: Scene) -> None:
+    """Neither threads nor descriptors; a bridge may be told of a changed shmgen.toml for years."""
+
+    def made_and_undone() -> None:
+        scene.backend.undo = []
+        scene.line()
+        _served(scene, _say_so)
+        for undo in reversed(scene.backend.undo):
+            undo()
+
+    def held() -> dict[str, int]:
+        gc.collect()
+        return {kind: len(os.listdir(f"/proc/self/{kind}")) for kind in ("task", "fd")}
+
+    for _ in range(2):  # some of what the first need stays for all
+        made_and_undone()
+    before = held()
+    for _ in range(4):
+        made_and_undone()
+    until(lambda: all(count <= before[kind] for kind, count in held().items()))
+
+
 def it_is_alive_and_knows_the_time(scene: Scene) -> None:
     assert scene.backend.alive()
     now = scene.backend.now()
@@ -553,6 +577,7 @@ CHECKS: tuple[Callable[[Scene], None], ...] = (
     a_cancel_reaches_its_goal,
     a_goal_that_nobody_takes_is_no_answer,
     what_is_undone_is_gone_and_the_rest_goes_on,
+    what_is_undone_leaves_nothing_behind,
     it_is_alive_and_knows_the_time,
     it_leaves_at_once_and_for_good,
 )

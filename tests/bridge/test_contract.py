@@ -232,6 +232,17 @@ def forgetting(module: ModuleType, backend: Any) -> None:
     backend.actions = Forgetting
 
 
+def hoarding(module: ModuleType, backend: Any) -> None:
+    """Keeps a thread for each service that ever was."""
+    usual = backend.serve
+
+    def serve(wire: Any, answer: Any, refuse: Any) -> None:
+        module.threading.Thread(target=lambda: time.sleep(4.0), daemon=True).start()
+        usual(wire, answer, refuse)
+
+    backend.serve = serve
+
+
 def of_yesterday(module: ModuleType, backend: Any) -> None:
     backend.now = lambda: module.Time(0, 0)
 
@@ -248,6 +259,7 @@ BROKEN = {
     lingering: contract.it_leaves_at_once_and_for_good,
     deaf: contract.it_leaves_at_once_and_for_good,
     forgetting: contract.a_goal_that_is_not_accepted_is_none,
+    hoarding: contract.what_is_undone_leaves_nothing_behind,
     of_yesterday: contract.it_is_alive_and_knows_the_time,
 }
 

@@ -298,7 +298,7 @@ def reload(stage: Stage, dice: random.Random) -> None:
 
 _OFTEN = (take_over, make_anew, remove, replace, fill, stop_a_peer, kill_a_peer, cut_the_network, kill_the_master)
 MISHAPS: tuple[Callable[[Stage, random.Random], None], ...] = (*_OFTEN, *_OFTEN, *_OFTEN, reload)
-"""A reload reads all definitions, and leaves some 0.2 MiB behind."""
+"""A reload is the rarest: it reads all definitions."""
 
 
 def run(graph: Ros, space: str, seconds: float, seed: int, longest: float) -> Verdict:

@@ -128,8 +128,8 @@ class Graph:
                 sink.lose(count)
 
         self._dropped.calls[name] = reject, fail
-        self._ends.topics.add(Subscription(reader, take, name, wire.queue, lose))
-        self.undo += [reader.__del__, lambda: self._dropped.forget(name)]
+        unheard = self._ends.topics.add(Subscription(reader, take, name, wire.queue, lose))
+        self.undo += [reader.__del__, lambda: self._dropped.forget(name), unheard]
         return RosSubscription(made.new, lambda: bool(matches(reader)))
 
     def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:

@@ -45,6 +45,7 @@ class CyclonePair(Pair):
         return b""
 
     def close(self) -> None:
+        self._unheard()
         for entity in self._ours.values():
             entity.__del__()
 
@@ -53,7 +54,7 @@ class CyclonePair(Pair):
             sender = _key(sample.sample_info.publication_handle)
             callback(Came(sample.cdr, self._words_of(sender, True), sender))
 
-        self._ends.listen(self._reader, take, name)
+        self._unheard = self._ends.listen(self._reader, take, name)
 
 
 class Cyclone:

@@ -78,9 +78,8 @@ class Ends:
     def __init__(self, participant: DomainParticipant, tell: Callable[[str], None]) -> None:
         self.tell = tell
         self.participant = participant
-        self.stop = GuardCondition(participant)
-        self.closing = False  # said by `stop` too; but to ask it each time gives the GIL away
-        self.threads: list[threading.Thread] = []
+        self.closing = False
+        self.threads: list[ReaderThread] = []
         self.topics = ReaderThread(self)
         self._named: dict[tuple[str, type[Any]], Topic] = {}
 
@@ -105,17 +104,20 @@ class Ends:
             (name, kind), Topic(self.participant, name, kind)
         )
 
-    def listen(self, reader: DataReader, callback: Callable[[Any], None], name: str) -> None:
-        """Calls `callback` with each sample, in order, in a thread of its own."""
-        ReaderThread(self).add(Subscription(reader, callback, name))
+    def listen(self, reader: DataReader, callback: Callable[[Any], None], name: str) -> Callable[[], None]:
+        """Calls `callback` with each sample, in order, in a thread of its own. Gives what ends that."""
+        thread = ReaderThread(self)
+        thread.add(Subscription(reader, callback, name))
+        return thread.stop
 
     def close(self) -> None:
         """Deletes all; for the peers they are gone at once."""
         self.closing = True
-        with suppress(DDSException):
-            self.stop.set(True)
+        threads = [*self.threads]
+        for thread in threads:
+            thread.stop()
         deadline = time.monotonic() + _FAREWELL
-        for thread in self.threads:
+        for thread in threads:
             thread.join(max(0.0, deadline - time.monotonic()))
         self.participant.__del__()  # there is no other way in Cyclone's Python; what is in it goes with it
 
@@ -157,25 +159,32 @@ class ReaderThread:
 
     def __init__(self, ends: Ends) -> None:
         self._ends = ends
-        self._heard: list[tuple[Subscription, RateLimitedLog]] = []
+        self._waiting: _Waiting | None = None
 
-    def add(self, heard: Subscription) -> None:
-        """From any thread but its own."""
-        self._heard.append((heard, RateLimitedLog(heard.name, self._ends.tell)))
-        if len(self._heard) == 1:
+    def add(self, heard: Subscription) -> Callable[[], None]:
+        """From any thread but its own. Gives what takes it away again."""
+        if not self._waiting:
             self._waiting = _Waiting(self._ends.participant)
-            self._waiting.attach(self._ends.stop)
-            thread = threading.Thread(target=self._run, name=heard.name, daemon=True)
-            self._ends.threads.append(thread)
-            thread.start()
-        self._waiting.attach(ReadCondition(heard.reader, _ANY))
+            self._thread = threading.Thread(target=self._run, args=(self._waiting,), name=heard.name, daemon=True)
+            self._ends.threads.append(self)
+            self._thread.start()
+        return self._waiting.add(heard.reader, heard, RateLimitedLog(heard.name, self._ends.tell))
 
-    def _run(self) -> None:
+    def stop(self) -> None:
+        """Ends the thread, from any: its turn is its last."""
+        if self._waiting:
+            self._waiting.stop()
+
+    def join(self, timeout: float) -> None:
+        self._thread.join(timeout)
+
+    def _run(self, waiting: _Waiting) -> None:
         with suppress(DDSException):  # deleted while a callback took its time
-            while not self._ends.closing:
-                for number in self._waiting.which():
-                    if number:  # 0 is `stop`
-                        self._take(*self._heard[number - 1])
+            while not waiting.stopped:
+                for heard, grumble in waiting.which():
+                    self._take(heard, grumble)
+        self._ends.threads.remove(self)
+        waiting.close()
 
     def _take(self, heard: Subscription, grumble: RateLimitedLog) -> None:
         try:
@@ -193,27 +202,49 @@ class ReaderThread:
 
 
 class _Waiting(WaitSet):  # type: ignore[misc]
-    """Tells which of what was attached has come, where Cyclone's own tells how many: nobody has to be asked in vain."""
+    """Tells which of what was added has come, where Cyclone's own tells how many: nobody has to be asked in vain."""
 
     def __init__(self, participant: DomainParticipant) -> None:
         super().__init__(participant)
-        self._numbers: dict[int | None, int] = {}
+        self._added: dict[int | None, tuple[Subscription, RateLimitedLog]] = {}
         self._came = (ctypes.c_void_p * 0)()
+        self.stopped = False  # said by the condition too; but to ask it each time gives the GIL away
+        self._stop = GuardCondition(participant)
+        self.attach(self._stop)
 
-    def attach(self, entity: Any) -> None:
-        """From any thread."""
-        super().attach(entity)
-        number = len(self._numbers)
-        self._numbers[ctypes.addressof(self.attached[number][1])] = number
+    def add(self, reader: DataReader, *what: Any) -> Callable[[], None]:
+        """From any thread, as what takes it away again."""
+        condition = ReadCondition(reader, _ANY)
+        self.attach(condition)
+        place = ctypes.addressof(self.attached[-1][1])
+        self._added[place] = what
 
-    def which(self) -> list[int]:
-        """In the order they were attached in, from 0. Waits until there is one."""
+        def remove() -> None:
+            del self._added[place]
+            with suppress(DDSException):
+                self.detach(condition)
+            condition.__del__()  # Cyclone's Python keeps all entities until then
+
+        return remove
+
+    def stop(self) -> None:
+        self.stopped = True
+        with suppress(DDSException):
+            self._stop.set(True)
+
+    def which(self) -> list[tuple[Subscription, RateLimitedLog]]:
+        """In the order they were added in. Waits until there is one, or stop()."""
         if len(self._came) < len(self.attached):
             self._came = (ctypes.c_void_p * len(self.attached))()
         count = self._waitset_wait(self._ref, self._came, len(self._came), _FOREVER)
         if count < 0:
             raise DDSException(count, "while waiting for samples")
-        return [self._numbers[came] for came in self._came[:count] if came in self._numbers]  # else: next time
+        found = map(self._added.get, self._came[:count])
+        return [what for what in found if what]  # else: next time, or removed meanwhile
+
+    def close(self) -> None:
+        for entity in (*(entity for entity, _ in self.attached), self):
+            entity.__del__()
 
 
 class Peers:
