@@ -52,7 +52,7 @@ TESTS :=
 # The extra `bench`, one by one: who cannot be had here is left out.
 PEERS := iceoryx2 cyclonedds eclipse-zenoh pyzmq asyncua pymodbus
 
-.PHONY: demo test test-all test-pure machines lint generated coverage pictures chaos model explore load load-record load-view load-bridge soak-bridge bare fuzz fuzz-many hostile prove mutants bench site dist clean
+.PHONY: demo test test-all test-pure machines lint generated coverage pictures chaos model explore load load-record load-view load-bridge load-control soak-bridge bare fuzz fuzz-many hostile prove mutants bench site dist clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/ready
@@ -122,10 +122,10 @@ load-view: $(VENV)/ready-to-test  ## what 200 regions and an image of 1 MiB take
 	$(BIN)/python -m tests.rigs.load_view
 
 load-bridge: $(VENV)/ready-for-all  ## 10 topics at 100 Hz and one at 1 kHz through ROS 1, ROS 2, DDS and zenoh, for 30 s each
-	$(BIN)/python -m tests.rigs.load_bridge --backend ros1
-	$(BIN)/python -m tests.rigs.load_bridge --backend ros2
-	$(BIN)/python -m tests.rigs.load_bridge --backend dds
-	$(BIN)/python -m tests.rigs.load_bridge --backend zenoh
+	$(BIN)/python -m tests.rigs.load_bridge --backend ros2 --backend dds --backend zenoh --backend ros1 $(ARGS)
+
+load-control: $(VENV)/ready-for-all  ## a PLC as hardware of ros2_control for a minute, and 20 kills of either side; where hardware_interface is
+	$(BIN)/python -m tests.rigs.load_control $(ARGS)
 
 soak-bridge: $(VENV)/ready-for-all  ## 80 minutes of bridges among vanishing regions, dying peers and a full /dev/shm; as root
 	$(BIN)/python -m tests.rigs.soak_bridge --backend ros1

@@ -1,11 +1,11 @@
 """30 seconds of 10 topics at 100 Hz and one at 1 kHz: what got lost, how late it came, and what it cost.
 
-    python -m tests.rigs.load_bridge --seconds 30 --backend ros1
+    python -m tests.rigs.load_bridge --seconds 30 --backend ros2 --backend ros2_cpp
 
 First through a plain echo: in rospy, in rclpy of Jazzy with `--backend ros2`, in zenoh with `--backend zenoh`, in
 cyclonedds with `--backend dds`, where a second one does not look at the bytes; then through the bridge, the regions, an
-echo in Python there, and back; and once more while calls wait for a PLC that is not there. Exit code 1 if the bridge
-let a message go that neither came nor was counted.
+echo in Python there, and back; and once more while calls wait for a PLC that is not there. `ros2_cpp` is the node in
+C++ (`-t ros2_cpp`) where the bridge is. Exit code 1 if the bridge let a message go that neither came nor was counted.
 """
 
 from __future__ import annotations
@@ -23,11 +23,12 @@ from pathlib import Path
 from typing import Any
 
 from ..conftest import REPOSITORY
-from ..support import ros2, zenoh
+from ..support import rclcpp, ros2, zenoh
 from ..support.dds import Domain
 from ..support.ros1 import Graph
 
 Ros = Graph | Domain | ros2.Graph | zenoh.Graph
+BACKENDS = ("ros1", "ros2", "ros2_cpp", "dds", "zenoh")
 DEPTH = 255
 """Of each region: a quarter of a second of the fast topic, so that a busy machine has no excuse."""
 RATES = {f"t{number}": 100 for number in range(10)} | {"fast": 1000}
@@ -37,12 +38,13 @@ SETTLE = 1.0
 
 @dataclass(frozen=True)
 class Run:
-    """Seconds each message took, by topic; `dropped` by the sink itself; `cpu` of one core."""
+    """Seconds each message took, by topic; `dropped` by the sink itself; `cpu` of one core, `memory` in MiB."""
 
     sent: int
     latencies: dict[str, list[float]]
     dropped: int
     cpu: dict[str, float]
+    memory: dict[str, int]
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,8 @@ class Result:
         late = self.run.latencies
         both = [late["fast"], [one for name in late for one in late[name] if name != "fast"]]
         times = "  ".join(f"{1e3 * part(times, 0.5):8.2f}{1e3 * part(times, 0.99):8.2f}" for times in both)
-        spent = ", ".join(f"{name} {100 * share:.0f} %" for name, share in self.run.cpu.items())
+        memory = self.run.memory
+        spent = ", ".join(f"{name} {100 * share:.0f} % {memory[name]} MiB" for name, share in self.run.cpu.items())
         return (
             f"{self.name:<22}{self.run.sent:>8,}{self.missed:>8}{self.run.dropped:>9}{self.lost:>6}  {times}  {spent}"
         )
@@ -72,27 +75,34 @@ def main() -> None:
     """Prints a table."""
     parser = argparse.ArgumentParser(description="10 topics at 100 Hz and one at 1 kHz.")
     parser.add_argument("--seconds", type=float, default=30)
-    parser.add_argument("--backend", choices=("ros1", "ros2", "dds", "zenoh"), default="ros1")
+    parser.add_argument(
+        "--backend", action="append", choices=("ros1", "ros2", "ros2_cpp", "dds", "zenoh"), required=True
+    )
     arguments = parser.parse_args()
-    seconds = arguments.seconds
-    print(f"{'':<22}{'':>8}{'':>8}{'':>9}{'':>6}  {'1 kHz, ms':>16}  {'100 Hz, ms':>16}  CPU of one core")
+    print(f"{'':<22}{'':>8}{'':>8}{'':>9}{'':>6}  {'1 kHz, ms':>16}  {'100 Hz, ms':>16}  CPU of one core, memory")
     heads = "".join(f"{head:>{width}}" for head, width in (("sent", 8), ("missed", 8), ("by sink", 9), ("lost", 6)))
     print(f"{'there and back':<22}{heads}  {'p50':>8}{'p99':>8}  {'p50':>8}{'p99':>8}")
+    sys.exit(1 if sum([compared(backend, arguments.seconds) for backend in arguments.backend]) else 0)
+
+
+def compared(backend: str, seconds: float) -> int:
+    """Prints a line for each echo and for each bridge. How many the bridges lost."""
+    space, lost = f"/load{os.getpid()}", 0
+    print(backend)
     with tempfile.TemporaryDirectory() as folder:
-        graph = made(arguments.backend, Path(folder))
-        space = f"/load{os.getpid()}"
+        graph = made(backend, Path(folder))
         try:
             for role, name in graph.plain:
                 print(plain(graph, role, name, f"{space}/{role}", seconds), flush=True)
-            results = [bridged(graph, f"{space}/shm", seconds)]
-            print(results[0], flush=True)
-            results.append(bridged(graph, f"{space}/calls", seconds, calls=True))
-            print(results[1], flush=True)
+            for calls in (False, True):
+                result = bridged(graph, f"{space}/{'calls' if calls else 'shm'}", seconds, calls)
+                print(result, flush=True)
+                lost += result.lost
         finally:
             graph.close()
             for file in Path("/dev/shm").glob(f"*{space[1:]}.*"):
                 file.unlink()
-    sys.exit(1 if any(result.lost for result in results) else 0)
+    return lost
 
 
 def made(backend: str, folder: Path) -> Ros:
@@ -104,7 +114,8 @@ def made(backend: str, folder: Path) -> Ros:
         graph = zenoh.Graph(folder, number)
         graph.router()
         return graph
-    return ros2.Graph(folder, number) if backend == "ros2" else Domain(folder, number)
+    kinds = {"ros2": ros2.Graph, "ros2_cpp": rclcpp.CppGraph, "dds": Domain}
+    return kinds[backend](folder, number)
 
 
 def plain(graph: Ros, role: str, name: str, space: str, seconds: float) -> Result:
@@ -150,6 +161,7 @@ def run(graph: Ros, space: str, seconds: float, watched: dict[str, int]) -> Run:
     sent = json.loads(source.stdout.readline())
     took = time.monotonic() - begun
     cpu = {name: (busy(pid) - before[name]) / took for name, pid in watched.items()}
+    memory = {name: resident(pid) for name, pid in watched.items()}
     time.sleep(SETTLE)
     said = json.loads(sink.communicate("\n")[0])
     seen = said["seen"]
@@ -157,7 +169,7 @@ def run(graph: Ros, space: str, seconds: float, watched: dict[str, int]) -> Run:
         numbers = [number for number, _ in rows]
         assert numbers == sorted(set(numbers)), f"{name}: out of order, or twice"
     late = {name: [took for _, took in rows] for name, rows in seen.items()}
-    return Run(sum(sent.values()), late, said["dropped"], cpu)
+    return Run(sum(sent.values()), late, said["dropped"], cpu, memory)
 
 
 def peer(graph: Ros, *arguments: str) -> Any:
@@ -170,6 +182,11 @@ def busy(pid: int) -> float:
     """Seconds of CPU."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def resident(pid: int) -> int:
+    """MiB."""
+    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") // 2**20
 
 
 def part(times: list[float], share: float) -> float:

@@ -135,6 +135,22 @@ class Cell:
         until(process, "ready")
         return process
 
+    def kill(self) -> None:
+        for process in self.processes:
+            process.kill()
+            process.communicate()
+        self.processes.clear()
+
+    def end(self) -> None:
+        self.kill()
+        for file in Path("/dev/shm").glob(f"*{self.space[1:]}.*"):
+            file.unlink()
+
+    def commands(self) -> Any:
+        """A reader of what the controller sends."""
+        kinds = Session(load(self.folder / "shmgen.toml", "shmgen.toml", Report())).classes(["cell_msgs/Command"])
+        return subscriber(kinds["cell_msgs/msg/Command"], f"{self.space}/command", 1)
+
     def controller(self, cycles: int, *changes: tuple[str, str], enable: float = 1) -> subprocess.Popen[str]:
         return self.start([self.loop, self.urdf(*changes), cycles, enable])
 
@@ -159,17 +175,13 @@ def outcome(process: subprocess.Popen[str]) -> dict[str, Any]:
 def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
     made = Cell(tmp_path_factory.mktemp("cell_control"))
     yield made
-    for file in Path("/dev/shm").glob(f"*{made.space[1:]}.*"):
-        file.unlink()
+    made.end()
 
 
 @pytest.fixture(autouse=True)
 def ended(cell: Cell) -> Iterator[None]:
     yield
-    for process in cell.processes:
-        process.kill()
-        process.communicate()
-    cell.processes.clear()
+    cell.kill()
 
 
 SAFE = r'(<command_interface name="enable">)(.*?)(<param name="field">)', r'\1\2<param name="safe">0</param>\3'
@@ -192,8 +204,7 @@ def test_a_plc_that_is_killed_is_an_error_and_ends_in_the_safe_command(cell: Cel
     found = outcome(controller)
     assert time.monotonic() - begun < 5
     assert (found["failed"], found["wrong"]) == ("read", 0), found
-    kinds = Session(load(cell.folder / "shmgen.toml", "shmgen.toml", Report())).classes(["cell_msgs/Command"])
-    with subscriber(kinds["cell_msgs/msg/Command"], f"{cell.space}/command", 1) as reader:
+    with cell.commands() as reader:
         last = reader.read()
     assert last is not None
     assert (last.enable, next(iter(last.position))) == (0, float(found["ok"])), "enable is safe, the positions are held"
@@ -201,8 +212,7 @@ def test_a_plc_that_is_killed_is_an_error_and_ends_in_the_safe_command(cell: Cel
 
 def test_a_controller_that_is_killed_is_seen_by_the_plc(cell: Cell) -> None:
     cell.plc()
-    kinds = Session(load(cell.folder / "shmgen.toml", "shmgen.toml", Report())).classes(["cell_msgs/Command"])
-    with subscriber(kinds["cell_msgs/msg/Command"], f"{cell.space}/command", 1) as reader:
+    with cell.commands() as reader:
         for _ in range(3):
             controller = cell.controller(60_000)
             until(controller, "running")

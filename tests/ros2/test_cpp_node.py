@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import random
 import signal
-import subprocess
 import threading
 import time
 import uuid
@@ -21,7 +20,7 @@ from shmgen.live.classes import client, publisher, subscriber
 from shmgen.runtime import CallFailed
 
 from ..support import rclcpp
-from ..support.ros1 import PROMPTLY, Bridge, wait_for
+from ..support.ros1 import PROMPTLY, wait_for
 from ..support.ros2 import Graph
 from ..support.schemas import plain, random_message
 from .test_bridge import SET_BOOL, crosses_dds, installed, monkeypatched, plc_server, session, topic
@@ -56,32 +55,10 @@ def cell(space: str) -> str:
     )
 
 
-class Built:
-    """A package that stands where CMake has installed it, with what runs it; its topics are below `space`."""
-
-    def __init__(self, folder: Path, space: str, config: str, kind: str = "Release") -> None:
-        self.config, self.space = config, space
-        self.ros = rclcpp.environment()
-        source = rclcpp.generated(folder, config, "ros2_cpp") / "ros2_cpp" / "cell_bridge"
-        self.install = rclcpp.built(source, folder, self.ros, kind)
-
-    def start(self, graph: Graph, *arguments: str) -> Bridge:
-        """Ready."""
-        (graph.folder / "shmgen.toml").write_text(self.config)
-        paths = {
-            "AMENT_PREFIX_PATH": f"{self.install}:{self.ros['AMENT_PREFIX_PATH']}",
-            "LD_LIBRARY_PATH": f"{self.install}/lib:{self.ros['LD_LIBRARY_PATH']}",
-        }  # as its local_setup does
-        program = self.install / "lib" / "cell_bridge" / "bridge"
-        node = Bridge(graph.start([program, *arguments], self.ros | paths, stderr=subprocess.STDOUT))
-        node.said("running")
-        return node
-
-
 @pytest.fixture(scope="module")
-def built(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Built]:
+def built(tmp_path_factory: pytest.TempPathFactory) -> Iterator[rclcpp.Node]:
     name = f"t{uuid.uuid4().hex[:12]}"
-    yield Built(tmp_path_factory.mktemp("cell"), f"/{name}", cell(f"/{name}"))
+    yield rclcpp.Node(tmp_path_factory.mktemp("cell"), f"/{name}", cell(f"/{name}"))
     for file in Path("/dev/shm").glob(f"*{name}.*"):
         file.unlink()
 
@@ -95,7 +72,7 @@ def status(peer: Any, name: str) -> dict[str, Any]:
     raise AssertionError("no diagnostics")
 
 
-def test_topics_both_ways(graph: Graph, built: Built) -> None:
+def test_topics_both_ways(graph: Graph, built: rclcpp.Node) -> None:
     node, peer, space = built.start(graph), graph.peer(), built.space
     kinds = session(graph).classes(["geometry_msgs/PoseStamped", "std_msgs/Float64", "std_msgs/Header"])
     peer.ask(do="advertise", topic=f"{space}/pose", type="geometry_msgs/msg/PoseStamped")
@@ -131,7 +108,7 @@ def test_topics_both_ways(graph: Graph, built: Built) -> None:
     node.said(f"{space}/speed: 500 passed$")
 
 
-def test_what_does_not_fit_is_refused_and_the_node_goes_on(graph: Graph, built: Built) -> None:
+def test_what_does_not_fit_is_refused_and_the_node_goes_on(graph: Graph, built: rclcpp.Node) -> None:
     node, peer, name = built.start(graph), graph.peer(), f"{built.space}/joints"
     kind = session(graph).classes(["sensor_msgs/JointState"])["sensor_msgs/msg/JointState"]
     peer.ask(do="advertise", topic=name, type="sensor_msgs/msg/JointState")
@@ -151,7 +128,7 @@ def test_what_does_not_fit_is_refused_and_the_node_goes_on(graph: Graph, built: 
     node.said("joints: 1 passed, 2 rejected$")
 
 
-def test_a_rate_keeps_the_last_of_a_burst(graph: Graph, built: Built) -> None:
+def test_a_rate_keeps_the_last_of_a_burst(graph: Graph, built: rclcpp.Node) -> None:
     node, peer, name = built.start(graph), graph.peer(), f"{built.space}/paced"
     kind = session(graph).classes(["std_msgs/Int32"])["std_msgs/msg/Int32"]
     peer.ask(do="advertise", topic=name, type="std_msgs/msg/Int32")
@@ -166,7 +143,7 @@ def test_a_rate_keeps_the_last_of_a_burst(graph: Graph, built: Built) -> None:
     assert words[-1] == "thinned"
 
 
-def test_services_both_ways(graph: Graph, built: Built) -> None:
+def test_services_both_ways(graph: Graph, built: rclcpp.Node) -> None:
     node, peer, other, space = built.start(graph), graph.peer(), graph.peer(), built.space
     asked = {"do": "call", "service": f"{space}/flag", "type": "std_srvs/srv/SetBool", "request": {"data": True}}
     kinds = session(graph).classes(["std_srvs/SetBool"])
@@ -188,7 +165,7 @@ def test_services_both_ways(graph: Graph, built: Built) -> None:
     node.said("of/flag: 1 passed, 1 failed$")
 
 
-def test_it_is_a_lifecycle_node_with_parameters(graph: Graph, built: Built) -> None:
+def test_it_is_a_lifecycle_node_with_parameters(graph: Graph, built: rclcpp.Node) -> None:
     name = f"{built.space}/pose"
     parameter = f"{name.removeprefix('/').replace('/', '.')}.region"
     more = ("--ros-args", "-p", f"{parameter}:={built.space}/elsewhere", "-r", f"{name}:={built.space}/other")
@@ -218,7 +195,7 @@ def test_it_is_a_lifecycle_node_with_parameters(graph: Graph, built: Built) -> N
     node.stop(signal.SIGTERM)
 
 
-def test_it_is_killed_and_its_regions_are_removed(graph: Graph, built: Built) -> None:
+def test_it_is_killed_and_its_regions_are_removed(graph: Graph, built: rclcpp.Node) -> None:
     node, peer, name = built.start(graph), graph.peer(), f"{built.space}/pose"
     kind = session(graph).classes(["geometry_msgs/PoseStamped"])["geometry_msgs/msg/PoseStamped"]
     peer.ask(do="advertise", topic=name, type="geometry_msgs/msg/PoseStamped")
@@ -247,7 +224,7 @@ def test_it_is_killed_and_its_regions_are_removed(graph: Graph, built: Built) ->
 def test_another_definition_is_no_value(graph: Graph, stranger: Any, space: str, tmp_path: Path) -> None:
     definitions = {"same": "float64 x\nfloat64 y\nfloat64 z\n", "accepted": OTHERS["renamed"], **OTHERS}
     topics = (topic(f"{space}/{name}", "geometry_msgs/Vector3") + ACCEPTS.get(name, "") for name in definitions)
-    node = Built(tmp_path / "package", space, CONFIG + "".join(topics)).start(graph)
+    node = rclcpp.Node(tmp_path / "package", space, CONFIG + "".join(topics)).start(graph)
     kind = session(graph).classes(["geometry_msgs/Vector3"])["geometry_msgs/msg/Vector3"]
     outlets = {
         name: stranger.publisher(wire(tmp_path / name, f"{space}/{name}", text)) for name, text in definitions.items()
@@ -287,7 +264,7 @@ def test_every_message_there_and_back(graph: Graph, space: str, tmp_path: Path, 
     config += "".join(topic(f"{space}/there{number}", name) for number, name in ends)
     config += "".join(topic(f"{space}/back{number}", name, FROM, 'stamp = "keep"') for number, name in ends)
     with monkeypatched(graph):
-        node = Built(tmp_path / "package", space, config, "None").start(graph)
+        node = rclcpp.Node(tmp_path / "package", space, config, "None").start(graph)
         made = session(graph)
         layouts, kinds = made.layouts(names), made.classes(names)
     peer = graph.peer()

@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
+import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -15,6 +16,8 @@ import pytest
 
 from .build import put
 from .command import run
+from .ros1 import Bridge
+from .ros2 import Graph
 
 JOINED = ("AMENT_PREFIX_PATH", "CMAKE_PREFIX_PATH", "LD_LIBRARY_PATH", "PATH")
 
@@ -73,3 +76,35 @@ def built(source: Path, folder: Path, ros: Mapping[str, str], kind: str = "Relea
         )  # fmt: skip
         assert done.returncode == 0, (done.stdout + done.stderr)[-6000:]
     return install
+
+
+class Node:
+    """What `-t ros2_cpp` writes for a shmgen.toml whose topics are below `space`, where CMake has installed it."""
+
+    def __init__(self, folder: Path, space: str, config: str, kind: str = "Release") -> None:
+        self.config, self.space = config, space
+        self.ros = environment()
+        source = generated(folder, config, "ros2_cpp") / "ros2_cpp" / "cell_bridge"
+        self.install = built(source, folder, self.ros, kind)
+
+    def start(self, graph: Graph, *arguments: str) -> Bridge:
+        """Ready."""
+        (graph.folder / "shmgen.toml").write_text(self.config)
+        paths = {
+            "AMENT_PREFIX_PATH": f"{self.install}:{self.ros['AMENT_PREFIX_PATH']}",
+            "LD_LIBRARY_PATH": f"{self.install}/lib:{self.ros['LD_LIBRARY_PATH']}",
+        }  # as its local_setup does
+        program = self.install / "lib" / "cell_bridge" / "bridge"
+        node = Bridge(graph.start([program, *arguments], self.ros | paths, stderr=subprocess.STDOUT))
+        node.said("running")
+        return node
+
+
+class CppGraph(Graph):
+    """One whose bridge is that node."""
+
+    plain = ()
+
+    def bridge(self, config: str = "", *arguments: str, ready: bool = True) -> Bridge:
+        folder = Path(tempfile.mkdtemp(dir=self.folder))
+        return Node(folder, "", 'ros_package = "cell_bridge"\n' + config).start(self)

@@ -1,0 +1,94 @@
+"""A PLC as hardware of ros2_control: a minute at 1 kHz, then either side killed; how long until the other knows.
+
+    python -m tests.rigs.load_control --seconds 60 --kills 20
+
+The package that `-t ros2_control` writes, in hardware_interface's own ResourceManager: six joints, read, a controller,
+write. The PLC is a process in Python that answers each command. Exit code 1 where a cycle failed or a value was wrong.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from ..ros2.test_control import SAFE, Cell, outcome, until
+from .load_bridge import busy, resident
+
+STALE = 0.1
+"""Seconds without a heartbeat, on both sides; the package's own default."""
+
+
+def main() -> None:
+    """Prints a minute, and the kills."""
+    parser = argparse.ArgumentParser(description="A PLC as hardware of ros2_control at 1 kHz, and kills.")
+    parser.add_argument("--seconds", type=int, default=60)
+    parser.add_argument("--kills", type=int, default=20, help="of either side")
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        cell = Cell(Path(folder))
+        try:
+            good = steady(cell, arguments.seconds)
+            for side, killed in (("PLC", plc_killed), ("controller", controller_killed)):
+                took = sorted(1e3 * killed(cell) for _ in range(arguments.kills))
+                middle, worst = took[len(took) // 2], took[-1]
+                print(f"{side} killed {len(took)} times: known after {middle:.0f} ms, at worst {worst:.0f}", flush=True)
+        finally:
+            cell.end()
+    sys.exit(0 if good else 1)
+
+
+def steady(cell: Cell, seconds: int) -> bool:
+    cell.plc()
+    controller = cell.controller(1000 * seconds)
+    until(controller, "running")
+    begun, before = time.monotonic(), busy(controller.pid)
+    time.sleep(seconds - 1)
+    cpu, memory = (busy(controller.pid) - before) / (time.monotonic() - begun), resident(controller.pid)
+    found = outcome(controller)
+    p50, p99, worst = found["us"]
+    print(
+        f"{found['ok']:,} cycles at 1 kHz, {found['answered']:,} with an answer, {found['late']:,} of more than 20 ms, "
+        f"{found['wrong']} wrong; read + write p50 {p50} p99 {p99} worst {worst} us, {100 * cpu:.0f} % of a core, "
+        f"{memory} MiB",
+        flush=True,
+    )
+    cell.kill()
+    return found["ok"] == 1000 * seconds and not found["wrong"]
+
+
+def plc_killed(cell: Cell) -> float:
+    """Seconds until `read` is an error; then the safe command is sent."""
+    plc, controller = cell.plc(), cell.controller(60_000, SAFE)
+    until(controller, "running")
+    time.sleep(0.5)
+    plc.kill()
+    begun = time.monotonic()
+    assert outcome(controller)["failed"] == "read"
+    took = time.monotonic() - begun
+    cell.kill()
+    return took
+
+
+def controller_killed(cell: Cell) -> float:
+    """Seconds until the PLC's subscriber says that it is stale."""
+    cell.plc()
+    controller = cell.controller(60_000)
+    until(controller, "running")
+    with cell.commands() as reader:
+        while reader.wait(0.5) is None:
+            pass
+        assert not reader.is_stale(STALE)
+        controller.kill()
+        begun = time.monotonic()
+        while not reader.is_stale(STALE):
+            time.sleep(0.001)
+    took = time.monotonic() - begun
+    cell.kill()
+    return took
+
+
+if __name__ == "__main__":
+    main()
