@@ -66,7 +66,7 @@ public:
     bool has_stranger()
     {
         bool found = false;
-        for (const auto &endpoint : node_.get_publishers_info_by_topic(topic_)) {
+        for (const auto &endpoint : publishers()) {
             const TypeHash theirs = hash_of(endpoint, 0);
             found = found || !(theirs.empty() || ours_.empty() || theirs == ours_);
         }
@@ -74,9 +74,18 @@ public:
     }
 
 private:
+    // None that can be had: a signal may have shut ROS down since this callback began.
+    std::vector<rclcpp::TopicEndpointInfo> publishers()
+    {
+        try {
+            return node_.get_publishers_info_by_topic(topic_);
+        } catch (const std::exception &) {
+            return {};
+        }
+    }
     void look()
     {
-        for (const auto &endpoint : node_.get_publishers_info_by_topic(topic_)) {
+        for (const auto &endpoint : publishers()) {
             Gid gid{};
             std::copy_n(endpoint.endpoint_gid().begin(), gid.size(), gid.begin());
             const TypeHash theirs = hash_of(endpoint, 0);

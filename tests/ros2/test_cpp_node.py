@@ -195,6 +195,13 @@ def test_it_is_a_lifecycle_node_with_parameters(graph: Graph, built: rclcpp.Node
     node.stop(signal.SIGTERM)
 
 
+def test_a_signal_in_the_midst_of_a_callback_is_no_crash(graph: Graph, built: rclcpp.Node) -> None:
+    for number in range(12):
+        node = built.start(graph, "--ros-args", "-p", "diagnostics:=0.0005")  # asks for its peers all the time
+        time.sleep(number / 1000)
+        node.stop(signal.SIGTERM)  # is sure that it ended with 0
+
+
 def test_it_is_killed_and_its_regions_are_removed(graph: Graph, built: rclcpp.Node) -> None:
     node, peer, name = built.start(graph), graph.peer(), f"{built.space}/pose"
     kind = session(graph).classes(["geometry_msgs/PoseStamped"])["geometry_msgs/msg/PoseStamped"]
