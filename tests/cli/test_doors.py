@@ -26,6 +26,7 @@ SECONDS = 60
         ("generated/layout.lock", ["diff", "generated", "generated"]),
         ("generated/layout.lock", ["echo", "/nobody", "--timeout", "0"]),
         ("plant.st", ["import", "plant.st"]),
+        ("msgs/package.xml", ["generate", "a_msgs/A", "-I", "msgs"]),
     ],
 )
 def test_a_fifo_is_not_waited_for(fifo: str, command: list[str], tmp_path: Path) -> None:

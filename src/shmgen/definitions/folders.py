@@ -12,6 +12,7 @@ import os
 import re
 from pathlib import Path
 
+from shmgen.core import files
 from shmgen.core.diagnostics import Report, Span
 from shmgen.core.model import TypeName
 from shmgen.definitions.catalogue import Catalogue, Definition, Package, package_of
@@ -160,8 +161,8 @@ def _package(root: Path, relative_to: Path) -> Package | None:
 def _groups(root: Path, has_manifest: bool) -> list[Path]:
     """The folders in a package that group its definitions: they hold a msg/, srv/ or action/."""
     found: list[Path] = []
-    for here, folders, files in os.walk(root) if has_manifest else ():
-        if here != str(root) and not {"package.xml", *_IGNORED}.isdisjoint(files):
+    for here, folders, others in os.walk(root) if has_manifest else ():
+        if here != str(root) and not {"package.xml", *_IGNORED}.isdisjoint(others):
             folders.clear()
             continue
         if here != str(root) and not set(SECTIONS).isdisjoint(folders):
@@ -213,7 +214,7 @@ def shorten(path: Path, relative_to: Path) -> str:
 def _manifest(root: Path) -> bytes:
     """package.xml without its comments; empty where there is none."""
     try:
-        with (root / "package.xml").open("rb") as file:
+        with files.opened(root / "package.xml") as file:
             first, *others = file.read(LARGEST_FILE).split(b"<!--")
     except OSError:
         return b""
