@@ -41,6 +41,7 @@ def test_no_network(monkeypatch: pytest.MonkeyPatch, told: list[str], domain: in
     monkeypatch.setenv("CYCLONEDDS_URI", f"{nowhere}</Domain></CycloneDDS>")
     with pytest.raises(ValueError, match=f"cannot join domain {domain + 100}"):
         joined(domain + 100, told)
+    assert any(line.startswith("dds: Cyclone says: nowhere0: ") for line in told), told
 
 
 def test_what_is_not_looked_at_is_told(told: list[str]) -> None:

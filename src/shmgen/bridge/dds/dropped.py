@@ -17,6 +17,8 @@ _LARGE = re.compile(r"dropping oversize \((\d+) > (\d+)\) sample \d+ from remote
 _OTHER = re.compile(r"data\(application, .* #\d+: deserialization (\S+)/[^/\s]+ failed \((.*)\)$")
 _BEFORE = re.compile(r"^\d+\.\d+ \[\d+\] +\S+: ")
 """Cyclone's clock, domain and thread."""
+_A_MOMENT = 1.0
+"""Seconds, at most, for what was said to be read."""
 
 
 class Dropped:
@@ -29,10 +31,14 @@ class Dropped:
     def __init__(self, log: Callable[[str], None]) -> None:
         self.calls: dict[str, tuple[Callable[[str], None], Callable[[str], None]]] = {}
         self._log = log
+        self._told = threading.Event()
 
     @contextmanager
     def listens(self) -> Iterator[None]:
-        """Only where stderr is a variable, which glibc says: elsewhere Cyclone's lines stay on stderr, uncounted."""
+        """Only where stderr is a variable, which glibc says: elsewhere Cyclone's lines stay on stderr, uncounted.
+
+        What it said of an exception is told before that leaves.
+        """
         if "CS_GNU_LIBC_VERSION" not in os.confstr_names:
             yield
             return
@@ -46,6 +52,10 @@ class Dropped:
         before, stderr.value = stderr.value, stream
         try:
             yield
+        except Exception:
+            os.write(sink, b"\n")
+            self._told.wait(_A_MOMENT)
+            raise
         finally:
             stderr.value = before
 
@@ -56,7 +66,9 @@ class Dropped:
     def _run(self, source: int) -> None:
         with open(source, encoding="utf-8", errors="replace") as lines:
             for line in map(str.rstrip, lines):
-                if (found := _LARGE.search(line)) and (calls := self.calls.get(found[3])):
+                if not line:
+                    self._told.set()
+                elif (found := _LARGE.search(line)) and (calls := self.calls.get(found[3])):
                     calls[0](f"{int(found[1]):,} bytes, and more than {int(found[2]):,} are not received")
                 elif (found := _OTHER.search(line)) and (calls := self.calls.get(found[1])):
                     calls[1](f"its bytes are no message of our type ({found[2]})")
