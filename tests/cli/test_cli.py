@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 import pytest
 
 from shmgen import __version__
+from shmgen.config.backends import BACKENDS
 from shmgen.core.diagnostics import CODES
 from shmgen.runtime import engine
 
@@ -476,6 +477,8 @@ def test_help_and_version(tmp_path: Path) -> None:
     for command in ("generate", "show", "types", "list", "explain"):
         assert command in done(tmp_path, "-h")
         assert done(tmp_path, f"{command} --help").startswith(f"Usage: shmgen {command}")
+    told = done(tmp_path, "bridge --help").partition("Options:")[0]
+    assert all(f" {backend.key} " in " ".join(told.split()) for backend in BACKENDS)
 
 
 def test_colour_is_for_terminals(tmp_path: Path) -> None:

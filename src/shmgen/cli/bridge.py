@@ -22,9 +22,9 @@ def bridge(
 ) -> None:
     """Carry topics, services and actions between ROS and shared memory.
 
-    Runs what shmgen.toml lists, until Ctrl-C or SIGTERM. Backends: ros2 (rclpy), dds (a ROS 2 graph through
-    cyclonedds, without ROS) and ros1 (rospy); auto selects the ROS whose setup was sourced, or else one that is
-    installed.
+    Runs what shmgen.toml lists, until Ctrl-C or SIGTERM. Backends: ros2 (rclpy), dds and zenoh (a ROS 2 graph
+    through cyclonedds or eclipse-zenoh, without ROS) and ros1 (rospy); auto selects the ROS whose setup was sourced,
+    or else one that is installed.
     Prints its counters on SIGUSR1 and at exit, and reads shmgen.toml again on SIGHUP.
     """
     from shmgen.bridge.backend import BackendMissing
