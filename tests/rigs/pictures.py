@@ -42,9 +42,9 @@ _FONTS = re.compile(r"@font-face \{.*?\}\s*", re.DOTALL)
 _LEFT, _WIDE, _LINE = 190, 530, 20
 _WINDOW = 1234, 436
 """Pixels of the page, and of view.gif."""
-_NAMES = {"C": "shmgen, C", "C++": "shmgen, C++", "shmgen": "shmgen, Python", "by hand": "by hand, Python"}
+_NAMES = {"C": "by hand, C", "C++": "shmgen, C++", "shmgen": "shmgen, Python", "by hand": "by hand, Python"}
 """Who is meant by a row of the page's table."""
-_COLOURS = {**dict.fromkeys(("shmgen", "C", "C++"), "#1b7f4d"), "by hand": "#7a9e8a"}
+_COLOURS = {**dict.fromkeys(("shmgen", "C++"), "#1b7f4d"), **dict.fromkeys(("by hand", "C"), "#7a9e8a")}
 
 
 def main() -> None:
