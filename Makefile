@@ -96,7 +96,7 @@ pictures: $(VENV)/ready-to-test  ## docs/latency.svg, top.svg, and view.gif, whi
 	@$(call pip,$(BIN)) pillow
 	$(BIN)/python -m tests.rigs.pictures
 
-chaos: $(VENV)/ready-to-test  ## 20,000 kills, at most ten minutes; then 10,000 calls with a PLC at one end, and at both
+chaos: $(VENV)/ready-to-test  ## ten minutes of kills; then 10,000 calls with a PLC at one end, and at both
 	$(BIN)/python -m tests.rigs.chaos
 	$(BIN)/python -m tests.calls.plc_chaos
 
