@@ -520,6 +520,7 @@ def core_folder() -> Path:
     return REPOSITORY / "src/shmgen/runtime"
 
 
+@pytest.mark.slow
 def test_the_sanitizers_find_nothing(tmp_path: Path) -> None:
     done = sanitized(tmp_path, None, "not sanitizers and not behind and not planted")
     assert done.returncode == 0, (done.stdout + done.stderr)[-4000:]
