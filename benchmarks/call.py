@@ -1,10 +1,11 @@
-"""Times calls of a service between two Python processes, beside UDP in the same run.
+"""Times service calls between two Python processes, and compares them with UDP in the same run.
 
     python benchmarks/call.py [--rounds 21] [--calls 200]
 
-Both ends wait in the kernel; with `spin` they look for so long before they do. The floor is the least that a user of
-UDP would write: a packed request with its number, a packed reply, no check of either. How long that takes hangs on
-which processor the kernel wakes. Rounds are interleaved; medians of the rounds' medians, in microseconds.
+Client and server wait in the kernel. In the rows with `spin`, they first poll for the given time. The baseline is the
+least code that a user of UDP would write: a packed request with its number, and a packed reply, both unchecked. The
+time of the baseline depends on which processor the kernel wakes. The rounds of all rows alternate. The table shows, in
+microseconds, the median over the rounds of the median in a round.
 """
 
 from __future__ import annotations
@@ -35,13 +36,13 @@ REPLY = struct.Struct("<Iq")
 
 
 def main() -> None:
-    """Prints the table."""
+    """Run the benchmark and print the table."""
     parser = argparse.ArgumentParser(description="Round trip of a service call.")
     parser.add_argument("--rounds", type=int, default=21)
     parser.add_argument("--calls", type=int, default=200)
-    given = parser.parse_args()
+    options = parser.parse_args()
     classes = generated()
-    served, answered = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)  # one byte each: ready
+    served, answered = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)  # one byte each means ready
     udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     udp.bind(("127.0.0.1", 0))
     children = [child(lambda: serve_udp(udp))]
@@ -54,26 +55,26 @@ def main() -> None:
                 served.recv(1)
                 client = opened.enter_context(classes.AddClient(topic, spin=spin))
                 ways[way] = caller(client, classes.Add_Request)
-            found: dict[str, list[float]] = {way: [] for way in ways}
-            for _ in range(given.rounds):
+            times_by_way: dict[str, list[float]] = {way: [] for way in ways}
+            for _ in range(options.rounds):
                 for way, call in ways.items():
-                    found[way].append(round_trip(call, given.calls))
+                    times_by_way[way].append(round_trip(call, options.calls))
     finally:
         for pid in children:
             os.kill(pid, signal.SIGKILL)
             os.waitpid(pid, 0)
         for file in Path("/dev/shm").glob("*shmgen_benchmark.call*"):
             file.unlink()
-    print(f"Python {sys.version.split()[0]}, {os.uname().machine}, {os.cpu_count()} cores; medians of {given.rounds}")
+    print(f"Python {sys.version.split()[0]}, {os.uname().machine}, {os.cpu_count()} cores; medians of {options.rounds}")
     print(f"\n{'A call and its answer':<40}{'us':>8}{'ratio':>8}")
-    floor = found["UDP, by hand"]
-    for way, times in found.items():
+    floor = times_by_way["UDP, by hand"]
+    for way, times in times_by_way.items():
         ratio = statistics.median(one / base for one, base in zip(times, floor, strict=True))
         print(f"  {way:<38}{statistics.median(times) * 1e6:>8.1f}{ratio:>8.2f}")
 
 
 def generated() -> Any:
-    """The classes of a service, from its definition."""
+    """Generate the code for a service and return the Python package with its classes."""
     with tempfile.TemporaryDirectory() as folder:
         definition = Path(folder, "call_msgs", "srv", "Add.srv")
         definition.parent.mkdir(parents=True)
@@ -127,7 +128,7 @@ def udp_caller(peer: tuple[str, int]) -> Callable[[int], int]:
 
 
 def round_trip(call: Callable[[int], int], calls: int) -> float:
-    """Median, in seconds."""
+    """Call the service `calls` times and return the median duration of a call in seconds."""
     times = []
     for number in range(calls):
         began = time.perf_counter()

@@ -1,7 +1,7 @@
-"""Times runs of 200 messages and short commands against a bare Python start: with nothing to do, in full, one changed.
+"""Times `shmgen check` and `generate` over 200 messages, and short commands, compared with the start of bare Python.
 
-All are run in turn; a ratio is the median of those of the runs beside each other. The first check of a folder, and one
-after a change, is made in full.
+The runs have nothing to do, everything to do, or one changed message. All commands run in turn. A ratio is the median
+of the ratios of adjacent runs. The first check of a folder, and each check after a change, is a full check.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ WANTED = {
     "check, clean before": 4,
     "check in full": 30,
     "generate, nothing to do": 4,
-    "generate, one changed": 10,
     "shmgen --version": 3,
     "completion of a command": 3,
     "import shmgen.runtime": 2,
 }
-"""Times a bare start."""
+"""Target ratios to a bare Python start. A program that only imports click has 1.75."""
+WANTED_MS = {"generate, one changed": 500}
 
 
 def main() -> None:
-    with tempfile.TemporaryDirectory(dir="/dev/shm") as name:  # what a disk takes is not ours
+    with tempfile.TemporaryDirectory(dir="/dev/shm") as name:  # in memory, to exclude the time of the disk
         folder = Path(name)
         environment = {**os.environ, "XDG_CACHE_HOME": str(folder / "cache")}
         environment.pop("PYTHONDONTWRITEBYTECODE", None)
@@ -61,19 +61,20 @@ def main() -> None:
             message.write_text(f"{message.read_text()}uint8 X{number} = {number}\n")
             for key, command in commands.items():
                 seconds = run(*command)
-                if number:  # the first round fills the caches
+                if number:  # the first round only fills the caches
                     times[key].append(seconds)
         files = sum(path.is_file() for path in (work / "generated").rglob("*"))
         print(f"{MESSAGES} messages, {files} generated files")
         floors = times["bare python start"]
-        for key, found in times.items():
-            ratio = statistics.median(one / floor for one, floor in zip(found, floors, strict=True))
-            wanted = f"  (wanted: at most {WANTED[key]}x)" if key in WANTED else ""
-            print(f"{key:<26}{statistics.median(found) * 1e3:8.1f} ms  {ratio:6.1f}x{wanted}")
+        for key, seconds in times.items():
+            ratio = statistics.median(one / floor for one, floor in zip(seconds, floors, strict=True))
+            goal = f"  (wanted: at most {WANTED[key]}x)" if key in WANTED else ""
+            goal = f"  (wanted: at most {WANTED_MS[key]} ms)" if key in WANTED_MS else goal
+            print(f"{key:<26}{statistics.median(seconds) * 1e3:8.1f} ms  {ratio:6.1f}x{goal}")
 
 
 def workspace(folder: Path) -> Path:
-    """Each message holds some numbers, a sequence and the one before it."""
+    """Create a package of messages. Each contains numbers, a sequence and, in most cases, the previous message."""
     place = folder / "msgs" / "many_msgs" / "msg"
     place.mkdir(parents=True)
     for number in range(MESSAGES):
@@ -85,7 +86,7 @@ def workspace(folder: Path) -> Path:
 
 
 def run(command: Sequence[str], folder: Path, environment: dict[str, str]) -> float:
-    """Seconds from start to end of a process that must succeed."""
+    """Run a process that must succeed, and return its duration in seconds."""
     start = time.perf_counter()
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
     if done.returncode != 0:

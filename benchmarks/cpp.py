@@ -1,9 +1,9 @@
-"""Times publishing in C++, each beside the work by hand in the same program.
+"""Times publishing in C++, and compares each case with hand-written code for the same work in the same program.
 
     python benchmarks/cpp.py
 
-Targets: publishing a Pose at most 1.2 x a lock and a memcpy by hand, with or without a time stamp on either side; 1 MiB
-at most 1.1 x the copy alone.
+Targets: publishing a Pose takes at most 1.2 times a lock and a memcpy by hand, both with or both without a time stamp.
+Publishing 1 MiB takes at most 1.1 times the copy alone.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ NAMES = (
     "publish(1 MiB)",
 )
 FLOOR = (0, 0, 2, 2, 2, 5, 5)
-"""The row that each is compared with."""
+"""The index of the row that each row is compared with."""
 
 
 def main() -> None:
-    """Prints a row for each work."""
+    """Run the benchmark and print a row for each case."""
     with tempfile.TemporaryDirectory() as folder:
         command = [generated.program(Path(folder)), "publish", str(ROUNDS)]
         printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout

@@ -1,15 +1,18 @@
-"""Measures the age of the samples of a paced stream between two processes, and the reader's CPU, beside others.
+"""Measures the age of samples and the reader's CPU time in a stream between two processes, and compares libraries.
 
     python benchmarks/latency.py [--rounds 3] [--seconds 0.5] [--only shmgen,UDP]
 
-A sample carries the time when it was handed over; its age is taken when the receiver holds it as a message of its
-own, in microseconds, at 1 kHz (1 MiB: 100 Hz). The sender sleeps between two samples, as one with a cycle does. Rounds
-are interleaved; the figure is the median over the rounds of each round's median, the ratio is to shmgen in the same
-mode, round by round.
-C++ is what shmgen generates, C its floor: two slots and a word. In place: the reader looks at all of a sample where it
-lies, as that of iceoryx2 does of a mebibyte. The last table has several readers that sleep.
-Targets: C++ at most 1.5 x C; event at most 1.3 x the age of an event by hand and under 2 % of a core; a Pose ahead of
-every peer.
+A sample carries the time at which it was sent. Its age is measured in microseconds when the receiver has the sample as
+a message object. The rate is 1 kHz (1 MiB: 100 Hz). The sender sleeps between two samples, like a cyclic program. The
+rounds of all rows alternate. A figure is the median of the rounds' medians. A ratio is to shmgen in the same mode and
+the same round.
+
+The row C++ is the code that shmgen generates. The row C is its baseline: two slots and a sequence number. In the rows
+"in place" the reader reads a whole sample inside the region, like the reader of iceoryx2 for 1 MiB. The last table has
+several readers that sleep.
+
+Targets: C++ takes at most 1.5 times C. An event takes at most 1.3 times an event by hand, and under 2 % of a core. A
+Pose is faster than with all other libraries.
 """
 
 from __future__ import annotations
@@ -38,29 +41,29 @@ SIZES = {56: 1000, 320: 1000, 1 << 20: 100}
 POLLED = ("shmgen", "by hand")
 WOKEN_ONLY = ("Modbus TCP (pymodbus)", "OPC UA (asyncua)")
 LARGEST = {"Modbus TCP (pymodbus)": 240, "cyclonedds": 1 << 16}
-"""Bytes: 123 registers are the most of one Modbus write; a mebibyte of DDS octets goes through a Python list."""
+"""Maximum bytes per peer. A Modbus write has at most 123 registers. DDS octets pass through a slow Python list."""
 MANY = ("shmgen", "iceoryx2")
-"""Ways in which one call sends to all readers."""
+"""Libraries with which one call sends to all readers."""
 LARGE = 4096
-"""Bytes from which on a sample is also read in place."""
+"""Samples of more bytes are also read in place."""
 WARM_UP = 0.3
 _PATIENCE = 12
 
 
 def main() -> None:
-    """Prints a table for each size."""
+    """Run the benchmark and print a table for each size."""
     parser = argparse.ArgumentParser(description="One-way latency and CPU of a paced stream.")
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--seconds", type=float, default=0.5)
     parser.add_argument("--only", default="")
     parser.add_argument("--sizes", type=int, nargs="*", default=list(SIZES), choices=SIZES)
     parser.add_argument("--child", nargs=5, metavar=("ROLE", "WAY", "MODE", "SIZE", "NAME"))
-    given = parser.parse_args()
-    if given.child:
-        role, way, mode, size, name = given.child
-        child(role, way, mode, int(size), name, given.seconds)
+    options = parser.parse_args()
+    if options.child:
+        role, way, mode, size, name = options.child
+        child(role, way, mode, int(size), name, options.seconds)
         return
-    versions, ways = _present(given.only.split(",") if given.only else [])
+    versions, ways = _present(options.only.split(",") if options.only else [])
     print(f"Python {sys.version.split()[0]}, {os.uname().machine}, {os.cpu_count()} cores; {', '.join(versions)}")
     with tempfile.TemporaryDirectory() as folder:
         floor = Path(folder, "floor")
@@ -71,13 +74,16 @@ def main() -> None:
             compiled["iceoryx 2.0.3, C++"] = peer
         else:
             print("iceoryx in C++ is left out: apt-get install libiceoryx-posh-dev libacl1-dev")
-        for size in given.sizes:
-            _table(size, SIZES[size], ways, compiled, given.rounds, given.seconds)
-    _readers([way for way in MANY if way in ways], given.rounds, given.seconds)
+        for size in options.sizes:
+            _table(size, SIZES[size], ways, compiled, options.rounds, options.seconds)
+    _readers([way for way in MANY if way in ways], options.rounds, options.seconds)
 
 
 def child(role: str, way: str, mode: str, size: int, name: str, seconds: float) -> None:
-    """One end of a stream. The receiver prints its median age [ns], its 99th percentile, CPU [%] and how many came."""
+    """Run one side of a stream, the sender or the receiver, in this process.
+
+    The receiver prints the median age and its 99th percentile in ns, its CPU time in %, and the number of samples.
+    """
     if role == "send":
         send = WAYS[way](role, mode, size, name)
         due = time.monotonic()
@@ -109,27 +115,27 @@ def child(role: str, way: str, mode: str, size: int, name: str, seconds: float) 
 
 def _table(size: int, rate: int, ways: list[str], compiled: dict[str, Path], rounds: int, seconds: float) -> None:
     rows = [(way, mode) for mode in MODES for way in [*compiled, *ways] if _fits(way, mode, size)]
-    found: dict[tuple[str, str], list[list[float]]] = {row: [] for row in rows}
+    results_by_row: dict[tuple[str, str], list[list[float]]] = {row: [] for row in rows}
     for number in range(rounds):
         for row, (way, mode) in enumerate(rows):
             if way in compiled:
                 more = ["1"] if way == "C++ in place" else []
-                found[way, mode].append(_floor(compiled[way], mode, size, rate, seconds, *more))
+                results_by_row[way, mode].append(_floor(compiled[way], mode, size, rate, seconds, *more))
             else:
                 name = f"shmgen_latency_{os.getpid()}_{number}_{row}"
-                found[way, mode].append(_measured(way, mode, size, name, seconds))
+                results_by_row[way, mode].append(_measured(way, mode, size, name, seconds))
     print(f"\n{size} bytes at {rate} Hz{'':<24}{'p50 us':>10}{'p99 us':>10}{'CPU %':>8}{'ratio':>8}{'samples':>9}")
-    for (way, mode), results in found.items():
+    for (way, mode), results in results_by_row.items():
         here = [one for one in results if one]
         if not here:
             print(f"  {mode:<6}{way:<34}{'nothing came':>12}")
             continue
-        pairs = zip(results, found["shmgen", mode], strict=True)
+        pairs = zip(results, results_by_row["shmgen", mode], strict=True)
         ratio = statistics.median([one[0] / base[0] for one, base in pairs if one and base] or [float("nan")])
         p50, p99, cpu, count = (statistics.median(column) for column in zip(*here, strict=True))
         print(f"  {mode:<6}{way:<34}{p50 / 1000:>10.1f}{p99 / 1000:>10.1f}{cpu:>8.1f}{ratio:>8.2f}{count:>9.0f}")
     for mode in ("spin", "event"):
-        pairs = zip(found["C++", mode], found["C", mode], strict=True)
+        pairs = zip(results_by_row["C++", mode], results_by_row["C", mode], strict=True)
         print(f"  {mode:<6}C++ is {statistics.median(ours[0] / floor[0] for ours, floor in pairs):.2f} times C")
 
 
@@ -145,14 +151,17 @@ def _fits(way: str, mode: str, size: int) -> bool:
 
 
 def _readers(ways: list[str], rounds: int, seconds: float) -> None:
-    """The middle of what each of them has, medians of the rounds."""
-    found: dict[tuple[str, int], list[list[float]]] = {(way, many): [] for many in (1, 2, 4) for way in ways}
+    """Print the table for 1, 2 and 4 readers.
+
+    A figure is the median of all rounds. With several readers, the figure of a round is the median of its readers.
+    """
+    results_by_row: dict[tuple[str, int], list[list[float]]] = {(way, many): [] for many in (1, 2, 4) for way in ways}
     for number in range(rounds):
-        for row, (way, many) in enumerate(found):
+        for row, (way, many) in enumerate(results_by_row):
             name = f"shmgen_readers_{os.getpid()}_{number}_{row}"
-            found[way, many].append(_measured(way, "event", 56, name, seconds, many))
+            results_by_row[way, many].append(_measured(way, "event", 56, name, seconds, many))
     print(f"\n{'Readers that sleep, 56 bytes at 1000 Hz':<47}{'p50 us':>10}{'p99 us':>10}{'CPU %':>8}{'samples':>17}")
-    for (way, many), results in found.items():
+    for (way, many), results in results_by_row.items():
         p50, p99, cpu, count = (statistics.median(column) for column in zip(*filter(None, results), strict=True))
         print(
             f"  {counted(many, 'reader'):<10}{way:<30}{p50 / 1000:>10.1f}{p99 / 1000:>10.1f}{cpu:>8.1f}{count:>17.0f}"
@@ -160,7 +169,10 @@ def _readers(ways: list[str], rounds: int, seconds: float) -> None:
 
 
 def _measured(way: str, mode: str, size: int, name: str, seconds: float, readers: int = 1) -> list[float]:
-    """Empty if nothing came; of several readers the medians."""
+    """Run one measurement and return the receiver's figures, as medians if there are several readers.
+
+    Return an empty list if no sample arrived.
+    """
     command = [sys.executable, str(HERE / "latency.py"), "--seconds", str(seconds), "--child"]
     ends = [way, mode, str(size), name]
     with ExitStack() as stack:
@@ -170,7 +182,7 @@ def _measured(way: str, mode: str, size: int, name: str, seconds: float, readers
             receiver = subprocess.Popen([*command, "receive", *ends], stdout=subprocess.PIPE, stderr=DEVNULL, text=True)
             stack.enter_context(receiver)
             stack.callback(receiver.kill)
-            # Who waits for ever, because its sender is gone, is told so.
+            # Kill a receiver that waits for ever because its sender is gone.
             patience = threading.Timer(_PATIENCE + seconds, receiver.kill)
             patience.start()
             stack.callback(patience.cancel)
@@ -179,8 +191,8 @@ def _measured(way: str, mode: str, size: int, name: str, seconds: float, readers
             return []
         sender = stack.enter_context(subprocess.Popen([*command, "send", *ends], stderr=DEVNULL))
         stack.callback(sender.kill)
-        said = [[float(word) for word in out.readline().split()] for out in receivers if out]
-        return [statistics.median(column) for column in zip(*filter(None, said), strict=True)]
+        medians = [[float(word) for word in out.readline().split()] for out in receivers if out]
+        return [statistics.median(column) for column in zip(*filter(None, medians), strict=True)]
 
 
 def _floor(*command: object) -> list[float]:
@@ -192,7 +204,7 @@ def _floor(*command: object) -> list[float]:
 
 
 def _present(only: list[str]) -> tuple[list[str], list[str]]:
-    """Names and versions of what is measured and of what is left out, and the ways."""
+    """Return the versions of the libraries, or that a library is not installed, and the names of those to measure."""
     versions, ways = [], []
     for way in WAYS:
         if only and way not in only and way != "shmgen":

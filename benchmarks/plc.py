@@ -1,7 +1,7 @@
-"""How long a block call takes in the stand-in for a PLC (tests/softplc), with the lock free and with Python holding it.
+"""Times the call of a function block in the simulated PLC (tests/softplc), with a free lock and with a held lock.
 
-What counts is that a held lock costs no more than a free one: the block only tries. The figures are of compiled C++
-without optimisation, on this machine; a PLC has its own.
+A held lock must cost no more than a free one, because the block never waits for the lock. The figures are for C++
+compiled without optimisation on this machine. A real PLC has other figures.
 """
 
 from __future__ import annotations
@@ -46,14 +46,14 @@ PROGRAM = """
     END_IF
     END_PROGRAM
     """
-"""A server, and a client that calls it all the time: every few cycles."""
+"""A server, and a client that calls it again as soon as it answers, every few cycles."""
 CYCLES = 2000
 REGIONS = ("_fbRequest", "_fbReply")
 PERIOD = 0.001
 
 
 def main() -> None:
-    """Prints the longest of 2,000 cycles, and how often the lock was found taken."""
+    """Print the longest of 2,000 cycles in us, and how often another process held the lock."""
     with tempfile.TemporaryDirectory() as folder:
         definition = Path(folder) / "bench_msgs" / "srv" / "Go.srv"
         definition.parent.mkdir(parents=True)
@@ -78,19 +78,19 @@ def main() -> None:
 def topic(plc: Plc) -> None:
     publisher, subscriber = (plc.block(f"FB_geometry_msgs_Pose_{role}") for role in ("Publisher", "Subscriber"))
     for block in (publisher, subscriber):
-        for _ in range(1200 if block is publisher else 3):  # a writer claims its topic for a second
+        for _ in range(1200 if block is publisher else 3):  # claiming a topic takes a writer one second
             block(xEnable=True, sTopic=TOPIC)
             time.sleep(PERIOD if not block.xBusy else 0.001)
     for name, block in (("publisher", publisher), ("subscriber", subscriber)):
         report(f"{name}, lock free", block)
-        publisher()  # something to read, so that the subscriber tries the lock
+        publisher()  # publish a sample, so that the subscriber tries the lock
         with_lock_held(f"{name}, Python holds the lock for a second", block, TOPIC)
 
 
 def service(plc: Plc) -> None:
     program = plc.block("PRG_Calls")
     program.sService = SERVICE
-    while not program.udiDone:  # the regions are open, and claimed, which takes a second
+    while not program.udiDone:  # wait until the regions are open and claimed, about a second
         program.run(PERIOD, 10)
     report("client and server, lock free", program)
     with_lock_held("client and server, Python holds the lock", program, f"{SERVICE}-request")
@@ -113,7 +113,7 @@ def report(name: str, block: Block) -> None:
 
 
 def _misses(block: Block) -> int:
-    """Of a program those of all its regions."""
+    """Return how often a block, or all blocks of a program, did not get the lock."""
     if block._name != "PRG_CALLS":
         return int(block.udiLockMisses)
     regions = (getattr(side, name) for side in (block.fbClient._fbClient, block.fbServer._fbServer) for name in REGIONS)

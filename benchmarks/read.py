@@ -1,7 +1,7 @@
-"""Times the reading of definitions, ours against rosbags': the same .msg files, texts already in memory, medians.
+"""Times how fast shmgen and rosbags parse definitions: the same .msg files, already in memory. Prints medians.
 
-Argument: a folder with <distribution>/<package>/msg/*.msg, a distribution of ROS 1 called noetic. Without one the
-built-in store of Jazzy is read.
+Argument: a folder with <distribution>/<package>/msg/*.msg. Name the distribution of ROS 1 noetic. Without an argument
+the built-in store of Jazzy is parsed.
 """
 
 from __future__ import annotations
@@ -45,8 +45,10 @@ def of_folder(folder: Path) -> list[tuple[TypeName, str, str]]:
 
 def of_store() -> list[tuple[TypeName, str, str]]:
     packages = store.catalogue("jazzy")
-    found = [one for (package,) in packages.values() for one in package.definitions.values() if one.name.kind == "msg"]
-    return [(one.name, str(one.content), "jazzy") for one in found]
+    messages = [
+        one for (package,) in packages.values() for one in package.definitions.values() if one.name.kind == "msg"
+    ]
+    return [(one.name, str(one.content), "jazzy") for one in messages]
 
 
 if __name__ == "__main__":

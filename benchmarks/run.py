@@ -1,6 +1,8 @@
-"""Runs all benchmarks, one after the other: they must not meet on one machine. With --docs, docs/ has it all.
+"""Runs all benchmarks one after another. With --docs, writes their output into docs/performance.md.
 
-There each stands between `<!-- bench: NAME -->` and `<!-- end -->`, the day and the machine behind `<!-- bench -->`.
+In the page, the output of a benchmark is between `<!-- bench: NAME -->` and `<!-- end -->`. If a text follows NAME, the
+page has only the first paragraph that begins with this text. The line after `<!-- bench -->` contains the date and the
+machine.
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ def main() -> None:
 
 
 def run(script: Path) -> str:
-    """What it prints, which is seen at once too."""
+    """Run a benchmark, print its output at once, and return the output. Raises SystemExit if it fails."""
     print(f"\n=== {script.name}", flush=True)
     lines = []
     with subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, text=True) as process:
@@ -37,15 +39,20 @@ def run(script: Path) -> str:
 
 
 def with_tables(page: str, printed: dict[str, str]) -> str:
-    """Raises KeyError: the page wants the table of a benchmark that there is not."""
+    """Return the page with the new output of the benchmarks. Raises KeyError if the page names an unknown benchmark."""
     load = ", ".join(f"{load:.1f}" for load in os.getloadavg())
     where = f"Python {platform.python_version()}, Linux {platform.release()}, {os.cpu_count()} cores, load {load}"
     page = re.sub(r"(?<=<!-- bench -->\n).*(?=\n)", f"{datetime.date.today()}: {where}.", page)
     return re.sub(
-        r"(?s)(<!-- bench: (\w+) -->\n).*?(<!-- end -->)",
-        lambda found: f"{found[1]}```\n{printed[found[2]]}\n```\n{found[3]}",
+        r"(?s)(<!-- bench: (\w+)(?: ([^>]*?))? -->\n).*?(<!-- end -->)",
+        lambda match: f"{match[1]}```\n{_paragraph(printed[match[2]], match[3])}\n```\n{match[4]}",
         page,
     )
+
+
+def _paragraph(text: str, start: str | None) -> str:
+    """Return the first paragraph that begins with `start`, or the whole text without `start`."""
+    return next(part for part in text.split("\n\n") if part.startswith(start)) if start else text
 
 
 if __name__ == "__main__":

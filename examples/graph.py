@@ -1,4 +1,4 @@
-"""A ROS 1 graph for demos: a master of its own, and `rostopic` to play the robot and look at the belt."""
+"""A ROS 1 graph for demos: a separate master, and `rostopic` to play the robot and read the belt's speed."""
 
 from __future__ import annotations
 
@@ -11,12 +11,15 @@ from pathlib import Path
 
 REPOSITORY = Path(__file__).parents[1]
 PYTHON = REPOSITORY / ".venv" / "ros1" / "bin" / "python"
-SETTLE = 1.5  # s for a publisher to connect and the belt to follow
-FORGET = 3.0  # s after which the bridge, and then the PLC, takes a silent robot for gone
+SETTLE = 1.5  # s until a publisher is connected and the belt has followed
+FORGET = 3.0  # s until the bridge and the PLC treat a silent robot as gone
 
 
 class Ros:
-    """Processes of ROS 1 around a master of their own, found by `environment`; `robot` and `speed` are topics."""
+    """Starts processes of ROS 1 with a master of their own, to which `environment` points.
+
+    `robot` and `speed` are the topics of the robot's pose and of the belt's speed.
+    """
 
     def __init__(self, processes: ExitStack, robot: str, speed: str) -> None:
         self._robot, self._speed = robot, speed
@@ -34,7 +37,7 @@ class Ros:
         }
 
     def start(self, module: str, function: str, *arguments: str, shown: str = "") -> subprocess.Popen[str]:
-        """A command of ROS as the Python function it is, so that it runs in that Python; ends with the demo."""
+        """Start a command of ROS 1, given as a Python module and function. The process ends with the demo."""
         if shown:
             print(f"\n$ {shown}", flush=True)
         name = shown.partition(" ")[0] or module
@@ -48,7 +51,7 @@ class Ros:
         return process
 
     def speed_with_robot_at(self, x: float) -> float:
-        """What the belt does once it has heard of a robot at `x` m, in m/s."""
+        """Publish the pose of a robot at `x` m for some time, and return the belt's speed in m/s at the end."""
         values = f"{{point: {{x: {x}}}}}"
         shown = f"rostopic pub -r 20 {self._robot} geometry_msgs/PointStamped '{values}'"
         pub = self.start(
@@ -68,7 +71,7 @@ class Ros:
         return speed
 
     def speed(self) -> float:
-        """The next that is heard of, in m/s."""
+        """Return the next published speed of the belt in m/s."""
         echo = self.start(
             "rostopic", "rostopicmain", "echo", "-n", "1", self._speed, shown=f"rostopic echo -n 1 {self._speed}"
         )

@@ -1,4 +1,4 @@
-"""What the demos of ROS 2 in C++ share: a generated package, built as colcon would build it, and what runs it."""
+"""Helpers for the C++ demos of ROS 2: check the installation, and build a generated package with CMake."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from stage import Cell
 
 
 def needs(package: str) -> None:
-    """Raises SystemExit where no ROS 2 with that package is sourced, or nothing to build with is here."""
+    """Raise SystemExit if no ROS 2 with this package is sourced, or if CMake or g++ is missing."""
     prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(":")
     if not any(Path(prefix, "share", package).is_dir() for prefix in prefixes if prefix):
         sys.exit(f"this example needs a ROS 2 with {package}: source /opt/ros/<distribution>/setup.bash")
@@ -21,7 +21,7 @@ def needs(package: str) -> None:
 
 
 def build(made: Cell, source: Path) -> Path:
-    """Where the package is installed; the cell's processes find it there, as after `. install/setup.bash`."""
+    """Build and install a generated ROS package, and return its folder. The cell's processes then find the package."""
     install, folder = made.folder / "install", made.folder / f"build_{source.name}"
     print(f"\n$ cmake -S {source.name} -B build && cmake --build build --target install", flush=True)
     for command in (

@@ -1,7 +1,7 @@
-"""What demos of a whole cell share: the generated code, the PLC side of it as a process, nothing left behind.
+"""Helpers for demos of a whole cell: generate code, start the PLC and other processes, and clean up.
 
-The PLC here is a stand-in for tests and demos (tests/softplc), not a PLC: it compiles the Structured Text, generated
-and written by hand, by way of C++, and calls it as a task would.
+The PLC here is a simulation for tests and demos (tests/softplc), not a real PLC. It compiles the generated and the
+hand-written Structured Text through C++, and calls the programs like a cyclic task.
 """
 
 from __future__ import annotations
@@ -28,11 +28,14 @@ LOOPBACK = (
     '<NetworkInterface name="lo" multicast="true"/>'
     "</Interfaces></General></Domain></CycloneDDS>"
 )
-"""DDS of a demo stays on this machine, unless CYCLONEDDS_URI says otherwise."""
+"""Cyclone's configuration that keeps DDS on this machine. A CYCLONEDDS_URI in the environment overrides it."""
 
 
 class Cell:
-    """One machine: code generated from `here`/shmgen.toml into `folder`, and processes that all end with it."""
+    """The machine of an example, with generated code and running processes, which end with the cell.
+
+    The code is generated from shmgen.toml in the folder `here` into `folder`.
+    """
 
     def __init__(self, here: Path, folder: Path, processes: ExitStack) -> None:
         self.here, self.folder, self._processes = here, folder, processes
@@ -40,16 +43,16 @@ class Cell:
         self.environment = {"CYCLONEDDS_URI": LOOPBACK} | os.environ | {"PYTHONPATH": path, "PYTHONUNBUFFERED": "1"}
 
     def generate(self) -> None:
-        """Writes what shmgen.toml asks for."""
+        """Generate the code that shmgen.toml requests."""
         self.shmgen("generate", "--quiet", "--output", self.folder)
 
     def shmgen(self, command: str, *arguments: str | Path) -> None:
-        """Runs a command of shmgen with the cell's configuration and shows it."""
+        """Print and run a command of shmgen with the cell's configuration."""
         print("\n$ shmgen", command, *(word for word in arguments if word not in ("--output", self.folder)), flush=True)
         subprocess.run([*SHMGEN, command, *arguments, "-c", self.here / "shmgen.toml"], check=True)
 
     def start_plc(self, *programs: str) -> subprocess.Popen[str]:
-        """Compiles all Structured Text and calls PRG_Ros and `programs`, files of `here`, every millisecond."""
+        """Compile all Structured Text, and call PRG_Ros and `programs` (files in `here`) every millisecond."""
         sys.path.insert(0, str(REPOSITORY))
         own, generated = sorted(self.here.glob("*.st")), sorted((self.folder / "st").rglob("*.st"))
         names = " and ".join(path.name for path in own)
@@ -64,24 +67,24 @@ class Cell:
         return self.run_plc(*programs)
 
     def run_plc(self, *programs: str) -> subprocess.Popen[str]:
-        """The same once more, compiled as it is."""
+        """Start the PLC again without compiling."""
         task = ["-m", "tests.softplc.task", self.folder / "plc" / "plc.so", "PRG_Ros", *programs]
         return self.start("PLC", *task, "--period", "0.001", ready="running", cwd=REPOSITORY)
 
     def start_bridge(self, backend: str) -> subprocess.Popen[str]:
-        """Topics of ROS to and from the regions, from now on."""
+        """Start `shmgen bridge` with a backend, such as dds."""
         return self.start(
             "bridge", "-m", "shmgen", "bridge", "--backend", backend, "-c", self.here / "shmgen.toml", ready="running"
         )
 
     def start(self, name: str, *arguments: str | Path, ready: str, cwd: Path | None = None) -> subprocess.Popen[str]:
-        """A Python process that lasts as long as the cell, once it has printed a line that holds `ready`."""
+        """Start a Python process that ends with the cell. Return once it prints a line that contains `ready`."""
         return self.start_program(name, sys.executable, *arguments, ready=ready, cwd=cwd)
 
     def start_program(
         self, name: str, *command: str | Path, ready: str, cwd: Path | None = None
     ) -> subprocess.Popen[str]:
-        """The same of any program."""
+        """Start any program that ends with the cell. Return once it prints a line that contains `ready`."""
         process = subprocess.Popen(command, cwd=cwd, env=self.environment, stdout=subprocess.PIPE, text=True)
         self._processes.callback(_end, process)
         assert process.stdout
@@ -92,16 +95,16 @@ class Cell:
         raise SystemExit(f"{name} ended before it was ready")
 
     def run(self, script: str, *arguments: str, timeout: float = 120, python: str | Path = sys.executable) -> int:
-        """Runs a file of `here` to its end; its exit status."""
+        """Run a Python file in `here` to its end and return its exit status."""
         command = [python, self.here / script, *arguments]
         return subprocess.run(command, env=self.environment, timeout=timeout, check=False).returncode
 
 
 @contextmanager
 def cell(here: Path, *packages: str) -> Iterator[Cell]:
-    """A cell for the example in folder `here`; with it end its processes and its regions.
+    """Yield a cell for the example in folder `here`. At the end, stop its processes and remove its regions.
 
-    Raises SystemExit, before anything takes long, if a package that the example needs is not installed.
+    Raises SystemExit at once if a package that the example needs is not installed.
     """
     if missing := [package for package in packages if not find_spec(package.replace("-", "_"))]:
         raise SystemExit(f"this example needs: {sys.executable} -m pip install {' '.join(missing)}")
@@ -115,7 +118,7 @@ def cell(here: Path, *packages: str) -> Iterator[Cell]:
 
 @contextmanager
 def _told(doing: str, done: str) -> Iterator[None]:
-    """Says every ten seconds that something which takes long goes on, and how long it took."""
+    """Print the progress of a long step every 10 s, and at the end its duration."""
     begun, over = time.monotonic(), threading.Event()
 
     def tell() -> None:
@@ -134,7 +137,7 @@ def _told(doing: str, done: str) -> Iterator[None]:
 
 
 def _clean(configuration: Path) -> None:
-    """Removes all regions, which no side does by itself: here all sides are known to have ended."""
+    """Remove all regions after the processes have ended. Publishers and subscribers do not remove their regions."""
     said = config.load(configuration, configuration.name, Report())
     calls = [f"{service.service}-{half}" for service in said.services for half in ("request", "response")]
     calls += [f"{action.action}-{third}" for action in said.actions for third in ("goal", "feedback", "result")]

@@ -1,4 +1,4 @@
-"""What all tests share: where the corpus is, and regions that leave nothing behind."""
+"""Fixtures of all tests: the corpus, unique topics whose regions are removed, and compiled PLCs."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import os
 import shutil
 import signal
 import tempfile
+import time
 import uuid
 from collections import Counter
 from collections.abc import Iterator
@@ -28,8 +29,14 @@ if TYPE_CHECKING:
 REPOSITORY = Path(__file__).parents[1]
 SHARED = REPOSITORY.parent / "shared"
 
-# The machine may be busy, so how long an example takes says nothing about it.
-settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+# The machine may be busy, so how long an example takes says nothing about it. The examples are the same in each run, so
+# that no commit is red over the fault of another; `make fuzz` and `make fuzz-walkers` draw new ones.
+settings.register_profile(
+    "any machine",
+    deadline=None,
+    derandomize="SHMGEN_EXAMPLES" not in os.environ,
+    suppress_health_check=[HealthCheck.too_slow],
+)
 settings.load_profile("any machine")
 
 machine.pretend()
@@ -39,7 +46,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell's `make test
 
 @pytest.fixture(scope="session")
 def corpus() -> Path:
-    """Real definitions, `jazzy/<package>/msg/…` and `noetic/…`; other people's data, so not part of the project."""
+    """Real definitions, `jazzy/<package>/msg/…` and `noetic/…`. They belong to others and are not in the repository."""
     folder = SHARED / "corpus"
     if not folder.is_dir():
         pytest.skip(f"no corpus of definitions at {folder}")
@@ -48,7 +55,7 @@ def corpus() -> Path:
 
 @pytest.fixture
 def topic() -> Iterator[str]:
-    """A topic nobody else uses; its region and semaphores are removed afterwards."""
+    """A unique topic. Its region and semaphores are removed afterwards."""
     name = f"shmgen_test/t{uuid.uuid4().hex}"
     yield f"/{name}"
     for file in Path("/dev/shm").glob(f"*{name.replace('/', '.')}*"):
@@ -57,7 +64,7 @@ def topic() -> Iterator[str]:
 
 @pytest.fixture
 def space() -> Iterator[str]:
-    """A namespace for topics that nobody else uses; their regions go afterwards."""
+    """A unique namespace for topics. Their regions are removed afterwards."""
     name = f"t{uuid.uuid4().hex[:12]}"
     yield f"/{name}"
     for file in Path("/dev/shm").glob(f"*{name}*"):
@@ -65,7 +72,7 @@ def space() -> Iterator[str]:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """What ROS, and whatever is killed, leaves in /tmp and ~/.ros goes with the session. Workers inherit this."""
+    """Create a folder for temporary files and logs of ROS, which is removed after the session. Workers inherit it."""
     if not hasattr(config, "workerinput"):
         usual = os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", tempfile.gettempdir())  # folders of failed tests stay
         before = {name: os.environ.get(name) for name in ("TMPDIR", "ROS_LOG_DIR")}
@@ -73,8 +80,10 @@ def pytest_configure(config: pytest.Config) -> None:
         os.chmod(folder, 0o711)  # tests become other users
         os.environ |= {"TMPDIR": folder, "ROS_LOG_DIR": f"{folder}/ros"}
         tempfile.tempdir = None  # asks again
+        started = time.time()
 
         def leave() -> None:
+            _remove_orphan_semaphores(started)
             shutil.rmtree(folder, ignore_errors=True)
             for name, value in before.items():
                 os.environ.pop(name)
@@ -87,12 +96,24 @@ def pytest_configure(config: pytest.Config) -> None:
         config.add_cleanup(leave)
 
 
+def _remove_orphan_semaphores(since: float) -> None:
+    """Remove the temporary file that glibc leaves if a process is killed while it creates a semaphore."""
+    from shmgen.live import processes
+    from shmgen.tools.doctor import orphan_semaphores
+
+    for file in orphan_semaphores.semaphores(processes.look()):
+        with suppress(OSError):
+            if os.lstat(file).st_ctime > since:
+                os.unlink(file)
+
+
 PROGRAMS = ("gcc", "g++", "git")
+_PASSED = "shmgen/passed"
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_setup() -> Iterator[None]:
-    """A test that runs one of these which is not here is left out, wherever in it that is."""
+    """Skip a test that runs one of PROGRAMS if this program is not installed."""
     try:
         return (yield)
     except FileNotFoundError as missing:
@@ -106,11 +127,41 @@ pytest_runtest_call = pytest_runtest_setup
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--update-golden", action="store_true", help="write what is expected anew, then look at the diff")
+    parser.addoption("--rest", action="store_true", help="leave out the tests that passed in the run before")
     parser.addoption("--options-set", default="", help="of tests/plc/test_options.py: the name of one, or all")
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
+    """Return three workers for two processors: a third of the time tests wait."""
+    return max(2, (os.cpu_count() or 1) * 3 // 2)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    for item in items:
+        family = item.get_closest_marker("family")
+        if family and not any(fast in item.name for fast in family.args):
+            item.add_marker(pytest.mark.slow)
+    if config.option.rest:
+        passed = set(config.cache.get(_PASSED, []) if getattr(config, "cache", None) else [])
+        config.hook.pytest_deselected(items=[item for item in items if item.nodeid in passed])
+        items[:] = [item for item in items if item.nodeid not in passed]
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Remember for `--rest` the tests that passed."""
+    config = session.config
+    if getattr(config, "cache", None) and not hasattr(config, "workerinput"):
+        reporter: Any = config.pluginmanager.get_plugin("terminalreporter")
+        passed = {report.nodeid for report in reporter.getreports("passed") if report.when == "call"}
+        failed = {report.nodeid for kind in ("failed", "error") for report in reporter.getreports(kind)}
+        before = set(config.cache.get(_PASSED, [])) if config.option.rest or config.option.lf else set()
+        config.cache.set(_PASSED, sorted((before | passed) - failed))
+
+
 def pytest_terminal_summary(terminalreporter: Any) -> None:
-    """What was left out, a line for each reason: how many tests, and how to have them."""
+    """Print a line for each reason to skip: the number of tests, and how to run them."""
     skipped = Counter(report.longrepr[2].removeprefix("Skipped: ") for report in terminalreporter.getreports("skipped"))
     for reason, count in skipped.most_common():
         terminalreporter.write_line(f"left out: {counted(count, 'test')}: {reason}")
@@ -120,7 +171,7 @@ def pytest_terminal_summary(terminalreporter: Any) -> None:
 
 @pytest.fixture(scope="session")
 def update_golden(request: pytest.FixtureRequest) -> bool:
-    """Whether tests/cases and tests/errors take what they get for what they want."""
+    """True if tests write their output as the new expected output."""
     return bool(request.config.getoption("--update-golden"))
 
 
@@ -140,7 +191,7 @@ def clock(compiled_demo: Demo) -> Clock:
 
 @pytest.fixture
 def demo(compiled_demo: Demo, clock: Clock) -> Iterator[Demo]:
-    """A PLC as it comes; that no block ever waited for a semaphore is true of every test."""
+    """A PLC with default settings. The fixture checks that no block has waited for a semaphore."""
     compiled_demo.plc.born(1)
     compiled_demo.plc.round_sizes(False)
     compiled_demo.plc.fail("", 0)
@@ -150,7 +201,7 @@ def demo(compiled_demo: Demo, clock: Clock) -> Iterator[Demo]:
 
 @pytest.fixture(scope="session")
 def compiled_calls(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Calls:
-    """Made by the first of the workers that asks for it."""
+    """The compiled services and actions, which the first worker that needs them creates."""
     from tests.support.plc_calls import open_or_make
 
     folder = tmp_path_factory.getbasetemp()
@@ -159,7 +210,7 @@ def compiled_calls(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> 
 
 @pytest.fixture
 def calls(compiled_calls: Calls) -> Iterator[Calls]:
-    """A PLC that never waited for a semaphore; its clock stands still at 0 but for what a test adds to it."""
+    """A PLC whose clock is 0 until the test advances it. The fixture checks that no block waited for a semaphore."""
     compiled_calls.plc.set_clock(0)
     yield compiled_calls
     compiled_calls.plc.fail("", 0)
@@ -169,5 +220,5 @@ def calls(compiled_calls: Calls) -> Iterator[Calls]:
 
 @pytest.fixture(params=["exact", "rounded"])
 def sizes(request: pytest.FixtureRequest, demo: Demo) -> None:
-    """Both ways a runtime may compare the sizes of shared memory."""
+    """Both ways in which a PLC runtime may compare the sizes of shared memory."""
     demo.plc.round_sizes(request.param == "rounded")

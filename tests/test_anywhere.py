@@ -80,6 +80,7 @@ def generate(python: str, folder: Path, packages: Path, environment: dict[str, s
 
 @pytest.mark.parametrize("place", PLACES)
 @pytest.mark.parametrize("version", ["3.10", "3.11", "3.12", "3.13"])
+@pytest.mark.family("[3.10-here]")
 def test_the_same_bytes(version: str, place: str, pure: Path, tmp_path: Path) -> None:
     python = interpreter(version)
     if not python:
@@ -87,3 +88,26 @@ def test_the_same_bytes(version: str, place: str, pure: Path, tmp_path: Path) ->
     ours = generate(sys.executable, tmp_path / "ours", pure, {})
     assert len(ours) > 40
     assert generate(python, tmp_path / "a" / place, pure, PLACES[place]) == ours
+    shown = [message_of(which, tmp_path / "ours", pure) for which in (sys.executable, python)]
+    assert shown[0] == shown[1]
+
+
+def message_of(python: str, folder: Path, packages: Path) -> str:
+    """What a generated class holds and takes there. posix_ipc is compiled for one Python, and no region is opened."""
+    code = """
+import sys, types
+sys.modules["posix_ipc"] = types.SimpleNamespace(Semaphore=None, Error=OSError, ExistentialError=OSError)
+from shm_msgs.demo_msgs.msg import Robot
+made = Robot(wide="\u00fc")
+print(made, bytes(made).hex())
+try:
+    made.start[1] = "x"
+except Exception as error:
+    print(error)
+"""
+    paths = f"{folder / 'generated' / 'python'}:{REPOSITORY / 'src'}:{packages}"
+    environment = {**os.environ, "PYTHONPATH": paths, "PYTHONDONTWRITEBYTECODE": "1", "SHMGEN_PURE": "1"}
+    command = [python, "-X", "utf8", "-c", code]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    return done.stdout

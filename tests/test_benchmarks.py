@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -40,3 +41,13 @@ def test_a_benchmark_runs(name: str) -> None:
     assert process.returncode == 0, said
     assert re.search(r"\d", said), said
     assert not list(Path("/dev/shm").glob(f"*benchmark_{process.pid}*"))
+
+
+def test_the_page_shows_a_whole_output_or_one_paragraph() -> None:
+    with_tables = runpy.run_path(str(REPOSITORY / "benchmarks" / "run.py"))["with_tables"]
+    page = "<!-- bench: a -->\nold\n<!-- end -->\n<!-- bench: b 56 bytes -->\nold\n<!-- end -->\n"
+    made = with_tables(page, {"a": "one\n\ntwo", "b": "first\n\n56 bytes at\n  7\n\n320 bytes"})
+    assert made == (
+        "<!-- bench: a -->\n```\none\n\ntwo\n```\n<!-- end -->\n"
+        "<!-- bench: b 56 bytes -->\n```\n56 bytes at\n  7\n```\n<!-- end -->\n"
+    )

@@ -14,6 +14,7 @@ import pytest
 
 from .conftest import REPOSITORY
 from .drift.test_check import ARM, ROBOT, SETTINGS, write
+from .support import import_or_skip
 from .support.command import run
 
 CMAKE = """cmake_minimum_required(VERSION 3.16)
@@ -46,6 +47,7 @@ int main(void) { printf("%zu\\n", sizeof(shm_demo_msgs_Robot)); return 0; }
 
 @pytest.mark.skipif(shutil.which("cmake") is None, reason="no cmake")
 @pytest.mark.parametrize("generator", ["Unix Makefiles", "Ninja"])
+@pytest.mark.family("[Unix Makefiles]")
 def test_cmake_generates_when_a_definition_changes(tmp_path: Path, generator: str) -> None:
     """From an installed interface package, as it lies below share/, one beside CMakeLists.txt, one far from both."""
     if generator == "Ninja" and shutil.which("ninja") is None:
@@ -120,7 +122,7 @@ def test_cmake_generates_when_a_definition_changes(tmp_path: Path, generator: st
 
 
 def test_generated_python_is_a_package_of_its_own(tmp_path: Path) -> None:
-    pytest.importorskip("hatchling")
+    import_or_skip("hatchling")
     write(tmp_path, {"shmgen.toml": 'messages = ["std_msgs/Bool"]\ndistribution = "robot-shm 1.2.0"\n'})
     assert run(["generate", "-q"], tmp_path).code == 0
     assert run(["check"], tmp_path).code == 0
@@ -135,3 +137,64 @@ def test_generated_python_is_a_package_of_its_own(tmp_path: Path) -> None:
     code = "from shm_msgs.std_msgs.msg import Bool, BoolPublisher; print(Bool(data=True))"
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
     assert (done.stdout, done.stderr) == ("Bool(data=True)\n", "")
+
+
+LIBRARY = """cmake_minimum_required(VERSION 3.20)
+project(robot_shm C)
+find_package(shmgen REQUIRED)
+shmgen_generate(robot_messages INSTALL TARGETS c python)
+shmgen_library(robot_messages INSTALL)
+"""
+DECLARED = """
+typedef struct { const char *name, *group; uint64_t digest; uint32_t size, mode, sequence, reserved; } shmgen_type;
+extern size_t shmgen_sizeof_publisher;
+int shmgen_publisher_open(void *self, const char *topic, const shmgen_type *type, const void *options);
+int shmgen_publisher_write(void *self, const void *message, size_t size, int64_t limit);
+void shmgen_publisher_close(void *self);
+const char *shmgen_status_text(int status);
+"""
+
+
+@pytest.mark.skipif(shutil.which("cmake") is None, reason="no cmake")
+def test_a_language_that_is_not_c_links_the_library(tmp_path: Path, topic: str) -> None:
+    """Python through cffi, which knows of the library what is declared here and nothing of the headers."""
+    cffi = import_or_skip("cffi", reason="no cffi: pip install cffi")
+    settings = 'messages = ["demo_msgs/Robot"]\npath = ["msgs"]\n'
+    write(tmp_path, {"CMakeLists.txt": LIBRARY, "shmgen.toml": settings, "msgs/demo_msgs/msg/Robot.msg": "int32 a\n"})
+    build, prefix = tmp_path / "build", tmp_path / "installed"
+    (tmp_path / "shmgen").write_text(f'#!/bin/sh\nexec {sys.executable} -m shmgen "$@"\n')
+    (tmp_path / "shmgen").chmod(0o755)
+    where = [f"-Dshmgen_DIR={REPOSITORY / 'src' / 'shmgen' / 'cmake'}", f"-DCMAKE_INSTALL_PREFIX={prefix}"]
+    where += [f"-DSHMGEN_EXECUTABLE={tmp_path / 'shmgen'}", "-DCMAKE_INSTALL_LIBDIR=lib"]
+    for command in (["-S", tmp_path, "-B", build, *where], ["--build", build], ["--install", build]):
+        done = subprocess.run(["cmake", *map(str, command)], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
+    assert (prefix / "lib" / "libshmgen.a").is_file()
+    if shutil.which("pkg-config"):
+        environment = {**os.environ, "PKG_CONFIG_PATH": str(prefix / "lib" / "pkgconfig")}
+        ask = ["pkg-config", "--cflags", "--libs", "shmgen"]
+        done = subprocess.run(ask, env=environment, capture_output=True, text=True, check=True)
+        assert done.stdout.split() == [f"-I{prefix}/include", f"-L{prefix}/lib", "-lshmgen"]
+    symbols = subprocess.run(
+        ["nm", "-D", "--defined-only", prefix / "lib/libshmgen.so"], capture_output=True, text=True, check=True
+    )
+    assert {line.split()[-1].partition("@")[0][:7].lower() for line in symbols.stdout.splitlines()} == {"shmgen_"}
+
+    ffi = cffi.FFI()
+    ffi.cdef(DECLARED)
+    library = ffi.dlopen(str(prefix / "lib" / "libshmgen.so"))
+    sys.path.insert(0, str(build / "robot_messages" / "python"))
+    try:
+        from shm_msgs.demo_msgs.msg import Robot, RobotSubscriber
+    finally:
+        del sys.path[0]
+    name = ffi.new("char[]", b"demo_msgs/msg/Robot")
+    type_ = ffi.new("shmgen_type *", {"name": name, "digest": Robot._digest_, "size": Robot._size_})
+    publisher = ffi.new("char[]", library.shmgen_sizeof_publisher)
+    assert library.shmgen_publisher_open(publisher, topic.encode(), type_, ffi.NULL) == 0
+    with RobotSubscriber(topic) as subscriber:
+        message = ffi.from_buffer(bytes(Robot(a=7)))
+        status = library.shmgen_publisher_write(publisher, message, len(message), 0)
+        assert ffi.string(library.shmgen_status_text(status)) == b"done"
+        assert subscriber.wait(30).a == 7
+    library.shmgen_publisher_close(publisher)

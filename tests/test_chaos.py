@@ -20,18 +20,13 @@ def play(*arguments: str) -> subprocess.CompletedProcess[str]:
 @pytest.mark.skipif(shutil.which("g++") is None, reason="no g++: apt-get install g++")
 def test_killed_at_any_instant_nothing_is_torn_lost_or_stuck() -> None:
     """The limit is wide here, where other tests take the processors; `make chaos` holds 1.2 s."""
-    result = play("--seconds", "15", "--limit", "10")
+    result = play("--seconds", "4", "--limit", "10")
     assert result.returncode == 0, result.stdout + result.stderr
     assert "nothing torn, nothing lost, nobody stuck, nothing left over" in result.stdout
 
 
-LONG = ("not_cleared",)
-"""Faults that take a minute to show."""
-
-
-@pytest.mark.parametrize(
-    "fault", [pytest.param(fault, marks=[pytest.mark.slow] if fault in LONG else []) for fault in PLANTED]
-)
+@pytest.mark.parametrize("fault", PLANTED)
+@pytest.mark.family("[one_look]")
 def test_a_planted_fault_is_found(fault: str) -> None:
     result = play("--seconds", "120", "--fault", fault)
     assert result.returncode == 1, result.stdout + result.stderr

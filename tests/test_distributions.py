@@ -17,7 +17,7 @@ import pytest
 
 from shmgen.config import Config
 from shmgen.generator import pipeline, render
-from shmgen.generator.templates import compiled
+from shmgen.generator.templates import compile_templates
 
 from .conftest import REPOSITORY
 
@@ -112,7 +112,7 @@ def test_links_of_the_readme_lead_to_the_repository(monkeypatch: pytest.MonkeyPa
 def test_the_extension_is_compiled_for_no_other_python(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, of: object, name: str, value: object
 ) -> None:
-    compiled = hook().compiled
+    compiled = hook().build_extension
     monkeypatch.delenv("SHMGEN_PURE", raising=False)
     with monkeypatch.context() as there:
         there.setattr(of, name, value)
@@ -129,15 +129,15 @@ def test_a_wheel_needs_no_text_of_its_templates_and_no_jinja(tmp_path: Path, mon
     templates = tmp_path / "templates"
     shutil.copytree(render.template_folder(), templates, ignore=shutil.ignore_patterns("*.j2"))
     monkeypatch.setattr(render, "template_folder", lambda: templates)
-    monkeypatch.setattr(render, "_printers", render._printers.__wrapped__)
+    monkeypatch.setattr(render, "_renderers", render._renderers.__wrapped__)
     monkeypatch.setenv("SHMGEN_NO_CACHE", "1")
     monkeypatch.setitem(sys.modules, "jinja2", None)
     monkeypatch.delitem(sys.modules, "shmgen.generator.templates", raising=False)
     with pytest.raises((ImportError, KeyError)):
         pipeline.generate(pose, pose.messages)
-    printers = ModuleType(render.BUILT)
+    printers = ModuleType(render.RENDERERS_MODULE)
     exec(Path(made).read_text(), vars(printers))
-    monkeypatch.setitem(sys.modules, render.BUILT, printers)
+    monkeypatch.setitem(sys.modules, render.RENDERERS_MODULE, printers)
     assert pipeline.generate(pose, pose.messages) == texts
 
 
@@ -147,7 +147,7 @@ def test_a_wheel_needs_no_text_of_its_templates_and_no_jinja(tmp_path: Path, mon
 def test_a_template_with_logic_is_not_compiled(tmp_path: Path, text: str) -> None:
     (tmp_path / "a.j2").write_text(text)
     with pytest.raises(ValueError, match="a template holds "):
-        compiled(tmp_path)
+        compile_templates(tmp_path)
 
 
 def test_a_template_in_python_prints_what_stands_there(tmp_path: Path) -> None:
@@ -156,13 +156,15 @@ def test_a_template_in_python_prints_what_stands_there(tmp_path: Path) -> None:
     text = "'\"\"\"{ñ}\\n\t{{ '{{' }}{% if view.no %}no{% else %}yes{% endif %}" + loops
     (tmp_path / "a.j2").write_text(text)
     scope: dict[str, Any] = {}
-    exec(compiled(tmp_path), scope)
+    exec(compile_templates(tmp_path), scope)
     view = SimpleNamespace(no="", a=[SimpleNamespace(b=[1, 2], c="c"), SimpleNamespace(b=[], c="d")])
     assert scope["PRINTERS"]["a.j2"](view) == '\'"""{ñ}\\n\t{{yes12cd'
 
 
-def test_generated_code_without_it_says_what_it_needs() -> None:
+def test_generated_code_without_it_says_what_it_needs(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "shmgen", "generate", "-q", "-t", "python", "std_msgs/Bool"]
+    subprocess.run(command, cwd=tmp_path, check=True)
     code = "import sys; sys.path[:0] = ['generated/python']; import shm_msgs.std_msgs.msg"
-    done = subprocess.run([sys.executable, "-I", "-S", "-c", code], capture_output=True, text=True, cwd=REPOSITORY)
+    done = subprocess.run([sys.executable, "-I", "-S", "-c", code], capture_output=True, text=True, cwd=tmp_path)
     said = "shm_msgs needs shmgen: install shmgen, or shmgen-runtime alone, into this Python"
     assert done.stderr.splitlines()[-1] == f"ModuleNotFoundError: {said}"

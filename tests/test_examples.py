@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from .conftest import REPOSITORY
-from .support import rclcpp, ros1, ros2
+from .support import import_or_skip, rclcpp, ros1, ros2
 
 SAYS = {
     "moving_pose": "400 poses crossed",
@@ -78,7 +78,9 @@ def test_without_the_stand_in_for_a_plc_no_demo_ends_in_a_traceback() -> None:
         said = (
             "pip install blark\n" if ".venv/ros1" not in done.stderr and "no ROS 1" not in done.stderr else "makes it\n"
         )
-        assert done.stderr.endswith((said, "Debian's\n", "/setup.bash\n", "[ros2]'\n")), done.stderr
+        assert done.stderr.endswith((said, "Debian's\n", "/setup.bash\n", "[ros2]'\n", "g++ is not installed\n")), (
+            done.stderr
+        )
 
 
 BUILT = {"ros2_cpp": "rclcpp", "ros2_control": "hardware_interface"}
@@ -92,11 +94,12 @@ SLOW = {"ros1_cpp", *BUILT}  # roscpp and rclcpp take their time to compile
         for example in sorted(set(SAYS) - APART)
     ],
 )
+@pytest.mark.family("[moving_pose]", "[robot_task]")
 def test_example(example: str) -> None:
     if example != "moving_pose" and not shutil.which("g++"):
         pytest.skip("no g++: apt-get install g++")
     for module in ASKS.get(example, ()):
-        pytest.importorskip(module.replace("-", "_"), reason=f"no {module} for this Python")
+        import_or_skip(module.replace("-", "_"), reason=f"no {module} for this Python")
     if example == "bridge_ros2":
         ros2.prefix("jazzy")  # or skips
     if example in ("bridge_ros1", "ros1_cpp"):
@@ -121,7 +124,7 @@ def test_what_is_lost_between_two_machines_is_counted(backend: str, rate: int) -
     """With ros2 so fast that a cut costs more than DDS keeps."""
     python = ros2.prefix("jazzy") / "bin" / "python" if backend == "ros2" else sys.executable
     if backend == "dds":
-        pytest.importorskip("cyclonedds")
+        import_or_skip("cyclonedds")
     command = [sys.executable, REPOSITORY / "examples" / "two_machines" / "demo.py"]
     words = ["--backend", backend, "--rate", str(rate), "--python", str(python)]
     result = subprocess.run([*command, *words], capture_output=True, text=True, check=False, timeout=240)

@@ -37,6 +37,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @given(real)
 @settings(careless, max_examples=800)
+@pytest.mark.slow
 def test_real_files_that_were_damaged(folder: Path, fuzzed: Fuzzed) -> None:
     with within(SECONDS):
         read(fuzzed, folder)
@@ -44,6 +45,7 @@ def test_real_files_that_were_damaged(folder: Path, fuzzed: Fuzzed) -> None:
 
 @given(made)
 @settings(careless, max_examples=400)
+@pytest.mark.slow
 def test_files_made_from_a_grammar(folder: Path, fuzzed: Fuzzed) -> None:
     with within(SECONDS):
         read(fuzzed, folder)
@@ -73,6 +75,7 @@ def assert_well_formed(texts: dict[str, str]) -> None:
 
 
 @pytest.mark.parametrize("kind", foreign.KINDS)
+@pytest.mark.family("[mcap]", "[st]")
 def test_files_of_others_that_were_damaged(kind: str) -> None:
     readable, _, failed = run_foreign(kind, 1)
     assert (readable > 0, failed) == (True, [])

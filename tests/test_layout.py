@@ -55,7 +55,7 @@ def test_slots_tile_the_message(schema: Schema, options: TypeOptions) -> None:
         end = 0
         for slot in layout.slots:
             assert slot.offset == end
-            assert slot.offset % slot.align == 0
+            assert slot.offset % min(slot.align, layout.message.pack) == 0
             end += slot.size
         assert end == layout.size
         assert layout.size % layout.align == 0
@@ -73,10 +73,7 @@ def test_ctypes_agrees_and_values_survive(tmp_path: Path, schema: Schema, option
         kind, _, _ = classes(tmp_path, package, name)
         assert_same_bytes(kind, layout)
         message = random_message(layout, layouts, random.Random(seed))
-        buffer = bytearray(layout.size)
-        late: list[tuple[int, int, memoryview]] = []
-        kind._encode(message, buffer, 0, late)
-        assert plain(kind.from_buffer_copy(buffer)) == plain(message)
+        assert plain(kind._from_object(message)) == plain(message)
         rebuilt = kind(**{field: getattr(message, field) for field in plain_fields(layout)})
         assert {field: plain(getattr(rebuilt, field)) for field in plain_fields(layout)} == {
             field: plain(getattr(message, field)) for field in plain_fields(layout)
@@ -157,7 +154,7 @@ def test_a_name_without_room_in_the_header_is_refused() -> None:
     with pytest.raises(Rejected) as rejected:
         layouts_of(empty(name))
     (found,) = rejected.value.diagnostics
-    assert (found.code, found.message) == ("SHM202", f"{name} is longer than the 95 bytes a region has for it")
+    assert (found.code, found.message) == ("SHM202", f"{name} has more than 95 bytes, the limit of a type name")
 
 
 def empty(name: TypeName) -> Schema:
@@ -175,7 +172,10 @@ def test_a_region_of_just_the_size_allowed() -> None:
 
 VALUES = [
     (Field("a", Sequence(Scalar.INT8, 3), "", Span("one.msg"), default=(1, 2, 3)), ""),
-    (Field("a", Sequence(Scalar.INT8, 2), "", Span("one.msg"), default=(1, 2, 3)), "the default has 3 elements, the"),
+    (
+        Field("a", Sequence(Scalar.INT8, 2), "", Span("one.msg"), default=(1, 2, 3)),
+        "the default has 3 elements, but the",
+    ),
     (Field("a", String(3), "", Span("one.msg"), default="abc"), ""),
     (Field("a", String(2), "", Span("one.msg"), default="abc"), "'abc' is longer than its bound"),
     (Field("a", String(3), "", Span("one.msg"), default="\N{SNOWMAN}"), "'\N{SNOWMAN}' cannot be written in latin-1"),

@@ -65,6 +65,7 @@ FLOODS = {
 
 
 @pytest.mark.parametrize(("line", "code", "told"), FLOODS.values(), ids=FLOODS)
+@pytest.mark.family("[open sequences]")
 def test_a_flood_of_one_mistake(line: str, code: str, told: int, tmp_path: Path) -> None:
     many = MANY // 2 if line.count("\n") > 1 else MANY
     findings = refused(tmp_path, {"Foo": "".join(line.format(number) for number in range(many))})

@@ -18,7 +18,7 @@ from shmgen.generator import pipeline
 from shmgen.targets.c.names import struct_name
 
 from .conftest import REPOSITORY
-from .support.build import classes, put
+from .support.build import classes, committed_texts, put
 from .support.schemas import random_message
 
 MACHINES = {
@@ -41,7 +41,7 @@ def machine(request: pytest.FixtureRequest) -> tuple[str, tuple[str, ...]]:
 
 @pytest.fixture(scope="module")
 def config() -> Config:
-    """What generated/ holds: the committed set."""
+    """The repository's own shmgen.toml."""
     return load(REPOSITORY / "shmgen.toml", "shmgen.toml", Report())
 
 
@@ -71,9 +71,9 @@ def program(layouts: Layouts) -> str:
     return "\n".join(lines) + "\n"
 
 
-def headers() -> list[str]:
-    root = REPOSITORY / "generated" / "c"
-    return sorted(str(path.relative_to(root)) for path in root.rglob("*.h"))
+def headers() -> dict[str, str]:
+    """Return {path below c/: text} of the headers for the messages of the repository's own shmgen.toml."""
+    return {path[2:]: text for path, text in committed_texts().items() if path.endswith(".h")}
 
 
 def compiled(compiler: str, source: str, include: Path, target: Path) -> subprocess.CompletedProcess[str]:
@@ -84,15 +84,15 @@ def compiled(compiler: str, source: str, include: Path, target: Path) -> subproc
 def test_one_layout(machine: tuple[str, tuple[str, ...]], config: Config, layouts: Layouts, tmp_path: Path) -> None:
     compiler, emulator = machine
     binary = tmp_path / "layout"
-    result = compiled(compiler, program(layouts), REPOSITORY / "generated" / "c", binary)
+    put(headers(), tmp_path / "c")
+    result = compiled(compiler, program(layouts), tmp_path / "c", binary)
     assert result.returncode == 0, result.stderr
     package = f"shm_{compiler.partition('-')[0]}"
     texts = pipeline.generate(dataclasses.replace(config, package=package, targets=("python",)), config.messages)
     put(texts, tmp_path)
     kind, _, _ = classes(tmp_path, package, IMU)
     message = random_message(layouts[IMU], layouts, random.Random(4))
-    payload = bytearray(layouts[IMU].size)
-    kind._encode(message, payload, 0, [])
+    payload = kind._from_object(message)
     run = subprocess.run([*emulator, binary], input=bytes(payload), capture_output=True, check=True)
     *printed, values = run.stdout.decode().splitlines()
     wanted = []
@@ -113,12 +113,11 @@ def test_i386_needs_the_padding_and_the_packing(fault: str, layouts: Layouts, tm
     """What the headers protect from: i386 aligns double to 4, so a compiler's own layout is another one there."""
     if shutil.which("i686-linux-gnu-gcc") is None:
         pytest.skip("i686-linux-gnu-gcc is not installed")
-    for path in headers():
-        text = (REPOSITORY / "generated" / "c" / path).read_text()
-        text = re.sub(r"^.*\b_pad\d+\b.*\n", "", text, flags=re.MULTILINE)
+    for path, text in headers().items():
+        unpadded = re.sub(r"^.*\b_pad\d+\b.*\n", "", text, flags=re.MULTILINE)
         if fault.startswith("no packing"):
-            text = text.replace("#define SHMGEN_PACKED __attribute__((packed))", "#define SHMGEN_PACKED")
-        put({path: text}, tmp_path)
+            unpadded = unpadded.replace("#define SHMGEN_PACKED __attribute__((packed))", "#define SHMGEN_PACKED")
+        put({path: unpadded}, tmp_path)
     result = compiled("i686-linux-gnu-gcc", program_without_padding(layouts), tmp_path, tmp_path / "layout")
     assert "static assertion failed" in result.stderr
     if fault.startswith("no packing"):  # and x86-64 would never have shown it

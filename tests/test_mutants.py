@@ -5,6 +5,8 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
+import pytest
+
 from .conftest import REPOSITORY
 from .rigs.mutants import plan, unexplained
 from .support.mutation_worker import CODE, Worker
@@ -46,6 +48,7 @@ def test_every_survivor_that_is_explained_is_still_there() -> None:
     assert all(entry["why"] for entry in survivors)
 
 
+@pytest.mark.slow
 def test_a_mutant_is_killed_by_a_test_that_minds_it() -> None:
     test = ["tests/definitions/test_bounds.py"]
     minded, explained = (

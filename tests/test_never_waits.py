@@ -43,41 +43,41 @@ DEFINITIONS = {
     "demo_msgs/srv/Ask.srv": "uint32 a\n---\nuint32 b\n",
 }
 RECOVERS = (FCNTL, KILL, FCNTL)
-LOOKS = (STAT,)
-"""Whether the region's file is still there."""
+CHECKS = (STAT,)
+"""Whether the region's file is still there: once in REMOVED_MS."""
 C = {
-    ("try_publish", "usual"): Bound(450),
-    ("try_publish", "a reader sleeps"): Bound(500, (FUTEX,)),
-    ("try_publish", "the lock is held"): Bound(700),
-    ("try_publish", "the lock is held by a dead process"): Bound(850, RECOVERS),
+    ("try_publish", "usual"): Bound(450, CHECKS),
+    ("try_publish", "a reader sleeps"): Bound(500, (*CHECKS, FUTEX)),
+    ("try_publish", "the lock is held"): Bound(700, CHECKS),
+    ("try_publish", "the lock is held by a dead process"): Bound(900, (*CHECKS, *RECOVERS)),
     ("misfit", "usual"): Bound(120),
-    ("heartbeat", "usual"): Bound(110, LOOKS),
-    ("try_read", "nothing new"): Bound(90),
+    ("heartbeat", "usual"): Bound(180, CHECKS),
+    ("try_read", "nothing new"): Bound(180, CHECKS),
     ("try_read", "a new sample"): Bound(350),
     ("try_read", "a new sample, the lock is held"): Bound(350),
     ("try_read", "a new sample, being overwritten"): Bound(1600),
-    ("is_stale", "usual"): Bound(220, LOOKS),  # of one that is
+    ("is_stale", "usual"): Bound(220, CHECKS),  # of one that is
 }
 CALLS = {
-    ("send",): Bound(500),
-    ("poll",): Bound(80),
-    ("send", "take"): Bound(600, LOOKS),
-    ("send", "take", "reply"): Bound(750),
-    ("send", "take", "reply", "poll"): Bound(250),
-    ("take",): Bound(420, LOOKS),
+    ("send",): Bound(500, CHECKS),
+    ("poll",): Bound(200, CHECKS),
+    ("send", "take"): Bound(650, 2 * CHECKS),
+    ("send", "take", "reply"): Bound(750, CHECKS),
+    ("send", "take", "reply", "poll"): Bound(250, CHECKS),
+    ("take",): Bound(550, 2 * CHECKS),
 }
 """Of a service in C; the last call of each row is counted."""
 BLOCKS = {
-    ("publisher", "usual"): Bound(700),
-    ("publisher", "a reader sleeps"): Bound(750, (FUTEX,)),
-    ("publisher", "the lock is held"): Bound(900),
-    ("publisher", "the lock is held by a dead process"): Bound(1050, RECOVERS),
-    ("subscriber", "nothing new"): Bound(450),
+    ("publisher", "usual"): Bound(700, CHECKS),
+    ("publisher", "a reader sleeps"): Bound(750, (*CHECKS, FUTEX)),
+    ("publisher", "the lock is held"): Bound(900, CHECKS),
+    ("publisher", "the lock is held by a dead process"): Bound(1100, (*CHECKS, *RECOVERS)),
+    ("subscriber", "nothing new"): Bound(500, CHECKS),
     ("subscriber", "a new sample"): Bound(650),
     ("subscriber", "a new sample, the lock is held"): Bound(650),
     ("subscriber", "a new sample, being overwritten"): Bound(2100),
 }
-CALLING = Bound(1500, (STAT, FUTEX))
+CALLING = Bound(1500, (*2 * CHECKS, FUTEX))
 """One cycle of a block that calls or serves, wherever the call stands."""
 TRANSLATED = Bound(12_000)
 """Of Structured Text, compiled by the tests' own means and not optimised."""
@@ -177,6 +177,14 @@ def test_c_and_cpp(ends: Ends, topic: str, name: str, state: str) -> None:
     bounded(ends.count(name), C[name, state])
 
 
+@pytest.mark.parametrize("name", ["try_publish", "heartbeat", "try_read", "is_stale"])
+def test_the_file_is_checked_once_in_a_while(ends: Ends, name: str) -> None:
+    time.sleep((abi.REMOVED_MS + 20) / 1000)
+    found = [ends.count(name) for _ in range(20)]
+    assert found[0].calls == CHECKS
+    assert () in [one.calls for one in found[1:]]
+
+
 @pytest.mark.parametrize("ends", ["c"], indirect=True)
 @pytest.mark.parametrize("names", CALLS, ids=" ".join)
 def test_a_service_in_c(ends: Ends, names: tuple[str, ...]) -> None:
@@ -189,6 +197,7 @@ def test_a_service_in_c(ends: Ends, names: tuple[str, ...]) -> None:
 
 
 @pytest.mark.parametrize("language", ["c", "cpp"])
+@pytest.mark.slow
 def test_a_sleep_in_c_is_found(tmp_path: Path, topic: str, language: str) -> None:
     ends = Ends(compiled(tmp_path, SLEEP), language, topic)
     assert not C["try_publish", "usual"].holds(ends.count("try_publish"))
@@ -241,6 +250,7 @@ def opened(program: open_plc.Program, topic: str) -> tuple[dict[str, Any], list[
 
 
 @pytest.mark.parametrize(("name", "state"), BLOCKS)
+@pytest.mark.family("[openplc-v4-publisher-usual]")
 def test_blocks_of_open_plcs(program: open_plc.Program, topic: str, name: str, state: str) -> None:
     ends, _ = opened(program, topic)
     bring(state, topic, ends["publisher"])
@@ -262,10 +272,12 @@ def assert_that_it_opens(path: Path, topic: str) -> None:
         assert OPENS.issuperset(found.calls)
 
 
+@pytest.mark.family("openplc-v4")
 def test_no_cycle_in_which_a_block_opens_waits(program: open_plc.Program, topic: str) -> None:
     assert_that_it_opens(program.path, topic)
 
 
+@pytest.mark.family("openplc-v4")
 def test_calls_of_open_plcs(program: open_plc.Program, topic: str) -> None:
     """Three calls, the lock of the responses held in the last."""
     client, server = (
@@ -288,11 +300,13 @@ def test_calls_of_open_plcs(program: open_plc.Program, topic: str) -> None:
             bounded(cycle(block), CALLING)
 
 
+@pytest.mark.slow
 def test_no_cycle_looks_up_a_group(tmp_path: Path, topic: str) -> None:
     """Which may ask files, services and the network; the program has done so when it was loaded."""
     assert_that_it_opens(program_of(tmp_path, "beremiz", group="daemon").path, topic)
 
 
+@pytest.mark.slow
 def test_a_sleep_in_a_block_is_found(tmp_path: Path, topic: str) -> None:
     program = program_of(tmp_path, "beremiz", plant=SLEEP)
     ends, _ = opened(program, topic)

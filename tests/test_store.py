@@ -57,12 +57,14 @@ def test_list_says_what_stops_each_message() -> None:
     assert joint_state.unbounded[0] == "sensor_msgs/JointState.name"
 
 
-DISTRIBUTIONS = re.findall(r"^\| (\w+) \| (\d+) generated", (REPOSITORY / "docs" / "ros.md").read_text(), re.MULTILINE)
+DISTRIBUTIONS = re.findall(
+    r"^\| (\w+) \| (\d+) generated", (REPOSITORY / "docs" / "ros-wire.md").read_text(), re.MULTILINE
+)
 
 
 @pytest.mark.parametrize(("source", "count"), DISTRIBUTIONS)
 def test_every_definition_of_a_distribution_is_generated(source: str, count: str) -> None:
-    """As many as docs/ros.md says."""
+    """As many as docs/ros-wire.md says."""
     plain = Config(Path.cwd(), source=source.lower())
     names = [str(entry.name) for entry in pipeline.inventory(plain)]
     bounds = Bounds({}, {name.split("/")[0]: Bound(3, Span("shmgen.toml")) for name in names})

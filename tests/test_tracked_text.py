@@ -42,6 +42,15 @@ def tracked() -> dict[str, str]:
     return found
 
 
+def missing_headings(text: str) -> list[str]:
+    """Return the quoted headings, such as docs/protocol.md, "Write", that their page does not have."""
+    return [
+        f'{page}, "{heading}"'
+        for page, heading in re.findall(r'(docs/[\w-]+\.md),\s+(?:#\s+|\*\s+)?"([^"]+)"', text)
+        if not re.search(rf"^#+ {re.escape(heading)}$", (REPOSITORY / page).read_text(), re.MULTILINE)
+    ]
+
+
 def merges(text: str) -> list[str]:
     return MERGE.findall(text)
 
@@ -54,6 +63,12 @@ def places(text: str) -> list[str]:
 
 def days(text: str) -> list[str]:
     return DAY.findall(text)
+
+
+def test_each_quoted_heading_is_on_its_page() -> None:
+    page = "docs/protocol.md"
+    assert missing_headings(f'{page}, "Write" and {page},\n * "Writing"') == [f'{page}, "Writing"']
+    assert not [heading for text in tracked().values() for heading in missing_headings(text)]
 
 
 def test_no_marks_of_an_unfinished_merge() -> None:

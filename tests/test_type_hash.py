@@ -18,7 +18,7 @@ from shmgen.core.type_hash import TIMES, hash_of, service_hash, type_hash
 from shmgen.definitions import Sources, open_library
 from shmgen.generator import pipeline
 
-from .support import ros2
+from .support import import_or_skip, ros2
 
 OF_ROS_ITSELF = ("_Event", "_SendGoal", "_GetResult", "_FeedbackMessage")
 """What ROS 2 makes of services and actions besides the parts that a .srv or .action spells out."""
@@ -59,7 +59,7 @@ def test_what_ros_makes_of_an_action(distribution: str, monkeypatch: pytest.Monk
     goal, result, feedback = (
         closure(schema, parts[f"NestedMessage_{part}"]) for part in ("Goal", "Result", "Feedback")
     )
-    said = ros2_actions.Said(ActionWire("/a", goal, result, feedback))
+    said = ros2_actions.ActionInterface(ActionWire("/a", goal, result, feedback))
     halves = [half for service in (said.send, said.cancel, said.result) for half in (service.request, service.response)]
     ours = {str(wire[-1].name): type_hash(wire) for wire in (*halves, said.feedback.messages, said.status.messages)}
     ours |= {
@@ -75,7 +75,7 @@ def test_what_ros_makes_of_an_action(distribution: str, monkeypatch: pytest.Monk
     "name", ["Arrays", "BasicTypes", "BoundedSequences", "Nested", "UnboundedSequences", "WStrings"]
 )
 def test_the_same_of_its_idl(name: str, tmp_path: Path) -> None:
-    pytest.importorskip("lark")
+    import_or_skip("lark")
     folder = tmp_path / "test_msgs" / "msg"
     folder.mkdir(parents=True)
     for file in (ros2.prefix("jazzy") / "share" / "test_msgs" / "msg").glob("*.idl"):
@@ -86,7 +86,7 @@ def test_the_same_of_its_idl(name: str, tmp_path: Path) -> None:
 
 def test_words_that_only_idl_has(tmp_path: Path) -> None:
     """Against rosidl_generator_type_description itself."""
-    pytest.importorskip("lark")
+    import_or_skip("lark")
     file = tmp_path / "cell_msgs" / "msg" / "Words.idl"
     file.parent.mkdir(parents=True)
     file.write_text(

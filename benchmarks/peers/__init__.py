@@ -1,13 +1,13 @@
-"""Each way to send bytes between two processes, as a pair of functions: send(ns) and receive() -> ns or None.
+"""The libraries to compare, each as a function that returns the sender or the receiver of a stream of bytes.
 
-A way is `way(role, mode, size, name)`; it gives the one function that `role` ("send" or "receive") needs, for a
-message of `size` bytes that begins with a time in nanoseconds. `mode` is how the receiver waits: "spin" returns None
-at once, "event" sleeps until there is something, "poll" sleeps a millisecond between two looks.
+Each function has the form `way(role, mode, size, name)`. For the `role` "send", it returns `send(ns)`. For "receive",
+it returns `receive()`, which returns ns or None. A message has `size` bytes and begins with a time in nanoseconds.
+`mode` selects how the receiver waits: "spin" returns None at once, "event" sleeps until a message arrives, "poll"
+sleeps 1 ms between two checks.
 """
 
 from __future__ import annotations
 
-import ctypes
 import mmap
 import os
 import socket
@@ -23,14 +23,16 @@ import posix_ipc
 from publish import PosePublisher, PoseSubscriber
 
 from shmgen import runtime
-from shmgen.runtime import values
 
 from . import networks
 from .payload import POSE, STAMP, decoder, encoder, pose, touched
 
 
 def shmgen(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
-    """As generated: 56 bytes are a Pose from and into objects, more are a stamp and an array."""
+    """Return a sender or receiver that uses shmgen's generated classes.
+
+    A message of 56 bytes is a Pose, a larger message is a stamp and an array.
+    """
     publisher, subscriber = (PosePublisher, PoseSubscriber) if size == 56 else _block(size)
     topic = f"/{name}"
     if role == "send":
@@ -64,7 +66,7 @@ def shmgen(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
 
 
 def shmgen_in_place(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
-    """The same; the receiver looks at all of a sample where it lies."""
+    """Return a sender or receiver that uses shmgen's generated classes. The receiver reads the sample in the region."""
     if role == "send":
         return shmgen(role, mode, size, name)
     reader = _block(size)[1](f"/{name}")
@@ -82,9 +84,9 @@ def shmgen_in_place(role: str, mode: str, size: int, name: str) -> Callable[...,
 
 
 def by_hand(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
-    """What one would write in Python for exactly this: a lock, two slots, a word, an event posted to who waits.
+    """Return a sender or receiver in hand-written Python: a lock, two slots, a sequence number, an event semaphore.
 
-    Of what Python has, the quickest: the semaphore of multiprocessing, and `pack_into` straight into the map.
+    The code uses the fastest means of Python: the semaphore of multiprocessing, and `pack_into` directly into the map.
     """
     size_of = 4096 + 2 * size
     memory = posix_ipc.SharedMemory("/" + name, posix_ipc.O_CREAT, size=size_of)
@@ -139,17 +141,26 @@ def by_hand(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
 
 
 def udp(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
-    """The loopback; more than 32 KiB go in pieces, the last one counts."""
+    """Return a sender or receiver that uses UDP over the loopback.
+
+    Messages of more than 32 KiB are split, and the last piece completes the message.
+    """
     return _datagrams(role, mode, size, socket.AF_INET, ("127.0.0.1", 20000 + sum(name.encode()) * 31 % 20000))
 
 
 def unix(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
-    """The same over a socket of this machine, which tells a sender to wait where UDP would drop."""
+    """Return a sender or receiver that uses Unix datagrams.
+
+    If the queue is full, the sender waits, while UDP drops the datagram.
+    """
     return _datagrams(role, mode, size, socket.AF_UNIX, f"\0{name}")
 
 
 def _datagrams(role: str, mode: str, size: int, family: int, address: Any) -> Callable[..., Any]:
-    """One system call for each datagram: `settimeout` would ask first whether there is one, with another."""
+    """Return a sender or receiver that uses one system call for each datagram.
+
+    `settimeout` would add a system call before each receive.
+    """
     piece = min(size, 32768)
     plug = socket.socket(family, socket.SOCK_DGRAM)
     if role == "send":
@@ -193,7 +204,7 @@ WAYS: dict[str, Callable[..., Callable[..., Any]]] = {
 
 
 def _semaphore(name: str, value: int) -> SemLock:
-    """Both ends may come first."""
+    """Create the semaphore, or open it if the other process has created it."""
     try:
         return SemLock(1, value, 1, f"/{name}", False)
     except FileExistsError:
@@ -201,33 +212,23 @@ def _semaphore(name: str, value: int) -> SemLock:
 
 
 def _block(size: int) -> tuple[Any, Any]:
-    """A publisher and a subscriber of `uint64 stamp, uint8[size - 8] data`, as generated."""
-    late = size - 8 >= runtime.LATE_FROM
+    """Return publisher and subscriber classes of a message with a stamp and an array, like generated classes.
 
-    def encode(message: Any, into: bytearray, at: int, later: runtime.Late) -> None:
-        data = values.numbers(message.data, "B", 1, "data", exactly=size - 8)
-        STAMP.pack_into(into, at, message.stamp)
-        if late:
-            later.append((at + 8, size - 8, data))
-        else:
-            into[at + 8 : at + size] = data
-
-    fields = [("stamp", ctypes.c_uint64), ("_data", ctypes.c_uint8 * (size - 8))]
+    The message has the fields `uint64 stamp` and `uint8[size - 8] data`.
+    """
     body = {
-        "_pack_": 1,
-        "_fields_": fields,
-        "_names_": ("stamp", "data"),
-        "data": runtime.Elements(8, ctypes.c_uint8, size - 8),
         "_type_name_": "benchmark/msg/Block",
         "_digest_": size,
-        "_encode": staticmethod(encode),
+        "_table_version_": 1,
+        "_size_": size,
+        "_steps_": (("stamp", "uint64", 0, 8), ("data", "uint8", 8, 1, size - 8)),
     }
     kind = type("Block", (runtime.Message,), body)
     return tuple(type("Side", (side,), {"message_type": kind}) for side in (runtime.Publisher, runtime.Subscriber))
 
 
 def remove(name: str) -> None:
-    """What a run leaves in /dev/shm."""
+    """Remove the files of a run from /dev/shm."""
     for file in os.listdir("/dev/shm"):
         if name in file:
             os.unlink(f"/dev/shm/{file}")

@@ -1,7 +1,8 @@
-// What generated C++ does, for latency.py and cpp.py: the program generates nothing, shmgen does (-t cpp).
+// Measures the C++ that shmgen generates (-t cpp), for latency.py and cpp.py.
 //
-//   cpp spin|event SIZE RATE SECONDS [1]  prints "age" of each sample received, ns, and then percent of a core; 1: read in place
-//   cpp publish ROUNDS                    prints ns a call, a line for each round: see cpp.py
+//   cpp spin|event SIZE RATE SECONDS [1]  prints the age of each sample in ns, then the CPU in percent of a core;
+//                                         1: read in place
+//   cpp publish ROUNDS                    prints ns per call, one line for each round: see cpp.py
 #include "shm_msgs/bench_msgs/msg/block320.hpp"
 #include "shm_msgs/bench_msgs/msg/block56.hpp"
 #include "shm_msgs/bench_msgs/msg/mebibyte.hpp"
@@ -54,7 +55,7 @@ template <class Block> int one_way(bool event, double rate, double seconds, bool
     auto own = std::make_unique<Block>();
     const std::uint64_t began = now();
     std::uint64_t last = began;
-    // One that spins looks at the clock now and then only, as the floor does not look at it at all.
+    // A spinning reader reads the clock only every 65536 polls, because the baseline never reads the clock.
     for (unsigned looks = 1; (!event && looks % 65536 != 0) || now() - last < 300000000u; looks++) {
         if (event && !subscriber.ready(std::chrono::milliseconds(100)))
             continue;

@@ -1,6 +1,6 @@
-/* The floor in C: two slots and a word in shared memory, the reader spinning on it or waiting for a semaphore.
+/* The baseline in C: two slots and a sequence number in shared memory. The reader spins or waits for a semaphore.
  *
- *   floor spin|event SIZE RATE SECONDS      prints "age CPU" of each sample received, ns and then percent of a core
+ *   floor spin|event SIZE RATE SECONDS      prints the age of each sample in ns, then the CPU in percent of a core
  */
 #define _GNU_SOURCE
 #include <semaphore.h>

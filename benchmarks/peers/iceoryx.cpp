@@ -1,8 +1,8 @@
-// iceoryx, as Debian has it (libiceoryx-posh-dev), for latency.py: filled where it is loaned, read where it lies.
+// Measures Debian's iceoryx (libiceoryx-posh-dev) for latency.py. Samples are written and read in place.
 //
-//   iceoryx spin|event SIZE RATE SECONDS  prints "age" of each sample received, ns, and then percent of a core
+//   iceoryx spin|event SIZE RATE SECONDS  prints the age of each sample in ns, then the CPU in percent of a core
 //
-// Its daemon RouDi is a process of this program.
+// This program starts the daemon RouDi of iceoryx as its own child process.
 #include "iceoryx_hoofs/log/logmanager.hpp"
 #include "iceoryx_posh/internal/roudi/roudi.hpp"
 #include "iceoryx_posh/popo/publisher.hpp"
@@ -46,7 +46,7 @@ std::uint64_t now()
 
 [[noreturn]] void serve()
 {
-    (void)!std::freopen("/dev/null", "w", stdout); // it says that it is ready
+    (void)!std::freopen("/dev/null", "w", stdout); // RouDi prints that it is ready
     iox::mepoo::MePooConfig pools;
     pools.addMemPool({128, 64});
     pools.addMemPool({1024, 64});
@@ -126,7 +126,7 @@ template <class Block> int one_way(bool event, double rate, double seconds)
     std::fflush(stdout);
     kill(daemon, SIGKILL);
     waitpid(daemon, nullptr, 0);
-    _exit(result); // its runtime would say goodbye to a daemon that is gone
+    _exit(result); // skips the runtime's destructor, which would contact the ended daemon
 }
 
 } // namespace

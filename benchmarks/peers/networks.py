@@ -1,4 +1,7 @@
-"""Peers from PyPI as ways to send bytes, as peers/__init__.py says; each is imported only where it is used."""
+"""Libraries from PyPI to compare, as functions like the functions in peers/__init__.py.
+
+A library is imported only when its function is called.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +16,10 @@ from .payload import Pose, block, decoder, encoder, filler, touched
 
 
 def iceoryx2(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
-    """A structure, filled where it is loaned and read where it lies; in event mode its event service wakes who waits.
+    """Return a sender or receiver that uses iceoryx2 with a structure, which is written and read in place.
 
-    Of more than 4096 bytes the receiver looks at all, as beside `borrow()`.
+    In event mode, iceoryx2's event service wakes the receiver. The receiver reads all bytes of a sample of more than
+    4096 bytes, for comparison with `borrow()`.
     """
     import iceoryx2 as iox
 
@@ -23,7 +27,7 @@ def iceoryx2(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
     kind = Pose if size == 56 else block(size)
     node = iox.NodeBuilder.new().create(iox.ServiceType.Ipc)
     service = node.service_builder(iox.ServiceName.new(name)).publish_subscribe(kind)
-    service = service.subscriber_max_buffer_size(1).open_or_create()  # the newest, as all others have it
+    service = service.subscriber_max_buffer_size(1).open_or_create()  # the newest sample only, like all other ways
     event = node.service_builder(iox.ServiceName.new(name)).event().open_or_create()
     if role == "send":
         publisher = service.publisher_builder().create()
@@ -60,7 +64,7 @@ def iceoryx2(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
 
 
 def cyclonedds(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
-    """A sequence of octets, best effort, keep last 1."""
+    """Return a sender or receiver that uses DDS with a sequence of octets and the QoS best effort, keep last 1."""
     from dataclasses import dataclass
 
     from cyclonedds.core import ReadCondition, SampleState, ViewState, WaitSet
@@ -89,14 +93,17 @@ def cyclonedds(role: str, mode: str, size: int, name: str) -> Callable[..., Any]
     def receive() -> int | None:
         if mode == "event":
             waiter.wait(duration(seconds=1))
-        taken = [sample for sample in reader.take(1) if isinstance(sample, Sample)]
-        return decode(bytes(taken[0].data)) if taken else None
+        samples = [sample for sample in reader.take(1) if isinstance(sample, Sample)]
+        return decode(bytes(samples[0].data)) if samples else None
 
     return receive
 
 
 def zenoh(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
-    """Two peers that know each other's address, since the loopback has no multicast; its own thread receives."""
+    """Return a sender or receiver that uses a zenoh peer. Zenoh's own thread receives.
+
+    The two peers have fixed addresses, because the loopback has no multicast.
+    """
     import zenoh as z
 
     config = z.Config()
@@ -125,7 +132,7 @@ def zenoh(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
 
 
 def pyzmq(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
-    """PUSH and PULL over a Unix socket."""
+    """Return a sender or receiver that uses PUSH and PULL sockets over a Unix socket."""
     import zmq
 
     context = zmq.Context()
@@ -150,7 +157,7 @@ def pyzmq(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
 
 
 def modbus(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
-    """The sender writes holding registers over TCP; the receiver is the server, told of each write."""
+    """Return a sender that writes holding registers over TCP, or the server that receives each write."""
     from pymodbus import client
 
     port = 40000 + sum(name.encode()) * 31 % 20000
@@ -193,7 +200,7 @@ def _modbus_server(port: int, size: int) -> Callable[[], int | None]:
 
 
 def opcua(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
-    """The sender writes a byte string into the server's variable; the server is the receiver, told of each write."""
+    """Return a sender that writes a byte string to an OPC UA server, or the server that receives each write."""
     from asyncua import Client, Server, ua
 
     url = f"opc.tcp://127.0.0.1:{40000 + sum(name.encode()) * 37 % 20000}"

@@ -1,4 +1,4 @@
-"""The time in the bytes of a message, for peers that carry bytes: the least that a user would do too."""
+"""Encodes and decodes the messages for libraries that transfer bytes, with the least work that a user needs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ POSE = struct.Struct("<7d")
 
 
 class Pose(ctypes.LittleEndianStructure):
-    """56 bytes, where a peer has messages of its own; `x` carries the stamp."""
+    """A message of 56 bytes for libraries with typed messages. `x` contains the stamp."""
 
     _pack_ = 1
     _fields_ = (("x", ctypes.c_double), ("others", ctypes.c_double * 6))
@@ -24,13 +24,13 @@ class Pose(ctypes.LittleEndianStructure):
 
 @functools.cache
 def block(size: int) -> Any:
-    """What all others are."""
+    """Return the structure of a message that is not a Pose: a stamp and an array, `size` bytes in total."""
     body = {"_pack_": 1, "_fields_": (("stamp", ctypes.c_uint64), ("data", ctypes.c_uint8 * (size - 8)))}
     return type("Block", (ctypes.LittleEndianStructure,), body)
 
 
 def filler(size: int) -> Callable[[Any, int], None]:
-    """From an object with ROS's attributes straight into such a structure, wherever it lies."""
+    """Return a function that writes a message with a stamp directly into a structure in memory."""
     if size == 56:
         message = pose()
 
@@ -50,7 +50,7 @@ def filler(size: int) -> Callable[[Any, int], None]:
 
 
 def encoder(size: int) -> Callable[[int], bytes]:
-    """From an object with ROS's attributes: 56 bytes are a Pose, more are a stamp and what follows."""
+    """Return a function that encodes a message with a stamp: a Pose for 56 bytes, otherwise a stamp and an array."""
     if size != 56:
         block = SimpleNamespace(stamp=0, data=bytes(size - 8))
 
@@ -70,7 +70,7 @@ def encoder(size: int) -> Callable[[int], bytes]:
 
 
 def decoder(size: int) -> Callable[[bytes], int]:
-    """Into a message object, of which the stamp is read; 1 MiB stays the bytes that came, without a second copy."""
+    """Return a function that decodes a message and returns its stamp. 1 MiB stays as bytes, without a second copy."""
     if size == 320:
         kind = block(size)
         return lambda data: int(kind.from_buffer_copy(data).stamp)
@@ -80,13 +80,13 @@ def decoder(size: int) -> Callable[[bytes], int]:
 
 
 def touched(data: Any) -> None:
-    """Looks at all bytes where they lie, eight at a time, as a program does that uses them."""
+    """Read all bytes of a sample in place, eight at a time, like a program that uses the bytes."""
     import numpy
 
     numpy.frombuffer(data, numpy.uint64).max()
 
 
 def pose() -> Any:
-    """As a message of rclpy, without rclpy."""
+    """Return a Pose with the attributes of an rclpy message, without rclpy."""
     turn = SimpleNamespace(x=0.0, y=0.0, z=0.0, w=1.0)
     return SimpleNamespace(position=SimpleNamespace(x=0.0, y=2.0, z=3.0), orientation=turn)

@@ -1,4 +1,4 @@
-"""An alarm list of a PLC on /diagnostics: raised, cleared, acknowledged; kept while the bridge is away, or the PLC."""
+"""Shows a PLC's alarm list on /diagnostics: raised, cleared, acknowledged, kept while the bridge is away."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SEEN, UNSEEN, GONE = "acknowledged", "not acknowledged", "gone, not acknowledged
 
 
 def main() -> int:
-    """0; a picture of the alarms that does not come ends it with an error."""
+    """Run the demo and return 0. Raises SystemExit if an expected state of the alarms does not arrive."""
     with cell(HERE, "blark", "cyclonedds") as here:
         os.environ.setdefault("CYCLONEDDS_URI", LOOPBACK)
         here.generate()

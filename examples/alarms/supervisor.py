@@ -1,4 +1,4 @@
-"""A ROS 2 node's side of the alarms, as a DDS participant: hears both pictures, acknowledges. Knows of no PLC."""
+"""A supervisor in ROS 2, as a DDS participant: reads both alarm topics and acknowledges alarms. No shmgen code."""
 
 import os
 import time
@@ -12,7 +12,7 @@ from cyclonedds.qos import Policy, Qos
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
-XCDR1 = Policy.DataRepresentation(use_cdrv0_representation=True)  # ROS 2 asks for it and offers nothing else
+XCDR1 = Policy.DataRepresentation(use_cdrv0_representation=True)  # the only representation that ROS 2 uses
 RELIABLE = Policy.Reliability.Reliable(1_000_000_000)
 KEPT = Qos(XCDR1, RELIABLE, Policy.Durability.TransientLocal, Policy.History.KeepLast(1))
 PLAIN = Qos(XCDR1, RELIABLE, Policy.History.KeepLast(10))
@@ -68,7 +68,7 @@ class Alarm(IdlStruct, typename="ros2_medkit_roxsie_msgs::msg::dds_::Alarm_"):
     alarm_id_: uint32
     source_: str
     alarm_class_: str
-    priority_: byte  # rosidl declares uint8 to DDS as octet
+    priority_: byte  # rosidl maps uint8 to the DDS type octet
     producer_: str
     active_: bool
     acknowledged_: bool
@@ -94,7 +94,7 @@ class UInt8(IdlStruct, typename="std_msgs::msg::dds_::UInt8_"):
 
 
 class Supervisor:
-    """Waits until both pictures of the alarms say the same, {name: message}, and acknowledges one."""
+    """Receives both alarm topics, and acknowledges alarms."""
 
     def __init__(self) -> None:
         self.node = node = DomainParticipant(int(os.environ.get("ROS_DOMAIN_ID", "0")))
@@ -105,11 +105,14 @@ class Supervisor:
         self.alarms: list[Alarm] = []
 
     def until(self, wanted: dict[str, str], seconds: float = 30.0) -> float:
-        """Seconds until the pictures were this. Raises SystemExit."""
+        """Wait until both alarm topics report the alarms `wanted`, {name: message}. Return the seconds waited.
+
+        Raises SystemExit if the state does not arrive in time.
+        """
         begun = time.monotonic()
         while time.monotonic() - begun < seconds:
             for picture in self.diagnostics.take(10):
-                if isinstance(picture, DiagnosticArray):  # and not that its writer has left
+                if isinstance(picture, DiagnosticArray):  # not a notice that the writer has left
                     self.last = {one.name_: one.message_ for one in picture.status_}
             for alarms in self.lists.take(10):
                 if isinstance(alarms, AlarmList):
@@ -120,7 +123,7 @@ class Supervisor:
         raise SystemExit(f"{seconds:g} s, and the pictures are {self.last} and {self.alarms}, not {wanted}")
 
     def acknowledge(self, alarm: int) -> None:
-        """By its number."""
+        """Acknowledge the alarm of this number."""
         self.acknowledged.write(UInt8(alarm))
 
 

@@ -1,5 +1,5 @@
-// A controller of six axes at 1 kHz, as the hardware interface of a robot has one: reset, enable, move, disable. It stops
-// commanding motion when the PLC falls silent, and begins with a reset when it is back.
+// A controller of six axes at 1 kHz, like the hardware interface of a robot: reset, enable, move, disable. It stops
+// commanding motion when the PLC stops publishing, and begins with a reset when the PLC is back.
 //
 //   controller SECONDS
 #include "shm_msgs/axes_msgs/msg/axes_command.hpp"
@@ -26,7 +26,7 @@ int main(int count, char **words)
 
     sched_param priority{};
     priority.sched_priority = 80;
-    sched_setscheduler(0, SCHED_FIFO, &priority); // where this user may
+    sched_setscheduler(0, SCHED_FIFO, &priority); // takes effect only if this user has the right
     mlockall(MCL_CURRENT | MCL_FUTURE);
     auto next = std::chrono::steady_clock::now();
     for (std::size_t cycle = 0; cycle < cycles; cycle++) {

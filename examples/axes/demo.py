@@ -1,4 +1,4 @@
-"""Six axes at 1 kHz: enable, move, and a controller and a PLC that are killed in turn; says how soon the axes stood.
+"""Moves six axes at 1 kHz, kills the controller and the PLC in turn, and prints how fast the axes stop.
 
 demo.py --seconds 60 --kills 20
 """
@@ -18,20 +18,20 @@ from typing import Any
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent))
 
-from stage import Cell, cell  # noqa: E402 it lies beside the examples
+from stage import Cell, cell  # noqa: E402 the module is in examples/
 
 LIMIT = 1.0
-"""Seconds from the kill to standstill: 0.05 until silence is noticed, 0.1 for the ramp, the rest for a busy machine."""
+"""Maximum seconds from the kill to standstill: 0.05 for the timeout, 0.1 for the ramp, the rest for a busy machine."""
 
 
 class Watch:
-    """What the axes do, by this process's clock."""
+    """Receives the state of the six axes, to measure with this process's clock how fast the axes stop."""
 
     def __init__(self, subscriber: Any) -> None:
         self.subscriber = subscriber
 
     def until(self, wanted: Callable[[Any], bool], what: str, seconds: float = 20.0) -> Any:
-        """The first state that is as wanted. Raises SystemExit."""
+        """Return the first state of the axes that satisfies `wanted`. Raises SystemExit after `seconds`."""
         until = time.monotonic() + seconds
         while time.monotonic() < until:
             state = self.subscriber.wait(0.1)
@@ -41,7 +41,7 @@ class Watch:
 
 
 def main(seconds: float, kills: int) -> int:
-    """0 if the axes stood in time after each kill, and the last controller ended in order."""
+    """Run the demo. Return 0 if the axes stopped in time after each kill and the last controller succeeded."""
     if not shutil.which("g++"):
         sys.exit("g++ is not installed")
     with cell(HERE, "blark") as made:

@@ -1,6 +1,6 @@
-"""A PLC in a ROS 1 graph: a master, `shmgen bridge`, a program in Structured Text, and `rostopic` to look at it.
+"""Connects a PLC to a ROS 1 graph: a master, `shmgen bridge`, a Structured Text program, and `rostopic`.
 
-Needs Debian's ROS 1, which `make test-all` sets up. The master is one of its own, so no other graph is disturbed.
+Needs Debian's ROS 1, which `make test-all` sets up. The demo starts its own master, so no other graph is disturbed.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from stage import cell  # noqa: E402
 
 
 def main() -> int:
-    """0 if the belt slowed down as the robot came nearer, and stopped when it fell silent."""
+    """Run the demo. Return 0 if the belt slowed down for the robot, and stopped when the robot stopped publishing."""
     if not PYTHON.exists():
         sys.exit(f"{PYTHON} is not there: `make test-all` as root installs Debian's ROS 1 and makes it")
     with cell(HERE, "blark") as made, ExitStack() as processes:

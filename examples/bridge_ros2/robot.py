@@ -1,4 +1,4 @@
-"""A ROS 2 node that says where the robot is, and looks at the feeder; it knows nothing of shared memory or PLCs."""
+"""A ROS 2 node that publishes the robot's position and reads the feeder's speed. It contains no shmgen code."""
 
 import sys
 import time
@@ -8,12 +8,12 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Float64
 
-PATIENCE = 20.0  # s for each speed to be reached
+PATIENCE = 20.0  # s; timeout for each speed
 LATE = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def main() -> int:
-    """0 if the feeder ran as fast as the robot was far, and stood still when nothing more was said."""
+    """Drive towards the feeder. Return 0 if its speed followed the robot, and it stopped after the last message."""
     rclpy.init()
     node = rclpy.create_node("robot")
     pose = node.create_publisher(PoseStamped, "/feeder/robot", 10)
@@ -21,7 +21,10 @@ def main() -> int:
     node.create_subscription(Float64, "/feeder/speed", lambda message: speeds.append(message.data), LATE)
 
     def reached(speed: float, x: float | None) -> bool:
-        """Whether the feeder gets there; nothing is said of the robot without an `x`."""
+        """Wait until the feeder has the speed `speed`. Return False on timeout.
+
+        If `x` is given, publish the robot's position meanwhile.
+        """
         deadline = time.monotonic() + PATIENCE
         while speeds[-1:] != [speed] and time.monotonic() < deadline:
             if x is not None:

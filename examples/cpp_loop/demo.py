@@ -1,4 +1,4 @@
-"""A controller's loop at 1 kHz in C++, closed through a drive that a PLC simulates; says how late it was."""
+"""Runs a 1 kHz control loop in C++ with a drive that a PLC simulates, and prints how late each cycle began."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from stage import cell  # noqa: E402 it lies beside the examples
 
 
 def main() -> int:
-    """0 if each cycle had its command sent."""
+    """Run the demo. Return 0 if every cycle sent its command."""
     if not shutil.which("g++"):
         sys.exit("g++ is not installed")
     with cell(HERE, "blark") as made:

@@ -1,5 +1,5 @@
-// A controller's loop at 1 kHz as ros2_control has one, without ROS: read the state, compute, write the command. Nothing in
-// it waits for anybody, takes memory or throws. SCHED_FIFO and locked memory where this user may have them.
+// A 1 kHz control loop like that of ros2_control, without ROS: read the state, compute, write the command. No call in
+// the loop blocks, allocates memory or throws. Uses SCHED_FIFO and locked memory if this user has the rights.
 //
 //   loop SECONDS
 #include "shm_msgs/sensor_msgs/msg/joint_state.hpp"
@@ -20,9 +20,9 @@ using shm_msgs::std_msgs::msg::Float64Publisher;
 namespace {
 
 constexpr auto PERIOD = 1ms;
-constexpr auto STALE = 100ms; // s without a sign of the other side, then the command is 0
+constexpr auto STALE = 100ms; // the command is 0 if the PLC is silent for longer
 
-// What hardware interfaces of ros2_control are: called in turn, each in its time.
+// Imitates a hardware interface of ros2_control: the loop calls read, update and write in turn.
 class Joint {
 public:
     Joint() : state_("/shmgen_loop/joints"), command_("/shmgen_loop/command") {}
@@ -51,7 +51,7 @@ int main(int count, char **words)
 {
     const auto cycles = static_cast<std::size_t>((count > 1 ? std::atof(words[1]) : 10.0) * 1000);
     Joint joint;
-    std::vector<double> late(cycles); // us; the only memory taken, before the loop begins
+    std::vector<double> late(cycles); // us; the only allocation, before the loop begins
 
     sched_param priority{};
     priority.sched_priority = 80;

@@ -1,4 +1,4 @@
-"""A PLC's machine without ROS in a ROS 2 graph: `shmgen bridge --backend dds`, a program, and a talker's words."""
+"""Connects a PLC to a ROS 2 graph on a machine without ROS: `shmgen bridge --backend dds`, a program, and a talker."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from stage import cell  # noqa: E402 it lies beside the examples
 
 
 def main() -> int:
-    """Exit status of the talker."""
+    """Run the demo and return the exit status of the talker."""
     with cell(HERE, "blark", "cyclonedds") as here:
         here.generate()
         here.start_plc("PRG_Listener")

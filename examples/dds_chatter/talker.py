@@ -1,6 +1,6 @@
-"""What `ros2 run demo_nodes_cpp talker` says, and `ros2 topic echo` shows, for a machine without ROS 2.
+"""Imitates `ros2 run demo_nodes_cpp talker` and `ros2 topic echo` on a machine without ROS 2.
 
-Speaks DDS as a ROS 2 node does, under ROS 2's names, and knows nothing of shared memory or PLCs.
+Uses DDS with the names of ROS 2, like a ROS 2 node. It contains no shmgen code.
 """
 
 import os
@@ -36,7 +36,7 @@ class UInt32(IdlStruct, typename="std_msgs::msg::dds_::UInt32_"):
 
 
 def main() -> int:
-    """0 once the PLC has repeated and counted every word, even for one who asks afterwards."""
+    """Talk to the PLC. Return 0 once it has repeated all words, and a late subscriber has received its last count."""
     node = DomainParticipant(int(os.environ.get("ROS_DOMAIN_ID", "0")))
     talker = DataWriter(node, Topic(node, "rt/chatter", String), RELIABLE)
     listener = DataReader(node, Topic(node, "rt/plc/heard", String), RELIABLE)
@@ -46,7 +46,7 @@ def main() -> int:
             print("   nobody listens in this domain")
             return 1
         time.sleep(0.05)
-    time.sleep(0.5)  # they know each other here; the bridge may need a moment more
+    time.sleep(0.5)  # this participant has matched; the bridge may need longer
     for number in range(1, WORDS + 1):
         talker.write(String(f"Hello World: {number}"))
         print(f"   talker: Hello World: {number}       PLC: {listener.take_one(timeout=10**10).data_}", flush=True)

@@ -1,4 +1,4 @@
-"""A machine that finishes its job tells a mobile manipulator: PLC, region, bridge, DDS, robot, and back."""
+"""A machine reports a finished part to a mobile manipulator: from the PLC through the bridge to DDS, and back."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from stage import cell  # noqa: E402
 
 
 def main() -> int:
-    """Exit status of the robot."""
+    """Run the demo and return the exit status of the robot."""
     with cell(HERE, "blark", "cyclonedds") as here:
         here.generate()
         here.start_plc("PRG_Machine")

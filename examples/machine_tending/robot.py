@@ -1,7 +1,7 @@
-"""A mobile manipulator on its own side of the network: waits for a finished part, drives there, takes it, three times.
+"""A mobile manipulator: three times, it waits for a finished part, drives to the machine and takes the part.
 
-Speaks DDS as a ROS 2 node does, under ROS 2's names, and knows nothing of shared memory or PLCs. With ROS 2 installed
-it would be a node of rclpy; here PyPI's cyclonedds is enough.
+Uses DDS with the names of ROS 2, like a ROS 2 node, and contains no shmgen code. With ROS 2 installed it would be a
+node of rclpy. Here PyPI's cyclonedds is enough.
 """
 
 import os
@@ -20,7 +20,7 @@ from cyclonedds.topic import Topic
 WAITING, DRIVING, TAKING = 0, 1, 2
 FINISHED = 2
 PARTS = 3
-XCDR1 = Policy.DataRepresentation(use_cdrv0_representation=True)  # ROS 2 asks for it and offers nothing else
+XCDR1 = Policy.DataRepresentation(use_cdrv0_representation=True)  # the only representation that ROS 2 uses
 RELIABLE = Qos(XCDR1, Policy.Reliability.Reliable(1_000_000_000), Policy.History.KeepLast(10))
 KEPT = Qos(
     XCDR1, Policy.Reliability.Reliable(1_000_000_000), Policy.Durability.TransientLocal, Policy.History.KeepLast(1)
@@ -45,7 +45,7 @@ class TenderState(IdlStruct, typename="machine_msgs::msg::dds_::TenderState_"):
 
 
 def main(seconds: float = 90.0) -> int:
-    """0 once three parts have been taken and the machine has begun the fourth."""
+    """Run the robot. Return 0 once it has taken three parts and the machine has begun the fourth."""
     node = DomainParticipant(int(os.environ.get("ROS_DOMAIN_ID", "0")))
     machine = DataReader(node, Topic(node, "rt/machine/state", MachineState), qos=KEPT)
     tender = DataWriter(node, Topic(node, "rt/machine/tender", TenderState), qos=RELIABLE)
@@ -53,7 +53,7 @@ def main(seconds: float = 90.0) -> int:
     deadline = since + seconds
     while time.monotonic() < deadline:
         for state in machine.take(100):
-            if not isinstance(state, MachineState):  # the machine has left
+            if not isinstance(state, MachineState):  # a notice that the machine has left
                 continue
             if state.part_ > PARTS:
                 print(f"   machine works on part {state.part_}: {PARTS} parts taken", flush=True)

@@ -16,7 +16,7 @@ TOPIC = "/shmgen_demo/pose"
 
 
 def main() -> int:
-    """Exit status of the reader: 0 when every pose it was promised has crossed."""
+    """Run the demo and return the exit status of the reader: 0 if all poses arrived."""
     with tempfile.TemporaryDirectory() as folder:
         step(f"shmgen generate geometry_msgs/Pose sensor_msgs/Imu  (into {folder})")
         generate = [*SHMGEN, "generate", "geometry_msgs/Pose", "sensor_msgs/Imu", "--quiet", "--output", folder]
@@ -42,7 +42,7 @@ def main() -> int:
 
 
 def forget(topic: str) -> None:
-    """Removes the region, which neither side did: here both are known to have ended."""
+    """Remove the region of the topic. Publisher and subscriber have ended, and ending does not remove the region."""
     name = "/" + topic.strip("/").replace("/", ".")
     posix_ipc.unlink_shared_memory(name)
     for semaphore in (name, f"{name}-event"):

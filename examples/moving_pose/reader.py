@@ -1,4 +1,4 @@
-"""Prints a pose every quarter of a second and draws the way it went; ends after one turn."""
+"""Prints a pose every quarter of a second, draws the path, and ends after one turn."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def main(topic: str) -> int:
 
 
 def draw(poses: list[Pose]) -> str:
-    """The way seen from above, two metres around the origin."""
+    """Return a drawing of the path from above, two metres around the origin."""
     canvas = [[" "] * WIDTH for _ in range(HEIGHT)]
     for pose in poses:
         column = round((pose.position.x + 2.2) / 4.4 * (WIDTH - 1))

@@ -1,4 +1,4 @@
-"""Publishes a pose that moves on a circle, 100 times a second, until it is stopped."""
+"""Publishes a pose that moves on a circle, 100 times a second, until the process is stopped."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import time
 from shm_msgs.geometry_msgs.msg import Point, Pose, PosePublisher, Quaternion
 
 RADIUS = 2.0  # m
-TURN = 4.0  # s
+TURN = 4.0  # s for one turn
 
 
 def pose_at(seconds: float) -> Pose:
-    """Where the robot is, heading along the circle."""
+    """Return the robot's pose at a time in seconds. The robot heads along the circle."""
     angle = 2 * math.pi * seconds / TURN
     heading = angle + math.pi / 2
     return Pose(

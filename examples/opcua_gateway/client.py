@@ -1,4 +1,4 @@
-"""A supervisor that knows OPC UA and neither ROS nor the PLC: reads the robot's state until it holds what is wanted.
+"""A supervisor that uses only OPC UA, not ROS or shmgen: reads the robot's state until it is complete.
 
 python client.py opc.tcp://127.0.0.1:4840
 """
@@ -15,8 +15,8 @@ NAMESPACE = "urn:shmgen:examples:opcua_gateway"
 
 
 async def watch(endpoint: str, seconds: float = 60.0) -> int:
-    """0 once ten poses and the joints have come through."""
-    async with Client(endpoint, timeout=30, watchdog_intervall=30) as client:  # seconds: machines may be busy
+    """Read the robot's state from the server. Return 0 once ten poses and the joints have arrived."""
+    async with Client(endpoint, timeout=30, watchdog_intervall=30) as client:  # seconds, for a busy machine
         index = await client.get_namespace_index(NAMESPACE)
         await client.load_data_type_definitions()
         for _ in range(int(seconds / 0.1)):
@@ -30,7 +30,7 @@ async def watch(endpoint: str, seconds: float = 60.0) -> int:
 
 
 def show(value: object, name: str = "state", indent: int = 0) -> None:
-    """One field a line, nested as the message is."""
+    """Print one field per line, indented like the message."""
     if hasattr(value, "__dataclass_fields__"):
         print(f"   {'  ' * indent}{name}: {type(value).__name__}")
         for field in value.__dataclass_fields__:
@@ -40,5 +40,5 @@ def show(value: object, name: str = "state", indent: int = 0) -> None:
 
 
 if __name__ == "__main__":
-    logging.getLogger("asyncua").setLevel(logging.ERROR)  # it warns of the lack of certificates
+    logging.getLogger("asyncua").setLevel(logging.ERROR)  # asyncua warns about missing certificates
     sys.exit(asyncio.run(watch(sys.argv[1])))

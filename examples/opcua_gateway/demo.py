@@ -1,4 +1,4 @@
-"""A PLC as the bridge between ROS and OPC UA: robot, DDS, bridge, region, PLC, region, OPC UA server, client."""
+"""Uses a PLC as the gateway between ROS and OPC UA: robot, DDS, bridge, region, PLC, region, OPC UA server, client."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from stage import cell  # noqa: E402
 
 
 def main() -> int:
-    """Exit status of the OPC UA client."""
+    """Run the demo and return the exit status of the OPC UA client."""
     endpoint = f"opc.tcp://127.0.0.1:{free_port()}"
     with cell(HERE, "asyncua", "blark", "cyclonedds") as here:
         here.generate()

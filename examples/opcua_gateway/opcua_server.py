@@ -1,7 +1,7 @@
-"""Offers the newest sample of the topic /gateway/state as one OPC UA variable, structured as the ROS message is.
+"""Offers the newest sample of the topic /gateway/state as one OPC UA variable with the structure of the ROS message.
 
-Stands where the OPC UA server of a PLC's runtime would. The types of OPC UA are made from the ROS definitions, and a
-subscriber fills their objects as it would fill a ROS message: both have the same attributes.
+It replaces the OPC UA server of a PLC's runtime. The OPC UA types are generated from the ROS definitions. Their objects
+have the attributes of the ROS messages, so a subscriber can read into them.
 
     python opcua_server.py shmgen.toml opc.tcp://127.0.0.1:4840
 """
@@ -38,11 +38,11 @@ NUMBERS = {
     Scalar.FLOAT32: "Float",
     Scalar.FLOAT64: "Double",
 }
-"""OPC 10000-6, table 1."""
+"""The OPC UA type of each ROS number type (OPC 10000-6, table 1)."""
 
 
 async def serve(configuration: Path, endpoint: str) -> None:
-    """Until it is ended."""
+    """Run the server until the process is stopped."""
     schema = pipeline.read(config.load(configuration, configuration.name, Report()), [TYPE])
     server = Server()
     await server.init()
@@ -65,7 +65,7 @@ async def serve(configuration: Path, endpoint: str) -> None:
 
 
 async def structures(server: Server, index: int, messages: tuple[Message, ...]) -> dict[str, Any]:
-    """A structured data type for each message, and for ROS's time, by the names ROS has for them."""
+    """Create an OPC UA structure for each message and for ROS's time. Return them by ROS name."""
     numbers = [new_struct_field(name, getattr(ua.VariantType, NUMBERS[kind])) for name, kind in TIME.items()]
     made = {"time": (await new_struct(server, index, "builtin_interfaces_Time", numbers))[0]}
     for message in messages:
@@ -78,7 +78,7 @@ TIME = {"sec": Scalar.INT32, "nanosec": Scalar.UINT32}
 
 
 def opcua_type(type_: FieldType, made: dict[str, Any]) -> tuple[Any, bool]:
-    """The data type, and whether the field is an array of it."""
+    """Return the OPC UA data type of a field, and True if the field is an array."""
     if isinstance(type_, (Array, Sequence)):
         return opcua_element(type_.element, made), True
     return opcua_element(type_, made), False
@@ -101,5 +101,5 @@ def opcua_name(message: Message) -> str:
 
 
 if __name__ == "__main__":
-    logging.getLogger("asyncua").setLevel(logging.ERROR)  # it warns of the lack of certificates
+    logging.getLogger("asyncua").setLevel(logging.ERROR)  # asyncua warns about missing certificates
     asyncio.run(serve(Path(sys.argv[1]), sys.argv[2]))

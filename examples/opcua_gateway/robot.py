@@ -1,4 +1,4 @@
-"""A robot that tells where it is, 50 times a second: two topics of ROS 2, spoken with PyPI's cyclonedds."""
+"""A robot that publishes its pose and joints 50 times a second: two ROS 2 topics, through PyPI's cyclonedds."""
 
 import math
 import os
@@ -12,7 +12,7 @@ from cyclonedds.pub import DataWriter
 from cyclonedds.qos import Policy, Qos
 from cyclonedds.topic import Topic
 
-XCDR1 = Policy.DataRepresentation(use_cdrv0_representation=True)  # ROS 2 asks for it and offers nothing else
+XCDR1 = Policy.DataRepresentation(use_cdrv0_representation=True)  # the only representation that ROS 2 uses
 RELIABLE = Qos(XCDR1, Policy.Reliability.Reliable(1_000_000_000), Policy.History.KeepLast(10))
 
 
@@ -79,7 +79,7 @@ class JointState(IdlStruct, typename="sensor_msgs::msg::dds_::JointState_"):
 
 
 def main() -> None:
-    """Until it is ended."""
+    """Publish the robot's pose and joints until the process is stopped."""
     node = DomainParticipant(int(os.environ.get("ROS_DOMAIN_ID", "0")))
     poses = DataWriter(node, Topic(node, "rt/gateway/pose", PoseStamped), qos=RELIABLE)
     joints = DataWriter(node, Topic(node, "rt/gateway/joints", JointState), qos=RELIABLE)

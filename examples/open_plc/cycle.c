@@ -1,4 +1,4 @@
-/* Calls what iec2c made every millisecond, as the runtime of OpenPLC v3 or Beremiz would. */
+/* Calls the C code from iec2c every millisecond, like the runtime of OpenPLC v3 or Beremiz. */
 #include "iec_std_lib.h"
 
 #include <stdio.h>

@@ -1,8 +1,6 @@
-"""The conveyor on matiec, the compiler of Beremiz and of OpenPLC v3: generated, compiled by iec2c, started by a call.
+"""Runs the conveyor with matiec, the compiler of Beremiz and OpenPLC v3. A service call starts it; then a robot comes.
 
-Then a robot walks up to it.
-
-MATIEC is the folder of a built matiec, with iec2c and lib/. Without it the files are made, and the demo says so.
+Set MATIEC to the folder of a built matiec, with iec2c and lib/. Without MATIEC the demo only generates the files.
 """
 
 from __future__ import annotations
@@ -15,11 +13,11 @@ from pathlib import Path
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent))
 
-from stage import cell  # noqa: E402 it lies beside the examples
+from stage import cell  # noqa: E402 the module is in examples/
 
 
 def main() -> int:
-    """Exit status of the robot, or 0 where there is no compiler."""
+    """Run the demo and return the exit status of the robot, or 0 if MATIEC is not set."""
     with cell(HERE) as here:
         here.generate()
         made = here.folder / "matiec"
@@ -39,7 +37,7 @@ def main() -> int:
 
 
 def compile_by(matiec: Path, folder: Path) -> None:
-    """To C by iec2c, and with the header that the blocks call to a program."""
+    """Compile the Structured Text to C with iec2c, and the C to a program with the header that the blocks call."""
     print("\n$ iec2c upload.st, and gcc", flush=True)
     call = [matiec / "iec2c", "-f", "-l", "-p", "-I", matiec / "lib", "-T", folder, folder / "upload.st"]
     subprocess.run(call, check=True, stdout=subprocess.DEVNULL)

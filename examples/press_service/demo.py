@@ -1,4 +1,4 @@
-"""A press that serves a call and makes calls itself, both through services in shared memory."""
+"""Runs a press that serves calls and also makes calls, both through services in shared memory."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from stage import cell  # noqa: E402
 
 
 def main() -> int:
-    """Exit status of the robot."""
+    """Run the demo and return the exit status of the robot."""
     with cell(HERE, "blark") as here:
         here.generate()
         here.start_plc("PRG_Press")

@@ -21,7 +21,7 @@ is_over = threading.Event()
 
 
 def robot(service: str) -> None:
-    """Until the planner is through."""
+    """Serve the robot's service until the planner has finished."""
     with UnloadServer(service) as server:
         while not is_over.is_set():
             server.serve(unload, timeout=0.1)
@@ -33,7 +33,7 @@ def unload(request: Unload_Request) -> Unload_Response:
 
 
 def main(run: str, unloading: str) -> int:
-    """0 if the press did what it was asked for, and said so where it did not."""
+    """Call the press as the planner. Return 0 if the press made the requested parts and reported each failed call."""
     print(f"   robot and planner are process {os.getpid()}")
     thread = threading.Thread(target=robot, args=(unloading,))
     thread.start()

@@ -1,4 +1,4 @@
-"""A robot's tasks, parameterised and started from an IEC program, across regions, bridge and an action of DDS."""
+"""An IEC program sets up and starts a robot's tasks, through the bridge and a ROS 2 action over DDS."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from stage import cell  # noqa: E402
 
 
 def main() -> int:
-    """Exit status of the supervisor."""
+    """Run the demo and return the exit status of the supervisor."""
     with cell(HERE, "blark", "cyclonedds") as here:
         here.generate()
         here.start("robot", HERE / "robot.py", ready="waits for tasks")

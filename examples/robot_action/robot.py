@@ -1,7 +1,7 @@
-"""A robot that runs tasks: an action of ROS 2, spoken with PyPI's cyclonedds as rmw_cyclonedds speaks it.
+"""A robot that runs tasks: a ROS 2 action server, compatible with rmw_cyclonedds, through PyPI's cyclonedds.
 
-With ROS 2 installed this would be a node of rclpy with an ActionServer. An action is three services and two topics;
-that of the statuses is left out, for nobody here listens to it.
+With ROS 2 installed this would be a node of rclpy with an ActionServer. An action consists of three services and two
+topics. This robot omits the status topic, because it has no subscriber here.
 """
 
 import math
@@ -22,10 +22,10 @@ from cyclonedds.topic import Topic
 
 ACTION = "robot/run_task/_action"
 FASTEST = 0.5  # m/s
-PERIOD = 0.05  # s from one feedback to the next
-SUCCEEDED, CANCELED = 4, 5  # of action_msgs/GoalStatus
+PERIOD = 0.05  # s between two feedback messages
+SUCCEEDED, CANCELED = 4, 5  # numbers of action_msgs/GoalStatus
 QUALITY = Qos(
-    Policy.DataRepresentation(use_cdrv0_representation=True),  # ROS 2 asks for it and offers nothing else
+    Policy.DataRepresentation(use_cdrv0_representation=True),  # the only representation that ROS 2 uses
     Policy.Reliability.Reliable(1_000_000_000),
     Policy.History.KeepLast(10),
 )
@@ -57,7 +57,7 @@ class Point(IdlStruct, typename="geometry_msgs::msg::dds_::Point_"):
 
 @dataclass
 class Goal(IdlStruct, typename="robot_msgs::action::dds_::RunTask_Goal_"):
-    """The first part of RunTask.action,"""
+    """The goal of RunTask.action."""
 
     origin_: Point
     target_: Point
@@ -67,7 +67,7 @@ class Goal(IdlStruct, typename="robot_msgs::action::dds_::RunTask_Goal_"):
 
 @dataclass
 class Result(IdlStruct, typename="robot_msgs::action::dds_::RunTask_Result_"):
-    """the second,"""
+    """The result of RunTask.action."""
 
     length_: float32
     message_: bounded_str[80]
@@ -75,7 +75,7 @@ class Result(IdlStruct, typename="robot_msgs::action::dds_::RunTask_Result_"):
 
 @dataclass
 class Feedback(IdlStruct, typename="robot_msgs::action::dds_::RunTask_Feedback_"):
-    """and the third."""
+    """The feedback of RunTask.action."""
 
     fraction_: float32
 
@@ -88,7 +88,7 @@ class Info(IdlStruct, typename="action_msgs::msg::dds_::GoalInfo_"):
     stamp_: Stamp
 
 
-# What ROS 2 makes of it. The first two members of a request and its reply say whose call it is.
+# The messages that ROS 2 derives from an action. The first two members of a request and its reply identify the call.
 
 
 @dataclass
@@ -144,26 +144,29 @@ class Progress(IdlStruct, typename="robot_msgs::action::dds_::RunTask_FeedbackMe
 
 
 class Service:
-    """The server's end of a service."""
+    """The server of a ROS 2 service."""
 
     def __init__(self, node: DomainParticipant, name: str, request: type, response: type) -> None:
-        who = f"serviceid={'.'.join(f'{byte:x}' for byte in uuid.uuid4().bytes)};"  # rmw_cyclonedds knows it by this
+        who = f"serviceid={'.'.join(f'{byte:x}' for byte in uuid.uuid4().bytes)};"  # for rmw_cyclonedds
         qos = Qos(Policy.Userdata(who.encode()), base=QUALITY)
         self.writer = DataWriter(node, Topic(node, f"rr/{ACTION}/{name}Reply", response), qos)
         self._reader = DataReader(node, Topic(node, f"rq/{ACTION}/{name}Request", request), qos)
         self._response = response
 
     def requests(self) -> list[Any]:
-        """What has been asked."""
+        """Return the new requests."""
         return [one for one in self._reader.take(10) if not isinstance(one, InvalidSample)]
 
     def reply(self, request: Any, *values: Any) -> None:
-        """Answers it."""
+        """Send the reply to a request."""
         self.writer.write(self._response(request.client_guid_, request.sequence_number_, *values))
 
 
 class Robot:
-    """One task at a time; a newer one waits for nobody, so the PLC sends none."""
+    """Runs the tasks that the PLC requests through the action, one task at a time.
+
+    A new task would replace the current task, so the PLC sends no task before the current task ends.
+    """
 
     def __init__(self, node: DomainParticipant) -> None:
         self.goals = Service(node, "send_goal", SendGoal, Accepted)
@@ -176,7 +179,7 @@ class Robot:
         self.begun = self.due = 0.0
 
     def step(self) -> None:
-        """Takes what has come, and goes on with the task."""
+        """Handle all new requests, and continue the current task by one step."""
         for request in self.goals.requests():
             accepted = request.goal_.speed_ <= FASTEST
             if accepted:
@@ -196,7 +199,7 @@ class Robot:
             self.waiting.clear()
 
     def move(self, goal: Goal, cancel: bool) -> None:
-        """Along the seam, to its end or until it is cancelled."""
+        """Move along the seam until its end or until the task is cancelled."""
         length = math.dist(*((point.x_, point.y_, point.z_) for point in (goal.origin_, goal.target_)))
         done = min(length, (time.monotonic() - self.begun) * goal.speed_)
         if time.monotonic() >= self.due and self.task:
@@ -209,7 +212,7 @@ class Robot:
 
 
 def main() -> None:
-    """Until it is ended."""
+    """Run the robot until the process is stopped."""
     robot = Robot(DomainParticipant(int(os.environ.get("ROS_DOMAIN_ID", "0"))))
     print("robot waits for tasks", flush=True)
     while True:

@@ -1,4 +1,4 @@
-"""A robot that runs tasks on request: a service of ROS 2, spoken with PyPI's cyclonedds as rmw_cyclonedds speaks it.
+"""A robot that runs tasks on request: a ROS 2 service, compatible with rmw_cyclonedds, through PyPI's cyclonedds.
 
 With ROS 2 installed this would be a node of rclpy with `create_service`.
 """
@@ -17,8 +17,8 @@ from cyclonedds.qos import Policy, Qos
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
-XCDR1 = Policy.DataRepresentation(use_cdrv0_representation=True)  # ROS 2 asks for it and offers nothing else
-WHO = f"serviceid={'.'.join(f'{byte:x}' for byte in uuid.uuid4().bytes)};"  # rmw_cyclonedds knows services by this
+XCDR1 = Policy.DataRepresentation(use_cdrv0_representation=True)  # the only representation that ROS 2 uses
+WHO = f"serviceid={'.'.join(f'{byte:x}' for byte in uuid.uuid4().bytes)};"  # identifies the server for rmw_cyclonedds
 SERVICE = Qos(
     XCDR1,
     Policy.Reliability.Reliable(1_000_000_000),
@@ -39,7 +39,7 @@ class Point(IdlStruct, typename="geometry_msgs::msg::dds_::Point_"):
 
 @dataclass
 class Request(IdlStruct, typename="robot_msgs::srv::dds_::RunTask_Request_"):
-    """robot_msgs/RunTask, behind what says whose call it is."""
+    """The request of robot_msgs/RunTask, after the two members that identify the call."""
 
     client_guid_: uint64
     sequence_number_: int64
@@ -51,7 +51,7 @@ class Request(IdlStruct, typename="robot_msgs::srv::dds_::RunTask_Request_"):
 
 @dataclass
 class Response(IdlStruct, typename="robot_msgs::srv::dds_::RunTask_Response_"):
-    """The answer, behind the same."""
+    """The response of robot_msgs/RunTask, after the same two members."""
 
     client_guid_: uint64
     sequence_number_: int64
@@ -61,14 +61,14 @@ class Response(IdlStruct, typename="robot_msgs::srv::dds_::RunTask_Response_"):
 
 
 def main() -> None:
-    """Until it is ended."""
+    """Run the robot until the process is stopped."""
     node = DomainParticipant(int(os.environ.get("ROS_DOMAIN_ID", "0")))
     replies = DataWriter(node, Topic(node, "rr/robot/run_taskReply", Response), qos=SERVICE)
     requests = DataReader(node, Topic(node, "rq/robot/run_taskRequest", Request), qos=SERVICE)
     print("robot waits for tasks", flush=True)
     while True:
         for request in requests.take(10):
-            if not isinstance(request, Request):  # a client has left
+            if not isinstance(request, Request):  # a notice that a client has left
                 continue
             done, seconds, message = run(request)
             print(f"   robot: {message}", flush=True)
@@ -77,7 +77,7 @@ def main() -> None:
 
 
 def run(task: Request) -> tuple[bool, float, str]:
-    """Whether it was done, the seconds it took, and a word on it."""
+    """Run a task. Return True if the task was done, with its duration in seconds and a message."""
     if task.speed_ > FASTEST:
         return False, 0.0, f"{task.speed_:.2f} m/s is too fast for the {task.tool_}"
     length = math.dist(*((point.x_, point.y_, point.z_) for point in (task.origin_, task.target_)))

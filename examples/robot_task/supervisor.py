@@ -1,4 +1,4 @@
-"""Shows how far the recipe has come, straight from the region, until its last step is over."""
+"""Shows the progress of the recipe, read directly from the region, until the last step has ended."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ STEPS = 4
 
 
 def main(seconds: float = 90.0) -> int:
-    """0 once three tasks were done and one was refused."""
+    """Print the progress. Return 0 once three tasks were done and one was rejected."""
     deadline = time.monotonic() + seconds
     step = 0
     with TaskReportSubscriber("/robot/report") as reports:

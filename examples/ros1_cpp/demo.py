@@ -1,6 +1,6 @@
-"""A ROS 1 node in C++ with a PLC behind it: built by CMake, looked at by `rostopic`.
+"""Builds a ROS 1 node in C++ that connects a PLC, and reads its topics with `rostopic`.
 
-Needs Debian's roscpp and ROS 1 for Python (`make test-all`), and cmake. The master is one of its own, so no other graph
+Needs Debian's roscpp, ROS 1 for Python (`make test-all`), and cmake. The demo starts its own master, so no other graph
 is disturbed.
 """
 
@@ -23,7 +23,7 @@ from stage import Cell, cell  # noqa: E402
 
 
 def main() -> int:
-    """0 if the belt slowed down as the robot came nearer, and stopped when it fell silent."""
+    """Run the demo. Return 0 if the belt slowed down for the robot, and stopped when the robot stopped publishing."""
     if not PYTHON.exists() or not Path("/usr/include/ros/ros.h").exists() or not shutil.which("cmake"):
         sys.exit("there is no ROS 1 in C++ here: `make test-all` as root installs Debian's")
     with cell(HERE, "blark") as made, ExitStack() as processes:
@@ -50,7 +50,7 @@ def main() -> int:
 
 
 def build(made: Cell) -> Path:
-    """The node."""
+    """Build the node with CMake and return the path of its program."""
     where = made.folder / "node"
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     package = f"-Dshmgen_DIR={REPOSITORY / 'src' / 'shmgen' / 'cmake'}"

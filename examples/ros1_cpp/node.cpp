@@ -1,4 +1,4 @@
-// A ROS 1 node that carries where the robot is to the PLC, and how fast the belt runs back: what the paper's node does.
+// A ROS 1 node that forwards the robot's position to the PLC and the belt's speed to ROS, like the node in the paper.
 #include "shm_msgs/geometry_msgs/msg/point_stamped.hpp"
 #include "shm_msgs/std_msgs/msg/float64.hpp"
 
@@ -8,7 +8,7 @@
 
 namespace {
 
-constexpr char ROBOT[] = "/shmgen_node/robot"; // the region's name is the topic's
+constexpr char ROBOT[] = "/shmgen_node/robot"; // the name of the region and of the ROS topic
 constexpr char SPEED[] = "/shmgen_node/speed";
 
 shm_msgs::geometry_msgs::msg::PointStamped for_plc(const geometry_msgs::PointStamped &from)

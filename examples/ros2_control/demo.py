@@ -1,6 +1,6 @@
-"""A PLC as hardware of ros2_control: its own ResourceManager, a loop at 1 kHz, and the PLC killed in the middle of it.
+"""Uses a PLC as hardware of ros2_control, in a loop at 1 kHz with a ResourceManager, and kills the PLC meanwhile.
 
-Needs a ROS 2 with hardware_interface that is sourced.
+Needs a sourced ROS 2 with hardware_interface.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from xml.etree import ElementTree
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent))
 
-from rclcpp import build, needs  # noqa: E402 they lie beside the examples
+from rclcpp import build, needs  # noqa: E402 both modules are in examples/
 from stage import cell  # noqa: E402
 
 CYCLES = 3000
 
 
 def main() -> int:
-    """0 if all positions came back, and a killed PLC was an error."""
+    """Run the demo. Return 0 if all positions came back, and the loop reported the killed PLC as an error."""
     needs("hardware_interface")
     with cell(HERE, "blark") as made:
         made.generate()
@@ -48,7 +48,7 @@ def main() -> int:
 
 
 def urdf(snippet: Path) -> str:
-    """Six joints, and what was generated."""
+    """Return a URDF with six joints and the generated ros2_control section."""
     robot = '<robot name="arm"><link name="link0"/>'
     for joint in range(1, 7):
         limit = '<limit lower="-1e9" upper="1e9" velocity="1" effort="1"/>'

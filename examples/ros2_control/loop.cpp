@@ -1,8 +1,8 @@
-// What controller_manager does, in small: a ResourceManager loads a URDF and its plugin; then read, a controller, write.
+// A small controller_manager: a ResourceManager loads a URDF and its plugin. Each cycle reads, computes and writes.
 //
 //     control_loop <urdf> <cycles> <enable>
 //
-// In cycle i joint j is sent to i + j / 8. It ends at the first error, and says what came of it all as JSON.
+// In cycle i the command of joint j is i + j / 8. The loop ends at the first error and prints the result as JSON.
 #include <hardware_interface/resource_manager.hpp>
 #include <rclcpp/rclcpp.hpp>
 

@@ -1,4 +1,4 @@
-"""A generated ROS 2 node in C++ with a PLC behind it, and a robot in rclpy. Needs a ROS 2 that is sourced."""
+"""Builds a generated ROS 2 node in C++ that connects a PLC to a robot in rclpy. Needs a sourced ROS 2."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from stage import cell  # noqa: E402
 
 
 def main() -> int:
-    """Exit status of the robot."""
+    """Run the demo and return the exit status of the robot."""
     needs("rclcpp")
     with cell(HERE, "blark") as made:
         made.generate()

@@ -1,4 +1,4 @@
-"""A robot that comes nearer and then falls silent, and reads the belt's speed: rclpy, and nothing of shmgen."""
+"""A robot that approaches, then stops publishing, and reads the belt's speed. It uses rclpy and no shmgen code."""
 
 import sys
 import time
@@ -7,11 +7,11 @@ import rclpy
 from geometry_msgs.msg import PointStamped
 from std_msgs.msg import Float64
 
-PATIENCE = 20.0  # s
+PATIENCE = 20.0  # s; timeout for each speed
 
 
 def main() -> int:
-    """0 if the belt slowed down as the robot came nearer, and stopped when it fell silent."""
+    """Approach the belt. Return 0 if it slowed down, and stopped when the robot stopped publishing."""
     rclpy.init()
     node = rclpy.create_node("robot")
     position = node.create_publisher(PointStamped, "/ros2_cpp/robot", 10)
@@ -19,7 +19,10 @@ def main() -> int:
     node.create_subscription(Float64, "/ros2_cpp/speed", lambda message: newest.append(message.data), 10)
 
     def settled(x: float | None, wanted: float) -> float:
-        """The speed once it is as expected, or after all patience."""
+        """Wait until the belt's speed is `wanted`, and return the speed. If `x` is given, publish the robot's position.
+
+        After the timeout, return the speed at that time.
+        """
         deadline = time.monotonic() + PATIENCE
         while time.monotonic() < deadline and newest[-1:] != [wanted]:
             if x is not None:

@@ -1,4 +1,4 @@
-"""Generates code for two topics, runs the PLC side of it in a 1 ms cycle, and lets a robot walk up to the conveyor."""
+"""Generates code for two topics, runs the PLC program in a 1 ms cycle, and lets a robot approach the conveyor."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from stage import cell  # noqa: E402
 
 
 def main() -> int:
-    """Exit status of the robot."""
+    """Run the demo and return the exit status of the robot."""
     with cell(HERE, "blark") as here:
         here.generate()
         for path in sorted(here.folder.rglob("*onveyor*")):

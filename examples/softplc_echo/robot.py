@@ -1,4 +1,4 @@
-"""A robot that walks up to the belt and away again, and prints what the conveyor makes of it."""
+"""A robot that walks to the belt and away again, and prints how the conveyor reacts."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from shmgen.runtime import read_header, region_name
 FARTHEST = 2.5  # m from the belt
 WALK = 4.0  # s, there and back
 PERIOD = 0.01  # s between two poses
-ANSWER = 20.0  # s at most for the PLC to report the last pose, on a busy machine
-SHOWN = 0.25  # s between two lines
+ANSWER = 20.0  # s; timeout until the PLC reports the last pose, for a busy machine
+SHOWN = 0.25  # s between two printed lines
 MODES = {ConveyorState.STOPPED: "stopped", ConveyorState.SLOW: "slow", ConveyorState.RUNNING: "running"}
 
 
 def main(poses: str, states: str) -> int:
-    """Walks once there and back; 0 if the PLC stopped, ran, and received or counted as missed nearly every pose."""
+    """Walk to the belt and back. Return 0 if the belt stopped and ran, and the PLC accounted for nearly every pose."""
     seen: set[str] = set()
     state: ConveyorState | None = None
     print(f"   the robot is process {os.getpid()}; its distance, and what the PLC says of the belt")
@@ -47,7 +47,7 @@ def main(poses: str, states: str) -> int:
         end = time.monotonic() + ANSWER
         received = missed = 0
         while received + missed < sent and time.monotonic() < end:
-            state = subscriber.wait(0.1) or state  # its report of the last pose is still on its way
+            state = subscriber.wait(0.1) or state  # the report of the last pose may not have arrived
             received = state.poses if state else 0
             missed = read_header(region_name(poses)).missed
     print(f"   {sent} poses sent, {received} received by the PLC")

@@ -1,8 +1,8 @@
-"""Two machines on one cable, each with a PLC, a bridge and a /dev/shm of its own; then all that goes wrong.
+"""Connects two machines by a cable, each with its own PLC, bridge and /dev/shm, and then simulates faults.
 
-They are network and mount namespaces of this machine, which root alone may make.
+The machines are network and mount namespaces of this machine. Only root may create namespaces.
 
-    python demo.py [--backend dds] [--rate 100] [--python the Python that has what the backend needs]
+    python demo.py [--backend dds] [--rate 100] [--python PYTHON_WITH_THE_PACKAGES_OF_THE_BACKEND]
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from typing import Any
 
 HERE = Path(__file__).parent
 PATIENCE = 40.0
-"""Seconds after which something that should have come has not."""
+"""Timeout in seconds for each expected event."""
 
 
 class Machine:
-    """`name` with an address, which has nothing of this machine but its files and its processors."""
+    """A simulated machine with its own network address. It shares only files and processors with this machine."""
 
     def __init__(self, name: str, other: str, number: int, folder: Path, ends: ExitStack, how: Any) -> None:
         self.name, self.other, self.address, self._how = name, other, f"10.98.0.{number}", how
@@ -68,7 +68,7 @@ class Machine:
         self.bridge.wait()
 
     def counted(self) -> int:
-        """How many the bridge has counted that did not reach the PLC, in all."""
+        """Return how many messages did not reach the PLC, according to the counters of the machine's bridge."""
         before = len(self.lines)
         self.bridge.send_signal(signal.SIGUSR1)
         wait(lambda: any(f"/{self.other}/stop " in line for line in self.lines[before:]))
@@ -76,13 +76,13 @@ class Machine:
         return sum(int(count) for count in re.findall(r"(\d+) (?:missed|lost|rejected)", line))
 
     def seen(self, new: bool = False) -> dict[str, Any]:
-        """What plc.py has seen; with `new` it begins another list of times."""
+        """Return the statistics of the machine's PLC. If `new` is true, the PLC then starts new lists of times."""
         self._plc.stdin.write("new\n" if new else "\n")
         self._plc.stdin.flush()
         return json.loads(self._plc.stdout.readline())
 
     def run(self, *words: object, stderr: int | None = None) -> Any:
-        """A process on this machine."""
+        """Start a process on the simulated machine."""
         path = os.pathsep.join(filter(None, [f"{self._folder / self.name}/python", os.environ.get("PYTHONPATH")]))
         command = ["nsenter", "-t", self.pid, "-n", "-m", *map(str, words)]
         return self._start(command, {"PYTHONPATH": path}, stderr)
@@ -96,7 +96,7 @@ class Machine:
 
 
 def main() -> int:
-    """Exit status 0 where all came back, and all that did not come was counted."""
+    """Run the demo. Return 0 if all flows recovered and all losses were counted, or 77 without root or namespaces."""
     if os.geteuid() or subprocess.run(["unshare", "-n", "-m", "true"], check=False).returncode:
         print("this needs root, and namespaces")
         return 77
@@ -151,7 +151,7 @@ def main() -> int:
 
 
 def tell(when: str, machines: tuple[Machine, Machine]) -> None:
-    """What both PLCs have seen; fails if a number did not come that nobody has counted."""
+    """Print the statistics of both PLCs. Raises SystemExit if a message was lost without being counted."""
     print(f"  {when}")
     for machine in machines:
         seen, counted = machine.seen(new=True), machine.counted()
@@ -173,7 +173,7 @@ def at(values: list[float], share: float) -> float:
 
 @contextmanager
 def two_machines(folder: Path, how: Any) -> Iterator[tuple[Machine, Machine, Callable[[str], None]]]:
-    """Running, and a cable whose loss can be set."""
+    """Yield two running machines, and a function that sets how many of all frames their cable drops, from 0 to 1."""
     with ExitStack() as ends:
         a, b = Machine("a", "b", 1, folder, ends, how), Machine("b", "a", 2, folder, ends, how)
         wire = subprocess.Popen([sys.executable, HERE / "wire.py", a.pid, b.pid], stdin=-1, stdout=-1, text=True)
@@ -197,7 +197,7 @@ def end(process: subprocess.Popen[str]) -> None:
 
 
 def wait(condition: Callable[[], Any]) -> Any:
-    """What it says as soon as that is something."""
+    """Wait until `condition` returns a true value, and return the value. Raises SystemExit after 40 s."""
     deadline = time.monotonic() + PATIENCE
     while not (found := condition()):
         if time.monotonic() > deadline:

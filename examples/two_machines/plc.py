@@ -1,8 +1,8 @@
-"""What stands for the PLC of one machine: says its state, serves a call and makes calls.
+"""Simulates the PLC of one machine: publishes its state, serves a call and makes calls.
 
     python plc.py a b RATE
 
-Each line on standard input is answered with what it has seen; `new` begins a new list of times.
+Prints its statistics for each line on standard input. The line `new` also starts new lists of times.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from shmgen.runtime import ShmError
 PAUSE = 0.02
 """Seconds between two calls."""
 LATE = 0.5
-"""Seconds: tTimeout of the PLC's block."""
+"""Seconds until a topic is stale: tTimeout of the PLC's function block."""
 DEPTH = 255
 
 
 class Plc:
-    """One thread for each thing that a program would do in its cycle."""
+    """Simulates a PLC, with one thread for each task that a PLC program would do in its cycle."""
 
     def __init__(self, me: str, other: str, rate: float) -> None:
         self.me, self.other, self.rate = me, other, rate
@@ -73,7 +73,10 @@ class Plc:
                 time.sleep(PAUSE)
 
     def seen(self, new: bool) -> dict[str, object]:
-        """`gaps` are numbers that never came, `missed` those of them that this reader has counted as such."""
+        """Return the statistics. `gaps` counts missing sample numbers, and `missed` is the counter of the subscriber.
+
+        If `new` is true, start new lists of times.
+        """
         said = {"late": self.late, "calls": self.calls, "failed": self.failed, "stale_since": self.stale_since}
         said |= {"gaps": self.gaps, "missed": self.reader.missed, "last": self.last}
         if new:
@@ -82,7 +85,7 @@ class Plc:
 
 
 def main(me: str, other: str, rate: str) -> None:
-    """Until standard input ends."""
+    """Simulate the PLC until standard input ends."""
     plc = Plc(me, other, float(rate))
     print("ready", flush=True)
     for line in sys.stdin:

@@ -1,8 +1,8 @@
-"""A cable between two machines made of namespaces, that drops frames when it is told to.
+"""Simulates a cable between two network namespaces, and drops frames on request.
 
     python wire.py PID_OF_A PID_OF_B
 
-Each gets an interface `eth0`. A line such as `0.2` on standard input is the share of frames that get lost from then on.
+Each namespace gets an interface `eth0`. A line on standard input, such as `0.2`, sets the share of frames to drop.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ TAP_WITHOUT_HEADER = 0x0002 | 0x1000
 
 
 def main(*pids: str) -> None:
-    """Until standard input ends."""
+    """Simulate the cable until standard input ends."""
     ends = [tap(pid) for pid in pids]
     print("ready", flush=True)
     loss = 0.0
@@ -35,14 +35,14 @@ def main(*pids: str) -> None:
         for end in ready:
             if end == 0:
                 continue
-            with suppress(OSError):  # an interface that is down
+            with suppress(OSError):  # the interface is down
                 frame = os.read(end, 65536)
                 if random.random() >= loss:
                     os.write(ends[1 - ends.index(end)], frame)
 
 
 def tap(pid: str) -> int:
-    """The other end of a new `eth0` in the network namespace of a process."""
+    """Create `eth0` in the network namespace of a process, and return the file descriptor of its other end."""
     libc = ctypes.CDLL(None, use_errno=True)
     with open(f"/proc/{pid}/ns/net") as space:
         if libc.setns(space.fileno(), 0):

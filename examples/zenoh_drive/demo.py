@@ -1,4 +1,4 @@
-"""A PLC in a ROS 2 graph on rmw_zenoh, without ROS on its machine: `shmgen bridge --backend zenoh`."""
+"""Connects a PLC to a ROS 2 graph on rmw_zenoh, on a machine without ROS: `shmgen bridge --backend zenoh`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from stage import cell  # noqa: E402 it lies beside the examples
 
 
 def main() -> int:
-    """Exit status of the robot."""
+    """Run the demo and return the exit status of the robot."""
     with cell(HERE, "blark", "zenoh-ros2-sdk") as here:
         here.generate()
         here.start_plc("PRG_Drive")

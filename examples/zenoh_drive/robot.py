@@ -1,4 +1,4 @@
-"""A ROS 2 node on rmw_zenoh, for a machine without ROS 2: zenoh-ros2-sdk, which knows nothing of memory or PLCs."""
+"""A ROS 2 node on rmw_zenoh for a machine without ROS 2, with zenoh-ros2-sdk. It contains no shmgen code."""
 
 import os
 import queue
@@ -7,15 +7,15 @@ import sys
 from zenoh_ros2_sdk import ROS2Publisher, ROS2Subscriber
 
 FLOAT64 = {"msg_type": "std_msgs/msg/Float64", "msg_definition": "float64 data"}
-PATIENCE = 20  # seconds until both ends know of each other
+PATIENCE = 20  # s; timeout of the discovery
 
 
 def main() -> int:
-    """0 once the PLC has answered each setpoint."""
+    """Send setpoints. Return 0 once the PLC has answered each setpoint."""
     actual: queue.Queue[float] = queue.Queue()
     ROS2Subscriber("/drive/actual", callback=lambda message: actual.put(message.data), **FLOAT64)
     setpoint = ROS2Publisher("/drive/setpoint", **FLOAT64)
-    for _ in range(PATIENCE * 5):  # until the bridge hears it
+    for _ in range(PATIENCE * 5):  # until the bridge has discovered this node
         setpoint.publish(data=0.0)
         try:
             actual.get(timeout=0.2)
@@ -37,4 +37,4 @@ def main() -> int:
 if __name__ == "__main__":
     status = main()
     sys.stdout.flush()
-    os._exit(status)  # zenoh's threads would hold up the end
+    os._exit(status)  # skip waiting for zenoh's threads

@@ -1,6 +1,6 @@
-"""A hook of hatchling: services.cpp becomes a library, against the Fast DDS that is installed here.
+"""Compile services.cpp into a library, against the installed Fast DDS, when hatchling builds the package.
 
-g++ and the loader take CXX, CPATH, LIBRARY_PATH and LD_LIBRARY_PATH, which say where it is if it is not the system's.
+If Fast DDS is not in a system folder, set CXX, CPATH, LIBRARY_PATH and LD_LIBRARY_PATH for the compiler and the loader.
 """
 
 from __future__ import annotations
@@ -25,45 +25,45 @@ WHICH = """
 -lfastrtps
 #endif
 """
-"""What the preprocessor says of this is the library to link."""
+"""C source from which the preprocessor prints the linker option of the installed Fast DDS."""
 
 
 class LibraryHook(BuildHookInterface[Any]):
-    """Adds the library to a wheel, or puts it among the sources for an editable installation."""
+    """Adds the compiled library to a wheel, or to the source folder for an editable installation."""
 
     PLUGIN_NAME = "custom"
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """As hatchling calls it before it builds: `version` is `standard` or `editable`."""
+        """Compile the library. Hatchling calls this before the build. `version` is `standard` or `editable`."""
         sources = Path(self.root) / "shmgen_fastdds"
         if version == "editable":
-            compiled(sources, sources / NAME)
+            compile_library(sources, sources / NAME)
             return
-        self._folder = tempfile.TemporaryDirectory()  # until the wheel is made
-        made = Path(self._folder.name) / NAME
-        compiled(sources, made)
+        self._folder = tempfile.TemporaryDirectory()  # kept until the wheel is built
+        library = Path(self._folder.name) / NAME
+        compile_library(sources, library)
         platform = sysconfig.get_platform().replace("-", "_").replace(".", "_")
-        build_data["force_include"][str(made)] = f"shmgen_fastdds/{NAME}"
+        build_data["force_include"][str(library)] = f"shmgen_fastdds/{NAME}"
         build_data["tag"] = f"py3-none-{platform}"
         build_data["pure_python"] = False
 
 
-def compiled(sources: Path, target: Path) -> None:
-    """Raises RuntimeError with what to do."""
+def compile_library(sources: Path, target: Path) -> None:
+    """Compile services.cpp in `sources` into the library `target`. Raises RuntimeError with instructions on failure."""
     compiler = shlex.split(os.environ.get("CXX", "")) or ["g++"]
     library = run([*compiler, "-E", "-P", "-x", "c++", "-"], WHICH).strip()
     if not library:
         raise RuntimeError(NEEDS)
-    made = target.with_name(f"{NAME}.{os.getpid()}")  # whoever has the old one mapped keeps it
+    temporary = target.with_name(f"{NAME}.{os.getpid()}")  # processes that mapped the old library keep it
     try:
-        run([*compiler, *FLAGS, "-o", str(made), str(sources / "services.cpp"), library])
-        made.replace(target)
+        run([*compiler, *FLAGS, "-o", str(temporary), str(sources / "services.cpp"), library])
+        temporary.replace(target)
     finally:
-        made.unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
 
 
 def run(command: list[str], text: str = "") -> str:
-    """What it says."""
+    """Run a command with `text` as its input and return its output. Raises RuntimeError if it is missing or fails."""
     try:
         return subprocess.run(command, input=text, capture_output=True, text=True, check=True).stdout
     except OSError as error:

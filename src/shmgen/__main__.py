@@ -1,25 +1,28 @@
-"""The `shmgen` command, and `python -m shmgen`: loads the rest only for what is not remembered."""
+"""The entry point of `shmgen` and `python -m shmgen`.
+
+Prints a cached answer at once, and imports the rest of shmgen only if the cache has none.
+"""
 
 import atexit
 import gc
 import sys
 
-from shmgen.drift import check_cache
+from shmgen.cli import check_cache
 
 
 def main() -> None:
-    """Exit 0 clean, 1 diagnostics, 2 wrong usage."""
-    asked = check_cache.fixed() or sys.argv[1:]
-    if asked[:1] in (["generate"], ["check"]):
-        gc.disable()  # they end before what they leave takes more memory than looking for it takes time
-        atexit.register(gc.freeze)  # else Python looks for it when all is done
-    said = check_cache.load(asked)
-    if said is not None:
+    """Run the command, and exit with status 0 without errors, 1 after diagnostics, or 2 for wrong usage."""
+    cache_key = check_cache.static_key() or sys.argv[1:]
+    if cache_key[:1] in (["generate"], ["check"]):
+        gc.disable()  # both commands are so short that collecting garbage costs more than it frees
+        atexit.register(gc.freeze)  # otherwise Python collects garbage at exit
+    output = check_cache.load(cache_key)
+    if output is not None:
         try:
-            print(said, end="", flush=True)
+            print(output, end="", flush=True)
             return
         except OSError:
-            pass  # the disk is full or nobody reads: the rest tells it as every command does
+            pass  # the disk is full or the reader has closed the pipe: main() reports it
     from shmgen.cli.main import main as run
 
     run()

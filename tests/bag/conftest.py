@@ -1,4 +1,4 @@
-"""A recorder in a thread of this process, and messages with all that ROS has in them."""
+"""A recorder in a thread of this process, and a message with all kinds of fields."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ uint8 last
 
 
 def wait_for(condition):
-    """Until it holds, half a minute at most."""
+    """Wait until a condition is true, for 30 s at most."""
     ends = time.monotonic() + 30
     while not condition():
         assert time.monotonic() < ends
@@ -43,7 +43,7 @@ def wait_for(condition):
 
 @pytest.fixture
 def registry(tmp_path):
-    """With demo_msgs/Full, which has some of everything."""
+    """A registry with demo_msgs/Full, which has all kinds of fields."""
     file = tmp_path / "msgs" / "demo_msgs" / "msg" / "Full.msg"
     file.parent.mkdir(parents=True)
     file.write_text(DEFINITION)
@@ -61,20 +61,20 @@ def shop(folder: Path) -> ClassRegistry:
 
 @pytest.fixture
 def shmgen(tmp_path):
-    """`shmgen arguments...` in the folder of the workshop."""
+    """A function that runs `shmgen arguments...` in the folder of the registry."""
     return lambda *arguments: run([str(argument) for argument in arguments], tmp_path)
 
 
 @pytest.fixture
 def recording(tmp_path, registry):
-    """Records topics into tmp_path/bag while its block runs; says what it told."""
+    """A context manager that records topics into tmp_path/bag and yields the recorder."""
 
     @contextmanager
     def record(*topics, count=None, name="bag", **limits):
-        told: list[str] = []
+        logged: list[str] = []
         bag = Bag(tmp_path / name, **limits)
-        recorder, stopping = Recorder(registry, bag, topics, told.append), threading.Event()
-        recorder.told = told
+        recorder, stopping = Recorder(registry, bag, topics, logged.append), threading.Event()
+        recorder.logged = logged
         thread = threading.Thread(target=recorder.run, args=[stopping])
         thread.start()
         try:

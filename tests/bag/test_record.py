@@ -78,7 +78,7 @@ def test_every_sample_in_order_with_both_stamps_and_equal_values(topic, registry
                 before = time.time_ns()
                 writer.publish(full(registry, small=number))
                 wait_for(lambda number=number: recorder.figures.samples == number + 2)
-    assert (recorder.figures.missed, recorder.figures.damaged, recorder.told) == (0, 0, [])
+    assert (recorder.figures.missed, recorder.figures.damaged, recorder.logged) == (0, 0, [])
     (file,) = bags(tmp_path / "bag")
     found = decoded(file)
     assert [one.ros.small for one in found] == [-1, *range(100)]
@@ -184,6 +184,18 @@ def count(file):
     return sum(isinstance(one, read.Message) for one in read.messages(file)) if file.stat().st_size else 0
 
 
+def test_a_topic_that_never_came_is_an_error(topic, registry, tmp_path, shmgen):
+    """The bag would be empty, and who mistyped a name would learn that when he needs it."""
+    with writer_of(registry, topic) as writer:
+        writer.publish(full(registry))
+        good = shmgen("record", topic, "-o", str(tmp_path / "good"), "-d", "0.5", "-q")
+        wrong = shmgen("record", topic, topic[:-1], "-o", str(tmp_path / "wrong"), "-d", "0.5", "-q")
+    assert (good.code, good.stderr) == (0, "")
+    assert wrong.code == 1
+    assert f"{topic[:-1]}: error[SHM701]: no such region" in wrong.stderr
+    assert f"did you mean {topic}?" in wrong.stderr
+
+
 def test_killed_and_still_readable(topic, registry, tmp_path):
     kind = registry.message("std_msgs/msg/Int32")
     with publisher(kind, topic, 15) as writer:
@@ -221,7 +233,7 @@ def test_a_full_disk_is_told_and_leaves_a_readable_bag(topic, registry, tmp_path
                 time.sleep(0.002)
             said = recorder.stderr.read()
     assert recorder.returncode == 1
-    assert "error: bag: cannot be written: File too large; " in said
+    assert "bag: error[SHM007]: cannot write: File too large; " in said
     kept = int(said.partition("large; ")[2].partition(" sample")[0].replace(",", ""))
     found = decoded(bags(tmp_path / "bag")[0])
     assert len(found) == kept > 0
@@ -235,8 +247,10 @@ def test_what_cannot_be_recorded_is_told_once_and_the_rest_is(topic, registry, r
         with recording(topic, topic + "x", count=1) as recorder:
             time.sleep(0.6)  # it looks for others four times a second
     assert recorder.failed
-    (told,) = recorder.told
-    assert told.startswith(f"{topic}x: not recorded: geometry_msgs/msg/Pose has another layout in the region than here")
+    (logged,) = recorder.logged
+    assert logged.startswith(
+        f"{topic}x: not recorded: geometry_msgs/msg/Pose has another layout in the region than here"
+    )
     assert recorder.figures.samples == 1
 
 
@@ -249,4 +263,4 @@ def test_the_command(topic, registry, tmp_path, shmgen):
         assert (done.code, done.stderr) == (0, "")
         assert done.stdout.startswith("bag: 1 file, 1 sample of 1 topic, 0 missed, 0.0 MB")
         again = shmgen("record", topic, "-o", "bag", "-d", "0.3")
-        assert (again.code, again.stderr) == (1, "error: bag is there already; a bag is a folder of its own\n")
+        assert (again.code, again.stderr.partition("\n")[0]) == (1, "bag: error[SHM007]: the folder exists already")

@@ -1,4 +1,4 @@
-"""A ROS 1 graph for each test that wants one."""
+"""A ROS 1 graph for each test that requests one."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from ..support.ros1 import Graph
 
 @pytest.fixture
 def graph(tmp_path: Path, space: str) -> Iterator[Graph]:
-    """Ends before the regions of `space` go: a bridge makes them anew."""
-    made = Graph(tmp_path)
+    """A ROS graph. It ends before the regions of `space` are removed, because a running bridge would recreate them."""
+    ros_graph = Graph(tmp_path)
     try:
-        yield made
+        yield ros_graph
     finally:
-        made.close()
+        ros_graph.close()

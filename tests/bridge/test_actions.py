@@ -64,7 +64,7 @@ class Cell:
         self.graph, self.space = graph, space
         self.bridge: Bridge = graph.bridge(CONFIG.format(space=space))
         config = load(graph.folder / "shmgen.toml", "shmgen.toml", Report())
-        self.routes = {route.action.name.removeprefix(f"{space}/"): route for route in actions(Session(config))}
+        self.routes = {route.entry.name.removeprefix(f"{space}/"): route for route in actions(Session(config))}
         self.peer = graph.peer()
 
     def ask(self, do: str, name: str, **more: Any) -> Any:
@@ -76,7 +76,7 @@ class Cell:
         route = self.routes[name]
 
         def run() -> None:
-            with action_server(route.kinds)(route.action.name) as served:
+            with action_server(route.kinds)(route.entry.name) as served:
                 while not ended.is_set():
                     if goal := served.wait(0.05):
                         handler(goal)
@@ -91,7 +91,7 @@ class Cell:
 
     def client(self, name: str) -> Any:
         route = self.routes[name]
-        return action_client(route.kinds)(route.action.name)
+        return action_client(route.kinds)(route.entry.name)
 
 
 def count_up(goal: ServedGoal[Any]) -> None:
@@ -142,7 +142,7 @@ def test_ros_seeks_and_the_plc_acts(cell: Cell) -> None:
         until(lambda: cell.ask("state", "reach") == ACTIVE, "its begin")
         cell.bridge.stop(signal.SIGTERM)
         assert cell.ask("outcome", "reach")[0] == ABORTED
-    cell.bridge.said("/reach +3 passed, 2 failed$")
+    cell.bridge.wait_for_line("/reach +3 passed, 2 failed$")
     assert not [line for line in cell.bridge.lines if "Traceback" in line or "Error" in line]
 
 
@@ -151,7 +151,7 @@ def test_a_definition_with_messages_in_it_and_a_plc_that_is_off(cell: Cell) -> N
     goal = {"target_pose": {"header": {"frame_id": "map"}, "pose": {"position": {"x": 1.5}}}}
     assert cell.ask("seek", "drive", type=MOVE, goal=goal) is True
     assert cell.ask("outcome", "drive")[0] == REJECTED
-    cell.bridge.said("/drive: .*no server within 1 s")
+    cell.bridge.wait_for_line("/drive: .*no server within 1 s")
 
     def drive(goal: ServedGoal[Any]) -> None:
         goal.publish_feedback(SimpleNamespace(base_position=goal.request.target_pose))
@@ -170,7 +170,7 @@ def test_the_plc_seeks_and_ros_acts(cell: Cell) -> None:
     with cell.client("of/ros") as plc:
         plc.send_goal(SimpleNamespace(goal=5), 5)
         assert plc.result(LIMIT).status == PLC_ABORTED
-        cell.bridge.said("no server within 3 s")
+        cell.bridge.wait_for_line("no server within 3 s")
         cell.ask("act", "of/ros", type=TEST)
         plc.send_goal(SimpleNamespace(goal=9), 5)
         seen = []
@@ -194,5 +194,5 @@ def test_the_plc_seeks_and_ros_acts(cell: Cell) -> None:
         cell.peer.process.kill()
         assert plc.result(LIMIT).status == PLC_ABORTED
     cell.bridge.stop(signal.SIGTERM)
-    cell.bridge.said("/of/ros +3 passed, 2 failed$")
+    cell.bridge.wait_for_line("/of/ros +3 passed, 2 failed$")
     assert not [line for line in cell.bridge.lines if "Traceback" in line or "Error" in line]

@@ -29,5 +29,5 @@ def test_a_workspace_is_built_and_launched(graph: Graph, space: str) -> None:
     shell = ["sh", "-c", ". install/setup.sh && exec roslaunch cell_bridge bridge.launch"]
     paths = {"PATH": f"{graph.python.parent}:/usr/bin:/bin"}  # its Python runs what catkin installs, and has shmgen
     launched = Bridge(graph.start(shell, paths, stderr=subprocess.STDOUT))
-    launched.said("^running")
+    launched.wait_for_line("^running")
     launched.stop(signal.SIGINT)

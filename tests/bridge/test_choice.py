@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from shmgen.bridge import choice
 from shmgen.bridge.backend import BackendMissing
+from shmgen.bridge.common import choice
 
 from ..conftest import REPOSITORY
 from ..support import ros2
@@ -47,17 +47,17 @@ def test_by_itself(
 
 
 def test_as_told(installed: set[str]) -> None:
-    assert choice.chosen("dds") == ("dds", "as told")
+    assert choice.chosen("dds") == ("dds", "as configured")
 
 
 @pytest.mark.parametrize("backend", ["ros2", "dds", "zenoh", "ros1"])
 def test_a_missing_one_says_what_to_install(installed: set[str], backend: str) -> None:
-    with pytest.raises(BackendMissing, match=f"backend {backend}: .* is missing: .*(apt-get|source|pip) "):
+    with pytest.raises(BackendMissing, match=f"backend {backend}: .* is missing\n  hint: .*(apt-get|source|pip) "):
         choice.module(backend)
 
 
 def test_none_at_all(installed: set[str]) -> None:
-    with pytest.raises(BackendMissing, match=r"one of these is needed\n  ros2: .*\n  dds: .*\n  zenoh: .*\n  ros1: "):
+    with pytest.raises(BackendMissing, match=r"no backend is installed\n  ros2: .*\n  dds: .*\n  zenoh: .*\n  ros1: "):
         choice.chosen("auto")
 
 
@@ -69,13 +69,13 @@ def test_the_command_says_so(tmp_path: Path) -> None:
     environment = {"PYTHONPATH": str(REPOSITORY / "src"), "PATH": ""}
     result = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert (result.returncode, result.stdout) == (1, "")
-    assert result.stderr.startswith("error: backend ros2: rclpy is missing: `source /opt/ros/jazzy/setup.bash`")
+    assert result.stderr.startswith(
+        "shmgen.toml: error[SHM706]: backend ros2: rclpy is missing\n  hint: `source /opt/ros/jazzy/setup.bash`"
+    )
     (tmp_path / "shmgen.toml").write_text("")
     result = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
-    assert (result.returncode, result.stderr.splitlines()[-1]) == (
-        2,
-        "Error: shmgen.toml lists no [[topics]], [[services]] or [[actions]]: there is nothing to carry.",
-    )
+    assert result.returncode == 1
+    assert result.stderr.startswith("shmgen.toml: error[SHM504]: no topic, service or action is listed\n  hint: add ")
 
 
 OTHER_PYTHON = "`source /opt/ros/jazzy/setup.bash`, in the Python that ROS was built for"
@@ -84,10 +84,13 @@ OTHER_PYTHON = "`source /opt/ros/jazzy/setup.bash`, in the Python that ROS was b
 @pytest.mark.parametrize(
     ("rclpy", "said"),
     [
-        ("import yaml", "rclpy needs yaml, which is missing here: `{python} -m pip install pyyaml`"),
-        ("import rclpy._rclpy_pybind11", f"rclpy cannot be loaded, No module named .*: {OTHER_PYTHON}"),
-        ("raise ImportError('libx.so: cannot open')", f"rclpy cannot be loaded, libx.so: cannot open: {OTHER_PYTHON}"),
-        ("", "rclpy needs yaml, which is missing here: `{python} -m pip install pyyaml`"),
+        ("import yaml", "rclpy needs yaml, which is missing here\n  hint: `{python} -m pip install pyyaml`"),
+        ("import rclpy._rclpy_pybind11", f"rclpy cannot be loaded, No module named .*\n  hint: {OTHER_PYTHON}"),
+        (
+            "raise ImportError('libx.so: cannot open')",
+            f"rclpy cannot be loaded, libx.so: cannot open\n  hint: {OTHER_PYTHON}",
+        ),
+        ("", "rclpy needs yaml, which is missing here\n  hint: `{python} -m pip install pyyaml`"),
     ],
     ids=["no PyYAML", "another Python", "not sourced", "no PyYAML, with the real one"],
 )
@@ -103,5 +106,5 @@ def test_what_rclpy_misses_is_said_with_the_line_to_type(tmp_path: Path, rclpy: 
     environment = {"PYTHONPATH": f"{REPOSITORY / 'src'}:{tmp_path}", "PATH": ""}
     result = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert (result.returncode, result.stdout) == (1, "")
-    line = re.escape("error: backend ros2: ") + said.format(python=re.escape(str(python)))
+    line = re.escape("shmgen.toml: error[SHM706]: backend ros2: ") + said.format(python=re.escape(str(python)))
     assert re.fullmatch(f"{line}\n", result.stderr), result.stderr

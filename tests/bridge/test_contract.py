@@ -50,8 +50,8 @@ def with_cyclone(folder: Path, number: int) -> Any:
 
 
 def with_zenoh(folder: Path, number: int) -> Any:
-    if importlib.util.find_spec("zenoh") is None:
-        pytest.skip("no eclipse-zenoh here")
+    for package in ("zenoh", "xxhash"):
+        pytest.importorskip(package, exc_type=Exception)
     graph = zenoh.Graph(folder, number)
     graph.router()
     return graph, graph.start([sys.executable, "-m", "tests.bridge.contract", "zenoh"])
@@ -59,7 +59,7 @@ def with_zenoh(folder: Path, number: int) -> Any:
 
 def within_a_process(folder: Path, number: int) -> Any:
     """That of the page, in a copy of the repository."""
-    pages.follow(PAGE, pages.copy(folder))
+    pages.follow(PAGE, "memory_backend", pages.copy(folder))
     domain = Domain(folder, number)
     where = {"PYTHONPATH": f"{folder / 'src'}:{folder}"}
     return domain, domain.start([sys.executable, "-m", "tests.bridge.contract", "memory"], where)
@@ -103,7 +103,7 @@ def test_it_is_kept(outcome: dict[str, str], check: Callable[[contract.Scene], N
 def memory(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
     """The module of the page."""
     folder = pages.copy(tmp_path_factory.mktemp("memory"))
-    file = pages.follow(PAGE, folder)[-1]
+    file = pages.follow(PAGE, "memory_backend", folder)[-1]
     spec = importlib.util.spec_from_file_location("shmgen_memory_of_the_page", file)
     assert spec
     assert spec.loader
@@ -143,12 +143,12 @@ def slow(module: ModuleType, backend: Any) -> None:
 
 def without_latch(module: ModuleType, backend: Any) -> None:
     usual = backend.publisher
-    backend.publisher = lambda wire: usual(contract.Wire(wire.topic, wire.messages))
+    backend.publisher = lambda wire: usual(contract.Wire(wire.name, wire.messages))
 
 
 def latching_all(module: ModuleType, backend: Any) -> None:
     usual = backend.publisher
-    backend.publisher = lambda wire: usual(contract.Wire(wire.topic, wire.messages, latch=True))
+    backend.publisher = lambda wire: usual(contract.Wire(wire.name, wire.messages, latch=True))
 
 
 def two_at_once(module: ModuleType, backend: Any) -> None:
@@ -161,7 +161,7 @@ def two_at_once(module: ModuleType, backend: Any) -> None:
             def put(self, data: bytes) -> None:
                 module.threading.Thread(target=lambda: sink.take(made.decode(data)), daemon=True).start()
 
-        module.TOPICS[wire.topic].inlets.append(Direct())
+        module.TOPICS[wire.name].inlets.append(Direct())
         return RosSubscription(made.new)
 
     backend.subscribe = subscribe
@@ -221,7 +221,7 @@ def forgetting(module: ModuleType, backend: Any) -> None:
     usual = backend.actions
 
     class Forgetting:
-        seeker = staticmethod(usual.seeker)
+        action_client = staticmethod(usual.action_client)
 
         @staticmethod
         def serve(backend: Any, wire: Any, worker: Any, mishaps: Any) -> None:
@@ -285,7 +285,7 @@ def test_a_broken_one_is_found(
 def test_the_bridge_takes_that_of_the_page(tmp_path: Path) -> None:
     """By its name, in a copy of the repository, until it is told to stop."""
     folder = pages.copy(tmp_path / "copy")
-    pages.follow(PAGE, folder)
+    pages.follow(PAGE, "memory_backend", folder)
     (tmp_path / "shmgen.toml").write_text('[[topics]]\ntopic = "/shmgen_test/page"\ntype = "std_msgs/Bool"\n')
     environment = {**os.environ, "PYTHONPATH": str(folder / "src"), "PYTHONUNBUFFERED": "1"}
     command = [sys.executable, "-m", "shmgen", "bridge", "--backend", "memory"]

@@ -39,7 +39,7 @@ def test_a_stranger_that_has_gone_counts_until_all_is_taken(graph: Iterator[dict
     made.forget()
     made.look()
     assert made.refusal() == ""
-    assert "gone before it could be asked" in made.refusal(STRANGER)
+    assert "left before its type could be compared" in made.refusal(STRANGER)
 
 
 def test_what_is_accepted(graph: Iterator[dict[bytes, str]]) -> None:

@@ -23,17 +23,17 @@ class Backend:
 
     def client(self, wire: ServiceWire) -> RosClient:
         def call(request: Any, timeout: float) -> Any:
-            self.called.append(wire.service)
+            self.called.append(wire.name)
             return SimpleNamespace(accepted=False)
 
         return RosClient(
             lambda: SimpleNamespace(goal_id=SimpleNamespace(uuid=[0] * 16), goal=SimpleNamespace(order=0)),
             call,
-            lambda: not wire.service.endswith(self.missing),
+            lambda: not wire.name.endswith(self.missing),
         )
 
     def subscribe(self, wire: Wire, sink: Any) -> RosSubscription:
-        return RosSubscription(lambda: None, lambda: not wire.topic.endswith(self.missing))
+        return RosSubscription(lambda: None, lambda: not wire.name.endswith(self.missing))
 
 
 @pytest.mark.parametrize("missing", ["send_goal", "get_result", "cancel_goal", "feedback", "nothing"])
@@ -45,7 +45,9 @@ def test_a_server_that_is_found_in_part(missing: str, tmp_path: Path) -> None:
     parts = {message.name.name: message for message in schema.messages}
     wire = ActionWire("/reach", *((parts[f"Fibonacci_{part}"],) for part in ("Goal", "Result", "Feedback")))
     backend: Any = Backend(missing)
-    seeker = ros2_actions.seeker(backend, wire, SimpleNamespace(reject=None, refuse=None, meet=None, lose=None))  # type: ignore[arg-type]
+    seeker = ros2_actions.action_client(
+        backend, wire, SimpleNamespace(reject=None, refuse=None, set_incompatible_peer=None, lose=None)
+    )  # type: ignore[arg-type]
     follower: Any = None
     if missing == "nothing":
         assert seeker.send(lambda goal: None, 0.03, follower) is None

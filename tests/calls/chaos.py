@@ -1,10 +1,12 @@
-"""Thousands of calls between processes that are killed meanwhile, from a seed, and what must hold all the same.
+"""Thousands of calls and goals between ends that are killed and updated meanwhile, from a seed.
 
-    python -m tests.calls.chaos --calls 10000 --seed 1 [--fault client|server]
+    python -m tests.calls.chaos --calls 10000 --seed 1 [--scenes python_alone plc_serves ...] [--fault NAME]
 
-One server and one client, each killed at random instants and started again at once. The response carries a function of
-the request; the server tells the number of each call before it serves it. `--fault` leaves out one check of the
-runtime, which must be found.
+One server and one client, in Python or a PLC, each killed at random instants and started again at once. Sometimes an
+end comes back with another layout of the request, and the other end follows when it is killed next; sometimes the
+region of the requests is removed, or all regions when both are killed. The PLC is the generated Structured Text in the
+tests' soft PLC, in a process of its own. `--fault` plants a fault, which must be found: a block of
+tests/support/plc_calls.py, or a check that Python's runtime leaves out.
 """
 
 from __future__ import annotations
@@ -13,103 +15,219 @@ import argparse
 import os
 import random
 import signal
-import struct
 import sys
+import tempfile
 import time
 import uuid
 from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 from shmgen import runtime
-from shmgen.runtime import calls
+from shmgen.core.model import TypeName
+from shmgen.runtime import calls as runtime_calls
+from shmgen.runtime import server as runtime_server
+from shmgen.runtime.reference import claim
+from tests.support import engines
+from tests.support.build import forget, module
+from tests.support.plc_calls import FAULTS, PACKAGE, open_or_make
 
-from .conftest import GENERATED
+from . import chaos_ends
+from .chaos_ends import (
+    ENTRY,
+    Stage,
+    Work,
+    act,
+    ask,
+    is_later,
+    plc_act,
+    plc_ask,
+    plc_send_goals,
+    plc_serve,
+    send_goals,
+    serve,
+)
 
-SLACK = 0.5
-"""Seconds that a call may last beyond its time, on a machine with much else to do."""
-LONGEST = 60.0
-SLOW = 0.02
-"""Of so many calls the server takes up to 20 ms, for which some clients do not wait."""
-_ENTRY = struct.Struct("<cI")
+UPDATES, REMOVALS = 0.15, 0.15
+"""How often an end comes back with another layout, and how often the requests' region is removed before."""
 
 
 @dataclass
 class Verdict:
-    """`ends` counts how calls ended: reply, failed, timeout, no server; `served` the numbers the server told."""
+    """`ends` counts how calls ended: reply, failed, timeout, no server, cancelled, error of a region."""
 
     ends: Counter[str] = field(default_factory=Counter)
-    kills: int = 0
+    kills: Counter[str] = field(default_factory=Counter)
+    updates: int = 0
+    removals: int = 0
     complaints: list[str] = field(default_factory=list)
+    served: int = 0
 
 
-def run(number: int, seed: int, fault: str = "", longest: float = LONGEST) -> Verdict:
-    """`number` calls, or those of `longest` seconds."""
-    dice = random.Random(seed)
-    topic = f"/shmgen_test/chaos{uuid.uuid4().hex}"
-    reader, writer = os.pipe2(os.O_CLOEXEC)
-    os.set_blocking(reader, False)
-    verdict, numbers = Verdict(), _Numbers()
-    children = {work: _child(work, topic, writer, dice.random(), fault) for work in (_serve, _call)}
-    end, due = time.monotonic() + longest, 0.0
+class Scene(NamedTuple):
+    """`hits` are drawn from; a PLC that was killed is back in a second, which is the time others watch for it."""
+
+    works: tuple[Work, Work]
+    hits: tuple[tuple[int, ...], ...]
+    pause: float
+
+
+def _take_any_reply() -> None:
+    """Let a client in Python take the reply to another call as its own."""
+
+    def own(client: Any, response: Any) -> Any:
+        if response is not None:
+            client.number = 0
+        return response
+
+    runtime_calls.CallClient._own = own  # type: ignore[method-assign]
+
+
+def _serve_old_calls() -> None:
+    """Let a server in Python serve the calls that it finds."""
+    runtime_server.skip_stale = lambda requests: None  # type: ignore[attr-defined]
+
+
+def _begin_at_one() -> None:
+    """Let a client in Python begin at 1 in each fresh region, and let no check look at the order of the numbers."""
+    engines.become_python()
+    claim._begin_numbers = lambda topic, region: None
+    chaos_ends.is_later = lambda number, than: True
+
+
+PYTHON_FAULTS = {
+    "python_client": _take_any_reply,
+    "python_server": _serve_old_calls,
+    "python_numbers": _begin_at_one,
+}
+_EVEN, _SERVER, _CLIENT = ((0,), (1,), (0, 1)), ((0,), (0,), (0,), (0,), (1,), (0, 1)), ((0,), *[(1,)] * 4, (0, 1))
+SCENES = {
+    "python_alone": Scene((serve, ask), _EVEN, 0.1),
+    "plc_serves": Scene((plc_serve, ask), _CLIENT, 0.5),
+    "plc_asks": Scene((serve, plc_ask), _SERVER, 0.5),
+    "plc_alone": Scene((plc_serve, plc_ask), _EVEN, 2.0),
+    "python_goals": Scene((act, send_goals), _EVEN, 0.1),
+    "plc_serves_goals": Scene((plc_act, send_goals), _CLIENT, 0.5),
+    "plc_sends_goals": Scene((act, plc_send_goals), _SERVER, 0.5),
+    "plc_goals": Scene((plc_act, plc_send_goals), _EVEN, 2.0),
+}
+"""Server and client; who is hit; how long no one is at most, in seconds."""
+
+
+def run(folder: Path, scene: str, number: int, seed: int, fault: str = "", longest: float = 600.0) -> Verdict:
+    """Run `number` calls, or those of `longest` seconds."""
+    verdict, storm = Verdict(), Storm(folder, SCENES[scene], random.Random(seed), fault)
+    end = time.monotonic() + longest
     try:
-        while sum(verdict.ends.values()) < number and time.monotonic() < end:
-            due = due or time.monotonic() + dice.uniform(0.02, 0.1)
-            time.sleep(0.005)
-            _listen(reader, verdict, numbers)
-            if time.monotonic() > due:
-                due = 0.0
-                work = dice.choice((_serve, _serve, _call))
-                _kill(children[work])
-                verdict.kills += 1
-                children[work] = _child(work, topic, writer, dice.random(), fault)
+        while sum(verdict.ends.values()) < number and time.monotonic() < end and not verdict.complaints:
+            due = time.monotonic() + storm.pause()
+            while time.monotonic() < due:
+                time.sleep(0.005)
+                storm.listen(verdict)
+            storm.hit(verdict)
     finally:
-        for pid in children.values():
-            _kill(pid)
-        _listen(reader, verdict, numbers)
-        os.close(reader)
-        os.close(writer)
-        for file in Path("/dev/shm").glob(f"*{topic[1:].replace('/', '.')}*"):
-            file.unlink()
+        storm.end(verdict)
     return verdict
 
 
-class _Numbers:
-    """The numbers of calls that servers told: each greater than the one before."""
+class Storm:
+    """The two ends of a scene, and what befalls them."""
 
-    last = 0
+    def __init__(self, folder: Path, scene: Scene, dice: random.Random, fault: str) -> None:
+        self._scene, self._dice, self._fault = scene, dice, fault
+        self._name = f"/shmgen_test/t{uuid.uuid4().hex}"
+        self._reports, self._writer = os.pipe2(os.O_CLOEXEC)
+        os.set_blocking(self._reports, False)
+        self._stages = [self._stage(folder), self._stage(folder / "updated", "float64 more\n")]
+        self._version, self._is_updated = 0, False
+        self._children = [self._child(place) for place in (0, 1)]
 
+    def pause(self) -> float:
+        """Return the seconds until the next hit: longer behind an update, which a PLC's region takes a second for."""
+        extra = 1.5 if self._is_updated and self._scene.pause > 0.3 else 0.0
+        self._is_updated = False
+        return extra + self._dice.uniform(0.02, self._scene.pause)
 
-def _listen(reader: int, verdict: Verdict, numbers: _Numbers) -> None:
-    with suppress(BlockingIOError):
-        while data := os.read(reader, 1000 * _ENTRY.size):
-            for kind, value in _ENTRY.iter_unpack(data):
-                if kind == b"s":
-                    if value <= numbers.last:
-                        verdict.complaints.append(f"call {value} was served after call {numbers.last}")
-                    numbers.last = value
-                elif kind == b"w":
-                    verdict.complaints.append(f"call with batch {value} got the reply of another")
-                elif kind == b"l":
-                    verdict.complaints.append(f"a call lasted {value} ms too long")
-                else:
-                    verdict.ends[kind.decode()] += 1
+    def hit(self, verdict: Verdict) -> None:
+        """Kill one end or both, update and remove what the dice say, and start them again."""
+        places = self._dice.choice(self._scene.hits)
+        for place in places:
+            _kill(self._children[place])
+            verdict.kills[self._scene.works[place].__name__] += 1
+        if self._dice.random() < UPDATES:
+            self._version, self._is_updated = 1 - self._version, True
+            verdict.updates += 1
+        if len(places) == 2:
+            self.listen(verdict)
+            self._remove("")
+            verdict.served = 0
+        elif self._dice.random() < REMOVALS:
+            self._remove("-request")
+            self._remove("-goal")
+            verdict.removals += 1
+        for place in places:
+            self._children[place] = self._child(place)
 
+    def listen(self, verdict: Verdict) -> None:
+        with suppress(BlockingIOError):
+            while data := os.read(self._reports, 1000 * ENTRY.size):
+                for kind, value in ENTRY.iter_unpack(data):
+                    if kind == b"s":
+                        if self._fault != "python_numbers" and not is_later(value, verdict.served):
+                            verdict.complaints.append(f"call {value} was served after call {verdict.served}")
+                        verdict.served = value
+                    elif kind == b"w":
+                        verdict.complaints.append(f"question {value:08X} got the answer to another")
+                    elif kind == b"o":
+                        verdict.complaints.append(f"call {value} was there before the server that served it")
+                    elif kind == b"l":
+                        verdict.complaints.append(f"a call lasted {value} ms too long")
+                    else:
+                        verdict.ends[kind.decode()] += 1
 
-def _child(work: Any, topic: str, writer: int, seed: float, fault: str) -> int:
-    pid = os.fork()
-    if pid:
-        return pid
-    try:
-        _plant(fault)
-        work(topic, writer, random.Random(seed))
-    except BaseException as error:
-        print(f"{work.__name__}: {error!r}", file=sys.stderr)
-    finally:
-        os._exit(1)
+    def end(self, verdict: Verdict) -> None:
+        for pid in self._children:
+            _kill(pid)
+        self.listen(verdict)
+        os.close(self._reports)
+        os.close(self._writer)
+        self._remove("")
+
+    def _stage(self, folder: Path, more: str = "") -> Stage:
+        calls = open_or_make(folder, more)
+        kinds = [module(folder, PACKAGE, TypeName("calls_msgs", kind, "")) for kind in ("srv", "action")]
+        forget(PACKAGE)
+        stage = Stage(calls, *kinds, self._name, self._writer)
+        if self._fault in FAULTS and FAULTS[self._fault][0] == "FB_ShmClient":
+            stage.client_fault = f"_{self._fault}"
+        elif self._fault in FAULTS:
+            stage.server_fault = f"_{self._fault}"
+        return stage
+
+    def _child(self, place: int) -> int:
+        """Start an end of the present version, which opens its regions again when they are gone."""
+        seed = self._dice.random()
+        pid = os.fork()
+        if pid:
+            return pid
+        try:
+            if self._fault in PYTHON_FAULTS:
+                PYTHON_FAULTS[self._fault]()
+            dice = random.Random(seed)
+            while True:
+                with suppress(runtime.LayoutMismatch, runtime.RegionInUse, runtime.RegionUnusable):
+                    self._scene.works[place](self._stages[self._version], dice)
+                time.sleep(0.005)
+        except BaseException as error:
+            print(f"{self._scene.works[place].__name__}: {error!r}", file=sys.stderr)
+        finally:
+            os._exit(1)
+
+    def _remove(self, half: str) -> None:
+        for file in Path("/dev/shm").glob(f"*{self._name[1:].replace('/', '.')}{half}*"):
+            file.unlink()
 
 
 def _kill(pid: int) -> None:
@@ -117,86 +235,29 @@ def _kill(pid: int) -> None:
     os.waitpid(pid, 0)
 
 
-def _serve(topic: str, writer: int, dice: random.Random) -> None:
-    server = _opened("StartServer", topic)
-    while True:
-        call = server.wait(1.0)
-        if call is None:
-            continue
-        os.write(writer, _ENTRY.pack(b"s", call.number))
-        chance = dice.random()
-        if chance < SLOW:
-            time.sleep(dice.uniform(0.0, 0.02))
-        if chance > 0.95:
-            server.fail(call)
-        else:
-            server.reply(call, SimpleNamespace(success=True, batch=_answer(call.request.batch), message=""))
-
-
-def _call(topic: str, writer: int, dice: random.Random) -> None:
-    client = _opened("StartClient", topic)
-    while True:
-        batch = dice.getrandbits(32)
-        timeout = dice.choice((0.002, 0.02, 0.2))
-        begin = time.monotonic()
-        kind, value = b"r", batch
-        try:
-            response = client.call(SimpleNamespace(on=True, batch=batch), timeout)
-            if response.batch != _answer(batch):
-                kind = b"w"
-        except runtime.CallFailed:
-            kind = b"f"
-        except runtime.NoServer:
-            kind = b"n"
-        except runtime.CallTimeout:
-            kind = b"t"
-        late = time.monotonic() - begin - timeout
-        if late > SLACK:
-            kind, value = b"l", int(late * 1e3)
-        os.write(writer, _ENTRY.pack(kind, value))
-
-
-def _answer(batch: int) -> int:
-    return batch * 2654435761 & 0xFFFFFFFF
-
-
-def _opened(name: str, topic: str) -> Any:
-    if str(GENERATED) not in sys.path:
-        sys.path.insert(0, str(GENERATED))
-    from shm_service.cell_msgs import srv  # type: ignore[import-not-found]
-
-    return getattr(srv, name)(topic)
-
-
-def _plant(fault: str) -> None:
-    """Leaves one check out: the client takes whatever comes, or the server whatever lies there."""
-    global SLOW
-    if fault == "client":
-        SLOW = 0.5
-
-        def own(client: Any, response: Any) -> Any:
-            if response is not None:
-                client.number = 0
-            return response
-
-        calls.CallClient._own = own  # type: ignore[method-assign]
-    elif fault == "server":
-        from shmgen.runtime import server
-
-        server.skip_stale = lambda questions: questions  # type: ignore[attr-defined]
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser()
+    """Exit code 1 if a fault was found."""
+    parser = argparse.ArgumentParser(description="Kills and updates a client and its server, in Python and in a PLC.")
     parser.add_argument("--calls", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--fault", choices=("", "client", "server"), default="")
+    parser.add_argument("--seconds", type=float, default=600.0)
+    parser.add_argument("--scenes", nargs="*", choices=SCENES, default=list(SCENES))
+    parser.add_argument("--fault", choices=("", *FAULTS, *PYTHON_FAULTS), default="")
     given = parser.parse_args()
-    begin = time.monotonic()
-    verdict = run(given.calls, given.seed, given.fault)
-    print(f"{dict(verdict.ends)}, {verdict.kills} kills, {time.monotonic() - begin:.1f} s")
-    print(*verdict.complaints[:20], sep="\n")
-    sys.exit(1 if verdict.complaints else 0)
+    found = False
+    with tempfile.TemporaryDirectory(prefix="shmgen-chaos") as folder:
+        for scene in given.scenes:
+            begin = time.monotonic()
+            verdict = run(Path(folder), scene, given.calls, given.seed, given.fault, given.seconds)
+            took = f"{time.monotonic() - begin:.0f} s"
+            print(f"seed {given.seed}, {scene}: {verdict.ends.total()} calls {dict(verdict.ends)} in {took}")
+            print(f"  kills {dict(verdict.kills)}, {verdict.updates} updates, {verdict.removals} removals", flush=True)
+            print(
+                "\n".join(verdict.complaints[:20])
+                or "  every call ended, none in the answer to another, none served twice"
+            )
+            found |= bool(verdict.complaints)
+    sys.exit(found)
 
 
 if __name__ == "__main__":

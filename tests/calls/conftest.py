@@ -1,4 +1,4 @@
-"""Servers and clients as processes of their own, that end with the test."""
+"""Servers and clients in separate processes that end with the test."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def said(line):
 
 
 class Peer:
-    """A process that runs some lines of Python; it prints with `said`, and `hear` reads that."""
+    """A process that runs some lines of Python. It prints with `said`, and `hear` reads a printed line."""
 
     def __init__(self, work: str) -> None:
         self.process = subprocess.Popen(
@@ -44,7 +44,7 @@ class Peer:
 
 @pytest.fixture
 def peer():
-    """Starts one and waits until it says `ready`."""
+    """A function that starts a peer and waits until it prints `ready`."""
     processes = []
 
     def start(work):

@@ -62,14 +62,14 @@ def sent(server, client, position=1.0):
 def test_a_goal_between_two_processes(topic, peer):
     peer(SERVE.format(topic=topic))
     with MoveActionClient(topic) as client:
-        client.send_goal(Move_Goal(position=5.0, speed=0.05), timeout=10)
+        number = client.send_goal(Move_Goal(position=5.0, speed=0.05), timeout=10)
         seen = []
         while (outcome := client.poll()) is None:
             feedback = client.feedback()
             if feedback:
                 seen.append(feedback.position)
             time.sleep(0.001)
-        assert outcome == Move_Outcome(goal=1, status=Move_Outcome.SUCCEEDED, result=Move_Result(position=5.0))
+        assert outcome == Move_Outcome(goal=number, status=Move_Outcome.SUCCEEDED, result=Move_Result(position=5.0))
         assert seen == sorted(set(seen))
         assert set(seen) <= {1.0, 2.0, 3.0, 4.0, 5.0}
         assert seen
@@ -110,7 +110,9 @@ def test_how_a_goal_goes_through_its_statuses(pair):
     assert client.status == Move_Progress.CANCELING
     assert client.poll() is None
     assert goal.canceled(Move_Result(position=2.0))
-    assert client.poll() == Move_Outcome(goal=1, status=Move_Outcome.CANCELED, result=Move_Result(position=2.0))
+    assert client.poll() == Move_Outcome(
+        goal=goal.number, status=Move_Outcome.CANCELED, result=Move_Result(position=2.0)
+    )
     assert client.poll() is None
 
 
@@ -180,9 +182,9 @@ def test_what_is_handled_has_been_accepted_and_names_are_as_given(pair, topic):
         goal.succeed(Move_Result())
         seen.append(goal.is_awaited)
 
-    assert client.send_goal(Move_Goal(), timeout=1) == 1
+    number = client.send_goal(Move_Goal(), timeout=1)
     server.serve(handler, timeout=0.05)
-    assert seen == [(Move_Progress.ACCEPTED, 1, True), False]
+    assert seen == [(Move_Progress.ACCEPTED, number, True), False]
     assert (client.action, server.action, server.client_lives()) == (topic, topic, True)
     client.close()
     assert not server.client_lives()
@@ -272,12 +274,12 @@ def test_a_newer_goal_takes_the_place_of_the_running_one(pair):
 def test_a_restarted_server_takes_no_old_goal_but_answers_its_cancel(topic, peer):
     first = peer(TAKE.format(topic=topic))
     with MoveActionClient(topic) as client:
-        client.send_goal(Move_Goal(position=1.0), timeout=10)
+        number = client.send_goal(Move_Goal(position=1.0), timeout=10)
         assert first.hear() == "taken"
         first.kill()
         with MoveActionServer(topic) as server:
             assert server.take() is None
-            with pytest.raises(runtime.CallTimeout, match="goal 1 has not ended"):
+            with pytest.raises(runtime.CallTimeout, match=f"goal {number} has not ended"):
                 client.result(0.05)
             client.cancel()
             assert server.take() is None
@@ -290,7 +292,7 @@ def test_where_a_claim_is_in_doubt_goals_are_skip_stale_once_more(topic, monkeyp
     class Doubtful(getattr(MoveActionServer, half)):
         def __init__(self, *arguments, **options):
             super().__init__(*arguments, **options)
-            self._end.doubtful = 1
+            self._end.predecessor_may_be_alive = 1
 
     times = []
     monkeypatch.setattr(action_server, "skip_stale", times.append)

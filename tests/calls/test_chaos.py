@@ -1,32 +1,48 @@
-"""Ten thousand calls while server and client are killed, or as many as 20 s have; and that planted faults are found."""
+"""Python and a PLC among peers that are killed, short; `make chaos` has ten thousand calls for each scene."""
 
 from __future__ import annotations
 
-from collections import Counter
-
 import pytest
 
-from . import chaos
+from ..support.plc_calls import Calls
+from . import chaos, chaos_ends
 
 
-def test_every_call_ends_and_none_in_the_reply_of_another():
-    ends, kills = Counter(), 0
-    for seed in range(1, 6):  # one is enough where the machine has nothing else to do
-        verdict = chaos.run(10_000, seed, longest=20.0)
-        assert not verdict.complaints
-        ends, kills = ends + verdict.ends, kills + verdict.kills
-        if ends["r"] > 500 and all(ends[kind] for kind in "rft"):
+@pytest.mark.parametrize(
+    ("scene", "seconds"),
+    [
+        *(("python_alone", 3.0), ("plc_serves", 10.0), ("plc_asks", 5.0), ("plc_alone", 5.0)),
+        *(("python_goals", 3.0), ("plc_serves_goals", 10.0), ("plc_sends_goals", 5.0), ("plc_goals", 5.0)),
+    ],
+)
+@pytest.mark.family("python_alone")
+def test_every_call_ends_and_none_in_the_answer_to_another(
+    compiled_calls: Calls, monkeypatch: pytest.MonkeyPatch, scene: str, seconds: float
+) -> None:
+    """How late a call may end is wide here, where other tests take the processors."""
+    monkeypatch.setattr(chaos_ends, "SLACK", 10.0)
+    replies = kills = 0
+    for seed in range(1, 9):  # the first will do, but where others take the processors most calls run into their limit
+        verdict = chaos.run(compiled_calls.folder, scene, 10_000, seed=seed, longest=seconds)
+        assert not verdict.complaints, verdict
+        replies, kills = replies + verdict.ends["r"], kills + verdict.kills.total()
+        if replies > 20 and kills >= 2:
             break
-    print(ends, kills)
-    assert kills > 20
-    assert all(ends[kind] for kind in "rft")
-    assert ends["r"] > 500
+    assert replies > 20, verdict
+    assert kills >= 2, verdict
 
 
-@pytest.mark.parametrize(("fault", "found"), [("client", "got the reply of another"), ("server", "was served after")])
-def test_a_planted_fault_is_found(fault, found):
-    for seed in range(1, 11):  # a rare instant each
-        verdict = chaos.run(2_000, seed, fault, longest=5.0)
-        if verdict.complaints:
-            break
-    assert found in verdict.complaints[0]
+@pytest.mark.parametrize(
+    ("scene", "fault", "found"),
+    [
+        ("python_alone", "python_client", "got the answer to another"),
+        ("python_alone", "python_server", "was there before the server that served it"),
+        ("python_goals", "python_numbers", "got the answer to another"),
+        ("plc_asks", "any_reply", "got the answer to another"),
+    ],
+)
+@pytest.mark.family("[python_alone-python_client", "[plc_asks")
+def test_a_planted_fault_is_found(compiled_calls: Calls, scene: str, fault: str, found: str) -> None:
+    """A PLC that answers old calls is found by plc/test_services.py; here it takes its time."""
+    verdict = chaos.run(compiled_calls.folder, scene, 10**6, seed=1, fault=fault, longest=120.0)
+    assert any(found in complaint for complaint in verdict.complaints), verdict

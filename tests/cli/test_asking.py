@@ -115,7 +115,7 @@ def test_the_way_round_is_told(folder: Path) -> None:
     said = shmgen(folder, "generate")
     assert said.code == 1
     assert said.stderr.endswith(
-        "  hint: 5 of 10 messages asked for need no more bounds: "
+        "  hint: 5 of 10 requested messages need no more bounds: "
         "`shmgen generate` with --skip-unbounded leaves out the others\n"
     )
     assert not (folder / "generated").exists()

@@ -335,7 +335,7 @@ def test_list(folder: Path) -> None:
         f"demo_msgs/Robot  needs a bound for {some}",
         "",
         "1 of 3 can be generated.",
-        'Lines under [bounds] in shmgen.toml are wanted, such as "demo_msgs/Robot.arms0" = 8',
+        'Add lines under [bounds] in shmgen.toml, such as "demo_msgs/Robot.arms0" = 8',
     ]
     write(folder, {"shmgen.toml": "[bounds]\ndemo_msgs = 2\n"})
     assert done(folder, "list -I msgs demo_msgs").endswith("3 of 3 can be generated.\n")
@@ -345,7 +345,7 @@ def test_list_says_what_generate_would_say(folder: Path) -> None:
     write(folder, {"msgs/demo_msgs/msg/Twice.msg": "float64 a\nfloat64 A\n", "shmgen.toml": 'source = "noetic"\n'})
     write(folder, {"msgs/demo_msgs/msg/Holds.msg": "Twice[2] twice\n"})
     write(folder, {"msgs/demo_msgs/msg/Large.msg": "float64[3000000] a\nTwice b\n"})
-    twice = "SHM203 demo_msgs/Twice.A: `a` and `A` are one name in Structured Text, which ignores case"
+    twice = "SHM203 demo_msgs/Twice.A: `a` and `A` become the same name in Structured Text, which ignores case"
     large = "demo_msgs/Large needs a region of 96,002,048 bytes, more than 33,554,432"
     assert done(folder, "list -I msgs demo_msgs").splitlines() == [
         "demo_msgs/Arm           81 bytes",
@@ -476,7 +476,7 @@ def test_help_and_version(tmp_path: Path) -> None:
     assert done(tmp_path, "--version") == written
     for command in ("generate", "show", "types", "list", "explain"):
         assert command in done(tmp_path, "-h")
-        assert done(tmp_path, f"{command} --help").startswith(f"Usage: shmgen {command}")
+        assert f"shmgen {command} [OPTIONS]" in done(tmp_path, f"{command} --help").splitlines()[0]
     told = done(tmp_path, "bridge --help").partition("Options:")[0]
     assert all(f" {backend.key} " in " ".join(told.split()) for backend in BACKENDS)
 

@@ -33,7 +33,7 @@ def without(extras: tuple[str, ...], words: list[str], folder: Path) -> subproce
     [
         ("view", ["view", "--terminal"], "`pip install '.[view]'`"),
         ("dds", ["bridge", "--backend", "dds"], "`pip install cyclonedds`"),
-        ("zenoh", ["bridge", "--backend", "zenoh"], "`pip install eclipse-zenoh`"),
+        ("zenoh", ["bridge", "--backend", "zenoh"], "`pip install eclipse-zenoh xxhash`"),
     ],
 )
 def test_it_names_itself(extra: str, words: list[str], line: str, tmp_path: Path) -> None:
@@ -46,6 +46,7 @@ def test_it_names_itself(extra: str, words: list[str], line: str, tmp_path: Path
 def test_bags_need_none(tmp_path: Path, topic: str) -> None:
     """Nothing would be saved: what they read and write with, the definitions need too."""
     extras = ("view", "dds", "zenoh")
+    assert without(extras, ["pub", "--once", topic, "std_msgs/Bool", "data: true"], tmp_path).returncode == 0
     assert without(extras, ["record", topic, "-d", "0.3", "-o", "bag"], tmp_path).returncode == 0
     done = without(extras, ["play", "bag"], tmp_path)
     assert "pip install" not in done.stderr

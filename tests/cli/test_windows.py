@@ -69,13 +69,13 @@ def test_it_works_without_what_only_linux_has(tmp_path: Path) -> None:
     assert codes == [*expected, *(f"[1] {command}" for command in live)], done.stderr
     assert tree(there) == tree(here), "the same bytes"
     said = [line for line in done.stderr.splitlines() if "/dev/shm" in line]
-    place = "works on regions in /dev/shm: run it on the Linux machine where the PLC runs"
-    assert said == [f"Error: `shmgen {command.split()[0]}` {place}" for command in live]
+    place = "works on regions in /dev/shm, which only Linux has"
+    assert said == [f"command line: error[SHM702]: `shmgen {command.split()[0]}` {place}" for command in live]
 
 
 def test_no_command_of_help_is_a_fault_of_ours(tmp_path: Path) -> None:
     """Each as it is typed first: by itself, with something behind it, and --help of it."""
-    listed = run(["--help"], tmp_path).stdout.partition("Commands:\n")[2]
+    listed = run(["--help"], tmp_path).stdout.partition("Generate:\n")[2]
     names = re.findall(r"^  (\w+)", listed, re.MULTILINE)
     assert len(names) >= 25
     lines = [f"{name}{more}" for name in names for more in ("", " /a x", " --help")]

@@ -54,7 +54,7 @@ def test_two_that_join_a_folder_both_stay(monkeypatch: pytest.MonkeyPatch, tmp_p
     commands = [["generate", "-q", "-t", "c", f"std_msgs/{name}"] for name in ("Bool", "Int32", "String")]
     interrupted(monkeypatch, tmp_path, *commands[1:])
     assert run(commands[0], tmp_path).code == 0
-    assert run(["check", "-t", "c"], tmp_path).stdout == "generated: up to date, 3 messages in 24 files\n"
+    assert run(["check", "-t", "c"], tmp_path).stdout == "generated: up to date, 3 messages in 27 files\n"
 
 
 def test_while_files_are_written_nobody_else_writes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -93,7 +93,7 @@ def test_what_a_killed_run_staged_goes_though_its_file_was_given_up(tmp_path: Pa
     assert said.code == 1
     assert f"{stray}: error[SHM406]" in said.stderr
     assert run(["generate", "-t", "c", "std_msgs/Bool"], tmp_path).stdout == (
-        "generated: 0 files written, 20 unchanged, 1 removed\n"
+        "generated: 0 files written, 23 unchanged, 1 removed\n"
     )
     (tmp_path / mine).unlink()
     put({stray: "half"}, tmp_path)
@@ -233,9 +233,8 @@ def test_a_damaged_lock_is_told_by_tools(tmp_path: Path, topic: str, damage: str
     done = run(["doctor", topic], tmp_path)  # which goes on without it
     assert (done.code, done.stderr) == (1, "")
     assert f"{topic}  sensor_msgs/msg/JointState, 2 slots, 1 sample" in done.stdout
-    assert "  layout: as in shmgen.toml\n" in done.stdout
-    assert "this machine\n  fault: layout.lock is damaged, so it cannot be known what it was made from (SHM408)\n" in (
-        done.stdout
-    )
+    assert "  layout: same as shmgen.toml\n" in done.stdout
+    fault = "layout.lock is damaged, so shmgen cannot determine the settings of the generated files (SHM408)"
+    assert f"this machine\n  fault: {fault}\n" in done.stdout
     assert "    file: generated/layout.lock\n" in done.stdout
     assert done.stdout.endswith("1 region, 1 fault\n")

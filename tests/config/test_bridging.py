@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from shmgen.config.bridging import Bridge, Carrying
+from shmgen.config.bridging import Bridge, TransferOptions
 
 from .test_file import load, refusal
 
@@ -18,8 +18,8 @@ FROM_PLC = TO_PLC + "direction = 'from_plc'\n"
 def test_all_of_it_may_be_left_out(tmp_path: Path) -> None:
     loaded = load(tmp_path, TO_PLC)
     assert loaded.bridge == Bridge(backend="auto", node="shmgen_bridge", diagnostics=1.0, domain=None)
-    assert loaded.topics[0].carried == Carrying(
-        rate=None, qos="reliable", latch=False, stamp="now", overflow="reject", stale=None, other_definition="refuse"
+    assert loaded.topics[0].carried == TransferOptions(
+        rate=None, qos="auto", latch=False, stamp="now", overflow="reject", stale=None, other_definition="refuse"
     )
 
 
@@ -41,16 +41,16 @@ def test_each_key_of_the_bridge(tmp_path: Path, text: str, meant: Bridge) -> Non
 @pytest.mark.parametrize(
     ("text", "meant"),
     [
-        (TO_PLC + "rate = 10", Carrying(rate=10.0)),
-        (TO_PLC + "qos = 'best_effort'", Carrying(qos="best_effort")),
-        (TO_PLC + "latch = true", Carrying(latch=True)),
-        (TO_PLC + "overflow = 'truncate'", Carrying(overflow="truncate")),
-        (TO_PLC + "stale = 0.5", Carrying(stale=0.5)),
-        (TO_PLC + "other_definition = 'accept'", Carrying(other_definition="accept")),
-        (FROM_PLC + "stamp = 'keep'", Carrying(stamp="keep")),
+        (TO_PLC + "rate = 10", TransferOptions(rate=10.0)),
+        (TO_PLC + "qos = 'best_effort'", TransferOptions(qos="best_effort")),
+        (TO_PLC + "latch = true", TransferOptions(latch=True)),
+        (TO_PLC + "overflow = 'truncate'", TransferOptions(overflow="truncate")),
+        (TO_PLC + "stale = 0.5", TransferOptions(stale=0.5)),
+        (TO_PLC + "other_definition = 'accept'", TransferOptions(other_definition="accept")),
+        (FROM_PLC + "stamp = 'keep'", TransferOptions(stamp="keep")),
     ],
 )
-def test_each_key_of_a_topic(tmp_path: Path, text: str, meant: Carrying) -> None:
+def test_each_key_of_a_topic(tmp_path: Path, text: str, meant: TransferOptions) -> None:
     assert load(tmp_path, text).topics[0].carried == meant
 
 
@@ -72,10 +72,10 @@ def test_each_key_of_a_topic(tmp_path: Path, text: str, meant: Carrying) -> None
         (TO_PLC + "latch = 1", "SHM502", 4, "true or false, not 1"),
         (TO_PLC + "overflow = 'cut'", "SHM502", 4, "reject, truncate"),
         (TO_PLC + "stale = 0", "SHM502", 4, "a number of seconds"),
-        (TO_PLC + "stamp = 'now'", "SHM502", 4, 'stamp is of topics with direction = "from_plc"'),
+        (TO_PLC + "stamp = 'now'", "SHM502", 4, 'stamp is valid only with direction = "from_plc"'),
         (TO_PLC + "other_definition = 'trust'", "SHM502", 4, "refuse, accept"),
-        (FROM_PLC + "other_definition = 'accept'", "SHM502", 5, 'is of topics with direction = "to_plc"'),
-        (FROM_PLC + "overflow = 'reject'", "SHM502", 5, 'overflow is of topics with direction = "to_plc"'),
+        (FROM_PLC + "other_definition = 'accept'", "SHM502", 5, 'is valid only with direction = "to_plc"'),
+        (FROM_PLC + "overflow = 'reject'", "SHM502", 5, 'overflow is valid only with direction = "to_plc"'),
         (FROM_PLC + "stamp = 'zero'", "SHM502", 5, "now, keep"),
         (FROM_PLC + "latched = true", "SHM501", 5, "did you mean latch?"),
     ],

@@ -17,6 +17,7 @@ from shmgen.core import toml
 from shmgen.core.diagnostics import Rejected, Report
 
 from ..conftest import REPOSITORY
+from ..support import import_or_skip
 from ..support.command import run
 
 PAGE = REPOSITORY / "docs/configuration.md"
@@ -32,7 +33,7 @@ def test_the_page_has_the_table(request: pytest.FixtureRequest) -> None:
 
 
 def valid(document: Any) -> bool:
-    jsonschema = pytest.importorskip("jsonschema")
+    jsonschema = import_or_skip("jsonschema")
     return bool(jsonschema.Draft7Validator(schema()).is_valid(document))
 
 
@@ -46,7 +47,7 @@ def accepted(folder: Path, text: str) -> bool:
 
 
 def test_the_command_prints_a_valid_schema() -> None:
-    jsonschema = pytest.importorskip("jsonschema")
+    jsonschema = import_or_skip("jsonschema")
     printed = json.loads(run(["schema"], REPOSITORY).stdout)
     jsonschema.Draft7Validator.check_schema(printed)
     assert printed == json.loads(json.dumps(schema()))
@@ -62,7 +63,7 @@ def example(key: Key) -> str:
 
 
 def document(key: Key, value: str) -> str:
-    rest = [other for other in keys.of(key.section) if other.required and other is not key]
+    rest = [other for other in keys.keys_of(key.section) if other.required and other is not key]
     if key.section == "topics" and key.name == "stamp":
         rest += [other for other in KEYS if other[:2] == ("topics", "direction")]
     lines = [f"{other.name} = {example(other)}" for other in rest]

@@ -19,6 +19,12 @@ static void copy_slowly(void *into, const void *from, size_t size)
 #define SHMGEN_COPY copy_slowly
 #include "shm_plc_demo/demo_msgs/msg/demo_shm.h"
 
+#include "shm_plc_demo/shmgen_client.h"
+#include "shm_plc_demo/shmgen_notifier.h"
+#include "shm_plc_demo/shmgen_server.h"
+
+#include <poll.h>
+#include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <sys/wait.h>
@@ -135,6 +141,157 @@ static void a_wait_lasts_for_ever(void)
     HOLDS(message.a == 5 || message.a == 6);
     HOLDS(waitpid(child, NULL, 0) == child);
     HOLDS(shm_demo_msgs_Demo_subscriber_wait(&subscriber, &message, INT64_MIN) != SHMGEN_CLOSED); /* 6, or nothing */
+}
+
+static void stop_waiting(int signal)
+{
+    (void)signal;
+    shmgen_subscriber_stop(&subscriber.end);
+}
+
+static void signal_the_parent(void)
+{
+    shmgen_pause(20 * SHMGEN_MS);
+    kill(getppid(), SIGUSR1);
+}
+
+static void a_signal_handler_ends_a_wait(void)
+{
+    struct sigaction action;
+    pid_t child;
+    shmgen_subscriber *both[2] = {&other, &subscriber.end};
+    memset(&action, 0, sizeof action);
+    action.sa_handler = stop_waiting;
+    HOLDS(sigaction(SIGUSR1, &action, NULL) == 0);
+    open_both(1);
+    HOLDS(shmgen_subscriber_open(&other, topic, &subscriber.end.end.type, NULL) == SHMGEN_OK);
+    child = child_that(signal_the_parent);
+    HOLDS(shm_demo_msgs_Demo_subscriber_wait(&subscriber, &message, INT64_MAX) == SHMGEN_STOPPED);
+    HOLDS(waitpid(child, NULL, 0) == child);
+    HOLDS(shmgen_ready_any(both, 2, INT64_MAX) == SHMGEN_STOPPED);
+    publish(1);
+    HOLDS(shm_demo_msgs_Demo_subscriber_wait(&subscriber, &message, INT64_MAX) == SHMGEN_STOPPED);
+    HOLDS(shm_demo_msgs_Demo_subscriber_read(&subscriber, &message) == SHMGEN_OK); /* reading does not wait */
+    shm_demo_msgs_Demo_subscriber_close(&subscriber);
+    HOLDS(shm_demo_msgs_Demo_subscriber_open(&subscriber, topic, NULL) == SHMGEN_OK);
+    HOLDS(shm_demo_msgs_Demo_subscriber_wait(&subscriber, &message, INT64_MAX) == SHMGEN_OK);
+}
+
+static bool is_readable(const shmgen_notifier *notifier, int ms)
+{
+    struct pollfd file = {.fd = shmgen_notifier_fd(notifier), .events = POLLIN};
+    return poll(&file, 1, ms) == 1;
+}
+
+static void a_notifier_reports_each_sample(void)
+{
+    static shmgen_notifier notifier;
+    open_both(1);
+    publish(1);
+    HOLDS(shmgen_notifier_open(&notifier) == SHMGEN_OK);
+    HOLDS(shmgen_notifier_add(&notifier, &other) == SHMGEN_CLOSED);
+    HOLDS(shmgen_notifier_add(&notifier, &subscriber.end) == SHMGEN_OK);
+    HOLDS(is_readable(&notifier, 5000)); /* of the sample that is there already */
+    HOLDS(shmgen_notifier_next(&notifier) == &subscriber.end && shmgen_notifier_next(&notifier) == NULL);
+    HOLDS(!is_readable(&notifier, 20)); /* once, although nobody has read it */
+    for (uint32_t a = 2; a < 100; a++) {
+        publish(a);
+        HOLDS(is_readable(&notifier, 5000));
+        HOLDS(shmgen_notifier_next(&notifier) == &subscriber.end && shmgen_notifier_next(&notifier) == NULL);
+        HOLDS(shm_demo_msgs_Demo_subscriber_read(&subscriber, &message) == SHMGEN_OK && message.a == a);
+    }
+    shmgen_notifier_remove(&notifier, &subscriber.end);
+    publish(100);
+    HOLDS(!is_readable(&notifier, 30) && shmgen_notifier_next(&notifier) == NULL);
+    HOLDS(shmgen_notifier_add(&notifier, &subscriber.end) == SHMGEN_OK && is_readable(&notifier, 5000));
+    shmgen_notifier_close(&notifier);
+    shmgen_notifier_close(&notifier);
+    HOLDS(shmgen_notifier_fd(&notifier) == -1);
+    HOLDS(shm_demo_msgs_Demo_subscriber_read(&subscriber, &message) == SHMGEN_OK && message.a == 100);
+}
+
+static void a_notifier_outlives_a_region(void)
+{
+    static shmgen_notifier notifier;
+    open_both(1);
+    HOLDS(shmgen_notifier_open(&notifier) == SHMGEN_OK);
+    HOLDS(shmgen_notifier_add(&notifier, &subscriber.end) == SHMGEN_OK);
+    HOLDS(shm_unlink(subscriber.end.end.name) == 0 && is_readable(&notifier, 5000));
+    HOLDS(shmgen_notifier_next(&notifier) == &subscriber.end && shmgen_notifier_next(&notifier) == NULL);
+    shm_demo_msgs_Demo_subscriber_close(&subscriber);
+    shm_demo_msgs_Demo_publisher_close(&publisher);
+    HOLDS(is_readable(&notifier, 5000) && shmgen_notifier_next(&notifier) == &subscriber.end); /* again and again */
+    open_both(1);
+    while (shmgen_notifier_next(&notifier) == NULL)
+        HOLDS(is_readable(&notifier, 5000));
+    HOLDS(shmgen_notifier_next(&notifier) == NULL);
+    publish(1);
+    HOLDS(is_readable(&notifier, 5000) && shmgen_notifier_next(&notifier) == &subscriber.end);
+    shm_demo_msgs_Demo_subscriber_close(&subscriber); /* its view of the region is its own */
+    publish(2);
+    HOLDS(is_readable(&notifier, 5000));
+    shmgen_notifier_close(&notifier);
+}
+
+static void a_notifier_watches_more_than_one_sleep_takes(void)
+{
+    static shmgen_notifier notifier;
+    static shmgen_subscriber many[SHMGEN_MOST_WAITS + 20];
+    HOLDS(shm_demo_msgs_Demo_publisher_open(&publisher, topic, NULL) == SHMGEN_OK);
+    HOLDS(shm_demo_msgs_Demo_subscriber_open(&subscriber, topic, NULL) == SHMGEN_OK);
+    HOLDS(shmgen_notifier_open(&notifier) == SHMGEN_OK);
+    for (size_t index = 0; index < sizeof many / sizeof *many; index++) {
+        HOLDS(shmgen_subscriber_open(&many[index], topic, &subscriber.end.end.type, NULL) == SHMGEN_OK);
+        HOLDS(shmgen_notifier_add(&notifier, &many[index]) == SHMGEN_OK);
+    }
+    publish(1);
+    for (size_t found = 0; found < sizeof many / sizeof *many;)
+        if (is_readable(&notifier, 5000) && shmgen_notifier_next(&notifier) != NULL)
+            found++;
+    HOLDS(shmgen_notifier_next(&notifier) == NULL);
+    shmgen_notifier_close(&notifier);
+}
+
+static void *stop_client(void *client)
+{
+    shmgen_pause(20 * SHMGEN_MS);
+    shmgen_client_stop((shmgen_client *)client);
+    return NULL;
+}
+
+static void *stop_server(void *server)
+{
+    shmgen_pause(20 * SHMGEN_MS);
+    shmgen_server_stop((shmgen_server *)server);
+    return NULL;
+}
+
+static void another_thread_ends_a_call(void)
+{
+    static shmgen_client client;
+    static shmgen_server server;
+    char bytes[LARGE];
+    pthread_t thread;
+    shmgen_interface carries;
+    memset(&carries, 0, sizeof carries);
+    carries.request = carries.response = shmgen_part_of(large, NULL, NULL);
+    memset(bytes, 0, sizeof bytes);
+    HOLDS(shmgen_client_open(&client, topic, &carries, NULL) == SHMGEN_OK);
+    HOLDS(pthread_create(&thread, NULL, stop_client, &client) == 0);
+    HOLDS(shmgen_client_call(&client, bytes, bytes, LARGE, INT64_MAX) == SHMGEN_STOPPED);
+    HOLDS(pthread_join(thread, NULL) == 0);
+    shmgen_client_close(&client);
+    HOLDS(shmgen_client_open(&client, topic, &carries, NULL) == SHMGEN_OK);
+    HOLDS(shmgen_server_open(&server, topic, &carries, NULL) == SHMGEN_OK);
+    HOLDS(pthread_create(&thread, NULL, stop_client, &client) == 0);
+    HOLDS(shmgen_client_call(&client, bytes, bytes, LARGE, INT64_MAX) == SHMGEN_STOPPED); /* with a server that is slow */
+    HOLDS(pthread_join(thread, NULL) == 0);
+    HOLDS(shmgen_server_wait(&server, bytes, LARGE, 0) == SHMGEN_OK);
+    HOLDS(pthread_create(&thread, NULL, stop_server, &server) == 0);
+    HOLDS(shmgen_server_wait(&server, bytes, LARGE, INT64_MAX) == SHMGEN_STOPPED);
+    HOLDS(pthread_join(thread, NULL) == 0);
+    shmgen_server_close(&server);
+    shmgen_client_close(&client);
 }
 
 static void many_topics_wake_one(void)
@@ -300,7 +457,7 @@ static void who_takes_over_spares_the_newest(void)
     publish(3);
     shmgen_store(end, shmgen_completed(1), 4); /* the newest, in the lane that is not this one's */
     shmgen_begin_turn(&publisher.end);
-    HOLDS(shmgen_claimed(&publisher.end) == SHMGEN_OK);
+    HOLDS(shmgen_finish_claim(&publisher.end) == SHMGEN_OK);
     HOLDS(publisher.end.turn == 2 && publisher.end.sequence == 6 && shmgen_load(end, SHMGEN_AT(left)) == 6);
     publish(4);
     HOLDS(publisher.end.sequence == 7 && shmgen_newest(end) == 7);
@@ -346,7 +503,9 @@ static const struct {
     void (*run)(void);
 } cases[] = {
     CASE(begin_comes_before_complete), CASE(a_wait_leaves_the_message_or_says_so), CASE(a_wait_lasts_for_ever),
-    CASE(many_topics_wake_one), CASE(armed_is_cleared), CASE(a_sample_voided_in_the_copy_is_none),
+    CASE(a_notifier_reports_each_sample), CASE(a_notifier_outlives_a_region),
+    CASE(a_notifier_watches_more_than_one_sleep_takes),
+    CASE(a_signal_handler_ends_a_wait), CASE(another_thread_ends_a_call), CASE(many_topics_wake_one), CASE(armed_is_cleared), CASE(a_sample_voided_in_the_copy_is_none),
     CASE(a_sample_is_read_in_place), CASE(who_is_passive_changes_nothing), CASE(figures_have_names),
     CASE(a_mode_in_decimal_is_refused), CASE(who_makes_a_header_looks_again), CASE(who_takes_over_confirms_it),
     CASE(who_takes_over_spares_the_newest),

@@ -2,12 +2,15 @@
 //
 //   api TOPIC
 #include "shm_ends/ends_msgs/msg/all.hpp"
+#include "shm_ends/shmgen_notifier.hpp"
 
 #include <cstdio>
 #include <filesystem>
+#include <poll.h>
 #include <sstream>
 #include <string>
 #include <sys/wait.h>
+#include <thread>
 #include <unistd.h>
 
 using namespace std::chrono_literals;
@@ -122,6 +125,10 @@ void options_have_types(std::string_view topic)
     options.mode = 660; // not octal
     HOLDS(AllPublisher().open(topic, options) == SHMGEN_MODE_INVALID);
     options.mode = {};
+    options.group = std::string("a_group_of_") + "this_name"; // which the options keep
+    HOLDS(options.c().group == std::string_view("a_group_of_this_name"));
+    options.group = nullptr;
+    HOLDS(options.c().group == nullptr);
     options.lock = 2s;
     HOLDS(AllPublisher().open(topic, options) == SHMGEN_LIMIT_INVALID);
     options.lock = -1s;
@@ -224,6 +231,34 @@ void many_topics_wake_one(const std::string &topic)
     HOLDS(shmgen::ready_any(1ms, one, closed) == SHMGEN_CLOSED);
 }
 
+void a_notifier_is_for_event_loops(const std::string &topic)
+{
+    AllPublisher publisher(topic);
+    AllSubscriber one(topic), closed;
+    shmgen::Notifier notifier;
+    pollfd file = {notifier.fd(), POLLIN, 0};
+    HOLDS(notifier.is_open() && notifier.add(one) && notifier.add(closed) == SHMGEN_CLOSED);
+    HOLDS(poll(&file, 1, 20) == 0);
+    HOLDS(publisher.publish(All()) && poll(&file, 1, 5000) == 1);
+    notifier.clear();
+    HOLDS(one.try_read() && poll(&file, 1, 20) == 0);
+    notifier.remove(one);
+    HOLDS(publisher.publish(All()) && poll(&file, 1, 20) == 0);
+}
+
+void a_thread_ends_waits(const std::string &topic)
+{
+    AllSubscriber subscriber(topic);
+    std::thread stopping([&] {
+        std::this_thread::sleep_for(20ms);
+        subscriber.stop();
+    });
+    HOLDS(!subscriber.wait(std::chrono::hours::max()) && subscriber.status() == SHMGEN_STOPPED);
+    stopping.join();
+    HOLDS(shmgen::ready_any(std::chrono::hours::max(), subscriber) == SHMGEN_STOPPED);
+    HOLDS(subscriber.open(topic) && !subscriber.ready(1ms) && subscriber.status() == SHMGEN_NOTHING_NEW);
+}
+
 void forked_children(const std::string &topic)
 {
     AllPublisher publisher(topic);
@@ -260,6 +295,8 @@ int main(int, char **words)
     loans(topic + "/loans");
     samples_are_borrowed(topic + "/borrowed");
     many_topics_wake_one(topic);
+    a_notifier_is_for_event_loops(topic + "/notified");
+    a_thread_ends_waits(topic + "/stopped");
     forked_children(topic);
     return wrong;
 }

@@ -32,20 +32,20 @@ void count(action::CountActionServer::Goal &goal)
     action::Count_Result result;
     action::Count_Feedback feedback;
     if (goal.request.stride == 0) {
-        goal.reject();
+        (void)goal.reject();
         return;
     }
     while (result.reached < goal.request.target) {
         if (goal.is_cancel_requested()) {
-            goal.canceled(result);
+            (void)goal.canceled(result);
             return;
         }
         result.reached += goal.request.stride;
         feedback.position = result.reached;
-        goal.publish_feedback(feedback);
+        (void)goal.publish_feedback(feedback);
         shmgen_pause(SHMGEN_MS);
     }
-    goal.succeed(result);
+    (void)goal.succeed(result);
 }
 
 std::string said(shmgen::Status status) { return std::to_string(status.code()); }

@@ -1,4 +1,4 @@
-"""The peer in C and C++, compiled once a session for all workers, and processes of it that end with their test."""
+"""The peer in C and C++, compiled once in a session for all workers. Its processes end with their test."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..support.cpp_peer import Peer
 
 @pytest.fixture(scope="session")
 def generated(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Path:
-    """C and C++ of plc_demo's messages."""
+    """A folder with generated C and C++ for the messages of plc_demo."""
     if shutil.which("g++") is None:
         pytest.skip("g++ is not installed")
     base = tmp_path_factory.getbasetemp()
@@ -41,7 +41,7 @@ def program(generated: Path) -> Path:
 
 @pytest.fixture
 def peer(program: Path) -> Iterator[Callable[..., Peer]]:
-    """Starts one: `peer("c")`."""
+    """A function that starts a peer: `peer("c")`."""
     started: list[Peer] = []
 
     def start(language: str = "cpp") -> Peer:

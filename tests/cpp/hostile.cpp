@@ -16,7 +16,7 @@ using shm_hostile::demo_msgs::msg::Everything;
 using shm_hostile::demo_msgs::msg::EverythingPublisher;
 using shm_hostile::demo_msgs::msg::EverythingSubscriber;
 
-constexpr char TOPIC[] = "/shmgen_test/hostile";
+const char *const TOPIC = std::getenv("TOPIC");
 volatile unsigned long seen;
 unsigned long whole, refused;
 
@@ -138,13 +138,13 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size
         use(copy);
         return 0;
     }
+    shmgen_store(&stage.publisher.c().end, SHMGEN_AT(retired), 0); // a retired region would be reopened, without the fences
     read_all(stage);
     if (stage.publisher.is_open()) {
         const std::uint32_t sequence = stage.publisher.c().sequence;
         std::memcpy(&stage.publisher.c().sequence, base + SHMGEN_AT(completed0), sizeof sequence);
         shmgen_store(&stage.publisher.c().end, SHMGEN_AT(writer), pid); // else it would be lost, for good
         shmgen_store(&stage.publisher.c().end, SHMGEN_AT(turn), stage.publisher.c().turn);
-        shmgen_store(&stage.publisher.c().end, SHMGEN_AT(retired), 0);
         (void)!stage.publisher.try_publish(Everything());
         stage.publisher.c().sequence = sequence;
         read_all(stage);

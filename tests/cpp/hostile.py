@@ -14,6 +14,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import uuid
 from pathlib import Path
 
 from shmgen.config.entries import Bound, Bounds
@@ -42,11 +43,13 @@ SOURCE = cpp_peer.HERE / "hostile.cpp"
 
 def run(command: list[object], **environment: str) -> subprocess.CompletedProcess[str]:
     """And what it leaves in /dev/shm."""
+    name = f"shmgen_test.t{uuid.uuid4().hex}"
     try:
         words = [str(word) for word in command]
-        return subprocess.run(words, capture_output=True, text=True, check=False, env={**os.environ, **environment})
+        environment = {**os.environ, "TOPIC": f"/{name.replace('.', '/')}", **environment}
+        return subprocess.run(words, capture_output=True, text=True, check=False, env=environment)
     finally:
-        for file in Path("/dev/shm").glob("*shmgen_test.hostile*"):
+        for file in Path("/dev/shm").glob(f"*{name}*"):
             file.unlink()
 
 

@@ -70,7 +70,7 @@ static shmgen_status read_newest(void) { return shm_demo_msgs_Demo_subscriber_tr
 
 static shmgen_status borrow(void)
 {
-    const void *payload;
+    const void *payload = NULL;
     shmgen_status status = shmgen_subscriber_borrow(&subscriber.end, &payload);
     if (status == SHMGEN_OK)
         copied(&message, payload, sizeof message);
@@ -101,7 +101,7 @@ int main(int count, char **words)
     shmgen_open_event(&subscriber.end.end);
     look("sleep", sleep_until_posted);
     sem_trywait(subscriber.end.end.lock); /* its holder is dead */
-    shmgen_note_stay(&subscriber.end.end);
+    shmgen_note_holder(&subscriber.end.end);
     look("take over", take_over);
     shmgen_store(&subscriber.end.end, SHMGEN_AT(lock_holder), 77); /* somebody is in meanwhile */
     look("take over what has changed", take_over);

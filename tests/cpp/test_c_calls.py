@@ -115,6 +115,7 @@ def test_an_end_keeps_to_it(
 
 @pytest.mark.parametrize("language", SOURCES)
 @pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.family("old calls are served-c]")
 def test_a_fault_is_found(
     fault: str,
     language: str,

@@ -59,6 +59,7 @@ def of_all(generated: Path) -> Path:
 
 
 @pytest.mark.parametrize("compiler", COMPILERS)
+@pytest.mark.family("[g++]")
 def test_in_cpp(compiler: str, of_all: Path, topic: str) -> None:
     """With sanitizers: a copy whose ends overlap is one thing that they see and a test without them may not."""
     options = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
@@ -71,6 +72,7 @@ REFUSED = {
     "bool ok = publisher.publish(message); (void)ok;": "cannot convert|no viable conversion",
     "int code = publisher.publish(message); (void)code;": "cannot convert|no viable conversion",
     "publisher.publish(message);": "nodiscard",
+    "publisher.heartbeat();": "nodiscard",
     "subscriber.read_into(message);": "nodiscard",
     "subscriber.read();": "nodiscard",
     "subscriber.wait(1ms);": "nodiscard",
@@ -86,7 +88,24 @@ REFUSED = {
 
 @pytest.mark.parametrize("compiler", COMPILERS)
 @pytest.mark.parametrize("line", REFUSED)
+@pytest.mark.family("publisher.loan();-g++", "subscriber.read();-g++")
 def test_what_a_compiler_refuses(line: str, compiler: str, of_all: Path) -> None:
+    errors = errors_of(line, compiler, of_all)
+    assert re.search(REFUSED[line], errors), errors
+
+
+@pytest.mark.parametrize("compiler", COMPILERS)
+@pytest.mark.family("[g++]")
+def test_a_class_is_the_same_without_exceptions(compiler: str, of_all: Path) -> None:
+    """Files of one program may differ in `-fno-exceptions`, so all of them must declare the same members."""
+    for end in ("AllPublisher", "AllSubscriber"):
+        declared = f"static_assert(std::is_constructible_v<{end}, std::string_view>);"
+        assert errors_of(declared, compiler, of_all, "-fno-exceptions") == ""
+        assert "call open()" in errors_of(f'{end} end("/a");', compiler, of_all, "-fno-exceptions")
+
+
+def errors_of(line: str, compiler: str, of_all: Path, *options: str) -> str:
+    """Return the compiler's errors about one line in a function with a publisher, a subscriber and a message."""
     source = f"""
         #include "shm_ends/ends_msgs/msg/all.hpp"
         using namespace std::chrono_literals;
@@ -96,15 +115,15 @@ def test_what_a_compiler_refuses(line: str, compiler: str, of_all: Path) -> None
             (void)publisher, (void)subscriber, (void)message;
             {line}
         }}"""
-    command = [compiler, "-xc++", "-std=c++17", "-Wall", "-Wextra", "-Werror", f"-I{of_all}/cpp", "-fsyntax-only", "-"]
-    done = subprocess.run(command, input=source, capture_output=True, text=True, timeout=60, check=False)
-    assert done.returncode != 0
-    assert re.search(REFUSED[line], done.stderr), done.stderr[:2000]
+    strict = ["-xc++", "-std=c++17", "-Wall", "-Wextra", "-Werror", *options]
+    command = [compiler, *strict, f"-I{of_all}/cpp", "-fsyntax-only", "-"]
+    return subprocess.run(command, input=source, capture_output=True, text=True, timeout=60, check=False).stderr
 
 
 # --- groups -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.geteuid() != 0 or not shutil.which("unshare"), reason="only root makes a group of its own")
 def test_a_group_may_have_many_members(language: str, program: Path, topic: str, tmp_path: Path) -> None:
     """600 of them take more room than getgrnam_r is usually given."""

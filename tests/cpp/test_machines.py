@@ -32,6 +32,7 @@ def program(generated: Path, machine: str) -> list[str]:
 
 
 @pytest.mark.parametrize("machine", MACHINES)
+@pytest.mark.family("[i386]")
 def test_it_writes_and_reads(machine: str, generated: Path, topic: str) -> None:
     """Goes on without the lock where the machine keeps the order of loads and stores, elsewhere when it is healed."""
     done = subprocess.run([*program(generated, machine), "self", topic], capture_output=True, text=True, check=False)
@@ -40,6 +41,7 @@ def test_it_writes_and_reads(machine: str, generated: Path, topic: str) -> None:
     assert done.stdout == said, done.stdout + done.stderr
 
 
+@pytest.mark.slow
 def test_aarch64_with_python(generated: Path, demo: Demo, topic: str) -> None:
     """One lock and one event: sem_t has one shape on both."""
     command = [*program(generated, "aarch64"), "echo", topic, "50"]
@@ -47,6 +49,7 @@ def test_aarch64_with_python(generated: Path, demo: Demo, topic: str) -> None:
 
 
 @pytest.mark.parametrize("machine", MACHINES)
+@pytest.mark.family("i386")
 def test_with_python_without_a_lock(
     machine: str, generated: Path, demo: Demo, topic: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
@@ -10,7 +11,10 @@ from typing import Any, Protocol
 
 import pytest
 
+from shmgen.runtime import region_name
+
 from ..support.cpp_peer import Peer
+from ..support.machine import slower
 from ..support.plc_demo import CONFIRM, Clock, Demo, Memory, semaphore
 from .conftest import SANITIZE
 
@@ -55,6 +59,16 @@ class InC:
     def missed(self) -> int:
         return int(self.peer.ask("figures x").split()[1])
 
+    def cycle(self, a: int) -> Sample | None:
+        """A cycle of the plain loop on this side; in C it calls the step function."""
+        if self.peer.language == "c" and self.peer.does("step x") != 0:
+            return None
+        if self.role == "sub":
+            found = self.peer.ask("read x").split()
+            return (int(found[1]), int(found[2]), found[3], list(map(int, found[4:]))) if found[0] == "0" else None
+        self.peer.does(f"publish x {a}")
+        return None
+
 
 class InPython:
     def __init__(self, demo: Demo, role: str, stack: ExitStack) -> None:
@@ -70,6 +84,12 @@ class InPython:
     def newest(self) -> Sample | None:
         found = self.end.read()
         return found and (found.a, found.b, found.label, list(found.tail))
+
+    def cycle(self, a: int) -> Sample | None:
+        if hasattr(self.end, "read"):
+            return self.newest()
+        self.write(a)
+        return None
 
     def all(self) -> list[int]:
         return [found.a for found in self.end.read_all()]
@@ -105,6 +125,16 @@ class InPlc:
         message = self.block.Msg
         tail = list(message.tail)[: message.tail_count]
         return (message.a, message.b, message.label, tail) if self.block.xNewData else None
+
+    def cycle(self, a: int) -> Sample | None:
+        self.clock.add(10)
+        if self.role == "sub":
+            return self.newest()
+        message = self.block.Msg
+        message.a, message.b, message.label = a, 2 * a, f"x{a % 1000}"
+        message.tail_count, message.tail[0], message.tail[1] = 2, a, -a
+        self.block(xSend=True)
+        return None
 
     def all(self) -> list[int]:
         found = []
@@ -156,6 +186,37 @@ def test_samples_arrive(
         missed = read.missed
         assert (read.newest(), read.missed) == ((28, 56, "x28", [28, -28]), missed + 1)
     assert semaphore(topic).value == 1
+
+
+@pytest.mark.parametrize(("writer", "reader"), [*itertools.product(LANGUAGES, LANGUAGES)])
+def test_data_flows_again_after_rm(writer: str, reader: str, peer: Start, demo: Demo, clock: Clock, topic: str) -> None:
+    """Plain loops of 100 Hz, within a second. Two ends in a PLC go on in the removed region, which neither notices."""
+    region = Path("/dev/shm") / region_name(topic)
+    with ExitStack() as stack:
+
+        def made(language: str, role: str) -> Any:
+            if language == "python":
+                return InPython(demo, role, stack)
+            return InPlc(demo, clock, role) if language == "plc" else InC(peer(language), role)
+
+        write, read = made(writer, "pub"), made(reader, "sub")
+        for end in (write, read):
+            end.open(topic, 4)
+        for removal in range(2):
+            before = region.stat().st_ino
+            region.unlink()
+            deadline, found, a = time.monotonic() + slower, None, 1000 * removal
+            while time.monotonic() < deadline:
+                known = region.exists() and region.stat().st_ino != before
+                a += 1
+                write.cycle(a)
+                found = read.cycle(a)
+                if found and (known or {writer, reader} == {"plc"}):
+                    break
+                time.sleep(0.01)
+            assert found == (a, 2 * a, f"x{a % 1000}", [a, -a])
+            if {writer, reader} == {"plc"}:
+                break
 
 
 @pytest.mark.parametrize(("writer", "reader"), [pair for pair in PAIRS if "plc" not in pair])

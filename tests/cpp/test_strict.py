@@ -18,6 +18,8 @@ from ..support.build import put
 C = ("c11", "gnu99", "gnu11")
 CPP = ("gnu++11", "c++17", "c++20")
 WARNINGS = ["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror"]
+CASTS = {"gcc": ["-Wold-style-cast", "-Wuseless-cast"], "clang": ["-Wold-style-cast"]}
+"""Warnings for C++ only."""
 
 
 @pytest.fixture(scope="module")
@@ -32,6 +34,7 @@ def headers(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("standard", [*C, *CPP])
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
+@pytest.mark.family("gcc-c11", "gcc-c++17")
 def test_no_warning(compiler: str, standard: str, headers: Path) -> None:
     if shutil.which(compiler) is None:
         pytest.skip(f"no {compiler}")
@@ -41,9 +44,23 @@ def test_no_warning(compiler: str, standard: str, headers: Path) -> None:
     endings = ["*.h", "*.hpp"] if standard in ("c++17", "c++20") else ["*.h"]
     for ending in endings:
         root = headers / ("c" if ending == "*.h" else "cpp")
-        # As a macro of gcc says it: in gnu99 a static assertion is an extension, of which -Wpedantic tells.
-        flags = [flag for flag in WARNINGS if standard != "gnu99" or flag != "-Wpedantic"]
-        source = "".join(f'#include "{path.relative_to(root)}"\n' for path in sorted(root.rglob(ending)))
-        command = [compiler, f"-x{language}", f"-std={standard}", *flags, f"-I{root}", "-fsyntax-only", "-"]
-        done = subprocess.run(command, input=source, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr[:3000]
+        flags = WARNINGS if language == "c" else [*WARNINGS, *CASTS[compiler]]
+        command = [compiler, f"-x{language}", f"-std={standard}", *flags, "-fsyntax-only"]
+        compile_all(command, root, ending)
+
+
+@pytest.mark.parametrize("language", ["c", "c++"])
+@pytest.mark.family("[c]")
+def test_no_warning_under_the_thread_sanitizer(language: str, headers: Path) -> None:
+    """gcc warns about fences in code that it emits, so every function is kept."""
+    if language == "c++" and shutil.which("g++") is None:
+        pytest.skip("no g++: apt-get install g++")
+    command = ["gcc", f"-x{language}", "-fsanitize=thread", "-O1", "-fkeep-inline-functions", *WARNINGS]
+    compile_all([*command, "-Wno-pedantic", "-c", "-o", "/dev/null"], headers / "c", "*.h")
+
+
+def compile_all(command: list[str], root: Path, ending: str) -> None:
+    """Compile one source file that includes each header below `root`."""
+    source = "".join(f'#include "{path.relative_to(root)}"\n' for path in sorted(root.rglob(ending)))
+    done = subprocess.run([*command, f"-I{root}", "-"], input=source, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[:3000]

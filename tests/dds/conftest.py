@@ -1,4 +1,4 @@
-"""What the tests of DDS share: a domain of their own on loopback, and the peers."""
+"""A DDS domain on loopback for each worker, and its peers."""
 
 from __future__ import annotations
 
@@ -37,19 +37,19 @@ TYPES = (
     "std_msgs/String",
     "trajectory_msgs/JointTrajectory",
 )
-"""Those the peers know: nested, stamped, with strings, arrays, bounded and unbounded sequences of all of these."""
+"""The types that the peers have: nested, stamped, with strings, arrays, and bounded and unbounded sequences."""
 
 
 class WithoutCyclone(pytest.Module):
-    """A file of tests on a machine that has no wheel of cyclonedds."""
+    """A test file that is skipped because this machine has no wheel of cyclonedds."""
 
     def collect(self) -> NoReturn:
         pytest.skip("no cyclonedds here", allow_module_level=True)
 
 
 def pytest_pycollect_makemodule(module_path: Path, parent: pytest.Collector) -> pytest.Module | None:
-    found = importlib.util.find_spec("cyclonedds")
-    return None if found else WithoutCyclone.from_parent(parent, path=module_path)
+    cyclonedds = importlib.util.find_spec("cyclonedds")
+    return None if cyclonedds else WithoutCyclone.from_parent(parent, path=module_path)
 
 
 @pytest.fixture(scope="session")
@@ -59,7 +59,7 @@ def schema() -> Schema:
 
 @pytest.fixture(scope="session")
 def domain(testrun_uid: str, worker_id: str) -> int:
-    """One for each worker, out of those whose ports Linux gives to nobody else."""
+    """A domain number for each worker, from the numbers whose ports Linux assigns to no other socket."""
     number = int(worker_id.removeprefix("gw")) if worker_id.startswith("gw") else 0
     return 1 + (zlib.crc32(testrun_uid.encode()) + number) % 100
 
@@ -72,31 +72,31 @@ def _loopback(monkeypatch: pytest.MonkeyPatch, domain: int) -> None:
 
 @pytest.fixture
 def cell(domain: int, tmp_path: Path, topic: str) -> Iterator[Domain]:
-    """Where bridges and other processes are. They end before the region of `topic` goes: a bridge makes it anew."""
-    made = Domain(tmp_path, domain)
-    yield made
-    made.close()
+    """A domain with bridges and other processes. They end before the region of `topic` is removed."""
+    cell_domain = Domain(tmp_path, domain)
+    yield cell_domain
+    cell_domain.close()
 
 
 @pytest.fixture
-def told() -> list[str]:
-    """What the backend tells whoever watches."""
+def logged() -> list[str]:
+    """The list of messages that the backend logs."""
     return []
 
 
 @pytest.fixture
-def graph(told: list[str]) -> Iterator[Graph]:
-    """Our node in the domain."""
+def graph(logged: list[str]) -> Iterator[Graph]:
+    """The bridge's node in the domain."""
     from shmgen.bridge.dds import backend
 
-    made = backend.connect(Node("shmgen_test", None, told.append, lambda: False, largest=2**20))
-    yield made
-    made.close()
+    node = backend.connect(Node("shmgen_test", None, logged.append, lambda: False, largest=2**20))
+    yield node
+    node.close()
 
 
 @pytest.fixture(scope="session", params=["fast", "cyclone"])
 def peer(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, schema: Schema) -> Path:
-    """A program that is not ours, built once for all workers."""
+    """A program of another vendor, built once for all workers."""
     if tool := peers.missing(request.param):
         pytest.skip(f"no {tool} to build a peer with")
     shared = tmp_path_factory.getbasetemp()
@@ -107,34 +107,34 @@ def peer(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 
 
 class Taken:
-    """A MessageSink: messages go to `take`; the rest is `told`."""
+    """A MessageSink that passes messages to `take` and appends all other reports to `logged`."""
 
-    def __init__(self, take: Callable[[Any], Any], told: list[str] | None = None) -> None:
+    def __init__(self, take: Callable[[Any], Any], logged: list[str] | None = None) -> None:
         self.take = take
-        self.told = [] if told is None else told
+        self.logged = [] if logged is None else logged
         self.lost = 0
 
     def reject(self, why: str) -> None:
-        self.told.append(why)
+        self.logged.append(why)
 
     def refuse(self, why: str) -> None:
-        self.told.append(why)
+        self.logged.append(why)
 
-    def meet(self, stranger: str) -> None:
-        self.told += [stranger] if stranger else []
+    def set_incompatible_peer(self, reason: str) -> None:
+        self.logged += [reason] if reason else []
 
     def lose(self, count: int) -> None:
         self.lost += count
 
 
 def wire(schema: Schema, topic: str, request: str, **how: Any) -> Wire:
-    """The topic as the bridge would describe it to the backend."""
+    """Return a topic as the bridge describes it to the backend."""
     name = next(message.name for message in schema.messages if message.name.short == request)
     return Wire(topic, closure(schema, name), **how)
 
 
-def until(true: Callable[[], Any], seconds: float = 10) -> None:
-    """Returns as soon as `true()` is, asked ten times a second."""
+def until(true: Callable[[], Any], seconds: float = 60) -> None:
+    """Wait until `true()` returns True. Poll ten times in a second."""
     deadline = time.monotonic() + seconds
     while not true():
         assert time.monotonic() < deadline, f"not within {seconds} s"

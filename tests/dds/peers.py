@@ -68,7 +68,7 @@ def running(program: Path, *words: object) -> Iterator[Bridge]:
     with subprocess.Popen(command, stdin=-1, stdout=-1, stderr=-2, text=True, env=environment) as process:
         peer = Bridge(process)
         try:
-            peer.said("ready")
+            peer.wait_for_line("ready")
             yield peer
         finally:
             process.kill()

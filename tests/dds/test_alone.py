@@ -23,8 +23,8 @@ from ..support.ros1 import Bridge
 from ..support.standby import Onlooker, a_plc_writes, file_of, made_anew
 from .conftest import Taken, until, wire
 
-LONGEST = 0.3
-"""Seconds that a heartbeat may stand still on a topic that nobody touched."""
+LONGEST = 1.0
+"""Seconds that a heartbeat may stand still on a topic that nobody touched. A PLC's region is watched for 1.1 s."""
 ENTRY = '[[topics]]\ntopic = "{topic}"\ntype = "geometry_msgs/Pose"\n{keys}\n'
 ERROR = 2
 
@@ -36,7 +36,7 @@ class Cell:
         self.domain, self.topic = domain, topic
         keys = dict.fromkeys("abcdef", "") | {"back": 'direction = "from_plc"\ndepth = 8'}
         self.entries = {name: ENTRY.format(topic=f"{topic}/{name}", keys=keys[name]) for name in keys}
-        self.told: dict[str, tuple[int, str, dict[str, str]]] = {}
+        self.logged: dict[str, tuple[int, str, dict[str, str]]] = {}
         graph.subscribe(wire(schema, "/diagnostics", "diagnostic_msgs/DiagnosticArray"), Taken(self._diagnosed))
         self.bridge = domain.bridge(self.config())
         self.outlets = {
@@ -71,14 +71,14 @@ class Cell:
             return reader.wait(0.3) is not None
 
     def state(self, name: str) -> tuple[int, str]:
-        return self.told.get(f"{self.topic}/{name}", (-1, "", {}))[:2]
+        return self.logged.get(f"{self.topic}/{name}", (-1, "", {}))[:2]
 
     def count(self, name: str) -> dict[str, str]:
-        return self.told.get(f"{self.topic}/{name}", (-1, "", {}))[2]
+        return self.logged.get(f"{self.topic}/{name}", (-1, "", {}))[2]
 
     def _diagnosed(self, array: Any) -> None:
         for one in array.status:
-            self.told[one.name.partition(": ")[2]] = (
+            self.logged[one.name.partition(": ")[2]] = (
                 int.from_bytes(one.level, "little") if isinstance(one.level, bytes) else one.level,
                 one.message,
                 {value.key: value.value for value in one.values},
@@ -94,7 +94,7 @@ def six(cell: Domain, graph: backend.Graph, schema: Schema, topic: str) -> Cell:
     return made
 
 
-def told(bridge: Bridge, text: str) -> int:
+def logged(bridge: Bridge, text: str) -> int:
     return sum(text in line for line in list(bridge.lines))
 
 
@@ -111,8 +111,8 @@ def test_a_topic_that_a_plc_takes_over_is_sought_again(six: Cell) -> None:
     until(lambda: six.flows("a"))
     until(lambda: six.state("a")[0] == 0)
     assert max(looks.longest.values()) < LONGEST, looks.longest
-    assert told(six.bridge, "has taken the topic over") <= 1
-    assert told(six.bridge, f"{six.topic}/a: the region is open again") == 1
+    assert logged(six.bridge, "has taken the topic over") <= 1
+    assert logged(six.bridge, f"{six.topic}/a: the region is open again") == 1
     six.bridge.stop(signal.SIGTERM)
 
 
@@ -125,7 +125,6 @@ def test_a_region_that_a_plc_made_anew_holds_up_no_other(six: Cell) -> None:
     with six.onlooker("a") as looks:
         for _ in range(2):
             made_anew(f"{six.topic}/a", by_a_plc)
-            until(lambda: six.state("a")[0] == ERROR)
             until(lambda: six.flows("a"))
     assert max(looks.longest.values()) < LONGEST, looks.longest
 
@@ -143,7 +142,7 @@ def test_files_that_are_no_regions_hold_up_no_other(six: Cell) -> None:
             file_of(f"{six.topic}/{name}").unlink()
         until(lambda: all(six.flows(name) for name in "abcde"))
     assert looks.longest[f"{six.topic}/f"] < LONGEST
-    assert told(six.bridge, "not a region of shmgen") == 5
+    assert logged(six.bridge, "not a region of shmgen") == 5
 
 
 def test_what_waits_in_a_region_that_is_removed_still_crosses(six: Cell) -> None:
@@ -169,7 +168,7 @@ def test_what_waits_in_a_region_that_is_removed_still_crosses(six: Cell) -> None
 
 def test_each_message_is_in_one_counter(six: Cell) -> None:
     """Those that pass, and those that come while another writes; see ros2/test_identity.py, rigs/soak_bridge.py."""
-    names = ("passed", "rejected", "missed", "refused", "lost", "thinned")
+    names = ("passed", "rejected", "missed", "refused", "lost", "rate limited")
 
     def total() -> int:
         return sum(int(six.count("a")[name]) for name in names)
@@ -202,7 +201,7 @@ def test_a_reload_changes_what_has_changed_and_nothing_else(six: Cell, graph: ba
     (six.domain.folder / "shmgen.toml").write_text("# a comment moves all lines\n" + six.config() + new)
     with six.onlooker("ac") as looks:
         six.bridge.process.send_signal(signal.SIGHUP)
-        six.bridge.said("shmgen.toml was read again: topics: 7, services: 0")
+        six.bridge.wait_for_line("shmgen.toml was read again: topics: 7, services: 0")
         outlet = six.outlets["new"] = graph.publisher(wire(schema, f"{six.topic}/new", "geometry_msgs/Pose"))
         until(lambda: six.flows("new"))
         until(lambda: six.flows("c"))
@@ -216,10 +215,10 @@ def test_a_reload_changes_what_has_changed_and_nothing_else(six: Cell, graph: ba
         pass  # nobody else claims it any more
     (six.domain.folder / "shmgen.toml").write_text('[[topics]]\ntopic = "/x"\ntyp = "geometry_msgs/Pose"\n')
     six.bridge.process.send_signal(signal.SIGHUP)
-    six.bridge.said("shmgen.toml is not taken: .*typ")
+    six.bridge.wait_for_line("shmgen.toml was not reloaded: .*typ")
     assert six.flows("b")
     six.bridge.stop(signal.SIGTERM)
-    assert not told(six.bridge, "Traceback")
+    assert not logged(six.bridge, "Traceback")
 
 
 def test_systemd_hears_that_it_is_ready_alive_and_ending(cell: Domain, topic: str) -> None:

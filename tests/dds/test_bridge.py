@@ -14,7 +14,7 @@ import pytest
 from shmgen.bridge.backend import NoAnswer
 from shmgen.bridge.dds import backend
 from shmgen.bridge.dds.types import topic_name
-from shmgen.bridge.plan import ServiceRoute, services
+from shmgen.bridge.plan import CallRoute, services
 from shmgen.config import load
 from shmgen.core.diagnostics import Report
 from shmgen.generator import pipeline
@@ -85,32 +85,33 @@ def library(cell: Domain, topic: str) -> Path:
     return cell.folder / "plc" / "plc.so"
 
 
+@pytest.mark.family("[cyclone]")
 def test_through_a_plc_and_back(peer: Path, cell: Domain, library: Path, domain: int, topic: str) -> None:
     def start_plc() -> Bridge:
         made = Bridge(cell.start([cell.python, "-m", "tests.softplc.task", library, "PRG_Ros", "PRG_Echo"]))
-        made.said("^running")
+        made.wait_for_line("^running")
         return made
 
     tasks = [TYPE, "-", topic_name(f"{topic}/joints")]
     tasks += [TYPE, topic_name(f"{topic}/joints_back"), topic_name(f"{topic}/again")]
     bridge, plc = cell.bridge(), start_plc()
     with running(peer, domain, "reliable", "volatile", *tasks) as theirs:
-        theirs.said(ANSWER, 3)
+        theirs.wait_for_line(ANSWER, 3)
 
         bridge.kill()
         theirs.lines.clear()
         bridge = cell.bridge()
-        theirs.said(ANSWER, 3)
+        theirs.wait_for_line(ANSWER, 3)
 
         plc.kill()
         theirs.lines.clear()
         start_plc()
-        theirs.said(ANSWER, 3)
+        theirs.wait_for_line(ANSWER, 3)
     with running(peer, domain, "reliable", "volatile", *tasks) as theirs:
-        theirs.said(ANSWER, 3)
+        theirs.wait_for_line(ANSWER, 3)
         assert not [line for line in theirs.lines if line.startswith("took") and not re.match(ANSWER, line)]
     assert bridge.stop(signal.SIGTERM) < PROMPTLY
-    bridge.said("/joints_back +[0-9]+ passed")
+    bridge.wait_for_line("/joints_back +[0-9]+ passed")
 
 
 def test_services_both_ways(cell: Domain, graph: backend.Graph, topic: str) -> None:
@@ -132,7 +133,7 @@ def test_services_both_ways(cell: Domain, graph: backend.Graph, topic: str) -> N
     stop = threading.Event()
 
     def serve() -> None:
-        with server_kind(served.service.name) as server:
+        with server_kind(served.entry.name) as server:
             while not stop.is_set():
                 server.serve(lambda asked: SimpleNamespace(success=True, message=f"{asked.word} {asked.part}"), 0.05)
 
@@ -146,7 +147,7 @@ def test_services_both_ways(cell: Domain, graph: backend.Graph, topic: str) -> N
     request.word = "a word that is longer than the bound"
     with pytest.raises(NoAnswer):
         client.call(request, 1.0)
-    bridge.said("/start: .*word: 36 bytes of UTF-8, capacity 16")
+    bridge.wait_for_line("/start: .*word: 36 bytes of UTF-8, capacity 16")
     stop.set()
     thread.join()
 
@@ -155,14 +156,15 @@ def test_services_both_ways(cell: Domain, graph: backend.Graph, topic: str) -> N
         "request_publisher": end(Publisher, called, "_Request"),
         "reply_subscriber": end(Subscriber, called, "_Reply"),
     }
-    with type("Client", (ServiceClient,), ends)(called.service.name) as plc:
+    with type("Client", (ServiceClient,), ends)(called.entry.name) as plc:
         assert plc.call(SimpleNamespace(part=3, word="stop"), LIMIT).message == "STOP"
 
 
-def end(base: Any, route: ServiceRoute, part: str) -> Any:
+def end(base: Any, route: CallRoute, part: str) -> Any:
     return type("End", (base,), {"message_type": route.kinds[part]})
 
 
+@pytest.mark.slow
 def test_load(cell: Domain, topic: str) -> None:
     """The load test of the bridge, short; `make load-bridge` is the long one."""
     result = bridged(cell, topic, 3)

@@ -49,5 +49,5 @@ def test_what_is_missing_is_named(hook: Any, tmp_path: Path, monkeypatch: pytest
         monkeypatch.setenv("CXX", said)
         (tmp_path / "library").write_text(library)
         with pytest.raises(RuntimeError, match=why + needs):
-            hook.compiled(PACKAGE / "shmgen_fastdds", target)
+            hook.compile_library(PACKAGE / "shmgen_fastdds", target)
     assert {file.name for file in tmp_path.iterdir()} == {"compiler", "library"}

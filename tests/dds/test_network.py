@@ -115,6 +115,7 @@ else:
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="makes network namespaces")
 @pytest.mark.parametrize("said", FOUND)
+@pytest.mark.family("[LOCALHOST]", "[SUBNET]")
 def test_who_is_found(tmp_path: Path, said: str) -> None:
     able = ["unshare", "-n", "ip", "link", "add", "name", "ours", "type", "veth", "peer", "name", "theirs"]
     if not (shutil.which("unshare") and shutil.which("ip")) or subprocess.run(able, capture_output=True).returncode:
@@ -136,21 +137,21 @@ def test_who_is_found(tmp_path: Path, said: str) -> None:
         assert {name for name, seen in result["seen by"].items() if "ours_services" in seen} == services
     if wanted == {"inside"}:
         assert result["dropped"] > 0  # what the other machine has sent us all the while
-        assert "dds: only this machine is heard" in result["notes"]
+        assert "dds: only this machine is reachable" in result["notes"]
 
 
 def test_what_is_said_of_what_counts_for_nothing() -> None:
     assert network({}, LARGEST).notes == ()
     before, only = network({ONLY: "1", PEERS: "x"}, LARGEST).notes
-    assert (before.startswith("ROS_LOCALHOST_ONLY is 1: "), only) == (True, "only this machine is heard")
+    assert (before.startswith("ROS_LOCALHOST_ONLY is 1: "), only) == (True, "only this machine is reachable")
     wrong, only = network({RANGE: "subnet"}, LARGEST).notes
     assert "'subnet', none of OFF, LOCALHOST, SUBNET, SYSTEM_DEFAULT" in wrong
-    assert network({RANGE: "SYSTEM_DEFAULT", PEERS: "x"}, LARGEST).notes[0].startswith("ROS_STATIC_PEERS counts for")
+    assert network({RANGE: "SYSTEM_DEFAULT", PEERS: "x"}, LARGEST).notes[0].startswith("ROS_STATIC_PEERS is ignored")
     assert "<Peer address='&lt;\"'/>" in network({PEERS: '<"'}, LARGEST).config
 
 
 def test_what_may_wait_has_a_bound(schema: Schema) -> None:
-    small, image = (replace(wire(schema, "/a", "std_msgs/String"), room=room) for room in (81, 4 << 20))
+    small, image = (replace(wire(schema, "/a", "std_msgs/String"), sample_size=room) for room in (81, 4 << 20))
     assert (small.largest, small.queue) == (LARGEST, 1000)
     assert (image.largest, image.queue) == (16 << 20, 4)
     assert replace(image, depth=16).queue == 16
@@ -190,9 +191,9 @@ def test_what_is_too_large_is_not_even_received(cell: Domain, domain: int, topic
     command = [cell.python, "-c", FLOOD, str(domain), f"rt{topic}"]
     flood = cell.start(command, {"CYCLONEDDS_URI": LOOPBACK})
     assert flood.wait(60) == 0
-    bridge.said("rejected: 50,331,656 bytes, and more than 65,536 are not received")
+    bridge.wait_for_line("rejected: 50,331,656 bytes, and more than 65,536 are not received")
     bridge.process.send_signal(signal.SIGUSR1)
-    bridge.said(f"{topic} +1 passed, 4 rejected")
+    bridge.wait_for_line(f"{topic} +1 passed, 4 rejected")
     assert not [line for line in bridge.lines if line[0].isdigit()], "peers begin no line"
     assert high() - before < 16 * 1024  # KiB; a single one of these has three times that
 
@@ -212,5 +213,5 @@ def test_what_cyclone_says_begins_no_line_of_the_log(cell: Domain, domain: int) 
     joins = cell.start([cell.python, "-c", JOINS, str(domain)], {"CYCLONEDDS_URI": f"{LOOPBACK},{small}"}, stderr=-2)
     said = joins.communicate(timeout=60)[0].splitlines()
     assert joins.returncode == 0
-    assert any(line.startswith("dds: Cyclone says: dropping oversize ") for line in said), said
+    assert any(line.startswith("dds: Cyclone: dropping oversize ") for line in said), said
     assert all(line.startswith("dds: ") for line in said), said

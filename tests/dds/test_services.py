@@ -23,7 +23,7 @@ from cyclonedds.topic import Topic
 from shmgen.bridge.backend import LARGEST, NoAnswer, Node, ServiceWire
 from shmgen.bridge.dds import backend
 from shmgen.bridge.dds.network import network
-from shmgen.bridge.dds.service_pair import Came, Side
+from shmgen.bridge.dds.service_pair import Direction, ReceivedCall
 from shmgen.config import Config
 from shmgen.generator import pipeline
 
@@ -98,9 +98,9 @@ class Theirs:
         return bool(self.writer.get_matched_subscriptions() and self.reader.get_matched_publications())
 
 
-def of_service(told: list[str]) -> list[str]:
-    """But for what is told of the domain."""
-    return [line for line in told if line.startswith("/")]
+def of_service(logged: list[str]) -> list[str]:
+    """Leave out the lines about the domain."""
+    return [line for line in logged if line.startswith("/")]
 
 
 def test_serve(graph: backend.Graph, domain: int, wire: ServiceWire) -> None:
@@ -110,7 +110,7 @@ def test_serve(graph: backend.Graph, domain: int, wire: ServiceWire) -> None:
         response.success, response.message = True, f"{request.word} {request.number}"
 
     graph.serve(wire, answer, [].append)
-    client = Theirs(domain, wire.service, "clientid")
+    client = Theirs(domain, wire.name, "clientid")
     until(client.matched)
     client.writer.write(REQUEST(2**63 + 1, 7, -1, "lost"))
     client.writer.write(REQUEST(2**63 + 1, 8, 2**40, "grün"))
@@ -122,7 +122,7 @@ def test_a_reply_waits_until_its_reader_is_known(graph: backend.Graph, domain: i
     """Discovery brings the ends of a client one after another, and on a busy machine not at once."""
     asked = threading.Event()
     graph.serve(wire, lambda request, response: asked.set(), [].append)
-    client = Theirs(domain, wire.service, "clientid", reads=False)
+    client = Theirs(domain, wire.name, "clientid", reads=False)
     until(client.writer.get_matched_subscriptions, 20)
     client.writer.write(REQUEST(1, 9, 0, ""))
     assert asked.wait(20)
@@ -131,20 +131,20 @@ def test_a_reply_waits_until_its_reader_is_known(graph: backend.Graph, domain: i
     assert client.reader.take_one(timeout=20 * 10**9) == REPLY(1, 9, False, "")
 
 
-def test_a_failure_is_told(graph: backend.Graph, domain: int, wire: ServiceWire, told: list[str]) -> None:
+def test_a_failure_is_told(graph: backend.Graph, domain: int, wire: ServiceWire, logged: list[str]) -> None:
     def answer(request: Any, response: Any) -> None:
         raise NoAnswer("the PLC is in stop")
 
     graph.serve(wire, answer, [].append)
-    client = Theirs(domain, wire.service, "clientid")
+    client = Theirs(domain, wire.name, "clientid")
     until(client.matched)
     client.writer.write(REQUEST(1, 1, 1, ""))
-    until(lambda: told[-1] == f"{wire.service}: no answer: the PLC is in stop", 20)
+    until(lambda: logged[-1] == f"{wire.name}: no answer: the PLC is in stop", 20)
 
 
 def test_call(graph: backend.Graph, domain: int, wire: ServiceWire) -> None:
     caller = graph.client(wire)
-    server = Theirs(domain, wire.service, "serviceid")
+    server = Theirs(domain, wire.name, "serviceid")
     until(server.matched, 20)
 
     def serve() -> None:
@@ -168,7 +168,7 @@ def test_call(graph: backend.Graph, domain: int, wire: ServiceWire) -> None:
 @pytest.mark.parametrize("there", [False, True], ids=["no server", "no answer"])
 def test_no_answer(graph: backend.Graph, domain: int, wire: ServiceWire, there: bool) -> None:
     caller = graph.client(wire)
-    server = Theirs(domain, wire.service, "serviceid") if there else None
+    server = Theirs(domain, wire.name, "serviceid") if there else None
     begun = time.monotonic()
     with pytest.raises(NoAnswer, match="no answer within 1 s" if server else "no server within 1 s"):
         caller.call(caller.new(), 1.0)
@@ -185,7 +185,7 @@ def test_we_call_ourselves(graph: backend.Graph, wire: ServiceWire) -> None:
 
 def test_what_is_not_carried_any_more_leaves_the_graph(graph: backend.Graph, domain: int, wire: ServiceWire) -> None:
     """As after a reload; and it may come back."""
-    client = Theirs(domain, wire.service, "clientid")
+    client = Theirs(domain, wire.name, "clientid")
     for answer in ("before", "again"):
         graph.undo = []
         graph.serve(wire, lambda request, response, word=answer: setattr(response, "message", word), [].append)
@@ -202,21 +202,21 @@ ANOTHER = f"typehash=RIHS01_{'1' * 64};"
 
 
 def test_a_client_of_another_definition_does_not_reach_the_plc(
-    graph: backend.Graph, domain: int, wire: ServiceWire, told: list[str]
+    graph: backend.Graph, domain: int, wire: ServiceWire, logged: list[str]
 ) -> None:
     refused: list[str] = []
-    graph.serve(wire, lambda request, response: told.append("answered"), refused.append)
-    client = Theirs(domain, wire.service, "clientid", words=ANOTHER)
+    graph.serve(wire, lambda request, response: logged.append("answered"), refused.append)
+    client = Theirs(domain, wire.name, "clientid", words=ANOTHER)
     until(client.matched)
     client.writer.write(REQUEST(1, 1, 1, ""))
     until(lambda: len(refused) >= 2)
-    (line,) = of_service(told)
-    assert line.startswith(f"{wire.service}: a peer has another cell_msgs/Ask_Request: its type hash is RIHS01_1111")
+    (line,) = of_service(logged)
+    assert line.startswith(f"{wire.name}: a peer has another cell_msgs/Ask_Request: its type hash is RIHS01_1111")
 
 
 def test_a_server_of_another_definition_is_not_asked(graph: backend.Graph, domain: int, wire: ServiceWire) -> None:
     caller = graph.client(wire)
-    server = Theirs(domain, wire.service, "serviceid", words=ANOTHER)
+    server = Theirs(domain, wire.name, "serviceid", words=ANOTHER)
     until(server.matched)
     with pytest.raises(NoAnswer, match="a peer has another cell_msgs/Ask_Request"):
         caller.call(caller.new(), 1.0)
@@ -228,39 +228,39 @@ without_fast = pytest.mark.parametrize("way", ["cyclone", "no package", "another
 
 @without_fast
 def test_a_client_of_another_middleware_does_not_reach_the_plc(
-    graph: backend.Graph, domain: int, wire: ServiceWire, told: list[str]
+    graph: backend.Graph, domain: int, wire: ServiceWire, logged: list[str]
 ) -> None:
     refused: list[str] = []
-    graph.serve(wire, lambda request, response: told.append("answered"), refused.append)
-    client = Theirs(domain, wire.service, "clientid", known=False)
+    graph.serve(wire, lambda request, response: logged.append("answered"), refused.append)
+    client = Theirs(domain, wire.name, "clientid", known=False)
     until(client.matched)
     client.writer.write(REQUEST(1, 1, 1, ""))
     until(lambda: len(refused) >= 2)
-    (line,) = [line for line in of_service(told) if "rmw_cyclonedds" in line]
-    before, _, hint = line.partition("nothing passes between us and it; ")
-    assert before == f"{wire.service}: a peer is not on rmw_cyclonedds: "
+    (line,) = [line for line in of_service(logged) if "rmw_cyclonedds" in line]
+    before, _, hint = line.partition("no messages pass between it and the bridge; ")
+    assert before == f"{wire.name}: a peer is not on rmw_cyclonedds: "
     if "RMW_IMPLEMENTATION" not in os.environ:
         assert re.match(r"install shmgen-fastdds (where .*|again \(libfastrtps.so.2.9: .*)\), or start it with", hint)
     assert hint.endswith("start it with RMW_IMPLEMENTATION=rmw_cyclonedds_cpp, or the bridge with --backend ros2")
 
 
 @pytest.mark.parametrize("way", ["fast"], indirect=True)
-def test_what_is_no_request_is_refused(graph: backend.Graph, domain: int, wire: ServiceWire, told: list[str]) -> None:
+def test_what_is_no_request_is_refused(graph: backend.Graph, domain: int, wire: ServiceWire, logged: list[str]) -> None:
     """The header of the one kind, from who does not say that it is of it."""
     refused: list[str] = []
-    graph.serve(wire, lambda request, response: told.append("answered"), refused.append)
-    client = Theirs(domain, wire.service, "clientid", known=False)
+    graph.serve(wire, lambda request, response: logged.append("answered"), refused.append)
+    client = Theirs(domain, wire.name, "clientid", known=False)
     until(client.matched, 20)
     client.writer.write(REQUEST(1, 1, 1, ""))
     until(lambda: refused, 20)
-    assert any("CDR message size mismatch" in line for line in of_service(told))
-    assert "answered" not in told
+    assert any("CDR message size mismatch" in line for line in of_service(logged))
+    assert "answered" not in logged
 
 
 @without_fast
 def test_a_server_of_another_middleware_is_not_asked(graph: backend.Graph, domain: int, wire: ServiceWire) -> None:
     caller = graph.client(wire)
-    server = Theirs(domain, wire.service, "serviceid", known=False)
+    server = Theirs(domain, wire.name, "serviceid", known=False)
     until(server.matched)
     with pytest.raises(NoAnswer, match="a peer is not on rmw_cyclonedds"):
         caller.call(caller.new(), 1.0)
@@ -270,8 +270,8 @@ def test_a_server_of_another_middleware_is_not_asked(graph: backend.Graph, domai
 @pytest.mark.parametrize("way", ["fast"], indirect=True)
 def test_servers_of_both_kinds_are_not_asked(graph: backend.Graph, domain: int, wire: ServiceWire) -> None:
     caller = graph.client(wire)
-    servers = [Theirs(domain, wire.service, "serviceid", known=known) for known in (True, False)]
-    why = "each would take the other's request for its own"
+    servers = [Theirs(domain, wire.name, "serviceid", known=known) for known in (True, False)]
+    why = "each would misread the other's requests"
 
     def knows_both() -> bool:
         try:
@@ -299,17 +299,17 @@ def test_two_of_fast_dds_and_what_they_leave(domain: int, topic: str) -> None:
             word for word in maps if word.startswith("/dev/shm/")
         }
 
-    def side(name: str) -> Side:
-        return Side(name, "cell_msgs::srv::dds_::Ask_", object, "typehash=;")
+    def side(name: str) -> Direction:
+        return Direction(name, "cell_msgs::srv::dds_::Ask_", object, "typehash=;")
 
-    def reply(came: Came) -> None:
+    def reply(came: ReceivedCall) -> None:
         older = came.cdr.endswith(b"older")
         serving.send(came.cdr * 2, came.sender + came.call[16:] if older else came.call)
 
     from shmgen_fastdds import Fast
 
-    told: list[str] = []
-    node = Node("brief", domain, told.append, lambda: False)
+    logged: list[str] = []
+    node = Node("brief", domain, logged.append, lambda: False)
     Fast(node, domain, network(os.environ, LARGEST)).leave()  # what is there once for all
     before = there()
     heard: list[tuple[str, bytes, bytes]] = []
@@ -331,7 +331,7 @@ def test_two_of_fast_dds_and_what_they_leave(domain: int, topic: str) -> None:
     way.leave()
     until(lambda: not there() - before, 20)
     callers["newer"].send(b"late")
-    assert told == []
+    assert logged == []
 
 
 def met(words: list[str], heard: bool) -> None:

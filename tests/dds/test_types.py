@@ -1,4 +1,4 @@
-"""What DDS is told of a type, and its bytes: by values from elsewhere, not by going there and back."""
+"""The description of a type that DDS gets, and its bytes, compared with values from elsewhere."""
 
 from __future__ import annotations
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import dataclasses
 import random
 from collections.abc import Iterable
@@ -29,12 +28,8 @@ class Values(NamedTuple):
     def fill(self, name: TypeName, message: Any, seed: object) -> Any:
         """`message`, an empty one of that type, with every field at random."""
         layout, kind = self.layouts[name], self.kinds[str(name)]
-        room = bytearray(ctypes.sizeof(kind))
-        late: list[Any] = []
-        kind._encode(random_message(layout, self.layouts, random.Random(str(seed))), room, 0, late)
-        for offset, _, data in late:
-            room[offset : offset + len(data)] = data
-        kind._decode(bytes(room), 0, message)
+        made = kind._from_object(random_message(layout, self.layouts, random.Random(str(seed))))
+        kind._decode(bytes(made), 0, message)
         return message
 
 

@@ -1,4 +1,4 @@
-"""Definitions that leave room for doubt, one a row of docs/corner-cases.md.
+"""Definitions that leave room for doubt, one a row of corner-cases.md.
 
 Where a reference says something else than we do, the row says why; where none does, it must not.
 """

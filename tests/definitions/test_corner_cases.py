@@ -1,4 +1,4 @@
-"""docs/corner-cases.md is what shmgen and the reference implementations say today, each asked for real."""
+"""corner-cases.md is what shmgen and the reference implementations say today, each asked for real."""
 
 from __future__ import annotations
 
@@ -12,12 +12,11 @@ import pytest
 from shmgen.core.diagnostics import Rejected, Report
 from shmgen.definitions import Sources, load
 from shmgen.definitions.tokens import Dialect
-from tests.conftest import REPOSITORY
 from tests.definitions import references
 from tests.definitions.corner_cases import ROS1, ROS2, Case
 from tests.definitions.references import Answer, ConstantRead, Definition, FieldRead, Read, Refused
 
-PAGE = REPOSITORY / "docs" / "corner-cases.md"
+PAGE = Path(__file__).parent / "corner-cases.md"
 REFERENCES = {"ros2": ("rosidl_adapter", "rosidl_parser", "rosbags"), "ros1": ("genmsg", "rosbags")}
 VERSIONS = {"rosidl_adapter": "3.3.1", "rosidl_parser": "3.3.1", "genmsg": "0.6.0", "rosbags": "0.11.9"}
 """Those that the page is about; others may answer otherwise, and are left out then."""
@@ -151,7 +150,8 @@ Each section has a table of what they read differently, with the reason, and bel
 
 * **definition**: `␊` is a line break, `␉` a tab, `␍` a carriage return, `␀` a zero byte. It is the message
   `demo_msgs/Foo` if no file is named; its package also has `Bar.msg`, with one field `int8 b`.
-* **here**: what shmgen reads; a code such as SHM003 is the [diagnostic](diagnostics.md) that it reports.
+* **here**: what shmgen reads; a code such as SHM003 is the [diagnostic](../../src/shmgen/diagnostics.md) that it
+  reports.
 * **same**: the same fields, types, bounds, defaults, constants and units. rosbags and genmsg do not return defaults
   and units, so these are not compared.
 * **refused**: rejected with a message about the definition. **crashes**: an exception that does not describe it.

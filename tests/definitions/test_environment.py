@@ -181,7 +181,7 @@ def test_a_shell_where_nothing_is_sourced(tmp_path, monkeypatch):
     source(monkeypatch, ROS_VERSION=2)
     assert "source /opt/ros/jazzy/setup.bash" in refusal("std_msgs/Bool")
     source(monkeypatch, AMENT_PREFIX_PATH=tmp_path)
-    assert f"AMENT_PREFIX_PATH is '{tmp_path}', and no messages are there" in refusal("std_msgs/Bool")
+    assert f"AMENT_PREFIX_PATH is '{tmp_path}', but its folders contain no messages" in refusal("std_msgs/Bool")
     write(tmp_path, {"a_msgs/msg/A.msg": "int8 a"})
     assert load(["a_msgs/A"], Sources((tmp_path,), "env"), Report()).messages
 

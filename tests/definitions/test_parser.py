@@ -384,6 +384,7 @@ def test_no_units(text):
     ],
     ids=range(13),
 )
+@pytest.mark.family("[0]", "[1]", "[2]")
 def test_nothing_takes_long(text):
     """A pattern that backtracks would need minutes here, not the second that all of these take."""
     for dialect in ("ros1", "ros2"):
@@ -409,7 +410,7 @@ def test_a_byte_is_known_by_its_word() -> None:
 
 def test_a_default_with_an_equals_sign_is_told_only_where_it_may_be_one() -> None:
     said = {text: str(read(text)[1][0]) for text in ("int8 speed=1\n", "int8 A__B=1\n", "int8 Speed\n")}
-    hint = "a default is written without `=`"
+    hint = "write a default without `=`"
     assert {text: hint in told for text, told in said.items()} == {
         "int8 speed=1\n": True,
         "int8 A__B=1\n": False,

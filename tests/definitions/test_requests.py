@@ -283,7 +283,6 @@ def test_a_field_of_unknown_type(tmp_path):
         "    2 |   x_msgs/B[] b",
         "      |   ^^^^^^^^^^",
         "  field: x_msgs/A.b",
-        "  hint: did you mean `x_msgs/A`?",
         "  hint: looked in x_msgs",
         "x_msgs/msg/A.msg:3:1: error[SHM004]: unknown message type `x_msgs/Header`",
         "    3 | Header header",

@@ -16,7 +16,7 @@ from shmgen.core.diagnostics import Report, Span
 from shmgen.core.model import TypeOptions
 from shmgen.drift import lockfile
 from shmgen.drift.compare import compare
-from shmgen.drift.findings import Finding, worst
+from shmgen.drift.findings import Finding, for_people, worst
 from shmgen.generator import pipeline
 
 MESSAGES = {
@@ -201,7 +201,7 @@ def test_a_message_that_comes_or_goes(before: lockfile.Lock) -> None:
 def test_the_same_from_another_place_is_cosmetic(before: lockfile.Lock) -> None:
     moved = {name: replace(block, origin=f"elsewhere/{name}") for name, block in before.messages.items()}
     (found,) = compare(before, replace(before, messages=moved), "a")
-    said = f"a: error[SHM402]: {len(moved)} messages come from another place, and are the same"
+    said = f"a: error[SHM402]: {len(moved)} messages have another origin, but did not change"
     assert (found.severity.name, str(found.diagnostic)) == ("COSMETIC", said)
     assert [change.field for change in found.changes] == [f"demo_msgs/{name}" for name in sorted(MESSAGES)]
     one = "demo_msgs/msg/Arm"
@@ -218,15 +218,42 @@ def test_a_unit_is_a_finding_of_its_own(before: lockfile.Lock, tmp_path: Path) -
 
 def test_all_others_that_hold_it_are_told_too(before: lockfile.Lock, tmp_path: Path) -> None:
     found = compare(before, lock(tmp_path, {**MESSAGES, "Finger": "float32 force\nint32 id\n"}), "layout.lock")
-    assert [one.diagnostic.message.split()[2] for one in found] == [
-        f"demo_msgs/{name}" for name in ("Arm", "Finger", "Hand", "Robot")
-    ]
+    assert [one.name for one in found] == [f"demo_msgs/{name}" for name in ("Finger", "Arm", "Hand", "Robot")]
     assert [change.field for one in found for change in one.changes] == [
-        "hand.fingers[].id",
         "id",
+        "hand.fingers[].id",
         "fingers[].id",
         "arm.hand.fingers[].id",
     ]
+
+
+def test_in_text_the_edited_definition_is_named_and_all_that_contain_it_are_one_line(
+    before: lockfile.Lock, tmp_path: Path
+) -> None:
+    found = compare(before, lock(tmp_path, {**MESSAGES, "Finger": "float32 force\nint32 id\n"}), "layout.lock")
+    (only,) = for_people(found)
+    assert only.diagnostic.span.path == "demo_msgs/msg/Finger.msg"
+    assert only.diagnostic.details == (
+        "id   retyped int16 -> int32",
+        "changed too: 3 messages that contain it, demo_msgs/Arm, demo_msgs/Hand, demo_msgs/Robot",
+    )
+
+
+def test_a_message_that_was_edited_itself_is_not_folded_into_one_that_it_contains(
+    before: lockfile.Lock, tmp_path: Path
+) -> None:
+    hand = MESSAGES["Hand"].replace("uint8 grip", "uint16 grip")
+    found = compare(before, lock(tmp_path, {**MESSAGES, "Finger": "float32 force\n", "Hand": hand}), "layout.lock")
+    assert [one.name for one in for_people(found)] == ["demo_msgs/Finger", "demo_msgs/Hand"]
+    assert [one.diagnostic.details[-1] for one in for_people(found)] == [
+        "size   8 -> 4",
+        "changed too: 2 messages that contain it, demo_msgs/Arm, demo_msgs/Robot",
+    ]
+
+
+def test_a_setting_that_changes_each_message_folds_none(before: lockfile.Lock, tmp_path: Path) -> None:
+    found = compare(before, lock(tmp_path, {**MESSAGES}, types=TypeOptions(bool="BOOL")), "layout.lock")
+    assert "demo_msgs/Robot" in [one.name for one in for_people(found)]
 
 
 def test_what_vanished_in_a_part_that_moved_is_told_by_its_old_place(before: lockfile.Lock, tmp_path: Path) -> None:

@@ -1,1 +1,1 @@
-"""Goes through all schedules of the shipped ends of a region, in C and in Structured Text: see README.md."""
+"""Explores all schedules of the shipped endpoints of a region, in C and in Structured Text: see README.md."""

@@ -1,9 +1,10 @@
-"""`make explore`: all scenes and all planted faults, and what came out.
+"""Explores all scenes and all planted faults, and prints the results: `make explore`.
 
     python -m tests.explorer [--instead FOLDER] [--seconds N] [--faults] [NAME ...]
 
-With names only the scenes so called, and of what is found each step. `--instead` takes headers and Structured Text of
-a folder in place of the generated ones of the same name: so a change of the protocol is decided before it is made.
+With names, only these scenes are explored, and each step of a found schedule is printed. `--instead` replaces generated
+headers and Structured Text by the files of a folder that have the same names. A change of the protocol can thus be
+tried before it is implemented.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ def main() -> int:
 
 
 def said(verdict: dict[str, Any]) -> str:
-    """In a line."""
+    """Return a result as one line of text."""
     what = verdict["found"] or ("holds" if verdict["complete"] else "nothing found, not complete")
     return f"{what}, {verdict['schedules']:,} schedules, {verdict['seconds']:.2f} s"
 

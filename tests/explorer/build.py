@@ -37,13 +37,13 @@ TOOLS = ("gcc", "g++")
 
 
 def missing() -> list[str]:
-    """What is not here: the explorer's coroutines are x86-64's."""
+    """Return the tools that this machine lacks, and "x86-64" on another machine, because the coroutines need it."""
     machine = [] if os.uname().machine == "x86_64" else ["x86-64"]
     return [tool for tool in TOOLS if shutil.which(tool) is None] + machine
 
 
 def generated(folder: Path, sync: str = "lock") -> dict[str, str]:
-    """What shmgen writes for the explorer's messages today, by path."""
+    """Generate the files for the explorer's messages. Return their texts by path."""
     for path, text in DEFINITIONS.items():
         file = folder / "definitions" / path
         file.parent.mkdir(parents=True, exist_ok=True)
@@ -59,14 +59,17 @@ def generated(folder: Path, sync: str = "lock") -> dict[str, str]:
 
 
 def instead(texts: Mapping[str, str], folder: Path) -> dict[str, str]:
-    """`texts` with those of that folder in place of what has their names: a protocol that is still being decided."""
+    """Return `texts`, with files of the same name in `folder` in place of the generated files."""
     others = {path.name: path.read_text() for path in folder.rglob("*") if path.suffix in (".h", ".st")}
     assert others.keys() <= {Path(path).name for path in texts}, f"{folder} holds files that are not generated"
     return {path: others.get(Path(path).name, text) for path, text in texts.items()}
 
 
 def build(folder: Path, texts: Mapping[str, str]) -> Path:
-    """The program, in that folder. What was compiled of the same texts before is kept, as by tests/softplc."""
+    """Compile the explorer with these files in `folder`, and return the path of the program.
+
+    The program is cached, as in tests/softplc.
+    """
     program = folder / "explore"
     headers = folder / "c"
     for path, text in texts.items():
@@ -88,7 +91,7 @@ def build(folder: Path, texts: Mapping[str, str]) -> Path:
 
 
 def explore(program: Path, arguments: list[str], seconds: float) -> tuple[dict[str, Any], str]:
-    """What the search says, and the schedule that it found, step by step."""
+    """Run the explorer. Return its result, and the schedule that it found, step by step."""
     command = ["nice", "-n", "5", str(program), f"seconds={seconds}", *arguments]
     done = subprocess.run(command, capture_output=True, text=True, timeout=3 * seconds + 60, check=False)
     assert done.returncode == 0, f"{' '.join(command)}: {done.stderr}"

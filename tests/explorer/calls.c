@@ -113,14 +113,21 @@ static shmgen_block *enter_service(uint32_t *number, bool calls)
     return block;
 }
 
+void start_client(void)
+{
+    if (told("start", 0))
+        pause_ms(told("start", 0));
+    if (told("removes", 0))
+        shm_unlink(SERVICE "-request");
+}
+
 /* One call after the other for n cycles; each times out after `patience` ms. */
 static void block_client(void)
 {
     uint32_t number = 0;
     uint64_t question = 0;
     bool executes = true;
-    if (told("start", 0))
-        pause_ms(told("start", 0));
+    start_client();
     for (int64_t n = told("n", 5); n > 0; n--) {
         shmgen_block *end = enter_service(&number, true);
         shmgen_block_client_cycle(end, executes, false);

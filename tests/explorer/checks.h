@@ -23,6 +23,7 @@ uint64_t taken(uint64_t a, uint64_t b); /* by a server, once; returns the answer
 void answered(uint64_t question, uint64_t a, uint64_t b);
 uint64_t answers(void); /* how many came */
 void set_up_calls(void);
+void start_client(void); /* waits for start=MS; removes=1: removes the region of the requests, and begins a fresh one */
 void plc_was_here(int samples, uint32_t number);     /* a PLC wrote so many, up to that number, and stopped */
 
 #ifdef __cplusplus

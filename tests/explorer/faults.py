@@ -1,4 +1,4 @@
-"""Faults to plant in what is generated, of faults.toml."""
+"""The faults of faults.toml, which can be planted in generated files."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ else:
 
 @dataclass(frozen=True)
 class Fault:
-    """In `file` each of `edits`: what stands there, and what instead. `scene` finds it, or `test`, one of pytest's.
+    """A fault to plant in `file`: each of `edits` is a text and its replacement.
 
-    `reason`: why `scene` finds nothing.
+    `scene` is the scene that finds the fault, or `test` the test that finds it. `reason` explains why no scene does.
     """
 
     name: str
@@ -28,7 +28,7 @@ class Fault:
     test: str = ""
 
     def planted(self, texts: Mapping[str, str]) -> dict[str, str]:
-        """`texts` with the fault in them."""
+        """Return `texts` with the fault in its file."""
         path = next(path for path in texts if path.endswith(f"/{self.file}"))
         text = texts[path]
         for old, new in self.edits:

@@ -28,10 +28,11 @@ static void wait_for_start() {
     if (told("start", 0)) pause_ms(told("start", 0));
 }
 
-// n cycles, one each `every` ms.
+// n cycles, one each `every` ms; sends=1: at least one of them sends a sample.
 static void plc_writer() {
     enum { IN_USE = 40 };
     T_fb_ex_msgs_pair_publisher block{};
+    bool has_sent = false;
     wait_for_start();
     begin(block);
     for (int64_t n = told("n", 3); n > 0; n--) {
@@ -39,8 +40,11 @@ static void plc_writer() {
         cycle(block);
         if (was_ready && static_cast<int>(block.v_eerrorid) == IN_USE && stalls == 0)
             fail("STOLEN: %c lives, and has lost the topic", 'A' + self);
+        has_sent = has_sent || block.v_xsent.byte;
         pause_ms(told("every", 100));
     }
+    if (told("sends", 0) && !has_sent)
+        fail("UNSENT: %c has sent nothing", 'A' + self);
 }
 
 // sees=1: at the end it has read the newest sample.
@@ -63,7 +67,7 @@ static void plc_reader() {
 // One call after the other for n cycles; each times out after `patience` ms.
 static void plc_client() {
     T_fb_ex_msgs_ask_client block{};
-    wait_for_start();
+    start_client();
     block.v_xenable = BOOL(true);
     block.v_ttimeout = TIME{static_cast<uint32_t>(told("patience", 0))};
     strcpy(block.v_sservice.units, SERVICE);

@@ -10,7 +10,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Scene:
-    """`sync` is that of shmgen.toml."""
+    """A scene: the endpoints that meet, the disturbances, and what must hold afterwards.
+
+    `sync` is the setting of shmgen.toml.
+    """
 
     name: str
     settings: str
@@ -145,6 +148,15 @@ FULL = [
     _scene("C after C after a PLC", "s=1 c=1", _PLC, _THEN_C, _THIRD_C),
     _scene("a PLC after C after a PLC", "s=1 c=1", _PLC, _THEN_C + " stall=1", _THIRD_PLC),
     _scene("three writers, two die", "c=2", _C, _THEN_PLC, _THIRD_C),
+    *(_takes_over(name, "across the wrap", "s=1 c=1 c_wrote=1 number=0xFFFFFFFD", 3) for name in _TAKEOVERS),
+    # A PLC and C, or two PLCs, that live or begin at once.
+    _scene("a PLC takes over and sends", "c_wrote=1", "plc_writer every=250 n=9 sends=1"),
+    _scene("a PLC watches C that lives", "p=1", "writer n=16 every=100 stays=1", "plc_writer start=50 every=200 n=9"),
+    _scene("C watches a PLC that lives", "p=1", "plc_writer n=16", "writer start=50 n=1 every=100 stays=1"),
+    _scene("two PLCs begin", "p=1", *["plc_writer every=50 n=6"] * 2, "reader start=100 n=8 every=50"),
+    _scene("a PLC gives way to C that dies", "p=1 c=1", "plc_writer every=100 n=22 sends=1",
+           "writer start=100 n=1 crash=1"),
+    _scene("a PLC waits for a lock that is held", "p=1", "locker n=2 hold=700", "plc_writer n=20 every=50"),
     # Services.
     *(_scene(f"a call from {client} to {server}", "p=1 c=1 service=1 answers=1", f"{server}_server n=12 crash=1",
              f"{client}_client {_SERVED}") for client in ("plc", "block") for server in ("plc", "block")),
@@ -152,6 +164,9 @@ FULL = [
            "block_client start=700 n=20 patience=300"),
     _scene("a client comes while one asks", "s=1 service=1", "plc_server n=6 stall=1",
            "block_client start=500 n=4 patience=300 stall=1", "plc_client start=700 n=20 patience=300"),
+    *(_scene(f"{client} begins a fresh region while {server} works", "s=1 service=1", f"{server}_server n=14 stall=1",
+             "block_client start=500 n=5 patience=300", f"{client}_client start=1000 n=28 patience=2800 removes=1")
+      for client in ("plc", "block") for server in ("plc", "block")),
 ]  # fmt: skip
 """A minute with the quick ones: `make test-all`."""
 

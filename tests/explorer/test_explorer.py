@@ -41,6 +41,7 @@ def holds(program: Path, scene: Scene) -> None:
 
 
 @pytest.mark.parametrize("scene", QUICK, ids=lambda scene: scene.name)
+@pytest.mark.family("[a writer and a reader]", "[a PLC after C]", "[one waits")
 def test_nothing_is_found(program: Callable[[str], Path], scene: Scene) -> None:
     holds(program(scene.sync), scene)
 
@@ -51,6 +52,7 @@ def test_nothing_is_found_where_it_takes_longer(program: Callable[[str], Path], 
     holds(program(scene.sync), scene)
 
 
+@pytest.mark.slow
 def test_what_is_found_can_be_replayed(tmp_path: Path) -> None:
     """The printed schedule, given back, is run once and ends in the same, told step by step."""
     (fault,) = (fault for fault in FAULTS if fault.name == "a turn is begun behind the name")

@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from shmgen import config
-from shmgen.bridge import choice
 from shmgen.bridge.backend import RosClient, RosPublisher, RosSubscription
+from shmgen.bridge.common import choice
 from shmgen.bridge.run import run as run_bridge
 from shmgen.core.diagnostics import Rejected, Report
 from shmgen.definitions import library
@@ -189,7 +189,6 @@ def test_strings_that_do_not_fit_are_the_bridges_to_cut(folder: Path, topic: str
     one = session(folder)
     long = SimpleNamespace(x=0.0, parts=[], name="too long")
     name = "cell_msgs/msg/Thing"
-    room = bytearray(one.classes([name])[name]())
-    one.classes([name])[name]._encode(long, room, 0, [])
+    assert one.classes([name])[name]._from_object(long).name == "too "
     with pytest.raises(ValueError, match="capacity 4"):
-        one.classes([name], overflow="error")[name]._encode(long, room, 0, [])
+        one.classes([name], overflow="error")[name]._from_object(long)

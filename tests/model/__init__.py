@@ -1,1 +1,1 @@
-"""The protocol in Promela, and what spin has to find in it: nothing, or a planted fault."""
+"""The protocol in Promela, the language of the model checker spin. spin must find only the planted faults."""

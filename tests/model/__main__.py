@@ -1,4 +1,4 @@
-"""`make model`: goes through all runs, small and large, and prints what came out."""
+"""Runs all models in spin, small and large, and prints the results: `make model`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs a model in spin: what it says of every state that can come."""
+"""Runs a model in the model checker spin, which visits every possible state."""
 
 from __future__ import annotations
 
@@ -18,11 +18,10 @@ _SAID = re.compile(r"^pan:1: (.*?) \(at depth", re.MULTILINE)
 
 
 class Run(NamedTuple):
-    """A model with its settings (`TSO`, `STALLS=1`, ...). `for_ever`: looks for cycles without progress."""
+    """A model with its settings (`WEAK`, `SAMPLES=3`, ...)."""
 
     model: str
     settings: str = ""
-    for_ever: bool = False
 
     @property
     def id(self) -> str:
@@ -30,7 +29,7 @@ class Run(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """What came out: `error` as spin puts it, empty if there is none; distinct states; seconds."""
+    """The result of a run: the error that spin reports, or `""`, the number of distinct states, and the seconds."""
 
     error: str
     states: int
@@ -42,9 +41,9 @@ def missing() -> list[str]:
 
 
 def verify(run: Run, timeout: float, large: bool = False) -> Verdict:
-    """Goes through all states, or to the first error; raises if spin could not go through all.
+    """Let spin visit all states, or stop at the first error. Raises an exception if spin could not visit all states.
 
-    To optimise a small run takes longer than to run it.
+    A small run is not optimised, because optimising takes longer than the run.
     """
     build = ["-O2", "-DCOLLAPSE", "-DMEMLIM=12000"] if large else ["-O0", "-DMEMLIM=2000"]
     with tempfile.TemporaryDirectory(prefix="shmgen-model-") as name:
@@ -52,10 +51,9 @@ def verify(run: Run, timeout: float, large: bool = False) -> Verdict:
         for file in FOLDER.glob("*.pml"):
             shutil.copy(file, folder)
         _call(["spin", "-a", *(f"-D{setting}" for setting in run.settings.split()), f"{run.model}.pml"], folder, 60)
-        kind = ["-DNP", "-DNFAIR=3"] if run.for_ever else ["-DSAFETY", "-DNOCLAIM"]
-        _call(["cc", "-w", *build, *kind, "-o", "pan", "pan.c"], folder, 120)
+        _call(["cc", "-w", *build, "-DSAFETY", "-DNOCLAIM", "-o", "pan", "pan.c"], folder, 120)
         began = time.monotonic()
-        search = ["-E", "-m100000", "-w26" if large else "-w22", *(["-l", "-f"] if run.for_ever else [])]
+        search = ["-E", "-m100000", "-w26" if large else "-w22"]
         said = _call(["./pan", *search], folder, timeout)
         seconds = time.monotonic() - began
     errors, states = _ERRORS.search(said), _TRIED.search(said)

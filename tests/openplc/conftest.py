@@ -1,4 +1,4 @@
-"""Programs of the open PLC dialects, compiled once a session by the stubs of tests/support/open_plc.py."""
+"""Programs of the open PLC dialects, compiled once in a session with the stubs of tests/support/open_plc.py."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ PACKAGE = "shm_msgs"
 def texts_of(
     folder: Path, messages: dict[str, str], calls: Mapping[str, str] | None = None, **settings: Any
 ) -> tuple[dict[str, str], Layouts]:
-    """All that is generated of messages, services and actions of demo_msgs, and their layouts."""
+    """Generate the messages, services and actions of demo_msgs. Return the files and the layouts."""
     build.put({f"demo_msgs/msg/{name}.msg": text for name, text in messages.items()}, folder)
     build.put({f"demo_msgs/{path}": text for path, text in (calls or {}).items()}, folder)
     targets = ("matiec", "openplc", "python")
@@ -51,8 +51,8 @@ def texts_of(
 
 
 @pytest.fixture(scope="session")
-def made(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> tuple[Path, dict[str, str], Layouts]:
-    """The folder with the generated Python, the generated files, the layouts."""
+def generated(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> tuple[Path, dict[str, str], Layouts]:
+    """The folder with the generated Python, all generated files, and the layouts."""
     base = tmp_path_factory.getbasetemp()
     folder = (base if worker_id == "master" else base.parent) / "openplc"
     folder.mkdir(exist_ok=True)
@@ -65,30 +65,30 @@ def made(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> tuple[Path
 
 
 @pytest.fixture(scope="session", params=COMPILERS)
-def shared(request: pytest.FixtureRequest, made: tuple[Path, dict[str, str], Layouts]) -> Path:
-    """The shared object of one dialect."""
+def shared(request: pytest.FixtureRequest, generated: tuple[Path, dict[str, str], Layouts]) -> Path:
+    """The compiled shared object of one dialect."""
     compiler = str(request.param)
     if shutil.which(COMPILERS[compiler][0]) is None:
         pytest.skip(f"{COMPILERS[compiler][0]} is not installed")
-    folder = made[0] / compiler
+    folder = generated[0] / compiler
     folder.mkdir(exist_ok=True)
     with (folder / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not (folder / "plc.so").exists():
-            open_plc.compiled(made[1], compiler, folder)
+            open_plc.compiled(generated[1], compiler, folder)
     return folder / "plc.so"
 
 
 @pytest.fixture
 def plc(shared: Path) -> Iterator[Program]:
-    """Loaded, and unloaded at the end, which closes what its blocks have open."""
+    """The loaded program. It is unloaded at the end, which closes the endpoints of its blocks."""
     program = Program(shared)
     yield program
     program.unload()
 
 
 @pytest.fixture
-def python(made: tuple[Path, dict[str, str], Layouts]) -> Callable[[str], tuple[Any, Any, Any]]:
-    """The structure, the publisher and the subscriber of a message of demo_msgs."""
-    folder, _, layouts = made
+def python(generated: tuple[Path, dict[str, str], Layouts]) -> Callable[[str], tuple[Any, Any, Any]]:
+    """The message class, the publisher and the subscriber of a message of demo_msgs."""
+    folder, _, layouts = generated
     return lambda name: build.classes(folder, PACKAGE, next(it for it in layouts if it.short == f"demo_msgs/{name}"))

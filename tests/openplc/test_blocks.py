@@ -19,6 +19,7 @@ from shmgen.core import abi
 from shmgen.core.model import Layouts, Regions, TypeName
 
 from ..support import build, open_plc
+from ..support.machine import slower
 from ..support.open_plc import Instance, Program
 from ..support.plc_demo import Memory, semaphore
 from ..support.schemas import plain, random_message
@@ -36,7 +37,7 @@ def subscriber(plc: Program, message: str, topic: str, **inputs: object) -> Inst
     return ready(plc.block(f"FB_demo_msgs_{message}_Subscriber", xEnable=True, sTopic=topic, **inputs))
 
 
-def ready(block: Any, within: float = 5.0) -> Any:
+def ready(block: Any, within: float = 30.0) -> Any:
     """Called as a cycle would, until it is open or says why not."""
     end = time.monotonic() + within
     block()
@@ -46,7 +47,7 @@ def ready(block: Any, within: float = 5.0) -> Any:
     return block
 
 
-def until(said: Callable[[], bool], within: float = 5.0) -> bool:
+def until(said: Callable[[], bool], within: float = 30.0) -> bool:
     """Whether it was said in time; not asked again then, since a publisher sends with each call."""
     end = time.monotonic() + within
     while time.monotonic() < end:
@@ -57,10 +58,11 @@ def until(said: Callable[[], bool], within: float = 5.0) -> bool:
 
 
 @pytest.mark.parametrize("name", MESSAGES)
+@pytest.mark.family("[openplc-v4-")
 def test_all_kinds_of_fields_there_and_back(
-    plc: Program, python: Classes, made: tuple[Path, dict[str, str], Layouts], topic: str, name: str
+    plc: Program, python: Classes, generated: tuple[Path, dict[str, str], Layouts], topic: str, name: str
 ) -> None:
-    _, layouts = made[1:]
+    _, layouts = generated[1:]
     layout = next(it for it in layouts.values() if it.name.short == f"demo_msgs/{name}")
     _, publisher_kind, subscriber_kind = python(name)
     with publisher_kind(f"{topic}/in") as to, subscriber_kind(f"{topic}/out") as back:
@@ -78,6 +80,7 @@ def test_all_kinds_of_fields_there_and_back(
         assert not heard().xNewData
 
 
+@pytest.mark.family("openplc-v4")
 def test_a_block_begins_with_the_defaults(plc: Program, python: Classes, topic: str) -> None:
     kind, _, subscriber_kind = python("Given")
     said = publisher(plc, "Given", topic, xSend=False)
@@ -87,6 +90,7 @@ def test_a_block_begins_with_the_defaults(plc: Program, python: Classes, topic: 
 
 
 @pytest.mark.parametrize("silent", range(2))
+@pytest.mark.family("[openplc-v4-")
 def test_the_first_sample_is_whole_whichever_call_opens(plc: Program, python: Classes, topic: str, silent: int) -> None:
     """Opening takes a few calls, and xSend is TRUE from any of them on: in the one that ends it there is a message."""
     kind, _, subscriber_kind = python("Given")
@@ -101,11 +105,11 @@ def test_the_first_sample_is_whole_whichever_call_opens(plc: Program, python: Cl
 
 
 def test_a_count_above_its_bound_is_refused(
-    plc: Program, python: Classes, made: tuple[Path, dict[str, str], Layouts], topic: str
+    plc: Program, python: Classes, generated: tuple[Path, dict[str, str], Layouts], topic: str
 ) -> None:
     """A peer in C, or damage, has written 9 of 3; the next sample is taken again."""
     kind, publisher_kind, _ = python("All")
-    layout = next(it for it in made[2].values() if it.name.short == "demo_msgs/All")
+    layout = next(it for it in generated[2].values() if it.name.short == "demo_msgs/All")
     offset = next(slot.offset for slot in layout.slots if slot.name == "texts_count")
     heard = subscriber(plc, "All", topic)
     with publisher_kind(topic) as writer:
@@ -284,8 +288,8 @@ def test_files_are_those_of_the_settings(tmp_path: Path, topic: str) -> None:
         assert publisher(program, "Number", topic)().xSent
     finally:
         os.umask(before)
-    made = [path for path in Path("/dev/shm").iterdir() if topic.split("/")[-1] in path.name]
-    assert [stat.S_IMODE(path.stat().st_mode) for path in made] == [0o640] * 2
+    generated = [path for path in Path("/dev/shm").iterdir() if topic.split("/")[-1] in path.name]
+    assert [stat.S_IMODE(path.stat().st_mode) for path in generated] == [0o640] * 2
     program.unload()
 
 
@@ -309,3 +313,27 @@ def test_a_text_longer_than_its_bound_is_refused(tmp_path: Path, topic: str) -> 
             read = reader.read()
             assert read is None if error else read.text == text
     program.unload()
+
+
+def test_blocks_go_on_after_rm(plc: Program, python: Classes, topic: str) -> None:
+    """Python notices it for both, and the blocks reopen the region."""
+    region = Path("/dev/shm") / runtime.region_name(topic)
+    _, publisher_kind, subscriber_kind = python("Number")
+    for kind, block in ((publisher_kind, subscriber), (subscriber_kind, publisher)):
+        with kind(topic) as end:
+            other = block(plc, "Number", topic)
+            region.unlink()
+            deadline = time.monotonic() + 10 * slower
+            arrived = False
+            while time.monotonic() < deadline and not (arrived and region.exists()):
+                known = region.exists()
+                if kind is publisher_kind:
+                    end.publish(end.message_type())
+                    arrived = bool(other().xNewData) and known
+                else:
+                    other(xSend=True)
+                    arrived = end.read() is not None and known
+                time.sleep(0.01)
+            assert arrived
+            assert end.reopen_count == 1
+            other(xEnable=False)

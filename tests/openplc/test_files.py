@@ -24,9 +24,9 @@ from .conftest import MESSAGES
 Made = tuple[Path, dict[str, str], Layouts]
 
 
-def test_a_library_says_what_it_holds_and_needs(made: Made) -> None:
+def test_a_library_says_what_it_holds_and_needs(generated: Made) -> None:
     """Keys of STruC++ 0.6.1; a program gets a chunk and those it names, and they must be enough for it."""
-    library = json.loads(made[1]["openplc/shm_msgs.stlib"])
+    library = json.loads(generated[1]["openplc/shm_msgs.stlib"])
     assert set(library) == {"formatVersion", "manifest", "chunks", "dependencies"}
     assert (library["formatVersion"], library["dependencies"]) == (1, [])
     manifest = library["manifest"]
@@ -51,9 +51,9 @@ def test_a_library_says_what_it_holds_and_needs(made: Made) -> None:
         assert "#include" not in chunk["header"] + chunk["cpp"], name
 
 
-def test_a_chunk_alone_compiles_with_what_it_names(made: Made, tmp_path: Path) -> None:
+def test_a_chunk_alone_compiles_with_what_it_names(generated: Made, tmp_path: Path) -> None:
     """As a program gets it that uses one block only."""
-    library = json.loads(made[1]["openplc/shm_msgs.stlib"])
+    library = json.loads(generated[1]["openplc/shm_msgs.stlib"])
     block = "FB_DEMO_MSGS_PART_SUBSCRIBER"
     chunks = {chunk["name"]: chunk for chunk in library["chunks"]}
     wanted, left = {block}, [block]
@@ -67,10 +67,10 @@ def test_a_chunk_alone_compiles_with_what_it_names(made: Made, tmp_path: Path) -
     open_plc.compiled({"openplc/shm_msgs.stlib": json.dumps(library)}, "openplc-v4", tmp_path)
 
 
-def test_the_lines_of_an_upload_are_the_header(made: Made) -> None:
+def test_the_lines_of_an_upload_are_the_header(generated: Made) -> None:
     """As OpenPLC v3 reads them back, but for blanks between a bracket and a star, and for empty lines."""
-    header = made[1]["matiec/shm_msgs.h"].partition("*/\n")[2]
-    found = open_plc.read(made[1]["matiec/shm_msgs.st"]).header
+    header = generated[1]["matiec/shm_msgs.h"].partition("*/\n")[2]
+    found = open_plc.read(generated[1]["matiec/shm_msgs.st"]).header
     assert found.replace("( *", "(*").replace("* )", "*)").split() == header.replace("( *", "(*").split()
 
 
@@ -137,9 +137,9 @@ DEFINITIONS = {
 }
 
 
-def test_a_topic_a_service_and_an_action_are_as_expected(tmp_path: Path, update_golden: bool) -> None:
-    """Without the protocol, which is the same in all and has tests of its own."""
-    build.put({"shmgen.toml": CELL, **DEFINITIONS}, tmp_path)
+def test_a_topic_and_a_service_are_as_expected(tmp_path: Path, update_golden: bool) -> None:
+    """Without the protocol, which is the same in all and has tests of its own; so have actions (test_calls.py)."""
+    build.put({"shmgen.toml": CELL.partition("[[actions]]")[0], **DEFINITIONS}, tmp_path)
     texts = pipeline.generate(config.load(tmp_path / "shmgen.toml", "shmgen.toml", Report()), [])
     open_plc.read(texts["matiec/upload.st"])
     found = {
@@ -192,9 +192,12 @@ def test_own_sources_stand_in_the_upload_and_are_called(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("PROGRAM Prg_Ros\nEND_PROGRAM\n", "cell.st:1:9: error[SHM203]: there are two programs Prg_Ros"),
-        ("\n  PROGRAM A\nEND_PROGRAM\nPROGRAM a\n", "cell.st:4:9: error[SHM203]: there are two programs a"),
-        ("CONFIGURATION Mine\nEND_CONFIGURATION\n", "cell.st:1:15: error[SHM203]: Mine is a second configuration"),
+        ("PROGRAM Prg_Ros\nEND_PROGRAM\n", "cell.st:1:9: error[SHM203]: two programs are called Prg_Ros"),
+        ("\n  PROGRAM A\nEND_PROGRAM\nPROGRAM a\n", "cell.st:4:9: error[SHM203]: two programs are called a"),
+        (
+            "CONFIGURATION Mine\nEND_CONFIGURATION\n",
+            "cell.st:1:15: error[SHM203]: Mine is a CONFIGURATION, and shmgen generates one",
+        ),
         ("(* caf\xe9 *)\n", "cell.st:1:7: error[SHM002]: byte 0xE9 is not UTF-8"),
         (None, "cell.st: error[SHM001]: cannot read: No such file or directory"),
     ],
@@ -225,6 +228,7 @@ def test_a_check_sees_that_an_own_source_changed(tmp_path: Path) -> None:
 
 
 def as_text(library: dict[str, Any]) -> str:
+    """Return the library without the protocol, and with one message, as all look like that of target c."""
     blocks = [
         f"{one['name']} {role} {', '.join(it['name'] + ' : ' + it['type'] for it in one[role])}\n"
         for one in library["manifest"]["functionBlocks"]
@@ -234,6 +238,6 @@ def as_text(library: dict[str, Any]) -> str:
         f"--- {chunk['kind']} {chunk['name']} needs {', '.join(dep['name'] for dep in chunk['deps'])}\n"
         f"{chunk['header']}{chunk['cpp']}"
         for chunk in library["chunks"]
-        if chunk["name"] != "SHMGEN_PROTOCOL"
+        if not chunk["name"].startswith(("SHMGEN_PROTOCOL", "ST_CELL_MSGS_START"))
     ]
     return "".join([*blocks, *chunks])

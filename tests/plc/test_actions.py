@@ -9,7 +9,7 @@ import pytest
 
 from tests.softplc import Block
 
-from ..support.plc_calls import Calls
+from ..support.plc_calls import Calls, nth
 from ..support.plc_demo import Memory, ready, take_over
 from .test_services import state
 
@@ -36,8 +36,8 @@ def pair(calls: Calls, topic: str) -> tuple[Block, Block]:
 def test_a_goal_its_feedback_and_its_result(calls: Calls, topic: str) -> None:
     server, client = pair(calls, topic)
     begin(client, 3)
-    assert (state(client), client.udiGoal, client.siStatus) == ("xBusy", 1, 0)
-    assert (server().xExecute, server.Goal.target, server.udiGoal) == (True, 3, 1)
+    assert (state(client), client.udiGoal, client.siStatus) == ("xBusy", nth(1), 0)
+    assert (server().xExecute, server.Goal.target, server.udiGoal) == (True, 3, nth(1))
     for position in (1, 2):
         server.Feedback.position = position
         server()

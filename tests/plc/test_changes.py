@@ -1,10 +1,11 @@
 """A message changes in a running plant: one side after the other is killed, updated and started, and nobody types rm.
 
-One of three writes, a PLC, the engine in C or the reference in Python; the others read.
+One of three writes, a PLC, the engine in C or the reference in Python; the others read. Clients and servers change too.
 """
 
 from __future__ import annotations
 
+import importlib
 import itertools
 import os
 import random
@@ -14,15 +15,19 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
 
 from shmgen.config import Config
 from shmgen.generator import pipeline
+from shmgen.runtime.region.names import region_file, region_name
 from tests.softplc import Plc, compile_st
 
+from ..support import call_ends
 from ..support.build import put
+from ..support.call_ends import PlcClient, PlcServer, PythonClient, PythonServer, until
 from ..support.machine import slower
 
 VERSIONS = {1: "uint32 a\n", 2: "uint32 a\nfloat64[4] b\n"}
@@ -129,9 +134,10 @@ def versions(tmp_path_factory: pytest.TempPathFactory) -> dict[int, tuple[Path, 
     made = {}
     for version, text in VERSIONS.items():
         folder = tmp_path_factory.mktemp(f"plant{version}")
-        put({"plant_msgs/msg/State.msg": text}, folder / "definitions")
+        services = call_ends.definitions("float64 more\n" if version == 2 else "")
+        put({"plant_msgs/msg/State.msg": text, **services}, folder / "definitions")
         config = Config(folder, path=(folder / "definitions",), package=f"shm_v{version}")
-        texts = pipeline.generate(config, ["plant_msgs/State"])
+        texts = pipeline.generate(config, ["plant_msgs/State", "plant_msgs/Ask", "plant_msgs/Count"])
         put(texts, folder)
         st = {path: text for path, text in texts.items() if path.endswith(".st")}
         made[version] = folder, compile_st(st, folder / "plc")
@@ -191,3 +197,56 @@ def test_one_side_after_the_other_is_updated(
             start(kind, 2)
             settles()
         assert all("torn" not in end.said for _, end in ends.values())
+
+
+def package_of(versions: dict[int, tuple[Path, Plc]], version: int, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """The generated package of a version, with its services and actions."""
+    monkeypatch.syspath_prepend(str(versions[version][0] / "python"))
+    for kind in ("srv", "action"):
+        importlib.import_module(f"shm_v{version}.plant_msgs.{kind}")
+    return importlib.import_module(f"shm_v{version}.plant_msgs")
+
+
+@pytest.mark.parametrize("acts", [False, True], ids=["service", "action"])
+@pytest.mark.parametrize("server", KINDS)
+@pytest.mark.parametrize(
+    ("client", "change"),
+    [
+        *((kind, change) for kind in ("c", "pure") for change in ("updated", "removed")),
+        ("plc", "removed"),  # a PLC replaces no region, so its update waits for another end's
+    ],
+)
+def test_no_client_gets_the_response_to_a_former_call(
+    versions: dict[int, tuple[Path, Plc]],
+    topic: str,
+    monkeypatch: pytest.MonkeyPatch,
+    client: str,
+    change: str,
+    server: str,
+    acts: bool,
+) -> None:
+    """The server still works on the first call of the request region when a new client begins in a fresh one."""
+
+    def client_of(version: int) -> PlcClient | PythonClient:
+        if client == "plc":
+            return PlcClient(versions[version][1], topic, acts)
+        return PythonClient(package_of(versions, version, monkeypatch), topic, acts, client == "pure")
+
+    def server_of(version: int) -> PlcServer | PythonServer:
+        if server == "plc":
+            return PlcServer(versions[version][1], topic, acts)
+        return PythonServer(package_of(versions, version, monkeypatch), topic, acts, server == "pure")
+
+    old, serving = client_of(1), server_of(1)
+    old.send(1)
+    until(serving.takes)
+    old.stop()
+    if change == "removed":
+        Path(region_file(region_name(f"{topic}-goal" if acts else f"{topic}-request"))).unlink()
+    new = client_of(2 if change == "updated" else 1)
+    new.send(2)
+    serving.respond()
+    for _ in range(20):
+        assert new.response() is None
+    serving.stop()
+    new.stop()

@@ -17,6 +17,7 @@ from tests.softplc import Block, Plc, compile_st
 
 from ..support.build import put
 from ..support.counts import DEFINITIONS, MOST, PACKAGE, PLACES, spoil, tree
+from ..support.plc_calls import nth
 from ..support.plc_demo import ready
 
 
@@ -124,14 +125,14 @@ def test_a_call_with_a_count_too_high_is_answered_without_a_job(counts: Counts, 
             request = counts.srv.Sort_Request(id=number, items=[3, 1])
             if number == 1:
                 request._items_count = 5
-            client._calls.send_request(request)
+            sent = client._calls.send_request(request)
             server()
             if number == 1:
                 assert (server.xExecute, server.eErrorID, server.xError) == (False, "COUNT_EXCEEDED", True)
                 assert (server.udiRefused, server.Request.id, server.Request.items_count) == (1, 0, 0)
                 assert server().xExecute is False
                 reply = client._calls.poll()
-                assert (reply.call, reply.status == counts.srv.Sort_Reply.FAILED) == (1, True)
+                assert (reply.call, reply.status == counts.srv.Sort_Reply.FAILED) == (sent, True)
                 assert client._calls.poll() is None
             else:
                 assert (server.xExecute, server.eErrorID, server.Request.id) == (True, "NO_ERROR", 2)
@@ -142,13 +143,13 @@ def test_a_refused_call_is_answered_before_the_next_is_taken(counts: Counts, top
     server, client = counts.block("Sort_Server", sService=topic), counts.block("Sort_Client", sService=topic)
     client.Request.items_count = 5
     client(xExecute=True)
-    assert (server().xExecute, server.udiCall) == (False, 1)
+    assert (server().xExecute, server.udiCall) == (False, nth(1))
     client(xExecute=False, xCancel=True)
     client.Request.items_count = 4
     client(xExecute=True, xCancel=False)
-    assert client.udiCall == 2
+    assert client.udiCall == nth(2)
     assert (server().xExecute, client().xBusy) == (False, True)
-    assert (server().xExecute, server.udiCall, server.eErrorID) == (True, 2, "NO_ERROR")
+    assert (server().xExecute, server.udiCall, server.eErrorID) == (True, nth(2), "NO_ERROR")
 
 
 def test_an_answer_with_a_count_too_high_ends_the_call(counts: Counts, topic: str) -> None:

@@ -61,6 +61,7 @@ LONG = {
 
 
 @pytest.mark.parametrize("name", LONG)
+@pytest.mark.family("[types.st]", "[comments.st]", "[line_ends.xml]")
 def test_in_linear_time(name: str, tmp_path: Path) -> None:
     (tmp_path / name).write_text(LONG[name])
     report = Report()
@@ -81,8 +82,8 @@ def test_in_linear_time(name: str, tmp_path: Path) -> None:
         (xml("<dataType name='&#x9b;31m'><baseType><INT/></baseType></dataType>"), "`\\u009b31m`"),
         (xml("<dataType name='A'><baseType><derived name='&#x9b;31m'/></baseType></dataType>"), "\\u009b31m"),
         (struct("a : INT := $;") + "TYPE 5 : INT; END_TYPE", "`5` is not a name"),
-        ("TYPE E : (a := 70000); END_TYPE", "E.a is 70000, which INT cannot hold"),
-        (struct("a : ARRAY[0..²] OF INT;"), "`²` is not known"),
+        ("TYPE E : (a := 70000); END_TYPE", "E.a is 70000, which is out of range for INT"),
+        (struct("a : ARRAY[0..²] OF INT;"), "`²` is not declared"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_told(data: bytes | str, said: str, tmp_path: Path) -> None:
@@ -112,3 +113,23 @@ def test_files_in_utf_16_and_of_western_windows(tmp_path: Path) -> None:
     assert run(["import", ".", "-p", "some_msgs"], tmp_path).code == 0
     assert "int16 a  # Größe\n" in (tmp_path / "msgs/some_msgs/msg/One.msg").read_text()
     assert "int16 a  # Größe\n" in (tmp_path / "msgs/some_msgs/msg/Two.msg").read_text()
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [
+        ("Plant.project", "choose Project > Export PLCopenXML"),
+        ("Plant.export", "choose Project > Export PLCopenXML"),
+        ("Plant.projectarchive", "choose Project > Export PLCopenXML"),
+        ("Plant.plcproj", "give the folder of the TwinCAT project"),
+    ],
+)
+@pytest.mark.parametrize("given", ["the file", "its folder"])
+def test_the_own_files_of_an_ide_are_told_apart(name: str, hint: str, given: str, tmp_path: Path) -> None:
+    """Whole or half: a .project is a ZIP archive, an .export XML without declarations that are read."""
+    (tmp_path / "plant").mkdir()
+    (tmp_path / "plant" / name).write_bytes(b"PK\3\4" if name != "Plant.export" else b"<ExportFile>")
+    done = run(["import", f"plant/{name}" if given == "the file" else "plant"], tmp_path)
+    assert done.code == 1
+    assert f"error[SHM001]: {name} is a file of the IDE's own format\n" in done.stderr
+    assert hint in done.stderr

@@ -123,6 +123,7 @@ def open_anew(*blocks: Block) -> None:
 # --- topics -------------------------------------------------------------------------------------------
 
 
+@pytest.mark.family("[larger]")
 def test_a_publisher_leaves_the_region_of_the_old_message(before: Made, after: Made, topic: str) -> None:
     old = ready(block(before, "Demo_Publisher", topic))
     assert old.xSent
@@ -145,6 +146,7 @@ def test_a_publisher_leaves_the_region_of_the_old_message(before: Made, after: M
         assert (message.a, message.b, len(message.v)) == (7, 9, len(new.Msg.v))
 
 
+@pytest.mark.family("[larger]")
 def test_a_subscriber_takes_nothing_of_the_old_message(before: Made, after: Made, topic: str) -> None:
     with before.python.DemoPublisher(topic) as publisher:
         publisher.publish(before.python.Demo(a=1, b=2, v=[1.5] * 4))

@@ -52,6 +52,7 @@ def test_the_sets_hold_every_pair() -> None:
 
 
 @pytest.mark.parametrize("name", SETS)
+@pytest.mark.slow
 def test_a_sample_under_each_set(name: str, corpus: Path, tmp_path_factory: pytest.TempPathFactory, topic: str) -> None:
     """About 20 messages of ROS 2 that hold all that an option changes, alone, in arrays and in sequences."""
     config, capacities = configured(corpus, "jazzy", SETS[name], f"shm_sample_{list(SETS).index(name)}")

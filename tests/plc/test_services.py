@@ -11,7 +11,7 @@ import pytest
 
 from tests.softplc import Block
 
-from ..support.plc_calls import FAULTS, Calls
+from ..support.plc_calls import FAULTS, Calls, nth
 from ..support.plc_demo import CLAIM, Memory, ready, take_over
 
 ENDS = ("xDone", "xBusy", "xAborted", "xError")
@@ -38,8 +38,8 @@ def test_a_call_and_its_answer(calls: Calls, topic: str) -> None:
     server, client = ready(calls.server(topic)), ready(calls.client(topic))
     assert (state(client), client.udiCall, server.xExecute, server.xBusy) == ("", 0, False, False)
     begin(client, 5)
-    assert (state(client), client.udiCall) == ("xBusy", 1)
-    assert (server().xExecute, server.Request.question, server.udiCall) == (True, 5, 1)
+    assert (state(client), client.udiCall) == ("xBusy", nth(1))
+    assert (server().xExecute, server.Request.question, server.udiCall) == (True, 5, nth(1))
     for _ in range(3):
         assert (state(client()), server().xExecute) == ("xBusy", True)
     server.Response.answer = 16
@@ -55,11 +55,11 @@ def test_no_request_is_shown_that_may_be_half_of_one(calls: Calls, topic: str) -
     begin(client, 5)
     number = 192 + 64 + 8  # of the slot of the first sample
     request = Memory(topic, "-request")
-    assert request.bytes()[number : number + 4] == bytes([1, 0, 0, 0])
+    assert request.bytes()[number : number + 4] == nth(1).to_bytes(4, "little")
     request.poke(number, bytes(4))
     server()
     assert (server.xExecute, server.Request.question) == (False, 0)
-    request.poke(number, bytes([1, 0, 0, 0]))
+    request.poke(number, nth(1).to_bytes(4, "little"))
     assert (server().xExecute, server.Request.question) == (True, 5)
 
 
@@ -150,7 +150,7 @@ def late(calls: Calls, topic: str, fault: str = "") -> tuple[Block, Block]:
 def test_a_late_answer_is_passed_over(calls: Calls, topic: str) -> None:
     server, client = late(calls, topic)
     assert state(client()) == "xBusy"
-    assert (server.Request.question, server.udiCall) == (2, 2)
+    assert (server.Request.question, server.udiCall) == (2, nth(2))
     answer(server, 7)
     assert (state(client()), client.Response.answer) == ("xDone", 7)
 
@@ -175,7 +175,7 @@ def test_a_call_given_up_before_it_was_taken_is_not_served(calls: Calls, topic: 
     client(xCancel=True)
     client(xCancel=False)
     begin(client, 2)
-    assert (server().Request.question, server.udiCall) == (2, 2)
+    assert (server().Request.question, server.udiCall) == (2, nth(2))
 
 
 def interrupted(calls: Calls, topic: str, fault: str = "") -> tuple[Block, Block]:
@@ -216,11 +216,11 @@ def test_a_new_client_goes_on_with_the_numbers(calls: Calls, topic: str) -> None
     second = ready(calls.client(topic))
     begin(second, 2)
     answer(server, 4)
-    assert (state(second()), second.udiCall, server.Request.question) == ("xBusy", 2, 2)
+    assert (state(second()), second.udiCall, server.Request.question) == ("xBusy", nth(2), 2)
 
 
 def made_anew(calls: Calls, topic: str, fault: str = "") -> Block:
-    """The request's region was removed, so that its numbers begin at 1 again, and the one with the answers was not."""
+    """The request's region was removed, and, since the clock stands still here, the next has the same numbers."""
     server, client = ready(calls.server(topic)), ready(calls.client(topic))
     begin(client, 1)
     server()
@@ -230,7 +230,7 @@ def made_anew(calls: Calls, topic: str, fault: str = "") -> Block:
         file.unlink()
     client = ready(calls.client(topic, fault))
     begin(client, 2)
-    assert client.udiCall == 1
+    assert client.udiCall == nth(1)
     return client
 
 
@@ -260,7 +260,7 @@ def test_a_call_waits_until_the_service_is_open(calls: Calls, topic: str) -> Non
     client = ready(calls.client(topic, tTimeout=2 * CLAIM))
     begin(client, 1)
     take_over(client)
-    assert (state(client()), client.udiCall) == ("xBusy", 1 + 2)  # the other may still use 1 and 2
+    assert (state(client()), client.udiCall) == ("xBusy", nth(1) + 2)  # the other may still use 1 and 2
 
 
 def test_what_cannot_be_opened(calls: Calls, topic: str) -> None:
@@ -284,7 +284,22 @@ def test_what_can_be_opened_after_all(calls: Calls, topic: str) -> None:
     begin(client, 1)
     memory["magic"] = 0x474D4853
     calls.plc.set_clock(500)
-    assert (state(client()), client.udiCall) == ("xBusy", 1)
+    assert (state(client()), client.udiCall) == ("xBusy", nth(1))
+    server()
+    answer(server, 4)
+    assert state(client()) == "xDone"
+
+
+def test_without_a_time_limit_a_call_waits_for_its_regions(calls: Calls, topic: str) -> None:
+    server = ready(calls.server(topic))
+    memory = Memory(topic, "-response")
+    memory["magic"] = 5
+    client = ready(calls.client(topic, tTimeout=0))
+    begin(client, 1)
+    assert (state(client), state(client())) == ("xBusy", "xBusy")
+    memory["magic"] = 0x474D4853
+    calls.plc.set_clock(500)
+    assert (state(client()), client.udiCall) == ("xBusy", nth(1))
     server()
     answer(server, 4)
     assert state(client()) == "xDone"
@@ -312,7 +327,7 @@ def test_disabled_it_is_as_new(calls: Calls, topic: str) -> None:
     assert Memory(topic, "-request")["writer"] == Memory(topic, "-response")["writer"] == 0
     server.xEnable = client.xEnable = True
     ready(server), ready(client)  # xExecute is still TRUE, which is an edge now
-    assert (server().xExecute, server.udiCall, state(client)) == (True, 2, "xBusy")
+    assert (server().xExecute, server.udiCall, state(client)) == (True, nth(2), "xBusy")
 
 
 # --- planted faults: each of them is one that a test above finds --------------------------------------

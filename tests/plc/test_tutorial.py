@@ -20,7 +20,7 @@ from ..support.tutorial import project
 
 def test_the_program_of_the_tutorial(tmp_path: Path, topic: str) -> None:
     """Half of the robot's x; 0 before it has come, and after it has gone."""
-    _, texts, st = project(tmp_path, topic)
+    _, texts, st = project("tutorial-plc.md", tmp_path, topic)
     put(texts, tmp_path)
     plc = compile_st(st)
     programs = [plc.block(name) for name in ("PRG_Ros", "PRG_Conveyor")]
@@ -55,29 +55,23 @@ END_FUNCTION_BLOCK
 """
 
 
-@pytest.mark.parametrize(
-    ("kind", "pages"), [("USINT", ["services.md", "codesys.md"]), ("BOOL", [])], ids=["USINT", "BOOL"]
-)
-def test_what_pages_write_into_a_bool_compiles(tmp_path: Path, kind: str, pages: list[str]) -> None:
-    """Every line of theirs about /cell/start; and TRUE only where shmgen.toml asks for BOOL."""
-    toml = '[[services]]\nservice = "/cell/start"\ntype = "cell_msgs/Start"\nserver = "plc"\n'
-    put(
-        {"msgs/cell_msgs/srv/Start.srv": "bool on\nuint16 program\n---\nbool success\nbool ok\nuint32 parts\n"},
-        tmp_path,
-    )
-    put({"shmgen.toml": f'path = ["msgs"]\n[types]\nbool = "{kind}"\n{toml}'}, tmp_path)
+@pytest.mark.parametrize("kind", ["USINT", "BOOL"])
+@pytest.mark.family("[USINT]")
+def test_services_of_the_codesys_page_compile(tmp_path: Path, kind: str) -> None:
+    """Compile the calls of the page. TRUE fits only a BOOL, and BOOL_TO_USINT only a USINT."""
+    page = (REPOSITORY / "docs" / "codesys.md").read_text()
+    (toml,) = [block for block in re.findall(r"```toml\n(.*?)```", page, re.DOTALL) if "[[services]]" in block]
+    put({"shmgen.toml": f'[types]\nbool = "{kind}"\n{toml}'}, tmp_path)
     texts = pipeline.generate(config.load(tmp_path / "shmgen.toml", "shmgen.toml", Report()), ())
     st = {path: text for path, text in texts.items() if path.endswith(".st")} | {"machine.st": MACHINE}
     blocks = [
         block
-        for page in pages
-        for block in re.findall(r"```iecst\n(.*?)```", (REPOSITORY / "docs" / page).read_text(), re.DOTALL)
-        if re.search(r"cell_start\.\w+\.(on_|ok|success)", block)
+        for block in re.findall(r"```iecst\n(.*?)```", page, re.DOTALL)
+        if re.search(r"cell_start\.\w+\.|robot_home\.", block)
     ]
-    assert len(blocks) == len(pages)
-    variables = "VAR fbMachine : FB_Machine; xReady : BOOL; xOn : BOOL; END_VAR\n"
-    programs = [("".join(blocks), True)] if blocks else []
-    programs += [("GVL_Ros.cell_start.Response.ok := TRUE;\n", kind == "BOOL")]
+    assert len(blocks) == 2
+    variables = "VAR fbMachine : FB_Machine; xGoHome, xAlarm : BOOL; END_VAR\n"
+    programs = [("".join(blocks), kind == "USINT"), ("GVL_Ros.cell_start.Response.success := TRUE;\n", kind == "BOOL")]
     for body, fits in programs:
         whole = st | {"yours.st": f"PROGRAM PRG_Yours\n{variables}{body}END_PROGRAM\n"}
         if fits:

@@ -183,14 +183,14 @@ def test_a_plc_whose_topic_another_beats_for_counts_no_heartbeat(demo: Demo, top
 
 def test_a_client_that_was_idle_takes_no_answer_of_another(calls: Calls, srv: ModuleType, topic: str) -> None:
     with srv.AskServer(topic) as server, srv.AskClient(topic) as idle:
-        assert idle.send(srv.Ask_Request(question=1)) == 1
+        number = idle.send(srv.Ask_Request(question=1))
         server.reply(server.take(), srv.Ask_Response(answer=4))
         assert idle.poll().answer == 4
         other = ready(calls.client(topic), CLAIM)
         other.Request.question = 5
         other(xExecute=True)
         call = server.take()
-        assert (other.udiCall, call.number, call.request.question) == (3, 3, 5)
+        assert (other.udiCall, call.number, call.request.question) == (number + 2, number + 2, 5)
         with pytest.raises(ClaimLost, match="a PLC has taken the topic over"):
             idle.send(srv.Ask_Request(question=7))
         server.reply(call, srv.Ask_Response(answer=16))
@@ -329,8 +329,10 @@ def test_of_two_that_claim_at_once_one_writes(demo: Demo, clock: Clock, topic: s
     block = demo.publisher(topic)()
     block()
     assert Memory(topic)["writer"] == header.PLC  # its name stands there, and nothing more
+    clock.add(CONFIRM - 1)
+    assert block().xBusy
     with demo.python.DemoPublisher(topic) as publisher:  # sees no sign of life, and puts its name over it
-        clock.add(CONFIRM)
+        clock.add(1)
         assert (block().xSent, block.eErrorID) == (False, "WRITER_IN_USE")
         publisher.publish(demo.message(1))
     assert WATCHED * 1000 == CLAIM

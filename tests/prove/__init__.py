@@ -1,1 +1,1 @@
-"""Proves that the headers for C touch no memory but theirs: Frama-C's Eva goes through harnesses in C, one a part."""
+"""Proves that the C headers access only their own memory: Eva of Frama-C analyses C harnesses, one for each part."""

@@ -1,4 +1,4 @@
-"""`python -m tests.prove`: every harness, then each once more with its fault planted, which Eva has to find."""
+"""Analyses every harness, and each once more with a planted fault, which Eva must find: `python -m tests.prove`."""
 
 import sys
 from pathlib import Path

@@ -220,6 +220,6 @@ static void opened(shmgen_link *end, shmgen_type type, sem_t *lock)
     end->seen = any;
     end->seen_count = any;
     end->seen_holder = any;
-    end->stood = 0;
+    end->holder_since = 0;
     end->step = SHMGEN_STEP_READY;
 }

@@ -1,4 +1,4 @@
-"""The harnesses, the fault that each has to find, and what Eva says of them."""
+"""Defines the harnesses and their planted faults, and runs Eva on them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ default = 40
 
 
 class Fault(NamedTuple):
-    """`old` in that header becomes `new`."""
+    """A fault to plant: the text `old` in a header becomes `new`."""
 
     header: str
     old: str
@@ -36,7 +36,10 @@ class Fault(NamedTuple):
 
 
 class Harness(NamedTuple):
-    """`states` are kept apart at a point of the program before Eva merges them; more is slower, and says more."""
+    """A harness in C. Eva keeps `states` states apart at a point of the program before it merges them.
+
+    More states are slower and more precise.
+    """
 
     name: str
     states: int
@@ -46,7 +49,15 @@ class Harness(NamedTuple):
 HARNESSES = (
     Harness("read", 20, Fault("shmgen_link.h", "number & (link->slots - 1)", "number & link->slots")),
     Harness("write", 60, Fault("diagnostic_msgs/msg/diagnostic_array_shm.h", "status_count > 8", "status_count > 9")),
-    Harness("lock", 60, Fault("shmgen_wake.h", "self->count + 2 > SHMGEN_MOST", "self->count + 1 > SHMGEN_MOST")),
+    Harness(
+        "lock",
+        60,
+        Fault(
+            "shmgen_wake.h",
+            "self->count + (by_event ? 2 : 1) > SHMGEN_MOST",
+            "self->count + (by_event ? 1 : 0) > SHMGEN_MOST",
+        ),
+    ),
     Harness("open", 350, Fault("shmgen_open.h", 'char own[280] = "/";', 'char own[248] = "/";')),
     Harness("name", 400, Fault("shmgen_calls.h", "SHMGEN_HALF - 1 - behind", "SHMGEN_HALF - behind + 1")),
     Harness("calls", 50, Fault("shmgen_calls.h", "payload, 0, self->end.type.size", "payload, 0, self->end.slot_size")),
@@ -54,7 +65,7 @@ HARNESSES = (
 
 # A status of 0 says that what a call promises is there: its states are kept apart from the others.
 _PROMISE = (
-    "publisher_begin publisher_assure publisher_place publisher_enter publisher_heartbeat check_header copy take"
+    "publisher_begin publisher_check_claim publisher_place publisher_enter publisher_heartbeat check_header copy take"
     " subscriber_read server_beat readable send"
 )
 _OPTIONS = (
@@ -65,7 +76,10 @@ _OPTIONS = (
 
 
 class Proof(NamedTuple):
-    """`alarms` with what could not be proven; `statements` in percent of the functions that were gone through."""
+    """The result of an analysis. `alarms` is the number of operations that Eva could not prove to be valid.
+
+    `statements` is the percentage of statements that Eva has analysed, of all functions that it reached.
+    """
 
     alarms: int
     functions: int
@@ -83,7 +97,7 @@ class Proof(NamedTuple):
 
 
 def generate(folder: Path) -> Path:
-    """The headers, below the folder."""
+    """Generate the headers below `folder` and return their folder."""
     (folder / "shmgen.toml").write_text(TOML)
     loaded = config.load(folder / "shmgen.toml", "shmgen.toml", Report())
     put(pipeline.generate(loaded, loaded.messages), folder)
@@ -91,7 +105,7 @@ def generate(folder: Path) -> Path:
 
 
 def said(harness: Harness, headers: Path, planted: bool = False) -> Proof:
-    """What Eva found. Raises RuntimeError if it did not come to the end."""
+    """Analyse a harness and return the result. Raises RuntimeError if Eva did not complete the analysis."""
     if planted:
         headers = Path(shutil.copytree(headers, headers.parent / f"planted_{harness.name}", dirs_exist_ok=True))
         file = headers / "shm_msgs" / harness.fault.header

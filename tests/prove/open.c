@@ -27,8 +27,8 @@ static void stepped(shmgen_step step)
 {
     memset(&writer, 0, sizeof writer);
     placed(&writer.end, step);
-    writer.gone = SHMGEN_OPENING;
-    writer.jump = some() ? 0 : 1;
+    writer.closed_status = SHMGEN_OPENING;
+    writer.new_turn = some() ? 0 : 1;
     writer.turn = any;
     writer.beat = any;
     shmgen_publisher_step(&writer);
@@ -39,7 +39,7 @@ static void watched(shmgen_step step)
 {
     memset(&reader, 0, sizeof reader);
     placed(&reader.end, step);
-    reader.gone = SHMGEN_OPENING;
+    reader.closed_status = SHMGEN_OPENING;
     reader.end.watches = reader.end.passive = 1;
     shmgen_subscriber_step(&reader);
     shmgen_subscriber_close(&reader);

@@ -1,1 +1,1 @@
-"""Long runs and tools of the tests, each a command: `python -m tests.rigs.NAME`."""
+"""Long test runs and tools, each a command: `python -m tests.rigs.NAME`."""

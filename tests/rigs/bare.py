@@ -1,14 +1,16 @@
-"""Runs the commands of README on Debian 12, Debian 13 and Ubuntu 24.04 that have nothing, as strangers do.
+"""Runs the commands of README on Debian 12, Debian 13 and Ubuntu 24.04 with a minimal installation.
 
-    sudo make bare                                             # six runs: each pair of what may differ is in one
+    sudo make bare                                             # nine runs, which cover each pair of properties
     sudo make bare ARGS="--only debian-13 --tests tests/cli"   # runs with this in their name; a part of the tests
-    sudo make bare ARGS=--set-up                               # what `make test` sets up, and no test: minutes and MB
+    sudo make bare ARGS=--set-up                               # only the setup of `make test`: minutes and MB
 
-Needs root, debootstrap, git and overlayfs, and takes an hour and more, several on a busy machine. Each run has a root
-of its own above the bare one, with its own mounts, processes, /dev/shm and time limit. Package indexes are reached as
-this machine reaches them: apt's and pip's settings are copied (DEBIAN_MIRROR and UBUNTU_MIRROR name other servers).
-Exit code 1 if a command fails, leaves something in /dev/shm, /tmp, the home or the checkout, or leaves a process. Logs
-and bare roots stay in --folder for the next time.
+Needs root, debootstrap, git and overlayfs. All runs take an hour or more, and several hours on a busy machine. Each run
+has a root file system above a minimal one, with its own mounts, processes, /dev/shm and time limit. The package indexes
+are the same as on this machine, because the settings of apt and pip are copied. DEBIAN_MIRROR and UBUNTU_MIRROR select
+other servers.
+
+The exit code is 1 if a command fails, leaves a file in /dev/shm, /tmp, the home or the checkout, or leaves a process.
+Logs and minimal roots stay in --folder for the next time.
 """
 
 from __future__ import annotations
@@ -30,8 +32,8 @@ from fnmatch import fnmatch
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parents[2]
-PACKAGES = "python3,make,gcc,libc6-dev"
-"""What README asks of whoever is root, with what apt brings along. Besides, ca-certificates, to reach an index."""
+PACKAGES = "python3,make"
+"""What each bare root has, and ca-certificates, to reach an index: no git, no compiler, no locales."""
 SYSTEMS = {
     "debian-12": ("bookworm", os.environ.get("DEBIAN_MIRROR", "http://deb.debian.org/debian")),
     "debian-13": ("trixie", os.environ.get("DEBIAN_MIRROR", "http://deb.debian.org/debian")),
@@ -54,7 +56,7 @@ PIPX = "pipx install './shmgen[idl]' && .local/bin/shmgen --version"
 
 @dataclass(frozen=True)
 class Run:
-    """A stranger's machine."""
+    """The properties of one run: the system, the user, the checkout and the installed compilers."""
 
     system: str
     user: bool
@@ -62,23 +64,25 @@ class Run:
     closed: bool
     bytecode: bool
     cpp: bool = True
+    gcc: bool = True
     installed: str = DEB
 
     @property
     def name(self) -> str:
-        """As it is printed, and matched by --only."""
+        """The name of the run, which the report prints and --only selects."""
         words = [self.system, "user" if self.user else "root", "git" if self.git else "no-git"]
         words += ["closed" if self.closed else "open", "bytecode" if self.bytecode else "no-bytecode"]
-        return " ".join(words + ([] if self.cpp else ["no-g++"]))
+        return " ".join(words + ([] if self.cpp else ["no-g++"]) + ([] if self.gcc else ["no-gcc"]))
 
     @property
     def needed(self) -> str:
-        """What README names and the bare root has not."""
-        return f"python3-venv python3-dev{' g++' if self.cpp else ''}"
+        """The packages that README requires and the minimal root does not contain."""
+        compilers = f"{'gcc libc6-dev' if self.gcc else ''}{' g++' if self.cpp else ''}"
+        return f"python3-venv python3-dev {compilers}" if self.user else compilers
 
     @property
     def home(self) -> str:
-        """That of who runs the commands; the checkout is below it."""
+        """The home of the user who runs the commands. The checkout is below it."""
         return "/home/dev" if self.user else "/root"
 
 
@@ -86,7 +90,10 @@ RUNS = (
     Run("debian-12", user=True, git=False, closed=False, bytecode=False, cpp=False, installed=VENV),
     Run("debian-12", user=False, git=True, closed=True, bytecode=True),
     Run("debian-13", user=True, git=False, closed=True, bytecode=True, installed=PIPX),
+    Run("debian-12", user=False, git=False, closed=False, bytecode=False, cpp=False),
     Run("debian-13", user=False, git=True, closed=False, bytecode=False),
+    Run("debian-13", user=False, git=False, closed=True, bytecode=True, cpp=False),
+    Run("debian-13", user=True, git=False, closed=False, bytecode=False, cpp=False, gcc=False, installed=VENV),
     Run("ubuntu-24.04", user=True, git=True, closed=False, bytecode=True, installed=UV),
     Run("ubuntu-24.04", user=False, git=False, closed=True, bytecode=False),
 )
@@ -118,7 +125,7 @@ exit ${code:-0}
 
 
 class Machine:
-    """The root of a run, above a bare one, and what this machine knows of indexes."""
+    """The root file system of a run, above a minimal root."""
 
     def __init__(self, run: Run, folder: Path) -> None:
         self.run, self.base = run, folder / run.system
@@ -132,7 +139,7 @@ class Machine:
         self.checkout = self.upper / "root" / run.home[1:] / "shmgen"
 
     def lay(self) -> None:
-        """The checkout: what is committed, with its history or without."""
+        """Create the checkout from the committed files, with the git history or without."""
         home = self.checkout.parent
         home.mkdir(parents=True)
         source = str(HERE)
@@ -148,12 +155,14 @@ class Machine:
         home.chmod(0o700 if self.run.closed else 0o755)
 
     def does(self, command: str, limit: float, as_root: bool = False) -> tuple[int, float, list[str]]:
-        """Runs a line of shell, for `limit` seconds at most: exit code, seconds, what it has left or said."""
+        """Run a line of shell for at most `limit` seconds. Return its exit code, duration in seconds, and output.
+
+        The output also lists what the command left behind.
+        """
         root = as_root or not self.run.user
         variables = [
             *pip_variables(),
             "PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin",
-            "LANG=C.UTF-8",
         ]
         if not self.run.bytecode:
             variables.append("PYTHONDONTWRITEBYTECODE=1")
@@ -187,11 +196,14 @@ class Machine:
         return code, time.monotonic() - start, said.splitlines()
 
     def size(self) -> int:
-        """MB that are here and not in the bare root."""
+        """Return the size in MB of all files that the minimal root does not contain."""
         return int(subprocess.run(["du", "-sm", self.upper], stdout=subprocess.PIPE, check=True).stdout.split()[0])
 
     def files(self) -> dict[str, str]:
-        """Of the home, the checkout and /tmp: a hash of each file that no .gitignore names and no cache holds."""
+        """Return a hash of each file in the home, the checkout and /tmp, by path.
+
+        Caches and files that .gitignore names are omitted.
+        """
         ignored = [line.strip("/") for line in (HERE / ".gitignore").read_text().split()]
         found = {}
         for top in (self.upper / "root/tmp", self.upper / "root/var/tmp", self.checkout.parent):
@@ -207,13 +219,13 @@ class Machine:
 
 
 def pip_variables() -> list[str]:
-    """PIP_… and the proxies, as they are here."""
+    """Return the environment variables of this process for pip and for proxies."""
     wanted = re.compile(r"PIP_|(https?|no|all)_proxy$|SSL_CERT_FILE$|REQUESTS_CA_BUNDLE$", re.IGNORECASE)
     return [f"{name}={value}" for name, value in os.environ.items() if wanted.match(name) and " " not in value]
 
 
 def pip_settings() -> RawConfigParser:
-    """What pip reads here: that of the machine, then that of root."""
+    """Return the settings of pip on this machine. The settings of the user come after the settings of the machine."""
     settings = RawConfigParser()
     home = Path.home()
     settings.read(["/etc/pip.conf", home / ".pip/pip.conf", home / ".config/pip/pip.conf"])
@@ -221,7 +233,7 @@ def pip_settings() -> RawConfigParser:
 
 
 def folders() -> list[str]:
-    """Folders that pip's settings name."""
+    """Return the folders that the settings and variables of pip name."""
     return sorted({str(path) for path in _paths() if path.is_dir()})
 
 
@@ -235,7 +247,7 @@ def _paths() -> Iterator[Path]:
 
 
 def make_base(system: str, folder: Path) -> None:
-    """A root with what README asks for and this machine's settings, once."""
+    """Create the minimal root of a system, with the packages that README requires, if it does not exist."""
     base, (suite, mirror) = folder / system, SYSTEMS[system]
     ready = base / "ready"
     if ready.exists() and ready.read_text() == PACKAGES:
@@ -258,7 +270,7 @@ def make_base(system: str, folder: Path) -> None:
 
 
 def settle(base: Path) -> None:
-    """What this machine knows, and a user."""
+    """Copy this machine's settings of apt, pip and the network into a minimal root, and create a user."""
     for file in Path("/etc/apt/apt.conf.d").iterdir():
         if "Acquire" in (text := file.read_text()) and "Invoke" not in text:
             shutil.copy(file, base / "etc/apt/apt.conf.d")
@@ -278,7 +290,10 @@ def settle(base: Path) -> None:
 
 
 def set_up(run: Run, folder: Path) -> bool:
-    """Sets up for `make test` on a new machine; prints what that took, and how busy this machine was."""
+    """Run the setup of `make test` on a new machine. Print its duration and size, and the load of this machine before.
+
+    Return True if the setup succeeded within the limits.
+    """
     machine = Machine(run, folder)
     machine.lay()
     start, size, busy = time.monotonic(), machine.size(), os.getloadavg()[0]
@@ -297,7 +312,7 @@ def set_up(run: Run, folder: Path) -> bool:
 
 
 def tried(run: Run, folder: Path, tests: str) -> bool:
-    """Both commands on a new machine; prints a line for each."""
+    """Run the commands of README on a new machine, and print a line for each. Return True if all succeeded."""
     machine = Machine(run, folder)
     machine.lay()
     fine = True
@@ -324,14 +339,14 @@ def tried(run: Run, folder: Path, tests: str) -> bool:
     if run.user:
         said = step("make -C shmgen demo", 30, fails=True)
         fine = fine and any("sudo apt-get install python3-venv" in line for line in said)
-        step(f"{APT} {run.needed}", 900, as_root=True)
+    step(f"{APT} {run.needed}", 900, as_root=True)
     step("make -C shmgen demo", 900)
     said = step(f"make -C shmgen test{f' TESTS={shlex.quote(tests)}' if tests else ''}", 7200)
     for line in said:
         if re.match(r"left out: |failed, and was|\d+ passed|FAILED|ERROR|\d+ failed", line):
             print(f"       {line}")
     said = step("cd shmgen && . .venv/bin/activate && shmgen --version", 30)
-    fine = fine and any("publish and read in C" in line for line in said)
+    fine = fine and any(f"publish and read in {'C' if run.gcc else 'Python'}" in line for line in said)
     if run.installed == PIPX:
         step(f"{APT} pipx", 900, as_root=True)
     step(run.installed, 900, leaves=True)
@@ -339,7 +354,7 @@ def tried(run: Run, folder: Path, tests: str) -> bool:
 
 
 def main() -> None:
-    """Prints a line for each command, and what it left."""
+    """Execute the selected runs, and print each command with its result."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--only", default="", help="words that the name of a run holds, such as `debian-12 user`")
     parser.add_argument("--tests", default="", help="what `make test` is given, such as `tests/cli`; all by default")

@@ -1,15 +1,15 @@
-"""Thousands of SIGKILLs at random instants, from a seed, and what must hold all the same.
+"""Kills readers and writers of a region thousands of times at random instants, and checks that nothing is lost.
 
     python -m tests.rigs.chaos --seconds 60 --seed 1 [--no-plc] [--no-cpp] [--fault NAME]
 
-Writers and readers, in Python with the engine in C or with the reference, in C++ and in Structured Text (the soft
-PLC), work on one topic, are killed, stopped for a moment, and started again; now and then all are killed and the region
-is removed, so that its making is met as well. Signal handlers raise and fork in them, strangers post to their
-semaphores, their region is cut short, files that are none of theirs take its names, /dev/shm is full: see
-chaos_mishaps.py.
-Every sample carries its number and a checksum. There are small ones, which some of the processes copy slowly,
-in two halves, so that others come between, and large ones. A round is a burst of such hits and then the time until
-everybody has moved again. `--fault` plants a fault in the protocol, which must be found: see chaos_faults.py.
+The writers and readers of one topic are in Python (engine in C, or reference), in C++ and in Structured Text (the
+simulated PLC). They are killed, stopped for a moment, and started again. From time to time all are killed and the
+region is removed, so that they create it again. Also, signal handlers raise and fork, other processes post to the
+semaphores, the region is truncated, foreign files have its names, and /dev/shm is full: see chaos_mishaps.py.
+
+Every sample has its number and a checksum. Some of the processes copy small samples slowly, in two halves, so that
+other processes run between the halves. A round is a burst of kills and stops, and then the time until each process has
+published or read again. `--fault` plants a fault in the protocol, which must be detected: see chaos_faults.py.
 """
 
 from __future__ import annotations
@@ -67,9 +67,9 @@ INSTALLED = SimpleNamespace(**{name: getattr(engine, name) for name in engines.N
 
 @dataclass
 class Stage:
-    """What all processes share: a topic, the classes, and a word for each role that says how often it has moved.
+    """The data that all processes share: a topic, the classes, and a counter of samples for each role.
 
-    `program` is that of C++, and `shared` the descriptor of those words.
+    `program` is the path of the C++ program, and `shared` the descriptor of the counters.
     """
 
     topic: str
@@ -90,11 +90,11 @@ class Stage:
 
     @property
     def kinds(self) -> tuple[Any, Any, Any]:
-        """Message, publisher and subscriber."""
+        """The message class, the publisher class and the subscriber class."""
         return self.classes[self.kind]
 
     def become_cpp(self, place: int, rng: random.Random, way: str, complaints: int) -> NoReturn:
-        """Signals that are ignored here stay so there."""
+        """Replace this process by the C++ program. Signals that this process ignores stay ignored."""
         assert self.program
         patterns = self.program.with_name(f"{self.kind}.patterns")
         words = [way, self.kind, self.topic, self.depth, place, self.shared, complaints, patterns]
@@ -122,7 +122,7 @@ class Stage:
 
 @dataclass
 class Verdict:
-    """`pause`: the longest, in seconds, until everybody had moved again after a burst."""
+    """The result of a run. `pause` is the longest time in seconds from the end of a burst until all roles continued."""
 
     kills: int = 0
     stops: int = 0
@@ -137,7 +137,11 @@ class Verdict:
 
 
 def write(stage: Stage, place: int, rng: random.Random) -> None:
-    """Also as on a machine where the lock is needed: then a dead holder stops everybody until it is healed."""
+    """Publish samples until this process is killed.
+
+    In some processes the lock is mandatory, as on machines that are not x86. A dead holder then stops all others until
+    the lock is recovered.
+    """
     pause = rng.choice((0, 0, 0.0003))
     choose_engine(stage, rng)
     with stage.kinds[1](stage.topic, depth=stage.depth, lock_timeout=rng.choice((0, 0, 0.001, 0.01))) as publisher:
@@ -165,7 +169,7 @@ def read(stage: Stage, place: int, rng: random.Random) -> None:
 
 
 def follow(stage: Stage, place: int, subscriber: Any, way: str) -> bool:
-    """Until the figures do not agree: False."""
+    """Read samples and check them. Return False if the numbers of read and missed samples do not agree."""
     start, missed, count = subscriber._end.last, subscriber.missed, 0
     last = start
     while True:
@@ -190,14 +194,14 @@ def follow(stage: Stage, place: int, subscriber: Any, way: str) -> bool:
 
 
 def choose_engine(stage: Stage, rng: random.Random) -> None:
-    """Every other process has the reference in Python; where a fault is planted in it, all have."""
+    """Use the reference in Python in half of all processes, and in all processes if it contains a fault."""
     chosen = reference if stage.planted or rng.random() < 0.5 else INSTALLED
     for name in engines.NAMES:
         setattr(engine, name, getattr(chosen, name))
 
 
 def be_slow(side: Any, stage: Stage, rng: random.Random) -> None:
-    """Some of the reference, as where the lock is needed; and every other of small samples, as if memory were slow."""
+    """Let some endpoints of the reference always use the lock, and let half of them copy small samples slowly."""
     if not isinstance(side._end, (reference.Writer, reference.Reader)):
         return
     side._end.lock.keeps_order &= rng.random() < 0.7
@@ -206,9 +210,9 @@ def be_slow(side: Any, stage: Stage, rng: random.Random) -> None:
 
 
 class Halves(Wrapped):
-    """The map of a region, in which a sample is copied in two halves with a pause between them.
+    """The map of a region. Samples are copied in two halves with a pause between them.
 
-    Read from the back and written from the front, so that the two meet.
+    A sample is read from the back and written from the front, so that reader and writer meet.
     """
 
     def __init__(self, inner: Any, rng: random.Random) -> None:
@@ -228,7 +232,7 @@ class Halves(Wrapped):
         self.inner[where.start + half : where.stop] = data[half:]
 
     def pause(self) -> None:
-        """Seldom enough that a reader without the lock still gets samples from a writer without it."""
+        """Sleep in three of ten copies. More pauses would leave no samples to a reader that does not use the lock."""
         if self.rng.random() < 0.3:
             time.sleep(self.rng.choice((0, 0.0001, 0.0005)))
 
@@ -268,7 +272,7 @@ def cpp_read(stage: Stage, place: int, rng: random.Random) -> None:
 
 
 class Actor:
-    """A role in this play, and the process that now has it."""
+    """A role, such as a writer in C++, and the process that currently has it."""
 
     def __init__(self, stage: Stage, place: int, work: Callable[[Stage, int, random.Random], None]) -> None:
         self.stage, self.place, self.work = stage, place, work
@@ -280,7 +284,7 @@ class Actor:
 
     @property
     def interpreted(self) -> bool:
-        """Whether the process is Python's, be it as the PLC."""
+        """True if the process runs Python, also if it runs the simulated PLC."""
         return self.work not in (cpp_write, cpp_read)
 
     def start(self, seed: float) -> None:
@@ -293,7 +297,7 @@ class Actor:
             signal.signal(number, handler)
 
     def play(self, rng: random.Random) -> NoReturn:
-        """Opens anew where an exception came upon opening or closing."""
+        """Execute the role. If a signal handler's exception interrupts opening or closing, start again."""
         interrupts, patience = True, time.monotonic() + PATIENCE
         try:
             if self.interpreted:
@@ -318,7 +322,10 @@ class Actor:
             os._exit(0)
 
     def state(self) -> str:
-        """As `ps` has it, or how it ended, which only the first who asks is told."""
+        """Return the process state as in `ps`, or the exit status.
+
+        Only the first call after the end of the process returns the exit status.
+        """
         try:
             pid, status = os.waitpid(self.pid, os.WNOHANG | os.WUNTRACED) if self.pid else (0, 0)
             if pid:
@@ -347,7 +354,7 @@ def play(
     fault: str | None,
     calm: bool,
 ) -> Verdict:
-    """Until there were so many kills, for so many seconds, or until a fault was found."""
+    """Run rounds until there were `kills` kills, `seconds` are over, or a fault was found. Return the result."""
     stage, complaints = _stage(folder, plc, cpp)
     stage.calm = calm
     if fault:
@@ -477,7 +484,7 @@ def _mishap(mishap: Any, stage: Stage, actor: Actor, rng: random.Random, verdict
 
 
 def _overtake(one: Actor, other: Actor, rng: random.Random) -> None:
-    """Stops one for some microseconds, which the other goes on for, and then lets it meet the other half-way."""
+    """Stop a process for some microseconds while another one continues, and then let them meet."""
     one.signal(signal.SIGSTOP)
     end = time.perf_counter() + rng.uniform(0, 0.0002)
     while time.perf_counter() < end:
@@ -489,7 +496,7 @@ def _overtake(one: Actor, other: Actor, rng: random.Random) -> None:
 
 
 def _last_sample_is_lost(stage: Stage) -> Iterator[str]:
-    """With no writer about, the newest sample is what a new reader gets, whole."""
+    """Yield a fault if a new reader does not get the newest sample while no writer exists."""
     with stage.kinds[2](stage.topic, depth=stage.depth, lock_timeout=0) as subscriber:
         completed = region_of(subscriber).newest()
         # Where the lock is needed a dead reader may have it, until it is healed.
@@ -532,12 +539,12 @@ def _clean(stage: Stage, verdict: Verdict) -> None:
 
 
 def _half_made() -> set[Path]:
-    """What may be semaphores under the name that the C library makes them under."""
+    """Return the files with temporary names of semaphores, which the C library uses while it creates a semaphore."""
     return set(Path("/dev/shm").glob("sem.??????"))
 
 
 def _clean_half_made(before: set[Path], verdict: Verdict) -> None:
-    """What is still there when all are dead must be known as a leftover, or by its name."""
+    """Remove the temporary files that killed processes left. Add a fault if shmgen does not recognize one of them."""
     if not (left := _half_made() - before):
         return
     time.sleep(orphan_semaphores.AGE + 0.1)
@@ -553,7 +560,7 @@ def _clean_half_made(before: set[Path], verdict: Verdict) -> None:
 
 
 def main() -> None:
-    """Exit code 1 if a fault was found."""
+    """Run the chaos and print its result. The exit code is 1 if a fault was found."""
     parser = argparse.ArgumentParser(description="Kills readers and writers of a region at random instants.")
     parser.add_argument("--seconds", type=float, default=600)
     parser.add_argument("--kills", type=int, default=20_000)

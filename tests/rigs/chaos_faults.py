@@ -1,7 +1,7 @@
-"""Wrong protocols that the chaos test must find: each function plants one in this process.
+"""Plants faults in the protocol that the chaos test must detect. Each function plants one fault in this process.
 
-All are planted in the reference in Python, which is then the engine of all; the processes that chaos.py forks have
-them too.
+All faults are planted in the reference in Python. chaos.py then lets all processes use the reference, and the processes
+that chaos.py forks inherit the fault.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ PUBLISHER, SUBSCRIBER = 1, 2
 
 
 def one_slot(stage: Any) -> None:
-    """Every sample lies in slot 0: a writer that dies half-way destroys the last complete one."""
+    """Store every sample in slot 0. A writer that dies during a copy then destroys the last complete sample."""
     slot = Region.slot
     Region.slot = lambda region, number, lane: slot(region, 0, lane)  # type: ignore[method-assign]
 
 
 def completed_first(stage: Any) -> None:
-    """The writer says that a sample is there, and then copies it."""
+    """Let the writer mark a sample as complete before it copies the sample."""
 
     def plant(publisher: Any) -> None:
         end = publisher._end
@@ -47,7 +47,7 @@ def completed_first(stage: Any) -> None:
 
 
 def not_cleared(stage: Any) -> None:
-    """The writer leaves the number of the slot as it is until the copy is made."""
+    """Let the writer keep the old number of a slot while it copies a sample into the slot."""
 
     class Words(Wrapped):
         def __setitem__(self, where: int, value: int) -> None:
@@ -58,7 +58,7 @@ def not_cleared(stage: Any) -> None:
 
 
 def one_look(stage: Any) -> None:
-    """The reader looks at the slot's number before the copy, and not again."""
+    """Let the reader compare the slot's number only before the copy, and not after it."""
 
     def plant(subscriber: Any) -> None:
         region = subscriber._end.region
@@ -78,7 +78,7 @@ def one_look(stage: Any) -> None:
 
 
 def claim_kept(stage: Any) -> None:
-    """A forked child keeps the open file of the region, and with it the claim, beyond its parent's death."""
+    """Let a forked child keep the region's open file, and therefore the claim, after the death of its parent."""
     opening = Region.__init__
 
     def keeps(self: Region, file: Any, *others: Any) -> None:
@@ -89,7 +89,7 @@ def claim_kept(stage: Any) -> None:
 
 
 def second_token(stage: Any) -> None:
-    """Who comes out of the lock posts more tokens than it takes back."""
+    """Let a process post more tokens when it releases the lock than it has taken."""
 
     def post(self: Any) -> bool:
         for _ in range(3):
@@ -101,7 +101,7 @@ def second_token(stage: Any) -> None:
 
 
 def lock_lost(stage: Any) -> None:
-    """An exception on the way keeps the lock."""
+    """Let an exception leave the lock acquired."""
     release = Lock.release
 
     def kept(self: Lock) -> None:
@@ -120,7 +120,7 @@ PLANTED: dict[str, Callable[[Any], None]] = {
 
 
 class Wrapped:
-    """The region's words, or its map, for a subclass to change."""
+    """A wrapper around the numbers or the map of a region, for subclasses that change an access."""
 
     def __init__(self, inner: Any) -> None:
         self.inner = inner
@@ -136,7 +136,7 @@ class Wrapped:
 
 
 def _ring(map: Any) -> None:
-    """That of the map itself, whatever stands around it."""
+    """Ring the bell of the map inside all wrappers, because the bell needs the map itself."""
     while isinstance(map, Wrapped):
         map = map.inner
     bell.ring(map)
@@ -146,7 +146,7 @@ writer.ring = _ring  # type: ignore[attr-defined]
 
 
 def after_opening(stage: Any, which: int, plant: Callable[[Any], None]) -> None:
-    """Lets `plant` change each new publisher, or subscriber."""
+    """Call `plant` with each new publisher or subscriber of this process."""
     for kinds in stage.classes.values():
         _plant(kinds[which], plant)
 
@@ -162,13 +162,13 @@ def _plant(kind: Any, plant: Callable[[Any], None]) -> None:
 
 
 def swap(side: Any, what: str, wrapper: Callable[[Any], Any]) -> None:
-    """Wraps the words, the quads or the map of a publisher or subscriber of the reference."""
+    """Replace the attribute `what` of an endpoint's region (words, quads or map) by a wrapper."""
     region = side._end.region
     setattr(region, what, wrapper(getattr(region, what)))
 
 
 def swap_map(publisher: Any, before: Callable[[], None]) -> None:
-    """Does something before each copy into the region."""
+    """Call `before` before each copy into the region."""
 
     class Map(Wrapped):
         def __setitem__(self, where: Any, value: Any) -> None:

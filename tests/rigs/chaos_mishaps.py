@@ -1,8 +1,9 @@
-"""What bad luck and bad neighbours make of a live region, or of the place where one will be; for chaos.py.
+"""Disturbs a live region, or the place where a region will be created, for chaos.py.
 
-DURING happens to processes that go on: an exception out of a signal handler, a fork in the middle of anything, a stop
-longer than the dead are waited for, posts too many. BETWEEN happens where no process is left: a region cut short, a
-foreign file under one of its names, a full /dev/shm; each tells what it found wrong.
+The functions in DURING disturb running processes: an exception from a signal handler, a fork at any instruction, a stop
+that is longer than the timeout after which a process counts as dead, or too many posts to a semaphore. The functions in
+BETWEEN run when no process is left: they truncate a region, create a foreign file under one of its names, or fill
+/dev/shm. They yield the faults that they find.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from typing import Any
 
 import posix_ipc
 
-from shmgen.runtime import InForkedChild, RegionUnusable, ShmError, region_name
+from shmgen.runtime import Closed, InForkedChild, RegionUnusable, ShmError, region_name
 from shmgen.runtime.region.header import header_for
 from shmgen.runtime.region.names import event_name, region_file, semaphore_file
 
@@ -43,11 +44,14 @@ _MAGIC = 4
 
 
 class Interrupted(BaseException):
-    """What a signal handler raises, at any instruction."""
+    """The exception that a signal handler raises, at any instruction."""
 
 
 def prepare(stage: Any, rng: random.Random, work: Callable[..., None]) -> None:
-    """In a process that plays `work`: SIGINT raises inside of it, where that is dealt with, and SIGUSR1 forks."""
+    """Install signal handlers in a process that executes `work`: SIGINT raises Interrupted, and SIGUSR1 forks.
+
+    SIGINT raises only inside `work`, which catches the exception.
+    """
     last, forking = 0.0, False
 
     def interrupt(_: int, frame: FrameType | None) -> None:
@@ -88,6 +92,9 @@ def _must_refuse(call: Callable[[], Any], stage: Any) -> None:
         stage.complain("a forked child used what its parent has open")
     except InForkedChild:
         pass
+    except Closed:  # right if the parent's close() had ended: the child then inherits no open region
+        if region_file(region_name(stage.topic)) in Path("/proc/self/maps").read_text():
+            stage.complain("a forked child reports Closed and keeps the region open")
     except BaseException as error:
         stage.complain(f"a forked child met {error!r}")
 
@@ -110,7 +117,7 @@ def stood_still(stage: Any, actor: Any, rng: random.Random) -> None:
 
 
 def posted(stage: Any, actor: Any, rng: random.Random) -> None:
-    """To the lock, the event, or both."""
+    """Post up to three tokens to the lock, to the event semaphore, or to both."""
     name = region_name(stage.topic)
     for semaphore in rng.choice(((name,), (event_name(name),), (name, event_name(name)))):
         with suppress(posix_ipc.ExistentialError):
@@ -129,7 +136,10 @@ DURING = (interrupted, interrupted, interrupted, forked, forked, forked, posted,
 
 
 def cut_short(stage: Any, rng: random.Random) -> Iterator[str]:
-    """Those who have it mapped may die, as the docs say; who comes later, and who only looks, may not."""
+    """Truncate a region that a process uses. Yield a fault if a later process or a tool crashes.
+
+    The process that has the region mapped may crash.
+    """
     child = _fork(lambda: _use(stage, rng.uniform(0.0, 0.05), for_ever=True))
     time.sleep(rng.uniform(0.05, 0.15))
     file, size = Path(region_file(region_name(stage.topic))), _PAGE
@@ -146,7 +156,7 @@ def cut_short(stage: Any, rng: random.Random) -> Iterator[str]:
 
 
 def foreign_file(stage: Any, rng: random.Random) -> Iterator[str]:
-    """Made by nobody of ours, under a name of ours."""
+    """Create a foreign file under a name of the region or a semaphore. Yield the faults of processes that open it."""
     name = region_name(stage.topic)
     place = Path(rng.choice((region_file(name), semaphore_file(name), semaphore_file(event_name(name)))))
     kind = rng.choice(("fifo", "folder", "link", "loop", "empty", "zeros", "noise", "ones", "large"))
@@ -177,7 +187,10 @@ def foreign_file(stage: Any, rng: random.Random) -> Iterator[str]:
 
 
 def full(stage: Any, rng: random.Random) -> Iterator[str]:
-    """A small /dev/shm of its own, in a process of its own; only root can make one."""
+    """Open and publish in a small /dev/shm that is full. Yield the faults.
+
+    The /dev/shm belongs to a child process in its own mount namespace, which only root can create.
+    """
     if os.geteuid():
         return
     out, into = os.pipe()
@@ -240,7 +253,10 @@ def _use(stage: Any, pause: float, for_ever: bool = False) -> None:
 
 
 def _opened(stage: Any, what: str, must_work: bool = False) -> Iterator[str]:
-    """Both ends, by a process of their own: that they work, or say why not, and in time."""
+    """Let a child process open publisher and subscriber. Yield a fault if it hangs, crashes or reports no reason.
+
+    If `must_work` is true, a refusal is a fault as well.
+    """
 
     def work() -> None:
         try:
@@ -268,7 +284,7 @@ def _opened(stage: Any, what: str, must_work: bool = False) -> Iterator[str]:
 
 
 def _opened_by_cpp(stage: Any, what: str, must_work: bool) -> Iterator[str]:
-    """A writer, which says why not, and in time, or publishes."""
+    """Let the C++ program open a publisher. Yield a fault if it hangs, crashes or reports no reason."""
     out, into = os.pipe()
     place, end = 3, time.monotonic() + HANGS
     stage.moves[place] = 0
@@ -286,7 +302,7 @@ def _opened_by_cpp(stage: Any, what: str, must_work: bool) -> Iterator[str]:
 
 
 def _looked_at(stage: Any) -> Iterator[str]:
-    """By the tools, which say what they say, but never fall."""
+    """Run the tools on the topic, and yield a fault if one of them crashes."""
     with tempfile.TemporaryDirectory() as folder:
         for command in (
             ["doctor", stage.topic],
@@ -299,7 +315,10 @@ def _looked_at(stage: Any) -> Iterator[str]:
 
 
 def _clean_all(stage: Any, known: bool) -> Iterator[str]:
-    """What is too short to say that it is a region of ours is not touched."""
+    """Run `shmgen clean`, and yield a fault if it does not remove exactly the files that it should know.
+
+    A file that is too short to be recognized as a region must stay.
+    """
     with tempfile.TemporaryDirectory() as folder:
         done = run(["clean", stage.topic], Path(folder))
     if bool(done.code) is known:

@@ -1,4 +1,4 @@
-"""What is known of actors of chaos.py that do not move: how each is, where, and what the region says."""
+"""Describes processes of chaos.py that no longer publish or read: state, stack and header of the region."""
 
 from __future__ import annotations
 
@@ -33,15 +33,18 @@ _WORDS = (
 
 
 def tells(stage: Any) -> None:
-    """Lets this process write down where it is whenever it is asked by SIGUSR2."""
+    """Let this process write its stack to a file when it receives SIGUSR2."""
     faulthandler.register(signal.SIGUSR2, file=stage.stacks, all_threads=False)
 
 
 class Surplus:
-    """Whether the lock has had more than one token at each look so far: two could be inside at a time."""
+    """Detects that the lock has more than one token, so that two processes could hold it at a time.
+
+    A surplus exists only if each check so far has found more than one token.
+    """
 
     def __init__(self, stage: Any) -> None:
-        """None: nobody there has to take one away."""
+        """Open the lock of the topic. Without `stage`, no process removes tokens, so there is nothing to check."""
         self._lock: posix_ipc.Semaphore | None = None
         with suppress(posix_ipc.ExistentialError):
             self._lock = posix_ipc.Semaphore(f"/{region_name(stage.topic)}") if stage else None
@@ -54,13 +57,13 @@ class Surplus:
 
 
 def found(stage: Any, cast: list[Any], before: list[int]) -> str:
-    """All actors, those that moved too: one of them may hold up the others."""
+    """Return a text about all processes. A process that continues may block another, so all are listed."""
     lines = [_one(actor, moves) for actor, moves in zip(cast, before, strict=True)]
     return "\n  ".join([_region(stage), *lines])
 
 
 def who_is_in_the_way(stage: Any, error: Exception) -> None:
-    """Complains of the process that still holds a claim, and tells where it is."""
+    """Report a fault with the stack and the state of the process that still holds the claim."""
     found = re.search(r"process (\d+)", str(error))
     where = _stack(stage, int(found[1])) if found else "?"
     status = Path(f"/proc/{found[1]}/status").read_text() if found else ""
@@ -75,7 +78,7 @@ def _one(actor: Any, before: int) -> str:
 
 
 def _stack(stage: Any, pid: int) -> str:
-    """The innermost frames, within a quarter of a second."""
+    """Return the innermost frames of a process, which has a quarter of a second to write them."""
     stacks, start = stage.stacks, os.lseek(stage.stacks, 0, os.SEEK_END)
     with suppress(ProcessLookupError):
         os.kill(pid, signal.SIGUSR2)

@@ -1,6 +1,6 @@
-"""Draws docs/blocks.svg: how generated function blocks look in an editor for FBD, and how they are wired.
+"""Draws docs/blocks.svg: how a generated subscriber and publisher appear in an IDE's editor for FBD.
 
-Pins, their order and their types are read from the Structured Text, which is what an IDE draws a box from.
+The pins, their order and their types are read from the Structured Text, because an IDE also draws a block from it.
 """
 
 from __future__ import annotations
@@ -16,11 +16,8 @@ from shmgen.generator import pipeline
 from shmgen.targets.st import reader
 from shmgen.targets.st.objects import Unit
 
-from ..conftest import REPOSITORY
-
 WIDTH, _PIN, _HEAD = 1000, 17, 44
 CELL = """targets = ["st"]
-path = ["msgs"]
 [[topics]]
 topic = "/robot/target"
 type = "geometry_msgs/Pose"
@@ -28,30 +25,14 @@ type = "geometry_msgs/Pose"
 topic = "/conveyor/speed"
 type = "std_msgs/Float64"
 direction = "from_plc"
-[[services]]
-service = "/press/run"
-type = "press_msgs/Run"
-server = "plc"
-[[services]]
-service = "/robot/unload"
-type = "press_msgs/Unload"
-server = "ros"
-"""
-PRESS = """FUNCTION_BLOCK FB_Press
-VAR_INPUT
-    xExecute  : BOOL;
-    uiParts   : UINT;
-END_VAR
-VAR_OUTPUT
-    xDone     : BOOL;
-    xError    : BOOL;
-END_VAR
-END_FUNCTION_BLOCK
 """
 
 
 class Placed(NamedTuple):
-    """A block on the sheet; `given` stands at its inputs, `taken` at its outputs. `y` is that of its frame."""
+    """A block in the drawing. `given` are the texts at its inputs, and `taken` the texts at its outputs.
+
+    `x` and `y` are the position of its frame.
+    """
 
     instance: str
     unit: Unit
@@ -69,20 +50,23 @@ class Placed(NamedTuple):
         return _HEAD + _PIN * max(len(self.pins("VAR_INPUT")), len(self.pins("VAR_OUTPUT"))) + 6
 
     def at(self, pin: str) -> tuple[int, int]:
-        """Where a wire meets the frame."""
+        """Return the point at which a wire to the pin meets the frame."""
         left = self.pins("VAR_INPUT")
         number = left.index(pin) if pin in left else self.pins("VAR_OUTPUT").index(pin)
         return self.x + (0 if pin in left else self.width), self.y + _HEAD + _PIN * number + 4
 
 
 def blocks(folder: Path) -> str:
-    """The picture; `folder` is where the configuration is put. Raises AssertionError where a pin is gone."""
-    (folder / "shmgen.toml").write_text(CELL.replace("msgs", str(REPOSITORY / "examples/press_service/msgs"), 1))
+    """Return the drawing as SVG. The configuration is written into `folder`.
+
+    Raises AssertionError if a pin that the drawing needs no longer exists.
+    """
+    (folder / "shmgen.toml").write_text(CELL)
     texts = pipeline.generate(load(folder / "shmgen.toml", "shmgen.toml", Report()), [])
     units = {Path(path).stem: text for path, text in texts.items() if Path(path).name.startswith("FB_")}
 
     def placed(instance: str, name: str, x: int, y: int, given: dict[str, str], taken: dict[str, str]) -> Placed:
-        unit = reader.read(name, units.get(name, PRESS))
+        unit = reader.read(name, units[name])
         assert isinstance(unit, Unit)
         return Placed(instance, unit, x, y, 290, given, taken)
 
@@ -95,27 +79,21 @@ def blocks(folder: Path) -> str:
         "fbSpeed", "FB_std_msgs_Float64_Publisher", 600, 92,
         {**enabled, "sTopic": "'/conveyor/speed'", "Msg": "stSpeed"}, {"xSent": "", "eErrorID": "eWhy"},
     )  # fmt: skip
-    call = placed(
-        "fbUnload", "FB_press_msgs_Unload_Client", 600, 318,
-        {**enabled, "sService": "'/robot/unload'", "xExecute": "xReady"}, {"xDone": "xUnloaded", "eErrorID": "eWhy"},
-    )  # fmt: skip
-    job = placed("fbPress", "FB_Press", 600, 580, {}, {})
-    run = placed("fbRun", "FB_press_msgs_Run_Server", 140, 560, {**enabled, "sService": "'/press/run'"}, {})
-    sheet = (read, sent, call, run, job)
+    sheet = (read, sent)
     height = max(one.y + one.height for one in sheet) + 40
-    return "\n".join([*_head(height), *(line for one in sheet for line in _box(one)), *_wires(run, job), "</svg>", ""])
+    return "\n".join([*_head(height), *(line for one in sheet for line in _box(one)), "</svg>", ""])
 
 
 def _head(height: int) -> Iterator[str]:
     yield (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{WIDTH}" height="{height}" viewBox="0 0 {WIDTH} {height}"'
-        ' role="img" aria-label="Generated function blocks as an editor for FBD shows them">'
+        ' role="img" aria-label="A generated subscriber and a generated publisher as an editor for FBD shows them">'
     )
     yield "<style>text { font: 12.5px 'DejaVu Sans', sans-serif; fill: #1f2933 } .type { font-weight: bold }"
     yield " .pin { fill: #0b57a4 } .box { fill: #eef4fb; stroke: #33475b } .wire { fill: none; stroke: #33475b }"
     yield " .title { font-size: 16px; font-weight: bold } .note { fill: #66717d }</style>"
     yield f'<rect width="{WIDTH}" height="{height}" fill="#ffffff"/>'
-    yield '<text x="20" y="30" class="title">A function block for each topic and service, in FBD, LD or CFC</text>'
+    yield '<text x="20" y="30" class="title">A function block for each topic, in FBD, LD or CFC</text>'
     yield '<text x="20" y="52" class="note">Drawn from the generated Structured Text, not a screenshot.</text>'
 
 
@@ -135,18 +113,3 @@ def _box(one: Placed) -> Iterator[str]:
                 other = "end" if side < 0 else "start"
                 place = f'x="{x + 16 * side}" y="{y + 4}" text-anchor="{other}"'
                 yield f'<text {place} class="pin">{escape(value)}</text>'
-
-
-def _wires(run: Placed, job: Placed) -> Iterator[str]:
-    """What calls the service executes the block; what becomes of it is the answer."""
-    for number, (pin, other) in enumerate((("xExecute", "xExecute"), ("Request", "uiParts"))):
-        (x, y), (to_x, to_y) = run.at(pin), job.at(other)
-        bend = 60 + 20 * number
-        yield f'<path d="M{x} {y} H{x + bend} V{to_y} H{to_x}" class="wire"/>'
-        if pin == "Request":
-            yield f'<text x="{to_x - 14}" y="{to_y + 16}" text-anchor="end" class="pin">.parts</text>'
-    below = run.y + run.height + 12
-    for number, (pin, other) in enumerate((("xDone", "xDone"), ("xError", "xFailed"))):
-        (x, y), (to_x, to_y) = job.at(pin), run.at(other)
-        out, back, low = 40 - 16 * number, 40 - 16 * number, below + 16 - 10 * number
-        yield f'<path d="M{x} {y} H{x + out} V{low} H{to_x - back} V{to_y} H{to_x}" class="wire"/>'

@@ -1,8 +1,8 @@
-"""Fuzzes the readers of definitions, and of the files of others, with atheris, guided by coverage: `make fuzz`.
+"""Fuzzes the parsers of definitions and of foreign files with atheris, guided by coverage: `make fuzz`.
 
-The seeds are the corpus of real definitions, and for the others those of tests/support/foreign.py. Each input must end
-in a schema or in a diagnostic, and soon; every 50th definition that can be read goes through all stages. What fails is
-kept in .fuzz/.
+The seeds are the corpus of real definitions, and for foreign files the seeds of tests/support/foreign.py. Each input
+must result in a schema or in a diagnostic, in a short time. Every 50th valid definition goes through all stages. Inputs
+that fail are kept in .fuzz/.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def main(seconds: int, kind: str) -> None:
 
 
 def first_seeds() -> list[bytes]:
-    """Real definitions, behind the byte that Target takes."""
+    """Return the real definitions, each after the byte with which Target selects kind and distribution."""
     files = sorted((SHARED / "corpus").glob("*/*/*/*.[msa]*"))
     firsts = [KINDS.index(file.suffix[1:]) + len(KINDS) * ("noetic" in file.parts) for file in files]
     return [bytes([first]) + file.read_bytes() for first, file in zip(firsts, files, strict=True)]
@@ -59,7 +59,7 @@ def escaped(token: str) -> str:
 
 
 class Target:
-    """The first byte of an input chooses the kind of file and the distribution."""
+    """Parses the inputs of the fuzzer. The first byte of an input selects the kind of file and the distribution."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

@@ -1,8 +1,8 @@
-"""Reads many definitions that nobody would write: python -m tests.rigs.fuzz_many 1000000.
+"""Parses many random definitions that nobody would write: python -m tests.rigs.fuzz_many 1000000.
 
-Not guided, as `make fuzz` is, so quicker, and on all processors. Two of three are real definitions that were damaged,
-one is made from a grammar; every 200th goes through all stages. A seed makes a thousand, so that what fails is found
-again. What fails is kept in .fuzz/.
+Unlike `make fuzz`, the inputs are not guided by coverage, so this is faster, and it uses all processors. Two of three
+definitions are damaged real definitions, and one is generated from a grammar. Every 200th goes through all stages. Each
+seed gives a thousand definitions, so that a failure can be repeated. Inputs that fail are kept in .fuzz/.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def definitions(seed: int) -> list[Fuzzed]:
 
 
 def run_foreign(kind: str, seed: int) -> tuple[int, int, list[str]]:
-    """As run() does it, for files of others."""
+    """Parse the damaged foreign files of a seed. Return the same numbers and texts as run()."""
     readable, failed, dice = 0, [], Random(seed)
     found = foreign.seeds(kind)
     with tempfile.TemporaryDirectory(prefix="shmgen-fuzz") as name:
@@ -55,7 +55,10 @@ def run_foreign(kind: str, seed: int) -> tuple[int, int, list[str]]:
 
 
 def run(seed: int) -> tuple[int, int, list[str]]:
-    """How many could be read, how many went through all stages, and what failed."""
+    """Parse the definitions of a seed.
+
+    Return how many were valid, how many went through all stages, and a text for each failure.
+    """
     readable, whole, failed = 0, 0, []
     with tempfile.TemporaryDirectory(prefix="shmgen-fuzz") as name:
         folder = Path(name)
@@ -75,7 +78,7 @@ def run(seed: int) -> tuple[int, int, list[str]]:
 
 
 def main() -> None:
-    """Exit code 1 where one failed."""
+    """Parse the requested number of definitions. The exit code is 1 if one failed."""
     parser = argparse.ArgumentParser(description="Reads definitions nobody would write.")
     parser.add_argument("number", type=int)
     parser.add_argument("--first", type=int, default=1, help="seed to begin with")

@@ -1,8 +1,9 @@
-"""Plants the faults of tests/explorer/faults.toml that a test finds, one at a time, in the headers: `make mutants`.
+"""Plants faults in the C headers, one at a time, and checks that a test detects each: `make mutants`.
 
     python -m tests.rigs.header_faults [NAME ...]
 
-All happens in a copy of the checkout. Exit code 1 where a fault lives, or its test fails without it.
+The faults are those of tests/explorer/faults.toml that name a test. All happens in a copy of the checkout. The exit
+code is 1 if a test does not detect its fault, or if the test fails without the fault.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ SECONDS = 120
 
 
 def tried(worker: Worker, fault: Fault) -> str:
-    """What becomes of it: killed, hung, or lives; or what of its test without it."""
+    """Return the result of a fault's test: killed, hung or lives. If the test fails without the fault, return this."""
     path = next((worker.copy / "templates").rglob(fault.file))
     text = path.read_text()
     if worker.try_text(path, text.encode(), [fault.test], SECONDS, pure=False) != "lives":
@@ -30,7 +31,7 @@ def tried(worker: Worker, fault: Fault) -> str:
 
 
 def main() -> None:
-    """Prints what became of each fault."""
+    """Test each fault and print its result."""
     faults = [fault for fault in TESTED if not sys.argv[1:] or fault.name in sys.argv[1:]]
     with tempfile.TemporaryDirectory(prefix="shmgen-faults") as folder:
         os.chmod(folder, 0o755)

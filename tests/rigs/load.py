@@ -1,8 +1,9 @@
-"""A minute of 64 topics at 1 kHz, all in one process and all read in another: misses, CPU and memory.
+"""Runs 64 topics at 1 kHz, all written by one process and all read by another, and prints misses, CPU time and memory.
 
     python -m tests.rigs.load --seconds 60
 
-Exit code 1 if a process has grown after its first tenth, or if a sample is neither read nor counted as missed.
+The exit code is 1 if a process has grown since the first tenth of the time, or if a sample is neither read nor counted
+as missed.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ A leak of 16 bytes a sample would be 1,500 in three seconds, where the machine i
 
 
 def main() -> None:
-    """Prints a line for the writer and one for the reader."""
+    """Run the load and print a line for the writer and one for the reader."""
     parser = argparse.ArgumentParser(description="64 topics at 1 kHz.")
     parser.add_argument("--seconds", type=float, default=60)
     seconds = parser.parse_args().seconds
@@ -88,7 +89,7 @@ def read(readers: list[Any], pid: int, seconds: float) -> int:
 
 
 def _paced(cycle: Callable[[], None], seconds: float, late: list[int]) -> SimpleNamespace:
-    """Calls `cycle` each millisecond; how much the process has grown since the first tenth, and its CPU."""
+    """Call `cycle` each millisecond. Return the growth in KiB since the first tenth of the time, and a report."""
     start, busy = time.monotonic(), _busy()
     before: int | None = None
     for due in _times(start, seconds):

@@ -1,11 +1,12 @@
-"""30 seconds of 10 topics at 100 Hz and one at 1 kHz: what got lost, how late it came, and what it cost.
+"""Runs 11 topics through the bridge for 30 seconds, and prints the lost messages, the latencies, CPU time and memory.
 
     python -m tests.rigs.load_bridge --seconds 30 --backend ros2 --backend ros2_cpp
 
-First through a plain echo: in rospy, in rclpy of Jazzy with `--backend ros2`, in zenoh with `--backend zenoh`, in
-cyclonedds with `--backend dds`, where a second one does not look at the bytes; then through the bridge, the regions, an
-echo in Python there, and back; and once more while calls wait for a PLC that is not there. `ros2_cpp` is the node in
-C++ (`-t ros2_cpp`) where the bridge is. Exit code 1 if the bridge let a message go that neither came nor was counted.
+Ten topics have 100 Hz and one has 1 kHz. The first run uses a plain echo without shmgen: in rospy, in rclpy of Jazzy
+with `--backend ros2`, in zenoh with `--backend zenoh`, or in cyclonedds with `--backend dds`, with a second echo that
+does not decode the bytes. The next run uses the bridge, the regions, and an echo in Python between the regions. The
+last run is the same, while service calls wait for a PLC that does not exist. `ros2_cpp` replaces the bridge by the
+generated node in C++ (`-t ros2_cpp`). The exit code is 1 if the bridge lost a message without counting it.
 """
 
 from __future__ import annotations
@@ -38,7 +39,11 @@ SETTLE = 1.0
 
 @dataclass(frozen=True)
 class Run:
-    """Seconds each message took, by topic; `dropped` by the sink itself; `cpu` of one core, `memory` in MiB."""
+    """The measurements of one run.
+
+    `latencies` are the seconds that each message took, by topic. `dropped` counts messages that the receiver itself
+    dropped. `cpu` is the share of one core, and `memory` is in MiB, both by process.
+    """
 
     sent: int
     latencies: dict[str, list[float]]
@@ -49,7 +54,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Result:
-    """`missed` were overwritten in a region or a queue before they were read, and counted."""
+    """A line of the table. `missed` counts messages that were overwritten before they were read."""
 
     name: str
     run: Run
@@ -57,7 +62,7 @@ class Result:
 
     @property
     def lost(self) -> int:
-        """Came neither back nor into a count."""
+        """The number of messages that were neither received nor counted."""
         return self.run.sent - self.missed - self.run.dropped - sum(map(len, self.run.latencies.values()))
 
     def __str__(self) -> str:
@@ -72,7 +77,7 @@ class Result:
 
 
 def main() -> None:
-    """Prints a table."""
+    """Run the load with each backend and print a table."""
     parser = argparse.ArgumentParser(description="10 topics at 100 Hz and one at 1 kHz.")
     parser.add_argument("--seconds", type=float, default=30)
     parser.add_argument(
@@ -86,7 +91,7 @@ def main() -> None:
 
 
 def compared(backend: str, seconds: float) -> int:
-    """Prints a line for each echo and for each bridge. How many the bridges lost."""
+    """Print a line for each echo and for each bridge of a backend. Return how many messages the bridges lost."""
     space, lost = f"/load{os.getpid()}", 0
     print(backend)
     with tempfile.TemporaryDirectory() as folder:
@@ -106,7 +111,7 @@ def compared(backend: str, seconds: float) -> int:
 
 
 def made(backend: str, folder: Path) -> Ros:
-    """A graph, or a domain, of nobody else's."""
+    """Return a ROS graph, or a DDS domain, that no other process uses."""
     number = 1 + os.getpid() % 100
     if backend == "ros1":
         return Graph(folder)
@@ -119,13 +124,13 @@ def made(backend: str, folder: Path) -> Ros:
 
 
 def plain(graph: Ros, role: str, name: str, space: str, seconds: float) -> Result:
-    """An echo with nothing of ours."""
+    """Measure an echo that does not use shmgen."""
     echo = peer(graph, role, space)
     return Result(name, run(graph, space, seconds, {"echo": echo.pid}), 0)
 
 
 def bridged(graph: Ros, space: str, seconds: float, calls: bool = False) -> Result:
-    """The bridge, and an echo between the regions, here, that sleeps until it is woken."""
+    """Measure the bridge, with an echo between the regions that sleeps until a sample arrives."""
     service = f'[[services]]\nservice = "{space}/call"\ntype = "std_srvs/SetBool"\nserver = "plc"\n' if calls else ""
     entries = [
         f'[[topics]]\ntopic = "{space}/{name}{end}"\ntype = "geometry_msgs/PoseStamped"\n'
@@ -151,7 +156,7 @@ def bridged(graph: Ros, space: str, seconds: float, calls: bool = False) -> Resu
 
 
 def run(graph: Ros, space: str, seconds: float, watched: dict[str, int]) -> Run:
-    """How many were sent; what came back; what the watched processes took."""
+    """Send messages for `seconds`. Return the latencies, and the CPU time and memory of the processes in `watched`."""
     sink = peer(graph, "sink", space)
     source = peer(graph, "source", space, str(seconds))
     time.sleep(SETTLE)  # connections from the echo to the sink
@@ -179,13 +184,13 @@ def peer(graph: Ros, *arguments: str) -> Any:
 
 
 def busy(pid: int) -> float:
-    """Seconds of CPU."""
+    """Return the CPU time of a process in seconds."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def resident(pid: int) -> int:
-    """MiB."""
+    """Return the memory of a process in MiB."""
     return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") // 2**20
 
 

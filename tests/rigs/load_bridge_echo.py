@@ -1,8 +1,8 @@
-"""What stands for the PLC in load_bridge.py: each region that the bridge fills goes into the one that it empties.
+"""Replaces the PLC in load_bridge.py: copies each sample from the bridge's region into the region to the bridge.
 
     python -m tests.rigs.load_bridge_echo shmgen.toml SPACE
 
-Ends with a line on its standard input, and says how many samples it missed.
+A line on standard input ends the process, which then prints how many samples it missed.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ TYPE = "geometry_msgs/PoseStamped"
 
 
 def main(config: str, space: str) -> None:
-    """A thread for each topic, asleep until there is something."""
+    """Run a thread for each topic, which sleeps until a sample arrives."""
     loaded = load(Path(config), config, Report())
     kind = Session(loaded).classes([TYPE])["geometry_msgs/msg/PoseStamped"]
     stopping = threading.Event()

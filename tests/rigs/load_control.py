@@ -1,9 +1,10 @@
-"""A PLC as hardware of ros2_control: a minute at 1 kHz, then either side killed; how long until the other knows.
+"""Runs a PLC as hardware of ros2_control at 1 kHz, then kills either side and measures how soon the other side notices.
 
     python -m tests.rigs.load_control --seconds 60 --kills 20
 
-The package that `-t ros2_control` writes, in hardware_interface's own ResourceManager: six joints, read, a controller,
-write. The PLC is a process in Python that answers each command. Exit code 1 where a cycle failed or a value was wrong.
+Uses the package that `-t ros2_control` generates, in the ResourceManager of hardware_interface. It has six joints; each
+cycle is read, controller, write. The PLC is a process in Python that answers each command. The exit code is 1 if a
+cycle failed or a value was wrong.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ STALE = 0.1
 
 
 def main() -> None:
-    """Prints a minute, and the kills."""
+    """Run the loop without faults, then the kills, and print the results of both."""
     parser = argparse.ArgumentParser(description="A PLC as hardware of ros2_control at 1 kHz, and kills.")
     parser.add_argument("--seconds", type=int, default=60)
     parser.add_argument("--kills", type=int, default=20, help="of either side")
@@ -60,7 +61,7 @@ def steady(cell: Cell, seconds: int) -> bool:
 
 
 def plc_killed(cell: Cell) -> float:
-    """Seconds until `read` is an error; then the safe command is sent."""
+    """Kill the PLC. Return the seconds until the controller's `read` fails, after which the safe command is sent."""
     plc, controller = cell.plc(), cell.controller(60_000, SAFE)
     until(controller, "running")
     time.sleep(0.5)
@@ -73,7 +74,7 @@ def plc_killed(cell: Cell) -> float:
 
 
 def controller_killed(cell: Cell) -> float:
-    """Seconds until the PLC's subscriber says that it is stale."""
+    """Kill the controller. Return the seconds until the PLC's subscriber is stale."""
     cell.plc()
     controller = cell.controller(60_000)
     until(controller, "running")

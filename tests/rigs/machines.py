@@ -1,11 +1,12 @@
-"""Tests in a Debian root of another machine, and a line of a table for each.
+"""Runs tests on other machines, each in a Debian root of its architecture, and prints a line for each machine.
 
     sudo python -m tests.rigs.machines [--folder FOLDER] [--seconds 20] i386 arm64 … [-- pytest's own arguments]
 
-Each root has Debian's Python, compiler and test packages for that machine, taken apart and not installed; what is not
-of this processor's kind runs under qemu-user, which the kernel must know of (package qemu-user-static and binfmt_misc).
-The runtime, calls and tools of this checkout are tested in it, then a short chaos. `named` needs no root: it is this
-machine under another name, on which nobody may count on the order of loads and stores.
+Each root has Debian's Python, compiler and test packages for its architecture, which are unpacked but not installed.
+Programs for another processor run under qemu-user, which the kernel must know (packages qemu-user-static and
+binfmt_misc). The tests of the runtime, calls and tools of this checkout run in the root, then a short chaos. The
+machine `named` needs no root: it is this machine under another name, on which code must not rely on the order of loads
+and stores.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ INSIDE = Path("/srv/shmgen")
 
 @dataclass(frozen=True)
 class Machine:
-    """A Debian of another architecture; `emulator` runs its programs, `before` stands before each command."""
+    """A Debian of another architecture. `emulator` runs its programs. The words in `before` precede each command."""
 
     suite: str
     architecture: str
@@ -60,7 +61,7 @@ class Machine:
 
     @property
     def without(self) -> tuple[str, ...]:
-        """What a chaos leaves out: compilers under an emulator take long."""
+        """The options that exclude parts of the chaos, because compilers are slow under an emulator."""
         return ("--no-plc", "--no-cpp") if self.emulator else ()
 
 
@@ -78,7 +79,7 @@ NAMED = "named"
 
 
 def main() -> None:
-    """Prints a line for each machine. Exit code 1 if a test fails on one of them."""
+    """Test the given machines and print a line for each. The exit code is 1 if a test fails on one of them."""
     parser = argparse.ArgumentParser(description="The runtime, calls and tools on other machines.")
     parser.add_argument("machines", nargs="+", choices=[NAMED, *MACHINES], metavar="machine")
     parser.add_argument("--folder", type=Path, default=Path("/var/tmp/shmgen-machines"), help="where roots are kept")
@@ -99,7 +100,7 @@ def main() -> None:
 
 @dataclass(frozen=True)
 class Commands:
-    """`python` with all that has to stand before it."""
+    """The commands that run on a machine. `python` is the command of its Python, with the words that precede it."""
 
     python: tuple[str, ...]
     told: list[str]
@@ -117,7 +118,7 @@ class Commands:
 
 
 def run(command: tuple[str, ...]) -> tuple[int, str]:
-    """Shows what it prints; its exit code, and its last line."""
+    """Run a command and print its output at once. Return its exit code and its last line."""
     with subprocess.Popen(command, cwd=REPOSITORY, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout
         last = ""
@@ -128,13 +129,13 @@ def run(command: tuple[str, ...]) -> tuple[int, str]:
 
 
 def named(told: list[str]) -> Commands:
-    """This machine and this Python; no machine of either name keeps the other's promises."""
+    """Return the commands for this machine under another name. Only x86 guarantees the order of loads and stores."""
     other = "aarch64" if platform.machine() != "aarch64" else "riscv64"
     return Commands(("env", f"{NAME}={other}", sys.executable), told)
 
 
 def inside(name: str, folder: Path, told: list[str]) -> Commands:
-    """In namespaces of its own: /dev/shm, processes and network end with the command."""
+    """Return the commands for a machine in namespaces: its /dev/shm, processes and network end with the command."""
     machine = MACHINES[name]
     root = made(machine, folder)
     filled(root)
@@ -153,7 +154,7 @@ def inside(name: str, folder: Path, told: list[str]) -> Commands:
 
 
 def made(machine: Machine, folder: Path) -> Path:
-    """The root, made at the first time."""
+    """Return the root of a machine. Create it first if it does not exist."""
     root = folder / f"{machine.suite}-{machine.architecture}"
     if machine.emulator:
         known(machine.emulator)
@@ -175,14 +176,14 @@ def made(machine: Machine, folder: Path) -> Path:
 
 
 def mirror() -> list[str]:
-    """Where this machine has its Debian from; nothing where it is none, for mmdebstrap to choose."""
+    """Return the Debian mirror of this machine. Return an empty list on another system, so that mmdebstrap chooses."""
     asked = ["apt-get", "indextargets", "--format", "$(SITE)", "Created-By: Packages", "Label: Debian"]
     said = subprocess.run(asked, capture_output=True, text=True, check=False).stdout.split()
     return said[:1]
 
 
 def linked(root: Path) -> None:
-    """What installing would have done: packages are only taken apart."""
+    """Create the files and links that an installation would create, because the packages are only unpacked."""
     for name in ("passwd", "group"):
         shutil.copy(root / f"usr/share/base-passwd/{name}.master", root / "etc" / name)
     known = sorted((root / "usr/share/ca-certificates/mozilla").glob("*.crt"))
@@ -198,7 +199,7 @@ def linked(root: Path) -> None:
 
 
 def brought(root: Path) -> None:
-    """What Debian does not have: the same for all into /opt/pure, and compiled there into /opt/built."""
+    """Add the Python packages that Debian lacks: pure ones to /opt/pure, and compiled ones to /opt/built."""
     pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet"]
     subprocess.run([*pip, "install", "--no-deps", "--target", root / "opt/pure", *PURE], check=True)
     with tempfile.TemporaryDirectory(dir=root) as sources:
@@ -222,7 +223,7 @@ def brought(root: Path) -> None:
 
 
 def filled(root: Path) -> None:
-    """This checkout as it is now, and the extension compiled for that machine."""
+    """Copy this checkout into the root, and compile the extension there."""
     target = root / INSIDE.relative_to("/")
     shutil.rmtree(target, ignore_errors=True)
     listed = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"]
@@ -244,7 +245,10 @@ def filled(root: Path) -> None:
 
 
 def known(emulator: str) -> None:
-    """Tells the kernel, unless it knows: F keeps the emulator open, so that it need not be in the root."""
+    """Register an emulator with the kernel if it is not registered.
+
+    The flag F keeps the emulator open, so that the root does not need to contain it.
+    """
     folder = Path("/proc/sys/fs/binfmt_misc")
     if not (folder / "register").exists():
         subprocess.run(["mount", "-t", "binfmt_misc", "binfmt_misc", folder], check=True)

@@ -1,10 +1,10 @@
-"""Makes each line of the core wrong, one at a time, and lists the wrong ones that no test minds: `make mutants`.
+"""Changes each line of the core, one at a time, and lists the changes that no test detects: `make mutants`.
 
     python -m tests.rigs.mutants [FILE ...] [--sample N] [--seconds N] [--processes N]
 
-All happens in copies of the checkout. mutants.toml says which tests matter for which file, and why a mutant that
-lives does no harm; those are not tried. A mutant meets the quickest tests that run its line first, and if it lives on
-all that may. Exit code 1 where one lives that is not explained there.
+All happens in copies of the checkout. mutants.toml lists the tests for each file. It also explains why some mutants
+that live do no harm; these are not tried. A mutant first meets the fastest tests that run its line. If it lives, it
+meets all other tests that may run the line. The exit code is 1 if a mutant lives that mutants.toml does not explain.
 """
 
 from __future__ import annotations
@@ -42,9 +42,10 @@ QUICK = 2
 
 @dataclass
 class Room:
-    """Files and the tests that matter for them; how long they last and what each runs is learnt at the start.
+    """A group of files, and the tests that may detect their mutants.
 
-    These run without the extension in C, `native` with it.
+    `tests` run without the extension in C, and `native` with it. `known` has the lines that each test runs, and its
+    duration. Both are measured at the start.
     """
 
     files: list[str]
@@ -54,9 +55,10 @@ class Room:
     known: dict[str, Any] | None = None
 
     def tests_of(self, mutant: Mutant) -> list[tuple[list[str], float]]:
-        """The quickest tests that run a line of the mutant's, then all others that may, each with their seconds.
+        """Return the tests for a mutant in groups, each with its seconds. The fastest tests of its line come first.
 
-        A test of which not all is seen may run any line; what a module does when it is loaded matters to all of them.
+        The second group has all other tests that may run the line. A test whose lines are not completely recorded may
+        run any line. For code that runs when a module is loaded, return all tests.
         """
         run, may = [], []
         for name, test in (self.known or {}).items():
@@ -75,7 +77,10 @@ class Room:
 
 
 def plan() -> tuple[list[Room], list[dict[str, str]]]:
-    """The rooms, each file in the first that names it, and the survivors that are explained."""
+    """Return the groups of files in mutants.toml, and the mutants that it explains.
+
+    A file belongs to the first group that names it.
+    """
     said = tomllib.loads(PLAN.read_text())
     every = sorted(str(file.relative_to(REPOSITORY / CODE)) for file in (REPOSITORY / CODE).rglob("*.py"))
     rooms: list[Room] = []
@@ -87,7 +92,7 @@ def plan() -> tuple[list[Room], list[dict[str, str]]]:
 
 
 def unexplained(mutants: list[Mutant], survivors: list[dict[str, str]]) -> tuple[list[Mutant], list[dict[str, str]]]:
-    """The mutants of which mutants.toml says nothing, and what it says of none that there is."""
+    """Return the mutants that mutants.toml does not explain, and its explanations of mutants that do not exist."""
     keys = [(entry["file"], entry["where"], entry["was"], entry["now"]) for entry in survivors]
     known = {mutant.key for mutant in mutants}
     stale = [entry for key, entry in zip(keys, survivors, strict=True) if key not in known]
@@ -95,7 +100,7 @@ def unexplained(mutants: list[Mutant], survivors: list[dict[str, str]]) -> tuple
 
 
 def tried(mutants: list[Mutant], rooms: list[Room], processes: int, seconds: float) -> Iterator[tuple[Mutant, str]]:
-    """Each mutant and what became of it, as long as the time lasts."""
+    """Yield each mutant with its result: killed, hung, lives, or not tried because the time is over."""
     end = time.monotonic() + seconds
     room_of = {file: room for room in rooms for file in room.files}
     workers: SimpleQueue[Worker] = SimpleQueue()
@@ -139,7 +144,7 @@ def tried(mutants: list[Mutant], rooms: list[Room], processes: int, seconds: flo
 
 
 def main() -> None:
-    """Prints each mutant that lives, and a line for each file."""
+    """Try the mutants. Print each mutant that lives, and a line for each file."""
     parser = argparse.ArgumentParser(description="Lists the mutants that no test minds.")
     parser.add_argument("files", nargs="*", help="relative to src/shmgen, with * and ?; all that mutants.toml names")
     parser.add_argument("--sample", type=int, help="so many, drawn at random")

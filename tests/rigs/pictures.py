@@ -1,10 +1,10 @@
-"""Draws the pictures of the documentation, of figures, blocks and screens: docs/latency, blocks, top.svg, view.gif.
+"""Draws the pictures of the documentation: docs/latency.svg, blocks.svg, top.svg and view.gif.
 
     make pictures
 
-The latency is that of docs/performance.md, where benchmarks/latency.py has printed it. top.svg is what `shmgen top` has
-drawn on a terminal, view.gif what chromium has shown of the page of `shmgen view` while it was clicked through; Pillow
-makes one file of that. The regions are those of three programs that run meanwhile.
+The latencies are those that benchmarks/latency.py has printed into docs/performance.md. top.svg shows `shmgen top` on a
+terminal. view.gif shows the page of `shmgen view` in chromium during a visit; Pillow combines the pictures. The regions
+belong to three programs that run meanwhile.
 """
 
 from __future__ import annotations
@@ -61,10 +61,13 @@ def main() -> None:
 
 
 def latency(page: str) -> str:
-    """Bars to the median, lines to the 99th percentile, in microseconds on a logarithmic axis: 56 bytes, woken."""
+    """Return a drawing of the latencies in `page` as SVG, on a logarithmic axis in microseconds.
+
+    It shows messages of 56 bytes to a reader that sleeps: bars to the median, and lines to the 99th percentile.
+    """
     rows = [
         found.groups()
-        for found in map(_ROW.match, page[page.rindex("\n56 bytes at") : page.rindex("\n320 bytes at")].splitlines())
+        for found in map(_ROW.match, page[page.rindex("\n56 bytes at") :].partition("\n```")[0].splitlines())
         if found
     ]
     rows = [(way, float(median), float(most)) for mode, way, median, most in rows if mode == "event"]
@@ -99,7 +102,7 @@ def latency(page: str) -> str:
 
 
 def move(program: str) -> None:
-    """A part of a cell at work, 100 times a second until it is killed."""
+    """Publish the topics of a part of the cell, such as the arm, 100 times a second until the process is killed."""
     from shmgen.config import load
     from shmgen.core.diagnostics import Report
     from shmgen.live.classes import ClassRegistry, publisher
@@ -139,7 +142,7 @@ def move(program: str) -> None:
 
 @contextmanager
 def moving() -> Iterator[Path]:
-    """Meanwhile the programs of a cell run in a folder with its shmgen.toml."""
+    """Run the programs of a cell while the `with` block runs. Yield their folder, which contains a shmgen.toml."""
     environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
     with tempfile.TemporaryDirectory() as name, ExitStack() as running:
         folder = Path(name)
@@ -159,7 +162,7 @@ def moving() -> Iterator[Path]:
 
 
 def top(folder: Path) -> str:
-    """What a terminal of 136 by 8 shows after four seconds."""
+    """Return a drawing of `shmgen top` after four seconds, on a terminal with 136 columns and 8 lines."""
     from rich.console import Console
 
     leader, follower = pty.openpty()
@@ -182,7 +185,7 @@ def top(folder: Path) -> str:
 
 
 async def view(folder: Path) -> list[tuple[bytes, int]]:
-    """Pictures of a visit to the page, and for how many milliseconds each is to be seen."""
+    """Return pictures of a visit to the page of `shmgen view`, each with the milliseconds for which to show it."""
     shots: list[tuple[bytes, int]] = []
     command = [sys.executable, "-m", "shmgen", "view", "--port", "0", "--allow-write"]
     with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True) as server:
@@ -198,11 +201,12 @@ async def view(folder: Path) -> list[tuple[bytes, int]]:
                 await page.open(server.stdout.readline().strip())
                 await page.until("/cell/oven/temperature")
                 await shoot(5, 2500)
-                await page.click_on("/cell/arm/pose")
-                await page.until("frame_id: 'base'")
+                await page.click_on("/cell/arm/joints")
+                await page.until("position: 6 elements")
                 await shoot(1, 1200)
-                for axis in "xyz":
-                    await page.click_on(f" {axis}: ")
+                await page.click_on("position: 6 elements")
+                for element in range(3):
+                    await page.click_on(f" [{element}]: ")
                     for _ in range(3):
                         await shoot(0.8, 600)
                 await shoot(5, 2500)
@@ -215,7 +219,7 @@ async def view(folder: Path) -> list[tuple[bytes, int]]:
 
 
 def film(shots: list[tuple[bytes, int]], target: Path) -> None:
-    """The pictures one after the other, in few colours."""
+    """Write an animation with the pictures, one after the other, in 128 colours."""
     from PIL import Image
 
     frames = [Image.open(io.BytesIO(shot)).convert("RGB") for shot, _ in shots]

@@ -1,13 +1,14 @@
-"""Lets a bridge run for an hour among everything that goes wrong around it, and says what did not hold.
+"""Runs a bridge for an hour while everything around it fails, and reports each requirement that did not hold.
 
     python -m tests.rigs.soak_bridge --seconds 3600 --backend dds --seed 1
 
-26 topics, two services and two actions. A chaos takes topics over as a PLC does, has regions made anew, removed and
-replaced by those of another layout and by files that are none, fills /dev/shm, cuts the network, stops and kills peers
-and the master of ROS 1 or the router of zenoh. It keeps away from the topics CALM, whose heartbeat must never stand
-still for LONGEST; and at the end each message that was sent is in one counter of the bridge, everything goes on by
-itself, and memory and descriptors are what they were. Of a heartbeat that stands still for longer the stacks of the
-bridge's threads are kept.
+There are 26 topics, two services and two actions. A chaos takes topics over as a PLC does. It recreates and removes
+regions, and replaces them by regions of another layout and by other files. It fills /dev/shm, cuts the network, and
+stops and kills peers and the master of ROS 1 or the router of zenoh.
+
+The chaos does not touch the topics CALM, whose heartbeats must never pause for LONGEST. At the end, each message must
+be in exactly one counter of the bridge, all topics must work again without help, and memory and open descriptors must
+not have grown. If a heartbeat pauses for too long, the stacks of the bridge's threads are kept.
 """
 
 from __future__ import annotations
@@ -71,7 +72,7 @@ GROWTH_OF_ZENOH = 40
 
 @dataclass
 class Verdict:
-    """`gap` is the longest time that a heartbeat of CALM stood still; `cpu` of one core."""
+    """The result of a run. `gap` is the longest pause of a heartbeat of CALM in seconds, `cpu` a share of one core."""
 
     mishaps: Counter[str] = field(default_factory=Counter)
     gap: float = 0.0
@@ -94,7 +95,7 @@ class Verdict:
 
 
 class Stage:
-    """The graph, the bridge and its peers; everything has names below `space`."""
+    """The ROS graph, the bridge and its peers. All names begin with `space`."""
 
     def __init__(self, graph: Ros, space: str, seconds: float) -> None:
         self.graph, self.space, self.seconds = graph, space, seconds
@@ -121,7 +122,7 @@ class Stage:
         return f"{self.space}/{name}"
 
     def touched(self, dice: random.Random) -> str:
-        """A topic that may be touched, as soon as its region is there again."""
+        """Return a random topic that the chaos may disturb. Wait until its region exists again."""
         topic = self.topic(dice.choice(TOUCHED))
         wait_for(file_of(topic).exists, f"the region of {topic}")
         return topic
@@ -137,7 +138,7 @@ class Stage:
 
     @property
     def stacks(self) -> Path:
-        """Where SIGUSR2 has the bridge write where its threads are, whatever holds them."""
+        """The file to which the bridge writes the stacks of its threads on SIGUSR2, even if the threads are blocked."""
         return self.graph.folder / "stacks"
 
     def _dumping(self, start: Callable[..., Any]) -> Callable[..., Any]:
@@ -171,7 +172,7 @@ class Stage:
         return head + topics + (calls if services else "")
 
     def _write(self) -> None:
-        """50 Hz; the second region is made anew every second."""
+        """Publish on two topics at 50 Hz. The region of the second topic is recreated every two seconds."""
         kept, anew, due = self._writer("calm"), self._writer("anew"), time.monotonic() + 2
         while not self.stop.wait(0.02):
             for name, writer in (("calm", kept), ("anew", anew)):
@@ -181,28 +182,28 @@ class Stage:
             if time.monotonic() > due:
                 anew.close()
                 file_of(self.topic("anew")).unlink()
-                due = time.monotonic() + 2
                 while not self.stop.wait(0.05):
                     with suppress(ShmError):  # /dev/shm is full
                         anew = self._writer("anew")
                         break
+                due = time.monotonic() + 2  # the bridge looks every 0.1 s, and must see each region
 
     def _writer(self, name: str) -> Any:
         return publisher(self.kind, self.topic(name), 64)
 
     def _ask(self) -> None:
-        """The PLC calls a service that nobody in ROS offers."""
-        (route,) = [route for route in plan.services(self.session) if route.service.name == self.topic("ask")]
-        with client(route.kinds["_Request"], route.kinds["_Reply"])(route.service.name) as plc:
+        """Call a service that no ROS node offers, as a PLC would."""
+        (route,) = [route for route in plan.services(self.session) if route.entry.name == self.topic("ask")]
+        with client(route.kinds["_Request"], route.kinds["_Reply"])(route.entry.name) as plc:
             while not self.stop.wait(0.1):
                 with suppress(ShmError):
                     plc.call(SimpleNamespace(data=True), 5.0)
 
     def _seek(self) -> None:
-        """And sends goals that nobody reaches."""
+        """Send goals to an action that no ROS node offers."""
         for route in plan.actions(self.session):
-            if not route.action.on_plc:
-                with action_client(route.kinds)(route.action.name) as plc:
+            if not route.entry.on_plc:
+                with action_client(route.kinds)(route.entry.name) as plc:
                     while not self.stop.wait(0.5):
                         with suppress(ShmError):
                             plc.send_goal(route.kinds["_Goal"](), 1.0)
@@ -215,7 +216,7 @@ def take_over(stage: Stage, dice: random.Random) -> None:
 
 
 def make_anew(stage: Stage, dice: random.Random) -> None:
-    """As a PLC that then stands still."""
+    """Recreate a region as a PLC would that stops afterwards."""
 
     def by_a_plc(words: memoryview) -> None:
         words[h.WRITER] = h.PLC
@@ -224,7 +225,7 @@ def make_anew(stage: Stage, dice: random.Random) -> None:
 
 
 def remove(stage: Stage, dice: random.Random) -> None:
-    """Of topics, services and actions, one file or all."""
+    """Remove the region of one topic, service or action, or several regions."""
     names = [*TOUCHED, "call-request", "call-response", "do-goal", "do-feedback", "do-result"]
     for name in dice.sample(names, dice.choice((1, 1, 5))):
         with suppress(FileNotFoundError):
@@ -232,7 +233,7 @@ def remove(stage: Stage, dice: random.Random) -> None:
 
 
 def replace(stage: Stage, dice: random.Random) -> None:
-    """By a region of another layout, or what is none, for some time."""
+    """Replace some regions by regions of another layout, or by other files, for some time."""
     names = dice.sample(TOUCHED, dice.choice((1, 3, 5)))
     for name in names:
         other = file_of(stage.topic("other"))
@@ -245,7 +246,7 @@ def replace(stage: Stage, dice: random.Random) -> None:
 
 
 def fill(stage: Stage, dice: random.Random) -> None:
-    """While regions are to be made."""
+    """Fill /dev/shm for some time, and remove a region, so that its creation fails."""
     path = Path("/dev/shm", FILL)
     with path.open("wb", buffering=0) as file, suppress(OSError):
         while True:
@@ -272,14 +273,14 @@ def kill_a_peer(stage: Stage, dice: random.Random) -> None:
 
 
 def cut_the_network(stage: Stage, dice: random.Random) -> None:
-    """Which is the loopback of the rig's own."""
+    """Shut down the loopback interface for some time. It belongs to the network namespace of this run."""
     subprocess.run(["ip", "link", "set", "lo", "down"], check=True)
     time.sleep(dice.uniform(0.1, 1.0))
     subprocess.run(["ip", "link", "set", "lo", "up"], check=True)
 
 
 def kill_the_master(stage: Stage, dice: random.Random) -> None:
-    """Of ROS 1, or the router of zenoh."""
+    """Kill the master of ROS 1, or the router of zenoh, and restart it after some time."""
     assert isinstance(stage.graph, (Graph, zenoh.Graph))
     stage.graph.stop_master()
     time.sleep(dice.uniform(0.1, 2.0))
@@ -287,15 +288,20 @@ def kill_the_master(stage: Stage, dice: random.Random) -> None:
 
 
 def reload(stage: Stage, dice: random.Random) -> None:
-    """A topic, service or action goes and comes back, in a file whose lines have moved."""
+    """Remove a topic, service or action from shmgen.toml, and add it again. The bridge reads the file each time.
+
+    The file is empty when the bridge begins to read it.
+    """
     file = stage.graph.folder / "shmgen.toml"
     text = file.read_text()
     name = stage.topic(dice.choice((f"{TOUCHED[0]}_back", "call", "ask", "do", "seek")))
     entry = next(part for part in re.split(r"(?=\[\[)", text) if f'"{name}"' in part)
     for now in (text.replace(entry, ""), text):
-        file.write_text(now)
+        file.write_text("")
         stage.bridge.process.send_signal(signal.SIGHUP)
-        time.sleep(1.0)
+        time.sleep(0.1)
+        file.write_text(now)
+        time.sleep(1.5)
 
 
 _OFTEN = (take_over, make_anew, remove, replace, fill, stop_a_peer, kill_a_peer, cut_the_network, kill_the_master)
@@ -304,7 +310,7 @@ MISHAPS: tuple[Callable[[Stage, random.Random], None], ...] = (*_OFTEN, *_OFTEN,
 
 
 def run(graph: Ros, space: str, seconds: float, seed: int, longest: float) -> Verdict:
-    """That long, and some seconds more."""
+    """Run the bridge with random faults for `seconds`, then wait some seconds and check the results."""
     dice, verdict, stage = random.Random(seed), Verdict(), Stage(graph, space, seconds)
     pid = stage.bridge.process.pid
     for player in stage.players:
@@ -350,7 +356,7 @@ def measure(verdict: Verdict, pid: int) -> None:
 
 
 def judge(stage: Stage, verdict: Verdict) -> None:
-    """What must hold at the end."""
+    """Check all requirements at the end of a run, and add a line for each that does not hold."""
     for name in (*TOUCHED, *CALM):
         with words_of(file_of(stage.topic(name))) as words:
             beat = words[h.HEARTBEAT]

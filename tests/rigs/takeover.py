@@ -1,10 +1,11 @@
-"""Seconds from a kill inside the lock until everybody moves again, for each pair of who dies and who writes on.
+"""Measures the seconds from the kill of a process that holds the lock until all others continue.
 
     python -m tests.rigs.takeover [--tries 1]
 
-A reader in Python and one in the soft PLC look on in each. Where a reader dies, the writer runs before it and after it;
-where a writer dies, the next one starts at that moment, or (`standby`) has been waiting for the topic. `needs the lock`
-is Python as on a machine where it does not go on without it. Exit code 1 if a pair took longer than 1.3 s in all tries.
+A row is a pair of the process that dies and the writer that continues. A reader in Python and one in the simulated PLC
+also run. If a reader dies, the writer runs before and after the kill. If a writer dies, the next writer starts at this
+moment, or has already waited for the topic (`standby`). `needs the lock` is Python on a machine on which the lock is
+mandatory. The exit code is 1 if a pair took longer than 1.3 s in all tries.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ def python_writer(demo: Any, topic: str, moved: Callable[[], None]) -> None:
 
 
 def python_writer_in_need(demo: Any, topic: str, moved: Callable[[], None]) -> None:
-    """As the reference is on another machine than x86, in this process alone."""
+    """Publish with the reference as on a machine that is not x86, where the lock is mandatory."""
     for module in (lock, writer):
         module.keeps_order = lambda: False
     with in_python():
@@ -80,7 +81,7 @@ def plc_reader(demo: Any, topic: str, moved: Callable[[], None]) -> None:
 
 
 def python_writer_inside(demo: Any, topic: str, inside: Callable[[], None]) -> None:
-    """Beats for a while, so that a writer on standby gives way, and stops half-way in a copy."""
+    """Publish for a while, so that a writer on standby keeps waiting. Then call `inside` in the middle of a copy."""
     with in_python(), demo.python.DemoPublisher(topic) as publisher:
         for _ in range(20):
             publisher.publish(demo.message(1))
@@ -147,7 +148,7 @@ WRITING: dict[str, Play] = {
 
 
 class Process:
-    """A fork of this one that plays."""
+    """A child process that executes `play`."""
 
     def __init__(self, play: Play, demo: Any, topic: str, called: Callable[[], None]) -> None:
         self.pid = os.fork()
@@ -160,7 +161,7 @@ class Process:
                 os._exit(1)
 
     def kill(self) -> None:
-        """Once is enough."""
+        """Kill the process. A second call does nothing."""
         if self.pid:
             os.kill(self.pid, signal.SIGKILL)
             os.waitpid(self.pid, 0)
@@ -168,7 +169,7 @@ class Process:
 
 
 def measure(demo: Any, topic: str, dies: str, writes: str, limit: float = 10.0) -> float:
-    """Seconds from the kill until the writer and both readers have moved; infinite after `limit`."""
+    """Return the seconds from the kill until the writer and both readers have continued, or infinity after `limit`."""
     moves = memoryview(mmap.mmap(-1, mmap.PAGESIZE)).cast("Q")
     run: list[Process] = []
     victims: list[Process] = []
@@ -226,7 +227,7 @@ def _until(condition: Callable[[], bool]) -> None:
 
 
 def main() -> None:
-    """Prints a table."""
+    """Measure all pairs and print a table."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--tries", type=int, default=1, help="of which the best counts, where others use the machine")
     tries = parser.parse_args().tries

@@ -1,4 +1,4 @@
-"""Prints docs/architecture.svg, the user's world: nodes, bridge, regions, function blocks, task. `make generated`."""
+"""Prints docs/architecture.svg for `make generated`: the nodes, bridge, regions, blocks and task of a user."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _REGIONS = (("robot.pose", "Subscriber", True), ("conveyor.speed", "Publisher", 
 
 
 def world() -> str:
-    """Two topics, one to the PLC and one from it: each region has one writer."""
+    """Return the picture as SVG. It has two topics, one to the PLC and one from the PLC; each region has one writer."""
     parts = [
         '<svg xmlns="http://www.w3.org/2000/svg" width="980" height="400" viewBox="0 0 980 400" role="img"'
         ' aria-label="ROS nodes, shmgen bridge, regions in /dev/shm, function blocks in a task of the PLC">',
@@ -40,18 +40,14 @@ def world() -> str:
             ("your own in C++", "muted"),
         ),
         *_box(670, 32, 280, 278, "plc", ("softPLC: task, every 10 ms", "head")),
-        *_text(
-            24,
-            352,
-            ("What shmgen generates: classes and headers for the left, function blocks for the right,", "muted"),
-        ),
-        *_text(24, 372, ("and one layout for both. One region a topic, one writer a region.", "muted")),
+        *_text(24, 352, ("shmgen generates the code on both sides from one memory layout.", "muted")),
+        *_text(24, 372, ("Each topic has one region, one lock and one writer.", "muted")),
     ]
     for number, (name, block, to_plc) in enumerate(_REGIONS):
         y = 66 + 130 * number
         middle = y + 30
         parts += _box(424, y, 190, 96, "memory", (f"/dev/shm/{name}", "mono"), ("header, slots", "muted"))
-        parts += _box(438, y + 58, 162, 28, "lock", ("its semaphore", "muted"))
+        parts += _box(438, y + 58, 162, 28, "lock", ("lock: a semaphore", "muted"))
         parts += _box(
             690, y, 240, 60, "frame", (f"GVL_Ros.{name.replace('.', '_')}", "mono"), (f"FB_…_{block}", "muted")
         )
@@ -61,7 +57,7 @@ def world() -> str:
         side = 376 if to_plc else 626
         parts += _text(side, middle - 8, ("writes", "muted"))
         parts += _text(1002 - side, middle - 8, ("reads", "muted"))
-    parts += _text(690, 292, ("only tries the lock, never waits", "muted"))
+    parts += _text(690, 292, ("never waits for the lock", "muted"))
     return "\n".join([*parts, "</svg>"]) + "\n"
 
 

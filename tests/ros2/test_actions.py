@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from shmgen.bridge.plan import ActionRoute, actions
+from shmgen.bridge.plan import CallRoute, actions
 from shmgen.live.classes import action_client, action_server, subscriber
 from shmgen.runtime import ServedGoal
 
@@ -51,7 +51,7 @@ class Cell:
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv("AMENT_PREFIX_PATH", str(graph.prefix))
             patch.setenv("ROS_VERSION", "2")
-            self.routes: dict[str, ActionRoute] = {route.action.name: route for route in actions(session(graph))}
+            self.routes: dict[str, CallRoute] = {route.entry.name: route for route in actions(session(graph))}
         self.peer: Peer = graph.peer()
 
     def seek(self, order: int) -> Any:
@@ -161,7 +161,7 @@ def test_ros_seeks_and_the_plc_acts(cell: Cell) -> None:
         assert cell.bridge.stop(signal.SIGTERM) < PROMPTLY
         waiting.join()
         assert ends == [ABORTED]
-    cell.bridge.said("/reach +4 passed, 3 failed$")
+    cell.bridge.wait_for_line("/reach +4 passed, 3 failed$")
     assert not [line for line in cell.bridge.lines if "Traceback" in line or "Error" in line]
 
 
@@ -173,7 +173,7 @@ from shmgen.core.diagnostics import Report
 from shmgen.live.classes import action_server
 from shmgen.live.session import Session
 route = actions(Session(load(__import__("pathlib").Path("shmgen.toml"), "shmgen.toml", Report())))[0]
-with action_server(route.kinds)(route.action.name) as served:
+with action_server(route.kinds)(route.entry.name) as served:
     print("serves", flush=True)
     served.wait(60).accept()
     print("taken", flush=True)
@@ -184,7 +184,7 @@ with action_server(route.kinds)(route.action.name) as served:
 @some_ways
 def test_a_plc_that_is_not_there_says_nothing_or_is_killed(cell: Cell) -> None:
     assert cell.seek(5) is False
-    cell.bridge.said("no server within 1 s; the request was not sent")
+    cell.bridge.wait_for_line("no server within 1 s; the request was not sent")
     seen: list[ServedGoal[Any]] = []
 
     def say_nothing(goal: ServedGoal[Any]) -> None:
@@ -201,7 +201,7 @@ def test_a_plc_that_is_not_there_says_nothing_or_is_killed(cell: Cell) -> None:
     plc.kill()
     assert cell.outcome()[0] == ABORTED
     cell.bridge.stop(signal.SIGTERM)
-    cell.bridge.said("/reach +0 passed, 3 failed$")
+    cell.bridge.wait_for_line("/reach +0 passed, 3 failed$")
 
 
 @some_ways
@@ -231,7 +231,7 @@ def test_the_plc_seeks_and_ros_acts(cell: Cell) -> None:
     with cell.client() as plc:
         plc.send_goal(SimpleNamespace(order=5), 5)
         assert plc.result(LIMIT).status == ABORTED  # there is no server
-        cell.bridge.said("no server within 6 s")
+        cell.bridge.wait_for_line("no server within 6 s")
         cell.peer.ask(do="act", action=cell.of_ros, type=FIBONACCI)
         plc.send_goal(SimpleNamespace(order=5), 5)
         seen = []
@@ -280,4 +280,4 @@ def test_a_killed_server_of_ros_ends_in_an_aborted_goal(cell: Cell, tmp_path: Pa
         wait(plc.feedback, "feedback")
         server.process.kill()
         assert plc.result(LIMIT).status == ABORTED
-    cell.bridge.said("/of/ros: goal aborted: the server has gone")
+    cell.bridge.wait_for_line("/of/ros: goal aborted: the server has left")

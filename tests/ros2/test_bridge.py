@@ -238,7 +238,7 @@ def test_who_comes_late_hears_the_newest(graph: Graph, space: str) -> None:
         assert peer.ask(do="take", topic=name, count=1) == [{"data": 49}]
         assert peer.ask(do="take", topic=name, count=1, timeout=0.2) == []
     bridge.stop(signal.SIGTERM)
-    bridge.said(f"{name} +50 passed$")
+    bridge.wait_for_line(f"{name} +50 passed$")
 
 
 @all_ways
@@ -252,7 +252,7 @@ def test_what_is_no_message_is_counted(graph: Graph, space: str) -> None:
     peer.ask(do="publish", topic=name, messages=[{"data": "fine"}])
     bridge.counted(f"{name} +1 passed, 1 rejected")
     bridge.stop(signal.SIGTERM)
-    bridge.said("utf-8")
+    bridge.wait_for_line("utf-8")
 
 
 @by_rclpy
@@ -271,7 +271,7 @@ def test_what_is_overwritten_before_it_is_taken_is_counted(graph: Graph, space: 
         bridge.process.send_signal(signal.SIGCONT)
         wait_for(lambda: (sample := reader.read()) and sample.data == 3000, "the last message")
     bridge.stop(signal.SIGTERM)
-    words = bridge.said(f"{name} +\\d+ passed").split()
+    words = bridge.wait_for_line(f"{name} +\\d+ passed").split()
     passed = int(words[1])
     lost = int(words[words.index("lost") - 1]) if "lost" in words else 0
     assert passed + lost == 3001, words
@@ -295,7 +295,7 @@ def test_arguments_of_ros(graph: Graph, space: str) -> None:
     bridge.stop(signal.SIGINT)
     wrong = graph.bridge("", "--ros-args", "--no-such-thing", ready=False)
     assert wrong.process.wait(30) == 1
-    wrong.said("ros2: .*no-such-thing")
+    wrong.wait_for_line("ros2: .*no-such-thing")
     assert "SHM901" not in "".join(wrong.lines)
 
 
@@ -306,7 +306,7 @@ def test_a_definition_that_this_ros_has_otherwise(graph: Graph, space: str) -> N
     file.write_text("float32 data\n")
     bridge = graph.bridge('path = ["msgs"]\n' + topic(f"{space}/x", "std_msgs/Int32"), ready=False)
     assert bridge.process.wait(30) == 1
-    bridge.said("std_msgs/msg/Int32 of this ROS has int32 data, and not float data")
+    bridge.wait_for_line("std_msgs/msg/Int32 of this ROS has int32 data, and not float data")
 
 
 @by_rclpy

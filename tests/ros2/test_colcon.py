@@ -71,5 +71,5 @@ def test_a_workspace_is_built_and_the_bridge_runs_from_it(graph: Graph, workspac
     command += f" --ros-args -r __node:=cell_bridge --params-file {share}/bridge.yaml"  # as the launch file has it
     shell = ["sh", "-c", f". install/local_setup.sh && exec {command}"]
     bridge = Bridge(graph.start(shell, paths, stderr=subprocess.STDOUT))
-    bridge.said("^running")
+    bridge.wait_for_line("^running")
     bridge.stop(signal.SIGINT)

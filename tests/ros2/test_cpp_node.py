@@ -104,8 +104,8 @@ def test_topics_both_ways(graph: Graph, built: rclcpp.Node) -> None:
         assert late["frame_id"] == "now"
         assert abs(late["stamp"]["sec"] - time.time()) < 60
     assert node.stop(signal.SIGINT) < PROMPTLY
-    node.said(f"{space}/pose: 500 passed$")
-    node.said(f"{space}/speed: 500 passed$")
+    node.wait_for_line(f"{space}/pose: 500 passed$")
+    node.wait_for_line(f"{space}/speed: 500 passed$")
 
 
 def test_what_does_not_fit_is_refused_and_the_node_goes_on(graph: Graph, built: rclcpp.Node) -> None:
@@ -120,12 +120,12 @@ def test_what_does_not_fit_is_refused_and_the_node_goes_on(graph: Graph, built: 
         wait_for(lambda: status(peer, name)["rejected"] == "2", "two that do not fit")
         assert list(reader.read().position) == [1.5] * 8
         assert reader.read() is None
-        node.said("joints: rejected: position: ")
+        node.wait_for_line("joints: rejected: position: ")
         assert not reader.is_stale(5)
         wait_for(lambda: status(peer, name)["level"] == 3, "STALE")
         wait_for(lambda: reader.is_stale(0.3), "the heartbeat to stand still")
     node.stop(signal.SIGTERM)
-    node.said("joints: 1 passed, 2 rejected$")
+    node.wait_for_line("joints: 1 passed, 2 rejected$")
 
 
 def test_a_rate_keeps_the_last_of_a_burst(graph: Graph, built: rclcpp.Node) -> None:
@@ -138,9 +138,9 @@ def test_a_rate_keeps_the_last_of_a_burst(graph: Graph, built: rclcpp.Node) -> N
         wait_for(lambda: (sample := reader.read()) and sample.data == 100, "the last one")
         assert reader.missed + 1 < 15
     node.stop(signal.SIGTERM)
-    words = node.said("paced: ").split()
-    assert int(words[-4]) + int(words[-2]) == 100, words
-    assert words[-1] == "thinned"
+    words = node.wait_for_line("paced: ").split()
+    assert int(words[-5]) + int(words[-3]) == 100, words
+    assert words[-2:] == ["rate", "limited"]
 
 
 def test_services_both_ways(graph: Graph, built: rclcpp.Node) -> None:
@@ -161,8 +161,8 @@ def test_services_both_ways(graph: Graph, built: rclcpp.Node) -> None:
     with plc_server(graph, f"{space}/flag", handler):
         assert peer.ask(**asked) == {"success": True, "message": "of the PLC"}
     node.stop(signal.SIGTERM)
-    node.said("t[0-9a-f]+/flag: 1 passed, 1 failed$")
-    node.said("of/flag: 1 passed, 1 failed$")
+    node.wait_for_line("t[0-9a-f]+/flag: 1 passed, 1 failed$")
+    node.wait_for_line("of/flag: 1 passed, 1 failed$")
 
 
 def test_it_is_a_lifecycle_node_with_parameters(graph: Graph, built: rclcpp.Node) -> None:
@@ -251,8 +251,8 @@ def test_another_definition_is_no_value(graph: Graph, stranger: Any, space: str,
         wait_for(sent, "a refusal of each", lambda: "".join(node.lines))
     assert came == {"same", "accepted"}
     node.stop(signal.SIGTERM)
-    node.said(rf"{space}/renamed: 0 passed, \d+ refused$")
-    node.said(rf"{space}/accepted: \d+ passed$")
+    node.wait_for_line(rf"{space}/renamed: 0 passed, \d+ refused$")
+    node.wait_for_line(rf"{space}/accepted: \d+ passed$")
 
 
 PARTS = 16

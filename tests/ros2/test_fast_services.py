@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("cyclonedds")
+pytest.importorskip("cyclonedds", exc_type=Exception)
 
 from shmgen.bridge.backend import Node
 from shmgen.bridge.dds import backend
@@ -103,7 +103,7 @@ def test_each_value_and_each_client(graph: Graph, space: str) -> None:
         plc.join()
     bridge.stop(signal.SIGTERM)
     for name in ("plc", "ros"):
-        bridge.said(f"{space}/{name} +12 passed$")
+        bridge.wait_for_line(f"{space}/{name} +12 passed$")
 
 
 def most_memory(bridge: Bridge) -> int:
@@ -146,7 +146,7 @@ def test_clients_of_both_kinds(graph: Graph, space: str, tmp_path: Path, monkeyp
     assert {(one.success, one.message) for one in of_cyclone} == {(False, "of the PLC True")}
     assert (served.count(True), served.count(False)) == (21, 21)
     bridge.stop(signal.SIGTERM)
-    bridge.said(f"{space}/flag +42 passed$")
+    bridge.wait_for_line(f"{space}/flag +42 passed$")
 
 
 @by_dds
@@ -174,9 +174,9 @@ def test_where_ours_is_another(graph: Graph, space: str) -> None:
             plc.call(SimpleNamespace(data=1), 20)
     bridge.stop(signal.SIGTERM)
     for name in ("flag", "of/flag"):
-        bridge.said(f"{space}/{name}: a peer has another std_srvs/SetBool_Request: .*nothing passes")
-    bridge.said(rf"{space}/flag +0 passed, \d+ refused$")
-    bridge.said(f"{space}/of/flag +0 passed, 1 failed$")
+        bridge.wait_for_line(f"{space}/{name}: a peer has another std_srvs/SetBool_Request: .*no messages pass")
+    bridge.wait_for_line(rf"{space}/flag +0 passed, \d+ refused$")
+    bridge.wait_for_line(f"{space}/of/flag +0 passed, 1 failed$")
 
 
 @by_dds
@@ -201,11 +201,13 @@ def test_without_it(graph: Graph, space: str) -> None:
         for _ in range(2):
             assert "failed" in call(plc)
     for name in ("flag", "of/flag"):
-        bridge.said(f"^{space}/{name}: a peer is not on rmw_cyclonedds.*install shmgen-fastdds .*--backend ros2")
+        bridge.wait_for_line(
+            f"^{space}/{name}: a peer is not on rmw_cyclonedds.*install shmgen-fastdds .*--backend ros2"
+        )
     bridge.stop(signal.SIGTERM)
     assert len([line for line in bridge.lines if "--backend ros2" in line]) == 2
-    bridge.said(f"{space}/flag +0 passed, 1 refused$")
-    bridge.said(f"{space}/of/flag +0 passed, 2 failed$")
+    bridge.wait_for_line(f"{space}/flag +0 passed, 1 refused$")
+    bridge.wait_for_line(f"{space}/of/flag +0 passed, 2 failed$")
 
 
 @pytest.mark.parametrize("graph", [("jazzy", "dds")], indirect=True, ids="-".join)

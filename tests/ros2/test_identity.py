@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("cyclonedds")
+pytest.importorskip("cyclonedds", exc_type=Exception)
 
 from shmgen.bridge.backend import Node, ServiceWire, Wire
 from shmgen.bridge.dds import backend
@@ -107,12 +107,12 @@ def test_another_definition_is_no_value(graph: Graph, stranger: backend.Graph, s
     assert levels["same"] == levels["accepted"] == 0
     bridge.stop(signal.SIGTERM)
     for name in OTHERS:  # what is too long for a queue of Fast DDS does not come at all
-        bridge.said(rf"{space}/{name} +0 passed{', [0-9]+ refused' if name != 'added' else ''}$")
+        bridge.wait_for_line(rf"{space}/{name} +0 passed{', [0-9]+ refused' if name != 'added' else ''}$")
         told = [line for line in bridge.lines if f"{space}/{name}: a peer" in line]  # Fast DDS writes there too
         assert len(told) == 1
         assert told[0].count("RIHS01_") == 2
     for name in ("same", "accepted"):
-        bridge.said(rf"{space}/{name} +\d+ passed$")
+        bridge.wait_for_line(rf"{space}/{name} +\d+ passed$")
     assert len([line for line in bridge.lines if f"{space}/accepted: a peer has another" in line]) == 1
 
 
@@ -137,6 +137,7 @@ def test_each_message_of_another_definition_is_counted(graph: Graph, space: str,
     wait_for(lambda: is_level(0), "a level of OK")
     peer.ask(do="advertise", topic=f"{space}/v", type="geometry_msgs/msg/Vector3")
     assert peer.ask(do="connected", topic=f"{space}/v")
+    bridge.wait_for_line(f"{space}/v: a peer has another")  # Cyclone drops samples that arrive before it has matched
     peer.ask(do="publish", topic=f"{space}/v", messages=[{"x": 1.0}] * 50, period=0.002)
     bridge.counted(f"{space}/v +0 passed, 50 refused")
     peer.ask(do="take", topic="/diagnostics", count=1000, timeout=2)
@@ -160,7 +161,9 @@ def test_a_subscriber_of_another_definition_is_told_of(
     for name in ("same", "last"):
         stranger.subscribe(wire(tmp_path / name, f"{space}/{name}", texts[name]), takers[name])
     for name in ("first", "last"):
-        bridge.said(f"{space}/{name}: a peer has another geometry_msgs/Vector3: .*it will misread our messages")
+        bridge.wait_for_line(
+            f"{space}/{name}: a peer has another geometry_msgs/Vector3: .*it will misread the bridge's messages"
+        )
     bridge.stop(signal.SIGTERM)
     assert not [line for line in bridge.lines if f"{space}/same: " in line]
 
@@ -204,7 +207,9 @@ def test_a_service_of_another_definition(graph: Graph, stranger: backend.Graph, 
 
         def refused(name: str) -> bool:
             """A call that failed may have failed for another reason, on a busy machine."""
-            return any(line.startswith(f"{space}/{name}: ") and "nothing passes" in line for line in list(bridge.lines))
+            return any(
+                line.startswith(f"{space}/{name}: ") and "no messages pass" in line for line in list(bridge.lines)
+            )
 
         def called() -> bool:
             peer.ask(**asked)
@@ -220,10 +225,10 @@ def test_a_service_of_another_definition(graph: Graph, stranger: backend.Graph, 
         assert served == []
     bridge.stop(signal.SIGTERM)
     for name in ("flag", "of/flag"):
-        (told,) = [line for line in bridge.lines if line.startswith(f"{space}/{name}: ") and "nothing passes" in line]
+        (told,) = [line for line in bridge.lines if line.startswith(f"{space}/{name}: ") and "no messages pass" in line]
         assert told.count("RIHS01_") == 2
-    bridge.said(rf"{space}/flag +\d+ passed, \d+ refused$")
-    bridge.said(rf"{space}/of/flag +\d+ passed, \d+ failed$")
+    bridge.wait_for_line(rf"{space}/flag +\d+ passed, \d+ refused$")
+    bridge.wait_for_line(rf"{space}/of/flag +\d+ passed, \d+ failed$")
 
 
 @pytest.mark.parametrize("graph", [("jazzy", "dds"), ("kilted", "dds")], indirect=True, ids="-".join)

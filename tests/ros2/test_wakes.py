@@ -13,7 +13,7 @@ import threading
 from rclpy import executors
 from shmgen.bridge.ros2 import backend
 from shmgen.bridge.backend import Node, Wire
-from shmgen.bridge.counters import Counters
+from shmgen.bridge.common.counters import Counters
 from shmgen.bridge.plan import closure
 from shmgen.config import Config
 from shmgen.generator import pipeline

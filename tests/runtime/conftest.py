@@ -1,4 +1,4 @@
-"""The files of a topic, and second processes that end with the test."""
+"""The files of a topic, and other processes that end with the test."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ def semaphore_file(topic):
 
 @pytest.fixture
 def in_python(monkeypatch):
-    """Publishers and subscribers are of the reference, here and in processes that a test starts."""
+    """The reference engine in Python, in this process and in processes that the test starts."""
     engines.use_python(monkeypatch)
     monkeypatch.setenv("SHMGEN_PURE", "1")
 
 
 @pytest.fixture(params=["Python", pytest.param("C", marks=pytest.mark.skipif(not engine.IN_C, reason=WHY_NOT))])
 def each_engine(request):
-    """Each of the two."""
+    """Each of the two engines."""
     if request.param == "Python":
         request.getfixturevalue("in_python")
     return request.param
@@ -47,39 +47,39 @@ def each_engine(request):
 
 @pytest.fixture
 def on_x86(monkeypatch, in_python):
-    """Where one goes on without the lock, on whatever machine the tests run."""
+    """A machine like x86, where a call continues without the lock."""
     for module in (lock, writer):
         monkeypatch.setattr(module, "keeps_order", lambda: True)
 
 
 @pytest.fixture
 def on_arm(monkeypatch, in_python):
-    """Where the lock is needed."""
+    """A machine like ARM, where a call needs the lock."""
     for module in (lock, writer):
         monkeypatch.setattr(module, "keeps_order", lambda: False)
 
 
 @pytest.fixture(autouse=True)
 def in_time(monkeypatch):
-    """No publisher leaves out a turn of numbers because a busy machine let it stand still while it was opened."""
+    """A limit that keeps publishers from skipping numbers if a busy machine pauses them during their opening."""
     monkeypatch.setattr(claim, "_STOOD_STILL", math.inf)
 
 
 @pytest.fixture(autouse=True)
 def with_barrier(monkeypatch):
-    """On a machine that is only believed in, whose membarrier(2) is not here to be called."""
+    """The membarrier(2) of a pretended machine, which does not exist here."""
     if machine.NAME in os.environ:
         monkeypatch.setattr(opening, "has_barrier", lambda: True)
 
 
 @pytest.fixture
 def unhealed(monkeypatch, in_python):
-    """Who is inside is never taken for dead, however slow the machine is."""
+    """A limit that keeps a lock's holder from being considered dead on a slow machine."""
     monkeypatch.setattr(lock, "_STUCK_AFTER", 1e9)
 
 
 class Other:
-    """A second process doing one of the works in messages.py."""
+    """Another process that executes one of the jobs in messages.py."""
 
     def __init__(self, *arguments: object) -> None:
         command = [sys.executable, str(HERE / "messages.py"), *map(str, arguments)]
@@ -114,12 +114,12 @@ class Other:
 
 @pytest.fixture
 def other():
-    made = []
+    others = []
 
     def start(*arguments):
-        made.append(Other(*arguments))
-        return made[-1]
+        others.append(Other(*arguments))
+        return others[-1]
 
     yield start
-    for process in made:
+    for process in others:
         process.close()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import math
 import os
 import struct
@@ -17,7 +16,6 @@ from tests.support import machine
 
 machine.pretend()
 from shmgen import runtime  # noqa: E402
-from shmgen.runtime.messages import values  # noqa: E402
 from shmgen.runtime.reference import claim  # noqa: E402
 from shmgen.runtime.region import header as h  # noqa: E402
 from tests.support.region_of import region_of  # noqa: E402
@@ -26,102 +24,43 @@ WHY_NOT = "shmgen was installed without gcc or Python's headers: apt-get install
 if "t" in sys.abiflags:
     WHY_NOT = "a free-threaded Python has no extension in C"
 POSE = struct.Struct("<7d")
-SCAN = struct.Struct("<I12xI16sB")
 LONG = 6000
 
 
 class Point(runtime.Message):
-    _pack_ = 1
-    _fields_ = [("x", ctypes.c_double), ("y", ctypes.c_double), ("z", ctypes.c_double)]  # noqa: RUF012
-    _names_ = ("x", "y", "z")
-
-    @staticmethod
-    def _encode(message, into, at, late):
-        try:
-            struct.pack_into("<3d", into, at, message.x, message.y, message.z)
-        except values.ENCODE_ERRORS as error:
-            values.explain(message, (("x", "d"), ("y", "d"), ("z", "d")), error)
-
-    @staticmethod
-    def _decode(data, at, message):
-        message.x, message.y, message.z = struct.unpack_from("<3d", data, at)
+    _table_version_ = 1
+    _size_ = 24
+    _steps_ = (("x", "float64", 0, 8), ("y", "float64", 8, 8), ("z", "float64", 16, 8))
 
 
 class Quaternion(runtime.Message):
-    _pack_ = 1
-    _fields_ = [(name, ctypes.c_double) for name in ("x", "y", "z", "w")]  # noqa: RUF012
-    _names_ = ("x", "y", "z", "w")
-
-    def _set_defaults(self):
-        self.w = 1.0
+    _table_version_ = 1
+    _size_ = 32
+    _steps_ = (("x", "float64", 0, 8), ("y", "float64", 8, 8), ("z", "float64", 16, 8), ("w", "float64", 24, 8))
+    _defaults_ = (("w", 1.0),)
 
 
 class Pose(runtime.Message):
-    _pack_ = 1
-    _fields_ = [("position", Point), ("orientation", Quaternion)]  # noqa: RUF012
     _type_name_ = "geometry_msgs/msg/Pose"
     _digest_ = 0x0123456789ABCDEF
-    _names_ = ("position", "orientation")
-    _rows = tuple((f"position.{a}", "d") for a in "xyz") + tuple((f"orientation.{a}", "d") for a in "xyzw")
-
-    def _set_defaults(self):
-        self.orientation.w = 1.0
-
-    @staticmethod
-    def _encode(message, into, at, late):
-        try:
-            p, q = message.position, message.orientation
-            POSE.pack_into(into, at, p.x, p.y, p.z, q.x, q.y, q.z, q.w)
-        except values.ENCODE_ERRORS as error:
-            values.explain(message, Pose._rows, error)
-
-    @staticmethod
-    def _decode(data, at, message):
-        p, q = message.position, message.orientation
-        p.x, p.y, p.z, q.x, q.y, q.z, q.w = POSE.unpack_from(data, at)
+    _table_version_ = 1
+    _size_ = 56
+    _steps_ = (("position", Point, 0, 24), ("orientation", Quaternion, 24, 32))
 
 
 class Scan(runtime.Message):
     """A number, a fixed long array, a bounded long array between short members, and text."""
 
-    _pack_ = 1
-    _fields_ = [  # noqa: RUF012
-        ("id", ctypes.c_uint32),
-        ("_pad0", ctypes.c_uint8 * 4),
-        ("_ranges", ctypes.c_double * LONG),
-        ("_data_count", ctypes.c_uint32),
-        ("_data", ctypes.c_uint8 * LONG),
-        ("_name", ctypes.c_char * 17),
-        ("_pad1", ctypes.c_uint8 * 3),
-    ]
     _type_name_ = "test_msgs/msg/Scan"
     _digest_ = 0x5CA9
-    _names_ = ("id", "ranges", "data", "name")
-    ranges = runtime.Elements(8, ctypes.c_double, LONG)
-    data = runtime.Elements(12 + 8 * LONG, ctypes.c_uint8, LONG, 8 + 8 * LONG)
-    name = runtime.Text(12 + 9 * LONG, 17, 16, values.text, values.from_text)
-
-    @staticmethod
-    def _encode(message, into, at, late):
-        try:
-            ranges = values.numbers(message.ranges, "d", 8, "ranges", exactly=LONG)
-            data = values.numbers(message.data, "B", 1, "data", at_most=LONG)
-            struct.pack_into("<I4x", into, at, message.id)
-            late.append((at + 8, 8 * LONG, ranges))
-            struct.pack_into("<I", into, at + 8 + 8 * LONG, len(data))
-            late.append((at + 12 + 8 * LONG, LONG, data))
-            struct.pack_into("<17s3x", into, at + 12 + 9 * LONG, values.text(message.name, 16, "name"))
-        except values.ENCODE_ERRORS as error:
-            values.explain(message, (("id", "I"),), error)
-
-    @staticmethod
-    def _decode(data, at, message):
-        (message.id,) = struct.unpack_from("<I", data, at)
-        message.ranges = values.from_numbers(data[at + 8 : at + 8 + 8 * LONG], "d", message.ranges)
-        start = at + 8 + 8 * LONG
-        count = values.count(struct.unpack_from("<I", data, start)[0], LONG, "data")
-        message.data = values.from_numbers(data[start + 4 : start + 4 + count], "B", message.data)
-        message.name = values.from_text(data[start + 4 + LONG : start + 4 + LONG + 17])
+    _table_version_ = 1
+    _size_ = 32 + 9 * LONG
+    _steps_ = (
+        ("id", "uint32", 0, 4),
+        ("ranges", "float64", 8, 8, LONG),
+        ("data", "uint8", 12 + 8 * LONG, 1, LONG, 8 + 8 * LONG),
+        ("name", "utf-8", 12 + 9 * LONG, 17),
+    )
 
 
 class PosePublisher(runtime.Publisher[Pose]):

@@ -16,6 +16,8 @@ from shmgen.generator import pipeline
 from tests.support import build
 from tests.support.region_of import region_of
 
+from .messages import PosePublisher, PoseSubscriber, pose
+
 DEFINITIONS = {
     "Point": "float64 x\nuint8[3] colour\n",
     "Cloud": "uint32 id\nstring name\nPoint first\nPoint[2] two\nPoint[<=3] some\nfloat32[<=4] depths\nbool[2] flags\n"
@@ -111,7 +113,7 @@ def test_one_that_is_overwritten_meanwhile_is_told_of_and_does_not_count(msg, pa
     seen = []
     with pytest.raises(runtime.Overwritten, match="read the newest"):
         borrowed(publisher, subscriber, msg.Cloud, lambda cloud: seen.append(cloud.id))
-    assert (seen, subscriber.sequence, subscriber.missed) == ([9], 0, 0)
+    assert (seen, subscriber.sequence, subscriber.missed) == ([9], 0, 1)
     with subscriber.borrow() as cloud:
         publisher.publish(msg.Cloud(id=4))  # into the other slot
         assert cloud.id == 9
@@ -127,7 +129,7 @@ def test_an_error_in_the_with_comes_out_unless_an_overwritten_sample_is_its_caus
 
     def torn(cloud):
         region = region_of(publisher)
-        place = region.payload(region.sample(publisher.sequence).start).start + vars(msg.Cloud)["data"].count_at
+        place = region.payload(region.sample(publisher.sequence).start).start + vars(msg.Cloud)["data"].step.count_at
         region.map[place : place + 4] = b"\xff" * 4
         assert cloud.data
 
@@ -194,3 +196,12 @@ def test_passive_ones_copy(topic, msg, pair):
         watcher.borrow(),
     ):
         pass
+
+
+def test_a_read_while_a_sample_is_lent_delivers_each_sample_once(topic):
+    with PosePublisher(topic, depth=3) as publisher, PoseSubscriber(topic, depth=3) as subscriber:
+        publisher.publish(pose(1))
+        with subscriber.borrow() as lent:
+            publisher.publish(pose(2))
+            assert (lent.position.x, subscriber.unread, subscriber.read().position.x) == (1, 1, 2)
+        assert (subscriber.read(), subscriber.sequence, subscriber.missed) == (None, 2, 0)

@@ -7,6 +7,7 @@ import ctypes
 import math
 import os
 import random
+import struct
 import subprocess
 import sys
 import threading
@@ -21,10 +22,10 @@ from shmgen.config import Config
 from shmgen.core.model import TypeName
 from shmgen.generator import pipeline
 from shmgen.runtime import engine
-from shmgen.runtime.messages.fields import Elements
-from shmgen.runtime.messages.plan import NUMBERS
+from shmgen.runtime.messages.steps import CODES
 from shmgen.runtime.region import header as h
 from tests.conftest import REPOSITORY
+from tests.support import import_or_skip
 from tests.support.build import classes, put
 from tests.support.engines import in_python
 from tests.support.region_of import region_of
@@ -59,6 +60,7 @@ def test_it_is_not_older_than_its_source() -> None:
     assert made >= max(source.stat().st_mtime for source in sources), "pip install -e . makes it anew"
 
 
+@pytest.mark.slow
 def test_all_holds_without_it() -> None:
     """What exchanges, once more in a process that does not load it."""
     files = [f"tests/runtime/test_{name}.py" for name in ("exchange", "samples", "truncations")]
@@ -87,15 +89,13 @@ def kinds(tmp_path_factory):
 
 def any_object(kind, value):
     """With the fields of a message, each number made by `value`."""
-    inner = {name: inner for name, inner, *_ in kind._fields_}
 
-    def made(name):
-        shown = vars(kind)[name]
-        if isinstance(shown, Elements):
-            return [value(NUMBERS[shown.kind]) for _ in range(shown.length)]
-        return value(NUMBERS[inner[name]]) if inner[name] in NUMBERS else any_object(inner[name], value)
+    def made(step):
+        if step.length:
+            return [value(CODES[step.kind]) for _ in range(step.length)]
+        return value(CODES[step.kind]) if step.kind in CODES else any_object(step.kind, value)
 
-    return SimpleNamespace(**{name: made(name) for name in kind._names_})
+    return SimpleNamespace(**{step.name: made(step) for step in kind._steps_})
 
 
 def outcome(publisher, message):
@@ -125,7 +125,7 @@ def test_numbers_from_any_object_are_taken_and_refused_as_in_python(topic, kinds
         def fitting(code):
             if code in "fd":
                 return rng.uniform(-1e3, 1e3)
-            bits = 8 * ctypes.sizeof(next(kind for kind, found in NUMBERS.items() if found == code))
+            bits = 8 * struct.calcsize("<" + code)
             return rng.random() < 0.5 if code == "?" else rng.randrange(2 ** (bits - code.islower()))
 
         count = 0
@@ -176,7 +176,7 @@ SEQUENCES = (
 def test_arrays_from_any_object_are_taken_and_refused_as_in_python(topic, kinds):
     """Each kind of number, always full and with a bound, out of whatever one may give for it."""
     kind, publishers, _ = kinds
-    numpy = pytest.importorskip("numpy")
+    numpy = import_or_skip("numpy")
     many = [numpy.array(values) for values in ([1.5, 2, 3], [1, 2, 3], [[1, 2], [3, 4]], [True, False, True], 7, [])]
     each = [one.astype(code) for one in many[:2] for code in ("f4", "f8", "i4", "u4", "u1", "i8", ">i4", ">f8", "f2")]
     each.append(numpy.arange(12, dtype="u2")[::4])
@@ -332,3 +332,40 @@ def test_it_is_quicker(topic):
 
     with PosePublisher(topic) as quick, of_python(PosePublisher, topic) as python:
         assert min(took(quick) for _ in range(5)) < 0.7 * min(took(python) for _ in range(5))
+
+
+def test_an_end_without_settings_is_refused():
+    for kind in (engine.Reader, engine.Writer):
+        for made in (kind, lambda kind=kind: kind.__new__(kind), lambda kind=kind: object.__new__(kind)):
+            with pytest.raises(TypeError):
+                made()
+
+
+INTERPRETERS = """
+import sys
+try:
+    import _interpreters as interpreters
+except ImportError:
+    import _xxsubinterpreters as interpreters
+from shmgen import runtime
+from tests.runtime.messages import PosePublisher
+
+other = interpreters.create()
+interpreters.run_string(other, "import sys; sys.path[:] = %r; import shmgen.runtime" % sys.path)
+interpreters.destroy(other)
+publisher = PosePublisher(sys.argv[1])
+publisher.close()
+try:
+    publisher.heartbeat()
+except runtime.Closed as error:
+    print(error)
+"""
+
+
+def test_errors_keep_their_texts_after_a_subinterpreter_has_ended(topic):
+    done = subprocess.run(
+        [sys.executable, "-c", INTERPRETERS, topic], cwd=REPOSITORY, capture_output=True, text=True, check=False
+    )
+    if "only supports" in done.stderr or "does not support loading in subinterpreters" in done.stderr:
+        pytest.skip(done.stderr.splitlines()[-1])
+    assert (done.stdout, done.stderr) == (f"{topic}: this publisher is closed\n", "")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import array
+import ctypes
 import struct
 import threading
 import time
@@ -11,8 +12,8 @@ from types import SimpleNamespace
 import pytest
 
 from shmgen import runtime
-from shmgen.runtime import engine
-from shmgen.runtime.messages import values
+from shmgen.runtime.messages import walker
+from shmgen.runtime.messages.steps import Step
 from shmgen.runtime.reference import lock
 from shmgen.runtime.region import header as h
 from shmgen.runtime.region.header import after
@@ -42,6 +43,18 @@ def renumber(publisher, completed):
 
 def numbers(messages):
     return [message.position.x for message in messages]
+
+
+def test_wrong_arguments_are_answered_in_the_words_of_the_api(topic):
+    with pytest.raises(TypeError, match=r"Point takes its fields by name: Point\(x=3\)"):
+        Point(3)
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
+        with pytest.raises(runtime.OutOfRange, match=r"dict has no attribute 'position'; make a message of it first"):
+            publisher.publish({"position": 3})
+        for wait in (subscriber.wait, subscriber.ready):
+            with pytest.raises(TypeError, match="a timeout is a number of seconds, not '1'"):
+                wait("1")
+            assert not wait(0)
 
 
 # --- two processes -------------------------------------------------------------------------------
@@ -477,7 +490,7 @@ def scan(id, count=LONG, name="laser"):
     return SimpleNamespace(id=id, ranges=ranges, data=bytes([id % 256]) * count, name=name)
 
 
-def test_long_arrays_go_late_and_leave_the_rest_of_their_room(topic):
+def test_bytes_behind_the_count_of_a_long_array_are_zero(topic):
     with ScanPublisher(topic) as publisher, ScanSubscriber(topic) as subscriber:
         for id, count, name in ((1, LONG, "a"), (2, 10, "bc"), (3, 5, ""), (4, 0, "x" * 16), (5, LONG, "é")):
             publisher.publish(scan(id, count, name))
@@ -487,8 +500,9 @@ def test_long_arrays_go_late_and_leave_the_rest_of_their_room(topic):
             assert target.ranges == [float(id)] * LONG
         publisher.publish(scan(6, 3, "n"))
         message = subscriber.wait(0)
-        # Slot 0 last held sample 4, which had no data, before it sample 2 with ten bytes. The reference clears them.
-        assert bytes(message._data)[:12] == b"\6\6\6" + (b"\2" if engine.IN_C else b"\0") * 7 + b"\0\0"
+        # Slot 0 has held sample 2 with ten bytes: nothing of them is left behind the count.
+        start = Scan.data.step.offset
+        assert bytes(message)[start : start + 12] == b"\6\6\6" + bytes(9)
 
 
 def test_a_late_array_that_does_not_fit(topic, file):
@@ -558,7 +572,7 @@ def test_a_list_that_grows_while_it_is_encoded_stays_in_its_room():
 
     points += [Odd(), Odd()]
     into = bytearray(5 * 24)
-    assert values.each(points, Point._encode, into, 0, 24, "points", [], at_most=3) == 2
+    assert walker.encode_array(Step("points", Point, 0, 24, 3, 96), points, into, 0) == (2, 0)
     assert into[48:] == bytes(3 * 24)
 
 
@@ -600,3 +614,40 @@ def test_long_arrays_are_shown_short_and_compared_by_value():
 
     assert repr(AllShown()).count("0") == 32
     assert "..." not in repr(AllShown())
+
+
+def test_a_sequence_prints_like_a_list():
+    class Bag(runtime.Message):
+        _table_version_ = 1
+        _size_ = 136
+        _steps_ = (
+            ("small", "uint8", 4, 1, 40, 0),
+            ("floats", "float64", 48, 8, 2),
+            ("points", Point, 64, 24, 3),
+        )
+
+    bag = Bag(small=[7] * 33, floats=[0.5, 1.0])
+    assert repr(bag.small) == f"[{'7, ' * 32}... 33 in all]"
+    assert str(bag.floats) == "[0.5, 1.0]"
+    assert repr(bag.points[:2]) == "[Point(x=0.0, y=0.0, z=0.0), Point(x=0.0, y=0.0, z=0.0)]"
+    assert repr(bag.points) == f"[{', '.join(3 * ['Point(x=0.0, y=0.0, z=0.0)'])}]"
+
+
+def test_a_class_without_a_table_takes_only_its_own(topic):
+    class Bare(runtime.Message):
+        _fields_ = (("data", ctypes.c_uint8 * 8),)
+        _names_ = ("data",)
+        _type_name_, _digest_ = "a_msgs/msg/Bare", 5
+
+    class BarePublisher(runtime.Publisher[Bare]):
+        message_type = Bare
+
+    class BareSubscriber(runtime.Subscriber[Bare]):
+        message_type = Bare
+
+    with BarePublisher(topic) as publisher, BareSubscriber(topic) as subscriber:
+        publisher.publish(Bare())
+        with pytest.raises(TypeError, match="no table of fields: publish an object of it"):
+            publisher.publish(SimpleNamespace(data=b""))
+        with pytest.raises(TypeError, match="no table of fields: read into an object of it"):
+            subscriber.read_into(SimpleNamespace(data=b""))

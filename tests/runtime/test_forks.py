@@ -8,6 +8,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from contextlib import suppress
 
@@ -15,16 +16,17 @@ import pytest
 
 from shmgen import runtime
 from shmgen.core.abi import REPAIR_LOCK
+from shmgen.runtime import engine
 from shmgen.runtime.reference import writer
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region import holders, looks
-from shmgen.runtime.region.looks import _FLOCK, WRITER_LOCK
+from shmgen.runtime.region import record_locks
+from shmgen.runtime.region.record_locks import _FLOCK, WRITER_LOCK
 
 from ..rigs.chaos_faults import swap_map
 from ..support import machine
 from ..support.region_of import region_of
 from ..support.tracing import traced
-from .messages import PosePublisher, PoseSubscriber, pose
+from .messages import WHY_NOT, PosePublisher, PoseSubscriber, pose
 
 
 def in_child(work):
@@ -117,6 +119,38 @@ def test_a_fork_or_an_exception_in_the_middle_of_closing(topic):
     PosePublisher(topic).close()
 
 
+@pytest.mark.skipif(not engine.IN_C, reason=WHY_NOT)
+@pytest.mark.filterwarnings("ignore:.*multi-threaded.*fork:DeprecationWarning")
+def test_a_child_forked_while_close_waits_for_another_thread(topic):
+    """close() waits until the thread's wait() returns, up to WAKE_MS. A signal handler forks in the meantime."""
+    name, answers = f"/dev/shm/{runtime.region_name(topic)}", []
+    deadline = time.monotonic() + 30 * machine.slower
+
+    def fork(*_):
+        if name in open_files():  # in the parent: close() has not finished
+            answers.append(in_child(lambda: (told(subscriber.read).split(":")[0], name in open_files())))
+
+    def wait_until_closed():
+        with suppress(runtime.Closed):
+            subscriber.wait(60)
+
+    before = signal.signal(signal.SIGALRM, fork)
+    try:
+        while len(answers) < 5 and time.monotonic() < deadline:
+            subscriber = PoseSubscriber(topic)
+            waiting = threading.Thread(target=wait_until_closed)
+            waiting.start()
+            time.sleep(0.01)  # usually enough for wait() to fall asleep
+            signal.setitimer(signal.ITIMER_REAL, 0.0005)
+            subscriber.close()
+            signal.setitimer(signal.ITIMER_REAL, 0)
+            waiting.join()
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+    assert set(answers) == {"('InForkedChild', False)"}
+
+
 @each_engine
 def test_closing_does_not_wait_for_a_child_that_has_not_run_yet(topic):
     """Which has the file, and so the claim, until it has its turn."""
@@ -153,6 +187,7 @@ def test_a_child_that_touches_nothing_keeps_no_claim(topic):
 
 
 @pytest.mark.usefixtures("in_python")
+@pytest.mark.slow
 def test_a_fork_between_any_two_instructions(topic):
     """Of opening, publishing, reading and closing, each 37th, by a child that has neither file nor map then."""
     name, held, forks = runtime.region_name(topic), [], 0
@@ -196,9 +231,9 @@ def test_a_fork_between_any_two_instructions(topic):
         "opened",
         "_open",
         "open_region",
-        "_found_or_made",
+        "_open_or_create",
         "_mapped",
-        "kept_from_children",
+        "close_after_fork",
         "__init__",
         "ordered",
         "keeps_order",
@@ -225,7 +260,7 @@ def test_a_fork_in_the_middle_of_a_copy_leaves_the_lock_to_the_parent(topic):
 
         swap_map(publisher, fork)
         publisher.publish(pose(1))
-        assert looks.lock_byte(region.file, REPAIR_LOCK)
+        assert record_locks.lock_byte(region.file, REPAIR_LOCK)
         assert publisher._end.lock.acquire()
         fork()
         publisher._end.lock.release()
@@ -253,7 +288,7 @@ def test_a_fork_while_it_opens_takes_no_claim_along(topic, monkeypatch):
 
 def is_claimed(topic):
     region = region_of(topic)
-    return looks.byte_is_locked(region.file, WRITER_LOCK)
+    return record_locks.byte_is_locked(region.file, WRITER_LOCK)
 
 
 @pytest.mark.usefixtures("each_engine")
@@ -328,7 +363,7 @@ time.sleep(600)
 def test_which_bytes_a_process_has_locked(tmp_path, line, held):
     info = tmp_path / "fdinfo"
     info.write_text(f"pos:\t0\nflags:\t02100002\n{line}\n")
-    assert [byte for byte in range(3) if holders._locks(str(info), byte)] == held
+    assert [byte for byte in range(3) if record_locks._locks(str(info), byte)] == held
 
 
 @each_engine

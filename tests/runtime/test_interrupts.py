@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dis
+import gc
 import os
 import random
 import signal
@@ -19,9 +20,10 @@ from shmgen import runtime
 from shmgen.core.abi import REPAIR_LOCK
 from shmgen.runtime.reference import lock
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region import looks
+from shmgen.runtime.region import record_locks, resource
 
 from ..support import machine
+from ..support.plc_demo import Memory
 from ..support.region_of import region_of
 from ..support.tracing import traced
 from .messages import PosePublisher, PoseSubscriber, pose, whole
@@ -76,7 +78,7 @@ def healthy(publisher, subscriber, number):
     """Nobody is inside, nobody heals, and the next sample goes through."""
     region = region_of(publisher)
     assert region.semaphore.value == 1
-    assert not looks.byte_is_locked(region.file, REPAIR_LOCK)
+    assert not record_locks.byte_is_locked(region.file, REPAIR_LOCK)
     misses = publisher.lock_misses, subscriber.lock_misses
     publisher.publish(pose(number))
     assert subscriber.read().position.x == number
@@ -85,6 +87,7 @@ def healthy(publisher, subscriber, number):
 
 
 @pytest.mark.parametrize("play", ["straight", "healing", "surplus"])
+@pytest.mark.family("[straight]")
 def test_an_exception_between_any_two_instructions(topic, play, monkeypatch, in_python):
     monkeypatch.setattr(lock, "_STUCK_AFTER", 0.0)
     with PosePublisher(topic, lock_timeout=0) as publisher, PoseSubscriber(topic, lock_timeout=0) as subscriber:
@@ -356,4 +359,24 @@ def test_who_waits_is_told_when_another_thread_closes(topic, held):
     publisher.close()
     subscriber.close()
     assert region.semaphore.value == 1
-    assert not looks.byte_is_locked(region.file, 0)
+    assert not record_locks.byte_is_locked(region.file, 0)
+
+
+@pytest.mark.usefixtures("each_engine")
+def test_an_interrupted_opening_keeps_no_claim(topic, monkeypatch):
+    def interrupt(seconds: float) -> None:
+        raise KeyboardInterrupt
+
+    with PosePublisher(topic):
+        memory = Memory(topic)
+    memory["writer"] = 0xFFFFFFFF  # the opening waits for 1 s whether this PLC is alive
+    gc.disable()
+    try:
+        with monkeypatch.context() as patch:
+            patch.setattr(resource.time, "sleep", interrupt)
+            with pytest.raises(KeyboardInterrupt):
+                PosePublisher(topic)
+        memory["writer"] = 0
+        PosePublisher(topic).close()
+    finally:
+        gc.enable()

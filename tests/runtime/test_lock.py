@@ -16,13 +16,14 @@ import posix_ipc
 import pytest
 
 from shmgen import runtime
+from shmgen.core import abi
 from shmgen.core.abi import REPAIR_LOCK
 from shmgen.runtime import engine
 from shmgen.runtime.reference import lock
 from shmgen.runtime.reference import reader as reading
 from shmgen.runtime.reference.region import Semaphore
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region import looks
+from shmgen.runtime.region import record_locks
 from shmgen.runtime.region.names import event_name
 
 from ..support import machine
@@ -92,6 +93,7 @@ def until(condition, deadline=20.0):
         pytest.param(lambda: 2**31, 1.0, id="no pid"),
     ],
 )
+@pytest.mark.family("[PLC]", "[alive]")
 def test_the_engine_in_c_heals_in_time(topic, value, holder, least):
     """The best of three counts, where others take the processors."""
     took = []
@@ -254,11 +256,11 @@ def test_one_healer_at_a_time(topic, monkeypatch, value):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         leave_locked(publisher, dead_pid())
         healer = region_of(subscriber)
-        assert looks.lock_byte(healer.file, REPAIR_LOCK)
+        assert record_locks.lock_byte(healer.file, REPAIR_LOCK)
         for _ in range(5):
             publisher.publish(pose(1))
         assert (region_of(publisher).words[h.RECOVERIES], value()) == (0, 0)
-        looks.unlock_byte(healer.file, REPAIR_LOCK)
+        record_locks.unlock_byte(healer.file, REPAIR_LOCK)
         # Both have taken it to be stuck; the second looks once more.
         stay = publisher._end.lock._stay()
         assert publisher._end.lock._recover(stay)
@@ -461,6 +463,7 @@ def test_a_post_too_many_does_not_make_a_reader_poll_for_good(topic, value):
     """As a PLC leaves one where a sample came between `armed` and the second look."""
     event = event_name(runtime.region_name(topic))
     with PoseSubscriber(topic) as subscriber:
+        region_of(subscriber).words[h.WRITER] = abi.PLC
         assert subscriber.wait(0.02) is None
         PosixRelease(topic, event)()
         assert naps_of(lambda: subscriber.wait(0.5)) < 100

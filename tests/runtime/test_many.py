@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import re
 import signal
 import struct
 import subprocess
@@ -232,6 +234,8 @@ def test_a_signal_ends_the_sleep_for_its_handler(several):
 @sleeps
 def test_one_killed_in_its_sleep_does_no_harm(several, topic, other):
     """It is counted among those who wait for a PLC's post, which then makes a system call that wakes nobody."""
+    for one in several:
+        region_of(one).words[h.WRITER] = h.PLC
     process = other("await", topic, COUNT).process
 
     def stopped_asleep():
@@ -243,6 +247,8 @@ def test_one_killed_in_its_sleep_does_no_harm(several, topic, other):
     until(stopped_asleep)  # arming comes before being counted
     process.kill()
     process.wait()
+    for one in several:
+        region_of(one).words[h.WRITER] = 0
     with ExitStack() as stack:
         writers = [stack.enter_context(PosePublisher(one.topic)) for one in several]
         for number, writer in enumerate(writers):
@@ -295,3 +301,36 @@ def test_where_it_cannot_be_it_polls_and_says_so(topic, pure):
     done = subprocess.run(command, cwd=REPOSITORY, env=environment, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.split() == (["False"] if pure else ["True", "False"])
+
+
+REFUSED_SCRIPT = """
+import select, sys, threading
+from shmgen.runtime import Notifier, ready_any
+from tests.runtime.messages import PosePublisher, PoseSubscriber, pose
+from tests.support import seccomp
+
+seccomp.forbid(int(sys.argv[2]), int(sys.argv[3]))
+topic = sys.argv[1]
+with PoseSubscriber(topic) as first, PoseSubscriber(topic + "/second") as second, PosePublisher(topic) as writer:
+    with Notifier([first, second]) as notifier:
+        threading.Timer(0.02, lambda: writer.publish(pose(1))).start()
+        select.select([notifier], [], [], 60)
+        print(notifier.ready() == [first], ready_any([second, first], 60) == [first], first.wait(60).position.x)
+"""
+REFUSED = {"futex_waitv": 449, "membarrier": 324, "memfd_create": 319, "fallocate": 285}
+"""Numbers of system calls on x86-64 that old kernels lack, and that sandboxes refuse."""
+
+
+@pytest.mark.skipif(machine.EMULATED or os.uname().machine != "x86_64", reason="these are the numbers of x86-64")
+@pytest.mark.parametrize("pure", ["", "1"], ids=["C", "Python"])
+@pytest.mark.parametrize("error", [errno.ENOSYS, errno.EPERM], ids=["ENOSYS", "EPERM"])
+@pytest.mark.parametrize("call", REFUSED)
+def test_a_refused_system_call_costs_nothing_or_is_named(call, error, pure, topic):
+    """All works as before, but for a region that cannot get its memory."""
+    command = [sys.executable, "-c", REFUSED_SCRIPT, topic, str(REFUSED[call]), str(error)]
+    environment = {**os.environ, "SHMGEN_PURE": pure}
+    done = subprocess.run(command, cwd=REPOSITORY, env=environment, capture_output=True, text=True, check=False)
+    if call == "fallocate":
+        assert re.search(r"shmgen.runtime.errors.(RegionUnusable|PermissionDenied): /dev/shm/", done.stderr)
+    else:
+        assert (done.stdout, done.stderr) == ("True True 1.0\n", "")

@@ -19,7 +19,7 @@ from shmgen.runtime import engine
 from shmgen.runtime.reference import memory_order, opening
 from shmgen.runtime.reference.opening import _complete_header
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region import looks
+from shmgen.runtime.region import record_locks
 
 from ..support.region_of import region_of
 from .messages import Pose, PosePublisher, PoseSubscriber, Scan, ScanSubscriber, pose
@@ -170,7 +170,7 @@ def test_mismatch_is_refused_and_leaves_every_byte(topic, file, semaphore_file, 
     semaphore_file.unlink()
     before = file.read_bytes()
     with file.open("r+b") as held:
-        assert looks.lock_byte(held.fileno(), WRITER_LOCK)
+        assert record_locks.lock_byte(held.fileno(), WRITER_LOCK)
         with pytest.raises(runtime.LayoutMismatch) as caught:
             side(topic)
     text = str(caught.value)
@@ -211,7 +211,7 @@ def test_a_region_that_a_runtime_has_rounded_up_to_larger_pages(topic, file, pag
     assert file.stat().st_size == page
     change(file, page - 1, b"1")
     with file.open("r+b") as held:
-        assert looks.lock_byte(held.fileno(), WRITER_LOCK)
+        assert record_locks.lock_byte(held.fileno(), WRITER_LOCK)
         with pytest.raises(runtime.LayoutMismatch, match=f"{page:,} bytes in all"):
             PosePublisher(topic)
 
@@ -220,7 +220,7 @@ def test_mismatch_of_size_and_type(topic, file):
     PosePublisher(topic).close()
     before = file.read_bytes()
     with file.open("r+b") as held:
-        assert looks.lock_byte(held.fileno(), WRITER_LOCK)
+        assert record_locks.lock_byte(held.fileno(), WRITER_LOCK)
         with pytest.raises(runtime.LayoutMismatch, match="there: geometry_msgs/msg/Pose, 56 bytes, digest"):
             ScanSubscriber(topic)
         held.truncate(8192)
@@ -296,9 +296,9 @@ def test_who_writes_a_header_is_waited_for(topic, file, monkeypatch):
 
         def written():
             change(file, 0, header)
-            looks.unlock_byte(other.fileno(), REPAIR_LOCK)
+            record_locks.unlock_byte(other.fileno(), REPAIR_LOCK)
 
-        assert looks.lock_byte(other.fileno(), REPAIR_LOCK)
+        assert record_locks.lock_byte(other.fileno(), REPAIR_LOCK)
         naps = on_sleep(monkeypatch, written)
         monkeypatch.setattr(opening, "fence", None)
         PosePublisher(topic).close()
@@ -315,7 +315,7 @@ def on_sleep(monkeypatch, work):
         sleep(seconds)
 
     monkeypatch.setattr(time, "sleep", slept)
-    monkeypatch.setattr(opening, "PATIENCE", 60)
+    monkeypatch.setattr(opening, "PEER_TIMEOUT", 60)
     return naps
 
 
@@ -512,25 +512,25 @@ def test_closing_twice_and_using_closed(topic):
 
 def test_record_locks_are_of_one_byte_each(topic):
     def locked(region, byte):
-        return looks.byte_is_locked(region.file, byte)
+        return record_locks.byte_is_locked(region.file, byte)
 
     with PoseSubscriber(topic) as one, PoseSubscriber(topic) as other:
         first, second = region_of(one), region_of(other)
-        assert looks.lock_byte(first.file, REPAIR_LOCK)
-        assert not looks.lock_byte(second.file, REPAIR_LOCK)
+        assert record_locks.lock_byte(first.file, REPAIR_LOCK)
+        assert not record_locks.lock_byte(second.file, REPAIR_LOCK)
         assert (locked(second, WRITER_LOCK), locked(second, REPAIR_LOCK)) == (False, True)
-        assert looks.lock_byte(second.file, WRITER_LOCK)
-        looks.unlock_byte(first.file, REPAIR_LOCK)
+        assert record_locks.lock_byte(second.file, WRITER_LOCK)
+        record_locks.unlock_byte(first.file, REPAIR_LOCK)
         assert (locked(first, WRITER_LOCK), locked(second, REPAIR_LOCK)) == (True, False)
-        assert looks.lock_byte(second.file, REPAIR_LOCK)
-        looks.unlock_byte(second.file, WRITER_LOCK)
+        assert record_locks.lock_byte(second.file, REPAIR_LOCK)
+        record_locks.unlock_byte(second.file, WRITER_LOCK)
         assert (locked(first, WRITER_LOCK), locked(first, REPAIR_LOCK)) == (False, True)
 
 
 def test_a_record_lock_that_cannot_be_is_no_lock_of_another(topic, file):
     PosePublisher(topic).close()
     with file.open("rb") as opened, pytest.raises(OSError, match="Bad file descriptor"):
-        looks.lock_byte(opened.fileno(), WRITER_LOCK)
+        record_locks.lock_byte(opened.fileno(), WRITER_LOCK)
 
 
 def test_an_abandoned_publisher_frees_the_claim(topic):
@@ -545,6 +545,7 @@ def test_import_is_light():
     top = {name.partition(".")[0] for name in loaded}
     assert not top & {"jinja2", "click", "rosbags", "numpy", "multiprocessing", "tomli", "blark"}
     ours = {"shmgen", "shmgen.core", "shmgen.core.abi", "shmgen.core.escape", "shmgen.core.plural", "shmgen._core"}
+    ours |= {"shmgen.core.table"}
     others = {name for name in loaded if name.startswith("shmgen")} - ours
     assert all(name.startswith("shmgen.runtime") for name in others), others
 

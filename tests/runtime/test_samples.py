@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from shmgen import runtime
-from shmgen.runtime.reference import lock, opening
+from shmgen.runtime.reference import lock, opening, reader
 from shmgen.runtime.reference.memory_order import keeps_order
 from shmgen.runtime.region import header as h
 from tests.support.region_of import region_of
@@ -76,6 +76,26 @@ def test_several_readers_each_have_all_and_only_the_active_count_what_they_misse
         assert header(file).missed == 12 * (1 if way else 3)
         for reader in readers:
             reader.close()
+
+
+@pytest.mark.usefixtures("on_x86")
+def test_a_reader_that_is_slower_than_the_writer_still_gets_samples(topic, monkeypatch):
+    """The writer publishes two samples during each copy, so it overwrites the oldest samples one after another."""
+    with (
+        PosePublisher(topic, depth=8, lock_timeout=0) as publisher,
+        PoseSubscriber(topic, depth=8, lock_timeout=0) as subscriber,
+    ):
+        for x in range(40):
+            publisher.publish(pose(x))
+
+        def publish_two():
+            for _ in range(2):
+                publisher.publish(pose(publisher.sequence))
+
+        monkeypatch.setattr(reader, "fence", publish_two)
+        samples = subscriber.samples()
+        assert samples
+        assert all(sample.message.position.x == sample.number - 1 for sample in samples)
 
 
 def test_long_messages(topic, way):

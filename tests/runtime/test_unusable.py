@@ -18,12 +18,13 @@ from shmgen import runtime
 from shmgen.runtime import engine
 from shmgen.runtime.errors import RegionUnusable
 from shmgen.runtime.reference import opening
+from shmgen.runtime.region import checks, names
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region import looks, names
 from shmgen.runtime.region.access import RegionOptions
 
 from ..conftest import REPOSITORY
 from ..support import machine
+from ..support.build import committed_texts, put
 from ..support.guard import within
 from ..support.region_of import region_of
 from .messages import Pose, PosePublisher, PoseSubscriber, pose
@@ -34,7 +35,7 @@ in_python = pytest.mark.usefixtures("in_python")
 
 @pytest.mark.parametrize(
     "data",
-    [b"", b"\0" * 5, b"\xff" * looks._OURS, b"\1" * looks._OURS, b"\0" * 4096],
+    [b"", b"\0" * 5, b"\xff" * checks._OURS, b"\1" * checks._OURS, b"\0" * 4096],
     ids=["empty", "short", "ones", "garbage", "long"],
 )
 def test_a_file_that_is_no_semaphore(topic, semaphore_file, data):
@@ -76,11 +77,12 @@ def test_another_c_library_than_glibc(topic, file, semaphore_file, monkeypatch, 
     type("LocklessSubscriber", (runtime.Subscriber,), {"message_type": kind})(topic).close()
 
 
-def test_another_python_than_cpython():
+def test_another_python_than_cpython(tmp_path):
     """One sentence, from the runtime and from generated code alike."""
+    put({path: text for path, text in committed_texts().items() if path.startswith("python/")}, tmp_path)
     code = "import sys; sys.implementation.name = 'pypy'; import "
     for module in ("shmgen.runtime", "shm_msgs"):
-        paths = {"PYTHONPATH": f"{REPOSITORY}/src:{REPOSITORY}/generated/python"}
+        paths = {"PYTHONPATH": f"{REPOSITORY}/src:{tmp_path}/python"}
         done = subprocess.run(
             [sys.executable, "-c", code + module], env=os.environ | paths, capture_output=True, text=True
         )
@@ -149,7 +151,7 @@ def test_an_open_that_failed_leaves_no_file(topic, file, monkeypatch, error, tex
 @pytest.mark.parametrize("place", [names.region_file, names.semaphore_file])
 def test_what_vanishes_again_and_again_is_given_up(topic, monkeypatch, place):
     """Somebody removes the semaphore, or the region, at each try between its opening and the last look."""
-    leads = looks.leads_to
+    leads = checks.leads_to
     tries = []
 
     def vanished(path, file):
@@ -158,7 +160,7 @@ def test_what_vanishes_again_and_again_is_given_up(topic, monkeypatch, place):
             return False
         return leads(path, file)
 
-    monkeypatch.setattr(looks, "leads_to", vanished)
+    monkeypatch.setattr(checks, "leads_to", vanished)
     with pytest.raises(runtime.RegionUnusable, match="keeps appearing and vanishing"):
         PosePublisher(topic)
     assert len(tries) >= 10 - 1
@@ -179,7 +181,7 @@ def test_a_semaphore_that_changes_between_a_look_and_its_opening(topic, monkeypa
     tries = Mock(side_effect=[error, opened])
     monkeypatch.setattr(opening, "Semaphore", lambda *arguments: tries()(*arguments))
     if error is posix_ipc.PermissionsError:
-        with pytest.raises(runtime.PermissionDenied, match="join the group"):
+        with pytest.raises(runtime.PermissionDenied, match=r"join (the|its) group|do not join root"):
             PosePublisher(topic)
     else:
         PosePublisher(topic).close()
@@ -241,3 +243,32 @@ def test_an_event_that_is_full_stops_nobody(topic):
         before = time.monotonic()
         assert subscriber.wait(0.05) is None
         assert time.monotonic() - before >= 0.05
+
+
+REFUSED = """
+import sys
+from tests.support import seccomp
+from tests.runtime.messages import PosePublisher
+from shmgen import runtime
+
+seccomp.forbid(285, int(sys.argv[2]))  # fallocate
+try:
+    PosePublisher(sys.argv[1])
+except runtime.RegionUnusable as error:
+    print(error)
+"""
+
+
+@pytest.mark.skipif(machine.EMULATED or os.uname().machine != "x86_64", reason="a number of x86-64, and seccomp")
+@pytest.mark.parametrize("pure", ["", "1"], ids=["C", "Python"])
+@pytest.mark.parametrize("number", [errno.EPERM, errno.ENOSYS])
+def test_a_sandbox_that_refuses_fallocate_is_named(topic, file, number, pure):
+    done = subprocess.run(
+        [sys.executable, "-c", REFUSED, topic, str(number)],
+        cwd=REPOSITORY, env=os.environ | {"SHMGEN_PURE": pure}, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert done.stdout == (
+        f"{file}: the system call fallocate is refused here ({os.strerror(number)}); allow it in the sandbox or the "
+        "seccomp profile of this process\n"
+    )
+    assert not file.exists()

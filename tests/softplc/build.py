@@ -1,4 +1,4 @@
-"""Compiles Structured Text into a shared library, by way of C++ and g++, and loads it."""
+"""Compiles Structured Text into a shared library, with C++ and g++ as intermediate steps, and loads the library."""
 
 from __future__ import annotations
 
@@ -23,11 +23,12 @@ _CPP = ("g++", "-std=gnu++17", "-fno-gnu-unique", "-Wno-invalid-offsetof", "-Wno
 
 
 def compile_st(files: Mapping[str, str], folder: Path | None = None) -> Plc:
-    """The PLC that `files` describe, ready to run: {path: text}, one object or more in each.
+    """Compile the files of a PLC and return the PLC, ready to run. `files` maps each path to its text.
 
-    The stem of a path names a variable list, as in the IDEs; everything else names itself. `folder` is where the
-    library stays for other processes (see task.py). Raises Unsupported for a construct that is not translated, and
-    CompileError for what does not compile, such as an undeclared name or a wrong type.
+    A file contains one or more objects. The stem of a path is the name of a variable list, as in the IDEs; all other
+    objects contain their names. `folder` is the folder in which the library stays for other processes (see task.py).
+    Raises Unsupported if the translator does not support a construct, and CompileError for an undeclared name or a
+    wrong type, for example.
     """
     made = translate(files)
     if folder is not None:
@@ -59,7 +60,7 @@ def _library(made: Translation, folder: Path) -> Path:
 
 @functools.cache
 def _maker() -> str:
-    """Who compiles, and what with: a program of another is made anew."""
+    """Return a key for the compiler, its options and the run-time files. Programs with another key are recompiled."""
     compiler = subprocess.run([*_CPP, "--version"], capture_output=True, check=True).stdout
     ours = sorted(path.read_bytes() for path in (*_HERE.glob("shim.*"), *_HERE.glob("*.hpp")))
     return kept.key(compiler, *_CPP, *_FLAGS, *ours)

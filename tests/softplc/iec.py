@@ -18,7 +18,7 @@ class Elementary:
 
 @dataclass(frozen=True)
 class Text:
-    """STRING(length) or WSTRING(length)."""
+    """The type STRING(length) or WSTRING(length)."""
 
     length: int
     wide: bool
@@ -26,7 +26,7 @@ class Text:
 
 @dataclass(frozen=True)
 class Named:
-    """A structure, an enumeration or a block; the name in capitals."""
+    """A type with a name in capitals: a structure, an enumeration or a block."""
 
     name: str
 

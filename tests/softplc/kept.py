@@ -1,6 +1,6 @@
-"""Keeps what takes long to make, blark's trees and compiled programs, in the virtual environment that tests run in.
+"""Caches the results of slow steps, the trees of blark and compiled programs, in the virtual environment of the tests.
 
-Without such an environment nothing is kept. What nobody asked for in a week is removed.
+Without a virtual environment nothing is cached. Entries that were not used for a week are removed.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _WEEK = 7 * 24 * 3600
 
 
 def key(*parts: str | bytes) -> str:
-    """A name for what is made of `parts` and nothing else."""
+    """Return a name for a result that depends only on `parts`."""
     digest = hashlib.sha256()
     for part in parts:
         data = part.encode() if isinstance(part, str) else part
@@ -26,7 +26,7 @@ def key(*parts: str | bytes) -> str:
 
 
 def find(name: str) -> bytes | None:
-    """What was kept under `name`."""
+    """Return the data that was cached under `name`, or None."""
     if FOLDER is None:
         return None
     try:
@@ -38,7 +38,7 @@ def find(name: str) -> bytes | None:
 
 
 def keep(name: str, data: bytes) -> None:
-    """From now on `find` has it, in every process; whoever comes at the same time keeps the same."""
+    """Cache data under `name` for all processes. Two processes that cache at the same time have the same data."""
     if FOLDER is None:
         return
     try:
@@ -52,7 +52,7 @@ def keep(name: str, data: bytes) -> None:
 
 
 def tidy() -> None:
-    """Removes what is old."""
+    """Remove old entries of the cache."""
     old = time.time() - _WEEK
     for file in FOLDER.iterdir() if FOLDER is not None and FOLDER.is_dir() else ():
         try:

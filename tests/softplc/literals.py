@@ -1,4 +1,4 @@
-"""Literals of Structured Text in C++: untyped ones as `Integer<5ULL>{}` and `Real{1.5}` of runtime.hpp."""
+"""Converts literals of Structured Text to C++. Untyped ones become `Integer<5ULL>{}` and `Real{1.5}` of runtime.hpp."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def _typed(type_: Any, spelled: str) -> str:
 
 
 def _duration(tree: b.Duration) -> int:
-    """Milliseconds; a part of one is cut off."""
+    """Return a duration in milliseconds. A part of a millisecond is dropped."""
     units = {"days": 86_400_000, "hours": 3_600_000, "minutes": 60_000, "seconds": 1000, "milliseconds": 1}
     ms = sum(float(getattr(tree, unit)) * factor for unit, factor in units.items() if getattr(tree, unit) is not None)
     if ms >= 2**32 or any(getattr(tree, unit, None) for unit in ("microseconds", "nanoseconds")):
@@ -45,7 +45,7 @@ _ESCAPES = {"N": "\n", "L": "\n", "P": "\f", "R": "\r", "T": "\t"}
 
 
 def _text(spelled: str) -> str:
-    """`'it$'s'` -> `text("it's")`, every unit as a number."""
+    """Convert a string literal to C++: `'it$'s'` -> `text("it's")`. Each character becomes a number."""
     wide = spelled.startswith('"')
     digits = 4 if wide else 2
     units = []

@@ -1,8 +1,8 @@
-"""Puts a changed program under a running block, as an online change of CODESYS does.
+"""Replaces the program under a running block, as an online change of CODESYS does.
 
-The steps are those of its help ("FB_Init, FB_Reinit, FB_Exit"): FB_Exit of the old instance with bInCopyCode, FB_Init
-of the new one, the copy of each member whose name and type are the same in both, FB_Reinit. Handles and mapped memory
-are the process's, which goes on.
+The steps are those of the CODESYS help ("FB_Init, FB_Reinit, FB_Exit"): FB_Exit of the old instance with bInCopyCode,
+FB_Init of the new instance, a copy of each member whose name and type are the same in both, and FB_Reinit. Handles and
+mapped memory stay, because they belong to the process.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from tests.softplc.plc import Block, Plc, View, size_of
 
 
 def online_change(old: Block, plc: Plc) -> Block:
-    """The instance in `plc` that goes on for `old`, which must not be called again."""
+    """Return the instance in `plc` that continues the work of `old`. The caller must not call `old` again."""
     _each(old, "FB_Exit", bInCopyCode=True)
     new = plc.block(old._name)
     _each(new, "FB_Init", bInitRetains=False, bInCopyCode=True)
@@ -26,7 +26,7 @@ def online_change(old: Block, plc: Plc) -> Block:
 
 
 def change_globals(old: View, new: View) -> None:
-    """The same for the blocks in a list of variables."""
+    """Do an online change of all blocks in a variable list."""
     for block in _within(old):
         _each(block, "FB_Exit", bInCopyCode=True)
     _copy(old, new)
@@ -35,7 +35,7 @@ def change_globals(old: View, new: View) -> None:
 
 
 def _each(block: Block, method: str, **inputs: Any) -> None:
-    """Calls it for the block and those in it, where they have it."""
+    """Call a method of the block and of all blocks inside it that have this method."""
     for one in (block, *_within(block)):
         if one.plc.runs(one._name, method):
             one.method(method, **inputs)

@@ -1,4 +1,4 @@
-"""A compiled PLC as objects: blocks one can call, variables one can read and write by their names."""
+"""Gives Python access to a compiled PLC: blocks that can be called, and variables that can be read and written."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _MAKE = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
 
 
 class Trap(Exception):
-    """What would have stopped a PLC: an index outside its bounds, a null pointer, a division by zero."""
+    """The PLC stopped: an index is outside its bounds, a pointer is null, or a divisor is zero."""
 
 
 class _Member(ctypes.Structure):
@@ -44,7 +44,7 @@ class _Program(ctypes.Structure):
 
 
 class Plc:
-    """A loaded library. Its clock, its semaphores' birth and its failures are set here; see shim.h."""
+    """A compiled PLC, loaded as a library. Tests set its clock and failures of its system functions (see shim.h)."""
 
     def __init__(self, library: ctypes.CDLL, description: tuple[Any, Any, int]) -> None:
         self.library = library
@@ -67,44 +67,44 @@ class Plc:
 
     @classmethod
     def load(cls, path: Path) -> Plc:
-        """What build.compile_st left in its folder."""
+        """Load the library that build.compile_st() has left in its folder."""
         return cls(ctypes.CDLL(str(path)), pickle.loads(path.with_suffix(".pickle").read_bytes()))
 
     def block(self, name: str) -> Block:
-        """A new instance of a FUNCTION_BLOCK, or a PROGRAM, with its initial values."""
+        """Return a new instance of a FUNCTION_BLOCK or a PROGRAM, with its initial values."""
         memory = self.make(name.upper())
         return Block(self, name.upper(), ctypes.addressof(memory), memory)
 
     def structure(self, name: str) -> View:
-        """A new variable of a structure, with its initial values."""
+        """Return a new variable of a structure, with its initial values."""
         memory = self.make(name.upper())
         return View(self, name.upper(), ctypes.addressof(memory), memory)
 
     def globals(self, name: str) -> View:
-        """A variable list."""
+        """Return the variables of a variable list."""
         return View(self, name.upper(), self._kinds[name.upper()].place)
 
     def runs(self, name: str, method: str = "") -> bool:
-        """Whether it is a block, and has the method."""
+        """Return True if `name` is a block that has this method. Every block has the method "", its body."""
         return (name, method.upper()) in self._calls
 
     def make(self, name: str) -> Any:
-        """Memory with the initial values of a structure, a block or a method's parameters."""
+        """Return new memory with the initial values of a structure, a block or a method's parameters."""
         kind = self._kinds[name]
         memory = (ctypes.c_uint64 * (kind.size // 8 + 1))()
         kind.make(ctypes.addressof(memory))
         return memory
 
     def call(self, block: str, method: str, self_: int, parameters: int) -> None:
-        """Raises Trap."""
+        """Call a method of a block, or its body if `method` is "". Raises Trap if the PLC would stop."""
         reason = self._calls[block, method](self_, parameters)
         if reason:
             raise Trap(f"{block}.{method}: {reason.decode()}".replace(".:", ":"))
 
     def run(self, blocks: Sequence[Block], period: float, cycles: int) -> float:
-        """Calls them one after the other each `period` seconds, as a task does its programs, outside of Python.
+        """Call all blocks in turn each `period` seconds, as a task calls its programs, without returning to Python.
 
-        Returns how many seconds the longest cycle took. Raises Trap.
+        Return the duration of the longest cycle in seconds. Raises Trap.
         """
         programs = (_Program * len(blocks))(*((self._calls[block._name, ""], block._address) for block in blocks))
         reason = ctypes.c_char_p()
@@ -117,20 +117,20 @@ class Plc:
         return float(longest) / 1e9
 
     def born(self, value: int) -> None:
-        """Semaphores made from now on begin at 0 or at 1."""
+        """Let semaphores that the PLC creates from now on begin at this value, 0 or 1."""
         self.library.shim_sem_born(value)
 
     def round_sizes(self, rounded: bool) -> None:
-        """Whether sizes of shared memory are compared exactly, or rounded up to pages first."""
+        """Choose whether the PLC compares sizes of shared memory exactly, or rounds the sizes up to pages first."""
         self.library.shim_shm_round(int(rounded))
 
     def fail(self, function: str, result: int) -> None:
-        """Lets the next calls of a system function give `result`; 0 ends that."""
+        """Let the next calls of a system function return `result`. If `result` is 0, the function works again."""
         self.library.shim_fail(function.encode(), ctypes.c_uint32(result))
 
     @contextmanager
     def at_each_post(self, look: Callable[[], object]) -> Iterator[None]:
-        """Calls `look` each time that a semaphore is posted, just before."""
+        """Call `look` each time before the PLC posts a semaphore, while the `with` block runs."""
         call = ctypes.CFUNCTYPE(None)(look)
         self.library.shim_on_leave(call)
         try:
@@ -139,17 +139,17 @@ class Plc:
             self.library.shim_on_leave(None)
 
     def set_clock(self, ms: int) -> None:
-        """Stops the clock of TIME() there."""
+        """Stop the clock of TIME() at this value."""
         self.now = ms
         self.library.shim_set_now(ctypes.c_uint32(ms))
 
     def run_clock(self) -> None:
-        """Lets the clock of TIME() run again."""
+        """Let the clock of TIME() run again."""
         self.library.shim_run_now()
 
     @property
     def waits(self) -> int:
-        """How often a semaphore was entered with a time limit other than 0."""
+        """The number of times that the PLC entered a semaphore with a time limit other than 0."""
         return int(self.library.shim_waits())
 
     def _table(self, row: Any, name: str) -> list[Any]:
@@ -162,10 +162,10 @@ class Plc:
 
 
 class View:
-    """The variables of a structure, a block or a list, as attributes; case does not matter.
+    """The variables of a structure, a block or a variable list, as attributes. Names ignore case.
 
-    BOOL is bool, a number int or float, TIME int in ms, STRING str, an enumeration the name of its value, a pointer
-    the address, an array a list-like, a structure a View, a block a Block.
+    A BOOL is a bool, a number an int or float, a TIME an int in ms, a STRING a str. An enumeration is the name of its
+    value, and a pointer is an address. An array is an Elements, a structure a View, a block a Block.
     """
 
     def __init__(self, plc: Plc, name: str, address: int, memory: Any = None) -> None:
@@ -180,7 +180,7 @@ class View:
         _set(self._plc, type_, address, value)
 
     def bytes(self) -> bytes:
-        """All of it as it lies in memory."""
+        """Return the bytes of all variables as they are in memory."""
         return ctypes.string_at(self._address, self._plc.sizes[self._name])
 
     def _find(self, name: str) -> tuple[Type, int]:
@@ -191,7 +191,7 @@ class View:
 
 
 class Block(View):
-    """An instance of a FUNCTION_BLOCK or a PROGRAM: call it for one cycle."""
+    """An instance of a FUNCTION_BLOCK or a PROGRAM. A call of the object executes one cycle."""
 
     def __call__(self, **inputs: Any) -> Block:
         for name, value in inputs.items():
@@ -204,11 +204,11 @@ class Block(View):
         return self._plc
 
     def run(self, period: float, cycles: int) -> float:
-        """Calls it each `period` seconds, outside of Python, and returns how many seconds the longest call took."""
+        """Call the block each `period` seconds without returning to Python. Return the seconds of the longest call."""
         return self._plc.run([self], period, cycles)
 
     def method(self, name: str, **inputs: Any) -> Any:
-        """What the method returns; None if it returns nothing."""
+        """Call a method and return its result, or None if it has no result."""
         memory = self._plc.make(f"{self._name}.{name.upper()}")
         parameters = View(self._plc, f"{self._name}.{name.upper()}", ctypes.addressof(memory))
         for given, value in inputs.items():
@@ -218,7 +218,7 @@ class Block(View):
 
 
 class Elements:
-    """An array, by its own indices."""
+    """The elements of an array. The indexes are those of the declaration."""
 
     def __init__(self, plc: Plc, type_: Array, address: int) -> None:
         self._plc, self._type, self._address = plc, type_, address
@@ -242,7 +242,7 @@ class Elements:
 
 
 def size_of(plc: Plc, type_: Type) -> int:
-    """Bytes; those of a structure as compiled."""
+    """Return the size of a type in bytes."""
     match type_:
         case Elementary(name):
             return ctypes.sizeof(_ELEMENTARY[name])

@@ -1,4 +1,4 @@
-"""A process that runs the programs of a compiled PLC in a cycle, as a task of a PLC does.
+"""Runs the programs of a compiled PLC in a cycle, as a task of a PLC does, in a process of its own.
 
     python -m tests.softplc.task FOLDER/plc.so PRG_Ros PRG_Own --period 0.001 [--set xEnable=true ...]
 
@@ -15,7 +15,7 @@ from tests.softplc.plc import Plc
 
 
 def main() -> None:
-    """Reads the command line."""
+    """Run the programs that the command line names."""
     parser = argparse.ArgumentParser()
     parser.add_argument("library", type=Path)
     parser.add_argument("programs", nargs="+", help="or blocks, in the order of their calls")
@@ -26,7 +26,7 @@ def main() -> None:
 
 
 def run(plc: Plc, names: list[str], period: float, settings: list[str]) -> None:
-    """For ever. `settings` are inputs of the first."""
+    """Run the programs without end. `settings` are inputs of the first program."""
     blocks = [plc.block(name) for name in names]
     for setting in settings:
         variable, _, value = setting.partition("=")

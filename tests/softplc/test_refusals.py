@@ -98,6 +98,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("title", WRONG)
+@pytest.mark.family("[an undeclared name]", "[a literal too large]")
 def test_what_codesys_would_refuse_does_not_compile(title: str) -> None:
     variables, body, message = WRONG[title]
     with pytest.raises(CompileError, match=message):

@@ -1,4 +1,4 @@
-"""Short ways from messages to layouts, files on disk, imported classes and compiled headers."""
+"""Shortcuts from messages to layouts, files, imported classes and compiled headers."""
 
 from __future__ import annotations
 
@@ -6,15 +6,19 @@ import importlib
 import subprocess
 import sys
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from shmgen import config
 from shmgen.config.entries import Bounds
 from shmgen.core.diagnostics import Report
 from shmgen.core.model import Layouts, Schema, TypeName, TypeOptions
 from shmgen.generator import bounds, layout, pipeline
 from shmgen.targets import TARGETS, Job
+
+from ..conftest import REPOSITORY
 
 MAX_REGION = 2**26
 
@@ -25,8 +29,15 @@ def layouts_of(schema: Schema, options: TypeOptions | None = None) -> Layouts:
 
 
 def texts_of(layouts: Layouts, key: str, package: str = "shm_msgs") -> dict[str, str]:
-    """What the target `key` prints."""
-    return pipeline.printed_by(TARGETS, [key], Job(layouts, package), Report())
+    """Return the files that the target `key` generates, by path."""
+    return pipeline.render_targets(TARGETS, [key], Job(layouts, package), Report())
+
+
+@cache
+def committed_texts() -> dict[str, str]:
+    """Return everything that `make generated` writes; git has only the files that a person opens."""
+    settings = config.load(REPOSITORY / "shmgen.toml", "shmgen.toml", Report())
+    return pipeline.generate(settings, settings.messages)
 
 
 def put(texts: Mapping[str, str], folder: Path) -> None:
@@ -37,7 +48,7 @@ def put(texts: Mapping[str, str], folder: Path) -> None:
 
 
 def module(folder: Path, package: str, name: TypeName) -> ModuleType:
-    """Where the classes of a message are, of a package written below `folder`/python."""
+    """Import the module with a message's classes, from a package in `folder`/python."""
     root = str(folder / "python")
     if sys.path[0] != root:
         sys.path.insert(0, root)
@@ -49,19 +60,19 @@ def module(folder: Path, package: str, name: TypeName) -> ModuleType:
 
 
 def forget(package: str) -> None:
-    """So that the next import reads what lies there then."""
+    """Remove a package from sys.modules, so that the next import reads its files again."""
     for name in [name for name in sys.modules if name.partition(".")[0] == package]:
         del sys.modules[name]
 
 
 def classes(folder: Path, package: str, name: TypeName) -> tuple[Any, Any, Any]:
-    """The structure, its publisher and its subscriber."""
-    found = module(folder, package, name)
-    return tuple(getattr(found, name.name + role) for role in ("", "Publisher", "Subscriber"))  # type: ignore[return-value]
+    """Return the message class, its publisher and its subscriber."""
+    generated = module(folder, package, name)
+    return tuple(getattr(generated, name.name + role) for role in ("", "Publisher", "Subscriber"))  # type: ignore[return-value]
 
 
 def compile_headers(folder: Path, language: str = "c") -> None:
-    """All headers below `folder`/c in one translation unit; a failed assert is a failed compile."""
+    """Compile all headers below `folder`/c in one translation unit, with their static assertions."""
     headers = sorted(path.relative_to(folder / "c") for path in (folder / "c").rglob("*.h"))
     source = "".join(f'#include "{header}"\n' for header in headers) + "int main(void) { return 0; }\n"
     standard = {"c": "-std=c11", "c++": "-std=c++17"}[language]

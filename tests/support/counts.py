@@ -1,4 +1,4 @@
-"""Messages whose sequences lie in sequences, in arrays and in messages, and the ways to write too high a count."""
+"""Messages with nested sequences, and a function that writes a count above its bound."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ MOST = 2**32 - 1
 
 
 def tree(msg: ModuleType, a: int) -> Any:
-    """All counts at their bounds, which is allowed."""
+    """Return a message in which each count equals its bound, which is valid."""
     leaf = msg.Leaf(weights=[1, 2])
     branch = msg.Branch(leaves=[leaf] * 3)
     return msg.Tree(a=a, b=2 * a, tail=[a, a, a], trunk=branch, pair=[branch] * 2, crown=[branch] * 2)
 
 
 def spoil(message: Any, path: str, count: int) -> None:
-    """Sets the count of a sequence such as `crown[1].leaves[2].weights`, past all checks."""
+    """Set the count of a sequence such as `crown[1].leaves[2].weights` without any check."""
     *owners, name = path.split(".")
     for owner in owners:
         member, _, index = owner.rstrip("]").partition("[")

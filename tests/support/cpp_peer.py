@@ -1,4 +1,4 @@
-"""Programs in C and C++ for tests: what is generated for them, one compiler's run a session, and a peer to talk to."""
+"""Programs in C and C++ for tests: generate their headers, compile once in a session, and talk to a peer process."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ COMPILERS = [name for name in ("g++", "clang++") if shutil.which(name)]
 
 
 def generate(folder: Path, messages: Mapping[str, str] | None = None, **settings: object) -> Layouts:
-    """C and C++ of definitions of one package by their paths, plc_demo's by default, below `folder`."""
+    """Generate C and C++ below `folder` for definitions by path. The default is the package of plc_demo."""
     demo = {f"demo_msgs/msg/{name}.msg": text for name, text in MESSAGES.items()}
     put(demo if messages is None else messages, folder)
     config = replace(Config(folder, source="jazzy", path=(folder,), package=PACKAGE, targets=("c", "cpp")), **settings)
@@ -34,7 +34,7 @@ def generate(folder: Path, messages: Mapping[str, str] | None = None, **settings
 
 
 def compiled(folder: Path, name: str, *sources: Path, options: Sequence[str] = (), compiler: str = "g++") -> Path:
-    """A program of sources in C11 and C++17, made once and by one process; warnings are errors."""
+    """Compile a program from C11 and C++17, once in a session. Warnings are errors."""
     program = folder / name
     with (folder / f"{name}.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
@@ -86,25 +86,25 @@ class Peer:
         return self.hear()
 
     def opens(self, name: str, role: str, topic: str, *options: str) -> int:
-        """The status."""
+        """Open an endpoint and return the status."""
         return int(self.ask(f"open {name} {self.language} {role} {topic} {' '.join(options)}").split()[0])
 
     def does(self, line: str) -> int:
-        """The status of a call."""
+        """Execute a command and return its status."""
         return int(self.ask(line).split()[0])
 
     def reads(self, line: str) -> list[str] | None:
-        """`a b label tail...`, or None where there was nothing new."""
-        status, *found = self.ask(line).split()
-        assert status in ("0", "100"), (status, found)
-        return found if status == "0" else None
+        """Read a sample and return `a b label tail...`, or None if there is no new sample."""
+        status, *values = self.ask(line).split()
+        assert status in ("0", "100"), (status, values)
+        return values if status == "0" else None
 
     def kill(self) -> None:
         self.process.kill()
         self.process.wait()
 
     def close(self) -> None:
-        """Ends it."""
+        """End the process."""
         assert self.process.stdin
         assert self.process.stdout
         with suppress(BrokenPipeError):

@@ -1,4 +1,4 @@
-"""A domain of DDS on loopback, with bridges and peers in it: what support/ros1.py is for ROS 1."""
+"""A DDS domain on loopback with bridges and peers, like support/ros1.py for ROS 1."""
 
 from __future__ import annotations
 
@@ -9,9 +9,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 from ..conftest import REPOSITORY
+from . import import_or_skip
 from .ros1 import Bridge
 
 LOOPBACK = """<CycloneDDS><Domain Id="any">
@@ -19,16 +18,16 @@ LOOPBACK = """<CycloneDDS><Domain Id="any">
   <Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>9</MaxAutoParticipantIndex>
     <Peers><Peer address="127.0.0.1"/></Peers></Discovery>
 </Domain></CycloneDDS>"""
-"""Cyclone's configuration: no other machine hears the tests, and none is heard."""
+"""Cyclone's configuration: the tests neither send to other machines nor receive from them."""
 
 
 def without_fast_dds() -> None:
-    """Skips what wants the bridge's part of Fast DDS."""
-    pytest.importorskip("shmgen_fastdds", reason="no shmgen-fastdds: `make test-all` installs it where Fast DDS is")
+    """Skip the test if the package shmgen-fastdds is not installed."""
+    import_or_skip("shmgen_fastdds", reason="no shmgen-fastdds: `make test-all` installs it where Fast DDS is")
 
 
 def this_machine() -> str:
-    """The same by an interface of this machine, if it has one: with LOCALHOST, Fast DDS has no other."""
+    """Return LOOPBACK with a network interface instead of `lo`, because Fast DDS uses one even with LOCALHOST."""
     try:
         from shmgen_fastdds import addresses
     except ImportError:
@@ -38,7 +37,7 @@ def this_machine() -> str:
 
 
 class Domain:
-    """Processes in a folder for shmgen.toml, all of one domain."""
+    """Processes of one DDS domain, in a folder with shmgen.toml."""
 
     source = "jazzy"
     plain = (("echo", "cyclonedds echo"), ("bytes", "the same, bytes only"))
@@ -57,15 +56,15 @@ class Domain:
         self.processes: list[subprocess.Popen[str]] = []
 
     def bridge(self, config: str = "") -> Bridge:
-        """`shmgen bridge` in the folder, ready."""
+        """Start `shmgen bridge` in the folder and wait until it is ready."""
         if config:
             (self.folder / "shmgen.toml").write_text(config)
         bridge = Bridge(self.start([self.python, "-m", "shmgen", "bridge", "--backend", "dds"], stderr=-2))
-        bridge.said("^running")
+        bridge.wait_for_line("^running")
         return bridge
 
     def start(self, command: list[Any], more: Mapping[str, str] | None = None, **streams: Any) -> Any:
-        """A process that ends with the domain."""
+        """Start a process that close() ends."""
         words = [str(word) for word in command]
         settings = {"cwd": self.folder, "env": {**self.environment, **(more or {})}, "stdout": -1, "text": True}
         process = subprocess.Popen(words, **(settings | streams))

@@ -1,4 +1,4 @@
-"""Definitions that nobody would write, and what must be for each: a schema, or a diagnostic, soon."""
+"""Random definitions. shmgen must accept each or report a diagnostic, in a short time."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SOURCES = ("jazzy", "noetic")
 
 
 class Fuzzed(NamedTuple):
-    """A file as it lies on disk, of `kind` and for a distribution, which decides the dialect."""
+    """The bytes of a definition file, its kind, and a distribution, which determines the dialect."""
 
     data: bytes
     kind: str = "msg"
@@ -26,7 +26,7 @@ class Fuzzed(NamedTuple):
 
 
 def read(fuzzed: Fuzzed, folder: Path) -> Schema | None:
-    """None where it is refused; every other exception is a fault of shmgen."""
+    """Return the schema, or None if shmgen rejects the file. Any other exception is a bug."""
     config, file = put_down(fuzzed, folder)
     try:
         return pipeline.read(config, [file])
@@ -36,7 +36,7 @@ def read(fuzzed: Fuzzed, folder: Path) -> Schema | None:
 
 
 def generated(fuzzed: Fuzzed, folder: Path, targets: tuple[str, ...]) -> dict[str, str] | None:
-    """The same through all stages, every open sequence bounded to 2."""
+    """Generate files, with a bound of 2 for all unbounded sequences. Return None if shmgen rejects the file."""
     config, file = put_down(fuzzed, folder, targets)
     try:
         return pipeline.generate(config, [file])
@@ -56,7 +56,7 @@ def put_down(fuzzed: Fuzzed, folder: Path, targets: tuple[str, ...] = ("python",
 
 
 def assert_tells(rejected: Rejected) -> None:
-    """In words that a terminal can show."""
+    """Check that each diagnostic has a known code, a message, and a printable text of limited length."""
     assert rejected.diagnostics
     for diagnostic in rejected.diagnostics:
         assert diagnostic.code in CODES
@@ -105,7 +105,7 @@ def from_grammar(dice: Random) -> Fuzzed:
 
 
 def part(dice: Random) -> str:
-    """Seven of eight lines are right; mostly no name comes twice."""
+    """Return a random definition in which most lines are valid and most names are unique."""
     lines = [line(dice) for _ in range(dice.randint(0, 6))]
     if dice.randrange(16):
         lines = list({tuple(line.split()[1:2]): line for line in lines}.values())
@@ -128,7 +128,7 @@ def line(dice: Random) -> str:
 
 
 def from_files(files: Sequence[Path], dice: Random) -> Fuzzed:
-    """One of `files` with one to four of its bytes, words or lines changed."""
+    """Choose one of `files` and change one to four of its bytes, words or lines."""
     file = dice.choice(files)
     data = file.read_bytes()
     for _ in range(dice.randint(1, 4)):

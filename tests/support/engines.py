@@ -1,4 +1,4 @@
-"""Lets publishers and subscribers of a stretch of a test be of the reference in Python."""
+"""Use the reference engine in Python for a part of a test."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import pytest
 
 from shmgen.runtime import engine, reference
 
-NAMES = ("Writer", "Reader", "sleep_any", "can_wait_for_many")
+NAMES = ("Writer", "Reader", "Notifier", "sleep_any", "can_wait_for_many")
 
 
 def become_python() -> None:
-    """For the rest of this process, and in those that it starts."""
+    """Use the Python engine in the rest of this process and in its child processes."""
     for name in NAMES:
         setattr(engine, name, getattr(reference, name))
     engine.IN_C = False

@@ -1,4 +1,4 @@
-"""Files of others, damaged: Structured Text, PLCopen XML and bags; each must end in what it holds or in words."""
+"""Damaged Structured Text, PLCopen XML and bags. Reading one must return its content or report an error."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ _NUMBERS = (0, 1, 0xFF, 0x7FFF, 0xFFFF, 2**31 - 1, 2**32 - 1, 2**63, 2**64 - 1)
 
 
 def bag(compression: str) -> bytes:
-    """A chunk, packed, with a schema, a channel and two messages; then the same as records of their own."""
+    """Return a bag with a schema, a channel and two messages: once in a compressed chunk, once without a chunk."""
     channel = mcap.channel(1, 1, "/a", {"shmgen_topic": "/a", "shmgen_depth": "3"})
     records = mcap.schema(1, "std_msgs/msg/Int32", "int32 data\n") + channel
     for number in range(2):
@@ -90,7 +90,7 @@ def seeds(kind: str) -> list[bytes]:
 
 
 def damaged(kind: str, seed: bytes, dice: Random) -> bytes:
-    """Some bytes, words or numbers changed, doubled, or taken out."""
+    """Change, duplicate or remove some bytes, words or numbers."""
     data = bytearray(seed)
     for _ in range(dice.randint(1, 6)):
         at, length = dice.randrange(len(data) + 1), dice.choice((1, 1, 2, 8, 40))
@@ -109,7 +109,7 @@ def damaged(kind: str, seed: bytes, dice: Random) -> bytes:
 
 
 def read(kind: str, data: bytes, folder: Path) -> bool:
-    """Whether something could be read of it. Raises what is a fault of shmgen."""
+    """Return True if shmgen can read the file. An unexpected exception is a bug of shmgen."""
     file = folder / f"foreign.{kind}"
     file.write_bytes(data)
     if kind == "mcap":
@@ -118,8 +118,8 @@ def read(kind: str, data: bytes, folder: Path) -> bool:
         except bags.Unreadable:
             return False
     report = Report()
-    made = messages.messages(sources.read([file], report), "a_msgs", report)
-    for path, text in made.texts.items():
+    imported = messages.messages(sources.read([file], report), "a_msgs", report)
+    for path, text in imported.texts.items():
         assert all(line.isprintable() for line in text.split("\n")), json.dumps([path, text])
-    assert all(row.message or row.why for row in made.rows)
-    return bool(made.texts)
+    assert all(row.message or row.why for row in imported.rows)
+    return bool(imported.texts)

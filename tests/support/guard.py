@@ -1,4 +1,4 @@
-"""Ends what would go on for ever, by the seconds of CPU that it takes."""
+"""End a test that would never end, by its CPU time."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from types import FrameType
 
 
 class TooLong(Exception):
-    """It would have gone on."""
+    """The CPU time limit of within() was exceeded."""
 
 
 @contextmanager
 def within(seconds: float) -> Iterator[None]:
-    """A guard against hanging, no measurement: seconds of CPU, of which a busy machine takes no more.
+    """Raise TooLong after `seconds` of CPU time, which do not depend on the load of the machine.
 
-    Raises TooLong there, and each second after, where what tidies up hangs as well.
+    Raise it again each second, in case the cleanup hangs too.
     """
 
     def stop(number: int, frame: FrameType | None) -> None:

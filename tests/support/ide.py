@@ -1,7 +1,7 @@
-"""A stand-in for the script engine of the CODESYS IDE, as strict as public records of real ones say it is.
+"""A replacement for the script engine of the CODESYS IDE, as strict as public records describe the real one.
 
-What is not in the records is not here: an attribute that nobody has seen raises. Where IDEs differ, or the records do
-not say, an argument of Ide chooses. It is no CODESYS.
+An attribute that no record mentions raises an error. Arguments of Ide choose the behaviour where IDEs differ or the
+records leave it open. Passing these tests does not prove that a script works in CODESYS.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Folder(Found):
 
 
 class Task(Found):
-    """`priority` takes what the IDE's own kind is, and loses anything else without a word."""
+    """A task. `priority` accepts the type that the IDE requires, and silently ignores other types."""
 
     is_task = True
 
@@ -89,7 +89,7 @@ class Tasks(Found):
 
 
 class Reference:
-    """Of the Library Manager. A placeholder's name begins with #; `effective_resolution` is empty if it has none."""
+    """A reference of the Library Manager. A placeholder's name begins with #; `effective_resolution` may be empty."""
 
     def __init__(self, name: str, effective_resolution: str = "") -> None:
         self.name, self.is_placeholder = name, name.startswith("#")
@@ -108,7 +108,7 @@ class Manager:
         self.references, self.unresolved = list(references), unresolved
 
     def add_library(self, library: str) -> None:
-        """A string always makes a placeholder, installed or not."""
+        """Add a library. A string always adds a placeholder, even for an installed library."""
         self.references.append(Reference(library if isinstance(library, Managed) else f"#{library}"))
 
     def add_placeholder(self, name: str, library: Managed) -> None:
@@ -116,16 +116,16 @@ class Manager:
         self.references.append(Reference(f"#{name}", "" if name in self.unresolved else library))
 
     def remove_library(self, name: str) -> None:
-        (found,) = [it for it in self.references if it.name == name]
-        self.references.remove(found)
+        (reference,) = [it for it in self.references if it.name == name]
+        self.references.remove(reference)
 
 
 class ImportReporter:
-    """What the engine hands to scripts: a reporter that is none of these is not taken."""
+    """The base class of reporters. The engine rejects any other reporter."""
 
 
 class Application(Found):
-    """Where scripts import; `tasks` is its task configuration, if it has one."""
+    """The application that scripts import into. `tasks` is its task configuration, if any."""
 
     def __init__(self, ide: Ide, children: Sequence[Found]) -> None:
         super().__init__("Application", children)
@@ -133,7 +133,7 @@ class Application(Found):
 
     @property
     def tasks(self) -> Any:
-        return next((found for found in self.children if found.is_task_configuration), None)
+        return next((child for child in self.children if child.is_task_configuration), None)
 
     def create_folder(self, name: str) -> None:
         self.take(Folder(name))
@@ -161,20 +161,20 @@ class Application(Found):
             self._resource(resource, reporter)
 
     def _import(self, name: str, reporter: Any) -> None:
-        found = next((it for it in self.walk() if it.name == name and not it.is_folder), None)
-        if found is None:
-            found = Found(name)
-            self.take(found)
-            self.ide.new.append(found)
-            reporter.added(found)
-        elif reporter.resolve_conflict(found) == "Replace":
+        existing = next((it for it in self.walk() if it.name == name and not it.is_folder), None)
+        if existing is None:
+            existing = Found(name)
+            self.take(existing)
+            self.ide.new.append(existing)
+            reporter.added(existing)
+        elif reporter.resolve_conflict(existing) == "Replace":
             self.ide.replaced.append(name)
-            reporter.replaced(found)
+            reporter.replaced(existing)
         else:
             reporter.skipped(name)
 
     def _arrange(self, level: Any, parent: Found) -> None:
-        """Into folders goes what is new; what is there stays where its owner put it."""
+        """Move new objects into folders. Existing objects keep their place."""
         for item in level:
             if item.tag == PLC + "Folder":
                 folder = next((it for it in parent.children if it.is_folder and it.name == item.get("Name")), None)
@@ -183,12 +183,12 @@ class Application(Found):
                     parent.take(folder)
                 self._arrange(item, folder)
             else:
-                for found in [it for it in self.ide.new if it.name == item.get("Name")]:
-                    found.move(parent)
-                    self.ide.new.remove(found)
+                for child in [it for it in self.ide.new if it.name == item.get("Name")]:
+                    child.move(parent)
+                    self.ide.new.remove(child)
 
     def _resource(self, resource: Any, reporter: Any) -> None:
-        """It names an application, which is there."""
+        """Import a resource, which must name the existing application."""
         if reporter.resolve_conflict(self) == "Skip":
             reporter.skipped(self.name)
         if not self.ide.takes_task:
@@ -205,8 +205,8 @@ class Application(Found):
 class Ide:
     """An IDE with one project. `libraries` are installed; placeholders of `unresolved` get no resolution.
 
-    `priority` is the kind of value that a task's priority takes, `flat` says that an import makes no folders,
-    `takes_task` that it takes a task.
+    `priority` is the type of a task's priority. If `flat`, an import creates no folders. If `takes_task`, it adds the
+    task.
     """
 
     def __init__(
@@ -229,23 +229,23 @@ class Ide:
         self.messages: list[tuple[str, str]] = []
 
     def run(self, script: Path) -> None:
-        """As *Execute Script File* does."""
+        """Run a script as *Execute Script File* does."""
         self.messages.clear()
         exec(compile(script.read_text(), str(script), "exec"), self._scope(script))
 
     def reporter(self) -> Any:
-        """One that keeps what it hears, and replaces."""
+        """Return a reporter that stores its calls and replaces existing objects."""
 
         class Reporter(ImportReporter):
             errors: list[str] = []  # noqa: RUF012
             error = errors.append
             resolve_conflict = staticmethod(lambda obj: "Replace")
-            added = replaced = skipped = staticmethod(lambda found: None)
+            added = replaced = skipped = staticmethod(lambda item: None)
 
         return Reporter()
 
     def table(self) -> list[tuple[str, str, str]]:
-        """What the script said: severity, what, and what was done."""
+        """Return the messages of the script: severity, object and result."""
         rows = []
         for severity, text in self.messages:
             what, _, done = text.removeprefix("shmgen: ").partition("  ")
@@ -253,13 +253,13 @@ class Ide:
         return rows
 
     def open_again(self) -> None:
-        """Closes the project and opens it."""
+        """Close the project and open it again."""
         for reference in self.manager.references:
             if reference.is_placeholder and not reference.effective_resolution:
                 raise RuntimeError(f"The placeholder library '{reference.name[1:]}' could not be resolved.")
 
     def build(self) -> list[str]:
-        """The errors of the compiler."""
+        """Return the errors of the compiler."""
         tasks = self.application.tasks
         return ["The task priority is invalid" for task in tasks.children if task.priority is None] if tasks else []
 
@@ -276,5 +276,5 @@ class Ide:
         }
 
     def _find(self, display_name: str) -> tuple[Managed, object] | None:
-        """By the whole display name; a * is a version like any other here, as no record says that it matches."""
+        """Find a library by its whole display name. A * matches no version, because no record shows that it does."""
         return next(((it, None) for it in self.libraries if it == display_name), None)

@@ -1,6 +1,6 @@
-"""What is code in a file and what is not, for each format that a target writes: what a contract cannot know.
+"""Split the files of each target into tokens of code, for the contract of targets.
 
-A language is found by the name of a file. Comments, docstrings and blanks are no tokens; a text is one.
+The file name determines the language. Comments, docstrings and blanks are not tokens; a string is one token.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ else:
 
 @dataclass(frozen=True)
 class Language:
-    """`tokens` are those of a text; `accepts` raises where a compiler or parser would refuse files, given by path.
+    """A language: `tokens` splits a text; `accepts` raises an error if a compiler rejects files, given by path.
 
-    `keywords` are words that name nothing. They are not those of the sources: what is forgotten there would be here.
-    `name` is the regular expression of what can be one; by default it is narrow, so that nobody forgets to say it.
+    `keywords` are reserved words. They are not shared with src/, so that a word forgotten there is found here.
+    `name` is the regular expression of a valid name. The default matches few names, so that each language sets it.
     """
 
     tokens: Callable[[str], list[str]]
@@ -52,21 +52,21 @@ class Language:
         return re.fullmatch(self.name, word, re.ASCII) is not None and self.folded(word) not in self.keywords
 
     def folded(self, word: str) -> str:
-        """What names the same."""
+        """Return a form that is equal for names that the language treats as equal."""
         return word.upper() if self.ignores_case and not word.startswith("<") else word
 
 
 def language(path: str) -> Language:
-    for pattern, found in LANGUAGES:
+    for pattern, candidate in LANGUAGES:
         if fnmatch(path, pattern):
-            return found
+            return candidate
     raise AssertionError(f"{path}: tests/support/languages.py does not know what is code in it")
 
 
 def lexer(*, comments: str, texts: str) -> Callable[[str], list[str]]:
-    """From the regular expressions of a comment and of a text; the rest is words and signs."""
+    """Return a function that splits code into tokens. `comments` and `texts` are regular expressions."""
     token = re.compile(rf"(?P<none>{comments}|\s+)|{texts}|\w+|.", re.DOTALL)
-    return functools.lru_cache(256)(lambda text: [found[0] for found in token.finditer(text) if not found["none"]])
+    return functools.lru_cache(256)(lambda text: [match[0] for match in token.finditer(text) if not match["none"]])
 
 
 _DOUBLE = r'"(?:\\.|[^"\\])*"'
@@ -76,22 +76,22 @@ st_tokens = lexer(comments=r"//[^\n]*|\(\*.*?\*\)", texts=r"""'(?:\$.|[^'$])*'|"
 
 
 def python_tokens(text: str) -> list[str]:
-    """Without docstrings: a text that is a statement."""
+    """Return the tokens without docstrings."""
     kinds = (tokenize.COMMENT, tokenize.NL, tokenize.ENCODING, tokenize.ENDMARKER)
-    found = [token for token in tokenize.generate_tokens(io.StringIO(text).readline) if token.type not in kinds]
+    tokens = [token for token in tokenize.generate_tokens(io.StringIO(text).readline) if token.type not in kinds]
     begins = (tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT)
     statement = [
         token.type == tokenize.STRING
-        and (number == 0 or found[number - 1].type in begins)
-        and found[number + 1].type == tokenize.NEWLINE
-        for number, token in enumerate(found)
+        and (number == 0 or tokens[number - 1].type in begins)
+        and tokens[number + 1].type == tokenize.NEWLINE
+        for number, token in enumerate(tokens)
     ]
-    kept = (token for token, is_doc in zip(found, statement, strict=True) if not is_doc)
-    return [token.string for token in kept if token.type not in begins]
+    code_tokens = (token for token, is_doc in zip(tokens, statement, strict=True) if not is_doc)
+    return [token.string for token in code_tokens if token.type not in begins]
 
 
 def xml_tokens(text: str) -> list[str]:
-    """All but documentation and comments, which are for people; what text is left is Structured Text or a value."""
+    """Return the tokens without documentation and comments. The remaining text is Structured Text or a value."""
 
     def of(element: Any) -> Iterator[str]:
         if element.tag is not etree.Comment and not str(element.tag).endswith(("}documentation", "description")):
@@ -108,7 +108,7 @@ def xml_tokens(text: str) -> list[str]:
 
 
 _OBJECT_ID = re.compile(r"[0-9a-f]{8}(?:-[0-9a-f]{4}){3}-[0-9a-f]{12}")
-"""Of CODESYS: made of an object's name, and no word of anybody."""
+"""The id of an object in CODESYS, a UUID that depends on the object's name."""
 
 
 _BODY = re.compile(r"^\{\{$.*?^\}\}$", re.DOTALL | re.MULTILINE)
@@ -118,17 +118,17 @@ _STRUCTURE = re.compile(
 
 
 def matiec_tokens(text: str) -> list[str]:
-    """Without the bodies in C, whose words have scopes of their own: the compiler looks at them."""
+    """Return the tokens without the bodies in C, whose names have their own scopes. The compiler checks the bodies."""
     return st_tokens(_BODY.sub("", text))
 
 
 def embedded_tokens(text: str) -> list[str]:
-    """Of C and C++ the structures and classes, for the same reason."""
-    return [token for found in _STRUCTURE.finditer(text) for token in c_tokens(found[0])]
+    """Return only the tokens of structures and classes. Names in other code have their own scopes."""
+    return [token for match in _STRUCTURE.finditer(text) for token in c_tokens(match[0])]
 
 
 def stlib_tokens(text: str) -> list[str]:
-    """All but documentation; of the code its structures."""
+    """Return the tokens without documentation, and only the structures of the code."""
 
     def of(value: Any) -> Iterator[str]:
         if isinstance(value, dict):
@@ -150,15 +150,15 @@ def stlib_tokens(text: str) -> list[str]:
 
 
 def _open_plc(texts: Mapping[str, str]) -> None:
-    """By the rules of matiec, and by gcc behind stubs of both compilers."""
+    """Check the rules of matiec, and compile the C code with stubs of both compilers."""
     for path, text in texts.items():
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             if path.endswith(".stlib"):
                 open_plc.compiled({path: text}, "openplc-v4", folder, PurePath(path).stem, "-fsyntax-only")
             else:
-                made = {f"matiec/{PurePath(path).stem}.st": text}
-                open_plc.compiled(made, "openplc-v3", folder, PurePath(path).stem, "-fsyntax-only")
+                program = {f"matiec/{PurePath(path).stem}.st": text}
+                open_plc.compiled(program, "openplc-v3", folder, PurePath(path).stem, "-fsyntax-only")
 
 
 def _python(texts: Mapping[str, str]) -> None:
@@ -170,14 +170,14 @@ def _python(texts: Mapping[str, str]) -> None:
 
 
 def _c(texts: Mapping[str, str]) -> None:
-    """All headers in one unit: what they define must not meet."""
+    """Compile all headers in one unit, so that no two definitions collide."""
     with tempfile.TemporaryDirectory() as folder:
         put(texts, Path(folder))
         roots = sorted({path.partition("/")[0] for path in texts})
         names = [path.partition("/")[2] for path in texts]
         for standard in ("-xc -std=c11", "-xc++ -std=c++17"):
-            wanted = [name for name in names if name.endswith(".h") or standard.startswith("-xc++")]
-            lines = "".join(f'#include "{name}"\n' for name in wanted)
+            headers = [name for name in names if name.endswith(".h") or standard.startswith("-xc++")]
+            lines = "".join(f'#include "{name}"\n' for name in headers)
             command = [
                 "g++" if standard.startswith("-xc++") else "gcc",
                 *standard.split(),
@@ -216,11 +216,11 @@ C_WORDS = _words("""
     class template typename this throw try new delete private public protected virtual operator friend namespace using
     bool true false and or not xor export mutable explicit asm nullptr constexpr static_assert linux unix
 """)
-"""C11 and C++17, and what gcc defines in its default mode."""
+"""The keywords of C11 and C++17, and names that gcc defines by default."""
 
 _NAME = r"[A-Za-z_]\w*"
 _IN_ST = r"_?[A-Za-z0-9]+(_[A-Za-z0-9]+)*_?"
-"""With no two underscores in a row: CODESYS has those to itself."""
+"""A name without two underscores in a row, which CODESYS reserves for itself."""
 _IN_MATIEC = _IN_ST.removesuffix("_?")
 
 _PYTHON = Language(python_tokens, _python, frozenset(keyword.kwlist), name=_NAME)
@@ -235,6 +235,10 @@ LANGUAGES = [
     ("*/launch/*.py", Language(python_tokens, _python)),  # with no name of a message
     ("*.py", _PYTHON),
     ("ros2_control/*/include/shmgen_control.hpp", Language(lambda text: [])),  # by hand, with rclcpp's words
+    (
+        "c/*/shmgen_library.*",
+        Language(lambda text: []),
+    ),  # by hand: tests/test_builds.py
     *((path, _BESIDE_ROS) for path in ("cpp_ros?/*", "ros2_c*/include/*", "ros2_c*/src/*")),
     ("matiec/*.h", Language(embedded_tokens, _c, C_WORDS, name=_NAME)),
     ("*.h", _C),
@@ -255,4 +259,4 @@ LANGUAGES = [
     ("ros2/*/resource/*", _CONFIGURATION),
     ("*/config/msgs/*", Language(lambda text: [])),  # the user's own files, copied
 ]
-"""In order; the first that fits."""
+"""All languages. The first that matches a path is used."""

@@ -1,8 +1,8 @@
-"""Which machine the tests run on, or let the runtime believe that it runs on.
+"""The machine on which the tests run, or which the runtime is made to believe in.
 
-A name in SHMGEN_TEST_MACHINE (`aarch64`) is believed, by the processes of a test too. What differs by the name alone is
-met so, natively: whether one goes on without the lock, and what keeps the order of loads and stores.
-SHMGEN_TEST_PATIENCE says how many times as long all takes there: 20 under qemu-user.
+SHMGEN_TEST_MACHINE (`aarch64`) sets the machine name for the tests and their processes. So tests can run natively what
+depends on the name alone: whether access without the lock is allowed, and how the order of loads and stores is kept.
+SHMGEN_TEST_PATIENCE is a factor for all time limits: 20 under qemu-user.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ REAL = os.uname()
 NAME = "SHMGEN_TEST_MACHINE"
 PATIENCE = "SHMGEN_TEST_PATIENCE"
 slower = float(os.environ.get(PATIENCE, 1))
-"""What limits of tests are multiplied with."""
+"""The factor for time limits in tests."""
 EMULATED = slower > 1
 
 
 def pretend() -> None:
-    """To be called before the runtime is loaded."""
+    """Pretend to be another machine. Call this before the runtime is imported."""
     if name := os.environ.get(NAME):
         os.uname = lambda: os.uname_result((*REAL[:4], name))
 
 
 def keeps_order() -> bool:
-    """Whether the tests believe to be on x86, where nobody waits for the lock longer than its limit."""
+    """Return True if the tests run as on x86, where no call waits for the lock longer than its timeout."""
     return os.uname().machine in ("x86_64", "AMD64", "i686")

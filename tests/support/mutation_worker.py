@@ -1,6 +1,6 @@
-"""Runs tests on a mutant, in a copy of the checkout of its own: killed, hung or lives.
+"""Run tests on a mutant in a separate copy of the checkout. The result is killed, hung or lives.
 
-That process has loaded what others wrote and nothing of ours, and forks for each mutant: a second less for each.
+The process has imported third-party modules only, and forks for each mutant. This saves a second for each.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ CODE = Path("src") / "shmgen"
 _LOG = ".mutant.log"
 _LINES = ".mutant.lines"
 _CACHE = ".mutant.cache"
-"""Begun anew for each, which might have kept something wrong."""
+"""A cache folder that is recreated for each mutant, because the mutant may write wrong entries."""
 _OTHERS = ("hypothesis", "numpy", "rosbags.serde", "rosbags.typesys.store", "ruamel.yaml", "jinja2", "click")
 
 
 class Worker:
-    """The copy, seen from without."""
+    """The worker process in the copy, as the parent process sees it."""
 
     def __init__(self, folder: Path) -> None:
         self.copy = folder / "shmgen"
@@ -55,12 +55,12 @@ class Worker:
         self._start()
 
     def try_(self, mutant: Mutant, tests: list[str], limit: float, pure: bool = True) -> str:
-        """`limit` is in seconds; `pure`: without the extension in C, which does what most of the runtime does."""
+        """Run tests on a mutant. `limit` is in seconds. If `pure`, the extension in C is not used."""
         path = self.copy / CODE / mutant.file
         return self.try_text(path, mutant.apply(path.read_bytes()), tests, limit, pure)
 
     def try_text(self, path: Path, wrong: bytes, tests: list[str], limit: float, pure: bool) -> str:
-        """The same with that file of the copy so."""
+        """Run tests with the content `wrong` in the file `path` of the copy."""
         text = path.read_bytes()
         path.write_bytes(wrong)
         self._age(path)
@@ -71,7 +71,7 @@ class Worker:
             self._age(path)
 
     def learn(self, tests: list[str], files: list[str]) -> tuple[float, dict[str, Any]]:
-        """Seconds, and for each test its own and its lines of these files. Raises SystemExit where one fails."""
+        """Return the duration in seconds, and for each test its duration and lines. Raises SystemExit if one fails."""
         (self.copy / _LINES).unlink(missing_ok=True)
         how, seconds = self._ask(tests, 900, tuple(files), True)
         if how != "lives":
@@ -109,7 +109,7 @@ class Worker:
         return "killed", 0.0
 
     def _age(self, path: Path) -> None:
-        """Bytecode goes by the second of the source, and by its size."""
+        """Change the file's time stamp, because Python compares bytecode with the source by second and size only."""
         self._time += 2
         os.utime(path, (self._time, self._time))
 
@@ -118,7 +118,7 @@ class Worker:
 
 
 def main() -> None:
-    """Answers each line of stdin."""
+    """Read requests from stdin and answer each."""
     for module in _OTHERS:
         with suppress(ImportError):
             __import__(module)
@@ -160,7 +160,7 @@ def _run(tests: list[str], files: list[str], pure: bool) -> None:
 
 
 def _await(pid: int, limit: float) -> int | None:
-    """The exit code, or None after so many seconds; its children end with it."""
+    """Return the exit code, or None after `limit` seconds. End all child processes."""
     end = time.monotonic() + limit
     try:
         while time.monotonic() < end:
@@ -177,9 +177,9 @@ def _await(pid: int, limit: float) -> int | None:
 
 
 class Lines:
-    """A plugin of pytest: which lines of some files each test runs, as far as is seen here.
+    """A pytest plugin that records which lines of some files each test executes.
 
-    What runs elsewhere is not: in processes that it starts, or while it traces itself.
+    Lines in child processes are not recorded, and neither are lines that run while a test uses a tracer of its own.
     """
 
     def __init__(self, files: list[str]) -> None:
@@ -212,7 +212,7 @@ class Lines:
 
     @pytest.hookimpl(hookwrapper=True)
     def pytest_fixture_setup(self, fixturedef: Any) -> Iterator[None]:
-        """What is made once for several tests, which each of them needs."""
+        """Count the lines of a shared fixture for each test that uses it."""
         before, elsewhere, self._elsewhere = set(self._now), self._elsewhere, False
         yield
         if fixturedef.scope != "function":

@@ -1,4 +1,4 @@
-"""All the wrong modules that one change makes of one: another operator, number or truth, one step less."""
+"""Generate all mutants of a module: one operator, number or condition changed, or one statement removed."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ COUNTED: dict[type[ast.operator], type[ast.operator]] = {
 
 
 class Mutant(NamedTuple):
-    """Bytes `start` to `end` of `file`, on lines `line` to `last`, become `now`.
+    """A change of a module: the bytes `start` to `end` of `file`, on lines `line` to `last`, become `now`.
 
-    `where` is the function, `was` what stood there.
+    `where` is the function, `was` the replaced text.
     """
 
     file: str
@@ -50,7 +50,7 @@ class Mutant(NamedTuple):
 
     @property
     def key(self) -> tuple[str, str, str, str]:
-        """What stays the same while other lines change."""
+        """Return a key that does not change if other lines change."""
         return self.file, self.where, self.was, self.now
 
     def apply(self, text: bytes) -> bytes:
@@ -61,11 +61,11 @@ class Mutant(NamedTuple):
 
 
 def mutants_of(file: str, text: bytes) -> list[Mutant]:
-    """All of a file; those that say the same in one function are told apart by `# 2`, `# 3`."""
+    """Return all mutants of a file. Equal changes in one function are numbered `# 2`, `# 3`."""
     lines = [0]
     for line in text.splitlines(keepends=True):
         lines.append(lines[-1] + len(line))
-    found: list[Mutant] = []
+    mutants: list[Mutant] = []
     seen: Counter[tuple[str, str, str, str]] = Counter()
     for node, where, now in _changes(ast.parse(text), ""):
         start = lines[node.lineno - 1] + node.col_offset
@@ -74,12 +74,12 @@ def mutants_of(file: str, text: bytes) -> list[Mutant]:
         mutant = Mutant(file, node.lineno, node.end_lineno or 0, start, end, where, was, now)
         seen[mutant.key] += 1
         again = seen[mutant.key]
-        found.append(mutant if again == 1 else mutant._replace(now=f"{now}  # {again}"))
-    return found
+        mutants.append(mutant if again == 1 else mutant._replace(now=f"{now}  # {again}"))
+    return mutants
 
 
 def _changes(node: ast.AST, where: str) -> Iterator[tuple[ast.expr | ast.stmt, str, str]]:
-    """What changes, in which function, into what."""
+    """Yield each changed node, its function and its replacement."""
     if isinstance(node, ast.FunctionDef | ast.ClassDef):
         where = f"{where}.{node.name}" if where else node.name
     if isinstance(node, ast.expr):
@@ -94,7 +94,7 @@ def _changes(node: ast.AST, where: str) -> Iterator[tuple[ast.expr | ast.stmt, s
 
 
 def _is_left_out(node: ast.AST, field: str) -> bool:
-    """Types, and texts with holes, whose places Python tells wrongly before 3.12; asserts are for mypy."""
+    """Return True for types, asserts, and f-strings, whose positions are wrong before Python 3.12."""
     if isinstance(node, ast.JoinedStr | ast.Assert) or field in ("annotation", "returns", "decorator_list", "bases"):
         return True
     return isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)

@@ -1,4 +1,4 @@
-"""A copy of the project with one more word in the header of a region, and ends of a topic in all its languages."""
+"""A copy of the project with one more header field, and endpoints that use the field in all languages."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from ..conftest import REPOSITORY
 from ..softplc import compile_st
 from .plc_demo import ready
 
-WORD = '    Word(180, "u32", "refused", "udiRefused", "readers", "samples they refused"),\n'
+WORD = '    HeaderField(180, "u32", "refused", "udiRefused", "readers", "samples they refused"),\n'
 DOCS = "from tests.support.region_page import tables; print(*next(tables()), sep='\\n')"
-COMPILE = "import hatch_build as it; print(it.compiled(it.SOURCES / '_core.abi3.so'))"
+COMPILE = "import hatch_build as it; print(it.build_extension(it.SOURCES / '_core.abi3.so'))"
 PYTHON = """
 import sys
 sys.path.append("generated/python")
@@ -77,19 +77,19 @@ gives what the counter says then."""
 
 
 def copy(folder: Path) -> None:
-    """Made anew as a contributor would: `make generated`, for one message."""
+    """Copy the project, add the header field, and generate all files for one message."""
     for name in ("src", "templates"):
         shutil.copytree(REPOSITORY / name, folder / name, ignore=shutil.ignore_patterns("__pycache__", "*.so"))
     shutil.copy(REPOSITORY / "hatch_build.py", folder)
     table = folder / "src" / "shmgen" / "core" / "abi.py"
-    head, last, rest = table.read_text().partition('    Word(176, "u32", "bell"')
+    head, last, rest = table.read_text().partition('    HeaderField(176, "u32", "bell"')
     line, end, rest = rest.partition("\n")
     table.write_text(head + last + line + end + WORD + rest)
     python(folder, "-m", "shmgen", "generate", "--quiet", "std_msgs/UInt32")
 
 
 def python(folder: Path, *arguments: str, pure: bool = True) -> str:
-    """What a Python prints that knows this copy alone."""
+    """Run Python with only this copy of shmgen and return the output."""
     environment = {**os.environ, "PYTHONPATH": f"{folder / 'src'}:{folder}:{REPOSITORY}"}
     environment["SHMGEN_PURE"] = "1" if pure else ""
     return ran([sys.executable, *arguments], cwd=folder, env=environment)

@@ -1,7 +1,7 @@
-"""The open PLC compilers, as far as generated files need them: stubs, the program they make, and its blocks.
+"""The parts of the open PLC compilers that generated files need: stubs, a program, and its blocks.
 
-matiec's structures behind `data__` are made from the Structured Text as iec2c makes them, for Beremiz and for OpenPLC
-v3; STruC++'s from the chunks of the `.stlib` file. What the real compilers make of it: docs/openplc.md.
+For Beremiz and OpenPLC v3, the structures behind `data__` are derived from the Structured Text, as iec2c does. For
+STruC++, they come from the chunks of the `.stlib` file. docs/openplc.md describes tests with the real compilers.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ COMPILERS = {
     "openplc-v3": ("g++", "-std=gnu++11", "-DSHMGEN_TEST_LENGTH=int8_t", "-DSHMGEN_TEST_SECONDS=int32_t"),
     "openplc-v4": ("g++", "-std=c++17"),
 }
-"""The compiler and what tells its matiec from the other's."""
+"""Each dialect's compiler, and the macros with the types that differ between the variants of matiec."""
 
 
 class Variable(NamedTuple):
@@ -37,7 +37,7 @@ class Block(NamedTuple):
 
 
 class Source(NamedTuple):
-    """What stands in a file for matiec."""
+    """The content of a file for matiec."""
 
     header: str
     types: dict[str, tuple[Variable, ...]]
@@ -51,7 +51,7 @@ _TAKEN = re.compile(r"_$|__|^(type|step|time|int|en|eno|array|string|action|end)
 
 
 def read(text: str) -> Source:
-    """With the rules of matiec for names and types; FILE lines are taken as OpenPLC v3 takes them."""
+    """Parse a file by the rules of matiec for names and types. Read FILE lines as OpenPLC v3 does."""
     header = []
     for line in text.split("\n"):
         if line.startswith("(*FILE:") and line.endswith("*)"):
@@ -60,8 +60,8 @@ def read(text: str) -> Source:
             assert path == "c_blocks.h"
             header.append(content)
     plain = re.sub(r"\(\*.*?\*\)", "", text)
-    types = {found[1]: tuple(_variables(found[2])) for found in _TYPE.finditer(plain.partition("END_TYPE")[0])}
-    blocks = tuple(Block(found[1], tuple(_variables(found[2])), found[3]) for found in _BLOCK.finditer(plain))
+    types = {match[1]: tuple(_variables(match[2])) for match in _TYPE.finditer(plain.partition("END_TYPE")[0])}
+    blocks = tuple(Block(match[1], tuple(_variables(match[2])), match[3]) for match in _BLOCK.finditer(plain))
     known = {*types, *ELEMENTARY}
     for variable in (one for group in (*types.values(), *(block.variables for block in blocks)) for one in group):
         assert not _TAKEN.search(variable.name), variable
@@ -92,16 +92,16 @@ def _variables(text: str) -> Iterator[Variable]:
     for line in text.splitlines():
         stripped = line.strip()
         if stripped and stripped not in ("VAR_INPUT", "VAR_OUTPUT", "VAR", "END_VAR"):
-            found = _VARIABLE.fullmatch(stripped)
-            assert found, f"no declaration: {line}"
-            yield Variable(found[1], found[2], found[3] or "")
+            match = _VARIABLE.fullmatch(stripped)
+            assert match, f"no declaration: {line}"
+            yield Variable(match[1], match[2], match[3] or "")
 
 
 # --- matiec ---------------------------------------------------------------------------------------------------
 
 
 def matiec(source: Source) -> str:
-    """One C file, as iec2c would make it; its functions are those of _calls()."""
+    """Return one C file as iec2c would generate it, with the functions of _calls()."""
     lines = ['#include "matiec.h"']
     for name, members in source.types.items():
         lines.append("typedef struct {")
@@ -133,7 +133,7 @@ def matiec(source: Source) -> str:
 
 
 def _defaults(block: Block, types: Mapping[str, tuple[Variable, ...]]) -> Iterator[str]:
-    """What iec2c makes of first values in structures."""
+    """Yield the initial values of structures as iec2c generates them."""
 
     def of(owner: str, type_: str) -> Iterator[str]:
         for member in types[type_]:
@@ -165,9 +165,9 @@ def _declared(variable: Variable, name: str = "") -> str:
 
 
 def _array(spelled: str) -> tuple[int, str]:
-    found = re.fullmatch(r"ARRAY\[0\.\.(\d+)\] OF (\w+)", spelled)
-    assert found
-    return int(found[1]), found[2]
+    match = re.fullmatch(r"ARRAY\[0\.\.(\d+)\] OF (\w+)", spelled)
+    assert match
+    return int(match[1]), match[2]
 
 
 def _literal(variable: Variable) -> str:
@@ -179,7 +179,7 @@ def _literal(variable: Variable) -> str:
 
 
 def strucpp(library: Mapping[str, Any]) -> str:
-    """One C++ file with all chunks, each behind those that it says it needs."""
+    """Return one C++ file with all chunks, each after the chunks that it needs."""
     chunks = {chunk["name"]: chunk for chunk in library["chunks"]}
     ordered: dict[str, Any] = {}
 
@@ -213,7 +213,7 @@ def _member(entry: Mapping[str, str]) -> Variable:
 
 
 def _calls(block: Block, types: Mapping[str, tuple[Variable, ...]], place: str, call: str) -> Iterator[str]:
-    """How Python reaches a block's variables and the members of those that are structures; `place` takes a name."""
+    """Yield C functions that give Python access to a block's variables and their members."""
     name = block.name.upper()
     yield f"SHMGEN_TEST_EXPORT void call_{name}(void *block) {{ {call}; }}"
     for one in block.variables:
@@ -242,11 +242,11 @@ MOVES = (
     ("ACTIONCLIENT", "ACTIONSERVER", "FEEDBACK"),
     ("ACTIONCLIENT", "ACTIONSERVER", "RESULT"),
 )
-"""A message that comes out of one block and goes into the other."""
+"""A block with an output, a block with an input, and the variable that passes a message between them."""
 
 
 def _moves(blocks: Any, tail: str) -> Iterator[str]:
-    """fbOut.Msg := fbIn.Msg, for each pair."""
+    """Yield C functions for `fbOut.Msg := fbIn.Msg`, one for each pair."""
     names = {block.name.upper() for block in blocks}
     for name in sorted(names):
         stem, _, role = name.rpartition("_")
@@ -258,7 +258,7 @@ def _moves(blocks: Any, tail: str) -> Iterator[str]:
 
 
 class Program:
-    """A shared object with blocks, as a runtime loads it."""
+    """A shared object with blocks, loaded as a PLC runtime does."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -297,33 +297,33 @@ class Instance:
         put(self.address, value.encode() if isinstance(value, str) else ctypes.c_double(value))  # type: ignore[arg-type]
 
     def move(self, to: Instance, variable: str = "Msg") -> None:
-        """to.Msg := self.Msg"""
+        """Execute `to.Msg := self.Msg`."""
         getattr(self._library, f"move_{self._name}_{variable.upper()}")(self.address, to.address)
 
 
 def compiled(
     texts: Mapping[str, str], compiler: str, folder: Path, package: str = "shm_msgs", optimised: str = "-O1"
 ) -> Path:
-    """A shared object of what was generated."""
+    """Compile generated files to a shared object."""
     command, *options = COMPILERS[compiler]
     if compiler == "openplc-v4":
         source = strucpp(json.loads(texts[f"openplc/{package}.stlib"]))
     else:
-        found = read(texts[f"matiec/{package}.st"])
-        source = matiec(found)
-        header = found.header if compiler == "openplc-v3" else texts[f"matiec/{package}.h"]
+        parsed = read(texts[f"matiec/{package}.st"])
+        source = matiec(parsed)
+        header = parsed.header if compiler == "openplc-v3" else texts[f"matiec/{package}.h"]
         (folder / "c_blocks.h").write_text(header)
         options += ["-include", str(folder / "c_blocks.h")] if compiler == "beremiz" else ["-D_IEC_STD_LIB_H"]
     suffix = ".c" if compiler == "beremiz" else ".cpp"
     (folder / f"plc{suffix}").write_text(source)
-    made = folder / "plc.so"
+    library = folder / "plc.so"
     warnings = ["-Wall", "-Wextra", "-Werror", "-Wno-unused-function"]
     line = [command, *options, optimised, *warnings, "-fPIC", "-shared", f"-I{HERE}", f"-I{folder}"]
     done = subprocess.run(
-        [*line, str(folder / f"plc{suffix}"), "-o", str(made), "-lrt", "-lpthread"],
+        [*line, str(folder / f"plc{suffix}"), "-o", str(library), "-lrt", "-lpthread"],
         capture_output=True,
         text=True,
         check=False,
     )
     assert done.returncode == 0, done.stderr[:4000]
-    return made
+    return library

@@ -1,4 +1,4 @@
-"""Does what a page tells a contributor to do: writes the files that it shows, and makes the changes that it shows."""
+"""Follow a page for contributors: copy the files of its example, and apply its diffs."""
 
 from __future__ import annotations
 
@@ -9,37 +9,37 @@ from pathlib import Path
 from ..conftest import REPOSITORY
 
 _PLACE = re.compile(r"`([\w./-]+/[\w.-]+\.\w+)`")
-_BLOCK = re.compile(r"```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+_LINKED = re.compile(r"\((\.\./tests/added/\w+\.md)\)")
+_DIFF = re.compile(r"```diff\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
 def copy(folder: Path) -> Path:
-    """What of the repository a target or a backend needs to be tried."""
+    """Copy the parts of the repository that a new target or backend needs."""
     for name in ("src", "templates", "tests", "docs", "pyproject.toml", "shmgen.toml"):
-        found, place = REPOSITORY / name, folder / name
+        original, place = REPOSITORY / name, folder / name
         ignored = shutil.ignore_patterns("__pycache__", "cases", "errors", ".*")
-        shutil.copytree(found, place, ignore=ignored) if found.is_dir() else shutil.copy(found, place)
+        shutil.copytree(original, place, ignore=ignored) if original.is_dir() else shutil.copy(original, place)
     return folder
 
 
-def follow(page: Path, folder: Path) -> list[Path]:
-    """In a copy of the repository; gives the files that are new.
+def follow(page: Path, example: str, folder: Path) -> list[Path]:
+    """Copy the files of tests/added/`example` into a copy of the repository, and apply the page's diffs to other files.
 
-    A block belongs to the file that is named, alone in its line, above it. One of `diff` changes it: what it has
-    without `+` must be there once, as whole lines or as the beginning of one.
+    A block of `diff` changes the file that is named above it, alone in its line. The file must contain the lines
+    without `+` once. If the page links to another page in tests/added, apply its diffs too. Return the new files.
     """
-    place, new = Path(), []
-    for part in re.split(r"(^`[\w./-]+`$)", page.read_text(encoding="utf-8"), flags=re.MULTILINE):
+    added = REPOSITORY / "tests" / "added" / example
+    shutil.copytree(added, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__"))
+    new = [folder / file.relative_to(added) for file in sorted(added.rglob("*.*")) if "__pycache__" not in file.parts]
+    place = Path()
+    texts = [page.read_text(encoding="utf-8")]
+    texts += [(page.parent / link).read_text(encoding="utf-8") for link in _LINKED.findall(texts[0])]
+    for part in re.split(r"(^`[\w./-]+`$)", "\n".join(texts), flags=re.MULTILINE):
         if named := _PLACE.fullmatch(part):
             place = folder / named[1]
             continue
-        for language, text in _BLOCK.findall(part):
-            if language == "diff":
-                _change(place, text)
-            elif place != Path():
-                place.parent.mkdir(parents=True, exist_ok=True)
-                place.write_text(text, encoding="utf-8")
-                new.append(place)
-                place = Path()
+        for text in _DIFF.findall(part):
+            _change(place, text)
     return new
 
 

@@ -1,4 +1,4 @@
-"""A distribution generated, compiled and loaded on all sides: messages from Python through ST and back, and into C."""
+"""Send messages of a whole distribution from Python through ST and back, and read them in C."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Proof:
 
 
 def corpus_names(config: Config) -> list[str]:
-    """All that is written in a distribution of the corpus and can be mapped; with or without rosidl_parser the same."""
+    """Return all messages of a corpus distribution that can be mapped, the same with or without rosidl_parser."""
     sources = definitions.Sources(config.path, config.source, config.root)
     packages = {path.name for path in config.path[0].iterdir()}
     left_out = NEEDS_IDL | REJECTED.keys() if config.source != "noetic" else set()
@@ -57,7 +57,7 @@ def corpus_names(config: Config) -> list[str]:
 
 
 def make(config: Config, names: list[str], folder: Path) -> Proof:
-    """The messages generated into `folder`, the PLC with an echo for each of them, and C that prints them."""
+    """Generate the messages into `folder`, with a PLC that echoes each message and C code that prints it."""
     texts = pipeline.generate(config, names)
     layouts = pipeline.lay_out(config, names)
     put(texts, folder)
@@ -68,7 +68,7 @@ def make(config: Config, names: list[str], folder: Path) -> Proof:
 
 
 def assert_same_in_xml(files: Mapping[str, str], xml: str) -> None:
-    """Blanks apart, what an IDE imports is what is compiled and run here."""
+    """Check that the XML contains the compiled Structured Text, except for blanks."""
     objects = imported(xml)
     for path, text in files.items():
         assert objects.pop(PurePath(path).stem).split() == text.split(), path
@@ -76,7 +76,7 @@ def assert_same_in_xml(files: Mapping[str, str], xml: str) -> None:
 
 
 def prove(proof: Proof, topic: str) -> None:
-    """Layouts, defaults, and a random message of each type, field by field."""
+    """Check layouts, defaults, and each field of a random message of each type."""
     for name, layout in proof.layouts.items():
         assert_compiled_as_laid_out(proof.plc, name, layout)
     for place, name, layout in proof.requested():
@@ -94,7 +94,7 @@ IEC = {
     Scalar.UINT32: "UDINT", Scalar.INT64: "LINT", Scalar.UINT64: "ULINT", Scalar.FLOAT32: "REAL",
     Scalar.FLOAT64: "LREAL",
 }  # fmt: skip
-"""Bytes that only pass through show no wrong sign, so the types are looked at too."""
+"""The IEC type of each number. Copied bytes do not reveal a wrong sign, so the tests also compare the types."""
 
 
 def iec_type(type_: Scalar | Clock | String, options: TypeOptions) -> iec.Type:
@@ -131,7 +131,7 @@ def assert_same_defaults(plc: Plc, layout: Layout, kind: Any) -> None:
 
 
 def echoes(layouts: Layouts) -> dict[str, str]:
-    """For each message a block, in ST, that sends back whatever comes."""
+    """Return a block in ST for each message that sends each sample back."""
     texts = {}
     for name, layout in layouts.items():
         if layout.requested:
@@ -151,7 +151,7 @@ def echoes(layouts: Layouts) -> dict[str, str]:
 
 
 def echo(plc: Plc, name: TypeName, kinds: tuple[Any, Any, Any], topic: str, message: Any) -> tuple[Any, bytes]:
-    """What Python reads of the answer, and the answer's bytes."""
+    """Send a message to the PLC. Return the echoed message and its bytes."""
     _, publisher_kind, subscriber_kind = kinds
     with publisher_kind(f"{topic}/to") as publisher, subscriber_kind(f"{topic}/from") as subscriber:
         block = plc.block(f"{st_names.st_type(name)}_Echo")
@@ -184,7 +184,7 @@ static void begin(char *to, unsigned room) { out = to; end = to + room; *out = 0
 
 
 def read_back(folder: Path, package: str, layouts: Layouts) -> ctypes.CDLL:
-    """A library with a function for each message that prints what it sees through the generated header."""
+    """Compile a C library with a function for each message that prints its fields."""
     headers = sorted(path.relative_to(folder / "c") for path in (folder / "c").rglob("*.h"))
     lines = [f'#include "{header}"' for header in headers] + [C_HEAD]
     for name, layout in layouts.items():
@@ -241,7 +241,7 @@ def seen_by_c(library: ctypes.CDLL, layout: Layout, data: bytes) -> list[str]:
 
 
 def leaves(message: Any, layout: Layout, layouts: Layouts) -> list[str]:
-    """What C must print for `message`, by its values and the definition alone."""
+    """Return the expected output of C for `message`, from its values and the definition."""
     lines: list[str] = []
     for slot in layout.slots:
         if slot.role is not Role.DATA:

@@ -1,4 +1,4 @@
-"""A service and an action generated for both sides, the PLC's compiled, and faulty copies of its blocks beside them."""
+"""A service and an action for both sides: generated, compiled for the PLC, and with faulty copies of the blocks."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from shmgen.generator import pipeline
 from tests.softplc import Block, Plc, compile_st
 
 from .build import put
+from .plc_demo import CONFIRM
 
 PACKAGE = "shm_plc_calls"
 DEFINITIONS = {
@@ -29,7 +30,7 @@ FAULTS = {
         "xIdle := xReady AND NOT xExecute;",
     ),
 }
-"""A block, what stands in it, and what a wrong one has instead."""
+"""Each fault: a block, a text in it, and the faulty text that replaces it."""
 PROGRAMS = {
     # Answers a question after so many cycles. Wired as a block of a user's own would be, xExecute to xExecute.
     "FB_Answer": """
@@ -81,7 +82,7 @@ PROGRAMS = {
         fbAnswer(xExecute := fbServer.xExecute, Request := fbServer.Request);
         END_PROGRAM
         """,
-    # Asks again and again and looks at every answer.
+    # Calls repeatedly and checks each response.
     "PRG_Ask": """
         PROGRAM PRG_Ask
         VAR_INPUT
@@ -152,9 +153,14 @@ PROGRAMS = {
 }
 
 
+def nth(number: int) -> int:
+    """Return the number of a client's call in a region that the client created 100 ms before its clock reached 0."""
+    return 2**32 - 1000 * CONFIRM + number
+
+
 @dataclass(frozen=True)
 class Calls:
-    """`folder` has the generated Python in `python/`, and `plc/plc.so` for processes of their own."""
+    """The compiled PLC. `folder` has the generated Python in `python/`, and `plc/plc.so` for other processes."""
 
     plc: Plc
     folder: Path
@@ -178,20 +184,20 @@ class Calls:
         return block
 
 
-def open_or_make(folder: Path) -> Calls:
-    """What make() left in `folder`, or that done now; one process at a time."""
+def open_or_make(folder: Path, more: str = "") -> Calls:
+    """Return the result of make() in `folder`. Call make() if it has not been called, in one process at a time."""
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not (folder / "made").exists():
-            make(folder)
+            make(folder, more)
             (folder / "made").touch()
     return Calls(Plc.load(folder / "plc" / "plc.so"), folder)
 
 
-def make(folder: Path) -> None:
-    """Generates and compiles it."""
-    put(DEFINITIONS, folder / "definitions")
+def make(folder: Path, more: str = "") -> None:
+    """Generate and compile the service and the action, with the fields `more` in requests and goals."""
+    put({name: text.replace("---", f"{more}---", 1) for name, text in DEFINITIONS.items()}, folder / "definitions")
     config = Config(folder, path=(folder / "definitions",), package=PACKAGE, targets=("python", "st"))
     texts = pipeline.generate(config, ["calls_msgs/Ask", "calls_msgs/Count"])
     put(texts, folder)
@@ -200,7 +206,7 @@ def make(folder: Path) -> None:
 
 
 def _faulty(sources: Mapping[str, str]) -> Iterator[tuple[str, str]]:
-    """A client or a server for each fault, `FB_calls_msgs_Ask_Client_any_reply` on `FB_ShmClient_any_reply`."""
+    """Return a client or server for each fault: `FB_calls_msgs_Ask_Client_any_reply` uses `FB_ShmClient_any_reply`."""
     for fault, (block, right, wrong) in FAULTS.items():
         assert sources[f"st/shmgen/{block}.st"].count(right) == 1, f"{block} has no longer {right!r}"
         user = "FB_calls_msgs_Ask_Client" if block == "FB_ShmClient" else "FB_calls_msgs_Ask_Server"

@@ -1,4 +1,4 @@
-"""A demo message generated for both sides, the PLC's compiled, and short ways to look into its region."""
+"""A demo message for both sides, generated and compiled for the PLC, and access to its region."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ MESSAGES = {
 
 
 SLOTS = 2
-"""Of a topic of depth 1."""
+"""The number of slots of a topic with depth 1."""
 RETRY, CLAIM, CONFIRM, HEAL = 500, 1000, 100, 1000
-"""Milliseconds after which the blocks open again, claim a topic, take the claim for granted, free a lock."""
+"""The times in ms after which blocks retry to open, claim a topic, confirm a claim, and recover a lock."""
 
 
 @dataclass(frozen=True)
 class Demo:
-    """`python` has Demo, DemoPublisher, DemoSubscriber; `library` is for processes of their own."""
+    """The compiled PLC. `python` has Demo, DemoPublisher and DemoSubscriber. Other processes load `library`."""
 
     texts: Mapping[str, str]
     python: ModuleType
@@ -48,14 +48,14 @@ class Demo:
         return self._block("FB_demo_msgs_Demo_Publisher", topic, inputs)
 
     def opened(self, topic: str, after: int = 0, **inputs: Any) -> Block:
-        """A publisher that has claimed its topic, after so many ms of watching it, and sent its first sample."""
+        """Return a publisher that has watched its topic for `after` ms, claimed it, and sent a first sample."""
         return ready(self.publisher(topic, **inputs), after)
 
     def subscriber(self, topic: str, **inputs: Any) -> Block:
         return self._block("FB_demo_msgs_Demo_Subscriber", topic, inputs)
 
     def message(self, a: int) -> Any:
-        """One that shows when its halves come from two samples."""
+        """Return a message whose fields show if it mixes two samples."""
         return self.python.Demo(a=a, b=2 * a, label=f"x{a % 1000}", tail=[a, -a])
 
     def _block(self, name: str, topic: str, inputs: dict[str, Any]) -> Block:
@@ -66,7 +66,7 @@ class Demo:
 
 
 def ready(block: Block, after: int = 0) -> Block:
-    """Opens a block whose claim is confirmed just now; it has been called in the time before, and nobody else."""
+    """Call a block at earlier times, so that its claim is confirmed now."""
     now = block.plc.now
     for before in (after + CONFIRM, CONFIRM):
         block.plc.set_clock((now - before) % 2**32)
@@ -77,7 +77,7 @@ def ready(block: Block, after: int = 0) -> Block:
 
 
 def take_over(block: Block) -> None:
-    """The writer before has stood still for long enough, and the claim of this block stands."""
+    """Advance the clock until the block has taken the topic over from a dead writer."""
     for ms in (CLAIM, CONFIRM):
         block.plc.set_clock((block.plc.now + ms) % 2**32)
         if ms == CLAIM:
@@ -85,14 +85,14 @@ def take_over(block: Block) -> None:
 
 
 def make(folder: Path) -> Demo:
-    """Generates, compiles and loads it."""
+    """Generate, compile and load the demo."""
     texts, layouts = generated(folder, "demo_msgs/Demo", "demo_msgs/Other")
     plc = compile_st({path: text for path, text in texts.items() if path.endswith(".st")}, folder / "plc")
     return Demo(texts, module(folder, PACKAGE, next(iter(layouts))), plc, folder / "plc" / "plc.so")
 
 
 def generated(folder: Path, *messages: str) -> tuple[dict[str, str], Layouts]:
-    """All texts of some messages, and their layouts; their Python is put into `folder`."""
+    """Generate messages. Return all files and the layouts, and write the Python files into `folder`."""
     put({f"demo_msgs/msg/{name}.msg": text for name, text in MESSAGES.items()}, folder)
     config = Config(folder, source="jazzy", path=(folder,), package=PACKAGE)
     texts = pipeline.generate(config, messages)
@@ -101,7 +101,7 @@ def generated(folder: Path, *messages: str) -> tuple[dict[str, str], Layouts]:
 
 
 class Clock:
-    """That of the PLC; it begins just before it wraps round."""
+    """The PLC's clock, which starts shortly before it wraps around."""
 
     def __init__(self, plc: Plc) -> None:
         self._plc, self._now = plc, 2**32 - 700
@@ -117,7 +117,7 @@ def semaphore(topic: str, suffix: str = "") -> posix_ipc.Semaphore:
 
 
 class Memory:
-    """The bytes of a topic's region, and its header's words by their names."""
+    """The bytes of a topic's region, with the header fields as attributes."""
 
     WORDS: ClassVar = {
         "magic": 0, "slots": 7, "writer": header.WRITER, "heartbeat": header.HEARTBEAT,

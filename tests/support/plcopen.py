@@ -1,4 +1,4 @@
-"""The objects that an IDE would store of PLCopen XML."""
+"""Read PLCopen XML as an IDE does."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ CODESYS = "http://www.3s-software.com/plcopenxml/"
 
 
 def imported(xml: str) -> dict[str, str]:
-    """The objects as an IDE stores them: declaration, code, and the methods of a block, by name."""
+    """Return each object as an IDE stores it: declaration, code, and the methods of a block, by name."""
     project = etree.fromstring(xml.encode())
-    found = {}
+    objects = {}
     for tag in ("dataType", "globalVars", "pou"):
         for item in project.iter(PLC + tag):
             end = {"program": "END_PROGRAM\n", "functionBlock": "END_FUNCTION_BLOCK\n"}.get(item.get("pouType"), "")
             methods = [f"{declaration(one)}\n{code(one)}\nEND_METHOD\n" for one in data(item, "method")]
-            found[item.get("name")] = f"{declaration(item)}\n{code(item)}\n{end}" + "".join(methods)
-    return found
+            objects[item.get("name")] = f"{declaration(item)}\n{code(item)}\n{end}" + "".join(methods)
+    return objects
 
 
 def data(item: Any, name: str) -> list[Any]:

@@ -1,6 +1,7 @@
-"""A ROS 2 that has rclcpp, for tests: one that is sourced, or the prefixes that SHMGEN_RCLCPP names, as PATH does.
+"""Find a ROS 2 with rclcpp: a sourced one, or the prefixes in SHMGEN_RCLCPP, separated like those in PATH.
 
-No package index has rclcpp, and `make test-all` cannot bring it; where there is none, what needs it is skipped.
+No package index has rclcpp. Its sources build against PyPI's wheels: rclcpp 28.1.6 and its dependencies, in 15 minutes.
+`make test-all` uses what SHMGEN_RCLCPP names or a shell has sourced; otherwise the tests that need rclcpp are skipped.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ JOINED = ("AMENT_PREFIX_PATH", "CMAKE_PREFIX_PATH", "LD_LIBRARY_PATH", "PATH")
 
 
 def environment(package: str = "rclcpp") -> dict[str, str]:
-    """What builds with it needs to have set, and what runs with it. A skip where it has no such package."""
+    """Return the environment variables for programs with rclcpp. Skip the test if the package is missing."""
     named = os.environ.get("SHMGEN_RCLCPP") or os.environ.get("AMENT_PREFIX_PATH", "")
     prefixes = [Path(prefix) for prefix in named.split(":") if prefix]
     if not any((prefix / "share" / package).is_dir() for prefix in prefixes):
@@ -51,7 +52,7 @@ def _known(name: str) -> list[str]:
 
 
 def generated(folder: Path, config: str, *targets: str) -> Path:
-    """What `shmgen generate` writes into it."""
+    """Run `shmgen generate` in `folder` and return the output folder."""
     put({"shmgen.toml": config}, folder)
     result = run(["generate", "-q", *(word for target in targets for word in ("-t", target))], folder)
     assert result.code == 0, result.stderr
@@ -59,7 +60,7 @@ def generated(folder: Path, config: str, *targets: str) -> Path:
 
 
 def built(source: Path, folder: Path, ros: Mapping[str, str], kind: str = "Release") -> Path:
-    """Where CMake has installed the package at `source`."""
+    """Build and install a package with CMake and return the install folder."""
     bare = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
     install = folder / "install"
     settings = (
@@ -79,7 +80,7 @@ def built(source: Path, folder: Path, ros: Mapping[str, str], kind: str = "Relea
 
 
 class Node:
-    """What `-t ros2_cpp` writes for a shmgen.toml whose topics are below `space`, where CMake has installed it."""
+    """Generate the node with `-t ros2_cpp` for topics below `space`, and build and install it."""
 
     def __init__(self, folder: Path, space: str, config: str, kind: str = "Release") -> None:
         self.config, self.space = config, space
@@ -88,7 +89,7 @@ class Node:
         self.install = built(source, folder, self.ros, kind)
 
     def start(self, graph: Graph, *arguments: str) -> Bridge:
-        """Ready."""
+        """Start the node and wait until it is ready."""
         (graph.folder / "shmgen.toml").write_text(self.config)
         paths = {
             "AMENT_PREFIX_PATH": f"{self.install}:{self.ros['AMENT_PREFIX_PATH']}",
@@ -96,12 +97,12 @@ class Node:
         }  # as its local_setup does
         program = self.install / "lib" / "cell_bridge" / "bridge"
         node = Bridge(graph.start([program, *arguments], self.ros | paths, stderr=subprocess.STDOUT))
-        node.said("running")
+        node.wait_for_line("running")
         return node
 
 
 class CppGraph(Graph):
-    """One whose bridge is that node."""
+    """A ROS graph whose bridge is the generated node in C++."""
 
     plain = ()
 

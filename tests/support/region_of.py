@@ -1,5 +1,5 @@
-"""Turns a publisher, a subscriber or a topic into the region behind it, as another process has it: words to look at and
-to change, its lock, its record locks."""
+"""Open the region of a publisher, a subscriber or a topic as another process would: its 32-bit numbers,
+its lock and its record locks."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ from typing import Any
 from shmgen.core import abi
 from shmgen.runtime.reference.region import Region, Semaphore
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region.looks import peek
+from shmgen.runtime.region.checks import read_header_of
 from shmgen.runtime.region.names import region_file, region_name, semaphore_file
 
 
 class File(io.FileIO):
-    """Closed when nobody has it any more."""
+    """A file that is closed when it is no longer referenced."""
 
     def __del__(self) -> None:
         self.close()
 
 
 class Opened(Region):
-    """Lasts as long as somebody has it, or its words."""
+    """A region that stays mapped while it or its `words` are referenced."""
 
     name: str
 
     def sample(self, number: int) -> slice:
-        """Where sample `number` of the present writer lies, the header of its slot first."""
+        """Return the bytes of sample `number` of the current writer, including the slot's header."""
         slot = self.slot(number, self.words[h.TURN] % abi.LANES)
         return slice(slot, self.payload(slot).stop)
 
     def number_at(self, number: int) -> int:
-        """Which word its slot's number is."""
+        """Return the index in `words` of the sample number in the slot's header."""
         return self.sample(number).start // 4 + 2 * h.NUMBER
 
 
@@ -41,10 +41,10 @@ def region_of(side: Any) -> Opened:
     topic = side if isinstance(side, str) else side.topic
     name = region_name(topic)
     file = File(os.open(region_file(name), os.O_RDWR | os.O_CLOEXEC), "r+b")
-    header = peek(file.fileno())
+    header = read_header_of(file.fileno())
     locked = os.path.exists(semaphore_file(name))
-    made = Opened(
+    region = Opened(
         file, mmap.mmap(file.fileno(), header.size), header, Semaphore("/" + name) if locked else Semaphore("")
     )
-    made.name = name
-    return made
+    region.name = name
+    return region

@@ -1,13 +1,14 @@
-"""A real ROS 1 on loopback: rosmaster on a port of its own, bridges, rospy peers, and the commands of ros_comm.
+"""A real ROS 1 on loopback: rosmaster on its own port, bridges, rospy peers, and the commands of ros_comm.
 
-Debian's packages belong to /usr/bin/python3, so `make` has an environment of that Python at .venv/ros1, with shmgen's
-needs beside the system's packages. Without it these tests are skipped.
+Debian's packages work with /usr/bin/python3 only. So `make` creates an environment of this Python at .venv/ros1, with
+shmgen's dependencies and the system's packages. Without this environment, the tests are skipped.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import random
 import re
 import signal
 import socket
@@ -25,22 +26,24 @@ import pytest
 from ..conftest import REPOSITORY
 
 LIMIT = 90.0
-"""Seconds after which something that should have come has not."""
+"""The time limit in seconds for an expected event."""
 PROMPTLY = 5.0
-"""Seconds that a bridge may take to end on a busy machine: 0.5 on a quiet one, and less than what it waits for."""
+"""The time limit in seconds for the end of a bridge on a busy machine. A quiet machine takes 0.5 s."""
 
 
 def python() -> Path:
-    """One that has rospy and what shmgen needs."""
+    """Return a Python that has rospy and the dependencies of shmgen."""
     own = REPOSITORY / ".venv" / "ros1" / "bin" / "python"
-    for found in (own, Path(sys.executable)):
-        if found.exists() and not subprocess.call([found, "-c", "import rospy, click"], stderr=subprocess.DEVNULL):
-            return found
+    for interpreter in (own, Path(sys.executable)):
+        if interpreter.exists() and not subprocess.call(
+            [interpreter, "-c", "import rospy, click"], stderr=subprocess.DEVNULL
+        ):
+            return interpreter
     pytest.skip("no rospy: `make test-all` as root installs Debian's packages and makes .venv/ros1")
 
 
 class Graph:
-    """A master that can die and return, in a folder for logs and shmgen.toml; `modules` are for peers alone."""
+    """A ROS graph whose master can be restarted, with a folder for logs and shmgen.toml. Only peers use `modules`."""
 
     source = "noetic"
     plain = (("echo", "rospy echo"),)
@@ -65,20 +68,20 @@ class Graph:
         self.master.wait()
 
     def bridge(self, config: str = "", *arguments: str, ready: bool = True) -> Bridge:
-        """`shmgen bridge` in the folder."""
+        """Start `shmgen bridge` in the folder."""
         if config:
             (self.folder / "shmgen.toml").write_text(config)
         command = [self.python, "-m", "shmgen", "bridge", "--backend", "ros1", *arguments]
         bridge = Bridge(self.start(command, {"PYTHONPATH": str(REPOSITORY / "src")}, stderr=subprocess.STDOUT))
         if ready:
-            bridge.said("running")
+            bridge.wait_for_line("running")
         return bridge
 
     def peer(self) -> Peer:
         return Peer(self.start([self.python, REPOSITORY / "tests" / "bridge" / "peer.py"], self.seen, stdin=-1))
 
     def command(self, *words: str) -> subprocess.Popen[str]:
-        """`rostopic …`, `rosservice …`."""
+        """Start a command such as `rostopic …` or `rosservice …`."""
         tool, *arguments = words
         code = f"import sys, {tool}; sys.argv[0] = '{tool}'; {tool}.{tool}main()"
         return self.start([self.python, "-c", code, *arguments], self.seen)
@@ -104,7 +107,7 @@ class Graph:
         return process
 
     def generate(self, package: str, files: Mapping[str, str]) -> None:
-        """What catkin would build of .msg and .srv files, by genpy itself, for peers alone."""
+        """Generate Python modules for peers from .msg and .srv files with genpy, as catkin would."""
         code = """
 import sys, genpy.generator, genpy.generate_initpy
 package, folder, out = sys.argv[1:4]
@@ -132,34 +135,34 @@ genpy.generate_initpy.write_modules(f"{out}/{package}")
 
 
 class Bridge:
-    """A process of `shmgen bridge`, and the lines that it says."""
+    """A process of `shmgen bridge` and its output lines."""
 
     def __init__(self, process: subprocess.Popen[str]) -> None:
         self.process = process
         self.lines: list[str] = []
         threading.Thread(target=self._read, daemon=True).start()
 
-    def said(self, pattern: str, times: int = 1) -> str:
-        """The first line with it, as soon as there are so many."""
+    def wait_for_line(self, pattern: str, times: int = 1) -> str:
+        """Wait until enough output lines match, and return the first of them."""
 
-        def found() -> list[str]:
+        def matches() -> list[str]:
             return [line for line in list(self.lines) if re.search(pattern, line)]
 
-        wait_for(lambda: len(found()) >= times, f"{pattern!r}", lambda: "".join(self.lines))
-        return found()[0]
+        wait_for(lambda: len(matches()) >= times, f"{pattern!r}", lambda: "".join(self.lines))
+        return matches()[0]
 
     def counted(self, pattern: str) -> None:
-        """As soon as a line of its counters ends so."""
+        """Wait until a line with counters ends with `pattern`."""
 
-        def found() -> bool:
+        def is_counted() -> bool:
             self.process.send_signal(signal.SIGUSR1)
             time.sleep(0.05)
             return any(re.search(f"{pattern}$", line) for line in list(self.lines))
 
-        wait_for(found, f"a count of {pattern!r}", lambda: "".join(self.lines))
+        wait_for(is_counted, f"a count of {pattern!r}", lambda: "".join(self.lines))
 
     def stop(self, number: int) -> float:
-        """How many seconds it took to end after the signal; that it ended well is true of every test."""
+        """Send a signal. Return the time in seconds until the bridge ended with exit code 0."""
         begun = time.monotonic()
         self.process.send_signal(number)
         assert self.process.wait(LIMIT) == 0, "".join(self.lines)
@@ -177,7 +180,7 @@ class Bridge:
 
 
 class Peer:
-    """tests/bridge/peer.py: a node that does what it is told."""
+    """A node (tests/bridge/peer.py) that executes requests of the test."""
 
     def __init__(self, process: subprocess.Popen[str]) -> None:
         self.process = process
@@ -190,17 +193,22 @@ class Peer:
         return json.loads(self.process.stdout.readline() or '"the peer has died"')
 
 
-def wait_for(condition: Any, what: str, more: Any = lambda: "") -> None:
+def wait_for(condition: Any, what: str, more: Any = lambda: "") -> Any:
+    """Poll until the condition is true, and return its value."""
     deadline = time.monotonic() + LIMIT
-    while not condition():
+    while not (value := condition()):
         assert time.monotonic() < deadline, f"{what} did not come within {LIMIT} s\n{more()}"
         time.sleep(0.02)
+    return value
 
 
 def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+    """Return a free port below those that the kernel gives to connections, so that none of these takes it meanwhile."""
+    while True:
+        port = random.SystemRandom().randrange(20_000, 32_000)
+        with socket.socket() as probe, suppress(OSError):
+            probe.bind(("127.0.0.1", port))
+            return port
 
 
 def _answers(port: int) -> bool:

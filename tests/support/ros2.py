@@ -1,6 +1,6 @@
-"""Real ROS 2 for the tests: rclpy of Jazzy and of Kilted, each in an environment of its own that `make` has made.
+"""Real ROS 2 for the tests: rclpy of Jazzy and of Kilted, each in a separate environment that `make` creates.
 
-They are a volunteer's wheels on PyPI, for Linux x86-64; where there are none, what needs them is skipped.
+The wheels on PyPI are for Linux x86-64 and made by a volunteer. Without them, the tests that need rclpy are skipped.
 """
 
 from __future__ import annotations
@@ -23,25 +23,25 @@ DISTRIBUTIONS = ("jazzy", "kilted")
 
 
 def prefix(distribution: str) -> Path:
-    """An ament prefix that is an environment of Python too."""
-    found = REPOSITORY / ".venv" / f"ros2-{distribution}"
-    if not (found / "share" / "rclpy").is_dir():
+    """Return an ament prefix that is also a Python environment."""
+    result = REPOSITORY / ".venv" / f"ros2-{distribution}"
+    if not (result / "share" / "rclpy").is_dir():
         pytest.skip(f"no wheels of ROS 2 {distribution}: `make test-all` installs them where there are any")
-    return found
+    return result
 
 
 def hashes(distribution: str) -> dict[str, str]:
-    """Full name -> type hash of all that is installed: messages, and the parts of services and actions."""
-    found: dict[str, str] = {}
+    """Return the type hash of each installed message, and of each part of a service or action, by full name."""
+    result: dict[str, str] = {}
     for file in prefix(distribution).glob("share/*/*/*.json"):
         if file.parent.name in ("msg", "srv", "action"):
             data = json.loads(file.read_text())
-            found |= {entry["type_name"]: entry["hash_string"] for entry in data.get("type_hashes", ())}
-    return found
+            result |= {entry["type_name"]: entry["hash_string"] for entry in data.get("type_hashes", ())}
+    return result
 
 
 class Graph:
-    """Processes in a folder for shmgen.toml, all of one domain of one machine; what support/ros1.py is for ROS 1."""
+    """Processes of one domain on one machine, in a folder with shmgen.toml, like support/ros1.py for ROS 1."""
 
     plain = (("echo", "rclpy echo"),)
     load_peer = REPOSITORY / "tests" / "ros2" / "load_peer.py"
@@ -56,14 +56,14 @@ class Graph:
         self.processes: list[subprocess.Popen[str]] = []
 
     def bridge(self, config: str = "", *arguments: str, ready: bool = True) -> Bridge:
-        """`shmgen bridge` in the folder, ready."""
+        """Start `shmgen bridge` in the folder and wait until it is ready."""
         if config:
             (self.folder / "shmgen.toml").write_text(config)
         python = sys.executable if self.backend == "dds" else self.python
         command = [python, "-m", "shmgen", "bridge", "--backend", self.backend, *arguments]
         bridge = Bridge(self.start(command, {"PYTHONPATH": str(REPOSITORY / "src")}, stderr=subprocess.STDOUT))
         if ready:
-            bridge.said("^running")
+            bridge.wait_for_line("^running")
         return bridge
 
     def peer(self, more: Mapping[str, str] | None = None) -> Peer:

@@ -1,8 +1,9 @@
-"""Random schemas and random values for them: what property tests draw from."""
+"""Random schemas, and random values for them, for property tests."""
 
 from __future__ import annotations
 
 import dataclasses
+import os
 import random
 import string
 import time
@@ -35,18 +36,35 @@ from shmgen.core.model import (
 SPAN = Span("random.msg")
 
 
+def examples(usual: int) -> int:
+    """Return the number of examples of a property test: $SHMGEN_EXAMPLES, or `usual`."""
+    return int(os.environ.get("SHMGEN_EXAMPLES", usual))
+
+
+def messages(usual: int) -> int:
+    """Return the number of random messages of each type: $SHMGEN_MESSAGES, or `usual`."""
+    return int(os.environ.get("SHMGEN_MESSAGES", usual))
+
+
 @st.composite
 def schemas(draw: st.DrawFn) -> Schema:
-    """One to five messages; each may hold the ones before it."""
+    """Draw one to five messages. Each may contain the messages before it."""
     messages: list[Message] = []
     for number in range(draw(st.integers(1, 5))):
         name = TypeName("random_msgs", "msg", f"Random{number}")
         types = draw(st.lists(field_types([message.name for message in messages]), max_size=8))
         fields = tuple(
-            Field(f"f{index}_{draw(st.sampled_from(('x', 'type', 'class')))}", type_, ros_type(type_), SPAN)
+            Field(
+                f"f{index}_{draw(st.sampled_from(('x', 'type', 'class')))}",
+                type_,
+                ros_type(type_),
+                SPAN,
+                align=draw(st.sampled_from((1, 1, 1, 2, 4, 8))),
+            )
             for index, type_ in enumerate(types)
         )
-        messages.append(Message(name, fields, (), SPAN, "random", ""))
+        pack = draw(st.sampled_from((8, 8, 1, 2, 4)))
+        messages.append(Message(name, fields, (), SPAN, "random", "", pack=pack))
     return Schema(tuple(messages), frozenset(message.name for message in messages))
 
 
@@ -65,7 +83,7 @@ def field_types(known: list[TypeName]) -> st.SearchStrategy[FieldType]:
 
 
 def random_message(layout: Layout, layouts: Layouts, seed: random.Random) -> SimpleNamespace:
-    """An object with the ROS attributes, as rclpy would hand it over, every field at random."""
+    """Return an object with the attributes of a ROS message and a random value in each field."""
     message = SimpleNamespace()
     for slot in layout.slots:
         if slot.role is Role.DATA:
@@ -103,7 +121,7 @@ def _random_element(slot: Slot, layouts: Layouts, layout: Layout, seed: random.R
 
 
 def _random_clock(clock: Clock, options: TypeOptions, seed: random.Random) -> Any:
-    """As far as it goes in the type that it travels as."""
+    """Return a random time in the range of the configured IEC time type."""
     if options.time == "TIME":
         around = int(time.time()) + seed.randint(-(10**6), 10**6)
         second = around if clock is Clock.TIME else seed.randint(0, 4_000_000)
@@ -118,7 +136,7 @@ BEYOND_ASCII = {"utf-8": "\xe9\N{SNOWMAN}\N{GRINNING FACE}", "latin-1": "\xe9\xd
 
 
 def _random_text(type_: String, options: TypeOptions, seed: random.Random) -> str:
-    """One that fits, or with `overflow = "truncate"` one that may be up to twice too long."""
+    """Return a random text that fits. With `overflow = "truncate"`, it may be up to twice as long as the capacity."""
     assert type_.capacity is not None
     beyond = BEYOND_ASCII["utf-8" if type_.wide else options.encoding]
     room = seed.randint(0, type_.capacity * (1 if options.overflow == "error" else 2))
@@ -127,7 +145,7 @@ def _random_text(type_: String, options: TypeOptions, seed: random.Random) -> st
 
 
 def cut(text: str, type_: String, options: TypeOptions) -> str:
-    """As much of it as fits, character by character."""
+    """Truncate a text to its capacity without splitting a character."""
     encoding, unit = ("utf-16-le", 2) if type_.wide else (options.encoding, 1)
     assert type_.capacity is not None
     while len(text.encode(encoding)) > type_.capacity * unit:
@@ -136,7 +154,7 @@ def cut(text: str, type_: String, options: TypeOptions) -> str:
 
 
 def arriving(message: Any, layout: Layout, layouts: Layouts) -> Any:
-    """What of a message is left when texts were cut."""
+    """Return a message with all its texts truncated."""
 
     def element(slot: Slot, value: Any) -> Any:
         match slot.type:
@@ -147,17 +165,17 @@ def arriving(message: Any, layout: Layout, layouts: Layouts) -> Any:
             case _:
                 return value
 
-    made = SimpleNamespace(**vars(message))
+    truncated = SimpleNamespace(**vars(message))
     for slot in layout.slots:
         if slot.role is Role.DATA and isinstance(slot.type, String | Ref):
             value = getattr(message, slot.name)
             value = element(slot, value) if slot.count is None else [element(slot, item) for item in value]
-            setattr(made, slot.name, value)
-    return made
+            setattr(truncated, slot.name, value)
+    return truncated
 
 
 def plain(value: Any) -> Any:
-    """A message of whatever kind as dicts, lists and numbers, to compare with."""
+    """Convert a message to dicts, lists and numbers, for comparisons."""
     if hasattr(value, "sec") and hasattr(value, "nanosec"):
         return {"sec": value.sec, "nanosec": value.nanosec}
     if hasattr(value, "_names_"):

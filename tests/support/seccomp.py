@@ -1,4 +1,4 @@
-"""Takes a system call from this process, from now on."""
+"""Forbid a system call in this process."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class _Program(ctypes.Structure):
 
 
 def forbid(call: int, error: int = 0) -> None:
-    """The call gives `error`, a number of errno, or kills the process."""
+    """Make a system call fail with the errno `error`, or kill the process."""
     # Load the number of the system call; refuse if it is that one; allow.
     refuse = _ERRNO | error if error else _KILL
     steps = (_Step * 4)((0x20, 0, 0, 0), (0x15, 0, 1, call), (0x06, 0, 0, refuse), (0x06, 0, 0, _ALLOW))

@@ -1,4 +1,4 @@
-"""What a PLC does to a region beside the bridge: takes a topic over, or makes a region anew; and who looks on."""
+"""A PLC that takes a topic over or replaces a region while a bridge runs, and a watcher of heartbeats."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ def file_of(topic: str) -> Path:
 
 @contextmanager
 def words_of(path: Path) -> Iterator[memoryview]:
-    """The header and the slots of a region, as words of 32 bits."""
+    """Return the header and the slots of a region as 32-bit numbers."""
     with path.open("r+b") as file, mmap.mmap(file.fileno(), 0) as data, memoryview(data).cast("I") as words:
         yield words
 
 
 @contextmanager
 def a_plc_writes(topic: str) -> Iterator[None]:
-    """It has taken the topic over, and its heartbeat goes on; at the end it lets go."""
+    """Take a topic over and keep its heartbeat running. At the end, release the topic."""
     stop = threading.Event()
     with words_of(file_of(topic)) as words:
 
@@ -49,7 +49,7 @@ def a_plc_writes(topic: str) -> Iterator[None]:
 
 
 def made_anew(topic: str, change: Callable[[memoryview], object]) -> None:
-    """By a PLC, at once: the same region in another file, changed."""
+    """Replace a region by a changed copy in a new file, as a PLC would."""
     file = file_of(topic)
     new = file.with_name(f"{file.name}_new")
     new.write_bytes(file.read_bytes())
@@ -60,9 +60,9 @@ def made_anew(topic: str, change: Callable[[memoryview], object]) -> None:
 
 
 class Onlooker:
-    """The longest time for which the heartbeats of topics stood still; a context.
+    """Measure the longest time in seconds without a heartbeat of each topic, inside a `with` statement.
 
-    `late` is called while one stands still for `limit` seconds, and again at twice as many.
+    Call `late` when a heartbeat is unchanged for `limit` seconds, and again after twice the time.
     """
 
     def __init__(self, topics: Iterable[str], limit: float = inf, late: Callable[[], object] = list) -> None:

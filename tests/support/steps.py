@@ -1,4 +1,4 @@
-"""Counts the instructions and the system calls of one call of native code."""
+"""Count the instructions and system calls of one call of native code."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from typing import Any, NamedTuple
 import pytest
 
 _CLOCK = 228
-"""clock_gettime, a system call only where the machine's clock cannot be read without the kernel."""
+"""The number of clock_gettime, a system call only if the clock cannot be read without the kernel."""
 _SAME = {5: 262}
-"""fstat goes by either number, as the C library likes."""
+"""The numbers of fstat: the C library uses either."""
 
 
 class Counted(NamedTuple):
-    """`calls` by their numbers of Linux on x86-64."""
+    """The counted instructions, and the numbers of the system calls (Linux on x86-64)."""
 
     instructions: int
     calls: tuple[int, ...]
@@ -38,10 +38,10 @@ def _counter() -> ctypes.CDLL:
     if platform.machine() != "x86_64" or not shutil.which("gcc"):
         pytest.skip("instructions are counted on x86-64, with gcc")
     with tempfile.TemporaryDirectory() as folder:
-        made = Path(folder) / "steps.so"
+        library_file = Path(folder) / "steps.so"
         flags = ["-O1", "-Wall", "-Werror", "-mno-red-zone", "-fPIC", "-shared"]
-        subprocess.run(["gcc", *flags, Path(__file__).with_suffix(".c"), "-o", made], check=True)
-        library = ctypes.CDLL(str(made))
+        subprocess.run(["gcc", *flags, Path(__file__).with_suffix(".c"), "-o", library_file], check=True)
+        library = ctypes.CDLL(str(library_file))
     library.count.argtypes = [ctypes.c_void_p] * 4
     return library
 
@@ -61,13 +61,13 @@ def _own() -> int:
 
 
 def killed_at(instruction: int, function: Any, first: Any = None, second: Any = None) -> None:
-    """Calls it, and kills this process behind that instruction, if it comes so far. Skips as counted()."""
+    """Call a function and kill this process after an instruction, if the call has so many. Skip as counted() does."""
     ctypes.c_uint64.in_dll(_counter(), "killed_at").value = instruction
     _counted(function, first, second)
 
 
 def counted(function: Any, first: Any = None, second: Any = None) -> Counted:
-    """What a call of a C function costs, which takes up to two pointers. Skips the test where that cannot be had."""
-    own, found = _own(), _counted(function, first, second)
-    calls = tuple(_SAME.get(number, number) for number in found.numbers[: found.calls] if number != _CLOCK)
-    return Counted(found.instructions - own, calls)
+    """Count one call of a C function with up to two pointers. Skip the test if counting is not possible."""
+    own, count = _own(), _counted(function, first, second)
+    calls = tuple(_SAME.get(number, number) for number in count.numbers[: count.calls] if number != _CLOCK)
+    return Counted(count.instructions - own, calls)

@@ -1,4 +1,4 @@
-"""Goes through what is called instruction by instruction."""
+"""Trace Python code instruction by instruction."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from typing import Any
 
 @contextmanager
 def traced(trace: Callable[[FrameType, str, Any], Any]) -> Iterator[None]:
-    """`trace` is as sys.settrace() takes it, for this thread; it sets `f_trace_opcodes` where it wants instructions.
+    """Trace this thread with `trace`, an argument of sys.settrace() that sets `f_trace_opcodes` to trace instructions.
 
-    What other tests have left is not put away meanwhile: nobody would hear of an exception in there.
+    Freeze the garbage of other tests meanwhile: an exception in a finalizer would be lost.
     """
     gc.freeze()
     sys._getframe().f_trace_opcodes = True  # Python 3.12 heeds it from the next settrace on

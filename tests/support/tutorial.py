@@ -1,4 +1,4 @@
-"""The shmgen.toml of docs/tutorial-plc.md, what that generates, and the Structured Text of the whole PLC."""
+"""Read a tutorial's shmgen.toml and PLC program, and generate the Structured Text of the whole PLC."""
 
 from __future__ import annotations
 
@@ -11,15 +11,18 @@ from shmgen.generator import pipeline
 
 from ..conftest import REPOSITORY
 
-PAGE = (REPOSITORY / "docs" / "tutorial-plc.md").read_text()
 
+def project(page: str, folder: Path, topic: str) -> tuple[str, dict[str, str], dict[str, str]]:
+    """Write shmgen.toml of a page of docs/ into `folder`.
 
-def project(folder: Path, topic: str) -> tuple[str, dict[str, str], dict[str, str]]:
-    """shmgen.toml is written into `folder`; in the Structured Text, PRG_Conveyor with it, `topic` is before each."""
-    (settings,), (program,) = (re.findall(rf"```{kind}\n(.*?)```", PAGE, re.DOTALL) for kind in ("toml", "iecst"))
+    Return shmgen.toml, all generated files, and the Structured Text with the page's program. In the Structured Text,
+    each topic begins with `topic`.
+    """
+    text = (REPOSITORY / "docs" / page).read_text()
+    (settings,), (program,) = (re.findall(rf"```{kind}\n(.*?)```", text, re.DOTALL) for kind in ("toml", "iecst"))
     (folder / "shmgen.toml").write_text(settings)
     texts = pipeline.generate(config.load(folder / "shmgen.toml", "shmgen.toml", Report()), ())
     st = {
         path: text.replace("sTopic := '", f"sTopic := '{topic}") for path, text in texts.items() if path.endswith(".st")
     }
-    return settings, texts, st | {"yours.st": f"PROGRAM PRG_Conveyor\n{program}END_PROGRAM\n"}
+    return settings, texts, st | {"example.st": program}

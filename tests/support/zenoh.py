@@ -1,6 +1,6 @@
-"""A router of zenoh on loopback, with bridges and peers at it: what support/ros1.py is for ROS 1.
+"""A zenoh router on loopback with bridges and peers, like support/ros1.py for ROS 1.
 
-The peer is PyPI's zenoh-ros2-sdk (ROBOTIS), which speaks rmw_zenoh's wire and knows nothing of shmgen.
+The peer is PyPI's zenoh-ros2-sdk (ROBOTIS), an independent implementation of rmw_zenoh's protocol.
 """
 
 from __future__ import annotations
@@ -8,12 +8,16 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from shmgen.live import processes
+
 from ..conftest import REPOSITORY
-from .ros1 import Bridge, Peer, free_port
+from .ros1 import Bridge, Peer, free_port, wait_for
 
 ROUTER = """
 import sys, zenoh
@@ -29,7 +33,7 @@ NODE = 'connect/endpoints=["tcp/127.0.0.1:{port}"];listen/endpoints=["tcp/127.0.
 
 
 class Graph:
-    """Processes in a folder for shmgen.toml, all at one router; `definitions` is an ament prefix's share, or alike."""
+    """Processes of one router, in a folder with shmgen.toml. `definitions` is a folder like an ament prefix's share."""
 
     source = "jazzy"
     plain = (("echo", "zenoh echo, bytes only"),)
@@ -50,9 +54,9 @@ class Graph:
         self.processes: list[subprocess.Popen[str]] = []
 
     def router(self) -> subprocess.Popen[str]:
-        self._router = made = self.start([self.python, "-c", ROUTER, self.port], stdin=-1)
-        assert made.stdout.readline() == "ready\n"
-        return made
+        self._router = router = self.start([self.python, "-c", ROUTER, self.port], stdin=-1)
+        assert router.stdout.readline() == "ready\n"
+        return router
 
     start_master = router
 
@@ -62,19 +66,19 @@ class Graph:
         self.processes.remove(self._router)
 
     def bridge(self, config: str = "", ready: bool = True) -> Bridge:
-        """`shmgen bridge` in the folder."""
+        """Start `shmgen bridge` in the folder."""
         if config:
             (self.folder / "shmgen.toml").write_text(config)
         bridge = Bridge(self.start([self.python, "-m", "shmgen", "bridge", "--backend", "zenoh"], stderr=-2))
         if ready:
-            bridge.said("^running")
+            bridge.wait_for_line("^running")
         return bridge
 
     def peer(self) -> Peer:
         return Peer(self.start([self.python, REPOSITORY / "tests" / "zenoh" / "peer.py", self.definitions], stdin=-1))
 
     def start(self, command: list[Any], more: Mapping[str, str] | None = None, **streams: Any) -> Any:
-        """A process that ends with the graph."""
+        """Start a process that close() ends."""
         with (self.folder / "errors").open("a") as errors:
             settings = {"cwd": self.folder, "env": {**self.environment, **(more or {})}, "stdout": -1, "text": True}
             process = subprocess.Popen([str(word) for word in command], **(settings | {"stderr": errors} | streams))
@@ -86,3 +90,20 @@ class Graph:
             process.kill()
         for process in self.processes:
             process.communicate()
+        wait_for(_remove_orphans, "the end of zenoh's shared memory")
+
+
+def _remove_orphans() -> bool:
+    """Remove zenoh's shared memory that no process maps. A killed process leaves it until another process starts.
+
+    Return False if a file is so new that its process may map it later.
+    """
+    mapped = {mapping.name for mapping in processes.look().mappings}
+    are_old = True
+    for file in Path("/dev/shm").glob("*.zenoh"):
+        with suppress(FileNotFoundError):
+            is_old = time.time() - file.stat().st_ctime >= 1.0
+            are_old &= is_old or file.name in mapped
+            if is_old and file.name not in mapped:
+                file.unlink()
+    return are_old

@@ -67,7 +67,7 @@ def planned(target: Target, settings: Config, layouts: Layouts) -> dict[str, str
     others = [other for other in TARGETS if other.key != target.key]
     report = Report()
     job = pipeline.job_of(settings, pipeline.lay_out(settings, [*map(str, layouts), *settings.types_used]), report)
-    return pipeline.printed_by([*others, target], [target.key], job, report)
+    return pipeline.render_targets([*others, target], [target.key], job, report)
 
 
 def tokens(texts: Mapping[str, str]) -> list[list[str]]:
@@ -212,7 +212,7 @@ def _constants_beside_fields(target: Target, pairs: Sequence[tuple[str, str]]) -
     """A target that says that constants have a space of their own is taken at its word, and at the compiler's."""
     form = "uint8 {}=1\nuint8 {}\n"
     giver = next((other for other in TARGETS if other.key in target.after), target)
-    names = target.room().NAMES or giver.room().NAMES
+    names = target.load().NAMES or giver.load().NAMES
     if names and names.constants_apart:
         accepted(printed(target, {f"zq_msgs/msg/Foo{n}.msg": form.format(*pair) for n, pair in enumerate(pairs)}))
         return
@@ -291,16 +291,16 @@ def every_message_of_the_store(target: Target) -> None:
     """Is taken, read by whatever reads such files, and named as the target says."""
     texts = _store(target)
     accepted(texts)
-    names = target.room().NAMES
+    names = target.load().NAMES
     words = {token for found in tokens(texts) for token in found}
     for layout in _store_layouts(target).values() if names else ():
         assert names
-        all_made = list(names.made(layout, "shm_msgs"))
+        all_made = list(names.claims(layout, "shm_msgs"))
         if not all_made:
             continue  # it is nothing to this target
         for made in all_made:
-            there = any(path.endswith(made.name) for path in texts) if made.what == "file" else made.name in words
-            assert there or made.what == "package", made
+            there = any(path.endswith(made.name) for path in texts) if made.kind == "file" else made.name in words
+            assert there or made.kind == "package", made
         for slot in layout.slots:
             assert slot.role is not Role.DATA or names.member(slot.name) in words, (layout.name, slot.name)
     made = {name for layout in _store_layouts(target).values() for name in _made_of(layout, names)}
@@ -438,4 +438,4 @@ def _print(target: Target, layouts: Layouts) -> dict[str, str]:
     settings, report = _store_settings(), Report()
     others = [other for other in TARGETS if other.key != target.key]
     job: Job = pipeline.job_of(settings, layouts, report)
-    return pipeline.printed_by([*others, target], [target.key], job, report)
+    return pipeline.render_targets([*others, target], [target.key], job, report)

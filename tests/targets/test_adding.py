@@ -25,7 +25,7 @@ TYPES = ("geometry_msgs/PoseStamped", "sensor_msgs/Range", "std_msgs/Empty", "st
 def added(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A copy of the repository with the target of the page."""
     folder = pages.copy(tmp_path_factory.mktemp("added"))
-    assert {path.suffix for path in pages.follow(PAGE, folder)} == {".py", ".j2"}
+    assert {path.suffix for path in pages.follow(PAGE, "rust_target", folder)} == {".py", ".j2"}
     return folder
 
 
@@ -37,11 +37,13 @@ def run(folder: Path, *arguments: str, inside: Path | None = None) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 def test_it_keeps_the_contract(added: Path) -> None:
     contract = ("tests/targets/test_contract.py", "-k", "rust or stands_behind", "-n0", "-p", "no:cacheprovider")
     assert re.search(r"\b9 passed", run(added, "pytest", *contract, "-o", "addopts="))
 
 
+@pytest.mark.slow
 def test_it_follows_the_rules_of_the_house(added: Path) -> None:
     run(added, "ruff", "check", "--no-cache", "src/shmgen/targets", "tests/support")
     run(added, "ruff", "format", "--check", "--no-cache", "src/shmgen/targets", "tests/support")

@@ -11,9 +11,10 @@ import pytest
 
 from shmgen.core import toml
 
+from ..support import import_or_skip
 from .test_plcopen import generate
 
-etree = pytest.importorskip("lxml.etree")
+etree = import_or_skip("lxml.etree")
 FACTS = toml.loads((Path(__file__).parent / "codesys_exports.toml").read_text(encoding="utf-8"))
 ELEMENTS, TYPES = FACTS["elements"], {*FACTS["types"]["seen_names"], *FACTS["types"]["schema_only"]}
 

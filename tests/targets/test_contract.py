@@ -7,7 +7,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import count
 from types import SimpleNamespace
 from typing import Any
@@ -27,6 +27,7 @@ from . import contract
 
 @pytest.mark.parametrize("check", contract.CHECKS, ids=lambda check: check.__name__)
 @pytest.mark.parametrize("target", TARGETS, ids=lambda target: target.key)
+@pytest.mark.family("[python-", "[st-", "-files_are_its_own", "told_apart")
 def test_it_is_kept(target: Target, check: contract.Check) -> None:
     check(target)
 
@@ -38,6 +39,7 @@ def test_each_stands_behind_the_one_it_is_after() -> None:
         assert set(target.after) <= set(keys[:number])
 
 
+@pytest.mark.slow
 def test_the_order_in_a_set_changes_nothing() -> None:
     """Python hashes texts otherwise in each process."""
     code = "import hashlib; from tests.targets import contract; from shmgen.targets import TARGETS\n"
@@ -82,7 +84,7 @@ def quoted(text: str) -> str:
     return '"' + "".join(char if char.isalnum() else f"\\{ord(char):03o}" for char in text) + '"'
 
 
-NAMES = Names("Toy", member=escaped, constant=str, made=made)
+NAMES = Names("Toy", member=escaped, constant=str, claims=made)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +129,7 @@ def target(**parts: Any) -> Target:
 
 
 def names(**parts: Any) -> Names:
-    return replace(NAMES, **parts)
+    return NAMES._replace(**parts)
 
 
 @pytest.mark.parametrize("check", contract.CHECKS, ids=lambda check: check.__name__)
@@ -151,11 +153,11 @@ BROKEN: dict[str, tuple[contract.Check, dict[str, Any]]] = {
     "to check fields": (contract.clashes_are_told, {"NAMES": names(member=str)}),
     "to check types": (
         contract.clashes_are_told,
-        {"NAMES": names(made=lambda layout, package: (one for one in made(layout, package) if one.what == "file"))},
+        {"NAMES": names(claims=lambda layout, package: (one for one in made(layout, package) if one.kind == "file"))},
     ),
     "to check files": (
         contract.clashes_are_told,
-        {"NAMES": names(made=lambda layout, package: (one for one in made(layout, package) if one.what == "type"))},
+        {"NAMES": names(claims=lambda layout, package: (one for one in made(layout, package) if one.kind == "type"))},
     ),
     "to say who made it": (contract.files_say_who_made_them, {"first": "// Do not edit."}),
     "whose folder it is": (contract.files_are_its_own, {"path": lambda layout: f"../c/{struct(layout)}.h"}),
@@ -163,7 +165,7 @@ BROKEN: dict[str, tuple[contract.Check, dict[str, Any]]] = {
     "to be the same": (contract.twice_is_the_same, {"counted": True}),
     "a name that it says": (
         contract.every_message_of_the_store,
-        {"NAMES": names(made=lambda layout, package: [ClaimedName("type", f"x_{struct(layout)}")])},
+        {"NAMES": names(claims=lambda layout, package: [ClaimedName("type", f"x_{struct(layout)}")])},
     ),
 }
 
@@ -193,7 +195,7 @@ def test_what_one_takes_of_another_is_printed_before_and_written_only_if_asked_f
     def room(key: str, after: tuple[str, ...]) -> Any:
         def plan(job: Job, report: Report) -> Iterator[Output]:
             planned.append(key)
-            before = "".join(printed.text for other in after for printed in job.printed[other])
+            before = "".join(printed.text for other in after for printed in job.rendered[other])
             yield Output(f"{key}/all.txt", "ros/text.j2", SimpleNamespace(text=f"{before}{key}"))
 
         return SimpleNamespace(NAMES=None, plan=plan)
@@ -202,6 +204,6 @@ def test_what_one_takes_of_another_is_printed_before_and_written_only_if_asked_f
         Target(key, lambda key=key, after=after: room(key, after), after=after)  # type: ignore[misc]
         for key, after in (("a", ()), ("b", ("a",)), ("c", ("b", "a")), ("d", ()))
     ]
-    texts = pipeline.printed_by(targets, ["c", "d"], Job({}), Report())
+    texts = pipeline.render_targets(targets, ["c", "d"], Job({}), Report())
     assert texts == {"c/all.txt": "a\nb\na\nc\n", "d/all.txt": "d\n"}
     assert planned == ["a", "d", "b", "c"]

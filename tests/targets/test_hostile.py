@@ -74,6 +74,7 @@ def harmless() -> dict[str, Any]:
 @example("c\\", "*\\", "m*/", '"""*)')
 @example("*??/", "??/", "m*??/", "??/")
 @settings(careless, max_examples=60)
+@pytest.mark.slow
 def test_comments_units_and_folders(comment: str, other: str, unit: str, within: str) -> None:
     found = code(generated(definition(comment, other, unit), within))
     assert found.keys() == harmless().keys()
@@ -200,6 +201,8 @@ def code(texts: Mapping[str, str]) -> dict[str, Any]:
             found[path] = xml_tokens(text)
         elif path.endswith(".h"):
             found[path] = headers[path]
+        elif path.endswith((".c", ".map")):
+            found[path] = text
         elif path.endswith(".lock"):
             held = tomllib.loads(text)["messages"]["demo_msgs/msg/Foo"]
             found[path] = {**held, "text": "", "origin": "", "units": ""}  # which are of comments, in strings of TOML

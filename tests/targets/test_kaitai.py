@@ -53,7 +53,7 @@ def made(layout: Layout, package: str) -> Iterator[ClaimedName]:
     yield ClaimedName("file", f"{file(layout)}.ksy")
 
 
-NAMES = Names("Kaitai Struct", member=ksy_id, constant=constant_id, made=made)
+NAMES = Names("Kaitai Struct", member=ksy_id, constant=constant_id, claims=made)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,12 +115,12 @@ BROKEN = {
     "that constants meet fields": (contract.clashes_are_told, {"constant": ksy_id}),
     "that they have one space": (
         contract.clashes_are_told,
-        {"constant": ksy_id, "NAMES": replace(NAMES, constant=ksy_id, constants_apart=True)},
+        {"constant": ksy_id, "NAMES": NAMES._replace(constant=ksy_id, constants_apart=True)},
     ),
     "to make constants small": (contract.clashes_are_told, {"constant": lambda name: f"const_{name}"}),
     "names that shmgen adds": (
         contract.every_message_of_the_store,
-        {"member": with_pads, "NAMES": replace(NAMES, member=with_pads)},
+        {"member": with_pads, "NAMES": NAMES._replace(member=with_pads)},
     ),
     "them without a word": (contract.every_message_of_the_store, {"member": with_pads}),
 }

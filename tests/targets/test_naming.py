@@ -136,6 +136,6 @@ def test_the_clash_says_why_and_what_to_do() -> None:
     layout = message(step_=Scalar.UINT8, step=Scalar.UINT8)
     naming.check({layout.name: layout}, "shm_msgs", (), ST, ["st", "plcopen"], report)
     (text,) = map(str, report.diagnostics)
-    assert "`step_` and `step` are one name in Structured Text: `step` becomes `step_`" in text
+    assert "`step_` and `step` become the same name in Structured Text: `step` becomes `step_`" in text
     assert "field: demo/Demo.step\n" in text
-    assert 'leave "st" and "plcopen" out of `targets`' in text
+    assert 'remove "st" and "plcopen" from `targets`' in text

@@ -12,11 +12,12 @@ from shmgen.core.diagnostics import Report
 from shmgen.generator import pipeline
 
 from ..conftest import SHARED
+from ..support import import_or_skip
 from ..support.ide import Found, Ide, Reference
 from .test_st import SIZES, members, parse
 
-etree = pytest.importorskip("lxml.etree")
-pytest.importorskip("blark")
+etree = import_or_skip("lxml.etree")
+import_or_skip("blark")
 
 PLC = "{http://www.plcopen.org/xml/tc6_0200}"
 XHTML = "{http://www.w3.org/1999/xhtml}xhtml"
@@ -125,9 +126,9 @@ def test_it_is_valid(tmp_path: Path, options: str) -> None:
     project = etree.fromstring(generate(tmp_path, options)["plcopen/shmgen.xml"].encode())
     schema.assertValid(project)
     (resource,) = project.iter(PLC + "resource")
-    resource.extend(
-        map(deepcopy, list(project.iter(PLC + "globalVars")))
-    )  # the schema does not look into addData, so what stands there goes to where it would be without CODESYS
+    for found in list(project.iter(PLC + "globalVars")):
+        # The schema does not look into addData, so what stands there goes to where it would be without CODESYS.
+        resource.find(PLC + "addData").addprevious(deepcopy(found))
     configurations = project.find(f"{PLC}instances/{PLC}configurations")
     resource.getparent().getparent().remove(resource.getparent())
     etree.SubElement(configurations, PLC + "configuration", name="Device").append(resource)
@@ -135,8 +136,8 @@ def test_it_is_valid(tmp_path: Path, options: str) -> None:
 
 
 def test_plcopen_of_pypi_reads_it(texts: dict[str, str], files: dict[str, str]) -> None:
-    plcopen = pytest.importorskip("plcopen")
-    parsers = pytest.importorskip("xsdata.formats.dataclass.parsers")
+    plcopen = import_or_skip("plcopen")
+    parsers = import_or_skip("xsdata.formats.dataclass.parsers")
     # It does not take the `value` in an `arrayValue` that the schema asks for.
     xml = re.sub("<initialValue><arrayValue>.*?</initialValue>", "", texts["plcopen/shmgen.xml"])
     xml = xml.replace("tc6_0200", "tc6_0201")  # which it knows
@@ -303,7 +304,12 @@ def test_what_is_private_stays_so(objects: dict[str, Any], files: dict[str, str]
 
 
 def test_libraries_are_those_that_the_block_names(project: Any, files: dict[str, str]) -> None:
-    (libraries,) = data(project, "libraries")
+    assert data(project, "libraries") == [], "exports have them in the application"
+    (resource,) = data(project, "application")
+    (libraries,) = data(resource, "libraries")
+    (manager,) = project.iterfind(f".//{PLC}Object[@Name='Library Manager']")
+    assert [it.text for it in data(libraries, "objectid")] == [manager.get("ObjectId")]
+    libraries = libraries.findall(f"{PLC}Library")
     titles = [library.get("Name").lstrip("#").partition(",")[0] for library in libraries]
     assert f"// Libraries: {', '.join(titles)}." in files["FB_ShmRegion"]
 
@@ -326,7 +332,7 @@ def test_hostile_comments_stay_where_they_are(objects: dict[str, Any], project: 
 
 
 def test_the_script_is_python_2_7(texts: dict[str, str]) -> None:
-    parso = pytest.importorskip("parso")
+    parso = import_or_skip("parso")
     if parso.__version__ >= "0.8":
         pytest.skip(f"parso {parso.__version__} has no grammar of Python 2.7; 0.7.1 is the last")
     grammar = parso.load_grammar(version="2.7")
@@ -364,9 +370,9 @@ def test_the_script_imports_replaces_and_leaves_the_rest_alone(
     ide.open_again()
     assert ide.build() == []
     assert ide.table() == [
-        ("Information", "objects", f"{len(files) - 1} added, 1 replaced, 1 left as they were"),
+        ("Information", "objects", f"{len(files) - 1} added, 1 replaced, 1 unchanged"),
         ("Information", "folder", "ROS"),
-        ("Information", "library SysShm", "there"),
+        ("Information", "library SysShm", "present"),
         ("Information", "library SysSemProcess", "added"),
         ("Information", "library SysTypes2 Interfaces", "added"),
         (
@@ -402,7 +408,7 @@ def test_the_script_puts_in_order_what_an_ide_imports_its_own_way(script: Path, 
     """One that takes the task from the file, and one that knows no folders and wants priorities as text."""
     ide = Ide(SYSTEM, takes_task=True)
     ide.run(script)
-    assert ("Information", "task RosTask", "there; it stays as it is") in ide.table()
+    assert ("Information", "task RosTask", "present, unchanged") in ide.table()
     ide = Ide(SYSTEM, flat=True, priority=str)
     ide.run(script)
     (folder,) = [found for found in ide.application.children if found.is_folder]

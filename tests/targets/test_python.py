@@ -9,6 +9,7 @@ import pickle
 import subprocess
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
@@ -21,8 +22,7 @@ from shmgen.core.model import TypeName
 from shmgen.generator import layout, pipeline
 from shmgen.runtime.region import header
 
-from ..conftest import REPOSITORY
-from ..support.build import module, put
+from ..support.build import committed_texts, module, put
 
 DEFINITIONS = {
     "Joint": "string<=8 name\nint16 turns\nfloat32 torque # [Nm]\n",
@@ -261,9 +261,10 @@ def test_a_count_that_the_plc_got_wrong_is_told(demo: ModuleType) -> None:
         one.joints  # noqa: B018
 
 
-def test_generated_code_is_clean() -> None:
+def test_generated_code_is_clean(tmp_path: Path) -> None:
     """Under the tools' own defaults, as in a user's repository."""
-    folder = REPOSITORY / "generated" / "python"
+    put({path: text for path, text in committed_texts().items() if path.startswith("python/")}, tmp_path)
+    folder = tmp_path / "python"
     subprocess.run([sys.executable, "-m", "ruff", "check", "--isolated", "--no-cache", folder], check=True)
     command = [sys.executable, "-m", "mypy", "--strict", "--config-file=", "--cache-dir=/dev/null", "-p", "shm_msgs"]
     subprocess.run(command, check=True, cwd=folder, stdout=sys.stderr)

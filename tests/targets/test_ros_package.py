@@ -15,6 +15,7 @@ from shmgen.targets.ros.package import default_name
 
 from ..conftest import REPOSITORY
 from ..definitions.test_idl import needs_rosidl
+from ..support import import_or_skip
 from ..support.build import put
 from ..support.command import run
 
@@ -143,13 +144,14 @@ def test_the_launch_file_of_ros_2_starts_what_setup_installs(project: Path) -> N
     tree = ast.parse((folder / "launch" / "bridge.launch.py").read_text())
     (node,) = [it for it in ast.walk(tree) if isinstance(it, ast.Call) and getattr(it.func, "id", "") == "Node"]
     said = {it.arg: it.value.value for it in node.keywords if isinstance(it.value, ast.Constant)}
-    assert said == {"package": "cell_bridge", "executable": "bridge", "name": "shmgen_bridge", "output": "screen"}
+    started = {"package": "cell_bridge", "executable": "bridge", "name": "shmgen_bridge", "output": "screen"}
+    assert said == {**started, "respawn": True, "respawn_delay": 1.0}
     assert '"bridge = " + NAME + ":main"' in (folder / "setup.py").read_text()
     assert (folder / "config" / "bridge.yaml").read_text().splitlines()[1] == "shmgen_bridge:"
 
 
 def test_setup_installs_it_and_the_bridge_starts_from_there(project: Path) -> None:
-    pytest.importorskip("setuptools")
+    import_or_skip("setuptools")
     folder, target = project / "generated" / "ros2" / "cell_bridge", project / "install"
     command = [sys.executable, "setup.py", "-q", "install", f"--prefix={target}", f"--record={project}/record"]
     done = subprocess.run(

@@ -18,9 +18,9 @@ from shmgen.targets.st.names import NAMES
 from shmgen.targets.st.text import ascii_text, comment_lines, literal
 
 from ..conftest import REPOSITORY
-from ..support import build
+from ..support import build, import_or_skip
 
-blark = pytest.importorskip("blark")
+blark = import_or_skip("blark")
 
 MESSAGES = {
     "Point": "# Where, in `(x, y, z)`.\nfloat64 x  # [m]\nfloat64 y\nfloat64 z\n",
@@ -105,9 +105,21 @@ def texts(demo: Layouts) -> dict[str, str]:
     return texts_of(demo)
 
 
+class Parsed(dict[str, list[Any]]):
+    """Files as blark reads them, each when it is first asked for: all take longer than most other tests."""
+
+    def __init__(self, texts: Mapping[str, str]) -> None:
+        super().__init__()
+        self.texts = texts
+
+    def __missing__(self, path: str) -> list[Any]:
+        self[path] = parse(self.texts[path])
+        return self[path]
+
+
 @pytest.fixture(scope="module")
-def parsed(texts: dict[str, str]) -> dict[str, list[Any]]:
-    return {path: parse(text) for path, text in texts.items()}
+def parsed(texts: dict[str, str]) -> Parsed:
+    return Parsed(texts)
 
 
 def structures_of(texts: Mapping[str, str]) -> dict[str, list[tuple[str, str]]]:
@@ -117,8 +129,9 @@ def structures_of(texts: Mapping[str, str]) -> dict[str, list[tuple[str, str]]]:
 # --- what is written ----------------------------------------------------------------------------------
 
 
-def test_a_file_holds_the_object_of_its_name(parsed: dict[str, list[Any]]) -> None:
-    for path, items in parsed.items():
+@pytest.mark.slow
+def test_a_file_holds_the_object_of_its_name(parsed: Parsed) -> None:
+    for path, items in ((path, parsed[path]) for path in parsed.texts):
         stem = Path(path).stem
         first, *methods = items
         match stem.partition("_")[0]:
@@ -174,8 +187,8 @@ def test_constants_as_a_user_reads_them(texts: dict[str, str], demo: Layouts) ->
         "{attribute 'qualified_only'}\n"
         "VAR_GLOBAL CONSTANT\n"
         "    SHM_TYPE_NAME : STRING(20) := 'demo_msgs/msg/Tagged';\n"
-        "    SHM_SIZE      : UDINT := 40;                   // bytes of one message\n"
-        f"    SHM_DIGEST    : LWORD := 16#{digest:016X};  // of the layout\n"
+        "    SHM_SIZE      : UDINT := 40;                   // size of one message in bytes\n"
+        f"    SHM_DIGEST    : LWORD := 16#{digest:016X};  // layout digest\n"
         "\n"
         "    CAR      : USINT := 1;\n"
         "    TRUCK    : USINT := 2;\n"
@@ -366,7 +379,7 @@ def interface(block: Any) -> dict[str, dict[str, str]]:
     return found
 
 
-def test_the_pair_has_the_interface_that_is_documented(parsed: dict[str, list[Any]]) -> None:
+def test_the_pair_has_the_interface_that_is_documented(parsed: Parsed) -> None:
     publisher = interface(parsed["st/demo_msgs/FB_demo_msgs_Point_Publisher.st"][0])
     subscriber = interface(parsed["st/demo_msgs/FB_demo_msgs_Point_Subscriber.st"][0])
     assert publisher["InputDeclarations"] == {
@@ -387,8 +400,9 @@ def test_the_pair_has_the_interface_that_is_documented(parsed: dict[str, list[An
     ]  # fmt: skip
 
 
-def test_no_pointer_crosses_an_interface(parsed: dict[str, list[Any]]) -> None:
-    for path, (block, *_) in parsed.items():
+@pytest.mark.slow
+def test_no_pointer_crosses_an_interface(parsed: Parsed) -> None:
+    for path, (block, *_) in ((path, parsed[path]) for path in parsed.texts):
         if "/FB_demo" in path:
             sides = interface(block)
             for section in ("InputDeclarations", "OutputDeclarations"):
@@ -442,10 +456,11 @@ def test_the_digest_is_that_of_the_layout(texts: dict[str, str], demo: Layouts) 
     assert found == digests(demo.values())
 
 
-def test_the_pair_can_be_used_from_ladder_diagrams(parsed: dict[str, list[Any]], texts: dict[str, str]) -> None:
+@pytest.mark.slow
+def test_the_pair_can_be_used_from_ladder_diagrams(parsed: Parsed, texts: dict[str, str]) -> None:
     """LD, FBD and CFC have no word for an address, and a VAR_IN_OUT cannot be left open."""
     plain = re.compile(r"(ARRAY \[0\.\.\d+\] OF )?([A-Z]+(\(\d+\))?|ST_\w+|E_ShmError)( := .+)?")
-    for path, (block, *_) in ((path, items) for path, items in parsed.items() if "/FB_demo_msgs" in path):
+    for path, (block, *_) in ((path, parsed[path]) for path in texts if "/FB_demo_msgs" in path):
         assert not block.extends
         assert not block.implements
         found = interface(block)
@@ -468,7 +483,7 @@ def test_every_error_is_explained_and_no_other(texts: dict[str, str]) -> None:
     assert explained == [str(value.name) for value in enum.declaration.init.spec.values]
 
 
-def test_every_input_and_output_is_explained(parsed: dict[str, list[Any]]) -> None:
+def test_every_input_and_output_is_explained(parsed: Parsed) -> None:
     page = (
         (REPOSITORY / "docs" / "structured-text.md")
         .read_text()

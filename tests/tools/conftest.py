@@ -1,4 +1,4 @@
-"""The command in a folder of its own, and real processes around a region."""
+"""The command in a separate folder, and processes that use a region."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ sys.stdin.read()
 
 @pytest.fixture
 def shmgen(tmp_path):
-    """`shmgen arguments…` in an empty folder, in this process."""
+    """A function that runs `shmgen arguments…` in an empty folder, in this process."""
     return lambda *arguments: run([str(argument) for argument in arguments], tmp_path)
 
 
 @pytest.fixture
 def started(tmp_path):
-    """`shmgen arguments…` in the same folder as a process of its own, that ends with the test."""
+    """A function that starts `shmgen arguments…` in the same folder as a process that ends with the test."""
     processes, limits = [], []
 
     def start(*arguments):
@@ -56,7 +56,7 @@ def started(tmp_path):
 
 @pytest.fixture
 def peer():
-    """A process that does some lines of Python and then waits, with what it opened still open."""
+    """A function that starts a process. It runs some lines of Python and then waits with its endpoints open."""
     processes = []
 
     def start(work, *before):

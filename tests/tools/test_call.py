@@ -77,27 +77,28 @@ def test_a_call(served, shmgen, topic):
     assert json.loads(result.stdout) == {"success": True, "batches": [*range(1, 41)], "message": "on its way"}
     result = shmgen("call", topic, "cell_msgs/Start")
     assert (result.code, result.stdout) == (1, "requesting: Start_Request(on=False, batch=7)\n")
-    assert re.fullmatch(rf"error: {topic}: the server reported that call 3 failed\n", result.stderr)
+    assert re.match(rf"{topic}: error\[SHM703\]: the server reported that call \d+ failed\n  hint: ", result.stderr)
     for half, line in (("request", "batch: 7"), ("response", "status: 2")):
         assert line in shmgen("echo", f"{topic}-{half}", "--once").stdout
     whole = shmgen("doctor", topic)
     assert f"{topic}-request  cell_msgs/srv/Start_Request, 2 slots, 3 samples" in whole.stdout
     assert f"{topic}-response  cell_msgs/srv/Start_Reply, 2 slots, 3 samples" in whole.stdout
     assert "2 regions, no faults" in whole.stdout
-    assert "publishes on it" in shmgen("clean", topic).stderr
+    assert "publishes to it" in shmgen("clean", topic).stderr
 
 
 def test_what_is_wrong_is_told_before_anything_is_opened(folder, shmgen, topic):
     for arguments, words in (
         (("cell_msgs/Start", "{batch: many}"), "batch: 'many' is str"),
         (("cell_msgs/Start", "{off: true}"), "off: no such field in cell_msgs/srv/Start_Request"),
-        (("cell_msgs/Start", "{off"), "neither YAML nor JSON"),
+        (("cell_msgs/Start", "{off"), "; write YAML or JSON, in quotes"),
         (("Start",), "Start names no service: write package/Name"),
-        (("std_msgs/Bool",), "unknown message type `std_msgs/srv/Bool`"),
+        (("std_msgs/Bool",), "std_msgs/Bool is a message, not a service; `shmgen pub` publishes it"),
+        (("std_msgs/Boot",), "unknown message type `std_msgs/srv/Boot`"),
     ):
         result = shmgen("call", topic, *arguments)
         assert result.code == 1
-        assert words in result.stderr
+        assert words in result.sentence
     assert not list(Path("/dev/shm").glob(f"*{topic[1:].replace('/', '.')}*"))
 
 
@@ -105,7 +106,7 @@ def test_nobody_serves(folder, shmgen, topic):
     begin = time.monotonic()
     result = shmgen("call", topic, "cell_msgs/Start", "--timeout", "0.1")
     assert result.code == 1
-    assert f"{topic}: no server within 0.1 s; the request was not sent" in result.stderr
+    assert f"{topic}: no server within 0.1 s; the request was not sent" in result.sentence
     assert time.monotonic() - begin < 5
     region = topic[1:].replace("/", ".")
     removed = shmgen("clean", topic)
@@ -130,5 +131,5 @@ def test_doctor_compares_with_the_configuration(folder, shmgen, topic):
     with (folder / "shmgen.toml").open("a") as file:
         file.write(f'[[services]]\nservice = "{topic}"\ntype = "other_msgs/Go"\n')
     result = shmgen("doctor", topic)
-    assert "it holds cell_msgs/srv/Start_Request, and shmgen.toml says other_msgs/Go_Request" in result.stdout
-    assert "it holds cell_msgs/srv/Start_Reply, and shmgen.toml says other_msgs/Go_Reply" in result.stdout
+    assert "the region has type cell_msgs/srv/Start_Request, but shmgen.toml has other_msgs/Go_Request" in result.stdout
+    assert "the region has type cell_msgs/srv/Start_Reply, but shmgen.toml has other_msgs/Go_Reply" in result.stdout

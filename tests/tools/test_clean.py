@@ -42,8 +42,8 @@ def test_not_under_a_living_writer_unless_forced(topic, file, shmgen, peer):
     before = files_of(file)
     result = shmgen("clean", topic)
     assert (result.code, result.stdout) == (1, "")
-    assert result.stderr.startswith(f"error: {topic}: process {writer.pid} (")
-    assert "publishes on it\n  hint: stop it first" in result.stderr
+    assert result.stderr.startswith(f"{topic}: error[SHM702]: process {writer.pid} (")
+    assert "publishes to it\n  hint: stop it first" in result.stderr
     assert files_of(file) == before
     assert shmgen("clean", topic, "--force").code == 0
     assert files_of(file) == []
@@ -54,7 +54,7 @@ def test_not_under_a_reader(topic, file, shmgen, peer):
     result = shmgen("clean", topic)
     assert result.code == 1
     assert f"process {reader.pid} (" in result.stderr
-    assert "has it open\n" in result.stderr
+    assert "uses it\n" in result.stderr
     reader.kill()
     reader.wait()
     assert shmgen("clean", topic).code == 0
@@ -91,7 +91,7 @@ def test_not_under_a_plc(topic, file, shmgen):
     finally:
         ended.set()
         plc.join()
-    assert (result.code, "a PLC publishes on it" in result.stderr) == (1, True)
+    assert (result.code, "a PLC publishes to it" in result.stderr) == (1, True)
     assert shmgen("clean", topic).code == 0
 
 
@@ -182,7 +182,7 @@ print(*sorted(os.listdir("/dev/shm")))
     removed = [line.split()[-1] for line in result.stdout.splitlines() if line.startswith("removed")]
     assert named == removed == ["/dev/shm/sem.7hIjKl", "/dev/shm/sem.aB3dEf"]
     assert "would remove" not in result.stdout
-    assert "note: somebody was killed while making a semaphore" in result.stdout
+    assert "note: a process was killed while it created a semaphore" in result.stdout
     assert result.stdout.splitlines()[-1].split() == [
         "rEgI0n", "sem.camera", "sem.made", "sem.oPeN01", "sem.rEgI0n", "sem.sIz3e1", "sem.uSeD01", "sem.y0UnGx",
     ]  # fmt: skip
@@ -208,7 +208,7 @@ finally:
     assert {"removed /dev/shm/sem.a", "removed /dev/shm/a"} <= set(removed)
     assert not any("b.c" in line for line in removed)
     assert {"b.c", "foreign", "sem.b.c"} == {name for name in left.split() if not name.endswith("-event")}
-    assert "/b/c: process" in result.stderr
+    assert "/b/c: error[SHM702]: process" in result.stderr
 
 
 def test_topics_or_all(shmgen):

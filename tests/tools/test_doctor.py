@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import grp
+import itertools
 import json
 import os
 import re
@@ -18,17 +19,17 @@ import posix_ipc
 import pytest
 
 import shmgen.tools.doctor.clean
-import shmgen.tools.watch.screen
-import shmgen.tools.watch.topics  # noqa: F401 nobody() may not be able to read them
+import shmgen.tools.watch.overview
+import shmgen.tools.watch.screen  # noqa: F401 nobody() may not be able to read them
 from shmgen.runtime import RegionUnusable, Subscriber, region_name
 from shmgen.runtime.reference import memory_order
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region.access import RegionOptions
-from shmgen.tools.doctor import checks
+from shmgen.runtime.region.access import RegionOptions, way_in
+from shmgen.tools.doctor import checks, snapshot
 from tests.support.engines import use_python
 
 from ..runtime.messages import Pose, PosePublisher
-from ..support.command import run
+from ..support.command import PRELOAD, run
 from .conftest import REPOSITORY
 
 PUBLISHER = "publisher = PosePublisher({topic!r}); publisher.publish(pose(1.0))"
@@ -58,7 +59,7 @@ def test_a_healthy_region(topic, shmgen, peer):
     assert lines[0].startswith(f"{topic}  geometry_msgs/msg/Pose, 2 slots, 1 sample, 4,096 bytes, ")
     assert lines[1].startswith(f"  writer: process {writer.pid} (")
     assert lines[1].endswith("), alive")
-    assert lines[2] == "  lock: free, entered 0 times a second"
+    assert lines[2] == "  lock: free, acquired 0 times per second"
     assert lines[-1] == "1 region, no faults"
 
     (region,) = json.loads(shmgen("doctor", topic, "--json").stdout)["regions"]
@@ -77,11 +78,11 @@ def test_a_lock_whose_holder_was_killed(topic, semaphore, shmgen, peer):
     inside = "; region_of(publisher).semaphore.acquire(); region_of(publisher).words[h.LOCK_HOLDER] = os.getpid()"
     holder = peer(PUBLISHER.format(topic=topic) + inside)
     fault = examined(shmgen, topic)
-    assert f"its lock is held by process {holder.pid} (" in fault["message"]
+    assert f"its lock has been held by process {holder.pid} (" in fault["message"]
     holder.kill()
     os.waitid(os.P_PID, holder.pid, os.WEXITED | os.WNOWAIT)  # a zombie, until its parent asks
     fault = examined(shmgen, topic)
-    assert f"held by process {holder.pid}, which is dead, and has not been released for 1." in fault["message"]
+    assert f"held by process {holder.pid}, which is dead, for 1." in fault["message"]
     assert (fault["file"], fault["process"]) == (str(semaphore), holder.pid)
 
 
@@ -118,7 +119,7 @@ def test_a_semaphore_that_is_missing_and_one_that_came_in_its_place(topic, semap
     posix_ipc.Semaphore("/" + region_name(topic), posix_ipc.O_CREX, mode=0o660, initial_value=1).close()
     semaphore.chmod(0o660)
     fault = examined(shmgen, topic)
-    assert "locks with a semaphore that was removed" in fault["message"]
+    assert "uses a semaphore that was removed" in fault["message"]
     assert fault["process"] == writer.pid
 
 
@@ -127,24 +128,24 @@ def test_another_layout_than_that_of_the_folder(topic, tmp_path, shmgen):
     (tmp_path / "shmgen.toml").write_text('messages = ["std_msgs/String"]\n' + small)
     assert shmgen("pub", topic, "std_msgs/String", "--once").code == 0
     result = shmgen("doctor", topic)
-    assert (result.code, "layout: as in shmgen.toml" in result.stdout) == (0, True)
+    assert (result.code, "layout: same as shmgen.toml" in result.stdout) == (0, True)
 
     (tmp_path / "shmgen.toml").write_text('messages = ["std_msgs/String"]\n')
     fault = examined(shmgen, topic)
     assert "another layout of std_msgs/msg/String than this folder" in fault["message"]
-    assert "21 bytes there" in fault["message"]
+    assert "21 bytes in the region" in fault["message"]
     assert "81 bytes, by shmgen.toml" in fault["message"]
 
     (tmp_path / "shmgen.toml").write_text(small)
     shmgen("generate", "std_msgs/String", "-q")
-    assert "layout: as in generated/layout.lock" in shmgen("doctor", topic).stdout
+    assert "layout: same as generated/layout.lock" in shmgen("doctor", topic).stdout
 
 
 @pytest.mark.parametrize(
     ("entry", "message"),
     [
-        ('type = "std_msgs/String"\ndepth = 4', "it has 2 slots, and depth = 4 in shmgen.toml takes 8"),
-        ('type = "std_msgs/Bool"', "it holds std_msgs/msg/String, and shmgen.toml says std_msgs/Bool"),
+        ('type = "std_msgs/String"\ndepth = 4', "the region has 2 slots, but depth = 4 in shmgen.toml needs 8"),
+        ('type = "std_msgs/Bool"', "the region has type std_msgs/msg/String, but shmgen.toml has std_msgs/Bool"),
     ],
 )
 def test_another_depth_or_type_than_configured(entry, message, topic, tmp_path, shmgen):
@@ -162,14 +163,14 @@ def test_a_file_cut_short_and_one_of_another_version(topic, file, shmgen):
         opened.truncate(4096)
         opened.seek(4)
         opened.write(b"\1")
-    assert "another version of shmgen: ABI 1" in examined(shmgen, topic)["message"]
+    assert "another version of shmgen created it: ABI 1" in examined(shmgen, topic)["message"]
 
 
 def test_a_semaphore_with_other_permissions(topic, semaphore, shmgen):
     shmgen("pub", topic, "std_msgs/String", "--once")
     semaphore.chmod(0o600)
     fault = examined(shmgen, topic)
-    assert "not all can lock who can read" in fault["message"]
+    assert "some users can read, but not lock" in fault["message"]
     subprocess.run(fault["hint"].strip("`"), shell=True, check=True)
     assert shmgen("doctor", topic).code == 0
 
@@ -184,8 +185,8 @@ def test_another_mode_or_group_than_configured(topic, file, semaphore, tmp_path,
     found = faults(shmgen("doctor", topic, "--json"))
     assert {finding["file"] for finding in found} == {str(file), str(semaphore)}
     assert [finding["message"] for finding in found][:2] == [
-        'its mode is 0600, and mode = "0660" in shmgen.toml',
-        f'its group is {group}, and group = "plc" in shmgen.toml',
+        'the mode is 0600, but shmgen.toml has mode = "0660"',
+        f'the group is {group}, but shmgen.toml has group = "plc"',
     ]
     for finding in found:
         if "mode" in finding["message"]:
@@ -201,7 +202,7 @@ def test_what_a_umask_has_left_of_a_mode(topic, file, semaphore, shmgen):
         left.chmod(0o640)
     result = shmgen("doctor", topic)
     assert result.code == 0
-    assert result.stdout.count("note: its mode is 0640, so that its group may read it and not write it") == 2
+    assert result.stdout.count("note: the mode is 0640: the group may read the file, but also needs to write it") == 2
     assert f"`chmod g+w {semaphore}`" in result.stdout
 
 
@@ -209,7 +210,7 @@ def test_a_process_that_holds_on_to_a_removed_region(topic, file, shmgen, peer):
     writer = peer(PUBLISHER.format(topic=topic))
     file.unlink()
     fault = examined(shmgen, topic)
-    assert "still holds a region that was removed" in fault["message"]
+    assert "still uses a region that was removed" in fault["message"]
     assert (fault["process"], fault["hint"]) == (writer.pid, f"restart process {writer.pid}")
     writer.kill()
     writer.wait()
@@ -252,7 +253,7 @@ def test_a_removed_region_of_a_process_of_one_s_own(topic, file, for_nobody, shm
     for asked in ((), (topic,)):
         found = [finding for finding in for_nobody(*asked)["findings"] if finding["topic"] == topic]
         assert [(finding["process"], finding["note"]) for finding in found] == [(writer.pid, False)]
-        assert "still holds a region that was removed" in found[0]["message"]
+        assert "still uses a region that was removed" in found[0]["message"]
     assert examined(shmgen, topic)["process"] == writer.pid  # as root
 
 
@@ -287,7 +288,7 @@ def test_a_process_alone_in_another_dev_shm(topic, shmgen, peer, container):
     peer(PUBLISHER.format(topic=topic))
     inside = container(PUBLISHER.format(topic=topic))
     fault = examined(shmgen, topic)
-    assert "in a /dev/shm of its own, so neither side sees the other" in fault["message"]
+    assert "in another /dev/shm, so neither side sees the other" in fault["message"]
     assert fault["process"] == inside.pid
 
 
@@ -306,23 +307,23 @@ def test_containers_that_are_whole_are_no_fault(topic, tmp_path, for_nobody, shm
     assert about(json.loads(shmgen("doctor", "--json").stdout)) == []
     (tmp_path / "shmgen.toml").write_text(f'[[topics]]\ntopic = "{topic}_c"\ntype = "std_msgs/Bool"\n')
     (lonely,) = about(json.loads(shmgen("doctor", "--json").stdout))
-    assert "in a /dev/shm of its own" in lonely["message"]
+    assert "in another /dev/shm" in lonely["message"]
 
 
 def test_a_region_that_is_only_in_a_container_is_found_if_it_is_asked_for(topic, shmgen, container):
     container(PAIR.format(topic=topic))
     found = faults(shmgen("doctor", topic, "--json"))
     assert len(found) == 2
-    assert all("in a /dev/shm of its own" in finding["message"] for finding in found)
+    assert all("in another /dev/shm" in finding["message"] for finding in found)
 
 
 @pytest.mark.parametrize(
     ("value", "waiters", "dead", "said"),
     [
-        (0, 1, False, "its lock is held by process {holder} ("),
-        (0, 0, True, "its lock is held by process {holder}, which is dead, and has not been released for 1."),
+        (0, 1, False, "its lock has been held by process {holder} ("),
+        (0, 0, True, "its lock has been held by process {holder}, which is dead, for 1."),
         (1, 1, True, ""),
-        (2, 0, True, "its semaphore is 2: that many processes can hold the lock at once"),
+        (2, 0, True, "the value of its semaphore is 2: so many processes can hold the lock at once"),
     ],
 )
 def test_the_semaphore_of_a_32_bit_process(topic, semaphore, file, shmgen, value, waiters, dead, said):
@@ -337,7 +338,7 @@ def test_the_semaphore_of_a_32_bit_process(topic, semaphore, file, shmgen, value
         assert said.format(holder=holder) in examined(shmgen, topic)["message"]
     else:
         result = shmgen("doctor", topic)
-        assert ("  lock: free, entered 0 times a second" in result.stdout, result.code) == (True, 0)
+        assert ("  lock: free, acquired 0 times per second" in result.stdout, result.code) == (True, 0)
     report = json.loads(shmgen("doctor", topic, "--json").stdout)
     assert report["regions"][0]["semaphore"] == value
 
@@ -377,7 +378,7 @@ def test_a_process_of_other_bitness(topic, file, tmp_path, shmgen, peer, machine
 
 @contextmanager
 def nobody():
-    """This process as another user; what it needs is imported by then."""
+    """Run this process as another user, who may be unable to import modules from the checkout."""
     groups = os.getgroups()
     os.setgroups([])
     os.setresgid(65534, 65534, 0)
@@ -393,22 +394,61 @@ def nobody():
 @root_only
 def test_as_a_user_who_may_not(topic, file, shmgen):
     shmgen("pub", topic, "std_msgs/String", "--once")
-    assert shmgen("doctor", topic).code == 0
+    commands = ["topics"], ["top", "--once"], ["info", topic[:-1]]
+    for command in (["doctor", topic], *commands):  # their modules are imported before the user changes
+        shmgen(*command)
     with nobody():
         result = run(["doctor", topic, "--json"], Path("/"))
         refused = run(["clean", topic], Path("/"))
-        listed = [run(command, Path("/")).stderr for command in (["topics"], ["top", "--once"], ["info", topic[:-1]])]
+        listed = [run(command, Path("/")).stderr for command in commands]
     (fault,) = faults(result)
     assert result.code == 1
     assert fault["file"] == str(file)
     assert "this user cannot read it" in fault["message"]
-    assert "usermod -aG root" in fault["hint"]
+    for text in (fault["hint"], refused.stderr):
+        assert "usermod" not in text  # nobody joins root for one file
+        assert "set `group` under [regions]" in text
     assert refused.code == 1
     assert f"{file} belongs to root:root with mode 660" in refused.stderr
     for text in listed[:2]:
-        assert re.search(r"\d+ regions? that this user may not read; `shmgen doctor` says which group to join", text)
+        assert re.search(r"\d+ regions? that this user may not read; `shmgen doctor` says what to do", text)
         assert "no regions" not in text
     assert f"did you mean {topic}?" in listed[2]
+
+
+@root_only
+@pytest.mark.parametrize("mode", ["755", "700", "777"])
+def test_a_folder_of_regions_with_a_wrong_mode_is_a_fault(mode, tmp_path):
+    """Also to a user who may not look into it. /dev/shm here is that of a mount namespace of this test's own."""
+    program = tmp_path / "as_nobody.py"
+    program.write_text(
+        f"{PRELOAD}\nos.chdir('/'); os.setgroups([]); os.setresgid(9, 9, 9); os.setresuid(9999, 9999, 9999)\n"
+        "shmgen.cli.main.main()\n"
+    )
+    mount = f"mount -t tmpfs -o mode={mode} tmpfs /dev/shm && exec"
+    made = ["unshare", "--mount", "sh", "-c", f'{mount} "$@"', "sh", sys.executable, str(program)]
+    done = subprocess.run([*made, "doctor"], capture_output=True, text=True, check=False)
+    if done.returncode and "unshare" in done.stderr:
+        pytest.skip("no mount namespaces here")
+    assert f"fault: the mode of /dev/shm is 0{mode} instead of 1777" in done.stdout, done.stderr
+    assert "`sudo chmod 1777 /dev/shm`" in done.stdout
+    assert done.returncode == 1
+    if mode == "700":
+        listed = subprocess.run([*made, "topics"], capture_output=True, text=True, check=False).stderr
+        assert "this user may not look into /dev/shm; `shmgen doctor` says what to do" in listed
+
+
+@pytest.mark.parametrize(
+    ("gid", "mode", "advice"),
+    [
+        (0, 0o660, "do not join root"),
+        (12345, 0o660, "`sudo usermod -aG 12345 $USER`"),
+        (12345, 0o640, "its group may not open it either"),
+    ],
+)
+def test_a_user_is_told_to_join_only_a_group_that_is_for_this(gid, mode, advice):
+    status = os.stat_result((0o100000 | mode, 1, 1, 1, 12345, gid, 0, 0, 0, 0))
+    assert advice in way_in(status)
 
 
 def test_a_file_that_is_no_region_is_one_fault_to_all(topic, file, shmgen):
@@ -436,7 +476,7 @@ def test_a_file_that_is_no_region_is_one_fault_to_all(topic, file, shmgen):
     assert file.read_bytes() == b"hello\n"
     file.write_bytes(b"")
     (fault,) = faults(shmgen("doctor", topic, "--json"))
-    assert fault["message"] == "nobody has completed its header yet"
+    assert fault["message"] == "its header is not complete yet"
 
 
 def test_a_topic_that_is_not_there(topic, shmgen):
@@ -456,3 +496,35 @@ def test_all_regions_and_nothing_else(topic, file, shmgen):
     assert topic in topics
     assert topic + "_foreign" not in topics
     assert topic + "_pipe" not in topics
+
+
+@pytest.mark.parametrize("arguments", [("doctor", "--json"), ("topics", "--json"), ("clean", "--all", "--dry-run")])
+def test_a_region_may_vanish_at_any_moment(arguments, topic, file, semaphore, shmgen, monkeypatch):
+    """Remove the files before the command's first system call on them, then before the second, until the last."""
+
+    def counted(call):
+        def counting(path, *others, **named):
+            nonlocal calls
+            if region_name(topic) in str(path):
+                calls += 1
+                if calls == moment:
+                    file.unlink()
+                    semaphore.unlink()
+            return call(path, *others, **named)
+
+        return counting
+
+    monkeypatch.setattr(snapshot, "_WATCH", 0)
+    for moment in itertools.count(1):
+        shmgen("pub", topic, "std_msgs/String", "--once")
+        calls = 0
+        with monkeypatch.context() as patch:
+            for name in ("access", "lstat", "open", "stat"):
+                patch.setattr(os, name, counted(getattr(os, name)))
+            result = shmgen(*arguments)
+        assert "No such file" not in result.stderr
+        assert topic not in result.stderr
+        assert arguments[0] != "doctor" or topic not in [fault["topic"] for fault in faults(result)]
+        if calls < moment:
+            break
+    assert moment > 3

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
+import math
 import random
 import signal
 import time
@@ -47,7 +49,7 @@ def rejected(shmgen, topic, *arguments):
     result = shmgen("pub", topic, *arguments, "--once")
     assert (result.code, result.stdout) == (1, "")
     assert not list(Path("/dev/shm").glob(f"*{topic.replace('/', '.')[1:]}*"))
-    return result.stderr
+    return result.sentence
 
 
 @pytest.mark.parametrize("text", ["{position: {x: 1}}", '{"position": {"x": 1.0}}', "position:\n  x: 1e0"])
@@ -55,6 +57,29 @@ def test_yaml_and_json(text, topic, shmgen):
     published(shmgen, topic, "geometry_msgs/Pose", text)
     result = shmgen("echo", topic, "--once")
     assert (result.code, result.stdout, result.stderr) == (0, POSE, "")
+
+
+def test_a_float32_has_its_own_digits(topic, shmgen):
+    """0.01 of a float32 is 0.009999999776482582 as a float64, which nobody wrote."""
+    published(shmgen, topic, "geometry_msgs/Point32", "{x: 0.01, y: -3.4028235e38, z: 1e-45}")
+    said = {
+        options: shmgen("echo", topic, *options.split(), "--once").stdout
+        for options in ("", "--json", "--csv", "--field x")
+    }
+    assert said == {
+        "": "x: 0.01\ny: -3.4028235e+38\nz: 1e-45\n---\n",
+        "--json": '{"x": 0.01, "y": -3.4028235e+38, "z": 1e-45}\n',
+        "--csv": said["--csv"],
+        "--field x": "0.01\n---\n",
+    }
+    assert "0.01,-3.4028235e+38,1e-45" in said["--csv"]
+
+
+@given(st.floats(width=32))
+def test_no_digit_of_a_float32_is_lost(value):
+    near = format.shortest(value)
+    assert ctypes.c_float(near).value == value or math.isnan(value)
+    assert len(repr(near)) <= len(repr(value))
 
 
 def test_defaults_and_now(topic, shmgen):
@@ -135,9 +160,9 @@ def test_a_sample_with_a_count_too_high_is_told_and_the_next_one_printed(topic, 
         (count,) = (slot for slot in bounds_of("sensor_msgs/JointState", tmp_path) if slot.name == "position_count")
         region.seek(there.header_size + there.slot_size + header.SLOT_HEADER + count.offset)
         region.write((2**32 - 1).to_bytes(4, "little"))
-    said = f"error: {topic}: damaged sample: position: the writer says 4,294,967,295 elements; the bound is 3\n"
+    said = f"{topic}: error[SHM702]: damaged sample: position: the writer says 4,294,967,295 elements; the bound is 3\n"
     once = shmgen("echo", topic, "--once")
-    assert (once.code, once.stdout, once.stderr) == (1, "", said)
+    assert (once.code, once.stdout, once.stderr.partition("  hint")[0]) == (1, "", said)
     process = started("echo", topic, "-n", "2", "--json")
     assert process.stderr.readline() == said
     published(shmgen, topic, "sensor_msgs/JointState", "{position: [2.0]}")
@@ -260,7 +285,7 @@ def test_a_second_writer_and_a_time_limit(topic, shmgen, started):
     assert f"process {pub.pid} publishes already" in result.stderr
     silent = shmgen("echo", topic + "x", "--timeout", "0.1")
     assert silent.code == 1
-    assert f"error: {topic}x: no region within 0.1 s; see `shmgen doctor {topic}x`\n" in silent.stderr
+    assert f"{topic}x: error[SHM701]: no region within 0.1 s\n  hint: see `shmgen doctor {topic}x`\n" in silent.stderr
     pub.send_signal(signal.SIGINT)
     pub.wait(10)
     assert "no sample within 0.1 s" in shmgen("echo", topic, "--timeout", "0.1").stderr

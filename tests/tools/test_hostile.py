@@ -13,7 +13,7 @@ import pytest
 
 from shmgen.runtime import region_name
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region.looks import WRITER_LOCK, lock_byte
+from shmgen.runtime.region.record_locks import WRITER_LOCK, lock_byte
 
 from ..runtime.messages import PosePublisher, pose
 from .conftest import PEER, REPOSITORY
@@ -81,12 +81,12 @@ def test_orders_in_a_value_reach_no_terminal(topic, shmgen):
 @pytest.mark.parametrize(
     ("offset", "data", "word"),
     [
-        (28, struct.pack("<I", 0), "it says 0 slots"),
-        (28, struct.pack("<I", 3), "it says 3 slots"),
+        (28, struct.pack("<I", 0), "the number of slots is 0"),
+        (28, struct.pack("<I", 3), "the number of slots is 3"),
         (28, struct.pack("<I", 2**31), "need 549,755,814,080"),
         (20, struct.pack("<I", 2**32 - 1), "need 17,179,869,372"),
-        (20, struct.pack("<I", 0), "its slots of 0 bytes cannot hold 56 and 16"),
-        (16, struct.pack("<I", 2**32 - 1), "its slots of 128 bytes cannot hold 4294967295 and 16"),
+        (20, struct.pack("<I", 0), "its slots of 0 bytes are too small for 56 + 16"),
+        (16, struct.pack("<I", 2**32 - 1), "its slots of 128 bytes are too small for 4294967295 + 16"),
         (4, struct.pack("<H", 7), "ABI 7"),
     ],
 )
@@ -106,7 +106,7 @@ def test_a_damaged_region_is_shown_and_ends_nothing(topic, file, region, shmgen,
     for command in ("echo", "hz"):
         result = shmgen(command, topic, "--timeout", "1")
         assert result.code == 1
-        assert f"error: {topic}: the region is damaged: " in result.stderr
+        assert f"{topic}: error[SHM702]: the region is damaged: " in result.stderr
         assert word in result.stderr
     assert shmgen("clean", topic).stdout.endswith(f"removed {file}\n")
 
@@ -129,6 +129,7 @@ TRAPS = {
 
 @pytest.mark.parametrize("kind", TRAPS)
 @pytest.mark.parametrize("place", ["region", "semaphore", "event"])
+@pytest.mark.family("[region-a FIFO]", "[semaphore-a symbolic link]")
 def test_a_trap_in_the_place_of_a_file_is_named_and_not_opened(topic, file, semaphore, shmgen, started, kind, place):
     PosePublisher(topic).close()
     trap = {"region": file, "semaphore": semaphore, "event": semaphore.with_name(f"{semaphore.name}-event")}[place]
@@ -137,7 +138,7 @@ def test_a_trap_in_the_place_of_a_file_is_named_and_not_opened(topic, file, sema
     doctor = started("doctor", topic, "--json")
     found = json.loads(doctor.communicate(timeout=20)[0])["findings"]
     (fault,) = [finding for finding in found if not finding["note"]]
-    assert fault["message"] == f"in the place of a file is {kind}, and programs refuse it for that"
+    assert fault["message"] == f"this is {kind} instead of a regular file, so programs refuse it"
     assert (fault["topic"], fault["file"]) == (topic, str(trap))
     for command in (["echo", topic, "--timeout", "0.1"], ["hz", topic, "--timeout", "0.1"], ["top", "--once"]):
         started(*command).communicate(timeout=20)
@@ -153,7 +154,7 @@ def test_a_trap_in_the_place_of_a_file_is_named_and_not_opened(topic, file, sema
 def test_a_semaphore_that_is_none(topic, semaphore, shmgen, size):
     PosePublisher(topic).close()
     semaphore.write_bytes(b"x" * size)
-    assert f"its semaphore's file has {size} bytes" in examined(shmgen, topic)["message"]
+    assert f"the file of its semaphore has {size} bytes" in examined(shmgen, topic)["message"]
 
 
 def test_what_all_may_write_is_a_fault_unless_it_was_said(topic, file, semaphore, tmp_path, shmgen):
@@ -165,7 +166,7 @@ def test_what_all_may_write_is_a_fault_unless_it_was_said(topic, file, semaphore
     found = faults(shmgen("doctor", topic, "--json"))
     assert [finding["file"] for finding in found] == [str(file), str(semaphore), f"{semaphore}-event"]
     assert {finding["message"] for finding in found} == {
-        "every user of this machine can write it, and programs refuse it for that"
+        "every user of this machine can write it, so programs refuse this file"
     }
     assert 'mode = "0666" under [regions]' in found[0]["hint"]
     for finding in found[:2]:
@@ -184,7 +185,7 @@ def test_what_belongs_to_a_stranger_is_told_to_root(topic, file, semaphore, shmg
         os.chown(each, 54321, 54321)
     result = shmgen("doctor", topic)
     assert result.code == 0
-    assert result.stdout.count("it belongs to 54321, a stranger to root, and programs of root refuse it for that") == 2
+    assert result.stdout.count("it belongs to 54321, a stranger to root, so programs of root refuse this file") == 2
     assert 'group = "54321" under [regions] in shmgen.toml' in result.stdout
     refused = shmgen("echo", topic, "--timeout", "1")
     assert (refused.code, "a stranger to root, and is not used" in refused.stderr) == (1, True)

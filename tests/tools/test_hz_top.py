@@ -16,7 +16,7 @@ import pytest
 
 from shmgen.runtime.region import header as h
 from shmgen.tools.messages import stream
-from shmgen.tools.watch import reports, top
+from shmgen.tools.watch import overview, reports
 from tests.support.region_of import region_of
 
 from ..runtime.messages import PosePublisher, PoseSubscriber, pose
@@ -106,7 +106,7 @@ def test_top_in_a_pipe(topic, shmgen, started):
 
 
 def row(topic, rate):
-    return top.TopicRow(topic, rate, 1.0, "demo_msgs/msg/Long", "42 a longer name", 2, 0.0, 0, 0)
+    return overview.Row(topic, "demo_msgs/msg/Long", "42 a longer name", 2, 1.0, rate=rate, lock=0.0)
 
 
 def test_top_counts_what_readers_missed(topic, shmgen):
@@ -133,13 +133,13 @@ def shown(shmgen, topic):
 
 
 def test_order_and_width():
-    rows = [row("/b", 1.0), row("/a", 5.0), row("/c", None)]
-    assert [found.topic for found in top.ordered(rows, "topic", False)] == ["/a", "/b", "/c"]
-    assert [found.topic for found in top.ordered(rows, "rate", False)] == ["/a", "/b", "/c"]
-    assert [found.topic for found in top.ordered(rows, "rate", True)] == ["/b", "/a", "/c"]
-    wide = max(map(len, top.table(rows)))
-    assert max(map(len, top.table(rows, width=wide - 6))) == wide - 6
-    assert "5.0/s" in top.table(rows, width=20)[2]
+    some = [row("/b", 1.0), row("/a", 5.0), row("/c", None)]
+    assert [found.topic for found in overview.ordered(some, "topic", False)] == ["/a", "/b", "/c"]
+    assert [found.topic for found in overview.ordered(some, "rate", False)] == ["/a", "/b", "/c"]
+    assert [found.topic for found in overview.ordered(some, "rate", True)] == ["/b", "/a", "/c"]
+    wide = max(map(len, overview.table(some, "")))
+    assert max(map(len, overview.table(some, "", width=wide - 6))) == wide - 6
+    assert "5.0/s" in overview.table(some, "", width=20)[2]
 
 
 def test_in_80_columns_the_topic_is_whole_and_columns_go_from_the_right():
@@ -147,13 +147,13 @@ def test_in_80_columns_the_topic_is_whole_and_columns_go_from_the_right():
         ("/cell/oven/temperature", ["TOPIC", "RATE", "AGE", "TYPE", "WRITER", "SLOTS"]),
         ("/cell/arm/left/joint_trajectory_controller/state", ["TOPIC", "RATE", "AGE"]),
     ):
-        table = top.table([row(topic, 1000.0)], width=80)
+        table = overview.table([row(topic, 1000.0)], "", width=80)
         assert table[0].split() == titles
         assert table[1].split()[:5] == [topic, "1000.0/s", "1.0", "s", *table[1].split()[4:5]]
         assert max(map(len, table)) <= 80
-    assert "...msgs/msg/Long" in top.table([row("/cell/oven/temperatures", 1.0)], width=86)[1]
-    assert "42 a long..." in top.table([row("/cell/oven/temperatures", 1.0)], width=80)[1]
-    assert top.table([row("/a/topic/wider/than/this", 1.0)], width=12)[1] == "...than/this"
+    assert "...msgs/msg/Long" in overview.table([row("/cell/oven/temperatures", 1.0)], "", width=86)[1]
+    assert "42 a long..." in overview.table([row("/cell/oven/temperatures", 1.0)], "", width=80)[1]
+    assert overview.table([row("/a/topic/wider/than/this", 1.0)], "", width=12)[1] == "...than/this"
 
 
 def test_slots_are_counted_and_no_depth_is_guessed(topic, shmgen):
@@ -169,17 +169,19 @@ def test_slots_are_counted_and_no_depth_is_guessed(topic, shmgen):
 def test_columns_stay_where_they_are():
     """From one table to the next, with the numbers of every day and the sort going round; regions may come and go."""
     before = {}
-    first = top.table([row("/a", None)], "topic", None, before)
+    first = overview.table([row("/a", None)], "topic", None, before)
     for rate, column in ((9.9, "rate"), (10.0, "age"), (999.9, "lock"), (1000.0, "type"), (0.0, "topic")):
-        lines = top.table([row("/a", rate)], column, None, before)
+        lines = overview.table([row("/a", rate)], column, None, before)
         assert len(lines[1]) == len(first[1])
         assert [title.start() for title in re.finditer(r"[A-Z]\b", lines[0].replace("*", " "))] == [
             title.start() for title in re.finditer(r"[A-Z]\b", first[0].replace("*", " "))
         ]
-    wide = top.table([row("/a", 12345.6), row("/a/long/name", 1.0)], "", None, before)
-    assert len(top.table([row("/a", 1.0)], "", None, before)[1]) == len(wide[1])
-    narrow = top.table([row("/a", 1.0)], "", 70, before)
-    assert [len(line) for line in top.table([row("/a", 12345.6)], "", 70, before)] == [len(line) for line in narrow]
+    wide = overview.table([row("/a", 12345.6), row("/a/long/name", 1.0)], "", None, before)
+    assert len(overview.table([row("/a", 1.0)], "", None, before)[1]) == len(wide[1])
+    narrow = overview.table([row("/a", 1.0)], "", 70, before)
+    assert [len(line) for line in overview.table([row("/a", 12345.6)], "", 70, before)] == [
+        len(line) for line in narrow
+    ]
 
 
 class Terminal:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-pytest.importorskip("textual_plotext")
+pytest.importorskip("textual_plotext", exc_type=Exception)
 
 from shmgen.view.curves import round_ticks
 

@@ -12,22 +12,26 @@ import stat
 import subprocess
 import sys
 import threading
-from contextlib import ExitStack, contextmanager
+from contextlib import AsyncExitStack, ExitStack, contextmanager
 from pathlib import Path
 
 import aiohttp
 import pytest
 from aiohttp import web
 
-textual = pytest.importorskip("textual", reason="no Textual: pip install '.[view]'")
+from ..support import import_or_skip
+from ..support.build import put
+
+textual = import_or_skip("textual", reason="no Textual: pip install '.[view]'")
 
 from textual.widgets import DataTable, TabbedContent, TextArea, Tree  # noqa: E402
 
 from shmgen.config import Config  # noqa: E402
+from shmgen.config.entries import Bounds  # noqa: E402
 from shmgen.live.classes import ClassRegistry, publisher, subscriber  # noqa: E402
 from shmgen.live.session import Session  # noqa: E402
 from shmgen.tools.messages import parse  # noqa: E402
-from shmgen.tools.watch import top  # noqa: E402
+from shmgen.tools.watch import overview  # noqa: E402
 from shmgen.view.app import Viewer  # noqa: E402
 from shmgen.view.curves import _thinned  # noqa: E402
 from shmgen.view.memory import Memory  # noqa: E402
@@ -44,7 +48,16 @@ def registry(tmp_path):
 
 
 @pytest.fixture
-def moving(topic, registry):
+def first(topic):
+    """A topic above those of other tests, which come and go: no row moves between a look and a click."""
+    name = topic.replace("/shmgen_test/", "/a_click/")
+    yield name
+    for file in Path("/dev/shm").glob(f"*{name[1:].replace('/', '.')}*"):
+        file.unlink()
+
+
+@pytest.fixture
+def moving(first, registry):
     """A pose that goes round, at 100 Hz, with a name that would like to be more than text."""
     kind, over = registry.message("geometry_msgs/msg/PoseStamped"), threading.Event()
 
@@ -55,10 +68,10 @@ def moving(topic, registry):
             position = {"x": math.sin(angle), "y": math.cos(angle), "z": 2.5}
             writer.publish(parse.build(kind, {"header": {"frame_id": HOSTILE}, "pose": {"position": position}}))
 
-    with publisher(kind, topic, 3) as writer:
+    with publisher(kind, first, 3) as writer:
         thread = threading.Thread(target=publish)
         thread.start()
-        yield topic
+        yield first
         over.set()
         thread.join()
 
@@ -69,6 +82,16 @@ async def until(pilot, condition):
         if condition():
             return
     raise AssertionError
+
+
+def nodes(screen):
+    """The lines of the tree by their paths, those of closed arrays too."""
+    waiting, found = [screen.query_one(Tree).root], {}
+    while waiting:
+        node = waiting.pop()
+        waiting += node.children
+        found |= {node.data.path: node} if node.data and not node.data.is_more else {}
+    return found
 
 
 def test_table_fields_curves_and_memory(moving, registry):
@@ -83,11 +106,11 @@ def test_table_fields_curves_and_memory(moving, registry):
             await pilot.press("enter")
             await until(pilot, lambda: app.screen.query(Tree))
             screen = app.screen
-            labels = lambda: {path: str(node.label) for path, node in screen._fields.items()}  # noqa: E731
+            labels = lambda: {path: str(node.label) for path, node in nodes(screen).items()}  # noqa: E731
             await until(pilot, lambda: "2.5" in labels()["pose.position.z"])
             assert labels()["header.frame_id"].startswith("frame_id: '[red]x[/red]<img")
             assert "\x1b" not in labels()["header.frame_id"]
-            node = screen._fields["pose.position.x"]
+            node = nodes(screen)["pose.position.x"]
             screen.query_one(Tree).move_cursor(node)
             await pilot.press("enter")
             await until(pilot, lambda: len(screen._source.curves.get("pose.position.x", ())) > 10)
@@ -107,6 +130,21 @@ def test_table_fields_curves_and_memory(moving, registry):
     asyncio.run(walk())
 
 
+def test_fields_on_the_command_line_are_plotted_at_once(moving, registry):
+    async def walk():
+        app = Viewer(registry, allow_write=False, topic=moving, fields=("pose.position.x", "header.frame_id"))
+        async with app.run_test(size=(150, 40)) as pilot:
+            await until(pilot, lambda: app.screen.query(Tree))
+            curves = app.screen._source.curves
+            await until(pilot, lambda: len(curves.get("pose.position.x", ())) > 3)
+            assert list(curves) == ["pose.position.x"]
+            assert [notice.message for notice in app._notifications] == [
+                "header.frame_id is no longer plotted, or is not a number"
+            ]
+
+    asyncio.run(walk())
+
+
 def test_the_table_is_not_looked_after_where_nobody_sees_it_and_measures_only_what_is_wider(
     topic, registry, monkeypatch
 ):
@@ -117,7 +155,7 @@ def test_the_table_is_not_looked_after_where_nobody_sees_it_and_measures_only_wh
         async with app.run_test(size=(150, 40)) as pilot:
             await until(pilot, lambda: app.screen.query(DataTable) and topic in app.screen.query_one(DataTable).rows)
             regions, looks, measured, update = app.screen, [], [], DataTable.update_cell
-            mine = next(row for row in top.look({}) if row.topic == topic)
+            mine = next(row for row in overview.look({}) if row.topic == topic)
 
             def updated(self, row, column, value, *, update_width):
                 measured.append((column, str(value), update_width))
@@ -126,7 +164,7 @@ def test_the_table_is_not_looked_after_where_nobody_sees_it_and_measures_only_wh
             monkeypatch.setattr(DataTable, "update_cell", updated)
             for missed, wider in ((0, None), (1, False), (12_345_678, True), (7, False)):
                 row = dataclasses.replace(mine, missed=missed)
-                monkeypatch.setattr(top, "look", lambda past, row=row: looks.append(1) or [row])
+                monkeypatch.setattr(overview, "look", lambda past, row=row: looks.append(1) or [row])
                 regions.look()
                 assert wider is None or measured[-1] == ("MISSED", f"{missed:,}", wider)
                 await pilot.pause()
@@ -140,6 +178,124 @@ def test_the_table_is_not_looked_after_where_nobody_sees_it_and_measures_only_wh
         asyncio.run(walk())
 
 
+@pytest.fixture
+def joints(tmp_path):
+    """Knows JointState with a sequence of up to 1,000 names, and a message of float32."""
+    put(
+        {
+            "msgs/f_msgs/msg/F.msg": "float32 x\nfloat32[2] fixed\nfloat32[<=9] many\nCell[<=9] cells\n",
+            "msgs/f_msgs/msg/Cell.msg": "float32[<=3] v\nstring<=9 name\n",
+        },
+        tmp_path,
+    )
+    bounds = Bounds({}, {}, 16, 1000)
+    return ClassRegistry(Session(Config(tmp_path, path=(tmp_path / "msgs",), bounds=bounds)), None)
+
+
+def test_arrays_and_sequences_open_and_their_elements_are_plotted(topic, joints):
+    """Six joints, then four, then a thousand; elements come a page at a time."""
+    kind = joints.message("sensor_msgs/msg/JointState")
+
+    async def walk(writer):
+        app = Viewer(joints, allow_write=False, topic=topic)
+        async with app.run_test(size=(120, 60)) as pilot:
+            await until(pilot, lambda: app.screen.query(Tree) and "position" in nodes(app.screen))
+            screen, tree = app.screen, app.screen.query_one(Tree)
+            label = lambda path: str(nodes(screen)[path].label) if path in nodes(screen) else ""  # noqa: E731
+            await until(pilot, lambda: label("position") == "position: 6 elements, [0.0, 0.1, 0.2, 0.3, 0.4, 0.5]")
+            assert label("effort") == "effort: 0 elements"
+            tree.move_cursor(nodes(screen)["position"])
+            await pilot.press("enter")
+            await until(pilot, lambda: label("position[5]") == "[5]: 0.5")
+            for _ in range(3):
+                await pilot.press("down", "enter")
+            writer.publish(kind(position=[1.0] * 6))
+            await until(pilot, lambda: all(screen._source.curves.get(f"position[{it}]") for it in range(3)))
+            await until(pilot, lambda: label("position[0]") == "● [0]: 1.0")
+            writer.publish(kind(position=[2.0] * 4))
+            await until(pilot, lambda: "position[4]" not in nodes(screen))
+            writer.publish(kind(position=[3.0] * 1000))
+            await until(pilot, lambda: "position[99]" in nodes(screen))
+            node = nodes(screen)["position"]
+            assert "position[100]" not in nodes(screen)
+            assert str(node.children[-1].label) == "… 900 more: Enter shows 100 of them"
+            tree.move_cursor(node.children[-1])
+            await pilot.press("enter")
+            await until(pilot, lambda: label("position[199]") != "")
+            assert str(node.children[-1].label) == "… 800 more: Enter shows 100 of them"
+
+    with publisher(kind, topic, 1) as writer:
+        writer.publish(kind(name=list("abcdef"), position=[it / 10 for it in range(6)]))
+        asyncio.run(walk(writer))
+
+
+def test_messages_in_arrays_open_too_and_a_float32_has_its_own_digits(topic, joints):
+    kind = joints.message("f_msgs/msg/F")
+
+    async def walk():
+        app = Viewer(joints, allow_write=True, topic=topic)
+        async with app.run_test(size=(120, 60)) as pilot:
+            await until(pilot, lambda: app.screen.query(Tree) and "x" in nodes(app.screen))
+            screen = app.screen
+            label = lambda path: str(nodes(screen)[path].label) if path in nodes(screen) else ""  # noqa: E731
+            await until(pilot, lambda: label("x") == "x: 0.01")
+            assert label("fixed") == "fixed: 2 elements, [0.1, 3.4028235e+38]"
+            for path in ("cells", "cells[1]", "cells[1].v"):
+                await until(pilot, lambda path=path: path in nodes(screen))
+                nodes(screen)[path].expand()
+            await until(pilot, lambda: label("cells[1].v[2]") == "[2]: 0.7")
+            assert "x: 0.01\n" in screen.query_one(TextArea).text
+
+    cell = joints.message("f_msgs/msg/Cell")
+    with publisher(kind, topic, 1) as writer:
+        cells = [cell(), cell(v=[0.5, 0.6, 0.7], name="b")]
+        writer.publish(kind(x=0.01, fixed=[0.1, 3.4028234e38], many=[0.1], cells=cells))
+        asyncio.run(walk())
+
+
+def test_select_all_and_type_replaces_the_draft(topic, registry):
+    kind = registry.message("std_msgs/msg/Bool")
+
+    async def walk():
+        app = Viewer(registry, allow_write=True, topic=topic)
+        async with app.run_test(size=(120, 40)) as pilot:
+            await until(pilot, lambda: app.screen.query(TextArea))
+            screen = app.screen
+            screen.query_one(TabbedContent).active = "publish"
+            offered = lambda: {it.binding.action for it in screen.active_bindings.values() if it.enabled}  # noqa: E731
+            assert {"pause", "leave"} <= offered()
+            screen.query_one(TextArea).focus()
+            await until(pilot, lambda: screen.focused is screen.query_one(TextArea))
+            assert not {"pause", "leave", "zoom(2)"} & offered()
+            assert "select_all" in offered()
+            await pilot.press("ctrl+a", *"data: true")
+            assert screen.query_one(TextArea).text == "data: true"
+            screen.query_one(Tree).focus()
+            await until(pilot, lambda: "pause" in offered())
+
+    with subscriber(kind, topic, 1):
+        asyncio.run(walk())
+
+
+def test_a_long_name_leaves_the_other_columns_in_the_window(topic, registry):
+    name = f"{topic}/{'long/' * 16}end"
+
+    async def walk():
+        app = Viewer(registry, allow_write=False)
+        async with app.run_test(size=(150, 40)) as pilot:
+            await until(pilot, lambda: app.screen.query(DataTable) and name in app.screen.query_one(DataTable).rows)
+            table = app.screen.query_one(DataTable)
+            row = [str(cell) for cell in table.get_row(name)]
+            assert row[1].startswith("…")
+            assert row[1].endswith("/long/end")
+            assert max(len(cell) for cell in row) <= 48
+            table.move_cursor(row=list(table.rows).index(name))
+            await until(pilot, lambda: name in str(app.screen.query_one("#note").render()))
+
+    with publisher(registry.message("std_msgs/msg/Int32"), name, 1):
+        asyncio.run(walk())
+
+
 def test_a_sample_by_hand_only_where_it_is_allowed(topic, registry):
     kind = registry.message("std_msgs/msg/Int32")
 
@@ -147,10 +303,10 @@ def test_a_sample_by_hand_only_where_it_is_allowed(topic, registry):
         app = Viewer(registry, allow_write=True, topic=topic)
         async with app.run_test(size=(120, 40)) as pilot:
             await until(pilot, lambda: app.screen.query(TextArea))
-            said = app.screen.query_one("#said")
+            said = app.screen.query_one("#result")
             app.screen.query_one(TabbedContent).active = "publish"
             for text, answer in (
-                ("data: 7", "sample 1 is in the region"),
+                ("data: 7", "published sample 1"),
                 ("data: x", "error: data: 'x' is str, not int32"),
             ):
                 app.screen.query_one(TextArea).text = text
@@ -269,15 +425,6 @@ def test_nobody_else_gets_in(server):
     asyncio.run(knock())
 
 
-@pytest.fixture
-def first(topic):
-    """A topic above those of other tests, which come and go: no row moves between a look and a click."""
-    name = topic.replace("/shmgen_test/", "/a_click/")
-    yield name
-    for file in Path("/dev/shm").glob(f"*{name[1:].replace('/', '.')}*"):
-        file.unlink()
-
-
 @contextmanager
 def talking(topics):
     """Those topics, std_msgs/Int32, 20 times a second; ends and removes them."""
@@ -337,7 +484,7 @@ def test_a_sample_by_hand_in_a_real_browser(first, server, registry):
             await browser.click_on("Publish")
             await browser.until("data: 0")
             await browser.click_on("Publish one sample")
-            await browser.until("sample 1 is in the region")
+            await browser.until("published sample 1")
 
     looking, writing = server(), server("--allow-write")
     with subscriber(kind, f"{first}/a", 1) as above, subscriber(kind, f"{first}/b", 1) as reader:
@@ -361,10 +508,12 @@ def test_in_a_real_browser(moving, server):
         elsewhere = web.Application()
         elsewhere.add_routes([web.get("/{path:.*}", other)])
         runner = web.AppRunner(elsewhere)
-        await runner.setup()
-        site = web.TCPSite(runner, "127.0.0.1", 0)
-        await site.start()
-        async with Page() as browser:
+        async with AsyncExitStack() as stack:
+            stack.push_async_callback(runner.cleanup)
+            await runner.setup()
+            site = web.TCPSite(runner, "127.0.0.1", 0)
+            await site.start()
+            browser = await stack.enter_async_context(Page())
             await browser.open(page.url)
             await browser.until(moving)
             inside = await browser.run("location.href")
@@ -386,7 +535,6 @@ def test_in_a_real_browser(moving, server):
                 "s.onopen = () => done('open'); s.onerror = () => done('refused'); })"
             )
             assert await browser.run(socket) == "refused"
-        await runner.cleanup()
 
     asyncio.run(walk())
 

@@ -2,8 +2,8 @@
 
     python peer.py FOLDER: where definitions are, as FOLDER/std_msgs/msg/String.msg
 
-Values are plain: lists, dictionaries by field, numbers, text. `keep` and `late` are of zenoh.ext, on which rmw_zenoh
-stands, as the SDK's publishers keep nothing.
+Values are plain: lists, dictionaries by field, numbers, text. `keep` uses zenoh.ext as rmw_zenoh does, because the
+SDK's publishers keep nothing.
 """
 
 from __future__ import annotations
@@ -47,10 +47,9 @@ def advertise(topic, type, **more):
 
 def connected(topic):
     """Waits for a subscription, by its token."""
-    tokens = f"@ros2_lv/*/*/*/*/MS/*/*/*/{topic.replace('/', '%')}/**"
     deadline = time.monotonic() + 20
     while time.monotonic() < deadline:
-        if [*ZenohSession.get_instance().liveliness.get(tokens)]:
+        if tokens(f"@ros2_lv/*/*/*/*/MS/*/*/*/{topic.replace('/', '%')}/**"):
             return True
         time.sleep(0.05)
     return False
@@ -94,6 +93,8 @@ def subscribe(topic, type, latch=False, **more):
             received[topic].append(plain(message))
             news.notify_all()
 
+    if topic in subscribers:
+        subscribers.pop(topic).close()
     received[topic] = []
     qos = QosProfile(durability=QosDurability.TRANSIENT_LOCAL) if latch else None
     subscribers[topic] = ROS2Subscriber(topic, type, take, qos=qos, **more)
@@ -129,7 +130,18 @@ def call(service, type, request, timeout=10.0, **more):
 
 def graph():
     """All tokens."""
-    return sorted(str(reply.ok.key_expr) for reply in ZenohSession.get_instance().liveliness.get("@ros2_lv/**"))
+    return tokens("@ros2_lv/**")
+
+
+def tokens(pattern):
+    """The tokens of sessions with a link to this one.
+
+    While zenoh replaces the way through the router by a link, tokens, messages and queries may get lost.
+    """
+    zenoh = ZenohSession.get_instance()
+    linked = {str(session) for session in (zenoh.session.info.zid(), *zenoh.session.info.peers_zid())}
+    found = [str(reply.ok.key_expr) for reply in zenoh.liveliness.get(pattern)]
+    return sorted(token for token in found if token.split("/")[2] in linked)
 
 
 def made(type, values):

@@ -19,12 +19,12 @@ from shmgen.live.classes import client, publisher, subscriber
 
 from ..rigs.load_bridge import RATES, bridged
 from ..ros2.test_bridge import SET_BOOL, call, monkeypatched, plc_server, session, topic
-from ..support import ros2
+from ..support import import_or_skip, ros2
 from ..support.ros1 import PROMPTLY, Peer, wait_for
 from ..support.schemas import plain, random_message
 from ..support.zenoh import Graph
 
-pytest.importorskip("zenoh_ros2_sdk", reason="no zenoh-ros2-sdk: `make test` installs it where there is one")
+import_or_skip("zenoh_ros2_sdk", reason="no zenoh-ros2-sdk: `make test` installs it where there is one")
 
 ROW = "float64[] v\nstring name\nint32 n\nuint8[3] code\n"
 FLAG = {"request_definition": "bool data", "response_definition": "bool success\nstring message"}
@@ -114,6 +114,7 @@ def test_every_message_there_and_back(tmp_path: Path, space: str) -> None:
         graph.close()
 
 
+@pytest.mark.slow
 def test_a_thousand_a_second_each_way(rows: Graph, space: str) -> None:
     count = 2000
     bridge, peer = rows.bridge(both_ways(space)), rows.peer()
@@ -147,10 +148,11 @@ def test_a_thousand_a_second_each_way(rows: Graph, space: str) -> None:
             writer.publish(SimpleNamespace(**values))
         assert peer.ask(do="take", topic=f"{space}/out", count=count) == sent
     bridge.stop(signal.SIGTERM)
-    bridge.said(f"{space}/in +{count} passed$")
-    bridge.said(f"{space}/out +{count} passed$")
+    bridge.wait_for_line(f"{space}/in +{count} passed$")
+    bridge.wait_for_line(f"{space}/out +{count} passed$")
 
 
+@pytest.mark.slow
 def test_load(graph: Graph, space: str) -> None:
     """The load test of the bridge, short; `make load-bridge` is the long one."""
     graph.router()
@@ -191,8 +193,10 @@ def test_another_definition_is_refused_and_counted(rows: Graph, space: str) -> N
         assert one.ask(do="connected", topic=f"{space}/in")
         one.ask(do="publish", topic=f"{space}/in", messages=[row(1)] * 5)
     bridge.counted("5 passed, 5 refused")
-    bridge.said(f"{space}/in: a peer has another cell_msgs/Row: its type hash is RIHS01_")
-    bridge.said(f"{space}/out: a peer has another cell_msgs/Row: .*; nothing passes between us and it")
+    bridge.wait_for_line(f"{space}/in: a peer has another cell_msgs/Row: its type hash is RIHS01_")
+    bridge.wait_for_line(
+        f"{space}/out: a peer has another cell_msgs/Row: .*; no messages pass between it and the bridge"
+    )
     bridge.stop(signal.SIGTERM)
     bridge = rows.bridge(both_ways(space, 'other_definition = "accept"'))
     assert other.ask(do="connected", topic=f"{space}/in")
@@ -221,11 +225,11 @@ def test_services_both_ways(graph: Graph, space: str) -> None:
             answer = peer.ask(do="call", service=f"{space}/flag", request={"data": data}, **SETBOOL)
             assert answer == {"success": data, "message": "of the PLC"}
         assert other.ask(do="call", service=f"{space}/flag", request={"data": 1}, timeout=1, **stranger) is None
-        bridge.said(f"{space}/flag: a peer has another std_srvs/SetBool")
+        bridge.wait_for_line(f"{space}/flag: a peer has another std_srvs/SetBool")
         bridge.counted("1 refused")
         other.ask(do="serve", service=f"{of}/flag", answers=[], **stranger)
         wait_for(lambda: "no response" in call(plc) or "failed" in call(plc), "a failure")
-        bridge.said(f"{of}/flag: a peer has another std_srvs/SetBool")
+        bridge.wait_for_line(f"{of}/flag: a peer has another std_srvs/SetBool")
         peer.ask(do="serve", service=f"{of}/flag", answers=[{"success": True, "message": "of ROS"}] * 2, **SETBOOL)
         wait_for(lambda: call(plc) == "of ROS", "an answer")
         dying = graph.peer()
@@ -296,14 +300,14 @@ def test_who_comes_late_hears_the_newest(rows: Graph, space: str) -> None:
         assert peer.ask(do="take", topic=state, count=1) == [{"data": 49}]
         assert peer.ask(do="take", topic=state, count=1, timeout=0.2) == []
     bridge.stop(signal.SIGTERM)
-    bridge.said(f"{told} +1 passed$")
+    bridge.wait_for_line(f"{told} +1 passed$")
 
 
 def test_router_bridge_and_peer_die_and_return(graph: Graph, space: str) -> None:
     """And the bridge is there before the router."""
     int32 = {"type": "std_msgs/msg/Int32", "msg_definition": "int32 data"}
     bridge = graph.bridge(topic(f"{space}/x", "std_msgs/Int32"))
-    bridge.said("zenoh: no router at .* yet; start one: `ros2 run rmw_zenoh_cpp rmw_zenohd`")
+    bridge.wait_for_line("zenoh: no router at .* yet; start one: `ros2 run rmw_zenoh_cpp rmw_zenohd`")
     kind = session(graph).classes(["std_msgs/Int32"])["std_msgs/msg/Int32"]
     numbers = iter(range(100_000))
 
@@ -362,5 +366,6 @@ def test_what_can_never_work_is_said(graph: Graph, space: str, variable: str, va
     graph.environment[variable] = value
     bridge = graph.bridge(topic(f"{space}/x", "std_msgs/Int32"), ready=False)
     assert bridge.process.wait(30) == 1
-    bridge.said(f"zenoh: {why}")
+    bridge.wait_for_line(rf"zenoh: error\[SHM\d+\]: {why}")
+    bridge.wait_for_line("  hint: correct this argument, setting or variable, and start the bridge again")
     assert "SHM901" not in "".join(bridge.lines)

@@ -1,6 +1,6 @@
-// Services of ROS 2 as rmw_fastrtps has them: a reader and a writer of Fast DDS, with the inline QoS that says whose a
-// sample is. Bytes pass through unread. hatch_build.py compiles it against Fast DDS 2.9 to 3, and __init__.py calls the
-// functions at the end.
+// Services of ROS 2, compatible with rmw_fastrtps: a reader and a writer of Fast DDS, with the inline QoS that
+// identifies the call of a sample. Bytes pass through unread. hatch_build.py compiles this file against Fast DDS 2.9
+// to 3. __init__.py calls the functions at the end.
 #include "versions.hpp"
 
 #include <algorithm>
@@ -19,10 +19,11 @@
 
 namespace {
 
-// What may be found without multicast on one machine, as rmw_fastrtps has it.
+// Maximum number of processes on one machine that are found without multicast. rmw_fastrtps uses the same.
 const unsigned PROCESSES = 32;
 
-// Whose call: the GUID of the end that is to hear the reply (in older versions, of the one that asks), and a number.
+// The identity of a call: the GUID of the reader that receives the reply, and a number. Older versions send the GUID of
+// the client's writer.
 struct Call {
     unsigned char guid[16];
     std::int64_t number;
@@ -47,8 +48,8 @@ Call call_of(const GUID_t &guid, const rtps::SequenceNumber_t &number) {
     return found;
 }
 
-// A service's two ends. `life` is shared by all who use them, and taken by who deletes them. Who listens here must not be
-// waited for with `mutex` in hand.
+// The reader and the writer of one service. Hold `life` shared to use them, and exclusively to delete them. Fast DDS
+// calls the listeners, which lock `mutex`: never call a blocking function of Fast DDS while holding `mutex`.
 struct End : DataReaderListener, DataWriterListener {
     struct Domain *domain = nullptr;
     std::shared_mutex life;
@@ -80,7 +81,7 @@ struct End : DataReaderListener, DataWriterListener {
     }
 };
 
-// `life` is taken by who opens or closes ends, or leaves. Ends stay in memory for those who still ask them.
+// Hold `life` to open or close an End, or to leave. Closed Ends stay in memory, because a thread may still call them.
 struct Domain : DomainParticipantListener {
     std::mutex life;
     DomainParticipant *participant = nullptr;
@@ -115,7 +116,7 @@ struct Domain : DomainParticipantListener {
     }
 #endif
     void keep(const GUID_t &guid, const std::string &topic, const std::vector<rtps::octet> &words, bool gone) {
-        if (topic.compare(0, 3, "rq/") && topic.compare(0, 3, "rr/")) return;  // of no service
+        if (topic.compare(0, 3, "rq/") && topic.compare(0, 3, "rr/")) return;  // not a topic of a service
         std::lock_guard<std::mutex> hold(mutex);
         said.erase(guid);
         if (!gone) said.emplace(guid, std::string(words.begin(), words.end()));
@@ -134,11 +135,11 @@ DomainParticipantQos quality_of(const char *peers, const char *interfaces) {
     auto &discovery = quality.wire_protocol().builtin;
     discovery.readerHistoryMemoryPolicy = rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE;
     discovery.writerHistoryMemoryPolicy = rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE;
-    if (quality.transport().user_transports.empty()) {  // else a profile of the user's has them
+    if (quality.transport().user_transports.empty()) {  // otherwise a profile of the user defines them
         auto transport = std::make_shared<Transport>();
         transport->maxInitialPeersRange = PROCESSES;
         transport->interfaceWhiteList = words_of(interfaces);
-        quality.transport().use_builtin_transports = false;  // they have one that leaves files in /dev/shm
+        quality.transport().use_builtin_transports = false;  // one of them leaves files in /dev/shm
         quality.transport().user_transports.push_back(transport);
     }
     if (*interfaces) {  // no multicast
@@ -173,7 +174,7 @@ Topic *topic_of(Domain &domain, const char *name, const char *type) {
     return domain.participant->create_topic(name, type, TOPIC_QOS_DEFAULT);
 }
 
-// As soon as nobody sends any more.
+// Deletes the reader and the writer, once no thread uses them any more.
 void close(Domain &domain, End &end) {
     {
         std::lock_guard<std::mutex> hold(end.mutex);
@@ -190,7 +191,7 @@ void close(Domain &domain, End &end) {
     end.hearing.clear();
 }
 
-// No exception leaves this library.
+// Returns `failed` if the body throws: no exception may leave this library.
 template <typename Result, typename Body> Result guarded(Result failed, Body body) {
     try {
         return body();
@@ -203,8 +204,8 @@ template <typename Result, typename Body> Result guarded(Result failed, Body bod
 
 extern "C" {
 
-// Joins a domain; `peers` and our `interfaces` are IPv4 addresses with spaces between. Interfaces that are named are
-// the only ones, and do without multicast. NULL: cannot.
+// Joins a domain. `peers` and `interfaces` are IPv4 addresses, separated by spaces. If interfaces are listed, only they
+// are used, without multicast. Returns NULL on failure.
 void *fast_join(int number, const char *name, const char *peers, const char *interfaces, std::uint32_t largest) {
     return guarded<void *>(nullptr, [&]() -> void * {
         auto domain = std::make_unique<Domain>();
@@ -220,7 +221,8 @@ void *fast_join(int number, const char *name, const char *peers, const char *int
     });
 }
 
-// Each of `hears` and `says`: topic, type, user data. NULL: cannot.
+// Creates a reader (`hears`) and a writer (`says`). Each array contains topic, type and user data. Returns NULL on
+// failure.
 void *fast_open(void *of, const char *const *hears, const char *const *says, int queue) {
     return guarded<void *>(nullptr, [&]() -> void * {
         auto &domain = *static_cast<Domain *>(of);
@@ -233,7 +235,7 @@ void *fast_open(void *of, const char *const *hears, const char *const *says, int
         DataReaderQos asked = DATAREADER_QOS_DEFAULT;
         adapt(asked, hears[2], queue);
         promptly(asked);
-        asked.endpoint().history_memory_policy = rtps::PREALLOCATED_MEMORY_MODE;  // what is larger does not come in
+        asked.endpoint().history_memory_policy = rtps::PREALLOCATED_MEMORY_MODE;  // larger messages are dropped
         DataWriterQos offered = DATAWRITER_QOS_DEFAULT;
         adapt(offered, says[2], queue);
         promptly(offered);
@@ -246,7 +248,8 @@ void *fast_open(void *of, const char *const *hears, const char *const *says, int
     });
 }
 
-// Waits for a request or a reply, from `sender`. Its size in bytes; 0: peers have come or gone; -1: this is the end.
+// Waits for a request or a reply, and fills in `sender` and `call`. Returns its size in bytes, 0 if the peers have
+// changed, or -1 if the service is closed.
 int fast_take(void *of, void *bytes, std::uint32_t room, unsigned char *sender, Call *call) {
     return guarded<int>(-1, [&] {
         auto &end = *static_cast<End *>(of);
@@ -258,7 +261,7 @@ int fast_take(void *of, void *bytes, std::uint32_t room, unsigned char *sender, 
                 return 0;
             }
             unsigned seen = end.came;
-            hold.unlock();  // Fast DDS calls us with a lock of its own, which it takes here
+            hold.unlock();  // Fast DDS calls listeners with its own lock held, and takes that lock below
             Bytes taken{static_cast<unsigned char *>(bytes), room, 0};
             SampleInfo info;
             auto found = end.reader->take_next_sample(&taken, &info);
@@ -279,17 +282,18 @@ int fast_take(void *of, void *bytes, std::uint32_t room, unsigned char *sender, 
     });
 }
 
-// Sends the reply to `call`; or a request where that is NULL, and then `sent` is the call of its reply. 0: has not.
+// Sends the reply to `call`. If `call` is NULL, sends a request and fills in `sent`, which the reply will repeat.
+// Returns 0 on failure.
 int fast_send(void *of, void *bytes, std::uint32_t size, const Call *call, Call *sent) {
     return guarded<int>(0, [&] {
         auto &end = *static_cast<End *>(of);
         std::shared_lock<std::shared_mutex> alive(end.life);
-        if (!end.writer) return 1;  // this is the end, and nobody need hear of it
+        if (!end.writer) return 1;  // the service is closed: no error
         rtps::WriteParams whose;
         if (call) {
             whose.related_sample_identity().writer_guid() = guid_of(call->guid);
             whose.related_sample_identity().sequence_number() = rtps::SequenceNumber_t(call->number);
-        } else {  // so the server can tell whether we hear it yet
+        } else {  // lets the server check that our reader is discovered
             whose.related_sample_identity().writer_guid() = end.reader->guid();
         }
         Bytes message{static_cast<unsigned char *>(bytes), size, size};
@@ -299,7 +303,8 @@ int fast_send(void *of, void *bytes, std::uint32_t size, const Call *call, Call 
     });
 }
 
-// The GUIDs, 16 bytes each, of those that hear us, or that we hear; how many there are.
+// Stores the GUIDs, 16 bytes each, of the peer readers (`hearing`) or peer writers. Returns the number of peers, which
+// may exceed `room`.
 int fast_peers(void *of, int hearing, unsigned char *found, int room) {
     auto &end = *static_cast<End *>(of);
     std::lock_guard<std::mutex> hold(end.mutex);
@@ -309,7 +314,7 @@ int fast_peers(void *of, int hearing, unsigned char *found, int room) {
     return static_cast<int>(peers.size());
 }
 
-// What a peer has in its user data; its length, -1 if it has gone.
+// Copies the user data of a peer. Returns its length in bytes, or -1 if the peer has left.
 int fast_said(void *of, const unsigned char *guid, char *words, int room) {
     auto &domain = *static_cast<End *>(of)->domain;
     std::lock_guard<std::mutex> hold(domain.mutex);
@@ -319,7 +324,7 @@ int fast_said(void *of, const unsigned char *guid, char *words, int room) {
     return static_cast<int>(found->second.size());
 }
 
-// Takes a service out of the graph.
+// Removes a service from the graph.
 void fast_close(void *of) {
     guarded<int>(0, [&] {
         auto &end = *static_cast<End *>(of);
@@ -329,7 +334,7 @@ void fast_close(void *of) {
     });
 }
 
-// Leaves the domain. What was opened in it may still be asked, and says so.
+// Leaves the domain. Functions may still be called for its services, and report that they are closed.
 void fast_leave(void *of) {
     guarded<int>(0, [&] {
         auto &domain = *static_cast<Domain *>(of);

@@ -1,4 +1,4 @@
-// What services.cpp needs of Fast DDS and has another name in 2 and in 3, and the one type that it tells both of.
+// Names that differ between Fast DDS 2 and 3, and the data type that services.cpp registers with both.
 #pragma once
 
 #include <fastdds/dds/domain/DomainParticipant.hpp>
@@ -32,7 +32,7 @@
 namespace {
 
 using namespace eprosima::fastdds::dds;
-// Nanoseconds from one word of a writer to the next, while somebody has not got what it sent.
+// Nanoseconds between two heartbeats of a writer while a reader has not acknowledged all samples.
 const std::uint32_t HEARTBEAT = 20'000'000;
 #if FAST_DDS_3
 namespace rtps = eprosima::fastdds::rtps;
@@ -43,7 +43,7 @@ namespace rtps = eprosima::fastrtps::rtps;
 const ReturnCode_t OK = ReturnCode_t::RETCODE_OK;
 bool written(bool done) { return done; }
 #endif
-// What got lost is said and sent again at once: by default that takes 3 s, and calls wait behind each other.
+// Makes the writer resend lost samples at once. By default that takes 3 s, and later calls wait.
 void promptly(DataWriterQos &quality) {
     auto &times = quality.reliable_writer_qos().times;
 #if FAST_DDS_3
@@ -65,13 +65,13 @@ void promptly(DataReaderQos &quality) {
 using Transport = eprosima::fastdds::rtps::UDPv4TransportDescriptor;
 using rtps::GUID_t;
 
-// Who packs has `size` bytes, who unpacks has room.
+// A buffer: `size` bytes to send, or `room` bytes to receive into.
 struct Bytes {
     unsigned char *at;
     std::uint32_t room, size;
 };
 
-// A message that Python has made, or will take apart.
+// The data type of all messages: opaque bytes, which Python encodes and decodes.
 struct Raw : TopicDataType {
     bool pack(const Bytes &bytes, rtps::SerializedPayload_t &payload) {
         if (bytes.size > payload.max_size) return false;

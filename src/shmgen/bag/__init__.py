@@ -1,1 +1,1 @@
-"""What turns the samples of live regions into ROS 2 bags (MCAP), and bags into samples again."""
+"""Records the samples of live regions into ROS 2 bags (MCAP), and plays bags into regions."""

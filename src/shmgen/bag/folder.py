@@ -1,4 +1,4 @@
-"""Writes a ROS 2 bag: a folder with metadata.yaml and one MCAP file after the other."""
+"""Writes a ROS 2 bag: a folder with metadata.yaml and a series of MCAP files."""
 
 from __future__ import annotations
 
@@ -14,12 +14,15 @@ from shmgen.bag import mcap
 from shmgen.bag.mcap import Chunk
 
 _VERSION = 9
-"""Of metadata.yaml, as ROS 2 Jazzy writes it."""
+"""Version of the metadata.yaml format, from ROS 2 Jazzy."""
 
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """What a bag says of a topic. `metadata` is ours and rosbag2's; `type_hash` is that of REP 2016."""
+    """A topic in a bag: its name, its type with the text of the definition, and metadata.
+
+    `metadata` has the keys that shmgen and rosbag2 define. `type_hash` is the hash of the type by REP 2016.
+    """
 
     number: int
     topic: str
@@ -30,12 +33,12 @@ class Channel:
 
 
 class Bag:
-    """A bag that is written. Not for two threads at a time."""
+    """A bag open for writing. Not thread-safe."""
 
     def __init__(self, folder: Path, most: int | None = None, longest: float | None = None) -> None:
-        """Makes the folder, which must not be there. A file ends at `most` bytes or `longest` seconds.
+        """Create the folder of a bag. A new file begins if a file exceeds `most` bytes or `longest` seconds.
 
-        Raises OSError, also where it is there.
+        Raises OSError if the folder exists or cannot be created.
         """
         folder.mkdir(parents=True)
         self.folder = folder
@@ -55,12 +58,15 @@ class Bag:
         return [file.path for file in self._files]
 
     def add(self, channel: Channel) -> None:
-        """Before the first chunk that has one of its messages."""
+        """Add a channel. Call this before put() with messages of the channel."""
         self._channels[channel.number] = channel
         self._schemas.setdefault((channel.type, channel.text), len(self._schemas) + 1)
 
     def put(self, chunk: Chunk) -> None:
-        """Raises OSError; the bag is then as it was."""
+        """Write a chunk; begin a new file if the current file is full.
+
+        Raises OSError if writing fails; the bag then stays as before.
+        """
         if self._open and self._is_full(self._open):
             self.end_file()
         if self._open is None:
@@ -76,20 +82,26 @@ class Bag:
             self._counts[number] = self._counts.get(number, 0) + len(index) // 16
 
     def end_file(self, notes: Mapping[str, str] | None = None) -> None:
-        """Gives the file its index; `notes` are kept in it under `shmgen`. Raises OSError."""
+        """Complete the current file with its index. Store `notes`, if given, in the file's metadata record `shmgen`.
+
+        Raises OSError if writing fails.
+        """
         if self._open is not None:
             file, self._open = self._open, None
             about = {"rosbag2": {"serialized_metadata": self._about([file])}}
             file.close(about | ({"shmgen": dict(notes)} if notes else {}))
 
     def abandon(self) -> None:
-        """Leaves what there is, readable to its last chunk."""
+        """Close the current file without an index. The file is readable to its last chunk."""
         if self._open is not None:
             self._open.abandon()
             self._open = None
 
     def say(self, notes: Mapping[str, str] | None = None) -> None:
-        """Writes metadata.yaml anew; whoever reads it finds the one before or this one. Raises OSError."""
+        """Write the bag's metadata.yaml, which lists its files and topics. If `notes` are given, add them.
+
+        The replacement is atomic: a reader finds either the old or the new file. Raises OSError if writing fails.
+        """
         file = self.folder / "metadata.yaml"
         new = file.with_suffix(".yaml.new")
         try:
@@ -111,13 +123,19 @@ class Bag:
         )
 
     def _about(self, files: list[mcap.File], notes: Mapping[str, str] | None = None) -> str:
-        """What rosbag2 wants to know, as JSON, which is YAML too."""
+        """Return the description of `files` for metadata.yaml, with the keys that rosbag2 requires.
+
+        The text is JSON, because JSON is valid YAML.
+        """
         counts: dict[int, int] = {}
         for file in files:
             for number, count in file.counts.items():
                 counts[number] = counts.get(number, 0) + count
-        told = [file for file in files if file.messages]
-        first, last = min((file.first for file in told), default=0), max((file.last for file in told), default=0)
+        files_with_messages = [file for file in files if file.messages]
+        first, last = (
+            min((file.first for file in files_with_messages), default=0),
+            max((file.last for file in files_with_messages), default=0),
+        )
         about: dict[str, Any] = {
             "version": _VERSION,
             "storage_identifier": "mcap",

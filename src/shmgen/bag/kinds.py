@@ -1,4 +1,4 @@
-"""What a bag says of the type of a region: its ROS name, definition and hash, and its layout here."""
+"""Describes a region's type for a bag: its ROS name, its definition, its type hash and its layout."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from shmgen.bridge.codec.cdr import Codec, codec
-from shmgen.bridge.codec.transcode import Transcoder
+from shmgen.bridge.codec.direct import Transcoder
 from shmgen.bridge.plan import closure
 from shmgen.core.model import (
     Array,
@@ -37,7 +37,7 @@ _RULE = "=" * 80
 
 @dataclass(frozen=True)
 class Kind:
-    """A message as a region holds it and as a bag does."""
+    """A message type of a region, with its data for a bag: ROS name, definition, type hash, layout and encoding."""
 
     session: Session
     request: str
@@ -52,28 +52,28 @@ class Kind:
 
     @cached_property
     def message(self) -> type[Message]:
-        """The class that reads and writes it in a region."""
+        """The class that reads and writes the message in a region."""
         return self.session.message(self.request)
 
     @cached_property
     def definitions(self) -> tuple[Definition, ...]:
-        """Its own, behind those of all it holds."""
+        """The definitions that a reader of the bag needs: first of all nested messages, then of the message."""
         laid_out = tuple(layout.message for layout in self.layouts.values())
         return closure(Schema(laid_out), self.layout.name)
 
     @property
     def name(self) -> str:
-        """`geometry_msgs/msg/Pose`."""
+        """The ROS name, such as `geometry_msgs/msg/Pose`."""
         return str(self.layout.name)
 
     @cached_property
     def text(self) -> str:
-        """The definition as ROS 2 keeps it in a bag: that of the message, then those of all it holds."""
+        """The definition as ROS 2 stores it in a bag: first the message, then all nested messages."""
         return _texts(self.definitions)
 
     @cached_property
     def type_hash(self) -> str:
-        """`RIHS01_...`"""
+        """The type hash of REP 2016: `RIHS01_...`."""
         return type_hash(self.definitions)
 
     @cached_property
@@ -82,27 +82,34 @@ class Kind:
 
     @cached_property
     def encode(self) -> Callable[[bytes | bytearray], bytes]:
-        """CDR of a payload. Raises CountExceeded, and struct.error for a time that ROS 2 cannot hold."""
-        return Transcoder(self.layout, self.layouts).encode
+        """A function that converts a payload to CDR. The function raises ValueRejected for an invalid value."""
+        return Transcoder(self.message).encode
 
     @cached_property
     def lock(self) -> str:
-        """What layout.lock says of it, to be compared with another day's."""
+        """The text of a layout.lock for the message.
+
+        `shmgen record` stores this text in the bag. `shmgen play` compares the stored text with the present layout.
+        """
         needed = {definition.name for definition in self.definitions}
         layouts = {name: layout for name, layout in self.layouts.items() if name in needed}
-        return lockfile.write(layouts, {}, pipeline.settings(self.session.config))
+        return lockfile.write(layouts, {}, pipeline.lock_settings(self.session.config))
 
 
 def kind_of(registry: ClassRegistry, request: str, digest: int | None) -> Kind:
-    """Raises Rejected and LayoutMismatch as ClassRegistry.message(), and ValueError for a name that is several."""
+    """Return the Kind of a message type. Its layout must have the given digest; None accepts any digest.
+
+    Raises Rejected if the type is unknown, LayoutMismatch if no layout has the digest, and ValueError if `request` is
+    ambiguous.
+    """
     return Kind(registry.session_of(request, digest), request)
 
 
 def _texts(definitions: Iterable[Definition]) -> str:
-    *held, own = definitions
+    *parts_of_message, own = definitions
     parts = [_text(own)]
     parts += [f"{_RULE}\nMSG: {name}\n{text}" for name, text in _times(definitions).items()]
-    parts += [f"{_RULE}\nMSG: {one.name.short}\n{_text(one)}" for one in reversed(held)]
+    parts += [f"{_RULE}\nMSG: {one.name.short}\n{_text(one)}" for one in reversed(parts_of_message)]
     return "".join(parts)
 
 
@@ -113,8 +120,8 @@ def _text(definition: Definition) -> str:
 
 def _constant(constant: Constant) -> str:
     value = constant.value
-    shown = json.dumps(value, ensure_ascii=False) if isinstance(value, (str, bool)) else repr(value)
-    return f"{ros_type(constant.type)} {constant.name}={shown}"
+    literal = json.dumps(value, ensure_ascii=False) if isinstance(value, (str, bool)) else repr(value)
+    return f"{ros_type(constant.type)} {constant.name}={literal}"
 
 
 def _field(field: Field) -> str:
@@ -122,7 +129,11 @@ def _field(field: Field) -> str:
 
 
 def _spelled(type_: FieldType, word: str) -> str:
-    """As ros_type(), but a time by its name in ROS 2, and the words of the definition."""
+    """Return a field's type in the syntax of a ROS 2 .msg file.
+
+    `word` is the type's name in the user's definition: the names `byte` and `char` stay unchanged. This function exists
+    because ros_type() returns other names for times.
+    """
     match type_:
         case Array(element, length):
             return f"{_spelled(element, word)}[{length}]"

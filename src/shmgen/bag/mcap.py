@@ -1,9 +1,12 @@
-"""Writes an MCAP file that is whole after every chunk, whatever becomes of the one who writes it.
+"""Writes an MCAP file that is complete after every chunk, even if the writing process dies.
 
-Source: the MCAP specification, version 0, and what rosbag2 puts into its files. Of rosbags only the reader is used:
-its writer keeps one stamp of the two, has no end in the file until it is closed, and looks through all connections for
-each message. A chunk is written together with an end behind it, over which the next one is written; the
-summary with its index comes at the close. A full disk takes the file back to where its last end was.
+Source: the MCAP specification, version 0, and the files of rosbag2. shmgen uses only the reader of the package rosbags.
+The writer of rosbags stores one time for each message. shmgen stores two: the writer's stamp and the time of recording.
+The writer of rosbags also completes a file only when it closes the file, and searches all connections for each message.
+
+Each chunk is written together with the records that end an MCAP file. The next chunk overwrites these end records.
+close() replaces the end records with the summary, which contains the index. If the disk is full, the file is truncated
+after its last complete chunk and end records.
 """
 
 from __future__ import annotations
@@ -41,12 +44,16 @@ def _map(pairs: Mapping[str, str]) -> bytes:
 
 
 _END = _record(DATA_END, bytes(4)) + _record(FOOTER, bytes(20)) + MAGIC
-"""Of a file without a summary: readers then go through it from its beginning."""
+"""The end of a file without a summary. Readers then scan such a file from its beginning."""
 
 
 @dataclass(slots=True)
 class Chunk:
-    """Messages on the way to the file: `parts` lie one behind the other, `index` is by channel, as the file has it."""
+    """Messages that are written to a file together. File.put() writes a Chunk.
+
+    `parts` are the encoded messages, and `size` is their size in bytes. `index` maps the number of each channel to the
+    index entries of its messages.
+    """
 
     parts: list[bytes] = field(default_factory=list)
     size: int = 0
@@ -56,7 +63,7 @@ class Chunk:
     index: dict[int, bytearray] = field(default_factory=dict)
 
     def add(self, channel: int, sequence: int, logged: int, published: int, data: bytes) -> None:
-        """Times in nanoseconds since 1970; those of `logged` never go back."""
+        """Append a message. Times are in ns since 1970; `logged` never decreases."""
         entry = self.index.get(channel)
         if entry is None:
             entry = self.index[channel] = bytearray()
@@ -80,10 +87,10 @@ def channel(number: int, schema: int, topic: str, metadata: Mapping[str, str]) -
 
 
 class File:
-    """One file. Not for two threads at a time."""
+    """An MCAP file open for writing. Not thread-safe."""
 
     def __init__(self, path: Path) -> None:
-        """Makes the file, which must not be there. Raises OSError."""
+        """Create the file. Raises OSError if the file exists or cannot be created."""
         self.path = path
         self.messages = 0
         self.first, self.last = _NONE, 0
@@ -91,7 +98,7 @@ class File:
         self._chunks: list[bytes] = []
         self._definitions: dict[bytes, None] = {}
         self._whole = 0
-        """Where the last end begins that was written completely."""
+        """Offset in bytes at which the last complete chunk ends. The records that end the file follow."""
         self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
         try:
             self._append(MAGIC + _record(HEADER, _text("ros2") + _text(f"shmgen {__version__}")))
@@ -102,13 +109,13 @@ class File:
 
     @property
     def size(self) -> int:
-        """Bytes that are in the file."""
+        """Size of the file in bytes."""
         return self._whole + len(_END)
 
     def put(self, chunk: Chunk, definitions: Iterable[bytes] = ()) -> None:
-        """With the schemas and channels it needs, of which each is written once.
+        """Write a chunk, after the schemas and channels in `definitions`. Each definition is written once.
 
-        Raises OSError; the file is then as it was.
+        Raises OSError if writing fails; the file then stays as before.
         """
         new = [record for record in dict.fromkeys(definitions) if record not in self._definitions]
         before = b"".join(new)
@@ -135,14 +142,17 @@ class File:
             self.counts[number] = self.counts.get(number, 0) + len(entries) // _ENTRY.size
 
     def close(self, metadata: Mapping[str, Mapping[str, str]]) -> None:
-        """Writes the summary, and `metadata` by its name. Raises OSError; what was in the file before is whole."""
+        """Write the summary and the named `metadata`, and close the file.
+
+        Raises OSError if writing fails; the chunks in the file stay readable.
+        """
         try:
             self._pwrite(self._summary(metadata))
         finally:
             self.abandon()
 
     def abandon(self) -> None:
-        """Leaves the file as it is."""
+        """Close the file without a summary."""
         os.close(self._file)
 
     def _append(self, data: bytes) -> None:
@@ -150,7 +160,7 @@ class File:
         self._whole += len(data)
 
     def _pwrite(self, data: bytes) -> None:
-        """All of it over the last end, or nothing."""
+        """Write `data` over the records that end the file. If writing fails, write these end records again."""
         view, at = memoryview(data), self._whole
         try:
             while view:
@@ -158,12 +168,12 @@ class File:
                 view, at = view[done:], at + done
         except OSError:
             if self._whole:
-                os.pwrite(self._file, _END, self._whole)  # where there was an end already
+                os.pwrite(self._file, _END, self._whole)  # overwrite in place: needs no more disk space
                 os.ftruncate(self._file, self.size)
             raise
 
     def _summary(self, metadata: Mapping[str, Mapping[str, str]]) -> bytes:
-        """The end of a whole file, the metadata first."""
+        """Return the bytes that complete a file: the records of `metadata`, then the summary with the index."""
         at = self._whole
         data = bytearray()
         places = b""

@@ -1,4 +1,4 @@
-"""Plays a bag into regions, at the pace it was recorded at or another."""
+"""Plays a bag into regions, at the recorded speed or at another speed."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from shmgen.runtime.messages.message import Message as Sample
 from shmgen.runtime.region.names import HALVES
 
 _HEARTBEAT = 0.05
-"""Seconds between two signs of life while nothing is due."""
+"""Seconds between two heartbeats while no message is due."""
 _APART = 10**9
-"""Nanoseconds between the writer's stamp and the recorder's, beyond which only the latter says when it came."""
+"""Largest difference in ns between the writer's stamp and the recorder's. Beyond it, only the recorder's counts."""
 
 Tell = Callable[[str], None]
 
 
 @dataclass(slots=True)
 class _Outlet:
-    """A topic that is played: its publisher, and how many samples it has published and could not publish."""
+    """A topic on which a bag is played: its publisher, and the counts of published and refused samples."""
 
     topic: str
     kind: Kind
@@ -40,29 +40,32 @@ class _Outlet:
 
 
 class Player:
-    """Publishes what a bag has; a stand-in for the robot or for the PLC."""
+    """Publishes the messages of a bag, as a substitute for the robot or the PLC."""
 
     def __init__(self, path: Path, registry: ClassRegistry, topics: Collection[str] | None, tell: Tell) -> None:
-        """Reads through the bag once and opens all regions; None: all topics, but not the halves of services.
+        """Read the whole bag and check all topics, then open all regions.
 
-        Raises Unreadable, LayoutMismatch in words, Rejected, and what a Publisher raises; no region is touched then.
+        If `topics` is None, play all topics except those of services and actions. Raises Unreadable if the bag cannot
+        be read, and ValueError if there is nothing to play. Raises LayoutMismatch with the differing fields, or
+        Rejected, if a type does not match. Opening raises the errors of Publisher; the other errors occur before a
+        region is touched.
         """
         self._path, self._tell = path, tell
         channels, self.first, self.last, self.total = _looked_through(path)
         chosen = {channel.topic: channel for channel in channels if _is_chosen(topic_in(channel), topics)}
         if topics is not None and (missing := _not_in(topics, channels)):
             there = ", ".join(sorted({topic_in(channel) for channel in channels})) or "none"
-            raise ValueError(f"{path} has no topic {', '.join(missing)}; it has {there}")
+            raise ValueError(f"{path}: no topic {', '.join(missing)}; the bag has {there}")
         if not chosen:
-            halves = " but of services and actions, which --topics names" if channels else ""
+            halves = " except those of services and actions; name them with --topics" if channels else ""
             raise ValueError(f"{path}: there is nothing to play: it has no topics{halves}")
         kinds = {topic: _checked(channel, registry, path) for topic, channel in chosen.items()}
         self._outlets: dict[str, _Outlet] = {}
         try:
             for name, channel in chosen.items():
                 topic = topic_in(channel)
-                made = publisher(kinds[name].message, topic, _depth(channel, topic, registry))
-                self._outlets[name] = _Outlet(topic, kinds[name], made)
+                writer = publisher(kinds[name].message, topic, _depth(channel, topic, registry))
+                self._outlets[name] = _Outlet(topic, kinds[name], writer)
         except BaseException:
             self.close()
             raise
@@ -77,17 +80,19 @@ class Player:
 
     @property
     def refused(self) -> int:
-        """Messages that fit no sample here."""
+        """The number of messages that were skipped because a value did not fit into a sample."""
         return sum(outlet.refused for outlet in self._outlets.values())
 
     def play(self, rate: float = 1.0, start: float = 0.0) -> Iterator[float]:
-        """From `start` seconds on, `rate` times as fast; after each sample yields how many seconds into the bag it is.
+        """Publish all messages from `start` seconds on, `rate` times as fast as recorded.
 
-        Raises ValueError if the bag has ended by then, and what Publisher.publish() raises but for values.
+        After each message, yield its position in the bag in seconds. A message with a value that does not fit is
+        skipped and counted in `refused`. Raises ValueError if the bag is shorter than `start`, and the other errors of
+        Publisher.publish().
         """
         length = (self.last - self.first) / 1e9
         if start > length or not self.total:
-            raise ValueError(f"{self._path} has {self.total} messages in {length:.3f} s: there is nothing to play")
+            raise ValueError(f"{self._path}: {self.total} messages in {length:.3f} s: there is nothing to play")
         begun = time.monotonic()
         for message in messages(self._path):
             if not isinstance(message, Message):
@@ -130,7 +135,10 @@ class Player:
 
 
 def topic_in(channel: Channel) -> str:
-    """The topic of the region: that which was recorded, or of a bag of others the topic of ROS."""
+    """Return the shmgen topic on which to play a channel of a bag.
+
+    If shmgen recorded the bag, the channel names this topic. Otherwise, derive the topic from the ROS topic.
+    """
     if topic := channel.metadata.get("shmgen_topic"):
         return topic
     full, _, half = channel.topic.rpartition("/_")
@@ -138,7 +146,10 @@ def topic_in(channel: Channel) -> str:
 
 
 def _looked_through(path: Path) -> tuple[list[Channel], int, int, int]:
-    """Channels, the times of the earliest and the latest message, and how many there are."""
+    """Read a whole bag. Return its channels, the times of the earliest and latest message, and the message count.
+
+    The times are in ns. Raises Unreadable if a topic has two types.
+    """
     first, last, total = 0, 0, 0
     seen: dict[str, Channel] = {}
     for one in messages(path):
@@ -156,7 +167,10 @@ def _identity(channel: Channel) -> tuple[str | None, ...]:
 
 
 def _is_chosen(topic: str, topics: Collection[str] | None) -> bool:
-    """By its name, or that of its service."""
+    """Return True if the user chose to play the topic: if `topics` contains the topic, or its service or action.
+
+    None chooses all topics except the parts of services and actions.
+    """
     if topics is None:
         return "-" not in topic
     return not {topic, topic.partition("-")[0]}.isdisjoint("/" + name.removeprefix("/") for name in topics)
@@ -172,26 +186,29 @@ def _when(message: Message) -> int:
 
 
 def _checked(channel: Channel, registry: ClassRegistry, path: Path) -> Kind:
-    """The message as it is here. Raises LayoutMismatch where it is another one than in the bag, and Rejected."""
+    """Check the type of a channel against this configuration, and return the Kind of its messages.
+
+    Raises LayoutMismatch if the bag has another layout or definition of the type, and Rejected if the type is unknown.
+    """
     digest = channel.metadata.get("shmgen_digest")
     try:
         kind = kind_of(registry, channel.type, int(digest, 16) if digest else None)
     except LayoutMismatch as error:
-        told = "\n".join(_differences(channel, registry)) or str(error)
+        differences = "\n".join(_differences(channel, registry)) or str(error)
         raise LayoutMismatch(
-            f"{path}: {topic_in(channel)} was recorded with another layout than {channel.type} has here\n{told}\n"
-            "  hint: play it in the folder whose shmgen.toml it was recorded with, or name that file with -c"
+            f"{path}: {topic_in(channel)} was recorded with another layout of {channel.type}\n{differences}\n"
+            "  hint: play the bag in the folder of the shmgen.toml that it was recorded with, or name that file with -c"
         ) from None
     if not digest and _plain(channel.text) != _plain(kind.text):
         raise LayoutMismatch(
-            f"{path}: {topic_in(channel)}: {channel.type} has another definition in the bag than here\n"
+            f"{path}: {topic_in(channel)}: {channel.type} has another definition in the bag\n"
             f"  there:\n{_indented(channel.text)}\n  here:\n{_indented(kind.text)}"
         )
     return kind
 
 
 def _differences(channel: Channel, registry: ClassRegistry) -> Iterator[str]:
-    """Line by line, what became of the fields from the bag to here."""
+    """Yield one line for each field that differs between the bag and this configuration."""
     report = Report()
     before = lockfile.read(channel.metadata.get("shmgen_layout", ""), "the bag", report)
     if report.diagnostics:
@@ -200,14 +217,17 @@ def _differences(channel: Channel, registry: ClassRegistry) -> Iterator[str]:
         kind = kind_of(registry, channel.type, None)
     except Rejected:
         return
-    for found in compare(before, lockfile.read(kind.lock, "here", report), "here"):
-        if found.changes:
-            yield f"  {found.diagnostic.message}"
-            yield from (f"    {change.field}: {change.text}" for change in found.changes)
+    for finding in compare(before, lockfile.read(kind.lock, "here", report), "here"):
+        if finding.changes:
+            yield f"  {finding.diagnostic.message}"
+            yield from (f"    {change.field}: {change.text}" for change in finding.changes)
 
 
 def _depth(channel: Channel, topic: str, registry: ClassRegistry) -> int:
-    """That of the region that is there, else what was recorded, else what shmgen.toml says, else 1."""
+    """Return the depth with which to publish a channel of a bag.
+
+    It is the depth of the existing region, else the recorded depth, else the depth in shmgen.toml, else 1.
+    """
     try:
         with View(region_name(topic)) as view:
             return depth_of(view.header())
@@ -219,7 +239,10 @@ def _depth(channel: Channel, topic: str, registry: ClassRegistry) -> int:
 
 
 def _plain(text: str) -> list[list[str]]:
-    """Fields and their types; no comments, constants, defaults, bounds or full names."""
+    """Return the type and name of each field in a definition, sorted, so that two definitions can be compared.
+
+    The result omits comments, constants, defaults, bounds and package names.
+    """
     lines = [line.partition("#")[0].split() for line in text.splitlines()]
     fields = [line for line in lines if len(line) >= 2 and "=" not in "".join(line[1:]) and line[0] != "MSG:"]
     return sorted([line[0].rpartition("/")[2].partition("<=")[0], line[1]] for line in fields)

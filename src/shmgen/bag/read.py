@@ -1,4 +1,4 @@
-"""Reads an MCAP file, whole or cut short, or a bag of ROS 2: its messages in the order they were written in."""
+"""Reads the messages of an MCAP file or a ROS 2 bag, in the order of the file. The file may be truncated."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from typing import BinaryIO
 
 from shmgen.bag import mcap
 from shmgen.core.escape import legible
-from shmgen.core.files import opened
+from shmgen.core.files import open_file
 from shmgen.core.plural import counted
 
 _HEAD = struct.Struct("<BQ")
 _LARGEST_CHUNK = 1 << 28
-"""Bytes of one that is packed; rosbag2's have four MiB, unless one message has more."""
+"""Largest size in bytes of a chunk after decompression. A chunk of rosbag2 has 4 MiB, or one larger message."""
 
 
 class Unreadable(ValueError):
-    """It is no bag, or not one of messages of ROS 2. What it says of the bag is on one line."""
+    """A file is not a bag, or has no ROS 2 messages. The text of the exception is a single line."""
 
     def __init__(self, text: str) -> None:
         super().__init__(legible(text))
@@ -30,7 +30,7 @@ class Unreadable(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """A topic as the bag has it; of bags of others `metadata` says little."""
+    """A topic in a bag. `metadata` is mostly empty if another program recorded the bag."""
 
     topic: str
     type: str
@@ -40,7 +40,7 @@ class Channel:
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """Times in nanoseconds since 1970: when it was recorded, and when its writer wrote it."""
+    """A message in a bag. `logged` is the time of recording, `published` the writer's stamp, both in ns since 1970."""
 
     channel: Channel
     logged: int
@@ -49,37 +49,37 @@ class Message:
 
 
 class _Short(Exception):
-    """The file ends here."""
+    """The file ends before the end of a record, so it is truncated."""
 
 
 def messages(path: Path) -> Iterator[Channel | Message]:
-    """Of a file, or of all files of a bag; each channel comes before its messages.
+    """Yield the messages of a file, or of all files of a bag. Yield each channel before its messages.
 
-    A file that ends in the middle gives all that is whole. Raises Unreadable and OSError.
+    If a file is truncated, yield all complete messages. Raises Unreadable and OSError.
     """
     for file in files(path):
         yield from _of_file(file) if file.suffix == ".mcap" else _of_others(path)
 
 
 def files(path: Path) -> list[Path]:
-    """Those of a bag in their order. Raises Unreadable and OSError."""
+    """Return the files of a bag in their order. Raises Unreadable if there are none, and OSError."""
     if not path.is_dir():
         if path.suffix != ".mcap":
-            raise Unreadable(f"{path} is neither an MCAP file nor the folder of a bag")
+            raise Unreadable(f"{path}: not an MCAP file and not the folder of a bag")
         return [path]
-    found = sorted(path.glob("*.mcap"), key=lambda file: (len(file.name), file.name))
-    if not found and not (found := sorted(path.glob("*.db3"))[:1]):
-        raise Unreadable(f"{path}: no bag is in this folder")
-    return found
+    bag_files = sorted(path.glob("*.mcap"), key=lambda file: (len(file.name), file.name))
+    if not bag_files and not (bag_files := sorted(path.glob("*.db3"))[:1]):
+        raise Unreadable(f"{path}: this folder contains no bag")
+    return bag_files
 
 
 def _of_file(path: Path) -> Iterator[Channel | Message]:
     schemas: dict[int, tuple[str, str, str]] = {}
     channels: dict[int, Channel] = {}
-    with opened(path) as file:
+    with open_file(path) as file:
         size = os.fstat(file.fileno()).st_size
         if file.read(len(mcap.MAGIC)) != mcap.MAGIC:
-            raise Unreadable(f"{path} is not an MCAP file")
+            raise Unreadable(f"{path}: not an MCAP file")
         try:
             for code, content in _records(file, size):
                 if code == mcap.CHUNK:
@@ -134,7 +134,11 @@ def _content(
 
 
 def _records(file: BinaryIO, size: int) -> Iterator[tuple[int, bytes]]:
-    """Up to the end of the data, of a file of `size` bytes, whatever a record says of its own. Raises _Short."""
+    """Yield the opcode and the content of each record of an MCAP file, up to the end of its data section.
+
+    `size` is the size of the file in bytes; a record that claims to be longer is not read. Raises _Short if the file is
+    truncated.
+    """
     while True:
         head = file.read(_HEAD.size)
         if len(head) < _HEAD.size:
@@ -162,7 +166,10 @@ def _unpacked(data: bytes, path: Path) -> bytes:
 
 
 def _decompress(compression: str, packed: bytes, size: int, path: Path) -> bytes:
-    """One byte more than `size` at most. Raises Unreadable."""
+    """Decompress a chunk whose header claims `size` bytes. Raises Unreadable if the chunk is damaged.
+
+    Stop after `size` + 1 bytes, so that a wrong size is noticed and a small file cannot fill the memory.
+    """
     match compression:
         case "":
             return packed
@@ -177,13 +184,16 @@ def _decompress(compression: str, packed: bytes, size: int, path: Path) -> bytes
             raise Unreadable(f"{path}: its chunks are packed as {compression!r}, which is not known here")
     try:
         inner: bytes = Decompressor().decompress(packed, max_length=size + 1)
-    except Exception as error:  # each of them has an exception of its own
+    except Exception as error:  # each decompressor has its own exceptions
         raise Unreadable(f"{path}: damaged: a chunk cannot be unpacked: {error}") from None
     return inner
 
 
 def _of_others(folder: Path) -> Iterator[Channel | Message]:
-    """Of an SQLite bag, which rosbags reads; it knows one time only."""
+    """Yield the channels and messages of an SQLite bag, which rosbags reads.
+
+    Such a bag has only one time for each message.
+    """
     from rosbags.rosbag2 import Reader
 
     try:
@@ -192,7 +202,7 @@ def _of_others(folder: Path) -> Iterator[Channel | Message]:
             yield from channels.values()
             for connection, logged, data in reader.messages():
                 yield Message(channels[connection.id], logged, logged, bytes(data))
-    except Exception as error:  # of SQLite, of YAML, of rosbags where a table is not what it expects
+    except Exception as error:  # from SQLite, YAML, or rosbags on an unexpected table
         raise Unreadable(f"{folder}: {error}") from None
 
 

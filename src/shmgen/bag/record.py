@@ -1,4 +1,4 @@
-"""Records live regions: every sample that can be had, in order, with the number and stamp of its writer."""
+"""Records the samples of live regions in order, with the sequence number and stamp of their writer."""
 
 from __future__ import annotations
 
@@ -6,11 +6,10 @@ import gc
 import json
 import os
 import queue
-import struct
 import sys
 import threading
 import time
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
@@ -27,24 +26,24 @@ from shmgen.runtime.region import header as h
 from shmgen.runtime.region.names import HALVES, region_file
 
 _LOOK = 5e-4
-"""Seconds between two looks at all regions. One that keeps two samples at 1 kHz has each of them for a millisecond."""
+"""Seconds between two polls of all regions. A region with two slots, written at 1 kHz, keeps each sample for 1 ms."""
 _SEARCH = 0.25
-"""Seconds between two searches for regions that have come or gone."""
+"""Seconds between two searches for created and removed regions."""
 _AT_ONCE = 5e-3
-"""Seconds between two while files in /dev/shm come and go."""
+"""Seconds between two searches while files in /dev/shm are created or removed."""
 _CHUNK = 1 << 20
-"""Bytes after which a chunk goes to the file."""
+"""Size in bytes at which a chunk of messages is written to the file."""
 _FLUSH = 0.5
-"""Seconds after which it goes anyway: what SIGKILL costs at most."""
+"""Seconds after which a smaller chunk is written too. SIGKILL loses at most this much."""
 _WAITING = 64 << 20
-"""Bytes that may wait for the disk; beyond that samples are left to be overwritten, and counted as missed."""
+"""Bytes that may wait for the disk. Beyond this, no samples are read, and overwritten samples count as missed."""
 
 Tell = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """`size` in bytes, `missed` and `damaged` in samples."""
+    """Totals of a recording: `size` in bytes, and the numbers of topics and of recorded, missed and damaged samples."""
 
     topics: int
     samples: int
@@ -55,7 +54,7 @@ class Figures:
 
 @dataclass(slots=True)
 class _Source:
-    """A region that is recorded."""
+    """A region that is being recorded, with its reader and the counts of its samples."""
 
     topic: str
     view: View
@@ -67,33 +66,46 @@ class _Source:
 
 
 class Recorder:
-    """Looks at the regions in one thread, writes the bag in another."""
+    """Records live regions into a bag. The caller's thread reads the regions, and a second thread writes the bag."""
 
     def __init__(self, registry: ClassRegistry, bag: Bag, topics: Collection[str] | None, tell: Tell) -> None:
-        """Of `topics`, services and actions with all their halves; None: of all regions that there are and will be."""
+        """Prepare to record `topics` into `bag`. For a service or an action, record all its regions.
+
+        If `topics` is None, record all regions, including regions created later. `tell` receives lines for the user.
+        """
         self._registry, self._bag, self._tell = registry, bag, tell
         self._wanted = None if topics is None else {name for topic in topics for name in _names(topic)}
         self._sources: dict[str, _Source] = {}
         self._done: dict[str, tuple[int, int, int]] = {}
-        """Samples, missed and damaged ones of regions that are gone, by topic."""
+        """Counts of recorded, missed and damaged samples of removed regions, by topic."""
         self._refused: dict[str, int | None] = {}
-        """Inodes of regions that cannot be recorded, by name."""
+        """Inodes of regions that cannot be recorded, by region name."""
         self._channels: dict[tuple[str, str, int], int] = {}
         self._logged = 0
         self._writer = _Writer(bag)
         self.failed = False
-        """Whether there is something that was asked for and could not be recorded."""
+        """True if a requested region could not be recorded."""
 
     @property
     def figures(self) -> Figures:
-        """From any thread."""
+        """The totals so far. Thread-safe."""
         now = {one.topic: (one.samples, one.reader.missed, one.damaged) for one in list(self._sources.values())}
         counts = [*list(self._done.values()), *now.values()]
         samples, missed, damaged = (sum(count[place] for count in counts) for place in range(3))
         return Figures(len(now.keys() | self._done.keys()), samples, missed, damaged, self._bag.size)
 
+    def never_seen(self, topics: Iterable[str]) -> list[str]:
+        """Return those of the given topics, services and actions for which no region existed during the recording."""
+        seen = {region_name(topic) for topic in (*self._done, *(one.topic for one in self._sources.values()))}
+        return [
+            topic for topic in topics if seen.isdisjoint(_names(topic)) and not self._refused.keys() & _names(topic)
+        ]
+
     def run(self, stopping: threading.Event, seconds: float | None = None) -> None:
-        """Until `stopping` is set or so many seconds are over. Raises OSError; the bag is readable all the same."""
+        """Record until `stopping` is set or `seconds` are over.
+
+        Raises OSError if the bag cannot be written; the bag is readable despite that.
+        """
         ends = None if seconds is None else time.monotonic() + seconds
         chunk, searched, changed, flushed, first = Chunk(), 0.0, 0, time.monotonic(), True
         with self._writer, _undisturbed():
@@ -126,7 +138,7 @@ class Recorder:
             for number, stamp, message in source.reader.samples():
                 try:
                     data = source.kind.encode(bytes(message))
-                except (ValueRejected, struct.error) as error:
+                except ValueRejected as error:
                     if not source.damaged:
                         self._tell(f"{source.topic}: damaged sample {number}: {error}")
                     source.damaged += 1
@@ -148,7 +160,10 @@ class Recorder:
                 self._refuse(name, error)
 
     def _open(self, name: str, first: bool) -> None:
-        """The region, from its newest sample on, or if it was made meanwhile from its first."""
+        """Start to record a region. If `first`, begin with its newest sample, otherwise with its oldest.
+
+        `first` is True for a region that existed when the recording began.
+        """
         if _inode(name) == self._refused.get(name, 0):
             return
         view = View(name)
@@ -158,7 +173,7 @@ class Recorder:
                 return
             header = sound(view)
             kind = kind_of(self._registry, header.type_name, header.digest)
-            kind.encode  # noqa: B018 made now, while nothing waits for it
+            kind.encode  # noqa: B018 build the encoder now, before samples wait for it
             reader = watcher(view, kind.message, history=not first)
         except BaseException:
             view.close()
@@ -185,7 +200,7 @@ class Recorder:
         return self._channels[key]
 
     def _drop(self, name: str) -> None:
-        """What came and is not taken any more was missed."""
+        """Stop recording a region. Its unread samples count as missed."""
         source = self._sources.pop(name)
         samples, missed, damaged = self._done.get(source.topic, (0, 0, 0))
         missed += source.reader.missed + source.reader.unread
@@ -194,26 +209,29 @@ class Recorder:
         source.view.close()
 
     def _notes(self) -> dict[str, str]:
-        """Missed and damaged samples by topic, for the bag."""
+        """Return how many samples of each topic were missed or damaged, as two JSON texts for the bag's metadata."""
         missed = {topic: missed for topic, (_, missed, _) in self._done.items()}
         damaged = {topic: damaged for topic, (_, _, damaged) in self._done.items() if damaged}
         return {"missed": json.dumps(missed), "damaged": json.dumps(damaged)}
 
 
 def bag_topic(topic: str) -> str:
-    """A name that ROS allows: `/cell/start-request` is `/cell/start/_request`, which `ros2 topic list` hides."""
+    """Return a topic name that ROS allows: `/cell/start-request` -> `/cell/start/_request`.
+
+    `ros2 topic list` hides such names.
+    """
     full, dash, half = topic.partition("-")
     return f"{full}/_{half}" if dash else topic
 
 
 def _names(topic: str) -> list[str]:
-    """The region of a topic, and what would be the halves of a service or action of that name."""
+    """Return the names of all regions that a recorded name means: a topic, and the parts of a service or an action."""
     halves = [] if "-" in topic else [f"{topic}-{half}" for half in HALVES]
     return [region_name(one) for one in (topic, *halves)]
 
 
 def _inode(name: str) -> int | None:
-    """Of the region's file; to know it nobody needs to be allowed to read it."""
+    """Return the inode of a region's file, or None if the file does not exist. Needs no read permission."""
     with suppress(OSError):
         return os.lstat(region_file(name)).st_ino
     return None
@@ -221,7 +239,10 @@ def _inode(name: str) -> int | None:
 
 @contextmanager
 def _undisturbed() -> Iterator[None]:
-    """Other threads give way sooner; and nothing made here is part of a ring, for which to look takes milliseconds."""
+    """Shorten the thread switch interval and turn off garbage collection, which would pause for milliseconds.
+
+    The recorder creates no reference cycles, so reference counting frees its objects.
+    """
     collects, interval = gc.isenabled(), sys.getswitchinterval()
     gc.disable()
     sys.setswitchinterval(_LOOK)
@@ -234,7 +255,7 @@ def _undisturbed() -> Iterator[None]:
 
 
 class _Writer:
-    """The thread that writes: the disk may stand still for seconds, and nobody waits for it."""
+    """The thread that writes the bag. The disk may stall for seconds, and recording must not wait for it."""
 
     def __init__(self, bag: Bag) -> None:
         self._bag = bag
@@ -246,7 +267,7 @@ class _Writer:
 
     @property
     def waiting(self) -> int:
-        """Bytes."""
+        """The number of bytes that are queued and not yet written."""
         return self._put - self._written
 
     def put(self, item: Chunk | Channel) -> None:
@@ -255,12 +276,12 @@ class _Writer:
         self._queue.put(item)
 
     def check(self) -> None:
-        """Raises what the thread met with, an OSError."""
+        """Raise the error that stopped the thread, usually an OSError. Do nothing if there was no error."""
         if self._error:
             raise self._error
 
     def finish(self, notes: dict[str, str]) -> None:
-        """Waits until all is written. Raises as check()."""
+        """Wait until everything is written, then store `notes` in the bag. Raises the errors of check()."""
         self._notes = notes
         self._queue.put(None)
         self._thread.join()
@@ -273,7 +294,7 @@ class _Writer:
         self._bag.abandon()
 
     def _run(self) -> None:
-        said = time.monotonic()
+        last_saved_at = time.monotonic()
         try:
             while (item := self._queue.get()) is not None:
                 if isinstance(item, Channel):
@@ -281,9 +302,9 @@ class _Writer:
                     continue
                 self._bag.put(item)
                 self._written += item.size
-                if time.monotonic() - said >= _FLUSH:
+                if time.monotonic() - last_saved_at >= _FLUSH:
                     self._bag.say()
-                    said = time.monotonic()
+                    last_saved_at = time.monotonic()
             self._bag.end_file(self._notes)
             self._bag.say(self._notes)
         except BaseException as error:

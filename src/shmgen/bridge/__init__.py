@@ -1,1 +1,1 @@
-"""The bridge: ROS topics and services to regions and back, in one process for all of shmgen.toml."""
+"""`shmgen bridge`: one process carries all topics, services and actions of shmgen.toml between ROS and regions."""

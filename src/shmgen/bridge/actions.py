@@ -11,120 +11,134 @@ from math import inf
 from typing import Any
 
 from shmgen.bridge.backend import ABORTED, CANCELED, SUCCEEDED, Backend, Goal, NoAnswer
-from shmgen.bridge.counters import Counters
-from shmgen.bridge.endpoint import LOOK, ReopeningEndpoint, WorkerThread
-from shmgen.bridge.plan import ActionRoute
-from shmgen.bridge.services import unanswered
+from shmgen.bridge.common.counters import Counters, describe
+from shmgen.bridge.endpoint import POLL_INTERVAL, RegionEndpoint, Side, WorkerThread
+from shmgen.bridge.plan import CallRoute
+from shmgen.bridge.services import count_unanswered
 from shmgen.live.classes import action_client, action_server
-from shmgen.runtime import ActionClient, ActionServer, Message, RegionInUse, ServedGoal, ShmError, ValueRejected
+from shmgen.runtime import ActionClient, ActionServer, Message, ServedGoal, ShmError, ValueRejected
 
-_POLL = 0.005
-"""Seconds between two looks at a goal that is under way; of a region's feedback there is the newest only."""
-_ALIVE = 0.2
-"""Seconds between two looks whether the PLC is there."""
-_SIGN = 1.0
-"""Seconds between two signs of life to a PLC whose goal has no feedback yet; its block gives up after tTimeout."""
-_FAREWELL = 0.2
-"""Seconds that a cancel gets to be sent when the bridge ends; the end of a goal gets half of it."""
+_GOAL_POLL_INTERVAL = 0.005
+"""The poll interval of a running goal in seconds. It is short because a region holds only the newest feedback."""
+_LIVENESS_INTERVAL = 0.2
+"""The interval in seconds at which the bridge checks whether the PLC is alive."""
+_HEARTBEAT_INTERVAL = 1.0
+"""The heartbeat interval in seconds of a goal without feedback.
+
+Without a heartbeat, the PLC's function block stops the goal after its tTimeout.
+"""
+_CANCEL_TIMEOUT = 0.2
+"""The time limit in seconds for a cancel request when the bridge stops. The end of an aborted goal gets half of it."""
 
 
-class PlcActionServer:
-    """A Side, and a Worker: ROS sends goals, the PLC reaches them, one at a time; a newer one ends the one before."""
+class PlcActionServer(Side):
+    """Carries an action of the PLC: ROS sends goals, and the PLC executes them, one at a time.
 
-    def __init__(self, route: ActionRoute, counters: Counters, stopping: threading.Event) -> None:
-        self.about = route.about
-        self.counters = counters
+    A new goal aborts the old goal.
+    """
+
+    def __init__(self, route: CallRoute, counters: Counters, stopping: threading.Event) -> None:
+        super().__init__(route.about, counters, stopping)
         self._route = route
-        self._stopping = stopping
-        self.end = ReopeningEndpoint(self._opened, counters, stopping)
-        self.beat, self.close = self.end.beat, self.end.close
-        self._client: ActionClient[Any, Any, Any] | None = None
+        self.end = RegionEndpoint(self._open_client, counters)
+        self._lock = threading.Lock()
+        """Held while a goal begins, is canceled, or is followed."""
         self._goal: Goal | None = None
+        self._goal_region: tuple[Any, int] = None, 0
+        """The client that sent the goal, and its `reopen_count`: after a reopening, no result of the goal arrives."""
         self._outcome: Any = None
         self._due = 0.0
         self._loop = WorkerThread(self._step, self.end, stopping)
 
-    def join(self, backend: Backend) -> None:
+    def start(self, backend: Backend) -> None:
         backend.actions.serve(backend, self._route.wire, self, self.counters)
         self._loop.start()
 
     def begin(self, goal: Goal) -> bool:
-        """Whether the PLC accepts it, which it says within `timeout`."""
-        with self.end.lock:
-            self.counters.came()
+        """Send the goal to the PLC. Return True if the PLC accepts the goal within the action's timeout."""
+        with self._lock:
+            self.counters.mark_received()
             try:
-                client = self._client = self.end.look()
-                if client is None:
-                    raise NoAnswer(f"there is no region: {self.end.why}")
-                client.send_goal(goal.request, self._route.action.timeout)
-                self._give_up("a newer goal has come")
-                accepted = not self._stopping.is_set() and self._accepted(client)
-            except Exception as error:  # NoServer, ValueRejected, or whatever a ROS may raise
-                unanswered(self.counters, error)
-                if isinstance(error, RegionInUse):
-                    self.end.lose(str(error))
+                client = self.end.require()
+                client.send_goal(goal.request, self._route.entry.timeout)
+                self._give_up("a newer goal has arrived")
+                self._goal_region = client, client.reopen_count
+                accepted = not self._stopping.is_set() and self._is_accepted(client)
+            except Exception as error:  # NoServer, ValueRejected, or any exception of a ROS library
+                count_unanswered(self.counters, error)
+                self.end.discard_after(error)
                 return False
             if accepted:
                 self._goal = goal
             return accepted
 
     def cancel(self, goal: Goal) -> bool:
-        """Asks the PLC to end it."""
-        with self.end.lock:
-            if goal is not self._goal or self.end.now is None:
+        """Request that the PLC cancel the goal. Return False if the goal has ended or the request fails."""
+        with self._lock:
+            client = self.end.current
+            if goal is not self._goal or client is None:
                 return False
             try:
-                self.end.now.cancel()
+                client.cancel()
             except ShmError as error:
-                self.end.meet(error)
+                self.end.report(error)
                 return False
             return True
 
-    def leave(self) -> None:
-        with self.end.lock:
-            if self._goal and self.end.now:
+    def stop(self) -> bool:
+        """Cancel the running goal in the PLC, and report to its ROS client that the goal is aborted."""
+        with self._lock:
+            client = self.end.current
+            if self._goal and client:
                 with suppress(ShmError):
-                    self.end.now.cancel()
-                self._give_up("the bridge ends")
-                time.sleep(_FAREWELL / 2)
+                    client.cancel()
+                self._give_up("the bridge stops")
+                time.sleep(_CANCEL_TIMEOUT / 2)
+        return True
 
-    def _opened(self) -> ActionClient[Any, Any, Any]:
-        made = action_client(self._route.kinds)(self._route.action.name)
-        made.cancel_former()
-        return made
+    def _open_client(self) -> ActionClient[Any, Any, Any]:
+        client = action_client(self._route.kinds)(self._route.entry.name)
+        client.cancel_former()
+        return client
 
     def _step(self, client: ActionClient[Any, Any, Any] | None) -> float:
-        if self._goal is None:
-            return LOOK
-        if client is None or client is not self._client:
-            self._give_up(f"there is no region: {self.end.why}")
-        else:
-            self._follow(client)
-        return _POLL
+        with self._lock:
+            if self._goal is None:
+                return POLL_INTERVAL
+            if client is None or (client, client.reopen_count) != self._goal_region:
+                self._give_up(self.end.unavailable_reason or "the region was removed")
+            else:
+                self._follow(client)
+        return _GOAL_POLL_INTERVAL
 
-    def _accepted(self, client: ActionClient[Any, Any, Any]) -> bool:
-        """A goal of which nothing is heard is cancelled: a PLC that sends one gives it up likewise."""
-        timeout = self._route.action.timeout
+    def _is_accepted(self, client: ActionClient[Any, Any, Any]) -> bool:
+        """Wait until the PLC accepts or rejects the goal that was just sent. Return True if the PLC accepts this goal.
+
+        Raises NoAnswer, and cancels the goal, if the timeout of the action expires or the bridge stops.
+        """
+        timeout = self._route.entry.timeout
         deadline = time.monotonic() + timeout
         self._outcome = None
         while self._outcome is None and not client.status:
             self._outcome = client.poll()
             if self._outcome is None and (time.monotonic() >= deadline or self._stopping.is_set()):
                 client.cancel()
-                raise NoAnswer(f"not a word about the goal within {timeout:g} s; it is cancelled")
-            time.sleep(_POLL / 5)
+                raise NoAnswer(f"the PLC did not accept the goal within {timeout:g} s; the goal is canceled")
+            time.sleep(_GOAL_POLL_INTERVAL / 5)
         if self._outcome is None or self._outcome.status != self._outcome.REJECTED:
             return True
-        self.counters.failed += 1
-        self.counters.complain("the PLC has rejected a goal")
+        self.counters.fail("the PLC has rejected a goal")
         return False
 
     def _follow(self, client: ActionClient[Any, Any, Any]) -> None:
-        """Passes on what is new of the goal."""
+        """Forward to ROS the feedback and the result of the running goal that the PLC has sent since the last call.
+
+        If the PLC is no longer alive, abort the goal.
+        """
         assert self._goal
         outcome = self._outcome or client.poll()
         if feedback := client.feedback():
-            self._pass_on(self._goal, feedback)
+            self._publish_feedback(self._goal, feedback)
         if outcome is not None:
             goal, self._goal, self._outcome = self._goal, None, None
             status = outcome.status if outcome.status in (SUCCEEDED, CANCELED) else ABORTED
@@ -132,113 +146,117 @@ class PlcActionServer:
             self.counters.passed += 1
         elif time.monotonic() >= self._due:
             if not client.server_is_ready():
-                client.cancel()  # should it go on
-                self._give_up("the PLC has gone")
-            self._due = time.monotonic() + _ALIVE
+                client.cancel()  # in case the PLC resumes
+                self._give_up("the PLC is no longer running")
+            self._due = time.monotonic() + _LIVENESS_INTERVAL
 
-    def _pass_on(self, goal: Goal, feedback: Message) -> None:
+    def _publish_feedback(self, goal: Goal, feedback: Message) -> None:
         try:
             goal.progress(lambda empty: self._fill("_Feedback", feedback, empty))
-        except Exception as error:  # whatever a ROS may raise
-            self.counters.reject(f"{type(error).__name__}: {error}", " by ROS")
+        except Exception as error:  # a ROS library may raise any exception
+            self.counters.reject(describe(error), " by ROS")
 
     def _give_up(self, why: str) -> None:
         goal, self._goal, self._outcome = self._goal, None, None
         if goal is not None:
-            self.counters.failed += 1
-            self.counters.complain(f"goal aborted: {why}")
+            self.counters.fail(f"goal aborted: {why}")
             goal.end(ABORTED, lambda empty: None)
 
     def _fill(self, part: str, message: Message, empty: Any) -> None:
         self._route.kinds[part]._decode(bytes(message), 0, empty)
 
 
-class PlcActionClient:
-    """A Side: the PLC sends goals, ROS reaches them, in a thread of the action's own."""
+class PlcActionClient(Side):
+    """Carries an action of ROS: the PLC sends goals, and ROS executes them. Each action has its own thread."""
 
-    def __init__(self, route: ActionRoute, counters: Counters, stopping: threading.Event) -> None:
-        self.about = route.about
-        self.counters = counters
+    def __init__(self, route: CallRoute, counters: Counters, stopping: threading.Event) -> None:
+        super().__init__(route.about, counters, stopping)
         self._route = route
-        self._stopping = stopping
-        made = action_server(route.kinds)
-        self.end: ReopeningEndpoint[ActionServer[Any]] = ReopeningEndpoint(
-            lambda: made(route.action.name), counters, stopping
-        )
+        kind = action_server(route.kinds)
+        self.end: RegionEndpoint[ActionServer[Any]] = RegionEndpoint(lambda: kind(route.entry.name), counters)
         self._loop = WorkerThread(self._step, self.end, stopping)
-        self.beat, self.close = self.end.beat, self.end.close
-        self.leave = self._loop.leave  # it cancels what is under way
 
-    def join(self, backend: Backend) -> None:
-        self._seeker = backend.actions.seeker(backend, self._route.wire, self.counters)
+    def start(self, backend: Backend) -> None:
+        self._ros_client = backend.actions.action_client(backend, self._route.wire, self.counters)
         self._loop.start()
 
-    def _step(self, served: ActionServer[Any] | None) -> float:
-        if served is None:
-            return LOOK
-        if goal := served.wait(LOOK):
-            self.counters.came()
-            self._seek(served, goal)
+    def stop(self) -> bool:
+        """Stop the thread of this action, which cancels the running goal. Return False if the thread has not ended."""
+        return self._loop.stop()
+
+    def _step(self, plc: ActionServer[Any] | None) -> float:
+        if plc is None:
+            return POLL_INTERVAL
+        if goal := plc.wait(POLL_INTERVAL):
+            self.counters.mark_received()
+            self._send(plc, goal)
         return 0.0
 
-    def _seek(self, served: ActionServer[Any], goal: ServedGoal[Any]) -> None:
+    def _send(self, plc: ActionServer[Any], goal: ServedGoal[Any]) -> None:
         news = _News()
-        kind, timeout = self._route.kinds["_Goal"], self._route.action.timeout
+        kind, timeout = self._route.kinds["_Goal"], self._route.entry.timeout
         try:
-            cancel = self._seeker.send(lambda empty: kind._decode(bytes(goal.request), 0, empty), timeout, news)
-        except Exception as error:  # NoAnswer, or whatever a ROS may raise
-            unanswered(self.counters, error)
+            cancel = self._ros_client.send(lambda empty: kind._decode(bytes(goal.request), 0, empty), timeout, news)
+        except Exception as error:  # NoAnswer, or any exception of a ROS library
+            count_unanswered(self.counters, error)
             goal.abort()
             return
         if cancel is None:
-            self.counters.failed += 1
-            self.counters.complain("ROS has rejected a goal")
+            self.counters.fail("ROS has rejected a goal")
             goal.reject()
             return
-        self._follow(served, goal, news, cancel)
+        self._follow(plc, goal, news, cancel)
 
     def _follow(
-        self, served: ActionServer[Any], goal: ServedGoal[Any], news: _News, cancel: Callable[[], threading.Thread]
+        self, plc: ActionServer[Any], goal: ServedGoal[Any], news: _News, cancel: Callable[[], threading.Thread]
     ) -> None:
-        """Until it has ended, or for `timeout` seconds after the PLC has sent a newer goal or is there no more."""
+        """Forward feedback and the result to the PLC until the goal ends or the bridge stops.
+
+        If the PLC sends a newer goal or disappears, cancel the goal and wait for its end. The wait is limited by the
+        timeout of the action.
+        """
         canceling: threading.Thread | None = None
-        until, signed = inf, -inf
+        until, last_heartbeat = inf, -inf
+        reopen_count = plc.reopen_count
         while time.monotonic() < until and not self._stopping.is_set():
             try:
                 now = time.monotonic()
-                for feedback in news.taken():
-                    self._pass_on(goal, feedback)
+                for feedback in news.pop_feedback():
+                    self._publish_feedback(goal, feedback)
                 if news.outcome:
                     self._finish(goal, *news.outcome)
                     return
                 is_unwanted = goal.is_cancel_requested
-                if not goal.is_awaited or self.end.look() is not served or not served.client_lives():
-                    is_unwanted, until = True, min(until, now + self._route.action.timeout)
+                is_replaced = self.end.current is not plc or plc.reopen_count != reopen_count
+                if is_replaced or not goal.is_awaited or not plc.client_lives():
+                    is_unwanted, until = True, min(until, now + self._route.entry.timeout)
                 if is_unwanted:
                     canceling = canceling or cancel()
-                if not news.is_any and now >= signed + _SIGN:
+                if not news.is_any and now >= last_heartbeat + _HEARTBEAT_INTERVAL:
                     goal.accept()
-                    signed = now
+                    last_heartbeat = now
             except (ShmError, OSError) as error:
-                self.end.meet(error)
-            news.came.wait(_POLL)
-        (canceling or cancel()).join(_FAREWELL)
+                self.end.report(error)
+            news.arrived.wait(_GOAL_POLL_INTERVAL)
+        (canceling or cancel()).join(_CANCEL_TIMEOUT)
         self.counters.failed += 1
         with suppress(ShmError):
             goal.abort()
 
-    def _pass_on(self, goal: ServedGoal[Any], feedback: Any) -> None:
+    def _publish_feedback(self, goal: ServedGoal[Any], feedback: Any) -> None:
         try:
             goal.publish_feedback(feedback)
         except ValueRejected as error:
             self.counters.reject(str(error))
 
     def _finish(self, goal: ServedGoal[Any], status: int, result: Any, why: str) -> None:
-        """Raises ShmError, and can be tried again."""
+        """Send the result of the goal to the PLC. If `result` is None, abort the goal for the reason `why`.
+
+        Raises ShmError if the region fails. The caller may then try once more.
+        """
         if result is None:
             goal.abort()
-            self.counters.failed += 1
-            self.counters.complain(f"goal aborted: {why}")
+            self.counters.fail(f"goal aborted: {why}")
             return
         try:
             {SUCCEEDED: goal.succeed, CANCELED: goal.canceled}.get(status, goal.abort)(result)
@@ -249,10 +267,10 @@ class PlcActionClient:
 
 
 class _News:
-    """A Follower: what has come of a goal, for the thread that waits for it."""
+    """Stores the feedback and the outcome of a goal until the thread that waits for them reads them. A GoalObserver."""
 
     def __init__(self) -> None:
-        self.came = threading.Event()
+        self.arrived = threading.Event()
         self.is_any = False
         self.outcome: tuple[int, Any, str] | None = None
         self._feedback: deque[Any] = deque()
@@ -260,13 +278,13 @@ class _News:
     def feedback(self, feedback: Any) -> None:
         self.is_any = True
         self._feedback.append(feedback)
-        self.came.set()
+        self.arrived.set()
 
     def end(self, status: int, result: Any, why: str = "") -> None:
         self.outcome = status, result, why
-        self.came.set()
+        self.arrived.set()
 
-    def taken(self) -> list[Any]:
-        """What has not been taken yet."""
-        self.came.clear()
+    def pop_feedback(self) -> list[Any]:
+        """Return the feedback messages that arrived since the last call."""
+        self.arrived.clear()
         return [self._feedback.popleft() for _ in range(len(self._feedback))]

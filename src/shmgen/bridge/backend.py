@@ -1,86 +1,81 @@
-"""What the bridge asks of a ROS: the one small interface that ros1, ros2 and dds are behind.
+"""The interface of the backends, which connect the bridge to ROS: `ros1/`, `ros2/`, `dds/` and `zenoh/` implement it.
 
-A backend is a module with `connect(node) -> Backend | None`, None if `node.stopping()` came true before there was a
-graph to join; it raises BackendMissing. It knows nothing of regions; what it hands over and takes are messages with
-ROS's attributes, whatever their class. All calls may come from any thread.
+A backend is a module with a function `connect(node) -> Backend | None`. The function returns None if `node.stopping()`
+became true before the backend could join a ROS graph. It raises BackendMissing if a library is not installed. A backend
+has no access to regions. It receives and returns messages of any class that has the attributes of the ROS message. All
+functions are thread-safe.
 """
 
 from __future__ import annotations
 
-import os
-import sys
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol, TypeVar
+from typing import Any, Literal, Protocol
 
 from shmgen.bridge.codec.direct import DirectPath
-from shmgen.bridge.codec.wire_format import WireFormat
-from shmgen.config.keys import MAX_DOMAIN
 from shmgen.core.model import Message, TypeName
 from shmgen.runtime import Time
 
 QUEUE = 1000
-"""Small messages a queue of a ROS holds: a second of a topic at 1 kHz, as long as Python may stand still."""
+"""The maximum queue length in messages. It covers 1 s of a topic at 1 kHz, because Python may pause that long."""
 LARGEST = 2**16
-"""Bytes that any message may have on its way. What is somewhat too long for its region still comes, to be counted."""
-_SLACK = 4
-"""So many times what its region holds may a larger one have."""
-_MEMORY = 2**26
-"""Bytes that the queue of a topic may come to."""
-_COMPLAIN = 10.0
-"""Seconds from one line about what a peer sends to the next."""
-_LOOK = 0.01
-_MOST = 1000
-"""Peers at one end that are remembered, of those that have gone too."""
+"""The smallest size limit in bytes of a serialized message.
 
-T = TypeVar("T")
-V = TypeVar("V")
+The limit exceeds the size of a sample so that the bridge receives and counts messages that do not fit.
+"""
+_SLACK = 4
+"""The size limit of a large serialized message, as a multiple of the size of its sample in the region."""
+_MEMORY = 2**26
+"""The maximum size of a topic's queue in bytes."""
 
 
 class BackendMissing(Exception):
-    """What the backend is made of is not installed; the text says what to install."""
+    """A library that the backend needs is not installed. The text names the package to install."""
 
 
 class NoAnswer(Exception):
-    """A service call that ended without an answer; the text says why."""
+    """A service call or a goal ended without an answer. The text is the reason."""
 
 
 @dataclass(frozen=True, slots=True)
 class Node:
-    """Who the bridge is in the graph. `domain` is DDS's, None = what ROS_DOMAIN_ID says.
+    """The settings of the bridge's node in the ROS graph. `domain` is the DDS domain, or None for ROS_DOMAIN_ID.
 
-    `tell` takes a line for whoever watches the bridge. `stopping` is true as soon as the bridge is to end.
-    `arguments` are ROS's own of the command line, such as `__name:=x` or `--ros-args -r __node:=x`. `largest` is
-    that of all wires.
+    `log` logs a line for the user. `stopping` returns True once the bridge has to stop. `arguments` are the ROS
+    arguments of the command line, such as `__name:=x` or `--ros-args -r __node:=x`. `largest` is the size limit in
+    bytes of the largest serialized message of all topics, services and actions.
     """
 
     name: str
     domain: int | None
-    tell: Callable[[str], None]
+    log: Callable[[str], None]
     stopping: Callable[[], bool]
     arguments: tuple[str, ...] = ()
     largest: int = LARGEST
+    namespace: str = "/"
 
 
 @dataclass(frozen=True, slots=True)
 class Wire:
-    """One topic as ROS sees it. `messages` are its definitions as written, dependencies first, its own type last.
+    """The ROS side of a topic: the settings from which a backend creates a publisher or a subscription.
 
-    What is unbounded there is unbounded in ROS, whatever shmgen.toml bounds it to. `latch` keeps the newest message
-    for late subscribers (ROS 2: transient local). `depth` is the region's, `room` the bytes of a message in it, and
-    `short` the way between those and ROS's, where there is one.
+    `messages` are the original definitions: dependencies first, the topic's type last. Unbounded fields stay unbounded
+    in ROS, even if shmgen.toml bounds them. `latch` keeps the newest message for late subscribers (ROS 2: transient
+    local). With the QoS `auto`, a subscription adopts best effort if a publisher offers only best effort. `depth` is
+    the number of samples in the region, and `sample_size` the size of a sample in bytes. `direct` converts samples to
+    ROS bytes directly; it is None if the topic has no direct path. `accepts_other` accepts messages of a peer with
+    another type hash.
     """
 
-    topic: str
+    name: str
     messages: tuple[Message, ...]
-    qos: Literal["reliable", "best_effort"] = "reliable"
+    qos: Literal["auto", "reliable", "best_effort"] = "auto"
     latch: bool = False
     depth: int = 1
-    room: int = 0
+    sample_size: int = 0
     accepts_other: bool = False
-    short: DirectPath | None = None
+    direct: DirectPath | None = None
 
     @property
     def type(self) -> TypeName:
@@ -88,161 +83,139 @@ class Wire:
 
     @property
     def queue(self) -> int:
-        """How many messages may wait in ROS."""
+        """The queue length in ROS, in messages."""
         return max(self.depth, queue_of(self.largest))
 
     @property
     def is_large(self) -> bool:
-        """Whether less than a second of a topic at 1 kHz may wait."""
+        """True if the messages are so large that the queue holds fewer than QUEUE messages."""
         return queue_of(self.largest) < QUEUE
 
     @property
     def largest(self) -> int:
-        """Bytes that a message may have on its way; what is longer need not be read to know that it does not fit."""
-        return largest(self.room)
-
-
-def domain_without_ros(node: Node, backend: str) -> int:
-    """The domain to join. Raises ValueError for one that cannot be."""
-    if node.arguments:
-        node.tell(f"{backend}: there is no ROS here to take {' '.join(node.arguments)}")
-    text = os.environ.get("ROS_DOMAIN_ID", "").strip() if node.domain is None else str(node.domain)
-    if (not text.isdecimal() and text) or int(text or 0) > MAX_DOMAIN:
-        where = "ROS_DOMAIN_ID" if node.domain is None else "shmgen.toml"
-        raise ValueError(f"{backend}: a domain is a number from 0 to {MAX_DOMAIN}, not {text!r} as {where} says")
-    return int(text or 0)
+        """The size limit of a serialized message in bytes. Backends reject longer messages without decoding them."""
+        return largest(self.sample_size)
 
 
 def queue_of(largest: int) -> int:
-    """How many messages of so many bytes may wait: QUEUE small ones, one at least."""
+    """Return the queue length for messages of `largest` bytes: from 1 to QUEUE messages."""
     return max(1, min(QUEUE, _MEMORY // largest))
 
 
-def largest(room: int) -> int:
-    """Of messages that have `room` bytes in a region."""
-    return max(LARGEST, _SLACK * room)
+def largest(sample_size: int) -> int:
+    """Return the size limit in bytes of a serialized message whose sample in the region has `sample_size` bytes."""
+    return max(LARGEST, _SLACK * sample_size)
 
 
 @dataclass(frozen=True, slots=True)
 class ServiceWire:
-    """One service as ROS sees it; `request` and `response` as `Wire.messages`.
+    """The ROS side of a service: the settings from which a backend creates a server or a client.
 
-    `at_once` has each call answered in a thread of its own, as some take for ever.
+    `request` and `response` are the definitions of these messages, each after its dependencies. If `at_once` is True,
+    each call runs in its own thread, so that a call that never ends delays no other call.
     """
 
-    service: str
+    name: str
     request: tuple[Message, ...]
     response: tuple[Message, ...]
     at_once: bool = False
 
     @property
     def type(self) -> TypeName:
-        """`std_srvs/srv/SetBool`."""
+        """The type of the service, for example `std_srvs/srv/SetBool`."""
         return self.request[-1].name._replace(name=self.request[-1].name.name.removesuffix("_Request"))
 
 
 @dataclass(frozen=True, slots=True)
 class ActionWire:
-    """One action as ROS sees it; `goal`, `result`, `feedback` as `Wire.messages`, `room` as there, of the largest."""
+    """The ROS side of an action: the settings from which a backend creates a server or a client.
 
-    action: str
+    `goal`, `result` and `feedback` are the definitions of these messages, each after its dependencies. `sample_size` is
+    the size in bytes of the largest sample of the action.
+    """
+
+    name: str
     goal: tuple[Message, ...]
     result: tuple[Message, ...]
     feedback: tuple[Message, ...]
-    room: int = 0
+    sample_size: int = 0
 
     @property
     def type(self) -> TypeName:
-        """`control_msgs/action/GripperCommand`."""
+        """The type of the action, for example `control_msgs/action/GripperCommand`."""
         return self.goal[-1].name._replace(name=self.goal[-1].name.name.removesuffix("_Goal"))
 
 
 class ErrorSink(Protocol):
-    """Where what has come to nothing is told: from any thread."""
+    """The interface by which a backend reports messages that could not be delivered. Thread-safe."""
 
     def reject(self, why: str) -> None:
-        """One that is no message: its bytes do not make one."""
+        """Count a message whose bytes could not be decoded. `why` is the reason."""
 
     def refuse(self, why: str) -> None:
-        """One of a peer that means something else by the type."""
+        """Count a message of an incompatible peer. `why` is the reason."""
 
-    def meet(self, stranger: str) -> None:
-        """Why nothing of such a peer that is there now may pass; nothing, as soon as none of them is there."""
+    def set_incompatible_peer(self, reason: str) -> None:
+        """Set the reason why a connected peer is incompatible, or `""` if no incompatible peer is connected."""
 
     def lose(self, count: int) -> None:
-        """So many that a publisher has sent and this ROS has handed to nobody."""
+        """Count `count` messages that a publisher sent and that ROS never delivered to the bridge."""
 
 
 class MessageSink(ErrorSink, Protocol):
-    """Where what comes from a topic goes: from any thread, but never two at once."""
+    """The interface by which a backend passes on the messages of a topic.
+
+    The backend calls `take` from any thread, but never from two threads at once.
+    """
 
     def take(self, message: Any) -> None:
-        """One message."""
-
-
-def from_bytes(
-    wire: Wire, decode: Callable[[bytes], Any], wire_format: WireFormat, sink: MessageSink
-) -> Callable[[bytes], None]:
-    """What hands over the message that bytes make, by the short way where there is one, or rejects them."""
-    straight = wire.short.into_region(wire_format) if wire.short else None
-
-    def take(data: bytes) -> None:
-        if len(data) > wire.largest:
-            sink.reject(f"{len(data):,} bytes, and more than {wire.largest:,} are no message for its region")
-            return
-        try:
-            message = (straight and straight(data)) or decode(data)
-        except ValueError as error:
-            sink.reject(str(error))
-            return
-        sink.take(message)
-
-    return take
-
-
-class RateLimitedLog:
-    """Tells what a callback raises for what a peer sends, not often."""
-
-    def __init__(self, name: str, tell: Callable[[str], None]) -> None:
-        self._name, self._tell = name, tell
-        self._told = float("-inf")
-
-    def __call__(self, error: Exception) -> None:
-        if time.monotonic() - self._told >= _COMPLAIN:
-            self._told = time.monotonic()
-            self._tell(f"{self._name}: {type(error).__name__}: {error}")
+        """Receive one message of the topic from the backend."""
 
 
 @dataclass(frozen=True, slots=True)
 class RosPublisher:
-    """A ROS publisher. `new()` makes an empty message, `send(message)` publishes one that `new` made.
+    """The functions by which the bridge publishes on a ROS topic.
 
-    Lists in it may hold any objects with the attributes of the element's type, such as those of our own classes.
-    `send` raises nothing for want of subscribers, and waits for them only where the wire `is_large`; it may give how
-    many that it had sent were lost by it. What it `keeps` nobody changes later.
-    `send_payload` does the same with the bytes of a sample; what it raises is to be sent as a message.
+    `new()` creates an empty message, `send(message)` publishes a message that `new` created. Lists in the message may
+    hold any objects with the attributes of the element's type, such as shmgen's own classes. `send` waits for no
+    subscriber, and raises nothing if there is none. If `keeps` is True, ROS keeps a reference to the message, and the
+    caller must not change a message after `send`. `send_payload` publishes the bytes of a sample. If `send_payload`
+    raises ValueRejected, the caller decodes the sample and uses `send`.
+    `acknowledged(seconds)` waits until all reliable subscribers have all messages. It returns False after a timeout.
+    `acknowledged` is None if this ROS has no acknowledgements. `qos_problem()` returns the reason why a subscriber has
+    incompatible QoS, or `""` if all subscribers match.
     """
 
     new: Callable[[], Any]
-    send: Callable[[Any], int | None]
+    send: Callable[[Any], None]
     keeps: bool = True
     send_payload: Callable[[bytes], None] | None = None
+    acknowledged: Callable[[float], bool] | None = None
+    qos_problem: Callable[[], str] = lambda: ""
 
 
 @dataclass(frozen=True, slots=True)
 class RosSubscription:
-    """A ROS subscription. `new()` makes an empty message, `is_connected()` says whether it hears a publisher now."""
+    """The functions of a subscription to a ROS topic, whose messages a MessageSink receives.
+
+    `new()` creates an empty message. `is_connected()` returns True if a publisher is connected. The bridge calls
+    `qos_problem()` twice a second. This function adopts the QoS of the publishers if shmgen.toml permits that, and
+    returns the reason why a present peer still has incompatible QoS, or `""` if all peers match.
+    """
 
     new: Callable[[], Any]
     is_connected: Callable[[], bool] = lambda: True
+    qos_problem: Callable[[], str] = lambda: ""
 
 
 @dataclass(frozen=True, slots=True)
 class RosClient:
-    """A ROS service client. `new()` makes an empty request; `call(request, timeout in seconds)` gives the response.
+    """The functions by which the bridge calls a ROS service.
 
-    `call` raises NoAnswer: no server, no answer in time, or the server failed or went. Calls may overlap.
-    `is_connected()` says whether there is a server now; also true when the bridge ends, so that nobody waits.
+    `new()` creates an empty request; `call(request, timeout in seconds)` returns the response. Calls may overlap.
+    `is_connected()` returns True if a server is available. While the bridge stops, it always returns True, so that no
+    thread waits for a server. `call` raises NoAnswer if no server is available, if the timeout expires, or if the
+    server fails or disappears.
     """
 
     new: Callable[[], Any]
@@ -250,129 +223,120 @@ class RosClient:
     is_connected: Callable[[], bool] = lambda: True
 
 
-def keep(known: dict[T, V], peer: T, what: V) -> None:
-    """Forgets who was met first where there are very many: peers come and go as long as the bridge runs."""
-    known[peer] = what
-    if len(known) > _MOST:
-        del known[next(iter(known))]
-
-
-def await_server(is_connected: Callable[[], bool], timeout: float) -> float:
-    """The deadline of what has to be over within `timeout`, as soon as there is a server. Raises NoAnswer."""
-    deadline = time.monotonic() + timeout
-    while not is_connected():
-        if time.monotonic() >= deadline:
-            raise NoAnswer(f"no server within {timeout:g} s")
-        time.sleep(_LOOK)
-    return deadline
-
-
-def wall_clock() -> Time:
-    """What is now, where a ROS has no clock of its own."""
-    return Time(*divmod(time.time_ns(), 10**9))
-
-
-def end_at_once() -> None:
-    """For atexit, where a thread is still in a call of a ROS's library, whose destructors would fail the process."""
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os._exit(0)
-
-
 Answer = Callable[[Any, Any], None]
-"""Fills the (request, response) of a service; raises NoAnswer, and the ROS client then hears so if its ROS can tell."""
+"""A callback that reads the first argument, the request, and fills the second, the response.
+
+It raises NoAnswer if the PLC did not answer. The ROS client then gets an error, if its ROS can report errors.
+"""
 
 
 Refuse = Callable[[str], None]
-"""Is told why a client got no answer that means something else by the type."""
+"""A callback that receives the reason why an incompatible client got no response."""
 
 
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
-"""How a goal ends, by the numbers of action_msgs/GoalStatus."""
+"""The final states of a goal, with the numbers of action_msgs/GoalStatus."""
 
 Fill = Callable[[Any], None]
-"""Writes a goal, a result or a feedback into an empty one."""
+"""A callback that fills an empty goal, result or feedback message."""
 
 
 class Goal(Protocol):
-    """One that a ROS client has sent."""
+    """A goal that a ROS client has sent, with the functions that send its feedback and its result to this client."""
 
     request: Any
 
     def progress(self, fill: Fill) -> None:
-        """Sends a feedback."""
+        """Send a feedback message to the client of this goal. `fill` fills the empty message."""
 
     def end(self, status: int, fill: Fill) -> None:
-        """Sends the result, the first time; `status` is one of the three above."""
+        """Send the result to the client of this goal. `fill` fills the empty message. Later calls have no effect.
+
+        `status` is SUCCEEDED, CANCELED or ABORTED.
+        """
 
 
 class Worker(Protocol):
-    """Who reaches goals. Its methods are called in threads where they may wait."""
+    """The PLC's side of an action: executes the goals of ROS clients.
+
+    The backend calls each method in a thread that the method may block.
+    """
 
     def begin(self, goal: Goal) -> bool:
-        """Whether it is accepted; it may have ended by then."""
+        """Start the goal. Return True if the goal is accepted. An accepted goal may already have ended."""
 
     def cancel(self, goal: Goal) -> bool:
-        """Whether it will be tried; the goal ends when it can."""
+        """Start to cancel the goal, which ends later. Return False if the goal cannot be canceled."""
 
 
 class GoalObserver(Protocol):
-    """Who waits for a goal that ROS reaches: from any thread, but never two at once."""
+    """The interface by which a backend passes on the feedback and the result of a goal of ROS. Thread-safe."""
 
     def feedback(self, feedback: Any) -> None:
-        """How far it is."""
+        """Receive a feedback message of the goal from the backend."""
 
     def end(self, status: int, result: Any, why: str = "") -> None:
-        """How it ended, once; `result` is None where there is none, and `why` says so."""
+        """Receive the result of the goal, once. If `result` is None, `why` is the reason."""
 
 
 class RosActionClient(Protocol):
-    """The client of an action."""
+    """A client of a ROS action: sends goals that the ROS server executes."""
 
     def send(self, fill: Fill, timeout: float, follower: GoalObserver) -> Callable[[], threading.Thread] | None:
-        """Sends a goal; gives what asks to cancel it, in a thread that ends when that is sent. None: it was rejected.
+        """Send a goal that `fill` fills. Return a function that cancels this goal, or None if the server rejected it.
 
-        Raises NoAnswer where within `timeout` seconds there is no server or it does not accept; what it does then is
-        cancelled.
+        The returned function sends the cancel request in a thread, and returns that thread. `follower` receives the
+        feedback and the result. Raises NoAnswer if the server does not accept the goal within `timeout` seconds; the
+        goal is then canceled.
         """
 
 
 class Actions(Protocol):
-    """How a kind of ROS makes actions of topics and services: `ros1/actions.py`, `ros2/actions.py`."""
+    """Creates servers and clients of actions, which consist of topics and services of ROS 1 or ROS 2.
 
-    def serve(self, backend: Backend, wire: ActionWire, worker: Worker, mishaps: ErrorSink) -> object:
-        """Offers the action. Raises as Backend.publisher()."""
+    Both methods raise ValueError if this ROS lacks the type or has another definition of it.
+    """
 
-    def seeker(self, backend: Backend, wire: ActionWire, mishaps: ErrorSink) -> RosActionClient:
-        """Prepares goals of the action, which need not be there yet. Raises as Backend.publisher()."""
+    def serve(self, backend: Backend, wire: ActionWire, worker: Worker, errors: ErrorSink) -> object:
+        """Offer the action to ROS. `worker` executes the goals that clients send."""
+
+    def action_client(self, backend: Backend, wire: ActionWire, errors: ErrorSink) -> RosActionClient:
+        """Create a client of the action, even if there is no server yet."""
 
 
 class Backend(Protocol):
-    """A node in a ROS graph.
+    """The bridge's node in a ROS graph, which creates publishers, subscriptions, clients and servers.
 
-    Whatever it makes, it appends to `undo` what takes that back; the list is another whenever the bridge says so.
+    `undo` is a list of functions, a separate list in each thread. For each publisher, subscription, client or server
+    that the backend creates, it appends the function that removes this publisher, subscription, client or server. The
+    methods that create them raise ValueError if this ROS lacks the type or has another definition of it.
     """
 
     actions: Actions
-    undo: list[Callable[[], None]]
+
+    @property
+    def undo(self) -> list[Callable[[], None]]: ...
+
+    @undo.setter
+    def undo(self, steps: list[Callable[[], None]]) -> None: ...
 
     def publisher(self, wire: Wire) -> RosPublisher:
-        """Advertises the topic. Raises ValueError for a type that this ROS has otherwise or not at all."""
+        """Create a publisher of the topic."""
 
     def subscribe(self, wire: Wire, sink: MessageSink) -> RosSubscription:
-        """Hands each message to `sink`, in order. Raises as publisher()."""
+        """Subscribe to the topic, and pass each message to `sink`, in order."""
 
     def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
-        """Offers the service; `answer` is called in a thread where it may wait. Raises as publisher()."""
+        """Offer the service to ROS. `answer` runs in a thread where it may block."""
 
     def client(self, wire: ServiceWire) -> RosClient:
-        """Prepares calls of the service, which need not be there yet. Raises as publisher()."""
+        """Create a client of the service, even if there is no server yet."""
 
     def now(self) -> Time:
-        """The clock of the ROS: the wall's, or a simulation's."""
+        """Return the ROS time: the time of the wall clock, or of a simulated clock."""
 
     def alive(self) -> bool:
-        """False once ROS itself has told the node to end."""
+        """Return True until ROS shuts down the bridge's node."""
 
     def close(self) -> None:
-        """Leaves the graph, within half a second, whatever the peers do."""
+        """Leave the graph within 0.5 s, even if peers do not respond."""

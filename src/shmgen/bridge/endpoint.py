@@ -1,162 +1,190 @@
-"""An end of a region that is opened by a thread of its own, lost and opened anew; and a thread that works with one."""
+"""Opens the publisher, subscriber, client or server of a region in the background, and runs threads that use it."""
 
 from __future__ import annotations
 
 import threading
+from abc import ABC, abstractmethod
 from collections.abc import Callable
-from contextlib import suppress
-from typing import Generic, Protocol, TypeVar
+from typing import Any, Generic, TypeVar
 
-from shmgen.bridge.backend import NoAnswer
-from shmgen.bridge.counters import Counters
-from shmgen.live.regions import removed
-from shmgen.runtime import Closed, RegionInUse, RegionRetired, ShmError
+from shmgen.bridge.backend import Backend, NoAnswer
+from shmgen.bridge.common.counters import Counters, describe
+from shmgen.bridge.plan import About
+from shmgen.runtime import Closed, LayoutMismatch, PermissionDenied, RegionInUse, RegionUnusable
+from shmgen.runtime.region.resource import Closable
 
-LOOK = 0.1
-"""Seconds after which a thread that waits for the PLC looks whether the bridge is to stop."""
-AGAIN = 0.5
-"""Seconds from one failure to open an end to the next try, for as long as the bridge runs."""
-
-
-class Closable(Protocol):
-    """A publisher, subscriber, client or server."""
-
-    def close(self) -> None: ...
+POLL_INTERVAL = 0.1
+"""The interval in seconds at which a thread that waits for the PLC checks whether the bridge has to stop."""
+RETRY_INTERVAL = 0.5
+"""The interval in seconds between two attempts to open an endpoint. The bridge retries until it stops."""
+_LOST = (RegionInUse, RegionUnusable, LayoutMismatch, PermissionDenied, Closed)
+"""Errors after which an endpoint is of no more use."""
 
 
 T = TypeVar("T", bound=Closable)
 
 
-class ReopeningEndpoint(Generic[T]):
-    """Our end of a region, or of the regions of a service or action.
+class RegionEndpoint(Generic[T]):
+    """Opens the bridge's publisher, subscriber, client or server in a background thread, and reopens it. Thread-safe.
 
-        sought ── opened, by a thread that nobody waits for ──▶ open ── lose() ──▶ sought
+    If its region is removed, the runtime reopens the region. If another writer or another layout has taken the region,
+    the endpoint is closed, and the background thread tries to open it again.
 
-    `now` is None while it is sought, `why` says why. Who uses it holds `lock`.
+    `current` is the open publisher, subscriber, client or server, or None while none is open. `unavailable_reason` is
+    the reason why none is open. `attempted` is set after the first attempt.
     """
 
-    def __init__(self, make: Callable[[], T], counters: Counters, stopping: threading.Event) -> None:
-        self.now: T | None = None
-        self.why = "the region is not open yet"
-        self.lock = threading.Lock()
-        self.tried = threading.Event()
+    def __init__(self, create: Callable[[], T], counters: Counters) -> None:
+        self.current: T | None = None
+        self.unavailable_reason = "the region is not open yet"
+        self.attempted = threading.Event()
         self.silence: Callable[[], str] = lambda: ""
-        """Why the peer is taken for gone, or nothing."""
-        self._make, self._counters, self._stopping = make, counters, stopping
-        self._told = ""
-        self._seek()
+        """Returns the reason why the peer seems to be dead, or `""` if the peer is alive."""
+        self._counted_missed = 0
+        self._create, self._counters = create, counters
+        self._lock = threading.Lock()
+        self._closed = threading.Event()
+        self._logged_reason = ""
+        self._open_in_background()
 
     @property
     def lock_misses(self) -> int:
-        """How often a region's lock was not free in time."""
-        return getattr(self.now, "lock_misses", 0)
+        """The number of times that a region's lock was not free in time."""
+        return getattr(self.current, "lock_misses", 0)
 
-    def look(self, rest: Callable[[T], object] = id) -> T | None:
-        """`now`, or None if it was removed, after `rest` has taken what is left there. Is asked each LOOK."""
-        if self.now is not None and removed(self.now):
-            try:
-                with suppress(RegionRetired):
-                    rest(self.now)
-            finally:
-                self.lose("the region was removed")
-        return self.now
+    def require(self) -> T:
+        """Return the open publisher, subscriber, client or server. Raises NoAnswer if none is open."""
+        if (end := self.current) is None:
+            raise NoAnswer(f"there is no region: {self.unavailable_reason}")
+        return end
 
-    def beat(self, sign: Callable[[T], object] = id) -> None:
-        """Looks, and gives a sign of life. Waits for nobody: who has it in hand does both himself."""
-        if self.lock.acquire(blocking=False):
-            try:
-                if (now := self.look()) is not None:
-                    sign(now)
-            except Exception as error:
-                self.meet(error)
-            finally:
-                self.lock.release()
+    def count_missed(self, total: int) -> int:
+        """Return how many samples the subscriber missed since the last call.
 
-    def meet(self, error: Exception) -> str:
-        """Tells what its use has raised, and gives that text. One that another writer has taken is sought again."""
-        expected = isinstance(error, (ShmError, OSError, NoAnswer))
-        text = str(error) if expected else f"{type(error).__name__}: {error}"
-        if isinstance(error, (RegionInUse, Closed)):
-            self.lose(text)
-        else:
-            self._counters.complain(text)
-        return text
+        `total` is the number of missed samples since the subscriber was opened.
+        """
+        with self._lock:
+            new, self._counted_missed = total - self._counted_missed, total
+        return new
 
-    def lose(self, why: str) -> None:
-        """It is of no more use."""
-        if self.now is not None:
-            self._fail(why)
-            try:
-                self._shut()
-            finally:
-                self._seek()
+    def report(self, error: Exception) -> None:
+        """Log an error of the publisher, subscriber, client or server. If its region is lost, reopen it."""
+        if not self.discard_after(error):
+            self._counters.log_rate_limited(describe(error))
+
+    def discard_after(self, error: Exception) -> bool:
+        """Close the publisher, subscriber, client or server if `error` means that its region is lost, and return True.
+
+        It is then opened again in the background. Return False for any other error.
+        """
+        if not isinstance(error, _LOST):
+            return False
+        if self._shut():
+            self._set_unavailable(str(error))
+            self._open_in_background()
+        return True
 
     def close(self) -> None:
-        """For good, and `stopping` is set; one that is in use for longer is left to its user."""
-        if self.lock.acquire(timeout=2 * LOOK):
-            self._shut()
-            self.lock.release()
+        """Close permanently. Calls that wait in other threads raise Closed."""
+        self._closed.set()
+        self._shut()
 
-    def _shut(self) -> None:
-        held, self.now = self.now, None
-        if held is not None:
-            held.close()
+    def _shut(self) -> bool:
+        with self._lock:
+            end, self.current = self.current, None
+        if end is not None:
+            end.close()
+        return end is not None
 
-    def _seek(self) -> None:
-        threading.Thread(target=self._run, daemon=True).start()
+    def _open_in_background(self) -> None:
+        threading.Thread(target=self._open_until_closed, daemon=True).start()
 
-    def _run(self) -> None:
-        while not self._stopping.is_set():
+    def _open_until_closed(self) -> None:
+        while not self._closed.is_set():
             try:
                 self._open()
                 return
             except Exception as error:
-                self._fail(str(error))
+                self._set_unavailable(str(error))
             finally:
-                self.tried.set()
-            self._stopping.wait(AGAIN)
+                self.attempted.set()
+            self._closed.wait(RETRY_INTERVAL)
 
     def _open(self) -> None:
-        made = self._make()
-        with self.lock:
-            if self._stopping.is_set():
-                made.close()
-                return
-            self.now, self.why = made, ""
-            told, self._told = self._told, ""
-        if told:
-            self._counters.tell(f"{self._counters.topic}: the region is open again")
+        end = self._create()
+        with self._lock:
+            self.current, self.unavailable_reason, self._counted_missed = end, "", 0
+        if self._closed.is_set():
+            self._shut()
+        elif self._logged_reason:
+            self._logged_reason = ""
+            self._counters.log("the region is open again")
 
-    def _fail(self, why: str) -> None:
-        """Each reason is told once."""
-        self.why = self._counters.complaint = why
-        if why != self._told and not self._stopping.is_set():
-            self._told = why
-            self._counters.tell(f"{self._counters.topic}: {why}")
+    def _set_unavailable(self, reason: str) -> None:
+        """Store the reason why the publisher, subscriber, client or server is not open. Log each new reason once."""
+        self.unavailable_reason = self._counters.complaint = reason
+        if reason != self._logged_reason and not self._closed.is_set():
+            self._logged_reason = reason
+            self._counters.log(reason)
+
+
+class Side(ABC):
+    """A topic, a service or an action that the bridge carries. If one fails, the others continue."""
+
+    end: RegionEndpoint[Any]
+
+    def __init__(self, about: About, counters: Counters, stopping: threading.Event) -> None:
+        self.about = about
+        self.counters = counters
+        self._stopping = stopping
+
+    @abstractmethod
+    def start(self, backend: Backend) -> None:
+        """Connect this topic, service or action to ROS and start to carry it.
+
+        Raises ValueError if ROS lacks the type or has another definition of it.
+        """
+
+    def beat(self) -> None:  # noqa: B027 most sides have none to send
+        """Send a heartbeat to the PLC. The bridge calls this method ten times a second, so it must not block.
+
+        Do nothing by default: clients have no heartbeat, and the thread of each server sends the server's heartbeat.
+        """
+
+    def stop(self) -> bool:
+        """Stop sending to ROS and to the PLC while ROS is still connected. The caller first sets the event `stopping`.
+
+        Return False if a ROS call is still running.
+        """
+        return True
 
 
 class WorkerThread(Generic[T]):
-    """A thread that takes step after step with an end, or with none while it is sought, until the bridge stops."""
+    """A thread that calls the function `step` until the bridge stops."""
 
-    def __init__(self, step: Callable[[T | None], float], end: ReopeningEndpoint[T], stopping: threading.Event) -> None:
-        """A step looks at `stopping` each LOOK itself, and gives the seconds until the next."""
+    def __init__(self, step: Callable[[T | None], float], end: RegionEndpoint[T], stopping: threading.Event) -> None:
+        """Prepare a thread that calls `step` until `stopping` is set.
+
+        `step` receives the publisher, subscriber, client or server that `end` has open, or None, and returns the delay
+        in seconds until its next call. A long step has to check `stopping` every 0.1 s.
+        """
         self._step, self._end, self._stopping = step, end, stopping
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def start(self) -> None:
         self._thread.start()
 
-    def leave(self) -> None:
-        """Gives the step that is under way some time to end; `stopping` is set by then."""
-        if self._thread.ident is not None:  # it was started
-            self._thread.join(2 * LOOK)
+    def stop(self) -> bool:
+        """Wait at most 0.2 s for the thread. Return True if it has ended. The caller first sets `stopping`."""
+        if self._thread.ident is not None:  # the thread was started
+            self._thread.join(2 * POLL_INTERVAL)
+        return not self._thread.is_alive()
 
     def _run(self) -> None:
         while not self._stopping.is_set():
-            pause = LOOK
-            with self._end.lock:
-                try:
-                    pause = self._step(self._end.look())
-                except Exception as error:  # a region's, or whatever a ROS may raise
-                    self._end.meet(error)
+            pause = POLL_INTERVAL
+            try:
+                pause = self._step(self._end.current)
+            except Exception as error:  # from a region or a ROS library
+                self._end.report(error)
             self._stopping.wait(pause)

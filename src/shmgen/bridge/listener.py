@@ -1,4 +1,4 @@
-"""Waits for samples in the regions of many topics, in one thread, and hands them on topic by topic."""
+"""Waits for samples in the regions of many topics in one thread, and lets each topic process its samples."""
 
 from __future__ import annotations
 
@@ -6,109 +6,148 @@ import threading
 import time
 from typing import Any, Protocol
 
-from shmgen.bridge.counters import Counters
-from shmgen.bridge.endpoint import LOOK
+from shmgen.bridge.common.counters import Counters
+from shmgen.bridge.endpoint import POLL_INTERVAL, RETRY_INTERVAL
 from shmgen.runtime import RegionRetired, ShmError, Subscriber, ready_any
 
-_AGAIN = 0.5
-"""Seconds until a region that could not be read is tried again."""
-_LOCKED_OUT = 0.001
-"""Seconds until the next try where there are samples, and none could be read."""
+_LOCK_INTERVAL = 0.001
+"""The interval in seconds until the next attempt if samples are ready but none could be read."""
+_BLOCK_LIMIT = 0.5
+"""The maximum time in seconds that one topic may block the other topics."""
 
 
-class Heard(Protocol):
-    """A topic from the PLC."""
+class PlcTopic(Protocol):
+    """The interface that a topic from the PLC offers to the thread that reads all such topics."""
 
     counters: Counters
 
-    def renewed(self) -> Subscriber[Any] | None:
-        """The end of the region that is there now, or None; is asked for each LOOK."""
+    @property
+    def subscriber(self) -> Subscriber[Any] | None:
+        """The open subscriber of the topic's region, or None while the region is not open."""
 
     def take(self, reader: Subscriber[Any]) -> bool:
-        """Passes on what is unread; False: could read nothing."""
+        """Forward the unread samples of `reader` to ROS. Return False if no sample could be read."""
+
+    @property
+    def report(self) -> Any:
+        """The function that the thread calls with an error of the topic's subscriber or of take(), to log the error."""
 
 
 class Listener:
-    """A thread that sleeps until the PLC has written to one of its topics. One that fails holds up no other."""
+    """A thread that waits for samples of many topics from the PLC and lets each topic forward its samples.
+
+    If one topic fails or blocks, the other topics continue.
+    """
 
     def __init__(self, stopping: threading.Event) -> None:
         self._stopping = stopping
-        self._topics: list[Heard] = []
-        self._readers: dict[Subscriber[Any], Heard] = {}
-        self._failed: dict[Heard, float] = {}
-        self._patience = 3 * LOOK
-        self._looks = 0
+        self._topics: list[PlcTopic] = []
+        self._readers: dict[Subscriber[Any], PlcTopic] = {}
+        self._retry_at: dict[PlcTopic, float] = {}
+        self._current: tuple[PlcTopic, float] | None = None
+        """The topic that the thread processes and its start time (monotonic clock), or None while the thread waits."""
+        self._blocked: list[PlcTopic] = []
+        """Topics whose ROS call blocks a thread that was replaced."""
+        self._lock = threading.Lock()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
-    def add(self, topic: Heard) -> None:
-        """From now on, or the next LOOK."""
+    def add(self, topic: PlcTopic) -> None:
+        """Start to read the topic, within 0.1 s."""
         self._topics.append(topic)
         if self._thread.ident is None:
             self._thread.start()
 
-    def forget(self, topic: Heard) -> bool:
-        """Whether it is let go of, after some patience."""
-        if topic in self._topics:
-            self._topics.remove(topic)
-        before, end = self._looks, time.monotonic() + self._patience
-        while not self._stopping.is_set() and self._looks < before + 2 and time.monotonic() < end:
-            time.sleep(LOOK / 10)
-        return self._looks >= before + 2 or self.ended()
+    def replace_blocked(self) -> None:
+        """Start a new thread for the other topics if a ROS call of one topic has blocked this thread for 0.5 s."""
+        with self._lock:
+            if not self._current or len(self._topics) < 2 or time.monotonic() - self._current[1] < _BLOCK_LIMIT:
+                return
+            topic, self._current = self._current[0], None
+            if topic in self._topics:
+                self._topics.remove(topic)
+            self._blocked.append(topic)
+            self._readers = {}
+            self._thread = threading.Thread(target=self._run, daemon=True)
+            self._thread.start()
+        topic.counters.log_rate_limited(
+            f"a call of ROS has blocked for {_BLOCK_LIMIT:g} s; the other topics continue without it"
+        )
 
-    def ended(self) -> bool:
-        """Whether no topic is at work, after some patience the first time that `stopping` is set."""
-        patience, self._patience = self._patience, 0.0
-        if self._thread.ident is not None:  # it was started
-            self._thread.join(patience)
-        return not self._thread.is_alive()
+    def remove(self, topic: PlcTopic) -> None:
+        """Stop reading the topic. The caller then closes the subscriber, which ends calls that wait for a sample."""
+        with self._lock:
+            for topics in (self._topics, self._blocked):
+                if topic in topics:
+                    topics.remove(topic)
 
     def _run(self) -> None:
-        due = 0.0
-        while not self._stopping.is_set():
+        due, own = 0.0, threading.current_thread()
+        while self._thread is own and not self._stopping.is_set():
             left = due - time.monotonic()
             if left > 0:
-                self._hear(left)
+                self._wait(left)
             else:
-                due = time.monotonic() + LOOK
-                self._look()
+                due = time.monotonic() + POLL_INTERVAL
+                self._update_readers()
 
-    def _look(self) -> None:
-        """For every sample that would cost a system call for each region."""
+    def _update_readers(self) -> None:
+        """Update the list of open subscribers. The thread does so every 0.1 s.
+
+        An update for each sample would cost one system call per region.
+        """
         self._readers = {}
         for topic in tuple(self._topics):
-            if time.monotonic() >= self._failed.get(topic, 0.0):
+            if time.monotonic() >= self._retry_at.get(topic, 0.0):
                 try:
-                    if reader := topic.renewed():
-                        reader.ready(0)  # whatever it cannot do is said now, of this one
+                    if reader := topic.subscriber:
+                        reader.ready(0)  # raise the errors of this reader here, where the topic is known
                         self._readers[reader] = topic
                 except Exception as error:
-                    self._fail(topic, error)
-        self._looks += 1
+                    self._pause(topic, error)
 
-    def _hear(self, seconds: float) -> None:
-        if not self._readers:
+    def _wait(self, seconds: float) -> None:
+        readers = self._readers
+        if not readers:
             self._stopping.wait(seconds)
             return
         try:
-            found = ready_any(self._readers, seconds)
-        except ShmError:  # the next look says of which topic
+            ready = ready_any(readers, seconds)
+        except ShmError:  # `_update_readers` finds the topic that failed
             self._readers = {}
             return
-        taken = False
-        for reader in found:
-            topic = self._readers[reader]
+        is_any_read = False
+        for reader in ready:
+            topic = readers[reader]
+            with self._lock:
+                current = self._current = topic, time.monotonic()
             try:
-                taken |= topic.take(reader)
-            except RegionRetired:  # the next look opens what is there now
-                del self._readers[reader]
+                is_any_read |= topic.take(reader)
+            except RegionRetired:  # the next call reopens the region
+                del readers[reader]
             except Exception as error:
-                del self._readers[reader]
-                self._fail(topic, error)
-        if found and not taken:
-            self._stopping.wait(_LOCKED_OUT)
+                del readers[reader]
+                self._pause(topic, error)
+            if self._is_replaced(current):
+                return
+        if ready and not is_any_read:
+            self._stopping.wait(_LOCK_INTERVAL)
 
-    def _fail(self, topic: Heard, error: Exception) -> None:
-        """Whatever it is: one topic is not worth the others."""
-        expected = isinstance(error, (ShmError, OSError))
-        topic.counters.complain(str(error) if expected else f"{type(error).__name__}: {error}")
-        self._failed[topic] = time.monotonic() + _AGAIN
+    def _is_replaced(self, current: tuple[PlcTopic, float]) -> bool:
+        """Return True if a new thread has replaced this thread because a topic blocked it.
+
+        The new thread then continues with this topic as well.
+        """
+        with self._lock:
+            if self._current is current:
+                self._current = None
+                return False
+            if current[0] in self._blocked:
+                self._blocked.remove(current[0])
+                self._topics.append(current[0])
+            return True
+
+    def _pause(self, topic: PlcTopic, error: Exception) -> None:
+        """Report any error of a topic and pause this topic for a while, so that the other topics continue."""
+        if topic in self._topics:  # otherwise the topic was removed and closed
+            topic.report(error)
+            self._retry_at[topic] = time.monotonic() + RETRY_INTERVAL

@@ -1,14 +1,14 @@
-"""Plans the routes of shmgen.toml: for each topic, service and action what ROS must know and what moves its bytes."""
+"""Plans the routes of shmgen.toml: the ROS side and the PLC side of each topic, service and action."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 from shmgen.bridge import backend
 from shmgen.bridge.backend import ActionWire, ServiceWire, Wire
-from shmgen.bridge.codec.direct import short_way
+from shmgen.bridge.codec.direct import direct_codec
 from shmgen.config.entries import ActionEntry, ServiceEntry, TopicEntry
 from shmgen.core.diagnostics import Report
 from shmgen.core.model import Action, Clock, Layouts, Ref, Schema, Service, TypeName, element_of
@@ -18,24 +18,28 @@ from shmgen.live.session import Session
 from shmgen.runtime import Message, ValueRejected, region_name
 from shmgen.runtime.region.names import region_file
 
+CLOCK = "rosgraph_msgs/Clock"
 DIAGNOSTICS = "diagnostic_msgs/DiagnosticArray"
 _HEADER = "std_msgs/Header"
-_OF_ACTION = ("_Goal", "_Result", "_Feedback", "_Command", "_Progress", "_Outcome")
+_ACTION_PARTS = ("_Goal", "_Result", "_Feedback", "_Command", "_Progress", "_Outcome")
 
 
 @dataclass(frozen=True, slots=True)
 class About:
-    """What it is called in ROS, which way it goes, its type, and its region."""
+    """A topic, service or action as text for the user: name, direction such as `-> PLC`, type, and region file."""
 
     name: str
-    way: str
+    direction: str
     type: str
     region: str
 
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """A topic both ways of looking at it. `stamp` are the attributes that lead to its time stamp, if it has one."""
+    """The plan for one topic: its entry in shmgen.toml, its ROS side `wire`, and the class `kind` of its samples.
+
+    `stamp` is the attribute path to the message's time stamp, or empty if the message has no time stamp.
+    """
 
     topic: TopicEntry
     wire: Wire
@@ -49,152 +53,152 @@ class Route:
 
     @property
     def key(self) -> tuple[Any, ...]:
-        """The same as long as there is nothing to do anew."""
-        topic = self.topic
-        return topic.topic, topic.type, topic.direction, topic.depth, topic.carried, self.kind._digest_
+        """The values that identify this topic. A reload restarts the topic only if one of these values has changed."""
+        return *self.region_key, self.topic.type, self.topic.carried
+
+    @property
+    def region_key(self) -> tuple[Any, ...]:
+        """The values that identify the topic's region. A reload keeps the region open if these values are unchanged."""
+        return self.topic.topic, self.topic.direction, self.topic.depth, self.kind._digest_
 
     @property
     def about(self) -> About:
-        way, region = "-> PLC" if self.to_plc else "<- PLC", region_file(region_name(self.topic.topic))
-        return About(self.topic.topic, way, self.wire.type.short, region)
+        direction, region = "-> PLC" if self.to_plc else "<- PLC", region_file(region_name(self.topic.topic))
+        return About(self.topic.topic, direction, self.wire.type.short, region)
 
 
 @dataclass(frozen=True, slots=True)
-class ServiceRoute:
-    """A service both ways of looking at it; `kinds` are the classes of its `_Request`, `_Response` and `_Reply`."""
+class CallRoute:
+    """The plan for carrying one service or action: its entry in shmgen.toml, and its ROS side `wire`.
 
-    service: Service
-    wire: ServiceWire
+    `kinds` maps the suffix of each part, such as `_Request` or `_Goal`, to the class of the part.
+    """
+
+    entry: Service | Action
+    wire: Any
     kinds: Mapping[str, type[Message]]
 
     @property
     def key(self) -> tuple[Any, ...]:
-        return _key(self.service, self.kinds)
+        """The values that identify this service or action. A reload restarts it only if one of them has changed."""
+        digests = tuple(kind._digest_ for kind in self.kinds.values())
+        return self.entry.name, self.entry.type, self.entry.on_plc, self.entry.timeout, digests
 
     @property
     def about(self) -> About:
-        return _about(self.service, "request")
+        direction = "PLC serves" if self.entry.on_plc else "PLC calls"
+        half = "request" if isinstance(self.entry, Service) else "goal"
+        region = region_file(f"{region_name(self.entry.name)}-{half}")
+        return About(self.entry.name, direction, self.entry.type.short, region)
 
 
-@dataclass(frozen=True, slots=True)
-class ActionRoute:
-    """An action both ways of looking at it; `kinds` are the classes of its parts by their endings, `_Goal` first."""
-
-    action: Action
-    wire: ActionWire
-    kinds: Mapping[str, type[Message]]
-
-    @property
-    def key(self) -> tuple[Any, ...]:
-        return _key(self.action, self.kinds)
-
-    @property
-    def about(self) -> About:
-        return _about(self.action, "goal")
-
-
-def everything(session: Session) -> list[Route | ServiceRoute | ActionRoute]:
-    """All of a configuration. Raises Rejected."""
+def everything(session: Session) -> list[Route | CallRoute]:
+    """Return the routes of all topics, services and actions in shmgen.toml. Raises Rejected if an entry has errors."""
     return [*routes(session), *services(session), *actions(session)]
 
 
 def routes(session: Session) -> list[Route]:
-    """One for each of [[topics]]. Raises Rejected."""
-    config, requests = session.config, _requests(session)
-    schema, layouts, report = session.schema(requests), session.layouts(requests), Report()
-    found = list(resolve.topics(config, layouts, report))
-    report.stop_if_any()
-    # Strings are cut by the bridge, which counts it, and not by the classes.
-    kinds = session.classes(requests, overflow="error") if found else {}
-    made = []
-    for topic, typed in zip(config.topics, found, strict=True):
-        messages = closure(schema, typed.type)
-        layout, kind, stamp = layouts[typed.type], kinds[str(typed.type)], _stamp(messages[-1])
-        carried = topic.carried
+    """Return a route for each entry of [[topics]]. Raises Rejected if an entry has errors."""
+    # The bridge truncates strings itself, so that it can count them. The classes raise an error instead.
+    topics, schema, layouts, kinds = _resolve(session, resolve.topics, overflow="error")
+
+    def route(topic: TopicEntry, type_: TypeName) -> Route:
+        messages, kind, carried = closure(schema, type_), kinds[str(type_)], topic.carried
+        stamp = _stamp(messages[-1])
         accepts = carried.other_definition == "accept"
-        short = short_way(kind, layout, layouts, stamp if carried.stamp == "now" else ())
-        wire = Wire(topic.topic, messages, carried.qos, carried.latch, topic.depth, layout.size, accepts, short)
-        made.append(Route(topic, wire, kind, layouts, stamp))
-    return made
+        direct = direct_codec(kind, stamp if carried.stamp == "now" else ())
+        size = layouts[type_].size
+        wire = Wire(topic.topic, messages, carried.qos, carried.latch, topic.depth, size, accepts, direct)
+        return Route(topic, wire, kind, layouts, stamp)
+
+    return [route(topic, typed.type) for topic, typed in zip(session.config.topics, topics, strict=True)]
 
 
-def services(session: Session) -> list[ServiceRoute]:
-    """One for each of [[services]]. Raises Rejected."""
-    requests = _requests(session)
-    schema, layouts, report = session.schema(requests), session.layouts(requests), Report()
-    found = list(resolve.services(session.config, layouts, report))
-    report.stop_if_any()
-    kinds = session.classes(requests) if found else {}
+def services(session: Session) -> list[CallRoute]:
+    """Return a route for each entry of [[services]]. Raises Rejected if an entry has errors."""
+    entries, schema, _, kinds = _resolve(session, resolve.services)
 
-    def route(service: Service) -> ServiceRoute:
+    def route(service: Service) -> CallRoute:
         request, response = (closure(schema, service.type.part(part)) for part in ("_Request", "_Response"))
         parts = {part: kinds[str(service.type.part(part))] for part in ("_Request", "_Response", "_Reply")}
-        return ServiceRoute(service, ServiceWire(service.name, request, response), parts)
+        return CallRoute(service, ServiceWire(service.name, request, response), parts)
 
-    return [route(service) for service in found]
+    return [route(service) for service in entries]
 
 
-def actions(session: Session) -> list[ActionRoute]:
-    """One for each of [[actions]]. Raises Rejected."""
-    requests = _requests(session)
-    schema, layouts, report = session.schema(requests), session.layouts(requests), Report()
-    found = list(resolve.actions(session.config, layouts, report))
-    report.stop_if_any()
-    kinds = session.classes(requests) if found else {}
+def actions(session: Session) -> list[CallRoute]:
+    """Return a route for each entry of [[actions]]. Raises Rejected if an entry has errors."""
+    entries, schema, layouts, kinds = _resolve(session, resolve.actions)
 
-    def route(action: Action) -> ActionRoute:
-        names = {part: action.type.part(part) for part in _OF_ACTION}
-        goal, result, feedback = (closure(schema, names[part]) for part in _OF_ACTION[:3])
-        room = max(layouts[name].size for name in names.values())
+    def route(action: Action) -> CallRoute:
+        names = {part: action.type.part(part) for part in _ACTION_PARTS}
+        goal, result, feedback = (closure(schema, names[part]) for part in _ACTION_PARTS[:3])
+        size = max(layouts[name].size for name in names.values())
         parts = {part: kinds[str(name)] for part, name in names.items()}
-        return ActionRoute(action, ActionWire(action.name, goal, result, feedback, room), parts)
+        return CallRoute(action, ActionWire(action.name, goal, result, feedback, size), parts)
 
-    return [route(action) for action in found]
+    return [route(action) for action in entries]
+
+
+def _resolve(
+    session: Session, find: Callable[..., Iterable[Any]], **options: Any
+) -> tuple[list[Any], Schema, Layouts, Mapping[str, type[Message]]]:
+    """Return the topics, services or actions of shmgen.toml, as `find` resolves them, and the messages of all.
+
+    The messages are returned as schema, layouts and classes. `find` is a function of generator/resolve.py. Raises
+    Rejected if an entry of shmgen.toml has errors.
+    """
+    types, report = _types(session), Report()
+    layouts = session.layouts(types)
+    entries = list(find(session.config, layouts, report))
+    report.stop_if_any()
+    return entries, session.schema(types), layouts, session.classes(types, **options) if entries else {}
+
+
+def renamed(route: Route | CallRoute, resolve: Callable[[str], str]) -> Any:
+    """Return the route with the name in ROS that `resolve` gives. The region keeps the name from shmgen.toml."""
+    return replace(route, wire=replace(route.wire, name=resolve(route.wire.name)))
+
+
+def clock(session: Session) -> Wire:
+    """Return the ROS side of the topic /clock. Raises Rejected if no definition of rosgraph_msgs/Clock is found."""
+    messages = closure(session.schema([CLOCK]), TypeName("rosgraph_msgs", "msg", "Clock"))
+    return Wire("/clock", messages, qos="best_effort")
 
 
 def diagnostics(session: Session) -> Wire:
-    """The topic /diagnostics. Raises Rejected where the definitions in reach have no DiagnosticArray."""
+    """Return the ROS side of the topic /diagnostics. Raises Rejected if DiagnosticArray has no definition."""
     schema = session.schema([DIAGNOSTICS])
     return Wire("/diagnostics", closure(schema, TypeName("diagnostic_msgs", "msg", "DiagnosticArray")))
 
 
 def largest(session: Session) -> int:
-    """Bytes that a message of any of them may have on its way. Raises Rejected."""
-    layouts = session.layouts(_requests(session)).values()
+    """Return the size limit in bytes of the largest serialized message. Raises Rejected if a type has errors."""
+    layouts = session.layouts(_types(session)).values()
     return backend.largest(max((layout.size for layout in layouts), default=0))
 
 
 def closure(schema: Schema, name: TypeName) -> tuple[Definition, ...]:
-    """The message and all it holds, dependencies first."""
-    wanted = {name}
+    """Return the definitions of the message `name` and of all messages it contains, dependencies first."""
+    names = {name}
     for message in reversed(schema.messages):
-        if message.name in wanted:
-            held = (element_of(field.type) for field in message.fields)
-            wanted |= {element.name for element in held if isinstance(element, Ref)}
-    return tuple(message for message in schema.messages if message.name in wanted)
+        if message.name in names:
+            elements = (element_of(field.type) for field in message.fields)
+            names |= {element.name for element in elements if isinstance(element, Ref)}
+    return tuple(message for message in schema.messages if message.name in names)
 
 
 def check(route: Route, message: Any) -> None:
-    """Raises ValueError if `message`, an empty one of a ROS, is not of the definition that shmgen knows."""
+    """Raise ValueError if `message`, an empty ROS message, differs from shmgen's definition of the topic's type."""
     if why := _misfit(route.kind, message):
         raise ValueError(
-            f"{route.topic.topic}: {route.wire.type.short} of this ROS is not the one that shmgen knows: {why}\n"
+            f"{route.topic.topic}: {route.wire.type.short} of this ROS differs from shmgen's definition: {why}\n"
             '  hint: set source = "..." in shmgen.toml to the ROS that runs here, generate, rebuild both sides'
         )
 
 
-def _key(called: Service | Action, kinds: Mapping[str, type[Message]]) -> tuple[Any, ...]:
-    digests = tuple(kind._digest_ for kind in kinds.values())
-    return called.name, called.type, called.on_plc, called.timeout, digests
-
-
-def _about(called: Service | Action, half: str) -> About:
-    way, region = "PLC serves" if called.on_plc else "PLC calls", f"{region_name(called.name)}-{half}"
-    return About(called.name, way, called.type.short, region_file(region))
-
-
-def _requests(session: Session) -> tuple[str, ...]:
-    """All that the bridge carries, laid out together."""
+def _types(session: Session) -> tuple[str, ...]:
+    """Return the types of all topics, services and actions, so that one schema covers all of them."""
     config = session.config
     entries: tuple[TopicEntry | ServiceEntry | ActionEntry, ...] = (*config.topics, *config.services, *config.actions)
     return tuple(entry.type for entry in entries)
@@ -202,16 +206,15 @@ def _requests(session: Session) -> tuple[str, ...]:
 
 def _misfit(kind: type[Message], message: Any) -> str:
     try:
-        room = bytearray(kind())
-        kind._encode(message, room, 0, [])
-        kind._decode(bytes(len(room)), 0, message)
+        data = bytes(kind._from_object(message))
+        kind._decode(bytes(len(data)), 0, message)
     except (ValueRejected, AttributeError) as error:
         return str(error)
     return ""
 
 
 def _stamp(message: Definition) -> tuple[str, ...]:
-    """`header.stamp`, or a field `stamp` of its own."""
+    """Return the path to the time stamp: `header.stamp`, `stamp`, or empty if the message has neither."""
     for field in message.fields:
         if field.name == "header" and isinstance(field.type, Ref) and field.type.name.short == _HEADER:
             return ("header", "stamp")

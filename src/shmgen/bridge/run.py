@@ -1,4 +1,4 @@
-"""The process: it carries what shmgen.toml lists between ROS and the regions until it is told to stop."""
+"""Runs the bridge process: start, diagnostics, reload of shmgen.toml, and stop."""
 
 from __future__ import annotations
 
@@ -10,103 +10,183 @@ import threading
 import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from dataclasses import replace
+from functools import partial
+from itertools import count
 
-from shmgen.bridge import choice, plan
+from shmgen.bridge import plan
 from shmgen.bridge.backend import Backend, Node, RosPublisher
+from shmgen.bridge.common import choice, watchdog
+from shmgen.bridge.common.arguments import Arguments, SimulatedClock, parse, with_parameters
 from shmgen.bridge.diagnostics import Reporter
-from shmgen.bridge.sides import BEAT, Side, Sides
+from shmgen.bridge.endpoint import Side
+from shmgen.bridge.sides import BEAT, Sides
 from shmgen.config import Config
 from shmgen.core.diagnostics import Rejected
 from shmgen.live.session import Session
 
-_STATUS = 2048
-"""Bytes that the diagnostics of one topic, service or action have at most."""
-_FAREWELL = 0.5
-"""Seconds a ROS gets to leave its graph."""
-_STUCK = 1.0
-"""Seconds without a beat after which systemd's watchdog is not told any more that the bridge lives."""
+_STATUS_SIZE = 2048
+"""The maximum size in bytes of the diagnostics of one topic, service or action."""
+_SHUTDOWN_TIMEOUT = 0.5
+"""The time limit in seconds for the ROS library to leave the graph."""
+_MAX_HEARTBEAT_AGE = 1.0
+"""The maximum age of the last heartbeat in seconds for a report to systemd's watchdog that the bridge is alive."""
 
-Say = Callable[[str], None]
+_TURNS_TO_CHECK_QOS = 5
+_SETTLE_INTERVAL = 0.2
+"""The interval in seconds between two reads of shmgen.toml during a reload."""
+
+Log = Callable[[str], None]
 
 
-class _Asked:
-    """What signals ask for: to stop (SIGINT, SIGTERM), the counters (SIGUSR1), shmgen.toml read again (SIGHUP)."""
+class NothingListed(ValueError):
+    """shmgen.toml lists no topic, service or action."""
+
+
+class _Signals:
+    """Events that are set when the process receives a signal.
+
+    `stop` is for SIGINT and SIGTERM, `counters` for SIGUSR1, and `reload` for SIGHUP.
+    """
 
     def __init__(self) -> None:
         self.stop, self.counters, self.reload = (threading.Event() for _ in range(3))
-        meant: dict[int, threading.Event] = {signal.SIGUSR1: self.counters, signal.SIGHUP: self.reload}
-        for number in (signal.SIGINT, signal.SIGTERM, *meant):
-            signal.signal(number, lambda number, frame: meant.get(number, self.stop).set())
+        signal.signal(signal.SIGUSR1, lambda number, frame: self.counters.set())
+        signal.signal(signal.SIGHUP, lambda number, frame: self.reload.set())
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._end)
+        watchdog.limit_signals((signal.SIGINT, signal.SIGTERM))
+
+    def beat(self) -> None:
+        """Report to the watchdog that the bridge is alive.
+
+        After a stop signal, do nothing, because each stop step has its own time limit.
+        """
+        if not self.stop.is_set():
+            watchdog.reset()
+
+    def _end(self, number: int, frame: object) -> None:
+        self.stop.set()
+        watchdog.reset(watchdog.STOP_LIMIT)
+        watchdog.signals_handled()
 
 
-def run(config: Config, arguments: tuple[str, ...], say: Say, tell: Say, load: Callable[[], Config]) -> None:
-    """Until SIGINT, SIGTERM, or ROS's own word. `say` takes results, `tell` what a watcher should know.
+def run(config: Config, arguments: tuple[str, ...], show: Log, log: Log, load: Callable[[], Config]) -> None:
+    """Run the bridge until SIGINT, SIGTERM, or until ROS shuts down the node.
 
-    `load` reads shmgen.toml again. Raises Rejected, BackendMissing, ValueError (a type that ROS has otherwise).
+    `show` prints results. `log` logs messages for the user. `load` reads shmgen.toml again. Raises Rejected if the
+    configuration has errors, BackendMissing if no backend is installed, and ValueError if ROS has another definition
+    of a type.
     """
-    asked = _Asked()
+    signals = _Signals()
     backend_name, why = choice.chosen(config.bridge.backend)
     module = choice.module(backend_name)
+    has_ros = backend_name in ("ros1", "ros2")
+    ros_arguments = _arguments(config, backend_name, has_ros, arguments, log)
+
+    def load_with_parameters() -> Config:
+        return with_parameters(load(), ros_arguments.parameters)
+
+    config = with_parameters(config, ros_arguments.parameters)
     session = Session(config)
-    sides = Sides(tell)
+    sinks = [log]
+
+    def log_to_all(text: str) -> None:
+        for sink in sinks:
+            sink(text)
+
+    sides = Sides(log_to_all, signals.beat, (lambda name: name) if has_ros else ros_arguments.resolve)
     try:
-        sides.carry(session, asked.stop.is_set)
-        say(f"{config.bridge.node}: backend {backend_name} ({why}), {_carried(config)}")
+        sides.open(session, signals.stop.is_set)
+        show(f"{config.bridge.node}: backend {backend_name} ({why}), {_counts_text(config)}")
         for line in summary(sides):
-            say(line)
-        node = Node(config.bridge.node, config.bridge.domain, tell, asked.stop.is_set, arguments, _largest(session))
+            show(line)
+        name, space = (config.bridge.node, "/") if has_ros else (ros_arguments.node, ros_arguments.namespace)
+        node = Node(name, config.bridge.domain, log_to_all, signals.stop.is_set, arguments, _largest(session), space)
         backend: Backend | None = module.connect(node)
         if backend is not None:
+            sinks += [backend.publish_log] if hasattr(backend, "publish_log") else []
             try:
-                sides.join(backend)
-                report = _reports(session, backend, sides, tell)
-                say("running")
+                if ros_arguments.use_sim_time and not has_ros:
+                    clock = SimulatedClock("/clock", log)
+                    backend.now = clock.now  # type: ignore[method-assign]
+                    backend.subscribe(plan.clock(session), clock)
+                sides.start(backend, signals.stop.is_set)
+                report = _reports(session, backend, sides, getattr(backend, "name", name), log)
+                show("running")
                 _notify("READY=1")
-                _watch(backend, sides, report, asked, tell, lambda: _reload(config, load(), node, sides, backend))
+                reload = partial(_reload, config, load_with_parameters, node, sides, backend, signals.stop)
+                _watch(backend, sides, report, signals, log, reload)
             finally:
-                asked.stop.set()
+                signals.stop.set()
                 _notify("STOPPING=1")
-                sides.leave()
-                _leave(backend)
+                _end_within_limit(sides.stop)
+                _end_within_limit(lambda: _leave(backend))
     finally:
-        asked.stop.set()
-        sides.close()
-        for line in counted(sides):
-            say(line)
+        signals.stop.set()
+        _end_within_limit(sides.close)
+        watchdog.cancel()
+        for line in counter_lines(sides):
+            show(line)
+
+
+def _arguments(config: Config, backend: str, has_ros: bool, words: tuple[str, ...], log: Log) -> Arguments:
+    """Return the parsed ROS arguments of the command line. Raises ValueError if an argument is wrong.
+
+    If `has_ros` is True, rospy or rclpy parses the same arguments, so that unknown arguments are accepted here. If it
+    is False, log the arguments that have no effect without ROS.
+    """
+    try:
+        parsed = parse(words, config.bridge.node, is_strict=not has_ros)
+    except ValueError as error:
+        raise ValueError(f"{backend}: {error}") from None
+    for word in () if has_ros else parsed.ignored:
+        log(f"{backend}: {word} has no effect without ROS")
+    return parsed
+
+
+def _end_within_limit(step: Callable[[], None]) -> None:
+    """Run `step`, a part of the shutdown. If a library blocks it, the watchdog ends the process with exit status 1."""
+    watchdog.reset(watchdog.STOP_LIMIT)
+    step()
 
 
 def summary(sides: Iterable[Side]) -> list[str]:
-    """A line for each: its name, which way, its type, its region."""
-    return _table((side.about.name, side.about.way, side.about.type, side.about.region) for side in sides)
+    """Return a line for each topic, service and action: its name, direction, type and region."""
+    return _table((side.about.name, side.about.direction, side.about.type, side.about.region) for side in sides)
 
 
-def counted(sides: Iterable[Side]) -> list[str]:
-    """A line for each: what became of its messages."""
+def counter_lines(sides: Iterable[Side]) -> list[str]:
+    """Return a line for each topic, service and action: its name and counters."""
     return _table((side.about.name, str(side.counters)) for side in sides)
 
 
-def _carried(config: Config) -> str:
+def _counts_text(config: Config) -> str:
     actions = f", actions: {len(config.actions)}" if config.actions else ""
     return f"topics: {len(config.topics)}, services: {len(config.services)}{actions}"
 
 
 def _largest(session: Session) -> int:
     config = session.config
-    return max(plan.largest(session), (len(config.topics) + len(config.services) + len(config.actions)) * _STATUS)
+    return max(plan.largest(session), (len(config.topics) + len(config.services) + len(config.actions)) * _STATUS_SIZE)
 
 
-def _reports(session: Session, backend: Backend, sides: Sides, tell: Say) -> Callable[[], None]:
-    """What publishes the diagnostics when it is time."""
+def _reports(session: Session, backend: Backend, sides: Sides, name: str, log: Log) -> Callable[[], None]:
+    """Return a function that publishes the diagnostics when they are due.
+
+    If diagnostics are off, the function does nothing.
+    """
     config = session.config
     period = config.bridge.diagnostics
     if not period:
         return lambda: None
     try:
-        outlet: RosPublisher = backend.publisher(plan.diagnostics(session))
+        wire = plan.diagnostics(session)
+        outlet: RosPublisher = backend.publisher(replace(wire, name=sides.resolve(wire.name)))
     except (Rejected, ValueError) as error:
-        tell(f"no diagnostics are published: {str(error).partition(chr(10))[0]}")
+        log(f"no diagnostics are published: {str(error).partition(chr(10))[0]}")
         return lambda: None
-    reporter = Reporter(config.bridge.node)
+    reporter = Reporter(name)
     due = time.monotonic() + period
 
     def report() -> None:
@@ -121,56 +201,96 @@ def _reports(session: Session, backend: Backend, sides: Sides, tell: Say) -> Cal
 
 
 def _watch(
-    backend: Backend, sides: Sides, report: Callable[[], None], asked: _Asked, tell: Say, reload: Callable[[], str]
+    backend: Backend,
+    sides: Sides,
+    report: Callable[[], None],
+    signals: _Signals,
+    log: Log,
+    reload: Callable[[], str],
 ) -> None:
-    """Until the end."""
-    while not asked.stop.wait(BEAT):
-        with suppress(Exception):  # the next one will do
+    """Check QoS, publish diagnostics, and handle signals until the bridge stops or ROS shuts down the node."""
+    for turn in count():
+        if signals.stop.wait(BEAT):
+            return
+        if turn % _TURNS_TO_CHECK_QOS == 0:
+            sides.check_qos()
+        with suppress(Exception):  # the next report retries
             report()
-        if asked.counters.is_set():
-            asked.counters.clear()
-            for line in counted(sides):
-                tell(line)
-        if asked.reload.is_set():
-            asked.reload.clear()
+        if signals.counters.is_set():
+            signals.counters.clear()
+            for line in counter_lines(sides):
+                log(line)
+        if signals.reload.is_set():
+            signals.reload.clear()
             _notify(f"RELOADING=1\nMONOTONIC_USEC={time.monotonic_ns() // 1000}")
             try:
-                tell(reload())
-            except (Rejected, ValueError, OSError) as error:
-                tell(f"shmgen.toml is not taken: {error}")
+                log(reload())
+            except Exception as error:  # any exception of a ROS library
+                log(f"shmgen.toml was not reloaded: {error}")
             _notify("READY=1")
-        if time.monotonic() - sides.beaten < _STUCK:
+        if time.monotonic() - sides.beaten < _MAX_HEARTBEAT_AGE:
             _notify("WATCHDOG=1")
         if not backend.alive():
-            tell("ROS has told this node to end")
+            log("ROS has shut down this node")
             return
 
 
-def _reload(before: Config, config: Config, node: Node, sides: Sides, backend: Backend) -> str:
-    """Ends that did not change go on. Gives what there is to tell; raises as run()."""
+def _reload(
+    before: Config, load: Callable[[], Config], node: Node, sides: Sides, backend: Backend, stop: threading.Event
+) -> str:
+    """Read shmgen.toml again and switch to the new configuration. Return the lines to log.
+
+    If the reload fails, the bridge continues with the previous configuration. Raises Rejected or ValueError as `run`
+    does, and NothingListed if shmgen.toml lists nothing to carry.
+    """
+    config = _load_settled(load, stop)
+    require_entries(config)
     session = Session(config)
     if _largest(session) > node.largest:
         raise ValueError("its messages are larger than those the bridge was started with; start the bridge again")
-    sides.carry(session)
-    sides.join(backend)
+    sides.change(session, backend, stop.is_set)
     again = "; [bridge] takes effect when the bridge is started again" if config.bridge != before.bridge else ""
-    return "\n".join([f"shmgen.toml was read again: {_carried(config)}{again}", *summary(sides)])
+    return "\n".join([f"shmgen.toml was read again: {_counts_text(config)}{again}", *summary(sides)])
+
+
+def _load_settled(load: Callable[[], Config], stop: threading.Event) -> Config:
+    """Read shmgen.toml until two reads are equal, because editors and `cp` empty a file before they write to it."""
+    before: Config | str | None = None
+    while True:
+        now: Config | str
+        try:
+            now = load()
+            outcome: Config | Exception = now
+        except Exception as error:
+            now, outcome = str(error), error
+        if now == before or stop.is_set():
+            if isinstance(outcome, Exception):
+                raise outcome
+            return outcome
+        before = now
+        stop.wait(_SETTLE_INTERVAL)
+
+
+def require_entries(config: Config) -> None:
+    """Check the configuration. Raises NothingListed if it has no topic, service or action."""
+    if not (config.topics or config.services or config.actions):
+        raise NothingListed("no topic, service or action is listed")
 
 
 def _notify(state: str) -> None:
-    """Tells systemd, where it has started the bridge with Type=notify. Source: sd_notify(3)."""
+    """Send `state` to systemd if systemd started the bridge with Type=notify. Source: sd_notify(3)."""
     if address := os.environ.get("NOTIFY_SOCKET"):
         with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as outlet:
             outlet.sendto(state.encode(), "\0" + address[1:] if address.startswith("@") else address)
 
 
 def _leave(backend: Backend) -> None:
-    """A ROS that cannot leave in time is left."""
+    """Close the backend. If the ROS library blocks for more than 0.5 s, end the process without waiting for it."""
     thread = threading.Thread(target=backend.close, daemon=True)
     thread.start()
-    thread.join(_FAREWELL)
-    if thread.is_alive():  # nor may it hold up the end of the process
-        last_resort = threading.Timer(_FAREWELL / 2, os._exit, [int(sys.exc_info()[0] is not None)])
+    thread.join(_SHUTDOWN_TIMEOUT)
+    if thread.is_alive():  # a blocked library must not delay the exit of the process
+        last_resort = threading.Timer(_SHUTDOWN_TIMEOUT / 2, os._exit, [int(sys.exc_info()[0] is not None)])
         last_resort.daemon = True
         last_resort.start()
 

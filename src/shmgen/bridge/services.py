@@ -3,122 +3,85 @@
 from __future__ import annotations
 
 import threading
-import time
 from typing import Any
 
 from shmgen.bridge.backend import Backend, NoAnswer, RosClient
-from shmgen.bridge.counters import Counters
-from shmgen.bridge.endpoint import LOOK, ReopeningEndpoint, WorkerThread
-from shmgen.bridge.plan import ServiceRoute
+from shmgen.bridge.common.counters import Counters, describe
+from shmgen.bridge.endpoint import POLL_INTERVAL, RegionEndpoint, Side, WorkerThread
+from shmgen.bridge.plan import CallRoute
 from shmgen.live.classes import client, server
-from shmgen.runtime import CallTimeout, NoServer, RegionInUse, ServiceClient, ServiceServer, ShmError, ValueRejected
+from shmgen.runtime import Closed, ServiceClient, ServiceServer, ValueRejected
 
 
-class PlcServiceServer:
-    """A Side: ROS calls, the PLC answers. Calls that come at the same time follow one another."""
+class PlcServiceServer(Side):
+    """Carries a service of the PLC: ROS calls, and the PLC answers. Simultaneous calls run one after another."""
 
-    def __init__(self, route: ServiceRoute, counters: Counters, stopping: threading.Event) -> None:
-        self.about = route.about
-        self.counters = counters
+    def __init__(self, route: CallRoute, counters: Counters, stopping: threading.Event) -> None:
+        super().__init__(route.about, counters, stopping)
         self._route = route
-        self._stopping = stopping
-        made = client(route.kinds["_Request"], route.kinds["_Reply"])
-        self.end: ReopeningEndpoint[ServiceClient[Any, Any]] = ReopeningEndpoint(
-            lambda: made(route.service.name), counters, stopping
-        )
-        self.beat, self.leave, self.close = self.end.beat, lambda: None, self.end.close
+        kind = client(route.kinds["_Request"], route.kinds["_Reply"])
+        self.end: RegionEndpoint[ServiceClient[Any, Any]] = RegionEndpoint(lambda: kind(route.entry.name), counters)
 
-    def join(self, backend: Backend) -> None:
+    def start(self, backend: Backend) -> None:
         backend.serve(self._route.wire, self._answer, self.counters.refuse)
 
+    def stop(self) -> bool:
+        """End all calls, without an answer, and return True."""
+        self.end.close()
+        return True
+
     def _answer(self, request: Any, response: Any) -> None:
-        self.counters.came()
+        self.counters.mark_received()
         try:
-            answer = self._called(request)
+            answer = self.end.require().call(request, self._route.entry.timeout)
             self._route.kinds["_Response"]._decode(bytes(answer), 0, response)
             self.counters.passed += 1
-        except Exception as error:  # CallTimeout, CallFailed, or whatever a ROS may raise
-            raise NoAnswer(unanswered(self.counters, error)) from None
-
-    def _called(self, request: Any) -> Any:
-        """As ServiceClient.call, which would go on when the bridge ends, and hold up the end of the process."""
-        timeout = self._route.service.timeout
-        deadline = time.monotonic() + timeout
-
-        def left() -> float:
-            if self._stopping.is_set():
-                raise NoAnswer("the bridge ends")
-            if self.end.look() is not caller:
-                raise NoAnswer(self.end.why)
-            return min(LOOK, deadline - time.monotonic())
-
-        if not self.end.lock.acquire(timeout=timeout):
-            raise CallTimeout(f"the calls before it took all of the {timeout:g} s")
-        try:
-            caller = self.end.look()
-            if caller is None:
-                raise NoAnswer(f"there is no region: {self.end.why}")
-            try:
-                while not caller.wait_for_server(max(0.0, left())):
-                    if left() <= 0:
-                        raise NoServer(f"no server within {timeout:g} s; the request was not sent")
-                number = caller.send(request)
-                while (answer := caller.wait(max(0.0, left()))) is None:
-                    if left() <= 0:
-                        raise CallTimeout(f"call {number} got no response within {timeout:g} s")
-                return answer
-            except RegionInUse as error:
-                self.end.lose(str(error))
-                raise
-            finally:
-                caller.cancel()
-        finally:
-            self.end.lock.release()
+        except Exception as error:  # CallTimeout, CallFailed, or any exception of a ROS library
+            self.end.discard_after(error)
+            raise NoAnswer(count_unanswered(self.counters, error)) from None
 
 
-class PlcServiceClient:
-    """A Side: the PLC calls, ROS answers, in a thread of the service's own."""
+class PlcServiceClient(Side):
+    """Carries a service of ROS: the PLC calls, and ROS answers. Each service has its own thread."""
 
-    def __init__(self, route: ServiceRoute, counters: Counters, stopping: threading.Event) -> None:
-        self.about = route.about
-        self.counters = counters
+    def __init__(self, route: CallRoute, counters: Counters, stopping: threading.Event) -> None:
+        super().__init__(route.about, counters, stopping)
         self._route = route
-        made = server(route.kinds["_Request"], route.kinds["_Reply"])
-        self.end: ReopeningEndpoint[ServiceServer[Any]] = ReopeningEndpoint(
-            lambda: made(route.service.name), counters, stopping
-        )
+        kind = server(route.kinds["_Request"], route.kinds["_Reply"])
+        self.end: RegionEndpoint[ServiceServer[Any]] = RegionEndpoint(lambda: kind(route.entry.name), counters)
         self._loop = WorkerThread(self._step, self.end, stopping)
-        self.beat, self.leave, self.close = self.end.beat, self._loop.leave, self.end.close
 
-    def join(self, backend: Backend) -> None:
-        self._caller: RosClient = backend.client(self._route.wire)
+    def start(self, backend: Backend) -> None:
+        self._ros_client: RosClient = backend.client(self._route.wire)
         self._loop.start()
 
-    def _step(self, served: ServiceServer[Any] | None) -> float:
-        if served is None:
-            return LOOK
-        if call := served.wait(LOOK):
-            self.counters.came()
-            self._pass_on(served, call)
+    def stop(self) -> bool:
+        return self._loop.stop()
+
+    def _step(self, plc: ServiceServer[Any] | None) -> float:
+        if plc is None:
+            return POLL_INTERVAL
+        if call := plc.wait(POLL_INTERVAL):
+            self.counters.mark_received()
+            self._forward(plc, call)
         return 0.0
 
-    def _pass_on(self, served: ServiceServer[Any], call: Any) -> None:
+    def _forward(self, plc: ServiceServer[Any], call: Any) -> None:
         try:
-            request = self._caller.new()
+            request = self._ros_client.new()
             self._route.kinds["_Request"]._decode(bytes(call.request), 0, request)
-            served.reply(call, self._caller.call(request, self._route.service.timeout))
+            plc.reply(call, self._ros_client.call(request, self._route.entry.timeout))
             self.counters.passed += 1
-        except Exception as error:  # NoAnswer, or whatever a ROS may raise
-            unanswered(self.counters, error)
-            served.fail(call)
+        except Exception as error:  # NoAnswer, or any exception of a ROS library
+            count_unanswered(self.counters, error)
+            plc.fail(call)
 
 
-def unanswered(counters: Counters, error: Exception) -> str:
-    """Counts a call that came to nothing, and says why."""
+def count_unanswered(counters: Counters, error: Exception) -> str:
+    """Count and log a call or goal that failed with `error`. Return the reason as text."""
     if isinstance(error, ValueRejected):
         counters.reject(str(error))
         return str(error)
-    counters.failed += 1
-    said = str(error) if isinstance(error, ShmError | NoAnswer) else f"{type(error).__name__}: {error}"
-    counters.complain(said)
-    return said
+    reason = "the bridge stops" if isinstance(error, Closed) else describe(error)
+    counters.fail(reason)
+    return reason

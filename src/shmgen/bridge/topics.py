@@ -1,60 +1,82 @@
-"""Topics: messages of ROS become samples of a region, and samples of a region messages of ROS."""
+"""Carries topics: converts ROS messages to samples in a region, and samples to ROS messages."""
 
 from __future__ import annotations
 
-import struct
 import threading
 import time
 from contextlib import suppress
 from typing import Any
 
 from shmgen.bridge import plan
-from shmgen.bridge.backend import Backend
+from shmgen.bridge.backend import Backend, RosPublisher, RosSubscription
 from shmgen.bridge.codec.cut import cut
-from shmgen.bridge.counters import Counters
-from shmgen.bridge.endpoint import ReopeningEndpoint
+from shmgen.bridge.common.counters import Counters, describe
+from shmgen.bridge.common.send_window import SendWindow
+from shmgen.bridge.endpoint import POLL_INTERVAL, RegionEndpoint, Side
 from shmgen.bridge.listener import Listener
 from shmgen.bridge.plan import Route
 from shmgen.live.classes import publisher, subscriber
 from shmgen.runtime import CountExceeded, Message, Publisher, ShmError, StringTooLong, Subscriber, ValueRejected
-from shmgen.runtime.messages.values import set_clock
+from shmgen.runtime.messages.times import set_clock
 
 
-class ToPlc:
-    """A Side, and a MessageSink: what its backend could not hand over is counted."""
+class ToPlc(Side):
+    """Carries a topic from ROS to the PLC. A MessageSink that also counts messages that the backend lost."""
 
-    def __init__(self, route: Route, counters: Counters, stopping: threading.Event) -> None:
+    def __init__(
+        self,
+        route: Route,
+        counters: Counters,
+        stopping: threading.Event,
+        end: RegionEndpoint[Publisher[Message]] | None = None,
+    ) -> None:
+        """Open the region of the topic, or take over `end`, which has the same region open."""
+        super().__init__(route.about, counters, stopping)
         self.route = route
-        self.about = route.about
-        self.counters = counters
         self.reject, self.refuse = counters.reject, counters.refuse
-        self.meet, self.lose = counters.meet, counters.lose
-        self._stopping = stopping
+        self.set_incompatible_peer, self.lose = counters.set_incompatible_peer, counters.lose
         self._waiting: Any = None
-        self._came = threading.Event()
+        self._lock = threading.Lock()
+        """Held while the rate limiter's message is exchanged."""
+        self._has_message = threading.Event()
+        self._subscription: RosSubscription | None = None
         topic = route.topic
-        self.end = ReopeningEndpoint(lambda: publisher(route.kind, topic.topic, topic.depth), counters, stopping)
-        self.end.silence, self.close = self._silence, self.end.close
+        self.end = end or RegionEndpoint(lambda: publisher(route.kind, topic.topic, topic.depth), counters)
+        self.end.silence = self._silence
 
-    def join(self, backend: Backend) -> None:
+    def start(self, backend: Backend) -> None:
         if self.route.topic.carried.rate:
             threading.Thread(target=self._paced, args=(1 / self.route.topic.carried.rate,), daemon=True).start()
-        plan.check(self.route, backend.subscribe(self.route.wire, self).new())
+        self._subscription = backend.subscribe(self.route.wire, self)
+        plan.check(self.route, self._subscription.new())
 
     def take(self, message: Any) -> None:
-        """From any thread."""
-        self.counters.came()
-        with self.end.lock:
-            if self.route.topic.carried.rate is None:
-                self._publish(message)
-                return
-            self.counters.thinned += self._waiting is not None
+        """Publish the message in the region, or store it for the rate limiter. Thread-safe."""
+        self.counters.mark_received()
+        if self.route.topic.carried.rate is None:
+            self._publish(message)
+            return
+        self._exchange(message)
+        self._has_message.set()
+
+    def _exchange(self, message: Any) -> None:
+        """Store `message` for the rate limiter in place of the stored message. Count the replaced one as dropped."""
+        with self._lock:
+            self.counters.rate_limited += self._waiting is not None
             self._waiting = message
-        self._came.set()
 
     def beat(self) -> None:
-        """Shows the PLC that the bridge lives, unless ROS has fallen silent for longer than `stale`."""
-        self.end.beat(id if self._silence() else Publisher.heartbeat)
+        """Send a heartbeat to the PLC. Skip the heartbeat if ROS has sent nothing for `stale` seconds."""
+        if (region := self.end.current) is not None and not self._silence():
+            try:
+                region.heartbeat()
+            except ShmError as error:
+                self.end.report(error)
+
+    def check_qos(self) -> None:
+        """Adopt the QoS of the ROS publishers, or report a publisher with incompatible QoS."""
+        if self._subscription:
+            self.counters.report_qos(self._subscription.qos_problem())
 
     def _silence(self) -> str:
         limit = self.route.topic.carried.stale
@@ -63,40 +85,39 @@ class ToPlc:
             return ""
         return f"no message from ROS for {limit:g} s or more"
 
-    def leave(self) -> None:
-        """What waits for its turn has lost it."""
-        with self.end.lock:
-            self.counters.thinned += self._waiting is not None
-            self._waiting = None
+    def stop(self) -> bool:
+        """Stop the topic: drop the message that waits for the rate limiter."""
+        self._exchange(None)
+        return True
 
     def _paced(self, period: float) -> None:
-        """The newest message when its turn comes, so that the last of a burst is not lost for ever."""
+        """Publish the newest message, at most once in `period` seconds. The last message of a burst is not lost."""
         due = 0.0
         while not self._stopping.wait(max(0.0, due - time.monotonic())):
-            if not self._came.wait(0.1):
+            if not self._has_message.wait(POLL_INTERVAL):
                 continue
-            with self.end.lock:
-                self._came.clear()
+            with self._lock:
+                self._has_message.clear()
                 message, self._waiting = self._waiting, None
-                due = time.monotonic() + period
-                if message is not None:
-                    self._publish(message)
+            due = time.monotonic() + period
+            if message is not None:
+                self._publish(message)
 
     def _publish(self, message: Any) -> None:
-        if self.end.now is None:
+        if (region := self.end.current) is None:
             self.counters.missed += 1
             return
         try:
-            self._put(self.end.now, message)
+            self._put(region, message)
             self.counters.passed += 1
         except ShmError as error:
             if isinstance(error, ValueRejected):
                 self.counters.reject(str(error))
             else:
                 self.counters.missed += 1
-                self.end.meet(error)
-        except Exception as error:  # whatever a ROS made of it: one message is not worth the topic
-            self.counters.reject(f"{type(error).__name__}: {error}")
+                self.end.report(error)
+        except Exception as error:  # any fault of a ROS message: one bad message must not stop the topic
+            self.counters.reject(describe(error))
 
     def _put(self, region: Publisher[Message], message: Any) -> None:
         try:
@@ -104,63 +125,86 @@ class ToPlc:
         except (StringTooLong, CountExceeded) as error:
             if self.route.topic.carried.overflow != "truncate":
                 raise
-            cut(message, self.route.layouts[self.route.wire.type], self.route.layouts)
+            cut(message, self.route.kind)
             region.publish(message)
             self.counters.truncated += 1
-            self.counters.complain(f"truncated: {error}")
+            self.counters.log_rate_limited(f"truncated: {error}")
 
 
-class FromPlc:
-    """A Side: what the PLC writes goes to ROS, by a thread that sleeps until it does.
+class FromPlc(Side):
+    """Carries a topic from the PLC to ROS. Its thread sleeps until the PLC writes a sample.
 
-    It shares `listener` with others; without one, and where it may have to wait itself, for a `rate` or for subscribers
-    of large messages, it has its own.
+    Topics share `listener` and its thread. A topic that may block the thread gets a separate listener: a topic with
+    `rate`, or a topic with large messages, which waits for its subscribers.
     """
 
     def __init__(
-        self, route: Route, counters: Counters, stopping: threading.Event, listener: Listener | None = None
+        self,
+        route: Route,
+        counters: Counters,
+        stopping: threading.Event,
+        listener: Listener | None = None,
+        end: RegionEndpoint[Subscriber[Message]] | None = None,
     ) -> None:
+        """Open the region of the topic, or take over `end`, which has the same region open."""
+        super().__init__(route.about, counters, stopping)
         self.route = route
-        self.about = route.about
-        self.counters = counters
-        self._stopping = stopping
-        self._missed = 0
+        self._sending = threading.Lock()
+        self._window: SendWindow | None = None
+        self._outlet: RosPublisher | None = None
         self._stale = False
         self._due = 0.0
         self._is_first = True
-        self.end = ReopeningEndpoint(self._opened, counters, stopping)
-        self.end.silence = self._silence
+        self.end = end or RegionEndpoint(self._open_subscriber, counters)
+        self.end.silence, self.report = self._silence, self.end.report
         waits = route.topic.carried.rate or route.wire.is_large
         self._listener = listener if listener and not waits else Listener(stopping)
 
-    def join(self, backend: Backend) -> None:
-        self._outlet, self._now = backend.publisher(self.route.wire), backend.now
-        self._message = self._outlet.new()
+    def start(self, backend: Backend) -> None:
+        wire = self.route.wire
+        outlet, self._now = backend.publisher(wire), backend.now
+        waits = wire.is_large and wire.qos != "best_effort" and not wire.latch
+        if waits and outlet.acknowledged:
+            self._window = SendWindow(outlet.acknowledged, wire.queue, self._stopping.is_set)
+        self._outlet, self._message = outlet, outlet.new()
         plan.check(self.route, self._message)
         self._listener.add(self)
 
     def beat(self) -> None:
-        """Looks whether the PLC lives; the end itself is the listener's."""
+        """Check whether the PLC is alive.
+
+        The bridge calls this method ten times a second, but sends no heartbeat for a topic from the PLC.
+        """
+        self._listener.replace_blocked()
         limit = self.route.topic.carried.stale
-        reader = self.end.now
+        reader = self.end.current
         if limit is not None and reader is not None:
-            with suppress(ShmError, ValueError):  # closed meanwhile
+            with suppress(ShmError, ValueError):  # the listener closed the subscriber
                 self._stale = reader.is_stale(limit)
 
     def _silence(self) -> str:
         return (
-            f"the PLC's heartbeat stands still for {self.route.topic.carried.stale:g} s or more" if self._stale else ""
+            f"the PLC's heartbeat has not changed for {self.route.topic.carried.stale:g} s or more"
+            if self._stale
+            else ""
         )
 
-    def leave(self) -> None:
-        self._listener.forget(self)
+    def stop(self) -> bool:
+        """Stop sending to ROS. Return False if a ROS call is still running."""
+        self._listener.remove(self)
+        if not self._sending.acquire(timeout=POLL_INTERVAL):
+            return False
+        self._sending.release()
+        return True
 
-    def close(self) -> None:
-        if self._listener.forget(self):
-            self.end.close()
+    def check_qos(self) -> None:
+        """Report a ROS subscriber with incompatible QoS."""
+        if self._outlet:
+            self.counters.report_qos(self._outlet.qos_problem())
 
-    def renewed(self) -> Subscriber[Message] | None:
-        return self.end.look(self.take)
+    @property
+    def subscriber(self) -> Subscriber[Message] | None:
+        return self.end.current
 
     def take(self, reader: Subscriber[Message]) -> bool:
         rate = self.route.topic.carried.rate
@@ -172,33 +216,36 @@ class FromPlc:
         else:
             samples = reader.read_all()
         for sample in samples:
-            self._send(sample)
+            with self._sending:
+                if self._stopping.is_set():
+                    self.counters.missed += 1
+                else:
+                    self._send(sample)
         self._count(reader)
         return bool(samples)
 
     def _send(self, sample: Message) -> None:
-        self.counters.came()
+        outlet = self._outlet
+        assert outlet
+        self.counters.mark_received()
         try:
-            if self._outlet.send_payload is not None:
-                with suppress(ValueRejected, struct.error):  # the long way says what is wrong with it
-                    self._outlet.send_payload(bytes(sample))
-                    self.counters.passed += 1
-                    return
-            message = self._outlet.new() if self._outlet.keeps else self._message
-            self.route.kind._decode(bytes(sample), 0, message)
-            if self.route.topic.carried.stamp == "now":
-                self._stamp(message)
-            lost = self._outlet.send(message) or 0
+            lost = self._window.wait() if self._window else 0
+            if not _send_payload(outlet, sample):
+                message = outlet.new() if outlet.keeps else self._message
+                self.route.kind._decode(bytes(sample), 0, message)
+                if self.route.topic.carried.stamp == "now":
+                    self._stamp(message)
+                outlet.send(message)
             self.counters.passed += 1 - lost
             if lost:
                 self.counters.lose(lost)
         except ValueRejected as error:
             self.counters.reject(str(error))
-        except Exception as error:  # whatever a ROS may raise: one message is not worth the bridge
-            self.counters.reject(f"{type(error).__name__}: {error}", " by ROS")
+        except Exception as error:  # any exception of a ROS library: one bad message must not stop the bridge
+            self.counters.reject(describe(error), " by ROS")
 
     def _stamp(self, message: Any) -> None:
-        """A PLC seldom knows the time of day; ROS takes a stamp of zero for an age of half a century."""
+        """Fill in an unset header stamp. ROS would take a zero stamp for a message from 1970."""
         *owners, name = self.route.stamp or ("",)
         if not name:
             return
@@ -209,19 +256,32 @@ class FromPlc:
             setattr(message, name, set_clock(stamp, self._now()))
 
     def _count(self, reader: Subscriber[Message]) -> None:
-        missed = reader.missed - self._missed
-        self._missed += missed
+        missed = self.end.count_missed(reader.missed)
         if self.route.topic.carried.rate:
-            self.counters.thinned += missed
+            self.counters.rate_limited += missed
         else:
             self.counters.missed += missed
 
-    def _opened(self) -> Subscriber[Message]:
+    def _open_subscriber(self) -> Subscriber[Message]:
         topic = self.route.topic
-        # What lies in a second region was all written since the one before was removed.
-        made = subscriber(self.route.kind, topic.topic, topic.depth, history=not self._is_first)
+        # A recreated region holds only samples written after the old region was removed, so read all of them.
+        reader = subscriber(self.route.kind, topic.topic, topic.depth, history=not self._is_first)
         if self._is_first and not topic.carried.latch:
-            # As in ROS: who comes later does not hear what was said before, least of all a command of yesterday.
-            made.read()
-        self._missed, self._is_first = made.missed, False
-        return made
+            # Skip old samples: a late ROS subscriber gets no old messages either, and an old command would be unsafe.
+            reader.read()
+        self._is_first = False
+        return reader
+
+
+def _send_payload(outlet: RosPublisher, sample: Message) -> bool:
+    """Send the bytes of the sample to ROS. Return False if the bytes are invalid or ROS cannot send bytes.
+
+    The caller then decodes the sample, which raises an error that names an invalid field.
+    """
+    if outlet.send_payload is None:
+        return False
+    try:
+        outlet.send_payload(bytes(sample))
+    except ValueRejected:
+        return False
+    return True

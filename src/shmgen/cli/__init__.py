@@ -1,1 +1,1 @@
-"""The command line: one file for each family of commands. The only room that knows click."""
+"""The command line: one file for each family of commands. Only this folder imports click."""

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import click
 
 from shmgen.cli import common, options
+from shmgen.core.diagnostics import Diagnostic, Rejected, Span
 from shmgen.core.plural import counted
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30}
 
 
 def _size(context: click.Context, parameter: click.Parameter, value: str | None) -> int | None:
-    """Bytes of `500M`."""
+    """Convert a size such as `500M` to bytes."""
     if value is None:
         return None
     number, unit = value.rstrip("KMGkmg"), value[len(value.rstrip("KMGkmg")) :].upper()
@@ -45,8 +46,8 @@ def _size(context: click.Context, parameter: click.Parameter, value: str | None)
 @click.option("--max-duration", type=click.FloatRange(0.1), metavar="SECONDS", help="Start a new file after this time.")
 @click.option("-d", "--duration", type=click.FloatRange(0.1), metavar="SECONDS", help="Stop after this time.")
 @click.option("-q", "--quiet", is_flag=True, help="Print no progress.")
-@options.where
-@common.polite
+@options.source_options
+@common.report_errors
 def record(
     topics: tuple[str, ...],
     everything: bool,
@@ -55,8 +56,7 @@ def record(
     max_duration: float | None,
     duration: float | None,
     quiet: bool,
-    config_file: Path | None,
-    include: tuple[Path, ...],
+    source: options.Source,
 ) -> None:
     """Record live regions into a ROS 2 bag (MCAP).
 
@@ -67,33 +67,38 @@ def record(
     """
     from shmgen.bag.folder import Bag
     from shmgen.bag.record import Recorder
+    from shmgen.live import regions
 
     if everything == bool(topics):
         raise click.UsageError("Name topics, or --all; `shmgen topics` lists what there is.")
     folder = output or Path(time.strftime("shmgen_%Y_%m_%d-%H_%M_%S"))
-    registry = common.registry(config_file, include)
+    registry = common.registry(source)
     chosen = None if everything else topics
     stopping = threading.Event()
     try:
         bag = Bag(folder, max_size, max_duration)
     except FileExistsError:
-        raise ValueError(f"{folder} is there already; a bag is a folder of its own") from None
+        hint = "name a new folder with -o"
+        raise Rejected([Diagnostic("SHM007", "the folder exists already", Span(str(folder)), hint=hint)]) from None
     recorder = Recorder(registry, bag, chosen, common.note)
     with _ended_by_signals(stopping), _progress(lambda: _line(recorder.figures), quiet):
         try:
             recorder.run(stopping, duration)
         except OSError as error:
-            raise OSError(
-                f"{folder}: cannot be written: {error.strerror or error}; {counted(bag.samples, 'sample')} are in it "
-                "and can be read\n  hint: make room, and record into another folder"
-            ) from error
+            rest = f"{counted(bag.samples, 'sample')} are in it and can be read"
+            message = f"cannot write: {error.strerror or error}; {rest}"
+            hint = "make room, and record into another folder"
+            raise Rejected([Diagnostic("SHM007", message, Span(str(folder)), hint=hint)]) from error
     figures = recorder.figures
     click.echo(f"{folder}: {counted(len(bag.files), 'file')}, {_line(figures)}")
-    sys.exit(int(recorder.failed or figures.damaged > 0))
+    unseen = recorder.never_seen(topics)
+    for topic in unseen:
+        options.print_diagnostics([common.diagnostic(regions.missing(topic))])
+    sys.exit(int(recorder.failed or figures.damaged > 0 or bool(unseen)))
 
 
 @click.command()
-@click.argument("path", metavar="BAG", type=click.Path(exists=True, path_type=Path))
+@click.argument("path", metavar="BAG", type=click.Path(path_type=Path))
 @click.option("-r", "--rate", type=click.FloatRange(0.001, 1000), default=1.0, show_default=True, help="Speed factor.")
 @click.option("-l", "--loop", is_flag=True, help="Repeat until Ctrl-C.")
 @click.option(
@@ -101,28 +106,22 @@ def record(
 )
 @click.option("--topics", "chosen", multiple=True, metavar="TOPIC", help="Play this topic only; may be repeated.")
 @click.option("-q", "--quiet", is_flag=True, help="Print no progress.")
-@options.where
-@common.polite
+@options.source_options
+@common.report_errors
 def play(
-    path: Path,
-    rate: float,
-    loop: bool,
-    start: float,
-    chosen: tuple[str, ...],
-    quiet: bool,
-    config_file: Path | None,
-    include: tuple[Path, ...],
+    path: Path, rate: float, loop: bool, start: float, chosen: tuple[str, ...], quiet: bool, source: options.Source
 ) -> None:
-    """Publish the samples of BAG again, at the pace they were recorded.
+    """Publish the samples of a bag at their recorded pace.
 
-    BAG is a folder or an .mcap file, recorded here or by `ros2 bag`; a truncated one is played as far as it goes.
-    Replaces the robot or the PLC in a test, not beside it: a topic has one publisher. Services and actions are played
-    only if --topics names them. A bag with layouts other than those here is rejected.
+    BAG is a folder or an .mcap file from `shmgen record` or `ros2 bag`; a truncated file is played up to its end.
+    Replaces the robot or the PLC in a test. Stop the replaced publisher first, because a topic has one publisher.
+    Services and actions are played only if --topics names them. A bag whose layouts differ from your configuration is
+    rejected.
     """
     from shmgen.bag.play import Player
 
     words = [topic for topics in chosen for topic in topics.replace(",", " ").split()]
-    player = Player(path, common.registry(config_file, include), words or None, common.note)
+    player = Player(path, common.registry(source), words or None, common.note)
     length, at = (player.last - player.first) / 1e9, [0.0]
     try:
         with _progress(lambda: f"{at[0]:.1f} of {length:.1f} s, {counted(player.played, 'sample')}", quiet):
@@ -146,7 +145,10 @@ def _line(figures: Figures) -> str:
 
 @contextmanager
 def _ended_by_signals(stopping: threading.Event) -> Iterator[None]:
-    """So that no sample is cut in two, and the bag gets its index."""
+    """Set `stopping` if SIGINT or SIGTERM arrives while the `with` block runs.
+
+    The block can then complete the last sample and the bag's index.
+    """
     before = {number: signal.signal(number, lambda *_: stopping.set()) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield
@@ -157,7 +159,10 @@ def _ended_by_signals(stopping: threading.Event) -> Iterator[None]:
 
 @contextmanager
 def _progress(line: Callable[[], str], quiet: bool) -> Iterator[None]:
-    """A line that is written over each second, on a terminal only, by a thread: a terminal may stand still."""
+    """Show a progress line each second while the `with` block runs, if stderr is a terminal.
+
+    `line` returns the text. A thread writes the line, because a terminal may block.
+    """
     over = threading.Event()
 
     def show() -> None:

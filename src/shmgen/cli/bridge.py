@@ -1,60 +1,60 @@
-"""The command bridge: starts one, and prints what it says."""
+"""The command bridge: starts a bridge and prints its messages."""
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import click
 
 from shmgen.cli import common, options
 from shmgen.config import Config
 from shmgen.config.keys import BACKENDS
+from shmgen.core.diagnostics import Diagnostic, Rejected, Span
 
 
 @click.command(context_settings={"ignore_unknown_options": True})
-@click.option("--backend", type=click.Choice(BACKENDS), help="Overrides shmgen.toml.")
+@click.option(
+    "--backend",
+    type=options.Word(BACKENDS),
+    metavar="BACKEND",
+    help="Use this backend instead of the one in shmgen.toml.",
+)
 @click.argument("ros_arguments", nargs=-1, type=click.UNPROCESSED, metavar="[ROS_ARGUMENT]...")
-@options.where
-def bridge(
-    backend: str | None, ros_arguments: tuple[str, ...], config_file: Path | None, include: tuple[Path, ...]
-) -> None:
-    """Carry topics, services and actions between ROS and shared memory.
+@options.source_options
+def bridge(backend: str | None, ros_arguments: tuple[str, ...], source: options.Source) -> None:
+    """Connect ROS topics, services and actions to shared memory.
 
-    Runs what shmgen.toml lists, until Ctrl-C or SIGTERM. Backends: ros2 (rclpy), dds and zenoh (a ROS 2 graph
-    through cyclonedds or eclipse-zenoh, without ROS) and ros1 (rospy); auto selects the ROS whose setup was sourced,
-    or else one that is installed.
+    Runs the entries of shmgen.toml until Ctrl-C or SIGTERM. Backends: ros2 (rclpy), ros1 (rospy), dds and zenoh. The
+    backends dds and zenoh join a ROS 2 graph through cyclonedds or eclipse-zenoh, without ROS. The value auto selects
+    the ROS whose setup was sourced, otherwise an installed backend.
     Prints its counters on SIGUSR1 and at exit, and reads shmgen.toml again on SIGHUP.
     """
     from shmgen.bridge.backend import BackendMissing
-    from shmgen.bridge.run import run
+    from shmgen.bridge.common import watchdog
+    from shmgen.bridge.run import NothingListed, require_entries, run
     from shmgen.runtime import ShmError
 
     def load() -> Config:
-        config = options.load(config_file, include)
+        config = source.load()
         return replace(config, bridge=replace(config.bridge, backend=backend)) if backend else config
 
     config = load()
-    if not (config.topics or config.services or config.actions):
-        raise click.UsageError(
-            "shmgen.toml lists no [[topics]], [[services]] or [[actions]]: there is nothing to carry."
-        )
+    file = source.file_used()
+    place = str(source.file or (file.name if file else "shmgen.toml"))
     try:
-        run(config, ros_arguments, _say, _tell, load)
-    except (BackendMissing, ValueError) as error:  # which begin with what they are about
-        common.fail(str(error))
-    except (ShmError, OSError) as error:
-        common.fail(f"{config.bridge.node}: {error}")
+        require_entries(config)
+        run(config, ros_arguments, click.echo, _tell, load)
+    except NothingListed as error:
+        hint = 'add an entry: [[topics]] with topic = "/pose", type = "geometry_msgs/Pose", direction = "to_plc"'
+        raise Rejected([Diagnostic("SHM504", str(error), Span(place), hint=hint)]) from None
+    except (BackendMissing, ShmError, OSError, ValueError) as error:
+        hint = "correct this argument, setting or variable, and start the bridge again"
+        raise Rejected([common.diagnostic(error, place, hint)]) from error
+    watchdog.reset(watchdog.STOP_LIMIT)  # a library may block while Python ends
 
 
 COMMANDS = (bridge,)
 
 
-def _say(text: str) -> None:
-    click.echo(text)
-    sys.stdout.flush()
-
-
 def _tell(text: str) -> None:
-    common.note(text.replace("\n", "\n  "))  # peers had a word in it, and begin no line of the log
+    common.note(text.replace("\n", "\n  "))  # indent later lines: text from peers must not start a log line

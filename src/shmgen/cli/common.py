@@ -1,33 +1,32 @@
-"""What the commands for live regions share: how each of them ends, its usual options, what it says on stderr."""
+"""Common parts of the commands for live regions: exit codes, shared options, completion, and messages on stderr."""
 
 from __future__ import annotations
 
 import functools
-import json
 import os
 import shutil
 import signal
 import sys
-from collections.abc import Callable, Generator, Mapping
-from itertools import islice
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn, Protocol, TextIO, TypeVar
+from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 
 import click
 
 from shmgen.cli import options
+from shmgen.core.diagnostics import Diagnostic, Rejected, Span
 
 if TYPE_CHECKING:
-    from shmgen.config import Config
     from shmgen.live.classes import ClassRegistry
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-def polite(command: F) -> F:
-    """Ctrl-C ends a command as `ros2 topic` does, exit 0; an error is a sentence, exit 1.
+def report_errors(command: F) -> F:
+    """Wrap the function of a command: print its errors as diagnostics, and let a signal end the command in order.
 
-    `kill` ends it in order too, exit 143, so that no lock is left taken.
+    Ctrl-C ends the command with exit code 0, as in `ros2 topic`. SIGTERM ends the command with exit code 143. In both
+    cases, no lock stays held.
     """
 
     @functools.wraps(command)
@@ -38,12 +37,14 @@ def polite(command: F) -> F:
         try:
             return command(*arguments, **keywords)
         except KeyboardInterrupt:
-            signal.signal(signal.SIGINT, signal.SIG_IGN)  # who presses twice wants no other end
+            signal.signal(signal.SIGINT, signal.SIG_IGN)  # ignore a second Ctrl-C
             sys.exit(0)
         except BrokenPipeError:
             raise
         except (ShmError, ValueError, OSError) as error:
-            fail(str(error))
+            place = keywords.get("topic") or keywords.get("service") or "command line"
+            value_hint = _HINTS["SHM704"].replace("TYPE", keywords.get("type_name") or "TYPE")
+            raise Rejected([diagnostic(error, place, value_hint)]) from error
         finally:
             signal.signal(signal.SIGTERM, former)
 
@@ -51,7 +52,7 @@ def polite(command: F) -> F:
 
 
 def topics(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[str]:
-    """For the shell's completion."""
+    """Return the names of live topics that begin with `incomplete`, for shell completion."""
     from shmgen.live import regions
 
     topics = [regions.topic_of(name) for name in regions.live()]
@@ -63,81 +64,63 @@ def services(context: click.Context, parameter: click.Parameter, incomplete: str
 
 
 def types(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[str]:
-    """All that can be named, packages first: `geometry_msgs/` and then what is in it."""
+    """Return the types that begin with `incomplete`, for shell completion.
+
+    Without a slash in `incomplete`, return packages instead, such as `geometry_msgs/`.
+    """
     from shmgen.generator import pipeline
 
-    names = [name.short for name in pipeline.library(_load(context)).known()]
-    found = [name for name in names if name.startswith(incomplete)]
-    return found if "/" in incomplete else sorted({name.partition("/")[0] + "/" for name in found})
+    names = [name.short for name in pipeline.library(_source(context).load()).known()]
+    matching = [name for name in names if name.startswith(incomplete)]
+    return matching if "/" in incomplete else sorted({name.partition("/")[0] + "/" for name in matching})
 
 
-def fields(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[str]:
-    """Of the topic that stands before it on the line."""
-    return _fields(context, parameter, incomplete, numbers=False)
+def fields(context: click.Context, parameter: click.Parameter, incomplete: str, *, numbers: bool = False) -> list[str]:
+    """Return the paths of fields that begin with `incomplete`, such as `position.x`, for shell completion.
 
-
-def numbers(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[str]:
-    """Those that can be plotted."""
-    return _fields(context, parameter, incomplete, numbers=True)
-
-
-def _fields(context: click.Context, parameter: click.Parameter, incomplete: str, *, numbers: bool) -> list[str]:
-    from shmgen.core.diagnostics import Rejected
+    The fields are those of the topic on the command line. If `numbers` is true, return only numeric fields, which can
+    be plotted.
+    """
     from shmgen.live.regions import View
     from shmgen.runtime import ShmError, region_name
     from shmgen.tools.messages.paths import leaves
 
-    words = os.environ.get("COMP_WORDS", "").split()  # what click gives is empty behind an option
+    words = os.environ.get("COMP_WORDS", "").split()  # click's own words are empty after an option
     named = context.params.get("topic") or next((word for word in words if word in topics(context, parameter, "")), "")
     try:
         with View(region_name(named)) as view:
             header = view.header()
-        session = registry(context.params.get("config_file"), context.params.get("include") or ()).session_of(
-            header.type_name, header.digest
-        )
+        session = registry(_source(context)).session_of(header.type_name, header.digest)
         layout, layouts = session.layout(header.type_name), session.layouts([header.type_name])
     except (ShmError, Rejected, ValueError, OSError):
         return []
     return [path for path in leaves(layout, layouts, numbers=numbers) if path.startswith(incomplete)]
 
 
-def _load(context: click.Context) -> Config:
-    return options.load(context.params.get("config_file"), context.params.get("include") or ())
+numbers = functools.partial(fields, numbers=True)
+
+
+def _source(context: click.Context) -> options.Source:
+    return options.Source(context.params.get("config_file"), context.params.get("include") or ())
 
 
 topic = click.argument("topic", shell_complete=topics)
-for_machines = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 count = click.option("-n", "--count", type=click.IntRange(1), help="Stop after this many.")
 timeout = click.option(
     "--timeout", type=click.FloatRange(0), help="Exit with 1 after this many seconds without a sample."
 )
 
 
-def registry(file: Path | None, include: tuple[Path, ...]) -> ClassRegistry:
+def registry(source: options.Source) -> ClassRegistry:
     from shmgen.live.classes import ClassRegistry
     from shmgen.live.config_of_lock import LOCK
     from shmgen.live.session import Session
 
-    config = options.load(file, include)
-    found = options.file_in_force(file)
+    config, file_used = source.load(), source.file_used()
     lock = Path(os.path.relpath(config.root / LOCK))
-    name = found.name if found else "the defaults, as there is no shmgen.toml here"
+    name = file_used.name if file_used else "the defaults, as there is no shmgen.toml here"
     return ClassRegistry(Session(config, name), lock)
-
-
-class Report(Protocol):
-    """What tools print line by line."""
-
-    def plain(self) -> Mapping[str, Any]: ...
-
-
-def show(reports: Generator[Report, None, None], most: int | None, as_json: bool) -> None:
-    """One after the other, so many at most."""
-    try:
-        for report in islice(reports, most):
-            click.echo(json.dumps(report.plain()) if as_json else str(report))
-    finally:
-        reports.close()
 
 
 def note(text: str) -> None:
@@ -146,30 +129,68 @@ def note(text: str) -> None:
     click.echo(click.style(lines(text), fg="yellow"), err=True)
 
 
-def complain(text: str) -> None:
-    from shmgen.core.escape import lines
+_CODES = {
+    "RegionMissing": "SHM701",
+    "TimeoutError": "SHM701",
+    "FileNotFoundError": "SHM001",
+    "PermissionError": "SHM001",
+    "CallTimeout": "SHM703",
+    "CallFailed": "SHM703",
+    "Unreadable": "SHM705",
+    "BackendMissing": "SHM706",
+    "ValueRejected": "SHM704",
+    "ShmError": "SHM702",
+    "OSError": "SHM702",
+    "ValueError": "SHM704",
+}
+"""Name of an exception class -> code. Names, because most of the modules with these classes are not loaded."""
+_HINTS = {
+    "SHM001": "check the path, and its permissions with `ls -ld`",
+    "SHM701": "`shmgen topics` lists the live regions",
+    "SHM702": "`shmgen doctor` lists faults of live regions, and how to fix them",
+    "SHM703": "start the server, and look for its regions with `shmgen topics`",
+    "SHM704": "`shmgen show TYPE` lists the fields of a message and their types",
+    "SHM705": "name a folder or an .mcap file that `shmgen record` or `ros2 bag record` has written",
+    "SHM706": "install what is missing",
+}
 
-    first, _, rest = lines(text).partition("\n")
-    click.echo(click.style("error: ", fg="red", bold=True) + first, err=True)
-    if rest:
-        click.echo(rest, err=True)
+
+def diagnostic(error: Exception, place: str = "command line", value_hint: str = _HINTS["SHM704"]) -> Diagnostic:
+    """Convert an error to a diagnostic. The text of the error has the form `PLACE: MESSAGE; HINT`.
+
+    The text after `; ` is a hint only if it contains a command in backquotes or begins with `did you mean`. The hint
+    may also be a line `  hint: HINT` of its own; all other lines are details. If the text has no place, `place` is
+    used. If an invalid value has no hint, `value_hint` is used.
+    """
+    code = next(_CODES[kind.__name__] for kind in type(error).__mro__ if kind.__name__ in _CODES)
+    if isinstance(error, OSError) and error.strerror:
+        where, message, rest = error.filename or place, error.strerror, ""
+    else:
+        where, message, rest = _parts(str(error), place)
+    text, _, hint = rest.partition("  hint: ")
+    before, _, last = message.rpartition("; ")
+    if not hint and before and ("`" in last or last.startswith("did you mean")):
+        message, hint = before, last
+    hint = hint or (value_hint if code == "SHM704" else _HINTS[code])
+    details = tuple(line.removeprefix("  ") for line in text.splitlines())
+    return Diagnostic(code, message, Span(where), hint=hint, details=details)
 
 
-def fail(text: str) -> NoReturn:
-    complain(text)
-    sys.exit(1)
+def _parts(text: str, place: str) -> tuple[str, str, str]:
+    """Split the text of an error into its place, its message and the remaining lines.
+
+    If the text begins with no place, `place` is used.
+    """
+    first, _, rest = text.partition("\n")
+    where, colon, message = first.partition(": ")
+    return (where, message, rest) if colon and " " not in where else (place, first, rest)
 
 
 def can_overwrite(stream: TextIO) -> bool:
-    """Whether it is a terminal on which a line can be written over."""
+    """Return True if the stream is a terminal that can overwrite a line."""
     return stream.isatty() and os.environ.get("TERM", "dumb") != "dumb"
 
 
 def fitting(line: str) -> str:
-    """What of a line a terminal shows in one."""
+    """Shorten a line so that the terminal does not wrap it."""
     return line[: max(1, shutil.get_terminal_size().columns - 1)]
-
-
-def shows_unicode(stream: TextIO) -> bool:
-    """Whether more than ASCII is likely to be shown as it is."""
-    return "utf" in (stream.encoding or "").lower() and os.environ.get("TERM") != "dumb"

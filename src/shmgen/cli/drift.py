@@ -16,36 +16,29 @@ import click
 from shmgen.cli import options
 from shmgen.core.diagnostics import Diagnostic, Rejected, Span
 from shmgen.core.plural import counted
-from shmgen.drift.findings import Finding, Severity, as_annotations, as_json, summary, worst
+from shmgen.drift.findings import Finding, Severity, as_annotations, as_json, for_people, summary, worst
 from shmgen.targets import KEYS
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-_output = click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=Path("generated"),
-    show_default=True,
-    help="Folder of the generated files.",
-)
+_output = options.output_folder("Folder of the generated files.")
 
 
 def _report(command: F) -> F:
-    """How findings are told, and which of them count: `form` and `fail_on`."""
+    """Add the options --format, --json and --fail-on to a command. It receives their values as `form` and `fail_on`."""
     for option in (
         click.option(
             "--fail-on",
-            type=click.Choice([severity.name.lower() for severity in reversed(Severity)]),
+            type=options.Word([severity.name.lower() for severity in reversed(Severity)]),
             default="cosmetic",
             show_default=True,
             help="Lowest severity that makes the exit code 1; anything below is printed as a note.",
         ),
-        click.option("--json", "form", flag_value="json", help="The same as --format json."),
+        click.option("--json", "form", flag_value="json", help="Print JSON; the same as --format json."),
         click.option(
             "--format",
             "form",
-            type=click.Choice(["text", "json", "github"]),
+            type=options.Word(["text", "json", "github"]),
             default="text",
             show_default=True,
             help="Output format; github prints workflow annotations.",
@@ -57,23 +50,18 @@ def _report(command: F) -> F:
 
 @click.command()
 @_output
-@click.option("-t", "--target", multiple=True, type=click.Choice(KEYS), help="As for generate.")
+@options.targets("Check this target only; may be repeated. `shmgen generate --help` lists the targets.")
 @click.option("--diff", "with_diff", is_flag=True, help="Print what generate would change, as a patch.")
+@click.option("-q", "--quiet", is_flag=True, help="Print nothing if the files are up to date.")
 @_report
-@options.where
+@options.source_options
 def check(
-    output: Path,
-    target: tuple[str, ...],
-    with_diff: bool,
-    form: str,
-    fail_on: str,
-    config_file: Path | None,
-    include: tuple[Path, ...],
+    output: Path, target: tuple[str, ...], with_diff: bool, quiet: bool, form: str, fail_on: str, source: options.Source
 ) -> None:
     """Check that definitions, generated files and layout.lock agree. Writes nothing.
 
-    Exits with 0 if `shmgen generate` would change nothing, otherwise 1. Severities: breaking (bytes moved, rebuild
-    both sides), compatible (comments, constants, defaults) and cosmetic (text only).
+    Exits with 0 if `shmgen generate` would change nothing, otherwise 1. Severities: breaking (bytes moved or mean
+    something else, rebuild both sides), compatible (comments, new constants) and cosmetic (text only).
     """
     from shmgen.cli import requested
     from shmgen.core.write import current
@@ -84,29 +72,30 @@ def check(
     severity = Severity[fail_on.upper()]
     texts: dict[str, str] = {}
     try:
-        config = options.load(config_file, include)
+        config = source.load()
         config = replace(config, targets=target) if target else config
-        lock, formerly = requested.former(output, current(output, lockfile.LOCK))
+        lock, earlier = requested.read_lock(output, current(output, lockfile.LOCK))
         config = replace(config, skip_unbounded=lock.settings.get("skip_unbounded") is True)
         requests = requested.configured(config) or list(lock.requested)
         if requests or (output / lockfile.LOCK).is_file():
-            texts = requested.texts(config, requests, formerly, output)
-        findings = checking.check(texts, output)
+            texts = requested.texts(config, requests, earlier, output)
+        findings = checking.check(texts, output, KEYS)
     except Rejected as rejected:
         if form == "text":
             raise
-        findings = [Finding(Severity.BREAKING, found) for found in rejected.diagnostics]
+        findings = [Finding(Severity.BREAKING, diagnostic) for diagnostic in rejected.diagnostics]
     if findings:
         _tell(findings, form, severity, to_stderr=True)
         if with_diff and form == "text":
             click.echo(checking.differences(texts, output), nl=False)
         sys.exit((worst(findings) or 0) >= severity)
     messages = sum(line.startswith("[messages.") for line in texts[lockfile.LOCK].splitlines())
-    said = f"{output}: up to date, {counted(messages, 'message')} in {counted(len(texts), 'file')}"
+    output_text = f"{output}: up to date, {counted(messages, 'message')} in {counted(len(texts), 'file')}"
     if form == "text":
-        click.echo(said)
+        output_text = "" if quiet else f"{output_text}\n"
+        click.echo(output_text, nl=False)
         files = [os.path.join(output, path) for path in texts]
-        requested.remember(f"{said}\n", config, requests, config_file, files, began)
+        requested.remember(output_text, config, requests, source.file, files, began)
     else:
         click.echo(as_json([]) if form == "json" else "", nl=False)
 
@@ -117,17 +106,17 @@ def check(
 @_output
 @_report
 def diff(old: str, new: str, output: Path, form: str, fail_on: str) -> None:
-    """Compare message layouts between two git revisions or layout.lock files.
+    """Compare the message layouts of two git revisions.
 
-    OLD and NEW are each a layout.lock, its folder or a git revision. Exits with 1 if anything of the severity
+    OLD and NEW are each a git revision, a layout.lock file or its folder. Exits with 1 if anything of the severity
     given by --fail-on, or above, changed.
     """
     from shmgen.drift import revisions
     from shmgen.drift.compare import compare
 
     severity = Severity[fail_on.upper()]
-    (before, _), (after, shown) = (revisions.lock(name, output) for name in (old, new))
-    findings = compare(before, after, shown)
+    (before, _), (after, shown_path) = (revisions.lock(name, output) for name in (old, new))
+    findings = compare(before, after, shown_path)
     _tell(findings, form, severity, to_stderr=False)
     sys.exit((worst(findings) or 0) >= severity)
 
@@ -136,15 +125,17 @@ def diff(old: str, new: str, output: Path, form: str, fail_on: str) -> None:
 @click.option(
     "--hook", is_flag=True, help="Also write .pre-commit-config.yaml, which runs `shmgen check` before each commit."
 )
-@click.option("--ci", is_flag=True, help="Also write .github/workflows/shmgen.yml, which runs it on each push.")
+@click.option(
+    "--ci", is_flag=True, help="Also write .github/workflows/shmgen.yml, which runs `shmgen check` on each push."
+)
 @click.option(
     "--from",
-    "wanted",
+    "origin",
     metavar="REQUIREMENT",
     help="What pip installs in CI, such as 'shmgen[idl] @ git+https://HOST/shmgen'.  [default: this shmgen's origin]",
 )
-def init(hook: bool, ci: bool, wanted: str | None) -> None:
-    """Write shmgen.toml for the message packages in the current folder.
+def init(hook: bool, ci: bool, origin: str | None) -> None:
+    """Write shmgen.toml for the packages in the current folder.
 
     Asks no questions and leaves existing files as they are.
     """
@@ -152,14 +143,14 @@ def init(hook: bool, ci: bool, wanted: str | None) -> None:
 
     from shmgen.cli import init, install_source
 
-    requirement = (wanted or install_source.requirement()) if ci else ""
+    requirement = (origin or install_source.requirement()) if ci else ""
     if requirement is None:
-        said = "--ci: this shmgen was installed from a folder, which a CI machine does not have"
+        reason = "--ci: this shmgen was installed from a folder, which a CI machine does not have"
         raise click.UsageError(
-            f"{said}; add --from 'shmgen[idl] @ git+https://HOST/shmgen', or whatever pip is to install there"
+            f"{reason}; add --from 'shmgen[idl] @ git+https://HOST/shmgen', or whatever pip is to install there"
         )
-    begun = init.begin(Path.cwd())
-    files = {"shmgen.toml": begun.configuration} if begun.configuration else {}
+    proposal = init.propose(Path.cwd())
+    files = {"shmgen.toml": proposal.configuration} if proposal.configuration else {}
     files |= {init.HOOK_FILE: init.HOOK} if hook else {}
     files |= {init.CI_FILE: init.CI.format(requirement=shlex.quote(requirement))} if ci else {}
     for path, text in files.items():
@@ -172,12 +163,11 @@ def init(hook: bool, ci: bool, wanted: str | None) -> None:
                     if parent.is_symlink():
                         raise OSError(errno.ELOOP, f"{parent} is a symbolic link")
                 file.parent.mkdir(parents=True, exist_ok=True)
-                file.write_bytes(text.encode())  # with the same line ends everywhere
+                file.write_bytes(text.encode())  # bytes, so that line ends are the same on every system
             except OSError as error:
-                found = Diagnostic("SHM007", f"cannot write: {error.strerror}", Span(path))
-                raise Rejected([found]) from error
+                raise Rejected([Diagnostic("SHM007", f"cannot write: {error.strerror}", Span(path))]) from error
             click.echo(f"{path} written")
-    click.echo("\n".join(begun.advice))
+    click.echo("\n".join(proposal.advice))
     if hook:
         click.echo("  pre-commit install    once in each clone; to have it: pipx install pre-commit")
 
@@ -191,7 +181,8 @@ def _tell(findings: Sequence[Finding], form: str, fail_on: Severity, *, to_stder
     elif form == "github":
         click.echo(as_annotations(findings, fail_on), nl=False)
     else:
-        for found in findings:
-            level = found.diagnostic.level if found.severity >= fail_on else "note"
-            options.complain([replace(found.diagnostic, level=level)], to_stderr=to_stderr)
+        findings = for_people(findings)
+        for finding in findings:
+            level = finding.diagnostic.level if finding.severity >= fail_on else "note"
+            options.print_diagnostics([finding.diagnostic._replace(level=level)], to_stderr=to_stderr)
         click.echo(summary(findings) or "no difference", err=to_stderr)

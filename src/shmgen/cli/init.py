@@ -1,4 +1,4 @@
-"""Writes a first shmgen.toml for a folder with message packages, and says how it is checked before commit and merge."""
+"""Generates a first shmgen.toml for a folder with message packages, and the files of a commit hook and CI check."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from shmgen.definitions.folders import catalogue
 from shmgen.generator import pipeline
 
 FILES = r"(^|/)(generated/.*|shmgen\.toml|pyproject\.toml|package\.xml|[^/]+\.(msg|srv|action|idl))$"
-"""Of a hook: whatever a check looks at. .pre-commit-hooks.yaml has the same."""
+"""Files that trigger the commit hook: all that a check reads. .pre-commit-hooks.yaml has the same pattern."""
 
 DEFAULT = 32
-"""Elements of a sequence, as `shmgen init` proposes it."""
+"""Bound of sequences, in elements, that `shmgen init` proposes."""
 HOOK_FILE = ".pre-commit-config.yaml"
 HOOK = rf"""repos:
   - repo: local
@@ -48,39 +48,47 @@ jobs:
 
 
 @dataclass(frozen=True, slots=True)
-class Beginning:
-    """The text of shmgen.toml, empty if the folder has one, and what to say at the end."""
+class Proposal:
+    """The result of `shmgen init`: the proposed text of shmgen.toml, and advice to print at the end.
+
+    The text is `""` if the folder already has a configuration.
+    """
 
     configuration: str
     advice: tuple[str, ...]
 
 
-def begin(folder: Path) -> Beginning:
-    """Finds the packages in and below a folder, and what must be bounded. Raises Rejected: a definition is wrong."""
+def propose(folder: Path) -> Proposal:
+    """Return a shmgen.toml for the message packages in and below a folder, with all bounds that they need.
+
+    Raises Rejected if a definition is invalid.
+    """
     if there := configuration.find(folder):
-        return Beginning("", (f"{there.name} has a configuration, and is left as it is", "", *_next(True)))
+        return Proposal("", (f"{there.name} has a configuration, and is left as it is", "", *_next(True)))
     report = Report()
-    found = {name: packages for name, packages in catalogue(folder, folder, report).items() if packages[0].definitions}
+    packages = {
+        name: same_named for name, same_named in catalogue(folder, folder, report).items() if same_named[0].definitions
+    }
     report.stop_if_any()
-    places = sorted({_parent(package.place) for packages in found.values() for package in packages})
-    places = [place for place in places if not any(_is_above(other, place) for other in places)]
-    source = "noetic" if any(packages[0].dialect == "ros1" for packages in found.values()) else "jazzy"
+    places = sorted({str(Path(package.place).parent) for same_named in packages.values() for package in same_named})
+    places = [place for place in places if not any(Path(other) in Path(place).parents for other in places)]
+    source = "noetic" if any(same_named[0].dialect == "ros1" for same_named in packages.values()) else "jazzy"
     config = Config(folder, source=source, path=tuple(folder / place for place in places))
     missing: dict[str, None] = {}
     broken: dict[Diagnostic, None] = {}
-    for name in sorted(found):
+    for name in sorted(packages):
         for entry in pipeline.inventory(config, name):
             missing |= dict.fromkeys(entry.unbounded)
-            broken |= dict.fromkeys(entry.faults if entry.size is None else ())
+            broken |= dict.fromkeys(entry.diagnostics if entry.size is None else ())
     if broken:
         raise Rejected(broken)
-    text = _text(sorted(found), places, source, list(missing))
-    return Beginning(text, (_told(found, missing), "", *_next(bool(found))))
+    text = _text(sorted(packages), places, source, list(missing))
+    return Proposal(text, (_summary(packages, missing), "", *_next(bool(packages))))
 
 
 def _text(packages: list[str], places: list[str], source: str, missing: list[str]) -> str:
     lines = [
-        "# What `shmgen generate` writes; a package means all of it. Every key: docs/configuration.md of shmgen.",
+        "# Messages to generate; a package name selects all of its messages. Keys: docs/configuration.md of shmgen.",
         f"messages = {json.dumps(packages)}" if packages else 'messages = []  # such as ["geometry_msgs/Pose"]',
         f"path = {json.dumps(places)}",
         f"source = {json.dumps(source)}",
@@ -99,23 +107,14 @@ def _text(packages: list[str], places: list[str], source: str, missing: list[str
     return "\n".join(lines) + "\n"
 
 
-def _told(found: Collection[str], missing: Collection[str]) -> str:
-    if not found:
+def _summary(packages: Collection[str], missing: Collection[str]) -> str:
+    if not packages:
         return "no message package is in this folder: name messages in shmgen.toml, `shmgen list` prints what there is"
     holds = "1 sequence holds" if len(missing) == 1 else f"{len(missing)} sequences hold"
-    wanted = f"; {holds} at most {DEFAULT}, unless [bounds] says otherwise" if missing else ""
-    return f"found {', '.join(sorted(found))}{wanted}"
+    bound_text = f"; {holds} at most {DEFAULT}, unless [bounds] says otherwise" if missing else ""
+    return f"found {', '.join(sorted(packages))}{bound_text}"
 
 
 def _next(is_filled: bool) -> tuple[str, str, str]:
     commands = ("generate", "check") if is_filled else ("list", "generate")
     return "next:", f"  shmgen {commands[0]}", f"  shmgen {commands[1]}"
-
-
-def _parent(place: str) -> str:
-    """The folder a package is found from: the one above it, or itself if it is this one."""
-    return str(Path(place).parent)
-
-
-def _is_above(other: str, place: str) -> bool:
-    return other != place and Path(other) in Path(place).parents

@@ -1,4 +1,4 @@
-"""Says how a CI machine installs the same shmgen: from where this one was installed, as pip noted it down (PEP 610)."""
+"""Finds out how a CI machine can install the same shmgen, from pip's direct_url.json (PEP 610)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from shmgen import __version__
 
 
 def requirement() -> str | None:
-    """`shmgen[idl]==1.0` of a package index, or `shmgen[idl] @ URL`; None for a folder, which only this machine has."""
+    """Return the requirement for pip: `shmgen[idl]==1.0` or `shmgen[idl] @ URL`.
+
+    Return None if shmgen was installed from a local folder.
+    """
     try:
         noted = distribution("shmgen").read_text("direct_url.json")
     except PackageNotFoundError:

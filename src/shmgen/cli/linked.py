@@ -1,4 +1,7 @@
-"""Makes what other runs have written a part of this one: their messages keep their bounds, and are the same here."""
+"""Implements `generate --link FOLDER`, where FOLDER is the output of another run of `generate`.
+
+The messages in FOLDER keep the bounds of the other run. This run must give these messages the same layout.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,11 @@ from shmgen.drift.findings import Severity
 
 
 def configured(config: Config, folders: Iterable[Path], opened: Library) -> Config:
-    """With the bounds and files of the layout.lock in each folder. Raises Rejected: SHM407, SHM408."""
+    """Add the content of each folder's layout.lock to the configuration: bounds, generated files, requested messages.
+
+    Bounds of messages that the library `opened` does not contain are left out.
+    Raises Rejected if a layout.lock is missing (SHM407) or damaged (SHM408).
+    """
     from shmgen.live import config_of_lock
 
     strings: dict[str, Bound] = {}
@@ -29,25 +36,25 @@ def configured(config: Config, folders: Iterable[Path], opened: Library) -> Conf
             hint = "give a folder that `shmgen generate` has written"
             raise Rejected([Diagnostic("SHM407", "layout.lock is missing", Span(str(folder)), hint=hint)])
         messages = {name: message for name, message in lock["messages"].items() if name in in_reach}
-        said = config_of_lock.settings(lock | {"messages": messages}, config).bounds
-        strings |= said.strings
-        sequences |= said.sequences
+        linked_bounds = config_of_lock.settings(lock | {"messages": messages}, config).bounds
+        strings |= linked_bounds.strings
+        sequences |= linked_bounds.sequences
         files |= lock["files"] | dict.fromkeys(lock["requested"], "")
-    bounds = replace(
-        config.bounds, strings=strings | {**config.bounds.strings}, sequences=sequences | {**config.bounds.sequences}
+    bounds = config.bounds._replace(
+        strings=strings | {**config.bounds.strings}, sequences=sequences | {**config.bounds.sequences}
     )
     return replace(config, bounds=bounds, linked=files)
 
 
 def check(text: str, locks: Sequence[Path]) -> None:
-    """`text` is our layout.lock. Raises Rejected, SHM401, where a message has another layout in one of `locks`."""
+    """Raise Rejected (SHM401) if a message has another layout in the new layout.lock `text` than in `locks`."""
     ours = lockfile.read(text, lockfile.LOCK, Report()) if locks else lockfile.Lock()
-    found: list[Diagnostic] = []
+    mismatches: list[Diagnostic] = []
     for file in locks:
         theirs = lockfile.read(file.read_text(encoding="utf-8"), str(file), Report())
         both = theirs.messages.keys() & ours.messages.keys()
         before, after = (lockfile.Lock(messages={name: one.messages[name] for name in both}) for one in (theirs, ours))
-        found += [it.diagnostic for it in compare(before, after, str(file)) if it.severity is Severity.BREAKING]
-    if found:
+        mismatches += [it.diagnostic for it in compare(before, after, str(file)) if it.severity is Severity.BREAKING]
+    if mismatches:
         hint = "to be linked, both need the same layout: the same bounds and [types], or generate that one again"
-        raise Rejected([replace(one, hint=hint) for one in found])
+        raise Rejected([one._replace(hint=hint) for one in mismatches])

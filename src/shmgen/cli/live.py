@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import sys
 import time
-from pathlib import Path
 
 import click
 
@@ -14,20 +13,21 @@ from shmgen.cli import common, options
 
 @click.command()
 @click.argument("topic", required=False, shell_complete=common.topics)
-@common.for_machines
-@options.where
-@common.polite
-def doctor(topic: str | None, as_json: bool, config_file: Path | None, include: tuple[Path, ...]) -> None:
-    """Diagnose live regions, or one, and print how to fix what is wrong.
+@common.json_option
+@options.source_options
+@common.report_errors
+def doctor(topic: str | None, as_json: bool, source: options.Source) -> None:
+    """Diagnose live regions, and print how to fix each fault.
 
-    Checks owner and mode, writer, lock, semaphore, layout and depth (against shmgen.toml and generated/layout.lock
-    of the current folder), the bitness of the processes that map a region, and processes that still use a removed
-    region. Exits with 1 if there is a fault; notes do not count.
+    Checks all regions, or those of TOPIC: owner, mode, writer, lock, semaphore, layout and depth. Layout and depth
+    are compared with shmgen.toml and generated/layout.lock of the current folder. Also checks the bitness of
+    processes that map a region, and finds processes that still use a removed region. Exits with 1 if there is a
+    fault; notes do not count.
     """
     from shmgen.tools.doctor import doctor as tool
     from shmgen.tools.messages import format
 
-    report = tool.examine(topic, common.registry(config_file, include))
+    report = tool.examine(topic, common.registry(source))
     click.echo(format.as_line(tool.plain(report), indent=2) if as_json else tool.text(report))
     sys.exit(0 if report.healthy else 1)
 
@@ -41,14 +41,14 @@ def doctor(topic: str | None, as_json: bool, config_file: Path | None, include: 
     "--force", is_flag=True, help="Also regions in use: their processes then keep files that nobody else can see."
 )
 @click.option("--dry-run", is_flag=True, help="Print what would be removed, and remove nothing.")
-@common.polite
+@common.report_errors
 def clean(topics: tuple[str, ...], everything: bool, force: bool, dry_run: bool) -> None:
     """Remove regions and their semaphores from /dev/shm.
 
-    Refuses regions that have a live writer or that a process has open; exits with 1 if one had to stay.
+    Refuses regions that have a live writer or that a process has open; exits with 1 after a refusal.
     """
     from shmgen.live import processes, regions
-    from shmgen.runtime import ShmError
+    from shmgen.runtime import RegionMissing, ShmError
     from shmgen.tools.doctor import clean as tool
     from shmgen.tools.doctor import orphan_semaphores
 
@@ -66,7 +66,7 @@ def clean(topics: tuple[str, ...], everything: bool, force: bool, dry_run: bool)
     chosen = (
         [regions.topic_of(name) for name in regions.live()]
         if everything
-        else [half for topic in topics for half in regions.meant(topic)]
+        else [half for topic in topics for half in regions.resolve_topic(topic)]
     )
     finds = [functools.partial(leftovers, topic) for topic in chosen]
     if everything:
@@ -78,7 +78,9 @@ def clean(topics: tuple[str, ...], everything: bool, force: bool, dry_run: bool)
             if not dry_run:
                 tool.remove(files)
         except ShmError as error:
-            common.complain(str(error))
+            if everything and isinstance(error, RegionMissing):  # its owner has removed it meanwhile
+                continue
+            options.print_diagnostics([common.diagnostic(error)])
             stays = True
         else:
             for file in files:
@@ -91,15 +93,15 @@ def clean(topics: tuple[str, ...], everything: bool, force: bool, dry_run: bool)
 @click.option("--once", is_flag=True, help="Print one sample, the newest if there is one already.")
 @common.count
 @common.timeout
-@common.for_machines
+@common.json_option
 @click.option("--csv", "as_csv", is_flag=True, help="Print CSV with a header line.")
 @click.option(
     "--field", metavar="PATH", shell_complete=common.fields, help="Print this field only: pose.position.x, points[2]."
 )
 @click.option("--filter", "only", metavar="CONDITION", help="Print only samples that match: position.x > 1.")
 @click.option("-f", "--full", is_flag=True, help="Print arrays in full, not only the first 32 elements.")
-@options.where
-@common.polite
+@options.source_options
+@common.report_errors
 def echo(
     topic: str,
     once: bool,
@@ -110,38 +112,37 @@ def echo(
     field: str | None,
     only: str | None,
     full: bool,
-    config_file: Path | None,
-    include: tuple[Path, ...],
+    source: options.Source,
 ) -> None:
     """Print the samples of a topic as YAML, JSON or CSV.
 
     The region's header names the type, so nothing needs to be generated. Your own messages are found through -I or
-    shmgen.toml, their bounds there or in generated/layout.lock. Waits for a region that does not exist yet. A
+    shmgen.toml, and their bounds in shmgen.toml or generated/layout.lock. Waits for a region that does not exist yet. A
     sample with a count above its bound is reported instead of printed, and the exit code is then 1.
     """
-    from shmgen.runtime import CountExceeded
+    from shmgen.runtime import CountExceeded, RegionUnusable
     from shmgen.tools.messages import echo as tool
     from shmgen.tools.messages import stream
 
     if as_json and as_csv:
         raise click.UsageError("--json or --csv, not both.")
-    messages = stream.messages(topic, common.registry(config_file, include), timeout, common.note)
+    messages = stream.messages(topic, common.registry(source), timeout, common.note)
     refused = False
-    shown = 0
+    count_printed = 0
     printer = tool.Printer("json" if as_json else "csv" if as_csv else "yaml", field, only, full)
     try:
         for message in messages:
             try:
                 text = printer.text(message)
             except CountExceeded as error:
-                common.complain(f"{topic}: damaged sample: {error}")
+                options.print_diagnostics([common.diagnostic(RegionUnusable(f"{topic}: damaged sample: {error}"))])
                 refused = True
             else:
                 if text is None:
                     continue
                 click.echo(text)
-            shown += 1
-            if shown == (1 if once else count):
+            count_printed += 1
+            if count_printed == (1 if once else count):
                 break
     finally:
         messages.close()
@@ -152,20 +153,13 @@ def echo(
 @common.topic
 @click.argument("type_name", metavar="TYPE", shell_complete=common.types)
 @click.argument("values", default="{}", metavar="[VALUES]")
-@click.option("-r", "--rate", type=click.FloatRange(0.001, 10000), default=1.0, show_default=True, help="In Hz.")
+@click.option("-r", "--rate", type=click.FloatRange(0.001, 10000), default=1.0, show_default=True, help="Rate in Hz.")
 @click.option("--once", is_flag=True, help="Publish one sample, which stays in the region.")
 @common.count
-@options.where
-@common.polite
+@options.source_options
+@common.report_errors
 def pub(
-    topic: str,
-    type_name: str,
-    values: str,
-    rate: float,
-    once: bool,
-    count: int | None,
-    config_file: Path | None,
-    include: tuple[Path, ...],
+    topic: str, type_name: str, values: str, rate: float, once: bool, count: int | None, source: options.Source
 ) -> None:
     """Publish VALUES, in YAML or JSON, on a topic.
 
@@ -178,7 +172,7 @@ def pub(
     from shmgen.tools.messages import pub as tool
 
     data = parse.parse(values)
-    samples = tool.publish(topic, type_name, data, common.registry(config_file, include), rate, 1 if once else count)
+    samples = tool.publish(topic, type_name, data, common.registry(source), rate, 1 if once else count)
     for number, message in enumerate(samples, start=1):
         click.echo(f"publishing #{number}: {message}")
 
@@ -187,31 +181,29 @@ def pub(
 @click.argument("service", shell_complete=common.services)
 @click.argument("type_name", metavar="TYPE", shell_complete=common.types)
 @click.argument("values", default="{}", metavar="[VALUES]")
-@click.option("--timeout", type=click.FloatRange(0), default=5.0, show_default=True, help="Seconds in total.")
-@common.for_machines
-@options.where
-@common.polite
-def call(
-    service: str,
-    type_name: str,
-    values: str,
-    timeout: float,
-    as_json: bool,
-    config_file: Path | None,
-    include: tuple[Path, ...],
-) -> None:
-    """Call a service with VALUES, in YAML or JSON, and print the response.
+@click.option(
+    "--timeout",
+    type=click.FloatRange(0),
+    default=5.0,
+    show_default=True,
+    help="Exit with 1 after this many seconds without a response.",
+)
+@common.json_option
+@options.source_options
+@common.report_errors
+def call(service: str, type_name: str, values: str, timeout: float, as_json: bool, source: options.Source) -> None:
+    """Call a service, and print the response.
 
     \b
     shmgen call /cell/start std_srvs/SetBool '{data: true}'
 
-    Waits for a server that has not started yet. A service has one client at a time, so this fails while the PLC or
-    a bridge is its client.
+    VALUES is the request, in YAML or JSON. Waits for a server that has not started yet. A service has one client at a
+    time, so this fails while the PLC or a bridge is its client.
     """  # noqa: D301 click's own sign
     from shmgen.tools.messages import call as tool
     from shmgen.tools.messages import format, parse
 
-    request, kind = tool.build(service, type_name, parse.parse(values), common.registry(config_file, include))
+    request, kind = tool.build(service, type_name, parse.parse(values), common.registry(source))
     with kind(service) as client:
         if not as_json:
             click.echo(f"requesting: {request}")
@@ -220,38 +212,23 @@ def call(
 
 
 @click.command()
-@common.topic
-@click.option(
-    "-w", "--window", type=click.IntRange(2), default=10_000, show_default=True, help="Window size, in samples."
-)
-@common.count
-@common.timeout
-@common.for_machines
-@common.polite
-def hz(topic: str, window: int, count: int | None, timeout: float | None, as_json: bool) -> None:
-    """Print the rate of a topic and the time between samples, once a second."""
-    from shmgen.tools.watch import reports as tool
-
-    common.show(tool.reports(tool.rate, topic, None, window, timeout, common.note), count, as_json)
-
-
-@click.command()
 @click.option(
     "-d", "--delay", type=click.FloatRange(0.1), default=1.0, show_default=True, help="Seconds between updates."
 )
 @click.option("--once", is_flag=True, help="Print one table.")
 @common.count
-@common.for_machines
-@common.polite
+@common.json_option
+@common.report_errors
 def top(delay: float, once: bool, count: int | None, as_json: bool) -> None:
-    """Show all regions in a live table: writer, rate, age, lock, missed samples.
+    """Show all regions in a live table.
 
-    Keys: q quits, s sorts by the next column, r reverses the order. In a pipe, prints one table after the other.
+    The columns are writer, rate, age, lock and missed samples. Keys: q quits, s sorts by the next column, r reverses
+    the order. In a pipe, prints one table after the other.
     """
     from shmgen.live.regions import unlisted
     from shmgen.tools.messages.format import as_line
+    from shmgen.tools.watch import overview as tool
     from shmgen.tools.watch import screen
-    from shmgen.tools.watch import top as tool
 
     number = 1 if once else count
     if screen.can_draw() and number is None and not as_json:
@@ -259,17 +236,19 @@ def top(delay: float, once: bool, count: int | None, as_json: bool) -> None:
         return
     past: tool.Past = {}
     widths: dict[str, int] = {}
-    if said := unlisted(tool.look(past)):
-        common.note(said)
-    shown = 0
-    while shown != number:
+    if hidden_reason := unlisted(tool.look(past)):
+        common.note(hidden_reason)
+    count_printed = 0
+    while count_printed != number:
         time.sleep(delay)
         rows = tool.ordered(tool.look(past), "topic", reverse=False)
-        shown += 1
+        count_printed += 1
         if as_json:
-            click.echo(as_line([row.plain() for row in rows]))
+            click.echo(as_line([row.plain((*tool.COLUMNS, "size")) for row in rows]))
         else:
-            click.echo("\n".join([*tool.table(rows, widths_before=widths), *([] if shown == number else [""])]))
+            click.echo(
+                "\n".join([*tool.table(rows, "", widths_before=widths), *([] if count_printed == number else [""])])
+            )
 
 
-COMMANDS = (doctor, clean, echo, pub, call, hz, top)
+COMMANDS = (doctor, clean, echo, pub, call, top)

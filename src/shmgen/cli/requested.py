@@ -1,42 +1,50 @@
-"""What the user asks for, now or in a former run; complaints point at where it was written."""
+"""The messages that the user requests, now or in an earlier run.
+
+Diagnostics point to the line of shmgen.toml or layout.lock that requests a message.
+"""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
 from pathlib import Path
 
+from shmgen.cli import check_cache
 from shmgen.config import Config, document
 from shmgen.core.diagnostics import Diagnostic, Rejected, Report, Span
 from shmgen.definitions import Library
-from shmgen.drift import check_cache, lockfile
+from shmgen.drift import lockfile
 from shmgen.generator import pipeline
 
 
 def configured(config: Config) -> list[str]:
-    """What shmgen.toml lists."""
+    """Return the requests of shmgen.toml: its `messages`, and the types of its topics, services and actions."""
     return [*config.messages, *config.types_used]
 
 
-def former(output: Path, kept: bytes | None) -> tuple[lockfile.Lock, dict[str, Span]]:
-    """What a former run left in the folder, messages aside, and where each request stands. Raises Rejected: SHM408.
+def read_lock(output: Path, lock_bytes: bytes | None) -> tuple[lockfile.Lock, dict[str, Span]]:
+    """Parse the layout.lock of an earlier run, without its messages. Return its content, and the place of each request.
 
-    `kept` are the bytes of layout.lock there, None if there is none.
+    `lock_bytes` is the content of layout.lock, or None if the file is missing; the result is then empty. Raises
+    Rejected if the file is damaged (SHM408).
     """
-    if kept is None:
+    if lock_bytes is None:
         return lockfile.Lock(), {}
     file, report = output / lockfile.LOCK, Report()
-    text = kept.decode(errors="replace")
-    lock = lockfile.read_asked(text, str(file), report)
+    text = lock_bytes.decode(errors="replace")
+    lock = lockfile.read_requested(text, str(file), report)
     report.stop_if_any()
     return lock, document.quoted(text, str(file), lock.requested)
 
 
 def texts(
-    config: Config, requests: Iterable[str], formerly: Mapping[str, Span], output: Path, opened: Library | None = None
+    config: Config, requests: Iterable[str], earlier: Mapping[str, Span], output: Path, opened: Library | None = None
 ) -> dict[str, str]:
-    """{path: text} of all targets. What is wrong with a request is told at the place where it was written."""
+    """Generate the requested messages. Return the text of each generated file by path.
+
+    Raises Rejected. Each diagnostic points at the request that caused it, in shmgen.toml or in the layout.lock of an
+    earlier run.
+    """
     requests = dict.fromkeys(requests)
     if not requests:
         hint = 'name one, `shmgen generate geometry_msgs/Pose`, or list them in shmgen.toml: messages = ["..."]'
@@ -44,20 +52,22 @@ def texts(
     try:
         return pipeline.generate(config, requests, opened)
     except Rejected as rejected:
-        found = [_placed(found, config.places, formerly, output) for found in rejected.diagnostics]
-        if {diagnostic.code for diagnostic in found} == {"SHM101"}:
-            found[-1] = replace(found[-1], hint="\n".join([found[-1].hint, *_way_round(config, requests)]))
-        raise Rejected(found) from rejected
+        diagnostics = [_at_request(diagnostic, config.places, earlier, output) for diagnostic in rejected.diagnostics]
+        if {diagnostic.code for diagnostic in diagnostics} == {"SHM101"}:
+            for_all = "one bound for all sequences: default = N under [bounds] in shmgen.toml"
+            hints = [diagnostics[-1].hint, *([for_all] if diagnostics[1:] else []), *_skip_hint(config, requests)]
+            diagnostics[-1] = diagnostics[-1]._replace(hint="\n".join(hints))
+        raise Rejected(diagnostics) from rejected
 
 
 def left_out(config: Config, requests: Iterable[str]) -> list[str]:
-    """What `--skip-unbounded` leaves out, for people."""
-    asked, bounded = pipeline.skippable(config, dict.fromkeys([*requests, *config.types_used]))
-    return sorted(name.short for name in asked.requested - bounded.requested)
+    """Return the sorted names of messages that `--skip-unbounded` leaves out."""
+    requested_schema, bounded = pipeline.skippable(config, dict.fromkeys([*requests, *config.types_used]))
+    return sorted(name.short for name in requested_schema.requested - bounded.requested)
 
 
 def remember(
-    said: str,
+    output: str,
     config: Config,
     requests: Iterable[str],
     config_file: Path | None,
@@ -65,32 +75,35 @@ def remember(
     began: int,
     written: Mapping[str, str] | None = None,
 ) -> None:
-    """That there was nothing to do, for the next such run; `files` are those written, or that would have been.
+    """Store in the cache that this command had nothing to do and printed `output`.
 
-    Definitions given by their paths, or of a sourced ROS, may lie anywhere, so then nothing is remembered.
+    `files` are the paths of the generated files. Nothing is stored if a definition is requested by path or comes from a
+    sourced ROS, because its file may then be anywhere.
     """
     anywhere = config.source == "env" or any(Path(request).suffix for request in requests)
     if not anywhere:
         configurations = [str(config_file)] if config_file else ["shmgen.toml", "pyproject.toml"]
         read = [*configurations, *map(str, config.sources), *files]
-        check_cache.store(sys.argv[1:], said, map(str, config.path), read, began, written)
+        check_cache.store(sys.argv[1:], output, map(str, config.path), read, began, written)
 
 
-def _way_round(config: Config, requests: Iterable[str]) -> Iterator[str]:
-    """Where some of a package that is asked for could be had."""
+def _skip_hint(config: Config, requests: Iterable[str]) -> Iterator[str]:
+    """Yield a hint to use --skip-unbounded, if only some messages of a requested package lack bounds."""
     if all("/" in request or Path(request).suffix for request in requests):
         return
-    asked, bounded = pipeline.skippable(config, dict.fromkeys([*requests, *config.types_used]))
-    if bounded.requested < asked.requested:
-        could = f"{len(bounded.requested)} of {len(asked.requested)} messages asked for need no more bounds"
+    requested_schema, bounded = pipeline.skippable(config, dict.fromkeys([*requests, *config.types_used]))
+    if bounded.requested < requested_schema.requested:
+        could = f"{len(bounded.requested)} of {len(requested_schema.requested)} requested messages need no more bounds"
         yield f"{could}: `shmgen generate` with --skip-unbounded leaves out the others"
 
 
-def _placed(found: Diagnostic, written: Mapping[str, Span], formerly: Mapping[str, Span], output: Path) -> Diagnostic:
-    request = found.span.path
+def _at_request(
+    diagnostic: Diagnostic, written: Mapping[str, Span], earlier: Mapping[str, Span], output: Path
+) -> Diagnostic:
+    request = diagnostic.span.path
     if request in written:
-        return replace(found, span=written[request])
-    if request in formerly:
-        hint = f"a former run was asked for it: say again where it is, or delete {output}/ to start afresh"
-        return replace(found, span=formerly[request], hint=f"{found.hint}\n{hint}")
-    return found
+        return diagnostic._replace(span=written[request])
+    if request in earlier:
+        hint = f"an earlier run requested it: name its folder or file again, or delete {output}/ and generate again"
+        return diagnostic._replace(span=earlier[request], hint=f"{diagnostic.hint}\n{hint}")
+    return diagnostic

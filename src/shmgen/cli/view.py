@@ -5,17 +5,16 @@ from __future__ import annotations
 import shlex
 import socket
 import sys
-from pathlib import Path
 
 import click
 
 from shmgen.cli import common, options
-
-_MISSING = "`shmgen view` needs {name}, which is not installed: `pip install '.[view]'` in a checkout of shmgen"
+from shmgen.core.diagnostics import Diagnostic, Rejected, Span
 
 
 @click.command()
 @click.argument("topic", required=False, shell_complete=common.topics)
+@click.argument("fields", nargs=-1, metavar="[FIELD]...", shell_complete=common.numbers)
 @click.option("-t", "--terminal", is_flag=True, help="Use this terminal (also over ssh) instead of the browser.")
 @click.option(
     "-p",
@@ -27,22 +26,25 @@ _MISSING = "`shmgen view` needs {name}, which is not installed: `pip install '.[
 )
 @click.option("--open", "opens", is_flag=True, help="Open the page in the browser.")
 @click.option("--allow-write", is_flag=True, help="Allow publishing by hand. Off by default: samples move machines.")
-@options.where
-@common.polite
+@options.source_options
+@common.report_errors
 def view(
     topic: str | None,
+    fields: tuple[str, ...],
     terminal: bool,
     port: int,
     opens: bool,
     allow_write: bool,
-    config_file: Path | None,
-    include: tuple[Path, ...],
+    source: options.Source,
 ) -> None:
-    """Show live regions in the browser or terminal: table, fields, plots, memory.
+    """Show live regions in the browser or in the terminal.
 
-    Serves a page on 127.0.0.1 and prints its address; the token in the address is required for access. Needs the
-    extra `view` (`pip install '.[view]'` in a checkout) and no internet.
-    """
+    \b
+    shmgen view --terminal /arm/pose position.x position.y   plot fields
+
+    Shows a table, fields, plots and memory. Serves a page on 127.0.0.1 and prints its address; the token in the
+    address is required for access. Needs the extra `view` (`pip install '.[view]'` in a checkout) and no internet.
+    """  # noqa: D301 click's own sign
     try:
         import textual  # noqa: F401
         import textual_plotext  # noqa: F401
@@ -50,19 +52,22 @@ def view(
         if not terminal:
             from shmgen.view.serve import HOST, Page
     except ImportError as error:
-        raise ValueError(_MISSING.format(name=error.name)) from None
+        hint = "install the extra `view`: `pip install '.[view]'` in a checkout of shmgen"
+        message = f"`shmgen view` needs {error.name}, which is not installed"
+        raise Rejected([Diagnostic("SHM706", message, Span("command line"), hint=hint)]) from None
     if terminal:
-        _in_terminal(topic, allow_write, config_file, include)
+        _in_terminal(topic, fields, allow_write, source)
         return
-    common.registry(config_file, include)  # what is wrong with shmgen.toml is told here
+    common.registry(source)  # reports errors in shmgen.toml before the page starts
     try:
         listening = socket.create_server((HOST, port))
     except OSError as error:
-        raise OSError(f"port {port}: {error.strerror}\n  hint: choose another with --port, or 0") from None
-    words = [sys.executable, "-m", "shmgen", "view", "--terminal", *([topic] if topic else [])]
+        hint = "choose another port with --port; 0 selects a free one"
+        raise Rejected([Diagnostic("SHM702", str(error.strerror), Span(f"port {port}"), hint=hint)]) from None
+    words = [sys.executable, "-m", "shmgen", "view", "--terminal", *([topic] if topic else []), *fields]
     words += ["--allow-write"] if allow_write else []
-    words += ["-c", str(config_file)] if config_file else []
-    words += [word for folder in include for word in ("-I", str(folder))]
+    words += ["-c", str(source.file)] if source.file else []
+    words += [word for folder in source.include for word in ("-I", str(folder))]
 
     page = Page(shlex.join(words), listening, click.echo)
     click.echo(f"{page.address}\nCtrl-C ends it")
@@ -71,15 +76,16 @@ def view(
     page.serve()
 
 
-def _in_terminal(topic: str | None, allow_write: bool, config_file: Path | None, include: tuple[Path, ...]) -> None:
+def _in_terminal(topic: str | None, fields: tuple[str, ...], allow_write: bool, source: options.Source) -> None:
     import os
 
     from shmgen.view.app import Viewer
 
     driven = bool(os.environ.get("TEXTUAL_DRIVER"))
     if not driven and not (sys.stdin.isatty() and common.can_overwrite(sys.stdout)):
-        raise ValueError("there is no terminal to draw on; `shmgen topics` and `shmgen echo` print lines")
-    Viewer(common.registry(config_file, include), allow_write=allow_write, topic=topic).run()
+        hint = "run it in a terminal; `shmgen topics` and `shmgen echo` print lines"
+        raise Rejected([Diagnostic("SHM702", "no terminal to draw on", Span("standard output"), hint=hint)])
+    Viewer(common.registry(source), allow_write=allow_write, topic=topic, fields=fields).run()
 
 
 COMMANDS = (view,)

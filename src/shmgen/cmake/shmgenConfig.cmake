@@ -15,6 +15,11 @@
 # <target> is an INTERFACE library: linked, it gives the headers of OUTPUT/c, cpp, cpp_ros1 and cpp_ros2, and what they
 # need of the system. Python is in OUTPUT/python. All is written anew when shmgen.toml, a definition that was read or its
 # package.xml has changed, wherever it lies, and when there is one more below the INCLUDE folders or that of shmgen.toml.
+#
+#   shmgen_library(<target> [INSTALL])
+#
+# after shmgen_generate(<target>) builds the functions of its C headers as libshmgen.so and libshmgen.a, the targets
+# shmgen_shared and shmgen_static, for programs in other languages, and installs them with shmgen.pc for pkg-config.
 cmake_minimum_required(VERSION 3.20)
 
 find_program(SHMGEN_EXECUTABLE shmgen HINTS "${CMAKE_CURRENT_LIST_DIR}/../../../bin")
@@ -88,6 +93,7 @@ function(shmgen_generate target)
     VERBATIM)
   add_custom_target(${target}_files ALL DEPENDS "${stamp}")
   add_library(${target} INTERFACE)
+  set_target_properties(${target} PROPERTIES SHMGEN_HEADERS "${ARG_OUTPUT}/c" SHMGEN_INSTALLED "${ARG_HEADERS}")
   add_dependencies(${target} ${target}_files)
   target_include_directories(${target} SYSTEM INTERFACE
     "$<BUILD_INTERFACE:${headers}>" "$<INSTALL_INTERFACE:${ARG_HEADERS}>")
@@ -101,5 +107,33 @@ function(shmgen_generate target)
     install(DIRECTORY "${ARG_OUTPUT}/python" "${ARG_OUTPUT}/st" "${ARG_OUTPUT}/plcopen"
       DESTINATION "share/${PROJECT_NAME}/shmgen" OPTIONAL PATTERN __pycache__ EXCLUDE)
     install(FILES "${ARG_OUTPUT}/layout.lock" DESTINATION "share/${PROJECT_NAME}/shmgen")
+  endif()
+endfunction()
+
+function(shmgen_library target)
+  cmake_parse_arguments(PARSE_ARGV 1 ARG "INSTALL" "" "")
+  get_target_property(headers ${target} SHMGEN_HEADERS)
+  get_target_property(installed ${target} SHMGEN_INSTALLED)
+  file(GLOB source "${headers}/*/shmgen_library.c")
+  if(NOT source)
+    message(FATAL_ERROR "shmgen_library(${target}): it has no C headers; add c to the TARGETS of shmgen_generate(${target})")
+  endif()
+  string(REGEX REPLACE "c$" "map" map "${source}")
+  foreach(kind IN ITEMS SHARED STATIC)
+    string(TOLOWER "shmgen_${kind}" library)
+    add_library(${library} ${kind} "${source}")
+    add_dependencies(${library} ${target}_files)
+    target_link_libraries(${library} PUBLIC pthread rt)
+    set_target_properties(${library} PROPERTIES OUTPUT_NAME shmgen C_STANDARD 11 POSITION_INDEPENDENT_CODE ON SOVERSION 2)
+  endforeach()
+  target_link_options(shmgen_shared PRIVATE "LINKER:--version-script=${map}")
+  include(GNUInstallDirs)
+  file(WRITE "${CMAKE_CURRENT_BINARY_DIR}/shmgen.pc"
+    "libdir=${CMAKE_INSTALL_FULL_LIBDIR}\n\n"
+    "Name: shmgen\nDescription: ROS messages in shared memory, between a robot and a soft PLC\nVersion: 2\n"
+    "Cflags: -I${CMAKE_INSTALL_PREFIX}/${installed}\nLibs: -L\${libdir} -lshmgen\nLibs.private: -lpthread -lrt\n")
+  if(ARG_INSTALL)
+    install(TARGETS shmgen_shared shmgen_static DESTINATION "${CMAKE_INSTALL_LIBDIR}")
+    install(FILES "${CMAKE_CURRENT_BINARY_DIR}/shmgen.pc" DESTINATION "${CMAKE_INSTALL_LIBDIR}/pkgconfig")
   endif()
 endfunction()

@@ -1,4 +1,4 @@
-"""shmgen.toml, read into a Config that knows where each word of it is written."""
+"""The configuration: shmgen.toml, read into a Config that knows the line of each entry."""
 
 from shmgen.config.file import Config, find, load
 

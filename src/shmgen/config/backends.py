@@ -1,4 +1,4 @@
-"""The backends of the bridge: one entry is all that shmgen knows of one."""
+"""A table of the bridge's backends: the Python package that each needs, and how to install that package."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 
 class Backend(NamedTuple):
-    """A backend of the bridge, the package `shmgen.bridge.<key>`.
+    """A backend of the bridge, implemented in the package `shmgen.bridge.<key>`.
 
-    `imports` is what it is made of, `install` what to type where that is missing, and `ros_version` what ROS_VERSION
-    is where the setup of its ROS was sourced.
+    `imports` is the Python package that the backend needs, and `install` the command that installs it. `ros_version` is
+    the value of ROS_VERSION after the setup of the backend's ROS was sourced, or `""` if the backend needs no ROS.
     """
 
     key: str
@@ -21,7 +21,7 @@ class Backend(NamedTuple):
 BACKENDS = (
     Backend("ros2", "rclpy", "`source /opt/ros/jazzy/setup.bash`, in the Python that ROS was built for", "2"),
     Backend("dds", "cyclonedds", "`pip install cyclonedds`"),
-    Backend("zenoh", "zenoh", "`pip install eclipse-zenoh`"),
+    Backend("zenoh", "zenoh", "`pip install eclipse-zenoh xxhash`"),
     Backend("ros1", "rospy", "`apt-get install python3-rospy`, or `source /opt/ros/noetic/setup.bash`", "1"),
 )
-"""In the order in which `auto` looks for them."""
+"""All backends, in the order in which the value `auto` tries them."""

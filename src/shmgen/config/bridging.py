@@ -1,19 +1,22 @@
-"""What shmgen.toml says to the bridge, in `[bridge]` and for each topic."""
+"""The settings of the bridge in shmgen.toml: `[bridge]`, and the keys of each topic that concern the bridge."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, Literal
 
 from shmgen.config.document import Reader
-from shmgen.core.fast_dataclass import dataclass
 
 
 @dataclass(frozen=True, slots=True)
-class Carrying:
-    """How the bridge carries a topic. `rate` is in Hz, None = as it comes; `stale` in seconds, None = never."""
+class TransferOptions:
+    """The settings with which the bridge transfers a topic.
+
+    `rate` is in Hz, and None means no limit. `stale` is in seconds, and None means that data never becomes stale.
+    """
 
     rate: float | None = None
-    qos: Literal["reliable", "best_effort"] = "reliable"
+    qos: Literal["auto", "reliable", "best_effort"] = "auto"
     latch: bool = False
     stamp: Literal["now", "keep"] = "now"
     overflow: Literal["reject", "truncate"] = "reject"
@@ -23,7 +26,11 @@ class Carrying:
 
 @dataclass(frozen=True, slots=True)
 class Bridge:
-    """`[bridge]`. `diagnostics` is in seconds, 0 = none; `domain` is DDS's, None = ROS_DOMAIN_ID."""
+    """The table `[bridge]` of shmgen.toml.
+
+    `diagnostics` is the seconds between two messages on /diagnostics, or 0 for no messages. `domain` is the DDS domain.
+    None selects the domain in ROS_DOMAIN_ID.
+    """
 
     backend: str = "auto"
     node: str = "shmgen_bridge"
@@ -31,9 +38,9 @@ class Bridge:
     domain: int | None = None
 
 
-def carrying(read: Reader, section: str, entry: dict[str, Any], values: dict[str, Any]) -> Carrying:
-    """Of one `[[topics]]` entry. Reports SHM502."""
+def transfer_options(read: Reader, section: str, entry: dict[str, Any], values: dict[str, Any]) -> TransferOptions:
+    """Return the bridge's settings of one `[[topics]]` entry. Reports SHM502 if the direction excludes a setting."""
     for key, towards in (("stamp", "from_plc"), ("overflow", "to_plc"), ("other_definition", "to_plc")):
         if key in entry and values["direction"] != towards:
-            read.wrong(section, key, f'{key} is of topics with direction = "{towards}"')
-    return Carrying(**{name: values[name] for name in Carrying.__match_args__})
+            read.wrong(section, key, f'{key} is valid only with direction = "{towards}"')
+    return TransferOptions(**{name: values[name] for name in TransferOptions.__match_args__})

@@ -1,37 +1,34 @@
-"""Reads bounds, `[[topics]]`, `[[services]]` and `[[actions]]` of shmgen.toml; a mistake has its line."""
+"""Read `[[topics]]`, `[[services]]` and `[[actions]]` of shmgen.toml, and report errors with their lines."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from shmgen.config import bridging
-from shmgen.config.bridging import Carrying
+from shmgen.config.bridging import TransferOptions
 from shmgen.config.document import Reader
 from shmgen.core import abi
 from shmgen.core.diagnostics import Span
-from shmgen.core.fast_dataclass import dataclass
 
 DEFAULT_STRING = 80
-"""CODESYS's own default, STRING = STRING(80)."""
+"""The default bound of a string. It is the same as in CODESYS, where STRING means STRING(80)."""
 
 
-@dataclass(frozen=True, slots=True)
-class Bound:
-    """One line of `[bounds]` or `[strings]`: the number, and where it was written."""
+class Bound(NamedTuple):
+    """One line of `[bounds]` or `[strings]`: the number, and its place in shmgen.toml for diagnostics."""
 
     value: int
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
-class Bounds:
-    """`[strings]` and `[bounds]` of shmgen.toml.
+class Bounds(NamedTuple):
+    """The bounds of strings and sequences, from `[strings]` and `[bounds]` of shmgen.toml.
 
-    Keys are `package/Message.field`, `package/Message` or `package`; the most specific wins, and a bound in
-    the definition wins over all of them.
+    Keys are `package/Message.field`, `package/Message` or `package`. The most specific key wins. A bound in the
+    definition wins over all keys.
     """
 
     strings: Mapping[str, Bound]
@@ -42,19 +39,18 @@ class Bounds:
 
 @dataclass(frozen=True, slots=True)
 class TopicEntry:
-    """One `[[topics]]` entry: `depth` is how many samples a slow reader can still fetch, `carried` the rest."""
+    """One `[[topics]]` entry: `depth` counts the samples that a slow reader can still fetch."""
 
     topic: str
     type: str
     direction: str
     depth: int
     span: Span
-    carried: Carrying = field(default_factory=Carrying)
+    carried: TransferOptions = field(default_factory=TransferOptions)
 
 
-@dataclass(frozen=True, slots=True)
-class ServiceEntry:
-    """One `[[services]]` entry: `server` is `plc` or `ros`, `timeout` what the bridge waits for the PLC, in seconds."""
+class ServiceEntry(NamedTuple):
+    """One `[[services]]` entry. `server` is `plc` or `ros`. The bridge waits `timeout` seconds for the PLC."""
 
     service: str
     type: str
@@ -63,9 +59,8 @@ class ServiceEntry:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
-class ActionEntry:
-    """One `[[actions]]` entry: as a service; `timeout` is for a word on whether a goal is accepted."""
+class ActionEntry(NamedTuple):
+    """One `[[actions]]` entry. `server` is `plc` or `ros`. The bridge waits `timeout` seconds for a goal's answer."""
 
     action: str
     type: str
@@ -75,7 +70,7 @@ class ActionEntry:
 
 
 def topics(read: Reader, data: dict[str, Any]) -> tuple[TopicEntry, ...]:
-    """Reports SHM501, SHM502; so do the others."""
+    """Read all [[topics]]. Reports invalid entries as SHM501 or SHM502."""
     return tuple(_topic(read, entry) for entry in _entries(read, data, "topics", abi.MAX_NAME))
 
 
@@ -94,7 +89,10 @@ def actions(read: Reader, data: dict[str, Any]) -> tuple[ActionEntry, ...]:
 
 
 class _Entry(NamedTuple):
-    """`section` is what the reader calls the table, `topics.0`."""
+    """One checked table of [[topics]], [[services]] or [[actions]].
+
+    `section` is the name of the table for the Reader, such as `topics.0`.
+    """
 
     section: str
     table: dict[str, Any]
@@ -108,11 +106,14 @@ _MESSAGE = re.compile(r"[A-Za-z]\w*/((msg|srv|action)/)?[A-Za-z]\w*", re.ASCII)
 
 
 def _entries(read: Reader, data: dict[str, Any], list_name: str, longest: int) -> Iterator[_Entry]:
-    """The tables of one list, the name and the type of each looked at."""
+    """Check the names and types in the list `list_name`, such as `topics`, and yield one _Entry for each table.
+
+    A name may have at most `longest` characters.
+    """
     kind = list_name.removesuffix("s")
     tables = data.get(list_name, [])
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
-        read.wrong("", list_name, f"{list_name} is a list of tables: write [[{list_name}]]")
+        read.wrong("", list_name, f"{list_name} must be a list of tables: write [[{list_name}]]")
         return
     seen: set[str] = set()
     for index, table in enumerate(tables):
@@ -120,13 +121,17 @@ def _entries(read: Reader, data: dict[str, Any], list_name: str, longest: int) -
         values = read.values(section, table)
         for key in (kind, "type"):
             if key not in table:
-                read.report.error("SHM502", f'a [[{list_name}]] entry needs {key} = "..."', read.span(section, ""))
+                read.report.error(
+                    "SHM502",
+                    f'{key} is missing: add {key} = "..." to this [[{list_name}]] entry',
+                    read.span(section, ""),
+                )
         name, type = str(table.get(kind)), str(table.get("type"))
         if isinstance(table.get(kind), str) and (why := _not_a_name(name, longest)):
             read.wrong(section, kind, f"{kind} {name} {why}")
         if isinstance(table.get("type"), str) and not _MESSAGE.fullmatch(type):
-            what = "message" if kind == "topic" else kind
-            read.wrong(section, "type", f"type {type} names no {what}: write package/Name")
+            what = {"topic": "a message", "service": "a service"}.get(kind, "an action")
+            read.wrong(section, "type", f"type {type} is not {what}: write package/Name")
         span = read.span(section, kind)
         yield _Entry(section, table, values, name, type, span)
         if name.removeprefix("/") in seen:
@@ -136,21 +141,21 @@ def _entries(read: Reader, data: dict[str, Any], list_name: str, longest: int) -
 
 
 def _topic(read: Reader, entry: _Entry) -> TopicEntry:
-    carried = bridging.carrying(read, entry.section, entry.table, entry.values)
+    carried = bridging.transfer_options(read, entry.section, entry.table, entry.values)
     return TopicEntry(entry.name, entry.type, entry.values["direction"], entry.values["depth"], entry.span, carried)
 
 
 def _not_a_name(name: str, longest: int) -> str:
-    """Why a PLC cannot have it, or nothing."""
+    """Return why a region cannot have the name, or ""."""
     bare = name.removeprefix("/")
     if not re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", bare, re.ASCII):
-        return "needs letters, digits and _ between single slashes, no digit first"
+        return "must have letters, digits and _ between single slashes, and no part that begins with a digit"
     if len(bare) > longest:
-        return f"has {len(bare)} characters, more than the {longest} of a STRING(80) and its suffix"
-    if bare.upper() in _TAKEN:
-        return f"is a name that CODESYS keeps in /dev/shm for itself ({bare}*)"
-    return "begins with sem/, where Linux keeps the semaphores" if bare.startswith("sem/") else ""
+        return f"has {len(bare)} characters, more than {longest}, the limit for a STRING(80) with suffix"
+    if bare.upper() in _RESERVED:
+        return f"is reserved, because CODESYS uses it in /dev/shm ({bare}*)"
+    return "begins with sem/, the prefix of Linux for semaphores" if bare.startswith("sem/") else ""
 
 
-_TAKEN = ("CME", "GWDRVSHAREDMEMSHM", "RETAINMEMORY")
-"""As runtime/region/names.py has them."""
+_RESERVED = ("CME", "GWDRVSHAREDMEMSHM", "RETAINMEMORY")
+"""Prefixes that CODESYS uses; the same as in runtime/region/names.py."""

@@ -1,10 +1,12 @@
-"""Reads shmgen.toml (or `[tool.shmgen]` in pyproject.toml) into a Config; whatever is wrong has its line."""
+"""Read shmgen.toml, or `[tool.shmgen]` in pyproject.toml, into a Config. Errors give the line in the file."""
 
 from __future__ import annotations
 
 import re
+import stat
 from collections.abc import Mapping
-from dataclasses import field, replace
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +14,8 @@ from shmgen.config import document, entries
 from shmgen.config.bridging import Bridge
 from shmgen.config.document import Reader
 from shmgen.config.entries import ActionEntry, Bound, Bounds, ServiceEntry, TopicEntry
-from shmgen.config.keys import BOUND_KEY, LISTS, MAX_REGION, SECTIONS, of
+from shmgen.config.keys import BOUND_KEY, LISTS, MAX_REGION, SECTIONS, keys_of
 from shmgen.core.diagnostics import Report, Span, closest
-from shmgen.core.fast_dataclass import dataclass
 from shmgen.core.model import Regions, TypeOptions
 from shmgen.targets import USUAL
 
@@ -23,12 +24,13 @@ FILE_NAME = "shmgen.toml"
 
 @dataclass(frozen=True, slots=True)
 class Config:
-    """The user's words; `root` is the folder that relative paths start from.
+    """The configuration of a run: the content of shmgen.toml, and two settings of the command line.
 
-    `document` is what was read. `places` says where each of `messages`, `path` and `types_used` is written.
-    `sources` are the user's own files of Structured Text.
-    Two are said on the command line only: with `skip_unbounded` messages without a bound are left out, and `linked` is
-    what other runs have written, each file with its SHA-256, and the messages that they were asked for.
+    Relative paths start from the folder `root`. `document` is the parsed file. `places` contains the place in
+    shmgen.toml of each message, search folder and type that the file names. `sources` are the user's own files of
+    Structured Text. `skip_unbounded` is true if the command line leaves out messages without a bound. `linked`
+    describes the output of other runs that the command line gives with --link. Its keys are the paths of the generated
+    files, with their SHA-256, and the names of the requested messages, with `""`.
     """
 
     root: Path
@@ -63,19 +65,35 @@ class Config:
 
 
 def find(start: Path) -> Path | None:
-    """The configuration file in force in folder `start`, if there is one."""
-    if (start / FILE_NAME).is_file():
+    """Return the configuration file in the folder `start`, or None. shmgen.toml precedes pyproject.toml.
+
+    Raises PermissionError if the folder or a file is not accessible.
+    """
+    if _is_file(start / FILE_NAME):
         return start / FILE_NAME
     project = start / "pyproject.toml"
-    if project.is_file() and b"[tool.shmgen" in project.read_bytes():
+    if _is_file(project) and b"[tool.shmgen" in project.read_bytes():
         return project
     return None
 
 
-def load(path: Path, shown: str, report: Report) -> Config:
-    """Reads `path`, called `shown` in diagnostics. Raises Rejected: SHM001, 002, 501, 502, 503."""
+def _is_file(path: Path) -> bool:
+    """Return True if a file exists. Raises PermissionError if the folder is not accessible.
+
+    Path.is_file() of Python 3.14 would return False for such a folder.
+    """
+    with suppress(FileNotFoundError, NotADirectoryError):
+        return stat.S_ISREG(path.stat().st_mode)
+    return False
+
+
+def load(path: Path, shown_path: str, report: Report) -> Config:
+    """Read the configuration file `path`. Diagnostics show the path as `shown_path`.
+
+    Raises Rejected: SHM001, SHM002, SHM501, SHM502, SHM503.
+    """
     prefix = "tool.shmgen" if path.name == "pyproject.toml" else ""
-    data, reader = document.read(path, shown, prefix, report)
+    data, reader = document.read(path, shown_path, prefix, report)
     config = _Sections(reader).config(data, path.parent)
     report.stop_if_any()
     return replace(config, places=reader.quoted({*config.messages, *config.types_used, *data.get("path", ())}))
@@ -83,15 +101,15 @@ def load(path: Path, shown: str, report: Report) -> Config:
 
 @dataclass(frozen=True, slots=True)
 class _Sections:
-    """What each section of the file may say."""
+    """Builds a Config from the sections of the file."""
 
     read: Reader
 
     def config(self, data: dict[str, Any], root: Path) -> Config:
         top = self.read.values("", data)
         tables = {name: self.read.table(data, name) for name in SECTIONS if name not in LISTS}
-        said = {name: self.read.values(name, table) for name, table in tables.items()}
-        strings, regions = said["strings"], said["regions"]
+        values = {name: self.read.values(name, table) for name, table in tables.items()}
+        strings, regions = values["strings"], values["regions"]
         mode = regions["mode"]
         return Config(
             **top
@@ -101,34 +119,34 @@ class _Sections:
                 "path": tuple(root / folder for folder in top["path"]),
             },
             document=data,
-            types=TypeOptions(**said["types"], encoding=strings["encoding"], overflow=strings["overflow"]),
+            types=TypeOptions(**values["types"], encoding=strings["encoding"], overflow=strings["overflow"]),
             bounds=Bounds(
                 strings=self.bound_table("strings", tables["strings"]),
                 sequences=self.bound_table("bounds", tables["bounds"]),
                 default_string=strings["default"],
-                default_sequence=said["bounds"]["default"],
+                default_sequence=values["bounds"]["default"],
             ),
             topics=entries.topics(self.read, data),
             services=entries.services(self.read, data),
             actions=entries.actions(self.read, data),
             regions=Regions(int(mode, 8) if mode else None, regions["group"], regions["sync"]),
-            bridge=Bridge(**said["bridge"]),
-            sources=tuple(root / file for file in said["plc"]["sources"]),
+            bridge=Bridge(**values["bridge"]),
+            sources=tuple(root / file for file in values["plc"]["sources"]),
         )
 
     def bound_table(self, section: str, data: dict[str, Any]) -> dict[str, Bound]:
-        options, table = tuple(key.name for key in of(section)), dict[str, Bound]()
+        options, table = tuple(key.name for key in keys_of(section)), dict[str, Bound]()
         for key in data:
             if key in options:
                 continue
             close = closest(key, options, 0.8)
             if isinstance(data[key], dict | list):
-                hint = 'a key with a slash or a dot stands in quotes: "package/Message.field" = 8'
+                hint = 'put a key with a slash or a dot in quotes: "package/Message.field" = 8'
                 if isinstance(data[key], list):
-                    hint = f"a key of the whole file stands above the first table: put it above [{section}]"
-                self.read.wrong(section, key, f"{key} is a number here", hint)
+                    hint = f"put a key of the whole file above the first table: move it above [{section}]"
+                self.read.wrong(section, key, f"{key} must be a number", hint)
             elif close or not re.fullmatch(BOUND_KEY, key):
-                hint = 'a key here is "package/Message.field", "package/Message" or "package"'
+                hint = 'write "package/Message.field", "package/Message" or "package"'
                 hint += f", or one of {', '.join(options)}"
                 hint = f"did you mean {close}?" if close else hint
                 self.read.report.error(

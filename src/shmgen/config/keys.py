@@ -1,4 +1,7 @@
-"""Every key of shmgen.toml, once: the parser accepts it, `shmgen schema` prints it, docs/configuration.md lists it."""
+"""Define every key of shmgen.toml in one table.
+
+The parser accepts these keys, `shmgen schema` prints them, and docs/configuration.md lists them.
+"""
 
 from __future__ import annotations
 
@@ -13,24 +16,27 @@ from shmgen.targets import USUAL
 SOURCES = ("jazzy", "humble", "noetic", "kilted", "lyrical", "iron", "galactic", "foxy", "eloquent", "dashing", "env")
 BACKENDS = ("auto", *(backend.key for backend in backends.BACKENDS))
 MAX_REGION = 32 * 2**20
-"""Bytes; more than any sane topic, less than what a forgotten bound makes."""
+"""The default of the largest region in bytes: larger than any useful topic, but reached if a bound is far too large."""
 MAX_NUMBER = 2**31 - 1
 MAX_SECONDS = 86_400.0
 MAX_DOMAIN = 232
 """The highest DDS domain whose ports are below 65536 (RTPS, 9.6.2.3)."""
 BOUND_KEY = r"[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*(\.[A-Za-z][A-Za-z0-9_]*)?)?"
-# Patterns are compiled where such a key is, and read by editors as ECMA 262 too.
+# The patterns are also part of the JSON schema, so they must be valid in ECMA 262.
 _PACKAGE = rf"(?!({'|'.join(keyword.kwlist)}|shmgen)$)[A-Za-z_][A-Za-z0-9_]*"  # shmgen: generated code imports that one
 _DISTRIBUTION = r"([A-Za-z0-9]([A-Za-z0-9._-]*[A-Za-z0-9])? [0-9]+(\.[0-9]+)*((a|b|rc|\.post|\.dev)[0-9]+)?)?"
-"""Names of PEP 508 and the common versions of PEP 440."""
+"""A name and a version of a Python package, as PEP 508 and PEP 440 define them."""
 _MODE = r"0?6[06][06]"
-"""Who may read a region and not write it cannot enter its lock."""
-_GROUP_HINT = "whoever opens a region needs to read and write it: 0660 is for owner and group, 0666 for all"
-_REP_144 = "is made of small letters, digits and single _, a letter first, two characters at least (REP 144)"
+"""The modes of a region's files. Each user who may read may also write, because a reader must acquire the lock."""
+_GROUP_HINT = 'use "0660" for owner and group, or "0666" for all: each process must read and write'
+_REP_144 = "must have at least two lower-case letters, digits or single _, with a letter first (REP 144)"
 
 
 class Key(NamedTuple):
-    """`default` None: there is none, and leaving the key out means something else. `rule` is what an error says."""
+    """A key of shmgen.toml. If `default` is None, a missing key has no value.
+
+    An error message consists of the key's name and `rule`, such as "must be a string".
+    """
 
     section: str
     name: str
@@ -42,13 +48,13 @@ class Key(NamedTuple):
     most: float = MAX_NUMBER
     unit: str = ""
     pattern: str = ""
-    rule: str = "is a string"
+    rule: str = "must be a string"
     hint: str = ""
     required: bool = False
 
 
 SECTIONS = {
-    "types": "How types of ROS appear in IEC 61131-3.",
+    "types": "IEC 61131-3 types of ROS types.",
     "strings": "Capacity of strings without a bound in their definition; the most specific key wins.",
     "bounds": "Elements of sequences without a bound in their definition; the most specific key wins.",
     "topics": "One topic: a region, and a block that the PLC program calls.",
@@ -56,12 +62,12 @@ SECTIONS = {
     "actions": "One action.",
     "regions": "Permissions and access of regions.",
     "bridge": "How `shmgen bridge` runs.",
-    "plc": "Of a PLC program of your own.",
+    "plc": "Your own PLC program.",
 }
 LISTS = ("topics", "services", "actions")
-"""Sections of which there are any number: `[[topics]]`."""
-OPEN = ("strings", "bounds")
-"""Sections whose other keys are `package`, `package/Message` or `package/Message.field`."""
+"""Sections that may occur several times, such as `[[topics]]`."""
+FREE_SECTIONS = ("strings", "bounds")
+"""Sections in which the user chooses keys: `package`, `package/Message` or `package/Message.field`."""
 
 
 def _choice(section: str, name: str, choices: tuple[str, ...], meaning: str) -> Key:
@@ -71,67 +77,72 @@ def _choice(section: str, name: str, choices: tuple[str, ...], meaning: str) -> 
 def _call(section: str, name: str, timeout: str) -> tuple[Key, ...]:
     return (
         Key(section, name, "string", "", f"Name of the {name}.", required=True),
-        Key(section, "type", "string", "", "Its type, `package/Name`.", required=True),
-        _choice(section, "server", ("plc", "ros"), "Which side is the server."),
+        Key(section, "type", "string", "", f"Type of the {name}, `package/Name`.", required=True),
+        _choice(section, "server", ("plc", "ros"), "Side that is the server."),
         Key(section, "timeout", "number", 1.0, timeout, least=0.001, most=MAX_SECONDS, unit="seconds"),
     )
 
 
 KEYS = (
-    Key("", "messages", "strings", (), "What `shmgen generate` writes; a package means all of it."),
-    _choice("", "source", SOURCES, "Built-in definitions, or `env`: the sourced ROS."),
-    Key("", "path", "strings", (), "Folders with message packages of your own; they come first."),
-    Key("", "targets", "strings", USUAL, "What to generate.", TARGETS),
+    Key("", "messages", "strings", (), "Messages to generate; a package name selects all of its messages."),
+    _choice("", "source", SOURCES, "Built-in definitions of this distribution; `env` selects the sourced ROS."),
+    Key("", "path", "strings", (), "Folders with your own message packages, searched first."),
+    Key("", "targets", "strings", USUAL, "Targets to generate.", TARGETS),
     Key("", "package", "string", "shm_msgs", "Name of the Python package and of the C folder.", pattern=_PACKAGE,
-        rule='names the Python package to make, such as "shm_msgs"'),
-    Key("", "distribution", "string", "", "Name and version for pip: generated/python gets a pyproject.toml.",
-        pattern=_DISTRIBUTION, rule='is a name and a version, such as "robot-shm 1.2.0"'),
+        rule='must be a valid name of a Python package, such as "shm_msgs"'),
+    Key("", "distribution", "string", "", "Name and version for pip, written to generated/python/pyproject.toml.",
+        pattern=_DISTRIBUTION, rule='must be a name and a version, such as "robot-shm 1.2.0"'),
     _choice("", "runtime", ("installed", "beside"),
-            "`beside` puts shmgen.runtime into the Python package: a robot needs only posix_ipc."),
-    Key("", "max_region", "integer", MAX_REGION, "Bytes; a message whose region needs more is refused."),
+            "`beside` copies shmgen.runtime into the Python package, so that a robot needs only posix_ipc."),
+    Key("", "max_region", "integer", MAX_REGION, "Largest size of a region in bytes; larger messages are refused."),
     Key("", "task_interval", "integer", 10, "Milliseconds between two calls of the generated program PRG_Ros."),
-    Key("", "ros_package", "string", "", "Name of the generated ROS package; empty: `package` and `_bridge`.",
+    Key("", "ros_package", "string", "", "Name of the generated ROS package; if empty, `package` plus `_bridge`.",
         pattern="([a-z](_?[a-z0-9])+_?)?", rule=_REP_144),
     _choice("types", "bool", ("USINT", "BOOL"), "IEC type of a bool."),
     _choice("types", "time", ("TIME", "LTIME", "struct"), "IEC type of a time or duration."),
-    _choice("types", "names", ("plc", "ros"), "Names in Structured Text of what `shmgen import` made."),
-    Key("strings", "default", "integer", 80, "Capacity where nothing more specific is said, as CODESYS has it."),
+    _choice("types", "names", ("plc", "ros"), "Whether messages from `shmgen import` have PLC or ROS names."),
+    Key("strings", "default", "integer", 80,
+        "Capacity in bytes of strings without a bound; 80 is the default of CODESYS."),
     _choice("strings", "encoding", ("utf-8", "latin-1"), "Encoding of strings in a region."),
-    _choice("strings", "overflow", ("error", "truncate"), "What Python does with a string that is too long."),
-    Key("bounds", "default", "integer", None, "Elements of every sequence without a bound; left out: an error."),
+    _choice("strings", "overflow", ("error", "truncate"),
+            "Whether Python and C++ reject or cut a string that is too long."),
+    Key("bounds", "default", "integer", None,
+        "Elements of sequences without a bound; without this key, such a sequence is an error."),
     Key("topics", "topic", "string", "", "Name of the topic.", required=True),
-    Key("topics", "type", "string", "", "Its type, `package/Name`.", required=True),
-    _choice("topics", "direction", ("to_plc", "from_plc"), "Who reads: the PLC, or ROS."),
-    Key("topics", "depth", "integer", 1, "Samples that a slow reader can still fetch; the same on both sides.",
+    Key("topics", "type", "string", "", "Type of the topic, `package/Name`.", required=True),
+    _choice("topics", "direction", ("to_plc", "from_plc"), "Direction of messages: ROS to PLC, or PLC to ROS."),
+    Key("topics", "depth", "integer", 1, "Number of samples kept for a slow reader; equal on both sides.",
         most=abi.MAX_DEPTH),
-    Key("topics", "rate", "number", None, "The bridge carries at most so many a second.", least=0.001, most=10_000.0,
-        unit="Hz"),
-    _choice("topics", "qos", ("reliable", "best_effort"), "Reliability of the bridge's end in ROS."),
-    Key("topics", "latch", "boolean", False, "Late subscribers in ROS get the last message."),
-    _choice("topics", "stamp", ("now", "keep"), "Of from_plc: whether the bridge sets the time of a header."),
-    _choice("topics", "overflow", ("reject", "truncate"), "Of to_plc: what the bridge does with what is too long."),
-    Key("topics", "stale", "number", None, "Seconds without a sample before the bridge reports the topic.", least=0.01,
-        most=MAX_SECONDS, unit="seconds"),
+    Key("topics", "rate", "number", None, "Most messages per second that the bridge passes on.", least=0.001,
+        most=10_000.0, unit="Hz"),
+    _choice("topics", "qos", ("auto", "reliable", "best_effort"),
+            "Reliability in ROS; `auto` is reliable, or best effort if a publisher is best effort."),
+    Key("topics", "latch", "boolean", False, "Whether late subscribers in ROS get the newest message."),
+    _choice("topics", "stamp", ("now", "keep"), "`now` replaces a zero stamp of the PLC by the ROS time."),
+    _choice("topics", "overflow", ("reject", "truncate"), "The bridge rejects or cuts a message that is too long."),
+    Key("topics", "stale", "number", None, "Seconds without a sample until the bridge reports the topic as stale.",
+        least=0.01, most=MAX_SECONDS, unit="seconds"),
     _choice("topics", "other_definition", ("refuse", "accept"),
-            "Of to_plc: messages of ROS 2 peers that have another definition of the type."),
-    *_call("services", "service", "Seconds that the bridge waits for the PLC."),
-    *_call("actions", "action", "Seconds that the bridge waits for a reply on whether a goal is accepted."),
-    Key("regions", "mode", "string", None, "Permission bits of the files of a region; left out: 0660.", pattern=_MODE,
-        rule="is 0600, 0660 or the like, in quotes", hint=_GROUP_HINT),
-    Key("regions", "group", "string", "", "Group of these files; empty: that of the process.", pattern=".+",
-        rule='is the name of one, such as "plc"'),
-    _choice("regions", "sync", ("lock", "sequence"), "`sequence`: no lock, for sides of different bitness."),
-    _choice("bridge", "backend", BACKENDS, "The ROS to connect to; `auto`: the first that is there."),
-    Key("bridge", "node", "string", "shmgen_bridge", "Name of the bridge in ROS.", pattern="[A-Za-z_][A-Za-z0-9_]*",
-        rule="is a name of letters, digits and _, no digit first"),
-    Key("bridge", "diagnostics", "number", 1.0, "Seconds between two messages on /diagnostics; 0: none.", least=0,
+            "Whether the bridge refuses or accepts publishers with another definition of the type."),
+    *_call("services", "service", "Seconds that the bridge waits for a response."),
+    *_call("actions", "action", "Seconds that the bridge waits until a goal is accepted."),
+    Key("regions", "mode", "string", None, "Permission bits of the files of a region; 0660 by default.", pattern=_MODE,
+        rule='must be a mode such as "0660", in quotes', hint=_GROUP_HINT),
+    Key("regions", "group", "string", "", "Group of the files of a region; if empty, the group of the process.",
+        pattern=".+", rule='must be the name of a group, such as "plc"'),
+    _choice("regions", "sync", ("lock", "sequence"),
+            "`sequence` uses no lock; required between 32-bit and 64-bit sides."),
+    _choice("bridge", "backend", BACKENDS, "Middleware to connect to; `auto` selects the first that is installed."),
+    Key("bridge", "node", "string", "shmgen_bridge", "Name of the bridge's ROS node.", pattern="[A-Za-z_][A-Za-z0-9_]*",
+        rule="must have letters, digits and _, and no digit first"),
+    Key("bridge", "diagnostics", "number", 1.0, "Seconds between two messages on /diagnostics; 0 sends none.", least=0,
         most=MAX_SECONDS, unit="seconds"),
-    Key("bridge", "domain", "integer", None, "DDS domain; left out: ROS_DOMAIN_ID.", least=0, most=MAX_DOMAIN),
-    Key("plc", "sources", "strings", (), "Structured Text of your own, to stand in what is uploaded to OpenPLC."),
+    Key("bridge", "domain", "integer", None, "DDS domain; ROS_DOMAIN_ID by default.", least=0, most=MAX_DOMAIN),
+    Key("plc", "sources", "strings", (), "Files with your own Structured Text, included in the upload to OpenPLC."),
 )  # fmt: skip
 
 
-def of(section: str) -> tuple[Key, ...]:
+def keys_of(section: str) -> tuple[Key, ...]:
     return tuple(key for key in KEYS if key.section == section)
 
 

@@ -1,4 +1,4 @@
-"""A JSON schema of shmgen.toml for editors, and the table of its keys in docs/configuration.md."""
+"""Describe the keys of shmgen.toml: as a JSON schema for editors, and as a table in docs/configuration.md."""
 
 from __future__ import annotations
 
@@ -6,17 +6,20 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
-from shmgen.config.keys import BOUND_KEY, KEYS, LISTS, MAX_NUMBER, OPEN, SECTIONS, Key, header, of
+from shmgen.config.keys import BOUND_KEY, FREE_SECTIONS, KEYS, LISTS, MAX_NUMBER, SECTIONS, Key, header, keys_of
 
 
 def schema() -> dict[str, Any]:
-    """In draft 7, which SchemaStore asks for. What it refuses the parser refuses too, and not the other way round."""
-    properties = {key.name: _property(key) for key in of("")}
+    """Return a JSON schema of shmgen.toml, draft 7, which SchemaStore requires.
+
+    The schema cannot express all rules: shmgen also rejects some files that match the schema.
+    """
+    properties = {key.name: _property(key) for key in keys_of("")}
     for section, meaning in SECTIONS.items():
-        table = _object({key.name: _property(key) for key in of(section)})
-        table |= {"required": needed} if (needed := [key.name for key in of(section) if key.required]) else {}
-        if section in OPEN:
-            others = f"^(?!({'|'.join(key.name for key in of(section))})$){BOUND_KEY}$"
+        table = _object({key.name: _property(key) for key in keys_of(section)})
+        table |= {"required": needed} if (needed := [key.name for key in keys_of(section) if key.required]) else {}
+        if section in FREE_SECTIONS:
+            others = f"^(?!({'|'.join(key.name for key in keys_of(section))})$){BOUND_KEY}$"
             table["patternProperties"] = {others: {"type": "integer", "minimum": 1, "maximum": MAX_NUMBER}}
         shape = {"type": "array", "items": table} if section in LISTS else table
         properties[section] = {"description": meaning, **shape}
@@ -24,7 +27,7 @@ def schema() -> dict[str, Any]:
 
 
 def table() -> str:
-    """In Markdown."""
+    """Return the table of all keys in Markdown."""
     return "\n".join(("| key | type | default | meaning |", "|---|---|---|---|", *_rows()))
 
 
@@ -33,9 +36,9 @@ def _rows() -> Iterator[str]:
         name = f"`{header(key.section)}` `{key.name}`" if key.section else f"`{key.name}`"
         default = "required" if key.required else "" if key.default is None else f"`{json.dumps(key.default)}`"
         yield f"| {name} | {_type(key)} | {default} | {key.meaning} |"
-        if key.section in OPEN and key == of(key.section)[-1]:
+        if key.section in FREE_SECTIONS and key == keys_of(key.section)[-1]:
             name = f'`{header(key.section)}` `"package/Message.field"`'
-            yield f"| {name} | 1 to {MAX_NUMBER} | | The same for one field, message or package. |"
+            yield f"| {name} | 1 to {MAX_NUMBER} | | Replaces `default` for one field, message or package. |"
 
 
 def _type(key: Key) -> str:
@@ -52,15 +55,15 @@ def _object(properties: dict[str, Any]) -> dict[str, Any]:
 
 
 def _property(key: Key) -> dict[str, Any]:
-    made: dict[str, Any] = {"description": key.meaning}
+    schema_of_key: dict[str, Any] = {"description": key.meaning}
     if key.default is not None and not key.required:
-        made["default"] = key.default
+        schema_of_key["default"] = key.default
     match key.kind:
         case "choice":
-            return made | {"enum": key.choices}
+            return schema_of_key | {"enum": key.choices}
         case "strings":
             words: dict[str, Any] = {"type": "string"} | ({"enum": key.choices} if key.choices else {})
-            return made | {"type": "array", "items": words} | ({"minItems": 1} if key.choices else {})
+            return schema_of_key | {"type": "array", "items": words} | ({"minItems": 1} if key.choices else {})
         case "integer" | "number":
-            return made | {"type": key.kind, "minimum": key.least, "maximum": key.most}
-    return made | {"type": key.kind} | ({"pattern": f"^({key.pattern})$"} if key.pattern else {})
+            return schema_of_key | {"type": key.kind, "minimum": key.least, "maximum": key.most}
+    return schema_of_key | {"type": key.kind} | ({"pattern": f"^({key.pattern})$"} if key.pattern else {})

@@ -1,1 +1,1 @@
-"""The words that all rooms share: messages, diagnostics, the bytes of a region."""
+"""Definitions that all packages of shmgen use: messages, diagnostics, and the bytes of a region."""

@@ -1,8 +1,10 @@
-"""Keeps what only saves time, in the user's cache folder: definitions of the store, and clean checks.
+"""Cache results that are expensive to compute, in the user's cache folder.
 
-Some of it is code, so nothing counts that another user could have put there, and whoever runs as root trusts no cache
-of others: folder and file belong to this user, and nobody else may write to them. On Windows, which tells neither this
-way, nothing is kept. Loads next to nothing.
+The entries are texts of message definitions, compiled templates, and the output of commands that found no error. Some
+entries are code. An entry is therefore used only if its file and folder belong to this user and no other user may write
+to them. On Windows, where this module cannot check the owner, nothing is cached.
+
+This module imports as little as possible, so that a cached answer comes fast.
 """
 
 from __future__ import annotations
@@ -12,11 +14,14 @@ import stat
 import zlib
 
 OFF = "SHMGEN_NO_CACHE"
-"""The environment variable that turns it off, whatever its value, if that is not empty."""
+"""The environment variable that turns the cache off if its value is not empty."""
 
 
 def read(name: str) -> bytes | None:
-    """What was kept under a name; None if nothing was, or it is damaged, or might be somebody else's."""
+    """Return the content of the cache entry `name`, or None if the entry is missing, damaged or not safe.
+
+    An entry is safe if only this user could have written it.
+    """
     try:
         folder = _folder()
         try:
@@ -34,7 +39,7 @@ def read(name: str) -> bytes | None:
 
 
 def write(name: str, content: bytes) -> None:
-    """Keeps it whole or not at all; what cannot be kept is done without."""
+    """Store `content` as the cache entry `name`, or, if an error occurs, do nothing."""
     beside = f"{name}.{os.getpid()}"
     try:
         folder = _folder(make=True)
@@ -51,26 +56,28 @@ def write(name: str, content: bytes) -> None:
         os.close(folder)
 
 
-def forget(beginning: str, but: int) -> None:
-    """All whose names begin so, but for the newest few."""
+def forget(prefix: str, but: int) -> None:
+    """Remove the cache entries whose names begin with `prefix`, except the newest `but` entries."""
     try:
         folder = _folder()
     except OSError:
         return
     try:
-        found = [(entry.stat().st_mtime_ns, entry.name) for entry in os.scandir(folder)]
-        for _, name in sorted(kept for kept in found if kept[1].startswith(beginning))[:-but]:
+        with os.scandir(folder) as listing:
+            entries = [(entry.stat(follow_symlinks=False).st_mtime_ns, entry.name) for entry in listing]
+        for _, name in sorted(entry for entry in entries if entry[1].startswith(prefix))[:-but]:
             _unlink(name, folder)
     except OSError:
-        pass  # somebody else forgets at the same time
+        pass  # another process removes entries at the same time
     finally:
         os.close(folder)
 
 
 def _folder(*, make: bool = False) -> int:
-    """A descriptor of `$XDG_CACHE_HOME/shmgen`. Raises OSError where nothing may be kept.
+    """Open the cache folder, `$XDG_CACHE_HOME/shmgen`, and return its descriptor. If `make`, create a missing folder.
 
-    As the XDG base directory specification says, a value that is not absolute is ignored.
+    Raises OSError if the cache is off or the folder cannot be trusted. A relative path in XDG_CACHE_HOME is ignored, as
+    the XDG base directory specification requires.
     """
     if not hasattr(os, "geteuid"):
         raise OSError
@@ -90,7 +97,11 @@ def _folder(*, make: bool = False) -> int:
 
 
 def _make(path: str) -> None:
-    """Not in another user's home, as when root runs with the `HOME` of somebody else, who could use it no more."""
+    """Create the cache folder if the nearest existing folder above it belongs to this user or to root.
+
+    If that folder belongs to another user, do nothing: root may run shmgen with the home folder of a user, and this
+    user could not write to root's folder.
+    """
     above = os.path.dirname(path)
     while not os.path.exists(above):
         above = os.path.dirname(above)
@@ -103,7 +114,7 @@ def _is_ours(status: os.stat_result) -> bool:
 
 
 def _unlink(name: str, folder: int) -> None:
-    try:  # noqa: SIM105 contextlib takes longer to load than the whole of this
+    try:  # noqa: SIM105 importing contextlib takes longer than this whole module
         os.unlink(name, dir_fd=folder)
     except OSError:
         pass

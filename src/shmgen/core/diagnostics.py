@@ -1,13 +1,11 @@
-"""What is wrong with the user's input: where, why, and what to type next."""
+"""Diagnostics: errors in the user's input, each with its place, its reason and a hint."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import field
-from typing import Literal
-
-from shmgen.core.fast_dataclass import dataclass
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
 
 CODES = {
     "SHM001": "cannot read file",
@@ -39,23 +37,32 @@ CODES = {
     "SHM407": "missing layout.lock",
     "SHM408": "damaged layout.lock",
     "SHM409": "configuration changed",
-    "SHM410": "unit changed",
+    "SHM410": "meaning changed",
     "SHM501": "unknown key",
     "SHM502": "bad value",
     "SHM503": "not TOML",
-    "SHM504": "nothing to generate",
+    "SHM504": "nothing to do",
     "SHM505": "ambiguous package",
     "SHM506": "no ROS in the environment",
     "SHM601": "ROS has no such type",
     "SHM602": "not declared in the PLC project",
+    "SHM603": "layout of the PLC differs",
+    "SHM701": "no such region",
+    "SHM702": "cannot open",
+    "SHM703": "call without response",
+    "SHM704": "invalid value",
+    "SHM705": "unreadable bag",
+    "SHM706": "missing package",
     "SHM901": "internal error",
 }
-"""Code -> title. Each has a section in docs/diagnostics.md and a folder in tests/errors."""
+"""Code -> title. Each has a section in diagnostics.md beside `core` and a folder in tests/errors."""
 
 
-@dataclass(frozen=True, slots=True)
-class Span:
-    """A stretch of one line: `line` and `column` from 1 (0 = the whole file), `text` the line without its end."""
+class Span(NamedTuple):
+    """A place in a file: `width` characters from `line` and `column`, which count from 1. A 0 means the whole file.
+
+    `text` is the line without its line break.
+    """
 
     path: str
     line: int = 0
@@ -64,16 +71,16 @@ class Span:
     text: str = ""
 
     def at(self, word: str) -> Span:
-        """Of `word` where it follows in the same line; of a type, that of the name declared with it."""
+        """Return the span of `word` behind this span in the same line, or this span if `word` does not follow."""
         start = self.text.find(word, self.column - 1 + self.width)
         return self if start < 0 else Span(self.path, self.line, start + 1, len(word), self.text)
 
 
-@dataclass(frozen=True, slots=True)
-class Diagnostic:
-    """One finding. `field` is the path of a nested culprit, `details` lines of their own, `hint` what to type next.
+class Diagnostic(NamedTuple):
+    """One error or note about the user's input. `hint` is the next step for the user.
 
-    A `note` is told, and nothing fails for it.
+    `field` is the path of the affected field, such as `Pose.position`. `details` are further lines. A note does not
+    make the command fail.
     """
 
     code: str
@@ -100,7 +107,7 @@ class Diagnostic:
 
 
 class Rejected(Exception):
-    """The input cannot be used; holds at least one diagnostic."""
+    """The user's input is invalid. `diagnostics` has at least one diagnostic."""
 
     def __init__(self, diagnostics: Iterable[Diagnostic]) -> None:
         self.diagnostics = tuple(diagnostics)
@@ -112,7 +119,10 @@ _MOST_OF_ONE_FILE = 20
 
 @dataclass(slots=True)
 class Report:
-    """Collects the diagnostics of a stage; `stop_if_any` ends it."""
+    """Collects the diagnostics of one step of a command, such as reading the definitions.
+
+    At the end of the step, `stop_if_any` raises an error if there are diagnostics.
+    """
 
     diagnostics: list[Diagnostic] = field(default_factory=list)
     _known: set[Diagnostic] = field(default_factory=set)
@@ -126,18 +136,18 @@ class Report:
             self.diagnostics.append(diagnostic)
 
     def is_enough(self, path: str) -> bool:
-        """Whether that file has so much wrong with it that more would help nobody."""
+        """Return True if the file `path` has so many errors that further errors would not help the user."""
         return self._of_file[path] >= _MOST_OF_ONE_FILE
 
     def stop_if_any(self) -> None:
-        """Raises Rejected with all that was collected, file by file, from top to bottom."""
-        files = list(dict.fromkeys(found.span.path for found in self.diagnostics))
+        """Raise Rejected if this report has diagnostics. The error contains them, sorted by file and line."""
+        files = list(dict.fromkeys(error.span.path for error in self.diagnostics))
         if files:
-            raise Rejected(sorted(self.diagnostics, key=lambda found: (files.index(found.span.path), found.span.line)))
+            raise Rejected(sorted(self.diagnostics, key=lambda error: (files.index(error.span.path), error.span.line)))
 
 
 def closest(word: str, known: Iterable[str], cutoff: float = 0.6) -> str:
-    """The one of `known` that was probably meant, or nothing."""
-    from difflib import get_close_matches  # slow to load, and needed only where something is wrong
+    """Return the name in `known` that is most similar to the misspelt `word`, or `""` if none is similar."""
+    from difflib import get_close_matches  # slow to load, and needed only after an error
 
-    return next(iter(get_close_matches(word, list(known), n=1, cutoff=cutoff)), "")
+    return next(iter(get_close_matches(word, [other for other in known if other != word], n=1, cutoff=cutoff)), "")

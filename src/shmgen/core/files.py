@@ -1,4 +1,4 @@
-"""Reads a file, and nothing else that may stand under its name."""
+"""Read regular files only: if the path leads to a FIFO or a device, raise OSError and never block."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import BinaryIO
 
 
-def opened(path: str | Path) -> BinaryIO:
-    """For reading, without waiting for the other end of a FIFO. Raises OSError, also where it is no file."""
-    return open(path, "rb", opener=_only_files)
+def open_file(path: str | Path) -> BinaryIO:
+    """Open a regular file for reading. Raises OSError for a missing file, a FIFO or a device."""
+    return open(path, "rb", opener=_open_regular)
 
 
-def content(path: str | Path) -> bytes:
-    """All of it. Raises OSError."""
-    descriptor = _only_files(path, os.O_RDONLY | getattr(os, "O_BINARY", 0))
+def read_file(path: str | Path) -> bytes:
+    """Return the content of a regular file. Raises OSError for a missing file, a FIFO or a device."""
+    descriptor = _open_regular(path, os.O_RDONLY | getattr(os, "O_BINARY", 0))
     try:
         pieces = []
         while piece := os.read(descriptor, _PIECE):
@@ -27,10 +27,10 @@ def content(path: str | Path) -> bytes:
 
 
 _PIECE = 1 << 16
-"""Bytes that are read at once; most files are shorter."""
+"""Bytes of one read; most files are shorter."""
 
 
-def _only_files(path: str | Path, flags: int) -> int:
+def _open_regular(path: str | Path, flags: int) -> int:
     descriptor = os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
     if stat.S_ISREG(os.fstat(descriptor).st_mode):
         return descriptor

@@ -1,29 +1,29 @@
-"""The data between the stages: *Schema* is the user's words, *Layout* is bytes, *Output* is text to be.
+"""The data that the stages of the generator pass on: message definitions, their layouts, and files to render.
 
-A **field** is the user's, a **slot** is bytes, a **row** is printed.
+A **field** is a member of a message as the definition declares it. A **slot** is a range of bytes in a layout. A
+**row** is a line of output.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass
 from enum import Enum
 from typing import Literal, NamedTuple, NoReturn, TypeAlias
 
 from shmgen.core.diagnostics import Span
-from shmgen.core.fast_dataclass import dataclass
 
 
 def assert_never(value: NoReturn) -> NoReturn:
-    """typing.assert_never of Python 3.11, for `match` statements that must stay complete."""
+    """Raise AssertionError in a `match` statement that must cover all cases. A type checker reports a missing case."""
     raise AssertionError(f"unexpected {value!r}")
 
 
-# --- Schema: what the definition says ---------------------------------------------------------------
+# --- Schema: the definition ---------------------------------------------------------------
 
 
 class Scalar(Enum):
-    """A number of fixed size; the value is its ROS 2 name. `byte` and `char` are read as one of these."""
+    """A number type of fixed size; the value is its ROS 2 name. `byte` and `char` are read as 8-bit integers."""
 
     BOOL = "bool"
     INT8 = "int8"
@@ -39,12 +39,12 @@ class Scalar(Enum):
 
     @property
     def size(self) -> int:
-        """Bytes, and at the same time the alignment."""
+        """The size of one number of this type in bytes, which is also the alignment of the type."""
         return 1 if self is Scalar.BOOL else int(self.value.lstrip("uintfloa")) // 8
 
     @property
     def iec(self) -> str:
-        """The IEC 61131-3 type of the same bytes, after Table I of the paper with UINT and UDINT put right."""
+        """The IEC 61131-3 type with the same bytes, such as `LREAL`. docs/layout.md names the source of the table."""
         return _IEC[self]
 
     @property
@@ -53,7 +53,7 @@ class Scalar(Enum):
 
     @property
     def range(self) -> tuple[int, int] | None:
-        """Smallest and largest integer, or None for a float."""
+        """The smallest and the largest integer of this type, or None for a float."""
         if self is Scalar.BOOL:
             return 0, 1
         if self.is_float:
@@ -77,8 +77,23 @@ _IEC = {
 }
 
 
+_ELSEWHERE = (
+    "BOOL:bool BYTE:uint8 WORD:uint16 DWORD:uint32 LWORD:uint64 CHAR:char STRING:string WSTRING:wstring WCHAR:uint16 "
+    "TIME:builtin_interfaces/Duration LTIME:builtin_interfaces/Duration DT:builtin_interfaces/Time "
+    "DATE_AND_TIME:builtin_interfaces/Time "
+    "boolean:bool octet:byte wchar:uint16 wchar_t:uint16 short:int16 int:int32 integer:int32 long:int64 "
+    "ushort:uint16 uint:uint32 unsigned:uint32 ulong:uint64 size_t:uint64 ssize_t:int64 "
+    "float:float32 real:float32 double:float64 single:float32 "
+    "str:string String:string text:string u16string:wstring bytes:uint8[] bytearray:uint8[]"
+)
+OTHER_NAMES = {scalar.iec: scalar.value for scalar in Scalar if scalar is not Scalar.BOOL}
+OTHER_NAMES |= {f"{scalar.value}_t": scalar.value for scalar in Scalar}
+OTHER_NAMES |= dict(pair.split(":", 1) for pair in _ELSEWHERE.split())
+"""The ROS type for a name from IEC 61131-3, C, C++, IDL or Python: `float64` for `LREAL`. For hints only."""
+
+
 class Clock(Enum):
-    """A ROS time or duration, whichever dialect spelled it; travels as the configured IEC time type."""
+    """The type of a ROS time or duration. `[types] time` in shmgen.toml chooses its IEC type."""
 
     TIME = "time"
     DURATION = "duration"
@@ -86,16 +101,16 @@ class Clock(Enum):
 
 @dataclass(frozen=True, slots=True)
 class String:
-    """`string` or `wstring`; `capacity` in characters (wide: UTF-16 code units, else bytes), None = unbounded."""
+    """The type `string` or `wstring`. `capacity` is in bytes, or in UTF-16 code units if `wide`; None = unbounded."""
 
     capacity: int | None = None
     wide: bool = False
 
 
 class TypeName(NamedTuple):
-    """`geometry_msgs/msg/Pose`; the halves of a service are `std_srvs/srv/SetBool_Request` and `_Response`.
+    """The name of a message, such as `geometry_msgs/msg/Pose` or `std_srvs/srv/SetBool_Request`.
 
-    A service or an action itself, `std_srvs/srv/SetBool`, has a name too; only its parts are messages.
+    Services and actions such as `std_srvs/srv/SetBool` have names too, but only their parts are messages.
     """
 
     package: str
@@ -107,17 +122,17 @@ class TypeName(NamedTuple):
 
     @property
     def short(self) -> str:
-        """As users write it: `geometry_msgs/Pose`."""
+        """The name as users write it: `geometry_msgs/Pose`."""
         return f"{self.package}/{self.name}"
 
     def part(self, ending: str) -> TypeName:
-        """A message of a service or action: "_Request" -> `std_srvs/srv/SetBool_Request`."""
+        """Return the name of a part of a service or an action: "_Request" -> `std_srvs/srv/SetBool_Request`."""
         return self._replace(name=self.name + ending)
 
 
 @dataclass(frozen=True, slots=True)
 class Ref:
-    """Another message, held by value."""
+    """The type of a nested message, which is stored inside the outer message."""
 
     name: TypeName
 
@@ -127,7 +142,7 @@ Element: TypeAlias = Scalar | Clock | String | Ref
 
 @dataclass(frozen=True, slots=True)
 class Array:
-    """`T[N]`, N >= 1."""
+    """The type of an array `T[N]`, N >= 1."""
 
     element: Element
     length: int
@@ -135,7 +150,7 @@ class Array:
 
 @dataclass(frozen=True, slots=True)
 class Sequence:
-    """`T[<=N]`, or `T[]` where `capacity` is None."""
+    """The type of a sequence `T[<=N]`, or of `T[]` if `capacity` is None."""
 
     element: Element
     capacity: int | None = None
@@ -145,12 +160,12 @@ FieldType: TypeAlias = Element | Array | Sequence
 
 
 def element_of(type_: FieldType) -> Element:
-    """What an array or sequence holds; anything else is its own element."""
+    """Return the element type of an array or sequence type, or `type_` if it is any other type."""
     return type_.element if isinstance(type_, Array | Sequence) else type_
 
 
 def ros_type(type_: FieldType) -> str:
-    """As ROS spells it, bounds included: `float64[36]`, `string<=80[<=8]`, `geometry_msgs/Point`, `time`."""
+    """Return a type as ROS spells it: `float64[36]`, `string<=80[<=8]`, `geometry_msgs/Point`, `time`."""
     match type_:
         case Scalar() | Clock():
             return str(type_.value)
@@ -170,13 +185,14 @@ Value: TypeAlias = bool | int | float | str
 Default: TypeAlias = Value | tuple[Value, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Field:
-    """One member. `written` is the type as the definition spells it; `unit` was found in `[m/s]` in the comment.
+class Field(NamedTuple):
+    """A field of a message, as the definition declares it and as shmgen.toml bounds it.
 
-    `word` is `byte`, `char` or `wchar` where ROS 2 tells it from a number, as we do not. `sent` is the type before
-    shmgen.toml bounded it, which is what ROS knows; None where that is `type`. `plc` is what a PLC calls it, where that
-    was imported: `rSpeed`, or `rSpeed : ARRAY[1..3] OF REAL`.
+    `written` is the type as the definition spells it, `unit` the unit in its comment: `[m/s]`. `word` is `byte`, `char`
+    or `wchar` if the definition uses this type, which ROS 2 distinguishes from a number. `sent` is the type in ROS if
+    shmgen.toml has bounded the field, else None. `plc` is the declaration in an imported PLC project: `rSpeed`, or
+    `rSpeed : ARRAY[1..3] OF REAL`. `align` is the minimum alignment of the field in bytes. It exceeds the alignment of
+    `type` only for the first field after the members of a base structure.
     """
 
     name: str
@@ -189,11 +205,11 @@ class Field:
     word: str = ""
     sent: FieldType | None = None
     plc: str = ""
+    align: int = 1
 
 
-@dataclass(frozen=True, slots=True)
-class Constant:
-    """A name for a value; it takes no bytes."""
+class Constant(NamedTuple):
+    """A constant of a message, which takes no bytes in a sample."""
 
     name: str
     type: Scalar | String
@@ -205,9 +221,11 @@ class Constant:
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """One definition. `origin` says where it came from (never an absolute path), `text` is its source.
+    """A message as its definition declares it. `origin` is a path without the user's folders, `text` the source.
 
-    `plc` is what a PLC calls it: `ST_Axis`, or `E_State : INT` of an enumeration, or `Speeds : alias`.
+    `plc` is the type in an imported PLC project: `ST_Axis` for a structure, `E_State : INT` for an enumeration,
+    `Speeds : alias` for an alias. `pack` limits the alignment of each member to this number of bytes. Structured Text
+    calls this limit `pack_mode`.
     """
 
     name: TypeName
@@ -218,11 +236,11 @@ class Message:
     text: str
     doc: str = ""
     plc: str = ""
+    pack: int = 8
 
 
-@dataclass(frozen=True, slots=True)
-class Schema:
-    """Messages with dependencies first; closed: every Ref resolves. `requested` are those the user named."""
+class Schema(NamedTuple):
+    """Definitions of messages and their nested messages, dependencies first. The user named those in `requested`."""
 
     messages: tuple[Message, ...]
     requested: frozenset[TypeName] = frozenset()
@@ -233,9 +251,9 @@ class Schema:
 
 @dataclass(frozen=True, slots=True)
 class TypeOptions:
-    """`[types]` and the encoding rules of `[strings]` in shmgen.toml.
+    """The keys of `[types]`, and the encoding rules of `[strings]`, in shmgen.toml.
 
-    `own` are the names that an imported PLC project has for messages.
+    `own` maps messages to their type names in an imported PLC project.
     """
 
     bool: Literal["USINT", "BOOL"] = "USINT"
@@ -246,9 +264,8 @@ class TypeOptions:
     own: tuple[tuple[TypeName, str], ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class Regions:
-    """`[regions]` in shmgen.toml: mode and group of the files, None and "" where not said, and what orders access."""
+class Regions(NamedTuple):
+    """The settings of `[regions]` in shmgen.toml. `mode` is None, or `group` is `""`, if the key is not set."""
 
     mode: int | None = None
     group: str = ""
@@ -256,9 +273,10 @@ class Regions:
 
 
 class Role(Enum):
-    """DATA carries a field, COUNT says how many elements of the next slot are valid, PADDING is a gap.
+    """The use of a slot, a range of bytes in a layout: DATA is a field, PADDING a gap.
 
-    FILLER is the single byte of a message without fields (IEC 61131-3 and C know no empty structure).
+    COUNT is the number of valid elements in the next slot. FILLER is the single byte of a message without fields,
+    because IEC 61131-3 and C have no empty structure.
     """
 
     DATA = "data"
@@ -269,7 +287,10 @@ class Role(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Slot:
-    """`count` elements of `type` from byte `offset` on, `size` bytes in all; `count` None means one, no array."""
+    """A range of `size` bytes in a message, from byte `offset`: `count` elements of `type`, or one if `count` is None.
+
+    `align` is the alignment of `type` in bytes. In a message with a smaller `pack`, `offset` may be no multiple of it.
+    """
 
     name: str
     type: Element
@@ -285,16 +306,15 @@ class Slot:
         return self.size // (self.count or 1)
 
 
-@dataclass(frozen=True, slots=True)
-class Layout:
-    """A message as bytes: the slots tile it without gaps. `digest` changes exactly when the bytes' meaning does."""
+class Layout(NamedTuple):
+    """The bytes of a message, as slots (ranges of bytes) without gaps. `digest` identifies the meaning of the bytes."""
 
     message: Message
     slots: tuple[Slot, ...]
     size: int
     align: int
     digest: int
-    options: TypeOptions = field(default_factory=TypeOptions)
+    options: TypeOptions = TypeOptions()
     requested: bool = True
 
     @property
@@ -303,17 +323,16 @@ class Layout:
 
     @property
     def dependencies(self) -> tuple[TypeName, ...]:
-        """Messages held by value, each once, in order of appearance."""
+        """The names of the nested messages, each once, in order of appearance."""
         return tuple(dict.fromkeys(slot.type.name for slot in self.slots if isinstance(slot.type, Ref)))
 
 
 Layouts: TypeAlias = Mapping[TypeName, Layout]
-"""Dependencies first."""
+"""Layouts by message name, dependencies first."""
 
 
-@dataclass(frozen=True, slots=True)
-class Topic:
-    """A message under a ROS name; `to_plc` says who reads, `depth` how many samples a slow reader can still fetch."""
+class Topic(NamedTuple):
+    """A topic, which the PLC reads if `to_plc`, or else writes. Slow readers can still read `depth` samples."""
 
     name: str
     type: TypeName
@@ -322,9 +341,8 @@ class Topic:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
-class Service:
-    """A service (std_srvs/srv/SetBool) under a ROS name; `on_plc` says who serves, `timeout` is in seconds."""
+class Service(NamedTuple):
+    """A service. If `on_plc`, the PLC is the server; if not, the client. `timeout` is in seconds."""
 
     name: str
     type: TypeName
@@ -333,9 +351,8 @@ class Service:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
-class Action:
-    """An action (control_msgs/action/GripperCommand) under a ROS name; the rest as of a Service."""
+class Action(NamedTuple):
+    """An action. If `on_plc`, the PLC is the server; if not, the client. `timeout` is in seconds."""
 
     name: str
     type: TypeName
@@ -345,24 +362,27 @@ class Action:
 
 
 def text_bytes(string: String) -> int:
-    """Bytes a bounded string takes with its terminating NUL: STRING(n) n+1, WSTRING(n) 2(n+1)."""
+    """Return the size of a bounded string in bytes with its terminating NUL: STRING(n) n+1, WSTRING(n) 2(n+1)."""
     assert string.capacity is not None, "bounds come before layout"
     return (string.capacity + 1) * (2 if string.wide else 1)
 
 
 def text_length(text: str, string: String, encoding: str) -> int:
-    """As a capacity counts: bytes in `encoding`, of a wstring UTF-16 code units. Raises UnicodeEncodeError."""
+    """Return the length of `text` in the unit of the string's capacity: bytes, or UTF-16 units of a wstring.
+
+    Raises UnicodeEncodeError if the encoding cannot represent the text.
+    """
     return len(text.encode("utf-16-le")) // 2 if string.wide else len(text.encode(encoding))
 
 
-# --- Output: text to be -----------------------------------------------------------------------------
+# --- Output: text to render -----------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class Output:
-    """A file to print: `path` below the output folder, the template, and a view of finished strings.
+class Output(NamedTuple):
+    """A file to render from a template: its `path` below the output folder, and the `view` that the template reads.
 
-    A `piece` is printed for the targets that come after this one, and is no file of its own.
+    The template inserts the strings of the view unchanged. If `piece` is True, the result is not written to a file:
+    other targets include it in their files.
     """
 
     path: str

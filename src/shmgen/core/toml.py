@@ -1,4 +1,4 @@
-"""Reads and writes TOML: the one place that knows which Python has a reader, and what is too deep for it."""
+"""Read and write TOML. The module tomllib reads it, or tomli on a Python without tomllib."""
 
 from __future__ import annotations
 
@@ -8,14 +8,13 @@ import sys
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
-
 
 def loads(text: str) -> dict[str, Any]:
-    """Raises ValueError; where the fault has a place, the message ends with `(at line 3, column 5)` or the like."""
+    """Parse a TOML document. Raises ValueError, whose text ends with the place if known: `(at line 3, column 5)`."""
+    if sys.version_info >= (3, 11):  # loaded here, because a run without shmgen.toml parses no TOML
+        import tomllib
+    else:
+        import tomli as tomllib
     try:
         document: dict[str, Any] = tomllib.loads(text)
     except RecursionError:
@@ -24,7 +23,7 @@ def loads(text: str) -> dict[str, Any]:
 
 
 def dumps(document: Mapping[str, Any]) -> str:
-    """Of strings, numbers, truths and lists of them, in tables and lists of tables: what shmgen.toml may hold."""
+    """Return the text of a TOML document. Only the kinds of values and tables that shmgen.toml has are supported."""
     return "\n".join(_table("", document)).strip("\n") + "\n"
 
 

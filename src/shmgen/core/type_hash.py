@@ -1,7 +1,7 @@
-"""The hash by which ROS 2 knows a definition (REP 2016, version 1: `RIHS01_…`).
+"""Compute the hash by which ROS 2 identifies a definition (REP 2016, version 1: `RIHS01_…`).
 
-It is taken over what a message is in ROS, whatever shmgen.toml bounds it to: names and types of all fields, also of
-those in the messages it holds. Constants, defaults and comments are not in it. ROS 1 has no such hash.
+The hash covers the names and types of all fields, including nested messages. The types are those of ROS: bounds from
+shmgen.toml do not change the hash. Constants, defaults and comments are not part of the hash. ROS 1 has no such hash.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from shmgen.core.model import (
 )
 
 FILLER = "structure_needs_at_least_one_member"
-"""The uint8 that ROS 2 gives a message without fields, since IDL knows no empty structure."""
+"""The uint8 field that ROS 2 adds to a message without fields, because IDL has no empty structure."""
 TIMES = {
     Clock.TIME: TypeName("builtin_interfaces", "msg", "Time"),
     Clock.DURATION: TypeName("builtin_interfaces", "msg", "Duration"),
@@ -60,79 +60,84 @@ _EVENT_INFO: dict[str, FieldType] = {
     "sequence_number": Scalar.INT64,
 }
 
-_Described = dict[str, Any]
+_Description = dict[str, Any]
 
 
 def type_hash(messages: Iterable[Message]) -> str:
-    """Of the last of `messages`, which hold all it refers to."""
+    """Return the hash of the last of `messages`. The others include all messages that the last message contains."""
     known = {message.name: message for message in messages}
     *_, last = known
     return hash_of(last, known)
 
 
 def service_hash(request: tuple[Message, ...], response: tuple[Message, ...]) -> str:
-    """Of the service whose halves are the last of each; they hold all that these refer to."""
+    """Return the hash of the service with this request and this response.
+
+    The last message of each tuple is the request or the response itself. The others are the messages that it contains.
+    """
     halves = Ref(request[-1].name), Ref(response[-1].name)
     whole = halves[0].name._replace(name=halves[0].name.name.removesuffix("_Request"))
-    info = made_message(TypeName("service_msgs", "msg", "ServiceEventInfo"), _EVENT_INFO)
+    info = create_message(TypeName("service_msgs", "msg", "ServiceEventInfo"), _EVENT_INFO)
     request_event, response_event = (Sequence(half, 1) for half in halves)
-    event = made_message(
+    event = create_message(
         whole.part("_Event"), {"info": Ref(info.name), "request": request_event, "response": response_event}
     )
     parts = {"request_message": halves[0], "response_message": halves[1], "event_message": Ref(event.name)}
-    return type_hash((*request, *response, info, event, made_message(whole, parts)))
+    return type_hash((*request, *response, info, event, create_message(whole, parts)))
 
 
-def made_message(name: TypeName, fields: Mapping[str, FieldType]) -> Message:
-    """One that ROS 2 itself makes of services and actions, of which nobody has written a file."""
+def create_message(name: TypeName, fields: Mapping[str, FieldType]) -> Message:
+    """Create the definition of a message that ROS 2 derives from a service or an action, and that has no file."""
     place = Span(str(name))
-    made = tuple(Field(field, type_, ros_type(type_), place) for field, type_ in fields.items())
-    text = "".join(f"{field.written} {field.name}\n" for field in made)
-    return Message(name, made, (), place, name.package, text)
+    members = tuple(Field(field, type_, ros_type(type_), place) for field, type_ in fields.items())
+    text = "".join(f"{field.written} {field.name}\n" for field in members)
+    return Message(name, members, (), place, name.package, text)
 
 
 def hash_of(name: TypeName, known: Mapping[TypeName, Message]) -> str:
-    """Of the message called `name`, which is in `known`, as is all it refers to."""
+    """Return the hash of the message `name`. `known` has the definitions of this message and of all its parts."""
     return hashes([name], known)[name]
 
 
 def hashes(names: Iterable[TypeName], known: Mapping[TypeName, Message]) -> dict[TypeName, str]:
-    """The same of several, which describes what many of them hold once."""
+    """Return the hash of each message in `names`. `known` has the definitions of all these messages and their parts."""
     described: dict[TypeName, str] = {}
-    held: dict[TypeName, set[TypeName]] = {}
+    nested: dict[TypeName, set[TypeName]] = {}
 
     def text(name: TypeName) -> str:
         if name not in described:
-            described[name] = json.dumps(_described(name, known))
+            described[name] = json.dumps(_describe(name, known))
         return described[name]
 
-    found = {}
+    result = {}
     for name in names:
-        others = ", ".join(text(other) for other in sorted(_held(name, known, held) - {name}, key=str))
+        others = ", ".join(text(other) for other in sorted(_with_nested(name, known, nested) - {name}, key=str))
         whole = f'{{"type_description": {text(name)}, "referenced_type_descriptions": [{others}]}}'
-        found[name] = f"RIHS01_{hashlib.sha256(whole.encode()).hexdigest()}"
-    return found
+        result[name] = f"RIHS01_{hashlib.sha256(whole.encode()).hexdigest()}"
+    return result
 
 
-def _held(name: TypeName, known: Mapping[TypeName, Message], held: dict[TypeName, set[TypeName]]) -> set[TypeName]:
-    """The message and all in it, however deep; `held` remembers what each holds itself."""
-    found: set[TypeName] = set()
+def _with_nested(
+    name: TypeName, known: Mapping[TypeName, Message], nested: dict[TypeName, set[TypeName]]
+) -> set[TypeName]:
+    """Return the message `name` and all messages that it contains, at any depth. `nested` caches direct references."""
+    result: set[TypeName] = set()
     waiting = [name]
     while waiting:
         name = waiting.pop()
-        if name not in found:
-            found.add(name)
-            if name not in held:
-                held[name] = {inner for field in _fields(name, known) if (inner := _named(_parts(field)[1]))}
-            waiting += held[name]
-    return found
+        if name not in result:
+            result.add(name)
+            if name not in nested:
+                nested[name] = {inner for field in _fields(name, known) if (inner := _message_name(_parts(field)[1]))}
+            waiting += nested[name]
+    return result
 
 
 def _fields(name: TypeName, known: Mapping[TypeName, Message]) -> tuple[Field, ...]:
     return known[name].fields if name in known else ()
 
 
-def _described(name: TypeName, known: Mapping[TypeName, Message]) -> _Described:
+def _describe(name: TypeName, known: Mapping[TypeName, Message]) -> _Description:
     if name in TIMES.values():
         fields = [_field("sec", 6), _field("nanosec", 7)]
     else:
@@ -140,15 +145,22 @@ def _described(name: TypeName, known: Mapping[TypeName, Message]) -> _Described:
     return {"type_name": str(name), "fields": fields}
 
 
-def _field(name: str, number: int, capacity: int = 0, characters: int = 0, nested: str = "") -> _Described:
-    """`capacity` is in elements, 0 if there is no bound."""
+def _field(name: str, number: int, capacity: int = 0, characters: int = 0, nested: str = "") -> _Description:
+    """Describe a field for the hash. `number` is the id of its type.
+
+    `capacity` is the bound in elements, `characters` the bound in characters. 0 means no bound.
+    """
     type_ = {"type_id": number, "capacity": capacity, "string_capacity": characters, "nested_type_name": nested}
     return {"name": name, "type": type_}
 
 
 def _numbers(field: Field) -> tuple[int, int, int, str]:
-    """As _field() takes them."""
-    around, element, capacity = _parts(field)
+    """Return the values that describe the type of a field in the hash, in the order of _field()'s parameters.
+
+    The values are the id of the type, its bounds in elements and in characters (0: no bound), and the name of the
+    message that the field contains, or `""`.
+    """
+    container, element, capacity = _parts(field)
     match element:
         case Scalar():
             number, characters = _WORDS.get(field.word, _SCALARS[element]), 0
@@ -158,12 +170,16 @@ def _numbers(field: Field) -> tuple[int, int, int, str]:
             number, characters = _NESTED, 0
         case _:
             assert_never(element)
-    nested = _named(element)
-    return around + number, capacity, characters, str(nested) if nested else ""
+    nested = _message_name(element)
+    return container + number, capacity, characters, str(nested) if nested else ""
 
 
 def _parts(field: Field) -> tuple[int, Element, int]:
-    """What an array or sequence adds to the number, what it holds, and how many."""
+    """Split the type of a field: return a number for its kind, the element type, and the capacity in elements.
+
+    The number, which is added to the id of the element type, represents an array, a bounded sequence or an unbounded
+    sequence. It is 0 for any other type. The capacity is 0 if there is no bound.
+    """
     match field.sent or field.type:
         case Array(element, length):
             return _ARRAY, element, length
@@ -177,7 +193,7 @@ def _parts(field: Field) -> tuple[int, Element, int]:
             assert_never(type_)
 
 
-def _named(element: Element) -> TypeName | None:
+def _message_name(element: Element) -> TypeName | None:
     match element:
         case Ref(name):
             return name

@@ -1,4 +1,4 @@
-"""Puts {path: text} into a folder: each file whole or untouched, and only where it differs."""
+"""Write generated files into a folder. Each file is replaced as a whole, and only if its content differs."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import errno
 import os
 import re
 import stat
-from collections.abc import Iterable, Iterator, Mapping, Set
+from collections.abc import Container, Iterable, Iterator, Mapping, Set
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
+from typing import NamedTuple
 
 from shmgen.core import files
 from shmgen.core.diagnostics import Diagnostic, Rejected, Span
-from shmgen.core.fast_dataclass import dataclass
 
 try:
     import fcntl
@@ -20,9 +20,8 @@ except ImportError:  # on Windows
     fcntl = None  # type: ignore[assignment]
 
 
-@dataclass(frozen=True, slots=True)
-class Written:
-    """What happened to each path below the folder."""
+class Written(NamedTuple):
+    """The result of write(): the paths of the changed, unchanged and removed files, relative to the folder."""
 
     changed: tuple[str, ...]
     unchanged: tuple[str, ...]
@@ -32,21 +31,22 @@ class Written:
 def write(
     folder: Path, texts: Mapping[str, str], leftovers: Iterable[str], last: str, former: bytes | None = None
 ) -> Written | None:
-    """Writes all texts and removes `leftovers`, `last` at the end. Raises Rejected: SHM007.
+    """Write the texts into files of the folder, by path, and remove the files `leftovers`. Raises Rejected: SHM007.
 
-    `former` is what `last` was when `texts` and `leftovers` were made; None and nothing written if another run has
-    written since. All files are first written beside those they replace, so a full disk is met before anything is
-    changed; what a killed run left beside them is taken away.
+    The file `last` is written at the end. `former` is the content of `last` from which `texts` and `leftovers` were
+    computed. If another run has changed `last` since, write nothing and return None. All files are first written beside
+    the files that they replace, so a full disk is noticed before anything changes. Temporary files of a killed run are
+    removed.
     """
     leftovers = list(leftovers)
-    given, folder = folder, _reachable(folder)
+    shown_folder, folder = folder, _reachable(folder)
     removed: list[str] = []
     staged: dict[str, str] = {}
-    made: list[Path] = []
+    created: list[Path] = []
     path = ""
     try:
-        made += _make_folder(folder)
-        with _alone(folder) as descriptor, closing(_Below(folder, descriptor, made)) as below:
+        created += _make_folder(folder)
+        with _lock_folder(folder) as descriptor, closing(_FolderTree(folder, descriptor, created)) as below:
             if current(folder, last) != former:
                 return None
             listed = names_in(folder, [*texts, *leftovers])
@@ -54,7 +54,7 @@ def write(
                 path for path in texts if not _is_listed(path, listed) or current(folder, path) != texts[path].encode()
             ]
             changed.sort(key=lambda path: (path == last, path))
-            removed += [path for path in abandoned(folder, listed) if _remove(folder, path)]
+            removed += [path for path in temporary_files(folder, listed) if _remove(folder, path)]
             beside = f".shmgen-{os.urandom(4).hex()}.tmp"
             for path in changed:
                 if _is_listed(path, listed) and os.path.isdir(folder / path):
@@ -62,7 +62,7 @@ def write(
                 place, slash, name = path.rpartition("/")
                 staged[path] = f"{place}{slash}.{name}{beside}"
                 _stage(*below.find(staged[path]), texts[path])
-            made.clear()
+            created.clear()
             for path in changed:
                 if path == last:
                     removed += [leftover for leftover in leftovers if _remove(folder, leftover)]
@@ -71,61 +71,84 @@ def write(
                 del staged[path]
     except OSError as error:
         reason = f"cannot write: {error.strerror or error}"
-        hint = "choose another folder with -o, or make room in this one"
-        raise Rejected([Diagnostic("SHM007", reason, Span(str(given / path)), hint=hint)]) from error
+        hint = "correct the cause at this path, or choose another folder with -o"
+        raise Rejected([Diagnostic("SHM007", reason, Span(str(shown_folder / path)), hint=hint)]) from error
     finally:
-        for left in staged.values():
-            with suppress(OSError):  # it did not come to be
-                os.unlink(folder / left)
-        for empty in reversed(made):
-            with suppress(OSError):  # another run has something in it by now
+        for temporary_file in staged.values():
+            with suppress(OSError):  # it was not created
+                os.unlink(folder / temporary_file)
+        for empty in reversed(created):
+            with suppress(OSError):  # another run has put a file into it
                 empty.rmdir()
     return Written(tuple(changed), tuple(sorted(texts.keys() - changed)), tuple(removed))
 
 
 def current(folder: Path, path: str) -> bytes | None:
-    """The content of a file in the folder; None if there is none that can be read.
+    """Return the content of a file in the folder, or None if the file cannot be read.
 
-    A checkout on Windows may have lines that end in CR LF; they count as those that were written.
+    CR LF becomes LF, because a checkout on Windows may have replaced the line ends that shmgen wrote.
     """
     try:
         name = os.path.join(folder, path) if os.name != "nt" else _reachable(folder) / path
-        kept = files.content(name)
-        return kept.replace(b"\r\n", b"\n") if b"\r" in kept else kept
+        data = files.read_file(name)
+        return data.replace(b"\r\n", b"\n") if b"\r" in data else data
     except OSError:
         return None
 
 
 def _reachable(folder: Path) -> Path:
-    """The same folder, by a name that on Windows may lead to paths of more than 260 characters."""
+    """Return a path of the folder that, on Windows, allows files with more than 260 characters in their paths."""
     if os.name != "nt" or str(folder).startswith("\\\\"):
         return folder
     return Path("\\\\?\\" + os.path.abspath(folder))
 
 
 def is_inside(folder: Path, path: str) -> bool:
-    """Whether `path` is a file in `folder`, and leads to no other place."""
+    """Return True if `path` is a file in `folder`, and no symlink leads out of the folder."""
     file = folder / path
     return file.is_file() and folder.resolve() in file.resolve().parents
 
 
-def abandoned(folder: Path, listed: Mapping[str, Set[str]]) -> list[str]:
-    """Files that a killed run staged and did not come to rename.
+def temporary_files(folder: Path, listed: Mapping[str, Set[str]]) -> list[str]:
+    """Return the temporary files that killed runs have left in the folder, before they could rename these files.
 
-    The file that was to be may have left the configuration since, so its name says nothing.
+    `listed` has the names in each folder: see names_in(). The files of all targets are included, because the
+    configuration may no longer contain the target of a killed run.
     """
-    found = (f"{place}{name}" for place, names in listed.items() for name in sorted(names) if _STAGED.fullmatch(name))
-    return [path for path in found if is_inside(folder, path)]
+    paths = (f"{place}{name}" for place, names in listed.items() for name in sorted(names) if _STAGED.fullmatch(name))
+    return [path for path in paths if is_inside(folder, path)]
+
+
+def unlisted(folder: Path, known: Container[str], listed: Mapping[str, Set[str]]) -> list[str]:
+    """Return the files in the folder that shmgen has generated but that `known`, the files of this run, does not have.
+
+    `listed` has the names in each folder: see names_in(). Such files exist if layout.lock was lost, or restored from
+    another state. The caller reports the files but does not remove them, because a user may have edited or copied them.
+    """
+    below = ((place, name) for place, names in listed.items() if place and "__pycache__" not in place for name in names)
+    paths = sorted(f"{place}{name}" for place, name in below if not name.startswith("."))
+    return [path for path in paths if path not in known and is_inside(folder, path) and _is_ours(folder / path)]
+
+
+def _is_ours(file: Path) -> bool:
+    with suppress(OSError), files.open_file(file) as stream:
+        return b"Generated by shmgen (" in stream.read(_HEAD)
+    return False
+
+
+_HEAD = 2000
+"""Bytes at the start of a file within which a generated file names shmgen as its author."""
 
 
 def names_in(folder: Path, paths: Iterable[str]) -> dict[str, Set[str]]:
-    """The names in all folders below those where `paths` begin, `c/shm_msgs/` and so on, and last in `folder` itself.
+    """Return the names that exist in each folder with generated files, such as `c/shm_msgs/`.
 
-    What a link leads to is not looked into.
+    The keys are the folders, the values the names of files and folders in each folder. The key "" stands for `folder`
+    itself. The other keys are the top folders of `paths`, and all folders below. Symlinks are not followed.
     """
     listed: dict[str, Set[str]] = {}
-    for room in sorted({path.partition("/")[0] for path in paths if "/" in path}):
-        for place, folders, names in os.walk(folder / room):
+    for top in sorted({path.partition("/")[0] for path in paths if "/" in path}):
+        for place, folders, names in os.walk(folder / top):
             folders.sort()
             listed[f"{Path(place).relative_to(folder).as_posix()}/"] = {*folders, *names}
     with suppress(OSError):
@@ -134,7 +157,10 @@ def names_in(folder: Path, paths: Iterable[str]) -> dict[str, Set[str]]:
 
 
 def _is_listed(path: str, listed: Mapping[str, Set[str]]) -> bool:
-    """Whether there is one, or it cannot be said, being behind a link."""
+    """Return True if `listed` (see names_in()) has the file `path`, or cannot show whether the file exists.
+
+    It cannot do so if a folder on the path is a symlink.
+    """
     place, slash, name = path.rpartition("/")
     names = listed.get(f"{place}{slash}")
     return name in names if names is not None else bool(place) and _is_listed(place, listed)
@@ -144,10 +170,10 @@ _STAGED = re.compile(r"\..+\.shmgen-[a-z0-9_]{8}\.tmp")
 
 
 @contextmanager
-def _alone(folder: Path) -> Iterator[int | None]:
-    """Two runs at once, of a parallel build, take turns; on Windows, or without locks in the file system, not.
+def _lock_folder(folder: Path) -> Iterator[int | None]:
+    """Wait until no other run writes into the folder, as in a parallel build. Yield a descriptor of the locked folder.
 
-    Gives a descriptor of the folder where there can be one.
+    On Windows, yield None. There, and on a file system without locks, two runs may write at the same time.
     """
     if fcntl is None:
         yield None
@@ -161,19 +187,20 @@ def _alone(folder: Path) -> Iterator[int | None]:
         os.close(descriptor)
 
 
-class _Below:
-    """The folders below one, each opened from the one above it, so that none is a link; once, if paths are in order.
+class _FolderTree:
+    """Opens folders below a given folder so that no symlink is followed: each folder is opened from its parent.
 
-    On Windows, which opens no folders, their whole paths stand for them. Those that were missing are added to `made`.
+    If the caller passes paths in sorted order, each folder is opened once. Missing folders are created and added to
+    `created`. On Windows, no folder is opened, and calls use whole paths.
     """
 
-    def __init__(self, folder: Path, descriptor: int | None, made: list[Path]) -> None:
-        self._folder, self._made = folder, made
+    def __init__(self, folder: Path, descriptor: int | None, created: list[Path]) -> None:
+        self._folder, self._created = folder, created
         self._way: list[str] = []
         self._descriptors = [descriptor]
 
     def find(self, path: str) -> tuple[str | Path, int | None]:
-        """The name of a file, and the descriptor of the folder that is to be seen from. Raises OSError."""
+        """Return the name of a file and the descriptor of its folder, for calls with `dir_fd`. Raises OSError."""
         *way, name = path.split("/")
         while self._way != way[: len(self._way)]:
             self._leave()
@@ -194,7 +221,7 @@ class _Below:
         except FileNotFoundError:
             with suppress(FileExistsError):  # of another run by now
                 os.mkdir(seen, dir_fd=above)
-                self._made.append(path)
+                self._created.append(path)
         flags = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW if above is not None else 0
         self._descriptors.append(None if above is None else os.open(seen, flags, dir_fd=above))
         self._way.append(name)
@@ -207,14 +234,14 @@ class _Below:
 
 
 def _make_folder(folder: Path) -> list[Path]:
-    """Those that were missing, outermost first."""
+    """Create the folder with its parents. Return the folders that did not exist before, outermost first."""
     missing = [parent for parent in (folder, *folder.parents) if not parent.exists()]
     folder.mkdir(parents=True, exist_ok=True)
     return missing[::-1]
 
 
 def _stage(name: str | Path, folder: int | None, text: str) -> None:
-    """A file beside the one it is for, that has only to be renamed."""
+    """Write the text into a new temporary file `name`, which the caller later renames to its final name."""
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
     descriptor = os.open(name, flags, 0o666, dir_fd=folder)
     try:
@@ -226,7 +253,7 @@ def _stage(name: str | Path, folder: int | None, text: str) -> None:
 
 
 def _remove(folder: Path, path: str) -> bool:
-    """Removes one file and the folders it leaves empty; a path that leads out of `folder` is left alone."""
+    """Remove the file `path` and the folders that become empty. Return False if `path` leads out of `folder`."""
     if not is_inside(folder, path):
         return False
     file = folder / path

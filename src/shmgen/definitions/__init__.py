@@ -1,8 +1,9 @@
-"""Finds and reads definitions, and all that they hold: a closed Schema of what the user asks for.
+"""Find and read definitions: the requested messages, and all messages that they contain, become one Schema.
 
-schema asks library for messages; library looks in folders, then in the environment or the store; parser reads .msg,
-.srv and .action, idl reads .idl. Another place is another function that returns a Catalogue, another language another
-parser.
+The module `schema` requests messages from `library`. The library searches the folders of the user with `folders`, then
+a sourced ROS with `environment`, or the built-in definitions with `store`. `parser` reads .msg, .srv and .action files,
+and `idl` reads .idl files. To search a new place, write a function that returns a Catalogue. To read a new language,
+write a parser.
 """
 
 from shmgen.definitions.library import Library, Sources, open_library

@@ -1,7 +1,7 @@
-r"""Turns the text of an .idl file into what rosidl_parser has to read of it, and the annotations by themselves.
+r"""Split the text of an .idl file into the code for rosidl_parser and a list of annotations.
 
-Comments, `#include` and annotations such as `@unit (value="m")` become blanks, so that every word keeps its place: in
-the grammar of rosidl_parser annotations take most of the time.
+Comments, `#include` and annotations such as `@unit (value="m")` become blanks, so that every word keeps its position.
+rosidl_parser would spend most of its time on annotations.
 """
 
 from __future__ import annotations
@@ -9,14 +9,17 @@ from __future__ import annotations
 import re
 from bisect import bisect
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
-from shmgen.core.fast_dataclass import dataclass
 from shmgen.definitions.tokens import Line, Token
 
 
 class Annotation(NamedTuple):
-    """`@default (value=5)` from character `start` on; the values as they are spelled, one without a name as `value`."""
+    """An annotation such as `@default (value=5)`, which begins at character `start`.
+
+    `values` are spelled as in the file. A value without a name has the name `value`.
+    """
 
     start: int
     name: str
@@ -25,7 +28,10 @@ class Annotation(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Text:
-    """A text whose places are counted in characters from its beginning; `starts` are those of its lines."""
+    """The text of an .idl file, which converts a position in the whole text to a line and a column.
+
+    A position counts characters from the beginning of the text. `starts` has the position of each line.
+    """
 
     lines: Sequence[Line]
     starts: Sequence[int]
@@ -43,31 +49,35 @@ class Text:
         return Token(self.lines[number], start - self.starts[number], word)
 
 
-def take_out(source: Text) -> tuple[str, list[Annotation]]:
-    """What is left, and the annotations in order. Raises Wrong: SHM003, also for what is valid and not read here."""
-    for found in _STRING_OR_OUT.finditer(source.whole):
-        if found["unclosed"]:
-            raise source.token(found.start(), found[0]).wrong("SHM003", "this is never closed")
-    code = _STRING_OR_OUT.sub(lambda found: _blank(found) if found["out"] else found[0], source.whole)
+def extract_annotations(source: Text) -> tuple[str, list[Annotation]]:
+    """Return the code without comments and annotations, and the annotations in order.
+
+    Raises DefinitionError (SHM003) if the syntax is invalid, or if shmgen does not support the syntax.
+    """
+    for match in _STRING_OR_OUT.finditer(source.whole):
+        if match["unclosed"]:
+            raise source.token(match.start(), match[0]).error("SHM003", "the end of this string or comment is missing")
+    code = _STRING_OR_OUT.sub(lambda match: _blank(match) if match["out"] else match[0], source.whole)
     annotations = []
-    for found in _ANNOTATION.finditer(code):
-        if found["values"] is None and _BRACKET.match(code, found.end()):
-            raise source.token(found.start(), found[0]).wrong("SHM003", "the bracket behind this is never closed")
-        values = {part["key"] or "value": part["value"].strip() for part in _VALUE.finditer(found["values"] or "")}
-        annotations.append(Annotation(found.start(), found["name"], values))
+    for match in _ANNOTATION.finditer(code):
+        if match["values"] is None and _BRACKET.match(code, match.end()):
+            raise source.token(match.start(), match[0]).error("SHM003", "the closing bracket after this is missing")
+        values = {part["key"] or "value": part["value"].strip() for part in _VALUE.finditer(match["values"] or "")}
+        annotations.append(Annotation(match.start(), match["name"], values))
     code = _ANNOTATION.sub(_blank, code)
     bare = _STRING.sub(_blank, code)
     if other := _OTHER_THAN_STRUCT.search(bare):
-        hint = "a message is a struct, a service a .srv, an action an .action"
-        raise source.token(other.start(), other[1]).wrong("SHM003", f"ROS has no {other[1]}", hint)
+        hint = "write a message as a struct, a service to a .srv file, an action to an .action file"
+        raise source.token(other.start(), other[1]).error("SHM003", f"ROS has no {other[1]}", hint)
     if sign := _ARITHMETIC.search(bare):
         place = source.token(sign.start("sign"), sign["sign"])
-        raise place.wrong("SHM003", "nothing is calculated here", "write the result")
+        hint = "write the result as a number, and a type as `package::msg::Name`"
+        raise place.error("SHM003", "an expression is not allowed here", hint)
     return code, annotations
 
 
-def spelled(literal: str) -> str:
-    """A literal of IDL as a .msg spells it: `TRUE` -> `true`, `017` -> `0o17`, `"a" "b"` -> `"ab"`."""
+def to_msg_literal(literal: str) -> str:
+    """Convert a literal of IDL to the syntax of a .msg file: `TRUE` -> `true`, `017` -> `0o17`, `"a" "b"` -> `"ab"`."""
     if _STRING.match(literal):
         return '"' + text_of(literal).replace("\\", r"\\").replace('"', r"\"") + '"'
     if literal in ("TRUE", "FALSE"):
@@ -78,7 +88,7 @@ def spelled(literal: str) -> str:
 
 
 def text_of(literal: str) -> str:
-    """The characters of strings in quotes, one behind the other."""
+    """Return the characters of quoted strings, concatenated."""
     return "".join(_ESCAPE.sub(_character, inner) for inner in _STRING.findall(literal))
 
 
@@ -91,21 +101,24 @@ _ANNOTATION = re.compile(rf'@\s*(?P<name>\w+)(?:\s*(?P<values>\((?:[^"()]|{_QUOT
 _BRACKET = re.compile(r"\s*\(")
 _VALUE = re.compile(rf'(?:(?P<key>\w+)\s*=\s*)?(?P<value>(?:{_QUOTED}\s*)+|[^\s,"()=][^,"()]*)')
 _OTHER_THAN_STRUCT = re.compile(r"\b(union|interface|valuetype|exception|bitmask|bitset)\s+\w")
-# A sign behind a word adds, unless it is that of an exponent.
+# A sign after a word is an addition, except the sign of an exponent.
 _ARITHMETIC = re.compile(r"(?:(?<![0-9.][eE])(?<=\w)\s*(?=[+-])|(?=[|^&*/%~()]))(?P<sign>.)")
 _OCTAL = re.compile(r"[+-]?0[0-7]+")
 _ESCAPE = re.compile(r"\\(?:x(?P<hex>[0-9a-fA-F]{1,2})|u(?P<wide>[0-9a-fA-F]{1,4})|(?P<octal>[0-7]{1,3})|(?P<sign>.))")
-"""OMG IDL 4.2, table 7-9."""
+"""The escape sequences of OMG IDL 4.2, table 7-9."""
 _SIGNS = {"n": "\n", "t": "\t", "r": "\r", "\\": "\\", "?": "?", "'": "'", '"': '"'}
 
 
 def _character(escape: re.Match[str]) -> str:
-    """Control characters, and halves of surrogate pairs, stay as they are spelled."""
+    """Return the character that an escape sequence stands for.
+
+    Return the escape sequence unchanged if it stands for a control character or half of a surrogate pair.
+    """
     if escape["sign"]:
         return _SIGNS.get(escape["sign"], escape[0])
     character = chr(int(escape["octal"], 8) if escape["octal"] else int(escape["hex"] or escape["wide"], 16))
     return character if character.isprintable() or character in "\n\t\r" else escape[0]
 
 
-def _blank(found: re.Match[str]) -> str:
-    return re.sub(r"[^\n]", " ", found[0])
+def _blank(match: re.Match[str]) -> str:
+    return re.sub(r"[^\n]", " ", match[0])

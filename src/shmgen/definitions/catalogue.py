@@ -1,22 +1,26 @@
-"""What folders, a sourced ROS and the store have in common: packages of definitions, found but not read yet."""
+"""Packages of definitions that are found but not read yet.
+
+Folders, a sourced ROS and the built-in store are all searched for such packages.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
-from shmgen.core.fast_dataclass import dataclass
 from shmgen.core.model import TypeName
 from shmgen.definitions.parser import SECTIONS
 from shmgen.definitions.tokens import Dialect
 from shmgen.definitions.wrappers import WRAPPERS
 
 
-@dataclass(frozen=True, slots=True)
-class Definition:
-    """A file still to be read, or its text. `path` is what diagnostics print, `origin` what generated files print."""
+class Definition(NamedTuple):
+    """A definition that is not read yet. `content` is the path of its file, or its text.
+
+    Diagnostics print `path`, and generated files print `origin`.
+    """
 
     name: TypeName
     path: str
@@ -25,15 +29,19 @@ class Definition:
 
     @property
     def messages(self) -> tuple[TypeName, ...]:
-        """Those it will turn out to hold, and those that are made for it."""
+        """The names of the messages in the definition, and of the wrappers that shmgen generates for the definition.
+
+        A wrapper combines a part of a service or an action with the number of its call or goal.
+        """
         return tuple(self.name.part(ending) for ending in (*SECTIONS[self.name.kind], *WRAPPERS[self.name.kind]))
 
 
 @dataclass(frozen=True, slots=True)
 class Package:
-    """`place` is for people; `definitions` maps the name of each message to the definition that holds it.
+    """A package of definitions. `place` is its location as diagnostics print it.
 
-    `dialect` is None where nothing but the source, as a whole, can tell.
+    `definitions` maps the name of each message to the definition that contains the message. `dialect` is None if the
+    package does not name its dialect; the package then gets the default dialect of the library.
     """
 
     name: str
@@ -43,10 +51,10 @@ class Package:
 
 
 Catalogue: TypeAlias = Mapping[str, tuple[Package, ...]]
-"""Name -> packages of that name; more than one is a mistake, if it is used."""
+"""Name -> packages of this name. More than one package is an error if the name is used."""
 
 
 def package_of(name: str, place: str, definitions: list[Definition], dialect: Dialect | None = None) -> Package:
-    """A package that knows its messages, sorted."""
-    held = {message: definition for definition in definitions for message in definition.messages}
-    return Package(name, place, dict(sorted(held.items())), dialect)
+    """Return a package with its messages in order of name."""
+    by_message = {message: definition for definition in definitions for message in definition.messages}
+    return Package(name, place, dict(sorted(by_message.items())), dialect)

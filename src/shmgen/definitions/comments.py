@@ -1,9 +1,10 @@
-r"""Turns the comments of a definition into the documentation of its message, fields and constants.
+r"""Turn the comments of a definition into the documentation of its message, fields and constants.
 
-* The block of comments at the top is the message's; so is one below blank lines, if a blank line follows it.
-* A block directly above a declaration, and the comment behind it, are the declaration's. An indented comment line
-  below a comment continues it. Any other block is a heading, and belongs to nobody.
-* `[m/s]` in a comment is a unit, if it is the only one; it is then taken out of the text.
+* The comment block at the top documents the message. If blank lines precede the block, a blank line must follow too.
+* A comment block directly above a declaration, and the comment after the declaration, document the declaration.
+* An indented comment line below a comment continues the comment.
+* Any other comment block is a heading and documents nothing.
+* A unit in brackets such as `[m/s]` is removed from the text, if the comment has only one unit.
 """
 
 from __future__ import annotations
@@ -11,10 +12,14 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from textwrap import dedent
+from typing import NamedTuple
 
 
 def assign(lines: Sequence[str], behind: Mapping[int, str]) -> tuple[str, dict[int, str]]:
-    """The documentation of the message, and of each declaration: `behind` maps its line to the comment in it."""
+    """Return the documentation of the message, and a map from each declaration's line index to its documentation.
+
+    `behind` maps the line index of each declaration to the comment after the declaration, or `""`.
+    """
     message, first = _top(lines)
     documented: dict[int, list[str]] = {}
     above: list[str] = []
@@ -34,8 +39,8 @@ def assign(lines: Sequence[str], behind: Mapping[int, str]) -> tuple[str, dict[i
     return message, {index: _tidy(texts) for index, texts in documented.items()}
 
 
-def unit_of(doc: str) -> tuple[str, str]:
-    """The documentation without its unit, and the unit: "speed [m/s]" -> "speed", "m/s"."""
+def split_unit(doc: str) -> tuple[str, str]:
+    """Split a comment into its text and its unit: "speed [m/s]" -> "speed", "m/s"."""
     units = set(_UNIT.findall(doc))
     if len(units) != 1:
         return doc, ""
@@ -43,27 +48,41 @@ def unit_of(doc: str) -> tuple[str, str]:
     return "\n".join(lines).strip(), units.pop()
 
 
-def own_of(doc: str) -> tuple[str, str]:
-    """The documentation without what a PLC calls it, and that: "speed (PLC: rSpeed)" -> "speed", "rSpeed".
+class PlcNote(NamedTuple):
+    """The note in brackets that `shmgen import` writes into a comment, to keep the name and the type in the PLC.
 
-    `shmgen import` writes it; of a type that is spelled otherwise too it says `rSpeed : ARRAY[1..3] OF REAL`.
+    Examples are `(PLC: rSpeed)` and `(PLC: rSpeed : ARRAY[1..3] OF REAL)`. `name` is the name in the PLC, with the type
+    if shmgen would generate another type. `align` is the alignment of a field in bytes. `pack` is the pack_mode of a
+    structure.
     """
-    found = _OWN.search(doc)
-    if found is None:
-        return doc, ""
-    rest = doc[: found.start()] + doc[found.end() :]
-    return "\n".join(line.rstrip() for line in rest.split("\n")).strip("\n"), found[1]
+
+    name: str = ""
+    align: int = 1
+    pack: int = 8
 
 
-_OWN = re.compile(r"[ \t]*\(PLC: ([A-Za-z_]\w*(?: : [^()\n]*(?:\([^()\n]*\))?)?)\)")
+def split_plc_note(doc: str) -> tuple[str, PlcNote]:
+    """Split a comment into its text and the note that `shmgen import` wrote into the comment."""
+    note = _PLC_NOTE.search(doc)
+    if note is None:
+        return doc, PlcNote()
+    rest = doc[: note.start()] + doc[note.end() :]
+    text = "\n".join(line.rstrip() for line in rest.split("\n")).strip("\n")
+    return text, PlcNote(note["name"], int(note["align"] or 1), int(note["pack"] or 8))
 
-# A letter, degree, percent or micro sign first: `[0, 1]`, `[3]`, `[0-1]` are no units. `name[i]` has an index, and
-# `[-]` stands where a unit would: of no dimension.
+
+_PLC_NOTE = re.compile(
+    r"[ \t]*\(PLC: (?P<name>[^\W\d]\w*(?: : [^()\n]*?(?:\([^()\n]*\))?)?)"
+    r"(?:, align (?P<align>[248])|, pack_mode (?P<pack>[124]))?\)"
+)
+
+# A unit begins with a letter, degree, percent or micro sign, so `[0, 1]`, `[3]` and `[0-1]` are not units. The index in
+# `name[i]` is not a unit. `[-]` marks a value without dimension.
 _UNIT = re.compile(r"[ \t]?\[((?![ijkn]\])[A-Za-z°µμΩ%(][^\s\[\],:=_]{0,30}(?: per [a-z]{1,10})?|-)\]")
 
 
 def _top(lines: Sequence[str]) -> tuple[str, int]:
-    """The block at the top, and the line behind it."""
+    """Return the text of the comment block at the top, and the index of the line after the block."""
     start = 0
     while start < len(lines) and not lines[start].strip(" \t"):
         start += 1
@@ -76,7 +95,7 @@ def _top(lines: Sequence[str]) -> tuple[str, int]:
 
 
 def _tidy(comments: Sequence[str]) -> str:
-    """Without hashes, the common indent, and empty lines at either end."""
+    """Return the comments without hashes, common indent, and empty lines at either end."""
     stripped = [comment.strip(" \t").lstrip("#").rstrip() for comment in comments]
     while stripped and not stripped[-1]:
         stripped.pop()

@@ -1,7 +1,8 @@
-"""Finds packages in the environment of a sourced ROS: those that ROS itself would find in this shell.
+"""Find the packages that a sourced ROS itself would find in this shell.
 
-ROS 2 has an index of interfaces in each prefix, `share/ament_index/resource_index/rosidl_interfaces` (ament's
-resource index). ROS 1 has folders that rospack crawls. Debian's ROS 1 lies in /usr/share, and nobody sources it.
+Each prefix of ROS 2 has an index of the packages with definitions, in
+`share/ament_index/resource_index/rosidl_interfaces`. ROS 1 has no index, so its package folders are searched, as
+rospack searches them. /usr/share is always searched for packages of ROS 1, because Debian installs them there.
 """
 
 from __future__ import annotations
@@ -9,7 +10,6 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from pathlib import Path
 
 from shmgen.core.diagnostics import Report, Span
@@ -20,30 +20,40 @@ from shmgen.definitions.parser import SECTIONS
 from shmgen.definitions.tokens import Dialect
 
 DEBIAN = Path("/usr/share")
-"""Where Debian's packages ros-std-msgs and others put <package>/msg, without a package.xml."""
+"""The folder in which Debian's packages such as ros-std-msgs install <package>/msg, without a package.xml."""
 
 
 def dialect(variables: Mapping[str, str]) -> Dialect:
-    """Which ROS this shell is of. Both may be sourced, as a bridge needs it: then the last one, ROS_VERSION."""
+    """Return the dialect of the ROS that is sourced in this shell.
+
+    A bridge needs both ROS 1 and ROS 2. If both are sourced, ROS_VERSION names the ROS that was sourced last.
+    """
     if variables.get("ROS_VERSION") in ("1", "2"):
         return "ros1" if variables["ROS_VERSION"] == "1" else "ros2"
     return "ros2" if variables.get("AMENT_PREFIX_PATH") else "ros1"
 
 
 def places(variables: Mapping[str, str]) -> list[Path]:
-    """Prefixes of ROS 2, or folders with packages of ROS 1, in the order in which they win; those that exist."""
+    """Return the existing folders in which a sourced ROS has packages, in order of precedence.
+
+    For ROS 2, the folders are prefixes. For ROS 1, they are package folders.
+    """
     if dialect(variables) == "ros2":
-        found = [place for place in _paths(variables, "AMENT_PREFIX_PATH") if (place / _INDEX).is_dir()]
+        existing = [place for place in _paths(variables, "AMENT_PREFIX_PATH") if (place / _INDEX).is_dir()]
     else:
-        found = [place for place in _paths(variables, "ROS_PACKAGE_PATH") if place.is_dir()]
-        found += [DEBIAN] if (DEBIAN / "std_msgs" / "msg").is_dir() and DEBIAN not in found else []
-    return list(dict.fromkeys(found))
+        existing = [place for place in _paths(variables, "ROS_PACKAGE_PATH") if place.is_dir()]
+        existing += [DEBIAN] if (DEBIAN / "std_msgs" / "msg").is_dir() and DEBIAN not in existing else []
+    return list(dict.fromkeys(existing))
 
 
 def catalogue(variables: Mapping[str, str], report: Report) -> Catalogue:
-    """A package comes whole from the first place that has it. Raises Rejected: SHM506, where no ROS is found."""
+    """Return the packages of the sourced ROS.
+
+    If several folders contain the same package, all its definitions come from the first of these folders. Raises
+    Rejected (SHM506) if no packages are found.
+    """
     ros2 = dialect(variables) == "ros2"
-    found: dict[str, tuple[Package, ...]] = {}
+    all_packages: dict[str, tuple[Package, ...]] = {}
     for place in places(variables):
         if ros2:
             packages: Catalogue = {package.name: (package,) for package in _indexed(place)}
@@ -52,27 +62,28 @@ def catalogue(variables: Mapping[str, str], report: Report) -> Catalogue:
         else:
             crawled = folders.catalogue(place, _NOWHERE, report)
             packages = {name: tuple(_of_ros1(package) for package in several) for name, several in crawled.items()}
-        found = {**packages, **found}
-    if not found:
+        all_packages = {**packages, **all_packages}
+    if not all_packages:
         name, distribution = ("AMENT_PREFIX_PATH", "jazzy") if ros2 else ("ROS_PACKAGE_PATH", "noetic")
         value = variables.get(name)
         if not any(map(variables.get, ("ROS_VERSION", "AMENT_PREFIX_PATH", "ROS_PACKAGE_PATH"))):
-            distribution = "jazzy"  # which ROS is meant cannot be known; most are of this kind
-        hint = (
-            f"type `source /opt/ros/{distribution}/setup.bash`, or that of your workspace, and run again in that shell"
+            distribution = "jazzy"  # no variable names a ROS; most users have ROS 2
+        setup = f"/opt/ros/{distribution}/setup.bash"
+        hint = f"type `source {setup}`, or the setup.bash of your workspace, and repeat the command"
+        hint += '\nwithout ROS, set source = "jazzy" in shmgen.toml to use built-in definitions'
+        why = (
+            f"{name} is {value!r}, but its folders contain no messages" if value else "no ROS is sourced in this shell"
         )
-        hint += '\nwithout a ROS: set source to a built-in store, such as "jazzy", in shmgen.toml'
-        why = f"{name} is {value!r}, and no messages are there" if value else "no ROS is sourced in this shell"
         report.error("SHM506", why, Span('source = "env"'), hint=hint)
         report.stop_if_any()
-    return found
+    return all_packages
 
 
 _NOWHERE = Path(os.devnull)
-"""Paths are shown relative to this, so whole."""
+"""A path without files. Paths shortened relative to this path stay absolute."""
 _INDEX = "share/ament_index/resource_index/rosidl_interfaces"
 _LARGEST_INDEX = 2**20
-# Names with an underscore are what ROS 2 has made of services and actions itself, as `ros2 interface` has it.
+# Skip names with an underscore, as `ros2 interface` does: ROS 2 generates them from services and actions.
 _INTERFACE = re.compile(r"(msg|srv|action)/([A-Za-z][A-Za-z0-9]*)\.(msg|srv|action|idl)")
 
 
@@ -81,7 +92,7 @@ def _paths(variables: Mapping[str, str], name: str) -> list[Path]:
 
 
 def _indexed(prefix: Path) -> Iterable[Package]:
-    """As the index of one prefix has them."""
+    """Yield the packages that the ROS 2 index of a prefix lists."""
     for entry in sorted((prefix / _INDEX).iterdir()):
         root = prefix / "share" / entry.name
         try:
@@ -90,14 +101,14 @@ def _indexed(prefix: Path) -> Iterable[Package]:
         except OSError:
             continue
         files: dict[tuple[str, str], Path] = {}
-        for kind, stem, ending in (found.groups() for line in lines if (found := _INTERFACE.fullmatch(line))):
+        for kind, stem, ending in (match.groups() for line in lines if (match := _INTERFACE.fullmatch(line))):
             if ending == kind or (ending == "idl" and (kind, stem) not in files):
                 files[kind, stem] = root / kind / f"{stem}.{ending}"
         yield _package(entry.name, root, files.values(), "ros2")
 
 
 def _loose(folder: Path) -> Iterable[Package]:
-    """Folders that hold msg/, srv/ or action/, and nothing that says they are packages."""
+    """Yield a package for each subfolder with msg/, srv/ or action/. No package.xml is needed."""
     files: dict[str, list[Path]] = {}
     for kind in SECTIONS:
         for file in sorted(folder.glob(f"*/{kind}/*.{kind}")):
@@ -107,13 +118,20 @@ def _loose(folder: Path) -> Iterable[Package]:
 
 
 def _of_ros1(package: Package) -> Package:
-    """What a crawl found, said to come from ROS."""
-    held = {name: replace(one, origin=f"{one.origin} of ROS 1") for name, one in package.definitions.items()}
-    return Package(package.name, package.place, held, "ros1")
+    """Return a package that a search of folders found, marked as a package of ROS 1.
+
+    The mark sets the dialect of the package, and the origin of each definition, which generated files print.
+    """
+    definitions = {name: one._replace(origin=f"{one.origin} of ROS 1") for name, one in package.definitions.items()}
+    return Package(package.name, package.place, definitions, "ros1")
 
 
 def _package(name: str, root: Path, files: Iterable[Path], dialect: Dialect) -> Package:
-    """The origin names no prefix and no distribution: one text gives one output, wherever it lies."""
+    """Return a package of definition files that are in or below the folder `root`.
+
+    Generated files print the origin of each definition. The origin contains neither the folder nor the distribution, so
+    that the same definition gives the same output in every installation.
+    """
     definitions = [
         Definition(
             TypeName(name, file.parent.name, file.stem),

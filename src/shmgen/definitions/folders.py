@@ -1,9 +1,9 @@
-"""Finds packages in folders.
+"""Find the packages of definitions in a folder of the user.
 
-A package is a folder with a package.xml, or with definitions in msg/, srv/ or action/. In one with a package.xml these
-folders may lie in others that group them (`planning/msg/`) or hold such (`msg/planning/`), as rosidl takes them.
-Folders above packages are searched to any depth, in order of name; COLCON_IGNORE, AMENT_IGNORE or CATKIN_IGNORE takes a
-folder out, and rospack_nosubdirs all that is below it.
+A package is a folder with a package.xml, or with definitions in msg/, srv/ or action/. In a package with a package.xml,
+further folders may group definitions as rosidl allows: `planning/msg/` or `msg/planning/`. Folders above packages are
+searched to any depth, in order of name. A file COLCON_IGNORE, AMENT_IGNORE or CATKIN_IGNORE excludes its folder. A
+folder with a file rospack_nosubdirs is searched without its subfolders.
 """
 
 from __future__ import annotations
@@ -20,26 +20,29 @@ from shmgen.definitions.parser import SECTIONS
 from shmgen.definitions.tokens import Dialect
 
 LARGEST_FILE = 2**19
-"""Bytes. The largest definition known to us, px4_msgs/VehicleCommand, has 24 KiB."""
+"""The largest size of a definition file in bytes. The largest known file, px4_msgs/VehicleCommand, has 24 KiB."""
 
 
 def catalogue(folder: Path, relative_to: Path, report: Report) -> Catalogue:
-    """Every package in and below `folder`. SHM001 where there are too many folders to look at."""
-    found: dict[str, tuple[Package, ...]] = {}
+    """Return all packages in and below `folder`. Report SHM001 if there are too many folders to search."""
+    packages_by_name: dict[str, tuple[Package, ...]] = {}
     packages = _packages(folder, relative_to)
     if packages is None:
-        hint = "name the folder that your packages are in"
-        said = f"more than {_MOST_FOLDERS:,} folders are in and below it"
-        report.error("SHM001", said, Span(shorten(folder, relative_to)), hint=hint)
+        hint = "give the folder that contains your packages"
+        problem = f"more than {_MOST_FOLDERS:,} folders to search"
+        report.error("SHM001", problem, Span(shorten(folder, relative_to)), hint=hint)
     for package in packages or ():
-        held = tuple(other for other in found.get(package.name, ()) if other.definitions)
-        if package.definitions or not held:  # one of programs alone is not meant
-            found[package.name] = (*held, package)
-    return found
+        with_definitions = tuple(other for other in packages_by_name.get(package.name, ()) if other.definitions)
+        if package.definitions or not with_definitions:  # ignore a package without definitions if another has some
+            packages_by_name[package.name] = (*with_definitions, package)
+    return packages_by_name
 
 
 def package_around(file: Path, relative_to: Path) -> Package | None:
-    """The package that a definition given by its path belongs to; that file alone, if it lies in no package."""
+    """Return the package that contains a definition file. If no package contains the file, its folder is the package.
+
+    Return None if the package or the folder has no valid package name.
+    """
     folder = Path(os.path.abspath(file)).parent
     kind = kind_of(file)
     section = _section(folder)
@@ -47,20 +50,26 @@ def package_around(file: Path, relative_to: Path) -> Package | None:
     if package is None:
         return None
     name = package.name
-    given = _definition(file, TypeName(name, kind, file.stem), relative_to)
+    definition = _definition(file, TypeName(name, kind, file.stem), relative_to)
     siblings = {} if section else _loose(folder, name, relative_to)
-    held = {**siblings, **package.definitions, **dict.fromkeys(given.messages, given)}
-    return Package(name, package.place, held, package.dialect)
+    definitions = {**siblings, **package.definitions, **dict.fromkeys(definition.messages, definition)}
+    return Package(name, package.place, definitions, package.dialect)
 
 
 def _section(folder: Path) -> Path | None:
-    """The msg/, srv/ or action/ that a definition lies in: its own or, if there is a package.xml, one above."""
+    """Return the folder called msg/, srv/ or action/ that a definition in `folder` belongs to, or None.
+
+    This is `folder` itself. In a package with a package.xml, it may also be a folder above `folder`.
+    """
     above = (place for place in (folder, *folder.parents[:_DEEPEST_GROUP]) if place.name in SECTIONS)
     return next((it for it in above if it == folder or (_root(it.parent) / "package.xml").is_file()), None)
 
 
 def _root(folder: Path) -> Path:
-    """The package around a folder that holds msg/, srv/ or action/: itself, unless it only groups those."""
+    """Return the root of the package that contains `folder`, a folder with a subfolder msg/, srv/ or action/.
+
+    The root is the nearest folder with a package.xml, or `folder` itself if there is none.
+    """
     above = [folder, *folder.parents[:_DEEPEST_GROUP]]
     return next((place for place in above if (place / "package.xml").is_file()), folder)
 
@@ -69,13 +78,16 @@ _DEEPEST_GROUP = 3
 
 
 def kind_of(file: Path) -> str:
-    """msg, srv or action; of an .idl the folder says it."""
+    """Return msg, srv or action. The folder decides the kind of an .idl file; msg is the default."""
     section = _section(Path(os.path.abspath(file)).parent)
     return (section.name if section else "msg") if file.suffix == ".idl" else file.suffix.removeprefix(".")
 
 
 def read(definition: Definition, report: Report) -> str | None:
-    """The text, without a byte order mark; None with SHM001 or SHM002 in the report."""
+    """Return the text of a definition, without a byte order mark.
+
+    If the file cannot be read, report SHM001 and return None. If the file is not UTF-8, report SHM002 and return None.
+    """
     if isinstance(definition.content, str):
         return definition.content
     nowhere = Span(definition.path)
@@ -90,7 +102,7 @@ def read(definition: Definition, report: Report) -> str | None:
         report.error("SHM001", f"cannot read: {error.strerror}", nowhere)
         return None
     if len(data) > LARGEST_FILE:
-        report.error("SHM001", f"larger than {LARGEST_FILE // 1024} KiB, so hardly a definition", nowhere)
+        report.error("SHM001", f"larger than {LARGEST_FILE // 1024} KiB, the limit of a definition", nowhere)
         return None
     try:
         return data.decode().removeprefix("\N{ZERO WIDTH NO-BREAK SPACE}")
@@ -110,12 +122,15 @@ _BUILD_TOOL = re.compile(rb"<(?:buildtool_depend|build_type)\b[^<>]*>\s*([A-Za-z
 
 
 _MOST_FOLDERS = 100_000
-"""That are searched for packages; a workspace with all of ROS has some thousand."""
+"""The largest number of folders to search for packages. A workspace with all of ROS has some thousand."""
 
 
 def _packages(folder: Path, relative_to: Path) -> list[Package] | None:
-    """Depth first, without recursion; a folder reached twice over links counts once. None where there are too many."""
-    found: list[Package] = []
+    """Return the packages in and below a folder, or None if there are too many folders.
+
+    The search is depth first, without recursion. A folder reached twice through links counts once.
+    """
+    packages: list[Package] = []
     seen: set[tuple[int, int]] = set()
     waiting = [folder]
     while waiting:
@@ -134,55 +149,56 @@ def _packages(folder: Path, relative_to: Path) -> list[Package] | None:
         if "package.xml" in names or any(_files(here / kind, kind) for kind in SECTIONS if kind in names):
             package = _package(here, relative_to)
             if package is not None:
-                found.append(package)
+                packages.append(package)
             continue
         if "rospack_nosubdirs" in names:
             continue
         waiting += [entry for entry in reversed(entries) if entry.name[0] != "." and os.path.isdir(entry)]
-    return found
+    return packages
 
 
 def _package(root: Path, relative_to: Path) -> Package | None:
-    """None where neither package.xml nor the folder's own name can be a package's."""
+    """Return the package in `root`, or None if package.xml and the folder give no valid package name."""
     manifest = _manifest(root)
-    said = _NAME_IN_XML.search(manifest)
-    name = said[1].decode() if said else root.name or Path(os.path.abspath(root)).name
+    name_element = _NAME_IN_XML.search(manifest)
+    name = name_element[1].decode() if name_element else root.name or Path(os.path.abspath(root)).name
     if not _PACKAGE_NAME.fullmatch(name):
         return None
     definitions = [
         _definition(file, TypeName(name, kind, file.stem), relative_to)
         for kind in SECTIONS
-        for place in (*_groups(root, bool(manifest)), root)  # of two of one name the one at the top counts
+        for place in (*_groups(root, bool(manifest)), root)  # if a name occurs twice, the definition in root wins
         for file in _files(place / kind, kind, with_groups=bool(manifest))
     ]
     return package_of(name, shorten(root, relative_to), definitions, _dialect(manifest))
 
 
 def _groups(root: Path, has_manifest: bool) -> list[Path]:
-    """The folders in a package that group its definitions: they hold a msg/, srv/ or action/."""
-    found: list[Path] = []
+    """Return the subfolders of a package that contain msg/, srv/ or action/. A package without a manifest has none."""
+    groups: list[Path] = []
     for here, folders, others in os.walk(root) if has_manifest else ():
         if here != str(root) and not {"package.xml", *_IGNORED}.isdisjoint(others):
             folders.clear()
             continue
         if here != str(root) and not set(SECTIONS).isdisjoint(folders):
-            found.append(Path(here))
+            groups.append(Path(here))
         folders[:] = sorted(name for name in folders if not name.startswith(".") and name not in SECTIONS)
-    return found
+    return groups
 
 
 def _loose(folder: Path, name: str, relative_to: Path) -> dict[TypeName, Definition]:
-    """The .msg files next to each other in a folder that is no msg/."""
+    """Return the messages of the .msg files that are directly in `folder`, a folder that is not called msg/."""
     definitions = [_definition(file, TypeName(name, "msg", file.stem), relative_to) for file in _files(folder, "msg")]
     return {message: definition for definition in definitions for message in definition.messages}
 
 
 def _files(folder: Path, kind: str, *, with_groups: bool = False) -> list[Path]:
-    """The definitions of a kind; of a message that is there twice not the .idl, which ROS has made of the other.
+    """Return the definition files of a kind (msg, srv or action) in a folder.
 
-    `with_groups`: those in folders below it too.
+    If `with_groups` is true, files in subfolders are included. If `Foo.idl` and `Foo.msg` both exist, `Foo.idl` is
+    omitted: ROS generated it from `Foo.msg`.
     """
-    found: dict[str, Path] = {}
+    by_stem: dict[str, Path] = {}
     try:
         entries = sorted(folder.iterdir())
     except OSError:
@@ -190,31 +206,34 @@ def _files(folder: Path, kind: str, *, with_groups: bool = False) -> list[Path]:
     others = [entry for entry in entries if entry.suffix not in (f".{kind}", ".idl") and entry.name[0] != "."]
     groups = [entry for entry in others if not entry.is_symlink()] if with_groups else ()
     below = [file for group in groups for file in _files(group, kind, with_groups=True)]
-    for file in (*below, *entries):  # of two of one name the one at the top counts
-        if file.suffix == f".{kind}" or (file.suffix == ".idl" and file.stem not in found):
-            found[file.stem] = file
-    return [found[stem] for stem in sorted(found)]
+    for file in (*below, *entries):  # if a name occurs twice, the file at the top wins
+        if file.suffix == f".{kind}" or (file.suffix == ".idl" and file.stem not in by_stem):
+            by_stem[file.stem] = file
+    return [by_stem[stem] for stem in sorted(by_stem)]
 
 
 def _definition(file: Path, name: TypeName, relative_to: Path) -> Definition:
     shortened = shorten(file, relative_to)
-    # Generated files print the origin, so it must be the same on every machine.
+    # Generated files print the origin, so the origin must be the same on every machine.
     origin = shortened if not os.path.isabs(shortened) else f"{name.package}/{name.kind}/{file.name}"
     return Definition(name, shortened, origin, file)
 
 
 def shorten(path: Path, relative_to: Path) -> str:
-    """Relative where that needs no `..`, else absolute; on one line, whatever is in the name."""
+    """Return a path for diagnostics: relative if the file is in or below `relative_to`, otherwise absolute.
+
+    Unprintable characters are replaced.
+    """
     absolute, start = os.path.abspath(path), os.path.abspath(relative_to)
     text = os.path.relpath(absolute, start) if Path(absolute).is_relative_to(start) else absolute
-    text = text.replace(os.sep, "/")  # on Windows too, so that what is generated is the same
+    text = text.replace(os.sep, "/")  # also on Windows, so that generated files are the same
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
 
 
 def _manifest(root: Path) -> bytes:
-    """package.xml without its comments; empty where there is none."""
+    """Return the text of package.xml without comments, or `b""` if there is no package.xml."""
     try:
-        with files.opened(root / "package.xml") as file:
+        with files.open_file(root / "package.xml") as file:
             first, *others = file.read(LARGEST_FILE).split(b"<!--")
     except OSError:
         return b""
@@ -222,7 +241,11 @@ def _manifest(root: Path) -> bytes:
 
 
 def _dialect(manifest: bytes) -> Dialect | None:
-    """By the build tool: catkin is that of ROS 1, ament that of ROS 2. None where neither is named, or both."""
+    """Return the dialect of a package from the build tool in its package.xml.
+
+    The build tool catkin means ROS 1; ament or rosidl means ROS 2. Return None if the package.xml names no build tool,
+    or build tools of both.
+    """
     tools = {tool.partition(b"_")[0] for tool in _BUILD_TOOL.findall(manifest)}
     if (b"catkin" in tools) == (not tools.isdisjoint((b"ament", b"rosidl"))):
         return None

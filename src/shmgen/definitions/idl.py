@@ -1,7 +1,7 @@
-"""Turns the text of an .idl file into Messages that know the place of every word.
+"""Parse the text of an .idl file into Messages with the position of every word.
 
-rosidl_parser takes the text apart. Only its syntax tree is used: what it makes of that has lost the places, and takes
-`sequence<wstring<5>>` for a bounded sequence.
+Only the syntax tree of rosidl_parser is used. The later results of rosidl_parser have no positions, and represent
+`sequence<wstring<5>>` as a bounded sequence.
 """
 
 from __future__ import annotations
@@ -15,33 +15,36 @@ from typing import Any, NamedTuple, TypeVar
 
 from shmgen.core.diagnostics import Report, Span
 from shmgen.core.model import Array, Constant, Field, FieldType, Message, Ref, Scalar, Sequence, String, TypeName
-from shmgen.definitions import comments
-from shmgen.definitions.annotations import Annotation, Text, spelled, take_out, text_of
+from shmgen.definitions import comments, syntax_hints
+from shmgen.definitions.annotations import Annotation, Text, extract_annotations, text_of, to_msg_literal
 from shmgen.definitions.fieldtypes import CLOCKS, read_bound
 from shmgen.definitions.literals import read_constant, read_default
 from shmgen.definitions.parser import SECTIONS, Source, lines_of
 from shmgen.definitions.rosidl import syntax_tree, words
-from shmgen.definitions.tokens import Token, Wrong, shown
+from shmgen.definitions.tokens import DefinitionError, Token, quote
 
 
 def parse(source: Source, report: Report) -> tuple[Message, ...]:
-    """One message for a file in msg/, two in srv/, three in action/; what is wrong goes to the report.
+    """Return the messages of an .idl file: one if the file is in msg/, two in srv/, three in action/.
 
-    SHM003, SHM004, SHM005, SHM006, SHM008, SHM102, SHM201, SHM302.
+    Return an empty tuple if the file is not usable. Errors go to the report: SHM001, SHM003, SHM004, SHM005, SHM006,
+    SHM008, SHM102, SHM201, SHM302.
     """
     lines = lines_of(source, report)
     try:
-        file = _taken_apart(source, Text.of(lines)) if lines else None
+        file = _split(source, Text.of(lines)) if lines else None
         return tuple(_message(file, struct, report) for struct in file.structs) if file else ()
-    except Wrong as wrong:
-        report.error(wrong.code, wrong.message, wrong.span, hint=wrong.hint)
+    except DefinitionError as error:
+        report.error(error.code, error.message, error.span, hint=error.hint)
         return ()
 
 
 class _File(NamedTuple):
-    """Its declarations, as nodes of the tree: typedefs and structures by name, constants by their module.
+    """An .idl file with its declarations, as nodes of the syntax tree.
 
-    `code` is the text without annotations; those are `noted` by the place of the name that they are about.
+    `typedefs` maps a name to its type and declarator. `constants` maps the name of a module to its constants. `code` is
+    the text without annotations. The annotations of a declaration are in `noted`, under the position of the declared
+    name.
     """
 
     source: Source
@@ -51,6 +54,13 @@ class _File(NamedTuple):
     typedefs: Mapping[str, tuple[Any, Any]]
     constants: Mapping[str, list[Any]]
     structs: list[Any]
+    enums: set[str]
+
+    @property
+    def expected(self) -> list[str]:
+        """The names of the structures that the file must contain."""
+        _, kind, name = self.source.name
+        return [name + ending for ending in SECTIONS[kind]]
 
     def token(self, name: Any) -> Token:
         return self.text.token(name.start_pos, str(name))
@@ -59,7 +69,7 @@ class _File(NamedTuple):
 _SCALARS = {
     "boolean_type": Scalar.BOOL,
     "octet_type": Scalar.UINT8,
-    "char_type": Scalar.UINT8,  # as in rosidl_generator_cpp, and as `char` is in a .msg
+    "char_type": Scalar.UINT8,  # like rosidl_generator_cpp, and like `char` in a .msg
     "wide_char_type": Scalar.UINT16,
     "signed_tiny_int": Scalar.INT8,
     "unsigned_tiny_int": Scalar.UINT8,
@@ -73,7 +83,7 @@ _SCALARS = {
     "floating_pt_type_double": Scalar.FLOAT64,
 }
 _WORDS = {"octet_type": "byte", "char_type": "char", "wide_char_type": "wchar"}
-_AROUND = {
+_WRAPPER_RULES = {
     "const_type",
     "type_spec",
     "simple_type_spec",
@@ -84,18 +94,19 @@ _AROUND = {
     "unsigned_int",
     "floating_pt_type",
 }
-"""Rules of the grammar that hold nothing but another."""
+"""Grammar rules that only wrap another rule."""
 _FILLER = "structure_needs_at_least_one_member"
-"""How rosidl_adapter writes a message without fields."""
+"""The field that rosidl_adapter adds to a message without fields."""
 _DEEPEST_TYPEDEF = 20
 _ASSIGNED = re.compile(r'\s*=\s*((?:L?"(?:\\.|[^"\\\n])*"\s*)+|[^;"]*)')
 
 
-def _taken_apart(source: Source, text: Text) -> _File:
-    code, annotations = take_out(text)
+def _split(source: Source, text: Text) -> _File:
+    code, annotations = extract_annotations(text)
     typedefs: dict[str, tuple[Any, Any]] = {}
     constants: dict[str, list[Any]] = {}
     structs: dict[str, tuple[tuple[str, ...], Any]] = {}
+    enums: set[str] = set()
     places = [len(code)]
     for modules, node in _declarations(syntax_tree(code, text)):
         if node.data == "typedef_dcl":
@@ -105,18 +116,20 @@ def _taken_apart(source: Source, text: Text) -> _File:
             constants.setdefault(modules[-1] if modules else "", []).append(node)
         elif node.data == "struct_def":
             structs[str(_name(node))] = modules, node
+        elif node.data == "enum_dcl":
+            enums.add(str(_name(node)))
         places += _places(node)
     places.sort()
     noted: dict[int, list[Annotation]] = {}
     for annotation in annotations:
         noted.setdefault(places[bisect(places, annotation.start)], []).append(annotation)
-    file = _File(source, text, code, noted, typedefs, constants, [])
-    file.structs.extend(_structs_of(file, structs))
+    file = _File(source, text, code, noted, typedefs, constants, [], enums)
+    file.structs.extend(_expected_structs(file, structs))
     return file
 
 
 def _declarations(tree: Any) -> Iterator[tuple[tuple[str, ...], Any]]:
-    """Constants, typedefs, structures and enumerations in order, with the modules around them."""
+    """Yield each constant, typedef, structure and enumeration, preceded by the names of the modules around it."""
     waiting: list[tuple[tuple[str, ...], Any]] = [((), tree)]
     while waiting:
         modules, node = waiting.pop()
@@ -127,19 +140,21 @@ def _declarations(tree: Any) -> Iterator[tuple[tuple[str, ...], Any]]:
             waiting += [(around, inner) for inner in reversed(list(_nodes(node)))]
 
 
-def _structs_of(file: _File, found: Mapping[str, tuple[tuple[str, ...], Any]]) -> Iterator[Any]:
-    """Those that the file must hold, in order. Raises Wrong: SHM003 for others."""
-    package, kind, name = file.source.name
-    wanted = [name + ending for ending in SECTIONS[kind]]
-    for struct, (modules, node) in found.items():
-        if struct not in wanted or modules != (package, kind):
+def _expected_structs(file: _File, structs: Mapping[str, tuple[tuple[str, ...], Any]]) -> Iterator[Any]:
+    """Yield the structures that the file must contain, in order.
+
+    Raises DefinitionError (SHM003) if a structure is missing or the file contains another structure.
+    """
+    (package, kind, name), expected = file.source.name, file.expected
+    for struct, (modules, node) in structs.items():
+        if struct not in expected or modules != (package, kind):
             is_called = "::".join((*modules, struct))
-            hint = f"a file {name}.idl in {kind}/ holds {' and '.join(f'{package}::{kind}::{one}' for one in wanted)}"
-            raise file.token(_name(node)).wrong("SHM003", f"a structure is called {shown(is_called)}", hint)
-    for struct in wanted:
-        if struct not in found:
-            raise file.text.token(0, "").wrong("SHM003", f"no structure is called {shown(struct)}")
-        yield found[struct][1]
+            hint = f"declare only {' and '.join(f'{package}::{kind}::{one}' for one in expected)} in {kind}/{name}.idl"
+            raise file.token(_name(node)).error("SHM003", f"unexpected structure {quote(is_called)}", hint)
+    for struct in expected:
+        if struct not in structs:
+            raise file.text.token(0, "").error("SHM003", f"the structure {quote(struct)} is missing")
+        yield structs[struct][1]
 
 
 def _message(file: _File, struct: Any, report: Report) -> Message:
@@ -147,12 +162,12 @@ def _message(file: _File, struct: Any, report: Report) -> Message:
     fields: dict[str, Field] = {}
     constants: dict[str, Constant] = {}
     for node in file.constants.get(f"{name.name}_Constants", ()):
-        with _reported(name, _name(node), report):
+        with _reporting(name, _name(node), report):
             _add(constants, _constant(file, node), file.token(_name(node)))
     for member in (node for node in _nodes(struct) if node.data == "member"):
         first, *_ = declarators = _declarators(member)
         for declarator in declarators:
-            with _reported(name, _name(declarator), report):
+            with _reporting(name, _name(declarator), report):
                 _add(fields, _field(file, member, _name(first), declarator), file.token(_name(declarator)))
     if list(fields) == [_FILLER]:
         fields = {}
@@ -162,12 +177,12 @@ def _message(file: _File, struct: Any, report: Report) -> Message:
 
 
 @contextmanager
-def _reported(message: TypeName, name: Any, report: Report) -> Iterator[None]:
-    """What is wrong with one declaration is told, and the others are read."""
+def _reporting(message: TypeName, name: Any, report: Report) -> Iterator[None]:
+    """Report a DefinitionError of the `with` block, so that the parser continues with the next declaration."""
     try:
         yield
-    except Wrong as wrong:
-        report.error(wrong.code, wrong.message, wrong.span, field=f"{message.short}.{name}", hint=wrong.hint)
+    except DefinitionError as error:
+        report.error(error.code, error.message, error.span, field=f"{message.short}.{name}", hint=error.hint)
 
 
 D = TypeVar("D", Field, Constant)
@@ -175,8 +190,8 @@ D = TypeVar("D", Field, Constant)
 
 def _add(known: dict[str, D], declared: D, name: Token) -> None:
     if declared.name in known:
-        again = f"{shown(declared.name)} is already declared in line {known[declared.name].span.line}"
-        raise name.wrong("SHM201", again, "give one of them another name")
+        problem = f"{quote(declared.name)} is already declared in line {known[declared.name].span.line}"
+        raise name.error("SHM201", problem, "rename one of them")
     known[declared.name] = declared
 
 
@@ -184,33 +199,37 @@ def _constant(file: _File, node: Any) -> Constant:
     name = file.token(_name(node))
     type_ = _type(file, next(_nodes(node)), name)
     if not isinstance(type_, Scalar | String):
-        raise name.wrong("SHM006", "a constant is a single number, bool or string")
+        raise name.error("SHM006", "a constant must be a single number, bool or string")
     assigned = _ASSIGNED.match(file.code, _name(node).start_pos + len(name.text))
-    literal = spelled(assigned[1].strip()) if assigned else ""
+    literal = to_msg_literal(assigned[1].strip()) if assigned else ""
     value = _read(name, literal, lambda written: read_constant(written, type_, "ros2"))
     type_ = String(wide=type_.wide) if isinstance(type_, String) else type_
     return Constant(name.text, type_, value, name.span, _doc(file, _name(node)))
 
 
 def _field(file: _File, member: Any, first: Any, declarator: Any) -> Field:
-    """`first` is the name behind the type: the others follow behind commas."""
+    """Return the field that `declarator` declares. A member such as `double x, y;` has a declarator for each field.
+
+    `first` is the first of the member's names. The type ends before this name, and the member's annotations are stored
+    under the position of this name.
+    """
     name = file.token(_name(declarator))
     notes = {note.name: note.values.get("value", "") for note in file.noted.get(first.start_pos, ())}
     if "optional" in notes:
-        raise name.wrong("SHM003", "an optional field has no fixed place", "take `@optional` away")
-    type_ = _lengthened(_type(file, next(_nodes(member)), name), declarator, name)
+        raise name.error("SHM003", "an optional field has no fixed offset", "remove `@optional`")
+    type_ = _with_length(_type(file, next(_nodes(member)), name), declarator, name)
     start = max(file.code.rfind(sign, 0, first.start_pos) for sign in ";{") + 1
     written = file.code[start : first.start_pos]
     start += len(written) - len(written.lstrip())
     place = file.text.token(start, written.strip().partition("\n")[0])
     default = None
     if "default" in notes:
-        literal = spelled(notes["default"])
-        if isinstance(type_, Array | Sequence):  # rosidl_adapter writes those as Python spells a tuple, in quotes
+        literal = to_msg_literal(notes["default"])
+        if isinstance(type_, Array | Sequence):  # rosidl_adapter writes a Python tuple in quotes
             listed = text_of(notes["default"]).strip()
             literal = f"[{listed[1:-1].rstrip().removesuffix(',')}]" if listed[:1] == "(" else listed
         default = _read(name, literal, lambda written: read_default(written, type_))
-    doc, unit = comments.unit_of(_doc(file, first))
+    doc, unit = comments.split_unit(_doc(file, first))
     unit = text_of(notes["unit"]) if "unit" in notes else unit
     word = _word(file, next(_nodes(member)))
     return Field(name.text, type_, " ".join(written.split()), place.span, doc, unit, default, word)
@@ -220,19 +239,25 @@ V = TypeVar("V")
 
 
 def _read(name: Token, literal: str, read: Callable[[Token], tuple[V, Token]]) -> V:
-    """Complaints are about the name: the literal is not spelled as in the file."""
+    """Parse a literal of a default or a constant with the function `read`, and return its value.
+
+    Errors point at the declared `name`, because `literal` is not spelled as in the file.
+    """
     try:
         value, rest = read(name._replace(text=literal))
-    except Wrong as wrong:
-        raise Wrong(wrong.code, wrong.message, name.span, wrong.hint) from None
+    except DefinitionError as error:
+        raise DefinitionError(error.code, error.message, name.span, error.hint) from None
     if rest.text:
-        raise name.wrong("SHM006", f"{shown(rest.text)} is left over behind the value")
+        raise name.error("SHM006", f"{quote(rest.text)} is unexpected after the value")
     return value
 
 
 def _type(file: _File, node: Any, name: Token, depth: int = 0) -> FieldType:
-    """Of the declaration called `name`. Raises Wrong: SHM003, SHM004, SHM102 or SHM302."""
-    while node.data in _AROUND:
+    """Return the type of the declaration `name`.
+
+    Raises DefinitionError (SHM003, SHM004, SHM102 or SHM302) if the type is invalid.
+    """
+    while node.data in _WRAPPER_RULES:
         node = node.children[0]
     if node.data in _SCALARS:
         return _SCALARS[node.data]
@@ -243,55 +268,66 @@ def _type(file: _File, node: Any, name: Token, depth: int = 0) -> FieldType:
         inner = node.children[0].children[0].children[0]
         element = None if inner.data == "sequence_type" else _type(file, node.children[0], name, depth)
         if element is None or isinstance(element, Array | Sequence):
-            raise name.wrong("SHM003", "an array has one dimension", "put the inner one into a message of its own")
+            raise name.error("SHM003", "an array has one dimension", "declare the inner array in its own message")
         return Sequence(element, _number(node.children[1], name, "SHM102") if len(node.children) > 1 else None)
     if node.data != "scoped_name":
-        raise name.wrong("SHM003", "no message has this type", "a number has 64 bits at most")
+        raise name.error("SHM003", "ROS has no such type", "use a number of at most 64 bits, a string or a message")
     parts = [str(word) for word in words(node)]
     if len(parts) == 1 and parts[0] in file.typedefs and depth < _DEEPEST_TYPEDEF:
         inner, declarator = file.typedefs[parts[0]]
-        return _lengthened(_type(file, inner, name, depth + 1), declarator, name)
+        return _with_length(_type(file, inner, name, depth + 1), declarator, name)
+    if parts in ([struct] for struct in file.expected):  # the schema rejects this type as recursive
+        return Ref(file.source.name._replace(name=parts[0]))
     if len(parts) != 3:
-        hint = "a message is `package::msg::Name`; an enumeration has no counterpart in a .msg"
-        raise name.wrong("SHM004", f"no type is called {shown('::'.join(parts))} here", hint)
+        raise name.error("SHM004", f"unknown type {quote('::'.join(parts))}", _hint(file, parts))
     if parts[0] == "builtin_interfaces" and parts[2] in CLOCKS:
         return CLOCKS[parts[2]]
     return Ref(TypeName(*parts))
 
 
+def _hint(file: _File, parts: list[str]) -> str:
+    if parts[-1] in file.enums:
+        return "use `uint32`, and constants in `module Name_Constants`: ROS has no enumerations"
+    similar = syntax_hints.builtin_of_idl(parts[0]) if len(parts) == 1 else ""
+    return f"did you mean `{similar}`?" if similar else "write the type of a message as `package::msg::Name`"
+
+
 def _word(file: _File, node: Any, depth: int = 0) -> str:
-    """Of the element, however it is wrapped, where a number does not say all of it."""
-    while node.data in _AROUND or node.data == "sequence_type":
+    """Return `byte`, `char` or `wchar` if a field's innermost element has this IDL type, else `""`.
+
+    The parsed type of a field does not show this, because its Scalar is the same as the Scalar of an integer.
+    """
+    while node.data in _WRAPPER_RULES or node.data == "sequence_type":
         node = node.children[0]
-    if node.data == "scoped_name" and (found := file.typedefs.get(str(words(node)[-1]))) and depth < _DEEPEST_TYPEDEF:
-        return _word(file, found[0], depth + 1)
+    if node.data == "scoped_name" and (typedef := file.typedefs.get(str(words(node)[-1]))) and depth < _DEEPEST_TYPEDEF:
+        return _word(file, typedef[0], depth + 1)
     return _WORDS.get(node.data, "")
 
 
-def _lengthened(element: FieldType, declarator: Any, name: Token) -> FieldType:
-    """The type, if the declarator is `x[4]` an array of it."""
+def _with_length(element: FieldType, declarator: Any, name: Token) -> FieldType:
+    """Return an array of `element` if the declarator has a length such as `x[4]`, else `element`."""
     lengths = list(_nodes(declarator))
     if not lengths:
         return element
     if len(lengths) > 1 or isinstance(element, Array | Sequence):
-        raise name.wrong("SHM003", "an array has one dimension", "put the inner one into a message of its own")
+        raise name.error("SHM003", "an array has one dimension", "declare the inner array in its own message")
     return Array(element, _number(lengths[0].children[0], name, "SHM302"))
 
 
 def _number(node: Any, name: Token, if_zero: str) -> int:
     digits = "".join(words(node))
     if any(node.find_pred(lambda inner: inner.data in ("octal_literal", "hexadecimal_literal", "unary_operator"))):
-        raise name.wrong("SHM102", "a bound is a whole number, written in decimal")
+        raise name.error("SHM102", "a bound must be a decimal whole number")
     try:
         return read_bound(name._replace(text=digits), if_zero)
-    except Wrong as wrong:
-        raise Wrong(wrong.code, wrong.message, name.span, wrong.hint) from None
+    except DefinitionError as error:
+        raise DefinitionError(error.code, error.message, name.span, error.hint) from None
 
 
 def _doc(file: _File, name: Any) -> str:
     notes = (note.values for note in file.noted.get(name.start_pos, ()) if note.name == "verbatim")
-    said = [text_of(values.get("text", "")) for values in notes if text_of(values.get("language", "")) == "comment"]
-    return dedent("\n".join(line.rstrip() for text in said for line in text.splitlines())).strip("\n")
+    texts = [text_of(values.get("text", "")) for values in notes if text_of(values.get("language", "")) == "comment"]
+    return dedent("\n".join(line.rstrip() for text in texts for line in text.splitlines())).strip("\n")
 
 
 def _nodes(node: Any) -> Iterator[Any]:
@@ -299,17 +335,17 @@ def _nodes(node: Any) -> Iterator[Any]:
 
 
 def _name(node: Any) -> Any:
-    """The word, with its place, that a node declares."""
+    """Return the name that a node declares, with its position."""
     return next(child for child in node.children if isinstance(child, str))
 
 
 def _declarators(node: Any) -> list[Any]:
-    """`x`, `y[3]`: of fields, types and the words of an enumeration, in order."""
-    found = node.find_pred(lambda inner: inner.data in ("simple_declarator", "array_declarator", "enumerator"))
-    return sorted(found, key=lambda declarator: _name(declarator).start_pos)
+    """Return the declarators such as `x` and `y[3]` of fields, typedefs and enumerations, in order."""
+    declarators = node.find_pred(lambda inner: inner.data in ("simple_declarator", "array_declarator", "enumerator"))
+    return sorted(declarators, key=lambda declarator: _name(declarator).start_pos)
 
 
 def _places(node: Any) -> list[int]:
-    """Of all the names in a declaration."""
+    """Return the positions in the text of all names in a declaration."""
     own = [child for child in node.children if isinstance(child, str)]
     return [name.start_pos for name in (*own, *map(_name, _declarators(node)))]

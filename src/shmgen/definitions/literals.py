@@ -1,7 +1,7 @@
-r"""Turns the text behind a name, `0x10` or `["a", 'b']`, into the value of a default or a constant.
+r"""Parse the text after a name, such as `0x10` or `["a", 'b']`, into the value of a default or a constant.
 
-Whole numbers are read as rosidl_adapter and genmsg read them, with Python's `int`: `010` is ten; `0x10`, `0o20` and
-`0b10000` are sixteen. Within quotes `#` and `=` are ordinary, and `\\ \" \' \n \r \t` are escapes.
+Whole numbers are read as in rosidl_adapter and genmsg, with Python's `int`: `010` is ten; `0x10`, `0o20` and
+`0b10000` are sixteen. Within quotes `#` and `=` are ordinary characters, and `\\ \" \' \n \r \t` are escapes.
 """
 
 from __future__ import annotations
@@ -23,32 +23,38 @@ from shmgen.core.model import (
     assert_never,
 )
 from shmgen.core.plural import counted
-from shmgen.definitions.tokens import Dialect, Token, shown
+from shmgen.definitions.tokens import Dialect, Token, quote
 
 
 def read_default(rest: Token, type: FieldType) -> tuple[Default, Token]:
-    """The default, and what stands behind it: nothing or a comment. Raises Wrong: SHM003, SHM005 or SHM006."""
+    """Parse the default of a field. Return its value, and the text after the default: a comment or nothing.
+
+    Raises DefinitionError (SHM003, SHM005 or SHM006) if the default is invalid.
+    """
     if not isinstance(type, Array | Sequence):
-        return _single(rest, type)
+        return _single_value(rest, type)
     listed = _LIST.match(rest.text)
     if listed is None:
-        raise rest.wrong("SHM006", "the default of an array is a list", "write `[1, 2, 3]`, with the brackets")
+        raise rest.error("SHM006", "the default of an array must be a list", "write `[1, 2, 3]`, with the brackets")
     written = rest.part(0, listed.end())
     elements = _elements(written, isinstance(type.element, String))
     if isinstance(type, Array) and len(elements) != type.length:
-        raise written.wrong("SHM006", f"{counted(len(elements), 'element')}, where exactly {type.length} belong")
+        raise written.error("SHM006", f"{counted(len(elements), 'element')}, but the array has {type.length}")
     if isinstance(type, Sequence) and type.capacity is not None and len(elements) > type.capacity:
-        raise written.wrong("SHM006", f"{counted(len(elements), 'element')}, where at most {type.capacity} belong")
+        raise written.error("SHM006", f"{counted(len(elements), 'element')}, but the bound is {type.capacity}")
     return tuple(_value(element, type.element) for element in elements), rest.part(listed.end())
 
 
 def read_constant(rest: Token, type: FieldType, dialect: Dialect) -> tuple[Value, Token]:
-    """The value, and what stands behind it. Raises Wrong: SHM003, SHM005 or SHM006."""
+    """Parse the value of a constant. Return the value, and the text after the value.
+
+    Raises DefinitionError (SHM003, SHM005 or SHM006) if the value is invalid.
+    """
     if dialect == "ros1" and isinstance(type, String):
-        return rest.text, rest.part(len(rest.text))  # up to the end of the line, quotes and `#` included
+        return rest.text, rest.part(len(rest.text))  # the rest of the line, with quotes and `#`
     if isinstance(type, Array | Sequence):
-        raise rest.wrong("SHM006", "a constant is a single number, bool or string")
-    return _single(rest, type)
+        raise rest.error("SHM006", "a constant must be a single number, bool or string")
+    return _single_value(rest, type)
 
 
 _QUOTED = r""""(?:\\.|[^"\\])*"|'(?:\\.|[^'\\])*'"""
@@ -62,26 +68,27 @@ _WHOLE = re.compile(r"[+-]?(?:0[xX][0-9a-fA-F]+|0[bB][01]+|0[oO][0-7]+|[0-9]+)")
 _REAL = re.compile(r"[+-]?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|inf|infinity|nan)", re.IGNORECASE)
 _BOOL = {"true": True, "1": True, "false": False, "0": False}
 _LONGEST_NUMBER = 400
-"""Characters; a float64 written out in full has 309 digits before the point."""
+"""The longest number in characters. A float64 written out in full has 309 digits before the point."""
 _TOO_LARGE_FOR_FLOAT32 = (2 - 2**-24) * 2.0**127
-"""From here on IEEE 754 rounds to infinity."""
+"""The smallest number that IEEE 754 rounds to infinity in a float32."""
 
 
-def _single(rest: Token, type: Element) -> tuple[Value, Token]:
+def _single_value(rest: Token, type: Element) -> tuple[Value, Token]:
     if isinstance(type, String) and rest.text[:1] in ("'", '"'):
-        quoted = _STRING.match(rest.text)
-        if quoted is None:
-            raise rest.wrong("SHM003", "the quote is never closed", f"close it with {rest.text[0]}")
-        end = quoted.end()
+        literal = _STRING.match(rest.text)
+        if literal is None:
+            raise rest.error("SHM003", "the closing quote is missing", f"end the text with {rest.text[0]}")
+        end = literal.end()
     else:
         end = len(rest.text.partition("#")[0])
     return _value(rest.part(0, end), type), rest.part(end)
 
 
 def _elements(written: Token, are_strings: bool) -> list[Token]:
-    """Those of `[a, b]`. As in rosidl_adapter, a comma at the end of strings ends the list, and no two touch.
+    """Split a list `[a, b]` into its elements.
 
-    Behind one at the end of numbers an empty element follows, which no number takes.
+    In a list of strings, a comma may end the list and empty elements are rejected, as in rosidl_adapter. In a list of
+    numbers, a comma at the end adds an empty element, which the caller rejects because a number is required.
     """
     inside = written.part(1, len(written.text) - 1)
     tokens: list[Token] = []
@@ -92,60 +99,62 @@ def _elements(written: Token, are_strings: bool) -> list[Token]:
             break
         end = _end(_ELEMENT, inside.text, start)
         if are_strings and start == end:
-            raise inside.part(start).wrong("SHM003", "expected a value before the comma", 'an empty one is ""')
+            raise inside.part(start).error(
+                "SHM003", "expected a value before the comma", 'write "" for an empty string'
+            )
         tokens.append(inside.part(start, end))
         position = _end(_BLANKS, inside.text, end)
         if inside.text[position : position + 1] not in (",", ""):
-            raise inside.part(position).wrong("SHM003", "expected a comma between the elements of the list")
+            raise inside.part(position).error("SHM003", "expected a comma between the elements of the list")
         position += 1
     return tokens
 
 
 def _end(pattern: re.Pattern[str], text: str, start: int) -> int:
-    """Where a pattern that takes the empty text too stops."""
-    found = pattern.match(text, start)
-    return found.end() if found else start
+    """Return the end of the match of `pattern` at `start`, or `start` if the pattern does not match."""
+    match = pattern.match(text, start)
+    return match.end() if match else start
 
 
 def _value(written: Token, type: Element) -> Value:
     match type:
         case Scalar.BOOL:
             if written.text.lower() not in _BOOL:
-                raise _not_a(written, "bool", "write `true` or `false`")
+                raise _type_error(written, "bool", "write `true` or `false`")
             return _BOOL[written.text.lower()]
         case Scalar.FLOAT32 | Scalar.FLOAT64:
-            return _real(written, type)
+            return _float(written, type)
         case Scalar():
-            return _whole(written, type)
+            return _integer(written, type)
         case String():
             return _string(written, type)
         case Clock() | Ref():
-            raise written.wrong("SHM006", "only numbers, bools and strings take a value here", "leave the value out")
+            raise written.error("SHM006", "only numbers, bools and strings take a value here", "remove the value")
         case _:
             assert_never(type)
 
 
-def _whole(written: Token, type: Scalar) -> int:
+def _integer(written: Token, type: Scalar) -> int:
     assert type.range is not None
     if not _WHOLE.fullmatch(written.text):
-        raise _not_a(written, type.value, "write a whole number, such as `10` or `0x10`")
+        raise _type_error(written, type.value, "write a whole number, such as `10` or `0x10`")
     digits = written.text.lstrip("+-")
     base = {"x": 16, "b": 2, "o": 8}.get(digits[1:2].lower(), 10)
     least, most = type.range
     value = int(digits, base) if len(digits) <= _LONGEST_NUMBER else most + 1
     value = -value if written.text.startswith("-") else value
     if not least <= value <= most:
-        raise written.wrong("SHM005", f"{shown(written.text)} is not in {least}..{most}, the range of {type.value}")
+        raise written.error("SHM005", f"{quote(written.text)} is not in {least}..{most}, the range of {type.value}")
     return value
 
 
-def _real(written: Token, type: Scalar) -> float:
+def _float(written: Token, type: Scalar) -> float:
     if not _REAL.fullmatch(written.text):
-        raise _not_a(written, type.value, "write a number with a point, such as `0.5`")
+        raise _type_error(written, type.value, "write a number with a point, such as `0.5`")
     value = float(written.text) if len(written.text) <= _LONGEST_NUMBER else math.inf
     infinite = math.isinf(value) and "inf" not in written.text.lower()
     if infinite or (type is Scalar.FLOAT32 and _TOO_LARGE_FOR_FLOAT32 <= abs(value) < math.inf):
-        raise written.wrong("SHM005", f"{shown(written.text)} is more than {type.value} can hold")
+        raise written.error("SHM005", f"{quote(written.text)} is too large for {type.value}")
     return value
 
 
@@ -155,9 +164,9 @@ def _string(written: Token, type: String) -> str:
         text = _ESCAPE.sub(lambda escape: _ESCAPED.get(escape[1], escape[0]), text[1:-1])
     size = len(text.encode("utf-16-le")) // 2 if type.wide else len(text.encode())
     if type.capacity is not None and size > type.capacity:
-        raise written.wrong("SHM005", f"{counted(size, 'character')}, where at most {type.capacity} fit")
+        raise written.error("SHM005", f"{counted(size, 'character')}, but the bound is {type.capacity}")
     return text
 
 
-def _not_a(written: Token, type: str, hint: str) -> Exception:
-    return written.wrong("SHM006", f"{shown(written.text)} is not a valid {type}" if written.text else "no value", hint)
+def _type_error(written: Token, type: str, hint: str) -> Exception:
+    return written.error("SHM006", f"{quote(written.text)} is not a valid {type}" if written.text else "no value", hint)

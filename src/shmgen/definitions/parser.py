@@ -1,7 +1,7 @@
-"""Turns the text of a .msg, .srv or .action file into Messages that know the place of every word.
+"""Parse the text of a .msg, .srv or .action file into Messages with the position of every word.
 
-One declaration a line, as rosidl_adapter (ROS 2) and genmsg (ROS 1) read them. Where those two differ from each other
-or fall over, docs/grammar.md says what is done here.
+Each line has one declaration, as in rosidl_adapter (ROS 2) and genmsg (ROS 1). docs/grammar.md describes this parser's
+behavior for files on which rosidl_adapter and genmsg differ or crash.
 """
 
 from __future__ import annotations
@@ -12,17 +12,20 @@ from typing import NamedTuple
 from shmgen.core.diagnostics import Report, Span
 from shmgen.core.model import Constant, Default, Field, FieldType, Message, Scalar, String, TypeName
 from shmgen.core.plural import counted
-from shmgen.definitions import comments, habits
+from shmgen.definitions import comments, syntax_hints
 from shmgen.definitions.fieldtypes import read_type, type_word
 from shmgen.definitions.literals import read_constant, read_default
-from shmgen.definitions.tokens import Dialect, Line, Token, Wrong, shown
+from shmgen.definitions.tokens import DefinitionError, Dialect, Line, Token, quote
 
 SECTIONS = {"msg": ("",), "srv": ("_Request", "_Response"), "action": ("_Goal", "_Result", "_Feedback")}
-"""Kind -> the endings of the messages in such a file."""
+"""Kind of file -> the endings of its messages' names."""
 
 
 class Source(NamedTuple):
-    """`name` is that of the file (std_srvs/srv/SetBool); `path` is for diagnostics, `origin` for what is generated."""
+    """A definition to parse. `name` is the type that the file defines, such as std_srvs/srv/SetBool.
+
+    Diagnostics print `path`, generated files print `origin`.
+    """
 
     name: TypeName
     text: str
@@ -31,9 +34,10 @@ class Source(NamedTuple):
 
 
 def parse(source: Source, dialect: Dialect, report: Report) -> tuple[Message, ...]:
-    """One message for a .msg, two for a .srv, three for an .action; what is wrong goes to the report.
+    """Return the messages of a definition: one for a .msg file, two for a .srv file, three for an .action file.
 
-    SHM003, SHM005, SHM006, SHM102, SHM201, SHM202, SHM302. The first 20 findings of a file are told.
+    Return an empty tuple if the file is not usable. Errors go to the report, at most 20 for a file: SHM003, SHM005,
+    SHM006, SHM102, SHM201, SHM202, SHM302.
     """
     lines = lines_of(source, report)
     if not lines:
@@ -41,17 +45,17 @@ def parse(source: Source, dialect: Dialect, report: Report) -> tuple[Message, ..
     name = source.name
     if not _MESSAGE_NAME[dialect].fullmatch(name.name):
         hint = "name the file in CamelCase: a capital first, then letters and digits"
-        report.error("SHM202", f"{shown(name.name)} is not a message name", Span(source.path), hint=hint)
+        report.error("SHM202", f"{quote(name.name)} is not a message name", Span(source.path), hint=hint)
         return ()
     endings = SECTIONS[name.kind]
     breaks = [index for index, line in enumerate(lines) if _SEPARATOR.fullmatch(line.text)]
     if len(breaks) != len(endings) - 1:
         culprit = lines[breaks[len(endings) - 1]].span(0, 3) if len(breaks) >= len(endings) else lines[-1].span()
-        message = f"a .{name.kind} file has {counted(len(endings), 'part')}, this one {len(breaks) + 1}"
+        message = f"a .{name.kind} file has {counted(len(endings), 'part')}, but this file has {len(breaks) + 1}"
         hint = (
-            "parts are separated by a line `---`"
+            "separate the parts by a line `---`"
             if endings[1:]
-            else "a service is a .srv in srv/, an action an .action in action/"
+            else "write a service to a .srv file in srv/, and an action to an .action file in action/"
         )
         report.error("SHM003", message, culprit, hint=hint)
         return ()
@@ -63,7 +67,7 @@ def parse(source: Source, dialect: Dialect, report: Report) -> tuple[Message, ..
 
 
 def lines_of(source: Source, report: Report) -> list[Line]:
-    """Of the text; none, and SHM003 in the report, where a control character is among them."""
+    """Split the text into lines. If the text contains a control character, report SHM003 and return an empty list."""
     text = source.text.replace("\r\n", "\n").replace("\r", "\n")
     lines = [Line(source.path, number, line) for number, line in enumerate(text.split("\n"), 1)]
     for line in lines if _CONTROL.search(text) else ():
@@ -77,7 +81,7 @@ def lines_of(source: Source, report: Report) -> list[Line]:
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f]")
 _SEPARATOR = re.compile(r"---+[ \t]*(?:#.*)?")
 _DECLARATION = re.compile(r"[ \t]*(?P<type>[^ \t#=][^ \t#]*)(?:[ \t]+(?P<name>[^ \t#=]+))?[ \t]*(?P<rest>.*)")
-# The patterns of rosidl_adapter/parser.py and genmsg/names.py, restated so that none can backtrack.
+# The patterns of rosidl_adapter/parser.py and genmsg/names.py, rewritten to prevent backtracking.
 _LOWER = re.compile(r"[a-z](?:_?[a-z0-9])*")
 _UPPER = re.compile(r"[A-Z](?:_?[A-Z0-9])*")
 _WORD = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
@@ -87,7 +91,7 @@ _MESSAGE_NAME = {"ros1": _WORD, "ros2": re.compile(r"[A-Z][A-Za-z0-9]*")}
 
 
 class _Declaration(NamedTuple):
-    """A field, or a constant where `is_constant`: then `value` is no None."""
+    """A field or a constant in a definition. `value` is None only for a field without a default."""
 
     written: Token
     name: Token
@@ -101,27 +105,31 @@ def _message(lines: list[Line], name: TypeName, source: Source, dialect: Dialect
     declarations = _declarations(lines, name, dialect, report)
     texts = [line.text for line in lines]
     first = lines[0].number if lines else 0
-    doc, docs = comments.assign(texts, {number - first: found.comment for number, found in declarations.items()})
+    doc, docs = comments.assign(
+        texts, {number - first: declaration.comment for number, declaration in declarations.items()}
+    )
     fields: list[Field] = []
     constants: list[Constant] = []
     for number, (written, word, type, value, is_constant, _) in declarations.items():
-        about, own = comments.own_of(docs[number - first])
+        about, own = comments.split_plc_note(docs[number - first])
         if is_constant:
             assert isinstance(type, Scalar | String)
             assert isinstance(value, bool | int | float | str)
-            constants.append(Constant(word.text, type, value, word.span, about, own))
+            constants.append(Constant(word.text, type, value, word.span, about, own.name))
         else:
-            about, unit = comments.unit_of(about)
-            spelled = "byte" if type_word(written.text) == "byte" else ""  # a `char` of a .msg is an uint8 to ROS 2
-            fields.append(Field(word.text, type, written.text, written.span, about, unit, value, spelled, plc=own))
+            about, unit = comments.split_unit(about)
+            spelled = "byte" if type_word(written.text) == "byte" else ""  # ROS 2 reads `char` in a .msg as uint8
+            known = written.text, written.span, about, unit, value, spelled
+            fields.append(Field(word.text, type, *known, plc=own.name, align=own.align))
     span = Span(source.path) if name == source.name else Span(source.path, first, 1)
-    doc, own = comments.own_of(doc)
-    return Message(name, tuple(fields), tuple(constants), span, source.origin, "\n".join(texts), doc, own)
+    doc, own = comments.split_plc_note(doc)
+    text = "\n".join(texts)
+    return Message(name, tuple(fields), tuple(constants), span, source.origin, text, doc, own.name, own.pack)
 
 
 def _declarations(lines: list[Line], name: TypeName, dialect: Dialect, report: Report) -> dict[int, _Declaration]:
-    """Line number -> what is declared there."""
-    found: dict[int, _Declaration] = {}
+    """Map the number of each line that declares a field or a constant to the declaration."""
+    declarations: dict[int, _Declaration] = {}
     known: dict[str, int] = {}
     for line in lines:
         if report.is_enough(line.path):
@@ -131,25 +139,29 @@ def _declarations(lines: list[Line], name: TypeName, dialect: Dialect, report: R
             declaration = _DECLARATION.match(line.text)
             if declaration is None:
                 if line.text.strip(" \t") and not line.text.lstrip(" \t").startswith("#"):
-                    raise Token(line, 0, line.text).wrong("SHM003", "expected a type and a name")
+                    raise Token(line, 0, line.text).error("SHM003", "expected a type and a name")
                 continue
             word = declaration["name"] or ""
-            found[line.number] = _declaration(line, declaration, name.package, dialect)
+            declarations[line.number] = _declaration(line, declaration, name.package, dialect)
             if known.setdefault(word, line.number) != line.number:
-                again = f"{shown(word)} is already declared in line {known[word]}"
-                raise found[line.number].name.wrong("SHM201", again, "give one of them another name")
-        except Wrong as wrong:
+                again = f"{quote(word)} is already declared in line {known[word]}"
+                raise declarations[line.number].name.error("SHM201", again, "rename one of them")
+        except DefinitionError as error:
             path = f"{name.short}.{word}" if _WORD.fullmatch(word) else ""
-            report.error(wrong.code, wrong.message, wrong.span, field=path, hint=habits.hint(line.text) or wrong.hint)
-    return found
+            report.error(
+                error.code, error.message, error.span, field=path, hint=syntax_hints.hint(line.text) or error.hint
+            )
+    return declarations
 
 
 def _declaration(line: Line, match: re.Match[str], package: str, dialect: Dialect) -> _Declaration:
     written = Token(line, match.start("type"), match["type"])
     if written.text.startswith("@"):
-        raise written.wrong("SHM003", "annotations are not supported", "an optional field has no fixed place")
+        raise written.error(
+            "SHM003", "annotations are not supported", "remove the annotation: an optional field has no fixed offset"
+        )
     if match["name"] is None:
-        raise written.wrong("SHM003", f"expected a type and a name, found only {shown(written.text)}")
+        raise written.error("SHM003", f"expected a type and a name, found only {quote(written.text)}")
     name = Token(line, match.start("name"), match["name"])
     rest = Token(line, match.start("rest"), match["rest"].rstrip(" \t"))
     is_constant = rest.text.startswith("=")
@@ -161,10 +173,10 @@ def _declaration(line: Line, match: re.Match[str], package: str, dialect: Dialec
         value, rest = read_constant(rest.part(1), type, dialect)
     elif rest.text and not rest.text.startswith("#"):
         if dialect == "ros1":
-            raise rest.wrong("SHM003", "ROS 1 has no defaults", f"a constant is written `{written.text} NAME=value`")
+            raise rest.error("SHM003", "ROS 1 has no defaults", f"write a constant as `{written.text} NAME=value`")
         value, rest = read_default(rest, type)
     if rest.text and not rest.text.startswith("#"):
-        raise rest.wrong("SHM003", f"{shown(rest.text)} is left over", "a comment begins with `#`")
+        raise rest.error("SHM003", f"unexpected {quote(rest.text)} after the declaration", "begin a comment with `#`")
     return _Declaration(written, name, type, value, is_constant, rest.text)
 
 
@@ -172,20 +184,22 @@ def _check_name(name: Token, is_constant: bool, dialect: Dialect) -> None:
     kind, patterns = ("constant", _CONSTANT_NAME) if is_constant else ("field", _FIELD_NAME)
     if patterns[dialect].fullmatch(name.text):
         return
-    rule = "letters, digits and underscores, a letter first"
+    rule = "letters, digits and underscores, with a letter first"
     if dialect == "ros2":
         letters = "capitals" if is_constant else "small letters"
-        rule = f"{letters}, digits and single underscores, a letter first and no underscore last"
-    hint = f"ROS {dialect[-1]} asks for {rule}"
+        rule = f"{letters}, digits and single underscores, with a letter first and no underscore last"
+    hint = f"use {rule} (ROS {dialect[-1]})"
     if "[" in name.text:
-        hint = "the brackets belong to the type, without a blank: `T[N] name`"
+        hint = "write the brackets directly after the type: `T[N] name`"
     elif is_constant and _LOWER.fullmatch(name.text):
-        hint += "\na default is written without `=`"
+        hint += "\nwrite a default without `=`"
     elif dialect == "ros2" and _WORD.fullmatch(name.text):
         hint += '\nif this is a ROS 1 definition, set source = "noetic"'
-    raise name.wrong("SHM202", f"{shown(name.text)} is not a {kind} name", hint)
+    raise name.error("SHM202", f"{quote(name.text)} is not a {kind} name", hint)
 
 
 def _check_constant(written: Token, type: FieldType) -> None:
     if not isinstance(type, Scalar | String) or "<=" in written.text:
-        raise written.wrong("SHM006", f"no constant is of type {shown(written.text)}", "use a number, bool or string")
+        raise written.error(
+            "SHM006", f"a constant cannot have the type {quote(written.text)}", "use a number, bool or string"
+        )

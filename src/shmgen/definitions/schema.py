@@ -1,49 +1,53 @@
-"""Collects what the user asks for and all that it holds, dependencies first."""
+"""Collect the requested messages and all messages that they contain, dependencies first."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TypeAlias
 
 from shmgen.core.diagnostics import Diagnostic, Report, Span, closest
-from shmgen.core.model import Field, Message, Ref, Schema, TypeName, element_of
-from shmgen.definitions import folders, habits
+from shmgen.core.model import OTHER_NAMES, Field, Message, Ref, Schema, TypeName, element_of
+from shmgen.definitions import folders, syntax_hints
 from shmgen.definitions.catalogue import Package
 from shmgen.definitions.library import Library, Sources, open_library
 from shmgen.definitions.parser import SECTIONS
-from shmgen.definitions.tokens import shown
+from shmgen.definitions.tokens import quote
 
 
 def load(requests: Iterable[str], sources: Sources, report: Report) -> Schema:
-    """Reads the messages asked for, and all that they hold.
+    """Read the requested messages, and all messages that they contain.
 
-    A request is `geometry_msgs/Pose`, `geometry_msgs/msg/Pose`, `std_srvs/SetBool` (both halves), `geometry_msgs`
-    (the whole package) or `path/to/Foo.msg`. Raises Rejected with all that is wrong.
+    A request is `geometry_msgs/Pose`, `geometry_msgs/msg/Pose`, `std_srvs/SetBool` (request and response),
+    `geometry_msgs` (the whole package) or `path/to/Foo.msg`. Raises Rejected with all diagnostics if there is an error.
     """
     return load_from(open_library(sources, report), requests, report)
 
 
 def load_from(library: Library, requests: Iterable[str], report: Report) -> Schema:
-    """The same from a library that is open already; what it has read before it does not read again."""
-    library.begin(report)
+    """Read the requested messages, and all messages that they contain, from an open library.
+
+    `requests` are as in load(). The library reads no file a second time.
+    """
+    library.reset_report(report)
     requested = _requested(requests, library)
-    messages = tuple(_closed(requested, library).values())
+    messages = tuple(_with_dependencies(requested, library).values())
     report.stop_if_any()
     return Schema(messages, frozenset(requested))
 
 
 def load_usable(library: Library, requests: Iterable[str], report: Report) -> tuple[Schema, Faults]:
-    """What can be used of them, and for each other message what is wrong with it, or with what it holds.
+    """Return the usable messages, and the errors of each requested message that is not usable.
 
-    Raises Rejected if a request itself stands for nothing.
+    A message is usable if it has no errors and contains only usable messages. Raises Rejected if a request matches
+    no message.
     """
-    library.begin(report)
+    library.reset_report(report)
     requested = _requested(requests, library)
-    if any(found.code != "SHM505" for found in report.diagnostics):
+    if any(diagnostic.code != "SHM505" for diagnostic in report.diagnostics):
         report.stop_if_any()
-    messages = _closed(requested, library)
+    messages = _with_dependencies(requested, library)
     by_place: dict[str, list[Diagnostic]] = {}
     for diagnostic in report.diagnostics:
         by_place.setdefault(diagnostic.span.path, []).append(diagnostic)
@@ -55,8 +59,12 @@ def load_usable(library: Library, requests: Iterable[str], report: Report) -> tu
 
     faults: dict[TypeName, tuple[Diagnostic, ...]] = {}
     for name, message in messages.items():
-        held = [found for _, it in _held(message) for found in faults.get(it, () if it in messages else own(it))]
-        faults[name] = tuple(dict.fromkeys([*own(name), *held]))
+        inherited = [
+            diagnostic
+            for _, other in _references(message)
+            for diagnostic in faults.get(other, () if other in messages else own(other))
+        ]
+        faults[name] = tuple(dict.fromkeys([*own(name), *inherited]))
     faults = {name: faults.get(name, ()) or tuple(own(name)) for name in {**requested, **messages}}
     usable = tuple(message for name, message in messages.items() if not faults[name])
     broken = {name: faults[name] for name in requested if faults[name]}
@@ -70,54 +78,63 @@ _LONGEST_CHAIN_SHOWN = 8
 
 
 def _requested(requests: Iterable[str], library: Library) -> dict[TypeName, None]:
-    """Those in files first, as their packages go before all others."""
+    """Return the requested messages. Requests for files come first, because their packages have precedence."""
     files: list[str] = []
     names: list[str] = []
     for request in requests:
         (files if request.isprintable() and Path(request).suffix in _FILES else names).append(request)
     requested = dict.fromkeys(name for file in files for name in _in_file(Path(file), library))
-    return requested | dict.fromkeys(name for request in names for name in _named(request, library))
+    return requested | dict.fromkeys(name for request in names for name in _matching(request, library))
 
 
-def _named(request: str, library: Library) -> list[TypeName]:
-    """The messages a request stands for; none, with a diagnostic, if it stands for nothing."""
-    where = Span(shown(request).strip("`"))
+def _matching(request: str, library: Library) -> list[TypeName]:
+    """Return the messages that match `request`, the name of a message, a service or a package.
+
+    Report SHM004 if no message matches.
+    """
+    where = Span(quote(request).strip("`"))
     parts = _REQUEST.fullmatch(request)
     if parts is None:
         hint = "write `package/Name`, `package`, or the path of a .msg, .srv, .action or .idl file"
-        meant = re.sub(r"::|\.", "/", request).replace("-", "_")
-        if meant in {name for known in library.known() for name in (str(known), known.short, known.package)}:
-            hint = f"did you mean `{meant}`?"
+        similar = re.sub(r"::|\.", "/", request).replace("-", "_")
+        if similar in {name for known in library.known() for name in (str(known), known.short, known.package)}:
+            hint = f"did you mean `{similar}`?"
         elif Path(request).is_dir():
-            hint = f"a folder of packages is given with -I: `-I {request} package`"
-        library.report.error("SHM004", f"{shown(request)} is not the name of a message", where, hint=hint)
+            hint = f"give a folder of packages with -I: `-I {request} package`"
+        library.report.error("SHM004", f"{quote(request)} is not the name of a message", where, hint=hint)
         return []
     package_name, kind, name = parts.groups()
     package = library.package(package_name)
-    held = package.definitions if package else {}
+    definitions = package.definitions if package else {}
     if name is None:
-        found = list(held)
+        matches = list(definitions)
     else:
-        found = [held_name for held_name in held if name == held_name.name and kind in (None, held_name.kind)]
-        found = found or [other for other in held if name == held[other].name.name and kind in (None, other.kind)]
-        found = found or [made for made in (TypeName(package_name, kind or "msg", name),) if library.definition(made)]
-    if not found:
-        wanted = TypeName(package_name, kind or "msg", name or "")
-        hint = _hint(wanted, library, package)
+        matches = [available for available in definitions if name == available.name and kind in (None, available.kind)]
+        matches = matches or [
+            other for other in definitions if name == definitions[other].name.name and kind in (None, other.kind)
+        ]
+        candidate = TypeName(package_name, kind or "msg", name)
+        matches = matches or ([candidate] if library.definition(candidate) else [])
+    if not matches:
+        missing = TypeName(package_name, kind or "msg", name or "")
+        hint = _hint(missing, library, package)
         what = "message type" if name else "message package"
-        library.report.error("SHM004", f"unknown {what} {shown(request)}", where, hint=hint)
-    return found
+        library.report.error("SHM004", f"unknown {what} {quote(request)}", where, hint=hint)
+    return matches
 
 
 def _in_file(file: Path, library: Library) -> list[TypeName]:
-    """Its package goes before all others, so that the file finds those beside it."""
+    """Return the messages in a definition file, and add the package around the file to the library.
+
+    The definition may contain other messages of this package.
+    """
     package = folders.package_around(file, library.sources.relative_to)
     if package is None:
-        hint = "rename the folder, or put a package.xml with a <name> into it"
-        library.report.error("SHM202", "the folder's name cannot be a package's", Span(str(file)), hint=hint)
+        hint = "rename the folder, or add a package.xml with a <name>"
+        library.report.error("SHM202", "the name of the folder is not a valid package name", Span(str(file)), hint=hint)
         return []
     if not file.exists():
-        hint = "a message is named by package and name, `geometry_msgs/Pose`, or by the path of its file"
+        hint = "give a message as package and name, `geometry_msgs/Pose`, or as the path of its file"
         library.report.error("SHM001", "no such file", Span(str(file)), hint=hint)
         return []
     library.add(package)
@@ -125,8 +142,11 @@ def _in_file(file: Path, library: Library) -> list[TypeName]:
     return list(package.definitions[TypeName(package.name, kind, file.stem + SECTIONS[kind][0])].messages)
 
 
-def _closed(requested: Iterable[TypeName], library: Library) -> dict[TypeName, Message]:
-    """Dependencies first: depth first, with a stack of our own so that no nest is too deep."""
+def _with_dependencies(requested: Iterable[TypeName], library: Library) -> dict[TypeName, Message]:
+    """Return the requested messages and all messages that they contain, dependencies first.
+
+    The search is depth first, without recursion, so that deep nesting cannot exceed Python's recursion limit.
+    """
     done: dict[TypeName, Message] = {}
     seen: set[TypeName] = set()
     for root in requested:
@@ -136,12 +156,13 @@ def _closed(requested: Iterable[TypeName], library: Library) -> dict[TypeName, M
             if entered and entered not in seen:
                 seen.add(entered)
                 if opened := library.message(entered):
-                    path[entered] = opened, _held(opened)
+                    path[entered] = opened, _references(opened)
             entered = None
             if path:
-                message, held = path[next(reversed(path))]
+                message, references = path[next(reversed(path))]
                 entered = next(
-                    (other for field, other in held if _leads_on(message, field, other, path, library)), None
+                    (other for field, other in references if _check_reference(message, field, other, path, library)),
+                    None,
                 )
                 if entered is None:
                     del path[message.name]
@@ -149,16 +170,22 @@ def _closed(requested: Iterable[TypeName], library: Library) -> dict[TypeName, M
     return done
 
 
-def _held(message: Message) -> Iterator[tuple[Field, TypeName]]:
-    """The messages that its fields hold by value."""
+def _references(message: Message) -> Iterator[tuple[Field, TypeName]]:
+    """Yield each field that contains another message, with the name of the other message."""
     for field in message.fields:
         element = element_of(field.type)
         if isinstance(element, Ref):
             yield field, element.name
 
 
-def _leads_on(message: Message, field: Field, other: TypeName, path: Collection[TypeName], library: Library) -> bool:
-    """Whether `other` can be looked into; if not, the report says why."""
+def _check_reference(
+    message: Message, field: Field, other: TypeName, path: Collection[TypeName], library: Library
+) -> bool:
+    """Check a field that contains the message `other`. Return True if the search should continue with `other`.
+
+    Report SHM301 if the message contains itself, and SHM004 if `other` has no definition. After too many errors in a
+    file, report nothing and return False.
+    """
     where = f"{message.name.short}.{field.name}"
     if library.report.is_enough(field.span.path):
         return False
@@ -167,37 +194,61 @@ def _leads_on(message: Message, field: Field, other: TypeName, path: Collection[
         chain = [*chain[chain.index(other.short) :], other.short]
         if len(chain) > _LONGEST_CHAIN_SHOWN:
             chain = [*chain[:4], f"… {len(chain) - 7} more …", *chain[-3:]]
-        hint = "a message cannot hold itself: take one of these fields out"
+        hint = "remove one of these fields: a message cannot contain itself"
         library.report.error("SHM301", f"recursive: {' -> '.join(chain)}", field.span, field=where, hint=hint)
         return False
     if library.definition(other) is None:
-        hint = _hint(other, library, library.package(other.package))
-        hint = "\n".join(filter(None, [habits.hint(field.span.text), hint]))
-        library.report.error("SHM004", f"unknown message type {shown(other.short)}", field.span, field=where, hint=hint)
+        hint = _hint(other, library, library.package(other.package), message.name)
+        of_line = "" if field.span.path.endswith(".idl") else syntax_hints.hint(field.span.text)
+        hint = "\n".join(filter(None, [of_line, hint]))
+        library.report.error("SHM004", f"unknown message type {quote(other.short)}", field.span, field=where, hint=hint)
         return False
     return True
 
 
-def _hint(wanted: TypeName, library: Library, package: Package | None) -> str:
-    """What may have been meant, and where was looked."""
-    names = library.known()
-    known = list(dict.fromkeys(whole for name in names for whole in (name.short, _whole(name))))
-    word = (wanted.name or wanted.package).lower()
-    guesses = [short for short in known if short.partition("/")[2].lower() == word][:3]
-    packages = dict.fromkeys(name.package for name in names)
-    close = closest(wanted.short, known, 0.8) if wanted.name else closest(wanted.package, packages, 0.8)
-    if package is not None and not close.startswith(f"{wanted.package}/") and (meant := habits.builtin(wanted.name)):
-        guesses = [meant, *guesses]
-    guesses = guesses or ([close] if close else [])
+def _hint(missing: TypeName, library: Library, package: Package | None, within: TypeName | None = None) -> str:
+    """Return the hint for a missing message: messages with similar names, and the searched places.
+
+    `within` is the message that refers to the missing message. The hint does not suggest `within`.
+    """
+    guesses = _guesses(missing, [name for name in library.known() if name != within], package)
     lines = [f"did you mean {' or '.join(f'`{guess}`' for guess in guesses)}?"] if guesses else []
     lines.append(f"looked in {package.place if package else ', '.join(library.places())}")
     if package is None:
-        lines.append("a folder of other packages is given with -I, or as `path` in shmgen.toml")
+        lines.append("give a folder of other packages with -I, or as `path` in shmgen.toml")
         inside = [folder for folder in library.sources.path if folder.name in SECTIONS]
-        lines += [f"give {folder.parent.name}/, the package, not its {folder.name}/" for folder in inside]
+        lines += [
+            f"give the package's folder {folder.parent.name}/ instead of its folder {folder.name}/" for folder in inside
+        ]
     return "\n".join(lines)
 
 
-def _whole(name: TypeName) -> str:
-    """Of a part of a service or an action: `std_srvs/SetBool`."""
+def _guesses(missing: TypeName, known: Sequence[TypeName], package: Package | None) -> list[str]:
+    """Return up to four names that the user may have meant by a missing message.
+
+    The result is a built-in type that has this name in another language, or messages with similar names.
+    """
+    word = missing.name or missing.package
+    names = list(
+        dict.fromkeys(
+            whole for name in known for whole in (name.short, _definition_name(name)) if whole != missing.short
+        )
+    )
+    alike = [name for name in names if name.partition("/")[2].lower() == word.lower()][:3]
+    builtin = syntax_hints.builtin(word)
+    if not missing.name:
+        of_std = [name for name in names if builtin and name.lower() == f"std_msgs/{builtin}"]
+        close = closest(word, {name.package for name in known}, 0.8)
+        return alike or of_std or ([close] if close else [])
+    near = closest(missing.name, [name.name for name in known if name.package == missing.package], 0.7)
+    if builtin and package is not None and (word in OTHER_NAMES or not near):
+        return [builtin, *alike]
+    if near and not alike:
+        return [f"{missing.package}/{near}"]
+    close = closest(missing.short, [name for name in names if not name.startswith(f"{missing.package}/")], 0.8)
+    return alike or ([close] if close else [])
+
+
+def _definition_name(name: TypeName) -> str:
+    """Return the short name of a message, or of the service or action that contains it, such as `std_srvs/SetBool`."""
     return name.short if name.kind == "msg" else name.short.rpartition("_")[0]

@@ -1,6 +1,6 @@
-"""The message definitions that come with PyPI's rosbags.
+"""The built-in stores: message definitions of the PyPI package rosbags.
 
-Importing a store of rosbags takes longer than all the rest of a run, so its texts are kept in the user's cache folder.
+Importing a store of rosbags takes longer than the rest of a run, so the texts are saved in the user's cache folder.
 """
 
 from __future__ import annotations
@@ -20,23 +20,27 @@ from shmgen.definitions.catalogue import Catalogue, Definition, package_of
 from shmgen.definitions.tokens import Dialect
 
 ROS1 = frozenset({"noetic"})
+preloaded: dict[str, dict[str, str]] = {}
+"""Store -> full name -> .msg text. The web page that generates code in a browser sets this, as rosbags is missing."""
 
 
 def names() -> tuple[str, ...]:
-    """`jazzy`, `humble`, `noetic` and whatever else the installed rosbags brings."""
+    """Return the names of the stores: `jazzy`, `humble`, `noetic` and the others of the installed rosbags."""
+    if preloaded:
+        return tuple(sorted(preloaded))
     stores = (file.stem for file in _files() if file.name.startswith(("ros1_", "ros2_")))
     return tuple(sorted(store.partition("_")[2] for store in stores))
 
 
 def dialect(source: str) -> Dialect:
-    """How the definitions of a distribution, and those beside it, are written."""
+    """Return the dialect of a distribution, which is also the default for packages in folders."""
     return "ros1" if source in ROS1 else "ros2"
 
 
 def catalogue(source: str) -> Catalogue:
-    """All of the store called `source`, one of names()."""
+    """Return all packages of the store called `source`, which is one of names()."""
     packages: dict[str, list[Definition]] = {}
-    for full_name, text in {**_texts(source), **_SERVICES}.items():
+    for full_name, text in {**texts(source), **_SERVICES}.items():
         name = TypeName(*full_name.split("/"))
         definition = Definition(name, f"{source}:{full_name}.{name.kind}", f"built-in store {source}", text)
         packages.setdefault(name.package, []).append(definition)
@@ -44,7 +48,7 @@ def catalogue(source: str) -> Catalogue:
     return {name: (package_of(name, place, definitions),) for name, definitions in packages.items()}
 
 
-# rosbags.interfaces.Nodetype, by value: importing the enumeration costs as much as reading the cache.
+# The values of rosbags.interfaces.Nodetype: importing the enumeration takes as long as reading the cache.
 _BASE, _NAME, _ARRAY, _SEQUENCE = 1, 2, 3, 4
 _ANSWER = "bool success\nstring message\n"
 _SERVICES = {
@@ -52,23 +56,26 @@ _SERVICES = {
     "std_srvs/srv/SetBool": f"bool data\n---\n{_ANSWER}",
     "std_srvs/srv/Trigger": f"---\n{_ANSWER}",
 }
-"""The services of every ROS, which rosbags leaves out; they are the same in all distributions."""
+"""The services of std_srvs, which rosbags lacks. They are the same in all distributions."""
 _FILLER = "structure_needs_at_least_one_member"
-"""How rosidl, and rosbags after it, writes a message without fields."""
+"""The field that rosidl, and therefore rosbags, adds to a message without fields."""
 _QUATERNION = "float64 x 0\nfloat64 y 0\nfloat64 z 0\nfloat64 w 1\n"
-"""With the defaults of common_interfaces, which rosbags drops: all zeros is no rotation."""
+"""The fields with the defaults of common_interfaces, which rosbags drops. All zeros would not be a rotation."""
 
 
-def _texts(source: str) -> dict[str, str]:
-    """Full name -> .msg text, from the cache if it holds exactly what the installed rosbags would give."""
-    kept = _cache_name(source)
-    texts = _cached(kept)
-    if texts is None:
+def texts(source: str) -> dict[str, str]:
+    """Return the .msg texts of a store by full name. Use the cache if the cache matches the installed rosbags."""
+    if source in preloaded:
+        return preloaded[source]
+    cache_name = _cache_name(source)
+    cached = cache.read(cache_name)
+    if cached is None:
         module = f"ros{dialect(source)[-1]}_{source}"
         definitions = import_module(f"rosbags.typesys.stores.{module}").FIELDDEFS
-        texts = {name: _text(name, definitions[name], source) for name in sorted(definitions)}
-        cache.write(kept, json.dumps(texts).encode())
-    return texts
+        known = {name: _text(name, definitions[name], source) for name in sorted(definitions)}
+        cached = json.dumps(known).encode()
+        cache.write(cache_name, cached)
+    return cast("dict[str, str]", json.loads(cached))
 
 
 def _text(name: str, definition: Any, source: str) -> str:
@@ -104,7 +111,7 @@ def _spelled(type: tuple[int, Any], source: str) -> str:
 
 @functools.cache
 def _files() -> tuple[Path, ...]:
-    """What rosbags keeps its stores in, found without importing it."""
+    """Return the files with the stores of rosbags, without importing rosbags."""
     spec = PathFinder.find_spec("rosbags")
     roots = spec.submodule_search_locations if spec else None
     folders = [os.path.join(root, "typesys", "stores") for root in roots or ()]
@@ -114,13 +121,7 @@ def _files() -> tuple[Path, ...]:
 
 
 def _cache_name(source: str) -> str:
-    """After what its content follows from: the files of rosbags' stores, and this one."""
+    """Return the name of a store's cache file, which changes with the files of rosbags and with this module."""
     files = [Path(__file__), *_files()]
     state = [(str(file), status.st_size, status.st_mtime_ns) for file in files for status in [file.stat()]]
     return f"{source}-{zlib.crc32(repr(state).encode()):08x}.json"
-
-
-def _cached(name: str) -> dict[str, str] | None:
-    """None if it is not in the cache."""
-    kept = cache.read(name)
-    return None if kept is None else cast("dict[str, str]", json.loads(kept))

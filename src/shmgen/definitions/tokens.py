@@ -1,4 +1,4 @@
-"""Places in a definition, so that every complaint can point at what is wrong."""
+"""Positions in a definition, so that every diagnostic can point at the error."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ _LONGEST_LINE_SHOWN = 240
 _LONGEST_TEXT_SHOWN = 60
 
 
-class Wrong(Exception):
-    """A declaration that cannot be used; the parser turns it into a diagnostic and reads on."""
+class DefinitionError(Exception):
+    """A declaration is not usable. The parser turns this exception into a diagnostic and reads on."""
 
     def __init__(self, code: str, message: str, span: Span, hint: str = "") -> None:
         super().__init__(message)
@@ -24,14 +24,17 @@ class Wrong(Exception):
 
 
 class Line(NamedTuple):
-    """One line of a definition, counted from 1, without its end."""
+    """One line of a definition, without its line break. `number` counts from 1."""
 
     path: str
     number: int
     text: str
 
     def span(self, start: int = 0, width: int = 0) -> Span:
-        """`start` counts characters from 0. A line that no terminal should get is left out."""
+        """Return the position of `width` characters in this line, for a diagnostic. `start` counts from 0.
+
+        The diagnostic shows the line, except if the line is too long or has unprintable characters.
+        """
         text = self.text if len(self.text) <= _LONGEST_LINE_SHOWN else ""
         if not text.isprintable():
             text = text if text.replace("\t", " ").isprintable() else ""
@@ -39,7 +42,7 @@ class Line(NamedTuple):
 
 
 class Token(NamedTuple):
-    """A stretch of a line."""
+    """A part of a line: `text` begins at character `start`, counted from 0."""
 
     line: Line
     start: int
@@ -50,16 +53,16 @@ class Token(NamedTuple):
         return self.line.span(self.start, len(self.text))
 
     def part(self, start: int, end: int | None = None) -> Token:
-        """The characters from `start` up to `end`, without blanks around them."""
+        """Return the characters from `start` up to `end`, without surrounding blanks."""
         text = self.text[start:end]
         blanks = len(text) - len(text.lstrip())
         return Token(self.line, self.start + start + blanks, text.strip())
 
-    def wrong(self, code: str, message: str, hint: str = "") -> Wrong:
-        return Wrong(code, message, self.span, hint)
+    def error(self, code: str, message: str, hint: str = "") -> DefinitionError:
+        return DefinitionError(code, message, self.span, hint)
 
 
-def shown(text: str) -> str:
-    """The user's words inside a message: quoted, cut when long, nothing in them that a terminal obeys."""
+def quote(text: str) -> str:
+    """Quote the user's text for a diagnostic. Truncate long text and replace unprintable characters."""
     cut = text if len(text) <= _LONGEST_TEXT_SHOWN else text[:_LONGEST_TEXT_SHOWN] + "…"
     return "`" + "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in cut) + "`"

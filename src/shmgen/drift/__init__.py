@@ -1,1 +1,1 @@
-"""What was generated, and what has drifted since: layout.lock, its comparison, and what is said of it."""
+"""Detect drift: write and read layout.lock, compare two versions of the file, and format the findings."""

@@ -1,4 +1,4 @@
-"""Compares what would be generated with what lies in the folder; changes nothing."""
+"""Compare the files that `generate` would write with the existing files, without changing any file."""
 
 from __future__ import annotations
 
@@ -14,67 +14,79 @@ from shmgen.drift.compare import compare
 from shmgen.drift.findings import Finding, Severity, worst
 
 REGENERATE = "run `shmgen generate` and commit the result"
+DELETE = "shmgen removes only files that layout.lock lists: delete this file, or move it to another folder"
+_NOT_IN_LOCK = ("is not in layout.lock", "are not in layout.lock")
 REBUILD = "run `shmgen generate`, commit the result, rebuild both sides"
 
 
-def check(texts: Mapping[str, str], folder: Path) -> list[Finding]:
-    """`texts` is all that `generate` would write into `folder`, layout.lock among it."""
-    shown = str(folder / lockfile.LOCK)
-    kept = write.current(folder, lockfile.LOCK)
-    if kept is None:
-        hint = f"{REGENERATE}; if {folder} is not where it was written, give that with -o"
-        found = Diagnostic("SHM407", "layout.lock is missing", Span(shown), hint=hint)
-        return [Finding(Severity.BREAKING, found)]
-    as_it_should_be = all(write.current(folder, path) == text.encode() for path, text in texts.items())
-    if as_it_should_be and not write.abandoned(folder, write.names_in(folder, texts)):
-        return []  # layout.lock among them, which is slow to take apart
+def check(texts: Mapping[str, str], folder: Path, target_folders: Sequence[str] = ()) -> list[Finding]:
+    """Return the differences between `texts`, the files that `generate` would write, and the files in `folder`.
+
+    `target_folders` are the folders of targets, which are also searched for files that layout.lock does not list.
+    """
+    place = str(folder / lockfile.LOCK)
+    existing = write.current(folder, lockfile.LOCK)
+    if existing is None:
+        hint = f"{REGENERATE}; if the output is in another folder than {folder}, give that folder with -o"
+        diagnostic = Diagnostic("SHM407", "layout.lock is missing", Span(place), hint=hint)
+        return [Finding(Severity.BREAKING, diagnostic)]
+    is_up_to_date = all(write.current(folder, path) == text.encode() for path, text in texts.items())
+    listed = write.names_in(folder, [*texts, *(f"{target_folder}/" for target_folder in target_folders)])
+    if is_up_to_date and not write.temporary_files(folder, listed) and not write.unlisted(folder, texts, listed):
+        return []  # layout.lock is equal too, and parsing it is slow
     report = Report()
-    old = lockfile.read(kept.decode(errors="replace"), shown, report)
+    old = lockfile.read(existing.decode(errors="replace"), place, report)
     if report.diagnostics:
-        return [Finding(Severity.BREAKING, found) for found in report.diagnostics]
-    new = lockfile.read(texts[lockfile.LOCK], shown, report)
-    findings = [_with_advice(found) for found in compare(old, new, shown)] if old != new else []
+        return [Finding(Severity.BREAKING, diagnostic) for diagnostic in report.diagnostics]
+    new = lockfile.read(texts[lockfile.LOCK], place, report)
+    findings = [_with_advice(diagnostic) for diagnostic in compare(old, new, place)] if old != new else []
     findings += _of_files(texts, folder, old, worst(findings))
-    if not findings and kept != texts[lockfile.LOCK].encode():
+    strays = write.unlisted(folder, {*texts, *old.files}, listed)
+    findings += _listed("SHM406", Severity.COSMETIC, strays, folder, _NOT_IN_LOCK, DELETE)
+    if not findings and existing != texts[lockfile.LOCK].encode():
         findings += _listed("SHM403", Severity.COSMETIC, [lockfile.LOCK], folder, ("is stale", ""), REGENERATE)
     return findings
 
 
 def differences(texts: Mapping[str, str], folder: Path) -> str:
-    """A unified diff from the files in `folder` to `texts`."""
+    """Return a unified diff from the files in `folder` to `texts`."""
     lines: list[str] = []
     for path, text in texts.items():
-        kept = write.current(folder, path)
-        if kept != text.encode():
-            old = (kept or b"").decode(errors="replace").splitlines(keepends=True)
-            before = f"a/{folder / path}" if kept is not None else "/dev/null"
+        existing = write.current(folder, path)
+        if existing != text.encode():
+            old = (existing or b"").decode(errors="replace").splitlines(keepends=True)
+            before = f"a/{folder / path}" if existing is not None else "/dev/null"
             lines += difflib.unified_diff(old, text.splitlines(keepends=True), before, f"b/{folder / path}")
     return "".join(line if line.endswith("\n") else f"{line}\n\\ No newline at end of file\n" for line in lines)
 
 
-def _with_advice(found: Finding) -> Finding:
-    advice = REBUILD if found.severity is Severity.BREAKING else REGENERATE
-    hint = "; ".join(filter(None, [advice, found.diagnostic.hint]))
-    return replace(found, diagnostic=replace(found.diagnostic, hint=hint))
+def _with_advice(finding: Finding) -> Finding:
+    advice = REBUILD if finding.severity is Severity.BREAKING else REGENERATE
+    hint = "; ".join(filter(None, [advice, finding.diagnostic.hint]))
+    return replace(finding, diagnostic=finding.diagnostic._replace(hint=hint))
 
 
 def _of_files(texts: Mapping[str, str], folder: Path, lock: lockfile.Lock, cause: Severity | None) -> list[Finding]:
-    """An interrupted `generate` leaves files that are new already: those are as they should be."""
+    """Return the findings about generated files that are stale, edited, missing or left over.
+
+    A file that already has the new text is not reported, even if layout.lock has the hash of an older text: `generate`
+    may have been interrupted.
+    """
     stale, edited, missing = [], [], []
     for path, text in texts.items():
-        kept, known = write.current(folder, path), lock.files.get(path)
-        if path == lockfile.LOCK or kept == text.encode():
+        existing, known = write.current(folder, path), lock.files.get(path)
+        if path == lockfile.LOCK or existing == text.encode():
             continue
-        if kept is None and known:
+        if existing is None and known:
             missing.append(path)
-        elif kept is None or known in (None, lockfile.sha256(kept)):
+        elif existing is None or known in (None, lockfile.sha256(existing)):
             stale.append(path)
         else:
             edited.append(path)
     left_over = [path for path in lock.files if path not in texts and write.is_inside(folder, path)]
-    left_over += write.abandoned(folder, write.names_in(folder, [*texts, *lock.files]))
-    advice = "" if cause else f"another version of shmgen wrote this; {REGENERATE}"
-    by_hand = "it is lost at the next `shmgen generate`: change the definition or shmgen.toml instead"
+    left_over += write.temporary_files(folder, write.names_in(folder, [*texts, *lock.files]))
+    advice = "" if cause else f"another version of shmgen wrote these files; {REGENERATE}"
+    by_hand = "the next `shmgen generate` overwrites the edit: change the definition or shmgen.toml instead"
     return [
         *_listed("SHM403", cause or Severity.COSMETIC, stale, folder, ("is stale", "are stale"), advice),
         *_listed("SHM404", Severity.BREAKING, edited, folder, ("was edited", "were edited"), by_hand),
@@ -86,12 +98,16 @@ def _of_files(texts: Mapping[str, str], folder: Path, lock: lockfile.Lock, cause
 def _listed(
     code: str, severity: Severity, paths: Sequence[str], folder: Path, what: tuple[str, str], hint: str
 ) -> list[Finding]:
-    """One finding for all of them, called by its file where it is one."""
+    """Return one finding about all generated files in `paths`, or no finding if `paths` is empty.
+
+    `what` is the fault, in singular and plural: "is stale" and "are stale". A finding about a single file points at
+    this file. A finding about several files points at the folder.
+    """
     if not paths:
         return []
     if len(paths) == 1:
-        found = Diagnostic(code, f"generated file {what[0]}", Span(str(folder / paths[0])), hint=hint)
+        diagnostic = Diagnostic(code, f"generated file {what[0]}", Span(str(folder / paths[0])), hint=hint)
     else:
         message = f"{len(paths)} generated files {what[1]}"
-        found = Diagnostic(code, message, Span(str(folder)), hint=hint, details=tuple(sorted(paths)))
-    return [Finding(severity, found, files=tuple(str(folder / path) for path in sorted(paths)))]
+        diagnostic = Diagnostic(code, message, Span(str(folder)), hint=hint, details=tuple(sorted(paths)))
+    return [Finding(severity, diagnostic, files=tuple(str(folder / path) for path in sorted(paths)))]

@@ -1,4 +1,7 @@
-"""Compares two locks: what became of every message and setting, in words, meaning first."""
+"""Compare two versions of layout.lock, and describe in words how each message and setting changed.
+
+The messages whose definitions were edited come first.
+"""
 
 from __future__ import annotations
 
@@ -13,69 +16,85 @@ from shmgen.drift.lockfile import LISTS, Block, Entry, Lock, short
 SIZE = "size"
 
 
-def compare(old: Lock, new: Lock, shown: str) -> list[Finding]:
-    """The way from `old` to `new`, messages in order of name; `shown` is what diagnostics call the lock."""
-    settings = _settings(old.settings, new.settings, shown)
-    told = [_message(name, old, new, shown) for name in sorted({*old.messages, *new.messages})]
-    found = [finding for finding in (*told, settings) if finding]
-    moved = [finding for finding in found if finding.severity is Severity.COSMETIC and finding.changes]
+def compare(old: Lock, new: Lock, place: str) -> list[Finding]:
+    """Return a finding for each difference between two layout.lock files. `place` is their path for diagnostics.
+
+    Findings about messages are sorted by message name. If a message changed only because it contains a changed message,
+    its finding comes after the findings about the other messages.
+    """
+    settings = _settings(old.settings, new.settings, place)
+    names = sorted({*old.messages, *new.messages})
+    messages = [replace(it, name=short(name)) for name in names if (it := _message(name, old, new, place))]
+    findings = sorted(messages, key=lambda finding: bool(finding.causes)) + ([settings] if settings else [])
+    moved = [finding for finding in findings if finding.severity is Severity.COSMETIC and finding.changes]
     if len(moved) < 2:
-        return found
+        return findings
     changes = tuple(change for finding in moved for change in finding.changes)
-    message = f"{len(moved)} messages come from another place, and are the same"
-    together = Finding(Severity.COSMETIC, Diagnostic("SHM402", message, Span(shown)), changes)
-    return [*(finding for finding in found if finding not in moved), together]
+    message = f"{len(moved)} messages have another origin, but did not change"
+    together = Finding(Severity.COSMETIC, Diagnostic("SHM402", message, Span(place)), changes)
+    return [*(finding for finding in findings if finding not in moved), together]
 
 
-def _message(name: str, old: Lock, new: Lock, shown: str) -> Finding | None:
-    said = short(name)
+def _message(name: str, old: Lock, new: Lock, place: str) -> Finding | None:
+    short_name = short(name)
     before, after = old.messages.get(name), new.messages.get(name)
     if before is None:
         assert after is not None
-        return _finding("SHM402", Severity.COMPATIBLE, f"{said} is new", shown, (), after.origin)
+        return _finding("SHM402", Severity.COMPATIBLE, f"{short_name} is new", place, (), after.origin)
     if after is None:
-        asked = name in old.requested
-        severity = Severity.BREAKING if asked else Severity.COSMETIC
-        return _finding("SHM401" if asked else "SHM402", severity, f"{said} is gone", shown, (), "")
+        was_requested = name in old.requested
+        severity = Severity.BREAKING if was_requested else Severity.COSMETIC
+        return _finding("SHM401" if was_requested else "SHM402", severity, f"{short_name} was removed", place, (), "")
     if before.digest != after.digest:
-        changes = (*_fields(before, after, old, new), *_units(before, after), *_values(before, after))
+        changes = (*_fields(before, after, old, new), *_meanings(before, after), *_values(before, after))
         changes += _number(SIZE, before.size, after.size)
         hint = f"old and new programs refuse each other (digest {before.digest[:4]}… / {after.digest[:4]}…)"
-        message = f"layout of {said} changed"
-        return _finding("SHM401", Severity.BREAKING, message, shown, changes, after.origin, hint)
-    return _same_layout(name, before, after, old, new, shown)
+        message = f"layout of {short_name} changed"
+        finding = _finding("SHM401", Severity.BREAKING, message, place, changes, after.origin, hint)
+        return replace(finding, causes=_causes(before, after, old, new))
+    return _same_layout(name, before, after, old, new, place)
 
 
-def _same_layout(name: str, before: Block, after: Block, old: Lock, new: Lock, shown: str) -> Finding | None:
-    said, origin = short(name), after.origin
+def _same_layout(name: str, before: Block, after: Block, old: Lock, new: Lock, place: str) -> Finding | None:
+    short_name, origin = short(name), after.origin
     if (name in old.requested) > (name in new.requested):
-        return _finding("SHM401", Severity.BREAKING, f"{said} is only a part of others now", shown, (), origin)
-    if (name in old.requested) < (name in new.requested):
-        return _finding("SHM402", Severity.COMPATIBLE, f"{said} is asked for now", shown, (), origin)
-    changes = (*_fields(before, after, old, new), *_values(before, after))
-    if units := _units(before, after):
-        hint = "old and new programs still take each other's samples"
         return _finding(
-            "SHM410", Severity.BREAKING, f"units of {said} changed", shown, (*units, *changes), origin, hint
+            "SHM401",
+            Severity.BREAKING,
+            f"{short_name} is no longer requested, but other messages contain it",
+            place,
+            (),
+            origin,
         )
+    if (name in old.requested) < (name in new.requested):
+        return _finding("SHM402", Severity.COMPATIBLE, f"{short_name} is now requested", place, (), origin)
+    changes = (*_fields(before, after, old, new), *_values(before, after))
+    if meanings := _meanings(before, after):
+        hint = "old and new programs accept each other's samples, but interpret the same bytes differently"
+        message = f"meaning of {short_name} changed"
+        return _finding("SHM410", Severity.BREAKING, message, place, (*meanings, *changes), origin, hint)
     if changes:
-        message = f"{said} changed, its layout did not"
-        return _finding("SHM402", Severity.COMPATIBLE, message, shown, changes, origin)
+        message = f"{short_name} changed, but its layout did not"
+        return _finding("SHM402", Severity.COMPATIBLE, message, place, changes, origin)
     if before.text != after.text and before.text:
         change = Change("text", ("text",), "comments, spacing or order of constants changed")
-        message = f"{said} changed, its layout did not"
-        return _finding("SHM402", Severity.COMPATIBLE, message, shown, (change,), origin)
+        message = f"{short_name} changed, but its layout did not"
+        return _finding("SHM402", Severity.COMPATIBLE, message, place, (change,), origin)
     if before.origin != after.origin:
-        change = Change(said, ("origin",), f"{before.origin} -> {origin}")
-        message = f"{said} comes from another place, and is the same"
-        return _finding("SHM402", Severity.COSMETIC, message, shown, (change,), origin)
+        change = Change(short_name, ("origin",), f"{before.origin} -> {origin}")
+        message = f"{short_name} has another origin, but did not change"
+        return _finding("SHM402", Severity.COSMETIC, message, place, (change,), origin)
     return None
 
 
 def _fields(
     before: Block, after: Block, old: Lock, new: Lock, prefix: str = "", start: tuple[int, int] = (0, 0)
 ) -> tuple[Change, ...]:
-    """What became of the fields; inside a nested message only what moved within it, by its place in the whole."""
+    """Return the changes of a message's fields, including the fields of nested messages.
+
+    A nested field has moved only if its offset in the nested message changed. Reported offsets count from the start of
+    the outer message. `start` has the old and the new offset of the nested message, in bytes.
+    """
     renamed = _renamed(before.fields, after.fields)
     changes: list[Change] = []
     for name, entry in after.fields.items():
@@ -101,7 +120,10 @@ def _fields(
 
 
 def _words(before: Entry, after: Entry, places: tuple[int, int], old: Lock, new: Lock) -> Iterable[tuple[str, str]]:
-    """Kind -> words."""
+    """Yield each change of a field as two texts: its kind, such as `moved`, and a description, such as `moved 8 -> 12`.
+
+    `places` contains the old and the new offset, which only the description of a move prints.
+    """
     if before.offset != after.offset:
         yield "moved", f"moved {places[0]} -> {places[1]}"
     sorts = [(entry.count is None, entry.is_sequence, _bare(entry.type)) for entry in (before, after)]
@@ -122,37 +144,79 @@ def _words(before: Entry, after: Entry, places: tuple[int, int], old: Lock, new:
 
 
 def _renamed(before: Mapping[str, Entry], after: Mapping[str, Entry]) -> dict[str, str]:
-    """New name -> old name, of fields that are what stood at the same place under a name now gone."""
-    gone = {replace(entry, name=""): name for name, entry in before.items() if name not in after}
-    come = {name: replace(entry, name="") for name, entry in after.items() if name not in before}
-    return {name: gone[place] for name, place in come.items() if place in gone}
+    """Map the name of each renamed field to its old name.
+
+    A new field counts as renamed if a removed field had the same type and offset.
+    """
+    removed = {replace(entry, name=""): name for name, entry in before.items() if name not in after}
+    added = {name: replace(entry, name="") for name, entry in after.items() if name not in before}
+    return {name: removed[place] for name, place in added.items() if place in removed}
+
+
+def _meanings(before: Block, after: Block) -> tuple[Change, ...]:
+    """Return the changes of units, constant values and defaults that give the same bytes another meaning."""
+    units = [(name, was, after.units[name]) for name, was in before.units.items() if name in after.units]
+    changes = [Change(name, ("unit",), f"[{was}] -> [{now}]") for name, was, now in units if was != now]
+    changes += [change for change, has_new_value in _constants(before, after) if has_new_value]
+    return tuple(changes + [change for change, is_new_value in _defaults(before, after) if is_new_value])
 
 
 def _values(before: Block, after: Block) -> tuple[Change, ...]:
-    """Constants, and the defaults of fields that stayed."""
-    changes: list[Change] = []
+    """Return the changes of constants and defaults after which the bytes still have the same meaning."""
+    both = (*_constants(before, after), *_defaults(before, after))
+    return tuple(change for change, has_new_value in both if not has_new_value)
+
+
+def _constants(before: Block, after: Block) -> Iterable[tuple[Change, bool]]:
+    """Yield each new, removed or changed constant, with True if its value changed.
+
+    A new or removed constant, or another type with the same value, has False.
+    """
     for name in {**before.constants, **after.constants}:
         was, now = before.constants.get(name), after.constants.get(name)
         if was is None:
-            changes.append(Change(name, ("constant",), f"constant appeared, {now}"))
+            yield Change(name, ("constant",), f"constant appeared, {now}"), False
         elif now is None:
-            changes.append(Change(name, ("constant",), f"constant vanished, was {was}"))
+            yield Change(name, ("constant",), f"constant vanished, was {was}"), False
         elif was != now:
-            same = now.removeprefix(f"{was.partition(' ')[0]} ")  # the type need not be said twice
-            changes.append(Change(name, ("constant",), f"constant {was} -> {same}"))
+            (type_, _, old_value), (_, _, new_value) = was.partition(" "), now.partition(" ")
+            new_text = now.removeprefix(f"{type_} ")  # print an unchanged type once
+            yield Change(name, ("constant",), f"constant {was} -> {new_text}"), old_value != new_value
+
+
+def _defaults(before: Block, after: Block) -> Iterable[tuple[Change, bool]]:
+    """Yield each changed default of the fields in both blocks, with True if the change has an effect.
+
+    The change has no effect if a default of zero was added or removed, because fields without a default are zero.
+    """
     for name in {**before.defaults, **after.defaults}:
         was, now = before.defaults.get(name, "none"), after.defaults.get(name, "none")
         if was != now and name in before.fields and name in after.fields:
-            changes.append(Change(name, ("default",), f"default {was} -> {now}"))
-    return tuple(changes)
+            is_still_zero = "none" in (was, now) and bool(_ZERO.fullmatch(was) and _ZERO.fullmatch(now))
+            yield Change(name, ("default",), f"default {was} -> {now}"), not is_still_zero
 
 
-def _units(before: Block, after: Block) -> tuple[Change, ...]:
-    pairs = [(name, was, after.units[name]) for name, was in before.units.items() if name in after.units]
-    return tuple(Change(name, ("unit",), f"[{was}] -> [{now}]") for name, was, now in pairs if was != now)
+_ZERO = re.compile(r'none|false|""|[-0., \[\]]*|\[(?:false(?:, )?|"", )*(?:"")?\]')
+"""The spellings in layout.lock of the value that a field without a default has."""
 
 
-def _settings(old: Mapping[str, object], new: Mapping[str, object], shown: str) -> Finding | None:
+def _causes(before: Block, after: Block, old: Lock, new: Lock) -> tuple[str, ...]:
+    """Return the short names of the nested messages that caused all changes of a message.
+
+    Return an empty tuple if the definition of the message itself was edited.
+    """
+    if before.text != after.text or before.fields.keys() != after.fields.keys():
+        return ()
+    pairs = [(former, after.fields[name]) for name, former in before.fields.items()]
+    own = {kind for pair in pairs for kind, _ in _words(*pair, (0, 0), old, new)}
+    inner = {entry.type: _nested(entry.type, old, new) for _, entry in pairs}
+    if not own <= {"moved", "size"}:
+        return ()
+    causes_of_parts = [_causes(*blocks, old, new) or (short(name),) for name, blocks in inner.items() if blocks]
+    return tuple(dict.fromkeys(cause for causes in causes_of_parts for cause in causes))
+
+
+def _settings(old: Mapping[str, object], new: Mapping[str, object], place: str) -> Finding | None:
     tables = [{**settings, **_listed(settings)} for settings in (old, new)]
     changes: list[Change] = []
     severity = Severity.COMPATIBLE
@@ -163,11 +227,14 @@ def _settings(old: Mapping[str, object], new: Mapping[str, object], shown: str) 
         changes.append(Change(key, ("setting",), f"{was} -> {now}"))
         if " " in key and was != "none":
             severity = Severity.BREAKING
-    return _finding("SHM409", severity, "the configuration changed", shown, tuple(changes), "") if changes else None
+    return _finding("SHM409", severity, "the configuration changed", place, tuple(changes), "") if changes else None
 
 
 def _listed(settings: Mapping[str, object]) -> dict[str, str]:
-    """`topic /robot/pose` -> `to_plc geometry_msgs/Pose depth 1`, `service /cell/start` -> `plc std_srvs/SetBool`."""
+    """Return a line for each topic, service and action in the settings of a layout.lock, by its kind and name.
+
+    For example, `service /cell/start` -> `plc std_srvs/SetBool`.
+    """
     listed: dict[str, str] = {}
     for key in LISTS:
         lines = settings.get(key, [])
@@ -184,11 +251,11 @@ def _setting(value: object) -> str:
 
 
 def _finding(
-    code: str, severity: Severity, message: str, shown: str, changes: tuple[Change, ...], origin: str, hint: str = ""
+    code: str, severity: Severity, message: str, place: str, changes: tuple[Change, ...], origin: str, hint: str = ""
 ) -> Finding:
     width = max((len(change.field) for change in changes), default=0)
     details = tuple(f"{change.field:<{width}}   {change.text}" for change in changes)
-    return Finding(severity, Diagnostic(code, message, Span(shown), hint=hint, details=details), changes, origin)
+    return Finding(severity, Diagnostic(code, message, Span(place), hint=hint, details=details), changes, origin)
 
 
 def _number(name: str, before: int, after: int) -> tuple[Change, ...]:
@@ -196,7 +263,7 @@ def _number(name: str, before: int, after: int) -> tuple[Change, ...]:
 
 
 def _nested(type_: str, old: Lock, new: Lock) -> tuple[Block, Block] | None:
-    """Both blocks of a message held by value, if it has changed."""
+    """Return the old and new block of a nested message, or None if the message did not change."""
     before, after = old.messages.get(type_), new.messages.get(type_)
     return (before, after) if before and after and before.digest != after.digest else None
 
@@ -209,11 +276,14 @@ def _bare(type_: str) -> str:
 
 
 def _capacity(type_: str) -> str:
-    found = _BOUND.search(type_)
-    return found[1] if found else "none"
+    match = _BOUND.search(type_)
+    return match[1] if match else "none"
 
 
 def _encoding(type_: str, settings: Mapping[str, object]) -> object:
-    """What the settings make of it: of `bool` USINT or BOOL, of `time` TIME or LTIME, of `string` utf-8 or latin-1."""
+    """Return the setting that decides how a type is encoded, or None if no setting does.
+
+    For example, `bool` is USINT or BOOL, `time` is TIME or LTIME, and `string` is utf-8 or latin-1.
+    """
     keys = {"bool": "bool", "time": "time", "duration": "time", "string": "encoding"}
     return settings.get(keys.get(_bare(type_), ""))

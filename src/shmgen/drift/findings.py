@@ -1,29 +1,34 @@
-"""Findings of `check` and `diff` for machines: JSON, and annotations of GitHub."""
+"""Findings of `check` and `diff`, and their formats: text, JSON, and annotations for GitHub."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
-from shmgen.core.diagnostics import Diagnostic
-from shmgen.core.fast_dataclass import dataclass
+from shmgen.core.diagnostics import Diagnostic, Span
+from shmgen.core.plural import counted
 
 
 class Severity(IntEnum):
-    """What a difference does to programs already built."""
+    """The effect that a difference has on programs which were built before."""
 
     COSMETIC = 1
-    """Text of generated files that no program sees."""
+    """Only text in generated files differs, without an effect on programs."""
     COMPATIBLE = 2
-    """Comments, constants, defaults, new messages: old and new programs still talk."""
+    """Comments changed, or constants or messages are new. Old and new programs still communicate."""
     BREAKING = 3
-    """Bytes moved or got another meaning, or nobody can tell that they did not."""
+    """Bytes moved or changed their meaning, or shmgen cannot exclude such a change."""
 
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """One line of a finding. `kinds` such as moved and count; offsets in bytes from the start of the message."""
+    """A changed field, constant or setting: one line of a finding. `kinds` are words such as moved and count.
+
+    Offsets are in bytes from the start of the message. The old offset of a new field is None, and the new offset of a
+    removed field.
+    """
 
     field: str
     kinds: tuple[str, ...]
@@ -34,39 +39,68 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """`origin` is the definition it is about, for an annotation; `files` those that are stale, edited and so on."""
+    """A difference that `check` or `diff` found.
+
+    `check` compares existing files with the files that `generate` would write, and `diff` compares two locks. `name` is
+    the changed message, and `origin` its definition. `files` are the files that are stale, edited, missing or left
+    over. If the message changed only because it contains edited messages, `causes` are the names of these edited
+    messages.
+    """
 
     severity: Severity
     diagnostic: Diagnostic
     changes: tuple[Change, ...] = ()
     origin: str = ""
     files: tuple[str, ...] = ()
+    name: str = ""
+    causes: tuple[str, ...] = ()
 
 
 def worst(findings: Iterable[Finding]) -> Severity | None:
-    return max((found.severity for found in findings), default=None)
+    return max((finding.severity for finding in findings), default=None)
+
+
+def for_people(findings: Sequence[Finding]) -> list[Finding]:
+    """Return the findings to print as text: each points at the changed definition.
+
+    Messages that changed only because they contain an edited message have no finding of their own. The finding of the
+    edited message lists them.
+    """
+    return [_with_containers(finding, findings) for finding in findings if not finding.causes]
+
+
+def _with_containers(finding: Finding, findings: Iterable[Finding]) -> Finding:
+    diagnostic = finding.diagnostic._replace(span=Span(finding.origin)) if finding.origin else finding.diagnostic
+    if containers := [other.name for other in findings if finding.name in other.causes]:
+        contain = "contains" if len(containers) == 1 else "contain"
+        line = f"changed too: {counted(len(containers), 'message')} that {contain} it, {', '.join(containers)}"
+        diagnostic = diagnostic._replace(details=(*diagnostic.details, line))
+    return replace(finding, diagnostic=diagnostic)
 
 
 def summary(findings: Sequence[Finding]) -> str:
-    """`2 breaking, 1 cosmetic`."""
-    counts = [(sum(found.severity is severity for found in findings), severity) for severity in reversed(Severity)]
+    """Return the number of findings of each severity, such as `2 breaking, 1 cosmetic`."""
+    counts = [(sum(finding.severity is severity for finding in findings), severity) for severity in reversed(Severity)]
     return ", ".join(f"{count} {severity.name.lower()}" for count, severity in counts if count)
 
 
 def as_json(findings: Sequence[Finding]) -> str:
-    """A stable shape: `worst` (null if nothing was found) and `findings`, each with its `changes` and `files`."""
+    """Return JSON with a stable structure: `worst` and `findings`, each with its `changes` and `files`.
+
+    `worst` is null if there are no findings.
+    """
     most = worst(findings)
     data = {
         "worst": most.name.lower() if most else None,
         "findings": [
             {
-                "code": found.diagnostic.code,
-                "severity": found.severity.name.lower(),
-                "file": found.diagnostic.span.path,
-                "line": found.diagnostic.span.line or None,
-                "origin": found.origin or None,
-                "message": found.diagnostic.message,
-                "hint": found.diagnostic.hint,
+                "code": finding.diagnostic.code,
+                "severity": finding.severity.name.lower(),
+                "file": finding.diagnostic.span.path,
+                "line": finding.diagnostic.span.line or None,
+                "origin": finding.origin or None,
+                "message": finding.diagnostic.message,
+                "hint": finding.diagnostic.hint,
                 "changes": [
                     {
                         "field": change.field,
@@ -75,24 +109,27 @@ def as_json(findings: Sequence[Finding]) -> str:
                         "old_offset": change.old_offset,
                         "new_offset": change.new_offset,
                     }
-                    for change in found.changes
+                    for change in finding.changes
                 ],
-                "files": list(found.files),
+                "files": list(finding.files),
             }
-            for found in findings
+            for finding in findings
         ],
     }
     return json.dumps(data, indent=2, ensure_ascii=False) + "\n"
 
 
 def as_annotations(findings: Iterable[Finding], fail_on: Severity) -> str:
-    """Workflow commands of GitHub Actions: ::error file=…,line=…,title=…::…"""
+    """Return workflow commands of GitHub Actions: `::error file=…,line=…,title=…::…`.
+
+    Findings below `fail_on` are notices.
+    """
     lines = []
-    for found in findings:
-        diagnostic = found.diagnostic
-        level = "error" if found.severity >= fail_on else "notice"
-        places = {"file": found.origin or diagnostic.span.path, "title": f"{diagnostic.code} {diagnostic.message}"}
-        if diagnostic.span.line and not found.origin:
+    for finding in findings:
+        diagnostic = finding.diagnostic
+        level = "error" if finding.severity >= fail_on else "notice"
+        places = {"file": finding.origin or diagnostic.span.path, "title": f"{diagnostic.code} {diagnostic.message}"}
+        if diagnostic.span.line and not finding.origin:
             places |= {"line": str(diagnostic.span.line), "col": str(diagnostic.span.column or 1)}
         body = "\n".join(filter(None, [*diagnostic.details, diagnostic.field, diagnostic.hint]))
         where = ",".join(f"{key}={_property(value)}" for key, value in places.items())
@@ -101,7 +138,7 @@ def as_annotations(findings: Iterable[Finding], fail_on: Severity) -> str:
 
 
 def _data(text: str) -> str:
-    """Escapes of @actions/core, command.ts."""
+    """Escape a text for a workflow command of GitHub, as command.ts in @actions/core does."""
     return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
 
 

@@ -1,4 +1,4 @@
-"""Writes and reads layout.lock: what was generated, from what, and how."""
+"""Write and read layout.lock: the generated files, their definitions and settings."""
 
 from __future__ import annotations
 
@@ -7,26 +7,26 @@ import hashlib
 import json
 import re
 from collections.abc import Container, Iterable, Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from shmgen.core import toml
 from shmgen.core.diagnostics import Report, Span
-from shmgen.core.fast_dataclass import dataclass
 from shmgen.core.model import Default, Layout, Layouts, Ref, Role, Slot, ros_type
 from shmgen.core.type_hash import hashes
 
 LOCK = "layout.lock"
 VERSION = 1
 LISTS = ("topics", "services", "actions")
-"""Settings with a line for each item."""
+"""Settings that have one line for each item."""
 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A field as the lock has it: `type` is that of one element, `count` None where it is no array.
+    """A field of a message in layout.lock. `type` is the type of one element, and `offset` is in bytes.
 
-    A message is called by its full name, `demo_msgs/action/Move_Goal`.
+    `count` is the number of elements, or None if the field is not an array. The type of a nested message is its full
+    name, such as `demo_msgs/action/Move_Goal`.
     """
 
     name: str
@@ -45,7 +45,10 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """A message as the lock has it; `text` is a hash of its definition. Constants are `uint8 1` by name."""
+    """A message in layout.lock. `size` is in bytes, and `text` is a hash of the definition.
+
+    `constants` maps names to a type and a value, such as `uint8 1`.
+    """
 
     digest: str
     size: int
@@ -59,7 +62,10 @@ class Block:
 
 @dataclass(frozen=True, slots=True)
 class Lock:
-    """What a former run left: the messages asked for, all messages, and the SHA-256 of each file it wrote."""
+    """The content of layout.lock, the record of a run of `generate`.
+
+    It contains the requested messages, the settings, all messages, and the SHA-256 of each written file.
+    """
 
     requested: tuple[str, ...] = ()
     settings: Mapping[str, Any] = field(default_factory=dict)
@@ -68,7 +74,11 @@ class Lock:
 
 
 def write(layouts: Layouts, texts: Mapping[str, str], settings: Mapping[str, object]) -> str:
-    """The text of layout.lock: stable order, one line a slot, no date, no host, no version of ours."""
+    """Return the text of layout.lock.
+
+    The order is stable, and each slot has one line. The text has no date, host name or version of shmgen, so that
+    the same input gives the same text.
+    """
     lines = [
         "# What `shmgen generate` wrote, and from what. Commit it with the generated files.",
         f"version = {VERSION}",
@@ -86,32 +96,39 @@ def write(layouts: Layouts, texts: Mapping[str, str], settings: Mapping[str, obj
     return "\n".join(lines) + "\n"
 
 
-def read(text: str, shown: str, report: Report) -> Lock:
-    """Takes a lock apart; one that no run of ours wrote is reported as SHM408."""
+def read(text: str, place: str, report: Report) -> Lock:
+    """Parse the text of layout.lock. Report SHM408 and return an empty lock if the text is damaged."""
     lock = _read(text)
     if lock is None:
         report.error(
             "SHM408",
-            "layout.lock is damaged, so it cannot be known which files are generated",
-            Span(shown),
+            "layout.lock is damaged, so shmgen cannot determine which files are generated",
+            Span(place),
             hint="restore it from version control, or delete it and the generated files, and run `shmgen generate`",
         )
     return lock or Lock()
 
 
-def read_asked(text: str, shown: str, report: Report) -> Lock:
-    """The same without the messages, which take long: what was asked for, the settings, and the files."""
-    asked, found, rest = text.partition("\n[messages.")
+def read_requested(text: str, place: str, report: Report) -> Lock:
+    """Parse layout.lock without its messages, because parsing the messages takes long.
+
+    The result contains the requested names, the settings and the files.
+    """
+    head, has_messages, rest = text.partition("\n[messages.")
     listed = rest.partition("\n[files]\n")[2]
     files = dict(_FILE.findall(listed))
-    if not found or len(files) < listed.count("\n"):
-        return read(text, shown, report)
-    return replace(read(f"{asked}\n[files]\n", shown, report), files=files)
+    if not has_messages or len(files) < listed.count("\n"):
+        return read(text, place, report)
+    return replace(read(f"{head}\n[files]\n", place, report), files=files)
 
 
 @functools.lru_cache(2)
 def _read(text: str) -> Lock | None:
-    """A check reads what is there and what would be, which mostly are the same, and slow to take apart."""
+    """Parse the text of layout.lock, or return None if the text is damaged.
+
+    The last results are cached, because parsing is slow. `check` parses the existing and the new text, which are equal
+    in most runs.
+    """
     try:
         data = toml.loads(text)
         requested, files = data["requested"], data["files"]
@@ -125,7 +142,7 @@ def _read(text: str) -> Lock | None:
 
 
 def short(name: str) -> str:
-    """`demo_msgs/msg/Pose` -> `demo_msgs/Pose`."""
+    """Return the short name of a message: `demo_msgs/msg/Pose` -> `demo_msgs/Pose`."""
     package, _, rest = name.partition("/")
     return f"{package}/{rest.rpartition('/')[2]}"
 
@@ -169,13 +186,13 @@ def _value(value: Default) -> str:
 
 
 def _list(key: str, items: Iterable[str]) -> list[str]:
-    """One item a line, so that a change is one line too."""
+    """Return the lines of a TOML list with one item on each line, so that a changed item is a diff of one line."""
     inner = [f"    {_toml(item)}," for item in items]
     return [f"{key} = [", *inner, "]"] if inner else [f"{key} = []"]
 
 
 def _toml(value: object) -> str:
-    """Strings, numbers and lists of them; JSON's escapes are a subset of TOML's but for DEL."""
+    """Return a string, number or list in the syntax of TOML. It equals JSON, except that TOML also escapes DEL."""
     return _JSON(value).replace("\x7f", "\\u007f")
 
 
@@ -208,7 +225,7 @@ def _read_block(block: Any, known: Container[str]) -> Block:
 
 
 def _full(type_: str, known: Container[str]) -> str:
-    """Locks of former versions call a message by its short name."""
+    """Return the full name of a message type in layout.lock, because earlier versions wrote short names."""
     package, slash, name = type_.partition("/")
     if not slash or "/" in name:
         return type_
@@ -217,7 +234,7 @@ def _full(type_: str, known: Container[str]) -> str:
 
 
 def _parts(pattern: re.Pattern[str], line: str) -> tuple[Any, ...]:
-    found = pattern.fullmatch(line)
-    if found is None:
+    match = pattern.fullmatch(line)
+    if match is None:
         raise ValueError(line)
-    return found.groups("")
+    return match.groups("")

@@ -1,4 +1,4 @@
-"""Finds the layout.lock that a file, a folder or a git revision holds."""
+"""Find the layout.lock in a file, a folder or a git revision."""
 
 from __future__ import annotations
 
@@ -12,23 +12,27 @@ from shmgen.drift import lockfile
 
 
 def lock(name: str, output: Path) -> tuple[lockfile.Lock, str]:
-    """The lock, and what diagnostics call it; of a revision that in `output`. Raises Rejected: SHM001, SHM408."""
+    """Find and parse the layout.lock in a file, folder or git revision `name`. Also return its name for diagnostics.
+
+    A revision is searched for the layout.lock of the folder `output`. Raises Rejected if the file is missing (SHM001)
+    or damaged (SHM408).
+    """
     report = Report()
     file = Path(name, lockfile.LOCK) if os.path.isdir(name) else Path(name)
     if file.exists():
-        shown = str(file)
+        place = str(file)
         try:
-            text = files.content(file).decode(errors="replace")
+            text = files.read_file(file).decode(errors="replace")
         except OSError as error:
-            report.error("SHM001", f"cannot read: {error.strerror}", Span(shown))
+            report.error("SHM001", f"cannot read: {error.strerror}", Span(place))
             report.stop_if_any()
             raise
     else:
-        shown = f"{name}:{output / lockfile.LOCK}"
+        place = f"{name}:{output / lockfile.LOCK}"
         text = _of_revision(name, output / lockfile.LOCK, report)
-    found = lockfile.read(text, shown, report)
+    result = lockfile.read(text, place, report)
     report.stop_if_any()
-    return found, shown
+    return result, place
 
 
 def _of_revision(revision: str, file: Path, report: Report) -> str:
@@ -38,12 +42,12 @@ def _of_revision(revision: str, file: Path, report: Report) -> str:
         command = ["git", "show", "--end-of-options", f"{revision}:{place}{path}"]
         done = subprocess.run(command, capture_output=True, check=False)
     except OSError:
-        report.error("SHM001", "no such file, and there is no git", Span(revision))
+        report.error("SHM001", "no such file, and git is not installed", Span(revision))
     else:
         if done.returncode == 0:
             return done.stdout.decode(errors="replace")
         reason = done.stderr.decode(errors="replace").strip().removeprefix("fatal: ").partition("\n")[0]
-        hint = "give a layout.lock, the folder it is in, or a git revision; -o says where it is in that"
-        report.error("SHM001", f"no such file, and git says: {reason}", Span(revision), hint=hint)
+        hint = "give a layout.lock, its folder, or a git revision; with a revision, -o gives the folder of the lock"
+        report.error("SHM001", f"no such file, and git reports: {reason}", Span(revision), hint=hint)
     report.stop_if_any()
     raise AssertionError

@@ -1,4 +1,4 @@
-"""Gives every string and sequence of a Schema its bound, by the user's words."""
+"""Applies the bounds of the configuration to every string and sequence of a Schema."""
 
 from __future__ import annotations
 
@@ -23,9 +23,10 @@ from shmgen.core.model import (
 
 
 def apply(schema: Schema, bounds: Bounds, report: Report, in_reach: Callable[[], Iterable[TypeName]] = tuple) -> Schema:
-    """The same messages, all bounded. Raises Rejected: SHM101 unbounded, SHM103 bound twice, SHM502 no such field.
+    """Return the schema with a bound for every string and sequence, from the definitions and the configuration.
 
-    `in_reach` lists all messages there are, for keys that none at hand answers to; SHM502 if none of those does.
+    `in_reach` returns all available messages; a key that matches none of them is reported as SHM502. Raises Rejected if
+    a sequence is unbounded (SHM101), a field is bounded twice (SHM103), or a key names no field (SHM502).
     """
     _check_keys(schema, bounds, in_reach, report)
     messages = tuple(
@@ -46,31 +47,31 @@ def apply(schema: Schema, bounds: Bounds, report: Report, in_reach: Callable[[],
                     hint=f'{change}set "{key}" = N under [bounds] in shmgen.toml',
                 )
     report.stop_if_any()
-    return replace(schema, messages=messages)
+    return schema._replace(messages=messages)
 
 
 def _how_to_bound(field: Field) -> str:
-    """In the words of a .msg or of an .idl."""
+    """Return a hint to bound the field in its definition, in the syntax of .msg or .idl."""
     if field.written.endswith("[]"):
         return f"write `{field.written[:-2]}[<=N] {field.name}`, or "
     return f"write `{field.written[:-1]}, N> {field.name}`, or " if field.written.endswith(">") else ""
 
 
 def _is_foreign(message: Message) -> bool:
-    """Nobody can write into the built-in store, and hardly anybody into an installed ROS."""
+    """Return True if the user cannot edit the definition, because it is built in or part of an installed ROS."""
     return message.origin.startswith("built-in") or message.origin.endswith((" of ROS 1", " of ROS 2"))
 
 
 def without_unbounded(schema: Schema, bounds: Bounds, used: Collection[TypeName]) -> Schema:
-    """The messages asked for that need no more bounds, and what these hold.
+    """Drop requested messages that still need a bound, and keep the other requested messages with their dependencies.
 
-    Those `used` stay, whatever they need. Of a service or an action all parts stay, or none.
+    Messages in `used` always stay. A service or action is kept or dropped with all its parts.
     """
     missing = unbounded(schema, bounds)
     lacking = {_whole(name) for name in schema.requested if missing[name] and name not in used}
     requested = frozenset(name for name in schema.requested if name in used or _whole(name) not in lacking)
     needed = set(requested)
-    for message in reversed(schema.messages):  # what holds others comes after them
+    for message in reversed(schema.messages):  # a message comes after its dependencies
         if message.name in needed:
             elements = [element_of(field.type) for field in message.fields]
             needed |= {element.name for element in elements if isinstance(element, Ref)}
@@ -82,7 +83,10 @@ def _whole(name: TypeName) -> TypeName:
 
 
 def unbounded(schema: Schema, bounds: Bounds) -> dict[TypeName, tuple[str, ...]]:
-    """For each message the keys that [bounds] still lacks for it and for what it holds, each once."""
+    """Map each message to the keys that the user must add to [bounds] before the message can be generated.
+
+    A key names an unbounded sequence of the message or of one of its dependencies.
+    """
     missing: dict[TypeName, tuple[str, ...]] = {}
     for message in schema.messages:  # dependencies first
         keys: dict[str, None] = {}
@@ -98,8 +102,11 @@ def unbounded(schema: Schema, bounds: Bounds) -> dict[TypeName, tuple[str, ...]]
 
 
 def defaulted(schema: Schema, bounds: Bounds) -> dict[TypeName, tuple[str, ...]]:
-    """For each message the keys, of its own and of what it holds, that the default of [bounds] answers for."""
-    return unbounded(schema, replace(bounds, default_sequence=None)) if bounds.default_sequence else {}
+    """Map each message to the keys whose bound is only the `default` of [bounds].
+
+    A key names a sequence of the message or of one of its dependencies.
+    """
+    return unbounded(schema, bounds._replace(default_sequence=None)) if bounds.default_sequence else {}
 
 
 def _bounded(field: Field, message: TypeName, bounds: Bounds) -> Field:
@@ -120,7 +127,7 @@ def _bounded(field: Field, message: TypeName, bounds: Bounds) -> Field:
             bounded = Sequence(element(inner), capacity)
         case inner:
             bounded = element(inner)
-    return field if bounded == field.type else replace(field, type=bounded, sent=field.sent or field.type)
+    return field if bounded == field.type else field._replace(type=bounded, sent=field.sent or field.type)
 
 
 def _most_specific(table: Mapping[str, Bound], message: TypeName, field: str) -> Bound | None:
@@ -131,7 +138,10 @@ def _most_specific(table: Mapping[str, Bound], message: TypeName, field: str) ->
 
 
 def _check_keys(schema: Schema, bounds: Bounds, in_reach: Callable[[], Iterable[TypeName]], report: Report) -> None:
-    """A key must name something that exists, and a field of a message at hand must be without a bound of its own."""
+    """Report keys in [bounds] and [strings] that name nothing, or a field whose definition has a bound.
+
+    A key must name a package, a message or a field.
+    """
     at_hand = {message.name.short: message for message in schema.messages}
     packages = {message.name.package for message in schema.messages}
     elsewhere: dict[str, Bound] = {}
@@ -149,21 +159,26 @@ def _check_keys(schema: Schema, bounds: Bounds, in_reach: Callable[[], Iterable[
 def _check_owners(
     owners: Mapping[str, Bound], at_hand: Collection[str], in_reach: Iterable[TypeName], report: Report
 ) -> None:
-    """Packages and messages that are not part of this run must at least be there."""
+    """Report the keys of [bounds] or [strings], `owners`, whose package or message is unknown.
+
+    `at_hand` are the packages of the messages in the schema. `in_reach` are all available messages.
+    """
     messages = {name.short for name in in_reach}
     packages = {name.partition("/")[0] for name in messages}
     for owner, bound in owners.items() if messages else ():
         package, slash, _ = owner.partition("/")
-        # A file that was asked for by its path is of a package that is not in reach otherwise.
+        # A file requested by its path may belong to a package that is not in `in_reach`.
         if owner in packages or owner in messages or (slash and package in set(at_hand) - packages):
             continue
         kind, known = ("message", messages) if slash and package in packages else ("package", {*packages, *at_hand})
         name = owner if kind == "message" else package
         close = closest(name, known, 0.8)
         hint = (
-            f"did you mean {close}?" if close else f"`shmgen list{f' {package}' if slash else ''}` prints what there is"
+            f"did you mean {close}?"
+            if close
+            else f"`shmgen list{f' {package}' if slash else ''}` prints the known names"
         )
-        report.error("SHM502", f"there is no {kind} {name}", bound.span, hint=hint)
+        report.error("SHM502", f"unknown {kind} {name}", bound.span, hint=hint)
 
 
 def _check_field_key(message: Message, name: str, section: str, bound: Bound, report: Report) -> None:
@@ -193,11 +208,11 @@ def _check_field_key(message: Message, name: str, section: str, bound: Bound, re
 
 
 def _paths(schema: Schema) -> dict[TypeName, str]:
-    """How each message is reached from one the user named: `demo_msgs/Robot.arm.joints[]`."""
+    """Map each message to the shortest path from a requested message, such as `demo_msgs/Robot.arm.joints[]`."""
     by_name = {message.name: message for message in schema.messages}
     paths = {name: name.short for name in sorted(schema.requested)}
     queue = list(paths)
-    for name in queue:  # grows while it is walked: breadth first, so the shortest path wins
+    for name in queue:  # the loop extends the queue: breadth first, so the shortest path wins
         for field in by_name[name].fields:
             nested = element_of(field.type)
             if isinstance(nested, Ref) and nested.name not in paths:

@@ -1,7 +1,7 @@
-"""Turns bounded messages into Layouts: the one place where bytes are decided.
+"""Turns bounded messages into Layouts. Only this module decides offsets, sizes and padding.
 
-Natural alignment, every gap an explicit slot, so that a packed structure is the same on every machine
-and in every compiler (docs/layout.md).
+Fields have natural alignment, and every gap is an explicit slot. Therefore a packed structure has the same bytes on
+every machine and with every compiler (docs/layout.md).
 """
 
 from __future__ import annotations
@@ -39,17 +39,18 @@ from shmgen.core.plural import counted
 
 SMALLEST_SLOTS = abi.slots_for(1)
 DEEPEST = 50
-"""Messages within messages; the deepest of ROS's own has 7."""
+"""Maximum depth of nested messages. The deepest message of ROS has 7 levels."""
 
 CLOCK = {"TIME": (4, 4), "LTIME": (8, 8), "struct": (8, 4)}
-"""Mode -> size and alignment: a DWORD of ms, a LWORD of ns, or DINT seconds and UDINT nanoseconds."""
+"""Mode -> size and alignment in bytes: a DWORD of ms, a LWORD of ns, or DINT seconds and UDINT nanoseconds."""
 
 
 def lay_out(schema: Schema, options: TypeOptions, max_region: int, report: Report) -> Layouts:
-    """Layouts of all messages, dependencies first.
+    """Return the layouts of all messages, dependencies first.
 
-    `max_region` is in bytes; a message whose smallest region is larger is reported as SHM303,
-    one that nests too deeply as SHM304; then Rejected.
+    Raises Rejected if the smallest region of a message exceeds `max_region` bytes (SHM303) or messages nest too deeply
+    (SHM304). The other reasons are a type name that is too long (SHM202), and a default or constant that does not fit
+    (SHM005).
     """
     layouts: dict[TypeName, Layout] = {}
     depths: dict[TypeName, int] = {}
@@ -58,11 +59,11 @@ def lay_out(schema: Schema, options: TypeOptions, max_region: int, report: Repor
         layouts[message.name] = layout
         _check_values(message, options, report)
         if len(str(message.name)) > abi.MAX_TYPE_NAME:
-            reason = f"{message.name} is longer than the {abi.MAX_TYPE_NAME} bytes a region has for it"
-            report.error("SHM202", reason, message.span)
+            reason = f"{message.name} has more than {abi.MAX_TYPE_NAME} bytes, the limit of a type name"
+            report.error("SHM202", reason, message.span, hint="shorten the name of the package or message")
         depths[message.name] = 1 + max((depths[name] for name in layout.dependencies), default=0)
         if depths[message.name] == DEEPEST + 1:
-            hint = "put the innermost fields further out"
+            hint = "move the innermost fields to an outer message"
             reason = f"{message.name.short} nests messages more than {DEEPEST} deep"
             report.error("SHM304", reason, message.span, hint=hint)
         if layout.requested:
@@ -72,7 +73,7 @@ def lay_out(schema: Schema, options: TypeOptions, max_region: int, report: Repor
 
 
 def check_size(layout: Layout, max_region: int, report: Report) -> None:
-    """SHM303 for a message whose smallest region has more than `max_region` bytes."""
+    """Report SHM303 if the smallest region of the message has more than `max_region` bytes."""
     if region_size(layout.size) > max_region:
         largest = max(layout.slots, key=lambda slot: slot.size)
         report.error(
@@ -85,12 +86,12 @@ def check_size(layout: Layout, max_region: int, report: Report) -> None:
 
 
 def region_size(payload: int, slots: int = SMALLEST_SLOTS) -> int:
-    """Bytes of a region with messages of `payload` bytes."""
+    """Return the size in bytes of a region for messages of `payload` bytes."""
     return abi.region_size(payload, slots)
 
 
 def canonical_text(layout: Layout, layouts: Mapping[TypeName, Layout]) -> str:
-    """What the digest is taken over: all that gives the bytes their meaning, and nothing else."""
+    """Return the text that the digest is computed from: everything that gives the bytes their meaning."""
     lines = [f"shmgen layout 1 {layout.name} size {layout.size} align {layout.align}"]
     for slot in layout.slots:
         if slot.role is not Role.PADDING:
@@ -107,11 +108,12 @@ def _message(message: Message, options: TypeOptions, layouts: Mapping[TypeName, 
     widest = 1
     for name, type_, count, role, field in _members(message):
         size, align = _extent(type_, options, layouts)
-        offset = _pad(slots, paddings, offset, align)
+        packed = min(align, message.pack)
+        offset = _pad(slots, paddings, offset, max(packed, field.align if field else 1))
         slot = Slot(name, type_, count, offset, size * (count or 1), align, role, field)
         slots.append(slot)
         offset += slot.size
-        widest = max(widest, align)
+        widest = max(widest, packed)
     size = _pad(slots, paddings, offset, widest)
     draft = Layout(message, tuple(slots), size, widest, 0, options, requested)
     digest = hashlib.sha256(canonical_text(draft, layouts).encode()).digest()[:8]
@@ -119,15 +121,15 @@ def _message(message: Message, options: TypeOptions, layouts: Mapping[TypeName, 
 
 
 def _check_values(message: Message, options: TypeOptions, report: Report) -> None:
-    """Defaults and constants must fit the bounds and the encoding that the configuration gave."""
+    """Report SHM005 for defaults and constants that exceed a bound or do not fit the configured encoding."""
     declarations: tuple[Field | Constant, ...] = (*message.fields, *message.constants)
     for declared in declarations:
         value = declared.default if isinstance(declared, Field) else declared.value
         path = f"{message.name.short}.{declared.name}"
         values = value if isinstance(value, tuple) else (value,)
-        room = declared.type.capacity if isinstance(declared.type, Sequence) else None
-        if room is not None and isinstance(value, tuple) and len(value) > room:
-            fault = f"the default has {counted(len(value), 'element')}, the bound is {room}"
+        capacity = declared.type.capacity if isinstance(declared.type, Sequence) else None
+        if capacity is not None and isinstance(value, tuple) and len(value) > capacity:
+            fault = f"the default has {counted(len(value), 'element')}, but the bound is {capacity}"
             hint = f'set "{path}" = {len(value)} under [bounds] in shmgen.toml'
             report.error("SHM005", fault, declared.span, field=path, hint=hint)
         element = element_of(declared.type)
@@ -139,7 +141,7 @@ def _check_values(message: Message, options: TypeOptions, report: Report) -> Non
 
 
 def _misfit(text: str, string: String, options: TypeOptions, path: str) -> tuple[str, str]:
-    """What is wrong with a text, and the hint; empty if nothing is."""
+    """Return the reason why a text does not fit into a string, and a hint. Return two empty texts if the text fits."""
     try:
         length = text_length(text, string, options.encoding)
     except UnicodeEncodeError as error:
@@ -167,7 +169,7 @@ def _members(message: Message) -> list[_Member]:
                 members.append((field.name, element, capacity, Role.DATA, field))
             case element:
                 members.append((field.name, element, None, Role.DATA, field))
-    # The name is rosidl's own for the same purpose.
+    # rosidl uses the same name for the same purpose.
     return members or [("structure_needs_at_least_one_member", Scalar.UINT8, None, Role.FILLER, None)]
 
 

@@ -1,4 +1,4 @@
-"""Turns Outputs into {path: text}, with what the templates become in Python."""
+"""Renders Outputs, the planned files of targets, with templates that are compiled to Python."""
 
 from __future__ import annotations
 
@@ -14,50 +14,55 @@ from typing import Any, cast
 from shmgen.core import cache
 from shmgen.core.model import Output
 
-BUILT = "shmgen.generator.printers"
+RENDERERS_MODULE = "shmgen.generator.printers"
 
 
 def render(outputs: Iterable[Output]) -> dict[str, str]:
-    """The text of every output, by path, in sorted order."""
+    """Return the text of every output by path, sorted by path."""
     texts: dict[str, str] = {}
     for output in outputs:
         assert output.path not in texts, f"two outputs at {output.path}"
         if output.template.endswith(".j2"):
-            texts[output.path] = _printers()[output.template](output.view)
-        elif output.template.startswith("shmgen/"):  # of this package
+            texts[output.path] = _renderers()[output.template](output.view)
+        elif output.template.startswith("shmgen/"):  # a file of this package
             texts[output.path] = (Path(__file__).parents[2] / output.template).read_text(encoding="utf-8")
-        else:  # written by hand
+        else:  # a file that is copied unchanged
             texts[output.path] = (template_folder() / output.template).read_text(encoding="utf-8")
     return dict(sorted(texts.items()))
 
 
 @functools.cache
-def _printers() -> Mapping[str, Callable[[Any], str]]:
-    """Of the module that a wheel brings; in a checkout, where templates change, what is made of them now."""
+def _renderers() -> Mapping[str, Callable[[Any], str]]:
+    """Return the function that renders a template, for each template path.
+
+    A wheel contains these functions. In a checkout, the templates are compiled first.
+    """
     try:
-        scope = vars(import_module(BUILT))
+        scope = vars(import_module(RENDERERS_MODULE))
     except ModuleNotFoundError:
         scope = {}
-        exec(_compiled(template_folder()), scope)
+        exec(_compiled_templates(template_folder()), scope)
     return cast("Mapping[str, Callable[[Any], str]]", scope["PRINTERS"])
 
 
-def _compiled(templates: Path) -> Any:
-    """The code of the module that they become, from the cache if they are those it was made of."""
+def _compiled_templates(templates: Path) -> Any:
+    """Return the code object of the compiled templates, from the cache if no template has changed."""
     files = [Path(__file__).with_name("templates.py"), *sorted(templates.rglob("*.j2"))]
     states = [(str(file), file.stat().st_size, file.stat().st_mtime_ns) for file in files]
     name = f"templates-{hashlib.sha256(repr((sys.version, states)).encode()).hexdigest()[:16]}"
-    kept = cache.read(name)
-    if kept is None:
-        from shmgen.generator.templates import compiled  # jinja2 takes longer to load than all that a message takes
+    bytecode = cache.read(name)
+    if bytecode is None:
+        from shmgen.generator.templates import (
+            compile_templates,  # jinja2 takes longer to load than generating a message
+        )
 
-        kept = marshal.dumps(compile(compiled(templates), str(templates), "exec"))
-        cache.write(name, kept)
+        bytecode = marshal.dumps(compile(compile_templates(templates), str(templates), "exec"))
+        cache.write(name, bytecode)
         cache.forget("templates-", 3)
-    return marshal.loads(kept)
+    return marshal.loads(bytecode)
 
 
 def template_folder() -> Path:
-    """Beside the package in a wheel; in a checkout the folder at the top level."""
+    """Return the folder of the templates: inside the package in a wheel, at the top level in a checkout."""
     installed = Path(__file__).parents[1] / "templates"
     return installed if installed.is_dir() else Path(__file__).parents[3] / "templates"

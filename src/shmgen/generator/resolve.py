@@ -1,4 +1,4 @@
-"""Finds what shmgen.toml names: the types of topics, services and actions among the layouts, the user's own sources."""
+"""Resolves names in shmgen.toml: the types of topics, services and actions, and the user's own source files."""
 
 from __future__ import annotations
 
@@ -13,61 +13,75 @@ from shmgen.targets import Source, interfaces
 
 
 def topics(config: Config, layouts: Layouts, report: Report) -> Iterable[Topic]:
-    """Those of the configuration with their types found among `layouts`. Reports SHM502."""
+    """Yield the configured topics with their message types. Reports SHM502 if a type is a service or action."""
     for topic in config.topics:
-        found = next((name for name in layouts if topic.type in (str(name), name.short)), None)
-        if found:
-            yield Topic(topic.topic, found, topic.direction == "to_plc", topic.depth, topic.span)
-        else:  # the layouts hold every type asked for, so this one came as its parts
-            message = f"{topic.type} is several messages, and a topic carries one"
+        message_type = next((name for name in layouts if topic.type in (str(name), name.short)), None)
+        if message_type:
+            yield Topic(topic.topic, message_type, topic.direction == "to_plc", topic.depth, topic.span)
+        else:  # `layouts` contains every requested type, so this type is a service or action in parts
+            message = f"{topic.type} is not a message"
             span = config.places.get(topic.type, topic.span)
-            report.error("SHM502", message, span, hint="list a service under [[services]], an action under [[actions]]")
-
-
-def services(config: Config, layouts: Layouts, report: Report) -> Iterable[Service]:
-    """As topics()."""
-    known = {found.short: found for found in interfaces.services(layouts)}
-    for service in config.services:
-        if found := known.get(service.type.replace("/srv/", "/")):
-            yield Service(service.service, found, service.server == "plc", service.timeout, service.span)
-        else:
-            span = config.places.get(service.type, service.span)
-            report.error("SHM502", f"{service.type} is not a service", span, hint="name a .srv file: package/srv/Name")
-
-
-def actions(config: Config, layouts: Layouts, report: Report) -> Iterable[Action]:
-    """As topics()."""
-    known = {found.short: found for found in interfaces.actions(layouts)}
-    for action in config.actions:
-        if found := known.get(action.type.replace("/action/", "/")):
-            yield Action(action.action, found, action.server == "plc", action.timeout, action.span)
-        else:
-            span = config.places.get(action.type, action.span)
             report.error(
-                "SHM502", f"{action.type} is not an action", span, hint="name a .action file: package/action/Name"
+                "SHM502", message, span, hint="list a service under [[services]], and an action under [[actions]]"
             )
 
 
-_REMARK = r"(?s)\(\*.*?\*\)|//[^\n]*|'(?:\$.|[^'$\n])*'"
+def services(config: Config, layouts: Layouts, report: Report) -> Iterable[Service]:
+    """Yield the configured services with their types. Reports SHM502 if a type is not a service."""
+    known = {service_type.short: service_type for service_type in interfaces.services(layouts)}
+    for service in config.services:
+        if service_type := known.get(service.type.replace("/srv/", "/")):
+            yield Service(service.service, service_type, service.server == "plc", service.timeout, service.span)
+        else:
+            span = config.places.get(service.type, service.span)
+            report.error(
+                "SHM502",
+                f"{service.type} is not a service",
+                span,
+                hint="write the name of a .srv file: package/srv/Name",
+            )
+
+
+def actions(config: Config, layouts: Layouts, report: Report) -> Iterable[Action]:
+    """Yield the configured actions with their types. Reports SHM502 if a type is not an action."""
+    known = {action_type.short: action_type for action_type in interfaces.actions(layouts)}
+    for action in config.actions:
+        if action_type := known.get(action.type.replace("/action/", "/")):
+            yield Action(action.action, action_type, action.server == "plc", action.timeout, action.span)
+        else:
+            span = config.places.get(action.type, action.span)
+            report.error(
+                "SHM502",
+                f"{action.type} is not an action",
+                span,
+                hint="write the name of an .action file: package/action/Name",
+            )
+
+
+_COMMENT_OR_STRING = r"(?s)\(\*.*?\*\)|//[^\n]*|'(?:\$.|[^'$\n])*'"
 _UNIT = r"(?im)^[ \t]*(PROGRAM|CONFIGURATION)[ \t]+(\w+)"
 
 
 def sources(config: Config, report: Report) -> Iterable[Source]:
-    """The files of [plc] sources. Raises Rejected: SHM001, SHM002. Reports SHM203."""
-    called = {"PRG_ROS"}
+    """Yield the user's own files of Structured Text, which `sources` in [plc] lists.
+
+    Reports SHM203 if a file has a CONFIGURATION or two programs have one name. Raises Rejected if a file cannot be read
+    (SHM001, SHM002).
+    """
+    program_names = {"PRG_ROS"}
     for path in config.sources:
-        shown = shorten(path, config.root)
-        text = document.contents(path, shown, report, "[plc] sources in shmgen.toml names it")
-        plain = re.sub(_REMARK, lambda remark: re.sub(r"[^\n]", " ", remark[0]), text)
+        printed_path = shorten(path, config.root)
+        text = document.contents(path, printed_path, report, "correct `sources` under [plc] in shmgen.toml")
+        plain = re.sub(_COMMENT_OR_STRING, lambda remark: re.sub(r"[^\n]", " ", remark[0]), text)
         programs = []
-        for found in re.finditer(_UNIT, plain):
-            line, start = plain.count("\n", 0, found.start(2)), found.start(2) - plain.rfind("\n", 0, found.start(2))
-            place = Span(shown, line + 1, start, len(found[2]), text.splitlines()[line])
-            if found[1].upper() == "CONFIGURATION":
-                hint = "leave it out: tasks and globals are generated, and the task calls each PROGRAM"
-                report.error("SHM203", f"{found[2]} is a second configuration", place, hint=hint)
-            elif found[2].upper() in called:
-                report.error("SHM203", f"there are two programs {found[2]}", place, hint="rename one")
-            called.add(found[2].upper())
-            programs.append(found[2])
+        for match in re.finditer(_UNIT, plain):
+            line, start = plain.count("\n", 0, match.start(2)), match.start(2) - plain.rfind("\n", 0, match.start(2))
+            place = Span(printed_path, line + 1, start, len(match[2]), text.splitlines()[line])
+            if match[1].upper() == "CONFIGURATION":
+                hint = "remove it: shmgen generates tasks and globals, and the task calls each PROGRAM"
+                report.error("SHM203", f"{match[2]} is a CONFIGURATION, and shmgen generates one", place, hint=hint)
+            elif match[2].upper() in program_names:
+                report.error("SHM203", f"two programs are called {match[2]}", place, hint="rename one of them")
+            program_names.add(match[2].upper())
+            programs.append(match[2])
         yield Source(text.rstrip("\n"), tuple(programs))

@@ -1,9 +1,8 @@
-"""Writes the PLC's side of `shmgen selftest`, for CODESYS or OpenPLC."""
+"""Generates the PLC's side of `shmgen selftest`, for CODESYS or OpenPLC."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 from shmgen.config import Config
 from shmgen.core.diagnostics import Report
@@ -15,16 +14,19 @@ PROGRAM = "PRG_ShmSelfTest"
 
 
 def texts(config: Config, openplc: bool) -> dict[str, str]:
-    """{path: text} of what templates/selftest/shmgen.toml asks for."""
+    """Generate the files that the PLC needs for the self-test. Return the text of each file by path.
+
+    `config` is the configuration templates/selftest/shmgen.toml.
+    """
     report = Report()
     layouts = pipeline.lay_out(config, [*config.messages, *config.types_used])
-    targets = [replace(target, room=_WithProgram) if target.key == "st" else target for target in TARGETS]
+    targets = [target._replace(load=_WithProgram) if target.key == "st" else target for target in TARGETS]
     keys = ("openplc", "matiec") if openplc else ("st", "plcopen")
-    return pipeline.printed_by(targets, keys, pipeline.job_of(config, layouts, report), report)
+    return pipeline.render_targets(targets, keys, pipeline.job_of(config, layouts, report), report)
 
 
 class _WithProgram:
-    """The target st, with a program more that PRG_Ros calls: in CODESYS one's own are in the IDE, this one is not."""
+    """The target st, extended by the program of the self-test. PRG_Ros calls this program after the blocks."""
 
     NAMES = None
 
@@ -34,6 +36,6 @@ class _WithProgram:
         for output in target.plan(job, report):
             view = output.view
             if isinstance(view, program.Program):
-                output = replace(output, view=view._replace(behind=(PROGRAM,)))
+                output = output._replace(view=view._replace(behind=(PROGRAM,)))
             yield output
         yield Output(f"st/{PROGRAM}.st", f"selftest/{PROGRAM}.st", None)

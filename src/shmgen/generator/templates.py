@@ -1,6 +1,7 @@
-"""Compiles the templates to Python, which prints without Jinja: the only module that knows jinja2.
+"""Compiles the templates to Python functions that render without Jinja. Only this module imports jinja2.
 
-A template has text, `{{ dotted.name }}`, `for`, `if` on a name and `include`; each becomes a function of a view.
+A template contains text, `{{ dotted.name }}`, `for`, `if` on a name and `include`. The compiled
+function takes the data for the template, an object named `view`, and returns the text.
 """
 
 from __future__ import annotations
@@ -12,48 +13,54 @@ from typing import Any
 from jinja2 import Environment, nodes
 
 
-def compiled(folder: Path) -> str:
-    """A module with `PRINTERS`, a function of a view for each template of the folder, by its path there."""
-    found = sorted(file.relative_to(folder).as_posix() for file in folder.rglob("*.j2"))
+def compile_templates(folder: Path) -> str:
+    """Return the source of a module whose dict `PRINTERS` maps each template's path to its render function."""
+    paths = sorted(file.relative_to(folder).as_posix() for file in folder.rglob("*.j2"))
     lines = ["PRINTERS = {}"]
-    for path in found:
+    for path in paths:
         lines += ["def printer(view):", " out = []", " add = out.append"]
-        lines += _printed(_parsed(folder, path), folder, {"view": "view"}, " ")
+        lines += _rendered(_parse(folder, path), folder, {"view": "view"}, " ")
         lines += [" return ''.join(out)", f"PRINTERS[{path!r}] = printer"]
     return "\n".join(lines) + "\n"
 
 
-def _parsed(folder: Path, path: str) -> list[nodes.Node]:
-    """What is printed is not HTML; views hold finished strings."""
+def _parse(folder: Path, path: str) -> list[nodes.Node]:
+    """Parse a template.
+
+    Autoescape is off, because the output is not HTML and the data for a template consists of finished strings.
+    """
     environment = Environment(trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True, autoescape=False)
     return environment.parse((folder / path).read_text(encoding="utf-8"), filename=path).body
 
 
-def _printed(body: Iterable[nodes.Node], folder: Path, names: Mapping[str, str], indent: str) -> Iterator[str]:
-    """Lines of Python; `names` are those of the template, with what they are called there."""
+def _rendered(body: Iterable[nodes.Node], folder: Path, names: Mapping[str, str], indent: str) -> Iterator[str]:
+    """Yield the lines of Python that render a part of a template, given as the nodes in `body`.
+
+    `names` maps the names of variables in the template to their names in the Python code.
+    """
     for node in body:
         match node:
             case nodes.Output():
                 pieces = "".join(_piece(part, names) for part in node.nodes)
                 yield f"{indent}add(f'{pieces}')"
             case nodes.For(target=nodes.Name(name=name)) if not node.else_:
-                inner = f"{name}_{len(indent)}"  # a loop within may have the same name
+                inner = f"{name}_{len(indent)}"  # an inner loop may use the same name
                 yield f"{indent}for {inner} in {_value(node.iter, names)}:"
-                yield from _printed(node.body, folder, {**names, name: inner}, f"{indent} ")
+                yield from _rendered(node.body, folder, {**names, name: inner}, f"{indent} ")
             case nodes.If() if not node.elif_:
                 yield f"{indent}if {_value(node.test, names)}:"
-                yield from _printed(node.body, folder, names, f"{indent} ")
+                yield from _rendered(node.body, folder, names, f"{indent} ")
                 if node.else_:
                     yield f"{indent}else:"
-                    yield from _printed(node.else_, folder, names, f"{indent} ")
+                    yield from _rendered(node.else_, folder, names, f"{indent} ")
             case nodes.Include(template=nodes.Const(value=str(path))):
-                yield from _printed(_parsed(folder, path), folder, names, indent)
+                yield from _rendered(_parse(folder, path), folder, names, indent)
             case _:
                 raise ValueError(f"a template holds {node}")
 
 
 def _piece(node: Any, names: Mapping[str, str]) -> str:
-    """Of an f-string in single quotes."""
+    """Return the Python text for one text or expression of a template, as a part of an f-string in single quotes."""
     if isinstance(node, (nodes.TemplateData, nodes.Const)):
         text = node.data if isinstance(node, nodes.TemplateData) else str(node.value)
         return (
@@ -65,7 +72,7 @@ def _piece(node: Any, names: Mapping[str, str]) -> str:
 def _value(node: Any, names: Mapping[str, str]) -> str:
     match node:
         case nodes.Name(name=name):
-            return names.get(name, name)  # another one is of whoever includes this
+            return names.get(name, name)  # an unknown name belongs to the including template
         case nodes.Getattr():
             return f"{_value(node.node, names)}.{node.attr}"
         case _:

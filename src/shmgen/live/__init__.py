@@ -1,1 +1,1 @@
-"""What speaks to live regions, for tools and bridge: which there are, who has them, which class reads them."""
+"""Access to live regions, for tools and bridge: list them, find their processes, and make classes for them."""

@@ -1,4 +1,4 @@
-"""The Python class that can decode a region, by the type and digest in its header."""
+"""Make Python classes for live regions, from the type name and the digest in the header of a region."""
 
 from __future__ import annotations
 
@@ -28,7 +28,10 @@ from shmgen.runtime.errors import LayoutMismatch
 
 
 class ClassRegistry:
-    """What classes are made from: the configuration in force, and a layout.lock to fall back on."""
+    """Finds or makes the Python class of a message by its name and its digest.
+
+    The layout comes from the configuration in force, or from layout.lock if only layout.lock has the digest.
+    """
 
     def __init__(self, session: Session, lock: Path | None) -> None:
         self.session = session
@@ -39,22 +42,23 @@ class ClassRegistry:
         return self.session.config
 
     def depth_of(self, topic: str) -> int:
-        """What shmgen.toml says, or 1."""
-        asked = topic.lstrip("/")
-        return next((entry.depth for entry in self.config.topics if entry.topic.lstrip("/") == asked), 1)
+        """Return the depth of a topic in shmgen.toml, or 1 if the topic is not there."""
+        bare = topic.lstrip("/")
+        return next((entry.depth for entry in self.config.topics if entry.topic.lstrip("/") == bare), 1)
 
     def message(self, request: str, digest: int | None = None, part_of: str = "") -> type[Message]:
-        """The class of `geometry_msgs/Pose`, with that digest if one is given; `part_of` as in Session.
+        """Return the class of the message `request`, such as `geometry_msgs/Pose`, whose layout has this digest.
 
-        Raises as session_of().
+        If `digest` is None, any layout matches. `part_of` names the service or action that contains the message. Raises
+        the errors of session_of().
         """
         return self.session_of(request, digest, part_of).message(request, part_of)
 
     def session_of(self, request: str, digest: int | None = None, part_of: str = "") -> Session:
-        """The one that lays the message out with that digest.
+        """Return the session, the layouts of one configuration, in which the message `request` has this digest.
 
-        Raises Rejected for a type that is not to be found or laid out, and LayoutMismatch, with every digest
-        found, where none is the one wanted.
+        If `digest` is None, any digest matches. Raises Rejected if the type is unknown or has no layout. Raises
+        LayoutMismatch, which lists all known digests, if no layout has this digest.
         """
         tried: list[config_of_lock.Known] = []
         rejected: Rejected | None = None
@@ -73,9 +77,10 @@ class ClassRegistry:
         raise rejected
 
     def known(self) -> tuple[dict[str, config_of_lock.Known], tuple[Diagnostic, ...]]:
-        """The layouts of all messages that shmgen.toml and layout.lock name; the former counts. Raises Rejected.
+        """Return the layouts of all messages that shmgen.toml and layout.lock name, by message name. Raises Rejected.
 
-        And what is wrong with the lock, of which nothing is taken then.
+        If both files name a message, its layout comes from shmgen.toml. The second value contains the diagnostics of a
+        damaged layout.lock, which is then ignored.
         """
         wrong: tuple[Diagnostic, ...] = ()
         try:
@@ -99,33 +104,39 @@ class ClassRegistry:
 
 
 def subscriber(
-    kind: type[Message], topic: str, depth: int, *, passive: bool = False, history: bool = False
+    kind: type[Message],
+    topic: str,
+    depth: int,
+    *,
+    passive: bool = False,
+    history: bool = False,
+    reopen: bool = True,
 ) -> Subscriber[Message]:
-    """Opens the topic's region for reading. Raises what a Subscriber raises."""
-    made: type[Subscriber[Message]] = type("LiveSubscriber", (Subscriber,), {"message_type": kind})
-    return made(topic, depth=depth, passive=passive, history=history)
+    """Open the region of a topic for reading messages of the class `kind`. Raises the errors of Subscriber."""
+    end: type[Subscriber[Message]] = type("LiveSubscriber", (Subscriber,), {"message_type": kind})
+    return end(topic, depth=depth, passive=passive, history=history, reopen=reopen)
 
 
 def watcher(
     view: View, kind: type[Message] | None = None, *, passive: bool = True, history: bool = False
 ) -> Subscriber[Message]:
-    """Opens the region in `view`; without `kind` only for numbers and stamps, its messages have no fields.
+    """Open the region of `view` for reading. Without `kind`, messages are plain bytes with a number and a stamp.
 
-    Raises RegionUnusable for a damaged one, and what a Subscriber raises.
+    Raises RegionUnusable if the region is damaged, else the errors of Subscriber.
     """
     header = sound(view)
     kind = kind or _without_fields(header)
-    return subscriber(kind, topic_of(view.name), depth_of(header), passive=passive, history=history)
+    return subscriber(kind, topic_of(view.name), depth_of(header), passive=passive, history=history, reopen=False)
 
 
-def publisher(kind: type[Message], topic: str, depth: int) -> Publisher[Message]:
-    """Opens the topic's region for writing. Raises what a Publisher raises."""
-    made: type[Publisher[Message]] = type("LivePublisher", (Publisher,), {"message_type": kind})
-    return made(topic, depth=depth)
+def publisher(kind: type[Message], topic: str, depth: int, *, reopen: bool = True) -> Publisher[Message]:
+    """Open the region of a topic for writing messages of the class `kind`. Raises the errors of Publisher."""
+    end: type[Publisher[Message]] = type("LivePublisher", (Publisher,), {"message_type": kind})
+    return end(topic, depth=depth, reopen=reopen)
 
 
 def client(request: type[Message], reply: type[Message]) -> type[ServiceClient[Any, Any]]:
-    """The class that calls a service of these."""
+    """Make a client class for a service whose messages have the classes `request` and `reply`."""
     ends = {
         "request_publisher": type("LivePublisher", (Publisher,), {"message_type": request}),
         "reply_subscriber": type("LiveSubscriber", (Subscriber,), {"message_type": reply}),
@@ -134,7 +145,7 @@ def client(request: type[Message], reply: type[Message]) -> type[ServiceClient[A
 
 
 def server(request: type[Message], reply: type[Message]) -> type[ServiceServer[Any]]:
-    """The class that serves it."""
+    """Make a server class for a service whose messages have the classes `request` and `reply`."""
     ends = {
         "request_subscriber": type("LiveSubscriber", (Subscriber,), {"message_type": request}),
         "reply_publisher": type("LivePublisher", (Publisher,), {"message_type": reply}),
@@ -143,7 +154,7 @@ def server(request: type[Message], reply: type[Message]) -> type[ServiceServer[A
 
 
 def action_client(kinds: Mapping[str, type[Message]]) -> type[ActionClient[Any, Any, Any]]:
-    """The class that sends goals of the action that has these parts, by their endings."""
+    """Make a client class for an action. `kinds` maps the endings of its messages, such as "_Command", to classes."""
     ends = {
         "command_publisher": type("LivePublisher", (Publisher,), {"message_type": kinds["_Command"]}),
         "progress_subscriber": type("LiveSubscriber", (Subscriber,), {"message_type": kinds["_Progress"]}),
@@ -153,7 +164,7 @@ def action_client(kinds: Mapping[str, type[Message]]) -> type[ActionClient[Any, 
 
 
 def action_server(kinds: Mapping[str, type[Message]]) -> type[ActionServer[Any]]:
-    """The class that serves it."""
+    """Make a server class for an action. `kinds` maps the endings of its messages, such as "_Command", to classes."""
     ends = {
         "command_subscriber": type("LiveSubscriber", (Subscriber,), {"message_type": kinds["_Command"]}),
         "progress_publisher": type("LivePublisher", (Publisher,), {"message_type": kinds["_Progress"]}),
@@ -163,7 +174,10 @@ def action_server(kinds: Mapping[str, type[Message]]) -> type[ActionServer[Any]]
 
 
 def _without_fields(header: Header) -> type[Message]:
-    """One of the same size. What is in it is nothing that a lock would have to order."""
+    """Make a message class for a region of unknown layout. Its only field contains all bytes of the payload.
+
+    Reading such a message takes no lock.
+    """
     about = {"_type_name_": header.type_name, "_digest_": header.digest, "_regions_": RegionOptions(sync="sequence")}
     return type("Opaque", (Message,), {"_fields_": [("bytes", ctypes.c_uint8 * header.payload_size)], **about})
 

@@ -1,4 +1,4 @@
-"""The configuration that the layouts of a layout.lock came from."""
+"""Restore the configuration from which a layout.lock was generated."""
 
 from __future__ import annotations
 
@@ -15,12 +15,15 @@ from shmgen.core.model import TypeOptions
 from shmgen.core.plural import counted
 
 LOCK = Path("generated", "layout.lock")
-"""Where `shmgen generate` leaves it, seen from the folder of shmgen.toml."""
+"""Path of the file that `shmgen generate` writes, from the folder of shmgen.toml."""
 
 
 @dataclass(frozen=True, slots=True)
 class Known:
-    """The layout of a message as some file says it: digest, bytes of the payload, and which file that is."""
+    """The layout of a message according to shmgen.toml or layout.lock, for comparisons.
+
+    It has the digest, the size of the payload in bytes, and the name of the file.
+    """
 
     digest: int
     size: int
@@ -31,44 +34,47 @@ class Known:
 
 
 def read(file: Path) -> dict[str, Any]:
-    """The lock as TOML has it; empty if there is none. Raises Rejected: SHM408."""
+    """Return the content of layout.lock, or an empty result if the file is missing. Raises Rejected: SHM408."""
     try:
-        lock = toml.loads(files.content(file).decode())
+        lock = toml.loads(files.read_file(file).decode())
         layouts(lock, str(file))
         settings(lock, Config(Path()))
     except OSError:
         return {}
     except (KeyError, TypeError, ValueError, AttributeError):
         hint = "restore it from version control, or delete it and the generated files, and run `shmgen generate`"
-        message = "layout.lock is damaged, so it cannot be known what it was made from"
+        message = "layout.lock is damaged, so shmgen cannot determine the settings of the generated files"
         raise Rejected([Diagnostic("SHM408", message, Span(str(file)), hint=hint)]) from None
     return lock
 
 
 def layouts(lock: dict[str, Any], origin: str) -> dict[str, Known]:
-    """`geometry_msgs/msg/Pose` -> its layout."""
+    """Return the layout of each message in layout.lock, by the message's name, such as `geometry_msgs/msg/Pose`."""
     messages = lock.get("messages", {})
     return {name: Known(int(message["digest"], 16), message["size"], origin) for name, message in messages.items()}
 
 
 def settings(lock: dict[str, Any], config: Config) -> Config:
-    """`config` with the source, types and bounds that the lock was written with; folders stay as they are."""
-    said = lock["settings"]
-    types = TypeOptions(said["bool"], said["time"], said["encoding"], said["overflow"])
+    """Return a copy of `config` whose source, types and bounds are those in layout.lock.
+
+    `lock` is the parsed layout.lock. All other settings stay as in `config`.
+    """
+    recorded = lock["settings"]
+    types = TypeOptions(recorded["bool"], recorded["time"], recorded["encoding"], recorded["overflow"])
     strings: dict[str, Bound] = {}
     sequences: dict[str, Bound] = {}
     for name, message in lock["messages"].items():
         package, _, bare = name.split("/")
-        counted = ""
+        counted_field = ""
         for offset, field, type_, count, role in map(_slot, message["slots"]):
             key = f"{package}/{bare}.{field}"
             if role == "count":
-                counted = field.removesuffix("_count")
-            elif not role and field == counted:
+                counted_field = field.removesuffix("_count")
+            elif not role and field == counted_field:
                 sequences[key] = Bound(int(count), Span(f"{LOCK}", int(offset)))
             if not role and (text := _STRING.fullmatch(type_)):
                 strings[key] = Bound(int(text[1]), Span(f"{LOCK}", int(offset)))
-    return replace(config, source=said["source"], types=types, bounds=Bounds(strings, sequences))
+    return replace(config, source=recorded["source"], types=types, bounds=Bounds(strings, sequences))
 
 
 _SLOT = re.compile(r"(\d+) (\S+) (\S+?)(?:\[(\d+)\])?(?: \((\w+)\))?")
@@ -76,9 +82,12 @@ _STRING = re.compile(r"w?string<=(\d+)")
 
 
 def _slot(line: str) -> tuple[str, str, str, str, str]:
-    """Offset, name, type, count, role of a line such as `44 name string<=80[8]`, as layout.lock has them."""
-    found = _SLOT.fullmatch(line)
-    if found is None:
+    """Split a line of layout.lock, such as `44 name string<=80[8]`, into offset, name, type, count and role.
+
+    The role is the use of these bytes, such as data or padding.
+    """
+    match = _SLOT.fullmatch(line)
+    if match is None:
         raise ValueError(f"{LOCK}: {line!r} is no slot")
-    offset, name, type_, count, role = found.groups("")
+    offset, name, type_, count, role = match.groups("")
     return offset, name, type_, count, role

@@ -1,4 +1,4 @@
-"""Finds the message that has a digest, as it stands in a region's header."""
+"""Find the message whose layout has a given digest, as it appears in a region's header."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from shmgen.runtime import ShmError
 
 
 def find(registry: ClassRegistry, digest: int) -> tuple[Session, str] | None:
-    """The session that lays it out so, and its name; None if nothing in reach has that digest. Raises Rejected."""
+    """Return the session and the name of the message whose layout has this digest, or None. Raises Rejected."""
     for name in dict.fromkeys(_likely(registry, digest)):
         with suppress(Rejected, ShmError, ValueError):
             return registry.session_of(name, digest), name
@@ -21,7 +21,10 @@ def find(registry: ClassRegistry, digest: int) -> tuple[Session, str] | None:
 
 
 def _likely(registry: ClassRegistry, digest: int) -> Iterator[str]:
-    """What is said to have it, then all there is."""
+    """Yield names of messages for a search by digest, the most likely first.
+
+    First come messages of live regions and known layouts with this digest, then all other messages.
+    """
     for region in regions.live():
         with suppress(ShmError, OSError), regions.View(region) as view:
             header = view.header()

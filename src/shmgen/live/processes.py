@@ -1,4 +1,4 @@
-"""Who maps which file of /dev/shm, and what kind of process that is, out of /proc."""
+"""List the processes that map files of /dev/shm, and find out their names and whether they are 32-bit, from /proc."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ from shmgen.runtime.region import header as h
 
 @dataclass(frozen=True, slots=True)
 class Mapping:
-    """Process `pid` maps the file `name` of a /dev/shm: ours, or one of a container, as `device` tells.
+    """A file in a /dev/shm that the process `pid` has mapped into its memory.
 
-    `removed`: the file has been deleted since. `addresses` names the stretch of memory as in /proc/PID/map_files.
+    `device` distinguishes this /dev/shm from that of a container. If `removed` is True, the file has been deleted
+    since. `addresses` is the range of memory as in /proc/PID/map_files.
     """
 
     pid: int
@@ -32,7 +33,7 @@ class Mapping:
         return self.name.startswith("sem.")
 
     def is_region(self) -> bool | None:
-        """Whether the file begins with our magic; None if this user may not look."""
+        """Return True if the file begins with the magic number of a region, None if this user may not read the file."""
         for place in self._places():
             with suppress(OSError):
                 descriptor = os.open(place, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
@@ -42,7 +43,10 @@ class Mapping:
         return None
 
     def _places(self) -> Iterator[str]:
-        """Where the file can be read: root's way; by the process's own descriptor; by its name."""
+        """Yield paths in /proc by which the mapped file may be opened.
+
+        Only root can open the first path. The others are the descriptors of the process and the name in its /dev/shm.
+        """
         yield f"/proc/{self.pid}/map_files/{self.addresses}"
         yield from _descriptors(self.pid, (self.device, self.inode))
         if not self.removed:
@@ -51,34 +55,40 @@ class Mapping:
 
 @dataclass(frozen=True, slots=True)
 class Processes:
-    """All mappings of files in a /dev/shm at one instant; `hidden` processes could not be looked into."""
+    """The files of /dev/shm that processes have mapped, at one instant.
+
+    `hidden` is the number of processes that this user may not inspect.
+    """
 
     mappings: tuple[Mapping, ...]
     hidden: int
 
 
 def look() -> Processes:
-    """Every process this user may look into."""
+    """Return the files of /dev/shm that processes have mapped, for all processes that this user may inspect."""
     mappings: dict[tuple[int, int, int], Mapping] = {}
     hidden = 0
     for pid in _pids():
         try:
-            for found in _mapped(pid):
-                mappings.setdefault((found.pid, found.device, found.inode), found)
+            for mapping in _mapped(pid):
+                mappings.setdefault((mapping.pid, mapping.device, mapping.inode), mapping)
         except PermissionError:
             hidden += 1
-        except OSError:  # it ended meanwhile
+        except OSError:  # the process has ended
             continue
     return Processes(tuple(mappings.values()), hidden)
 
 
 def has_open(status: os.stat_result) -> bool:
-    """Whether a process this user may look into has a descriptor of the file."""
+    """Return True if a process has the file with this `status` open.
+
+    Processes that this user may not inspect are left out.
+    """
     return any(True for pid in _pids() for _ in _descriptors(pid, (status.st_dev, status.st_ino)))
 
 
 def alive(pid: int) -> bool:
-    """Whether the process runs; a zombie does not."""
+    """Return True if the process `pid` runs. A zombie, which has ended but was not collected, does not run."""
     try:
         with open(f"/proc/{pid}/stat", encoding="utf-8", errors="replace") as file:
             return file.read().rpartition(")")[2].split()[0] not in ("Z", "X")
@@ -87,15 +97,18 @@ def alive(pid: int) -> bool:
 
 
 def called(pid: int) -> str:
-    """`talker.py`, with its arguments, shortened; nothing if it is gone. Of a script the interpreter goes unnamed."""
+    """Return the name and arguments of a process, shortened, or "" if the process is gone.
+
+    A Python script appears without its interpreter: `talker.py --rate 10`.
+    """
     try:
         words = _command(pid)
     except OSError:
         return ""
     while len(words) > 2 and _EMULATOR.fullmatch(words[0]) and not words[1].startswith("-"):
-        # The program's file, and behind it its own first word where the kernel was told to keep that.
-        kept = words[0].endswith("-P") or os.path.basename(words[1]) == os.path.basename(words[2])
-        del words[: 1 + kept]
+        # The emulator is followed by the program's path, and by argv[0] if the kernel is set to preserve it.
+        has_argv0 = words[0].endswith("-P") or os.path.basename(words[1]) == os.path.basename(words[2])
+        del words[: 1 + has_argv0]
     if len(words) > 2 and os.path.basename(words[0]).startswith("python") and not words[1].startswith("-"):
         del words[0]
     line = " ".join([os.path.basename(words[0]), *(word for word in words[1:] if word)])
@@ -104,21 +117,25 @@ def called(pid: int) -> str:
 
 
 def bits(pid: int) -> int | None:
-    """32 or 64: the ELF class of its program, or what its emulator stands for; None if this user may not look."""
+    """Return 32 or 64, the number of bits of the program that a process runs.
+
+    If the process is the emulator qemu, return the bits of the emulated machine. Return None if this user may not
+    inspect the process.
+    """
     try:
         with open(f"/proc/{pid}/exe", "rb") as file:
-            found = {1: 32, 2: 64}.get(file.read(5)[-1])
+            bits_of_program = {1: 32, 2: 64}.get(file.read(5)[-1])
         emulator = _EMULATOR.fullmatch(_command(pid)[0])
     except (OSError, IndexError):
         return None
     if emulator:
         return 64 if "64" in (emulator[1] or emulator[2]) else 32
-    return found
+    return bits_of_program
 
 
 _KIND = "aarch64|arm|i386|riscv64|x86_64"
 _EMULATOR = re.compile(rf"(?:.*/)?(?:qemu-({_KIND})(?:-static)?|({_KIND})-binfmt-P)")
-"""qemu-user, by the names that its makers, docker's images and Debian give it."""
+"""Names of qemu-user: upstream, in docker's images, and in Debian."""
 
 
 def _command(pid: int) -> list[str]:
@@ -127,7 +144,7 @@ def _command(pid: int) -> list[str]:
 
 
 _PATH = r"(?:/.*)?/dev/shm/(.+?)( \(deleted\))?\n?"
-"""Seen out of a chroot, the path of what lies outside begins with that of the chroot."""
+"""Inside a chroot, a path outside the chroot begins with the path of the chroot."""
 
 _LINE = re.compile(r"([0-9a-f]+)-([0-9a-f]+) \S+ \S+ ([0-9a-f]+):([0-9a-f]+) (\d+) +" + _PATH)
 
@@ -135,8 +152,8 @@ _LINE = re.compile(r"([0-9a-f]+)-([0-9a-f]+) \S+ \S+ ([0-9a-f]+):([0-9a-f]+) (\d
 def _mapped(pid: int) -> Iterator[Mapping]:
     with open(f"/proc/{pid}/maps", encoding="utf-8", errors="replace") as file:
         for line in file:
-            if found := _LINE.fullmatch(line):
-                start, end, major, minor, inode, name, removed = found.groups()
+            if match := _LINE.fullmatch(line):
+                start, end, major, minor, inode, name, removed = match.groups()
                 yield Mapping(
                     pid,
                     name,
@@ -147,12 +164,15 @@ def _mapped(pid: int) -> Iterator[Mapping]:
                 )
 
 
-def _descriptors(pid: int, wanted: tuple[int, int]) -> Iterator[str]:
-    """Those of a process that are of the file, as links in /proc; none of a process this user may not look into."""
+def _descriptors(pid: int, file: tuple[int, int]) -> Iterator[str]:
+    """Yield the path in /proc of each descriptor with which process `pid` has a file open.
+
+    `file` is the device and inode of the file. Yield nothing if this user may not inspect the process.
+    """
     with suppress(OSError):
         for number in os.listdir(f"/proc/{pid}/fd"):
             with suppress(OSError):
-                if _file(os.stat(link := f"/proc/{pid}/fd/{number}")) == wanted:
+                if _file(os.stat(link := f"/proc/{pid}/fd/{number}")) == file:
                     yield link
 
 

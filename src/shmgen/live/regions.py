@@ -1,4 +1,4 @@
-"""Which regions are in /dev/shm, and what their headers say now."""
+"""List the regions in /dev/shm, and read their headers."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import struct
 from collections.abc import Sized
 from contextlib import suppress
 from types import TracebackType
-from typing import Any
 
 from shmgen.core import abi
 from shmgen.core.diagnostics import closest
@@ -15,9 +14,10 @@ from shmgen.core.plural import counted
 from shmgen.runtime import region_name
 from shmgen.runtime.errors import RegionMissing, RegionUnusable, ShmError
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region.holders import holder
-from shmgen.runtime.region.looks import READER_LOCK, WRITER_LOCK, byte_is_locked, foreign, opened_to_read
+from shmgen.runtime.region.access import opened
+from shmgen.runtime.region.checks import not_a_region_error, opened_to_read
 from shmgen.runtime.region.names import HALVES, region_file, semaphore_file
+from shmgen.runtime.region.record_locks import READER_LOCK, WRITER_LOCK, byte_is_locked, holder
 
 FOLDER = "/dev/shm"
 
@@ -25,33 +25,36 @@ _SLOT = struct.Struct("<QI")
 
 
 class View:
-    """A region as a bystander sees it: opened read-only, never locked, so that nobody is disturbed."""
+    """A region that a tool inspects: opened read-only and never locked, so that nothing disturbs writer and readers."""
 
     __slots__ = ("_file", "name")
 
     def __init__(self, name: str) -> None:
-        """Opens the file of the region `name`: `robot.pose`. Raises RegionMissing, PermissionDenied, RegionUnusable.
+        """Open the file of a region, such as `robot.pose`. The file may have no header yet.
 
-        It may have no header yet; what something else has made is not opened.
+        Raises RegionMissing, PermissionDenied, and RegionUnusable if the file is not a region.
         """
         self.name = name
         self._file = opened_to_read(name)
         header = self.header()
         if header.foreign:
             self.close()
-            raise foreign(region_file(name), header)
+            raise not_a_region_error(region_file(name), header)
 
     def header(self) -> h.Header:
-        """As it is now; a file shorter than a header is read as if zeros followed."""
+        """Return the present header of the region. If the file is shorter than a header, the missing bytes are 0."""
         return h.unpack(os.pread(self._file.fileno(), h.HEADER_SIZE, 0), self.status.st_size)
 
     def stamp(self, number: int, header: h.Header) -> int | None:
-        """Nanoseconds since 1970 when sample `number` was written, 0 if its writer has no clock; None: overwritten."""
+        """Return the time at which sample `number` was written, in ns since 1970.
+
+        Return 0 if the writer has no clock, and None if the sample was overwritten.
+        """
         slot = self.slot(number, header)
         return _SLOT.unpack(self.read(slot, _SLOT.size))[0] if slot else None
 
     def slot(self, number: int, header: h.Header) -> int:
-        """Where sample `number` lies whole, 0 = nowhere: overwritten."""
+        """Return the offset in bytes of the slot with sample `number`, or 0 if the sample was overwritten."""
         for lane in range(abi.LANES):
             slot = h.HEADER_SIZE + (number % header.slots + lane * header.slots) * header.slot_size
             if _SLOT.unpack(self.read(slot, _SLOT.size).ljust(_SLOT.size, b"\0"))[1] == number:
@@ -59,29 +62,32 @@ class View:
         return 0
 
     def read(self, start: int, size: int) -> bytes:
-        """Bytes of the file, fewer at its end."""
+        """Return `size` bytes of the file from byte `start` on, or fewer if the file ends before."""
         return os.pread(self._file.fileno(), size, start)
 
     def claimed(self) -> bool:
-        """Whether a living process holds the record lock of the writer; PLCs take none."""
+        """Return True if a process is the writer, which holds a record lock. A PLC never holds a record lock."""
         return byte_is_locked(self._file.fileno(), WRITER_LOCK)
 
     def is_read(self) -> bool:
-        """Whether a living process holds that of a reader."""
+        """Return True if a process has the region open as a reader, which holds a record lock."""
         return byte_is_locked(self._file.fileno(), READER_LOCK)
 
-    def writer(self, said: int) -> int:
-        """The process that holds it; `said`, what stands in the header, where this user cannot see."""
-        return holder(self._file.fileno(), WRITER_LOCK, said) or said
+    def writer(self, recorded: int) -> int:
+        """Return the id of the process that holds the writer's record lock.
+
+        Return `recorded`, the id in the header, if the process cannot be determined.
+        """
+        return holder(self._file.fileno(), WRITER_LOCK, recorded) or recorded
 
     @property
     def status(self) -> os.stat_result:
-        """Owner, mode, size."""
+        """The owner, mode and size of the file."""
         return os.fstat(self._file.fileno())
 
     @property
     def removed(self) -> bool:
-        """The file is gone from /dev/shm; whoever has it open sees nothing new."""
+        """True if the file was removed from /dev/shm. A process that still has it open receives no new samples."""
         return self.status.st_nlink == 0
 
     def close(self) -> None:
@@ -96,30 +102,40 @@ class View:
         self.close()
 
 
-def removed(end: Any) -> bool:
-    """Whether a region of a publisher, subscriber, client or server of ours is gone from /dev/shm."""
-    calls = getattr(end, "_calls", None)
-    ends = (calls._requests, calls._responses, getattr(end, "_progress", calls._requests)) if calls else (end,)
-    return any(one._end.is_removed() for one in ends)
-
-
 def live() -> list[str]:
-    """The names of all regions, known by their magic."""
+    """List the names of all regions. A region is recognized by the magic number in its header."""
     return [name for name in _files() if is_region(name)]
 
 
 def closed() -> list[str]:
-    """Names of what may be regions but cannot be read by this user: files with a semaphore beside them."""
-    files = {name: region_file(name) for name in _files() if os.path.lexists(semaphore_file(name))}
-    regular = {name: file for name, file in files.items() if os.path.isfile(file) and not os.path.islink(file)}
-    return [name for name, file in regular.items() if not os.access(file, os.R_OK)]
+    """List the files that may be regions but that this user may not read. Each of them has a semaphore."""
+    with_semaphore = [name for name in _files() if os.path.lexists(semaphore_file(name))]
+    return [name for name in with_semaphore if is_denied(region_file(name), os.O_RDONLY)]
+
+
+def is_denied(file: str, how: int) -> bool:
+    """Return True if the file is a regular file that this user may not open. Return False if the file does not exist.
+
+    `how` is the access mode, such as os.O_RDONLY.
+    """
+    try:
+        with suppress(FileNotFoundError, RegionUnusable), opened(file, how):
+            pass
+    except PermissionError:
+        return os.path.isfile(file)
+    return False
 
 
 def unlisted(listed: Sized) -> str:
-    """What to say beside a list of all regions: that some cannot be read by this user, or why there are none."""
+    """Return a note to print below the list of regions `listed`, or `""` if no note is necessary.
+
+    The note counts the regions that this user may not read, or reports that there are no regions.
+    """
+    if not os.access(FOLDER, os.R_OK | os.X_OK):
+        return f"this user may not look into {FOLDER}; `shmgen doctor` says what to do"
     if hidden := len(closed()):
-        return f"{counted(hidden, 'region')} that this user may not read; `shmgen doctor` says which group to join"
-    return "" if listed else "no regions; `shmgen pub` makes one, and so does every publisher and subscriber"
+        return f"{counted(hidden, 'region')} that this user may not read; `shmgen doctor` says what to do"
+    return "" if listed else "no regions; `shmgen pub` creates one, and so does every publisher and subscriber"
 
 
 def is_region(name: str) -> bool:
@@ -129,35 +145,35 @@ def is_region(name: str) -> bool:
 
 
 def topic_of(name: str) -> str:
-    """`robot.pose` -> `/robot/pose`."""
+    """Return the topic of a region: `robot.pose` -> `/robot/pose`."""
     return "/" + name.replace(".", "/")
 
 
-def meant(topic: str) -> list[str]:
-    """The topic itself, or if nothing is called so the halves that there are of a service or action of that name."""
+def resolve_topic(topic: str) -> list[str]:
+    """Return the topics that the user means by `topic`: this topic, or those of a service or action with this name."""
     halves = [] if "-" in topic or _exists(topic) else [f"{topic}-{half}" for half in HALVES]
     return [half for half in halves if _exists(half)] or [topic]
 
 
 def missing(topic: str) -> RegionMissing:
-    """What to say of a topic that has no region: which regions there are, and which of them may be meant."""
+    """Return the error for a topic without a region. The error lists all regions and suggests a similar topic."""
     topics = [topic_of(name) for name in (*live(), *closed())]
     close = closest("/" + topic.removeprefix("/"), topics, 0.75)
-    there = f"there are {', '.join(topics[:20])}{', ...' if len(topics) > 20 else ''}" if topics else "there are none"
-    advice = f"did you mean {close}?" if close else "a region comes with its first publisher or subscriber"
+    there = f"existing: {', '.join(topics[:20])}{', ...' if len(topics) > 20 else ''}" if topics else "there are none"
+    advice = f"did you mean {close}?" if close else "start a publisher or a subscriber: it creates the region"
     return RegionMissing(f"{topic}: no such region; {there}\n  hint: {advice}")
 
 
 def damage(header: h.Header) -> str:
-    """What in a header cannot be, or nothing: no number of a damaged one may be counted with."""
+    """Return the first fault in a header, or `""` if it has none. The numbers of a damaged header must not be used."""
     if header.magic == 0:
-        return "nobody has completed its header yet"
+        return "its header is not complete yet"
     if (header.abi, header.header_size) != (h.ABI, h.HEADER_SIZE):
-        return f"it was made by another version of shmgen: ABI {header.abi}, here {h.ABI}"
+        return f"another version of shmgen created it: ABI {header.abi}, here {h.ABI}"
     if header.slots < 2 or header.slots & header.slots - 1:
-        return f"it says {header.slots} slots, and that is no power of two above 1"
+        return f"the number of slots is {header.slots}, which is not a power of two above 1"
     if header.slot_size < h.SLOT_HEADER + header.payload_size:
-        return f"its slots of {header.slot_size} bytes cannot hold {header.payload_size} and {h.SLOT_HEADER}"
+        return f"its slots of {header.slot_size} bytes are too small for {header.payload_size} + {h.SLOT_HEADER}"
     size = h.HEADER_SIZE + abi.LANES * header.slots * header.slot_size
     if header.size < size:
         needs = f"its {abi.LANES} x {header.slots} slots of {header.slot_size} need {size:,}"
@@ -166,7 +182,7 @@ def damage(header: h.Header) -> str:
 
 
 def sound(view: View) -> h.Header:
-    """The header as it is now. Raises RegionUnusable for a damaged one."""
+    """Return the header of a region after checking it. Raises RegionUnusable if it is damaged or incomplete."""
     header = view.header()
     if why := damage(header):
         topic = topic_of(view.name)
@@ -175,24 +191,24 @@ def sound(view: View) -> h.Header:
 
 
 def depth_of(header: h.Header) -> int:
-    """A depth that gives as many slots."""
+    """Return the depth with which to open a region, so that its number of slots is that of `header`."""
     return max(1, header.slots - 1)
 
 
 def _exists(topic: str) -> bool:
-    """A region, or what is left of one. Raises ValueError for a wrong name."""
+    """Return True if the region of the topic or its semaphore exists. Raises ValueError for an invalid topic."""
     name = region_name(topic)
     return os.path.lexists(region_file(name)) or os.path.lexists(semaphore_file(name))
 
 
 def _files() -> list[str]:
-    """Names in /dev/shm that a topic can have."""
+    """List the files in /dev/shm whose names are possible names of regions."""
     try:
-        found = sorted(os.listdir(FOLDER))
+        listed = sorted(os.listdir(FOLDER))
     except OSError:
         return []
     names = []
-    for name in found:
+    for name in listed:
         with suppress(ValueError):
             if region_name(topic_of(name)) == name:
                 names.append(name)

@@ -1,4 +1,4 @@
-"""Definitions, layouts and classes of a configuration, each made once and then at hand."""
+"""Compute the definitions, layouts and classes of a configuration, each once."""
 
 from __future__ import annotations
 
@@ -20,10 +20,16 @@ _PACKAGE = "shmgen_live"
 
 
 class Session:
-    """One configuration, `name` to its user, as long as a bridge or a tool runs; nothing of it is made twice."""
+    """The definitions, layouts and classes of one configuration, each computed once.
+
+    `name` is the name of the configuration in error messages, such as `shmgen.toml`.
+    """
 
     def __init__(self, config: Config, name: str = "shmgen.toml", source_of: Session | None = None) -> None:
-        """`source_of` is a session to share the definitions with, where both configurations have the same `source`."""
+        """Create a session for `config`, whose name in error messages is `name`.
+
+        If the session `source_of` has a configuration with the same `source`, take over its definitions.
+        """
         self.config = config
         self.name = name
         if source_of and source_of.config.source == config.source:
@@ -33,49 +39,58 @@ class Session:
 
     @cached_property
     def library(self) -> Library:
-        """The definitions in reach. Raises Rejected, and so do all the others."""
+        """All message definitions of the configuration. Raises Rejected, as all methods do."""
         return pipeline.library(self.config)
 
     def schema(self, requests: Iterable[str]) -> Schema:
-        """The definitions as they are written, with all they hold."""
+        """Return the definitions of the requested messages and of all messages that they contain."""
         return pipeline.read(self.config, requests, self.library)
 
     def layouts(self, requests: Iterable[str]) -> Layouts:
-        """The same laid out."""
+        """Return the layouts of the requested messages and of all messages that they contain."""
         key = tuple(requests)
         if key not in self._layouts:
             self._layouts[key] = pipeline.lay_out(self.config, key, self.library) if key else {}
         return self._layouts[key]
 
     def classes(self, requests: Iterable[str], overflow: str = "") -> Mapping[str, type[Message]]:
-        """The same as classes, by `geometry_msgs/msg/Pose`; `overflow` is used instead of that under [strings]."""
+        """Return the Python classes of the requested messages and of all messages that they contain, by full name.
+
+        `overflow`, if given, replaces the key `overflow` of [strings].
+        """
         key = tuple(requests)
         overflow = overflow or self.config.types.overflow
         if (key, overflow) not in self._classes:
             types = replace(self.config.types, overflow=overflow)  # type: ignore[arg-type]
-            layouts = {name: replace(layout, options=types) for name, layout in self.layouts(key).items()}
+            layouts = {name: layout._replace(options=types) for name, layout in self.layouts(key).items()}
             self._classes[key, overflow] = _imported(self.config, layouts)
         return self._classes[key, overflow]
 
     def layout(self, request: str, part_of: str = "") -> Layout:
-        """Of one message; `part_of` names its service, to lay out all parts at once. ValueError: it is several."""
+        """Return the layout of the message `request`. Raises ValueError if the request stands for several messages.
+
+        `part_of` names the service or action of the message, so that all of its messages are laid out together.
+        """
         layouts = self.layouts([part_of or request]).values()
-        found = [one for one in layouts if (str(one.name) == request if part_of else one.requested)]
-        if len(found) > 1:
-            names = ", ".join(str(layout.name) for layout in found[:10])
-            raise ValueError(f"{request} is {len(found)} messages, and a topic carries one: {names}")
-        return found[0]
+        matches = [one for one in layouts if (str(one.name) == request if part_of else one.requested)]
+        if len(matches) > 1:
+            names = ", ".join(str(layout.name) for layout in matches[:10])
+            raise ValueError(f"{request} is {len(matches)} messages, and a topic carries one: {names}")
+        return matches[0]
 
     def message(self, request: str, part_of: str = "") -> type[Message]:
-        """The class of one message. Raises as layout()."""
+        """Return the Python class of the message `request`. `part_of` names its service or action.
+
+        Raises the errors of layout().
+        """
         return self.classes([part_of or request])[str(self.layout(request, part_of).name)]
 
 
 def _imported(config: Config, layouts: Layouts) -> dict[str, type[Message]]:
-    """The classes of generated modules, from a folder that lasts as long as it takes to import them."""
+    """Return the Python classes for `layouts`: generate modules in a temporary folder and import them."""
     config = replace(config, targets=("python",), topics=(), services=(), actions=(), package=_PACKAGE)
     config = replace(config, distribution="", runtime="installed")
-    texts = pipeline.printed(config, layouts)
+    texts = pipeline.render_layouts(config, layouts)
     with tempfile.TemporaryDirectory(prefix="shmgen-") as folder:
         for path, text in texts.items():
             file = Path(folder, path)
@@ -92,7 +107,7 @@ def _imported(config: Config, layouts: Layouts) -> dict[str, type[Message]]:
             for name in [name for name in sys.modules if name.partition(".")[0] == _PACKAGE]:
                 del sys.modules[name]
             for place in [place for place in sys.path_importer_cache if place.startswith(folder)]:
-                del sys.path_importer_cache[place]  # else a bridge grows with each shmgen.toml that it reads
+                del sys.path_importer_cache[place]  # otherwise the memory of a bridge grows with each reload
     items = [item for module in modules for item in vars(module).values()]
     kinds = [item for item in items if isinstance(item, type) and issubclass(item, Message) and item is not Message]
     return {kind._type_name_: kind for kind in kinds}

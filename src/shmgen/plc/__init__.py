@@ -1,4 +1,5 @@
-"""Imports data types of a PLC project as message definitions that hold the same bytes.
+"""Import the data types of a PLC project as message definitions with the same bytes.
 
-sources opens files, declarations reads Structured Text, types knows what ROS has for a type, messages writes .msg.
+The module `sources` opens files. `declarations` parses Structured Text, and `exports` parses XML. `types` maps PLC
+types to ROS types, and `messages` writes .msg files.
 """

@@ -1,6 +1,6 @@
-"""Reads the data types and constants that Structured Text declares.
+"""Parse the data types and constants that Structured Text declares.
 
-Of a file only `TYPE … END_TYPE` and `VAR_GLOBAL CONSTANT … END_VAR` are looked at; all else is passed over.
+Only `TYPE … END_TYPE` and `VAR_GLOBAL CONSTANT … END_VAR` are parsed. All other text is skipped.
 """
 
 from __future__ import annotations
@@ -14,11 +14,14 @@ from shmgen.core.diagnostics import Span
 from shmgen.core.escape import legible
 
 MOST = 1_000_000
-"""Members of all types of a project, or elements of one XML; the largest known to us has some 50,000."""
+"""The limit of members in a project, and of elements in an XML file. The largest known project has some 50,000."""
 
 
 class Member(NamedTuple):
-    """Of a structure, or a name of an enumeration, which has no type. `type` is spelled as in Structured Text."""
+    """A member of a structure, a name of an enumeration, or a constant.
+
+    `type` is spelled as in Structured Text. A name of an enumeration has the type `""`.
+    """
 
     name: str
     type: str
@@ -27,8 +30,12 @@ class Member(NamedTuple):
     span: Span
 
 
-class Declared(NamedTuple):
-    """A data type. `kind` is struct, enum, union or alias; `base` is what an enumeration or an alias is made of."""
+class Declaration(NamedTuple):
+    """A data type of a PLC project, as declared. `kind` is struct, enum, union or alias.
+
+    `base` is the base type of an enumeration or alias. `extends` is the structure that this structure extends, or `""`.
+    `pack` is the largest alignment of a member in bytes, or 0 without a limit.
+    """
 
     name: str
     kind: str
@@ -38,10 +45,12 @@ class Declared(NamedTuple):
     pack: int
     comment: str
     span: Span
+    mistyped_pack: str = ""
+    """An attribute that was probably meant as a pack_mode, or `""`."""
 
 
 class Unreadable(Exception):
-    """What ends, or goes on, as no declaration does."""
+    """A declaration or file has invalid syntax or is too large."""
 
     def __init__(self, message: str, span: Span) -> None:
         super().__init__(message)
@@ -49,15 +58,28 @@ class Unreadable(Exception):
 
 
 def name(text: str, span: Span) -> str:
-    """A name as the IDE allows it, so that it is one wherever it is printed. Raises Unreadable."""
+    """Return `text`. Raises Unreadable if `text` is not a valid name, because generated files contain the name."""
     if not _NAME.fullmatch(text):
         raise Unreadable(f"`{legible(text[:40])}` is not a name", span)
     return text
 
 
-def pack_mode(digits: str) -> int:
-    """0 where nothing is packed to so many bytes."""
-    return int(digits) if digits in ("1", "2", "4") else 0
+def pack_mode(attributes: Iterable[tuple[str, str]]) -> tuple[int, str]:
+    """Return the largest alignment of a member in bytes, or 0 without a limit, from the attributes of a structure.
+
+    The second result is an attribute that was probably meant as a pack_mode, or `""`. `attributes` are names and
+    values; the values include quotes, as in `'1'`. CODESYS and TwinCAT treat pack_mode 0 as 1.
+    """
+    mistyped = ""
+    for called, value in attributes:
+        if called == "pack_mode" and value in _PACKS:
+            return _PACKS[value], ""
+        if re.sub(r"[\W_]", "", called).lower() == "packmode":
+            mistyped = f"'{called[:40]}' := {value[:40]}"
+    return 0, mistyped
+
+
+_PACKS = {"'0'": 1, "'1'": 1, "'2'": 2, "'4'": 4, "'8'": 0}
 
 
 class _Token(NamedTuple):
@@ -67,24 +89,27 @@ class _Token(NamedTuple):
     column: int
 
 
-_NAME = re.compile(r"[A-Za-z_]\w{0,199}")
+_NAME = re.compile(r"[^\W\d]\w{0,199}")
 _TOKEN = re.compile(
     r"""(?P<comment>\(\*[\s\S]*?\*\)|//[^\n]*)|(?P<pragma>\{[^}]*\})"""
     r"""|(?P<text>'(?:\$.|[^'$\n])*'|"(?:\$.|[^"$\n])*")|(?P<open>\(\*|[{'"])"""
-    r"""|(?P<word>[A-Za-z_]\w*(?:\#[-+\w.:]+)?|\d+\#[0-9A-Fa-f_]+|\d[\d_]*(?:\.(?!\.)[\d_]+)?(?:[eE][-+]?\d+)?)"""
+    r"""|(?P<word>[^\W\d]\w*(?:\#[-+\w.:]+)?|\d+\#[0-9A-Fa-f_]+|\d[\d_]*(?:\.(?!\.)[\d_]+)?(?:[eE][-+]?\d+)?)"""
     r"""|(?P<sign>\.\.|:=|\S)|(?P<blank>\s+)"""
 )
-_PACK = re.compile(r"pack_mode'\s*:=\s*'(\d+)'")
+_ATTRIBUTE = re.compile(r"\{\s*attribute\s+'([^'\n]*)'\s*(?::=\s*([^\n]*?)\s*)?\}", re.IGNORECASE)
 _ACCESS = ("PUBLIC", "INTERNAL", "PROTECTED", "PRIVATE", "ABSTRACT", "FINAL")
 _KEPT = ("CONSTANT", "PERSISTENT", "RETAIN")
 _LONGEST_LINE = 400
-"""A longer one is not shown."""
+"""The longest line in characters that diagnostics show."""
 
 
-def read(text: str, path: str, first_line: int = 1) -> tuple[list[Declared], list[Member]]:
-    """The types, and the global constants with their values as they are spelled. Raises Unreadable."""
+def read(text: str, path: str, first_line: int = 1) -> tuple[list[Declaration], list[Member]]:
+    """Parse the Structured Text of a file. Return its data types and its global constants.
+
+    Raises Unreadable if a declaration has invalid syntax.
+    """
     reader = _Reader(text, path, first_line)
-    types: list[Declared] = []
+    types: list[Declaration] = []
     constants: list[Member] = []
     while token := reader.next():
         word = token.text.upper() if token.kind == "word" else ""
@@ -98,22 +123,22 @@ def read(text: str, path: str, first_line: int = 1) -> tuple[list[Declared], lis
 
 
 class _Reader:
-    """Walks over the tokens; comments and pragmas wait aside until the declaration that they belong to takes them."""
+    """Parses the words of Structured Text. Comments and pragmas wait in `aside` until their declaration takes them."""
 
     def __init__(self, text: str, path: str, first_line: int) -> None:
         self.path, self.lines, self.first = path, [line.rstrip("\r") for line in text.split("\n")], first_line
         self.tokens = self.scan(text)
         self.coming: deque[_Token] = deque()
         self.aside: deque[tuple[int, _Token]] = deque()
-        """With the number of the token that follows."""
+        """Comments and pragmas, each with the number of the next token."""
         self.at = self.count = 0
         self.last = _Token("", "", 0, 1)
 
     def scan(self, text: str) -> Iterator[_Token]:
         line, start, ahead = 1, 0, 0
-        for found in _TOKEN.finditer(text):
-            kind, word = str(found.lastgroup), found[0]
-            token = _Token(kind, word, line, found.start() - start + 1)
+        for match in _TOKEN.finditer(text):
+            kind, word = str(match.lastgroup), match[0]
+            token = _Token(kind, word, line, match.start() - start + 1)
             if kind == "open":
                 raise Unreadable(f"`{word}` has no end", self.span(token))
             if kind in ("comment", "pragma"):
@@ -123,7 +148,7 @@ class _Reader:
                 yield token
             if (breaks := word.count("\n")) > 0:
                 line += breaks
-                start = found.start() + word.rindex("\n") + 1
+                start = match.start() + word.rindex("\n") + 1
 
     def next(self) -> _Token | None:
         if not self.peek():
@@ -142,17 +167,17 @@ class _Reader:
 
     def span(self, token: _Token) -> Span:
         text = self.lines[token.line - 1] if token.line else ""
-        shown = text if len(text) <= _LONGEST_LINE else ""
+        excerpt = text if len(text) <= _LONGEST_LINE else ""
         return Span(
-            self.path, token.line + self.first - 1, token.column, len(token.text.partition("\n")[0][:80]), shown
+            self.path, token.line + self.first - 1, token.column, len(token.text.partition("\n")[0][:80]), excerpt
         )
 
     def need(self, *words: str) -> _Token:
         token = self.next()
         if token is None or (words and token.text.upper() not in words):
-            wanted = " or ".join(words) or "more"
-            found = f"`{token.text[:40]}`" if token else "the end"
-            raise Unreadable(f"expected {wanted}, found {found}", self.span(token or self.last))
+            expected = " or ".join(words) or "more"
+            actual = f"`{token.text[:40]}`" if token else "the end"
+            raise Unreadable(f"expected {expected}, found {actual}", self.span(token or self.last))
         return token
 
     def name(self) -> _Token:
@@ -161,23 +186,23 @@ class _Reader:
         return token
 
     def asides(self, last: int) -> list[_Token]:
-        """Comments and pragmas before token number `last`, each given out once."""
-        found = []
+        """Remove and return the comments and pragmas before token number `last`."""
+        tokens = []
         while self.aside and self.aside[0][0] <= last:
-            found.append(self.aside.popleft()[1])
-        return found
+            tokens.append(self.aside.popleft()[1])
+        return tokens
 
     def beside(self) -> list[_Token]:
-        """The comments right behind the last token, in its line."""
+        """Remove and return the comments directly after the last token, on its line."""
         self.peek()
-        found = []
+        comments = []
         while self.aside and self.aside[0][0] == self.at and self.aside[0][1].line == self.last.line:
             if self.aside[0][1].kind == "pragma":
                 break
-            found.append(self.aside.popleft()[1])
-        return found
+            comments.append(self.aside.popleft()[1])
+        return comments
 
-    def types(self) -> Iterator[Declared]:
+    def types(self) -> Iterator[Declaration]:
         before = self.asides(self.at - 1)
         while self.peek().upper() != "END_TYPE":
             while self.peek().upper() in _ACCESS and self.peek(1) != ":":
@@ -186,37 +211,37 @@ class _Reader:
             before += self.asides(self.at - 1)
             head, _ = self.until(":")
             extends = "".join(head[1:]) if head and head[0].upper() == "EXTENDS" else ""
-            packs = [_PACK.search(it.text) for it in before if it.kind == "pragma"]
-            pack = next((pack_mode(it[1]) for it in packs if it), 0)
+            attributes = (_ATTRIBUTE.fullmatch(it.text) for it in before if it.kind == "pragma")
+            pack, mistyped = pack_mode((it[1], it[2] or "") for it in attributes if it)
             declared = self._type(called, extends, pack)
-            yield declared._replace(comment=_said(before, declared.comment))
+            yield declared._replace(comment=_comment_text(before, declared.comment), mistyped_pack=mistyped)
             self.beside()
             before = []
         self.need("END_TYPE")
         self.beside()
 
-    def _type(self, called: _Token, extends: str, pack: int) -> Declared:
+    def _type(self, called: _Token, extends: str, pack: int) -> Declaration:
         span = self.span(called)
         word = self.peek().upper()
         members: tuple[Member, ...] = ()
         if word in ("STRUCT", "UNION"):
             self.need()
-            comment = _said(self.asides(self.at - 1) + self.beside())
+            comment = _comment_text(self.asides(self.at - 1) + self.beside())
             members = tuple(self.members((f"END_{word}",)))
             if self.peek() == ";":
                 self.need()
-            return Declared(called.text, word.lower(), members, "", extends, pack, comment, span)
+            return Declaration(called.text, word.lower(), members, "", extends, pack, comment, span)
         is_enum = word == "("
         if is_enum:
             self.need()
             members = tuple(self.enumerators())
         base, _ = self.until(";")
-        comment = _said(self.asides(self.at - 1) + self.beside())
+        comment = _comment_text(self.asides(self.at - 1) + self.beside())
         kind = "enum" if is_enum else "alias"
-        return Declared(called.text, kind, members, _spelled(_halves(base)[0]), extends, pack, comment, span)
+        return Declaration(called.text, kind, members, _spelled(_halves(base)[0]), extends, pack, comment, span)
 
     def members(self, ends: tuple[str, ...]) -> Iterator[Member]:
-        """`a, b AT %I* : TYPE := value;` up to one of `ends`."""
+        """Read declarations such as `a, b AT %I* : TYPE := value;` up to one of the words `ends`. Yield the members."""
         count = 0
         while self.peek().upper() not in ends:
             if self.peek().upper() in (*_KEPT, ";"):
@@ -229,7 +254,7 @@ class _Reader:
             self.until(":")
             declared, _ = self.until(";")
             type_, value = map(_spelled, _halves(declared))
-            comment = _said(self.asides(self.at - 1) + self.beside())
+            comment = _comment_text(self.asides(self.at - 1) + self.beside())
             count += len(names)
             if count > MOST:
                 raise Unreadable(f"more than {MOST:,} members", self.span(names[0]))
@@ -238,7 +263,7 @@ class _Reader:
         self.need(*ends)
 
     def enumerators(self) -> Iterator[Member]:
-        """`idle := 0, moving` up to the bracket that closes them."""
+        """Read and yield the names of an enumeration such as `idle := 0, moving`, up to the closing bracket."""
         count = 0
         while self.peek() != ")":
             it = self.name()
@@ -248,7 +273,7 @@ class _Reader:
                 value, _ = self.until(",", ")", keep=True)
             if self.peek() == ",":
                 self.need()
-            comment = _said(self.asides(self.at - 1) + self.beside())
+            comment = _comment_text(self.asides(self.at - 1) + self.beside())
             count += 1
             if count > MOST:
                 raise Unreadable(f"more than {MOST:,} names", self.span(it))
@@ -256,7 +281,10 @@ class _Reader:
         self.need(")")
 
     def until(self, *ends: str, keep: bool = False) -> tuple[list[str], _Token]:
-        """The words up to one of `ends` outside brackets, and the last token; `keep` leaves that one to be read."""
+        """Read up to one of the words `ends` outside brackets. Return the words before this end, and the end.
+
+        If `keep` is true, the end stays unread, and the word before the end is returned in place of the end.
+        """
         words: list[str] = []
         depth = 0
         while True:
@@ -273,7 +301,7 @@ _BRACKETS = {"(": 1, "[": 1, ")": -1, "]": -1}
 
 
 def _halves(words: list[str]) -> tuple[list[str], list[str]]:
-    """Before and behind an assignment outside brackets."""
+    """Return the words before and the words after the assignment sign `:=` outside brackets."""
     depth = 0
     for place, word in enumerate(words):
         depth += _BRACKETS.get(word, 0)
@@ -283,7 +311,7 @@ def _halves(words: list[str]) -> tuple[list[str], list[str]]:
 
 
 def _spelled(words: Iterable[str]) -> str:
-    """With a blank where two words touch, and around an assignment."""
+    """Join words to Structured Text, with the usual blanks: between two names, for example, but not before `[`."""
     parts: list[str] = []
     last = ""
     for word in words:
@@ -294,8 +322,8 @@ def _spelled(words: Iterable[str]) -> str:
     return "".join(parts).strip()
 
 
-def _said(asides: Iterable[_Token], more: str = "") -> str:
-    """Comments without their marks."""
+def _comment_text(asides: Iterable[_Token], more: str = "") -> str:
+    """Return the text of comments without comment marks, and `more` after the comments."""
     texts = [
         it.text[2:-2] if it.text.startswith("(*") else it.text.lstrip("/") for it in asides if it.kind == "comment"
     ]

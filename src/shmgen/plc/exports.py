@@ -1,31 +1,63 @@
-"""Reads the data types and constants in exports in XML, PLCopen's and TwinCAT's own."""
+"""Parse XML: the data types and constants in exports of PLCopen and TwinCAT, and the layouts in a .tmc file."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from xml.parsers import expat
 
 from shmgen.core.diagnostics import Span
 from shmgen.plc import declarations
-from shmgen.plc.declarations import MOST, Declared, Member, Unreadable, name, pack_mode
+from shmgen.plc.compiled import Compiled
+from shmgen.plc.declarations import MOST, Declaration, Member, Unreadable, name, pack_mode
 
-Part = tuple[str, list[Declared], list[Member]]
-"""The list that constants stand in, types, constants."""
+Part = tuple[str, list[Declaration], list[Member]]
+"""The name of the list that declares the constants, or `""`; the types; the constants."""
 
+_COMMENT = "documentation"
+_LINES = ("p", "br", "li", "div")
+"""Elements of XHTML that begin a new line."""
 _DEEPEST = 200
-"""Elements in each other; exports have some twenty."""
+"""The limit of nested elements. Exports have some twenty levels."""
 
 
-def read(data: bytes, path: str, tell: Callable[[Unreadable], None]) -> Iterator[Part]:
-    """`tell` hears of a declaration that is left out. Raises Unreadable if there is no XML."""
+def read(data: bytes, path: str, reject: Callable[[Unreadable], None]) -> Iterator[Part]:
+    """Yield the data types and constants of an XML export, in groups.
+
+    If a declaration has an error, call `reject` with the error and continue with the next declaration. Raises
+    Unreadable if `data` is not XML.
+    """
     for node in _Tree(data, path).root.walk():
         try:
             part = _part(node, path)
         except Unreadable as error:
-            tell(error)
+            reject(error)
         else:
             if part:
                 yield part
+
+
+def compiled(data: bytes, path: str, file: str) -> Iterator[tuple[str, Compiled]]:
+    """Yield the name and the layout of each data type in a .tmc file that the project itself declares.
+
+    The names are in capital letters. Raises Unreadable if `data` is not XML.
+    """
+    for node in _Tree(data, path).root.walk():
+        called = node.child("Name") if node.tag == "DataType" else None
+        if called and "Namespace" not in called.attributes and (size := _number(node, "BitSize")) is not None:
+            items = (it for it in node if it.tag == "SubItem")
+            places = ((it.child("Name"), _number(it, "BitOffs"), _number(it, "BitSize")) for it in items)
+            members = {name.text.upper(): (at, bits) for name, at, bits in places if name and at is not None and bits}
+            yield called.text.upper(), Compiled(file, size, members)
+
+
+def _number(node: _Node, tag: str) -> int | None:
+    child = node.child(tag)
+    text = child.text.strip() if child else ""
+    return int(text) if _DIGITS.fullmatch(text) else None
+
+
+_DIGITS = re.compile(r"[0-9]{1,15}")
 
 
 def _part(node: _Node, path: str) -> Part | None:
@@ -36,16 +68,16 @@ def _part(node: _Node, path: str) -> Part | None:
         if node.tag == "dataType":
             return "", [_structured(node, path)], []
         span = Span(path, node.line)
-        return "", [Declared(name(_name(node), span), "union", (), "", "", 0, "", span)], []
+        return "", [Declaration(name(_name(node), span), "union", (), "", "", 0, "", span)], []
     if node.tag.endswith("Vars") and node.attributes.get("constant") == "true":  # of a list, a block or a program
         return _name(node), [], [member for member in _variables(node, path) if member.value]
-    if declaration := node.child("Declaration"):  # of TwinCAT
+    if declaration := node.child("Declaration"):  # the format of TwinCAT
         return _name(node), *declarations.read(declaration.text, path, declaration.line)
     return None
 
 
 class _Node:
-    """An element, without its namespace, and the line where it stands."""
+    """An element of XML: its tag without namespace, and its line number."""
 
     __slots__ = ("attributes", "children", "line", "parts", "tag")
 
@@ -76,7 +108,10 @@ class _Node:
 
 
 class _Tree:
-    """expat, as it alone tells lines. Raises Unreadable."""
+    """A tree of elements with line numbers, which only the parser expat provides.
+
+    The constructor raises Unreadable if the data is not XML or is too large.
+    """
 
     def __init__(self, data: bytes, path: str) -> None:
         self.root = _Node("", {}, 0)
@@ -85,30 +120,39 @@ class _Tree:
         parser.buffer_text = True
         parser.StartElementHandler = self._start
         parser.EndElementHandler = lambda tag: self._open.pop()
-        parser.CharacterDataHandler = lambda text: self._open[-1].parts.append(text)
+        parser.CharacterDataHandler = lambda text: self._holder().parts.append(text)
         parser.EntityDeclHandler = lambda *_: self._refuse("it declares entities")
         try:
             parser.Parse(data, True)
         except expat.ExpatError as error:
             place = Span(path, error.lineno, error.offset + 1)
             raise Unreadable(f"not XML: {expat.ErrorString(error.code)}", place) from None
-        except (LookupError, ValueError):  # an encoding that Python, or expat, does not know
+        except (LookupError, ValueError):  # an encoding that Python or expat does not support
             raise Unreadable("not XML: unknown encoding", Span(path, 1)) from None
 
-    def _start(self, tag: str, given: dict[str, str]) -> None:
+    def _start(self, tag: str, attributes: dict[str, str]) -> None:
         self._count += 1
         if self._count > MOST or len(self._open) > _DEEPEST:
-            self._refuse(f"more than {MOST:,} elements, or {_DEEPEST} in each other")
-        node = _Node(tag, given, self._parser.CurrentLineNumber)
+            self._refuse(f"more than {MOST:,} elements, or more than {_DEEPEST} nested ones")
+        node = _Node(tag, attributes, self._parser.CurrentLineNumber)
         self._open[-1].children.append(node)
+        if node.tag in _LINES and (holder := self._holder()).tag == _COMMENT:
+            holder.parts.append("\n")
         self._open.append(node)
 
+    def _holder(self) -> _Node:
+        """Return the element that receives text: the comment around the current element, else the current element."""
+        return next((it for it in self._open if it.tag == _COMMENT), self._open[-1])
+
     def _refuse(self, why: str) -> None:
-        raise Unreadable(f"no export of an IDE: {why}", Span(self._path, self._parser.CurrentLineNumber))
+        raise Unreadable(f"not an export of an IDE: {why}", Span(self._path, self._parser.CurrentLineNumber))
 
 
 def _plain(node: _Node) -> _Node | None:
-    """CODESYS's own text of a declaration, which alone holds comments and pragmas, if the export has it."""
+    """Return the element with the plain text of a declaration, which CODESYS adds to PLCopen XML, or None.
+
+    Only the plain text contains comments and pragmas.
+    """
     for data in node.child("addData") or ():
         if data.attributes.get("name", "").endswith("/interfaceasplaintext"):
             return data.child("InterfaceAsPlainText", "xhtml")
@@ -119,22 +163,23 @@ def _name(node: _Node) -> str:
     return node.attributes.get("name") or node.attributes.get("Name", "")
 
 
-def _structured(node: _Node, path: str) -> Declared:
-    """A data type in PLCopen's own words."""
+def _structured(node: _Node, path: str) -> Declaration:
+    """Return a data type from PLCopen's XML elements, if the export does not contain its declaration as text."""
     span, comment = Span(path, node.line), _documentation(node)
     called = name(_name(node), span)
-    extends, pack = "", 0
+    extends, pack, mistyped = "", 0, ""
     for data in node.child("addData") or ():
         kind = data.attributes.get("name", "").rpartition("/")[2]
         if kind == "datatypeinheritance":
             extends = next((it.text.strip() for it in data.walk() if it.tag == "Extends"), "")
         elif kind == "attributes":
-            modes = [it.attributes.get("Value", "") for it in data.walk() if it.attributes.get("Name") == "pack_mode"]
-            pack = pack_mode(modes[0]) if modes else 0
+            named = (it.attributes for it in data.walk() if "Name" in it.attributes)
+            pack, mistyped = pack_mode((it["Name"], f"'{it.get('Value', '')}'") for it in named)
     base = node.child("baseType")
     inner = base.children[0] if base and base.children else _Node("", {}, node.line)
     if inner.tag == "struct":
-        return Declared(called, "struct", tuple(_variables(inner, path)), "", extends, pack, comment, span)
+        members = tuple(_variables(inner, path))
+        return Declaration(called, "struct", members, "", extends, pack, comment, span, mistyped)
     if inner.tag == "enum":
         docs = {
             (it.child("Name") or it).text: (it.child("Documentation") or it).text.strip()
@@ -152,8 +197,8 @@ def _structured(node: _Node, path: str) -> Declared:
             for it in inner.child("values") or ()
         ]
         over = inner.child("baseType")
-        return Declared(called, "enum", tuple(values), _type(over) if over else "", extends, pack, comment, span)
-    return Declared(called, "alias", (), _type(base) if base else "", extends, pack, comment, span)
+        return Declaration(called, "enum", tuple(values), _type(over) if over else "", extends, pack, comment, span)
+    return Declaration(called, "alias", (), _type(base) if base else "", extends, pack, comment, span)
 
 
 def _variables(node: _Node, path: str) -> Iterator[Member]:
@@ -167,12 +212,14 @@ def _variables(node: _Node, path: str) -> Iterator[Member]:
 
 
 def _documentation(node: _Node) -> str:
-    text = node.child("documentation", "xhtml")
-    return "\n".join(line.strip() for line in text.text.strip().split("\n")) if text else ""
+    """Return the text of a comment without its XHTML markup."""
+    comment = node.child(_COMMENT)
+    lines = (line.strip() for line in comment.text.split("\n")) if comment else ()
+    return "\n".join(filter(None, lines))
 
 
 def _type(node: _Node) -> str:
-    """As Structured Text spells it, with single blanks."""
+    """Return a type as spelled in Structured Text, with single blanks."""
     return " ".join(_spelled(node).split())
 
 

@@ -1,58 +1,73 @@
-"""Writes the data types of a PLC project as .msg files of one ROS package.
+"""Write the data types of a PLC project as .msg files of one ROS package.
 
-A structure becomes a message, an enumeration one with its names as constants and the field `value`; what is called
-otherwise in ROS keeps its own name in a comment, `(PLC: rSpeed)`, which Structured Text generated from it takes.
+A structure becomes a message. An enumeration becomes a message with its names as constants and the field `value`.
+If a name differs in ROS, a comment such as `(PLC: rSpeed)` keeps the PLC's name for generated Structured Text.
 """
 
 from __future__ import annotations
 
+import itertools
 import re
 from typing import NamedTuple
 
 from shmgen.core.diagnostics import Diagnostic, Report, Span
 from shmgen.core.plural import counted
-from shmgen.plc import package as around
+from shmgen.plc import text as around
 from shmgen.plc import types
-from shmgen.plc.declarations import MOST, Declared, Member
-from shmgen.plc.names import of_messages, snake, unique
-from shmgen.plc.numbers import Nothing, Numbers
+from shmgen.plc.compiled import EMPTY, NATURAL, PACKS, Converted, Sums, differences
+from shmgen.plc.declarations import MOST, Declaration, Member
+from shmgen.plc.numbers import NotConvertible, Numbers
 from shmgen.plc.sources import Project
+from shmgen.plc.text import commented, field_lines, head, of_messages, snake, unique
 
 
 class Row(NamedTuple):
-    """One data type: what it is called in ROS, and its bytes; or `why` it cannot be there.
+    """A data type of the project and the result of its import: the name and the size in bytes of its message.
 
-    `sure` is said of the bytes: those of an empty structure, and behind a base that ends in padding, are not verified.
+    If the type cannot be a message, `why` is the reason, otherwise `""`. `sure` is False if the size depends on the
+    size of an empty structure, which is not verified. `verified_by` is the .tmc file with the same bytes, or `""`.
     """
 
-    declared: Declared
+    declared: Declaration
     message: str
     size: int
     sure: bool = True
     why: str = ""
+    verified_by: str = ""
 
 
 class Imported(NamedTuple):
-    """`texts` are the files of the package; a type that cannot be a message is told in the report."""
+    """The result of an import: the files of the ROS package, and the data types of the project.
+
+    `texts` maps the path of each file to its text. `notes` are diagnostics that do not stop the import.
+    """
 
     texts: dict[str, str]
     rows: list[Row]
+    notes: list[Diagnostic]
 
 
 def messages(project: Project, package: str, report: Report) -> Imported:
-    """SHM601 for what ROS cannot hold, SHM602 for what the project does not declare, SHM301 for a circle.
+    """Convert the data types of a project to messages. Types that cannot be messages go to the report.
 
-    What is too large is SHM303, what is nested too deeply SHM304, and a name with two meanings SHM201.
+    * SHM601: ROS has no equivalent type.
+    * SHM602: the project does not declare a name, or an expression cannot be computed.
+    * SHM603: the bytes differ from a .tmc file.
+    * SHM201: a name is declared twice with different content.
+    * SHM301: a type contains or extends itself, or a constant refers to itself.
+    * SHM303: a type is too large.
+    * SHM304: types are nested too deeply.
     """
     work = _Work(project)
     rows, texts = [], {}
     for declared in project.types:
-        made = work.made(declared)
-        if isinstance(made, Nothing):
-            rows.append(Row(declared, "", 0, why=made.message))
+        result = work.convert(declared)
+        if isinstance(result, NotConvertible):
+            rows.append(Row(declared, "", 0, why=result.message))
         else:
-            rows.append(Row(declared, made.name, made.size, made.sure))
-            texts[f"msg/{made.name}.msg"] = made.text
+            proof = work.verified.get(declared.name, "")
+            rows.append(Row(declared, result.name, result.size, result.sure, verified_by=proof))
+            texts[f"msg/{result.name}.msg"] = result.text
     report.diagnostics += work.diagnostics()
     if texts:
         times = any("builtin_interfaces/" in text for text in texts.values())
@@ -60,17 +75,13 @@ def messages(project: Project, package: str, report: Report) -> Imported:
             "package.xml": around.manifest(package, times),
             "CMakeLists.txt": around.cmake(package, sorted(texts), times),
         }
-    return Imported(texts, rows)
+    return Imported(texts, rows, [_mistyped_pack(it) for it in project.types if it.mistyped_pack])
 
 
-class _Made(NamedTuple):
-    name: str
-    text: str
-    size: int
-    alignment: int
-    packed: dict[int, tuple[int, int]]
-    """pack_mode -> size and alignment there."""
-    sure: bool = True
+def _mistyped_pack(declared: Declaration) -> Diagnostic:
+    message = f"{declared.name} is not packed: {{attribute {declared.mistyped_pack}}} is not a pack_mode"
+    hint = "write {attribute 'pack_mode' := '1'}; the numbers are 0, 1, 2, 4 and 8"
+    return Diagnostic("SHM003", message, declared.span, hint=hint, level="note")
 
 
 class _Place(NamedTuple):
@@ -78,55 +89,61 @@ class _Place(NamedTuple):
     where: str
 
 
-_PACKS = (1, 2, 4)
-_NATURAL, _KEPT = 8, 16
-"""Packed to so much nothing is; the second keeps the padding of a base, too."""
 _DEEPEST = 50
-"""Messages within messages, and bases of bases."""
+"""The limit of nested messages, and of bases of bases."""
 _PLACES = 5
-"""Of one fault, that are shown."""
+"""The largest number of further places that are shown for one error."""
+
+
+_MOST_HINTS = 20
+"""The largest number of errors whose hint suggests a similar name."""
 
 
 class _Work:
-    """Makes each message once, those that it holds before."""
+    """Converts the data types of a project to messages: each type once, after the types that it contains."""
 
     def __init__(self, project: Project) -> None:
         self.numbers = Numbers(project.constants, project.types)
         self.declared = {it.name.upper(): it for it in project.types}
-        self.twice = project.twice
+        self.conflicts = project.conflicts
+        self.compiled = project.compiled
+        self.verified: dict[str, str] = {}
+        """Type -> .tmc file with the same bytes."""
         self.names = of_messages([it.name for it in project.types])
-        self.done: dict[str, _Made | Nothing] = {}
+        self.done: dict[str, Converted | NotConvertible] = {}
         self.path: list[str] = []
         self.members = 0
-        self.faults: dict[tuple[str, str], tuple[Nothing, list[_Place]]] = {}
+        self.faults: dict[tuple[str, str], tuple[NotConvertible, list[_Place]]] = {}
 
     def diagnostics(self) -> list[Diagnostic]:
-        """One for each fault, with the places where it was met."""
-        found = []
-        for nothing, (first, *others) in self.faults.values():
-            details = [f"also {it.where} ({it.span.path}:{it.span.line})" for it in others[:_PLACES]]
+        """Return one diagnostic for each error, with the places at which the error occurs."""
+        diagnostics = []
+        for error, (first, *others) in self.faults.values():
+            details = list(error.details)
+            details += (f"also {it.where} ({it.span.path}:{it.span.line})" for it in others[:_PLACES])
             if left := len(others[_PLACES:]):
                 details.append(f"and {counted(left, 'place')} more")
             field = first.where if "." in first.where else ""
-            found.append(Diagnostic(nothing.code, nothing.message, first.span, field, nothing.hint, tuple(details)))
-        return found
+            diagnostics.append(Diagnostic(error.code, error.message, first.span, field, error.hint, tuple(details)))
+        return diagnostics
 
-    def made(self, declared: Declared) -> _Made | Nothing:
+    def convert(self, declared: Declaration) -> Converted | NotConvertible:
+        """Return the message for a data type, or the reason why there is none. Convert each data type once."""
         key = declared.name.upper()
         if key not in self.done:
             self.path.append(key)
             try:
-                self.done[key] = self._make(declared)
-            except Nothing as nothing:
-                self.done[key] = self._tell(nothing, declared, None)
+                self.done[key] = self._check_bytes(declared, self._convert(declared))
+            except NotConvertible as error:
+                self.done[key] = self._remember(error, declared, None)
             self.path.pop()
         return self.done[key]
 
-    def _make(self, declared: Declared) -> _Made | Nothing:
-        if other := self.twice.get(declared.name.upper()):
+    def _convert(self, declared: Declaration) -> Converted | NotConvertible:
+        if other := self.conflicts.get(declared.name.upper()):
             places = f"{other.span.path}:{other.span.line}"
-            hint = "import the project that has the one you mean; where both are needed, give one another name"
-            raise Nothing(f"{declared.name} is declared otherwise in {places}", hint, "SHM201")
+            hint = "import only one of the two projects; if you need both types, rename one of them"
+            raise NotConvertible(f"{declared.name} is declared differently in {places}", hint, "SHM201")
         match declared.kind:
             case "struct":
                 return self._structure(declared)
@@ -134,83 +151,126 @@ class _Work:
                 return self._enumeration(declared)
             case "alias":
                 return self._alias(declared)
-        hint = "send the one of its members that counts, in a structure"
-        raise Nothing(f"ROS has no union, which {declared.name} is", hint)
+        hint = "copy the member that you need into a structure"
+        raise NotConvertible(f"{declared.name} is a union, which ROS does not have", hint)
 
-    def _structure(self, declared: Declared) -> _Made | Nothing:
-        line = self._line(declared)
-        members = [(member, it is not line[0] and place == 0) for it in line for place, member in enumerate(it.members)]
+    def _check_bytes(self, declared: Declaration, result: Converted | NotConvertible) -> Converted | NotConvertible:
+        """Return `result`, the message for a type, if it has the same bytes as the type in the project's .tmc files.
+
+        Raises NotConvertible (SHM603) if the bytes differ.
+        """
+        if isinstance(result, Converted):
+            for compiled in self.compiled.get(declared.name.upper(), ()):
+                if lines := tuple(itertools.islice(differences(declared, result, compiled), _PLACES)):
+                    hint = f"build the project in TwinCAT again, so that {compiled.file} has the types of these files"
+                    hint += "\nif it still differs, please report it; --skip leaves the type out"
+                    raise NotConvertible(f"{declared.name} differs from {compiled.file}", hint, "SHM603", lines)
+                if compiled.has_all(declared):
+                    self.verified.setdefault(declared.name, compiled.file)
+        return result
+
+    def _structure(self, declared: Declaration) -> Converted | NotConvertible:
+        *bases, _ = line = self._line(declared)
+        base_layouts = [self._base(it) for it in bases]
+        base = next((it for it in reversed(base_layouts) if it.places), EMPTY)
+        pack = declared.pack or NATURAL
+        sums = Sums(pack, base)
+        members = [(member, index) for index, it in enumerate(line) for member in it.members]
         names = unique([snake(member.name) for member, _ in members])
         lines: list[str] = []
-        failed: Nothing | None = None
-        sure = True
-        sums = {pack: _Sum(pack) for pack in (_NATURAL, _KEPT, *_PACKS)}
-        for (member, begins), name in zip(members, names, strict=True):
-            if begins:
-                sums[_KEPT].pad()
+        failed: NotConvertible | None = None
+        sure = bool(members) and all(it.places for it in base_layouts)
+        for (member, index), name in zip(members, names, strict=True):
+            begins = base_layouts[index - 1].alignment if index and member is line[index].members[0] else 1
             try:
-                field = types.field(member.type, self.numbers.value, self._named)
-                sure = self._add(sums, field) and sure
-            except Nothing as nothing:
-                found = self._tell(nothing, declared, member)
-                failed = failed or found
+                field = types.field(member.type, self.numbers.value, self._names_of)
+                layout = self._layout(field)
+                if index == len(bases):
+                    self._check_pack(declared, field, layout)
+                moved = sums.add(layout, field.many, begins, is_own=index == len(bases))
+            except NotConvertible as error:
+                failed = self._remember(error, declared, member)
                 continue
-            lines += _field(name, member, field)
+            sure = sure and layout.sure
+            lines += field_lines(name, member, field, f", align {begins}" if moved else "")
         if failed:
             return failed
-        natural, packed = sums[_NATURAL], sums.get(declared.pack, sums[_NATURAL])
-        if packed.all != natural.all:
-            sizes = f"its {packed.end()[0]} bytes would be {natural.end()[0]}"
-            hint = "copy what you share into a structure without the attribute"
-            raise Nothing(f"{declared.name} has pack_mode {declared.pack}: {sizes}", hint)
-        sure = sure and bool(lines) and sums[_KEPT].all == natural.all
-        size, alignment = natural.end()
-        name = self.names[declared.name.upper()]
-        text = "\n".join([*_head(declared, f"PLC: {declared.name}"), *lines]) + "\n"
-        return _Made(name, text, size, alignment, {pack: sums[pack].end() for pack in _PACKS}, sure)
+        if sums.compiled != sums.message:
+            hint = "give both the same pack_mode, or copy the members that you share into a structure without bases"
+            raise NotConvertible(f"{declared.name} has another pack_mode than its base", hint)
+        note = f", pack_mode {pack}" if sums.message != sums.natural else ""
+        text = "\n".join([*head(declared, f"PLC: {declared.name}{note}"), *lines]) + "\n"
+        places = tuple(sums.compiled.places)
+        return Converted(
+            self.names[declared.name.upper()], text, *sums.compiled.end(), sums.packed(declared), sure, places
+        )
 
-    def _add(self, sums: dict[int, _Sum], field: types.Field) -> bool:
-        """Whether its bytes are sure."""
-        held = self.done[field.element.upper()] if field.element else None
-        for pack, total in sums.items():
-            if isinstance(held, _Made):
-                size, alignment = held.packed.get(pack, (held.size, held.alignment))
-                total.add(size, alignment, field.many)
-            else:
-                total.add(field.size, field.alignment, field.many)
-            if total.at > types.LARGEST:
-                raise Nothing(f"more than {types.LARGEST:,} bytes", "share a part of it", "SHM303")
-        return held.sure if isinstance(held, _Made) else True
+    def _base(self, declared: Declaration) -> Converted:
+        """Return the layout of a structure that another structure extends.
 
-    def _line(self, declared: Declared) -> list[Declared]:
-        """The structure behind all its bases, the first of them first."""
+        Raises NotConvertible if this base structure cannot be a message.
+        """
+        result = self.convert(declared)
+        if isinstance(result, NotConvertible):
+            raise _PartNotConvertible(declared)
+        return result
+
+    def _layout(self, field: types.Field) -> Converted:
+        """Return the layout of a member's type, or of one element if the member is an array."""
+        result = self.done[field.element.upper()] if field.element else None
+        if isinstance(result, Converted):
+            return result
+        packed = {pack: (field.size, min(field.alignment, pack)) for pack in PACKS}
+        return Converted("", "", field.size, field.alignment, packed)
+
+    def _check_pack(self, declared: Declaration, field: types.Field, layout: Converted) -> None:
+        """Raise NotConvertible if the structure's pack_mode might remove padding inside the type of one of its members.
+
+        The member has the type `field`, with the layout `layout`.
+        """
+        if declared.pack and layout.packed[declared.pack][0] != layout.size:
+            reason = f"{declared.name} has pack_mode {declared.pack}, but its member {field.element} has none"
+            hint = f"give {field.element} the attribute too: whether it is packed without one is not verified"
+            raise NotConvertible(reason, hint)
+
+    def _line(self, declared: Declaration) -> list[Declaration]:
+        """Return all structures that a structure extends, directly or indirectly, and then the structure itself."""
         line = [declared]
         while base := line[-1].extends:
-            found = self._find(base)
-            if found is None:
-                raise Nothing(f"no data type {base} is here, which {declared.name} extends", _IMPORT, "SHM602")
-            if any(it.name.upper() == found.name.upper() for it in line):
-                raise Nothing(f"{declared.name} extends itself", "take one EXTENDS away", "SHM301")
-            if found.name.upper() in self.twice:
-                raise _Held(found)
-            if found.kind != "struct":
-                raise Nothing(f"{declared.name} extends {base}, which is no structure", "write what it is made of")
-            line.append(found)
+            base_type = self._find(base)
+            if base_type is None:
+                raise NotConvertible(
+                    f"{declared.name} extends {base}, which is not a data type of this project", _IMPORT, "SHM602"
+                )
+            if any(it.name.upper() == base_type.name.upper() for it in line):
+                raise NotConvertible(f"{declared.name} extends itself", "remove one EXTENDS", "SHM301")
+            if base_type.name.upper() in self.conflicts:
+                raise _PartNotConvertible(base_type)
+            if base_type.kind != "struct":
+                raise NotConvertible(
+                    f"{declared.name} extends {base}, which is not a structure",
+                    "extend a structure, or list the members",
+                )
+            line.append(base_type)
             if len(line) > _DEEPEST:
-                raise Nothing(f"more than {_DEEPEST} bases of each other", "take some of them out", "SHM304")
+                raise NotConvertible(f"more than {_DEEPEST} bases of each other", "remove some of them", "SHM304")
         self.members += sum(len(it.members) for it in line)
         if self.members > MOST:
-            raise Nothing(f"more than {MOST:,} members in all, with those of bases", "import a part", "SHM303")
+            raise NotConvertible(
+                f"more than {MOST:,} members in all, with those of bases", "import fewer types", "SHM303"
+            )
         return line[::-1]
 
-    def _find(self, name: str) -> Declared | None:
-        """By its name, whatever namespace stands before it."""
+    def _find(self, name: str) -> Declaration | None:
+        """Return the data type called `name`, or None. A namespace before the name is ignored."""
         return self.declared.get(name.rpartition(".")[2].upper())
 
-    def _enumeration(self, declared: Declared) -> _Made:
+    def _enumeration(self, declared: Declaration) -> Converted:
         base = declared.base.upper() or "INT"
         if base not in types.SCALARS or base in ("BOOL", "REAL", "LREAL", "TIME"):
-            raise Nothing(f"{declared.name} is an enumeration over {declared.base}", "ROS counts in whole numbers")
+            raise NotConvertible(
+                f"{declared.name} is an enumeration of base type {declared.base}", "choose an integer as its base type"
+            )
         type_, size = types.SCALARS[base]
         values = self.numbers.of(declared)
         names = unique([snake(member.name).upper() for member in declared.members])
@@ -218,131 +278,77 @@ class _Work:
         for member, name in zip(declared.members, names, strict=True):
             value = values[member.name.upper()]
             if not types.fits(value, type_, size):
-                raise Nothing(f"{declared.name}.{member.name} is {value}, which {base} cannot hold", "widen its base")
+                raise NotConvertible(
+                    f"{declared.name}.{member.name} is {value}, which is out of range for {base}",
+                    "choose a larger base type",
+                )
             own = "" if name == member.name else f"(PLC: {member.name})"
-            lines += _commented(f"{type_} {name}={value}", member.comment, own)
-        text = [*_head(declared, f"PLC: {declared.name} : {base}"), *lines, f"{type_} value"]
-        packed = {pack: (size, min(size, pack)) for pack in _PACKS}
-        return _Made(self.names[declared.name.upper()], "\n".join(text) + "\n", size, size, packed)
+            lines += commented(f"{type_} {name}={value}", member.comment, own)
+        text = [*head(declared, f"PLC: {declared.name} : {base}"), *lines, f"{type_} value"]
+        packed = {pack: (size, min(size, pack)) for pack in PACKS}
+        return Converted(self.names[declared.name.upper()], "\n".join(text) + "\n", size, size, packed)
 
-    def _alias(self, declared: Declared) -> _Made | Nothing:
-        """A structure with one member of the same bytes."""
+    def _alias(self, declared: Declaration) -> Converted | NotConvertible:
+        """Convert an alias to a structure with one member of the same bytes."""
         inner = Member("value", declared.base, "", "", declared.span)
-        made = self._structure(declared._replace(kind="struct", members=(inner,), extends=""))
-        if isinstance(made, Nothing):
-            return made
-        return made._replace(text=made.text.replace(f"(PLC: {declared.name})", f"(PLC: {declared.name} : alias)", 1))
+        result = self._structure(declared._replace(kind="struct", members=(inner,), extends="", pack=0))
+        if isinstance(result, NotConvertible):
+            return result
+        return result._replace(
+            text=result.text.replace(f"(PLC: {declared.name})", f"(PLC: {declared.name} : alias)", 1)
+        )
 
-    def _named(self, name: str) -> tuple[str, str]:
-        """What it is called in ROS and in the PLC. Raises Nothing."""
+    def _names_of(self, name: str) -> tuple[str, str]:
+        """Return the name of a data type in ROS, and its name in the PLC.
+
+        Raises NotConvertible if the project does not declare the type, or if the type cannot be a message.
+        """
         declared = self._find(name) if _NAME.fullmatch(name) else None
         if declared is None:
-            raise Nothing(f"no data type {name} is here", _IMPORT, "SHM602")
+            raise self._undeclared(name)
         if declared.name.upper() in self.path:
-            raise Nothing(f"{declared.name} holds itself", "a message cannot: take one of the members out", "SHM301")
+            raise NotConvertible(
+                f"{declared.name} contains itself", "a message cannot: remove one of the members", "SHM301"
+            )
         if len(self.path) > _DEEPEST:
-            raise Nothing(f"more than {_DEEPEST} structures in each other", "share a part of it", "SHM304")
-        if isinstance(self.made(declared), Nothing):
-            raise _Held(declared)
+            raise NotConvertible(f"more than {_DEEPEST} nested structures", "share a part of it", "SHM304")
+        if isinstance(self.convert(declared), NotConvertible):
+            raise _PartNotConvertible(declared)
         return self.names[declared.name.upper()], declared.name
 
-    def _tell(self, nothing: Nothing, declared: Declared, member: Member | None) -> Nothing:
-        """What is held and at fault is told where it is, and not again."""
-        if not isinstance(nothing, _Held):
+    def _undeclared(self, name: str) -> NotConvertible:
+        """Return the error for a type that the project does not declare, with a similar name as a hint.
+
+        Finding a similar name takes long, so only the first errors get this hint.
+        """
+        message, hint = f"{name} is not a data type of this project", _IMPORT
+        if ("SHM602", message.upper()) not in self.faults and len(self.faults) < _MOST_HINTS:
+            similar = types.intended(name, self.declared.keys() - set(self.path))
+            similar = self.declared[similar].name if similar in self.declared else similar
+            hint = f"did you mean {similar}?" if similar else _IMPORT
+        return NotConvertible(message, hint, "SHM602")
+
+    def _remember(self, error: NotConvertible, declared: Declaration, member: Member | None) -> NotConvertible:
+        """Store an error with its place for diagnostics(), and return the error.
+
+        The error of a contained type is not stored, because it is reported for this type.
+        """
+        if not isinstance(error, _PartNotConvertible):
             where = f"{declared.name}.{member.name}" if member else declared.name
             place = _Place(member.span if member else declared.span, where)
-            self.faults.setdefault((nothing.code, nothing.message.upper()), (nothing, []))[1].append(place)
-        return nothing
+            self.faults.setdefault((error.code, error.message.upper()), (error, []))[1].append(place)
+        return error
 
 
-_NAME = re.compile(r"[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*")
-_IMPORT = "import what declares it too; of a function block or a library's type send the values that count"
+_NAME = re.compile(r"[^\W\d]\w*(?:\.[^\W\d]\w*)*")
+_IMPORT = (
+    "import the file that declares it too; a function block or a type of a library cannot be imported: copy its values "
+    "into a structure of yours"
+)
 
 
-class _Held(Nothing):
-    """That a structure holds one that cannot be a message."""
+class _PartNotConvertible(NotConvertible):
+    """A structure cannot be a message because it contains or extends a type that cannot be a message."""
 
-    def __init__(self, declared: Declared) -> None:
-        super().__init__(f"it holds {declared.name}, which is left out", "mend that one first")
-
-
-class _Sum:
-    """Where the next member goes, in a structure packed to at most so many bytes."""
-
-    def __init__(self, pack: int) -> None:
-        self.pack, self.at, self.most = pack, 0, 1
-        self.places: list[int] = []
-
-    def add(self, size: int, alignment: int, many: int) -> None:
-        alignment = min(alignment, self.pack)
-        self.at = -(-self.at // alignment) * alignment
-        self.places.append(self.at)
-        self.at += size * (many or 1)
-        self.most = max(self.most, alignment)
-
-    def pad(self) -> None:
-        """What comes next begins where an array of this would have its second element."""
-        self.at = self.end()[0]
-
-    @property
-    def all(self) -> tuple[list[int], int]:
-        return self.places, self.end()[0]
-
-    def end(self) -> tuple[int, int]:
-        return -(-max(self.at, 1) // self.most) * self.most, self.most
-
-
-def _head(declared: Declared, own: str) -> list[str]:
-    lines = [line for line in declared.comment.split("\n") if line]
-    return [*(f"# {_harmless(line)}" for line in lines), f"# ({own})", ""]
-
-
-def _field(name: str, member: Member, field: types.Field) -> list[str]:
-    value = _default(member, field)
-    left = "" if value or not member.value else f"initial value {member.value}"
-    said = "\n".join(filter(None, [member.comment, left and _harmless(left)]))
-    if field.says and "[" not in said:
-        said = f"{said} [{field.says}]" if re.fullmatch(r"\w+", field.says) else f"{said} {field.says}"
-    own = f"(PLC: {member.name} : {field.own})" if field.own else "" if name == member.name else f"(PLC: {member.name})"
-    return _commented(f"{field.type} {name}{value and f' {value}'}", said.strip(), own)
-
-
-def _commented(code: str, comment: str, own: str) -> list[str]:
-    """The comment beside it if it has one line, else above."""
-    lines = [_harmless(line) for line in comment.split("\n") if line]
-    if len(lines) > 1:
-        return [*(f"# {line}" for line in lines), f"{code}  # {own}" if own else code]
-    beside = " ".join(filter(None, [*lines, own]))
-    return [f"{code}  # {beside}" if beside else code]
-
-
-def _harmless(line: str) -> str:
-    """That says nothing to the reader of definitions: no control characters, and no `(PLC: …)` of its own."""
-    return "".join(c if c.isprintable() else " " for c in line).replace("(PLC:", "(plc:").strip()
-
-
-_FLOAT = re.compile(r"(?:[A-Za-z_]\w*#)?([-+]?\d[\d_]{0,40}(?:\.[\d_]{1,40})?(?:[eE][-+]?\d{1,3})?)", re.ASCII)
-_LARGEST_FLOAT = {4: 3.4028234e38, 8: 1.7976931348623157e308}
-_WITHOUT_CONSTANTS = Numbers((), ())
-
-
-def _default(member: Member, field: types.Field) -> str:
-    """Of a number, a BOOL or a string; else nothing."""
-    text = member.value
-    if not text or field.many or field.element or "/" in field.type:
-        return ""
-    if field.type == "bool":
-        return {"TRUE": "true", "FALSE": "false", "1": "true", "0": "false"}.get(text.upper(), "")
-    if "string" in field.type:
-        inner = text[1:-1]
-        room = int(field.type.partition("=")[2])
-        plain = text == f"'{inner}'" and inner.isascii() and inner.isprintable() and not set("$\\'\"") & set(inner)
-        return f'"{inner}"' if inner and plain and len(inner) <= room else ""
-    if field.type.startswith("float"):
-        value = found[1].replace("_", "") if (found := _FLOAT.fullmatch(text)) else ""
-        return value if value and abs(float(value)) <= _LARGEST_FLOAT[field.size] else ""
-    try:
-        number = _WITHOUT_CONSTANTS.value(text)
-    except Nothing:
-        return ""
-    return str(number) if types.fits(number, field.type, field.size) else ""
+    def __init__(self, declared: Declaration) -> None:
+        super().__init__(f"it contains {declared.name}, which is left out", f"correct {declared.name} first")

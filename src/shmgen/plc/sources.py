@@ -1,8 +1,9 @@
-"""Finds the files of a PLC project that declare data types: PLCopen XML, .TcDUT and .TcGVL, and plain .st."""
+"""Find and read the files of a PLC project: types in PLCopen XML, .TcDUT, .TcGVL and .st, and layouts in .tmc."""
 
 from __future__ import annotations
 
 import codecs
+import errno
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -10,39 +11,45 @@ from shmgen.core import files
 from shmgen.core.diagnostics import Report, Span
 from shmgen.core.escape import legible
 from shmgen.plc import declarations, exports
-from shmgen.plc.declarations import MOST, Declared, Member, Unreadable
+from shmgen.plc.compiled import Compiled
+from shmgen.plc.declarations import MOST, Declaration, Member, Unreadable
 from shmgen.plc.numbers import Constant
 
 SUFFIXES = (".xml", ".st", ".tcdut", ".tcgvl")
+COMPILED = ".tmc"
+"""The suffix of the file that TwinCAT writes when it builds a project: the size and offsets of each type."""
 LARGEST_FILE = 64 * 2**20
-"""Bytes; the largest export of a whole project that is known to us has 12 MiB."""
+"""The largest size of a file in bytes. The largest known export of a whole project has 12 MiB."""
 
 
 class Project:
-    """The types in order, and the constants that bounds may name.
+    """The data types of a PLC project in order, and the constants that its expressions may refer to.
 
-    `twice` has, by its name in capital letters, the second of two types that differ.
+    If two different types have the same name, `conflicts` contains the second type. `compiled` contains the layouts in
+    .tmc files. The keys of both are the names of types in capital letters.
     """
 
     def __init__(self) -> None:
-        self.types: list[Declared] = []
+        self.types: list[Declaration] = []
         self.constants: list[Constant] = []
-        self.twice: dict[str, Declared] = {}
-        self._known: dict[str, Declared] = {}
+        self.conflicts: dict[str, Declaration] = {}
+        self.compiled: dict[str, list[Compiled]] = {}
+        self._known: dict[str, Declaration] = {}
         self._members = 0
 
-    def take(self, types: Iterable[Declared], owner: str, constants: Iterable[Member]) -> None:
-        """A type that is there already, as in the export of one application beside another, counts once.
+    def add(self, types: Iterable[Declaration], owner: str, constants: Iterable[Member]) -> None:
+        """Add data types, and the constants of the list `owner`. `owner` is `""` if the list has no name.
 
-        `owner` is the list of the constants, if that is said. Raises Unreadable.
+        A type that is already present is ignored, because exports of two applications may share types. Raises
+        Unreadable if the project is too large.
         """
         for it in types:
             self._count(len(it.members), it.span)
             former = self._known.setdefault(it.name.upper(), it)
             if former is it:
                 self.types.append(it)
-            elif _said(former) != _said(it):
-                self.twice.setdefault(it.name.upper(), it)
+            elif _comparable(former) != _comparable(it):
+                self.conflicts.setdefault(it.name.upper(), it)
         for one in constants:
             self._count(1, one.span)
             self.constants.append(Constant(owner, one.name, one.value, one.span))
@@ -53,70 +60,128 @@ class Project:
             raise Unreadable(f"more than {MOST:,} members in all", span)
 
 
-def _said(declared: Declared) -> tuple[object, ...]:
-    """What two of a name differ in."""
+def _comparable(declared: Declaration) -> tuple[object, ...]:
+    """Return the parts of a type that must be equal in two declarations of the same name."""
     members = [(it.name.upper(), it.type.upper(), it.value.upper()) for it in declared.members]
     return declared.kind, declared.base.upper(), declared.extends.upper(), declared.pack, members
 
 
 def read(paths: Iterable[Path], report: Report) -> Project:
-    """Of files, and of folders with all that is below them. SHM001, SHM002 and SHM003 in the report."""
+    """Read files, and all files below folders. Report SHM001 or SHM003 for files that cannot be read."""
     project = Project()
+    compiled: list[Path] = []
     for path in paths:
-        found = _below(path)
-        if not found:
-            hint = f"give a file or a folder with {', '.join(SUFFIXES)}"
-            report.error(
-                "SHM001", "no such file" if not path.exists() else "nothing to import", Span(str(path)), hint=hint
-            )
-        for file in found:
+        readable = [] if path.suffix.lower() in _UNREAD and path.is_file() else _files(path, SUFFIXES)
+        if not readable and not _files(path, (COMPILED,)):
+            _report_unreadable(path, report)
+        for file in readable:
             _read(file, legible(file.as_posix()), project, report)
+        compiled += (it.absolute() for it in (*_files(path, (COMPILED,)), *_beside_project(path)))
+    for file in dict.fromkeys(compiled):
+        _read_compiled(file, project, report)
     return project
 
 
-def _below(path: Path) -> list[Path]:
+def _report_unreadable(path: Path, report: Report) -> None:
+    """Report SHM001 for a path without a readable file, with a hint about the files to give instead."""
+    unread = _files(path, tuple(_UNREAD))
+    reason = "nothing to import" if path.exists() else "no such file"
+    hint = f"give a file or a folder with {', '.join(SUFFIXES)}"
+    if unread:
+        reason, hint = f"{legible(unread[0].name)} is a file of the IDE's own format", _UNREAD[unread[0].suffix.lower()]
+    report.error("SHM001", reason, Span(str(path)), hint=hint)
+
+
+_CODESYS = "open the project in CODESYS, choose Project > Export PLCopenXML, and give that file"
+_TWINCAT = "give the folder of the TwinCAT project, with its .TcDUT files"
+_UNREAD = {
+    **dict.fromkeys((".project", ".projectarchive", ".export", ".library", ".compiled-library"), _CODESYS),
+    **dict.fromkeys((".sln", ".tsproj", ".plcproj", ".tszip", ".tpzip", ".tnzip"), _TWINCAT),
+}
+"""Suffixes of files that an engineer would try first -> a hint about the files that shmgen can read."""
+
+
+def _files(path: Path, suffixes: tuple[str, ...]) -> list[Path]:
+    """Return `path` itself if it is a file, otherwise all files below the folder `path` with one of the suffixes.
+
+    A .tmc file is returned only if `suffixes` contains .tmc.
+    """
     if path.is_dir():
-        return sorted(it for it in path.rglob("*") if it.suffix.lower() in SUFFIXES and it.is_file())
-    return [path] if path.is_file() else []
+        return sorted(it for it in path.rglob("*") if it.suffix.lower() in suffixes and it.is_file())
+    return [path] if path.is_file() and (path.suffix.lower() == COMPILED) == (COMPILED in suffixes) else []
 
 
-def _read(file: Path, shown: str, project: Project, report: Report) -> None:
+def _beside_project(path: Path) -> list[Path]:
+    """Return the .tmc files in the folder of the TwinCAT project that a file or folder belongs to."""
+    for folder in path.absolute().parents:
+        try:
+            names = sorted(it.name for it in folder.iterdir())
+        except OSError:
+            return []
+        if any(name.lower().endswith(".plcproj") for name in names):
+            return [folder / name for name in names if name.lower().endswith(COMPILED)]
+    return []
+
+
+def _read_compiled(file: Path, project: Project, report: Report) -> None:
+    place = legible(file.as_posix())
+    try:
+        for name, compiled in exports.compiled(_contents(file), place, legible(file.name)):
+            project.compiled.setdefault(name, []).append(compiled)
+    except OSError as error:
+        report.error("SHM001", f"cannot read: {error.strerror}", Span(place))
+    except Unreadable as error:
+        hint = "TwinCAT writes the file when it builds the project: build it again, or delete the file"
+        report.error("SHM003", error.message, error.span, hint=hint)
+
+
+def _read(file: Path, place: str, project: Project, report: Report) -> None:
     def tell(error: Unreadable) -> None:
         report.error("SHM003", error.message, error.span, hint=_HINT)
 
     try:
-        with files.opened(file) as opened:
-            data = opened.read(LARGEST_FILE + 1)
-        if len(data) > LARGEST_FILE:
-            report.error("SHM001", f"larger than {LARGEST_FILE >> 20} MiB", Span(shown))
-            return
+        data = _contents(file)
         if _is_xml(data):
-            for owner, types, constants in exports.read(data, shown, tell):
-                project.take(types, owner, constants)
+            for owner, types, constants in exports.read(data, place, tell):
+                project.add(types, owner, constants)
         else:
-            types, constants = declarations.read(_decoded(data, shown), shown)
-            project.take(types, "", constants)
+            types, constants = declarations.read(_decoded(data, place), place)
+            project.add(types, "", constants)
     except OSError as error:
-        report.error("SHM001", f"cannot read: {error.strerror}", Span(shown))
+        report.error("SHM001", f"cannot read: {error.strerror}", Span(place))
     except Unreadable as error:
         tell(error)
 
 
-_HINT = "is it what your IDE exports and compiles? --skip leaves out such files"
+def _contents(file: Path) -> bytes:
+    with files.open_file(file) as opened:
+        data = opened.read(LARGEST_FILE + 1)
+    if len(data) > LARGEST_FILE:
+        raise OSError(errno.EFBIG, f"larger than {LARGEST_FILE >> 20} MiB")
+    return data
+
+
+_HINT = "check that your IDE compiles this file, or export it again; --skip leaves out such files"
 _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
 def _is_xml(data: bytes) -> bool:
-    """By its first character, behind marks and blanks."""
+    """Return True if a file is probably XML, because its first character is `<`.
+
+    A byte order mark and blanks before this character are ignored.
+    """
     return data[:99].lstrip(b"\xef\xbb\xbf\xfe\xff\0 \t\r\n").startswith(b"<")
 
 
-def _decoded(data: bytes, shown: str) -> str:
-    """As IDEs save: UTF-8, UTF-16 with its mark, or the code page of western Windows. Raises Unreadable."""
+def _decoded(data: bytes, place: str) -> str:
+    """Decode text in an encoding of the IDEs: UTF-8, UTF-16 with a byte order mark, or Windows-1252.
+
+    Raises Unreadable if a file with the mark of UTF-16 is not UTF-16.
+    """
     try:
         text = data.decode("utf-16" if data.startswith(_UTF16) else "utf-8-sig")
     except UnicodeDecodeError:
         if data.startswith(_UTF16):
-            raise Unreadable("not UTF-16, as its first bytes say", Span(shown)) from None
+            raise Unreadable("not UTF-16, although its first bytes announce it", Span(place)) from None
         text = data.decode("cp1252", errors="replace")
     return text.replace("\r\n", "\n")

@@ -1,12 +1,14 @@
-"""What ROS has for a type as Structured Text spells it, or why it has nothing."""
+"""Map types of Structured Text to types of ROS, or give the reason if ROS has no equivalent."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
-from shmgen.plc.numbers import Nothing
+from shmgen.core.diagnostics import closest
+from shmgen.core.model import OTHER_NAMES, Scalar
+from shmgen.plc.numbers import NotConvertible
 
 SCALARS = {
     "BOOL": ("bool", 1),
@@ -35,7 +37,7 @@ SCALARS = {
     "LDATE": ("uint64", 8),
     "LDT": ("uint64", 8),
 }
-"""ROS type and bytes."""
+"""PLC type -> ROS type, and size in bytes."""
 _UNITS = {
     "TOD": "ms since midnight",
     "TIME_OF_DAY": "ms since midnight",
@@ -48,70 +50,78 @@ _UNITS = {
     "LDT": "ns since 1970",
 }
 _PLAIN = {"BOOL", "SINT", "USINT", "INT", "UINT", "DINT", "UDINT", "LINT", "ULINT", "REAL", "LREAL", "TIME"}
-"""Those that shmgen writes for their ROS types itself."""
+"""The types that shmgen itself generates for a ROS type, so that no note with the PLC's type is needed."""
 
 
 class Field(NamedTuple):
-    """What stands in a .msg: the ROS type, its brackets in it. `own` is the spelling to keep, if shmgen's differs.
-
-    `element` is the name of a data type of the project, else empty; `size` and `alignment` are 0 then.
-    """
+    """A field of a .msg file, converted from a type of the PLC."""
 
     type: str
+    """The ROS type with brackets, such as `float64[3]`."""
     own: str
+    """The type in the PLC, if shmgen would generate another PLC type from `type`, else `""`."""
     element: str
+    """The name of the PLC data type that the field contains, or `""`."""
     many: int
+    """The number of elements in an array, or 0."""
     size: int
+    """The size of one element in bytes, or 0 if `element` is set."""
     alignment: int
+    """The alignment of one element in bytes, or 0 if `element` is set."""
     says: str
+    """The note for the field's comment, such as the unit of the number, or `""`."""
 
 
 _ARRAY = re.compile(r"ARRAY\s*\[([^\]]+)\]\s*OF\s+(.+)", re.IGNORECASE | re.DOTALL)
 _STRING = re.compile(r"(W?STRING)\s*(?:[(\[]([^)\]]+)[)\]])?", re.IGNORECASE)
-_SEND = "leave it out of what you share, or send what it shows"
+_SEND = "leave it out, or copy the value that it refers to"
 _REFUSED = (
     (re.compile(r"(POINTER|REFERENCE)\s+TO\b|REF_TO\b", re.IGNORECASE), "an address of this machine's memory", _SEND),
     (re.compile(r"ARRAY\s*\[\s*\*", re.IGNORECASE), "an array whose size is known at run time only", _SEND),
     (
         re.compile(r"BIT$", re.IGNORECASE),
-        "one bit of a byte that it shares",
+        "one bit of a byte",
         "share its byte, or a BOOL copied from it",
     ),
     (
         re.compile(r"(__XWORD|__UXINT|__XINT|__SYSTEM\b.*|ANY\w*)$", re.IGNORECASE),
-        "of another size on other machines",
+        "of a different size on other machines",
         "declare it as a type of one size, such as ULINT",
     ),
 )
 _DEFAULT_STRING = 80
 _DEEPEST = 16
-"""Arrays of arrays."""
+"""The limit of nested arrays."""
 LARGEST = 2**31
-"""Bytes, or elements, that nobody shares."""
+"""The limit of bytes in a type and of elements in an array, which no practical type reaches."""
 
 Numbers = Callable[[str], int]
 Named = Callable[[str], tuple[str, str]]
 
 
 def field(spelled: str, number: Numbers, named: Named, depth: int = 0) -> Field:
-    """`named` gives what a data type of the project is called in ROS and in the PLC; what it raises passes.
+    """Return the field for a type of Structured Text.
 
-    `number` gives what a bound comes to. Raises Nothing.
+    `named` is a function that returns the names of a data type in ROS and in the PLC. `number` is a function that
+    returns the value of a bound. Their exceptions are passed on. Raises NotConvertible if ROS has no equivalent.
     """
     spelled = spelled.strip()
     for pattern, why, hint in _REFUSED:
         if pattern.match(spelled):
-            raise Nothing(f"ROS has nothing for {_shown(spelled)}: {why}", hint)
+            raise NotConvertible(f"{_excerpt(spelled)} has no equivalent in ROS: it is {why}", hint)
     if array := _ARRAY.fullmatch(spelled):
         if depth == _DEEPEST:
-            raise Nothing(f"more than {_DEEPEST} arrays in each other", "give one of them a name", "SHM304")
+            raise NotConvertible(
+                f"more than {_DEEPEST} nested arrays", "declare one of them as a type of its own", "SHM304"
+            )
         return _array(spelled, array[1], array[2].strip(), number, named, depth)
     if string := _STRING.fullmatch(spelled):
         wide = string[1].upper() == "WSTRING"
         length = number(string[2]) if string[2] else _DEFAULT_STRING
         if not 0 < length < LARGEST:
-            raise Nothing(
-                f"{_shown(spelled)} holds {'nothing' if length < 1 else 'too much'}", "write its length as 80"
+            raise NotConvertible(
+                f"the length of {_excerpt(spelled)} is {'below 1' if length < 1 else 'too large'}",
+                "write a length such as 80",
             )
         unit = 2 if wide else 1
         return Field(f"{string[1].lower()}<={length}", "", "", 0, unit * (length + 1), unit, "")
@@ -120,12 +130,26 @@ def field(spelled: str, number: Numbers, named: Named, depth: int = 0) -> Field:
         type_, size = SCALARS[word.upper()]
         own = "" if word.upper() in _PLAIN else word.upper()
         return Field(type_, own, "", 0, size, size, _UNITS.get(word.upper(), ""))
-    type_, own = named(word.partition("(")[0].strip())  # a function block may be given values there
+    type_, own = named(word.partition("(")[0].strip())  # initial values of a function block may follow in brackets
     return Field(type_, own, own, 0, 0, 0, "")
 
 
+def intended(word: str, declared: Iterable[str]) -> str:
+    """Return the PLC type that `word` probably means, or `""`: `LREAL` for `float64`, or a similar name."""
+    word = word.lower()
+    return _OF_ROS.get(OTHER_NAMES.get(word, word), "") or closest(word.upper(), [*SCALARS, *declared], 0.7)
+
+
+_OF_ROS = {scalar.value: scalar.iec for scalar in Scalar} | {
+    "bool": "BOOL",
+    "char": "USINT",
+    "string": "STRING",
+    "wstring": "WSTRING",
+}
+
+
 def fits(value: int, type_: str, size: int) -> bool:
-    """Whether a whole number is one of a ROS type."""
+    """Return True if an integer is in the range of an integer type of ROS with `size` bytes."""
     values = 1 << 8 * size
     return 0 <= value < values if type_.startswith("u") else -values // 2 <= value < values // 2
 
@@ -137,14 +161,16 @@ def _array(spelled: str, bounds: str, element: str, number: Numbers, named: Name
     for part in bounds.split(","):
         lower, dots, upper = part.partition("..")
         if not dots:
-            raise Nothing(f"{_shown(spelled)} has no bounds", "write them as `0..9`", "SHM602")
+            raise NotConvertible(f"{_excerpt(spelled)} has no bounds", "write bounds such as `0..9`", "SHM602")
         first, last = number(lower), number(upper)
         dimensions.append(f"{first}..{last}")
         many *= last - first + 1
         if many < 1:
-            raise Nothing(f"{_shown(spelled)} holds nothing", "write the lower bound first", "SHM602")
+            raise NotConvertible(f"{_excerpt(spelled)} has no elements", "write the lower bound first", "SHM602")
         if many > LARGEST:
-            raise Nothing(f"{_shown(spelled)} has more than {LARGEST:,} elements", "share a part of it", "SHM303")
+            raise NotConvertible(
+                f"{_excerpt(spelled)} has more than {LARGEST:,} elements", "share a part of it", "SHM303"
+            )
     usual = len(dimensions) == 1 and dimensions[0].startswith("0..") and not inner.own and not inner.many
     own = "" if usual else f"ARRAY[{', '.join(dimensions)}] OF {inner.own or _iec(inner, element)}"
     base = inner.type.partition("[")[0]
@@ -152,7 +178,11 @@ def _array(spelled: str, bounds: str, element: str, number: Numbers, named: Name
 
 
 def _iec(inner: Field, element: str) -> str:
-    """How an element is spelled whose type has no `own`."""
+    """Return the Structured Text type of an array's elements, with the value of each bound: `STRING(80)`.
+
+    `element` is the type as the user wrote it, and `inner` is the field for one element. shmgen must generate the same
+    type from the ROS type (`inner.own` is `""`).
+    """
     if string := _STRING.fullmatch(element):
         return f"{string[1].upper()}({inner.type.partition('=')[2]})"
     if array := _ARRAY.fullmatch(element):
@@ -163,10 +193,10 @@ def _iec(inner: Field, element: str) -> str:
 
 
 def _base(spelled: str) -> str:
-    """`INT (0..9)` -> `INT`."""
+    """Remove a subrange from a type: `INT (0..9)` -> `INT`."""
     word, bracket, rest = spelled.partition("(")
     return word.strip() if bracket and ".." in rest and rest.endswith(")") else spelled
 
 
-def _shown(spelled: str) -> str:
+def _excerpt(spelled: str) -> str:
     return spelled if len(spelled) <= 80 else f"{spelled[:80]}…"

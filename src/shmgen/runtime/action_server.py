@@ -1,10 +1,10 @@
-"""The server of an action: takes goals that come as commands in shared memory, and reports how they end."""
+"""The server of an action: receives goals and cancel requests through shared memory, and sends their outcomes."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from functools import partial
 from types import SimpleNamespace
 from typing import Any, Generic, TypeVar
@@ -13,7 +13,7 @@ from shmgen.runtime.calls import CallServer, deadline_of, log_exception, skip_st
 from shmgen.runtime.errors import LockTimeout
 from shmgen.runtime.messages.message import Message
 from shmgen.runtime.publisher import Publisher
-from shmgen.runtime.region.resource import Closable
+from shmgen.runtime.region.resource import CallEnd, OpenRegion
 from shmgen.runtime.region.settings import UNTIL_RECOVERED
 from shmgen.runtime.subscriber import Subscriber
 
@@ -21,10 +21,17 @@ Goal = TypeVar("Goal", bound=Message)
 
 
 class ServedGoal(Generic[Goal]):
-    """A goal that a server works on, with the words of rclpy's goal handle.
+    """A goal that an action server is executing. The method names are those of rclpy's goal handle.
 
-    Once the goal has ended or a newer one has arrived, its methods send nothing and return False. They raise
-    ValueRejected for a value that does not fit, and LockTimeout.
+    After the goal has ended, or after a newer goal has arrived, the methods send nothing and return False.
+    The methods raise ValueRejected if a value does not fit. They raise LockTimeout if this machine needs the lock
+    (not x86) and the lock is not free in time.
+
+    ```python
+    with FibonacciActionServer("/fibonacci") as server:
+        if goal := server.wait(timeout=1.0):
+            goal.succeed(Fibonacci_Result(sequence=[0, 1, 1]))
+    ```
     """
 
     def __init__(self, server: ActionServer[Goal], number: int, request: Goal) -> None:
@@ -34,76 +41,95 @@ class ServedGoal(Generic[Goal]):
 
     @property
     def is_cancel_requested(self) -> bool:
-        """Whether the client has requested a cancel, or sent a newer goal. Reading it is the server's heartbeat."""
+        """True if the client has requested a cancel or sent a newer goal.
+
+        Read this property often: each read sends the server's heartbeat.
+        """
         return self._server._unwanted(self.number)
 
     @property
     def is_awaited(self) -> bool:
-        """Whether it has not ended, and no newer one has arrived."""
+        """True until the goal has ended or a newer goal has arrived."""
         return self._server._calls.awaits(self.number)
 
     def accept(self) -> bool:
-        """Reports to the client that the goal has been accepted."""
+        """Report to the client that the server has accepted the goal.
+
+        Return False, without sending, if the goal has already ended or a newer goal has arrived.
+        """
         return self._server._accept(self.number)
 
     def publish_feedback(self, feedback: Any) -> bool:
-        """Publishes the action's feedback: its message, or any object with the same attributes."""
+        """Publish `feedback`: a feedback message of the action, or any object with the same attributes.
+
+        Return False, without sending, if the goal has already ended or a newer goal has arrived.
+        """
         return self._server._publish_feedback(self.number, feedback)
 
     def succeed(self, result: Any) -> bool:
-        """Ends the goal as SUCCEEDED."""
+        """End the goal as SUCCEEDED. Return False if the goal has already ended or a newer goal has arrived."""
         return self._server._end(self.number, "SUCCEEDED", result)
 
     def abort(self, result: Any = None) -> bool:
-        """Ends the goal as ABORTED, with a result or without."""
+        """End the goal as ABORTED, with or without a result.
+
+        Return False, without sending, if the goal has already ended or a newer goal has arrived.
+        """
         return self._server._end(self.number, "ABORTED", result)
 
     def canceled(self, result: Any = None) -> bool:
-        """Ends the goal as CANCELED, with a result or without."""
+        """End the goal as CANCELED, with or without a result.
+
+        Return False, without sending, if the goal has already ended or a newer goal has arrived.
+        """
         return self._server._end(self.number, "CANCELED", result)
 
     def reject(self) -> bool:
-        """Ends the goal as REJECTED."""
+        """End the goal as REJECTED. Return False if the goal has already ended or a newer goal has arrived."""
         return self._server._end(self.number, "REJECTED", None)
 
 
-class ActionServer(Closable, Generic[Goal]):
-    """Serves one action, one goal at a time. Not for two threads at a time; forked children open their own."""
+class ActionServer(CallEnd, Generic[Goal]):
+    """Serve one action, one goal at a time.
+
+    Only one thread at a time may use a server. A forked child must open its own server.
+
+    ```python
+    def compute(goal):
+        goal.publish_feedback(Fibonacci_Feedback(sequence=[0, 1]))
+        goal.succeed(Fibonacci_Result(sequence=[0, 1, 1]))
+
+    with FibonacciActionServer("/fibonacci") as server:
+        server.serve(compute, timeout=1.0)
+    ```
+    """
 
     command_subscriber: type[Subscriber[Any]]
     progress_publisher: type[Publisher[Any]]
     outcome_publisher: type[Publisher[Any]]
+    _calls: CallServer[Any, Any]
 
-    def __init__(
-        self,
-        action: str,
-        *,
-        lock_timeout: float | None = None,
-        mode: int | None = None,
-        group: str | int | None = None,
-    ) -> None:
-        """Opens the action's regions or creates them; parameters, errors and stale goals as for a ServiceServer."""
-        options: dict[str, Any] = {"lock_timeout": lock_timeout, "mode": mode, "group": group}
-        with ExitStack() as opened:
-            requests = opened.enter_context(self.command_subscriber(f"{action}-goal", **options))
+    def _open(self, write: OpenRegion, read: OpenRegion) -> None:
+        requests = read(self.command_subscriber, "goal")
+        skip_stale(requests)
+        self._progress = write(self.progress_publisher, "feedback")
+        responses = write(self.outcome_publisher, "result")
+        if any(claimed.engine_end.predecessor_may_be_alive for claimed in (self._progress, responses)):
             skip_stale(requests)
-            self._progress = opened.enter_context(self.progress_publisher(f"{action}-feedback", **options))
-            responses = opened.enter_context(self.outcome_publisher(f"{action}-result", **options))
-            if self._progress._end.doubtful or responses._end.doubtful:
-                skip_stale(requests)
-            opened.pop_all()
         self._calls = CallServer(requests, responses)
         self._kinds: Any = self.progress_publisher.message_type, self.outcome_publisher.message_type
         self._waiting: ServedGoal[Goal] | None = None
         self._is_unwanted = False
-        self._action = action
 
     def serve(self, handler: Callable[[ServedGoal[Goal]], None], timeout: float | None = None) -> None:
-        """Accepts each goal and calls `handler(goal)`, which ends it: goal.succeed, goal.abort or goal.canceled.
+        """Accept each goal and call `handler(goal)`. The handler calls goal.succeed, goal.abort or goal.canceled.
 
-        Ends after `timeout` seconds, or never. A goal that the handler leaves without an end is ABORTED; so is one in
-        which it raises an exception, which is logged as `shmgen`; another BaseException ends serve(). A lock timeout
-        does not: the outcome then waits until the lock is free or a newer goal has arrived.
+        Return after `timeout` seconds, or when another thread or a signal handler closes the server.
+        If the handler returns without ending the goal, the goal is ABORTED. If the handler raises an exception, the
+        goal is ABORTED and the exception is logged by the logger `shmgen`. KeyboardInterrupt and any other
+        BaseException end serve().
+        If a lock timeout prevents accepting or aborting a goal, serve() continues. The server retries until the lock is
+        free, `timeout` is over, or a newer goal arrives.
         """
         deadline = deadline_of(timeout)
         for goal in until(deadline, self.wait):
@@ -111,7 +137,7 @@ class ActionServer(Closable, Generic[Goal]):
                 self._calls.retry_until_sent(goal.accept, deadline)
                 handler(goal)
             except Exception:
-                log_exception(f"{self._action}: goal {goal.number} aborted")
+                log_exception(f"{self._name}: goal {goal.number} aborted")
             except BaseException:
                 with suppress(LockTimeout):
                     goal.abort()
@@ -119,11 +145,14 @@ class ActionServer(Closable, Generic[Goal]):
             self._calls.retry_until_sent(goal.abort, deadline)
 
     def take(self) -> ServedGoal[Goal] | None:
-        """The newest goal not taken yet, or None. The client has abandoned the one before it, if that has not ended."""
+        """Return the newest goal that no call has returned yet, or None. Do not wait.
+
+        A new goal replaces the previous goal.
+        """
         return self.wait(0.0)
 
     def wait(self, timeout: float) -> ServedGoal[Goal] | None:
-        """The newest goal as soon as there is one, or None after `timeout` seconds."""
+        """Return the newest goal as soon as a new goal arrives, or None after `timeout` seconds."""
         deadline = time.monotonic() + timeout
         while True:
             left = max(0.0, deadline - time.monotonic())
@@ -133,26 +162,31 @@ class ActionServer(Closable, Generic[Goal]):
         goal, self._waiting = self._waiting, None
         return goal
 
-    def client_lives(self) -> bool:
-        """Whether there is a client now; that a PLC has stopped is known a second later. Call it often."""
-        return self._calls.client_lives()
+    async def wait_async(self, timeout: float) -> ServedGoal[Goal] | None:
+        """Return the newest goal as soon as a new goal arrives, or None after `timeout` seconds. For coroutines."""
+        return await self._calls.wait_async(self.take, timeout)
 
-    def close(self) -> None:
-        """Releases the action for another server; the regions stay."""
-        self._calls.close()
-        self._progress.close()
+    def client_lives(self) -> bool:
+        """Return True if a client is running. Call this method often.
+
+        A stopped PLC client is recognized after 1 s without a heartbeat.
+        """
+        return self._calls.client_lives()
 
     @property
     def action(self) -> str:
-        """As given."""
-        return self._action
+        """The name of the action."""
+        return self._name
 
     def _look(self, timeout: float = 0.0) -> None:
-        """Takes one command. The number of the callee is that of the newest goal known."""
-        taken = self._calls.take(timeout)
-        if taken is None:
+        """Wait at most `timeout` seconds for a command of the client, and carry it out: start or cancel a goal.
+
+        A new goal is stored in `_waiting`, and its number in `_calls.number`.
+        """
+        request = self._calls.take(timeout)
+        if request is None:
             return
-        number, command = taken
+        number, command = request
         if not command.cancel:
             self._calls.begin(number)
             self._is_unwanted = False
@@ -160,7 +194,7 @@ class ActionServer(Closable, Generic[Goal]):
             self._waiting = ServedGoal(self, number, command.goal) if usable else None
         elif command.cancel == self._calls.number and not self._waiting:
             self._is_unwanted = True
-        else:  # nobody has taken that goal: it waits here, or its cancel has overwritten it
+        else:  # the goal was not taken yet: it is in `_waiting`, or its cancel request has overwritten it
             self._calls.begin(command.cancel)
             self._waiting = None
             self._calls.retry_until_sent(

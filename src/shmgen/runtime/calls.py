@@ -1,8 +1,8 @@
-"""Requests and their responses in two regions: what clients and servers of services and of actions share.
+"""The shared parts of clients and servers of services and actions: requests and responses in two regions.
 
-A request has the number of its sample, and a response carries the number of its request. So a late response, to a call
-given up or to a former client, is known from its number, and a restarted server knows by the position of the samples
-what was asked before its time (docs/protocol.md, "Services").
+The number of a request is its sample number, and a response contains the number of its request. The client therefore
+recognizes a late response to an abandoned call, or to a previous client, by its number. A restarted server recognizes
+requests from before its start by the position of their samples (docs/protocol.md, "Services").
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from math import inf
 from typing import Any, Generic, TypeVar
 
 from shmgen.core import abi
-from shmgen.runtime.errors import CountExceeded, LockTimeout
+from shmgen.runtime.errors import Closed, CountExceeded, InForkedChild, LockTimeout
 from shmgen.runtime.messages.message import Message
 from shmgen.runtime.publisher import Publisher
 from shmgen.runtime.region import header as h
@@ -25,50 +25,60 @@ A = TypeVar("A", bound=Message)
 T = TypeVar("T")
 
 _LOOK = 2e-3
-"""Seconds between two looks for a server."""
+"""Seconds between two checks for a server, or between two attempts to send a response."""
 _FRESH = abi.CLAIM_MS / 1000
-"""Seconds for which a heartbeat seen to move counts, and within which a PLC that still runs moves it."""
+"""Seconds for which a heartbeat counts as recent. A running PLC increments its heartbeat within this time."""
 _LONGEST_WAIT = 1.0
 _HEARTBEAT = abi.HEARTBEAT_MS / 1000
-"""Seconds between two signs of life of a server that waits."""
+"""Seconds between two heartbeats of a waiting server."""
 
 
 class CallClient(Generic[Q, A]):
-    """The end of the client. `number` is that of the request without a response yet, 0 = none.
+    """Sends the requests of one service or action and receives the responses. One request is pending at a time.
 
-    `key` is the name of the field that holds the number in a response.
+    `number` is the number of the pending request, or 0 if no request is pending. `key` is the name of the response
+    field that contains the number of the request.
     """
 
     def __init__(self, requests: Publisher[Q], responses: Subscriber[A], key: str) -> None:
         self.number = 0
-        self._requests = requests
-        self._responses = responses
+        self._requests, self._writer = requests, requests.engine_end
+        self._responses, self._reader = responses, responses.engine_end
+        self.incoming = responses
         self._key = key
         self._beat = -1
         self._looked = 0.0
 
     def send_request(self, request: Any, deadline: float | None = None) -> int:
-        """Sends a request and gives the one before up; returns its number. Raises as Publisher.publish.
+        """Send a request and return its number. Abandon the previous request.
 
-        `deadline`, by time.monotonic(): how long it may wait for the lock, where that is needed.
+        `deadline`, a value of time.monotonic(), limits the wait for the lock on machines that need the lock (not x86).
+        Raises the errors of Publisher.publish().
         """
         self.number = 0
-        self._responses._end.skip()  # what is there responds to nothing that is still to come
+        self._reader.skip()  # existing responses do not belong to the new request
         left = None if deadline is None else round(1e9 * (deadline - time.monotonic()))
-        self._requests._end.publish(request, left)
+        self._writer.publish(request, left)
         self.number = self._requests.sequence
         return self.number
 
-    def tell(self, message: Any) -> None:
-        """Sends what asks for no response. Raises as Publisher.publish."""
+    def send_one_way(self, message: Any) -> None:
+        """Send a message that requests no response. Raises the errors of Publisher.publish()."""
         self._requests.publish(message)
 
     def poll(self) -> A | None:
-        """The response, once. Responses come in the order of their requests, so the newest is enough."""
+        """Return the response to the pending request, or None if the response has not arrived. Do not wait.
+
+        The response is returned once. Only one request is pending, and responses arrive in the order of their requests,
+        so this method reads only the newest response.
+        """
         return self._own(self._responses.read())
 
     def wait(self, timeout: float) -> A | None:
-        """The response as soon as it comes, or None after `timeout` seconds."""
+        """Return the response to the pending request as soon as it arrives, or None after `timeout` seconds.
+
+        Return None at once if no request is pending.
+        """
         deadline = time.monotonic() + timeout
         while self.number:
             left = max(0.0, deadline - time.monotonic())
@@ -78,12 +88,18 @@ class CallClient(Generic[Q, A]):
                 break
         return None
 
+    async def wait_async(self, poll: Callable[[], T | None], timeout: float) -> T | None:
+        """Call `poll` after each response. Return its first result except None, or None after `timeout` seconds."""
+        from shmgen.runtime.event_loop import poll_until_found  # asyncio takes longer to load than the runtime
+
+        return await poll_until_found(poll, self._responses, timeout)
+
     def server_is_ready(self) -> bool:
-        """Whether somebody serves now. Takes up to a second where a PLC served and may have stopped."""
-        return self.wait_for_server(_FRESH if self._responses._end.load(h.WRITER) == h.PLC else 0.0)
+        """Return True if a server is available now. The call takes up to 1 s if the last known server was a PLC."""
+        return self.wait_for_server(_FRESH if self._reader.load(h.WRITER) == h.PLC else 0.0)
 
     def wait_for_server(self, timeout: float) -> bool:
-        """Whether somebody serves, as soon as somebody does or after `timeout` seconds."""
+        """Return True as soon as a server is available, or False after `timeout` seconds."""
         deadline = time.monotonic() + timeout
         while not self._server_lives():
             left = deadline - time.monotonic()
@@ -92,10 +108,6 @@ class CallClient(Generic[Q, A]):
             time.sleep(min(_LOOK, left))
         return True
 
-    def close(self) -> None:
-        self._requests.close()
-        self._responses.close()
-
     def _own(self, response: A | None) -> A | None:
         if response is None or not self.number or getattr(response, self._key) != self.number:
             return None
@@ -103,8 +115,13 @@ class CallClient(Generic[Q, A]):
         return response
 
     def _server_lives(self) -> bool:
-        """A process holds its record lock, and has put its name there; a PLC can only be seen to count."""
-        end, now = self._responses._end, time.monotonic()
+        """Return True if a server is running.
+
+        A server process holds a record lock and has stored its process id. A PLC holds no record lock. A PLC is
+        running if its heartbeat has changed since the previous check, at most 1 s ago.
+        """
+        end, now = self._reader, time.monotonic()
+        end.check()
         is_plc = end.load(h.WRITER) == h.PLC
         if not is_plc and end.is_claimed():
             return True
@@ -114,19 +131,28 @@ class CallClient(Generic[Q, A]):
 
 
 class CallServer(Generic[Q, A]):
-    """The end of the server. `number` is that of the request begun last, 0 = none: no other can get a response."""
+    """Receives the requests of one service or action and sends the responses. One request is pending at a time.
+
+    `number` is the number of the request last passed to begin(), or 0. Only this request can get a response.
+    """
 
     def __init__(self, requests: Subscriber[Q], responses: Publisher[A]) -> None:
-        """`requests` holds nothing unread: see `skip_stale`."""
+        """Serve the requests in the region of `requests`, and publish the responses by `responses`.
+
+        The caller has marked all old requests as read: see skip_stale().
+        """
         self.number = 0
-        self._requests = requests
-        self._responses = responses
-        self._begun_at = 0
+        self._requests, self._reader = requests, requests.engine_end
+        self._responses, self._writer = responses, responses.engine_end
+        self.incoming = requests
+        self._begun_at = 0, 0
+        self._answered = 0
 
     def take(self, timeout: float) -> tuple[int, Q] | None:
-        """The newest request with its number, once, as soon as there is one, or None after `timeout` seconds.
+        """Wait at most `timeout` seconds for a request. Return its sample number and its message, or None.
 
-        Tells the other side that it lives.
+        If several requests are unread, return the newest. Each request is returned once. While waiting, send heartbeats
+        to the client.
         """
         deadline = time.monotonic() + timeout
         while True:
@@ -134,17 +160,27 @@ class CallServer(Generic[Q, A]):
             left = max(0.0, deadline - time.monotonic())
             request = self._requests.wait(min(left, _HEARTBEAT)) if left else self._requests.read()
             if request is not None:
-                self._responses._end.assure()  # or another server has taken over, and serves it
+                self._writer.check_claim()  # raises ClaimLost if another server has taken over
                 return self._requests.sequence, request
             if not left:
                 return None
 
+    async def wait_async(self, poll: Callable[[], T | None], timeout: float) -> T | None:
+        """Call `poll` after each request. Return its first result except None, or None after `timeout` seconds."""
+        from shmgen.runtime.event_loop import poll_until_found  # asyncio takes longer to load than the runtime
+
+        return await poll_until_found(poll, self._requests, timeout, _HEARTBEAT)
+
     def begin(self, number: int) -> None:
-        """From now on this request waits for its response, and no other."""
-        self.number, self._begun_at = number, self._responses.sequence
+        """Make `number` the only request that can get a response."""
+        self.number, self._answered, self._begun_at = number, 0, self._position()
 
     def is_usable(self, request: Message, refuse: Callable[[], object]) -> bool:
-        """False: the request begun last has a count above its bound, and `refuse` has sent the response."""
+        """Return True if all counts of the request are within their bounds. If one is not, refuse the request.
+
+        To refuse the request, log the reason by the logger `shmgen`, call `refuse`, which sends a failure to the
+        client, and return False.
+        """
         try:
             request._check_counts()
         except CountExceeded:
@@ -154,73 +190,92 @@ class CallServer(Generic[Q, A]):
         return True
 
     def awaits(self, number: int) -> bool:
-        """Whether that request still waits for its response.
+        """Return True if request `number` is pending: begin() received it last, and no response to it was published.
 
-        By what was published, so that an exception out of a signal handler behind that makes no second response.
+        A signal handler may interrupt this server between the publication of the response and the assignment that
+        records the response as published. Therefore also check whether the response region has a new sample.
         """
-        return number == self.number and self._responses.sequence == self._begun_at
+        if number != self.number or number == self._answered:
+            return False
+        count, sequence = self._position()
+        return sequence == self._begun_at[1] or count != self._begun_at[0]  # a reopened region has other numbers
+
+    def _position(self) -> tuple[int, int]:
+        return self._responses.reopen_count, self._responses.sequence
 
     def send_response(self, number: int, response: Any) -> bool:
-        """False, and nothing sent, if that request waits no more. Raises as Publisher.publish."""
+        """Send the response to request `number`. If the request is no longer pending, send nothing and return False.
+
+        Raises the errors of Publisher.publish().
+        """
         if not self.awaits(number):
             return False
         self._responses.publish(response)
+        self._answered = number
         return True
 
     def retry_until_sent(self, send: Callable[[], object], deadline: float = inf) -> None:
-        """Calls `send`, which sends a response, until the lock lets it through: of a lock no server ends.
+        """Call `send`, a function that sends a response, and repeat the call while it raises LockTimeout.
 
-        Gives up at the deadline, by time.monotonic(), and for a newer request, since nobody waits for this any more.
+        Give up at `deadline`, a value of time.monotonic(), or when a newer request arrives, because the client then no
+        longer waits for this response.
         """
-        told = False
+        is_logged = False
         while True:
             try:
                 send()
                 return
             except LockTimeout:
-                if not told:
+                if not is_logged:
                     log_exception(f"{self._responses.topic}: the reply to {self.number} waits for the lock")
-                told = True
+                is_logged = True
             if time.monotonic() >= deadline or self._requests.ready(0.0):
                 return
             self._responses.heartbeat()
             time.sleep(_LOOK)
 
     def client_lives(self) -> bool:
-        """A process holds its record lock; a PLC's heartbeat has moved within the last second."""
-        requests = self._requests
-        if requests._end.load(h.WRITER) == h.PLC:
-            return not requests.is_stale(_FRESH)
-        return bool(requests._end.is_claimed())
+        """Return True if a client is running.
 
-    def close(self) -> None:
-        self._requests.close()
-        self._responses.close()
+        A client process holds a record lock. A PLC is running if its heartbeat has changed within the last second.
+        """
+        if self._reader.load(h.WRITER) == h.PLC:
+            return not self._requests.is_stale(_FRESH)
+        return bool(self._reader.is_claimed())
 
 
 def deadline_of(timeout: float | None) -> float:
-    """By time.monotonic(); None: never."""
+    """Return the time.monotonic() value `timeout` seconds from now, or infinity for None."""
     return inf if timeout is None else time.monotonic() + timeout
 
 
 def until(deadline: float, wait: Callable[[float], T | None]) -> Iterator[T]:
-    """What `wait` gives, until that instant by time.monotonic()."""
+    """Yield each result of `wait` that is not None, until `deadline` or until `wait` raises Closed.
+
+    `wait` receives the longest time to wait in seconds. `deadline` is a value of time.monotonic().
+    """
     while (left := deadline - time.monotonic()) > 0:
-        found = wait(min(left, _LONGEST_WAIT))
-        if found is not None:
-            yield found
+        try:
+            result = wait(min(left, _LONGEST_WAIT))
+        except InForkedChild:
+            raise
+        except Closed:
+            return
+        if result is not None:
+            yield result
 
 
 def log_exception(text: str) -> None:
-    """Into the log `shmgen`, with the traceback of the exception that is being handled."""
+    """Log `text` by the logger `shmgen`, with the traceback of the current exception."""
     import logging  # takes longer to load than the rest of the runtime
 
     logging.getLogger("shmgen").exception(text)
 
 
 def skip_stale(requests: Subscriber[Q]) -> None:
-    """Takes what lies there for read: whether a server before this one has done it nobody knows.
+    """Mark all existing requests as read, because a previous server may already have handled them.
 
-    Comes before the claim that shows clients a server, so that no call is lost between the two.
+    Call this function before the server claims its topics and so becomes visible to clients. A request that a client
+    sends after the claim must not be skipped.
     """
-    requests._end.skip()
+    requests.engine_end.skip()

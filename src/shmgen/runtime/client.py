@@ -4,122 +4,127 @@ from __future__ import annotations
 
 import threading
 import time
-from contextlib import ExitStack
 from typing import Any, Generic, TypeVar
 
 from shmgen.runtime.calls import CallClient
 from shmgen.runtime.errors import CallFailed, CallTimeout, NoServer
 from shmgen.runtime.messages.message import Message
 from shmgen.runtime.publisher import Publisher
-from shmgen.runtime.region.resource import Closable
+from shmgen.runtime.region.resource import CallEnd, OpenRegion
 from shmgen.runtime.subscriber import Subscriber
 
 Request = TypeVar("Request", bound=Message)
 Response = TypeVar("Response", bound=Message)
 
 
-class ServiceClient(Closable, Generic[Request, Response]):
-    """Calls one service, one call at a time; threads may share it, forked children open their own."""
+class ServiceClient(CallEnd, Generic[Request, Response]):
+    """Call one service, one call at a time.
+
+    Threads may share a client. A forked child must open its own client.
+
+    ```python
+    with SetBoolClient("/lamp") as client:
+        response = client.call(SetBool_Request(data=True), timeout=1.0)
+        print(response.success)
+    ```
+    """
 
     request_publisher: type[Publisher[Request]]
     reply_subscriber: type[Subscriber[Any]]
+    _calls: CallClient[Request, Any]
 
-    def __init__(
-        self,
-        service: str,
-        *,
-        lock_timeout: float | None = None,
-        mode: int | None = None,
-        group: str | int | None = None,
-        spin: float = 0.0,
-    ) -> None:
-        """Opens the service's regions or creates them; one client for each service. No server is needed yet.
-
-        `lock_timeout` (seconds), `mode`, `group` and `spin` as for a Subscriber, and its errors: ValueError,
-        LayoutMismatch, RegionInUse, PermissionDenied, RegionUnusable.
-        """
-        options: dict[str, Any] = {"lock_timeout": lock_timeout, "mode": mode, "group": group}
-        with ExitStack() as opened:
-            requests = opened.enter_context(self.request_publisher(f"{service}-request", **options))
-            responses = opened.enter_context(self.reply_subscriber(f"{service}-response", spin=spin, **options))
-            opened.pop_all()
+    def _open(self, write: OpenRegion, read: OpenRegion) -> None:
+        requests = write(self.request_publisher, "request")
+        responses = read(self.reply_subscriber, "response")
         self._calls = CallClient(requests, responses, "call")
         self._one_at_a_time = threading.RLock()
-        self._service = service
 
     def call(self, request: Any, timeout: float) -> Response:
-        """Waits for a server, sends `request` (any object with its attributes) and waits for the response.
+        """Wait for a server, send `request`, wait for the response and return it, all within `timeout` seconds.
 
-        All within `timeout` seconds. Raises NoServer, and nothing was sent; CallTimeout, and the server may still do
-        it; CallFailed; ValueRejected for a value that does not fit; LockTimeout.
+        `request` is a request message, or any object with the same attributes.
+        Raises NoServer if no server is available; nothing was sent. Raises CallTimeout if no response arrives in time;
+        the server may still handle the request. Raises CallFailed if the server reports a failure.
+        Raises ValueRejected if a value does not fit.
+        Raises LockTimeout if this machine needs the lock (not x86) and the lock is not free in time.
         """
         deadline = time.monotonic() + timeout
         try:
             if not self._one_at_a_time.acquire(timeout=max(0.0, timeout)):
-                raise CallTimeout(f"{self._service}: another thread's call took all of the {timeout:g} s")
+                raise CallTimeout(f"{self._name}: another thread's call took all of the {timeout:g} s")
             if not self._calls.wait_for_server(deadline - time.monotonic()):
-                raise NoServer(f"{self._service}: no server within {timeout:g} s; the request was not sent")
+                raise NoServer(f"{self._name}: no server within {timeout:g} s; the request was not sent")
             number = self._calls.send_request(request, deadline)
             reply = self._calls.wait(deadline - time.monotonic())
             if reply is None:
                 self._calls.number = 0
-                raise CallTimeout(f"{self._service}: call {number} got no response within {timeout:g} s")
+                raise CallTimeout(f"{self._name}: call {number} got no response within {timeout:g} s")
             response = self._response(reply)
-            return response  # noqa: RET504 no call is the last thing before the release
+            return response  # noqa: RET504 the last step before the release must not be a call
         finally:
-            # One call, which knows itself whether there is something to release: a signal handler may raise behind
-            # each call, so also before the result of acquire() is there.
+            # A signal handler may raise after acquire() but before its result is assigned. Therefore release() alone
+            # decides whether this thread holds the lock.
             try:  # noqa: SIM105
                 self._one_at_a_time.release()
             except RuntimeError:
                 pass
 
     def send(self, request: Any) -> int:
-        """Sends `request`, whether a server is available or not, and returns the call's number; then use poll().
+        """Send `request`, even if no server is available, and return its number. Then use poll() or wait().
 
-        A call that is still pending is abandoned. Raises ValueRejected and LockTimeout.
+        Sending abandons a call that is still pending. Raises ValueRejected and LockTimeout as call() does.
         """
         with self._one_at_a_time:
             return self._calls.send_request(request)
 
     def poll(self) -> Response | None:
-        """The response to what send() sent, once, or None if it is not there yet. Raises CallFailed."""
+        """Return the response to the last send(), or None if the response has not arrived. Do not wait.
+
+        The response is returned once: the next call returns None. Raises CallFailed if the server reports a failure.
+        """
         with self._one_at_a_time:
             reply = self._calls.poll()
             return None if reply is None else self._response(reply)
 
     def wait(self, timeout: float) -> Response | None:
-        """The same as soon as it is there, or None after `timeout` seconds. Raises CallFailed."""
+        """Return the response to the last send() as soon as the response arrives, or None after `timeout` seconds.
+
+        Raises CallFailed if the server reports a failure.
+        """
         with self._one_at_a_time:
             reply = self._calls.wait(timeout)
             return None if reply is None else self._response(reply)
 
+    async def wait_async(self, timeout: float) -> Response | None:
+        """Return the response to the last send() as soon as the response arrives, or None after `timeout` seconds.
+
+        For coroutines: `client.send(request)`, then `await client.wait_async(timeout)`.
+        Raises CallFailed if the server reports a failure.
+        """
+        return await self._calls.wait_async(self.poll, timeout)
+
     def cancel(self) -> None:
-        """Abandons what send() sent, on the client side only: the server may handle it, its response is discarded."""
+        """Abandon the request of the last send(). The server may still handle it; the client discards the response."""
         with self._one_at_a_time:
             self._calls.number = 0
 
     def server_is_ready(self) -> bool:
-        """Whether a server is available now. Takes up to a second where a PLC was the server and may have stopped."""
+        """Return True if a server is available now. The call takes up to 1 s if the last known server was a PLC."""
         with self._one_at_a_time:
             return self._calls.server_is_ready()
 
     def wait_for_server(self, timeout: float) -> bool:
-        """Whether a server is available, as soon as one is or after `timeout` seconds."""
+        """Return True as soon as a server is available, or False after `timeout` seconds."""
         with self._one_at_a_time:
             return self._calls.wait_for_server(timeout)
 
-    def close(self) -> None:
-        """Releases the service for another client; the regions stay."""
-        self._calls.close()
-
     @property
     def service(self) -> str:
-        """As given."""
-        return self._service
+        """The name of the service."""
+        return self._name
 
     def _response(self, reply: Any) -> Response:
         if reply.status != reply.DONE:
-            raise CallFailed(f"{self._service}: the server reported that call {reply.call} failed")
+            raise CallFailed(f"{self._name}: the server reported that call {reply.call} failed")
         response: Response = reply.response
         return response

@@ -1,4 +1,7 @@
-"""Says so on another Python than CPython: ctypes and fcntl of others lack what the runtime is built on."""
+"""Importing this module raises ImportError if Python is not CPython, the only Python that shmgen supports.
+
+Other Pythons lack features of ctypes and fcntl that shmgen needs.
+"""
 
 from __future__ import annotations
 

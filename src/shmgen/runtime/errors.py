@@ -1,4 +1,4 @@
-"""The typed errors of regions and values, which say where, why and what to do next."""
+"""The typed errors of regions and values. Each error reports the place, the reason and the next step."""
 
 from __future__ import annotations
 
@@ -8,11 +8,19 @@ _Self = TypeVar("_Self", bound="ValueRejected")
 
 
 class ShmError(Exception):
-    """Base class of the errors that the runtime raises."""
+    """Base class of the errors that the runtime raises.
+
+    ```python
+    try:
+        PoseSubscriber("/robot/pose")
+    except ShmError as error:
+        print(error)
+    ```
+    """
 
 
 class RegionMissing(ShmError):
-    """There is no such region; nobody has opened the topic yet."""
+    """The region does not exist: no process or PLC has opened the topic yet."""
 
 
 class RegionUnusable(ShmError):
@@ -20,11 +28,11 @@ class RegionUnusable(ShmError):
 
 
 class RegionRetired(RegionUnusable):
-    """The region was removed, or replaced by one of another layout; open the topic anew."""
+    """The region was removed, or replaced by a region with another layout. Open the topic again."""
 
 
 class LayoutMismatch(ShmError):
-    """The region holds another layout than the one generated here; nothing was read or written."""
+    """The layout of the region differs from the generated layout. Nothing was read or written."""
 
 
 class RegionInUse(ShmError):
@@ -32,7 +40,7 @@ class RegionInUse(ShmError):
 
 
 class ClaimLost(RegionInUse):
-    """Another writer has taken over the topic: this one's heartbeat was stale for a second or more."""
+    """Another writer has taken over the topic, because this writer's heartbeat was stale for 1 s or more."""
 
 
 class Closed(ShmError):
@@ -40,27 +48,31 @@ class Closed(ShmError):
 
 
 class InForkedChild(Closed):
-    """The object belongs to the process from which this one was forked."""
+    """The object belongs to the parent process, from which this process was forked. Open a new object here."""
 
 
 class Reentered(ShmError):
-    """A call of this end runs already, and was interrupted: without the extension in C no other may come in between."""
+    """A call was made during another call on the same publisher or subscriber, for example by a signal handler.
+
+    The extension in C allows such nested calls, and the engine in Python does not. borrow() also raises Reentered if a
+    sample is already borrowed.
+    """
 
 
 class Overwritten(ShmError):
-    """The writer has overwritten a sample that was read in place: what was read of it is nothing."""
+    """The writer has overwritten a borrowed sample. Discard all values that were read from this sample."""
 
 
 class LockTimeout(ShmError):
-    """The lock was not free in time, on a machine where going on without it is not safe."""
+    """The lock was not free in time, on a machine where access without the lock is unsafe (not x86)."""
 
 
 class PermissionDenied(ShmError):
-    """The operating system denies access to region, semaphore or group; or other users could write the region."""
+    """The operating system denies access to the region, semaphore or group, or other users could write the region."""
 
 
 class CallTimeout(ShmError):
-    """No response came in time. The server may still handle the request; its response is discarded."""
+    """No response arrived in time. The server may still handle the request; the client discards a late response."""
 
 
 class NoServer(CallTimeout):
@@ -68,11 +80,21 @@ class NoServer(CallTimeout):
 
 
 class CallFailed(ShmError):
-    """The server has reported that the call failed."""
+    """The server reported that the call failed."""
 
 
 class ValueRejected(ShmError, ValueError):
-    """A value that the message cannot carry. `path` is its field, as in `points[3].x`; `reason` the rest."""
+    """A value does not fit into the message.
+
+    `path` is the field, for example `points[3].x`. `reason` is the error text without the path.
+
+    ```python
+    try:
+        point = Point(x="far")
+    except ValueRejected as error:
+        print(error.path, error.reason)
+    ```
+    """
 
     def __init__(self, path: str, reason: str) -> None:
         super().__init__(f"{path}: {reason}" if path else reason)
@@ -83,18 +105,18 @@ class ValueRejected(ShmError, ValueError):
         return type(self), (self.path, self.reason)
 
     def inside(self: _Self, prefix: str) -> _Self:
-        """The same error seen from the message that holds this one in its field `prefix`."""
+        """Return a copy of this error whose `path` begins with `prefix`, the name of a field of the outer message."""
         joint = "." if self.path and not self.path.startswith("[") else ""
         return type(self)(f"{prefix}{joint}{self.path}", self.reason)
 
 
 class StringTooLong(ValueRejected):
-    """A string longer than its bound."""
+    """A string is longer than its capacity."""
 
 
 class OutOfRange(ValueRejected):
-    """A value outside the range of its type, or of another type altogether."""
+    """A value is outside the range of the field's type, or has another type."""
 
 
 class CountExceeded(ValueRejected):
-    """More elements than the bound allows, or another number than a fixed array has."""
+    """The number of elements exceeds the bound of a sequence, or differs from the length of a fixed array."""

@@ -1,10 +1,10 @@
-"""The server of a service: hands requests to Python, and its responses back."""
+"""The server of a service: passes requests to a Python handler and sends the responses."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from functools import partial
 from types import SimpleNamespace
 from typing import Any, Generic, NamedTuple, TypeVar
@@ -13,57 +13,62 @@ from shmgen.runtime.calls import CallServer, deadline_of, log_exception, skip_st
 from shmgen.runtime.errors import LockTimeout
 from shmgen.runtime.messages.message import Message
 from shmgen.runtime.publisher import Publisher
-from shmgen.runtime.region.resource import Closable
+from shmgen.runtime.region.resource import CallEnd, OpenRegion
 from shmgen.runtime.subscriber import Subscriber
 
 Request = TypeVar("Request", bound=Message)
 
 
 class Call(NamedTuple):
-    """A pending request; `number` counts the requests of the service."""
+    """A pending request. `number` is the sample number of the request and identifies the call.
+
+    ```python
+    with SetBoolServer("/lamp") as server:
+        if call := server.wait(timeout=1.0):
+            server.reply(call, SetBool_Response(success=call.request.data))
+    ```
+    """
 
     number: int
     request: Any
 
 
-class ServiceServer(Closable, Generic[Request]):
-    """Serves one service, one call at a time. Not for two threads at a time; forked children open their own."""
+class ServiceServer(CallEnd, Generic[Request]):
+    """Serve one service, one call at a time.
+
+    Only one thread at a time may use a server. A forked child must open its own server.
+
+    ```python
+    def switch(request):
+        return SetBool_Response(success=request.data)
+
+    with SetBoolServer("/lamp") as server:
+        server.serve(switch, timeout=1.0)
+    ```
+    """
 
     request_subscriber: type[Subscriber[Request]]
     reply_publisher: type[Publisher[Any]]
+    _calls: CallServer[Request, Any]
 
-    def __init__(
-        self,
-        service: str,
-        *,
-        lock_timeout: float | None = None,
-        mode: int | None = None,
-        group: str | int | None = None,
-        spin: float = 0.0,
-    ) -> None:
-        """Opens the service's regions or creates them; one server for each service. Requests pending before are stale.
-
-        `lock_timeout` (seconds), `mode`, `group` and `spin` as for a Subscriber, and its errors: ValueError,
-        LayoutMismatch, RegionInUse, PermissionDenied, RegionUnusable.
-        """
-        options: dict[str, Any] = {"lock_timeout": lock_timeout, "mode": mode, "group": group}
-        with ExitStack() as opened:
-            requests = opened.enter_context(self.request_subscriber(f"{service}-request", spin=spin, **options))
+    def _open(self, write: OpenRegion, read: OpenRegion) -> None:
+        requests = read(self.request_subscriber, "request")
+        skip_stale(requests)
+        responses = write(self.reply_publisher, "response")
+        if responses.engine_end.predecessor_may_be_alive:
             skip_stale(requests)
-            responses = opened.enter_context(self.reply_publisher(f"{service}-response", **options))
-            if responses._end.doubtful:
-                skip_stale(requests)
-            opened.pop_all()
         self._calls = CallServer(requests, responses)
         self._reply: Any = self.reply_publisher.message_type
-        self._service = service
 
     def serve(self, handler: Callable[[Request], Any], timeout: float | None = None) -> None:
-        """Replies to each request with what `handler(request)` returns: a response, or any object with its attributes.
+        """Call `handler(request)` for each request and send its return value as the response.
 
-        Ends after `timeout` seconds, or never. An exception in the handler, or a response that does not fit, makes
-        that call FAILED and is logged as `shmgen`; a KeyboardInterrupt or another BaseException ends serve(). A lock
-        timeout does not: the response then waits until the lock is free or the client has abandoned the call.
+        The handler returns a response message, or any object with the same attributes.
+        Return after `timeout` seconds, or when another thread or a signal handler closes the server.
+        If the handler raises an exception or the response does not fit, the call becomes FAILED and the exception is
+        logged by the logger `shmgen`. KeyboardInterrupt and any other BaseException end serve().
+        A lock timeout does not end serve(): the server retries until the lock is free, `timeout` is over, or the client
+        sends a newer request.
         """
         deadline = deadline_of(timeout)
         for call in until(deadline, self.wait):
@@ -72,48 +77,57 @@ class ServiceServer(Closable, Generic[Request]):
                 self._calls.retry_until_sent(partial(self.reply, call, response), deadline)
             except Exception:
                 self._calls.retry_until_sent(partial(self.fail, call), deadline)
-                log_exception(f"{self._service}: call {call.number} failed")
+                log_exception(f"{self._name}: call {call.number} failed")
             except BaseException:
                 with suppress(LockTimeout):
                     self.fail(call)
                 raise
 
     def take(self) -> Call | None:
-        """The newest request not taken yet, or None. Take or wait often: that is the heartbeat for a PLC."""
+        """Return the newest request that no call has returned yet, or None. Do not wait.
+
+        Call take() or wait() often: each call sends the heartbeat by which a PLC client recognizes a running server.
+        """
         return self.wait(0.0)
 
     def wait(self, timeout: float) -> Call | None:
-        """The newest request as soon as there is a new one, or None after `timeout` seconds.
+        """Return the newest request as soon as a new request arrives, or None after `timeout` seconds.
 
-        A request before it that was not taken is dropped: its client has abandoned it. One with a count above its
-        bound fails at once, and is logged as `shmgen`.
+        Drop older requests that no call has returned: the client has abandoned them. If a count in the request exceeds
+        its bound, the call fails at once and the failure is logged by the logger `shmgen`.
         """
         deadline = time.monotonic() + timeout
-        while taken := self._calls.take(max(0.0, deadline - time.monotonic())):
-            call = Call(*taken)
+        while request := self._calls.take(max(0.0, deadline - time.monotonic())):
+            call = Call(*request)
             self._calls.begin(call.number)
             if self._calls.is_usable(call.request, partial(self.fail, call)):
                 return call
         return None
 
-    def reply(self, call: Call, response: Any) -> bool:
-        """Sends the response; False if the call has one already, or a newer call has been taken.
+    async def wait_async(self, timeout: float) -> Call | None:
+        """Return the newest request as soon as it arrives, or None after `timeout` seconds. For coroutines."""
+        return await self._calls.wait_async(self.take, timeout)
 
-        Raises ValueRejected, with the path of the field, and LockTimeout; the call is then still pending.
+    def reply(self, call: Call, response: Any) -> bool:
+        """Send the response. Return False if the call already has a response, or if a newer call was taken.
+
+        Raises ValueRejected, with the path of the field, if a value does not fit.
+        Raises LockTimeout if this machine needs the lock (not x86) and the lock is not free in time.
+        After both errors the call is still pending.
         """
         return self._calls.send_response(
             call.number, SimpleNamespace(call=call.number, status=self._reply.DONE, response=response)
         )
 
     def fail(self, call: Call) -> bool:
-        """Reports to the client that the call failed; False as in reply(). Raises LockTimeout."""
-        return self._calls.send_response(call.number, self._reply(call=call.number, status=self._reply.FAILED))
+        """Report to the client that the call failed.
 
-    def close(self) -> None:
-        """Releases the service for another server; the regions stay."""
-        self._calls.close()
+        Return False if the call already has a response, or if a newer call was taken.
+        Raises LockTimeout as reply() does.
+        """
+        return self._calls.send_response(call.number, self._reply(call=call.number, status=self._reply.FAILED))
 
     @property
     def service(self) -> str:
-        """As given."""
-        return self._service
+        """The name of the service."""
+        return self._name

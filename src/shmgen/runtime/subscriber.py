@@ -1,10 +1,10 @@
-"""The subscriber of a topic: reads messages from its region."""
+"""The subscriber of a topic: reads messages from the topic's region."""
 
 from __future__ import annotations
 
 import mmap
 import time
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, Generic
 
@@ -12,23 +12,27 @@ from shmgen.core import abi
 from shmgen.runtime import engine
 from shmgen.runtime.errors import Closed, Overwritten, RegionRetired
 from shmgen.runtime.messages.in_place import InPlace
+from shmgen.runtime.messages.sample import M, Sample
 from shmgen.runtime.region.header import HEARTBEAT, steps
-from shmgen.runtime.region.resource import Closable, finish, kept_from_children
+from shmgen.runtime.region.resource import Endpoint, close_after_fork, finish
 from shmgen.runtime.region.settings import settings_for
-from shmgen.runtime.sample import M, Sample
 
 _POLL = abi.POLL_MS / 1000
-"""Seconds after which a sample is tried again that is there and cannot be had."""
+"""Seconds until the next try if a sample exists but cannot be read, for example because the lock is not free."""
 _FOR_EVER = 3e9
-"""Seconds: a century."""
-_AWHILE = 0.1
-"""Seconds for which a thread sleeps that waits for a coroutine."""
+"""Seconds: about a century, the longest timeout passed to the engine."""
 
 
-class Subscriber(Closable, Generic[M]):
-    """Reads one type from one topic: `for message in subscriber`, or one of its calls. Forked children open their own.
+class Subscriber(Endpoint, Generic[M]):
+    """Read messages of one type from one topic, by `for message in subscriber` or with the methods.
 
-    Threads may share it: each sample then goes to one of them.
+    Threads may share a subscriber: each sample then goes to one thread. A forked child must open its own subscriber.
+
+    ```python
+    with PoseSubscriber("/robot/pose") as subscriber:
+        if pose := subscriber.wait(timeout=1.0):
+            print(pose.position.x)
+    ```
     """
 
     message_type: type[M]
@@ -44,46 +48,61 @@ class Subscriber(Closable, Generic[M]):
         passive: bool = False,
         history: bool = False,
         spin: float = 0.0,
+        reopen: bool = True,
     ) -> None:
-        """Opens the region, or creates it if the writer has not yet; parameters and errors as for a publisher.
+        """Open the region, or create it if the writer has not done so. See Publisher for other parameters and errors.
 
-        The newest sample published before counts as unread; with `history` all of them do, as missed if they were
-        overwritten. `passive` is for tools that watch: the region must be there (RegionMissing), nothing is written
-        to it, nobody is kept from being woken, and only where the lock keeps the order (not on x86) it is taken.
-        Who waits looks for `spin` seconds before each sleep, 0.001 at most (in C): for a processor that
-        has slept takes longer to wake than most samples take to come.
+        The newest sample published before the opening counts as unread. With `history` all earlier samples count as
+        unread, and overwritten samples count as missed.
+        `passive` is for monitoring tools. A passive subscriber writes nothing to the region and does not affect
+        how other readers are woken. It acquires the lock only on machines that need the lock (not x86).
+        Raises RegionMissing if `passive` is set and the region does not exist.
+        `spin` is the time in seconds, at most 0.001, for which a waiting call polls before each sleep. Only the engine
+        in C polls. A sleeping processor takes longer to wake than most samples take to arrive.
+        If the region is removed, the next calls reopen the region within 0.1 s, increment `reopen_count`, and log the
+        first reopening as `shmgen`. All samples of the new region are unread. With `reopen=False`, and in a passive
+        subscriber, the calls raise RegionRetired.
         """
-        options = {"depth": depth, "lock_timeout": lock_timeout, "mode": mode, "group": group}
+        options = {"depth": depth, "lock_timeout": lock_timeout, "mode": mode, "group": group, "reopen": reopen}
         end = self._begin(topic, passive=passive, history=history, spin=spin, **options)
         finish([end])
         self._end = end
 
     def _begin(self, topic: str, **options: Any) -> Any:
-        """Begins to open it: see open_all()."""
+        """Begin to open the region, without waiting, and return the engine's reader. open_all() completes this."""
         kind = self.message_type
         of = settings_for("subscriber", kind, topic, codec=engine.codec(kind), **options)
+        self._closing: list[Callable[[], object]] = []
         self._topic, self._slots, self._size, self._passive = topic, of.header.slots, of.header.size, of.passive
-        self._map: mmap.mmap | None = None
+        self._map: tuple[int, mmap.mmap] | None = None
         self._beat: int | None = None
         self._beat_since = time.monotonic()
-        return kept_from_children(engine.Reader(of))
+        return close_after_fork(engine.Reader(of))
 
     def read(self) -> M | None:
-        """The newest sample, or None if it has been read already (or the lock is needed and not free)."""
+        """Return the newest sample, or None if it was read already.
+
+        Also return None if this machine needs the lock (not x86) and the lock is not free in time.
+        """
         message: M | None = self._end.read(None)
         return message
 
     def read_into(self, message: Any) -> bool:
-        """As read(), but fills `message`, a `message_type` or any object with the same attributes; True if new."""
+        """Read the newest sample into `message`. Return False if there is no unread sample.
+
+        `message` is a `message_type`, or any object with the same attributes.
+        """
         return bool(self._end.read_into(message))
 
     @contextmanager
     def borrow(self) -> Iterator[InPlace | None]:
-        """The newest sample where it lies, for a `with`, or None as for read(): for messages that take long to copy.
+        """Yield the newest sample in place, without a copy, or None as in read(). For large messages.
 
-        It is read-only, arrays of numbers as memoryviews. The writer may overwrite it meanwhile, and at the end of the
-        `with` what was read either counts or raises Overwritten. A `depth` of 3 or more leaves more time. Where the
-        lock is needed (not on x86) it is held. Reentered: one is borrowed already. ValueError: passive ones copy.
+        The sample is read-only, and its arrays of numbers are memoryviews. The writer may overwrite the sample during
+        the `with` block. A `depth` of 3 or more leaves more time. Machines that need the lock (not x86) hold the lock
+        until the block ends.
+        Raises Overwritten at the end of the block if the writer has overwritten the sample.
+        Raises Reentered if a sample is borrowed already. Raises ValueError if the subscriber is passive.
         """
         if self._passive:
             raise ValueError(f"{self._topic}: a passive subscriber reads copies; use read()")
@@ -92,9 +111,8 @@ class Subscriber(Closable, Generic[M]):
             yield None
             return
         try:
-            if self._map is None:
-                self._map = kept_from_children(mmap.mmap(self._end.file, self._size))
-            yield InPlace(self.message_type.from_buffer(self._map, at), self._map, at)
+            memory = self._memory()
+            yield InPlace(self.message_type.from_buffer(memory, at), memory, at)
         except BaseException as error:
             if self._end.give_back() or not isinstance(error, Exception):
                 raise
@@ -102,38 +120,47 @@ class Subscriber(Closable, Generic[M]):
         if not self._end.give_back():
             raise self._overwritten()
 
+    def _memory(self) -> mmap.mmap:
+        """Return a memory map of the region. The region is mapped once, and again after it was reopened."""
+        count = self._end.reopen_count
+        if self._map is None or self._map[0] != count:
+            self._map = count, close_after_fork(mmap.mmap(self._end.file, self._size))
+        return self._map[1]
+
     def _overwritten(self) -> Overwritten:
         return Overwritten(f"{self._topic}: the sample was overwritten while it was read in place; read the newest")
 
     def read_all(self) -> list[M]:
-        """Every unread sample not overwritten yet, the oldest first."""
+        """Return all unread samples that are not overwritten yet, the oldest first."""
         return [message for _, _, message in self.samples()]
 
     def samples(self) -> list[Sample[M]]:
-        """The same, each as (number, stamp, message)."""
+        """Return all unread samples that are not overwritten yet, as (number, stamp, message), the oldest first."""
         end = self._end
         samples: list[Sample[M]] = []
         try:
             while len(samples) < self._slots and (message := end.next()) is not None:
                 samples.append(Sample((end.sequence, end.stamp, message)))
         except RegionRetired:
-            if not samples:  # else the next call says so
+            if not samples:  # otherwise the next call raises it
                 raise
         return samples
 
     def ready(self, timeout: float) -> bool:
-        """Whether there is an unread sample, as soon as there is one or after `timeout` seconds; reads nothing.
+        """Return True as soon as there is an unread sample, or False after `timeout` seconds. Read nothing.
 
-        Sleeps as wait() does. Raises PermissionDenied.
+        The writer wakes all waiting readers.
+        Raises PermissionDenied if this user may not open the semaphore that wakes readers.
         """
-        return bool(self._end.ready(_ns(timeout)))
+        return bool(self._end.ready(_ns(_checked(timeout))))
 
     def wait(self, timeout: float) -> M | None:
-        """The newest sample as soon as there is a new one, or None after `timeout` seconds.
+        """Return the newest unread sample as soon as there is one, or None after `timeout` seconds.
 
-        The writer wakes all that wait. Raises PermissionDenied.
+        The writer wakes all waiting readers.
+        Raises PermissionDenied if this user may not open the semaphore that wakes readers.
         """
-        deadline = time.monotonic() + timeout
+        deadline = time.monotonic() + _checked(timeout)
         while self._end.ready(_ns(deadline - time.monotonic())):
             message: M | None = self._end.read(_ns(deadline - time.monotonic()))
             if message is not None or (left := deadline - time.monotonic()) <= 0:
@@ -142,7 +169,7 @@ class Subscriber(Closable, Generic[M]):
         return None
 
     def __iter__(self) -> Iterator[M]:
-        """The newest sample each time there is a new one, until the subscriber is closed."""
+        """Yield the newest sample each time a new sample arrives, until the subscriber is closed."""
         try:
             while True:
                 if (message := self.wait(1.0)) is not None:
@@ -151,16 +178,25 @@ class Subscriber(Closable, Generic[M]):
             return
 
     async def wait_async(self, timeout: float) -> M | None:
-        """As wait(), for coroutines: a thread of the event loop's executor sleeps."""
-        import asyncio  # takes longer to load than the rest of the runtime
+        """Return the newest unread sample as soon as there is one, or None after `timeout` seconds. For coroutines.
 
-        loop, deadline = asyncio.get_running_loop(), time.monotonic() + timeout
-        while (message := self.read()) is None and (left := deadline - time.monotonic()) > 0:
-            await loop.run_in_executor(None, self.ready, min(left, _AWHILE))
-        return message
+        One thread for each event loop waits on behalf of all coroutines.
+        """
+        from shmgen.runtime.event_loop import poll_until_found  # asyncio takes longer to load than the runtime
+
+        return await poll_until_found(self.read, self, _checked(timeout))
+
+    async def ready_async(self, timeout: float) -> bool:
+        """Return True as soon as there is an unread sample, or False after `timeout` seconds. For coroutines.
+
+        Read nothing, so that read_all() can then return all unread samples.
+        """
+        from shmgen.runtime.event_loop import poll_until_found  # asyncio takes longer to load than the runtime
+
+        return await poll_until_found(lambda: self.ready(0.0) or None, self, _checked(timeout)) is not None
 
     async def __aiter__(self) -> AsyncIterator[M]:
-        """`async for message in subscriber`, until it is closed."""
+        """Yield the newest sample each time a new sample arrives, until the subscriber is closed. For `async for`."""
         try:
             while True:
                 if (message := await self.wait_async(1.0)) is not None:
@@ -169,47 +205,48 @@ class Subscriber(Closable, Generic[M]):
             return
 
     def close(self) -> None:
-        """Closes the region, which stays as it is. Who waits in another thread is told: Closed."""
-        self._end.close()
-
-    @property
-    def topic(self) -> str:
-        """As given."""
-        return self._topic
+        """Close the region, which stays unchanged. Waiting calls in other threads raise Closed."""
+        super().close()
+        while self._closing:
+            self._closing.pop()()
 
     @property
     def sequence(self) -> int:
-        """Number of the newest sample read, 0 = none yet; after 2**32 - 1 comes the number of slots."""
+        """The number of the newest sample that was read, or 0 before the first.
+
+        After 2**32 - 1 the numbers restart at the number of slots.
+        """
         return int(self._end.sequence)
 
     @property
     def unread(self) -> int:
-        """Samples published since the newest one read, those overwritten meanwhile too."""
+        """The number of samples published since the newest sample that was read, including overwritten samples."""
         newest, last = self._end.newest(), self._end.last
         if newest in (0, last):
             return 0
         unread = steps(last, newest, self._slots)
-        return unread if unread < abi.RESTART_GAP else 1  # the region was begun anew and counts from 1 again
+        return unread if unread < abi.RESTART_GAP else 1  # the region was recreated: its numbers start at 1
 
     @property
     def missed(self) -> int:
-        """Samples overwritten unread: samples read and samples missed add up to samples written."""
+        """The number of samples that were overwritten before they were read.
+
+        Samples read and samples missed add up to samples written.
+        """
         return int(self._end.missed)
 
     @property
-    def lock_misses(self) -> int:
-        """How often the lock was not free in time."""
-        return int(self._end.lock_misses)
-
-    @property
     def age(self) -> float | None:
-        """Seconds since the newest sample read was written, by the wall clock; None without one or its stamp."""
+        """The age in seconds, by the wall clock, of the newest sample that was read.
+
+        The age is None if no sample was read, or if the sample has no stamp.
+        """
         return (time.time_ns() - self._end.stamp) / 1e9 if self._end.stamp else None
 
     def is_stale(self, timeout: float) -> bool:
-        """Whether the writer's heartbeat has not changed for `timeout` seconds, as seen by calls of this method.
+        """Return True if the writer's heartbeat has not changed for `timeout` seconds between calls of this method.
 
-        Call it in each cycle; before the first call the time counts from the opening.
+        Call this method in each cycle. Before the first call, the time counts from the opening of the subscriber.
         """
         beat, now = self._end.load(HEARTBEAT), time.monotonic()
         if beat != (self._end.beat if self._beat is None else self._beat):
@@ -217,11 +254,21 @@ class Subscriber(Closable, Generic[M]):
         self._beat = beat
         stale = now - self._beat_since >= timeout
         if stale:
-            self._end.is_removed()
+            self._end.check()
         return stale
+
+    def _on_close(self, work: Callable[[], object]) -> None:
+        """Register `work`, a function to call when this subscriber is closed, after its reader is closed."""
+        self._closing.append(work)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self._topic!r}, sequence={self.sequence}, missed={self.missed})"
+
+
+def _checked(timeout: float) -> float:
+    if isinstance(timeout, str) or not hasattr(timeout, "__float__"):
+        raise TypeError(f"a timeout is a number of seconds, not {timeout!r:.40} ({type(timeout).__name__})")
+    return timeout
 
 
 def _ns(seconds: float) -> int:

@@ -1,1 +1,1 @@
-"""Layouts as a person looks at them: tables, JSON, drawings."""
+"""Shows layouts to people: as tables, JSON and drawings."""

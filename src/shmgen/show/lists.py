@@ -1,4 +1,4 @@
-"""Lists of the types in force and of the messages in reach, for a person or a program."""
+"""Format the table of types and the list of available messages, as text or JSON."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from shmgen.targets.st.names import iec_element
 
 
 def type_table(options: TypeOptions) -> str:
-    """ROS, IEC 61131-3, C, bytes."""
+    """Return a table of the types to which each ROS type is converted: ROS, IEC 61131-3, C, bytes."""
     lines = [("ROS", "IEC 61131-3", "C", "bytes")]
     for scalar in Scalar:
         also = {Scalar.UINT8: "uint8, char, byte", Scalar.INT8: "int8 (ROS 1: byte)"}.get(scalar, scalar.value)
@@ -36,9 +36,10 @@ def type_table(options: TypeOptions) -> str:
 
 
 def inventory(entries: list[Item], machine: bool, default: int | None = None) -> str:
-    """What can be generated, and what each other message still needs; `machine` gives JSON.
+    """Return the list of available messages as text, with the size, the missing bounds or the errors of each.
 
-    `default` is that of [bounds], if it has one.
+    If `machine` is true, return the list as JSON. `default` is the value of the key `default` in [bounds]: the number
+    of elements of a sequence without a bound of its own. None means that the key is missing.
     """
     if machine:
         data = [
@@ -46,22 +47,22 @@ def inventory(entries: list[Item], machine: bool, default: int | None = None) ->
                 "type": str(entry.name),
                 "size": entry.size,
                 "unbounded": entry.unbounded,
-                "faults": [{"code": fault.code, "message": fault.message} for fault in entry.faults],
+                "faults": [{"code": fault.code, "message": fault.message} for fault in entry.diagnostics],
                 "defaulted": entry.defaulted,
             }
             for entry in entries
         ]
         return json.dumps(data, indent=2) + "\n"
     width = max((len(entry.name.short) for entry in entries), default=0)
-    lines = [f"{entry.name.short:<{width}}  {_standing(entry)}" for entry in entries]
-    ready = sum(entry.size is not None and not entry.faults for entry in entries)
+    lines = [f"{entry.name.short:<{width}}  {_status(entry)}" for entry in entries]
+    ready = sum(entry.size is not None and not entry.diagnostics for entry in entries)
     lines += ["", f"{ready} of {len(entries)} can be generated."]
     stopped = [key for entry in entries for key in entry.unbounded]
     if stopped:
-        lines.append(f'Lines under [bounds] in shmgen.toml are wanted, such as "{stopped[0]}" = 8')
+        lines.append(f'Add lines under [bounds] in shmgen.toml, such as "{stopped[0]}" = 8')
     if default:
         lines.append(f"* of {default} by [bounds] default")
-    codes = sorted({fault.code for entry in entries for fault in entry.faults})
+    codes = sorted({fault.code for entry in entries for fault in entry.diagnostics})
     if codes:
         lines.append("Run " + " or ".join(f"`shmgen explain {code}`" for code in codes) + " for details")
     return "\n".join(lines) + "\n"
@@ -70,19 +71,19 @@ def inventory(entries: list[Item], machine: bool, default: int | None = None) ->
 _KEYS_SHOWN = 3
 
 
-def _standing(entry: Item) -> str:
-    if entry.faults and entry.size is None:
-        first, *others = entry.faults
+def _status(entry: Item) -> str:
+    if entry.diagnostics and entry.size is None:
+        first, *others = entry.diagnostics
         where = f"{first.span.path}:{first.span.line}" if first.span.line else first.span.path
         return f"{first.code} {where}: {first.message}" + (f" and {len(others)} more" if others else "")
-    if entry.faults:
-        return "; ".join(f"{fault.code} {fault.field}: {fault.message}" for fault in entry.faults)
+    if entry.diagnostics:
+        return "; ".join(f"{fault.code} {fault.field}: {fault.message}" for fault in entry.diagnostics)
     if entry.size is not None:
         size = f"{counted(entry.size, 'byte'):>15}"
-        return f"{size}  * {_some(entry.defaulted)}" if entry.defaulted else size
-    return f"needs a bound for {_some(entry.unbounded)}"
+        return f"{size}  * {_first_keys(entry.defaulted)}" if entry.defaulted else size
+    return f"needs a bound for {_first_keys(entry.unbounded)}"
 
 
-def _some(keys: tuple[str, ...]) -> str:
+def _first_keys(keys: tuple[str, ...]) -> str:
     more = f" and {len(keys) - _KEYS_SHOWN} more" if len(keys) > _KEYS_SHOWN else ""
     return ", ".join(keys[:_KEYS_SHOWN]) + more

@@ -1,4 +1,4 @@
-"""Draws the memory of one Layout, 8 bytes a line, one colour a field."""
+"""Draw the memory of one Layout: 8 bytes in a line, one colour for each field."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from shmgen.core.plural import counted
 from shmgen.show.table import Row, rows
 
 BYTES_PER_LINE = 8
-LONGEST = 3
-"""Lines; a member that fills more of them is drawn shortened."""
-_CUT = "\u2026"
+MAX_LINES = 3
+"""Largest number of lines for one field. A longer field is drawn shortened."""
+_ELLIPSIS = "\u2026"
 _COLOURS = 8
 _CELL, _LINE, _LEFT, _TOP = 74, 34, 64, 84
 _CHARACTER = 7
@@ -20,7 +20,10 @@ _CHARACTER = 7
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """A stretch of one line of the map, in pixels; `style` is a class of the drawing's style sheet."""
+    """A rectangle of the drawing, in pixels: the bytes of one field in one line.
+
+    `style` is a class of the drawing's style sheet.
+    """
 
     x: int
     y: int
@@ -33,7 +36,7 @@ class Box:
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """A text at a place, in pixels."""
+    """A text of the drawing and its position in pixels."""
 
     x: int
     y: int
@@ -42,7 +45,7 @@ class Mark:
 
 @dataclass(frozen=True, slots=True)
 class MemoryMap:
-    """One drawing; every string is XML-safe."""
+    """The template data for the drawing of one message. All strings are safe for XML."""
 
     title: str
     subtitle: str
@@ -54,8 +57,8 @@ class MemoryMap:
 
 
 def plan(layout: Layout, layouts: Layouts) -> Output:
-    """A picture of the message; nested messages are drawn by their members, long arrays are shortened."""
-    leaves = [row for row in rows(layout, layouts) if not _is_inside_array(row) and not _is_opened(row)]
+    """Plan a drawing of a message's memory. Nested messages appear as their fields, and long arrays are shortened."""
+    leaves = [row for row in rows(layout, layouts) if not _is_inside_array(row) and not _has_rows_below(row)]
     fields = dict.fromkeys(_field(row) for row in leaves if row.role in ("data", "count"))
     styles = {field: f"c{index % _COLOURS}" for index, field in enumerate(fields)}
     lines = _lines(leaves, layout.size)
@@ -82,7 +85,11 @@ def plan(layout: Layout, layouts: Layouts) -> Output:
 
 
 def _box(row: Row, line: tuple[int, int], y: int, style: str) -> Box:
-    """The part of a member that lies on one line of the drawing, which may stand for many lines of memory."""
+    """Return the rectangle for a field in one line of the drawing.
+
+    `row` is the field, or a count or padding. The line of the drawing shows the lines of memory from `line[0]` to
+    `line[1]`.
+    """
     first, last = line
     start = max(row.offset, first * BYTES_PER_LINE)
     stop = min(row.offset + row.size, (last + 1) * BYTES_PER_LINE)
@@ -101,20 +108,26 @@ def _is_inside_array(row: Row) -> bool:
     return "[0]." in row.path
 
 
-def _is_opened(row: Row) -> bool:
-    """A nested message, drawn by its members."""
+def _has_rows_below(row: Row) -> bool:
+    """Return True for a nested message, which appears as its fields."""
     return row.nested and "[" not in row.ros
 
 
 def _field(row: Row) -> str:
-    """The user's field that a member belongs to."""
+    """Return the name of the message's own field to which a row belongs.
+
+    A row of a nested message belongs to the outer field, and a count belongs to its sequence.
+    """
     return row.path.partition(".")[0].removesuffix("_count" if row.role == "count" else "")
 
 
 def _lines(leaves: list[Row], size: int) -> list[tuple[int, int]]:
-    """First and last line of memory behind each line of the drawing: the middle of what is long is one line."""
+    """Return the first and the last row of memory that each line of the drawing shows. A row has 8 bytes.
+
+    A line normally shows one row. In a long array, one line shows all rows except the first and the last.
+    """
     spans = [(-(-row.offset // BYTES_PER_LINE), (row.offset + row.size) // BYTES_PER_LINE) for row in leaves]
-    long = {first: stop for first, stop in spans if stop - first > LONGEST}
+    long = {first: stop for first, stop in spans if stop - first > MAX_LINES}
     lines: list[tuple[int, int]] = []
     line = 0
     while line < -(-size // BYTES_PER_LINE):
@@ -128,23 +141,29 @@ def _lines(leaves: list[Row], size: int) -> list[tuple[int, int]]:
 
 
 def _label(row: Row, line: int, pixels: int) -> str:
-    """Of a member where it begins; on its second line only if the name was cut there, marked as what goes on."""
+    """Return the label of a field in the line of memory `line`, or `""` if the line gets no label.
+
+    The first line of a field has a label. If the name was truncated there, the second line repeats the label.
+    """
     begins = row.offset // BYTES_PER_LINE
     head = min(row.size, BYTES_PER_LINE - row.offset % BYTES_PER_LINE)
     if line == begins:
-        return _fitting(row, pixels)
-    cut = _fitting(row, head * _CELL - 2).startswith(_CUT)
-    return f"{_CUT} {_fitting(row, pixels - 2 * _CHARACTER)}" if cut and line == begins + 1 else ""
+        return _shortened(row, pixels)
+    cut = _shortened(row, head * _CELL - 2).startswith(_ELLIPSIS)
+    return f"{_ELLIPSIS} {_shortened(row, pixels - 2 * _CHARACTER)}" if cut and line == begins + 1 else ""
 
 
-def _fitting(row: Row, pixels: int) -> str:
-    """As much as fits: path and type, path, name, or the end of the name, by which neighbours differ."""
-    room = (pixels - 10) // _CHARACTER
+def _shortened(row: Row, pixels: int) -> str:
+    """Return the longest label of a field that fits into `pixels`: path and type, path, name, or the end of the name.
+
+    The end is kept, because names of neighbouring fields often differ only at the end.
+    """
+    capacity = (pixels - 10) // _CHARACTER
     name = row.path.rpartition(".")[2]
     for text in (f"{row.path} : {row.ros}", row.path, name):
-        if len(text) <= room:
+        if len(text) <= capacity:
             return text
-    return _CUT + name[-(room - 1) :]
+    return _ELLIPSIS + name[-(capacity - 1) :]
 
 
 def _xml(text: str) -> str:

@@ -1,4 +1,4 @@
-"""Shows one Layout as an offset table or as JSON."""
+"""Show a Layout as a table of offsets or as JSON."""
 
 from __future__ import annotations
 
@@ -16,7 +16,10 @@ from shmgen.targets.st.names import iec_type
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A slot at its place in the whole message; `depth` counts the messages around it."""
+    """A row of the table: a field, count or padding, with its offset from the start of the whole message.
+
+    `depth` is the number of nested messages around the field.
+    """
 
     offset: int
     size: int
@@ -31,16 +34,26 @@ class Row:
 
 
 def rows(layout: Layout, layouts: Layouts) -> list[Row]:
-    """All slots in order, each nested message followed by its own; an array of messages by those of element 0."""
+    """Return a row for each field, count and padding of a message, in order of the offsets.
+
+    A nested message is followed by the rows of its fields, and an array of messages by the rows of its element 0.
+    """
     return list(_rows(layout, layouts, 0, 0, ""))
 
 
 def table(layout: Layout, layouts: Layouts) -> str:
-    """Offset, size, ROS type, IEC type and name in columns, nested members indented."""
+    """Return a table of offset, size, name, ROS type and IEC type. Fields of nested messages are indented."""
     all_rows = rows(layout, layouts)
     known = _known(layouts)
     lines = [
-        (str(row.offset), str(row.size), row.ros, row.iec, "  " * row.depth + row.path.rpartition(".")[2], _remark(row))
+        (
+            str(row.offset),
+            str(row.size),
+            row.ros,
+            row.iec,
+            "  " * row.depth + row.path.rpartition(".")[2],
+            _comment(row),
+        )
         for row in all_rows
     ]
     head = ("offset", "size", "ROS", "IEC 61131-3", "name", "")
@@ -60,8 +73,8 @@ def table(layout: Layout, layouts: Layouts) -> str:
     return "\n".join(text) + "\n"
 
 
-def as_json(shown: Iterable[Layout], layouts: Layouts) -> str:
-    """The same of one or more messages for machines, always a list; offsets and sizes in bytes."""
+def as_json(layouts_shown: Iterable[Layout], layouts: Layouts) -> str:
+    """Return the layouts of one or more messages as a JSON list; offsets and sizes are in bytes."""
     data = [
         {
             "type": str(layout.name),
@@ -73,7 +86,7 @@ def as_json(shown: Iterable[Layout], layouts: Layouts) -> str:
             "region_size": region_size(layout.size),
             "slots": [asdict(row) for row in rows(layout, layouts)],
         }
-        for layout in shown
+        for layout in layouts_shown
     ]
     return json.dumps(data, indent=2) + "\n"
 
@@ -83,7 +96,10 @@ def _known(layouts: Layouts) -> dict[TypeName, Message]:
 
 
 def _place(message: Message) -> list[str]:
-    """Where a definition from outside the project lies on this machine; its origin does not say."""
+    """Return the line `read from PATH` if the definition is outside the project, otherwise no line.
+
+    The line follows the line `from ORIGIN`, because ORIGIN does not contain the path of such a definition.
+    """
     return [f"read from {message.span.path}"] if os.path.isabs(message.span.path) else []
 
 
@@ -119,7 +135,7 @@ def _ros(slot: Slot) -> str:
             return ros_type(slot.field.type)
 
 
-def _remark(row: Row) -> str:
+def _comment(row: Row) -> str:
     unit = f"[{row.unit}] " if row.unit else ""
     first = row.doc.partition("\n")[0]
     return unit + (first if len(first) <= 60 else first[:59] + "…")

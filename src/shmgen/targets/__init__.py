@@ -1,19 +1,17 @@
-"""What a target is, and the tuple of all: a room each, which turns a Job into Outputs.
+"""List all targets. A target turns a Job into the files of one output language.
 
-This file holds keys and the names of modules; nothing of a target's code is loaded by it. So
-the configuration can take its keys from here without knowing more of a target than its name, and one that is not asked
-for costs nothing at start-up.
+This file names the module of each target but does not import the modules. The configuration can therefore list the keys
+cheaply, and an unselected target adds nothing to the start-up time.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
 
 from shmgen.core.diagnostics import Report
-from shmgen.core.fast_dataclass import dataclass
 from shmgen.core.model import Action, Layouts, Output, Regions, Service, Topic
 
 if TYPE_CHECKING:
@@ -21,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class Source(NamedTuple):
-    """A file of the user's own Structured Text, and the programs in it that a task is to call."""
+    """A file of the user's own Structured Text, and the programs in the file that a task must call."""
 
     text: str
     programs: tuple[str, ...]
@@ -29,11 +27,11 @@ class Source(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """What of shmgen.toml shapes a target's files beside the layouts.
+    """The settings from shmgen.toml that change a target's files. The layouts of the messages are not part of them.
 
-    `distribution` is `robot-shm 1.2.0` or nothing; with `beside`, Python's files bring the runtime with them;
-    `task_interval` is in milliseconds; `node` is the bridge's name in the graph; `configuration` is what shmgen.toml
-    says, as it was read.
+    `distribution` is the name and version of the Python package, such as `robot-shm 1.2.0`, or `""`. If `beside` is
+    true, the Python files include the runtime. `task_interval` is in milliseconds. `node` is the bridge's node name in
+    the ROS graph. `configuration` is the parsed content of shmgen.toml.
     """
 
     regions: Regions = field(default_factory=Regions)
@@ -46,9 +44,8 @@ class Options:
     configuration: Mapping[str, Any] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True)
-class RenderedFile:
-    """A file of another target, as it was planned and as it was printed."""
+class RenderedFile(NamedTuple):
+    """A rendered file of a target: `output` is its plan (path, template and data), and `text` is its content."""
 
     output: Output
     text: str
@@ -56,9 +53,10 @@ class RenderedFile:
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """What a target turns into files. `package` is the name that all generated code goes by, `shm_msgs`.
+    """The input of a target: the layouts of all messages, and the settings of shmgen.toml.
 
-    `printed` are, by their keys, the targets that this one may be `after`.
+    `package` is the name of all generated code, such as `shm_msgs`. Some targets include the files of other targets.
+    `rendered` contains these other files, by the key of the target that rendered them.
     """
 
     layouts: Layouts
@@ -67,40 +65,48 @@ class Job:
     services: tuple[Service, ...] = ()
     actions: tuple[Action, ...] = ()
     options: Options = field(default_factory=Options)
-    printed: Mapping[str, tuple[RenderedFile, ...]] = field(default_factory=dict)
+    rendered: Mapping[str, tuple[RenderedFile, ...]] = field(default_factory=dict)
 
     @property
     def uses(self) -> tuple[Topic | Service | Action, ...]:
-        """All that shmgen.toml gives a name in the graph."""
+        """All topics, services and actions of shmgen.toml."""
         return (*self.topics, *self.services, *self.actions)
 
 
 class TargetModule(Protocol):
-    """The module with a target's code. `NAMES` is None only where it makes no name of the user's."""
+    """The interface of a module that implements a target: its naming rules and its `plan` function.
+
+    `NAMES` is None if the target derives no names from the user's names.
+    """
 
     @property
     def NAMES(self) -> Names | None: ...
 
     def plan(self, job: Job, report: Report) -> Iterator[Output]:
-        """The target's files, below a folder of its own. Names that meet are reported before; anything else here."""
+        """Yield the target's files, each path below the target's own folder.
+
+        The pipeline has already reported colliding names. This method reports all other errors.
+        """
 
 
-@dataclass(frozen=True, slots=True)
-class Target:
-    """A target: its key in shmgen.toml, and what loads its room.
+class Target(NamedTuple):
+    """A target: its key in shmgen.toml, and the function that loads its module.
 
-    `after` are the keys of those whose files this one takes in; they are then planned and printed too, but written
-    only where they are asked for themselves. `opt_in` is for what is written only where shmgen.toml asks for it.
+    `after` lists the targets whose files this target includes. These targets are also planned and rendered, but
+    written only if the user requests them. An `opt_in` target is written only if shmgen.toml names it.
     """
 
     key: str
-    room: Callable[[], TargetModule]
+    load: Callable[[], TargetModule]
     after: tuple[str, ...] = ()
     opt_in: bool = False
 
 
 def _module(name: str, within: str = "") -> Callable[[], TargetModule]:
-    """What loads a module of this package, or an object in it."""
+    """Return a function that imports the submodule `name` of this package and returns the submodule.
+
+    If `within` is given, the function returns the object of this name in the submodule instead.
+    """
 
     def load() -> TargetModule:
         module = import_module(f"{__name__}.{name}")
@@ -125,7 +131,7 @@ TARGETS = (
     Target("cpp_ros1", _module("cpp_ros.convert", "ROS1"), opt_in=True),
     Target("ros1", _module("ros.package", "ROS1"), opt_in=True),
 )
-"""Each stands behind the one it is `after`."""
+"""All targets. Each target follows the targets in its `after`."""
 KEYS = tuple(target.key for target in TARGETS)
 USUAL = tuple(target.key for target in TARGETS if not target.opt_in)
-"""Those written where shmgen.toml says nothing of targets."""
+"""The keys of the targets that are written if shmgen.toml names no targets."""

@@ -1,4 +1,4 @@
-"""Finds the counts in a message, which a reader compares with their bounds before it uses them."""
+"""Find the counts in a message. A reader compares each count with its bound before it uses the count."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from shmgen.core.model import Layout, Layouts, Ref, Role, Sequence, Slot
 
 
 def holds_counts(layout: Layout, layouts: Layouts) -> bool:
-    """Whether the message has a sequence, here or further in."""
+    """Return True if the message or a message in its fields has a sequence."""
     return any(
         slot.role is Role.COUNT or (isinstance(slot.type, Ref) and holds_counts(layouts[slot.type.name], layouts))
         for slot in layout.slots
@@ -14,7 +14,7 @@ def holds_counts(layout: Layout, layouts: Layouts) -> bool:
 
 
 def bound(count: Slot) -> int:
-    """How many elements there may be."""
+    """Return the bound of a sequence, from the layout entry (Slot) of the sequence's count."""
     assert count.field is not None, "a count is that of a field"
     assert isinstance(count.field.type, Sequence)
     assert count.field.type.capacity is not None, "bounds come before layout"
@@ -22,5 +22,5 @@ def bound(count: Slot) -> int:
 
 
 def counts(layout: Layout) -> dict[str, Slot]:
-    """The count of each sequence by the field's name."""
+    """Map the name of each sequence in a message to the layout entry (Slot) of its count."""
     return {slot.field.name: slot for slot in layout.slots if slot.role is Role.COUNT and slot.field}

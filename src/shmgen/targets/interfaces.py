@@ -1,4 +1,4 @@
-"""Finds the services and actions that the layouts hold whole, so that their clients and servers can be generated."""
+"""Find the services and actions that get clients and servers, because all their messages are generated."""
 
 from __future__ import annotations
 
@@ -8,12 +8,15 @@ from shmgen.core.model import Layouts, TypeName
 
 
 def services(layouts: Layouts) -> Iterator[TypeName]:
-    """`std_srvs/srv/SetBool`, where its request and its reply were asked for; their names are `part`s of it."""
+    """Yield each service whose request and reply messages are both generated, such as `std_srvs/srv/SetBool`.
+
+    Append `_Request` or `_Reply` with `name.part()` to get the name of one of the two messages.
+    """
     return _whole(layouts, "srv", "_Request", "_Reply")
 
 
 def actions(layouts: Layouts) -> Iterator[TypeName]:
-    """`control_msgs/action/GripperCommand`, where all that travels was asked for."""
+    """Yield each action whose messages are all generated, such as `control_msgs/action/GripperCommand`."""
     return _whole(layouts, "action", "_Command", "_Progress", "_Outcome")
 
 

@@ -1,7 +1,7 @@
-"""What a target says of its names, and the checks of them: names that meet are reported, whoever prints them.
+"""Describe how a target derives its names, and report names that collide.
 
-A target's own words stand in its room (`python/names.py` and so on). The checks are done by the pipeline for every
-target that is asked for, so that none can forget one.
+Each target lists its reserved words in its own package (`python/names.py` and so on). The pipeline runs these checks
+for every requested target, so that no target can omit them.
 """
 
 from __future__ import annotations
@@ -11,39 +11,44 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import NamedTuple
 
 from shmgen.core.diagnostics import Report, Span
-from shmgen.core.fast_dataclass import dataclass
 from shmgen.core.model import Action, Layout, Layouts, Role, Service, Topic, TypeName
 
 
 class ClaimedName(NamedTuple):
-    """What a message becomes in a target: `what` it is ("class", "file"), its name, and the space it must be alone in.
+    """A name that a message occupies in a target: a `name` of a `kind`, such as "class" or "file".
 
-    `of` is what it stands for where that is not the one message, such as its package. `follows`: it is made of another
-    of the message's names, and where those of two messages meet nobody wants to hear of it as well.
+    `space` is the name space, such as a C++ namespace. Two messages must not occupy the same name of one kind in one
+    space. The exception is two claims with the same `owner`, such as a package whose namespace the messages share. If
+    `is_derived` is true, the name is derived from another name of the message. A collision of derived names is not
+    reported if the original names already collide.
     """
 
-    what: str
+    kind: str
     name: str
     space: str = ""
-    of: str = ""
-    follows: bool = False
+    owner: str = ""
+    is_derived: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Names:
-    """What a target, called `title` in diagnostics, does to names.
+class Names(NamedTuple):
+    """The rules by which a target derives its names from the user's names.
 
-    `member` and `constant` give a field and a constant a name that the language accepts. `made(layout, package)` is all
-    that a message takes of spaces that it shares with other messages: types, files, macros. `fold` maps names that the
-    language takes for one to one. `own` are the target's names in those spaces, `own_constants` those beside the
-    constants of each message. With `constants_apart` a constant may be called as a field, as it has another space.
-    `use` names what stands for a topic, service or action, where there is such a thing.
+    * `title`: the target's name in diagnostics.
+    * `member`, `constant`: functions that return a valid name for a field and for a constant.
+    * `claims(layout, package)`: a function that returns the names of a message's types, files and macros. These names
+      must be unique among all messages.
+    * `fold`: a function that returns the same text for two names if the language does not distinguish the names. If the
+      language ignores case, `fold` returns the name in upper case.
+    * `own`: the type, file and macro names that the target itself uses.
+    * `own_constants`: the constants that the target adds to each message.
+    * `constants_apart`: True if a constant and a field of a message may have the same name.
+    * `use`: a function that returns the name of a topic, service or action. None if the target generates no such name.
     """
 
     title: str
     member: Callable[[str], str]
     constant: Callable[[str], str]
-    made: Callable[[Layout, str], Iterable[ClaimedName]]
+    claims: Callable[[Layout, str], Iterable[ClaimedName]]
     fold: Callable[[str], str] = str
     own: Collection[str] = ()
     own_constants: Collection[str] = ()
@@ -52,12 +57,15 @@ class Names:
 
 
 def words(text: str) -> frozenset[str]:
-    """A list of words as it stands in a room."""
+    """Return the words of a text, separated by blanks, such as the reserved words of a target."""
     return frozenset(text.split())
 
 
 def file_stem(name: TypeName) -> str:
-    """`JointState` -> `joint_state`, `SetBool_Request` -> `set_bool_request`: lower case, as rosidl names files."""
+    """Return the file name without its extension, in the lower case of rosidl: `JointState` -> `joint_state`.
+
+    `SetBool_Request` becomes `set_bool_request`.
+    """
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Za-z0-9])(?=[A-Z][a-z])", "_", name.name).lower()
 
 
@@ -69,12 +77,13 @@ def check(
     keys: Sequence[str],
     report: Report,
 ) -> None:
-    """Reports all names of `layouts` and `uses` that meet in a target: SHM203, or SHM204 where one is shmgen's.
+    """Report all names in `layouts` and `uses` that collide in a target.
 
-    `keys` are what the user leaves out of `targets` in shmgen.toml to be rid of the target.
+    The diagnostic is SHM203, or SHM204 for a collision with a name that shmgen adds. `keys` are the target's keys. The
+    hint suggests removing these keys from `targets` in shmgen.toml.
     """
     quoted = " and ".join(f'"{key}"' for key in keys)
-    way_out = f"rename one of them, or leave {quoted} out of `targets` in shmgen.toml"
+    way_out = f"rename one of them, or remove {quoted} from `targets` in shmgen.toml"
     _check_messages(layouts, package, names, way_out, report)
     for layout in layouts.values():
         members = [names.member(slot.name) for slot in layout.slots]
@@ -89,31 +98,34 @@ def check(
 
 def _check_messages(layouts: Layouts, package: str, names: Names, way_out: str, report: Report) -> None:
     own = {names.fold(name) for name in names.own}
-    all_made = [(layout, made) for layout in layouts.values() for made in names.made(layout, package)]
-    kinds = {what: number for number, what in enumerate(dict.fromkeys(made.what for _, made in all_made))}
+    all_claims = [(layout, claim) for layout in layouts.values() for claim in names.claims(layout, package)]
+    kinds = {kind: number for number, kind in enumerate(dict.fromkeys(claim.kind for _, claim in all_claims))}
     seen: dict[tuple[str, str, str], tuple[Layout, ClaimedName]] = {}
-    told: set[tuple[TypeName, TypeName]] = set()
-    for layout, made in sorted(all_made, key=lambda found: kinds[found[1].what]):
-        place, name, folded = layout.message.span, layout.name, names.fold(made.name)
+    reported: set[tuple[TypeName, TypeName]] = set()
+    for layout, claim in sorted(all_claims, key=lambda pair: kinds[pair[1].kind]):
+        span, name, folded = layout.message.span, layout.name, names.fold(claim.name)
         if folded in own:
-            fault = f"{name} becomes the {made.what} `{made.name}`, which shmgen adds in {names.title}"
-            report.error("SHM204", fault, place, hint="rename the message")
-        space = names.fold(made.space), made.what, folded
-        other, first = seen.setdefault(space, (layout, made))
-        if first is made or (made.follows and (other.name, name) in told):
+            fault = f"{name} becomes the {claim.kind} `{claim.name}`, which shmgen adds in {names.title}"
+            report.error("SHM204", fault, span, hint="rename the message")
+        space = names.fold(claim.space), claim.kind, folded
+        other, first = seen.setdefault(space, (layout, claim))
+        if first is claim or (claim.is_derived and (other.name, name) in reported):
             continue
-        if (first.of or str(other.name)) != (made.of or str(name)):
-            told.add((other.name, name))
-            case = "" if made.name == first.name else ", which ignores case"
-            fault = f"{other.name} and {name} both become the {made.what} `{made.name}` in {names.title}{case}"
-            report.error("SHM203", fault, place, hint=way_out)
+        if (first.owner or str(other.name)) != (claim.owner or str(name)):
+            reported.add((other.name, name))
+            case = "" if claim.name == first.name else ", which ignores case"
+            fault = f"{other.name} and {name} both become the {claim.kind} `{claim.name}` in {names.title}{case}"
+            report.error("SHM203", fault, span, hint=way_out)
 
 
 class _Named(NamedTuple):
-    """A name and what it becomes; `role` says what the generator has it for, and is empty where it is the user's."""
+    """A name with its form in the target, to find collisions. A collision is reported at `span`.
+
+    `role` is the purpose of a name that the generator adds, or `""` for a name from the user.
+    """
 
     name: str
-    made: str
+    target_name: str
     role: str
     span: Span
 
@@ -136,12 +148,15 @@ def _constants(layout: Layout, names: Names) -> list[_Named]:
 
 
 def _check_one(layout: Layout, names: Names, way_out: str, report: Report) -> None:
-    """A message in which some meet, which is rare, and sooner seen than where they stand."""
+    """Report the fields and constants of one message whose names collide in a target.
+
+    This check is slow, so check() calls this function only if a faster test has found a collision.
+    """
     first: dict[tuple[bool, str], _Named] = {}
     all_named = [(named, False) for named in _members(layout, names)]
     all_named += [(named, names.constants_apart) for named in _constants(layout, names)]
     for named, apart in all_named:
-        other = first.setdefault((apart, names.fold(named.made)), named)
+        other = first.setdefault((apart, names.fold(named.target_name)), named)
         if other is named or report.is_enough(named.span.path):
             continue
         theirs, ours = (named, other) if other.role else (other, named)
@@ -156,7 +171,7 @@ def _check_one(layout: Layout, names: Names, way_out: str, report: Report) -> No
         else:
             report.error(
                 "SHM203",
-                f"`{other.name}` and `{named.name}` are one name in {names.title}{_why(other, named, names)}",
+                f"`{other.name}` and `{named.name}` become the same name in {names.title}{_why(other, named, names)}",
                 named.span,
                 field=f"{layout.name.short}.{named.name}",
                 hint=way_out,
@@ -167,8 +182,8 @@ def _why(one: _Named, other: _Named, names: Names) -> str:
     if names.fold(one.name) == names.fold(other.name):
         return ", which ignores case"
     for named in (one, other):
-        if named.made != named.name:
-            return f": `{named.name}` becomes `{named.made}`"
+        if named.target_name != named.name:
+            return f": `{named.name}` becomes `{named.target_name}`"
     return ""
 
 
@@ -180,9 +195,9 @@ def _check_uses(uses: Iterable[Topic | Service | Action], names: Names, way_out:
         other = seen.setdefault(names.fold(name), use)
         if other is not use:
             case = ", which ignores case" if names.fold("a") == names.fold("A") else ""
-            fault = f"{_shown(other)} and {_shown(use)} are both `{name}` in {names.title}{case}"
+            fault = f"{_described(other)} and {_described(use)} both become `{name}` in {names.title}{case}"
             report.error("SHM203", fault, use.span, hint=way_out)
 
 
-def _shown(use: Topic | Service | Action) -> str:
+def _described(use: Topic | Service | Action) -> str:
     return f"{type(use).__name__.lower()} {use.name}"

@@ -1,1 +1,1 @@
-"""What a person at a terminal wants to know of live regions in /dev/shm, and says into them."""
+"""Commands on live regions in /dev/shm: inspect, publish, call, and check."""

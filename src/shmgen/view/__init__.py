@@ -1,1 +1,1 @@
-"""What shows live regions on screens of Textual, in a terminal or a browser: needs the extra `view`."""
+"""Shows live regions on Textual screens, in a terminal or a browser. Needs the extra `view`."""

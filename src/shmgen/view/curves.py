@@ -1,4 +1,4 @@
-"""A plot of the newest seconds of some numbers, with pause and zoom."""
+"""Plots the newest values of some numbers over time, with pause and zoom."""
 
 from __future__ import annotations
 
@@ -10,25 +10,28 @@ from collections.abc import Mapping
 from textual_plotext import PlotextPlot
 
 from shmgen.core.escape import legible
-from shmgen.tools.watch.plot import Point
+from shmgen.view.source import Point
 
 _SECONDS = 10.0
 _LEAST, _MOST = 0.1, 600.0
-"""Seconds across the plot, at first and at its ends."""
+"""Smallest and largest number of seconds across the plot."""
 
 
 class Curves(PlotextPlot):
-    """A curve for each path; time goes in seconds before now, or before the pause."""
+    """A plot of fields over time, with one curve for each path in `curves`.
+
+    The time axis shows seconds before now, or before the pause.
+    """
 
     def __init__(self, curves: Mapping[str, deque[Point]]) -> None:
         super().__init__()
         self._curves = curves
         self._seconds = _SECONDS
-        self._held: float | None = None
+        self._paused_at: float | None = None
         self._shifted = 0.0
 
-    def hold(self, held: bool) -> None:
-        self._held = time.time() if held else None
+    def set_paused(self, is_paused: bool) -> None:
+        self._paused_at = time.time() if is_paused else None
         self._shifted = 0.0
 
     def zoom(self, factor: float) -> None:
@@ -36,17 +39,17 @@ class Curves(PlotextPlot):
         self.draw()
 
     def shift(self, part: float) -> None:
-        """By so much of the width, while held."""
-        if self._held is not None:
+        """Move the plot in time by `part` of its width, if the plot is paused."""
+        if self._paused_at is not None:
             self._shifted += part * self._seconds
             self.draw()
 
     def draw(self) -> None:
-        end = (self._held or time.time()) + self._shifted
+        end = (self._paused_at or time.time()) + self._shifted
         plot = self.plt
         plot.clear_data()
         plot.clear_figure()
-        plot.xlabel(f"seconds; {self._seconds:g} across" + (", paused" if self._held else ""))
+        plot.xlabel(f"seconds; {self._seconds:g} across" + (", paused" if self._paused_at else ""))
         drawn: list[float] = []
         for path, points in self._curves.items():
             seen = [point for point in points if end - self._seconds <= point[0] <= end and math.isfinite(point[1])]
@@ -62,13 +65,18 @@ class Curves(PlotextPlot):
                 plot.yticks(ticks, [f"{tick:.10g}" for tick in ticks])
         else:
             plot.title(
-                "Enter or a click on a number of the tree draws it here" if not self._curves else "nothing in this time"
+                "Press Enter on a number in the tree, or click it, to plot it"
+                if not self._curves
+                else "no samples in this time"
             )
         self.refresh()
 
 
 def round_ticks(least: float, most: float) -> list[float]:
-    """At most eight round numbers from one to the other, none where there are none: plotext's own may read -0.00."""
+    """Return at most eight round numbers between `least` and `most`, or none if the range is empty or infinite.
+
+    The ticks that plotext chooses may read -0.00.
+    """
     span = most - least
     if not 1e-300 < span < math.inf:
         return []
@@ -78,16 +86,16 @@ def round_ticks(least: float, most: float) -> list[float]:
 
 
 def _thinned(points: list[Point], most: int) -> list[Point]:
-    """The smallest and the greatest of each stretch, so that no peak is lost."""
+    """Reduce the points to at most `most`. Keep the minimum and maximum of each interval, so that no peak is lost."""
     if len(points) <= most:
         return points
     size = 2 * len(points) / most
-    kept = []
+    thinned = []
     for number in range(most // 2):
         part = points[int(number * size) : int((number + 1) * size)]
         if part:
-            kept += sorted({min(part, key=_value), max(part, key=_value)})
-    return kept
+            thinned += sorted({min(part, key=_value), max(part, key=_value)})
+    return thinned
 
 
 def _value(point: Point) -> float:

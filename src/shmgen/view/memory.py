@@ -1,4 +1,4 @@
-"""The newest sample in lines of 16 bytes, each with the fields that lie there; only what is seen is read."""
+"""Shows the newest sample in lines of 16 bytes with the fields in each line. Reads only the visible bytes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,10 @@ _WIDTH = 160
 
 
 class Memory(ScrollView):
-    """Offsets are those in the payload, as `shmgen show` prints them; the slot's own header is above, at -16."""
+    """A hex dump of the newest sample. The first line is the header of the slot; the other lines are the payload.
+
+    The offsets count from the start of the payload, as in `shmgen show`.
+    """
 
     can_focus = True
 
@@ -37,7 +40,7 @@ class Memory(ScrollView):
         self.virtual_size = Size(_WIDTH, lines)
 
     def render_line(self, y: int) -> Strip:
-        """Of the line at `y` of what is seen."""
+        """Draw the visible line `y`."""
         if self._source.kind is not self._kind:
             self._take()
         across, down = self.scroll_offset
@@ -51,22 +54,22 @@ class Memory(ScrollView):
         names = []
         for index in range(_BYTES):
             text = f"{data[index]:02x} " if index < len(data) else "   "
-            found = self._at(offset + index) if line else None
+            field = self._at(offset + index) if line else None
             style = Style(dim=True)
-            if found is not None and index < len(data):
-                style = Style(color=_COLOURS[found % len(_COLOURS)])
-                if self._stretches[found][2] not in names:
-                    names.append(self._stretches[found][2])
+            if field is not None and index < len(data):
+                style = Style(color=_COLOURS[field % len(_COLOURS)])
+                if self._stretches[field][2] not in names:
+                    names.append(self._stretches[field][2])
             segments.append(Segment(text, style))
         signs = "".join(chr(byte) if 32 <= byte < 127 else "." for byte in data)
-        shown = legible(", ".join(names)) if line else "slot: stamp, number"
-        segments.append(Segment(f" {signs:<{_BYTES}}  {shown}"))
+        names_text = legible(", ".join(names)) if line else "slot: stamp, number"
+        segments.append(Segment(f" {signs:<{_BYTES}}  {names_text}"))
         return Strip(segments).crop(int(across), int(across) + self.size.width).extend_cell_length(self.size.width)
 
     def _at(self, offset: int) -> int | None:
-        """Which stretch a byte is of."""
-        found = bisect_right(self._starts, offset) - 1
-        if found < 0:
+        """Return the index of the field or gap that contains a byte, or None if there is none."""
+        index = bisect_right(self._starts, offset) - 1
+        if index < 0:
             return None
-        start, size, _ = self._stretches[found]
-        return found if offset < start + size else None
+        start, size, _ = self._stretches[index]
+        return index if offset < start + size else None

@@ -1,10 +1,11 @@
-"""The screen of one region: its fields with values, curves, the memory with its bytes, a sample by hand."""
+"""The screen of one region: its fields with values, curves, a hex dump, and a form to publish a sample."""
 
 from __future__ import annotations
 
 import ctypes
 import time
-from typing import Any, ClassVar
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar, NamedTuple
 
 from rich.text import Text
 from textual import work
@@ -19,20 +20,142 @@ from shmgen.core.diagnostics import Rejected
 from shmgen.core.escape import legible, lines
 from shmgen.core.plural import counted
 from shmgen.runtime import CountExceeded, Message, ShmError
-from shmgen.targets.python.names import python_member
 from shmgen.tools.messages import format
+from shmgen.tools.messages.paths import Getter, getter
 from shmgen.view.curves import Curves
 from shmgen.view.memory import Memory
 from shmgen.view.source import Source
 
 _LOOK, _DRAW = 0.05, 0.25
-"""Seconds between two looks at the region, and between two drawings of it."""
+"""Seconds between two reads of the region, and between two redraws of the screen."""
 _SHORT = 8
-"""Elements of an array that are shown."""
+"""Number of array elements in the line of a closed array."""
+_PAGE = 100
+"""Number of elements that an opened array shows at first. Enter on its last line adds as many again."""
+
+
+class Item(NamedTuple):
+    """A line in the tree of fields. The line shows the value at `path`.
+
+    If `is_more` is true, the line offers further elements of the array at `path` instead.
+    """
+
+    path: str
+    is_more: bool = False
+
+
+class Fields(Tree[Item]):
+    """A tree of the newest message's fields with their values. A message is open at first, an array is closed.
+
+    The elements of an array get lines only when the user opens the array.
+    """
+
+    def __init__(self, topic: str) -> None:
+        super().__init__(plain(topic))
+        self._getters: dict[str, Getter] = {}
+        self._most: dict[str, int] = {}
+        self._arrays: dict[str, TreeNode[Item]] = {}
+
+    def show_kind(self, kind: type[Message]) -> None:
+        """Replace the tree with the fields of this type."""
+        self.clear()
+        for table in (self._getters, self._most, self._arrays):
+            table.clear()
+        self._kind = kind
+        self.root.expand()
+        self._grow(self.root, kind(), "")
+
+    def show_more(self, path: str) -> None:
+        """Add another page of elements to an opened array."""
+        self._most[path] += _PAGE
+
+    def show_values(self, message: Message, is_drawn: Callable[[str], bool]) -> None:
+        """Write the values of `message` into the visible lines. Give an opened array a line for each element.
+
+        A line gets a mark if the field has a curve: if `is_drawn` returns True for its path.
+        """
+        for path, node in list(self._arrays.items()):
+            if path in self._arrays and node.is_expanded:  # removed if an enclosing array became shorter
+                self._fill(node, path, message)
+        first = int(self.scroll_offset.y)
+        for line in range(first, first + self.size.height):
+            node = self.get_node_at_line(line)
+            if node is not None and (item := node.data) and not item.is_more:
+                mark = "● " if is_drawn(item.path) else ""
+                label = f"{mark}{self._label(item.path, message, is_open=node.is_expanded)}"
+                if str(node.label) != label:
+                    node.set_label(Text(label))
+
+    def _label(self, path: str, message: Message, *, is_open: bool) -> str:
+        name = path[path.rfind("[") :] if path.endswith("]") else path.rpartition(".")[2]
+        try:
+            value = self._value(path, message)
+            if isinstance(value, Message):
+                return name
+            text = in_short(value)
+            if is_array(value):
+                text = f"{counted(len(value), 'element')}{f', {text}' if len(value) and not is_open else ''}"
+        except CountExceeded as error:
+            text = f"damaged: {error}"
+        return f"{name}: {legible(text)}"
+
+    def _value(self, path: str, message: Message) -> Any:
+        if path not in self._getters:
+            self._getters[path] = getter(self._kind, path)
+        return self._getters[path](message)
+
+    def _grow(self, node: TreeNode[Item], value: Message, within: str) -> None:
+        for member in value._names_:
+            name = format.ros_name(member)
+            self._add(node, name, f"{within}.{name}" if within else name, getattr(value, member), expand=True)
+
+    def _add(self, node: TreeNode[Item], name: str, path: str, value: Any, *, expand: bool = False) -> None:
+        if isinstance(value, Message):
+            self._grow(node.add(plain(name), data=Item(path), expand=expand), value, path)
+        elif is_array(value):
+            self._arrays[path] = node.add(plain(name), data=Item(path))
+        else:
+            node.add_leaf(plain(name), data=Item(path))
+
+    def _fill(self, node: TreeNode[Item], path: str, message: Message) -> None:
+        try:
+            value = self._value(path, message)
+        except CountExceeded:
+            return
+        count = len(value) if value is not None else 0
+        new_count = min(count, self._most.setdefault(path, _PAGE))
+        lines = [child for child in node.children if child.data and not child.data.is_more]
+        left = count - new_count
+        more = f"… {left:,} more: Enter shows {min(left, _PAGE)} of them"
+        if len(lines) == new_count and (
+            str(node.children[-1].label) == more if left else len(node.children) == new_count
+        ):
+            return
+        for child in [*lines[new_count:], *node.children[len(lines) :]]:
+            self._forget(child)
+        for index in range(len(lines), new_count):
+            self._add(node, f"[{index}]", f"{path}[{index}]", value[index])
+        if left:
+            node.add_leaf(Text(more), data=Item(path, is_more=True))
+
+    def _forget(self, node: TreeNode[Item]) -> None:
+        path = node.data.path if node.data else ""
+        if node.data and not node.data.is_more:
+            for inner in [
+                inner for inner in self._arrays if inner == path or inner.startswith((f"{path}.", f"{path}["))
+            ]:
+                del self._arrays[inner]
+        node.remove()
+
+
+class Draft(TextArea):
+    """The text box for a sample to publish. Ctrl+A selects all text, as in a browser."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("ctrl+a", "select_all", "Select all")]
 
 
 class RegionScreen(Screen[None]):
-    """What a region holds now."""
+    """The current values, curves and bytes of one region."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "app.pop_screen", "All regions"),
@@ -41,31 +164,30 @@ class RegionScreen(Screen[None]):
         Binding("minus", "zoom(2)", "Zoom out", key_display="-"),
         Binding("left_square_bracket", "shift(-0.25)", "Earlier", key_display="["),
         Binding("right_square_bracket", "shift(0.25)", "Later", key_display="]"),
-        Binding("q", "app.quit", "Quit"),
+        Binding("q", "leave", "Quit"),
     ]
     CSS = """
     RegionScreen #about { height: 2; padding: 0 1; color: $text-muted; }
     RegionScreen Tree { width: 2fr; min-width: 24; }
     RegionScreen TabbedContent { width: 5fr; }
     RegionScreen TextArea { height: 1fr; }
-    RegionScreen #said { height: auto; max-height: 6; padding: 0 1; }
+    RegionScreen #result { height: auto; max-height: 6; padding: 0 1; }
     """
 
-    def __init__(self, source: Source, *, allow_write: bool) -> None:
+    def __init__(self, source: Source, *, allow_write: bool, fields: Sequence[str] = ()) -> None:
         super().__init__()
         self.sub_title = legible(source.topic)
         self._source = source
         source.look()
-        self._allow_write = allow_write
+        self._allow_write, self._first_curves = allow_write, fields
         self._paused = False
-        self._fields: dict[str, TreeNode[str]] = {}
         self._since = time.monotonic(), source.header().newest
 
     def compose(self) -> ComposeResult:
         yield Header(icon="")
         yield Static(id="about", markup=False)
         with Horizontal():
-            yield Tree(plain(self._source.topic))
+            yield Fields(self._source.topic)
             with TabbedContent():
                 with TabPane("Plot", id="plot"):
                     yield Curves(self._source.curves)
@@ -73,42 +195,64 @@ class RegionScreen(Screen[None]):
                     yield Memory(self._source)
                 if self._allow_write:
                     with TabPane("Publish", id="publish"), Vertical():
-                        yield TextArea(self._draft(), id="draft")
+                        yield Draft(self._draft(), id="draft")
                         yield Button("Publish one sample", id="send", variant="warning")
                         yield Static(
-                            "Other writers keep the topic; then nothing is published.", id="said", markup=False
+                            "If another writer has the topic, nothing is published.", id="result", markup=False
                         )
         yield Footer()
 
     def on_mount(self) -> None:
-        tree = self.query_one(Tree)
-        tree.root.expand()
-        self._grow(tree.root, self._source.kind(), "")
-        tree.focus()
+        fields = self.query_one(Fields)
+        fields.show_kind(self._source.kind)
+        fields.focus()
+        for path in self._first_curves:
+            self._toggle(path)
         self.set_interval(_LOOK, self._look)
         self.set_interval(_DRAW, self._draw)
 
     def on_unmount(self) -> None:
         self._source.close()
 
-    def on_tree_node_selected(self, event: Tree.NodeSelected[str]) -> None:
-        """Enter on a number draws it, and again no more."""
-        path = event.node.data
-        if path and not event.node.children:
-            kept = self._source.toggle(path)
-            self.query_one(Curves).refresh()
-            if kept:
-                self.query_one(TabbedContent).active = "plot"
-            elif path not in self._source.curves:
-                self.notify(f"{path} is no longer drawn, or is not a number", markup=False, timeout=3)
+    def on_tree_node_selected(self, event: Tree.NodeSelected[Item]) -> None:
+        """Toggle the curve of the selected number, or show more elements. Ignore arrays: the tree opens them."""
+        item = event.node.data
+        if item is None or event.node.allow_expand:
+            return
+        if item.is_more:
+            self.query_one(Fields).show_more(item.path)
+            self._draw()
+            return
+        self._toggle(item.path)
+
+    def _toggle(self, path: str) -> None:
+        is_drawn = self._source.toggle(path)
+        self.query_one(Curves).refresh()
+        if is_drawn:
+            self.query_one(TabbedContent).active = "plot"
+        else:
+            self.notify(f"{legible(path)} is no longer plotted, or is not a number", markup=False, timeout=3)
+
+    def on_tree_node_expanded(self) -> None:
+        self.call_after_refresh(self._draw)
 
     def on_button_pressed(self, event: Button.Pressed) -> None:
         if self._allow_write and event.button.id == "send":
             self._publish(self.query_one("#draft", TextArea).text)
 
+    def on_descendant_focus(self) -> None:
+        self.refresh_bindings()
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Turn off single-key actions while the focus is in the text box."""
+        return not (isinstance(self.focused, TextArea) and action in ("pause", "zoom", "shift", "leave"))
+
+    def action_leave(self) -> None:
+        self.app.exit()
+
     def action_pause(self) -> None:
         self._paused = not self._paused
-        self.query_one(Curves).hold(self._paused)
+        self.query_one(Curves).set_paused(self._paused)
         self._draw()
 
     def action_zoom(self, factor: float) -> None:
@@ -119,25 +263,15 @@ class RegionScreen(Screen[None]):
 
     @work(thread=True, exclusive=True)
     def _publish(self, text: str) -> None:
-        """To take a topic over from a PLC takes a second."""
+        """Publish one sample in a thread, because taking over a topic from a PLC takes 1 s."""
         try:
-            said = self._source.publish(text)
+            result = self._source.publish(text)
         except (ShmError, Rejected, ValueError, OSError) as error:
-            said = f"error: {error}"
-        self.app.call_from_thread(self.query_one("#said", Static).update, lines(said))
+            result = f"error: {error}"
+        self.app.call_from_thread(self.query_one("#result", Static).update, lines(result))
 
     def _draft(self) -> str:
         return format.yaml(self._source.message or self._source.kind(), None) if self._source.kind._names_ else "{}"
-
-    def _grow(self, node: TreeNode[str], value: Message, within: str) -> None:
-        for member in value._names_:
-            name = format.ros_name(member)
-            path = f"{within}.{name}" if within else name
-            inner = getattr(value, member)
-            if isinstance(inner, Message):
-                self._grow(node.add(plain(name), data=path, expand=True), inner, path)
-            else:
-                self._fields[path] = node.add_leaf(plain(name), data=path)
 
     def _look(self) -> None:
         if self._paused:
@@ -148,11 +282,8 @@ class RegionScreen(Screen[None]):
         except (ShmError, Rejected, ValueError, OSError) as error:
             self.query_one("#about", Static).update(lines(str(error)))
             return
-        if self._source.kind is not before:  # the region was made anew, perhaps of another type
-            tree = self.query_one(Tree)
-            tree.clear()
-            self._fields.clear()
-            self._grow(tree.root, self._source.kind(), "")
+        if self._source.kind is not before:  # the region was recreated, possibly with another type
+            self.query_one(Fields).show_kind(self._source.kind)
 
     def _draw(self) -> None:
         if not self.is_current:
@@ -171,50 +302,32 @@ class RegionScreen(Screen[None]):
             f"{legible(header.type_name)}   sample {header.newest:,}   {state}   age {age}\n"
             f"{counted(header.payload_size, 'byte')}   digest 16#{header.digest:016X}{missed}"
         )
-        if not self._paused:
-            self._values()
+        if (message := self._source.message) is not None:
+            self.query_one(Fields).show_values(message, self._source.curves.__contains__)
         self.query_one(Curves).draw()
         self.query_one(Memory).refresh()
 
-    def _values(self) -> None:
-        message = self._source.message
-        if message is None:
-            return
-        first, last = self._seen()
-        for path, node in self._fields.items():
-            if not first <= node.line <= last:
-                continue
-            value: Any = message
-            try:
-                for name in path.split("."):
-                    value = getattr(value, python_member(name))
-                text = in_short(value)
-            except CountExceeded as error:
-                text = f"damaged: {error}"
-            marked = "● " if path in self._source.curves else ""
-            label = f"{marked}{path.rpartition('.')[2]}: {legible(text)}"
-            if str(node.label) != label:
-                node.set_label(Text(label))
-
-    def _seen(self) -> tuple[int, int]:
-        """The first and the last line of the tree that is to be seen."""
-        tree = self.query_one(Tree)
-        first = int(tree.scroll_offset.y)
-        return first, first + tree.size.height
-
 
 def plain(text: str) -> Text:
-    """Text that a region or a process has chosen: nothing in it is markup or an order to a terminal."""
+    """Return text from a region or a process without markup or control characters."""
     return Text(legible(text))
 
 
+def is_array(value: Any) -> bool:
+    """Return True if the value is an array or a sequence. A time is a tuple and does not count."""
+    return isinstance(value, (ctypes.Array, list))
+
+
 def in_short(value: Any) -> str:
-    """One line; of an array the first elements, and how many there are. Raises CountExceeded."""
-    if isinstance(value, (ctypes.Array, list)):
-        few = ", ".join(in_short(item) for item in value[:_SHORT])
-        return f"[{few}]" if len(value) <= _SHORT else f"[{few}, ... {len(value):,} in all]"
+    """Return the value on one line; show only the first elements of an array.
+
+    Raises CountExceeded if the count of a sequence is damaged.
+    """
+    if is_array(value):
+        few = ", ".join(in_short(item) for item in format.elements(value, _SHORT))
+        return f"[{few}]" if len(value) <= _SHORT else f"[{few}, ...]"
     if isinstance(value, Message):
-        return ", ".join(f"{format.ros_name(name)}={in_short(getattr(value, name))}" for name in value._names_)
+        return ", ".join(f"{format.ros_name(name)}={in_short(format.field(value, name))}" for name in value._names_)
     if hasattr(value, "sec") and hasattr(value, "nanosec"):
         return f"{value.sec}.{value.nanosec:09}"
     return repr(value) if isinstance(value, str) else str(value)

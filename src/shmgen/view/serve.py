@@ -1,9 +1,14 @@
-"""Serves the screens as a page to the browser on this machine, and to nobody else.
+"""Serves the screens as a web page to one user of this machine, and to nobody else.
 
-textual-serve brings the page and the WebSocket that drives a process of ours for each visit. Around all of it stand
-here: the loopback address; the Host that was meant, so that no name of others leads here; a token that opens once, for
-a cookie; a path nobody can guess, as a cookie goes to every port of a host; for the WebSocket the Origin; and a policy
-by which the page loads nothing from anywhere else and no other page may frame it.
+textual-serve provides the page, and a WebSocket that runs one shmgen process for each visit. This module adds the
+protection:
+
+* It listens on the loopback address only.
+* It checks the Host header, so that no other site reaches the page through a DNS name (DNS rebinding).
+* A token in the address works once and sets a cookie.
+* The path is random, because a browser sends a cookie to every port of a host.
+* It checks the Origin header of the WebSocket.
+* Its content security policy blocks resources of other sites and frames in other pages.
 """
 
 from __future__ import annotations
@@ -42,7 +47,7 @@ Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
 class Page(Server):
-    """textual-serve behind the gate; `tell` takes each address to print."""
+    """The web server of `shmgen view`: textual-serve behind an access check. `tell` receives each address to print."""
 
     def __init__(self, command: str, listening: socket.socket, tell: Callable[[str], None]) -> None:
         self._host = f"{HOST}:{listening.getsockname()[1]}"
@@ -57,9 +62,11 @@ class Page(Server):
         return f"{self.public_url}/?token={self._token}"
 
     def door(self) -> str:
-        """A file that leads to the address until somebody has come in: what a browser is started with, all can read.
+        """Create a file that redirects a browser to the secret address, and return its path.
 
-        It is in the home folder and not hidden, as a browser from a snap reads no other.
+        The browser gets the file instead of the address, because all users can read the arguments of a process. The
+        file is in the home folder and not hidden, because a browser installed as a snap reads no other folder. The file
+        is removed at the first visit.
         """
         file = tempfile.NamedTemporaryFile("w", prefix="shmgen-view-", suffix=".html", dir=Path.home())  # noqa: SIM115
         self._door.enter_context(file).write(f'<meta http-equiv="refresh" content="0; url={self.address}">')
@@ -68,7 +75,7 @@ class Page(Server):
 
     @web.middleware
     async def guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Who may come in."""
+        """Handle a request with the right host, origin, and token or cookie; reject other requests with status 403."""
         if request.headers.get("Host") != self._host:
             raise web.HTTPForbidden(text=f"open {self.public_url}/ as shmgen view has printed it")
         origin = request.headers.get("Origin")
@@ -81,7 +88,11 @@ class Page(Server):
         return await handler(request)
 
     def _enter(self) -> web.Response:
-        """No redirect: from a file, as from any other site, a browser would follow it without a strict cookie."""
+        """Answer a visit with a valid token: set the cookie, and send the browser to the page by a Refresh header.
+
+        The cookie has SameSite=Strict. With an ordinary redirect, a browser that comes from a file or another site
+        would send the next request without the cookie.
+        """
         self._token = secrets.token_urlsafe(24)
         self._door.close()
         self._tell(f"opened; for another browser: {self.address}")
@@ -90,24 +101,27 @@ class Page(Server):
         return answer
 
     async def finish(self, request: web.Request, response: web.StreamResponse) -> None:
-        """The headers of every answer."""
+        """Add the security headers to each response."""
         for name, value in _HEADERS.items():
             response.headers[name] = value.format(host=self._host)
 
     async def handle_index(self, request: web.Request) -> web.StreamResponse:
-        """Without the font that textual-serve's page would have from the internet, and without an idle scroll bar."""
+        """Serve the page without the web font of textual-serve and without an unused scroll bar.
+
+        The web font would be loaded from the internet.
+        """
         page = await super().handle_index(request)
         page.text = _FOREIGN.sub("<style>.xterm-viewport { scrollbar-width: none }</style>", page.text)
         return cast(web.StreamResponse, page)
 
     def serve(self, debug: bool = False) -> None:
-        """Until Ctrl-C or SIGTERM. No line for each request: the first has the token in it."""
+        """Serve until Ctrl-C or SIGTERM. Log no requests: the first request contains the token."""
         logging.basicConfig(level=logging.WARNING)
         with self._door:
             web.run_app(self._make_app(), sock=self._listening, print=None)
 
     async def on_startup(self, app: web.Application) -> None:
-        """Says nothing: whoever made the socket has said where it is."""
+        """Print nothing. textual-serve would print the address, but the caller has already printed it."""
 
     async def _make_app(self) -> web.Application:
         app = web.Application(middlewares=[self.guard])
@@ -116,5 +130,5 @@ class Page(Server):
         return app
 
 
-def _same(said: str, meant: str) -> bool:
-    return hmac.compare_digest(said.encode(errors="replace"), meant.encode())
+def _same(received: str, expected: str) -> bool:
+    return hmac.compare_digest(received.encode(errors="replace"), expected.encode())

@@ -1,1 +1,1 @@
-"""Messages as bytes on the wire: CDR, ROS 1's format, and straight from bytes to bytes."""
+"""Serialization of messages: CDR, direct conversion of samples to ROS 1 and ROS 2 bytes, and type hashes."""

@@ -1,6 +1,6 @@
-"""Writes and reads messages as ROS 2 sends them (XCDR1 of OMG's DDS-XTypes, little-endian).
+"""Encodes and decodes messages in the ROS 2 wire format (XCDR1 of OMG's DDS-XTypes, little-endian).
 
-rosbags does it: it compiles a codec for each type, and its messages bear the names that ROS's have in Python.
+The library rosbags compiles a codec for each type. Its message classes have the attribute names of rclpy's classes.
 """
 
 from __future__ import annotations
@@ -28,14 +28,15 @@ from shmgen.core.model import (
 from shmgen.core.type_hash import FILLER, TIMES, type_hash
 
 _WIDE = "shmgen/msg/WString"
-"""A `wstring`, which rosbags does not know: its UTF-16 units behind their number."""
+"""The message that replaces a `wstring`, because rosbags does not support it: a sequence of UTF-16 units."""
 
 
 @dataclass(frozen=True, slots=True)
 class Codec:
-    """`new()` makes an empty message; `encode` and `decode` have the four bytes of encapsulation in front.
+    """Encodes and decodes the messages of one type. `new()` creates an empty message.
 
-    `decode` raises ValueError for bytes that are no such message. `type_hash` is that of REP 2016, `RIHS01_…`.
+    The encoded bytes begin with the 4 bytes of the CDR encapsulation header. `type_hash` is the hash of REP 2016,
+    `RIHS01_…`. `decode` raises ValueError if the bytes are not a message of this type.
     """
 
     new: Callable[[], Any]
@@ -44,11 +45,11 @@ class Codec:
     type_hash: str
 
 
-@functools.cache  # rosbags compiles classes for each
+@functools.cache  # rosbags compiles new classes in each call
 def codec(messages: tuple[Message, ...], wide_unit: Literal[2, 4] = 4) -> Codec:
-    """For the last of `messages`, which hold all it refers to.
+    """Return the codec for the type of the last of `messages`. The other messages are its dependencies.
 
-    `wide_unit` is the bytes that an UTF-16 unit of a `wstring` has: 4 where rosidl's code for Fast DDS makes them, 2 in
+    `wide_unit` is the size of a UTF-16 unit of a `wstring` in bytes: 4 in rosidl's code for Fast DDS, 2 in
     rmw_cyclonedds.
     """
     from rosbags.serde import SerdeError
@@ -71,22 +72,22 @@ def codec(messages: tuple[Message, ...], wide_unit: Literal[2, 4] = 4) -> Codec:
 
     def decode(data: bytes | memoryview) -> Any:
         try:
-            if wide:  # Fast DDS leaves more room behind one than it needs, which rosbags takes for an error
-                kept = store.get_msgdef(str(top))
-                read = kept.deserialize_cdr_le if data[1] else kept.deserialize_cdr_be
-                return _texts(read(bytes(data[4:]), 0, kept.cls, store)[0], Ref(top), known)
+            if wide:  # Fast DDS adds unused bytes after a wstring, which rosbags rejects
+                definition = store.get_msgdef(str(top))
+                read = definition.deserialize_cdr_le if data[1] else definition.deserialize_cdr_be
+                return _texts(read(bytes(data[4:]), 0, definition.cls, store)[0], Ref(top), known)
             message = store.deserialize_cdr(data, str(top))
         except (SerdeError, struct.error, IndexError) as error:
             raise ValueError(str(error)) from error
         return message
 
-    # Decoding an empty message takes a third of the time of making one; of a bytearray its arrays can be written to.
+    # Decode an empty message: this takes a third of the time of creating one. Arrays of a bytearray are writable.
     blank = encode(_empty(Ref(top), known, kinds))
     return Codec(lambda: decode(memoryview(bytearray(blank))), encode, decode, type_hash(messages))
 
 
 def _definitions(messages: tuple[Message, ...], unit: str) -> dict[str, Any]:
-    """As rosbags wants them."""
+    """Return the definitions of `messages` in the form that rosbags requires. `unit` is the type of a UTF-16 unit."""
     from rosbags.interfaces import Nodetype
 
     def element(type_: Element) -> Any:
@@ -127,7 +128,11 @@ def _definitions(messages: tuple[Message, ...], unit: str) -> dict[str, Any]:
 
 
 def _has_numbers_in_elements(type_: FieldType, known: Mapping[TypeName, Message]) -> bool:
-    """Whether it is a list of messages that are empty, or have arrays of numbers: rosbags takes ndarrays only."""
+    """Return True if the type is a list of messages that _converted() must convert before rosbags can encode the list.
+
+    This is so if the messages contain arrays of numbers, which rosbags requires as ndarrays, or if they are empty,
+    because rosbags requires a filler field in an empty message.
+    """
     if not isinstance(type_, (Array, Sequence)) or not isinstance(type_.element, Ref):
         return False
     return _has_numbers(type_.element, known)
@@ -136,7 +141,7 @@ def _has_numbers_in_elements(type_: FieldType, known: Mapping[TypeName, Message]
 def _has_numbers(type_: FieldType, known: Mapping[TypeName, Message]) -> bool:
     match type_:
         case Ref(name):
-            fields = known[name].fields  # none: rosbags has a filler there, which nobody else has
+            fields = known[name].fields  # empty: rosbags requires a filler field, which other libraries lack
             return not fields or any(_has_numbers(field.type, known) for field in fields)
         case Array(element) | Sequence(element):
             return isinstance(element, Scalar) or _has_numbers(element, known)
@@ -145,7 +150,10 @@ def _has_numbers(type_: FieldType, known: Mapping[TypeName, Message]) -> bool:
 
 
 def _converted(value: Any, type_: FieldType, known: Mapping[TypeName, Message], kinds: Mapping[str, Any]) -> Any:
-    """An object with ROS's attributes, or a list of such, as rosbags's own class with ndarrays in it."""
+    """Convert a field's value to the form that rosbags can encode.
+
+    A message becomes an object of rosbags's class, and an array of numbers becomes an ndarray.
+    """
     match type_:
         case Ref(name):
             kind, fields = kinds[str(name)], known[name].fields
@@ -170,7 +178,7 @@ def _converted(value: Any, type_: FieldType, known: Mapping[TypeName, Message], 
 
 
 def _texts(value: Any, type_: FieldType, known: Mapping[TypeName, Message]) -> Any:
-    """The same with `str` for each `wstring`. Raises ValueError for half a character."""
+    """Replace each `wstring` in a decoded value by a `str`. Raises ValueError if a surrogate pair is incomplete."""
     match type_:
         case Ref(name):
             members = [name for name in value.__dataclass_fields__ if name != "__msgtype__"]

@@ -1,6 +1,6 @@
-"""Whether a peer means by a type what we do, by the type hash that it announces.
+"""Compares the type hash of a peer with the bridge's own type hash.
 
-Bytes do not say what they are: an int32 taken from a float32 is a number too, and a wrong one.
+Serialized bytes do not contain their type. Without this check, a float32 could be read as an int32, a wrong number.
 """
 
 from __future__ import annotations
@@ -10,42 +10,49 @@ from collections.abc import Callable
 
 from shmgen.core.model import TypeName
 
-TAKES_OURS = "it will misread our messages; DDS offers no way to withhold them"
-"""What comes of a subscriber of another definition."""
+TAKES_OURS = "it will misread the bridge's messages; DDS cannot withhold them"
+"""The consequence for a subscriber with another definition, for the log."""
 _NONE = "RIHS01_" + "0" * 64
-"""What some say who know nothing of type hashes."""
+"""The type hash that some peers without support for type hashes announce."""
 
 
 def type_name(name: TypeName) -> str:
-    """`geometry_msgs::msg::dds_::Pose_`."""
+    """Return the DDS name of a type, for example `geometry_msgs::msg::dds_::Pose_`."""
     return f"{name.package}::{name.kind}::dds_::{name.name}_"
 
 
 class Identity:
-    """Of one topic, or of one half of a service; its methods may be called from any thread."""
+    """Compares the type hashes of peers with the bridge's, for one topic or one direction of a service. Thread-safe."""
 
     def __init__(
         self,
         where: str,
         type_: TypeName,
         ours: str,
-        tell: Callable[[str], None],
+        log: Callable[[str], None],
         accepts_other: bool = False,
         *,
         then: str = "",
     ) -> None:
-        """`then` is what comes of another definition, where it is not that nothing passes."""
+        """Prepare the comparison with `ours`, the type hash of the bridge. `where` begins each log line.
+
+        If `accepts_other` is True, a peer with another type hash is accepted and logged. If not, the log line ends with
+        `then`, the consequence for the user, or by default with the text that no messages pass.
+        """
         self.accepts_other = accepts_other
-        self._then = then or "nothing passes between us and it"
+        self._then = then or "no messages pass between it and the bridge"
         self._where = where
         self._type = type_
         self._ours = ours
-        self._tell = tell
-        self._told: set[str] = set()
+        self._log = log
+        self._logged_keys: set[str] = set()
         self._lock = threading.Lock()
 
     def refusal(self, announced: str) -> str:
-        """Why nothing may pass between us and a peer of this hash; nothing if it may. Each hash is told of once."""
+        """Return why a peer with the type hash `announced` is incompatible, or `""` if it matches. Log each hash once.
+
+        A peer without a type hash is assumed to match.
+        """
         if announced == self._ours:
             return ""
         if not announced.startswith("RIHS01_") or announced == _NONE:
@@ -60,7 +67,7 @@ class Identity:
 
     def _once(self, key: str, text: str) -> None:
         with self._lock:
-            known = key in self._told
-            self._told.add(key)
+            known = key in self._logged_keys
+            self._logged_keys.add(key)
         if not known:
-            self._tell(f"{self._where}: {text}")
+            self._log(f"{self._where}: {text}")

@@ -1,1 +1,1 @@
-"""The backend for DDS, by Cyclone DDS."""
+"""The backend for DDS, through Cyclone DDS."""

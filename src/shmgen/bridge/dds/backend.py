@@ -1,6 +1,6 @@
-"""The backend dds: a ROS 2 graph without ROS, by Cyclone DDS with ROS 2's names on the wire.
+"""The backend dds: a node in a ROS 2 graph without an installed ROS, through Cyclone DDS.
 
-Source: rmw_cyclonedds, whose names, QoS, type hashes and services these are.
+Names, QoS, type hashes and services match those of rmw_cyclonedds.
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from cyclonedds.core import DDSException
@@ -24,16 +25,15 @@ from shmgen.bridge.backend import (
     RosSubscription,
     ServiceWire,
     Wire,
-    domain_without_ros,
-    from_bytes,
-    wall_clock,
 )
 from shmgen.bridge.codec.cdr import Codec, codec
+from shmgen.bridge.codec.direct import WireFormat
 from shmgen.bridge.codec.type_identity import TAKES_OURS, Identity
-from shmgen.bridge.codec.wire_format import CDR
+from shmgen.bridge.common import qos
+from shmgen.bridge.common.support import UndoSteps, domain_without_ros, from_bytes, wall_clock
 from shmgen.bridge.dds import services
 from shmgen.bridge.dds.dropped import Dropped
-from shmgen.bridge.dds.entities import Ends, Peers, Subscription, matches, quality, send
+from shmgen.bridge.dds.entities import Ends, Peers, Subscription, is_acknowledged, matches, quality, send
 from shmgen.bridge.dds.network import confine, network, sockets
 from shmgen.bridge.dds.service_pair import ServiceTransport
 from shmgen.bridge.dds.service_transport import chosen
@@ -44,20 +44,23 @@ _TOLERANT = (
     '<CycloneDDS><Domain Id="any"><Compatibility><IgnoreTypeInformation>1.15</IgnoreTypeInformation></Compatibility>'
     "</Domain></CycloneDDS>"
 )
-"""What Fast DDS 3 (vendor 1.15; ROS 2 Kilted) says of its types Cyclone takes for invalid, and would not match it;
-the type hash tells whether they are ours."""
+"""Makes Cyclone ignore the type information of Fast DDS 3 (vendor 1.15; ROS 2 Kilted).
+
+Cyclone treats that information as invalid and would refuse to match. The type hash is compared instead.
+"""
 _CONFIGURED: dict[int, tuple[Domain, Dropped]] = {}
+"""The configured domains of this process, by number."""
 
 
 def connect(node: Node) -> Graph:
-    """Joins the domain. Raises ValueError for a domain that cannot be, and where there is no network."""
+    """Join the DDS domain of `node`. Raises ValueError if the domain number is invalid or Cyclone cannot join."""
     domain = domain_without_ros(node, "dds")
     joined = network(os.environ, node.largest)
     for note in joined.notes:
-        node.tell(f"dds: {note}")
+        node.log(f"dds: {note}")
     before = sockets()
     try:
-        dropped = _configure(domain, joined.config, node.tell)
+        dropped = _configure(domain, joined.config, node.log)
         if joined.alone:
             confine(before)
         participant = DomainParticipant(domain, Qos(Policy.EntityName(node.name)))
@@ -65,47 +68,59 @@ def connect(node: Node) -> Graph:
             confine(before)
     except (DDSException, OSError) as error:
         raise ValueError(f"dds: cannot join domain {domain}: {error}") from error
-    ends = Ends(participant, node.tell)
+    ends = Ends(participant, node.log)
     return Graph(ends, dropped, lambda: chosen(ends, node, domain, joined, os.environ))
 
 
-class Graph:
-    """A `Backend`. In `ros2 topic info -v` its name is `_CREATED_BY_BARE_DDS_APP_`."""
+class Graph(UndoSteps):
+    """The bridge's participant in a DDS domain, with the interface of a Backend.
+
+    `ros2 topic info -v` shows its node as `_CREATED_BY_BARE_DDS_APP_`.
+    """
 
     actions = ros2_actions
     now = staticmethod(wall_clock)
 
     def __init__(self, ends: Ends, dropped: Dropped, choose: Callable[[], ServiceTransport]) -> None:
-        self.undo: list[Callable[[], None]] = []
+        super().__init__()
         self._ends = ends
         self._dropped = dropped
         self._choose = choose
         self._services: ServiceTransport | None = None
 
     def publisher(self, wire: Wire) -> RosPublisher:
-        """Advertises the topic. Raises ValueError for a type with a `wstring`."""
-        made = codec(wire.messages)
-        identity = Identity(wire.topic, wire.type, made.type_hash, self._ends.tell, then=TAKES_OURS)
+        """Create a publisher of the topic. Raises ValueError if the type contains a `wstring`."""
+        cdr = codec(wire.messages)
+        identity = Identity(wire.name, wire.type, cdr.type_hash, self._ends.log, then=TAKES_OURS)
         peers = Peers(identity)
-        name, kind = topic_name(wire.topic), structure(wire.messages)
-        writer = self._ends.writer(name, kind, _quality(wire, made), peers.matched)
+        name, kind = topic_name(wire.name), structure(wire.messages)
+        own = qos.ours(wire)
+        writer = self._ends.writer(name, kind, _quality(own, wire, cdr), peers.matched)
         self.undo.append(writer.__del__)
-        for handle in matches(writer):  # those of whom nobody was told while it was made
+        for handle in matches(writer):  # peers that matched before the writer was returned
             peers.matched(writer, handle)
-        encode = wire.short.out_of_region(CDR, self.now) if wire.short else None
-        straight = (lambda payload: send(writer, encode(payload))) if encode else None
-        return RosPublisher(made.new, lambda message: send(writer, made.encode(message)), False, straight)
+        encode = wire.direct.encoder_from_sample(WireFormat.CDR, self.now) if wire.direct else None
+        send_payload = (lambda payload: send(writer, encode(payload))) if encode else None
+        acknowledged = partial(is_acknowledged, writer)
+
+        def qos_problem() -> str:
+            return qos.problem(own, self._ends.peers_qos(name, publishes=False), publishes=True)
+
+        return RosPublisher(
+            cdr.new,
+            lambda message: send(writer, cdr.encode(message)),
+            False,
+            send_payload,
+            acknowledged,
+            qos_problem,
+        )
 
     def subscribe(self, wire: Wire, sink: MessageSink) -> RosSubscription:
-        """Hands over in the thread of all topics. Raises as publisher()."""
-        made = codec(wire.messages)
-        name = topic_name(wire.topic)
-        identity = Identity(wire.topic, wire.type, made.type_hash, self._ends.tell, wire.accepts_other)
-        peers = Peers(identity, sink.meet)
-        reader = self._ends.reader(name, structure(wire.messages), _quality(wire, made), peers.matched)
-        for handle in matches(reader):  # those of whom nobody was told while it was made
-            peers.matched(reader, handle)
-        hand_over = from_bytes(wire, made.decode, CDR, sink)
+        """Subscribe to the topic. One thread serves all topics. Raises ValueError if the type contains a `wstring`."""
+        cdr = codec(wire.messages)
+        name = topic_name(wire.name)
+        identity = Identity(wire.name, wire.type, cdr.type_hash, self._ends.log, wire.accepts_other)
+        deliver = from_bytes(wire, cdr.decode, WireFormat.CDR, sink)
         turn = threading.Lock()
 
         def reject(why: str) -> None:
@@ -114,31 +129,44 @@ class Graph:
 
         def fail(why: str) -> None:
             with turn:
-                sink.refuse(stranger) if (stranger := peers.stranger) else sink.reject(why)
-
-        def take(sample: Any) -> None:
-            with turn:
-                if why := peers.refusal(reader, sample):
-                    sink.refuse(why)
-                else:
-                    hand_over(sample.cdr)
+                sink.refuse(peer) if (peer := subscription.end[1].incompatible_peer) else sink.reject(why)
 
         def lose(count: int) -> None:
             with turn:
                 sink.lose(count)
 
+        def create(policies: qos.Qos) -> tuple[tuple[Any, Peers], qos.Qos, Callable[[], None]]:
+            peers = Peers(identity, sink.set_incompatible_peer)
+
+            def take(sample: Any) -> None:
+                with turn:
+                    if why := peers.refusal(reader, sample):
+                        sink.refuse(why)
+                    else:
+                        deliver(sample.cdr)
+
+            def undo() -> None:
+                unheard()
+                reader.__del__()
+
+            reader = self._ends.reader(name, structure(wire.messages), _quality(policies, wire, cdr), peers.matched)
+            for handle in matches(reader):  # peers that matched before the reader was returned
+                peers.matched(reader, handle)
+            unheard = self._ends.topics.add(Subscription(reader, take, name, wire.queue, lose))
+            return (reader, peers), policies, undo
+
+        subscription = qos.AdoptingSubscription(wire, create, lambda: self._ends.peers_qos(name, publishes=True))
         self._dropped.calls[name] = reject, fail
-        unheard = self._ends.topics.add(Subscription(reader, take, name, wire.queue, lose))
-        self.undo += [reader.__del__, lambda: self._dropped.forget(name), unheard]
-        return RosSubscription(made.new, lambda: bool(matches(reader)))
+        self.undo += [lambda: self._dropped.forget(name), subscription.undo]
+        return RosSubscription(cdr.new, lambda: bool(matches(subscription.end[0])), subscription.qos_problem)
 
     def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
-        """Raises as publisher()."""
-        self.undo.append(services.serve(self._transport(), wire, self._ends.tell, answer, refuse))
+        """Offer the service. Raises ValueError if the type contains a `wstring`."""
+        self.undo.append(services.serve(self._transport(), wire, self._ends.log, answer, refuse))
 
     def client(self, wire: ServiceWire) -> RosClient:
-        """Raises as publisher()."""
-        caller, close = services.client(self._transport(), wire, self._ends.tell)
+        """Create a client of the service. Raises ValueError if the type contains a `wstring`."""
+        caller, close = services.client(self._transport(), wire, self._ends.log)
         self.undo.append(close)
         return caller
 
@@ -147,24 +175,27 @@ class Graph:
         return self._services
 
     def alive(self) -> bool:
-        """Always: nobody in DDS tells a node to end."""
+        """Return True always: in DDS nobody can shut down a node."""
         return True
 
     def close(self) -> None:
-        """Leaves the domain."""
+        """Leave the DDS domain."""
         if self._services:
             self._services.leave()
         self._ends.close()
 
 
-def _configure(domain: int, config: str, tell: Callable[[str], None]) -> Dropped:
-    """Once in a process, as Cyclone has it; of two settings the later counts, which is the user's."""
+def _configure(domain: int, config: str, log: Callable[[str], None]) -> Dropped:
+    """Create the domain with the configuration `config`, once in a process. Return the reader of its log lines.
+
+    If two settings conflict, Cyclone uses the later one.
+    """
     if domain not in _CONFIGURED:
-        dropped = Dropped(tell)
+        dropped = Dropped(log)
         with dropped.listens():
             _CONFIGURED[domain] = Domain(domain, f"{config},{_TOLERANT}"), dropped
     return _CONFIGURED[domain][1]
 
 
-def _quality(wire: Wire, made: Codec) -> Qos:
-    return quality(wire.qos, wire.latch, wire.queue, f"typehash={made.type_hash};")
+def _quality(policies: qos.Qos, wire: Wire, cdr: Codec) -> Qos:
+    return quality(policies, wire.queue, f"typehash={cdr.type_hash};")

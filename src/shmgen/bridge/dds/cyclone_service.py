@@ -1,4 +1,4 @@
-"""One service as a reader and a writer of Cyclone."""
+"""Services over Cyclone DDS: each service is a reader and a writer."""
 
 from __future__ import annotations
 
@@ -10,73 +10,75 @@ from cyclonedds.core import DDSException
 from cyclonedds.sub import DataReader
 
 from shmgen.bridge.backend import QUEUE
-from shmgen.bridge.dds.entities import Ends, matches, quality, said_by, send
-from shmgen.bridge.dds.service_pair import Came, Met, Pair, Side
+from shmgen.bridge.common import qos
+from shmgen.bridge.dds.entities import Ends, ReaderThread, Subscription, matches, quality, send, user_data_of
+from shmgen.bridge.dds.service_pair import Direction, OnPeerDiscovered, Pair, ReceivedCall
 
 
 class CyclonePair(Pair):
-    """Peers go by their handles."""
+    """The reader and the writer of one service in Cyclone DDS. A peer is identified by its Cyclone handle."""
 
-    def __init__(self, ends: Ends, hears: Side, says: Side, met: Met) -> None:
-        super().__init__(met)
+    def __init__(self, ends: Ends, reads: Direction, writes: Direction, on_peer: OnPeerDiscovered) -> None:
+        super().__init__(on_peer)
         self._ends = ends
         self._ours: dict[bool, Any] = {}
-        self._ours[False] = self._writer = ends.writer(says.topic, says.kind, _quality(says), self._matched_now)
-        self._ours[True] = self._reader = ends.reader(hears.topic, hears.kind, _quality(hears), self._matched_now)
-        for heard in (True, False):  # those of whom nobody was told while they were made
-            self.peers(heard)
+        self._ours[False] = self._writer = ends.writer(writes.topic, writes.kind, _quality(writes), self._matched_now)
+        self._ours[True] = self._reader = ends.reader(reads.topic, reads.kind, _quality(reads), self._matched_now)
+        for is_writer in (True, False):  # peers that matched before both entities existed
+            self.peers(is_writer)
 
     def _matched_now(self, entity: Any, handle: int, is_there: bool) -> None:
         if is_there:
             with suppress(LookupError):
-                self._words_of(_key(handle), isinstance(entity, DataReader))
+                self._user_data_of(_key(handle), isinstance(entity, DataReader))
 
-    def _matched(self, heard: bool) -> list[Hashable]:
-        with suppress(DDSException):  # the bridge has ended meanwhile
-            return [_key(handle) for handle in matches(self._ours[heard])]
+    def _matched(self, is_writer: bool) -> list[Hashable]:
+        with suppress(DDSException):  # the bridge has closed the entities
+            return [_key(handle) for handle in matches(self._ours[is_writer])]
         return []
 
-    def _said(self, peer: Hashable, heard: bool) -> list[str]:
-        return said_by(self._ours[heard], cast(int, peer))
+    def _read_user_data(self, peer: Hashable, is_writer: bool) -> list[str]:
+        return user_data_of(self._ours[is_writer], cast(int, peer))
 
     def send(self, cdr: bytes, call: bytes | None = None) -> bytes:
-        with suppress(DDSException):  # the bridge has ended meanwhile
+        with suppress(DDSException):  # the bridge has closed the entities
             send(self._writer, cdr)
         return b""
 
     def close(self) -> None:
-        self._unheard()
+        self._thread.stop()
         for entity in self._ours.values():
             entity.__del__()
 
-    def listen(self, callback: Callable[[Came], None], name: str) -> None:
+    def listen(self, callback: Callable[[ReceivedCall], None], name: str) -> None:
         def take(sample: Any) -> None:
             sender = _key(sample.sample_info.publication_handle)
-            callback(Came(sample.cdr, self._words_of(sender, True), sender))
+            callback(ReceivedCall(sample.cdr, self._user_data_of(sender, True), sender))
 
-        self._unheard = self._ends.listen(self._reader, take, name)
+        self._thread = ReaderThread(self._ends)
+        self._thread.add(Subscription(self._reader, take, name))
 
 
 class Cyclone:
-    """A ServiceTransport."""
+    """Creates the readers and writers of services in Cyclone DDS, as a ServiceTransport."""
 
     inline = False
 
     def __init__(self, ends: Ends, why: str) -> None:
         self._ends, self.why = ends, f"{why}, or " if why else ""
 
-    def pair(self, hears: Side, says: Side, met: Met) -> Pair:
-        """Its ends go with all others."""
-        return CyclonePair(self._ends, hears, says, met)
+    def pair(self, reads: Direction, writes: Direction, on_peer: OnPeerDiscovered) -> Pair:
+        """Create the reader and the writer of one service. Ends.close() closes both."""
+        return CyclonePair(self._ends, reads, writes, on_peer)
 
     def leave(self) -> None:
-        """Ends.close() does."""
+        """Do nothing, because Ends.close() leaves the domain."""
 
 
 def _key(handle: int) -> int:
-    """Cyclone's Python gives the same handle with a sign, and without."""
+    """Return the handle as an unsigned number. Cyclone's Python binding sometimes reports it as negative."""
     return handle % 2**64
 
 
-def _quality(side: Side) -> Any:
-    return quality("reliable", False, QUEUE, side.words)
+def _quality(side: Direction) -> Any:
+    return quality(qos.Qos(reliable=True, latched=False), QUEUE, side.words)

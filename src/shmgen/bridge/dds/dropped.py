@@ -1,7 +1,8 @@
-"""Counts what Cyclone complains that it dropped, and passes its other complaints to the bridge's log.
+"""Counts the messages that Cyclone drops, and forwards Cyclone's other log lines to the bridge's log.
 
-Cyclone has no status, statistic or log sink for it in Python: it writes to the stderr of C that was in force when its
-domain was made, which is a pipe here, so that no word of a peer begins a line of the log.
+Cyclone's Python binding offers no status, statistic or log callback for dropped messages: Cyclone only writes log lines
+to C's `stderr`. A domain keeps the `stderr` of its creation, so this module sets `stderr` to a pipe while the domain is
+created, and reads the pipe. Each line that it forwards gets a prefix, because the line may contain text from a peer.
 """
 
 from __future__ import annotations
@@ -13,31 +14,34 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from shmgen.bridge.common.counters import describe
+
 _LARGE = re.compile(r"dropping oversize \((\d+) > (\d+)\) sample \d+ from remote writer [\da-f:]+ (\S+)/[^/\s]+$")
 _OTHER = re.compile(r"data\(application, .* #\d+: deserialization (\S+)/[^/\s]+ failed \((.*)\)$")
 _BEFORE = re.compile(r"^\d+\.\d+ \[\d+\] +\S+: ")
-"""Cyclone's clock, domain and thread."""
-_A_MOMENT = 1.0
-"""Seconds, at most, for what was said to be read."""
+"""Prefix of Cyclone's log lines: time, domain and thread."""
+_READ_TIMEOUT = 1.0
+"""Maximum seconds to wait until pending log lines are read."""
 
 
 class Dropped:
-    """What the domain of this process says that is made while `listens`, as long as the process lasts.
+    """Reads the log lines of a Cyclone domain. Create the domain inside `with listens()`.
 
-    `calls` has for a topic, `rt/pose`, what is called for each message that is too large, and for each that is no
-    message of its type, in a thread that is none of the topic's.
+    `calls` maps a DDS topic such as `rt/pose` to two callbacks. The first is called for each message that is too large,
+    the second for each message that Cyclone cannot decode. Both run in a thread that reads until the process ends.
     """
 
     def __init__(self, log: Callable[[str], None]) -> None:
         self.calls: dict[str, tuple[Callable[[str], None], Callable[[str], None]]] = {}
         self._log = log
-        self._told = threading.Event()
+        self._is_read = threading.Event()
 
     @contextmanager
     def listens(self) -> Iterator[None]:
-        """Only where stderr is a variable, which glibc says: elsewhere Cyclone's lines stay on stderr, uncounted.
+        """Replace C's `stderr` with a pipe while a Cyclone domain is created, so that its log lines can be read.
 
-        What it said of an exception is told before that leaves.
+        This works with glibc only, where `stderr` is a variable. With another C library, Cyclone's log lines go to
+        stderr and are not counted. If creating the domain fails, its log lines are reported before the exception.
         """
         if "CS_GNU_LIBC_VERSION" not in os.confstr_names:
             yield
@@ -54,23 +58,29 @@ class Dropped:
             yield
         except Exception:
             os.write(sink, b"\n")
-            self._told.wait(_A_MOMENT)
+            self._is_read.wait(_READ_TIMEOUT)
             raise
         finally:
             stderr.value = before
 
     def forget(self, topic: str) -> None:
-        """Nothing is called any more."""
+        """Remove the callbacks of a DDS topic."""
         self.calls.pop(topic, None)
 
     def _run(self, source: int) -> None:
         with open(source, encoding="utf-8", errors="replace") as lines:
             for line in map(str.rstrip, lines):
-                if not line:
-                    self._told.set()
-                elif (found := _LARGE.search(line)) and (calls := self.calls.get(found[3])):
-                    calls[0](f"{int(found[1]):,} bytes, and more than {int(found[2]):,} are not received")
-                elif (found := _OTHER.search(line)) and (calls := self.calls.get(found[1])):
-                    calls[1](f"its bytes are no message of our type ({found[2]})")
-                else:
-                    self._log(f"dds: Cyclone says: {_BEFORE.sub('', line)}")
+                try:
+                    self._take(line)
+                except Exception as error:  # a callback failed; the other topics still need this thread
+                    self._log(f"dds: {describe(error)}")
+
+    def _take(self, line: str) -> None:
+        if not line:
+            self._is_read.set()
+        elif (match := _LARGE.search(line)) and (calls := self.calls.get(match[3])):
+            calls[0](f"{int(match[1]):,} bytes, and more than {int(match[2]):,} are not received")
+        elif (match := _OTHER.search(line)) and (calls := self.calls.get(match[1])):
+            calls[1](f"its bytes are no message of our type ({match[2]})")
+        else:
+            self._log(f"dds: Cyclone: {_BEFORE.sub('', line)}")

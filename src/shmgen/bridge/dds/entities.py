@@ -1,18 +1,18 @@
-"""Cyclone's readers and writers, from names, types and QoS: one thread for all topics, and one for each service.
+"""Creates Cyclone's readers and writers. One thread reads all topics, and each service has a thread of its own.
 
-A thread that waits costs less than Cyclone's listener, for which Python makes a thread state at each message.
+A waiting thread costs less than a Cyclone listener: Python creates a thread state for each message of a listener.
 """
 
 from __future__ import annotations
 
 import ctypes
 import threading
-import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
+from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication, BuiltinTopicDcpsSubscription
 from cyclonedds.core import (
     DDSException,
     GuardCondition,
@@ -30,37 +30,40 @@ from cyclonedds.qos import Policy, Qos
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
-from shmgen.bridge.backend import RateLimitedLog, keep
 from shmgen.bridge.codec.type_identity import Identity
+from shmgen.bridge.common import qos
+from shmgen.bridge.common.counters import Counters, describe
+from shmgen.bridge.common.support import join_all, remember_bounded
 from shmgen.bridge.dds.types import sample
 
 Matched = Callable[[Any, int, bool], None]
-"""Is called with our end and the handle of a peer of it, once they have found (True) or lost each other."""
+"""A callback for a matched or lost peer: our reader or writer, the peer's handle, and True if the peer matched."""
 
-_PATIENCE = 10_000_000
-"""Nanoseconds a writer may be held up; keep-last writers have not been seen to be."""
-_AT_ONCE = 64
-"""Samples taken from a reader in one go, or its queue if that is longer."""
-_FAREWELL = 0.4
-"""Seconds that all threads together get to finish what they are at."""
+_MAX_BLOCKING_TIME = 10_000_000
+"""Maximum nanoseconds that a write may block. Keep-last writers were never observed to block."""
+_BATCH = 64
+"""Number of samples to take from a reader in one call, or the length of its queue if that is larger."""
 _FOREVER = 2**63 - 1
 _ANY = SampleState.Any | ViewState.Any | InstanceState.Any
-_ASKING = threading.Lock()
-"""Cyclone's Python puts the QoS of a peer, while it reads it, where all threads do: two at once read each other's."""
-_POLICIES = {2: "durability", 4: "deadline", 8: "liveliness", 11: "reliability", 23: "data representation", 24: "type"}
-"""By dds_qos_policy_id_t, those of ROS 2 that can stand between two ends."""
+_QOS_LOCK = threading.Lock()
+"""Held while the QoS of a peer is read. Cyclone's Python binding reads it into a buffer that all threads share."""
+_DURABILITY, _RELIABILITY = 2, 11
+"""Numbers of two policies in dds_qos_policy_id_t."""
+_POLICIES = {4: "deadline", 8: "liveliness", 23: "data representation", 24: "type"}
+"""Other policies of ROS 2 that can prevent a match, by their number in dds_qos_policy_id_t."""
+_MOST_ENDS = 10_000
+"""Maximum number of endpoints of a domain to examine."""
 
 
-def quality(reliability: Literal["reliable", "best_effort"], latch: bool, queue: int, user_data: str) -> Qos:
-    """As rmw_cyclonedds sets it, but for the time a writer may be held up, which is for ever there."""
-    reliable = Policy.Reliability.Reliable(_PATIENCE)
-    policies = [
-        reliable if reliability == "reliable" else Policy.Reliability.BestEffort,
+def quality(policies: qos.Qos, queue: int, user_data: str) -> Qos:
+    """Return the QoS that rmw_cyclonedds would set, plus a limit of the time for which a write may block."""
+    entries = [
+        Policy.Reliability.Reliable(_MAX_BLOCKING_TIME) if policies.reliable else Policy.Reliability.BestEffort,
         Policy.History.KeepLast(queue),
         Policy.DataRepresentation(use_cdrv0_representation=True),
         Policy.Userdata(user_data.encode()),
     ]
-    if latch:
+    if policies.latched:
         newest = Policy.DurabilityService(
             cleanup_delay=0,
             history=Policy.History.KeepLast(1),
@@ -68,152 +71,182 @@ def quality(reliability: Literal["reliable", "best_effort"], latch: bool, queue:
             max_instances=-1,
             max_samples_per_instance=-1,
         )
-        policies += [Policy.Durability.TransientLocal, newest]
-    return Qos(*policies)
+        entries += [Policy.Durability.TransientLocal, newest]
+    return Qos(*entries)
 
 
 class Ends:
-    """The readers and writers of one participant."""
+    """Creates and owns the readers and writers of the bridge's participant in Cyclone DDS."""
 
-    def __init__(self, participant: DomainParticipant, tell: Callable[[str], None]) -> None:
-        self.tell = tell
+    def __init__(self, participant: DomainParticipant, log: Callable[[str], None]) -> None:
+        self.log = log
         self.participant = participant
         self.closing = False
         self.threads: list[ReaderThread] = []
         self.topics = ReaderThread(self)
-        self._named: dict[tuple[str, type[Any]], Topic] = {}
+        self._topics_by_name: dict[tuple[str, type[Any]], Topic] = {}
+        self._incompatible: set[tuple[str, bool]] = set()
+        """Topics with an incompatible QoS that Cyclone reported. The bool is True if the peer publishes."""
+        self._endpoints = {
+            publishes: BuiltinDataReader(participant, topic)
+            for publishes, topic in ((True, BuiltinTopicDcpsPublication), (False, BuiltinTopicDcpsSubscription))
+        }
 
-    def writer(self, topic: str, kind: type[Any], qos: Qos, matched: Matched | None = None) -> DataWriter:
-        """Of the structure `kind`."""
-        listener = self._watch(topic, "offer", matched)
-        return DataWriter(self.participant, self._topic(topic, kind), qos, listener)
+    def writer(self, topic: str, kind: type[Any], quality: Qos, matched: Matched | None = None) -> DataWriter:
+        """Create a writer for samples of the structure `kind`."""
+        listener = self._watch(topic, "offers", matched)
+        return DataWriter(self.participant, self._topic(topic, kind), quality, listener)
 
-    def reader(self, topic: str, kind: type[Any], qos: Qos, matched: Matched | None = None) -> DataReader:
-        """Of the structure `kind`; what it takes are objects with `cdr`."""
-        without_service = qos - Qos(qos[Policy.DurabilityService]) if Policy.DurabilityService in qos else qos
+    def reader(self, topic: str, kind: type[Any], quality: Qos, matched: Matched | None = None) -> DataReader:
+        """Create a reader for samples of the structure `kind`. Each sample holds the received bytes as `cdr`."""
+        has_service = Policy.DurabilityService in quality
+        without_service = quality - Qos(quality[Policy.DurabilityService]) if has_service else quality
         return DataReader(
             self.participant,
             self._topic(topic, kind),
             without_service,
-            self._watch(topic, "ask for", matched),
+            self._watch(topic, "requests", matched),
         )
 
     def _topic(self, name: str, kind: type[Any]) -> Topic:
-        """Once: one that is deleted and made again has Cyclone read memory that is no more."""
-        return self._named.get((name, kind)) or self._named.setdefault(
+        """Return the DDS topic `name`, which is created once.
+
+        If a topic were deleted and created again, Cyclone would read freed memory.
+        """
+        return self._topics_by_name.get((name, kind)) or self._topics_by_name.setdefault(
             (name, kind), Topic(self.participant, name, kind)
         )
 
-    def listen(self, reader: DataReader, callback: Callable[[Any], None], name: str) -> Callable[[], None]:
-        """Calls `callback` with each sample, in order, in a thread of its own. Gives what ends that."""
-        thread = ReaderThread(self)
-        thread.add(Subscription(reader, callback, name))
-        return thread.stop
-
     def close(self) -> None:
-        """Deletes all; for the peers they are gone at once."""
+        """Delete all readers and writers. Peers see at once that the readers and writers are gone."""
         self.closing = True
         threads = [*self.threads]
         for thread in threads:
             thread.stop()
-        deadline = time.monotonic() + _FAREWELL
-        for thread in threads:
-            thread.join(max(0.0, deadline - time.monotonic()))
-        self.participant.__del__()  # there is no other way in Cyclone's Python; what is in it goes with it
+        join_all(reader_thread.thread for reader_thread in threads)
+        self.participant.__del__()  # the only way in Python; deletes all readers and writers too
+
+    def peers_qos(self, topic: str, publishes: bool) -> list[qos.Qos]:
+        """Return the QoS of all publishers of a topic if `publishes` is True, or else of all its subscribers.
+
+        A search examines all endpoints of the domain. Therefore search only if Cyclone has reported an incompatible QoS
+        on this topic, and return an empty list in all other cases.
+        """
+        if (topic, publishes) not in self._incompatible:
+            return []
+        with _QOS_LOCK:
+            ends = self._endpoints[publishes].read(_MOST_ENDS)
+        alive = [end for end in ends if end.sample_info.instance_state == InstanceState.Alive]
+        peers = [_policies(end.qos) for end in alive if end.topic_name == topic]
+        if not peers:
+            self._incompatible.discard((topic, publishes))
+        return peers
 
     def _watch(self, name: str, verb: str, matched: Matched | None) -> Listener:
-        def told(entity: Any, status: Any) -> None:
+        def report_incompatible(entity: Any, status: Any) -> None:
+            if status.last_policy_id in (_DURABILITY, _RELIABILITY):
+                self._incompatible.add((name, verb != "offers"))  # peers_qos() finds the peer
+                return
             policy = _POLICIES.get(status.last_policy_id, f"policy {status.last_policy_id}")
-            self.tell(f"{name}: a peer does not match the {policy} that we {verb}; nothing passes between the two")
+            self.log(
+                f"{name}: a peer does not match the {policy} that the bridge {verb}; no messages pass between the two"
+            )
 
-        def met(entity: Any, status: Any) -> None:
-            if matched and entity and not self.closing:  # None: not yet made; asked at its first sample
-                handle = status.last_subscription_handle if verb == "offer" else status.last_publication_handle
+        def report_match(entity: Any, status: Any) -> None:
+            if matched and entity and not self.closing:  # None: still being created; the first sample checks the peer
+                handle = status.last_subscription_handle if verb == "offers" else status.last_publication_handle
                 matched(entity, handle, status.current_count_change > 0)
 
-        if verb == "offer":
-            return Listener(on_offered_incompatible_qos=told, on_publication_matched=met)
-        return Listener(on_requested_incompatible_qos=told, on_subscription_matched=met)
+        if verb == "offers":
+            return Listener(on_offered_incompatible_qos=report_incompatible, on_publication_matched=report_match)
+        return Listener(on_requested_incompatible_qos=report_incompatible, on_subscription_matched=report_match)
 
 
 @dataclass(frozen=True, slots=True)
 class Subscription:
-    """A reader, and what is called with each of its samples, in order.
+    """A reader and the callback for its samples, which is called in order.
 
-    A reader whose `queue` is found full has lost at least one: Cyclone says neither that nor how many. That is told to
-    `lose`, of a queue that is not so short that it may well be full with nothing lost.
+    Cyclone does not report lost samples. If the reader's queue is full, at least one sample was probably lost, and
+    `lose(1)` is called. Short queues of 64 samples or fewer are not checked, because they can be full without a loss.
     """
 
     reader: DataReader
     callback: Callable[[Any], None]
     name: str
-    queue: int = _AT_ONCE
+    queue: int = _BATCH
     lose: Callable[[int], None] = lambda count: None
 
 
 class ReaderThread:
-    """A thread that hears all readers it is given, and tells what their callbacks raise, not often.
+    """A thread that takes the samples of many readers and calls the callback of each reader.
 
-    One for many: ten samples that come at once wake it once, and are taken without ten threads asking for the GIL.
+    Ten samples that arrive together wake the thread once, and no threads compete for the GIL. Exceptions of the
+    callbacks are logged at a limited rate.
     """
 
     def __init__(self, ends: Ends) -> None:
         self._ends = ends
-        self._waiting: _Waiting | None = None
+        self._readers: _ReaderSet | None = None
 
-    def add(self, heard: Subscription) -> Callable[[], None]:
-        """From any thread but its own. Gives what takes it away again."""
-        if not self._waiting:
-            self._waiting = _Waiting(self._ends.participant)
-            self._thread = threading.Thread(target=self._run, args=(self._waiting,), name=heard.name, daemon=True)
+    def add(self, subscription: Subscription) -> Callable[[], None]:
+        """Add the reader of a subscription. Return a function that removes the reader.
+
+        A callback that runs in this thread must call neither add() nor the returned function.
+        """
+        if not self._readers:
+            self._readers = _ReaderSet(self._ends.participant)
+            self.thread = threading.Thread(target=self._run, args=(self._readers,), name=subscription.name, daemon=True)
             self._ends.threads.append(self)
-            self._thread.start()
-        return self._waiting.add(heard.reader, heard, RateLimitedLog(heard.name, self._ends.tell))
+            self.thread.start()
+        return self._readers.add(subscription.reader, subscription, Counters(subscription.name, self._ends.log))
 
     def stop(self) -> None:
-        """Ends the thread, from any: its turn is its last."""
-        if self._waiting:
-            self._waiting.stop()
+        """Stop the thread after it has taken the present samples. Thread-safe."""
+        if self._readers:
+            self._readers.stop()
 
-    def join(self, timeout: float) -> None:
-        self._thread.join(timeout)
-
-    def _run(self, waiting: _Waiting) -> None:
-        with suppress(DDSException):  # deleted while a callback took its time
-            while not waiting.stopped:
-                for heard, grumble in waiting.which():
-                    self._take(heard, grumble)
+    def _run(self, readers: _ReaderSet) -> None:
+        with suppress(DDSException):  # the entities were deleted during a callback
+            while not readers.stopped:
+                for subscription, faults in readers.wait_for_samples():
+                    self._take(subscription, faults)
         self._ends.threads.remove(self)
-        waiting.close()
+        readers.close()
 
-    def _take(self, heard: Subscription, grumble: RateLimitedLog) -> None:
+    def _take(self, subscription: Subscription, faults: Counters) -> None:
         try:
-            samples = heard.reader.take(max(heard.queue, _AT_ONCE))
-        except DDSException:  # it was removed meanwhile
+            samples = subscription.reader.take(max(subscription.queue, _BATCH))
+        except DDSException:  # the reader was removed meanwhile
             return
-        if len(samples) >= heard.queue > _AT_ONCE:
-            heard.lose(1)
-        for taken in samples:
+        if len(samples) >= subscription.queue > _BATCH:
+            subscription.lose(1)
+        for received in samples:
             try:
-                if not isinstance(taken, InvalidSample):  # a writer that went
-                    heard.callback(taken)
-            except Exception as error:  # one message is not worth the topic
-                grumble(error)
+                if not isinstance(received, InvalidSample):  # a notice that the writer has left
+                    subscription.callback(received)
+            except Exception as error:  # one bad message must not stop the topic
+                faults.log_rate_limited(describe(error))
 
 
-class _Waiting(WaitSet):  # type: ignore[misc]
-    """Tells which of what was added has come, where Cyclone's own tells how many: nobody has to be asked in vain."""
+class _ReaderSet(WaitSet):  # type: ignore[misc]
+    """Waits for samples of many readers and returns the readers that have some.
+
+    Cyclone's own wait set returns only the number of these readers.
+    """
 
     def __init__(self, participant: DomainParticipant) -> None:
         super().__init__(participant)
-        self._added: dict[int | None, tuple[Subscription, RateLimitedLog]] = {}
-        self._came = (ctypes.c_void_p * 0)()
-        self.stopped = False  # said by the condition too; but to ask it each time gives the GIL away
+        self._added: dict[int | None, tuple[Subscription, Counters]] = {}
+        self._triggered = (ctypes.c_void_p * 0)()
+        self.stopped = False  # duplicates _stop, because reading a condition releases the GIL
         self._stop = GuardCondition(participant)
         self.attach(self._stop)
 
     def add(self, reader: DataReader, *what: Any) -> Callable[[], None]:
-        """From any thread, as what takes it away again."""
+        """Add a reader, and return a function that removes the reader. Both functions are thread-safe.
+
+        `what` is the tuple that `wait_for_samples` returns if the reader has new samples.
+        """
         condition = ReadCondition(reader, _ANY)
         self.attach(condition)
         place = ctypes.addressof(self.attached[-1][1])
@@ -223,7 +256,7 @@ class _Waiting(WaitSet):  # type: ignore[misc]
             del self._added[place]
             with suppress(DDSException):
                 self.detach(condition)
-            condition.__del__()  # Cyclone's Python keeps all entities until then
+            condition.__del__()  # otherwise Cyclone's Python binding keeps the condition for ever
 
         return remove
 
@@ -232,15 +265,15 @@ class _Waiting(WaitSet):  # type: ignore[misc]
         with suppress(DDSException):
             self._stop.set(True)
 
-    def which(self) -> list[tuple[Subscription, RateLimitedLog]]:
-        """In the order they were added in. Waits until there is one, or stop()."""
-        if len(self._came) < len(self.attached):
-            self._came = (ctypes.c_void_p * len(self.attached))()
-        count = self._waitset_wait(self._ref, self._came, len(self._came), _FOREVER)
+    def wait_for_samples(self) -> list[tuple[Subscription, Counters]]:
+        """Wait until a reader has new samples or stop() is called. Return the subscriptions with new samples."""
+        if len(self._triggered) < len(self.attached):
+            self._triggered = (ctypes.c_void_p * len(self.attached))()
+        count = self._waitset_wait(self._ref, self._triggered, len(self._triggered), _FOREVER)
         if count < 0:
             raise DDSException(count, "while waiting for samples")
-        found = map(self._added.get, self._came[:count])
-        return [what for what in found if what]  # else: next time, or removed meanwhile
+        subscriptions = map(self._added.get, self._triggered[:count])
+        return [what for what in subscriptions if what]  # None: the stop condition, or a reader being added or removed
 
     def close(self) -> None:
         for entity in (*(entity for entity, _ in self.attached), self):
@@ -248,59 +281,72 @@ class _Waiting(WaitSet):  # type: ignore[misc]
 
 
 class Peers:
-    """Who of the peers of a reader or a writer means by the type what we do."""
+    """Checks for each peer of a reader or writer whether it uses a compatible type."""
 
-    def __init__(self, identity: Identity, meet: Callable[[str], None] = lambda why: None) -> None:
-        """`meet` is told why one that is there may not be heard; nothing, as soon as all may."""
+    def __init__(self, identity: Identity, on_incompatible: Callable[[str], None] = lambda why: None) -> None:
+        """Prepare the check of peers by `identity`, which compares their type hashes.
+
+        After each change of the matched peers, `on_incompatible` is called with the reason why a peer is incompatible,
+        or with `""` if all are compatible.
+        """
         self._identity = identity
-        self._meet = meet
+        self._on_incompatible = on_incompatible
         self._known: dict[int, str] = {}
-        self._strangers: dict[int, str] = {}
+        self._incompatible_peers: dict[int, str] = {}
 
     def matched(self, entity: Any, handle: int, is_there: bool = True) -> None:
-        """A Matched: before anything of the peer comes, and before it can go; and when it has gone."""
+        """Check the type of the peer `handle` if `is_there` is True. If it is False, forget the peer, which has left.
+
+        Cyclone calls this method before it delivers the first sample of a new peer.
+        """
         if not is_there:
-            self._strangers.pop(handle % 2**64, None)
+            self._incompatible_peers.pop(handle % 2**64, None)
         elif why := self._remember(entity, handle):
-            self._strangers[handle % 2**64] = why
-        self._meet(self.stranger)
+            self._incompatible_peers[handle % 2**64] = why
+        self._on_incompatible(self.incompatible_peer)
 
     @property
-    def stranger(self) -> str:
-        """Why one that is there now may not be heard; nothing if all may."""
-        return next(iter(tuple(self._strangers.values())), "")
+    def incompatible_peer(self) -> str:
+        """The reason why a present peer is incompatible, or `""` if all are compatible."""
+        return next(iter(tuple(self._incompatible_peers.values())), "")
 
     def refusal(self, reader: DataReader, sample: Any) -> str:
-        """Why a sample may not pass; nothing if it may."""
+        """Return why a sample of an incompatible peer must be refused, or `""` if the sample may pass."""
         handle = sample.sample_info.publication_handle
         known = self._known.get(handle % 2**64)
         return self._remember(reader, handle) if known is None else known
 
     def _remember(self, entity: Any, handle: int) -> str:
-        why = self._judged(entity, handle)
-        keep(self._known, handle % 2**64, why)
+        why = self._compare(entity, handle)
+        remember_bounded(self._known, handle % 2**64, why)
         return why
 
-    def _judged(self, entity: Any, handle: int) -> str:
+    def _compare(self, entity: Any, handle: int) -> str:
         try:
-            words = said_by(entity, handle)
+            words = user_data_of(entity, handle)
         except LookupError:
-            return "a peer has gone before it could be asked what it means by the type"
-        return self._identity.refusal(word_of(words, "typehash").partition("=")[2])
+            return "a peer left before its type could be compared"
+        return self._identity.refusal(user_data_entry(words, "typehash").partition("=")[2])
+
+
+def _policies(end: Qos) -> qos.Qos:
+    """Return the QoS policies of a peer's reader or writer."""
+    is_reliable = isinstance(end[Policy.Reliability], Policy.Reliability.Reliable)
+    return qos.Qos(is_reliable, Policy.Durability in end and end[Policy.Durability] != Policy.Durability.Volatile)
 
 
 def matches(entity: Any) -> list[int]:
-    """The handles of the peers of a reader or writer."""
+    """Return the handles of all peers that match a reader or writer."""
     while True:
-        with suppress(IndexError):  # another one came while Cyclone's Python counted them
+        with suppress(IndexError):  # another peer matched while Cyclone's Python binding counted; retry
             reads = isinstance(entity, DataReader)
             return list(entity.get_matched_publications() if reads else entity.get_matched_subscriptions())
 
 
-def said_by(entity: Any, handle: int) -> list[str]:
-    """The words in the user data of a peer of a reader or writer. Raises LookupError if it has gone."""
+def user_data_of(entity: Any, handle: int) -> list[str]:
+    """Return the parts, separated by `;`, of the user data of a peer. Raises LookupError if the peer has left."""
     reads = isinstance(entity, DataReader)
-    with _ASKING:
+    with _QOS_LOCK:
         endpoint = (entity.get_matched_publication_data if reads else entity.get_matched_subscription_data)(handle)
     if endpoint is None:
         raise LookupError(handle)
@@ -308,11 +354,22 @@ def said_by(entity: Any, handle: int) -> list[str]:
     return list(data.decode(errors="replace").split(";"))
 
 
-def word_of(words: Iterable[str], key: str) -> str:
-    """`clientid=1.2` for `clientid`; nothing if it is not among them."""
+def user_data_entry(words: Iterable[str], key: str) -> str:
+    """Return the entry with the key `key`, such as `clientid=1.2` for `clientid`, or `""` if it is missing.
+
+    `words` are the parts of a peer's user data.
+    """
     return next((word for word in words if word.startswith(f"{key}=")), "")
 
 
+def is_acknowledged(writer: DataWriter, seconds: float) -> bool:
+    """Wait until all reliable readers have acknowledged all samples. Return False after `seconds`.
+
+    Cyclone's own method raises an exception at a timeout.
+    """
+    return bool(writer._wait_for_acks(writer._ref, int(seconds * 1e9)) == 0)
+
+
 def send(writer: DataWriter, cdr: bytes) -> None:
-    """Waits for nobody: a reliable reader that stands still misses all but the newest of the writer's history."""
+    """Write a sample without waiting for readers. A reliable reader that is too slow then misses the oldest samples."""
     writer.write(sample(writer.data_type, cdr))

@@ -1,6 +1,7 @@
-"""Cyclone's configuration, from what ROS 2's environment says of discovery and from the size of our messages.
+"""Builds Cyclone's configuration from the discovery variables of ROS 2 and from the largest message.
 
-Source: rcl (discovery_options.c) and rmw_cyclonedds of Iron and later, whose configuration for each range this is.
+Source: rcl (discovery_options.c) and rmw_cyclonedds, Iron and later. For each value of ROS_AUTOMATIC_DISCOVERY_RANGE,
+Cyclone gets the same configuration as from rmw_cyclonedds.
 """
 
 from __future__ import annotations
@@ -17,14 +18,15 @@ from xml.sax.saxutils import quoteattr
 
 _RANGES = ("OFF", "LOCALHOST", "SUBNET", "SYSTEM_DEFAULT")
 _PROCESSES = 32
-"""Of this machine that can be found without multicast; as rmw_cyclonedds has it."""
+"""Maximum number of processes on one machine that are found without multicast. rmw_cyclonedds uses the same."""
 
 
 @dataclass(frozen=True, slots=True)
 class Network:
-    """How the domain is joined: Cyclone's configuration, whether nobody but this machine is heard, and what to tell.
+    """The network settings of a DDS domain.
 
-    `reach` is the discovery range, if one counts, and `peers` are the static ones that do.
+    `config` is Cyclone's XML, `alone` is True if only this machine is reachable, and `notes` are lines to log. `reach`
+    is the effective discovery range, or `""` for the default. `peers` are the effective static peers.
     """
 
     config: str
@@ -35,31 +37,34 @@ class Network:
 
 
 def network(environment: Mapping[str, str], largest: int) -> Network:
-    """By ROS_LOCALHOST_ONLY, ROS_AUTOMATIC_DISCOVERY_RANGE, ROS_STATIC_PEERS; CYCLONEDDS_URI has the last word.
+    """Return the network settings from the environment.
 
-    No message of more than `largest` bytes comes in: Cyclone drops it at its first fragment and says so on stderr.
+    Use ROS_LOCALHOST_ONLY, ROS_AUTOMATIC_DISCOVERY_RANGE and ROS_STATIC_PEERS. CYCLONEDDS_URI overrides them. Cyclone
+    drops a message of more than `largest` bytes at its first fragment and logs the drop on stderr.
     """
-    said = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "")
+    discovery_range = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "")
     peers = [peer.strip() for peer in environment.get("ROS_STATIC_PEERS", "").split(";") if peer.strip()]
-    reach, notes = said or ("SUBNET" if peers else ""), []
+    reach, notes = discovery_range or ("SUBNET" if peers else ""), []
     if environment.get("ROS_LOCALHOST_ONLY") == "1":
-        if said or peers:
-            notes.append(
-                "ROS_LOCALHOST_ONLY is 1: ROS_AUTOMATIC_DISCOVERY_RANGE and ROS_STATIC_PEERS count for nothing"
-            )
+        if discovery_range or peers:
+            notes.append("ROS_LOCALHOST_ONLY is 1: ROS_AUTOMATIC_DISCOVERY_RANGE and ROS_STATIC_PEERS are ignored")
         reach, peers = "LOCALHOST", []
-    elif said and said not in _RANGES:
-        notes.append(f"ROS_AUTOMATIC_DISCOVERY_RANGE is {said!r}, none of {', '.join(_RANGES)}: LOCALHOST is taken")
+    elif discovery_range and discovery_range not in _RANGES:
+        notes.append(
+            f"ROS_AUTOMATIC_DISCOVERY_RANGE is {discovery_range!r}, none of {', '.join(_RANGES)}: LOCALHOST is used"
+        )
         reach = "LOCALHOST"
     if reach in ("OFF", "SYSTEM_DEFAULT") and peers:
-        notes.append(f"ROS_STATIC_PEERS counts for nothing with ROS_AUTOMATIC_DISCOVERY_RANGE={reach}")
+        notes.append(f"ROS_STATIC_PEERS is ignored with ROS_AUTOMATIC_DISCOVERY_RANGE={reach}")
         peers = []
     alone = reach in ("OFF", "LOCALHOST") and not peers
     sizes = f"<Internal><MaxSampleSize>{largest}B</MaxSampleSize></Internal>"
     ours = f'<CycloneDDS><Domain Id="any">{sizes}{_discovery(reach, peers)}</Domain></CycloneDDS>'
     if alone:
         notes.append(
-            "only this machine is heard" if reach == "LOCALHOST" else "nobody is looked for, and nobody finds us"
+            "only this machine is reachable"
+            if reach == "LOCALHOST"
+            else "no other process is discovered, and none discovers the bridge"
         )
     return Network(
         ",".join(filter(None, (ours, environment.get("CYCLONEDDS_URI")))), alone, tuple(notes), reach, tuple(peers)
@@ -68,13 +73,13 @@ def network(environment: Mapping[str, str], largest: int) -> Network:
 
 def _discovery(reach: str, peers: list[str]) -> str:
     silent = "<General><AllowMulticast>false</AllowMulticast></General>"
-    if reach == "OFF":  # nobody has the same tag
+    if reach == "OFF":  # a unique tag: no other process can match it
         tag = f"<Tag>ros_discovery_off_{os.getpid()}</Tag>"
         return f"{silent}<Discovery><ParticipantIndex>none</ParticipantIndex>{tag}</Discovery>"
     if reach in ("", "SYSTEM_DEFAULT"):
         return ""
-    found = [*(["localhost"] if reach == "LOCALHOST" else []), *peers]
-    named = "".join(f"<Peer address={quoteattr(peer)}/>" for peer in found)
+    addresses = [*(["localhost"] if reach == "LOCALHOST" else []), *peers]
+    named = "".join(f"<Peer address={quoteattr(peer)}/>" for peer in addresses)
     most = f"<MaxAutoParticipantIndex>{_PROCESSES}</MaxAutoParticipantIndex>"
     index = f"<ParticipantIndex>auto</ParticipantIndex>{most}"
     discovery = f"<Discovery>{index}{f'<Peers>{named}</Peers>' if named else ''}</Discovery>"
@@ -82,20 +87,23 @@ def _discovery(reach: str, peers: list[str]) -> str:
 
 
 def sockets() -> set[int]:
-    """The descriptors of those that this process has open."""
-    found = set()
+    """Return the file descriptors of all open sockets of this process."""
+    descriptors = set()
     for name in os.listdir("/proc/self/fd"):
-        with suppress(OSError):  # the list itself had one
+        with suppress(OSError):  # the descriptor of listdir itself is closed already
             if stat.S_ISSOCK(os.fstat(int(name)).st_mode):
-                found.add(int(name))
-    return found
+                descriptors.add(int(name))
+    return descriptors
 
 
 def confine(before: set[int]) -> None:
-    """Has the kernel drop what others send to the UDP sockets opened since, which Cyclone binds to all interfaces.
+    """Limit new UDP sockets of this process to packets from this machine.
 
-    The filter goes by the interface that a packet came by. What processes of one machine send each other comes by `lo`,
-    whatever their addresses, so they find each other at any of them. Raises OSError where the kernel refuses it.
+    `before` contains the file descriptors of the sockets that were already open; these sockets stay unchanged.
+
+    Cyclone binds its sockets to all interfaces. A kernel filter therefore drops packets that did not arrive on `lo`.
+    Packets between processes of one machine always arrive on `lo`, whatever address they use. Raises OSError if the
+    kernel rejects the filter.
     """
     only_lo = (
         (_LOAD, 0, 0, _INTERFACE),
@@ -106,12 +114,13 @@ def confine(before: set[int]) -> None:
     code = ctypes.create_string_buffer(b"".join(struct.pack("=HBBI", *step) for step in only_lo))
     program = struct.pack("@HP", len(only_lo), ctypes.addressof(code))
     for descriptor in sockets() - before:
-        with socket.socket(fileno=os.dup(descriptor)) as found:
-            if found.type == socket.SOCK_DGRAM and found.family in (socket.AF_INET, socket.AF_INET6):
-                found.setsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER, program)
+        with socket.socket(fileno=os.dup(descriptor)) as opened_socket:
+            if opened_socket.type == socket.SOCK_DGRAM and opened_socket.family in (socket.AF_INET, socket.AF_INET6):
+                opened_socket.setsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER, program)
 
 
 _SO_ATTACH_FILTER = 26
 _LOAD, _JUMP_IF_EQUAL, _RETURN = 0x20, 0x15, 0x06
+"""Instructions of classic BPF."""
 _INTERFACE = 0xFFFFF008
-"""SKF_AD_OFF + SKF_AD_IFINDEX (linux/filter.h): the number of the interface, as if it stood in the packet."""
+"""SKF_AD_OFF + SKF_AD_IFINDEX (linux/filter.h): the offset at which a filter loads the interface number."""

@@ -1,4 +1,4 @@
-"""What services.py asks of DDS: for each service a reader and a writer, and who is at the other end of the two."""
+"""The interface that services.py requires of a DDS library: a reader and a writer for each service, and their peers."""
 
 from __future__ import annotations
 
@@ -9,14 +9,17 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
-from shmgen.bridge.backend import keep
+from shmgen.bridge.common.support import remember_bounded
 
-Met = Callable[[list[str], bool], None]
-"""Is called with the words in the user data of a peer, and whether it is one that we hear; once for each."""
+OnPeerDiscovered = Callable[[list[str], bool], None]
+"""A callback for each new peer: the parts of its user data, and True if the peer is a writer that we read."""
 
 
-class Side(NamedTuple):
-    """A topic of DDS, its type's name and Cyclone's structure of it, and what our end of it has in its user data."""
+class Direction(NamedTuple):
+    """The requests or the responses of a service: DDS topic, type name, Cyclone's structure, and user data.
+
+    `words` is the user data that the bridge announces.
+    """
 
     topic: str
     type_name: str
@@ -25,10 +28,11 @@ class Side(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Came:
-    """A request or a reply, encapsulation included, and the words in the user data of its sender.
+class ReceivedCall:
+    """A received request or reply of a service: its bytes `cdr`, with the encapsulation header, and its sender.
 
-    `call` says whose call it is, of a sender that says it inline.
+    `words` are the `key=value` entries in the user data of the sender. `call` is the identity of the call if the sender
+    passes this identity inline, as metadata of the sample. If the bytes contain the identity, `call` is empty.
     """
 
     cdr: bytes
@@ -38,62 +42,72 @@ class Came:
 
 
 class Pair(ABC):
-    """A reader and a writer. Its methods may be called from any thread."""
+    """The reader and the writer by which the bridge serves or calls one service. Thread-safe."""
 
-    def __init__(self, met: Met) -> None:
-        self._met = met
+    def __init__(self, on_peer: OnPeerDiscovered) -> None:
+        self._on_peer = on_peer
         self._words: dict[Hashable, list[str]] = {}
-        self._meeting = threading.Lock()
+        self._lock = threading.Lock()
 
-    def peers(self, heard: bool) -> dict[Hashable, list[str]]:
-        """Those that we hear, or those that hear us, and the words in their user data."""
-        found = {}
-        for peer in self._matched(heard):
-            with suppress(LookupError):  # gone meanwhile
-                found[peer] = self._words_of(peer, heard)
-        return found
+    def peers(self, is_writer: bool) -> dict[Hashable, list[str]]:
+        """Return the writers of this service in other programs if `is_writer` is True, or else the readers.
 
-    def _words_of(self, peer: Hashable, heard: bool) -> list[str]:
-        """Also of one that has gone, if it was met not long ago. Raises LookupError."""
-        with self._meeting:
+        Each peer has the list of the `key=value` entries in its user data.
+        """
+        present = {}
+        for peer in self._matched(is_writer):
+            with suppress(LookupError):  # the peer has left meanwhile
+                present[peer] = self._user_data_of(peer, is_writer)
+        return present
+
+    def _user_data_of(self, peer: Hashable, is_writer: bool) -> list[str]:
+        """Return the `key=value` entries of a peer's user data, which is read once. Report a new peer to `on_peer`.
+
+        Raises LookupError if the peer left before its user data could be read.
+        """
+        with self._lock:
             if peer in self._words:
                 return self._words[peer]
-            words = self._said(peer, heard)
-            keep(self._words, peer, words)
-        self._met(words, heard)
+            words = self._read_user_data(peer, is_writer)
+            remember_bounded(self._words, peer, words)
+        self._on_peer(words, is_writer)
         return words
 
     @abstractmethod
-    def _matched(self, heard: bool) -> list[Hashable]:
-        """Those of whom `peers` tells."""
+    def _matched(self, is_writer: bool) -> list[Hashable]:
+        """Return the present peers of this service: their writers if `is_writer` is True, or else their readers."""
 
     @abstractmethod
-    def _said(self, peer: Hashable, heard: bool) -> list[str]:
-        """The words in its user data. Raises LookupError if it has gone."""
+    def _read_user_data(self, peer: Hashable, is_writer: bool) -> list[str]:
+        """Return the `key=value` entries of a peer's user data. Raises LookupError if the peer has left."""
 
     @abstractmethod
     def send(self, cdr: bytes, call: bytes | None = None) -> bytes:
-        """An inline reply goes to a `call`; of an inline request it gives what its reply is known by."""
+        """Send `cdr`, a request or a reply. Return the inline identity of the call, or `b""` if the library has none.
+
+        An inline identity is metadata of the sample. `call` is the inline identity of the request that a reply answers.
+        Omit `call` if `cdr` is a request, or if `cdr` itself contains the identity.
+        """
 
     @abstractmethod
     def close(self) -> None:
-        """Leaves the graph."""
+        """Remove the reader and the writer."""
 
     @abstractmethod
-    def listen(self, callback: Callable[[Came], None], name: str) -> None:
-        """Calls back with whatever comes, in order, in a thread of its own."""
+    def listen(self, callback: Callable[[ReceivedCall], None], name: str) -> None:
+        """Start a thread that calls `callback` with each received request or reply, in order."""
 
 
 class ServiceTransport(Protocol):
-    """How services are had."""
+    """A DDS library by which the bridge serves and calls services."""
 
     inline: bool
-    """Whether it can say beside the bytes whose call they are, as rmw_fastrtps has it."""
+    """True if the library can send the identity of a call beside the bytes, as rmw_fastrtps does."""
     why: str
-    """If not, what to do for it: the beginning of a sentence."""
+    """A hint that enables inline identities: the beginning of a sentence, or `""`."""
 
-    def pair(self, hears: Side, says: Side, met: Met) -> Pair:
-        """Raises ValueError where it cannot be had."""
+    def pair(self, reads: Direction, writes: Direction, on_peer: OnPeerDiscovered) -> Pair:
+        """Create a reader and a writer for one service that the bridge serves or calls. Raises ValueError on errors."""
 
     def leave(self) -> None:
-        """For good; waits for nobody."""
+        """Leave the domain permanently, without waiting."""

@@ -1,4 +1,4 @@
-"""How services are had: by the package shmgen-fastdds, which reaches all of ROS 2, or else by Cyclone."""
+"""Chooses the library for services: shmgen-fastdds, which reaches all of ROS 2, or Cyclone."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _BOUNDS = (
     "FASTDDS_DEFAULT_PROFILES_FILE",
     "FASTRTPS_DEFAULT_PROFILES_FILE",
 )
-"""What says where Fast DDS may go."""
+"""Environment variables that restrict the network of Fast DDS."""
 
 
 def chosen(ends: Ends, node: Node, domain: int, network: Network, environment: Mapping[str, str]) -> ServiceTransport:
-    """Fast DDS respects Cyclone's network restrictions."""
+    """Choose the library for services. Prefer Fast DDS if it can obey the network restrictions."""
     if environment.get("RMW_IMPLEMENTATION") == "rmw_cyclonedds_cpp" or network.reach == "OFF":
         return Cyclone(ends, "")
     if environment.get("CYCLONEDDS_URI") and not any(map(environment.get, _BOUNDS)):
@@ -31,7 +31,7 @@ def chosen(ends: Ends, node: Node, domain: int, network: Network, environment: M
     try:
         from shmgen_fastdds import Fast
     except ImportError:
-        return Cyclone(ends, "install shmgen-fastdds where the bridge runs (docs/dds.md, Services)")
+        return Cyclone(ends, "install shmgen-fastdds where the bridge runs (docs/bridge.md, DDS without ROS)")
     try:
         return Fast(node, domain, network)
     except OSError as error:

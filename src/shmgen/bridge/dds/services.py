@@ -1,9 +1,11 @@
-"""Services of ROS 2 as two topics, request and reply, as rmw_cyclonedds and as rmw_fastrtps do.
+"""Services of ROS 2 as two topics, request and reply, compatible with rmw_cyclonedds and rmw_fastrtps.
 
-Both must say whose call a request or a reply is. rmw_cyclonedds puts 16 bytes before it, and rmw_fastrtps says it
-inline, which Cyclone neither shows nor lets us set, and Fast DDS does. Who has an identity in its user data is of the
-first kind, as we are. An end of the other kind would take those 16 bytes for a message, and we its message for them: so
-what goes to a server depends on the server, and where our ends are Cyclone's nothing passes between us and such a peer.
+Each request and reply must identify its call. rmw_cyclonedds puts 16 bytes before the message. rmw_fastrtps sends the
+identity inline, as metadata of the sample. Fast DDS gives access to inline identities, and Cyclone does not.
+
+A peer with an identity in its user data uses the 16 bytes, and so does the bridge. A peer without an identity uses the
+inline form. An inline peer would read the 16 bytes as the start of a message, so the form of a request depends on the
+server. If the bridge uses Cyclone for services, nothing passes between the bridge and an inline peer.
 """
 
 from __future__ import annotations
@@ -18,181 +20,192 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from shmgen.bridge.backend import Answer, NoAnswer, Refuse, RosClient, ServiceWire, await_server
+from shmgen.bridge.backend import Answer, NoAnswer, Refuse, RosClient, ServiceWire
 from shmgen.bridge.codec.cdr import codec
 from shmgen.bridge.codec.type_identity import Identity, type_name
-from shmgen.bridge.dds.entities import word_of
-from shmgen.bridge.dds.service_pair import Came, Pair, ServiceTransport, Side
+from shmgen.bridge.common.support import await_server
+from shmgen.bridge.dds.entities import user_data_entry
+from shmgen.bridge.dds.service_pair import Direction, Pair, ReceivedCall, ServiceTransport
 from shmgen.bridge.dds.types import reply_name, request_name, structure
 from shmgen.core.model import Message
 
 _CALL = struct.Struct("<Qq")
-"""Whose call, and which: CALL as bytes. Its 16 keep the alignment of what follows."""
+"""The identity of a call as bytes: the client's GUID and a number. 16 bytes keep the message aligned."""
 _ENCAPSULATION = 4
+"""Bytes of the CDR encapsulation header."""
 _READER = 0x04
-"""The bit of a GUID's last byte that a reader has and a writer has not (DDSI-RTPS 2.5, 9.3.1.2)."""
+"""The bit of a GUID's last byte that is set for a reader and clear for a writer (DDSI-RTPS 2.5, 9.3.1.2)."""
 _GUID = 16
+"""Bytes of a GUID."""
 _REPLY_READER = 2.0
-"""Seconds a reply waits until its client's reader is known here, while its writer is; rmw_cyclonedds waits 0.1."""
+"""Maximum seconds that a reply waits for the discovery of its client's reader. rmw_cyclonedds waits 0.1 s."""
 _REPLY_READER_AT_ONCE = 20.0
-"""The same where nobody else waits behind it: what would be lost is the end of a goal."""
-_LOOK = 0.01
-_PATIENCE = 0.1
-"""Seconds that a call waits before it looks whether there still is a server."""
+"""Maximum seconds that a reply waits in its own thread, where it delays no other reply.
 
-_STRANGER = "a peer is not on rmw_cyclonedds: nothing passes between us and it"
+A lost reply would lose the result of a goal.
+"""
+_READER_POLL_INTERVAL = 0.01
+"""Seconds between two checks for the client's reader."""
+_SERVER_POLL_INTERVAL = 0.1
+"""Seconds between two checks that the server of a call is still present."""
+
+_INCOMPATIBLE = "a peer is not on rmw_cyclonedds: no messages pass between it and the bridge"
 _HINT = "start it with RMW_IMPLEMENTATION=rmw_cyclonedds_cpp, or the bridge with --backend ros2"
-_BOTH = "there are servers on rmw_cyclonedds and on rmw_fastrtps, and each would take the other's request for its own"
+_BOTH = "there are servers on rmw_cyclonedds and on rmw_fastrtps, and each would misread the other's requests"
 
 
 def serve(
-    transport: ServiceTransport, wire: ServiceWire, tell: Callable[[str], None], answer: Answer, refuse: Refuse
+    transport: ServiceTransport, wire: ServiceWire, log: Callable[[str], None], answer: Answer, refuse: Refuse
 ) -> Callable[[], None]:
-    """Calls `answer` in the thread of the service, request after request. Gives what ends it. Raises ValueError for a
-    `wstring`.
+    """Offer the service to ROS. Return a function that removes the service.
+
+    The service's thread calls `answer` for one request after another.
+    Raises ValueError if the type contains a `wstring`.
     """
-    return _Served(transport, wire, tell, answer, refuse).close
+    server = _Server(transport, wire, log, refuse)
+    server.start(answer)
+    return server.close
 
 
 def client(
-    transport: ServiceTransport, wire: ServiceWire, tell: Callable[[str], None]
+    transport: ServiceTransport, wire: ServiceWire, log: Callable[[str], None]
 ) -> tuple[RosClient, Callable[[], None]]:
-    """And what ends it. Raises ValueError for a `wstring`."""
-    asking = _Client(transport, wire, tell)
-    return RosClient(asking.request.new, asking.call, asking.is_connected), asking.close
+    """Return a client of the service, and a function that removes this client.
+
+    Raises ValueError if the type contains a `wstring`.
+    """
+    service_client = _Client(transport, wire, log)
+    return RosClient(service_client.request.new, service_client.call, service_client.is_connected), service_client.close
 
 
 class _Half:
-    """What the two ends of a service have in common."""
+    """The common part of the server and the client of a service."""
 
     pair: Pair
+    own_key: str
+    """The key of the identity in the bridge's user data."""
+    peer_key: str
+    """The key of the identity in the user data of a peer."""
 
     def __init__(
-        self,
-        transport: ServiceTransport,
-        wire: ServiceWire,
-        tell: Callable[[str], None],
-        ours: str,
-        theirs: str,
-        refuse: Refuse,
+        self, transport: ServiceTransport, wire: ServiceWire, log: Callable[[str], None], refuse: Refuse
     ) -> None:
         self.request, self.response = codec(wire.request), codec(wire.response)
         self._transport = transport
         self._closed = False
-        self._name = wire.service
-        self._tell = tell
-        self._theirs = theirs
+        self._name = wire.name
+        self._log = log
+        self._at_once = wire.at_once
         self._refuse = refuse
-        self._told = False
-        us = f"{ours}={'.'.join(f'{byte:x}' for byte in uuid.uuid4().bytes)};"
-        self._asks = _side(request_name(wire.service), wire.request, f"{us}typehash={self.request.type_hash};")
-        self._answers = _side(reply_name(wire.service), wire.response, f"{us}typehash={self.response.type_hash};")
-        self._asked = Identity(wire.service, wire.request[-1].name, self.request.type_hash, tell)
-        self._answered = Identity(wire.service, wire.response[-1].name, self.response.type_hash, tell)
+        self._is_logged = False
+        us = f"{self.own_key}={'.'.join(f'{byte:x}' for byte in uuid.uuid4().bytes)};"
+        self._requests = _direction(request_name(wire.name), wire.request, f"{us}typehash={self.request.type_hash};")
+        self._responses = _direction(reply_name(wire.name), wire.response, f"{us}typehash={self.response.type_hash};")
+        self._request_identity = Identity(wire.name, wire.request[-1].name, self.request.type_hash, log)
+        self._response_identity = Identity(wire.name, wire.response[-1].name, self.response.type_hash, log)
 
     def close(self) -> None:
-        """Nothing of what still comes is answered."""
+        """Remove this server or client. Requests that still arrive get no answer."""
         self._closed = True
         self.pair.close()
 
     def _id(self, words: list[str]) -> str:
-        """Nothing of one that says inline whose call it is."""
-        return word_of(words, self._theirs)
+        """Return the client's or server's identity from the peer's user data.
 
-    def _strange(self) -> None:
-        self._refuse(_STRANGER)
-        if not self._told:
-            self._told = True
-            self._tell(f"{self._name}: {_STRANGER}; {self._transport.why}{_HINT}")
+        Return `""` for a peer that sends an identity inline with each call instead.
+        """
+        return user_data_entry(words, self.peer_key)
+
+    def _report_incompatible(self) -> None:
+        self._refuse(_INCOMPATIBLE)
+        if not self._is_logged:
+            self._is_logged = True
+            self._log(f"{self._name}: {_INCOMPATIBLE}; {self._transport.why}{_HINT}")
 
 
-class _Served(_Half):
-    def __init__(
-        self,
-        transport: ServiceTransport,
-        wire: ServiceWire,
-        tell: Callable[[str], None],
-        answer: Answer,
-        refuse: Refuse,
-    ) -> None:
-        super().__init__(transport, wire, tell, "serviceid", "clientid", refuse)
+class _Server(_Half):
+    own_key, peer_key = "serviceid", "clientid"
+
+    def start(self, answer: Answer) -> None:
+        """Receive requests. `answer` fills the response to each request."""
         self._answer = answer
-        self._at_once = wire.at_once
-        self.pair = transport.pair(self._asks, self._answers, self._met)
-        self.pair.listen(self._came, self._name)
+        self.pair = self._transport.pair(self._requests, self._responses, self._on_peer)
+        self.pair.listen(self._on_received, self._name)
 
-    def _met(self, words: list[str], heard: bool) -> None:
-        if heard and (why := self._asked.refusal(_hash(words))):
+    def _on_peer(self, words: list[str], is_writer: bool) -> None:
+        if is_writer and (why := self._request_identity.refusal(_hash(words))):
             self._refuse(why)
-        elif heard and not self._transport.inline and not self._id(words):
-            self._strange()
+        elif is_writer and not self._transport.inline and not self._id(words):
+            self._report_incompatible()
 
-    def _came(self, came: Came) -> None:
+    def _on_received(self, received: ReceivedCall) -> None:
         if self._closed:
             return
-        if why := self._asked.refusal(_hash(came.words)):
+        if why := self._request_identity.refusal(_hash(received.words)):
             self._refuse(why)
-        elif not self._id(came.words) and not self._transport.inline:
-            self._refuse(_STRANGER)
+        elif not self._id(received.words) and not self._transport.inline:
+            self._refuse(_INCOMPATIBLE)
         else:
             try:
-                before, asked = _split(came.cdr) if self._id(came.words) else (b"", came.cdr)
-                request = self.request.decode(asked)
+                before, body = _split(received.cdr) if self._id(received.words) else (b"", received.cdr)
+                request = self.request.decode(body)
             except ValueError as error:
                 self._refuse(str(error))
-                raise  # who listens tells, not too often
+                raise  # the reading thread logs it at a limited rate
             if self._at_once:
-                threading.Thread(target=self._reply, args=(came, before, request), daemon=True).start()
+                threading.Thread(target=self._reply, args=(received, before, request), daemon=True).start()
             else:
-                self._reply(came, before, request)
+                self._reply(received, before, request)
 
-    def _reply(self, came: Came, before: bytes, request: Any) -> None:
+    def _reply(self, received: ReceivedCall, before: bytes, request: Any) -> None:
         response = self.response.new()
         try:
             self._answer(request, response)
-        except NoAnswer as error:  # ROS 2 has no word for it: the client waits in vain
-            self._tell(f"{self._name}: no answer: {error}")
+        except NoAnswer as error:  # ROS 2 has no error reply: the client waits until its timeout
+            self._log(f"{self._name}: no answer: {error}")
             return
-        self._await_reader(came)
+        self._await_reader(received)
         reply = self.response.encode(response)
-        self.pair.send(_joined(before, reply), came.call if not before else None)
+        self.pair.send(_joined(before, reply), received.call if not before else None)
 
-    def _await_reader(self, came: Came) -> None:
-        """A client whose writer we know may have a reader that we do not know yet, and that the reply would miss."""
+    def _await_reader(self, received: ReceivedCall) -> None:
+        """Wait until the client's reader is discovered. Before that, the client would miss the reply."""
         deadline = time.monotonic() + (_REPLY_READER_AT_ONCE if self._at_once else _REPLY_READER)
-        while came.sender in self.pair.peers(heard=True) and not self._hears(came):
+        while received.sender in self.pair.peers(is_writer=True) and not self._is_reader_known(received):
             if time.monotonic() >= deadline:
                 return
-            time.sleep(_LOOK)
+            time.sleep(_READER_POLL_INTERVAL)
 
-    def _hears(self, came: Came) -> bool:
-        hearing = self.pair.peers(heard=False)
-        if theirs := self._id(came.words):
-            return any(theirs == self._id(words) for words in hearing.values())
-        return not came.call[_GUID - 1] & _READER or came.call[:_GUID] in hearing
+    def _is_reader_known(self, received: ReceivedCall) -> bool:
+        hearing = self.pair.peers(is_writer=False)
+        if peer_key := self._id(received.words):
+            return any(peer_key == self._id(words) for words in hearing.values())
+        return not received.call[_GUID - 1] & _READER or received.call[:_GUID] in hearing
 
 
 class _Client(_Half):
-    def __init__(self, transport: ServiceTransport, wire: ServiceWire, tell: Callable[[str], None]) -> None:
-        super().__init__(transport, wire, tell, "clientid", "serviceid", lambda why: None)
+    own_key, peer_key = "clientid", "serviceid"
+
+    def __init__(self, transport: ServiceTransport, wire: ServiceWire, log: Callable[[str], None]) -> None:
+        super().__init__(transport, wire, log, lambda why: None)
         self._guid = uuid.uuid4().int & (2**64 - 1)
         self._numbers = itertools.count(1)
         self._waiting: dict[bytes, queue.SimpleQueue[bytes | NoAnswer]] = {}
         self._sending = threading.Lock()
-        """Held until it is known by what the reply will be known."""
-        self.pair = transport.pair(self._answers, self._asks, self._met)
-        self.pair.listen(self._came, self._name)
+        """Held until the identity of the sent call is registered."""
+        self.pair = transport.pair(self._responses, self._requests, self._on_peer)
+        self.pair.listen(self._on_received, self._name)
 
-    def _met(self, words: list[str], heard: bool) -> None:
-        if not heard and not self._transport.inline and not self._id(words):
-            self._strange()
+    def _on_peer(self, words: list[str], is_writer: bool) -> None:
+        if not is_writer and not self._transport.inline and not self._id(words):
+            self._report_incompatible()
 
     def is_connected(self) -> bool:
-        return bool(self.pair.peers(heard=True) and self.pair.peers(heard=False))
+        return bool(self.pair.peers(is_writer=True) and self.pair.peers(is_writer=False))
 
     def call(self, message: Any, timeout: float) -> Any:
         deadline = await_server(self.is_connected, timeout)
-        servers = self.pair.peers(heard=False)
+        servers = self.pair.peers(is_writer=False)
         inline = self._inline(list(servers.values()))
         answer: queue.SimpleQueue[bytes | NoAnswer] = queue.SimpleQueue()
         with self._sending:
@@ -201,56 +214,62 @@ class _Client(_Half):
         try:
             while True:
                 with suppress(queue.Empty):
-                    came = answer.get(timeout=max(0.0, min(_PATIENCE, deadline - time.monotonic())))
+                    received = answer.get(timeout=max(0.0, min(_SERVER_POLL_INTERVAL, deadline - time.monotonic())))
                     break
-                if not servers.keys() & self.pair.peers(heard=False).keys():
-                    raise NoAnswer("the server has gone")
+                if not servers.keys() & self.pair.peers(is_writer=False).keys():
+                    raise NoAnswer("the server has left")
                 if time.monotonic() >= deadline:
                     raise NoAnswer(f"no answer within {timeout:g} s")
         finally:
             del self._waiting[call]
-        if isinstance(came, NoAnswer):
-            raise came
-        return self.response.decode(came)
+        if isinstance(received, NoAnswer):
+            raise received
+        return self.response.decode(received)
 
     def _inline(self, servers: list[list[str]]) -> bool:
-        """Whether these want to be asked so. Raises NoAnswer if they may not be asked at all."""
-        strangers = [words for words in servers if not self._id(words)]
-        if strangers and not self._transport.inline:
-            raise NoAnswer(_STRANGER)
+        """Return True if requests to these servers must carry the identity of the call inline.
+
+        Raises NoAnswer if any server is incompatible, or if the servers require different forms.
+        """
+        incompatible = [words for words in servers if not self._id(words)]
+        if incompatible and not self._transport.inline:
+            raise NoAnswer(_INCOMPATIBLE)
         for words in servers:
-            if why := self._asked.refusal(_hash(words)):
+            if why := self._request_identity.refusal(_hash(words)):
                 raise NoAnswer(why)
-        if strangers and len(strangers) < len(servers):
+        if incompatible and len(incompatible) < len(servers):
             raise NoAnswer(_BOTH)
-        return bool(strangers)
+        return bool(incompatible)
 
     def _send(self, request: bytes, inline: bool) -> bytes:
-        """Gives what its reply is known by."""
+        """Send a request and return the identity of the call, by which the reply is recognized."""
         if inline:
             return self.pair.send(request)
         call = _CALL.pack(self._guid, next(self._numbers))
         self.pair.send(_joined(call, request))
         return call
 
-    def _came(self, came: Came) -> None:
-        call, answer = _split(came.cdr) if self._id(came.words) else (came.call, came.cdr)
+    def _on_received(self, received: ReceivedCall) -> None:
+        call, answer = _split(received.cdr) if self._id(received.words) else (received.call, received.cdr)
         with self._sending:
             caller = self._waiting.get(call)
         if caller:
-            caller.put(NoAnswer(why) if (why := self._answered.refusal(_hash(came.words))) else answer)
+            caller.put(NoAnswer(why) if (why := self._response_identity.refusal(_hash(received.words))) else answer)
 
 
-def _side(topic: str, messages: tuple[Message, ...], words: str) -> Side:
-    return Side(topic, type_name(messages[-1].name), structure(messages, of_call=True), words)
+def _direction(topic: str, messages: tuple[Message, ...], words: str) -> Direction:
+    return Direction(topic, type_name(messages[-1].name), structure(messages, of_call=True), words)
 
 
 def _hash(words: list[str]) -> str:
-    return word_of(words, "typehash").partition("=")[2]
+    return user_data_entry(words, "typehash").partition("=")[2]
 
 
 def _split(cdr: bytes) -> tuple[bytes, bytes]:
-    """The call, and the message without it. Raises ValueError for another byte order than ours."""
+    """Split a received request or reply into the identity of the call and the message.
+
+    Raises ValueError if the bytes are big-endian.
+    """
     if cdr[1] != 1:
         raise ValueError("a call from a big-endian machine")
     start = _ENCAPSULATION + _CALL.size

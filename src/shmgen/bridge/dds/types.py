@@ -1,7 +1,8 @@
-"""What DDS is told of a topic's type: ROS 2's names, and structures for Cyclone.
+"""Names and types for DDS: the topic names of ROS 2, and the structures that Cyclone requires.
 
-The structures say what the bytes are; the bytes themselves pass through unread, since `cdr` makes them.
-Source of the names: the ROS 2 design article *Topic and Service name mapping to DDS*, rosidl_generator_dds_idl.
+A structure describes a type to Cyclone. Cyclone does not convert the bytes of a message, because the codec in cdr.py
+encodes and decodes them. Sources of the names: the ROS 2 design article *Topic and Service name mapping to DDS*, and
+rosidl_generator_dds_idl.
 """
 
 from __future__ import annotations
@@ -31,40 +32,44 @@ from shmgen.core.model import (
 from shmgen.core.type_hash import FILLER, TIMES
 
 CALL = {"client_guid_": types.uint64, "sequence_number_": types.int64}
-"""What rmw_cyclonedds puts before a request and its reply, to tell whose they are (its `cdds_request_header`)."""
+"""Fields that rmw_cyclonedds puts before a request and its reply to identify the call (`cdds_request_header`)."""
 _LARGEST_BOUND = 65535
-"""What Cyclone's Python takes for a sequence; a larger one is declared without, and has no other bytes for it."""
+"""Maximum bound of a sequence in Cyclone's Python binding.
+
+A sequence with a larger bound is declared unbounded, which does not change its bytes.
+"""
 _TIME = {"sec_": types.int32, "nanosec_": types.uint32}
 
 
 def topic_name(topic: str) -> str:
-    """`/robot/pose` is `rt/robot/pose`."""
+    """Return the DDS topic of a ROS topic: `rt/robot/pose` for `/robot/pose`."""
     return f"rt/{topic.strip('/')}"
 
 
 def request_name(service: str) -> str:
-    """`/robot/stop` is asked on `rq/robot/stopRequest`."""
+    """Return the DDS topic of a service's requests: `rq/robot/stopRequest` for `/robot/stop`."""
     return f"rq/{service.strip('/')}Request"
 
 
 def reply_name(service: str) -> str:
-    """`/robot/stop` answers on `rr/robot/stopReply`."""
+    """Return the DDS topic of a service's replies: `rr/robot/stopReply` for `/robot/stop`."""
     return f"rr/{service.strip('/')}Reply"
 
 
-@functools.cache  # as long as the process lasts: Cyclone goes on to look at the type of a topic that was deleted
+@functools.cache  # kept for ever: Cyclone still reads the type of a deleted topic
 def structure(messages: tuple[Message, ...], *, of_call: bool = False) -> type[Any]:
-    """Of the last of `messages`, which hold all it refers to; `of_call`, the fields of CALL come first.
+    """Return Cyclone's structure for the last message of `messages`. The other messages are its dependencies.
 
-    Its objects hold the sample as `cdr`, encapsulation included. Raises ValueError for a `wstring`.
+    If `of_call` is True, the structure begins with the fields that identify a call (CALL). An object of the structure
+    holds the sample's bytes as `cdr`, including the encapsulation header. Raises ValueError if a field is a `wstring`.
     """
     _refuse_wide(messages)
-    made = {name: _made(name, _TIME) for name in TIMES.values()}
+    structs = {name: _create_struct(name, _TIME) for name in TIMES.values()}
     for message in messages:
         first = CALL if of_call and message is messages[-1] else {}
-        fields = {f"{field.name}_": _typed(field, made) for field in message.fields}
-        made[message.name] = _made(message.name, {**first, **fields} or {f"{FILLER}_": types.byte})
-    kind = made[messages[-1].name]
+        fields = {f"{field.name}_": _typed(field, structs) for field in message.fields}
+        structs[message.name] = _create_struct(message.name, {**first, **fields} or {f"{FILLER}_": types.byte})
+    kind = structs[messages[-1].name]
     kind.serialize = _serialize
     kind.deserialize = classmethod(_deserialize)
     return kind
@@ -79,10 +84,10 @@ def _refuse_wide(messages: tuple[Message, ...]) -> None:
 
 
 def sample(kind: type[Any], cdr: bytes) -> Any:
-    """An object that a writer of `kind` takes."""
-    made: Any = object.__new__(kind)
-    made.cdr = cdr
-    return made
+    """Wrap `cdr`, the bytes of a message, in an object that a writer of the structure `kind` accepts."""
+    wrapped: Any = object.__new__(kind)
+    wrapped.cdr = cdr
+    return wrapped
 
 
 def _serialize(self: Any, *_: object, **__: object) -> bytes:
@@ -93,39 +98,39 @@ def _deserialize(kind: type[Any], /, data: bytes, *_: object, **__: object) -> A
     return sample(kind, data)
 
 
-def _made(name: TypeName, fields: Mapping[str, Any]) -> type[Any]:
+def _create_struct(name: TypeName, fields: Mapping[str, Any]) -> type[Any]:
     return cast(type[Any], make_idl_struct(name.name, type_name(name), dict(fields)))
 
 
-def _typed(field: Field, made: Mapping[TypeName, type[Any]]) -> Any:
+def _typed(field: Field, structs: Mapping[TypeName, type[Any]]) -> Any:
     match field.type:
         case Array(element, length):
-            return types.array[_element(element, made), length]
+            return types.array[_element(element, structs), length]
         case Sequence(element, capacity) if capacity and capacity <= _LARGEST_BOUND:
-            return types.sequence[_element(element, made), capacity]
+            return types.sequence[_element(element, structs), capacity]
         case Sequence(element, _):
-            return types.sequence[_element(element, made)]
+            return types.sequence[_element(element, structs)]
         case Scalar() | Clock() | String() | Ref() as type_:
-            return _element(type_, made)
+            return _element(type_, structs)
         case _:
             assert_never(field.type)
 
 
-def _element(type_: Element, made: Mapping[TypeName, type[Any]]) -> Any:
+def _element(type_: Element, structs: Mapping[TypeName, type[Any]]) -> Any:
     match type_:
         case Scalar.BOOL:
             return bool
-        case Scalar.INT8 | Scalar.UINT8:  # octets all, as rosidl_generator_dds_idl has them
+        case Scalar.INT8 | Scalar.UINT8:  # octets, as in rosidl_generator_dds_idl
             return types.byte
         case Scalar():
             return getattr(types, type_.value)
         case Clock():
-            return made[TIMES[type_]]
+            return structs[TIMES[type_]]
         case String(None, _):
             return str
         case String(capacity, _):
             return types.bounded_str[capacity]
         case Ref(name):
-            return made[name]
+            return structs[name]
         case _:
             assert_never(type_)

@@ -1,1 +1,1 @@
-"""The backend for ROS 1, by rospy."""
+"""The backend for ROS 1, through rospy."""

@@ -1,6 +1,6 @@
-"""An action as the five topics of ROS 1's actionlib.
+"""Actions of ROS 1: each consists of the five topics of actionlib.
 
-Source: actionlib's documentation and its Python (1.14), whose state machines these ends satisfy; actionlib_msgs.
+Source: actionlib_msgs, and the documentation and the Python code of actionlib 1.14, whose state machines apply here.
 """
 
 from __future__ import annotations
@@ -28,35 +28,41 @@ from shmgen.bridge.backend import (
     Wire,
     Worker,
 )
+from shmgen.bridge.common.support import await_server
 from shmgen.core.diagnostics import Span
 from shmgen.core.model import Message, TypeName
-from shmgen.runtime.messages.values import set_clock
+from shmgen.runtime.messages.times import set_clock
 
 _PENDING, _ACTIVE, _PREEMPTED, _SUCCEEDED, _ABORTED, _REJECTED, _PREEMPTING = range(7)
-"""Of actionlib_msgs/GoalStatus."""
-_ENDS = {SUCCEEDED: _SUCCEEDED, CANCELED: _PREEMPTED, ABORTED: _ABORTED}
-_UNDER_WAY = (_PENDING, _ACTIVE, _PREEMPTING)
-_PERIOD = 0.2
-"""Seconds between two messages of the topic `status`; actionlib's clients take a goal that is not in it for lost."""
-_KEPT = 5.0
-"""Seconds that a goal stays in it after its end, as in actionlib."""
-_SILENCE = 3.0
-"""Seconds without a status, or without the goal in it, after which a server has gone."""
-_AGAIN = 0.2
-"""Seconds after which a goal that no status shows is sent again: rospy tells nobody who is not yet connected."""
-_LOOK = 0.02
+"""Status numbers of actionlib_msgs/GoalStatus."""
+_STATUS_OF = {SUCCEEDED: _SUCCEEDED, CANCELED: _PREEMPTED, ABORTED: _ABORTED}
+"""The ROS 1 number of each final status."""
+_STATUS_INTERVAL = 0.2
+"""Seconds between two messages of the topic `status`. Clients of actionlib treat a goal missing there as lost."""
+_LISTED_AFTER_END = 5.0
+"""Seconds that the topic `status` lists a goal after its end, as in actionlib."""
+_SERVER_TIMEOUT = 3.0
+"""Seconds without a `status` message, or without the goal in it, after which the server counts as gone."""
+_RESEND_INTERVAL = 0.2
+"""Seconds until a goal that no `status` message lists is sent again.
+
+rospy drops a message if the subscriber is not connected yet.
+"""
+_POLL_INTERVAL = 0.02
+"""Seconds between two checks of a goal."""
 
 
 class _Taker:
-    """A MessageSink that calls one function."""
+    """A MessageSink that passes each message to one function."""
 
-    def __init__(self, take: Callable[[Any], None], mishaps: ErrorSink) -> None:
+    def __init__(self, take: Callable[[Any], None], errors: ErrorSink) -> None:
         self.take = take
-        self.reject, self.refuse, self.meet, self.lose = mishaps.reject, mishaps.refuse, mishaps.meet, mishaps.lose
+        self.reject, self.refuse, self.lose = errors.reject, errors.refuse, errors.lose
+        self.set_incompatible_peer = errors.set_incompatible_peer
 
 
 class _Served:
-    """A Goal of a ROS client; `goal_id` is its actionlib_msgs/GoalID."""
+    """A Goal that a ROS client sent. `goal_id` is its actionlib_msgs/GoalID."""
 
     def __init__(self, server: _Server, message: Any) -> None:
         self.request = message.goal
@@ -69,22 +75,22 @@ class _Served:
         self._server.progress(self, fill)
 
     def end(self, status: int, fill: Fill) -> None:
-        self._server.end(self, _ENDS[status], fill)
+        self._server.end(self, _STATUS_OF[status], fill)
 
 
 class _Server:
-    """All its methods may be called from any thread."""
+    """The server of a ROS 1 action. Thread-safe."""
 
-    def __init__(self, backend: Backend, wire: ActionWire, worker: Worker, mishaps: ErrorSink) -> None:
-        said = _Said(wire)
+    def __init__(self, backend: Backend, wire: ActionWire, worker: Worker, errors: ErrorSink) -> None:
+        topics = _ActionTopics(wire)
         self._backend = backend
         self._worker = worker
         self._goals: dict[str, _Served] = {}
         self._lock = threading.Lock()
-        self._feedback, self._result = backend.publisher(said.feedback), backend.publisher(said.result)
-        self._status = backend.publisher(said.status)
-        backend.subscribe(said.cancel, _Taker(self._cancel, mishaps))
-        backend.subscribe(said.goal, _Taker(self._goal, mishaps))
+        self._feedback, self._result = backend.publisher(topics.feedback), backend.publisher(topics.result)
+        self._status = backend.publisher(topics.status)
+        backend.subscribe(topics.cancel, _Taker(self._cancel, errors))
+        backend.subscribe(topics.goal, _Taker(self._goal, errors))
         threading.Thread(target=self._repeat, daemon=True).start()
 
     def progress(self, goal: _Served, fill: Fill) -> None:
@@ -115,14 +121,18 @@ class _Server:
             self.end(goal, _REJECTED, lambda empty: None)
         self._show()
 
-    def _cancel(self, wanted: Any) -> None:
-        """An id means that goal, a stamp all that are not younger, and neither all there are."""
+    def _cancel(self, selection: Any) -> None:
+        """Cancel the goals that a client selects. `selection` is an actionlib_msgs/GoalID.
+
+        A selection with an id cancels one goal. A selection with a time stamp cancels all goals up to that time. A
+        selection with neither cancels all goals.
+        """
         with self._lock:
             goals = [goal for goal in self._goals.values() if goal.ended is None]
         for goal in goals:
-            everything = not wanted.id and not wanted.stamp
-            old = wanted.stamp and goal.goal_id.stamp <= wanted.stamp
-            if (everything or old or goal.goal_id.id == wanted.id) and self._worker.cancel(goal):
+            is_for_all = not selection.id and not selection.stamp
+            is_older = selection.stamp and goal.goal_id.stamp <= selection.stamp
+            if (is_for_all or is_older or goal.goal_id.id == selection.id) and self._worker.cancel(goal):
                 with self._lock:
                     if goal.ended is None:
                         goal.status = _PREEMPTING
@@ -140,7 +150,9 @@ class _Server:
         message.header.stamp = set_clock(message.header.stamp, self._backend.now())
         with self._lock:
             now = time.monotonic()
-            for key in [key for key, goal in self._goals.items() if goal.ended and now - goal.ended > _KEPT]:
+            for key in [
+                key for key, goal in self._goals.items() if goal.ended and now - goal.ended > _LISTED_AFTER_END
+            ]:
                 del self._goals[key]
             message.status_list = [
                 SimpleNamespace(goal_id=goal.goal_id, status=goal.status, text="") for goal in self._goals.values()
@@ -148,55 +160,54 @@ class _Server:
             self._status.send(message)
 
     def _repeat(self) -> None:
-        with suppress(Exception):  # rospy has ended
+        with suppress(Exception):  # rospy has shut down
             while self._backend.alive():
                 self._show()
-                time.sleep(_PERIOD)
+                time.sleep(_STATUS_INTERVAL)
 
 
 class _Sent:
-    """A goal of ours, and who follows it; `seen` is when a status last had it in it."""
+    """A goal that the bridge sent, and its observer. `seen` is the monotonic time of its last status, in seconds."""
 
-    def __init__(self, follower: GoalObserver) -> None:
-        self.follower = follower
+    def __init__(self, observer: GoalObserver) -> None:
+        self.observer = observer
         self.status: int | None = None
-        self.seen = time.monotonic()
+        self.seen_at = time.monotonic()
 
 
 class _Client:
-    """A Seeker."""
+    """A client of a ROS 1 action, with the interface of a RosActionClient."""
 
-    def __init__(self, backend: Backend, wire: ActionWire, mishaps: ErrorSink) -> None:
-        said = _Said(wire)
+    def __init__(self, backend: Backend, wire: ActionWire, errors: ErrorSink) -> None:
+        topics = _ActionTopics(wire)
         self._backend = backend
         self._numbers = itertools.count(1)
         self._sent: dict[str, _Sent] = {}
         self._lock = threading.Lock()
-        self._heard = -_SILENCE
-        self._canceling, self._goal = backend.publisher(said.cancel), backend.publisher(said.goal)
-        backend.subscribe(said.status, _Taker(self._take_status, mishaps))
-        backend.subscribe(said.feedback, _Taker(self._take_feedback, mishaps))
-        backend.subscribe(said.result, _Taker(self._take_result, mishaps))
+        self._last_status_at = -_SERVER_TIMEOUT
+        self._canceling, self._goal = backend.publisher(topics.cancel), backend.publisher(topics.goal)
+        backend.subscribe(topics.status, _Taker(self._take_status, errors))
+        backend.subscribe(topics.feedback, _Taker(self._take_feedback, errors))
+        backend.subscribe(topics.result, _Taker(self._take_result, errors))
 
-    def send(self, fill: Fill, timeout: float, follower: GoalObserver) -> Callable[[], threading.Thread] | None:
-        deadline = time.monotonic() + timeout
+    def send(self, fill: Fill, timeout: float, observer: GoalObserver) -> Callable[[], threading.Thread] | None:
         key = f"shmgen-{uuid.uuid4().hex}-{next(self._numbers)}"
         message = self._goal.new()
         message.header.stamp = set_clock(message.header.stamp, self._backend.now())
         message.goal_id.stamp = set_clock(message.goal_id.stamp, self._backend.now())
         message.goal_id.id = key
         fill(message.goal)
-        self._await(lambda: time.monotonic() - self._heard < _SILENCE, deadline, f"no server within {timeout:g} s")
-        sent = self._sent[key] = _Sent(follower)
+        deadline = await_server(lambda: time.monotonic() - self._last_status_at < _SERVER_TIMEOUT, timeout)
+        sent = self._sent[key] = _Sent(observer)
         try:
             due = 0.0
             while sent.status is None or sent.status == _PENDING:
                 if sent.status is None and time.monotonic() >= due:
                     self._goal.send(message)
-                    due = time.monotonic() + _AGAIN
+                    due = time.monotonic() + _RESEND_INTERVAL
                 if time.monotonic() >= deadline:
                     raise NoAnswer(f"no answer within {timeout:g} s; the goal is cancelled")
-                time.sleep(_LOOK)
+                time.sleep(_POLL_INTERVAL)
         except BaseException:
             self._sent.pop(key, None)
             self._cancel(key)
@@ -207,40 +218,34 @@ class _Client:
         threading.Thread(target=self._watch, args=(key, sent), daemon=True).start()
         return lambda: self._cancel(key)
 
-    def _await(self, true: Callable[[], bool], deadline: float, why: str) -> None:
-        while not true():
-            if time.monotonic() >= deadline:
-                raise NoAnswer(why)
-            time.sleep(_LOOK)
-
     def _take_status(self, message: Any) -> None:
-        self._heard = time.monotonic()
+        self._last_status_at = time.monotonic()
         for status in message.status_list:
             if sent := self._sent.get(status.goal_id.id):
-                sent.status, sent.seen = status.status, self._heard
+                sent.status, sent.seen_at = status.status, self._last_status_at
 
     def _take_feedback(self, message: Any) -> None:
         with self._lock:
             if sent := self._sent.get(message.status.goal_id.id):
-                sent.status, sent.seen = message.status.status, time.monotonic()
-                sent.follower.feedback(message.feedback)
+                sent.status, sent.seen_at = message.status.status, time.monotonic()
+                sent.observer.feedback(message.feedback)
 
     def _take_result(self, message: Any) -> None:
         with self._lock:
             if sent := self._sent.pop(message.status.goal_id.id, None):
                 sent.status = message.status.status
-                ends = {theirs: ours for ours, theirs in _ENDS.items()}
+                ends = {theirs: ours for ours, theirs in _STATUS_OF.items()}
                 if sent.status != _REJECTED:
-                    sent.follower.end(ends.get(sent.status, ABORTED), message.result)
+                    sent.observer.end(ends.get(sent.status, ABORTED), message.result)
 
     def _watch(self, key: str, sent: _Sent) -> None:
         while key in self._sent:
-            time.sleep(_LOOK)
-            if time.monotonic() - sent.seen >= _SILENCE:
+            time.sleep(_POLL_INTERVAL)
+            if time.monotonic() - sent.seen_at >= _SERVER_TIMEOUT:
                 with self._lock:
                     if self._sent.pop(key, None):
-                        why = f"the server has not shown the goal for {_SILENCE:g} s"
-                        sent.follower.end(ABORTED, None, why)
+                        why = f"the server has not shown the goal for {_SERVER_TIMEOUT:g} s"
+                        sent.observer.end(ABORTED, None, why)
 
     def _cancel(self, key: str) -> threading.Thread:
         def run() -> None:
@@ -253,25 +258,28 @@ class _Client:
         return thread
 
 
-class _Said:
-    """The wires of an action. ROS 1 reads the texts alone; its names have no underscore."""
+class _ActionTopics:
+    """The five topics of a ROS 1 action, with message types such as `FooActionGoal`.
+
+    ROS 1 generates these types from the .action file, so their definitions are created here as text.
+    """
 
     def __init__(self, wire: ActionWire) -> None:
         name = wire.type.name
 
         def topic(part: str, messages: tuple[Message, ...], head: str) -> Wire:
-            *held, own = messages
+            *dependencies, own = messages
             inner = replace(own, name=TypeName(wire.type.package, "msg", f"{name}{part}"))
             text = f"Header header\n{head}\n{name}{part} {part.lower()}\n"
             whole = _message(TypeName(wire.type.package, "msg", f"{name}Action{part}"), text)
-            parts = {message.name: message for message in (*held, _HEADER, _GOAL_ID, _STATUS, inner)}
-            return Wire(f"{wire.action}/{part.lower()}", (*parts.values(), whole), room=wire.room)
+            parts = {message.name: message for message in (*dependencies, _HEADER, _GOAL_ID, _STATUS, inner)}
+            return Wire(f"{wire.name}/{part.lower()}", (*parts.values(), whole), sample_size=wire.sample_size)
 
         self.goal = topic("Goal", wire.goal, "actionlib_msgs/GoalID goal_id")
         self.feedback = topic("Feedback", wire.feedback, "actionlib_msgs/GoalStatus status")
         self.result = topic("Result", wire.result, "actionlib_msgs/GoalStatus status")
-        self.cancel = Wire(f"{wire.action}/cancel", (_GOAL_ID,))
-        self.status = Wire(f"{wire.action}/status", (_HEADER, _GOAL_ID, _STATUS, _STATUSES), latch=True)
+        self.cancel = Wire(f"{wire.name}/cancel", (_GOAL_ID,))
+        self.status = Wire(f"{wire.name}/status", (_HEADER, _GOAL_ID, _STATUS, _STATUSES), latch=True)
 
 
 def _message(name: TypeName, text: str) -> Message:
@@ -286,8 +294,8 @@ _STATUS = _message(
     "uint8 ABORTED=4\nuint8 REJECTED=5\nuint8 PREEMPTING=6\nuint8 RECALLING=7\nuint8 RECALLED=8\nuint8 LOST=9\n"
     "string text\n",
 )
-"""Constants count in ROS 1's md5 sums."""
+"""The text includes the constants, because ROS 1 counts them in md5 sums."""
 _STATUSES = _message(TypeName("actionlib_msgs", "msg", "GoalStatusArray"), "Header header\nGoalStatus[] status_list\n")
 
-serve, seeker = _Server, _Client
-"""As Actions says it."""
+serve, action_client = _Server, _Client
+"""The two functions of the Actions protocol."""

@@ -1,4 +1,4 @@
-"""The bridge's ROS 1: topics and services by rospy, and a node that outlives its master."""
+"""The backend ros1: topics and services through rospy, and a node that survives a restart of its master."""
 
 from __future__ import annotations
 
@@ -28,24 +28,23 @@ from shmgen.bridge.backend import (
     ServiceWire,
     Wire,
 )
-from shmgen.bridge.codec.wire_format import ROS1
+from shmgen.bridge.codec.direct import WireFormat
+from shmgen.bridge.common.support import SHUTDOWN_TIMEOUT, UndoSteps
 from shmgen.bridge.ros1 import actions as ros1_actions
 from shmgen.bridge.ros1 import types
 from shmgen.runtime import Time
 
-_WATCH = 0.5
-"""Seconds between two looks at the master."""
-_FAREWELL = 0.4
-"""Seconds that rospy gets to leave."""
-_REACH = 0.5
-"""Seconds within which a master's port answers."""
+_CHECK_INTERVAL = 0.5
+"""Seconds between two checks of the master."""
+_CONNECT_TIMEOUT = 0.5
+"""Timeout in seconds of a connection to the master's port."""
 
 
 def connect(node: Node) -> Ros1 | None:
-    """Joins the graph of ROS_MASTER_URI as soon as there is one."""
+    """Wait until the master at ROS_MASTER_URI answers, and join its graph. Return None if the bridge stops first."""
     if not _await_master(node):
         return None
-    _without_naps()
+    _remove_zero_sleeps()
     threading.Thread(target=_watch_master, args=(node,), daemon=True).start()
     try:
         rospy.init_node(node.name, argv=list(node.arguments), disable_signals=True, disable_rosout=True)
@@ -55,33 +54,36 @@ def connect(node: Node) -> Ros1 | None:
     return None if node.stopping() else Ros1()
 
 
-class Ros1:
-    """A Backend; rospy knows one node a process."""
+class Ros1(UndoSteps):
+    """The bridge's node in ROS 1, with the interface of a Backend. rospy allows one node in a process."""
 
     actions = ros1_actions
 
     def __init__(self) -> None:
-        self.undo: list[Callable[[], None]] = []
+        super().__init__()
+        self.name = rospy.get_name().strip("/")
 
     def publisher(self, wire: Wire) -> RosPublisher:
         kind = types.message(wire.messages)
         raw = types.raw(kind)
-        made = rospy.Publisher(wire.topic, raw, queue_size=wire.queue, latch=wire.latch, tcp_nodelay=True)
-        self.undo.append(made.unregister)
+        publisher = rospy.Publisher(wire.name, raw, queue_size=wire.queue, latch=wire.latch, tcp_nodelay=True)
+        self.undo.append(publisher.unregister)
 
         def send(message: Any) -> None:
             into = io.BytesIO()
             message.serialize(into)
-            made.publish(raw(into.getvalue()))
+            publisher.publish(raw(into.getvalue()))
 
-        if not wire.short or not types.means(kind, wire.messages):
+        if not wire.direct or not types.means(kind, wire.messages):
             return RosPublisher(kind, send, keeps=False)
-        encode = wire.short.out_of_region(ROS1, self.now)
-        return RosPublisher(kind, send, False, lambda payload: made.publish(raw(encode(payload))))
+        encode = wire.direct.encoder_from_sample(WireFormat.ROS1, self.now)
+        return RosPublisher(kind, send, False, lambda payload: publisher.publish(raw(encode(payload))))
 
     def subscribe(self, wire: Wire, sink: MessageSink) -> RosSubscription:
         kind = types.message(wire.messages)
-        decode = wire.short.into_region(ROS1) if wire.short and types.means(kind, wire.messages) else None
+        decode = (
+            wire.direct.decoder_to_sample(WireFormat.ROS1) if wire.direct and types.means(kind, wire.messages) else None
+        )
 
         def take(message: Any) -> None:
             try:
@@ -89,8 +91,8 @@ class Ros1:
             except genpy.DeserializationError as error:
                 sink.reject(str(error))
 
-        # Without a queue_size rospy hands over every message that a socket brought.
-        subscription = rospy.Subscriber(wire.topic, types.raw(kind), take, tcp_nodelay=True)
+        # Without a queue_size rospy delivers every message that a socket received.
+        subscription = rospy.Subscriber(wire.name, types.raw(kind), take, tcp_nodelay=True)
         self.undo.append(subscription.unregister)
         return RosSubscription(kind, lambda: subscription.get_num_connections() > 0)
 
@@ -105,13 +107,13 @@ class Ros1:
                 raise rospy.ServiceException(str(error)) from None
             return response
 
-        self.undo.append(rospy.Service(wire.service, kind, handle).shutdown)
+        self.undo.append(rospy.Service(wire.name, kind, handle).shutdown)
 
     def client(self, wire: ServiceWire) -> RosClient:
         kind = types.service(wire)
 
         def call(request: Any, timeout: float) -> Any:
-            return _within(timeout, lambda: rospy.ServiceProxy(wire.service, kind)(request))
+            return _within(timeout, lambda: rospy.ServiceProxy(wire.name, kind)(request))
 
         return RosClient(kind._request_class, call)
 
@@ -123,14 +125,15 @@ class Ros1:
         return not rospy.is_shutdown()
 
     def close(self) -> None:
-        leaving = threading.Thread(target=rospy.signal_shutdown, args=("the bridge ends",), daemon=True)
+        leaving = threading.Thread(target=rospy.signal_shutdown, args=("the bridge stops",), daemon=True)
         leaving.start()
-        leaving.join(_FAREWELL)  # a service that answers somebody holds rospy up for seconds
+        leaving.join(SHUTDOWN_TIMEOUT)  # a service that is answering a call delays rospy for seconds
 
 
-def _without_naps() -> None:
-    """Rospy gives up its turn behind each message that it queues, by a sleep of nothing; Linux makes 60 us of that, and
-    all topics from the PLC would wait for it.
+def _remove_zero_sleeps() -> None:
+    """Change rospy so that it does not sleep for zero seconds after each queued message.
+
+    On Linux the sleep takes 60 us, and all topics from the PLC would wait for it.
     """
     tcpros_pubsub.time = SimpleNamespace(sleep=_sleep)
 
@@ -141,7 +144,10 @@ def _sleep(seconds: float) -> None:
 
 
 def _within(seconds: float, call: Callable[[], Any]) -> Any:
-    """Calls of rospy have no time limit, so one that nobody answers is left to its own thread."""
+    """Return the result of `call`, which runs in a new thread. Raises NoAnswer after `seconds`, or if the call fails.
+
+    Calls of rospy have no timeout, so the thread of an unanswered call keeps waiting.
+    """
     result: list[Any] = []
     failure: list[Exception] = []
 
@@ -160,37 +166,40 @@ def _within(seconds: float, call: Callable[[], Any]) -> Any:
 
 
 def _await_master(node: Node) -> bool:
-    """False if the bridge is to stop before there is one."""
-    told = False
+    """Wait until the master answers, and return True. Return False if the bridge stops first."""
+    is_logged = False
     while not node.stopping():
         if _reachable():
             return True
-        if not told:
-            node.tell(f"no ROS master at {rosgraph.get_master_uri()} (ROS_MASTER_URI); waiting for one")
-            told = True
+        if not is_logged:
+            node.log(f"no ROS master at {rosgraph.get_master_uri()} (ROS_MASTER_URI); waiting for one")
+            is_logged = True
         time.sleep(0.1)
     return False
 
 
 def _watch_master(node: Node) -> None:
-    """Registers everything again with a master that does not know this node: rospy itself never does."""
+    """Watch the master until shutdown. If a restarted master does not know this node, register everything again.
+
+    rospy registers a publisher, subscriber or service only once.
+    """
     away = False
     due = 0.0
     while not rospy.is_shutdown():
         time.sleep(0.05)
         if node.stopping() and not rospy.core.is_initialized():
-            rospy.signal_shutdown("the bridge ends")  # or init_node would wait for its master for ever
+            rospy.signal_shutdown("the bridge stops")  # otherwise init_node waits for its master for ever
         if time.monotonic() < due or not rospy.core.is_initialized() or node.stopping():
             continue
-        due = time.monotonic() + _WATCH
+        due = time.monotonic() + _CHECK_INTERVAL
         if not _reachable():
             if not away:
-                node.tell("the ROS master is away; what is connected stays so")
+                node.log("the ROS master is unreachable; existing connections continue")
             away = True
             continue
-        with suppress(OSError):  # it went away in between
+        with suppress(OSError):  # the master went away since the check
             if not _known():
-                node.tell("the ROS master does not know this node; registering again")
+                node.log("the ROS master does not know this node; registering again")
                 _register()
             away = False
 
@@ -214,14 +223,14 @@ def _register() -> None:
 
 
 def _reachable() -> bool:
-    """Whether something listens there; unlike a call to the master this has a time limit."""
+    """Return True if the master's port accepts a connection. Unlike a call to the master, this has a timeout."""
     master = rosgraph.get_master_uri()
     try:
         host, port = rosgraph.network.parse_http_host_and_port(master)
     except ValueError as error:
         raise ValueError(f"ros1: ROS_MASTER_URI is {master!r}: {error}") from None
     try:
-        socket.create_connection((host, port), _REACH).close()
+        socket.create_connection((host, port), _CONNECT_TIMEOUT).close()
     except OSError:
         return False
     return True

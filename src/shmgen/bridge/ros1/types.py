@@ -1,6 +1,6 @@
-"""The classes of genpy for definitions: the installed ones, else made at run time, so that no catkin is needed.
+"""Find or create the Python classes of ROS 1 types. If a class is not installed, genpy generates it without catkin.
 
-Either way the md5 sums are genmsg's own, so that ROS 1 compares them as always.
+In both cases genmsg computes the md5 sums, so ROS 1 compares types as usual.
 """
 
 from __future__ import annotations
@@ -19,17 +19,20 @@ from shmgen.core.model import Message
 
 _U32 = struct.Struct("<I")
 _RULE = "\n" + "=" * 80 + "\n"
-"""What stands between the definitions in a connection header and in a bag."""
+"""Separator between the definitions in a connection header and in a bag."""
 
 
 def message(messages: tuple[Message, ...]) -> Any:
-    """The class of the last of `messages`. Raises ValueError where genmsg cannot read its definition."""
-    wanted = messages[-1].name.short
-    return genpy.message.get_message_class(wanted) or _made(wanted, messages)
+    """Return the ROS 1 class for the last of `messages`. The other messages are its dependencies.
+
+    Raises ValueError if genmsg cannot read its definition.
+    """
+    type_name = messages[-1].name.short
+    return genpy.message.get_message_class(type_name) or _generate_class(type_name, messages)
 
 
 def raw(kind: Any) -> Any:
-    """A class that rospy takes for `kind`, whose objects hold the bytes of a message as `data`."""
+    """Return a class that rospy accepts in place of `kind`. Its objects hold the serialized message as `data`."""
 
     class Raw(kind):  # type: ignore[misc]
         __slots__ = ("data", "frame_id", "seq")
@@ -39,7 +42,7 @@ def raw(kind: Any) -> Any:
 
         @property
         def header(self) -> Raw:
-            """Where rospy counts what it sends."""
+            """The object itself, so that rospy stores `header.seq` in the attribute `seq` of this object."""
             return self
 
         def deserialize(self, data: bytes) -> Raw:
@@ -53,31 +56,35 @@ def raw(kind: Any) -> Any:
 
 
 def means(kind: Any, messages: tuple[Message, ...]) -> bool:
-    """Whether the class has the very fields of the last of `messages`: one that is installed may have others."""
+    """Return True if the class `kind` has the md5 sum of the last of `messages`, so that both mean the same type.
+
+    An installed class may have other fields than shmgen's definition.
+    """
     context = genmsg.MsgContext.create_default()
     try:
         specs = [_known(context, message, message.text) for message in messages]
         return bool(compute_md5(context, specs[-1]) == kind._md5sum)
-    except (genmsg.InvalidMsgSpec, genmsg.MsgNotFound, KeyError):  # not of ROS 1
+    except (genmsg.InvalidMsgSpec, genmsg.MsgNotFound, KeyError):  # no ROS 1 definition
         return False
 
 
 def service(wire: ServiceWire) -> Any:
-    """The class of the service, as rospy wants it. Raises ValueError as message()."""
+    """Return the service class that rospy requires. Raises ValueError if genmsg cannot read the definition."""
     name = wire.type.short
     if installed := genpy.message.get_service_class(name):
         return installed
     request, response = (
-        _made(f"{name}{half}", messages) for half, messages in (("Request", wire.request), ("Response", wire.response))
+        _generate_class(f"{name}{half}", messages)
+        for half, messages in (("Request", wire.request), ("Response", wire.response))
     )
     return SimpleNamespace(
         _type=name, _md5sum=_service_md5(wire), _request_class=request, _response_class=response, __name__=name
     )
 
 
-def _made(name: str, messages: tuple[Message, ...]) -> Any:
-    *held, own = messages
-    text = _RULE.join([own.text, *(f"MSG: {message.name.short}\n{_definition(message)}" for message in held)])
+def _generate_class(name: str, messages: tuple[Message, ...]) -> Any:
+    *dependencies, own = messages
+    text = _RULE.join([own.text, *(f"MSG: {message.name.short}\n{_definition(message)}" for message in dependencies)])
     try:
         return generate_dynamic(name, text)[name]
     except (genmsg.InvalidMsgSpec, genmsg.MsgNotFound, genpy.MessageException, KeyError) as error:
@@ -85,7 +92,11 @@ def _made(name: str, messages: tuple[Message, ...]) -> Any:
 
 
 def _definition(message: Message) -> str:
-    """ROS 1's own where it is installed: its Header has a `seq`, and the md5 sum of what holds one counts that."""
+    """Return the definition installed with ROS 1, or the text of `message` if none is installed.
+
+    The installed definition has precedence, because only the Header of ROS 1 has the field `seq`. This field changes
+    the md5 sum of each type with a Header.
+    """
     installed = genpy.message.get_message_class(message.name.short)
     return str(installed._full_text.partition(_RULE)[0]) if installed else message.text
 
@@ -99,7 +110,7 @@ def _service_md5(wire: ServiceWire) -> str:
 
 
 def _known(context: Any, message: Message, text: str) -> Any:
-    """Read, and known to the context from now on."""
+    """Parse `text`, the definition of `message`, and register it in `context`, where genmsg finds nested messages."""
     name = message.name.short
     spec = genmsg.msg_loader.load_msg_from_string(context, text, name)
     context.register(name, spec)

@@ -1,1 +1,1 @@
-"""The backend for ROS 2, by rclpy."""
+"""The backend for ROS 2, through rclpy."""

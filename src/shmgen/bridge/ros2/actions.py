@@ -1,4 +1,4 @@
-"""An action as ROS 2 has it: three services and two topics.
+"""Actions of ROS 2: each consists of three services and two topics.
 
 Source: the ROS 2 design article *Actions*, rcl_action, and the .msg and .srv files of action_msgs.
 """
@@ -25,26 +25,26 @@ from shmgen.bridge.backend import (
     ServiceWire,
     Wire,
     Worker,
-    await_server,
 )
+from shmgen.bridge.common.support import await_server
 from shmgen.core.model import Array, Clock, FieldType, Message, Ref, Scalar, Sequence, TypeName
-from shmgen.core.type_hash import made_message
+from shmgen.core.type_hash import create_message
 from shmgen.runtime import Time
 
 _UNKNOWN, _ACCEPTED, _EXECUTING, _CANCELING = range(4)
-"""Of action_msgs/GoalStatus, beside those of backend.py."""
+"""Status numbers of action_msgs/GoalStatus. The final ones are in backend.py."""
 _NONE, _REJECTED, _UNKNOWN_GOAL, _TERMINATED = range(4)
-"""What action_msgs/CancelGoal returns."""
-_KEPT = 16
-"""Goals whose end can still be asked for."""
-_FOREVER = 1e9
-"""Seconds that a goal may take."""
-_GONE = 2.0
-"""Seconds that a cancel may take of a goal that nobody waits for any more."""
+"""Return codes of action_msgs/CancelGoal."""
+_MAX_ENDED_GOALS = 16
+"""Maximum number of ended goals whose result clients can still request."""
+_NO_TIMEOUT = 1e9
+"""Seconds that a goal may take: practically no limit."""
+_CANCEL_TIMEOUT = 2.0
+"""Timeout in seconds of a cancel request."""
 
 
 class _Served:
-    """A Goal of a ROS client."""
+    """A Goal that a ROS client sent."""
 
     def __init__(self, server: _Server, key: bytes, stamp: Time, request: Any) -> None:
         self.key, self.stamp, self.request = key, stamp, request
@@ -64,19 +64,19 @@ class _Served:
 
 
 class _Server:
-    """All its methods may be called from any thread."""
+    """The server of a ROS 2 action. Thread-safe."""
 
-    def __init__(self, backend: Backend, wire: ActionWire, worker: Worker, mishaps: ErrorSink) -> None:
+    def __init__(self, backend: Backend, wire: ActionWire, worker: Worker, errors: ErrorSink) -> None:
         self._worker = worker
         self._now = backend.now
         self._goals: dict[bytes, _Served] = {}
         self._lock = threading.Lock()
-        said = Said(wire)
-        self._feedback = backend.publisher(said.feedback)
-        self._status = backend.publisher(said.status)
-        backend.serve(said.result, self._result, mishaps.refuse)
-        backend.serve(said.cancel, self._cancel, mishaps.refuse)
-        backend.serve(said.send, self._send, mishaps.refuse)
+        interface = ActionInterface(wire)
+        self._feedback = backend.publisher(interface.feedback)
+        self._status = backend.publisher(interface.status)
+        backend.serve(interface.result, self._result, errors.refuse)
+        backend.serve(interface.cancel, self._cancel, errors.refuse)
+        backend.serve(interface.send, self._send, errors.refuse)
 
     def progress(self, goal: _Served, fill: Fill) -> None:
         message = self._feedback.new()
@@ -85,7 +85,7 @@ class _Server:
         self._feedback.send(message)
 
     def show(self, goal: _Served, status: int) -> None:
-        """In the topic of all goals."""
+        """Set the status of a goal and publish the status of all goals."""
         with self._lock:
             if goal.ended.is_set():
                 return
@@ -113,76 +113,81 @@ class _Server:
 
     def _result(self, request: Any, response: Any) -> None:
         goal = self._goals.get(bytes(request.goal_id.uuid))
-        if goal is not None:  # else its status is the UNKNOWN of an empty response
+        if goal is not None:  # otherwise the empty response has the status UNKNOWN
             goal.ended.wait()
             response.status = goal.status
             goal.fill(response.result)
 
     def _cancel(self, request: Any, response: Any) -> None:
-        wanted, code = self._wanted(request.goal_info)
+        selected, code = self._selected_goals(request.goal_info)
         canceled = []
-        for goal in wanted:
+        for goal in selected:
             if self._worker.cancel(goal):
                 self.show(goal, _CANCELING)
                 canceled.append(goal)
-        response.return_code = _REJECTED if wanted and not canceled else code
+        response.return_code = _REJECTED if selected and not canceled else code
         response.goals_canceling = [_info(goal) for goal in canceled]
 
-    def _wanted(self, info: Any) -> tuple[list[_Served], int]:
-        """Those that action_msgs/CancelGoal means: one, those that are not younger than the stamp, or all."""
+    def _selected_goals(self, info: Any) -> tuple[list[_Served], int]:
+        """Return the goals that a client asks to cancel, and the return code for `info`, its action_msgs/CancelGoal.
+
+        A request with an id selects one goal. A request with a time stamp selects all goals up to that time. A request
+        with neither selects all goals.
+        """
         key, until = bytes(info.goal_id.uuid), (info.stamp.sec, info.stamp.nanosec)
         with self._lock:
             goals = list(self._goals.values())
-        named = [goal for goal in goals if goal.key == key]
+        by_id = [goal for goal in goals if goal.key == key]
         if any(key) and until == (0, 0):
-            if not named:
+            if not by_id:
                 return [], _UNKNOWN_GOAL
-            return ([], _TERMINATED) if named[0].ended.is_set() else (named, _NONE)
-        everything = not any(key) and until == (0, 0)
-        old = [goal for goal in goals if everything or goal in named or tuple(goal.stamp) <= until]
-        return [goal for goal in old if not goal.ended.is_set()], _NONE
+            return ([], _TERMINATED) if by_id[0].ended.is_set() else (by_id, _NONE)
+        is_for_all = not any(key) and until == (0, 0)
+        older = [goal for goal in goals if is_for_all or goal in by_id or tuple(goal.stamp) <= until]
+        return [goal for goal in older if not goal.ended.is_set()], _NONE
 
     def _forget(self) -> None:
-        """The oldest of those that have ended, as ROS 2 does after some time."""
+        """Forget the oldest ended goals, so that at most 16 remain. ROS 2 forgets them after a timeout."""
         ended = [key for key, goal in self._goals.items() if goal.ended.is_set()]
-        for key in ended[: max(0, len(ended) - _KEPT + 1)]:
+        for key in ended[: max(0, len(ended) - _MAX_ENDED_GOALS + 1)]:
             del self._goals[key]
 
 
 class _Client:
-    """A RosActionClient, and the MessageSink of the feedback."""
+    """A client of a ROS 2 action, with the interface of a RosActionClient, and the sink of the feedback topic."""
 
-    def __init__(self, backend: Backend, wire: ActionWire, mishaps: ErrorSink) -> None:
-        self.reject, self.refuse, self.meet, self.lose = mishaps.reject, mishaps.refuse, mishaps.meet, mishaps.lose
-        said = Said(wire)
-        self._followers: dict[bytes, _Once] = {}
-        self._sending = backend.client(said.send)
-        self._canceling = backend.client(said.cancel)
-        self._results = backend.client(said.result)
-        self._feedback = backend.subscribe(said.feedback, self)
+    def __init__(self, backend: Backend, wire: ActionWire, errors: ErrorSink) -> None:
+        self.reject, self.refuse, self.lose = errors.reject, errors.refuse, errors.lose
+        self.set_incompatible_peer = errors.set_incompatible_peer
+        interface = ActionInterface(wire)
+        self._observers: dict[bytes, GoalObserver] = {}
+        self._sending = backend.client(interface.send)
+        self._canceling = backend.client(interface.cancel)
+        self._results = backend.client(interface.result)
+        self._feedback = backend.subscribe(interface.feedback, self)
 
     def take(self, message: Any) -> None:
-        follower = self._followers.get(bytes(message.goal_id.uuid))
-        if follower:
-            follower.feedback(message.feedback)
+        observer = self._observers.get(bytes(message.goal_id.uuid))
+        if observer:
+            observer.feedback(message.feedback)
 
-    def send(self, fill: Fill, timeout: float, follower: GoalObserver) -> Callable[[], threading.Thread] | None:
-        # All of it: discovery brings its ends one after another, and the first feedback would come to nobody.
+    def send(self, fill: Fill, timeout: float, observer: GoalObserver) -> Callable[[], threading.Thread] | None:
+        # Wait for all endpoints: they are discovered one by one, and the first feedback would be lost.
         ends = (self._sending, self._results, self._canceling, self._feedback)
         await_server(lambda: all(end.is_connected() for end in ends), timeout)
         key = uuid.uuid4().bytes
         request = self._sending.new()
         request.goal_id.uuid[:] = list(key)
         fill(request.goal)
-        self._followers[key] = _Once(follower)
+        self._observers[key] = observer
         try:
             accepted = self._sending.call(request, timeout).accepted
         except NoAnswer:
-            del self._followers[key]
-            self._cancel(key)  # it may come too late
+            del self._observers[key]
+            self._cancel(key)  # the server may still accept the goal later
             raise
         if not accepted:
-            del self._followers[key]
+            del self._observers[key]
             return None
         threading.Thread(target=self._await, args=(key,), daemon=True).start()
         return lambda: self._cancel(key)
@@ -191,107 +196,88 @@ class _Client:
         request = self._results.new()
         request.goal_id.uuid[:] = list(key)
         try:
-            response = self._results.call(request, _FOREVER)
+            response = self._results.call(request, _NO_TIMEOUT)
             if response.status in (SUCCEEDED, CANCELED, ABORTED):
-                self._followers.pop(key).end(response.status, response.result)
+                self._observers.pop(key).end(response.status, response.result)
             else:
-                self._followers.pop(key).end(ABORTED, None, "the server does not know the goal")
+                self._observers.pop(key).end(ABORTED, None, "the server does not know the goal")
         except Exception as error:
-            self._followers.pop(key).end(ABORTED, None, str(error))
+            self._observers.pop(key).end(ABORTED, None, str(error))
 
     def _cancel(self, key: bytes) -> threading.Thread:
         def run() -> None:
             request = self._canceling.new()
             request.goal_info.goal_id.uuid[:] = list(key)
-            with suppress(Exception):  # how the goal ends says the rest
-                self._canceling.call(request, _GONE)
+            with suppress(Exception):  # the end of the goal reports the outcome
+                self._canceling.call(request, _CANCEL_TIMEOUT)
 
         thread = threading.Thread(target=run, daemon=True)
         thread.start()
         return thread
 
 
-class _Once:
-    """Hands over one after another, and nothing behind the end."""
-
-    def __init__(self, follower: GoalObserver) -> None:
-        self._follower = follower
-        self._lock = threading.Lock()
-        self._ended = False
-
-    def feedback(self, feedback: Any) -> None:
-        with self._lock:
-            if not self._ended:
-                self._follower.feedback(feedback)
-
-    def end(self, status: int, result: Any, why: str = "") -> None:
-        with self._lock:
-            self._ended = True
-            self._follower.end(status, result, why)
-
-
 def _info(goal: _Served) -> Any:
-    """An action_msgs/GoalInfo."""
+    """Return the action_msgs/GoalInfo of a goal."""
     return SimpleNamespace(
         goal_id=SimpleNamespace(uuid=goal.key), stamp=SimpleNamespace(sec=goal.stamp.sec, nanosec=goal.stamp.nanosec)
     )
 
 
-class Said:
-    """The wires of an action."""
+class ActionInterface:
+    """The services and topics of which a ROS 2 action consists."""
 
     def __init__(self, wire: ActionWire) -> None:
-        def message(ending: str, held: Iterable[Message], fields: Mapping[str, FieldType]) -> tuple[Message, ...]:
-            return _closed(held, made_message(wire.type.part(ending), fields))
+        def message(
+            ending: str, dependencies: Iterable[Message], fields: Mapping[str, FieldType]
+        ) -> tuple[Message, ...]:
+            """Return the dependencies without duplicates, followed by the message itself."""
+            return (*dict.fromkeys(dependencies), create_message(wire.type.part(ending), fields))
 
         def part(messages: tuple[Message, ...]) -> Ref:
             return Ref(messages[-1].name)
 
-        place = f"{wire.action}/_action"
+        prefix = f"{wire.name}/_action"
         uuid_, status = {"goal_id": Ref(_UUID.name)}, {"status": Scalar.INT8}
         self.send = ServiceWire(
-            f"{place}/send_goal",
+            f"{prefix}/send_goal",
             message("_SendGoal_Request", (_UUID, *wire.goal), {**uuid_, "goal": part(wire.goal)}),
             message("_SendGoal_Response", (), {"accepted": Scalar.BOOL, "stamp": Clock.TIME}),
         )
         self.result = ServiceWire(
-            f"{place}/get_result",
+            f"{prefix}/get_result",
             message("_GetResult_Request", (_UUID,), uuid_),
             message("_GetResult_Response", wire.result, {**status, "result": part(wire.result)}),
             at_once=True,
         )
-        self.cancel = ServiceWire(f"{place}/cancel_goal", _CANCEL_REQUEST, _CANCEL_RESPONSE)
+        self.cancel = ServiceWire(f"{prefix}/cancel_goal", _CANCEL_REQUEST, _CANCEL_RESPONSE)
         feedback = message("_FeedbackMessage", (_UUID, *wire.feedback), {**uuid_, "feedback": part(wire.feedback)})
-        self.feedback = Wire(f"{place}/feedback", feedback, room=wire.room)
-        self.status = Wire(f"{place}/status", _STATUSES, latch=True)
+        self.feedback = Wire(f"{prefix}/feedback", feedback, sample_size=wire.sample_size)
+        self.status = Wire(f"{prefix}/status", _STATUSES, latch=True)
 
 
-def _closed(held: Iterable[Message], own: Message) -> tuple[Message, ...]:
-    """Each once, and the message last."""
-    return (*dict.fromkeys(held), own)
-
-
-_UUID = made_message(TypeName("unique_identifier_msgs", "msg", "UUID"), {"uuid": Array(Scalar.UINT8, 16)})
-_INFO = made_message(
+_UUID = create_message(TypeName("unique_identifier_msgs", "msg", "UUID"), {"uuid": Array(Scalar.UINT8, 16)})
+_INFO = create_message(
     TypeName("action_msgs", "msg", "GoalInfo"),
     {"goal_id": Ref(TypeName("unique_identifier_msgs", "msg", "UUID")), "stamp": Clock.TIME},
 )
-_STATUS = made_message(
+_STATUS = create_message(
     TypeName("action_msgs", "msg", "GoalStatus"), {"goal_info": Ref(_INFO.name), "status": Scalar.INT8}
 )
 _STATUSES = (
     _UUID,
     _INFO,
     _STATUS,
-    made_message(TypeName("action_msgs", "msg", "GoalStatusArray"), {"status_list": Sequence(Ref(_STATUS.name))}),
+    create_message(TypeName("action_msgs", "msg", "GoalStatusArray"), {"status_list": Sequence(Ref(_STATUS.name))}),
 )
 _CANCEL = TypeName("action_msgs", "srv", "CancelGoal")
-_CANCEL_REQUEST = (_UUID, _INFO, made_message(_CANCEL.part("_Request"), {"goal_info": Ref(_INFO.name)}))
+_CANCEL_REQUEST = (_UUID, _INFO, create_message(_CANCEL.part("_Request"), {"goal_info": Ref(_INFO.name)}))
 _CANCEL_RESPONSE = (
     _UUID,
     _INFO,
-    made_message(_CANCEL.part("_Response"), {"return_code": Scalar.INT8, "goals_canceling": Sequence(Ref(_INFO.name))}),
+    create_message(
+        _CANCEL.part("_Response"), {"return_code": Scalar.INT8, "goals_canceling": Sequence(Ref(_INFO.name))}
+    ),
 )
 
-serve, seeker = _Server, _Client
-"""As Actions says it."""
+serve, action_client = _Server, _Client
+"""The two functions of the Actions protocol."""

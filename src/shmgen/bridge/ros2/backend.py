@@ -1,7 +1,7 @@
-"""The bridge's ROS 2: topics and services by rclpy.
+"""The backend ros2: topics and services through rclpy.
 
-Topics cross as bytes, each taken by a thread of its own; so do services, whose answers may take their time. rclpy's own
-executor is left with what hardly ever happens: parameters, the clock, answers to our calls.
+Topics pass as bytes. Each subscription and each server has its own thread, because an answer may take long. The
+executor of rclpy handles only rare events: parameters, the clock, and answers to the bridge's own calls.
 """
 
 from __future__ import annotations
@@ -11,14 +11,19 @@ import threading
 import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import rclpy
+from rcl_interfaces.msg import Log
+from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.logging import LoggingSeverity
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.signals import SignalHandlerOptions
 
@@ -33,47 +38,54 @@ from shmgen.bridge.backend import (
     RosSubscription,
     ServiceWire,
     Wire,
-    await_server,
-    end_at_once,
 )
 from shmgen.bridge.codec.cdr import Codec, codec
 from shmgen.bridge.codec.type_identity import TAKES_OURS, Identity
+from shmgen.bridge.common import qos
+from shmgen.bridge.common.support import SHUTDOWN_TIMEOUT, UndoSteps, await_server, end_at_once, join_all
 from shmgen.bridge.ros2 import actions as ros2_actions
 from shmgen.bridge.ros2 import types
-from shmgen.bridge.ros2.outlet import Outlet
 from shmgen.bridge.ros2.peers import Peers
 from shmgen.bridge.ros2.topics import Inlet
 from shmgen.bridge.ros2.waiter import Ours, Waiter
 from shmgen.core.model import Message
 from shmgen.runtime import Time
 
-_FAREWELL = 0.4
-"""Seconds that all threads together get to finish what they are at."""
-_PATIENCE = 0.1
-"""Seconds that a call waits before it looks whether there still is a server."""
+_OVERRIDES = QoSOverridingOptions(
+    (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY)
+)
+"""The QoS policies that ROS parameters such as `qos_overrides.TOPIC.publisher.reliability` may set."""
+_ROSOUT_DEPTH = 100
+"""The number of log lines that a late subscriber of /rosout receives."""
+_SERVER_POLL_INTERVAL = 0.1
+"""Seconds between two checks that the server of a call is still present."""
 
 
 def connect(node: Node) -> Ros2:
-    """Joins the graph of the domain. Raises ValueError for arguments that ROS does not know."""
+    """Join the ROS graph of the node's domain. Raises ValueError if ROS rejects an argument."""
     try:
         rclpy.init(
             args=list(node.arguments), domain_id=node.domain, signal_handler_options=SignalHandlerOptions.NO
-        )  # signals are the bridge's own
+        )  # the bridge handles signals itself
         return Ros2(node)
-    except Exception as error:  # rclpy has a class for each, and no word that is above them
+    except Exception as error:  # rclpy's exceptions share no base class
         rclpy.try_shutdown()
         raise ValueError(f"ros2: {type(error).__name__}: {error}") from error
 
 
-class Ros2:
-    """A Backend."""
+class Ros2(UndoSteps):
+    """The bridge's node in ROS 2, with the interface of a Backend."""
 
     actions = ros2_actions
 
     def __init__(self, node: Node) -> None:
         self._node: Any = rclpy.create_node(node.name)
-        self._tell = node.tell
-        self.undo: list[Callable[[], None]] = []
+        self.name = str(self._node.get_name())
+        self._log = node.log
+        profile = _profile(qos.Qos(True, True), _ROSOUT_DEPTH)
+        is_silent = "--disable-rosout-logs" in node.arguments
+        self._rosout: Any = None if is_silent else self._node.create_publisher(Log, "/rosout", profile)
+        super().__init__()
         self._waiters: list[Waiter] = []
         self._executor: Any = SingleThreadedExecutor()
         self._executor.add_node(self._node)
@@ -82,92 +94,125 @@ class Ros2:
         self._thread.start()
 
     def publisher(self, wire: Wire) -> RosPublisher:
-        kind, made = types.message(wire.messages), _codec(wire.messages)
-        identity = Identity(wire.topic, wire.type, made.type_hash, self._tell, then=TAKES_OURS)
+        kind, cdr = types.message(wire.messages), _codec(wire.messages)
+        identity = Identity(wire.name, wire.type, cdr.type_hash, self._log, then=TAKES_OURS)
 
-        def met(*event: Any) -> None:
-            for one in self._node.get_subscriptions_info_by_topic(publisher.topic_name):
+        listed = self._node.get_subscriptions_info_by_topic
+
+        def check_peers(*event: Any) -> None:
+            for one in listed(publisher.topic_name):
                 identity.refusal(_hash(one))
 
         queue = 1 if wire.latch else wire.queue
         publisher = self._node.create_publisher(
             kind,
-            wire.topic,
-            _qos(wire, queue),
-            event_callbacks=_when_matched(PublisherEventCallbacks, met),
+            wire.name,
+            _profile(qos.ours(wire), queue),
+            event_callbacks=_when_matched(PublisherEventCallbacks, check_peers),
+            qos_overriding_options=_OVERRIDES,
         )
+        own = _policies(publisher)
         self.undo.append(lambda: self._node.destroy_publisher(publisher))
-        waits = wire.is_large and wire.qos == "reliable" and not wire.latch and hasattr(publisher, "wait_for_all_acked")
-        outlet = Outlet(publisher, queue, self._closing.is_set) if waits else publisher
-        return RosPublisher(made.new, lambda message: outlet.publish(made.encode(message)), keeps=False)
+        wait = getattr(publisher, "wait_for_all_acked", None)  # ROS 2 before Humble has none
+        acknowledged = (lambda seconds: bool(wait(Duration(seconds=seconds)))) if wait else None
+        send = publisher.publish
+
+        def qos_problem() -> str:
+            return qos.problem(own, map(_policies, listed(publisher.topic_name)), publishes=True)
+
+        return RosPublisher(
+            cdr.new,
+            lambda message: send(cdr.encode(message)),
+            keeps=False,
+            acknowledged=acknowledged,
+            qos_problem=qos_problem,
+        )
 
     def subscribe(self, wire: Wire, sink: MessageSink) -> RosSubscription:
-        kind, made = types.message(wire.messages), _codec(wire.messages)
-        subscription = self._node.create_subscription(
-            kind,
-            wire.topic,
-            _never,
-            _qos(wire, wire.queue),
-            callback_group=Ours(),
-            raw=True,
-            event_callbacks=_when_matched(SubscriptionEventCallbacks, lambda event: inlet.look()),
-        )
-        identity = Identity(wire.topic, wire.type, made.type_hash, self._tell, wire.accepts_other)
+        kind, cdr = types.message(wire.messages), _codec(wire.messages)
+        identity = Identity(wire.name, wire.type, cdr.type_hash, self._log, wire.accepts_other)
         find = self._node.get_publishers_info_by_topic
-        peers = Peers(identity, lambda: _hashes(find(subscription.topic_name)), sink.meet)
-        inlet = Inlet(subscription, made, sink, peers, _rmw().startswith("rmw_fastrtps"))
-        self._wait(subscription, "subscription", inlet.take, wire.topic)
-        return RosSubscription(made.new, lambda: bool(subscription.handle.get_publisher_count()))
+
+        name = self._node.resolve_topic_name(wire.name)
+        is_fixed = f"qos_overrides.{name}.subscription.reliability" in self._node._parameter_overrides
+
+        def create(policies: qos.Qos) -> tuple[Any, qos.Qos, Callable[[], None]]:
+            is_adopted = policies != qos.ours(wire)  # the parameters are declared already, with the earlier QoS
+            subscription = self._node.create_subscription(
+                kind,
+                wire.name,
+                _never,
+                _profile(policies, wire.queue),
+                callback_group=Ours(),
+                raw=True,
+                event_callbacks=_when_matched(SubscriptionEventCallbacks, lambda event: inlet.look()),
+                qos_overriding_options=None if is_adopted else _OVERRIDES,
+            )
+            peers = Peers(identity, lambda: _hashes(find(name)), sink.set_incompatible_peer)
+            inlet = Inlet(subscription, cdr, sink, peers, _rmw().startswith("rmw_fastrtps"))
+            undo = self._wait(subscription, "subscription", inlet.take, wire.name)
+            return subscription, _policies(subscription), undo
+
+        subscription = qos.AdoptingSubscription(
+            replace(wire, qos="reliable") if is_fixed else wire, create, lambda: [_policies(end) for end in find(name)]
+        )
+        self.undo.append(subscription.undo)
+        return RosSubscription(
+            cdr.new, lambda: bool(subscription.end.handle.get_publisher_count()), subscription.qos_problem
+        )
 
     def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
         kind = types.service(wire)
         request, response = _codec(wire.request), _codec(wire.response)
-        service = self._node.create_service(kind, wire.service, _never, callback_group=Ours())
+        service = self._node.create_service(kind, wire.name, _never, callback_group=Ours())
         find = self._node.get_publishers_info_by_topic
         peers = self._peers(wire, wire.request, request, find, f"rq{service.service_name}Request")
 
-        def answered(asked: Any, whose: Any) -> None:
+        def reply(rosidl_request: Any, request_id: Any) -> None:
             message = response.new()
             try:
-                answer(request.decode(serialize_message(asked)), message)
-            except NoAnswer as error:  # ROS 2 has no word for it: the client waits in vain
-                self._tell(f"{wire.service}: no answer: {error}")
+                answer(request.decode(serialize_message(rosidl_request)), message)
+            except NoAnswer as error:  # ROS 2 has no error reply: the client waits until its timeout
+                self._log(f"{wire.name}: no answer: {error}")
                 return
-            with suppress(InvalidHandle):  # the bridge has ended meanwhile
-                service.send_response(_rosidl(response, message, kind.Response), whose)
+            with suppress(InvalidHandle):  # the bridge has closed the service
+                service.send_response(_rosidl(response, message, kind.Response), request_id)
 
         def take() -> None:
             while not self._closing.is_set():
-                asked, whose = service.handle.service_take_request(kind.Request)
-                if whose is None:
+                rosidl_request, request_id = service.handle.service_take_request(kind.Request)
+                if request_id is None:
                     peers.forget()
                     return
                 peers.look()
                 if why := peers.refusal():
                     refuse(why)
                 elif wire.at_once:
-                    work = self._guarded(partial(answered, asked, whose), wire.service)
+                    work = self._guarded(partial(reply, rosidl_request, request_id), wire.name)
                     threading.Thread(target=work, daemon=True).start()
                 else:
-                    answered(asked, whose)
+                    reply(rosidl_request, request_id)
 
-        self._wait(service, "service", take, wire.service)
+        self.undo.append(self._wait(service, "service", take, wire.name))
 
     def client(self, wire: ServiceWire) -> RosClient:
         kind = types.service(wire)
         request, response = _codec(wire.request), _codec(wire.response)
-        client = self._node.create_client(kind, wire.service)
+        client = self._node.create_client(kind, wire.name)
         self.undo.append(lambda: self._node.destroy_client(client))
-        asked, replied = f"rq{client.service_name}Request", f"rr{client.service_name}Reply"
+        request_topic, reply_topic = f"rq{client.service_name}Request", f"rr{client.service_name}Reply"
         listed = self._node.get_subscriptions_info_by_topic
         find = self._node.get_publishers_info_by_topic
         ends = (
-            self._peers(wire, wire.request, request, listed, asked),
-            self._peers(wire, wire.response, response, find, replied),
+            self._peers(wire, wire.request, request, listed, request_topic),
+            self._peers(wire, wire.response, response, find, reply_topic),
         )
 
         def check() -> None:
-            """Nobody says whose an answer is, so that a server that has gone meanwhile counts too."""
+            """Raise NoAnswer if a server of this service uses an incompatible type.
+
+            An answer does not identify its server. The check therefore includes servers that left since the last check.
+            """
             for peers in ends:
                 peers.look()
                 why = peers.refusal()
@@ -176,7 +221,7 @@ class Ros2:
                     raise NoAnswer(why)
 
         def servers() -> set[bytes]:
-            return {bytes(end.endpoint_gid) for end in listed(asked, no_mangle=True)}
+            return {bytes(end.endpoint_gid) for end in listed(request_topic, no_mangle=True)}
 
         def is_connected() -> bool:
             return self._closing.is_set() or client.service_is_ready()
@@ -184,16 +229,16 @@ class Ros2:
         def call(message: Any, timeout: float) -> Any:
             deadline = await_server(is_connected, timeout)
             if self._closing.is_set():
-                raise NoAnswer("the bridge ends")
+                raise NoAnswer("the bridge stops")
             check()
-            known, answered = servers(), threading.Event()
+            known, is_answered = servers(), threading.Event()
             future = client.call_async(_rosidl(request, message, kind.Request))
-            future.add_done_callback(lambda future: answered.set())
-            while not answered.wait(_PATIENCE):
+            future.add_done_callback(lambda future: is_answered.set())
+            while not is_answered.wait(_SERVER_POLL_INTERVAL):
                 is_over, is_alone = time.monotonic() >= deadline, not known & servers()
                 if self._closing.is_set() or is_over or is_alone:
                     client.remove_pending_request(future)
-                    raise NoAnswer("the server has gone" if is_alone else f"no answer within {timeout:g} s")
+                    raise NoAnswer("the server has left" if is_alone else f"no answer within {timeout:g} s")
             check()
             return response.decode(serialize_message(future.result()))
 
@@ -203,6 +248,18 @@ class Ros2:
         stamp = self._node.get_clock().now().to_msg()
         return Time(stamp.sec, stamp.nanosec)
 
+    def publish_log(self, text: str) -> None:
+        """Publish a warning on /rosout. The executor's thread publishes it, because publishing may block."""
+
+        def publish() -> None:
+            with suppress(Exception):  # logging the exception would lead here again
+                stamp, name = self._node.get_clock().now().to_msg(), self._node.get_logger().name
+                self._rosout.publish(Log(stamp=stamp, level=int(LoggingSeverity.WARN), name=name, msg=text))
+
+        if self._rosout:
+            with suppress(Exception):  # the executor has ended
+                self._executor.create_task(publish)
+
     def alive(self) -> bool:
         return bool(rclpy.ok())
 
@@ -210,27 +267,28 @@ class Ros2:
         self._closing.set()
         for waiter in self._waiters:
             waiter.close()
-        deadline = time.monotonic() + _FAREWELL
-        ended = [waiter.join(max(0.0, deadline - time.monotonic())) for waiter in self._waiters]
         self._executor.shutdown(timeout_sec=0)
-        self._thread.join(max(0.0, deadline - time.monotonic()))
-        if all(ended) and not self._thread.is_alive():  # else somebody still has them in hand
+        if join_all([*(waiter.thread for waiter in self._waiters), self._thread]):  # no thread uses the node
             self._node.destroy_node()
         else:
             atexit.register(end_at_once)
         rclpy.try_shutdown()
 
-    def _wait(self, entity: Any, kind: Any, take: Callable[[], None], name: str) -> None:
+    def _wait(self, entity: Any, kind: Any, take: Callable[[], None], name: str) -> Callable[[], None]:
+        """Start a thread that calls `take` each time data arrives at `entity`, a subscription or a service.
+
+        Return a function that stops this thread and destroys the entity.
+        """
         waiter = Waiter(entity, kind, self._guarded(take, name), self._node.context, name)
         self._waiters.append(waiter)
 
         def undo() -> None:
             waiter.close()
-            waiter.join(_FAREWELL)
+            waiter.thread.join(SHUTDOWN_TIMEOUT)
             getattr(self._node, f"destroy_{kind}")(entity)
             self._waiters.remove(waiter)
 
-        self.undo.append(undo)
+        return undo
 
     def _guarded(self, work: Callable[[], None], name: str) -> Callable[[], None]:
         def guarded() -> None:
@@ -238,14 +296,14 @@ class Ros2:
                 work()
             except InvalidHandle:
                 raise
-            except Exception as error:  # one message is not worth the topic
-                self._tell(f"{name}: {type(error).__name__}: {error}")
+            except Exception as error:  # one bad message must not stop the topic
+                self._log(f"{name}: {type(error).__name__}: {error}")
 
         return guarded
 
-    def _peers(self, wire: ServiceWire, messages: tuple[Message, ...], made: Codec, find: Any, topic: str) -> Peers:
-        """Those at the other ends of that topic of DDS."""
-        identity = Identity(wire.service, messages[-1].name, made.type_hash, self._tell)
+    def _peers(self, wire: ServiceWire, messages: tuple[Message, ...], cdr: Codec, find: Any, topic: str) -> Peers:
+        """Return the peers of `topic`, the DDS topic that carries the requests or the replies of a service."""
+        identity = Identity(wire.name, messages[-1].name, cdr.type_hash, self._log)
         return Peers(identity, lambda: _hashes(find(topic, no_mangle=True)))
 
     def _spin(self) -> None:
@@ -256,32 +314,35 @@ class Ros2:
                 return
             except Exception as error:
                 if not self._closing.is_set():
-                    self._tell(f"{type(error).__name__}: {error}")
+                    self._log(f"{type(error).__name__}: {error}")
 
 
-def _when_matched(callbacks: Any, met: Callable[..., None]) -> Any:
-    """Not in a ROS before Iron, which knows no type hashes either."""
+def _when_matched(callbacks: Any, on_match: Callable[..., None]) -> Any:
+    """Return event callbacks that call `on_match` when a peer matches. ROS 2 before Iron has no such event.
+
+    ROS 2 before Iron has no type hashes either.
+    """
     try:
-        return callbacks(matched=met)
+        return callbacks(matched=on_match)
     except TypeError:
         return callbacks()
 
 
 def _never(*messages: Any) -> None:
-    """What is taken by threads of ours calls nothing of rclpy's."""
+    """Do nothing. rclpy requires a callback, but the bridge's own threads take the messages."""
 
 
 def _hash(endpoint: Any) -> str:
-    found = getattr(endpoint, "topic_type_hash", None)
-    return str(found) if found is not None and found.version == 1 else ""
+    type_hash = getattr(endpoint, "topic_type_hash", None)
+    return str(type_hash) if type_hash is not None and type_hash.version == 1 else ""
 
 
 def _hashes(ends: Iterable[Any]) -> dict[bytes, str]:
     return {bytes(end.endpoint_gid)[:16]: _hash(end) for end in ends}
 
 
-def _rosidl(made: Codec, message: Any, kind: Any) -> Any:
-    return deserialize_message(made.encode(message), kind)
+def _rosidl(cdr: Codec, message: Any, kind: Any) -> Any:
+    return deserialize_message(cdr.encode(message), kind)
 
 
 def _rmw() -> str:
@@ -292,11 +353,18 @@ def _codec(messages: tuple[Message, ...]) -> Codec:
     return codec(messages, 2 if _rmw() == "rmw_cyclonedds_cpp" else 4)
 
 
-def _qos(wire: Wire, depth: int) -> QoSProfile:
-    """A late subscriber gets as many as a writer keeps: of what is latched, the newest only."""
+def _profile(policies: qos.Qos, depth: int) -> QoSProfile:
+    """Return the QoS profile of rclpy. A latched publisher has depth 1: a late subscriber gets the newest only."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=max(depth, 1),
-        reliability=ReliabilityPolicy.RELIABLE if wire.qos == "reliable" else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if wire.latch else DurabilityPolicy.VOLATILE,
+        reliability=ReliabilityPolicy.RELIABLE if policies.reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if policies.latched else DurabilityPolicy.VOLATILE,
     )
+
+
+def _policies(end: Any) -> qos.Qos:
+    """Return the QoS policies of a publisher or subscription of the bridge, or of a peer in the graph."""
+    profile = end.qos_profile
+    is_latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    return qos.Qos(profile.reliability != ReliabilityPolicy.BEST_EFFORT, is_latched)

@@ -1,7 +1,8 @@
-"""Whether what the peers of a topic send may pass, by what the graph says of them.
+"""Decides from the ROS graph whether messages of the peers of a topic may pass.
 
-Fast DDS tells the graph of a peer before it pairs it with an end of ours, and takes it away when it goes; but what the
-peer has sent by then still waits to be taken. So one of another definition counts until all of that has been taken.
+Fast DDS adds a peer to the graph before the peer can send to the bridge, and removes the peer when it leaves. Messages
+of the peer may then still wait in the queue. An incompatible peer that has left is therefore remembered until the queue
+is empty.
 """
 
 from __future__ import annotations
@@ -12,44 +13,53 @@ from collections.abc import Callable
 from shmgen.bridge.codec.type_identity import Identity
 
 Hashes = Callable[[], dict[bytes, str]]
-"""Of each peer that the graph knows of now, its GID and the type hash that it announces."""
+"""A function that returns the GID and the announced type hash of each peer in the graph."""
 
-_UNKNOWN = "a peer has gone before it could be asked what it means by the type"
+_UNKNOWN = "a peer left before its type could be compared"
 
 
 class Peers:
-    """Who of them means by the type what we do. Its methods may be called from any thread."""
+    """Checks whether the peers of a topic or service use a compatible type. Thread-safe."""
 
-    def __init__(self, identity: Identity, hashes: Hashes, meet: Callable[[str], None] = lambda why: None) -> None:
-        """`meet` is told at each look why one that is there may not be heard; nothing, if all may."""
+    def __init__(
+        self, identity: Identity, hashes: Hashes, on_incompatible: Callable[[str], None] = lambda why: None
+    ) -> None:
+        """Prepare the check of peers by `identity`, which compares their type hashes. `hashes` returns these hashes.
+
+        Each call of `look` calls `on_incompatible` with the reason why a peer is incompatible, or with `""` if all are
+        compatible.
+        """
         self._identity = identity
         self._hashes = hashes
-        self._meet = meet
+        self._on_incompatible = on_incompatible
         self._unknown = "" if identity.accepts_other else _UNKNOWN
-        self._there: dict[bytes, str] = {}
-        self._gone: dict[bytes, str] = {}
+        self._present: dict[bytes, str] = {}
+        self._departed: dict[bytes, str] = {}
         self._lock = threading.Lock()
 
     def look(self) -> None:
-        """Who is there now, and means what."""
+        """Read the present peers and their type hashes from the graph."""
         with self._lock:
-            before = self._there
-            self._there = {gid: self._identity.refusal(hash_) for gid, hash_ in self._hashes().items()}
-            self._gone |= {gid: why for gid, why in before.items() if gid not in self._there}
-        self._meet(next(filter(None, self._there.values()), ""))
+            before = self._present
+            self._present = {gid: self._identity.refusal(hash_) for gid, hash_ in self._hashes().items()}
+            self._departed |= {gid: why for gid, why in before.items() if gid not in self._present}
+        self._on_incompatible(next(filter(None, self._present.values()), ""))
 
     def knows(self, gid: bytes) -> bool:
-        return gid in self._there or gid in self._gone
+        return gid in self._present or gid in self._departed
 
     def refusal(self, gid: bytes = b"") -> str:
-        """Why what this one has sent may not pass; why nothing may, where it is not known who sent it."""
-        there, gone = self._there, self._gone
+        """Return why a message of the peer `gid` must be refused, or `""` if the message may pass.
+
+        If `gid` is empty, the sender is unknown: refuse the message if any peer is incompatible.
+        """
+        present, departed = self._present, self._departed
         if gid:
-            return there.get(gid, gone.get(gid, self._unknown))
-        return next((why for why in (*there.values(), *gone.values()) if why), "")
+            return present.get(gid, departed.get(gid, self._unknown))
+        return next((why for why in (*present.values(), *departed.values()) if why), "")
 
     def forget(self) -> None:
-        """Those who have gone: all that they sent has been taken."""
-        if self._gone:
+        """Forget the peers that have left. Call this method when no message of theirs waits in the queue."""
+        if self._departed:
             with self._lock:
-                self._gone = {}
+                self._departed = {}

@@ -1,4 +1,4 @@
-"""The topics of rclpy: hands on their messages, and counts those that nobody got."""
+"""Receives the messages of a ROS 2 topic through rclpy, and counts lost messages."""
 
 from __future__ import annotations
 
@@ -10,17 +10,20 @@ from shmgen.bridge.ros2.peers import Peers
 
 
 class Inlet:
-    """Takes all that waits in a subscription. Calls of take() must not overlap.
+    """Takes the messages of a ROS 2 subscription, decodes them, and passes them to a sink.
 
-    The graph says what each publisher means by the type. Since Kilted each message says whose it is; before, nothing
-    of a topic is taken while one of its publishers is of another definition.
+    The graph announces the type hash of each publisher. Since Kilted each message names its publisher. Before Kilted,
+    all messages of a topic are refused while any publisher has another definition. Calls of take() must not overlap.
     """
 
-    def __init__(self, subscription: Any, made: Codec, sink: MessageSink, peers: Peers, names_senders: bool) -> None:
-        """`names_senders`: whether a message, if it says whose it is, says it as the graph does."""
+    def __init__(self, subscription: Any, cdr: Codec, sink: MessageSink, peers: Peers, names_senders: bool) -> None:
+        """Prepare to take the messages of `subscription`. `cdr` decodes messages, and `peers` checks their publishers.
+
+        `names_senders` is True if the GID in a message identifies the publisher in the ROS graph.
+        """
         self._handle = subscription.handle
         self._kind = subscription.msg_type
-        self._decode = made.decode
+        self._decode = cdr.decode
         self._sink = sink
         self._peers = peers
         self._names_senders = names_senders
@@ -28,12 +31,12 @@ class Inlet:
         self._publishers = -1
 
     def take(self) -> None:
-        """All there is."""
+        """Take all waiting messages of the subscription and pass them to the sink."""
         handle, kind = self._handle, self._kind
-        if handle.get_publisher_count() != self._publishers:  # what it sends may be too long for a queue of this ROS
+        if handle.get_publisher_count() != self._publishers:  # its messages may be too long to arrive
             self.look()
-        while (taken := handle.take_message(kind, True)) is not None:
-            data, about = taken
+        while (received := handle.take_message(kind, True)) is not None:
+            data, about = received
             why = self._refusal(about)
             if why:
                 self._sink.refuse(why)
@@ -47,13 +50,16 @@ class Inlet:
         self._peers.forget()
 
     def look(self, *event: Any) -> None:
-        """At its publishers: one has come, or may have."""
+        """Read the present publishers of the topic from the graph. rclpy calls this method at each `matched` event."""
         count = self._handle.get_publisher_count()
         self._peers.look()
         self._publishers = count
 
     def _refusal(self, about: Any) -> str:
-        """Looks at the graph again whenever there may be another publisher."""
+        """Return why a message must be refused, or `""` if it may pass. `about` is rclpy's information on the message.
+
+        If its publisher may be new, first read the present publishers from the graph.
+        """
         is_next = self._follows(about.get("publication_sequence_number"))
         sender = (about.get("publisher_gid") or {}).get("data", b"") if self._names_senders else b""
         count = self._handle.get_publisher_count()
@@ -62,7 +68,10 @@ class Inlet:
         return self._peers.refusal(sender)
 
     def _follows(self, number: int | None) -> bool:
-        """Whether it is the one after another. Every publisher counts its own from 1, and a gap is lost."""
+        """Return True if no message was lost between the last message of a publisher and the message `number`.
+
+        Each publisher numbers its messages from 1. Count a gap in the numbers as lost messages.
+        """
         if number is None:
             return True
         numbers = self._numbers
@@ -78,6 +87,6 @@ class Inlet:
                 self._sink.lose(number - before - 1)
                 numbers.remove(before)
                 numbers.append(number)
-            else:  # another publisher in the place of one that has gone
+            else:  # a new publisher has replaced one that left
                 numbers[:] = [number]
         return False

@@ -1,11 +1,10 @@
-"""The installed classes of rosidl, which say how a type is called and how it looks in this ROS.
+"""Imports the installed Python classes of ROS 2 types, and compares their fields with the definitions.
 
-The messages themselves cross as bytes, by cdr.py: what rosidl's classes hold is made by nobody but rclpy's services.
+Topics pass as bytes, encoded and decoded by cdr.py. Only rclpy's services use objects of the classes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from importlib import import_module
 from typing import Any
 
@@ -27,20 +26,23 @@ from shmgen.core.type_hash import FILLER, TIMES
 
 
 def message(messages: tuple[Message, ...]) -> Any:
-    """The class of the last of `messages`. Raises ValueError if it, or one in it, is not installed or otherwise."""
+    """Return the installed class of the last of `messages`. The other messages are its dependencies.
+
+    Raises ValueError if a type is missing or has other fields.
+    """
     for definition in messages:
-        _compare(_installed(definition.name), [definition])
+        _compare(_installed(definition.name), definition)
     return _installed(messages[-1].name)
 
 
 def service(wire: ServiceWire) -> Any:
-    """The class of the service. Raises ValueError as message()."""
+    """Return the installed class of the service. Raises ValueError if a type is missing or has other fields."""
     kind = _installed(wire.type)
     for half, messages in (("Request", wire.request), ("Response", wire.response)):
-        *held, own = messages
-        for definition in held:
-            _compare(_installed(definition.name), [definition])
-        _compare(getattr(kind, half), [own])
+        *dependencies, own = messages
+        for definition in dependencies:
+            _compare(_installed(definition.name), definition)
+        _compare(getattr(kind, half), own)
     return kind
 
 
@@ -48,29 +50,31 @@ def _installed(name: TypeName) -> Any:
     try:
         module = import_module(f"{name.package}.{name.kind}")
         whole, is_part, _ = name.name.partition("_")
-        if name.kind == "action" and is_part:  # the package offers the whole alone
+        if name.kind == "action" and is_part:  # the package exports only the whole action
             module = import_module(getattr(module, whole).__module__)
         return getattr(module, name.name)
     except (AttributeError, ImportError) as error:
-        hint = "build its package and source the workspace, or set source to the ROS that runs here"
+        hint = (
+            "build its package and source the workspace, set source to the ROS that runs here, or use the backend dds, "
+            "which needs no built package"
+        )
         raise ValueError(f"{name} is not installed in this ROS: {error}\n  hint: {hint}") from None
 
 
-def _compare(kind: Any, definitions: Iterable[Message]) -> None:
-    for definition in definitions:
-        theirs = {name: type_ for name, type_ in kind.get_fields_and_field_types().items() if name != FILLER}
-        ours = {field.name: _spelled(field) for field in definition.fields}
-        if list(theirs.items()) != list(ours.items()):
-            pairs = [f"{type_} {name}" for name, type_ in theirs.items()]
-            wanted = [f"{type_} {name}" for name, type_ in ours.items()]
-            raise ValueError(
-                f"{definition.name} of this ROS has {', '.join(pairs) or 'no fields'}, and not {', '.join(wanted)}\n"
-                '  hint: set source = "..." in shmgen.toml to the ROS that runs here, generate, rebuild both sides'
-            )
+def _compare(kind: Any, definition: Message) -> None:
+    theirs = {name: type_ for name, type_ in kind.get_fields_and_field_types().items() if name != FILLER}
+    ours = {field.name: _type_text(field) for field in definition.fields}
+    if list(theirs.items()) != list(ours.items()):
+        pairs = [f"{type_} {name}" for name, type_ in theirs.items()]
+        expected = [f"{type_} {name}" for name, type_ in ours.items()]
+        raise ValueError(
+            f"{definition.name} of this ROS has {', '.join(pairs) or 'no fields'}, and not {', '.join(expected)}\n"
+            '  hint: set source = "..." in shmgen.toml to the ROS that runs here, generate, rebuild both sides'
+        )
 
 
-def _spelled(field: Field) -> str:
-    """As rosidl_generator_py has it: `sequence<double, 3>`."""
+def _type_text(field: Field) -> str:
+    """Return the type of a field in the notation of rosidl_generator_py, such as `sequence<double, 3>`."""
     match field.type:
         case Array(inner, length):
             return f"{_element(inner, field.word)}[{length}]"

@@ -1,7 +1,8 @@
-"""A thread that takes what comes to something of a node, one message after another, in order.
+"""A thread that takes the messages of one subscription or service, in order.
 
-rclpy's executors make a wait set of all that a node has for every message, and give one at a time; so a topic waits
-for others, and behind its own queue. Here each has a wait set of its own, as in rclpy.wait_for_message.
+For every message, rclpy's executors build a wait set of all entities of the node and then take one message. The
+messages of one topic would delay the messages of all others. Here each entity has its own wait set, as in
+rclpy.wait_for_message.
 """
 
 from __future__ import annotations
@@ -16,31 +17,31 @@ from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation
 
 _COUNTS = {"subscription": (1, 1, 0, 0, 0), "service": (0, 1, 0, 0, 1)}
-"""Subscriptions, guards, timers, clients, services; its events come behind."""
+"""Sizes of the wait set: subscriptions, guard conditions, timers, clients, services. The event count follows."""
 _LONGEST = 10**9
-"""Nanoseconds after which it looks even if nothing has come."""
+"""Maximum nanoseconds between two calls of `take`."""
 
 
 class Ours(CallbackGroup):  # type: ignore[misc, unused-ignore]
-    """What an executor is never to touch."""
+    """A callback group that no executor executes. Its entities belong to the bridge's own threads."""
 
     def can_execute(self, entity: Any) -> bool:
-        """Never."""
+        """Return False, so that executors leave the entity to the bridge's thread."""
         return False
 
     def beginning_execution(self, entity: Any) -> bool:
-        """Never."""
+        """Return False, so that an executor that has already selected the entity does not execute it."""
         return False
 
     def ending_execution(self, entity: Any) -> None:
-        """Nothing has begun."""
+        """Do nothing, because no execution has begun."""
 
 
 class Waiter:
-    """Calls `take` in a thread of its own whenever there is something, and each second; it has to take all there is.
+    """A thread that calls `take` when data arrives, and at least once a second. `take` must take all messages.
 
-    Events of a subscription are handled here, before: with Fast DDS each message wakes who waits for them, and an
-    executor that did would take more time than all else.
+    The thread also handles the events of a subscription. With Fast DDS each message wakes the thread that waits for
+    events. If the executor waited for events, it would cost more time than all other work.
     """
 
     def __init__(
@@ -53,18 +54,13 @@ class Waiter:
         self._closing = GuardCondition(None, None, context=context)
         self._waiting = rclpy_implementation.WaitSet(*_COUNTS[kind], len(self._events), context.handle)
         self._ended = False
-        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
-        self._thread.start()
+        self.thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self.thread.start()
 
     def close(self) -> None:
-        """Tells it to end."""
+        """Make the thread end, without waiting for the end."""
         self._ended = True
         self._closing.trigger()
-
-    def join(self, seconds: float) -> bool:
-        """Whether it has ended."""
-        self._thread.join(seconds)
-        return not self._thread.is_alive()
 
     def _run(self) -> None:
         waiting, add = self._waiting, getattr(self._waiting, f"add_{self._kind}")
@@ -83,4 +79,4 @@ class Waiter:
                         event.callback(event.take_data())
                 self._take()
         except InvalidHandle:
-            return  # destroyed
+            return  # the entity was destroyed

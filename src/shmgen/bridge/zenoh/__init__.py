@@ -1,1 +1,1 @@
-"""The backend for ROS 2 on rmw_zenoh, by eclipse-zenoh."""
+"""The backend for ROS 2 with rmw_zenoh, through the package eclipse-zenoh."""

@@ -1,7 +1,7 @@
-"""The bridge's ROS 2 over zenoh: topics, and services as queries, with rmw_zenoh's keys, tokens and attachments.
+"""The backend zenoh: topics, and services as queries, with the keys, tokens and attachments of rmw_zenoh.
 
-Each topic and service to us has a ring that zenoh puts into and a thread that empties it: a slow one holds up no other,
-and what a full ring drops is missing in the numbers that its writer gave.
+Each subscription and server has a ring buffer that zenoh fills and a thread that empties it. A slow topic therefore
+delays no other topic. If a full ring drops a message, the gap in the writer's sequence numbers reveals the loss.
 """
 
 from __future__ import annotations
@@ -25,121 +25,123 @@ from shmgen.bridge.backend import (
     MessageSink,
     NoAnswer,
     Node,
-    RateLimitedLog,
     Refuse,
     RosClient,
     RosPublisher,
     RosSubscription,
     ServiceWire,
     Wire,
+)
+from shmgen.bridge.codec.cdr import codec
+from shmgen.bridge.codec.direct import WireFormat
+from shmgen.bridge.common.counters import Counters, describe
+from shmgen.bridge.common.support import (
+    SHUTDOWN_TIMEOUT,
+    UndoSteps,
     await_server,
     domain_without_ros,
     end_at_once,
     from_bytes,
-    keep,
+    join_all,
+    remember_bounded,
     wall_clock,
 )
-from shmgen.bridge.codec.cdr import codec
-from shmgen.bridge.codec.wire_format import CDR
 from shmgen.bridge.ros2 import actions as ros2_actions
-from shmgen.bridge.zenoh.graph import Graph, Place, attached, attachment, opened, quality, writer
+from shmgen.bridge.zenoh.graph import Graph, Place, attachment, open_session, parse_attachment, quality
 from shmgen.core.type_hash import service_hash
 
-_FAREWELL = 0.4
-"""Seconds that all threads together get to finish what they are at."""
 _HEARTBEAT = 0.5
-"""Seconds until a late subscriber hears that it has missed what is latched; rmw_zenoh's own."""
+"""Seconds until a late subscriber detects that it missed the latched message. rmw_zenoh uses the same value."""
 
 
 def connect(node: Node) -> Zenoh:
-    """Joins the domain. Raises ValueError for one that cannot be, and for a configuration that zenoh does not take."""
+    """Join the ROS domain of `node`. Raises ValueError if the domain number or zenoh's configuration is invalid."""
     domain = domain_without_ros(node, "zenoh")
-    return Zenoh(Graph(opened(os.environ, node.largest, node.tell), node.name, domain, node.tell))
+    name = f"{node.namespace.replace('/', '%')}/{node.name}"
+    return Zenoh(Graph(open_session(os.environ, node.largest, node.log), name, domain, node.log))
 
 
-class Zenoh:
-    """A Backend."""
+class Zenoh(UndoSteps):
+    """The bridge's node in a ROS 2 graph of rmw_zenoh, with the interface of a Backend."""
 
     actions = ros2_actions
     now = staticmethod(wall_clock)
 
     def __init__(self, graph: Graph) -> None:
-        self.undo: list[Callable[[], None]] = []
-        self._graph, self._session, self._tell = graph, graph.session, graph.tell
+        super().__init__()
+        self._graph, self._session, self._log = graph, graph.session, graph.log
         self._threads: list[threading.Thread] = []
-        self._kept: set[Callable[[], None]] = set()
+        self._undo_functions: set[Callable[[], None]] = set()
 
     def publisher(self, wire: Wire) -> RosPublisher:
-        made = codec(wire.messages)
-        place = Place(wire.topic, wire.type, made.type_hash)
+        cdr = codec(wire.messages)
+        place = Place(wire.name, wire.type, cdr.type_hash)
         key, best_effort = self._graph.key(place), wire.qos == "best_effort"
         reliability = zenoh.Reliability.BEST_EFFORT if best_effort else zenoh.Reliability.RELIABLE
-        drop = zenoh.CongestionControl.DROP
+        how: dict[str, Any] = {"reliability": reliability, "congestion_control": zenoh.CongestionControl.DROP}
         if wire.latch:
-            heartbeat = zenoh.ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=_HEARTBEAT)
-            kept = {"cache": zenoh.ext.CacheConfig(1), "publisher_detection": True, "sample_miss_detection": heartbeat}
-            out = zenoh.ext.declare_advanced_publisher(
-                self._session, key, reliability=reliability, congestion_control=drop, **kept
-            )
+            how["sample_miss_detection"] = zenoh.ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=_HEARTBEAT)
+            cache = zenoh.ext.CacheConfig(1)
+            out = zenoh.ext.declare_advanced_publisher(self._session, key, cache=cache, publisher_detection=True, **how)
         else:
-            out = self._session.declare_publisher(key, reliability=reliability, congestion_control=drop)
-        name, numbers, turn = writer(), itertools.count(1), threading.Lock()
+            out = self._session.declare_publisher(key, **how)
+        numbers, lock = itertools.count(1), threading.Lock()
         peers = self._graph.peers("MS", place, self._graph.identity(place))
-        hide = self._graph.show("MP", place, quality(best_effort, wire.latch, 1 if wire.latch else wire.queue))
+        gid, hide = self._graph.show("MP", place, quality(best_effort, wire.latch, 1 if wire.latch else wire.queue))
         self._until_undone(out.undeclare, peers.close, hide)
 
         def send(data: bytes) -> None:
-            with turn:  # in the order of their numbers
-                out.put(data, attachment=attachment(next(numbers), name))
+            with lock:  # sends in the order of the numbers
+                out.put(data, attachment=attachment(next(numbers), gid))
 
-        encode = wire.short.out_of_region(CDR, self.now) if wire.short else None
-        straight = (lambda payload: send(encode(payload))) if encode else None
-        return RosPublisher(made.new, lambda message: send(made.encode(message)), False, straight)
+        encode = wire.direct.encoder_from_sample(WireFormat.CDR, self.now) if wire.direct else None
+        send_payload = (lambda payload: send(encode(payload))) if encode else None
+        return RosPublisher(cdr.new, lambda message: send(cdr.encode(message)), False, send_payload)
 
     def subscribe(self, wire: Wire, sink: MessageSink) -> RosSubscription:
-        """Hears all that calls the type as we do, whatever it means by it: what is refused is counted, too."""
-        made = codec(wire.messages)
-        place = Place(wire.topic, wire.type, made.type_hash)
+        """Subscribe to all publishers of the topic and type. Refuse and count messages of other definitions."""
+        cdr = codec(wire.messages)
+        place = Place(wire.name, wire.type, cdr.type_hash)
         identity = self._graph.identity(place, wire.accepts_other)
-        hand_over = from_bytes(wire, made.decode, CDR, sink)
+        deliver = from_bytes(wire, cdr.decode, WireFormat.CDR, sink)
         newest: dict[bytes, int] = {}
 
         def take(sample: Any) -> None:
-            number, sender = attached(sample)
+            number, sender = parse_attachment(sample)
             before = newest.get(sender, number - 1)
-            keep(newest, sender, max(number, before))  # what was latched may come behind what is newer
+            remember_bounded(newest, sender, max(number, before))  # a latched message may arrive after a newer one
             if why := identity.refusal(str(sample.key_expr).rpartition("/")[2]):
                 sink.refuse(why)
                 return
             if number > before + 1:
                 sink.lose(number - before - 1)
-            hand_over(sample.payload.to_bytes())
+            deliver(sample.payload.to_bytes())
 
         key, ring = self._graph.key(place._replace(hash="*")), RingChannel(wire.queue)
         if wire.latch:
             history = zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=wire.queue)
-            heard = zenoh.ext.declare_advanced_subscriber(self._session, key, ring, history=history)
+            subscriber = zenoh.ext.declare_advanced_subscriber(self._session, key, ring, history=history)
         else:
-            heard = self._session.declare_subscriber(key, ring)
-        stop = self._empty(heard, take, wire.topic)
-        peers = self._graph.peers("MP", place, identity, sink.meet)
-        hide = self._graph.show("MS", place, quality(wire.qos == "best_effort", wire.latch, wire.queue))
+            subscriber = self._session.declare_subscriber(key, ring)
+        stop = self._empty(subscriber, take, wire.name)
+        peers = self._graph.peers("MP", place, identity, sink.set_incompatible_peer)
+        _, hide = self._graph.show("MS", place, quality(wire.qos == "best_effort", wire.latch, wire.queue))
         self._until_undone(stop, peers.close, hide)
-        return RosSubscription(made.new, lambda: peers.is_any)
+        return RosSubscription(cdr.new, lambda: peers.has_compatible)
 
     def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
         request, response = codec(wire.request), codec(wire.response)
-        place = Place(wire.service, wire.type, service_hash(wire.request, wire.response))
+        place = Place(wire.name, wire.type, service_hash(wire.request, wire.response))
         key = self._graph.key(place)
 
         def reply(query: Any) -> None:
-            with query, suppress(zenoh.ZError):  # the bridge, or the client, has ended meanwhile
+            with query, suppress(zenoh.ZError):  # the bridge or the client has left meanwhile
                 message = response.new()
                 try:
                     answer(request.decode(query.payload.to_bytes() if query.payload else b""), message)
-                    query.reply(key, response.encode(message), attachment=attachment(*attached(query)))
+                    query.reply(key, response.encode(message), attachment=attachment(*parse_attachment(query)))
                 except NoAnswer as error:
-                    self._tell(f"{wire.service}: no answer: {error}")
+                    self._log(f"{wire.name}: no answer: {error}")
                     query.reply_err(str(error))
                 except ValueError as error:
                     refuse(str(error))
@@ -151,36 +153,38 @@ class Zenoh:
             else:
                 reply(query)
 
-        def meet(stranger: str) -> None:
-            if stranger:
-                refuse(stranger)
+        def refuse_peer(incompatible_peer: str) -> None:
+            if incompatible_peer:
+                refuse(incompatible_peer)
 
-        heard = self._session.declare_queryable(key, RingChannel(QUEUE), complete=True)
-        stop = self._empty(heard, take, wire.service)
-        peers = self._graph.peers("SC", place, self._graph.identity(place), meet)
-        self._until_undone(stop, peers.close, self._graph.show("SS", place, quality()))
+        queryable = self._session.declare_queryable(key, RingChannel(QUEUE), complete=True)
+        stop = self._empty(queryable, take, wire.name)
+        peers = self._graph.peers("SC", place, self._graph.identity(place), refuse_peer)
+        _, hide = self._graph.show("SS", place, quality())
+        self._until_undone(stop, peers.close, hide)
 
     def client(self, wire: ServiceWire) -> RosClient:
         request, response = codec(wire.request), codec(wire.response)
-        place = Place(wire.service, wire.type, service_hash(wire.request, wire.response))
+        place = Place(wire.name, wire.type, service_hash(wire.request, wire.response))
         servers = self._graph.peers("SS", place, self._graph.identity(place))
-        self._until_undone(servers.close, self._graph.show("SC", place, quality()))
-        key, name, numbers = self._graph.key(place), writer(), itertools.count(1)
+        gid, hide = self._graph.show("SC", place, quality())
+        self._until_undone(servers.close, hide)
+        key, numbers = self._graph.key(place), itertools.count(1)
         how = {"target": zenoh.QueryTarget.ALL_COMPLETE, "consolidation": zenoh.ConsolidationMode.NONE}
 
         def is_connected() -> bool:
-            return servers.is_any or not self.alive()
+            return servers.has_compatible or not self.alive()
 
         def call(message: Any, timeout: float) -> Any:
-            if not servers.is_any and servers.stranger:
-                raise NoAnswer(servers.stranger)
+            if not servers.has_compatible and servers.incompatible_peer:
+                raise NoAnswer(servers.incompatible_peer)
             deadline = await_server(is_connected, timeout)
             if not self.alive():
-                raise NoAnswer("the bridge ends")
-            why, left = "the server has gone", max(0.001, deadline - time.monotonic())
-            beside = attachment(next(numbers), name)
-            asked = request.encode(message)
-            for reply in self._session.get(key, payload=asked, attachment=beside, timeout=left, **how):
+                raise NoAnswer("the bridge stops")
+            why, left = "the server has left", max(0.001, deadline - time.monotonic())
+            beside = attachment(next(numbers), gid)
+            payload = request.encode(message)
+            for reply in self._session.get(key, payload=payload, attachment=beside, timeout=left, **how):
                 if reply.ok is not None:
                     return response.decode(reply.ok.payload.to_bytes())
                 why = reply.err.payload.to_string()
@@ -189,43 +193,46 @@ class Zenoh:
         return RosClient(request.new, call, is_connected)
 
     def alive(self) -> bool:
-        """Until close(): nobody in zenoh tells a node to end."""
+        """Return True until close(): in zenoh nobody can shut down a node."""
         return not self._session.is_closed()
 
     def close(self) -> None:
-        """Leaves the domain; what waits for an answer has none."""
+        """Leave the ROS domain. Pending calls end without an answer."""
         self._session.close()
-        deadline = time.monotonic() + _FAREWELL
-        for thread in self._threads:
-            thread.join(max(0.0, deadline - time.monotonic()))
-        if any(thread.is_alive() for thread in self._threads):
+        if not join_all(self._threads):
             atexit.register(end_at_once)
 
     def _until_undone(self, *ends: Callable[[], object]) -> None:
-        """Keeps what these end: zenoh undeclares what nobody holds."""
+        """Register functions that the bridge calls when it removes a publisher, subscription, server or client.
+
+        Each function refers to an entity of zenoh. Without the reference, zenoh would remove the entity at once.
+        """
 
         def undo() -> None:
             for end in ends:
                 end()
-            self._kept.discard(undo)
+            self._undo_functions.discard(undo)
 
-        self._kept.add(undo)
+        self._undo_functions.add(undo)
         self.undo.append(undo)
 
     def _empty(self, entity: Any, take: Callable[[Any], None], name: str) -> Callable[[], None]:
-        """Hands over all that comes, in order, in a thread of its own. Gives what ends both."""
-        ring, grumble = entity.handler, RateLimitedLog(name, self._tell)
+        """Start a thread that calls `take` with each message that arrives at `entity`, in order.
+
+        Return a function that removes the entity and stops the thread.
+        """
+        ring, faults = entity.handler, Counters(name, self._log)
 
         def run() -> None:
             while True:
                 try:
-                    came = ring.recv()
-                except zenoh.ZError:  # undeclared
+                    received = ring.recv()
+                except zenoh.ZError:  # the entity was removed
                     return
                 try:
-                    take(came)
-                except Exception as error:  # one message is not worth the topic
-                    grumble(error)
+                    take(received)
+                except Exception as error:  # one bad message must not stop the topic
+                    faults.log_rate_limited(describe(error))
 
         thread = threading.Thread(target=run, name=name, daemon=True)
         self._threads.append(thread)
@@ -233,7 +240,7 @@ class Zenoh:
 
         def stop() -> None:
             entity.undeclare()
-            thread.join(_FAREWELL)
+            thread.join(SHUTDOWN_TIMEOUT)
             self._threads.remove(thread)
 
         return stop

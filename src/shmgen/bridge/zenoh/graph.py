@@ -1,18 +1,18 @@
-"""What rmw_zenoh puts on the wire beside the messages: keys, tokens that say who is there, and a number with each.
+"""The protocol of rmw_zenoh without the serialization: keys, tokens that announce endpoints, and attachments.
 
-Source: rmw_zenoh's design.md, its attachment_helpers and its liveliness_utils, of Jazzy (0.2) to Lyrical.
+Source: rmw_zenoh's design.md, attachment_helpers and liveliness_utils, from Jazzy (0.2) to Lyrical.
 """
 
 from __future__ import annotations
 
 import itertools
 import json
-import os
 import struct
 import time
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
+import xxhash
 import zenoh
 from zenoh.handlers import Callback
 
@@ -27,21 +27,27 @@ _DEFAULT = """{
   scouting: {multicast: {enabled: false}, gossip: {enabled: true}},
   timestamping: {enabled: true},
 }"""
-"""As rmw_zenoh's own, but for the time until a router that is back is found."""
+"""The default configuration of rmw_zenoh, except the time until a restarted router is found again."""
 _BATCH = 8192
-"""Bytes at most in one read of what peers send. A message that waits holds all of them, even where it came alone; with
-zenoh's own 65535, what waits after a cut of the network took 64 MiB more, and large messages cross no faster.
+"""Maximum bytes of one batch, the unit that a receiver reads.
+
+A queued message keeps its whole batch buffer allocated, even if it arrived alone. With zenoh's default of 65535 bytes,
+the queues after a network outage took 64 MiB more memory, and large messages were not faster.
 """
 _ATTACHMENT = struct.Struct("<qqB16s")
-"""The message's number, nanoseconds since 1970, and the name of the writer, who numbers his own, behind its length."""
+"""Sequence number of the writer, nanoseconds since 1970, length of the writer's name, and the name."""
+_LABEL = b"\x0fsequence_number"
+"""Label before the number in attachments of rmw_zenoh_cpp 0.2.0 to 0.2.3, which label each part."""
 _HASH = 11
-"""The part of a token that is the type's hash."""
+"""Index of the type hash among the parts of a liveliness token."""
 _ROUTER = "`ros2 run rmw_zenoh_cpp rmw_zenohd`, or with ZENOH_CONFIG_OVERRIDE='mode=\"router\"' the bridge is one"
 
 
-def opened(environment: Mapping[str, str], largest: int, tell: Callable[[str], None]) -> Any:
-    """A session where rmw_zenoh's variables say, or else at the router of this machine; one that is not there is looked
-    for as long as the session lasts. Messages of more than `largest` bytes are not received. Raises ValueError.
+def open_session(environment: Mapping[str, str], largest: int, log: Callable[[str], None]) -> Any:
+    """Open a session from the environment variables of rmw_zenoh, by default to the router of this machine.
+
+    If the router is missing, the session keeps looking for it. The session does not receive messages of more than
+    `largest` bytes. Raises ValueError if the configuration is invalid or the session cannot be opened.
     """
     uri = environment.get("ZENOH_SESSION_CONFIG_URI", "")
     what = "its own configuration"
@@ -61,31 +67,37 @@ def opened(environment: Mapping[str, str], largest: int, tell: Callable[[str], N
     if config.get_json("mode") != '"router"' and not [*session.info.routers_zid(), *session.info.peers_zid()]:
         places = json.loads(config.get_json("connect/endpoints"))
         where = places.get("peer", []) if isinstance(places, dict) else places
-        tell(f"zenoh: no router at {', '.join(where)} yet; start one: {_ROUTER}")
+        log(f"zenoh: no router at {', '.join(where)} yet; start one: {_ROUTER}")
     return session
 
 
 def attachment(number: int, writer: bytes) -> bytes:
-    """What goes beside a message, a request or a response."""
+    """Return the attachment of a message, a request or a response: its sequence number and the writer's name."""
     return _ATTACHMENT.pack(number, time.time_ns(), len(writer), writer)
 
 
-def attached(sample: Any) -> tuple[int, bytes]:
-    """The number of what has come, and its writer's name; 0 of a writer that is none of ROS 2."""
+def parse_attachment(sample: Any) -> tuple[int, bytes]:
+    """Return the sequence number and the writer's name in the attachment of a sample.
+
+    Return 0 and `b""` if the attachment is missing or is not from ROS 2.
+    """
     data = sample.attachment.to_bytes() if sample.attachment is not None else b""
+    if data.startswith(_LABEL):
+        return int.from_bytes(data[len(_LABEL) : len(_LABEL) + 8], "little", signed=True), data[-16:]
     if len(data) < _ATTACHMENT.size:
         return 0, b""
     number, _, _, writer = _ATTACHMENT.unpack_from(data)
     return number, writer
 
 
-def writer() -> bytes:
-    """A name that no other writer has."""
-    return os.urandom(16)
+def endpoint_gid(token: str) -> bytes:
+    """Return the gid that rmw_zenoh derives from a liveliness token: its XXH3-128 hash, low byte first."""
+    digest: bytes = xxhash.xxh3_128_digest(token.encode())
+    return digest[::-1]
 
 
 class Place(NamedTuple):
-    """A topic or a service."""
+    """The name of a topic or service, its type name and its type hash."""
 
     name: str
     type: TypeName
@@ -93,76 +105,96 @@ class Place(NamedTuple):
 
     @property
     def mangled(self) -> str:
-        """As tokens have it."""
+        """The name of the topic or service and of its type, as part of a liveliness token of rmw_zenoh."""
         return f"{self.name.replace('/', '%')}/{type_name(self.type)}"
 
 
 class Graph:
-    """A domain, and what this node says of itself there; what it declares lasts as long as the session."""
+    """Announces the bridge's node and its publishers, servers and so on in a ROS domain, by liveliness tokens.
 
-    def __init__(self, session: Any, node: str, domain: int, tell: Callable[[str], None]) -> None:
-        self.session, self.tell = session, tell
+    rmw_zenoh defines the text of the tokens. The tokens end with the session.
+    """
+
+    def __init__(self, session: Any, node: str, domain: int, log: Callable[[str], None]) -> None:
+        """Publish the liveliness token of the node. `node` is its namespace and name, such as `%cell1/bridge`."""
+        self.session, self.log = session, log
         self._domain, self._node = domain, node
         self._numbers = itertools.count()
-        self._token = self._declared("NN", "")
+        _, self._token = self._declared("NN", "")
 
     def key(self, place: Place) -> str:
-        """With `*` as hash: of all that call the type so."""
+        """Return the zenoh key of a topic or service. The hash `*` makes the key match all definitions of the type."""
         return f"{self._domain}/{place.name.strip('/')}/{type_name(place.type)}/{place.hash}"
 
-    def show(self, kind: str, place: Place, qos: str) -> Callable[[], None]:
-        """Tells everybody of a publisher (MP), subscription (MS), server (SS) or client (SC); gives what ends it."""
-        token = self._declared(kind, f"/{place.mangled}/{place.hash}/{qos}")
-        return cast(Callable[[], None], token.undeclare)
+    def show(self, kind: str, place: Place, qos: str) -> tuple[bytes, Callable[[], None]]:
+        """Publish the liveliness token of a publisher (MP), subscription (MS), server (SS) or client (SC).
+
+        Return the gid of the endpoint, and a function that withdraws the token.
+        """
+        key, token = self._declared(kind, f"/{place.mangled}/{place.hash}/{qos}")
+        return endpoint_gid(key), token.undeclare
 
     def identity(self, place: Place, accepts_other: bool = False) -> Identity:
-        """What a peer has to mean by the type."""
-        return Identity(*place, self.tell, accepts_other)
+        """Return the check that compares the type hashes of peers with the hash of this topic or service."""
+        return Identity(*place, self.log, accepts_other)
 
     def peers(
-        self, kind: str, place: Place, identity: Identity, meet: Callable[[str], None] = lambda why: None
+        self,
+        kind: str,
+        place: Place,
+        identity: Identity,
+        on_incompatible: Callable[[str], None] = lambda why: None,
     ) -> Peers:
-        """All of a kind, from now on; `meet` as Peers has it."""
-        tokens = f"@ros2_lv/{self._domain}/*/*/*/{kind}/*/*/*/{place.mangled}/*/**"
-        return Peers(self.session, tokens, identity, meet)
+        """Watch all peers of a kind (MP, MS, SS or SC, as in `show`) at a topic or service.
 
-    def _declared(self, kind: str, rest: str) -> Any:
+        `on_incompatible` is called with the reason why a peer is incompatible, and with `""` once all are compatible.
+        """
+        tokens = f"@ros2_lv/{self._domain}/*/*/*/{kind}/*/*/*/{place.mangled}/*/**"
+        return Peers(self.session, tokens, identity, on_incompatible)
+
+    def _declared(self, kind: str, rest: str) -> tuple[str, Any]:
         place = f"@ros2_lv/{self._domain}/{self.session.zid()}/0/{next(self._numbers)}"
-        return self.session.liveliness().declare_token(f"{place}/{kind}/%/%/{self._node}{rest}")
+        key = f"{place}/{kind}/%/{self._node}{rest}"
+        return key, self.session.liveliness().declare_token(key)
 
 
 class Peers:
-    """Who is at the other end, by their tokens. Its attributes may be read from any thread."""
+    """The present peers of a topic or service, known from their tokens. Reading the attributes is thread-safe."""
 
-    def __init__(self, session: Any, tokens: str, identity: Identity, meet: Callable[[str], None]) -> None:
-        """`meet` is told why one that is there may not be heard; nothing, as soon as all may."""
-        self._identity, self._meet = identity, meet
-        self._there: dict[str, str] = {}
-        self._met = ""
-        heard = session.liveliness().declare_subscriber(tokens, Callback(self._came, indirect=False), history=True)
-        self.close: Callable[[], None] = heard.undeclare
+    def __init__(self, session: Any, tokens: str, identity: Identity, on_incompatible: Callable[[str], None]) -> None:
+        """Watch the peers whose tokens match the key expression `tokens`. `identity` compares their type hashes.
 
-    def _came(self, token: Any) -> None:
+        `on_incompatible` is called with the reason why a peer is incompatible, and with `""` once all are compatible.
+        """
+        self._identity, self._on_incompatible = identity, on_incompatible
+        self._refusals: dict[str, str] = {}
+        self._reported = ""
+        subscriber = session.liveliness().declare_subscriber(
+            tokens, Callback(self._update, indirect=False), history=True
+        )
+        self.close: Callable[[], None] = subscriber.undeclare
+
+    def _update(self, token: Any) -> None:
         key = str(token.key_expr)
         if token.kind == zenoh.SampleKind.PUT:
-            self._there[key] = self._identity.refusal(key.split("/")[_HASH])
+            self._refusals[key] = self._identity.refusal(key.split("/")[_HASH])
         else:
-            self._there.pop(key, None)
-        if self.stranger != self._met:
-            self._met = self.stranger
-            self._meet(self._met)
+            self._refusals.pop(key, None)
+        if self.incompatible_peer != self._reported:
+            self._reported = self.incompatible_peer
+            self._on_incompatible(self._reported)
 
     @property
-    def is_any(self) -> bool:
-        """Whether there is one that means by the type what we do."""
-        return not all(tuple(self._there.values()))
+    def has_compatible(self) -> bool:
+        """True if any present peer uses a compatible type."""
+        return not all(tuple(self._refusals.values()))
 
     @property
-    def stranger(self) -> str:
-        """Why one that is there may not be heard."""
-        return next(filter(None, tuple(self._there.values())), "")
+    def incompatible_peer(self) -> str:
+        """The reason why a present peer is incompatible, or `""` if all are compatible."""
+        return next(filter(None, tuple(self._refusals.values())), "")
 
 
 def quality(best_effort: bool = False, latch: bool = False, depth: int = QUEUE) -> str:
-    """As tokens have it: what is not said is reliable and volatile, as rmw_zenoh's own default."""
+    """Return the QoS as part of a token. Omitted policies mean reliable and volatile, rmw_zenoh's default."""
     return f"{'2' if best_effort else ''}:{'1' if latch else ''}:,{depth}:,:,:,,"

@@ -1,131 +1,192 @@
-/* The engine for Python: the C headers of templates/c as two types, Writer and Reader, and one sleep on many readers.
+/* The engine in C for Python: the types Writer, Reader and Notifier, and one sleep on many readers.
  *
- * Nothing of the protocol is decided here. A call that has to wait gives the interpreter's lock away, and no Python code
- * runs between taking the region's lock and giving it back: so a signal handler, a property or another thread that
- * publishes on the same publisher finds it as between two calls. In CPython's limited API: one binary for 3.10 and all
- * later. runtime/reference/ says the same in Python.
+ * The C headers of templates/c implement the protocol. A call that has to wait releases the GIL. No Python code
+ * runs while a call holds the lock of the region. So a signal handler, a property or another thread can safely
+ * publish on the same publisher. This file uses the limited API of CPython: one binary works for 3.10 and later
+ * versions. runtime/reference/ is the same engine in Python.
  */
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
 #include <structmember.h>
 
+#include "shmgen_notifier.h"
 #include "shmgen_runtime.h"
 
-#include "codec.h"
+#include "table.h"
 
-#if defined(Py_LIMITED_API) && Py_LIMITED_API + 0 < 0x030B0000
-PyAPI_FUNC(int) PyObject_GetBuffer(PyObject *object, codec_buffer *view, int flags);
-PyAPI_FUNC(void) PyBuffer_Release(codec_buffer *view);
-#define PyBUF_SIMPLE 0
-#define PyBUF_WRITABLE 1
-#endif
+#define LONG_FROM 4096 /* size in bytes from which a message that is read is a view of a bytearray */
 
-#define LONG_FROM 4096 /* bytes of a message that is copied into a bytearray, and lies in it */
+/* The state of the module, separate for each interpreter. */
+typedef struct State {
+    PyObject *explain; /* returns the error for (settings, status, pid, errno) */
+    PyObject *log;     /* log(settings, status) logs why the region was recreated */
+    PyObject *reader;  /* the type Reader */
+} State;
 
-static PyObject *explainer; /* makes an error of (settings, status, pid, errno) */
-
-/* What an end is opened with: a tuple of Python's, in which all else lies. */
+/* The settings of an endpoint. All pointers point into the Python tuple. */
 typedef struct Settings {
     PyObject *tuple, *kind, *codec;
-    newfunc make; /* a message without its defaults */
+    newfunc make; /* creates a message without its defaults */
     const char *topic, *type_name, *group;
     unsigned long long digest;
     unsigned int size, depth, mode, pid, spin_us;
-    long long lock_ns; /* -1: as is usual */
-    int sequence, passive, history;
+    long long lock_ns; /* -1 selects the default timeout */
+    int sequence, passive, history, reopen;
 } Settings;
 
 /* --- threads ------------------------------------------------------------------------------------------------ */
 
-/* Who is in a call that has given the interpreter's lock away. */
-typedef struct Turn {
-    unsigned int sleepers; /* look at words of the region only, and may be many */
-    bool taken;            /* by the one that changes something */
-} Turn;
+/* The calls of an endpoint that run without the GIL. */
+typedef struct CallGuard {
+    unsigned int sleepers; /* number of calls that only read header fields; many may run at once */
+    bool is_held;            /* true while a call changes the endpoint; only one may run */
+} CallGuard;
 
-/* Waits for another thread's call to end, and for sleepers if they count. False: a signal handler raised meanwhile. */
-static bool await_turn(const Turn *turn, bool sleepers)
+/* Let other threads run for 0.1 ms. Return false if a signal handler has raised an exception. */
+static bool pause_for_others(void)
 {
-    while (turn->taken || (sleepers && turn->sleepers != 0)) {
-        Py_BEGIN_ALLOW_THREADS
-        shmgen_pause(SHMGEN_MS / 10);
-        Py_END_ALLOW_THREADS
-        if (PyErr_CheckSignals() != 0)
+    Py_BEGIN_ALLOW_THREADS
+    shmgen_pause(SHMGEN_MS / 10);
+    Py_END_ALLOW_THREADS
+    return PyErr_CheckSignals() == 0;
+}
+
+/* Wait until the call of another thread ends and, if `sleepers` is true, until no call sleeps. Return false if a
+ * signal handler has raised an exception. */
+static bool await_guard(const CallGuard *guard, bool sleepers)
+{
+    while (guard->is_held || (sleepers && guard->sleepers != 0))
+        if (!pause_for_others())
             return false;
-    }
     return true;
 }
 
-static bool take_turn(Turn *turn)
+/* Wait for a turn and take it. Return false with an exception. */
+static bool acquire_guard(CallGuard *guard)
 {
-    if (!await_turn(turn, false))
+    if (!await_guard(guard, false))
         return false;
-    turn->taken = true;
+    guard->is_held = true;
     return true;
 }
 
-/* --- what both ends have ------------------------------------------------------------------------------------ */
+/* --- the writer and the reader ------------------------------------------------------------------------------- */
 
-/* A Writer or a Reader. A call takes its room and its scratch along, so that one that comes upon it has its own. */
+/* A Writer or a Reader. A call takes the buffer `room`, so a second call inside of the first allocates another
+ * buffer. */
 typedef struct End {
     PyObject_HEAD
     PyObject *weak;
     Settings of;
-    Turn turn;
-    unsigned char *room; /* for one message, outside of Python */
+    CallGuard guard;
+    unsigned char *buffer; /* a buffer for one message */
     bool writes;
+    bool is_logged; /* true once the first reopening is logged */
     union {
-        shmgen_link link; /* both begin with it */
+        shmgen_link link; /* the first member of both structures */
         shmgen_publisher p;
         shmgen_subscriber s;
     };
     unsigned long long truncations;
-    PyObject *scratch; /* a bytearray for messages that Python encodes */
-    PyObject *nothing; /* () to make a message without its defaults */
-    PyObject *lies_in; /* for long ones: kind.from_buffer */
+    PyObject *nothing; /* an empty tuple, to create a message without its defaults */
+    PyObject *lies_in; /* kind.from_buffer, for large messages */
 } End;
 
-static shmgen_status *gone(End *self)
+static shmgen_status *closed_status(End *self)
 {
-    return self->writes ? &self->p.gone : &self->s.gone;
+    return self->writes ? &self->p.closed_status : &self->s.closed_status;
 }
 
-/* Raises what Python says of that status. */
-static PyObject *refused(const End *self, shmgen_status status)
+static State *state_of(const End *self)
+{
+    return PyType_GetModuleState(Py_TYPE(self));
+}
+
+/* Raise the Python error for the status. */
+static PyObject *raise_status(const End *self, shmgen_status status)
 {
     const int number = errno;
-    PyObject *error =
-        PyObject_CallFunction(explainer, "OiIi", self->of.tuple, (int)status, self->of.pid, number);
+    PyObject *error = PyObject_CallFunction(
+        state_of(self)->explain, "OiIi", self->of.tuple, (int)status, self->of.pid, number);
     if (error != NULL)
         PyErr_SetObject((PyObject *)Py_TYPE(error), error);
     Py_XDECREF(error);
     return NULL;
 }
 
-static PyObject *done(const End *self, shmgen_status status)
+static PyObject *none_or_raise(const End *self, shmgen_status status)
 {
     if (status != SHMGEN_OK)
-        return refused(self, status);
+        return raise_status(self, status);
     Py_RETURN_NONE;
 }
 
-/* False, and an exception: it is not open. */
-static bool is_open(End *self)
+static shmgen_status take_step(End *self)
 {
-    return self->link.step == SHMGEN_STEP_READY || refused(self, shmgen_why(*gone(self))) != NULL;
+    const bool was_open = self->link.step == SHMGEN_STEP_READY;
+    const shmgen_status status = self->writes ? shmgen_publisher_step(&self->p) : shmgen_subscriber_step(&self->s);
+    if (status == SHMGEN_OK && !was_open && !self->writes && self->of.history)
+        self->s.last = 0;
+    return status;
 }
 
-/* Takes the settings over; the strings are valid as long as the tuple is kept. */
-static bool settle(Settings *of, PyObject *arguments)
+/* Return true if the caller must repeat a call that ended with `*status`: the region was removed, and is open again or
+ * about to be. Take all steps of reopening that do not wait. The caller must have the turn. Threads that sleep on the
+ * removed region must return first, which takes up to SHMGEN_WAKE_MS. */
+static bool is_reopening(End *self, shmgen_status *status)
+{
+    uint32_t step;
+    if (*status == SHMGEN_OK || !self->of.reopen || self->link.lost == 0)
+        return false;
+    *status = SHMGEN_OPENING;
+    if (self->guard.sleepers != 0)
+        return true;
+    do {
+        step = self->link.step;
+        *status = take_step(self);
+    } while (*status == SHMGEN_OPENING && self->link.step != step);
+    return *status == SHMGEN_OPENING || *status == SHMGEN_OK;
+}
+
+/* Log why the region was recreated, which runs Python code. */
+static bool log_recreated(const End *self, uint32_t status)
+{
+    PyObject *logged = PyObject_CallFunction(state_of(self)->log, "OI", self->of.tuple, status);
+    Py_XDECREF(logged);
+    return logged != NULL;
+}
+
+/* End a turn, and log the first reopening of the region, which runs Python code. */
+static bool release_guard(End *self)
+{
+    self->guard.is_held = false;
+    if (self->link.reopen_count == 0 || self->is_logged)
+        return true;
+    self->is_logged = true;
+    return log_recreated(self, SHMGEN_REGION_RETIRED);
+}
+
+/* Return true if the endpoint is open, and false while its region is being reopened. If the endpoint is closed, return
+ * false with an exception. */
+static bool is_open(End *self)
+{
+    shmgen_status status = self->link.step == SHMGEN_STEP_READY ? SHMGEN_OK : shmgen_closed_reason(*closed_status(self));
+    if (status == SHMGEN_OK)
+        return true;
+    if (self->guard.is_held || is_reopening(self, &status))
+        return self->link.step == SHMGEN_STEP_READY;
+    return raise_status(self, status) != NULL;
+}
+
+/* Read the settings. The strings are valid as long as the tuple exists. */
+static bool read_settings(Settings *of, PyObject *arguments)
 {
     const char *word;
     PyObject *tuple, *header;
-    if (of->tuple != NULL)
-        return PyErr_Format(PyExc_RuntimeError, "begun already") != NULL;
     if (!PyArg_ParseTuple(arguments, "O!", &PyTuple_Type, &tuple) ||
-        !PyArg_ParseTuple(tuple, "sOOsKIILIspppIsO", &of->topic, &of->kind, &of->codec, &of->type_name, &of->digest,
+        !PyArg_ParseTuple(tuple, "sOOsKIILIsppppIsO", &of->topic, &of->kind, &of->codec, &of->type_name, &of->digest,
                           &of->size, &of->depth, &of->lock_ns, &of->mode, &of->group, &of->sequence, &of->passive,
-                          &of->history, &of->spin_us, &word, &header))
+                          &of->history, &of->reopen, &of->spin_us, &word, &header))
         return false;
     of->make = (newfunc)PyType_GetSlot((PyTypeObject *)of->kind, Py_tp_new);
     of->pid = (unsigned int)getpid();
@@ -134,16 +195,13 @@ static bool settle(Settings *of, PyObject *arguments)
     return true;
 }
 
-/* Begins to open it; what `start` is given is valid for that call. */
-static int begin_end(PyObject *object, PyObject *arguments, bool writes)
+/* Start to open the region. */
+static bool start_end(End *self, bool writes)
 {
-    End *self = (End *)object;
     Settings *of = &self->of;
     shmgen_type type;
     shmgen_options options;
     shmgen_status status;
-    if (!settle(of, arguments))
-        return -1;
     memset(&type, 0, sizeof type);
     type.name = of->type_name;
     type.digest = of->digest;
@@ -160,52 +218,71 @@ static int begin_end(PyObject *object, PyObject *arguments, bool writes)
     status = writes ? shmgen_publisher_start(&self->p, of->topic, &type, &options)
                     : shmgen_subscriber_start(&self->s, of->topic, &type, &options);
     if (status != SHMGEN_OPENING)
-        return refused(self, status), -1;
+        return raise_status(self, status) != NULL;
     if (of->lock_ns >= 0)
         self->link.limit = of->lock_ns;
-    return 0;
+    return true;
 }
 
-static PyObject *end_step(PyObject *object, PyObject *nothing)
+/* Create a Writer or a Reader that starts to open its region. */
+static End *begin_end(PyTypeObject *type, PyObject *arguments, bool writes)
+{
+    End *self = (End *)((allocfunc)PyType_GetSlot(type, Py_tp_alloc))(type, 0);
+    if (self == NULL)
+        return NULL;
+    if (read_settings(&self->of, arguments) && start_end(self, writes))
+        return self;
+    Py_DECREF(self);
+    return NULL;
+}
+
+static PyObject *end_step(PyObject *object, PyObject *Py_UNUSED(nothing))
 {
     End *self = (End *)object;
-    const bool was_open = self->link.step == SHMGEN_STEP_READY;
-    const shmgen_status status = self->writes ? shmgen_publisher_step(&self->p) : shmgen_subscriber_step(&self->s);
-    (void)nothing;
-    if (status == SHMGEN_OK && !was_open && !self->writes && self->of.history)
-        self->s.last = 0;
-    return status == SHMGEN_OPENING ? PyLong_FromUnsignedLong(self->link.step) : done(self, status);
+    const shmgen_status status = take_step(self);
+    const uint32_t outdated = self->link.outdated;
+    if (status == SHMGEN_OK && outdated != SHMGEN_OK) {
+        self->link.outdated = SHMGEN_OK;
+        if (!log_recreated(self, outdated))
+            return NULL;
+    }
+    return status == SHMGEN_OPENING ? PyLong_FromUnsignedLong(self->link.step) : none_or_raise(self, status);
 }
 
-/* A word of the header, by its place in steps of four bytes. */
+/* load(place): return a header field by its position in steps of four bytes, or 0 while the region is being
+ * reopened. */
 static PyObject *end_load(PyObject *object, PyObject *place)
 {
     End *self = (End *)object;
     const size_t at = PyLong_AsSize_t(place);
-    if (PyErr_Occurred() != NULL || !is_open(self))
+    if (PyErr_Occurred() != NULL)
         return NULL;
+    if (!is_open(self))
+        return PyErr_Occurred() != NULL ? NULL : PyLong_FromLong(0);
     if (at >= SHMGEN_HEADER_SIZE / 4)
         return PyErr_Format(PyExc_IndexError, "the header has no word %zu", at);
     return PyLong_FromUnsignedLong(shmgen_load(&self->link, 4 * at));
 }
 
-/* Whether the region's file is gone. */
-static PyObject *end_is_removed(PyObject *object, PyObject *nothing)
+/* is_removed(): return True if the file of the region was removed. */
+static PyObject *end_is_removed(PyObject *object, PyObject *Py_UNUSED(nothing))
 {
     End *self = (End *)object;
-    (void)nothing;
-    return is_open(self) ? PyBool_FromLong(shmgen_is_removed(&self->link)) : NULL;
+    if (!is_open(self))
+        return PyErr_Occurred() != NULL ? NULL : PyBool_FromLong(1);
+    return PyBool_FromLong(shmgen_is_removed(&self->link));
 }
 
-/* Whether a process has claimed the topic. */
-static PyObject *end_is_claimed(PyObject *object, PyObject *nothing)
+/* is_claimed(): return True if a process has claimed the topic. */
+static PyObject *end_is_claimed(PyObject *object, PyObject *Py_UNUSED(nothing))
 {
     End *self = (End *)object;
-    (void)nothing;
-    return is_open(self) ? PyBool_FromLong(shmgen_byte_is_locked(&self->link, SHMGEN_WRITER_LOCK)) : NULL;
+    if (!is_open(self))
+        return PyErr_Occurred() != NULL ? NULL : PyBool_FromLong(0);
+    return PyBool_FromLong(shmgen_byte_is_locked(&self->link, SHMGEN_WRITER_LOCK));
 }
 
-static void shut(End *self)
+static void close_end(End *self)
 {
     if (self->writes)
         shmgen_publisher_close(&self->p);
@@ -213,33 +290,32 @@ static void shut(End *self)
         shmgen_subscriber_close(&self->s);
 }
 
-static PyObject *end_close(PyObject *object, PyObject *nothing)
+static PyObject *end_close(PyObject *object, PyObject *Py_UNUSED(nothing))
 {
     End *self = (End *)object;
-    (void)nothing;
-    if (!take_turn(&self->turn))
+    if (!acquire_guard(&self->guard))
         return NULL;
-    *gone(self) = SHMGEN_CLOSED;
+    *closed_status(self) = SHMGEN_CLOSED;
     if (self->link.step == SHMGEN_STEP_READY)
-        self->link.step = SHMGEN_STEP_CLAIM; /* who sleeps on it sees so, and leaves */
-    self->turn.taken = false;
-    if (!await_turn(&self->turn, true))
+        self->link.step = SHMGEN_STEP_CLAIM; /* calls that sleep on the region see this step and return */
+    self->guard.is_held = false;
+    if (!await_guard(&self->guard, true))
         return NULL;
-    shut(self);
+    close_end(self);
     Py_RETURN_NONE;
 }
 
-/* In a forked child: nothing of the parent's is touched, however deep inside it was. */
-static PyObject *end_disown(PyObject *object, PyObject *nothing)
+/* close_in_child(): close the endpoint in a forked child, without changing anything that belongs to the parent. */
+static PyObject *end_close_in_child(PyObject *object, PyObject *Py_UNUSED(nothing))
 {
     End *self = (End *)object;
-    (void)nothing;
-    memset(&self->turn, 0, sizeof self->turn);
+    memset(&self->guard, 0, sizeof self->guard);
     *(self->writes ? &self->p.inside : &self->s.inside) = 0;
-    self->link.passive = 1; /* also where Linux wipes no page (before 4.14), the claim is not given back */
-    if (*gone(self) != SHMGEN_CLOSED) {
-        shut(self);
-        *gone(self) = SHMGEN_IN_FORKED_CHILD;
+    self->link.passive = 1; /* keeps the claim of the parent, even before Linux 4.14, which wipes no page */
+    /* A close() of the parent that waits for other threads has stored the status, but the region is still open. */
+    if (*closed_status(self) != SHMGEN_CLOSED || self->link.step != SHMGEN_STEP_CLOSED) {
+        close_end(self);
+        *closed_status(self) = SHMGEN_IN_FORKED_CHILD;
     }
     Py_RETURN_NONE;
 }
@@ -250,42 +326,42 @@ static void end_free(PyObject *object)
     PyTypeObject *type = Py_TYPE(object);
     PyObject_ClearWeakRefs(object);
     if (self->of.tuple != NULL)
-        shut(self);
-    PyMem_Free(self->room);
+        close_end(self);
+    PyMem_Free(self->buffer);
     Py_XDECREF(self->of.tuple);
-    Py_XDECREF(self->scratch);
     Py_XDECREF(self->nothing);
     Py_XDECREF(self->lies_in);
     ((freefunc)PyType_GetSlot(type, Py_tp_free))(object);
     Py_DECREF(type);
 }
 
-static unsigned char *take_room(End *self)
+/* Take the buffer of the endpoint, or allocate one if another call uses it. */
+static unsigned char *take_buffer(End *self)
 {
-    unsigned char *bytes = self->room;
-    self->room = NULL;
+    unsigned char *bytes = self->buffer;
+    self->buffer = NULL;
     if (bytes == NULL && (bytes = PyMem_Malloc(self->of.size)) == NULL)
         PyErr_NoMemory();
     return bytes;
 }
 
-static void give_room(End *self, unsigned char *bytes)
+/* Return a buffer to the endpoint, or free the buffer. */
+static void give_back_buffer(End *self, unsigned char *bytes)
 {
-    if (self->room == NULL)
-        self->room = bytes;
+    if (self->buffer == NULL)
+        self->buffer = bytes;
     else
         PyMem_Free(bytes);
 }
 
 /* --- the writer --------------------------------------------------------------------------------------------- */
 
-static int writer_init(PyObject *object, PyObject *arguments, PyObject *names)
+static PyObject *writer_new(PyTypeObject *type, PyObject *arguments, PyObject *Py_UNUSED(names))
 {
-    (void)names;
-    return begin_end(object, arguments, true);
+    return (PyObject *)begin_end(type, arguments, true);
 }
 
-/* Begins a sample; the interpreter's lock is given away where the region's is not free at once. */
+/* Begin a sample. Release the GIL while waiting for the lock of the region. */
 static shmgen_status begin(End *self, int64_t limit, void **payload)
 {
     shmgen_link *end = &self->link;
@@ -299,103 +375,59 @@ static shmgen_status begin(End *self, int64_t limit, void **payload)
     return shmgen_publisher_begin(&self->p, limit, payload);
 }
 
-/* Publishes a message of one piece, and the arrays that lie in place of some of its bytes. False: an exception is set. */
-static bool put(End *self, const unsigned char *data, const codec_late *late, size_t count, int64_t limit)
+/* Write a message, with the late arrays in place of the bytes that they replace. */
+static shmgen_status write_pieces(
+    End *self, const unsigned char *data, const codec_deferred *deferred, size_t count, int64_t limit)
 {
-    const size_t size = self->of.size;
-    size_t from = 0;
     void *payload = NULL;
-    shmgen_status status;
-    if (!take_turn(&self->turn))
-        return false;
-    status = begin(self, limit, &payload);
-    if (status == SHMGEN_OK) {
-        unsigned char *into = payload;
-        for (const codec_late *one = late; one < late + count; one++) {
-            memcpy(into + from, data + from, one->offset - from);
-            memcpy(into + one->offset, one->view.buf, (size_t)one->view.len);
-            from = one->offset + one->room;
-        }
-        memcpy(into + from, data + from, size - from);
-        status = shmgen_publisher_complete(&self->p);
+    unsigned char *into;
+    size_t from = 0;
+    const shmgen_status status = begin(self, limit, &payload);
+    if (status != SHMGEN_OK)
+        return status;
+    into = payload;
+    for (const codec_deferred *one = deferred; one < deferred + count; one++) {
+        memcpy(into + from, data + from, one->offset - from);
+        memcpy(into + one->offset, one->view.buf, (size_t)one->view.len);
+        memset(into + one->offset + one->view.len, 0, one->room - (size_t)one->view.len);
+        from = one->offset + one->room;
     }
-    self->turn.taken = false;
-    return status == SHMGEN_OK || refused(self, status) != NULL;
+    memcpy(into + from, data + from, self->of.size - from);
+    return shmgen_publisher_complete(&self->p);
 }
 
-/* What Python's _encode() has put beside scratch: (offset, room, bytes), and one without room for each text it has cut. */
-static bool gather(End *self, PyObject *list, codec_late *late, size_t *count)
+/* Publish a message, and wait while its region is being reopened. Return false with an exception. */
+static bool publish_bytes(End *self, const unsigned char *data, const codec_deferred *deferred, size_t count, int64_t limit)
 {
-    const Py_ssize_t length = PyList_Size(list);
-    size_t end = 0;
-    for (Py_ssize_t index = 0; index < length; index++) {
-        PyObject *item = PyList_GetItem(list, index);
-        codec_late *one = &late[*count];
-        one->offset = PyLong_AsSize_t(PyTuple_GetItem(item, 0));
-        one->room = PyLong_AsSize_t(PyTuple_GetItem(item, 1));
-        if (PyErr_Occurred() != NULL)
+    while (acquire_guard(&self->guard)) {
+        shmgen_status status = write_pieces(self, data, deferred, count, limit);
+        if (status == SHMGEN_OK)
+            return release_guard(self);
+        if (!is_reopening(self, &status))
+            return release_guard(self) && raise_status(self, status) != NULL;
+        if (!release_guard(self) || (status == SHMGEN_OPENING && !pause_for_others()))
             return false;
-        if (one->room == 0) {
-            self->truncations++;
-            continue;
-        }
-        if (PyObject_GetBuffer(PyTuple_GetItem(item, 2), &one->view, PyBUF_SIMPLE) != 0)
-            return false;
-        ++*count;
-        if (one->offset < end || (size_t)one->view.len > one->room || one->room > self->of.size - one->offset)
-            return PyErr_Format(PyExc_ValueError, "a long array has changed while it was published") != NULL;
-        end = one->offset + one->room;
     }
-    return true;
+    return false;
 }
 
-/* Where the codec does not know what to do: as the generated class says, which also says what is wrong. */
-static bool put_by_python(End *self, PyObject *message, int64_t limit)
+static bool publish_encoded(End *self, PyObject *message, int64_t limit)
 {
-    PyObject *scratch = self->scratch, *list = PyList_New(0), *encode = PyObject_GetAttrString(self->of.kind, "_encode");
-    PyObject *made = NULL;
-    codec_late *late = NULL;
-    size_t count = 0;
-    bool whole = false;
-    self->scratch = NULL;
-    if (scratch == NULL && (scratch = PyByteArray_FromStringAndSize(NULL, (Py_ssize_t)self->of.size)) != NULL)
-        memset(PyByteArray_AsString(scratch), 0, self->of.size);
-    if (scratch != NULL && list != NULL && encode != NULL)
-        made = PyObject_CallFunction(encode, "OOiO", message, scratch, 0, list);
-    if (made != NULL && (late = PyMem_Calloc((size_t)PyList_Size(list) + 1, sizeof *late)) == NULL)
-        PyErr_NoMemory();
-    else if (made != NULL && gather(self, list, late, &count))
-        whole = put(self, (const unsigned char *)PyByteArray_AsString(scratch), late, count, limit);
-    codec_release(late, count);
-    PyMem_Free(late);
-    Py_XDECREF(made);
-    Py_XDECREF(encode);
-    Py_XDECREF(list);
-    if (self->scratch == NULL)
-        self->scratch = scratch;
-    else
-        Py_XDECREF(scratch);
-    return whole;
-}
-
-static bool put_by_codec(End *self, PyObject *message, int64_t limit)
-{
-    codec_late late[CODEC_MOST_LATE];
+    codec_deferred deferred[CODEC_MOST_DEFERRED];
     size_t count = 0, cuts = 0;
-    unsigned char *bytes = take_room(self);
-    int made;
+    unsigned char *bytes = take_buffer(self);
     bool whole = false;
     if (bytes == NULL)
         return false;
-    made = codec_encode(self->of.codec, message, bytes, late, &count, &cuts);
-    if (made == 0 && (whole = put(self, bytes, late, count, limit)))
+    if (codec_encode(self->of.codec, message, bytes, deferred, &count, &cuts) && (whole = publish_bytes(self, bytes, deferred, count, limit)))
         self->truncations += cuts;
-    codec_release(late, count);
-    give_room(self, bytes);
-    return made > 0 ? put_by_python(self, message, limit) : whole;
+    codec_release(deferred, count);
+    give_back_buffer(self, bytes);
+    return whole;
 }
 
-/* publish(message, left): `left` are ns of a call that ends then, None: the lock is waited for as the options say. */
+/* publish(message, left): publish a message. `left` is the time left in ns to wait for the lock. None selects the
+ * timeout in the options. */
 static PyObject *writer_publish(PyObject *object, PyObject *const *arguments, Py_ssize_t count)
 {
     End *self = (End *)object;
@@ -404,8 +436,8 @@ static PyObject *writer_publish(PyObject *object, PyObject *const *arguments, Py
     bool whole;
     if (count < 1 || count > 2)
         return PyErr_Format(PyExc_TypeError, "publish() takes a message");
-    if (end->step != SHMGEN_STEP_READY)
-        return refused(self, shmgen_why(self->p.gone));
+    if (end->step != SHMGEN_STEP_READY && end->lost == 0)
+        return raise_status(self, shmgen_closed_reason(self->p.closed_status));
     if (count == 2 && arguments[1] != Py_None) {
         limit = shmgen_limit_within(end, PyLong_AsLongLong(arguments[1]));
         if (PyErr_Occurred() != NULL)
@@ -415,53 +447,69 @@ static PyObject *writer_publish(PyObject *object, PyObject *const *arguments, Py
         codec_buffer view;
         if (PyObject_GetBuffer(arguments[0], &view, PyBUF_SIMPLE) != 0)
             return NULL;
-        whole = put(self, view.buf, NULL, 0, limit);
+        whole = publish_bytes(self, view.buf, NULL, 0, limit);
         PyBuffer_Release(&view);
     } else if (self->of.codec != Py_None) {
-        whole = put_by_codec(self, arguments[0], limit);
+        whole = publish_encoded(self, arguments[0], limit);
     } else {
-        whole = put_by_python(self, arguments[0], limit);
+        return PyErr_Format(PyExc_TypeError, "%R has no table of fields: publish an object of it", self->of.kind);
     }
     if (!whole)
         return NULL;
     Py_RETURN_NONE;
 }
 
-static PyObject *writer_heartbeat(PyObject *object, PyObject *nothing)
+/* Call a function that may lose the topic and unmap the region. It needs a turn, because another thread may wait
+ * for the lock in that memory. It does not wait while the region is being reopened. */
+static PyObject *call_guarded(End *self, shmgen_status (*call)(shmgen_publisher *))
 {
-    End *self = (End *)object;
-    (void)nothing;
-    return done(self, shmgen_publisher_heartbeat(&self->p));
+    shmgen_status status;
+    if (!acquire_guard(&self->guard))
+        return NULL;
+    status = call(&self->p);
+    if (is_reopening(self, &status))
+        status = SHMGEN_OK;
+    return release_guard(self) ? none_or_raise(self, status) : NULL;
 }
 
-static PyObject *writer_assure(PyObject *object, PyObject *nothing)
+static PyObject *writer_heartbeat(PyObject *object, PyObject *Py_UNUSED(nothing))
 {
     End *self = (End *)object;
-    (void)nothing;
-    return done(self, shmgen_publisher_assure(&self->p));
+    if (self->guard.is_held && self->link.step == SHMGEN_STEP_READY && shmgen_is_mine(&self->p)) {
+        shmgen_store(&self->link, SHMGEN_AT(heartbeat), ++self->p.beat); /* works even while another thread waits */
+        Py_RETURN_NONE;
+    }
+    return call_guarded(self, shmgen_publisher_heartbeat);
+}
+
+static PyObject *writer_check_claim(PyObject *object, PyObject *Py_UNUSED(nothing))
+{
+    return call_guarded((End *)object, shmgen_publisher_check_claim);
 }
 
 /* --- the reader --------------------------------------------------------------------------------------------- */
 
-static int reader_init(PyObject *object, PyObject *arguments, PyObject *names)
+static PyObject *reader_new(PyTypeObject *type, PyObject *arguments, PyObject *Py_UNUSED(names))
 {
-    End *self = (End *)object;
-    (void)names;
-    if (begin_end(object, arguments, false) != 0)
-        return -1;
+    End *self = begin_end(type, arguments, false);
+    if (self == NULL)
+        return NULL;
     self->nothing = PyTuple_New(0);
     self->lies_in = PyObject_GetAttrString(self->of.kind, "from_buffer");
-    return self->nothing == NULL || self->lies_in == NULL ? -1 : 0;
+    if (self->nothing != NULL && self->lies_in != NULL)
+        return (PyObject *)self;
+    Py_DECREF(self);
+    return NULL;
 }
 
-/* Reads into bytes of the message's size. The interpreter's lock is given away for a wait only: where the first look did
- * not do, because the region's lock is needed and not free, or writers were quicker each time. */
+/* Read a sample into a buffer of the message's size. Release the GIL only for a second try: the lock of the region
+ * was needed and not free, or the writer was faster each time. */
 static shmgen_status read_into(End *self, void *into, int64_t limit, bool next)
 {
     shmgen_status (*const read)(shmgen_subscriber *, void *, size_t, int64_t, shmgen_receive) =
         next ? shmgen_subscriber_read_next : shmgen_subscriber_read;
     shmgen_status status;
-    if (!take_turn(&self->turn))
+    if (!acquire_guard(&self->guard))
         return SHMGEN_OPENING;
     status = read(&self->s, into, self->of.size, 0, NULL);
     if (limit > 0 && (status == SHMGEN_LOCK_TIMEOUT || status == SHMGEN_OVERWRITTEN)) {
@@ -469,16 +517,17 @@ static shmgen_status read_into(End *self, void *into, int64_t limit, bool next)
         status = read(&self->s, into, self->of.size, limit, NULL);
         Py_END_ALLOW_THREADS
     }
-    self->turn.taken = false;
-    return status;
+    if (is_reopening(self, &status))
+        status = SHMGEN_NOTHING_NEW;
+    return release_guard(self) ? status : SHMGEN_OPENING;
 }
 
-/* Whether that is a message; else None, or an error, is to be returned. */
-static bool came(const End *self, shmgen_status status)
+/* Return true if the status means that a message was read. Otherwise the caller returns None or an error. */
+static bool is_message(const End *self, shmgen_status status)
 {
     if (status != SHMGEN_OK && status != SHMGEN_NOTHING_NEW && status != SHMGEN_LOCK_TIMEOUT &&
         status != SHMGEN_OVERWRITTEN && PyErr_Occurred() == NULL)
-        refused(self, status);
+        raise_status(self, status);
     return status == SHMGEN_OK;
 }
 
@@ -487,7 +536,7 @@ static PyObject *read_long(End *self, int64_t limit, bool next)
     PyObject *data = PyByteArray_FromStringAndSize(NULL, (Py_ssize_t)self->of.size), *message = NULL;
     if (data == NULL)
         return NULL;
-    if (came(self, read_into(self, PyByteArray_AsString(data), limit, next)))
+    if (is_message(self, read_into(self, PyByteArray_AsString(data), limit, next)))
         message = PyObject_CallFunctionObjArgs(self->lies_in, data, NULL);
     Py_DECREF(data);
     return message;
@@ -497,26 +546,26 @@ static PyObject *read_short(End *self, int64_t limit, bool next)
 {
     PyObject *message = self->of.make((PyTypeObject *)self->of.kind, self->nothing, NULL);
     codec_buffer view;
-    bool has_come;
+    bool is_read;
     if (message == NULL || PyObject_GetBuffer(message, &view, PyBUF_WRITABLE) != 0) {
         Py_XDECREF(message);
         return NULL;
     }
-    has_come = came(self, read_into(self, view.buf, limit, next));
+    is_read = is_message(self, read_into(self, view.buf, limit, next));
     PyBuffer_Release(&view);
-    if (has_come)
+    if (is_read)
         return message;
     Py_DECREF(message);
     return NULL;
 }
 
-static bool nothing_to_read(const End *self)
+static bool nothing_to_read(End *self)
 {
-    return self->link.step == SHMGEN_STEP_READY && !shmgen_has_unread(&self->s) && !shmgen_is_retired(&self->link) &&
-           !shmgen_is_inherited(&self->link);
+    return self->link.step == SHMGEN_STEP_READY && !shmgen_has_unread(&self->s) && !shmgen_is_inherited(&self->link) &&
+           shmgen_nothing(&self->s) == SHMGEN_NOTHING_NEW;
 }
 
-static PyObject *taken(End *self, PyObject *left, bool next)
+static PyObject *read_message(End *self, PyObject *left, bool next)
 {
     int64_t limit = self->link.limit;
     PyObject *message;
@@ -526,36 +575,31 @@ static PyObject *taken(End *self, PyObject *left, bool next)
             return NULL;
     }
     if (nothing_to_read(self))
-        Py_RETURN_NONE; /* without a message made for nothing */
+        Py_RETURN_NONE; /* before a message is created */
     message = self->of.size >= LONG_FROM ? read_long(self, limit, next) : read_short(self, limit, next);
     if (message == NULL && PyErr_Occurred() == NULL)
         Py_RETURN_NONE;
     return message;
 }
 
-/* read(left): the newest message, None: there is no unread one, or it cannot be had within so many ns. */
+/* read(left): return the newest message. Return None if it was read already, or cannot be read within `left` ns. */
 static PyObject *reader_read(PyObject *object, PyObject *left)
 {
-    return taken((End *)object, left, false);
+    return read_message((End *)object, left, false);
 }
 
-/* The oldest unread one that is still there. */
-static PyObject *reader_next(PyObject *object, PyObject *nothing)
+/* next(): return the oldest unread message that is still in the region. */
+static PyObject *reader_next(PyObject *object, PyObject *Py_UNUSED(nothing))
 {
-    (void)nothing;
-    return taken((End *)object, Py_None, true);
+    return read_message((End *)object, Py_None, true);
 }
 
-/* Fills a message that is there already; one of another kind is filled by the codec, or as its class says. */
+/* Set the fields of a message of another class. */
 static bool fill_other(const End *self, const unsigned char *bytes, PyObject *message)
 {
-    int made = self->of.codec != Py_None ? codec_decode(self->of.codec, bytes, message) : 1;
-    PyObject *found = NULL;
-    if (made > 0 && PyErr_Occurred() == NULL)
-        found = PyObject_CallMethod(self->of.kind, "_decode", "y#iO", (const char *)bytes, (Py_ssize_t)self->of.size, 0,
-                                    message);
-    Py_XDECREF(found);
-    return made == 0 || found != NULL;
+    if (self->of.codec != Py_None)
+        return codec_decode(self->of.codec, bytes, message);
+    return PyErr_Format(PyExc_TypeError, "%R has no table of fields: read into an object of it", self->of.kind) != NULL;
 }
 
 static PyObject *reader_read_into(PyObject *object, PyObject *message)
@@ -565,10 +609,10 @@ static PyObject *reader_read_into(PyObject *object, PyObject *message)
     bool filled = false;
     if (nothing_to_read(self))
         Py_RETURN_FALSE;
-    bytes = take_room(self);
+    bytes = take_buffer(self);
     if (bytes == NULL)
         return NULL;
-    if (came(self, read_into(self, bytes, self->link.limit, false))) {
+    if (is_message(self, read_into(self, bytes, self->link.limit, false))) {
         codec_buffer view;
         if ((PyObject *)Py_TYPE(message) != self->of.kind) {
             filled = fill_other(self, bytes, message);
@@ -578,50 +622,51 @@ static PyObject *reader_read_into(PyObject *object, PyObject *message)
             filled = true;
         }
     }
-    give_room(self, bytes);
+    give_back_buffer(self, bytes);
     return PyErr_Occurred() != NULL ? NULL : PyBool_FromLong(filled);
 }
 
-/* borrow(): where the newest message lies in the region, to read it there; None: as for read(). */
-static PyObject *reader_borrow(PyObject *object, PyObject *nothing)
+/* borrow(): return the offset of the newest message in the region, to read it in place. Return None like read(). */
+static PyObject *reader_borrow(PyObject *object, PyObject *Py_UNUSED(nothing))
 {
     End *self = (End *)object;
     const void *payload = NULL;
     shmgen_status status;
-    (void)nothing;
-    if (!take_turn(&self->turn))
+    if (!acquire_guard(&self->guard))
         return NULL;
     Py_BEGIN_ALLOW_THREADS
     status = shmgen_subscriber_borrow(&self->s, &payload);
     Py_END_ALLOW_THREADS
-    self->turn.taken = false;
-    if (came(self, status))
+    if (is_reopening(self, &status))
+        status = SHMGEN_NOTHING_NEW;
+    if (!release_guard(self))
+        return NULL;
+    if (is_message(self, status))
         return PyLong_FromSize_t((size_t)((const unsigned char *)payload - self->link.base));
     if (PyErr_Occurred() != NULL)
         return NULL;
     Py_RETURN_NONE;
 }
 
-/* give_back(): whether what was borrowed stayed whole, and so counts as read. */
-static PyObject *reader_give_back(PyObject *object, PyObject *nothing)
+/* give_back(): return True if the borrowed message stayed complete. It then counts as read. */
+static PyObject *reader_give_back(PyObject *object, PyObject *Py_UNUSED(nothing))
 {
     End *self = (End *)object;
     shmgen_status status;
-    (void)nothing;
-    if (!take_turn(&self->turn))
+    if (!acquire_guard(&self->guard))
         return NULL;
     status = shmgen_subscriber_return(&self->s);
-    self->turn.taken = false;
-    return came(self, status) || PyErr_Occurred() == NULL ? PyBool_FromLong(status == SHMGEN_OK) : NULL;
+    self->guard.is_held = false;
+    return is_message(self, status) || PyErr_Occurred() == NULL ? PyBool_FromLong(status == SHMGEN_OK) : NULL;
 }
 
-/* Opens what wakes it, with the interpreter's lock: a file. */
+/* Open the event that wakes the reader, a file. Keeps the GIL. */
 static shmgen_status listen_to(End *self)
 {
     shmgen_link *end = &self->link;
     shmgen_status status;
     if (end->step != SHMGEN_STEP_READY)
-        return shmgen_why(self->s.gone);
+        return shmgen_closed_reason(self->s.closed_status);
     if (end->event != NULL)
         return SHMGEN_OK;
     end->since = shmgen_now();
@@ -630,56 +675,80 @@ static shmgen_status listen_to(End *self)
     return status;
 }
 
-/* ready(ns): whether there is an unread sample, as soon as there is one or after that time. */
+/* Check for an unread sample. SHMGEN_NOTHING_NEW: there is none. SHMGEN_OPENING: the region is being reopened. */
+static shmgen_status look(End *self)
+{
+    shmgen_status status = listen_to(self);
+    if (status == SHMGEN_OK && !shmgen_has_unread(&self->s))
+        status = shmgen_nothing(&self->s);
+    if (is_reopening(self, &status))
+        status = SHMGEN_OPENING;
+    return release_guard(self) ? status : SHMGEN_CLOSED;
+}
+
+/* ready(ns): wait at most `ns` for an unread sample. Return True if there is one. */
 static PyObject *reader_ready(PyObject *object, PyObject *ns)
 {
     End *self = (End *)object;
-    const int64_t wanted = PyLong_AsLongLong(ns), start = shmgen_now();
-    const int64_t end = wanted < INT64_MAX - start ? start + wanted : INT64_MAX;
-    shmgen_status status;
-    if (PyErr_Occurred() != NULL || !take_turn(&self->turn))
-        return NULL;
-    status = listen_to(self);
-    self->turn.taken = false;
-    while (status == SHMGEN_OK && !shmgen_has_unread(&self->s)) {
-        shmgen_subscriber *const waits = &self->s;
+    shmgen_subscriber *const waits = &self->s;
+    const int64_t timeout = PyLong_AsLongLong(ns), start = shmgen_now();
+    const int64_t end = timeout < INT64_MAX - start ? start + timeout : INT64_MAX;
+    while (PyErr_Occurred() == NULL && acquire_guard(&self->guard)) {
+        const shmgen_status status = look(self);
         const int64_t left = end - shmgen_now();
-        status = left > 0 ? shmgen_nothing_yet(waits) : shmgen_nothing(waits);
-        if (status != SHMGEN_NOTHING_NEW)
-            break;
+        if (PyErr_Occurred() != NULL)
+            return NULL;
+        if (status != SHMGEN_NOTHING_NEW && status != SHMGEN_OPENING)
+            return status == SHMGEN_OK ? PyBool_FromLong(1) : raise_status(self, status);
         if (left <= 0)
-            Py_RETURN_FALSE;
-        self->turn.sleepers++;
+            return PyBool_FromLong(0);
+        if (status == SHMGEN_OPENING) {
+            if (!pause_for_others())
+                return NULL;
+            continue;
+        }
+        self->guard.sleepers++;
         Py_BEGIN_ALLOW_THREADS
         shmgen_sleep(&waits, 1, left < SHMGEN_WAKE_MS * SHMGEN_MS ? left : SHMGEN_WAKE_MS * SHMGEN_MS);
         Py_END_ALLOW_THREADS
-        self->turn.sleepers--;
+        self->guard.sleepers--;
         if (PyErr_CheckSignals() != 0)
             return NULL;
-        status = self->link.step == SHMGEN_STEP_READY ? SHMGEN_OK : shmgen_why(self->s.gone);
     }
-    return status == SHMGEN_OK ? PyBool_FromLong(1) : refused(self, status);
+    return NULL;
 }
 
-static PyObject *reader_skip(PyObject *object, PyObject *nothing)
+/* check(): check whether the region was removed, once in SHMGEN_REMOVED_MS. */
+static PyObject *reader_check(PyObject *object, PyObject *Py_UNUSED(nothing))
 {
-    (void)nothing;
+    End *self = (End *)object;
+    if (is_open(self) && !self->guard.is_held) {
+        shmgen_status status = shmgen_nothing(&self->s);
+        (void)is_reopening(self, &status);
+    }
+    if (PyErr_Occurred() != NULL)
+        return NULL;
+    Py_RETURN_NONE;
+}
+
+static PyObject *reader_skip(PyObject *object, PyObject *Py_UNUSED(nothing))
+{
     shmgen_subscriber_skip(&((End *)object)->s);
     Py_RETURN_NONE;
 }
 
-/* newest(): number of the newest sample, 0 = none yet. */
-static PyObject *reader_newest(PyObject *object, PyObject *nothing)
+/* newest(): return the number of the newest sample, or 0 if there is none yet. */
+static PyObject *reader_newest(PyObject *object, PyObject *Py_UNUSED(nothing))
 {
     End *self = (End *)object;
-    (void)nothing;
-    if (self->link.step != SHMGEN_STEP_READY)
-        return refused(self, shmgen_why(self->s.gone));
+    if (!is_open(self))
+        return PyErr_Occurred() != NULL ? NULL : PyLong_FromLong(0);
+    if (!shmgen_has_unread(&self->s))
+        (void)shmgen_nothing(&self->s);
     return PyLong_FromUnsignedLong(shmgen_newest(&self->link));
 }
 
-/* sleep_any(readers, ns): until a writer of any has something for it; may return early. They are open, and their events:
- * see ready(). */
+/* sleep_any(readers, ns): sleep at most `ns` until a writer may have published a sample. May return early. */
 static PyObject *sleep_any(PyObject *module, PyObject *arguments)
 {
     PyObject *readers;
@@ -688,7 +757,7 @@ static PyObject *sleep_any(PyObject *module, PyObject *arguments)
     Py_ssize_t count;
     shmgen_status status = SHMGEN_OK;
     const End *last = NULL;
-    (void)module;
+    const State *state = PyModule_GetState(module);
     if (!PyArg_ParseTuple(arguments, "O!L", &PyTuple_Type, &readers, &ns))
         return NULL;
     count = PyTuple_Size(readers);
@@ -697,35 +766,157 @@ static PyObject *sleep_any(PyObject *module, PyObject *arguments)
         return PyErr_NoMemory();
     for (Py_ssize_t index = 0; index < count; index++) {
         End *reader = (End *)PyTuple_GetItem(readers, index);
-        if ((void *)PyType_GetSlot(Py_TYPE(reader), Py_tp_init) != (void *)reader_init) {
+        if ((PyObject *)Py_TYPE(reader) != state->reader) {
             PyMem_Free(several);
             return PyErr_Format(PyExc_TypeError, "these are for subscribers");
         }
         several[index] = &reader->s;
-        if (status == SHMGEN_OK) {
+        if (status == SHMGEN_OK && (reader->link.step == SHMGEN_STEP_READY || reader->link.lost == 0)) {
             status = listen_to(reader);
             last = reader;
         }
     }
     if (status == SHMGEN_OK) {
         for (Py_ssize_t index = 0; index < count; index++)
-            ((End *)PyTuple_GetItem(readers, index))->turn.sleepers++;
+            ((End *)PyTuple_GetItem(readers, index))->guard.sleepers++;
         Py_BEGIN_ALLOW_THREADS
         shmgen_sleep(several, (size_t)count, ns);
         Py_END_ALLOW_THREADS
         for (Py_ssize_t index = 0; index < count; index++)
-            ((End *)PyTuple_GetItem(readers, index))->turn.sleepers--;
+            ((End *)PyTuple_GetItem(readers, index))->guard.sleepers--;
     }
     PyMem_Free(several);
     if (status != SHMGEN_OK)
-        return refused(last, status);
+        return raise_status(last, status);
     Py_RETURN_NONE;
 }
 
-static PyObject *can_wait_for_many(PyObject *module, PyObject *nothing)
+/* --- the notifier ------------------------------------------------------------------------------------------- */
+
+typedef struct Notifier {
+    PyObject_HEAD
+    PyObject *weak;
+    PyObject *readers; /* a dict that keeps the watched readers alive */
+    shmgen_notifier c;
+} Notifier;
+
+static int notifier_init(PyObject *object, PyObject *arguments, PyObject *Py_UNUSED(names))
 {
-    (void)module;
-    (void)nothing;
+    Notifier *self = (Notifier *)object;
+    if (self->readers != NULL || !PyArg_ParseTuple(arguments, ""))
+        return -1;
+    self->c.fd = -1;
+    self->readers = PyDict_New();
+    if (self->readers == NULL)
+        return -1;
+    if (shmgen_notifier_open(&self->c) == SHMGEN_OK)
+        return 0;
+    PyErr_SetFromErrno(PyExc_OSError);
+    return -1;
+}
+
+/* Return the reader, or NULL with an exception. */
+static End *reader_for(const Notifier *self, PyObject *reader)
+{
+    const State *state = PyType_GetModuleState(Py_TYPE(self));
+    if ((PyObject *)Py_TYPE(reader) != state->reader)
+        PyErr_Format(PyExc_TypeError, "a notifier watches subscribers");
+    else if (self->readers == NULL || self->c.fd < 0)
+        PyErr_Format(PyExc_ValueError, "this notifier is closed");
+    else
+        return (End *)reader;
+    return NULL;
+}
+
+/* add(reader): report the samples of a reader from now on. Adding a reader again changes nothing. Return False while
+ * the region of the reader is being reopened; add the reader later. */
+static PyObject *notifier_add(PyObject *object, PyObject *reader)
+{
+    Notifier *self = (Notifier *)object;
+    End *end = reader_for(self, reader);
+    shmgen_status status;
+    if (end != NULL && PyDict_GetItem(self->readers, reader) != NULL)
+        Py_RETURN_TRUE;
+    if (end != NULL && !is_open(end))
+        return PyErr_Occurred() != NULL ? NULL : PyBool_FromLong(0);
+    if (end == NULL || PyDict_SetItem(self->readers, reader, Py_None) != 0)
+        return NULL;
+    status = shmgen_notifier_add(&self->c, &end->s);
+    if (status == SHMGEN_OK)
+        Py_RETURN_TRUE;
+    if (PyDict_DelItem(self->readers, reader) != 0)
+        return NULL;
+    return status == SHMGEN_NOTIFIER_FAILED ? PyErr_SetFromErrno(PyExc_OSError) : raise_status(end, status);
+}
+
+/* remove(reader): stop reporting the samples of a reader. */
+static PyObject *notifier_remove(PyObject *object, PyObject *reader)
+{
+    Notifier *self = (Notifier *)object;
+    End *end = reader_for(self, reader);
+    if (end == NULL)
+        return NULL;
+    if (PyDict_GetItem(self->readers, reader) != NULL) {
+        shmgen_notifier_remove(&self->c, &end->s);
+        if (PyDict_DelItem(self->readers, reader) != 0)
+            return NULL;
+    }
+    Py_RETURN_NONE;
+}
+
+/* ready(): return the readers with samples that were not reported yet. The descriptor is then not readable. */
+static PyObject *notifier_ready(PyObject *object, PyObject *Py_UNUSED(nothing))
+{
+    Notifier *self = (Notifier *)object;
+    PyObject *ready = PyList_New(0);
+    shmgen_subscriber *subscriber;
+    while (ready != NULL && self->c.fd >= 0 && (subscriber = shmgen_notifier_next(&self->c)) != NULL)
+        if (PyList_Append(ready, (PyObject *)(void *)((char *)subscriber - offsetof(End, s))) != 0)
+            Py_CLEAR(ready);
+    return ready;
+}
+
+static PyObject *notifier_fileno(PyObject *object, PyObject *Py_UNUSED(nothing))
+{
+    return PyLong_FromLong(((Notifier *)object)->c.fd);
+}
+
+static PyObject *notifier_close(PyObject *object, PyObject *Py_UNUSED(nothing))
+{
+    Notifier *self = (Notifier *)object;
+    if (self->readers != NULL) {
+        Py_BEGIN_ALLOW_THREADS
+        shmgen_notifier_close(&self->c);
+        Py_END_ALLOW_THREADS
+        PyDict_Clear(self->readers);
+    }
+    Py_RETURN_NONE;
+}
+
+/* close_in_child(): close the descriptor in a forked child, which has no thread. Leave the rest to the parent. */
+static PyObject *notifier_close_in_child(PyObject *object, PyObject *Py_UNUSED(nothing))
+{
+    Notifier *self = (Notifier *)object;
+    if (self->readers != NULL && self->c.fd >= 0)
+        close(self->c.fd);
+    self->c.fd = -1;
+    Py_RETURN_NONE;
+}
+
+static void notifier_free(PyObject *object)
+{
+    Notifier *self = (Notifier *)object;
+    PyTypeObject *type = Py_TYPE(object);
+    PyObject_ClearWeakRefs(object);
+    if (self->readers != NULL)
+        shmgen_notifier_close(&self->c);
+    Py_XDECREF(self->readers);
+    ((freefunc)PyType_GetSlot(type, Py_tp_free))(object);
+    Py_DECREF(type);
+}
+
+static PyObject *can_wait_for_many(PyObject *Py_UNUSED(module), PyObject *Py_UNUSED(nothing))
+{
     return PyBool_FromLong(shmgen_can_wait_for_many());
 }
 
@@ -733,17 +924,18 @@ static PyObject *can_wait_for_many(PyObject *module, PyObject *nothing)
 
 #define MEMBERS_OF_BOTH                                                                                                \
     {"__weaklistoffset__", T_PYSSIZET, offsetof(End, weak), READONLY, NULL},                                           \
-        {"lock_misses", T_UINT, offsetof(End, link.misses), READONLY, NULL}
+        {"lock_misses", T_UINT, offsetof(End, link.misses), READONLY, NULL},                                           \
+        {"reopen_count", T_UINT, offsetof(End, link.reopen_count), READONLY, NULL}
 
 #define METHODS_OF_BOTH                                                                                                \
     {"step", end_step, METH_NOARGS, NULL}, {"load", end_load, METH_O, NULL},                                           \
         {"is_removed", end_is_removed, METH_NOARGS, NULL}, {"is_claimed", end_is_claimed, METH_NOARGS, NULL},          \
-        {"close", end_close, METH_NOARGS, NULL}, {"disown", end_disown, METH_NOARGS, NULL}
+        {"close", end_close, METH_NOARGS, NULL}, {"close_in_child", end_close_in_child, METH_NOARGS, NULL}
 
 static PyMemberDef writer_members[] = {
     MEMBERS_OF_BOTH,
     {"sequence", T_UINT, offsetof(End, p.sequence), 0, NULL},
-    {"doubtful", T_UINT, offsetof(End, p.jump), 0, NULL},
+    {"predecessor_may_be_alive", T_UINT, offsetof(End, p.new_turn), 0, NULL},
     {"truncations", T_ULONGLONG, offsetof(End, truncations), READONLY, NULL},
     {NULL, 0, 0, 0, NULL},
 };
@@ -752,7 +944,7 @@ static PyMethodDef writer_methods[] = {
     METHODS_OF_BOTH,
     {"publish", (PyCFunction)(void (*)(void))writer_publish, METH_FASTCALL, NULL},
     {"heartbeat", writer_heartbeat, METH_NOARGS, NULL},
-    {"assure", writer_assure, METH_NOARGS, NULL},
+    {"check_claim", writer_check_claim, METH_NOARGS, NULL},
     {NULL, NULL, 0, NULL},
 };
 
@@ -761,7 +953,7 @@ static PyMemberDef reader_members[] = {
     {"sequence", T_UINT, offsetof(End, s.sequence), READONLY, NULL},
     {"file", T_INT, offsetof(End, link.file), READONLY, NULL},
     {"last", T_UINT, offsetof(End, s.last), 0, NULL},
-    {"beat", T_UINT, offsetof(End, s.beat), READONLY, NULL}, /* heartbeat as it was at the opening */
+    {"beat", T_UINT, offsetof(End, s.beat), READONLY, NULL}, /* the heartbeat at the time of opening */
     {"stamp", T_ULONGLONG, offsetof(End, s.stamp), READONLY, NULL},
     {"missed", T_ULONGLONG, offsetof(End, s.missed), READONLY, NULL},
     {NULL, 0, 0, 0, NULL},
@@ -773,6 +965,7 @@ static PyMethodDef reader_methods[] = {
     {"next", reader_next, METH_NOARGS, NULL},
     {"read_into", reader_read_into, METH_O, NULL},
     {"ready", reader_ready, METH_O, NULL},
+    {"check", reader_check, METH_NOARGS, NULL},
     {"skip", reader_skip, METH_NOARGS, NULL},
     {"newest", reader_newest, METH_NOARGS, NULL},
     {"borrow", reader_borrow, METH_NOARGS, NULL},
@@ -781,7 +974,7 @@ static PyMethodDef reader_methods[] = {
 };
 
 static PyType_Slot writer_slots[] = {
-    {Py_tp_init, (void *)writer_init},
+    {Py_tp_new, (void *)writer_new},
     {Py_tp_members, writer_members},
     {Py_tp_methods, writer_methods},
     {Py_tp_dealloc, (void *)end_free},
@@ -789,46 +982,98 @@ static PyType_Slot writer_slots[] = {
 };
 
 static PyType_Slot reader_slots[] = {
-    {Py_tp_init, (void *)reader_init},
+    {Py_tp_new, (void *)reader_new},
     {Py_tp_members, reader_members},
     {Py_tp_methods, reader_methods},
     {Py_tp_dealloc, (void *)end_free},
     {0, NULL},
 };
 
+static PyMemberDef notifier_members[] = {
+    {"__weaklistoffset__", T_PYSSIZET, offsetof(Notifier, weak), READONLY, NULL},
+    {NULL, 0, 0, 0, NULL},
+};
+
+static PyMethodDef notifier_methods[] = {
+    {"add", notifier_add, METH_O, NULL},
+    {"remove", notifier_remove, METH_O, NULL},
+    {"ready", notifier_ready, METH_NOARGS, NULL},
+    {"fileno", notifier_fileno, METH_NOARGS, NULL},
+    {"close", notifier_close, METH_NOARGS, NULL},
+    {"close_in_child", notifier_close_in_child, METH_NOARGS, NULL},
+    {NULL, NULL, 0, NULL},
+};
+
+static PyType_Slot notifier_slots[] = {
+    {Py_tp_init, (void *)notifier_init},
+    {Py_tp_members, notifier_members},
+    {Py_tp_methods, notifier_methods},
+    {Py_tp_dealloc, (void *)notifier_free},
+    {0, NULL},
+};
+
 static PyType_Spec specifications[] = {
     {"shmgen._core.Writer", (int)sizeof(End), 0, Py_TPFLAGS_DEFAULT, writer_slots},
     {"shmgen._core.Reader", (int)sizeof(End), 0, Py_TPFLAGS_DEFAULT, reader_slots},
+    {"shmgen._core.Notifier", (int)sizeof(Notifier), 0, Py_TPFLAGS_DEFAULT, notifier_slots},
 };
 
 static int fill(PyObject *module)
 {
-    static const char *const names[] = {"Writer", "Reader"};
-    for (int number = 0; number < 2; number++) {
-        PyObject *type = PyType_FromSpec(&specifications[number]);
-        if (type == NULL || PyModule_AddObject(module, names[number], type) != 0) {
+    State *state = PyModule_GetState(module);
+    static const char *const names[] = {"Writer", "Reader", "Notifier"};
+    for (int number = 0; number < 3; number++) {
+        PyObject *type = PyType_FromModuleAndSpec(module, &specifications[number], NULL);
+        if (type == NULL || PyModule_AddObjectRef(module, names[number], type) != 0) {
             Py_XDECREF(type);
             return -1;
         }
+        if (number == 1)
+            state->reader = type;
+        else
+            Py_DECREF(type);
     }
-    if (codec_fill(module) != 0)
+    if (table_add_type(module) != 0)
         return -1;
     return PyModule_AddIntConstant(module, "ABI", SHMGEN_ABI);
 }
 
-/* Takes the function that makes an error of a status. */
-static PyObject *explain_by(PyObject *module, PyObject *function)
+/* explain_by(explain, log): set the functions that return the error for a status, and that log a recreated region. */
+static PyObject *explain_by(PyObject *module, PyObject *functions)
 {
-    PyObject *former = explainer;
-    (void)module;
-    Py_INCREF(function);
-    explainer = function;
-    Py_XDECREF(former);
+    State *state = PyModule_GetState(module);
+    PyObject *explain, *log;
+    if (!PyArg_ParseTuple(functions, "OO", &explain, &log))
+        return NULL;
+    Py_INCREF(explain);
+    Py_INCREF(log);
+    Py_XDECREF(state->explain);
+    Py_XDECREF(state->log);
+    state->explain = explain;
+    state->log = log;
     Py_RETURN_NONE;
 }
 
+static int state_traverse(PyObject *module, visitproc visit, void *arg)
+{
+    const State *state = PyModule_GetState(module);
+    Py_VISIT(state->explain);
+    Py_VISIT(state->log);
+    Py_VISIT(state->reader);
+    return 0;
+}
+
+static int state_clear(PyObject *module)
+{
+    State *state = PyModule_GetState(module);
+    Py_CLEAR(state->explain);
+    Py_CLEAR(state->log);
+    Py_CLEAR(state->reader);
+    return 0;
+}
+
 static PyMethodDef functions[] = {
-    {"explain_by", explain_by, METH_O, NULL},
+    {"explain_by", explain_by, METH_VARARGS, NULL},
     {"sleep_any", sleep_any, METH_VARARGS, NULL},
     {"can_wait_for_many", can_wait_for_many, METH_NOARGS, NULL},
     {NULL, NULL, 0, NULL},
@@ -840,7 +1085,7 @@ static PyModuleDef_Slot module_slots[] = {
 };
 
 static PyModuleDef definition = {
-    PyModuleDef_HEAD_INIT, "_core", NULL, 0, functions, module_slots, NULL, NULL, NULL,
+    PyModuleDef_HEAD_INIT, "_core", NULL, sizeof(State), functions, module_slots, state_traverse, state_clear, NULL,
 };
 
 PyMODINIT_FUNC PyInit__core(void)

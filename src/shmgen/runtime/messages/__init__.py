@@ -1,1 +1,1 @@
-"""What generated classes are made of: fields, arrays, strings, times, and the checks of their values."""
+"""The parts of generated classes: fields, arrays, strings, times, and the checks of their values."""

@@ -1,168 +1,195 @@
-"""Descriptors that show a member of a shared structure as ROS shows it: text as str, a sequence with its length.
+"""Create the attributes of a generated message class from its table of fields.
 
-A generated class declares them beside its `_fields_`; plain numbers and nested messages need none.
-Offsets and sizes are in bytes from the start of the structure. Setting a value checks it as `publish` does
-(StringTooLong, OutOfRange, CountExceeded with the field's name), so a structure never holds what no peer can read.
+Setting an attribute checks the value, as `publish` does. So a structure never holds a value that a peer cannot read.
 """
 
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Iterable
-from typing import Any
+from collections.abc import Iterable, Iterator
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
 
-from shmgen.runtime.messages import values
-from shmgen.runtime.messages.range_checks import array_of
+from shmgen.runtime.messages import walker
+from shmgen.runtime.messages.numbers import check
+from shmgen.runtime.messages.steps import CODES, COUNT, Step, steps_of
 
-Encode = Callable[[Any, int, str], bytes]
-"""value, capacity, path -> bytes without padding, such as values.text."""
-
-
-class Text:
-    """STRING(capacity) or WSTRING(capacity) in `size` bytes, as str."""
-
-    def __init__(
-        self, offset: int, size: int, capacity: int, encode: Encode, decode: Callable[[bytes | bytearray], str]
-    ) -> None:
-        self.offset, self.size, self.capacity = offset, size, capacity
-        self.encode, self.decode = encode, decode
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        self.name = name
-
-    def __get__(self, structure: ctypes.Structure, owner: type) -> str:
-        return self.decode(_load(structure, self.offset, self.size))
-
-    def __set__(self, structure: ctypes.Structure, value: str) -> None:
-        _store(structure, self.offset, self.encode(value, self.capacity, self.name).ljust(self.size, b"\0"))
+_C_NAMES = {"float32": "c_float", "float64": "c_double"}
+CTYPES = {kind: getattr(ctypes, _C_NAMES.get(kind, f"c_{kind}")) for kind in CODES}
+KINDS = {ctype: kind for kind, ctype in CTYPES.items()}
+_KEPT = 256
+_SHOWN = 32
 
 
-class Clock:
-    """A time or duration packed as `code`, as an object with `sec` and `nanosec`."""
+class Field:
+    """The attribute for a field that ctypes cannot represent as ROS does: a string, a time or an array.
 
-    def __init__(self, offset: int, code: str, convert: Callable[[Any, str], Any], make: Callable[..., Any]) -> None:
-        self.array = Clocks(offset, code, 1, convert, make)
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        self.array.name = name
-
-    def __get__(self, structure: ctypes.Structure, owner: type) -> Any:
-        return self.array.__get__(structure, owner)[0]
-
-    def __set__(self, structure: ctypes.Structure, value: Any) -> None:
-        self.array.__set__(structure, [value])
-
-
-class Elements:
-    """An array of numbers or messages, shown in place: what is changed in it is changed in the structure.
-
-    `length` elements of `kind`; with `count_at`, the offset of the UDINT that says how many of them are valid.
+    An array of numbers or messages is a view: an assignment to an element changes the structure.
     """
 
-    def __init__(self, offset: int, kind: Any, length: int, count_at: int | None = None) -> None:
-        self.offset, self.kind, self.length, self.count_at = offset, kind, length, count_at
-        self.size = ctypes.sizeof(kind)
+    def __init__(self, step: Step) -> None:
+        self.step = step
+        self._element = CTYPES.get(step.kind) if isinstance(step.kind, str) else step.kind
 
-    def __set_name__(self, owner: type, name: str) -> None:
-        self.name = name
+    def __get__(self, structure: Any, owner: type) -> Any:
+        if structure is None:
+            return self
+        step = self.step
+        if not step.length:
+            return walker.decode_element(step, _load(structure, step), 0)
+        if self._element is None:
+            return walker.decode_elements(step, _load(structure, step), 0, self._count(structure), ())
+        return array_of(self._element, self._count(structure), step.path).from_buffer(structure, step.offset)
 
-    def __get__(self, structure: ctypes.Structure, owner: type) -> Any:
-        count = _count(structure, self.count_at, self.length, self.name)
-        return array_of(self.kind, count, self.name).from_buffer(structure, self.offset)
+    def _count(self, structure: Any) -> int:
+        return walker.decode_count(self.step, structure, 0)
 
-    def __set__(self, structure: ctypes.Structure, value: Any) -> None:
-        rule = _rule(self.count_at, self.length)
-        if issubclass(self.kind, ctypes.Structure):
-            data = bytearray(self.size * len(value))
-            late: list[tuple[int, int, memoryview]] = []
-            values.each(value, self.kind._encode, data, 0, self.size, self.name, late, **rule)
-            for offset, _, view in late:
-                data[offset : offset + len(view)] = view
-            stored = memoryview(data)
+    def __set__(self, structure: Any, value: Any) -> None:
+        step, count = self.step, 1
+        data = bytearray(step.end - step.offset)
+        if step.length:
+            count, _ = walker.encode_array(step, value, data, 0)
         else:
-            stored = values.numbers(value, self.kind._type_, self.size, self.name, **rule)
-        _store(structure, self.offset, stored)
-        _set_count(structure, self.count_at, len(stored) // self.size)
+            walker.encode_element(step.kind, value, data, 0, step.size, step.path)
+        ctypes.memmove(ctypes.addressof(structure) + step.offset, bytes(data), count * step.size)
+        if step.count_at >= 0:
+            COUNT.pack_into(structure, step.count_at, count)
 
 
-class Texts:
-    """An array of STRING(capacity) or WSTRING(capacity), each in `item_size` bytes, as a list of str."""
+class Number(property):
+    """The attribute for a single number: it checks a value before ctypes stores the value.
 
-    def __init__(
-        self,
-        offset: int,
-        item_size: int,
-        capacity: int,
-        length: int,
-        encode: Encode,
-        decode: Callable[[bytes | bytearray], str],
-        count_at: int | None = None,
-    ) -> None:
-        self.offset, self.size, self.capacity, self.length = offset, item_size, capacity, length
-        self.encode, self.decode, self.count_at = encode, decode, count_at
+    ctypes alone would store only the lower bits of a number that is too large.
+    """
 
-    def __set_name__(self, owner: type, name: str) -> None:
-        self.name = name
+    def __init__(self, step: Step, stored: Any) -> None:
+        def assign(structure: Any, value: Any) -> None:
+            check(step.kind, value, step.path)
+            stored.__set__(structure, value)
 
-    def __get__(self, structure: ctypes.Structure, owner: type) -> list[str]:
-        count = _count(structure, self.count_at, self.length, self.name)
-        return values.from_texts(_load(structure, self.offset, self.size * count), self.decode, self.size)
-
-    def __set__(self, structure: ctypes.Structure, value: Iterable[str]) -> None:
-        rule = _rule(self.count_at, self.length)
-        data = values.texts(value, self.encode, self.capacity, self.size, self.name, **rule)
-        _store(structure, self.offset, data)
-        _set_count(structure, self.count_at, len(data) // self.size)
+        super().__init__(stored.__get__, assign)
+        self.offset, self.size = step.offset, step.size
 
 
-class Clocks:
-    """An array of times or durations, each packed as `code`, as a list of objects with `sec` and `nanosec`."""
+class _Tabled(type(ctypes.Structure)):  # type: ignore[misc]
+    """The metaclass of message classes: creates the fields of a generated class from the table in the class body.
 
-    def __init__(
-        self,
-        offset: int,
-        code: str,
-        length: int,
-        convert: Callable[[Any, str], Any],
-        make: Callable[..., Any],
-        count_at: int | None = None,
-    ) -> None:
-        self.offset, self.code, self.length, self.count_at = offset, code, length, count_at
-        self.convert, self.make = convert, make
-        self.item_size = values.clock_size(code)
+    A class without a table defines `_fields_`, as ctypes requires.
+    """
 
-    def __set_name__(self, owner: type, name: str) -> None:
-        self.name = name
+    def __new__(cls, name: str, bases: tuple[type, ...], body: dict[str, Any]) -> Any:
+        if "_table_version_" not in body and not {"_digest_", "_encode"} <= body.keys():
+            return super().__new__(cls, name, bases, body)
+        steps = steps_of(name, body)
+        body["_fields_"] = tuple(_stored(steps, body["_size_"]))
+        body["_steps_"], body["_names_"] = steps, tuple(step.name for step in steps)
+        return super().__new__(cls, name, bases, body)
 
-    def __get__(self, structure: ctypes.Structure, owner: type) -> list[Any]:
-        count = _count(structure, self.count_at, self.length, self.name)
-        data = _load(structure, self.offset, self.item_size * count)
-        return values.from_clocks(data, self.code, self.make)
-
-    def __set__(self, structure: ctypes.Structure, value: Iterable[Any]) -> None:
-        data = values.clocks(value, self.code, self.convert, self.name, **_rule(self.count_at, self.length))
-        _store(structure, self.offset, data)
-        _set_count(structure, self.count_at, len(data) // self.item_size)
+    def __init__(cls, name: str, bases: tuple[type, ...], body: dict[str, Any]) -> None:
+        super().__init__(name, bases, body)  # from Python 3.13 on, ctypes creates its fields here
+        for step in body.get("_steps_", ()):
+            if step.length or (isinstance(step.kind, str) and step.kind not in CTYPES):
+                setattr(cls, step.name, Field(step))
+            elif isinstance(step.kind, str):
+                setattr(cls, step.name, Number(step, cls.__dict__[step.name]))
+        if "_steps_" in body:
+            cls._initial_ = _initial(cls, body.get("_defaults_", ()))
 
 
-def _rule(count_at: int | None, length: int) -> dict[str, int]:
-    return {"exactly" if count_at is None else "at_most": length}
+if TYPE_CHECKING:  # versions of the stubs disagree on the type of a structure
+    TabledStructure = ctypes.LittleEndianStructure
+else:
+
+    class TabledStructure(ctypes.LittleEndianStructure, metaclass=_Tabled):
+        """The base class of message classes. Its metaclass creates the fields from the table in a generated class."""
+
+        __slots__ = ()
 
 
-def _load(structure: ctypes.Structure, offset: int, size: int) -> bytes:
-    return ctypes.string_at(ctypes.addressof(structure) + offset, size)
+@lru_cache(_KEPT)
+def array_of(ctype: Any, length: int, path: str) -> Any:
+    """Return an array type of ctypes with `length` elements of type `ctype`, for views of arrays in a structure.
+
+    The type checks numbers that are assigned to elements. `path` is the name of the field in error messages.
+    """
+    is_checked = ctype in KINDS and ctype is not ctypes.c_double  # every value that ctypes accepts for a float64 fits
+    base = _Numbers if is_checked else _Elements
+    return type(base.__name__[1:], (base, ctypes.Array), {"_type_": ctype, "_length_": length, "_path": path})
 
 
-def _store(structure: ctypes.Structure, offset: int, data: bytes | memoryview) -> None:
-    ctypes.memmove(ctypes.addressof(structure) + offset, bytes(data), len(data))
+def short_repr(value: Any) -> str:
+    """Return the text of a value for people. An array is printed like a list, with at most 32 elements."""
+    if not isinstance(value, (ctypes.Array, list, tuple)) or (isinstance(value, tuple) and hasattr(value, "_fields")):
+        return repr(value)
+    items = [short_repr(item) for item in value[:_SHOWN]]
+    if len(value) > _SHOWN:
+        items.append(f"... {len(value)} in all")
+    return f"[{', '.join(items)}]"
 
 
-def _count(structure: ctypes.Structure, count_at: int | None, length: int, name: str) -> int:
-    if count_at is None:
-        return length
-    return values.count(ctypes.c_uint32.from_buffer(structure, count_at).value, length, name)
+class _Elements:
+    """Base class of arrays of ctypes that print like a list."""
+
+    def __repr__(self) -> str:
+        return short_repr(self)
 
 
-def _set_count(structure: ctypes.Structure, count_at: int | None, count: int) -> None:
-    if count_at is not None:
-        ctypes.c_uint32.from_buffer(structure, count_at).value = count
+class _Numbers(_Elements):
+    """Base class of arrays of ctypes that check each assigned number. Errors name the element, as in `data[17]`."""
+
+    _type_: Any
+    _path: str
+
+    def __setitem__(self, where: int | slice, value: Any) -> None:
+        if isinstance(where, slice):
+            value = self._checked(range(len(self))[where], value)  # type: ignore[arg-type]
+        else:
+            check(KINDS[self._type_], value, f"{self._path}[{where}]")
+        super().__setitem__(where, value)  # type: ignore[misc]
+
+    def _checked(self, positions: range, value: Iterable[Any]) -> list[Any]:
+        items = value.tolist() if hasattr(value, "tolist") else list(value)
+        for position, item in zip(positions, items):  # noqa: B905 ctypes compares the lengths
+            check(KINDS[self._type_], item, f"{self._path}[{position}]")
+        return items
+
+
+def _stored(steps: Iterable[Step], size: int) -> Iterator[tuple[str, Any]]:
+    """Yield the name and the ctypes type of each part of a structure: fields, counts before sequences, and padding."""
+    end = 0
+    for step in steps:
+        start = step.offset if step.count_at < 0 else step.count_at
+        yield from _padding(end, start)
+        if step.count_at >= 0:
+            yield f"_{step.name}_count", ctypes.c_uint32
+            yield from _padding(start + 4, step.offset)
+        if step.length or step.kind not in CTYPES:
+            whole = ctypes.c_uint8 * (step.end - step.offset)
+            is_message = not step.length and not isinstance(step.kind, str)
+            yield (step.name, step.kind) if is_message else (f"{step.name}, stored", whole)
+        else:
+            yield step.name, CTYPES[step.kind]
+        end = step.end
+    yield from _padding(end, size)
+
+
+def _load(structure: Any, step: Step) -> bytes:
+    return ctypes.string_at(ctypes.addressof(structure) + step.offset, step.end - step.offset)
+
+
+def _padding(start: int, end: int) -> Iterator[tuple[str, Any]]:
+    if end > start:
+        yield f"padding at {start}", ctypes.c_uint8 * (end - start)
+
+
+def _initial(kind: Any, defaults: Iterable[tuple[str, Any]]) -> bytes:
+    """Return the bytes of a message with the defaults of its definition, or `b""` if all bytes are zero."""
+    data = bytearray(ctypes.sizeof(kind))
+    for step in kind._steps_:
+        inner = b"" if isinstance(step.kind, str) or step.count_at >= 0 else step.kind._initial_
+        if inner:
+            data[step.offset : step.end] = inner * max(1, step.length)
+    message = kind.from_buffer(data)
+    for name, value in defaults:
+        setattr(message, name, value)
+    return bytes(message) if any(bytes(message)) else b""

@@ -1,63 +1,81 @@
-"""The base of generated classes: made of keyword arguments, shown as text one can read."""
+"""The base class of generated classes: keyword arguments, comparison and readable text."""
 
 from __future__ import annotations
 
 import ctypes
-from typing import Any, ClassVar, TypeAlias
+from typing import Any, ClassVar
 
 from shmgen.runtime.errors import CountExceeded
-from shmgen.runtime.messages.range_checks import CheckedStructure
+from shmgen.runtime.messages.fields import TabledStructure, short_repr
+from shmgen.runtime.messages.walker import decode, encode
 from shmgen.runtime.region.access import RegionOptions
 
-Late: TypeAlias = "list[tuple[int, int, memoryview]]"
-"""Arrays that are copied straight into the slot: (offset in scratch, bytes reserved there, the bytes), by offset."""
 
-CUT = (0, 0, memoryview(b""))
-"""Among the late arrays: a text was cut."""
+class Message(TabledStructure):
+    """A message with its layout in shared memory: the base class of generated classes.
 
-LATE_FROM = 4096
-"""Bytes of capacity from which an array goes late; below that a copy more costs less than another slice."""
+    A generated class adds the table of its fields.
 
-_SHOWN = 32
-
-
-class Message(CheckedStructure):
-    """A message as it is in shared memory: the base of generated classes, which add the fields."""
+    ```python
+    pose = Pose(position=Point(x=1.5))
+    pose.position.y = 2.5
+    print(pose == Pose(position=Point(x=1.5, y=2.5)))
+    ```
+    """
 
     __slots__ = ()
-    """So that a misspelt field is an error; generated classes have it too."""
+    """Empty, so that a misspelt field is an error. Generated classes also have empty slots."""
     _pack_ = 1
     _layout_ = "ms"
-    """What `_pack_` means without it: CPython from 3.14 on warns without it, and from 3.19 on raises an error."""
+    """The layout that `_pack_` implies.
+
+    CPython from 3.14 on warns if it is missing, and from 3.19 on raises an error.
+    """
     _type_name_: ClassVar[str]
     _digest_: ClassVar[int]
     _regions_: ClassVar[RegionOptions] = RegionOptions()
+    _steps_: ClassVar[tuple[Any, ...]] = ()
     _names_: ClassVar[tuple[str, ...]] = ()
+    _defaults_: ClassVar[tuple[tuple[str, Any], ...]] = ()
+    _initial_: ClassVar[bytes] = b""
+    """The bytes of a message with its defaults, or `b""` if all bytes are zero."""
 
-    def __init__(self, **fields: Any) -> None:
-        """Defaults of the definition first, then `fields`. Raises ValueRejected, and TypeError for an unknown name."""
-        self._set_defaults()
+    def __init__(self, *values: Any, **fields: Any) -> None:
+        """Create a message from keyword arguments. Fields without an argument get the defaults of the definition.
+
+        Raises ValueRejected if a value is invalid, and TypeError if a name is unknown.
+        """
+        if values:
+            example = f"{self._names_[0]}={values[0]!r:.40}" if self._names_ else ""
+            raise TypeError(f"{type(self).__name__} takes its fields by name: {type(self).__name__}({example})")
+        if self._initial_:
+            ctypes.memmove(ctypes.addressof(self), self._initial_, len(self._initial_))
         for name, value in fields.items():
             if name not in self._names_:
                 known = ", ".join(self._names_) or "no fields"
                 raise TypeError(f"{type(self).__name__} has no field {name!r}; it has {known}")
             setattr(self, name, value)
 
-    def _set_defaults(self) -> None:
-        """Generated where the definition has defaults."""
+    @classmethod
+    def _from_object(cls, message: Any) -> Message:
+        """Return a message of this class with the values of `message`, an object of any class with the same attributes.
 
-    @staticmethod
-    def _encode(message: Any, into: bytearray | memoryview, at: int, late: Late) -> None:
-        """Generated: writes `message` into `into` from byte `at` on, its long arrays into `late`."""
-        raise NotImplementedError
+        Raises ValueRejected if a value does not fit.
+        """
+        data = bytearray(ctypes.sizeof(cls))
+        encode(cls, message, data)
+        return cls.from_buffer(data)
 
-    @staticmethod
-    def _decode(data: bytes | bytearray, at: int, message: Any) -> None:
-        """Generated: fills `message` with the bytes from `at` on."""
-        raise NotImplementedError
+    @classmethod
+    def _decode(cls, data: bytes | bytearray, at: int, message: Any) -> None:
+        """Set the attributes of `message`, an object of any class, from the bytes `data`, starting at byte `at`.
+
+        Raises CountExceeded if a count is above its bound.
+        """
+        decode(cls, data, message, at)
 
     def _check_counts(self) -> None:
-        """Raises CountExceeded where a peer says that a sequence has more elements than its bound allows."""
+        """Raise CountExceeded if a sequence of this message has a count above its bound. A peer may write any count."""
         for name in self._names_:
             value = getattr(self, name)
             is_array = isinstance(value, ctypes.Array) and issubclass(value._type_, Message)
@@ -69,11 +87,15 @@ class Message(CheckedStructure):
                     raise error.inside(f"{name}[{index}]" if is_array else name) from None
 
     def __reduce__(self) -> Any:
-        """For copies and pickles: that of ctypes wants a `__dict__`, which only a class of the user's may have."""
+        """Return the constructor and its arguments, for copies and pickles.
+
+        A generated class has no `__dict__`, and the method of ctypes requires a `__dict__`. A subclass that has a
+        `__dict__` uses the method of ctypes, which also copies the added attributes.
+        """
         return super().__reduce__() if hasattr(self, "__dict__") else (type(self).from_buffer_copy, (bytes(self),))
 
     def __repr__(self) -> str:
-        fields = ", ".join(f"{name}={_shown(getattr(self, name))}" for name in self._names_)
+        fields = ", ".join(f"{name}={short_repr(getattr(self, name))}" for name in self._names_)
         return f"{type(self).__name__}({fields})"
 
     def __eq__(self, other: object) -> bool:
@@ -85,14 +107,5 @@ class Message(CheckedStructure):
 
 
 def _plain(value: Any) -> Any:
-    """Arrays of ctypes compare by identity, lists by value."""
+    """Convert arrays of ctypes to lists, because arrays compare by identity and lists by value."""
     return [_plain(item) for item in value] if isinstance(value, ctypes.Array) else value
-
-
-def _shown(value: Any) -> str:
-    if not isinstance(value, (ctypes.Array, list, tuple)) or (isinstance(value, tuple) and hasattr(value, "_fields")):
-        return repr(value)
-    items = [_shown(item) for item in value[:_SHOWN]]
-    if len(value) > _SHOWN:
-        items.append(f"... {len(value)} in all")
-    return f"[{', '.join(items)}]"

@@ -1,127 +1,96 @@
-"""ROS times and durations, of ROS 1 or ROS 2, as the PLC's TIME, LTIME or seconds."""
+"""Convert times and durations of ROS 1 and ROS 2 to TIME, LTIME, or seconds and nanoseconds, and back."""
 
 from __future__ import annotations
 
 import struct
 import time
-from collections.abc import Callable, Iterable
-from copy import copy
+from collections.abc import Callable
 from operator import index
 from typing import Any, NamedTuple
 
 from shmgen.runtime.errors import OutOfRange
-from shmgen.runtime.messages.arrays import check_count
 
 _SECOND = 1_000_000_000
 _MILLISECOND = 1_000_000
 _RANGE = 2**32
-"""TIME is a DWORD of milliseconds: it comes round after 49d17h2m47s296ms."""
+"""The range of TIME, a DWORD of milliseconds, which wraps around after 49d17h2m47s296ms."""
 
 
 class Time(NamedTuple):
-    """An instant: seconds since 1970 and nanoseconds; under ROS 1's names too."""
+    """An instant: seconds since 1970 and nanoseconds. `secs` and `nsecs`, the names in ROS 1, are aliases.
+
+    ```python
+    stamp = Time(sec=1_700_000_000, nanosec=500_000_000)
+    print(stamp.sec + stamp.nanosec / 1e9)
+    ```
+    """
 
     sec: int = 0
     nanosec: int = 0
 
     @property
     def secs(self) -> int:
-        """ROS 1's name of `sec`."""
+        """The seconds, under their name in ROS 1."""
         return self.sec
 
     @property
     def nsecs(self) -> int:
-        """ROS 1's name of `nanosec`."""
+        """The nanoseconds, under their name in ROS 1."""
         return self.nanosec
 
 
 class Duration(NamedTuple):
-    """A length of time: seconds, negative ones too, and nanoseconds, which always count forward."""
+    """A duration: seconds, which may be negative, and nanoseconds, which are always added.
+
+    ```python
+    before = Duration(sec=-1, nanosec=500_000_000)
+    print(before.sec + before.nanosec / 1e9)  # -0.5 s
+    ```
+    """
 
     sec: int = 0
     nanosec: int = 0
 
     @property
     def secs(self) -> int:
-        """ROS 1's name of `sec`."""
+        """The seconds, under their name in ROS 1."""
         return self.sec
 
     @property
     def nsecs(self) -> int:
-        """ROS 1's name of `nanosec`."""
+        """The nanoseconds, under their name in ROS 1."""
         return self.nanosec
 
 
-def milliseconds(stamp: Any, path: str) -> int:
-    """A time as TIME: modulo 2**32 ms, digits below a millisecond dropped.
+class ClockKind(NamedTuple):
+    """The storage format of a time or duration: a format of `struct`, and functions that convert the stored integers.
 
-    (0, 0), ROS's "unset", gives 0; any other time that comes out as 0 gives 1, a millisecond late instead
-    of unset.
+    `packed` is the format. `encode` takes seconds, nanoseconds, and the path of the field for errors, and returns the
+    integers. `decode` takes the integers.
     """
-    total = _nanoseconds(stamp, path)
-    return total // _MILLISECOND % _RANGE or int(total != 0)
+
+    packed: struct.Struct
+    encode: Callable[[int, int, str], tuple[int, ...]]
+    decode: Callable[..., Time | Duration]
 
 
-def duration_milliseconds(value: Any, path: str) -> int:
-    """A duration as TIME, digits below a millisecond dropped. Raises OutOfRange below 0 or above 2**32 - 1 ms."""
-    total = _nanoseconds(value, path)
-    if not 0 <= total < _RANGE * _MILLISECOND:
-        raise OutOfRange(path, f"{total / 1e9} s; TIME goes from 0 to 4294967.295 s (use LTIME or struct)")
-    return total // _MILLISECOND
+def encode_clock(kind: str, value: Any, path: str) -> bytes:
+    """Return the bytes of a time or duration of ROS 1 or ROS 2. Raises OutOfRange if the value does not fit."""
+    clock = CLOCKS[kind]
+    return clock.packed.pack(*clock.encode(*parts(value, path), path))
 
 
-def nanoseconds(stamp: Any, path: str) -> int:
-    """A time as LTIME, exact from 1970 to 2554. Raises OutOfRange."""
-    total = _nanoseconds(stamp, path)
-    if not 0 <= total < 2**64:
-        raise OutOfRange(path, f"{total / 1e9} s; LTIME goes from 0 to 18446744073.709551615 s")
-    return total
-
-
-duration_nanoseconds = nanoseconds
-"""A duration as LTIME, which knows no sign. Raises OutOfRange."""
-
-
-def seconds_nanoseconds(stamp: Any, path: str) -> tuple[int, int]:
-    """A time or a duration as DINT seconds and UDINT nanoseconds, exact. Raises OutOfRange."""
-    seconds, nanos = _parts(stamp, path)
-    if not -(2**31) <= seconds < 2**31:
-        raise OutOfRange(path, f"{seconds} s; DINT goes from -2147483648 to 2147483647")
-    if not 0 <= nanos < 2**32:
-        raise OutOfRange(path, f"{nanos} ns; UDINT goes from 0 to 4294967295")
-    return seconds, nanos
-
-
-def time_from_milliseconds(value: int) -> Time:
-    """The instant nearest this machine's clock with that TIME: right within 24 days either way; 0 is unset."""
-    if value == 0:
-        return Time()
-    now = time.time_ns() // _MILLISECOND
-    instant = now + (value - now + _RANGE // 2) % _RANGE - _RANGE // 2
-    return Time(instant // 1000, instant % 1000 * _MILLISECOND)
-
-
-def duration_from_milliseconds(value: int) -> Duration:
-    """The duration of a TIME."""
-    return Duration(value // 1000, value % 1000 * _MILLISECOND)
-
-
-def time_from_nanoseconds(value: int) -> Time:
-    """The instant of an LTIME."""
-    return Time(*divmod(value, _SECOND))
-
-
-def duration_from_nanoseconds(value: int) -> Duration:
-    """The duration of an LTIME."""
-    return Duration(*divmod(value, _SECOND))
-
-
-time_from_seconds_nanoseconds = Time
-duration_from_seconds_nanoseconds = Duration
+def decode_clock(kind: str, data: bytes | bytearray | memoryview) -> Time | Duration:
+    """Return the time or duration that the bytes `data` contain."""
+    clock = CLOCKS[kind]
+    return clock.decode(*clock.packed.unpack(data))
 
 
 def set_clock(target: Any, clock: Time | Duration) -> Any:
-    """A foreign stamp set in place: `sec` and `nanosec` (ROS 2) or `secs` and `nsecs` (ROS 1). Our own is replaced."""
+    """Set a time object of ROS in place and return it: `sec` and `nanosec`, or `secs` and `nsecs` of ROS 1.
+
+    If the object is an immutable Time or Duration of shmgen, return `clock` instead.
+    """
     if isinstance(target, (Time, Duration)):
         return clock
     if hasattr(target, "sec"):
@@ -131,50 +100,8 @@ def set_clock(target: Any, clock: Time | Duration) -> Any:
     return target
 
 
-def clock_size(code: str) -> int:
-    """Bytes of one time or duration: 4 for `I` (TIME), 8 for `Q` (LTIME) and `iI` (struct)."""
-    return struct.calcsize("<" + code)
-
-
-def clocks(
-    values: Iterable[Any],
-    code: str,
-    encode: Callable[[Any, str], int | tuple[int, int]],
-    path: str,
-    *,
-    exactly: int | None = None,
-    at_most: int | None = None,
-) -> bytes:
-    """An array of times or durations; `code` as in clock_size().
-
-    `encode` is one of the functions above. Raises CountExceeded and what `encode` raises.
-    """
-    check_count(values, path, exactly, at_most)
-    pack = struct.Struct("<" + code).pack
-    rows = (encode(value, f"{path}[{position}]") for position, value in enumerate(values))
-    return b"".join(pack(*row) if isinstance(row, tuple) else pack(row) for row in rows)
-
-
-def from_clocks(
-    data: bytes | bytearray, code: str, decode: Callable[..., Time | Duration], like: Any = ()
-) -> list[Any]:
-    """The times in `data`, of the kind the list `like` holds; `decode` is one of the `..._from_...`."""
-    ours = [decode(*row) for row in struct.iter_unpack("<" + code, data)]
-    kind = type(like[0]) if len(like) else Time
-    if kind in (Time, Duration):
-        return ours
-    theirs = [copy(like[0]) for _ in ours]  # rosbags makes none without its values
-    for target, stamp in zip(theirs, ours, strict=True):
-        set_clock(target, stamp)
-    return theirs
-
-
-def _nanoseconds(stamp: Any, path: str) -> int:
-    seconds, nanos = _parts(stamp, path)
-    return seconds * _SECOND + nanos
-
-
-def _parts(stamp: Any, path: str) -> tuple[int, int]:
+def parts(stamp: Any, path: str) -> tuple[int, int]:
+    """Return the seconds and nanoseconds of a time or duration. Raises OutOfRange for any other object."""
     try:
         return index(stamp.sec), index(stamp.nanosec)
     except (AttributeError, TypeError):
@@ -182,5 +109,64 @@ def _parts(stamp: Any, path: str) -> tuple[int, int]:
     try:
         return index(stamp.secs), index(stamp.nsecs)
     except (AttributeError, TypeError):
-        wanted = "whole `sec` and `nanosec`, or `secs` and `nsecs`"
-        raise OutOfRange(path, f"{stamp!r:.60} is {type(stamp).__name__} without {wanted}") from None
+        expected = "whole `sec` and `nanosec`, or `secs` and `nsecs`"
+        raise OutOfRange(path, f"{stamp!r:.60} is {type(stamp).__name__} without {expected}") from None
+
+
+def _time_to_ms(seconds: int, nanos: int, path: str) -> tuple[int]:
+    """Return a TIME: whole milliseconds modulo 2**32.
+
+    (0, 0) means "unset" in ROS and gives 0. Any other time that would give 0 gives 1: a millisecond late, but set.
+    """
+    total = seconds * _SECOND + nanos
+    return (total // _MILLISECOND % _RANGE or int(total != 0),)
+
+
+def _duration_to_ms(seconds: int, nanos: int, path: str) -> tuple[int]:
+    total = seconds * _SECOND + nanos
+    if not 0 <= total < _RANGE * _MILLISECOND:
+        raise OutOfRange(path, f"{total / 1e9} s; TIME goes from 0 to 4294967.295 s (use LTIME or struct)")
+    return (total // _MILLISECOND,)
+
+
+def _to_ns(seconds: int, nanos: int, path: str) -> tuple[int]:
+    """Return a time as an LTIME: the nanoseconds since 1970 as an unsigned number, which suffices until 2554."""
+    total = seconds * _SECOND + nanos
+    if not 0 <= total < 2**64:
+        raise OutOfRange(path, f"{total / 1e9} s; LTIME goes from 0 to 18446744073.709551615 s")
+    return (total,)
+
+
+def _to_struct(seconds: int, nanos: int, path: str) -> tuple[int, int]:
+    if not -(2**31) <= seconds < 2**31:
+        raise OutOfRange(path, f"{seconds} s; DINT goes from -2147483648 to 2147483647")
+    if not 0 <= nanos < 2**32:
+        raise OutOfRange(path, f"{nanos} ns; UDINT goes from 0 to 4294967295")
+    return seconds, nanos
+
+
+def _time_from_ms(value: int) -> Time:
+    """Return the time that a TIME represents, or an unset Time for 0.
+
+    A TIME repeats every 2**32 ms (49.7 days). The result is the possible time nearest to this machine's clock. The
+    result is correct if the clocks differ by less than 24 days.
+    """
+    if value == 0:
+        return Time()
+    now = time.time_ns() // _MILLISECOND
+    instant = now + (value - now + _RANGE // 2) % _RANGE - _RANGE // 2
+    return Time(instant // 1000, instant % 1000 * _MILLISECOND)
+
+
+_UDINT, _ULINT, _PARTS = struct.Struct("<I"), struct.Struct("<Q"), struct.Struct("<iI")
+CLOCKS = {
+    "time ms": ClockKind(_UDINT, _time_to_ms, _time_from_ms),
+    "time ns": ClockKind(_ULINT, _to_ns, lambda value: Time(*divmod(value, _SECOND))),
+    "time s+ns": ClockKind(_PARTS, _to_struct, Time),
+    "duration ms": ClockKind(
+        _UDINT, _duration_to_ms, lambda value: Duration(value // 1000, value % 1000 * _MILLISECOND)
+    ),
+    "duration ns": ClockKind(_ULINT, _to_ns, lambda value: Duration(*divmod(value, _SECOND))),
+    "duration s+ns": ClockKind(_PARTS, _to_struct, Duration),
+}
+"""The storage formats of times in the table of fields of a generated class."""

@@ -1,4 +1,4 @@
-"""Claims a region for the one that writes it, or says who else does."""
+"""Claims a topic for a writer, or raises an error that describes the existing writer."""
 
 from __future__ import annotations
 
@@ -10,23 +10,26 @@ from shmgen.runtime.errors import RegionInUse
 from shmgen.runtime.reference.opening import CONFIRM, WATCH
 from shmgen.runtime.reference.region import Region
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region.looks import in_use, writer_of
+from shmgen.runtime.region.checks import region_in_use_error
+from shmgen.runtime.region.record_locks import describe_writer
 
 WATCHED = abi.CLAIM_MS / 1000
-"""Seconds within which a PLC that still runs increments its heartbeat."""
+"""Seconds within which a running PLC increments its heartbeat."""
 _CONFIRM = abi.CONFIRM_MS / 1000
-"""Seconds within which whoever claimed at the same time has put his name over ours."""
+"""Seconds to wait after this process has stored its id in `writer`. A concurrent writer overwrites the id meanwhile."""
 _STOOD_STILL = _CONFIRM / 2
-"""Seconds from a look to our name, behind which somebody else may have begun meanwhile."""
+"""Maximum seconds between the check of `writer` and the store. After a longer time another writer may be claiming."""
 
 
 def claim(topic: str, region: Region) -> Generator[int, None, tuple[int, int, bool]]:
-    """Makes this process the topic's writer. Raises RegionInUse.
+    """Make this process the writer of the topic. Raises RegionInUse if another writer is active.
 
-    Returns the number after which the samples begin, the turn, and whether a PLC may have gone on until now. A record
-    lock keeps other processes out. A PLC knows no such lock: it is watched, then this process puts its name into
-    `writer`, waits, and looks whether it still stands. A PLC that was only standing still may go on with a write of its
-    own at any time, so its lane and its next number are left to it.
+    Return three values. The first is the sample number before the first new sample. The second is the new value of the
+    header field `turn`. The third is True if a stopped writer, such as a PLC, may still write.
+    The caller's record lock excludes other processes. A PLC knows no record locks. To exclude a PLC, watch its
+    heartbeat, store this process's id in `writer`, wait, and check that the id is unchanged.
+    A stopped PLC may continue its write at any time. To keep both writers apart, use the other lane, which is the other
+    half of the region's slots, and skip the sample number that the PLC would use next.
     """
     words = region.words
     doubtful = False
@@ -40,6 +43,7 @@ def claim(topic: str, region: Region) -> Generator[int, None, tuple[int, int, bo
             looked = time.monotonic()
             doubtful = looked >= deadline
     doubtful = doubtful or bool(words[h.TURN] & 1)
+    _begin_numbers(topic, region)
     turn = _begin_turn(region) if doubtful else 0
     words[h.WRITER] = region.pid
     named = time.monotonic()
@@ -52,18 +56,29 @@ def claim(topic: str, region: Region) -> Generator[int, None, tuple[int, int, bo
     turn = words[h.TURN] + doubtful & h.LAST
     last, slots = h.later(region.newest(), words[h.LEFT]), region.header.slots
     there = words[h.COMPLETED0 + h.lane(turn)]
-    if there and (last + 1 - there) % slots == 0:  # not into the slot of what may be the newest sample
+    if there and (last + 1 - there) % slots == 0:  # do not write into the slot of the newest sample
         words[h.LEFT] = last = h.after(last, 1, slots)
     if doubtful:
         words[h.TURN] = turn
     return last, turn, doubtful
 
 
-def _begin_turn(region: Region) -> int:
-    """Leaves lane and next number to a writer before that may only stand still.
+def _begin_numbers(topic: str, region: Region) -> None:
+    """Choose the first sample number of a new request region by the clock, to repeat no number of a removed region.
 
-    Before the name, and an odd turn says that nobody has ended it: who comes next, and finds the name of a dead one,
-    must begin it too.
+    A server may still answer a request of the removed region, and the client distinguishes responses only by number.
+    Readers treat a first number of RESTART_GAP or more as a restart, and count no sample as missed.
+    """
+    if topic.endswith(("-request", "-goal")) and not region.newest() and not region.words[h.LEFT]:
+        region.words[h.LEFT] = abi.RESTART_GAP | time.monotonic_ns() // 1000 % abi.RESTART_GAP
+
+
+def _begin_turn(region: Region) -> int:
+    """Begin to take over the topic from a stopped writer: make the header field `turn` odd, and return its new value.
+
+    An odd value means that the takeover is incomplete. Skip the sample number that the stopped writer may still use.
+    Call this function before you store this process's id in `writer`. If this process then dies, the next writer finds
+    the id and begins a takeover as well.
     """
     words = region.words
     words[h.LEFT] = h.after(h.later(region.newest(), words[h.LEFT]), 1, region.header.slots)
@@ -72,4 +87,4 @@ def _begin_turn(region: Region) -> int:
 
 
 def _in_use(topic: str, region: Region) -> RegionInUse:
-    return in_use(topic, writer_of(topic, region.file, region.words[h.WRITER]))
+    return region_in_use_error(topic, describe_writer(region.file, region.words[h.WRITER]))

@@ -1,4 +1,4 @@
-"""The region's lock, which nobody waits for longer than the time limit, and which recovers."""
+"""The lock of a region. Waiting for the lock is limited, and the lock of a dead process is taken over."""
 
 from __future__ import annotations
 
@@ -9,24 +9,25 @@ from shmgen.core import abi
 from shmgen.runtime.reference.memory_order import keeps_order
 from shmgen.runtime.reference.region import Region
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region.looks import lock_byte, unlock_byte
+from shmgen.runtime.region.record_locks import lock_byte, unlock_byte
 
 LOCK_TIMEOUT = abi.LOCK_MS / 1000
-"""Seconds to wait for the lock, unless told otherwise, and longest single wait."""
+"""Seconds of the default lock timeout, and of the longest single wait."""
 _DEAD_AFTER = abi.DEAD_MS / 1000
 _STUCK_AFTER = abi.RECOVER_MS / 1000
-"""Seconds of one stay inside, after which the lock of a dead process, and of anybody else, is recovered."""
+"""Seconds until a held lock is recovered: `_DEAD_AFTER` if the holder is a dead process, otherwise `_STUCK_AFTER`."""
 _PAUSE = 1e-4
-"""Seconds between two tries: who is inside comes out within a few microseconds, if it has a processor."""
+"""Seconds between two tries. A holder that runs releases the lock within a few microseconds."""
 _SURPLUS = 64
-"""Tokens too many that one call takes away at most."""
+"""The largest number of surplus semaphore tokens that one call removes."""
 
 
 class Lock:
-    """The lock of a region, or none.
+    """The lock of a region, or a placeholder for a region without a lock.
 
-    `keeps_order`: loads and stores of this machine keep their order (x86), or there is no lock, so the slots alone
-    carry integrity and one may go on without. `misses` counts how often it was not free in time.
+    `keeps_order` is True if samples are safe without the lock: on x86, which keeps loads and stores in order, and in
+    a region without a lock. Readers then detect an overwritten sample by the number in its slot.
+    `misses` is the number of times that the lock was not free in time.
     """
 
     def __init__(self, region: Region, timeout: float) -> None:
@@ -34,19 +35,22 @@ class Lock:
         self.timeout = timeout
         self.misses = 0
         self._region = region
-        # Who is inside when we open may be stuck: its time runs beside that in which a writer makes sure of its claim.
+        # The present holder may be stuck. Its recovery time starts now and runs during the claim of a writer.
         self._seen: tuple[int, int] | None = self._stay() if region.semaphore.value == 0 else None
         self._since = time.monotonic()
         self._waited = False
 
     def acquire(self, left: float | None = None) -> bool:
-        """Waits until the time limit; True = held. `left`: seconds of a call that ends then, where the lock is needed.
+        """Wait for the lock until the timeout. Return True if this process now holds the lock.
 
-        Whoever gets in increments `lock_count` and then writes its name into `lock_holder`. While both stand where
-        they stood at the first try that failed, one stay inside lasts: waiting again would cost the limit each time
-        for nothing, until it has lasted for so long that its holder must be dead.
+        `left` is the remaining time in seconds of the caller's own timeout. On machines that need the lock (not x86),
+        `left` replaces the lock timeout. On x86, the shorter of the two applies.
+        Each holder increments `lock_count` and then stores its id in `lock_holder`. While both fields are unchanged,
+        the holder is the same. After the recovery time this holder is considered dead, and the caller takes the lock
+        over. On x86, access without the lock is safe. If an earlier call has already waited in vain for this holder,
+        the call then does not wait again.
         """
-        self.release()  # if a second exception interrupted the first's cleanup
+        self.release()  # still held if a second exception has interrupted the cleanup after a first
         if self._region.semaphore.acquire() or self._wait(left):
             words = self._region.words
             words[h.LOCK_COUNT] = words[h.LOCK_COUNT] + 1 & h.LAST
@@ -55,10 +59,11 @@ class Lock:
         return False
 
     def release(self) -> None:
-        """Gives it back, if it is held.
+        """Release the lock if this process holds it.
 
-        Where a token is there already ours goes, and of others so many that the work stays bounded: a holder taken
-        for dead has come back, two have recovered the lock, or somebody has posted.
+        The lock is a semaphore with one token, which the holder returns. If the semaphore already has a token, remove
+        at most `_SURPLUS` tokens and return one. Surplus tokens exist if a holder considered dead has continued, if two
+        processes have recovered the lock, or if an unrelated program has posted the semaphore.
         """
         semaphore = self._region.semaphore
         if not semaphore.held:
@@ -71,12 +76,12 @@ class Lock:
             semaphore.post()
             semaphore.held.clear()
         elif semaphore.value > 1 and semaphore.acquire():
-            semaphore.post()  # we stood still in front of the post, and were taken for dead: it was one too many
+            semaphore.post()  # our post was surplus: we were stopped before it and considered dead
             semaphore.held.clear()
 
     def _wait(self, left: float | None) -> bool:
         if not self._region.semaphore.is_there:
-            return False  # which is no miss
+            return False  # a region without a lock counts no misses
         limit = self.timeout if left is None else max(0.0, min(left, self.timeout) if self.keeps_order else left)
         end = time.monotonic() + limit
         while True:
@@ -95,7 +100,10 @@ class Lock:
                 return False
 
     def _stay(self) -> tuple[int, int]:
-        """Which stay inside this is. The count comes first, so the same pair with a holder is the same stay."""
+        """Return `lock_holder` and `lock_count`, which identify one acquisition of the lock.
+
+        A holder increments the count before it stores its id. Therefore an equal pair means the same acquisition.
+        """
         return self._region.words[h.LOCK_HOLDER], self._region.words[h.LOCK_COUNT]
 
     def _try_for(self, seconds: float) -> bool:
@@ -111,21 +119,22 @@ class Lock:
         return stood >= _STUCK_AFTER or (stood >= _DEAD_AFTER and _is_dead(stay[0]))
 
     def _recover(self, stay: tuple[int, int]) -> bool:
-        """Takes the dead holder's place, which the caller's release then ends; True = acquired.
+        """Take over the lock from a dead holder. Return True if this process now holds the lock.
 
-        One process at a time, and each looks once more: had the one before only released, somebody who is in but has
-        not incremented yet would be taken for dead in turn.
+        `stay` is the result of _stay() for the dead holder. A record lock lets one process at a time take over. First
+        wait for the semaphore once more, because the lock may be free by now. Do not free the lock before the takeover:
+        a third process could acquire it, and would look like the dead holder until it has incremented `lock_count`.
         """
         file = self._region.file
         try:
             try:
-                taken = lock_byte(file, abi.REPAIR_LOCK) and self._take_place(stay)
+                is_recovered = lock_byte(file, abi.REPAIR_LOCK) and self._take_place(stay)
             finally:
                 unlock_byte(file, abi.REPAIR_LOCK)
         except BaseException:
-            unlock_byte(file, abi.REPAIR_LOCK)  # where a signal handler's came upon the first
+            unlock_byte(file, abi.REPAIR_LOCK)  # again, because a signal handler may have interrupted the first unlock
             raise
-        return taken
+        return is_recovered
 
     def _take_place(self, stay: tuple[int, int]) -> bool:
         region, words = self._region, self._region.words
@@ -141,7 +150,10 @@ class Lock:
 
 
 def _is_dead(pid: int) -> bool:
-    """Whether `pid`, a word of the region, is that of no process. A PLC and nobody have none."""
+    """Return True if `pid`, read from the region, is the id of a process that no longer exists.
+
+    Return False for the id of a PLC and for 0, because neither is the id of a process.
+    """
     if not 0 < pid < 1 << 31:
         return False
     try:

@@ -1,4 +1,8 @@
-"""What keeps loads and stores in their order on this machine: nothing, a full barrier, or the lock alone."""
+"""Memory barriers, which keep loads and stores of shared memory in order.
+
+x86 needs a barrier only for large copies. Other machines need a full barrier for each access, or the lock if Linux does
+not allow the system call membarrier(2).
+"""
 
 from __future__ import annotations
 
@@ -10,9 +14,9 @@ from collections.abc import Callable
 from typing import Any, cast
 
 _KEEP = ("x86_64", "AMD64", "i386", "i486", "i586", "i686")
-"""Machines on which a later load alone passes an earlier store."""
+"""Machines on which the only reordering is that a later load passes an earlier store."""
 _EXPEDITED = 2
-"""MEMBARRIER_CMD_GLOBAL_EXPEDITED of linux/membarrier.h (4.16): a full barrier for who calls, first and last."""
+"""MEMBARRIER_CMD_GLOBAL_EXPEDITED (linux/membarrier.h, Linux 4.16): a full barrier at entry and exit."""
 _NUMBERS = {
     ("aarch64", True): 283,
     ("riscv64", True): 283,
@@ -20,21 +24,27 @@ _NUMBERS = {
     ("armv8l", False): 389,
     ("armv7l", False): 389,
 }
-"""That of membarrier(2), by what os.uname() says and whether this process has 64 bits (asm/unistd.h)."""
+"""The system call number of membarrier(2) (asm/unistd.h), by machine and by whether the process has 64 bits."""
 
 
 def keeps_order() -> bool:
-    """Whether loads and stores of this machine keep their order, so that the slots alone carry integrity."""
+    """Return True if this machine keeps loads and stores in order (x86).
+
+    Readers then need no lock: the number in a slot shows whether the sample was overwritten.
+    """
     return os.uname().machine in _KEEP
 
 
 def has_barrier() -> bool:
-    """Whether fence() is a full barrier here: on x86 always, elsewhere where Linux allows it."""
+    """Return True if fence() is a full barrier here: always on x86, elsewhere if Linux allows membarrier(2)."""
     return keeps_order() or _membarrier() is not None
 
 
 def ordered(words: memoryview) -> memoryview:
-    """The same words; where the machine keeps no order, each look at one and each store stands between two barriers."""
+    """Return an object by which the header fields `words` are loaded and stored in order.
+
+    On x86 the object is `words` itself. On other machines the object adds a barrier before and after each access.
+    """
     return words if keeps_order() else cast(memoryview, _Ordered(words))
 
 
@@ -58,12 +68,15 @@ class _Ordered:
 
 
 def _locked() -> None:
-    """On x86 taking any mutex is a locked instruction, which is a full barrier; one of its own is free."""
+    """Provide a full memory barrier on x86, where acquiring a mutex executes a locked instruction.
+
+    Each call creates a new mutex, which is always free.
+    """
     threading.Lock().acquire()
 
 
 def _membarrier() -> Callable[[], Any] | None:
-    """The system call, None where there is none or it is not allowed."""
+    """Return a function that calls membarrier(2), or None if the system call is missing or not allowed."""
     number = _NUMBERS.get((os.uname().machine, sys.maxsize > 2**32))
     if number is None:
         return None
@@ -73,4 +86,4 @@ def _membarrier() -> Callable[[], Any] | None:
 
 
 fence: Callable[[], Any] = _locked if keeps_order() else _membarrier() or _locked
-"""Keeps loads and stores on their side of it, where has_barrier()."""
+"""A full barrier, if has_barrier(): no load or store moves from one side of the call to the other."""

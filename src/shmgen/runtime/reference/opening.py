@@ -1,10 +1,11 @@
-"""Opens the region of a topic, created or found in either order, in steps that do not wait (docs/protocol.md).
+"""Opens or creates the region of a topic, in steps that do not wait (docs/protocol.md, "Create and remove").
 
-Each generator yields a number where it has to wait for a peer, and goes on at its next step.
+Each generator yields a reason to wait (ADMIT to CONFIRM) if it has to wait for a peer. Its next step checks again.
 """
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import io
 import mmap
@@ -19,24 +20,26 @@ from shmgen.core import abi
 from shmgen.runtime.errors import PermissionDenied, RegionUnusable
 from shmgen.runtime.reference.memory_order import fence, has_barrier, keeps_order
 from shmgen.runtime.reference.region import Region, Semaphore
+from shmgen.runtime.region import checks
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region import looks
-from shmgen.runtime.region.access import PATIENCE, Access, access_for, denied, opened
+from shmgen.runtime.region.access import PEER_TIMEOUT, Access, access_for, denied, opened
 from shmgen.runtime.region.names import event_name, region_file, region_name, semaphore_file
-from shmgen.runtime.region.resource import kept_from_children
+from shmgen.runtime.region.record_locks import READER_LOCK, WRITER_LOCK, describe_writer, lock_byte, unlock_byte
+from shmgen.runtime.region.resource import close_after_fork
 from shmgen.runtime.region.settings import Settings
 
 OTHER_MAKER = 2e-3
-"""Seconds after which another maker of the same header has written his."""
+"""Seconds after which another program that creates the same region has finished its header."""
 _ATTEMPTS = 10
 ADMIT, HEADER, SETTLE, WATCH, CONFIRM = range(1, 6)
-"""What is waited for."""
+"""The reasons to wait: for a process (ADMIT, HEADER), a concurrent PLC (SETTLE, CONFIRM), or a heartbeat (WATCH)."""
 
 
 def open_region(of: Settings, writes: bool = False) -> Generator[int, None, Region]:
-    """Opens the topic's region and its lock, or creates what is missing.
+    """Open the region and lock of a topic, or create the missing files. Return the open region.
 
-    Raises LayoutMismatch, PermissionDenied, RegionUnusable; RegionMissing if passive, RegionInUse to a writer.
+    Raises LayoutMismatch, PermissionDenied and RegionUnusable. Raises RegionMissing if `of.passive` is set and the
+    region does not exist. Raises RegionInUse if `writes` is set and another writer has the region open.
     """
     name = region_name(of.topic)
     if of.sequence and not has_barrier():
@@ -46,117 +49,128 @@ def open_region(of: Settings, writes: bool = False) -> Generator[int, None, Regi
             'here; between programs of one bitness sync = "lock" works as well'
         )
     if not of.sequence:
-        looks.need_glibc(of.topic)
+        checks.need_glibc(of.topic)
     passive = of.passive and (keeps_order() or of.sequence)
     if of.passive and not passive:
-        looks.opened_to_read(name).close()
+        checks.opened_to_read(name).close()
     for _ in range(_ATTEMPTS):
         with ExitStack() as so_far:
-            file = so_far.enter_context(looks.opened_to_read(name) if passive else (yield from _open_file(of, name)))
+            file = so_far.enter_context(checks.opened_to_read(name) if passive else (yield from _open_file(of, name)))
             if not passive and (yield from _replaced(of, file, writes)):
                 continue
-            looks.check_header(of.topic, of.header, file)
-            # From here on nobody of another layout replaces it.
-            if writes and not looks.lock_byte(file.fileno(), looks.WRITER_LOCK):
-                raise looks.in_use(of.topic, looks.writer_of(of.topic, file.fileno(), looks.peek(file.fileno()).writer))
-            while not (passive or writes or looks.lock_byte(file.fileno(), looks.READER_LOCK, fcntl.F_RDLCK)):
+            checks.check_header(of.topic, of.header, file)
+            # The record locks below prevent other processes from replacing the region by one of another layout.
+            if writes and not lock_byte(file.fileno(), WRITER_LOCK):
+                raise checks.region_in_use_error(
+                    of.topic, describe_writer(file.fileno(), checks.read_header_of(file.fileno()).writer)
+                )
+            while not (passive or writes or lock_byte(file.fileno(), READER_LOCK, fcntl.F_RDLCK)):
                 yield ADMIT
             with _system_errors(of, region_file(name)):
                 protection = mmap.PROT_READ if passive else mmap.PROT_READ | mmap.PROT_WRITE
-                # A map keeps a descriptor of its file, also in a child that is forked while a buffer of it is in use:
-                # one of its own, without the record locks.
+                # A map keeps a descriptor of its file open, also in a forked child while a buffer of the map is in use.
+                # Therefore the map gets its own descriptor, without the record locks.
                 with open(f"/proc/self/fd/{file.fileno()}", "rb" if passive else "r+b", buffering=0) as own:
-                    map = kept_from_children(mmap.mmap(own.fileno(), of.header.size, prot=protection))
+                    map = close_after_fork(mmap.mmap(own.fileno(), of.header.size, prot=protection))
             so_far.enter_context(map)
             if not passive:
                 yield from _complete_header(file.fileno(), map, of.header)
-                looks.check_header(of.topic, of.header, file)
-                if looks.peek(file.fileno()).retired:  # by one who has held those record locks before
+                checks.check_header(of.topic, of.header, file)
+                if checks.read_header_of(file.fileno()).retired:  # by a process that held these record locks before
                     continue
             semaphore = Semaphore("") if passive else (yield from open_semaphore(of, name, 1))
-            if passive or looks.leads_to(region_file(name), file.fileno()):
+            if passive or checks.leads_to(region_file(name), file.fileno()):
                 so_far.pop_all()
                 region = Region(file, map, of.header, semaphore)
                 if keeps_order() and not passive:
                     region.words[h.ORDERED] = 1
                 return region
-    raise looks.restless(region_file(name))
+    raise checks.file_vanishes_error(region_file(name))
 
 
 def open_event(of: Settings) -> Generator[int, None, Semaphore]:
-    """Opens the semaphore that wakes a waiting reader, or makes it. Raises PermissionDenied, RegionUnusable."""
+    """Open or create the semaphore that wakes a waiting reader. Raises PermissionDenied and RegionUnusable."""
     return (yield from open_semaphore(of, event_name(region_name(of.topic)), 0))
 
 
 def look_at(of: Settings) -> Generator[int, None, None]:
-    """Opens all of a topic's files and closes them again. Raises as the two above."""
+    """Open all files of a topic and close them again, so that a file that cannot be opened raises a typed error.
+
+    Raises the errors of open_region() and open_event().
+    """
     (yield from open_region(of)).close()
     if not of.passive:
         (yield from open_event(of)).close()
 
 
 def open_semaphore(of: Settings, name: str, value: int) -> Generator[int, None, Semaphore]:
-    """The same for any, made with that value."""
+    """Open the semaphore `name`, or create it with the given value.
+
+    Return a placeholder if the region has no lock. Raises PermissionDenied and RegionUnusable.
+    """
     if of.sequence:
         return Semaphore("")
     path = semaphore_file(name)
 
     def make(access: Access) -> None:
-        posix_ipc.Semaphore("/" + name, posix_ipc.O_CREX, access.made_mode, value).close()
-        with suppress(FileNotFoundError), opened(path, os.O_RDWR) as made:
-            access.give(made.fileno(), path)
+        posix_ipc.Semaphore("/" + name, posix_ipc.O_CREX, access.creation_mode, value).close()
+        with suppress(FileNotFoundError), opened(path, os.O_RDWR) as file:
+            access.apply(file.fileno(), path)
 
     for _ in range(_ATTEMPTS):
-        with (yield from _found_or_made(of, path, make)) as file:
-            looks.check_semaphore(file.fileno(), path)
+        with (yield from _open_or_create(of, path, make)) as file:
+            checks.check_semaphore(file.fileno(), path)
             with suppress(posix_ipc.ExistentialError), _system_errors(of, path):
-                found = Semaphore("/" + name)
-                if looks.leads_to(path, file.fileno()):  # by its name, which may have gone to another file since
-                    return found
-                found.close()
-    raise looks.restless(path)
+                semaphore = Semaphore("/" + name)
+                if checks.leads_to(path, file.fileno()):  # sem_open used the name, which may now refer to another file
+                    return semaphore
+                semaphore.close()
+    raise checks.file_vanishes_error(path)
 
 
 def _open_file(of: Settings, name: str) -> Generator[int, None, io.FileIO]:
-    """The file of the region, that nobody can write without leave, and of a size."""
+    """Open or create the region's file `name`, and wait until its permissions are acceptable and its size is not 0."""
     path = region_file(name)
 
     def make(access: Access) -> None:
         how = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
-        with kept_from_children(io.FileIO(os.open(path, how, access.made_mode), "r+b")) as made:
+        with close_after_fork(io.FileIO(os.open(path, how, access.creation_mode), "r+b")) as new:
             try:
-                access.give(made.fileno(), path)
-                _allocate(made, of.header.size)
+                access.apply(new.fileno(), path)
+                _allocate(new, path, of.header.size)
             except BaseException:
-                # Whoever has opened it meanwhile sees at the end that the name leads elsewhere.
-                if looks.leads_to(path, made.fileno()):
+                # A process that has opened the file meanwhile notices the removal by its last check of the name.
+                if checks.leads_to(path, new.fileno()):
                     os.unlink(path)
                 raise
 
     with ExitStack() as so_far:
-        file = so_far.enter_context((yield from _found_or_made(of, path, make)))
-        # Between shm_open and ftruncate of its maker an object has no bytes; who died there is stood in for.
-        deadline = time.monotonic() + PATIENCE
+        file = so_far.enter_context((yield from _open_or_create(of, path, make)))
+        # Between shm_open and ftruncate the file has 0 bytes. If its creator has died there, allocate the bytes here.
+        deadline = time.monotonic() + PEER_TIMEOUT
         while os.fstat(file.fileno()).st_size == 0:
             if time.monotonic() > deadline:
                 with _system_errors(of, path):
-                    _allocate(file, of.header.size)
+                    _allocate(file, path, of.header.size)
             else:
                 yield ADMIT
         so_far.pop_all()
         return file
 
 
-def _found_or_made(of: Settings, path: str, make: Callable[[Access], None]) -> Generator[int, None, io.FileIO]:
-    """The open file of that path, once its maker has given it a group with which nobody can write it without leave."""
+def _open_or_create(of: Settings, path: str, make: Callable[[Access], None]) -> Generator[int, None, io.FileIO]:
+    """Open the file `path`, or create it with `make`. Return the open file when its permissions are acceptable.
+
+    Raises PermissionDenied if other users can still write the file after PEER_TIMEOUT seconds.
+    """
     access = access_for(of.options)
     for _ in range(_ATTEMPTS):
         with ExitStack() as so_far, _system_errors(of, path):
-            # Without O_CREAT: `fs.protected_regular` refuses that for another user's file, even to root.
+            # Open without O_CREAT: with `fs.protected_regular`, O_CREAT fails for files of other users, even for root.
             with suppress(FileNotFoundError):
                 file = so_far.enter_context(opened(path, os.O_RDWR))
-                access.mend(file.fileno(), path)
-                deadline = time.monotonic() + PATIENCE
+                access.correct(file.fileno(), path)
+                deadline = time.monotonic() + PEER_TIMEOUT
                 while objection := access.objection(os.fstat(file.fileno()), path):
                     if time.monotonic() > deadline:
                         who, leave = objection
@@ -166,61 +180,72 @@ def _found_or_made(of: Settings, path: str, make: Callable[[Access], None]) -> G
                 return file
             with suppress(FileExistsError, posix_ipc.ExistentialError):
                 make(access)
-    raise looks.restless(path)
+    raise checks.file_vanishes_error(path)
 
 
 @contextmanager
 def _system_errors(of: Settings, path: str) -> Iterator[None]:
-    """Makes typed errors of what the system says."""
+    """Convert errors of the operating system into typed errors inside the `with` block."""
     try:
         yield
     except (PermissionError, posix_ipc.PermissionsError):
         raise denied(path) from None
     except OSError as error:
-        if error.errno is None:  # posix_ipc has put it into words
+        if error.errno is None:  # the message of posix_ipc already describes the error
             raise RegionUnusable(f"{path}: {error}; see `ulimit -a`") from None
-        looks.refused_by_system(path, error.errno, of.header.size)
+        checks.raise_system_error(path, error.errno, of.header.size)
 
 
-def _allocate(file: io.FileIO, size: int) -> None:
-    """As ftruncate, and takes the memory now: a full /dev/shm is an error here, not SIGBUS at the first store."""
-    os.posix_fallocate(file.fileno(), 0, size)
+def _allocate(file: io.FileIO, path: str, size: int) -> None:
+    """Set a file's size and reserve its memory. A full /dev/shm then fails here, not by SIGBUS at the first store."""
+    try:
+        os.posix_fallocate(file.fileno(), 0, size)
+    except OSError as error:
+        if error.errno not in (errno.EPERM, errno.ENOSYS, errno.EOPNOTSUPP):
+            raise
+        raise RegionUnusable(
+            f"{path}: the system call fallocate is refused here ({error.strerror}); allow it in the sandbox or the "
+            "seccomp profile of this process"
+        ) from None
 
 
 def _replaced(of: Settings, file: io.FileIO, writes: bool) -> Generator[int, None, bool]:
-    """Takes the name away from a region of another layout; False: it has ours, or is in use.
+    """Remove a region that has another layout and that is not in use. Return True if the region was removed.
 
-    That is: somebody living writes it, or, where this is a reader, has it open. A PLC that reads it takes no record
-    lock: it sees `retired`, and opens anew.
+    A region is in use if a running writer has it open. If `writes` is False, a region that readers have open is in use
+    as well. A PLC that only reads holds no record lock. The PLC finds `retired` in the header and reopens the region.
     """
     fd, end = file.fileno(), time.monotonic() + abi.CLAIM_MS / 1000
-    if not looks.is_outdated(of.header, file):
+    if not checks.is_outdated(of.header, file):
         return False
-    header = looks.peek(fd)
+    header = checks.read_header_of(fd)
     if not header.retired:
-        if not looks.lock_byte(fd, looks.WRITER_LOCK) or not (writes or looks.lock_byte(fd, looks.READER_LOCK)):
+        if not lock_byte(fd, WRITER_LOCK) or not (writes or lock_byte(fd, READER_LOCK)):
             return False
         before = header.heartbeat
         while header.writer == h.PLC and time.monotonic() < end:
             yield WATCH
-            header = looks.peek(fd)
+            header = checks.read_header_of(fd)
             if header.heartbeat != before:
                 return False
-    while not looks.retire(region_file(region_name(of.topic)), fd):
+    while not checks.retire(region_file(region_name(of.topic)), fd):
         yield ADMIT
+    if header.newest and not header.retired:
+        checks.log_replaced(of.topic, of.word, is_depth=header.digest == of.header.digest)
     return True
 
 
 def _complete_header(fd: int, map: mmap.mmap, ours: h.Header) -> Generator[int, None, None]:
-    """Whoever finds no magic writes the header, magic last; the record lock lets one process do it at a time.
+    """Write the header of a new region, in which the magic number is still 0. Write the magic number last.
 
-    A PLC may do it at the same time, of another layout: whoever has written looks again before anything is used.
+    A record lock lets one process at a time do so. A PLC may write a header of another layout at the same time.
+    Therefore the caller checks the header again.
     """
-    deadline = time.monotonic() + PATIENCE
+    deadline = time.monotonic() + PEER_TIMEOUT
     try:
-        while not looks.lock_byte(fd, abi.REPAIR_LOCK) and time.monotonic() < deadline:
+        while not lock_byte(fd, abi.REPAIR_LOCK) and time.monotonic() < deadline:
             yield HEADER
-        if looks.peek(fd).magic == 0:
+        if checks.read_header_of(fd).magic == 0:
             data = h.pack(ours)
             magic, *others = h.MADE
             for place in others:
@@ -232,4 +257,4 @@ def _complete_header(fd: int, map: mmap.mmap, ours: h.Header) -> Generator[int, 
             while time.monotonic() < settled:
                 yield SETTLE
     finally:
-        looks.unlock_byte(fd, abi.REPAIR_LOCK)
+        unlock_byte(fd, abi.REPAIR_LOCK)

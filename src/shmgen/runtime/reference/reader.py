@@ -1,14 +1,16 @@
-"""Reads the samples of a region (docs/protocol.md, "Reading")."""
+"""Reads the samples of a region (docs/protocol.md, "Read")."""
 
 from __future__ import annotations
 
 import ctypes
 import time
 from collections.abc import Generator
+from contextlib import suppress
 from typing import Any
 
 from shmgen.core import abi
-from shmgen.runtime.reference.end import End
+from shmgen.runtime.messages.steps import has_table
+from shmgen.runtime.reference.end import End, NotOpenYet
 from shmgen.runtime.reference.lock import LOCK_TIMEOUT, Lock
 from shmgen.runtime.reference.memory_order import fence
 from shmgen.runtime.reference.opening import open_region
@@ -16,16 +18,23 @@ from shmgen.runtime.refusals import borrowed_already
 from shmgen.runtime.region import header as h
 
 _TRIES = 8
-"""How often a sample overwritten while it was copied is given up for a newer one in one call."""
+"""The number of attempts of one call to copy a sample that the writer does not overwrite during the copy."""
 _POLL = abi.POLL_MS / 1000
-"""Seconds between two looks of a reader that waits: Python has no wait for a semaphore by a clock that nobody sets."""
+"""Seconds between two checks of a waiting reader.
+
+Python cannot wait for a semaphore with a timeout on the monotonic clock.
+"""
 
 
 class Reader(End):
-    """A reader of a topic. `last` is the number of the sample that counts as read, `sequence` of one really read."""
+    """The reader of a topic: copies samples out of the topic's region.
+
+    `last` is the number of the newest sample that counts as read, even if the reader skipped it. `sequence` and `stamp`
+    belong to the newest sample that a call returned.
+    """
 
     beat = 0
-    """The heartbeat as it was at the opening."""
+    """The heartbeat at the time of opening."""
     last = 0
     sequence = 0
     stamp = 0
@@ -36,86 +45,110 @@ class Reader(End):
         self.region = region = yield from open_region(of)
         self.lock = Lock(region, LOCK_TIMEOUT if of.lock_ns < 0 else of.lock_ns / 1e9)
         self.beat = region.words[h.HEARTBEAT]
-        self.last = 0 if of.history else max(0, region.newest() - 1)
-        self.gone = None
+        self.last = 0 if of.history or self.lost else max(0, region.newest() - 1)
+        self.closed_error = None
 
     def read(self, left: int | None = None) -> Any:
-        """The newest message, None without an unread one that can be had. `left`: ns of a call that ends then."""
-        data = self._one_call(self._find, False, None if left is None else left / 1e9)
+        """Return the newest message, or None if no unread message can be read.
+
+        `left` is the remaining time in ns of the caller's timeout.
+        """
+        data = self._read_unread(False, None if left is None else left / 1e9)
         return None if data is None else self.of.kind.from_buffer(data)
 
     def next(self) -> Any:
-        """The oldest unread one that is still there."""
-        data = self._one_call(self._find, True, None)
+        """Return the oldest unread message that is not overwritten yet, or None."""
+        data = self._read_unread(True, None)
         return None if data is None else self.of.kind.from_buffer(data)
 
     def read_into(self, message: Any) -> bool:
-        """As read(), but fills `message`; True = there was one."""
-        data = self._one_call(self._find, False, None)
+        """Read the newest sample into `message`. Return False if no unread sample can be read."""
+        data = self._read_unread(False, None)
         if data is None:
             return False
         if type(message) is self.of.kind:
             ctypes.memmove(ctypes.addressof(message), bytes(data), len(data))
         else:
+            if not has_table(self.of.kind):
+                raise TypeError(f"{self.of.kind!r} has no table of fields: read into an object of it")
             self.of.kind._decode(data, 0, message)
         return True
 
     def borrow(self) -> int | None:
-        """Where the newest message lies in the region, to read it there; None without an unread one that can be had.
+        """Return the offset in bytes of the newest message in the region, or None if no unread message can be read.
 
-        Where the lock is needed it is held until give_back().
+        On machines that need the lock (not x86), hold the lock until give_back().
         """
-        return self._one_call(self._borrow)
+        with suppress(NotOpenYet):
+            return self._call_alone(self._borrow)
+        return None
 
     def give_back(self) -> bool:
-        """Whether what was borrowed stayed whole, and so counts as read."""
-        return self._one_call(self._give_back)
+        """Release the borrowed sample. Return True if the sample was not overwritten and therefore counts as read."""
+        return self._call_alone(self._give_back)
 
     def ready(self, ns: int) -> bool:
-        """Whether there is an unread sample, as soon as there is one or after that time."""
+        """Return True as soon as there is an unread sample, or False after `ns` nanoseconds."""
         deadline = time.monotonic() + ns / 1e9
-        while self.newest() in (0, self.last):
+        while not self._inspect(self._has_unread, False):
             left = deadline - time.monotonic()
-            if left > 0:
-                self.is_removed()
-            self._need_region()
             if left <= 0:
                 return False
             time.sleep(min(left, _POLL))
         return True
 
     def skip(self) -> None:
-        """What is there counts as read."""
+        """Mark all existing samples as read, without reading them."""
         self.last = self.newest()
 
     def newest(self) -> int:
-        """Number of the newest sample, 0 = none yet."""
-        self.load(0)
+        """Return the number of the newest sample, or 0 before the first."""
+        return self._inspect(self._newest, 0)
+
+    def _newest(self) -> int:
+        self._has_unread()
         return self.region.newest()
+
+    def _has_unread(self) -> bool:
+        if self.region.newest() in (0, self.last):
+            self._need_region()
+            return False
+        return True
+
+    def _read_unread(self, oldest: bool, left: float | None) -> bytearray | None:
+        try:
+            return self._call_alone(self._find, oldest, left)
+        except NotOpenYet:
+            return None
 
     def _unread(self) -> int:
         newest = self.region.newest()
         if newest in (0, self.last):
             return 0
         unread = h.steps(self.last, newest, self.region.header.slots)
-        if unread >= abi.RESTART_GAP:  # the region was begun anew and counts from 1 again
+        if unread >= abi.RESTART_GAP:  # the region was recreated: its numbers start again
             self.last, unread = newest - 1, 1
         return unread
 
     def _find(self, oldest: bool, left: float | None) -> bytearray | None:
-        for _ in range(_TRIES):
+        for attempt in range(_TRIES):
             unread, slots, start = self._unread(), self.region.header.slots, self.last
             if not unread:
                 self._need_region()
                 break
-            for step in range(max(1, unread - slots - abi.LEFT_OUT) if oldest else unread, unread + 1):
+            # The writer overwrites the oldest samples first, so each attempt begins closer to the newest sample.
+            older = min(unread - 1, slots + abi.LEFT_OUT) >> 2 * attempt if oldest else 0
+            for step in range(unread - older, unread + 1):
                 data = self._copy(h.after(start, step, slots), left)
                 if data is not None:
                     return data or None
         return None
 
     def _copy(self, number: int, left: float | None) -> bytearray | None:
-        """The payload of sample `number`; None if it was overwritten, empty where the lock is needed and not free."""
+        """Return the payload of sample `number`, or None if the sample was overwritten.
+
+        Return an empty payload if this machine needs the lock and the lock is not free in time.
+        """
         region = self.region
         try:
             if not self.lock.acquire(left) and not self.lock.keeps_order:
@@ -125,18 +158,23 @@ class Reader(End):
             stamp = region.quads[slot // 8 + h.STAMP]
             data = bytearray(region.map[region.payload(slot)])
             fence()
-            # Again after the copy: a writer clears the number of what it is about to overwrite.
+            # Check the number again after the copy: a writer clears the number before it overwrites a slot.
             if not region.is_whole(number, slot):
                 return None
         finally:
             self.lock.release()
-        self._count(number, stamp)
+        self._count(number)
+        self.sequence, self.stamp = number, stamp
+        self._check()  # the writer may be a PLC, which does not check for a removed region
         return data
 
     def _borrow(self) -> int | None:
         if self.borrowed:
             raise borrowed_already(self.of)
-        if not self._unread() or not (self.lock.keeps_order or self.lock.acquire()):
+        if not self._unread():
+            self._need_region()
+            return None
+        if not (self.lock.keeps_order or self.lock.acquire()):
             return None
         number = self.region.newest()
         slot = self.region.find(number)
@@ -144,6 +182,7 @@ class Reader(End):
             self.lock.release()
             return None
         self.borrowed = number
+        self._count(number)  # no other call may deliver the same sample again
         return int(self.region.payload(slot).start)
 
     def _give_back(self) -> bool:
@@ -152,17 +191,23 @@ class Reader(End):
         slot = self.region.find(number)
         stamp = self.region.quads[slot // 8 + h.STAMP]
         whole = bool(slot) and self.region.is_whole(number, slot)
-        if whole:
-            self._count(number, stamp)
+        if not whole:
+            self._miss(1)
+        elif self.last == number:  # if not equal, a newer sample was read meanwhile
+            self.sequence, self.stamp = number, stamp
+        self._check()
         return whole
 
-    def _count(self, number: int, stamp: int) -> None:
-        words = self.region.words
+    def _count(self, number: int) -> None:
         skipped = h.steps(self.last, number, self.region.header.slots) - 1
         if 0 < skipped < abi.RESTART_GAP:
-            self.missed += skipped
-            if not self.of.passive:
-                # Outside of the lock: of two readers that add at once one may be lost, which a figure survives.
-                words[h.MISSED] = words[h.MISSED] + skipped & h.LAST
-        self.last = self.sequence = number
-        self.stamp = stamp
+            self._miss(skipped)
+        self.last = number
+
+    def _miss(self, samples: int) -> None:
+        """Count samples that were overwritten before they were read."""
+        words = self.region.words
+        self.missed += samples
+        if not self.of.passive:
+            # Added without the lock: of two concurrent additions one may be lost. The field is informative only.
+            words[h.MISSED] = words[h.MISSED] + samples & h.LAST

@@ -1,4 +1,4 @@
-"""A region that is open: its map, the words in it, and its semaphore."""
+"""An open region: its memory map, its header fields and its semaphore."""
 
 from __future__ import annotations
 
@@ -14,20 +14,21 @@ import posix_ipc
 from shmgen.core import abi
 from shmgen.runtime.reference.memory_order import ordered
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region.looks import READER_LOCK, WRITER_LOCK, unlock_byte
+from shmgen.runtime.region.record_locks import READER_LOCK, WRITER_LOCK, unlock_byte
 
 _call = BuiltinMethodType.__call__
 
 
 class Semaphore:
-    """One that is there; without a name none, which is never taken and never posted.
+    """A POSIX semaphore. With an empty name, a placeholder that is never acquired and never posted.
 
-    `held` has an entry for each token that was taken and not given back. A signal handler may raise between any two
-    calls. So a token is taken and noted, and given back and struck out, by one call of what is written in C.
+    `held` has one entry for each token that this process acquired and has not posted. A signal handler may raise
+    between any two calls. Therefore one call into C acquires a token and adds its entry, and one call posts and clears
+    the entries.
     """
 
     def __init__(self, name: str) -> None:
-        """Raises posix_ipc.ExistentialError and PermissionsError."""
+        """Open the semaphore `name`. Raises posix_ipc.ExistentialError and posix_ipc.PermissionsError."""
         self.is_there = bool(name)
         self._inner: Any = posix_ipc.Semaphore(name) if name else None
         self.held: list[None] = []
@@ -37,7 +38,7 @@ class Semaphore:
         return int(self._inner.value) if self.is_there else 1
 
     def acquire(self) -> bool:
-        """Tries; True = taken."""
+        """Acquire a token without waiting. Return False if no token is free."""
         if not self.is_there:
             return False
         try:
@@ -47,9 +48,9 @@ class Semaphore:
         return True
 
     def post(self) -> bool:
-        """Posts unless there is a token already: two would let two in, or end a later wait early.
+        """Release a token and clear `held`. If the semaphore already has a token, do nothing and return False.
 
-        True = posted, and nothing is held any more.
+        Two tokens would admit two holders at once, or end a later wait early.
         """
         if self.value > 0:
             return False
@@ -57,15 +58,16 @@ class Semaphore:
         return True
 
     def close(self) -> None:
-        with suppress(posix_ipc.ExistentialError):  # closed already, in the middle of a close that was forked
+        with suppress(posix_ipc.ExistentialError):  # already closed, if the process was forked during a close
             if self.is_there:
                 self._inner.close()
 
 
 class Region:
-    """One topic's shared memory: `map` for copies, `words` and `quads` for single loads and stores of 4 and 8 bytes.
+    """The open region of one topic: its file, memory map, header and semaphore.
 
-    `pid` is that of the process that opened it.
+    `map` is for copies of many bytes. `words` and `quads` are for single loads and stores of 4 and 8 bytes. `pid` is
+    the id of the process that opened the region.
     """
 
     def __init__(self, file: io.FileIO, map: mmap.mmap, header: h.Header, semaphore: Semaphore) -> None:
@@ -79,35 +81,42 @@ class Region:
 
     @property
     def file(self) -> int:
-        """Its descriptor."""
+        """The file descriptor of the region."""
         return self._file.fileno()
 
     def newest(self) -> int:
-        """Number of the newest sample, 0 = none yet."""
+        """Return the number of the newest sample, or 0 before the first."""
         return h.later(self.words[h.COMPLETED0], self.words[h.COMPLETED1])
 
     def slot(self, number: int, lane: int) -> int:
-        """Where the slot of sample `number` begins in that lane."""
+        """Return the offset in bytes of the slot of sample `number` in a lane, one of the two halves of the slots."""
         slots = self.header.slots
         return h.HEADER_SIZE + (number % slots + lane * slots) * self.header.slot_size
 
     def is_whole(self, number: int, slot: int) -> bool:
-        """Whether sample `number` lies whole in that slot: the number is 0 while a writer is at it."""
+        """Return True if the slot at offset `slot` contains the complete sample `number`.
+
+        While a writer changes a slot, the number in the slot is 0.
+        """
         return self.words[slot // 4 + 2 * h.NUMBER] == number
 
     def find(self, number: int) -> int:
-        """The slot in which sample `number` lies whole, 0 = in none. No number is in both lanes."""
+        """Return the offset in bytes of the slot with the complete sample `number`, or 0 if no slot has this sample.
+
+        Search both lanes, the two halves of the region's slots. At most one of them has the sample.
+        """
         slots = (self.slot(number, lane) for lane in range(abi.LANES))
         return next((slot for slot in slots if self.is_whole(number, slot)), 0)
 
     def payload(self, slot: int) -> slice:
-        """Where the message lies in a slot."""
+        """Return the byte range of the message in the slot at offset `slot`."""
         return slice(slot + h.SLOT_HEADER, slot + h.SLOT_HEADER + self.header.payload_size)
 
     def close(self) -> None:
-        """Lets go of everything; the region stays for the peer.
+        """Close the file, the map and the semaphore. The region stays in /dev/shm for its other users.
 
-        A child that was forked keeps the open file, and with it a claim that is not given back here.
+        A forked child may keep the file open, so this method releases the record locks explicitly. In a forked child it
+        does not release them, because they belong to the parent.
         """
         if os.getpid() == self.pid and not self._file.closed:
             for byte in (WRITER_LOCK, READER_LOCK):
@@ -116,5 +125,5 @@ class Region:
         self.quads.release()
         self._file.close()
         self.semaphore.close()
-        with suppress(BufferError):  # in a child, forked in the middle of a copy
+        with suppress(BufferError):  # in a child that was forked during a copy
             self.map.close()

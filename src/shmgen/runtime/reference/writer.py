@@ -1,4 +1,4 @@
-"""Writes samples into a region (docs/protocol.md, "Writing")."""
+"""Writes samples into a region (docs/protocol.md, "Write")."""
 
 from __future__ import annotations
 
@@ -7,95 +7,123 @@ from collections.abc import Generator
 from typing import Any
 
 from shmgen.core import abi
-from shmgen.runtime.messages.message import CUT, Late
+from shmgen.runtime.messages.steps import has_table
+from shmgen.runtime.messages.walker import encode
 from shmgen.runtime.reference.bell import ring
 from shmgen.runtime.reference.claim import claim
-from shmgen.runtime.reference.end import End
+from shmgen.runtime.reference.end import End, NotOpenYet
 from shmgen.runtime.reference.lock import LOCK_TIMEOUT, Lock
 from shmgen.runtime.reference.memory_order import fence, keeps_order
 from shmgen.runtime.reference.opening import open_region
 from shmgen.runtime.refusals import claim_lost, lock_timeout
 from shmgen.runtime.region import header as h
-from shmgen.runtime.region.looks import writer_of
+from shmgen.runtime.region.record_locks import describe_writer
 from shmgen.runtime.region.settings import UNTIL_RECOVERED
+
+_POLL = abi.POLL_MS / 1000
+"""Seconds between two steps of reopening a removed region."""
 
 
 class Writer(End):
-    """The one writer of a topic. `sequence` is the number of its newest sample."""
+    """The writer of a topic: publishes samples in the topic's region. `sequence` is the number of its newest sample."""
 
     sequence = 0
-    doubtful = False
+    predecessor_may_be_alive = False
     truncations = 0
+    _scratch: bytearray | None = None
 
     def _open(self) -> Generator[int, None, None]:
         of = self.of
         self.region = region = yield from open_region(of, writes=True)
         usual = LOCK_TIMEOUT if keeps_order() or of.sequence else UNTIL_RECOVERED
         self.lock = Lock(region, usual if of.lock_ns < 0 else of.lock_ns / 1e9)
-        self.sequence, self._turn, self.doubtful = yield from claim(of.topic, region)
+        self.sequence, self._turn, self.predecessor_may_be_alive = yield from claim(of.topic, region)
         self._heartbeat = region.words[h.HEARTBEAT]
-        self.gone = None
+        self.closed_error = None
 
     def publish(self, message: Any, left: int | None = None) -> None:
-        """Writes a message: one of its kind, or any object with its attributes. `left`: ns of a call that ends then.
+        """Write `message`, an object of the topic's message class or any object with the same attributes.
 
-        Raises ValueRejected, LockTimeout, ClaimLost.
+        `left` is the remaining time in ns of the caller's timeout. Raises ValueRejected, LockTimeout and ClaimLost.
         """
-        data, late = self._encoded(message)
-        self._one_call(self._publish, data, late, None if left is None else left / 1e9)
+        within = None if left is None else left / 1e9
+        if type(message) is self.of.kind:
+            self._await_written(bytes(message), within)
+            return
+        if not has_table(self.of.kind):
+            raise TypeError(f"{self.of.kind!r} has no table of fields: publish an object of it")
+        data, self._scratch = self._scratch, None  # a nested call allocates its own buffer
+        if data is None:
+            data, self._zeros = bytearray(self.of.size), bytearray(self.of.size)
+        try:
+            data[:] = self._zeros
+            truncated = encode(self.of.kind, message, data)
+            self._await_written(data, within)
+            self.truncations += truncated
+        finally:
+            self._scratch = data
+
+    def _await_written(self, data: bytes | bytearray, left: float | None) -> None:
+        while not self._is_written(data, left):
+            time.sleep(_POLL)
+
+    def _is_written(self, data: bytes | bytearray, left: float | None) -> bool:
+        """Publish `data` and return True. While a removed region is being reopened, return False."""
+        try:
+            self._call_alone(self._publish, data, left)
+        except NotOpenYet:
+            return False
+        return True
 
     def heartbeat(self) -> None:
-        """Shows readers that the writer is alive, without a sample. Raises ClaimLost, RegionRetired."""
-        self.is_removed()
-        self.assure()
+        """Show readers that the writer is alive, without publishing a sample.
+
+        Raises ClaimLost if another writer has the topic. Raises RegionRetired if the region was removed.
+        """
+        self._inspect(self._show_life, None)
+
+    def check_claim(self) -> None:
+        """Raise ClaimLost if another writer has claimed the topic, or RegionRetired if the region was removed."""
+        self._inspect(self._check_claim, None)
+
+    def _show_life(self) -> None:
+        self._check_claim()
         self._beat()
 
-    def assure(self) -> None:
-        """Raises ClaimLost unless the topic is still this writer's, RegionRetired unless its region is the topic's."""
+    def _check_claim(self) -> None:
         self._need_region()
-        if self.load(h.WRITER) != self.region.pid or self.load(h.TURN) != self._turn:
+        words = self.region.words
+        if words[h.WRITER] != self.region.pid or words[h.TURN] != self._turn:
             self._lose()
 
-    def _encoded(self, message: Any) -> tuple[bytes | bytearray, Late]:
-        """Its bytes, and those of arrays that lie in place of some."""
-        if type(message) is self.of.kind:
-            return bytes(message), []
-        data, late = bytearray(self.of.size), []  # type: ignore[var-annotated]
-        self.of.kind._encode(message, data, 0, late)
-        arrays = [found for found in late if found is not CUT]
-        self.truncations += len(late) - len(arrays)
-        return data, arrays
-
-    def _publish(self, data: bytes | bytearray, late: Late, left: float | None) -> None:
+    def _publish(self, data: bytes | bytearray, left: float | None) -> None:
         try:
-            self._write(data, late, left)
+            self._write(data, left)
         finally:
             self.lock.release()
-        fence()  # keeps the look at `armed` behind `completed`
+        fence()  # a full barrier between the store of `completed` and the load of `armed`
         words = self.region.words
         if words[h.ARMED]:
             words[h.ARMED] = 0
             words[h.BELL] = self.sequence
             ring(self.region.map)
 
-    def _write(self, data: bytes | bytearray, late: Late, left: float | None) -> None:
+    def _write(self, data: bytes | bytearray, left: float | None) -> None:
         region, words = self.region, self.region.words
         if not self.lock.acquire(left) and not self.lock.keeps_order:
             raise lock_timeout(self.of.topic, words[h.LOCK_HOLDER])
-        self.assure()
+        self._check_claim()
         number, lane = h.after(self.sequence, 1, region.header.slots), h.lane(self._turn)
         slot = region.slot(number, lane)
         payload = region.payload(slot)
         self._beat()
         words[slot // 4 + 2 * h.NUMBER] = 0
-        # memcpy may use streaming stores, which pass earlier ones even on x86.
+        # memcpy may use streaming stores, which can pass earlier stores even on x86.
         fence()
         region.quads[slot // 8 + h.STAMP] = time.time_ns()
         region.map[payload] = data
-        for offset, _, array in late:
-            region.map[payload.start + offset : payload.start + offset + array.nbytes] = array
-        self.assure()
-        self.sequence = number  # first: who comes upon this with an exception must not let it be used again
+        self._check_claim()
+        self.sequence = number  # stored first, so that an interrupting exception cannot cause a reuse of the number
         words[slot // 4 + 2 * h.NUMBER] = number
         words[h.COMPLETED0 + lane] = number
         if number % abi.FORGET == 0:
@@ -106,8 +134,11 @@ class Writer(End):
         self.region.words[h.HEARTBEAT] = self._heartbeat
 
     def _lose(self) -> None:
-        """Leaves the topic to the writer who has claimed it: this one stood still for a second, or seemed to."""
-        who = writer_of(self.of.topic, self.region.file, self.region.words[h.WRITER])
+        """Close this writer and raise ClaimLost, because another writer has claimed the topic.
+
+        Another writer may do so after 1 s without a heartbeat.
+        """
+        who = describe_writer(self.region.file, self.region.words[h.WRITER])
         lost = claim_lost(self.of.topic, who)
-        self._let_go(lost)
+        self._release(lost)
         raise lost

@@ -1,1 +1,1 @@
-"""What opens, claims, locks and reads a region in shared memory."""
+"""Open, claim, lock and read a region in shared memory."""

@@ -1,4 +1,4 @@
-"""Files that both sides may open and strangers cannot write, by mode and group, and a refusal in words."""
+"""Check and set the permissions of the files of a region, and explain why access is refused."""
 
 from __future__ import annotations
 
@@ -12,20 +12,25 @@ from typing import NamedTuple
 
 from shmgen.core import abi
 from shmgen.runtime.errors import PermissionDenied, RegionUnusable
-from shmgen.runtime.region.resource import kept_from_children
+from shmgen.runtime.region.resource import close_after_fork
 
-PATIENCE = abi.PEER_MS / 1000
-"""Seconds to wait for a peer that is between two system calls; after that it is taken to be dead."""
+PEER_TIMEOUT = abi.PEER_MS / 1000
+"""Seconds to wait for a peer that is between two system calls. After that time the peer is considered dead."""
 _MODE = 0o660
 _FIRST_PERSON = 1000
-"""User ids below are the machine's own services, which only root makes (Debian policy 9.2.2, SYS_UID_MAX)."""
+"""The first user id of a person. Smaller ids belong to system services (Debian policy 9.2.2, SYS_UID_MAX)."""
 
 
 class RegionOptions(NamedTuple):
-    """Permissions of the files of a region that are created here, and whether it has a lock.
+    """The permissions of the files of a region, and whether the region has a lock.
 
-    `mode` None: 0o660, and an existing file stays as it is; any other mode and group are also given to an existing
-    file, if it is this user's. `sync` is `lock`, or `sequence` for none: the slots alone carry integrity.
+    If `mode` is None, new files get mode 0o660 and existing files keep their mode. Any other `mode`, and `group`, are
+    also set on existing files that this user owns. `sync` is `lock`, or `sequence` for a region without a lock.
+    Without a lock, readers detect an overwritten sample by the number in its slot.
+
+    ```python
+    options = RegionOptions(mode=0o666, group="plc")  # generated code has such a line from [regions] in shmgen.toml
+    ```
     """
 
     mode: int | None = None
@@ -33,49 +38,57 @@ class RegionOptions(NamedTuple):
     sync: str = "lock"
 
     def but(self, mode: int | None, group: str | int | None) -> RegionOptions:
-        """The same, with the mode and group that are given here."""
+        """Return these options with the given mode and group. None keeps the value of these options."""
         return self._replace(mode=self.mode if mode is None else mode, group=self.group if group is None else group)
 
 
 class Access(NamedTuple):
-    """Mode and group wanted of a file, None for those of a fresh one."""
+    """The mode and group id that a file must have. None means the default for a new file."""
 
     mode: int | None
     gid: int | None
 
     @property
-    def made_mode(self) -> int:
-        """Of a file made here."""
+    def creation_mode(self) -> int:
+        """The mode for new files."""
         return _MODE if self.mode is None else self.mode
 
-    def give(self, file: int, path: str) -> None:
-        """To a file made just now: the umask has had its say. One of somebody else's is left as it is."""
+    def apply(self, file: int, path: str) -> None:
+        """Set the mode and group of a new file, because the umask may have changed the mode.
+
+        Leave a file of another user unchanged. Raises PermissionDenied if this user is not in the group.
+        """
         if os.fstat(file).st_uid != os.geteuid():
-            return  # ours was removed, and he was quick
+            return  # the new file was removed, and another user has created one since
         try:
             if self.gid is not None:
                 os.fchown(file, -1, self.gid)
-            os.fchmod(file, self.made_mode)
+            os.fchmod(file, self.creation_mode)
         except PermissionError:
             raise PermissionDenied(
                 f"{path}: cannot be given to group {self.gid}; join the group (`usermod -aG`) or leave `group` out"
             ) from None
 
-    def mend(self, file: int, path: str) -> None:
-        """To a file of this user's: who made it may have been killed before it gave it the mode, or wanted another."""
+    def correct(self, file: int, path: str) -> None:
+        """Set the mode and group of an existing file that this user owns, if they differ.
+
+        The creator of the file may have been killed before it set the mode, or may have used another mode.
+        """
         status = os.fstat(file)
         wrong = self.mode not in (None, status.st_mode & 0o7777) or self.gid not in (None, status.st_gid)
         if wrong:
-            kept = status.st_mode & 0o7777
-            self._replace(mode=kept if self.mode is None else self.mode).give(file, path)
+            present = status.st_mode & 0o7777
+            self._replace(mode=present if self.mode is None else self.mode).apply(file, path)
 
     def objection(self, status: os.stat_result, path: str) -> tuple[str, str] | None:
-        """Who could write a file without leave, and what gives it; None where nobody could.
+        """Return two texts: which unauthorized user could write to a file, and how to authorize this user.
 
-        Leave have this user, root, the services of the machine, and who owns a group of his own that this user was
-        put into. Files of the group that was named pass whoever made them, since nobody gives a file to a group that
-        he is not in; so does every file where all users were given leave by the mode. What group a file of theirs
-        has, and that its members may write it, is the owner's word.
+        Return None if every user who can write is authorized.
+
+        Authorized users are this user, root, the system services, and a user whose own group this user belongs to. A
+        file of the configured group is accepted from any owner, because only members can give a file to a group. If the
+        configured mode lets all users write, every file is accepted. The owner of a file decides its group and whether
+        the group may write.
         """
         if (self.mode or 0) & stat.S_IWOTH:
             return None
@@ -92,18 +105,22 @@ class Access(NamedTuple):
 
 
 def access_for(options: RegionOptions) -> Access:
-    """With the group looked up. Raises PermissionDenied."""
+    """Return the file mode and group id that `options` request. Look up the id of a group given by name.
+
+    Raises PermissionDenied if the group does not exist.
+    """
     return Access(options.mode, _group_id(options.group))
 
 
 def opened(path: str, how: int) -> io.FileIO:
-    """As shm_open opens what is there: no link is followed, and no FIFO waited for.
+    """Open an existing regular file, as shm_open does: without following links or waiting for a FIFO.
 
-    Raises FileNotFoundError, PermissionError, and RegionUnusable for what is no regular file.
+    `how` is the access mode, such as os.O_RDONLY.
+    Raises FileNotFoundError, PermissionError, and RegionUnusable if the path is not a regular file.
     """
     try:
         flags = os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
-        file: io.FileIO = kept_from_children(io.FileIO(os.open(path, how | flags)))
+        file: io.FileIO = close_after_fork(io.FileIO(os.open(path, how | flags)))
     except (FileNotFoundError, PermissionError):
         raise
     except OSError as error:
@@ -115,7 +132,7 @@ def opened(path: str, how: int) -> io.FileIO:
 
 
 def denied(path: str) -> PermissionDenied:
-    """What to say of a file that may not be opened or made."""
+    """Return the error for a file that this user may not open or create."""
     try:
         status = os.lstat(path)
     except OSError:
@@ -123,13 +140,33 @@ def denied(path: str) -> PermissionDenied:
     owner, group = name_of_user(status.st_uid), name_of_group(status.st_gid)
     return PermissionDenied(
         f"{path} belongs to {owner}:{group} with mode {status.st_mode & 0o7777:o}, and this is user "
-        f"{os.geteuid()}: join the group (`usermod -aG {group} USER`), or let the owner open it with another "
-        "group and mode"
+        f"{os.geteuid()}: {way_in(status)}"
     )
 
 
+def way_in(status: os.stat_result) -> str:
+    """Return advice for a user who may not open the file with this `status`.
+
+    The advice never recommends joining a group that grants far more than access to this file, such as docker.
+    """
+    group = name_of_group(status.st_gid)
+    if status.st_gid == 0 or group in _POWERFUL_GROUPS:
+        return (
+            f"run both sides as one user, or set `group` under [regions] in shmgen.toml to a group of both users and "
+            f"let the other side create it again; do not join {group}, which grants far more than this file"
+        )
+    if status.st_mode & 0o060 != 0o060:
+        return "its group may not open it either: let its owner create it with mode 0660, or `chmod g+rw` it"
+    return (
+        f"join its group (`sudo usermod -aG {group} $USER`, then log in again), or let its owner give it another group"
+    )
+
+
+_POWERFUL_GROUPS = {"root", "sudo", "wheel", "admin", "adm", "docker", "lxd", "disk", "shadow", "kmem"}
+
+
 def name_of_user(uid: int) -> str:
-    """Its number where it has none."""
+    """Return the name of a user, or the user id as text if there is no name."""
     try:
         return pwd.getpwuid(uid).pw_name
     except KeyError:
@@ -137,7 +174,7 @@ def name_of_user(uid: int) -> str:
 
 
 def name_of_group(gid: int) -> str:
-    """Its number where it has none."""
+    """Return the name of a group, or the group id as text if there is no name."""
     try:
         return grp.getgrgid(gid).gr_name
     except KeyError:
@@ -145,7 +182,7 @@ def name_of_group(gid: int) -> str:
 
 
 def _known(status: os.stat_result) -> bool:
-    """Whether this user has reason to trust the owner."""
+    """Return True if the owner of the file is this user, a system service, or a user whose own group has this user."""
     if status.st_uid < _FIRST_PERSON or status.st_uid == os.geteuid():
         return True
     with suppress(KeyError):
@@ -161,6 +198,6 @@ def _group_id(group: str | int | None) -> int | None:
     try:
         return grp.getgrnam(group).gr_gid
     except KeyError:
-        if group.isdecimal():  # one without a name, as in containers
+        if group.isdecimal():  # a group id without a name, as in containers
             return int(group)
         raise PermissionDenied(f"group {group!r} does not exist: `groupadd {group}` creates it") from None

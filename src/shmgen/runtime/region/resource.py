@@ -1,4 +1,4 @@
-"""Ends that are opened by settings, closed at the end of a `with`, and let go in a forked child."""
+"""The base classes of publishers, subscribers, clients and servers: open concurrently, close, close after a fork."""
 
 from __future__ import annotations
 
@@ -6,24 +6,27 @@ import os
 import time
 import weakref
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
-from contextlib import suppress
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack, suppress
+from functools import partial
 from types import TracebackType
 from typing import Any, Protocol, TypeVar
 
 from shmgen.core import abi
 
 C = TypeVar("C", bound="Closable")
+OpenRegion = Callable[[Any, str], Any]
+"""Opens one region of a service or an action, given a publisher or subscriber class and the suffix of the name."""
 _LOOK = abi.POLL_MS / 1000
-"""Seconds between two looks for a peer while a region is opened."""
+"""Seconds between two checks for a peer while a region is being opened."""
 
 
 class Closable(ABC):
-    """Base of publishers, subscribers, clients and servers."""
+    """The base class of publishers, subscribers, clients and servers."""
 
     @abstractmethod
     def close(self) -> None:
-        """Closes the regions, which stay as they are."""
+        """Close the regions, without removing the regions from /dev/shm."""
 
     def __enter__(self: C) -> C:
         return self
@@ -34,26 +37,126 @@ class Closable(ABC):
         self.close()
 
 
+class Endpoint(Closable):
+    """The base class of publishers and subscribers: one end of a topic's region."""
+
+    _topic: str
+    _end: Any
+
+    @property
+    def engine_end(self) -> Any:
+        """The writer or reader of the engine, the code in C or Python that accesses the region."""
+        return self._end
+
+    def close(self) -> None:
+        """Close this publisher or subscriber. The region stays in /dev/shm, and another writer can claim its topic."""
+        self._end.close()
+
+    @property
+    def topic(self) -> str:
+        """The name of the topic."""
+        return self._topic
+
+    @property
+    def lock_misses(self) -> int:
+        """The number of times that the lock was not free in time."""
+        return int(self._end.lock_misses)
+
+    @property
+    def reopen_count(self) -> int:
+        """The number of times that the region was removed and reopened."""
+        return int(self._end.reopen_count)
+
+
+class CallEnd(Closable):
+    """The base class of clients and servers: opens all regions of a service or an action, or none."""
+
+    _calls: Any
+
+    def __init__(
+        self,
+        name: str,
+        *,
+        lock_timeout: float | None = None,
+        mode: int | None = None,
+        group: str | int | None = None,
+        spin: float = 0.0,
+        reopen: bool = True,
+    ) -> None:
+        """Open or create the regions. A service or an action has one client and one server, started in any order.
+
+        A server skips requests that are already pending.
+        See Subscriber for `lock_timeout` (seconds), `mode`, `group`, `spin` and `reopen`.
+        Raises ValueError, LayoutMismatch, RegionInUse, PermissionDenied and RegionUnusable as Publisher does.
+        """
+        options: dict[str, Any] = {"lock_timeout": lock_timeout, "mode": mode, "group": group, "reopen": reopen}
+        regions: list[Endpoint] = []
+
+        def open_part(kind: Any, part: str, **more: Any) -> Any:
+            regions.append(opened.enter_context(kind(f"{name}-{part}", **options, **more)))
+            return regions[-1]
+
+        with ExitStack() as opened:
+            self._open(open_part, partial(open_part, spin=spin))
+            opened.pop_all()
+        self._name, self._regions = name, regions
+
+    @abstractmethod
+    def _open(self, write: OpenRegion, read: OpenRegion) -> None:
+        """Open each region of the service or action: `write` opens a publisher, `read` opens a subscriber."""
+
+    def close(self) -> None:
+        """Close the client or server, so that another process can take its part. The regions stay in /dev/shm."""
+        for region in self._regions:
+            region.close()
+
+    @property
+    def reopen_count(self) -> int:
+        """The number of times that a region was removed and reopened."""
+        return sum(region.reopen_count for region in self._regions)
+
+    @property
+    def engine_end(self) -> Any:
+        """The reader of responses (client) or requests (server) that a notifier watches.
+
+        It belongs to the engine, the code in C or Python that accesses the region.
+        """
+        return self._calls.incoming.engine_end
+
+
 class End(Protocol):
-    """What both engines have of an end of a region."""
+    """An endpoint, the writer or reader of a region, in the C engine or in the Python engine."""
 
     def step(self) -> int | None: ...
     def close(self) -> None: ...
-    def disown(self) -> None: ...
+    def close_in_child(self) -> None: ...
 
 
-def kept_from_children(made: Any) -> Any:
-    """The same end, file or map; a forked child lets go of it, also of one that its parent is still opening.
+def close_after_fork(resource: Any) -> Any:
+    """Register an endpoint, file or map to be closed in a forked child, and return it.
 
-    It has the same open file, and with it the parent's claim on the topic, which would outlive the parent.
+    A child inherits the open file and with it the parent's claim on the topic. The claim would then outlive the
+    parent. Endpoints that the parent is still opening are closed in the child as well.
     """
-    _kept.add(made)
-    return made
+    _closed_after_fork.add(resource)
+    return resource
 
 
 def finish(ends: Iterable[End]) -> None:
-    """Opens them all, side by side. Raises what the first raises that cannot be opened."""
+    """Complete the opening of all endpoints concurrently. Raises the error of the first that cannot be opened.
+
+    If a signal handler raises, the endpoints that are not open yet are closed, so that they keep no claim.
+    """
     waiting: dict[End, int | None] = dict.fromkeys(ends)
+    try:
+        _step_until_open(waiting)
+    except BaseException:
+        for end in waiting:
+            end.close()
+        raise
+
+
+def _step_until_open(waiting: dict[End, int | None]) -> None:
     while waiting:
         moved = False
         for end, before in list(waiting.items()):
@@ -67,13 +170,13 @@ def finish(ends: Iterable[End]) -> None:
             time.sleep(_LOOK)
 
 
-_kept: weakref.WeakSet[Any] = weakref.WeakSet()
+_closed_after_fork: weakref.WeakSet[Any] = weakref.WeakSet()
 
 
 def _in_child() -> None:
-    for made in list(_kept):
-        with suppress(BufferError):  # a map whose words are in use: its region lets go of both
-            getattr(made, "disown", made.close)()
+    for resource in list(_closed_after_fork):
+        with suppress(BufferError):  # a map that is in use: its region closes both
+            getattr(resource, "close_in_child", resource.close)()
 
 
 os.register_at_fork(after_in_child=_in_child)

@@ -1,4 +1,4 @@
-"""What an end of a region is opened with, for the engine in C and the one in Python alike."""
+"""The settings with which a publisher or subscriber opens its region, for both engines, in C and in Python."""
 
 from __future__ import annotations
 
@@ -11,14 +11,17 @@ from shmgen.runtime.region.header import Header, header_for
 from shmgen.runtime.region.names import region_name
 
 UNTIL_RECOVERED = (abi.RECOVER_MS + abi.PEER_MS) / 1000
-"""Seconds a writer waits where the lock is needed: whatever has become of its holder, it is free or recovered then."""
+"""Seconds that a writer waits on machines that need the lock. By then the lock is free or recovered."""
 
 _MOST_SPIN = 0.001
-"""Seconds."""
+"""The maximum of `spin` in seconds."""
 
 
 class Settings(NamedTuple):
-    """In the order in which C takes them. `lock_ns` -1: as is usual; `mode` 0 and `group` "": as shmgen.toml says."""
+    """The settings of a publisher or subscriber, in the order in which the engine in C takes them.
+
+    If `lock_ns` is -1, the default timeout applies. If `mode` is 0 or `group` is "", shmgen.toml decides.
+    """
 
     topic: str
     kind: Any
@@ -33,11 +36,12 @@ class Settings(NamedTuple):
     sequence: bool
     passive: bool
     history: bool
+    reopen: bool
     spin_us: int
     word: str
-    """What errors call the end."""
+    """The word for the endpoint in error messages."""
     header: Header
-    """That of a fresh region."""
+    """The header for a new region."""
 
     @property
     def options(self) -> RegionOptions:
@@ -56,9 +60,13 @@ def settings_for(
     group: str | int | None = None,
     passive: bool = False,
     history: bool = False,
+    reopen: bool = True,
     spin: float = 0.0,
 ) -> Settings:
-    """Raises ValueError for a topic, a depth or a limit that cannot be."""
+    """Return the settings of a publisher or subscriber of `topic`. `word` is "publisher" or "subscriber".
+
+    Raises ValueError if the topic, the depth, `lock_timeout` or `spin` is invalid.
+    """
     if not 0 <= spin <= _MOST_SPIN:
         raise ValueError(f"spin is {spin}; it goes from 0 to {_MOST_SPIN} seconds")
     longest = abi.RECOVER_MS / 1000
@@ -81,6 +89,7 @@ def settings_for(
         sequence=options.sync == "sequence",
         passive=passive,
         history=history,
+        reopen=reopen and not passive,
         spin_us=round(spin * 1e6),
         word=word,
         header=header,

@@ -1,4 +1,4 @@
-"""Turns services and actions into C headers with their client and server, thin over those written by hand."""
+"""Generate the C headers for clients and servers of services and actions, on top of handwritten headers."""
 
 from __future__ import annotations
 
@@ -12,14 +12,19 @@ from shmgen.targets.c.text import in_comment
 
 
 class Part(NamedTuple):
-    """A member of shmgen_interface, and the structure of what it carries."""
+    """A member of shmgen_interface, such as `request`, and the name of the C structure for its messages."""
 
     member: str
     struct: str
 
 
 class Calls(NamedTuple):
-    """`headed` are those of `parts` that begin with the `number` of a request; `progress` is empty for a service."""
+    """The template data for the header of a service or an action.
+
+    The regions of a service or an action contain up to three messages. `request`, `response` and `progress` name their
+    C structures. A service has no progress message, so its `progress` is `""`. `number` is the name of the field that
+    contains the number of the call or goal. `headed` lists the messages that begin with this field.
+    """
 
     title: str
     origin: str
@@ -36,7 +41,10 @@ class Calls(NamedTuple):
 
 
 def plan(layouts: Layouts, package: str) -> Iterator[Output]:
-    """`c/<package>/std_srvs/srv/set_bool_service.h` and `…/action/…_action.h`: no message's file ends so."""
+    """Yield a header for each service, `c/<package>/std_srvs/srv/set_bool_service.h`, and for each action.
+
+    The endings `_service.h` and `_action.h` occur in no message's file name.
+    """
     for service in interfaces.services(layouts):
         yield _output(service, "_Request", "_Reply", None, layouts, package)
     for action in interfaces.actions(layouts):

@@ -1,4 +1,4 @@
-"""Turns a layout into the header of its publisher and subscriber in C, and the protocol's headers that they need."""
+"""Generate the C header with a message's publisher and subscriber, and the protocol's headers that it includes."""
 
 from __future__ import annotations
 
@@ -10,13 +10,17 @@ from shmgen.targets.c.names import c_member, ends_header, header, struct_name
 from shmgen.targets.c.text import in_comment, quoted
 from shmgen.targets.counts import bound, counts
 
-_ENDS = "status link access lock wake open publisher subscriber borrow wait_any calls client server runtime"
+_ENDS = "status link access lock wake open publisher subscriber borrow wait_any calls client server runtime notifier"
 RUNTIME = (*_ENDS.split(), "block", "block_calls")
-"""Written by hand, in templates/c; each needs those before it. The last two are for function blocks of a PLC in C."""
+"""Handwritten headers in templates/c. Each needs the headers before it. The last two serve function blocks in C."""
 
 
 class Ends(NamedTuple):
-    """One message; all strings finished. `check` and `receive` are statements."""
+    """The template data for the header with a message's publisher and subscriber.
+
+    `check` contains the C statements that check a message before it is sent. `receive` contains the C statements that
+    check a received message.
+    """
 
     title: str
     origin: str
@@ -32,17 +36,17 @@ class Ends(NamedTuple):
 
 
 def runtime(folder: str) -> Iterator[Output]:
-    """The protocol, into `folder`: `c/shm_msgs`."""
+    """Yield the protocol's headers in `folder`, such as `c/shm_msgs`."""
     for name in RUNTIME:
         yield Output(f"{folder}/shmgen_{name}.h", f"c/shmgen_{name}.h", None)
 
 
 def plan(layout: Layout, layouts: Layouts, package: str, regions: Regions) -> Output:
-    """`c/<package>/<ros package>/msg/pose_shm.h`."""
+    """Return the header of a message's publisher and subscriber, `c/<package>/<ros package>/msg/pose_shm.h`."""
     name = layout.name
     path = ends_header(name, package)
-    held = [f"{package}/shmgen_runtime.h", header(name, package)]
-    held += sorted(ends_header(inner, package) for inner in layout.dependencies)
+    includes = [f"{package}/shmgen_runtime.h", header(name, package)]
+    includes += sorted(ends_header(inner, package) for inner in layout.dependencies)
     return Output(
         f"c/{path}",
         "c/ends.h.j2",
@@ -50,7 +54,7 @@ def plan(layout: Layout, layouts: Layouts, package: str, regions: Regions) -> Ou
             title=str(name),
             origin=in_comment(layout.message.origin),
             guard=path.upper().replace("/", "_").replace(".", "_"),
-            includes=tuple(held),
+            includes=tuple(includes),
             struct=struct_name(name),
             requested=layout.requested,
             mode=mode(regions),
@@ -63,34 +67,40 @@ def plan(layout: Layout, layouts: Layouts, package: str, regions: Regions) -> Ou
 
 
 def mode(regions: Regions) -> str:
-    """Of `[regions]` in shmgen.toml, as a number of C; 0 = not said."""
+    """Return `mode` of `[regions]` in shmgen.toml as an octal C number, or `0` if the mode is not set."""
     return f"0{regions.mode:o}" if regions.mode else "0"
 
 
 def group(regions: Regions) -> str:
-    """As an expression of C; NULL = not said."""
+    """Return `group` of `[regions]` as a C string literal, or `NULL` if the group is not set."""
     return quoted(regions.group.encode()) if regions.group else "NULL"
 
 
 def sequence(regions: Regions) -> str:
-    """1: there is no lock."""
+    """Return `1` if shmgen.toml sets `sync = "sequence"`, which means regions without a lock, otherwise `0`."""
     return "1" if regions.sync == "sequence" else "0"
 
 
 def limits(layout: Layout, layouts: Layouts) -> bool:
-    """Whether the message holds anything that may not fit: a sequence or a text, here or further in."""
+    """Return True if the message has a sequence or a string, in its own fields or in nested messages."""
     return any(limited(slot, layouts) for slot in layout.slots)
 
 
 def limited(slot: Slot, layouts: Layouts) -> bool:
-    """The same of a slot."""
+    """Return True if a reader must check the field against a bound.
+
+    Such a field is a sequence's count, a string, or a nested message with a sequence or a string.
+    """
     if isinstance(slot.type, Ref):
         return limits(layouts[slot.type.name], layouts)
     return slot.role is Role.COUNT or isinstance(slot.type, String)
 
 
 def _check(layout: Layout, layouts: Layouts) -> Iterator[str]:
-    """Statements that return for the first field of the message at `sent` that does not fit."""
+    """Yield the C statements that check a message before it is sent. `sent` is the message's pointer in C.
+
+    The statements return an error for the first field that exceeds its bound.
+    """
     if not limits(layout, layouts):
         return
     struct = struct_name(layout.name)
@@ -114,7 +124,10 @@ def _checked(slot: Slot, member: str, at: str) -> Iterator[str]:
 
 
 def _receive(layout: Layout, layouts: Layouts) -> Iterator[str]:
-    """Statements that return for a count above its bound in the message at `copy`, and end its texts."""
+    """Yield the C statements that check the counts in a received message and terminate its strings.
+
+    `copy` is the message's pointer in C.
+    """
     if not limits(layout, layouts):
         return
     struct = struct_name(layout.name)
@@ -135,7 +148,11 @@ def _received(slot: Slot, member: str, at: str) -> Iterator[str]:
 
 
 def _each(layout: Layout, layouts: Layouts, statements: Callable[[Slot, str, str], Iterator[str]]) -> Iterator[str]:
-    """`statements` of each field that may not fit, in a loop where it has elements; they end a call that tells it."""
+    """Yield C statements that handle each field with a sequence or a string, in a loop if the field has elements.
+
+    The function `statements` returns the statements for one value. Its arguments are the field, the C expression for
+    the value, and the beginning of the C call that records the path of the field for error messages.
+    """
     for slot, path, last in _fields(layout, layouts):
         member = f"message->{c_member(slot.name)}"
         if last:
@@ -154,7 +171,10 @@ def _counts(layout: Layout) -> Iterator[str]:
 
 
 def _fields(layout: Layout, layouts: Layouts) -> Iterator[tuple[Slot, str, str]]:
-    """What may not fit, its path as a literal, and the number of its elements, empty where it is one."""
+    """Yield each field with a sequence or a string, its name as a C literal, and its element count in C.
+
+    The element count is `""` for a single value.
+    """
     counted = counts(layout)
     for slot in layout.slots:
         if slot.role is not Role.DATA or not limited(slot, layouts):

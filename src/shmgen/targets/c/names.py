@@ -1,7 +1,7 @@
-"""Names that C11 and C++17 accept.
+"""Map names to names that C11 and C++17 accept.
 
-The words are those of ISO/IEC 9899:2011 and 9899:2024, of ISO/IEC 14882:2020, and the macros without a leading
-underscore that gcc defines in its default mode.
+The reserved words come from ISO/IEC 9899:2011 and 9899:2024 and from ISO/IEC 14882:2020. The list also contains the
+macros without a leading underscore that gcc defines in its default mode.
 """
 
 from __future__ import annotations
@@ -13,55 +13,61 @@ from shmgen.targets.naming import ClaimedName, Names, file_stem, words
 
 
 def c_member(name: str) -> str:
-    """A field in a header for C11 and C++17: `default` -> `default_`."""
+    """Return the field's name in a header for C11 and C++17: `default` -> `default_`."""
     return name + "_" if name in C_RESERVED else name
 
 
 def struct_name(name: TypeName) -> str:
-    """`shm_geometry_msgs_Pose`."""
+    """Return the structure's name: `shm_geometry_msgs_Pose`."""
     return f"shm_{name.package}_{name.name}"
 
 
 def macro(name: TypeName, constant: str) -> str:
-    """A constant, in C's one space for names: `shm_shape_msgs_SolidPrimitive_BOX`."""
+    """Return a constant's macro name, with a prefix as its namespace: `shm_shape_msgs_SolidPrimitive_BOX`."""
     return f"{struct_name(name)}_{constant}"
 
 
 def header(name: TypeName, package: str) -> str:
-    """The file of a message, as it is included: `shm_msgs/geometry_msgs/msg/pose.h`."""
+    """Return the include path of a message's header: `shm_msgs/geometry_msgs/msg/pose.h`."""
     return f"{package}/{name.package}/{name.kind}/{file_stem(name)}.h"
 
 
 def ends_header(name: TypeName, package: str) -> str:
-    """The file of its publisher and subscriber: `shm_msgs/geometry_msgs/msg/pose_shm.h`."""
+    """Return the include path of the publisher and subscriber header: `shm_msgs/geometry_msgs/msg/pose_shm.h`."""
     return header(name, package).removesuffix(".h") + "_shm.h"
 
 
 def calls_header(name: TypeName, package: str) -> str:
-    """The file of a service or an action: `shm_msgs/std_srvs/srv/set_bool_service.h`."""
+    """Return the include path of a service or action header: `shm_msgs/std_srvs/srv/set_bool_service.h`."""
     word = "action" if name.kind == "action" else "service"
     return header(name, package).removesuffix(".h") + f"_{word}.h"
 
 
 def calls_name(name: TypeName) -> str:
-    """What stands before `_client`: a package may have an action and a service of one name."""
+    """Return the prefix of the C names of a service or an action. Prefix plus `_client` is the name of the client.
+
+    The prefix of an action ends with `_action`, so that a service of the same name has other names.
+    """
     return struct_name(name) + ("_action" if name.kind == "action" else "")
 
 
-def _made(layout: Layout, package: str) -> Iterator[ClaimedName]:
-    """Structures and macros share C's one space for names."""
+def _claims(layout: Layout, package: str) -> Iterator[ClaimedName]:
+    """Yield all C names and files of a message.
+
+    Structures and macros have the same kind `name`, because a structure must not have the name of a macro.
+    """
     struct = struct_name(layout.name)
     yield ClaimedName("name", struct)
     for constant in layout.message.constants:
         yield ClaimedName("name", macro(layout.name, constant.name))
     for ending in _ENDS if layout.requested else ():
-        yield ClaimedName("name", struct + ending, follows=True)
+        yield ClaimedName("name", struct + ending, is_derived=True)
     for wrapper, calls in _CALLS.items() if layout.requested else ():
         if layout.name.kind != "msg" and struct.endswith(wrapper):
             begin = calls_name(layout.name._replace(name=layout.name.name.removesuffix(wrapper)))
-            yield from (ClaimedName("name", begin + call, follows=True) for call in calls)
+            yield from (ClaimedName("name", begin + call, is_derived=True) for call in calls)
     yield ClaimedName("file", header(layout.name, package))
-    yield ClaimedName("file", ends_header(layout.name, package), follows=True)
+    yield ClaimedName("file", ends_header(layout.name, package), is_derived=True)
 
 
 _PUBLISHER = ("", "_open", "_start", "_send", "_publish", "_try_publish", "_close")
@@ -70,7 +76,7 @@ _ENDS = (
     *(f"_publisher{call}" for call in _PUBLISHER),
     *(f"_subscriber{call}" for call in _SUBSCRIBER),
 )
-"""What stands behind the name of a structure in those of its publisher and subscriber and of their calls."""
+"""The suffixes that publishers, subscribers and their functions append to the structure's name."""
 _EACH = ("", "_open", "_start", "_close")
 _CLIENT = tuple(f"_client{call}" for call in (*_EACH, "_send", "_poll", "_wait"))
 _SERVER = tuple(f"_server{call}" for call in (*_EACH, "_take"))
@@ -81,7 +87,7 @@ _CALLS = {
         *(f"_server{call}" for call in ("_is_cancel_requested", "_accept", "_feedback", "_end")),
     ),
 }
-"""The same of a service and of an action, by what shmgen makes of each."""
+"""The suffixes for services and actions, by the message that shmgen adds to each (`_Reply`, `_Outcome`)."""
 
 
 C_RESERVED = words("""
@@ -98,6 +104,9 @@ C_RESERVED = words("""
     si_call_addr si_fd si_int si_lower si_overrun si_pid si_pkey si_ptr si_status si_stime si_syscall si_timerid si_uid
     si_upper si_utime si_value sigev_notify_attributes sigev_notify_function st_atime st_ctime st_mtime
 """)
-"""The last rows are macros of gcc (`linux` is 1 unless it is told -std=c11), of C's own headers and of POSIX."""
+"""Names that C and C++ code cannot use for fields.
 
-NAMES = Names("C", member=c_member, constant=str, made=_made, constants_apart=True)
+The last rows are macros of gcc, of C's own headers and of POSIX. gcc defines `linux` as 1, except under -std=c11.
+"""
+
+NAMES = Names("C", member=c_member, constant=str, claims=_claims, constants_apart=True)

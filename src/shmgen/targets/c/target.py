@@ -1,9 +1,8 @@
-"""Turns Layouts into C headers, for C11 and C++17, that assert every offset and size at compile time."""
+"""Generate C headers from layouts, for C11 and C++17. The headers assert every offset and size at compile time."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import NamedTuple
 
 from shmgen.core.diagnostics import Report
@@ -33,7 +32,7 @@ _CLOCK_UNITS = {"TIME": "ms", "LTIME": "ns", "struct": "s and ns"}
 
 
 class Member(NamedTuple):
-    """`double x[3];` with its offset, size and comment."""
+    """A declaration such as `double x[3];`, with its offset and size in bytes and its comment."""
 
     declaration: str
     name: str
@@ -49,7 +48,7 @@ class Define(NamedTuple):
 
 
 class Header(NamedTuple):
-    """One message; all strings finished."""
+    """The template data for one message's header, as finished C code."""
 
     title: str
     origin: str
@@ -66,26 +65,35 @@ class Header(NamedTuple):
 
 
 def plan(job: Job, report: Report) -> Iterator[Output]:
-    """`c/<package>/<ros package>/msg/pose.h` and `pose_shm.h` for each message, and what all share."""
+    """Yield `c/<package>/<ros package>/msg/pose.h` and `pose_shm.h` for each message, and all shared files."""
     yield region.plan(job.package)
     yield from ends.runtime(f"c/{job.package}")
+    for file in ("shmgen_library.c", "shmgen_library.map"):
+        yield Output(f"c/{job.package}/{file}", f"c/{file}", None)
     for name, layout in job.layouts.items():
         view = _header(layout, job.layouts, job.package)
         yield Output(f"c/{header(name, job.package)}", "c/message.h.j2", view)
         yield Output(struct_piece(name), "c/struct.h.j2", view, piece=True)
         end = ends.plan(layout, job.layouts, job.package, job.options.regions)
         yield end
-        yield replace(end, path=fits_piece(name), template="c/fits.h.j2", piece=True)
+        yield end._replace(path=fits_piece(name), template="c/fits.h.j2", piece=True)
     yield from calls.plan(job.layouts, job.package)
 
 
 def struct_piece(name: TypeName) -> str:
-    """Where the structure is, with its offsets asserted, its type and digest; no word of the user's stands in it."""
+    """Return the path of a piece: C code with a message's structure, asserted offsets, type name and digest.
+
+    A piece is not written to a file; other targets include it in their files. This piece contains no text from the
+    user's definitions.
+    """
     return f"c/struct/{struct_name(name)}"
 
 
 def fits_piece(name: TypeName) -> str:
-    """Where the functions are that look at counts and texts."""
+    """Return the path of a piece: C code with the functions that check a message's counts and strings.
+
+    A piece is not written to a file; other targets include it in their files.
+    """
     return f"c/fits/{struct_name(name)}"
 
 
@@ -123,7 +131,10 @@ def _member(slot: Slot, layout: Layout) -> Member:
 
 
 def _valid(layout: Layout, layouts: Layouts) -> Iterator[str]:
-    """Statements that return 0 for a count above its bound, here or in an element that is valid."""
+    """Yield the C statements that validate a message: they return 0 if any count exceeds its bound.
+
+    The statements also check nested messages, and only those elements of a sequence that are in use.
+    """
     counted = counts(layout)
     for count in counted.values():
         yield from (f"if (message->{c_member(count.name)} > {bound(count)})", "    return 0;")
@@ -140,14 +151,14 @@ def _valid(layout: Layout, layouts: Layouts) -> Iterator[str]:
 
 
 def _comment(slot: Slot, layout: Layout) -> str:
-    """Offset, what it is in ROS, unit, and its comment."""
+    """Return a member's comment: offset in bytes, ROS type, unit, and the field's comment."""
     match slot.role:
         case Role.PADDING:
             return f"{slot.offset}"
         case Role.FILLER:
             return f"{slot.offset}: the message has no fields"
         case Role.COUNT:
-            return f"{slot.offset}: how many of the next are valid"
+            return f"{slot.offset}: number of valid elements in the next member"
         case Role.DATA:
             assert slot.field is not None
             unit = f" [{slot.field.unit}]" if slot.field.unit else ""
@@ -160,6 +171,6 @@ def _comment(slot: Slot, layout: Layout) -> str:
 
 
 def _beside(text: str) -> str:
-    """A comment behind a declaration; its second line and those below it stand under it."""
+    """Return a comment to place beside a declaration. Further lines are indented below the first."""
     first, *others = in_comment(text).split("\n")
     return "\n".join([first, *(f"     * {line}".rstrip() for line in others)])

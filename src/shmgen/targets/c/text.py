@@ -1,4 +1,4 @@
-"""Types, values and words of a definition as C and C++ take them: text that stays where it stands."""
+"""Convert types, values and comments of a definition to C and C++, and escape text that could end a comment."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _CLOCKS = {"TIME": "uint32_t", "LTIME": "uint64_t", "struct": "shmgen_seconds"}
 
 
 def element(type_: Element, options: TypeOptions) -> str:
-    """The C type of one element; a string's is that of a character."""
+    """Return the C type of one element. For a string, return the type of a character."""
     match type_:
         case Scalar():
             return _TYPES.get(type_, f"{type_.value}_t")
@@ -29,7 +29,11 @@ def element(type_: Element, options: TypeOptions) -> str:
 
 
 def in_comment(text: str) -> str:
-    """Text that can neither end the comment it stands in nor begin another; `??/` is a backslash to C11."""
+    """Return text that is safe in a C comment: it cannot end the comment, begin another one or join lines.
+
+    The function splits the marks of comments by a blank, and converts the trigraph `??/` to `? ?/`. C11 reads the
+    trigraph as a backslash. A backslash at the end of a line joins the next line.
+    """
     printable = "\n".join(map(_printable, text.split("\n")))
     return printable.replace("??/", "? ?/").replace("*/", "* /").replace("/*", "/ *").rstrip()
 
@@ -57,16 +61,20 @@ def literal(constant: Constant, options: TypeOptions) -> str:
 
 
 _PLAIN = set(range(0x20, 0x7F)) - set(b'"\\?')
-"""`?` is none, against trigraphs."""
+"""The ASCII characters that need no escape. `?` is excluded, because it could form a trigraph."""
 
 
 def quoted(text: bytes) -> str:
-    """A C string literal: all but plain ASCII as three octal digits."""
+    """Return a C string literal. Escape all characters except plain ASCII as three octal digits."""
     return '"' + "".join(chr(byte) if byte in _PLAIN else f"\\{byte:03o}" for byte in text) + '"'
 
 
 def quoted_wide(text: str) -> str:
-    """A char16_t literal. Octal below U+00A0, where the standards have no universal character names."""
+    """Return a char16_t literal. Escape all characters except plain ASCII.
+
+    Characters below U+00A0 get octal escapes, and all others get universal character names. C and C++ do not allow
+    universal character names for most characters below U+00A0.
+    """
     return 'u"' + "".join(_wide(ord(char)) for char in text) + '"'
 
 

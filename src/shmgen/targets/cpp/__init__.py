@@ -1,1 +1,1 @@
-"""C++17: messages, and their publishers, subscribers, clients and servers, on top of the headers for C."""
+"""C++17 messages with publishers, subscribers, clients and servers, on top of the C headers."""

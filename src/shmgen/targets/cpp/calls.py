@@ -1,4 +1,4 @@
-"""Turns services and actions into C++ headers with their client and server, thin over those written by hand."""
+"""Generate the C++ headers for clients and servers of services and actions, on top of handwritten headers."""
 
 from __future__ import annotations
 
@@ -15,7 +15,11 @@ _ACTION = ("Goal", "Feedback", "Result", "Command", "Progress", "Outcome"), ("Ac
 
 
 class Calls(NamedTuple):
-    """`parts` are messages whose names begin with `name`, `kinds` what the header gives."""
+    """The template data for the header of a service or an action, as finished C++ code.
+
+    `name` begins the class names of the messages in `parts`. `kinds` lists the classes that the header defines, such as
+    `Client` and `Server`.
+    """
 
     title: str
     origin: str
@@ -28,7 +32,10 @@ class Calls(NamedTuple):
 
 
 def plan(layouts: Layouts, package: str) -> Iterator[Output]:
-    """`cpp/<package>/std_srvs/srv/set_bool_service.hpp`: no message's file ends so."""
+    """Yield a header for each service, `cpp/<package>/std_srvs/srv/set_bool_service.hpp`, and for each action.
+
+    The endings `_service.hpp` and `_action.hpp` occur in no message's file name.
+    """
     for service in interfaces.services(layouts):
         yield _output(service, "service", *_SERVICE, layouts, package)
     for action in interfaces.actions(layouts):

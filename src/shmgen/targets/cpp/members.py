@@ -1,4 +1,4 @@
-"""Turns the slots of a layout into members of a C++ class that lie where the slots are, and values into C++."""
+"""Convert a layout's entries to C++ class members at the same offsets, and convert values to C++."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _CUT = {"utf-8": "cut_utf8", "latin-1": "cut_latin1"}
 
 
 def members(layout: Layout, package: str) -> Iterator[Member]:
-    """In their order; a sequence is one member, with its count and what lies between."""
+    """Yield the members in order. A sequence is one member, with its count and the padding before the elements."""
     counted = counts(layout)
     before: list[Slot] = []
     for slot in layout.slots:
@@ -42,6 +42,8 @@ def members(layout: Layout, package: str) -> Iterator[Member]:
         start = before[0] if before else slot
         before = []
         element = element_of(slot.type, layout.options, package)
+        is_packed = slot.align > layout.message.pack
+        element = f"::shmgen::Unaligned<{element}>" if is_packed else element
         size = slot.offset + slot.size - start.offset
         comment = in_comment(_comment(slot))
         if slot.name in counted:
@@ -51,7 +53,8 @@ def members(layout: Layout, package: str) -> Iterator[Member]:
             aligned = ""
         else:
             line = element if slot.count is None else f"::std::array<{element}, {slot.count}>"
-            aligned = f"alignas({slot.align}) " if slot.align > 1 and slot.role is Role.DATA else ""
+            is_aligned = slot.align > 1 and slot.role is Role.DATA and not is_packed
+            aligned = f"alignas({slot.align}) " if is_aligned else ""
         declared = f"{aligned}{line} {cpp_name(slot.name)}{{{_initial(slot, layout.options)}}};"
         if slot.role is Role.PADDING:
             declared = f"::std::array<::std::uint8_t, {slot.size}> {cpp_name(slot.name)}{{}};"
@@ -59,14 +62,17 @@ def members(layout: Layout, package: str) -> Iterator[Member]:
 
 
 def visits(layout: Layout) -> str:
-    """An expression that visits the fields in their order, until a visit says false."""
+    """Return a C++ expression that calls the function `visit` for each field in order.
+
+    The expression ends early, as false, if one of the calls returns false.
+    """
     slots = [slot for slot in layout.slots if slot.role is Role.DATA]
     visited = (f"visit({quoted(slot.name.encode())}, message.{cpp_name(slot.name)})" for slot in slots)
     return "\n            && ".join(visited) or "true"
 
 
 def element_of(type_: Element, options: TypeOptions, package: str) -> str:
-    """The C++ type of one element."""
+    """Return the C++ type of one element."""
     match type_:
         case Scalar():
             return _TYPES.get(type_, f"::std::{type_.value}_t")
@@ -83,7 +89,7 @@ def element_of(type_: Element, options: TypeOptions, package: str) -> str:
 
 
 def constant_line(constant: Constant, options: TypeOptions) -> str:
-    """A static member with its value."""
+    """Return the declaration of a constant as a static member with its value."""
     match constant.type:
         case String(_, wide):
             kind = "::std::u16string_view" if wide else "::std::string_view"
@@ -92,14 +98,13 @@ def constant_line(constant: Constant, options: TypeOptions) -> str:
         case scalar:
             kind = _TYPES.get(scalar, f"::std::{scalar.value}_t")
     doc = in_comment(constant.doc.partition("\n")[0])
-    said = f" /* {doc} */" if doc else ""
-    return (
-        f"static constexpr {kind} {cpp_name(constant.name)} = {_value(constant.value, constant.type, options)};{said}"
-    )
+    comment = f" /* {doc} */" if doc else ""
+    value = _value(constant.value, constant.type, options)
+    return f"static constexpr {kind} {cpp_name(constant.name)} = {value};{comment}"
 
 
 def _initial(slot: Slot, options: TypeOptions) -> str:
-    """What stands in the braces behind a member's name: its default, or nothing for 0."""
+    """Return the default of a field as the C++ text between the braces of its declaration. `""` stands for zero."""
     default: Default | None = slot.field.default if slot.field and slot.role is Role.DATA else None
     if default is None or isinstance(slot.type, (Ref, Clock)):
         return ""
@@ -130,7 +135,7 @@ def _value(value: Value, type_: Element, options: TypeOptions) -> str:
 
 
 def _comment(slot: Slot) -> str:
-    """What it is in ROS, its unit, and the first line of its comment."""
+    """Return a member's comment: ROS type, unit, and the first line of the field's comment."""
     if slot.role is Role.FILLER:
         return ": the message has no fields"
     if slot.field is None or slot.role is not Role.DATA:

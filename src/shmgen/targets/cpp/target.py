@@ -1,4 +1,4 @@
-"""Turns layouts into C++17 headers: a class for each message, whose offsets are asserted, and what carries it."""
+"""Generate C++17 headers: a class with asserted offsets for each message, and its publisher and subscriber."""
 
 from __future__ import annotations
 
@@ -18,12 +18,15 @@ from shmgen.targets.cpp.names import NAMES as NAMES
 from shmgen.targets.cpp.names import class_name, header, namespace, qualified
 
 RUNTIME = ("shmgen_values.hpp", "shmgen_fields.hpp", "shmgen_loans.hpp", "shmgen.hpp", "shmgen_calls.hpp",
-           "shmgen_actions.hpp")  # fmt: skip
-"""Written by hand, in templates/cpp."""
+           "shmgen_actions.hpp", "shmgen_notifier.hpp")  # fmt: skip
+"""Handwritten headers in templates/cpp."""
 
 
 class Header(NamedTuple):
-    """One message; all strings finished. `visits` is an expression."""
+    """The template data for one message, as finished C++ code.
+
+    `visits` is an expression that visits the fields in order.
+    """
 
     title: str
     origin: str
@@ -49,7 +52,10 @@ class Header(NamedTuple):
 
 
 def plan(job: Job, report: Report) -> Iterator[Output]:
-    """`cpp/<package>/<ros package>/msg/pose.hpp` for each message, and what all share; nothing of `c/` is needed."""
+    """Yield `cpp/<package>/<ros package>/msg/pose.hpp` for each message, and the shared files.
+
+    The headers include no file from `c/`.
+    """
     root = f"cpp/{job.package}"
     yield region.plan(job.package, key="cpp")
     yield from ends.runtime(root)

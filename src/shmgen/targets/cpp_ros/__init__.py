@@ -1,1 +1,1 @@
-"""C++17: from the classes of the target cpp to the messages of roscpp or rclcpp, and back."""
+"""C++17 conversions between the classes of the target cpp and the messages of roscpp or rclcpp."""

@@ -1,4 +1,4 @@
-"""Turns layouts into C++ headers that convert between our classes and ROS's own, field by field, for either ROS."""
+"""Generate C++ headers that convert between shmgen's and ROS's classes, field by field, for ROS 1 and ROS 2."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from shmgen.targets.naming import ClaimedName, Names, file_stem
 
 
 def split(name: TypeName) -> tuple[TypeName, str] | None:
-    """What ROS's file of it is called after, and which half of that it is: of a message none.
+    """Return the ROS type whose definition contains a message, and the message's part of this type, such as `Request`.
 
-    None for what is ours alone, as a service's `_Reply` is.
+    The part is `""` for a plain message. Return None for messages that ROS does not have, such as shmgen's `_Reply`.
     """
     if name.kind == "msg":
         return name, ""
@@ -32,14 +32,17 @@ def _root(key: str, package: str) -> str:
 
 
 class Step(NamedTuple):
-    """`member` on either side; `kind` is a tag that tells a time from a duration, where it is one."""
+    """One step of a conversion: the field `member` to convert.
+
+    `kind` is the C++ tag of a time or a duration, or `void` for any other field.
+    """
 
     member: str
     kind: str
 
 
 class Header(NamedTuple):
-    """One message; all strings finished."""
+    """The template data for the header that converts one message, as finished C++ code."""
 
     title: str
     origin: str
@@ -53,7 +56,11 @@ class Header(NamedTuple):
 
 
 class Ros(NamedTuple):
-    """A target. `include` and `type_name` are of what split() gives, as that ROS calls them."""
+    """The target that generates the conversions for one version of ROS, 1 or 2.
+
+    `include` returns the path of ROS's header for a message, and `type_name` the name of ROS's class. Both take the
+    message's definition and part, as split() returns them.
+    """
 
     key: str
     include: Callable[[TypeName, str], str]
@@ -62,19 +69,19 @@ class Ros(NamedTuple):
 
     @property
     def NAMES(self) -> Names:
-        """The classes are those of cpp and of ROS, the files its own."""
-        return Names(f"C++ for ROS {self.key[-1]}", member=cpp_name, constant=cpp_name, made=self._made)
+        """The naming rules. Only the names of files are new: classes keep their names from the target cpp."""
+        return Names(f"C++ for ROS {self.key[-1]}", member=cpp_name, constant=cpp_name, claims=self._claims)
 
-    def _made(self, layout: Layout, package: str) -> Iterator[ClaimedName]:
+    def _claims(self, layout: Layout, package: str) -> Iterator[ClaimedName]:
         if split(layout.name):
             yield ClaimedName("namespace", cpp_name(layout.name.package), package, layout.name.package)
             yield ClaimedName("class", class_name(layout.name), namespace(layout.name, package))
             yield ClaimedName("file", header(layout.name, _root(self.key, package)))
 
     def plan(self, job: Job, report: Report) -> Iterator[Output]:
-        """`cpp_ros2/<package>_ros2/<ros package>/msg/pose.hpp` for all that ROS has, and what all share.
+        """Yield `cpp_ros2/<package>_ros2/<ros package>/msg/pose.hpp` for each type that ROS has, and the shared file.
 
-        They stand beside `cpp/`, whose classes they convert.
+        The headers convert the classes of the target cpp and include its files.
         """
         root = _root(self.key, job.package)
         yield Output(f"{self.key}/{root}/shmgen_ros.hpp", "cpp_ros/shmgen_ros.hpp", None)
@@ -90,14 +97,14 @@ ROS1 = Ros(
     lambda whole, half: f"::{cpp_name(whole.package)}::{cpp_name(whole.name + half)}",
     adapts=False,
 )
-"""roscpp's classes: `geometry_msgs::Pose`."""
+"""The target for roscpp's classes, such as `geometry_msgs::Pose`."""
 ROS2 = Ros(
     "cpp_ros2",
     lambda whole, half: f"{whole.package}/{whole.kind}/{file_stem(whole)}.hpp",
     lambda whole, half: f"::{cpp_name(whole.package)}::{whole.kind}::{cpp_name(whole.name + (half and '_' + half))}",
     adapts=True,
 )
-"""rosidl's classes, `geometry_msgs::msg::Pose`, with TypeAdapters."""
+"""The target for rosidl's classes, such as `geometry_msgs::msg::Pose`, with TypeAdapters."""
 
 
 def _header(ros: Ros, layout: Layout, package: str, root: str) -> Header:

@@ -1,1 +1,4 @@
-"""OpenPLC v4: one library file (`.stlib`) of its compiler STruC++, and what matiec shares with it."""
+"""OpenPLC v4: a library file (`.stlib`) for its compiler STruC++.
+
+The compiler matiec has a target of its own in the module `matiec`, which uses most of the other modules too.
+"""

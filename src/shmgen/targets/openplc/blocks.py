@@ -1,5 +1,6 @@
-"""Turns a Layout into its pair of function blocks: the variables that the target st gives them, and a body in C that
-calls templates/c/shmgen_block.h.
+"""Generate a message's publisher and subscriber block for an open compiler, STruC++ or matiec.
+
+The blocks have the variables of the target st, and a body in C that calls templates/c/shmgen_block.h.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from shmgen.targets.st import objects, reader
 
 
 class Variable(NamedTuple):
-    """`value` is what it begins with, in Structured Text, or nothing."""
+    """A variable of a block. `value` is its initial value in Structured Text, or `""`."""
 
     name: str
     type: str
@@ -29,7 +30,7 @@ class Variable(NamedTuple):
 
 
 class Block(NamedTuple):
-    """A function block; `needs` are the messages whose types and C structures it uses."""
+    """A function block to generate. `needs` are the messages whose types and C structures the block uses."""
 
     name: str
     doc: str
@@ -40,23 +41,26 @@ class Block(NamedTuple):
     needs: tuple[TypeName, ...]
 
 
-END = Variable("_udiEnd", "UDINT", "the open end's number; not to be written")
+END = Variable("_udiEnd", "UDINT", "handle of the open region, set by the block; do not write")
 _ERROR = "E_ShmError"
 
 
 class Blocks:
-    """Inputs, outputs and meaning of the blocks that the target st has printed, as an open compiler spells them."""
+    """Creates the blocks for an open compiler from the blocks that the target st has rendered.
+
+    The new blocks have the same inputs, outputs and comments. Types and names are spelled for the open compiler.
+    """
 
     def __init__(self, job: Job, compiler: Compiler) -> None:
         self._units = {}
-        for printed in job.printed["st"]:
-            name = printed.output.path.rpartition("/")[2].removesuffix(".st")
+        for file in job.rendered["st"]:
+            name = file.output.path.rpartition("/")[2].removesuffix(".st")
             if name == _ERROR:
-                errors = reader.read(name, printed.text)
+                errors = reader.read(name, file.text)
                 assert isinstance(errors, objects.DataType)
                 self._codes = {it.name: it.value for it in errors.members}
             elif name.startswith("FB_"):
-                self._units[name] = printed.text
+                self._units[name] = file.text
         own = {st.st_type(it.name, it.options): whole(st.st_type(it.name)) for it in job.layouts.values()}
         self._types = {**own, _ERROR: "UDINT", "STRING(80)": compiler.text(80, False)}
 
@@ -71,7 +75,10 @@ class Blocks:
         return Variable(variable.name, self._types.get(variable.type, variable.type), comment, str(variable.value))
 
     def _with_code(self, word: re.Match[str]) -> str:
-        """There are no enumerations: NO_ERROR is `NO_ERROR (0)`."""
+        """Return the name of an error with its number, such as `NO_ERROR (0)`. Return any other word unchanged.
+
+        The open compilers have no enumerations, so a program compares the number.
+        """
         return f"{word[0]} ({self._codes[word[0]]})" if word[0] in self._codes else word[0]
 
 
@@ -84,7 +91,12 @@ def pair(layout: Layout, layouts: Layouts, compiler: Compiler, known: Blocks) ->
 
 
 def enter(compiler: Compiler, name: str, opened: Iterable[str]) -> Iterator[str]:
-    """Finds the block's end, or opens it on the rising edge: `opened` takes the text and length of the input `name`."""
+    """Yield the C statements at the start of a block's body: find the block's open endpoint, or open a new one.
+
+    The endpoint is a publisher, subscriber, client or server. It is opened on the rising edge of `xEnable`, by the C
+    lines in `opened`. `name` is the block's input with the topic. In `opened`, `{text}` and `{length}` stand for the
+    text and the length of this input.
+    """
     statement, text, length = compiler.topic(name)
     yield f"const bool enabled = {compiler.get('XENABLE')} != 0;"
     yield f"uint32_t number = {compiler.get('_UDIEND')};"
@@ -117,7 +129,7 @@ def _publish(layout: Layout, layouts: Layouts, compiler: Compiler) -> Iterator[s
     yield from _enter(layout, compiler, "true")
     yield "bool sent = false;"
     yield "if (end != NULL) {"
-    yield "    const bool is_open = shmgen_block_is_open(end);"  # asked once: a call may be the one that opens
+    yield "    const bool is_open = shmgen_block_is_open(end);"  # called once: the call may open the region
     yield f"    const bool send = is_open && {compiler.get('XSEND')} != 0;"
     yield "    shmgen_status fits = SHMGEN_OK;"
     yield "    if (send) {"
@@ -136,12 +148,15 @@ def _publish(layout: Layout, layouts: Layouts, compiler: Compiler) -> Iterator[s
 def fill(
     layout: Layout, layouts: Layouts, compiler: Compiler, at: str, part: tuple[str, str, TypeName]
 ) -> Iterator[str]:
-    """Copies an input into the message at `at`, to the member that it is."""
+    """Yield C that copies an input variable of a block into the message at the C expression `at`.
+
+    `part` contains the variable's name, the name of the message's field, and the variable's type.
+    """
     name = struct_name(layout.name)
     yield f"{name} *message = ({name} *){at};"
-    variable, member, held = part
+    variable, member, type_name = part
     place = compiler.structure(variable)
-    yield from copies(layouts[held], layouts, compiler, place, f"message->{member}", to_plc=False)
+    yield from copies(layouts[type_name], layouts, compiler, place, f"message->{member}", to_plc=False)
 
 
 def _read(layout: Layout, layouts: Layouts, compiler: Compiler) -> Iterator[str]:

@@ -1,4 +1,7 @@
-"""What differs between the two open compilers: how a type is spelled, and how C reaches a variable of the program's."""
+"""Describe the differences between the open compilers STruC++ and matiec.
+
+The two compilers spell types differently. C code also accesses the variables of a program differently.
+"""
 
 from __future__ import annotations
 
@@ -13,14 +16,21 @@ NS_PER_MS = 1_000_000
 
 
 class Compiler(NamedTuple):
-    """Each function gives a piece of C, or of Structured Text; `longest` is the number of characters of a text.
+    """One of the two open compilers: the pieces of C and of Structured Text in which they differ.
 
-    Of the block's variables, by their names: `text` the type of a text of so many characters, in an array or not; `get`
-    the value of an elementary one, `put` the statement that gives it one; `structure` one that is a structure; `topic`
-    a statement, and then the text of a variable and its length; `ns` a TIME in ns; `owner` what tells one block from
-    another, its address. Of what the program holds: `element` of an array, the `value` of a member, `time_in` the
-    statement that gives it a TIME of the message in ms, `time_out` a TIME in ms, `text_in` and `text_out` the same of
-    texts, the latter with a capacity.
+    `longest` is the largest capacity of a STRING in bytes. `owner` is the C expression for a block's address, which
+    identifies the block. `text` returns the STRING type for a capacity; its second argument is True for an element of
+    an array.
+
+    Five functions take the name of a block's variable and return C. `get` returns the value of an elementary variable,
+    and `put` the statement that assigns a value. `structure` returns a variable that is a structure. `ns` returns a
+    TIME in nanoseconds. `topic` is for a STRING: it returns a statement to run first, and the expressions for text and
+    length.
+
+    Six functions take a C expression for a value in the program. `element` returns an element of an array, and `value`
+    the value of a member. `time_in` returns the statement that assigns a TIME in milliseconds, and `time_out` returns a
+    TIME in milliseconds. `text_in` returns the statement that copies a string from the message to the program.
+    `text_out` returns the statement that copies a string from the program to the message, up to a capacity.
     """
 
     title: str
@@ -40,7 +50,7 @@ class Compiler(NamedTuple):
     text_out: Callable[[str, str, int], str]
 
     def leaf_in(self, plc: str, c: str, type_: Element, options: TypeOptions) -> str:
-        """The statement that gives a value of the message to the program."""
+        """Return the statement that copies the field `c` of the message to the variable `plc` of the program."""
         match type_:
             case Clock() if options.time == "struct":
                 return " ".join(f"{one} = {other};" for one, other in self._seconds(plc, c))
@@ -54,7 +64,7 @@ class Compiler(NamedTuple):
                 return f"{plc} = {c};"
 
     def leaf_out(self, plc: str, c: str, type_: Element, options: TypeOptions) -> str:
-        """The other way round."""
+        """Return the statement that copies the variable `plc` of the program to the field `c` of the message."""
         match type_:
             case Clock() if options.time == "struct":
                 return " ".join(f"{other} = {self.value(one)};" for one, other in self._seconds(plc, c))
@@ -69,7 +79,7 @@ class Compiler(NamedTuple):
                 return f"{c} = {self.value(plc)};"
 
     def spelled(self, type_: Element, options: TypeOptions, *, in_array: bool = False) -> str:
-        """As Structured Text spells the type of a member or of an element of one."""
+        """Return the Structured Text name of a type. `in_array` is true for the type of an array's elements."""
         match type_:
             case Scalar.BOOL:
                 return options.bool
@@ -86,12 +96,12 @@ class Compiler(NamedTuple):
                 assert_never(type_)
 
     def declared(self, slot: Slot, options: TypeOptions) -> str:
-        """`ARRAY[0..35] OF LREAL`."""
+        """Return the declared type of a member, such as `ARRAY[0..35] OF LREAL`."""
         element = self.spelled(slot.type, options, in_array=slot.count is not None)
         return element if slot.count is None else f"ARRAY[0..{slot.count - 1}] OF {element}"
 
     def _seconds(self, plc: str, c: str) -> Iterator[tuple[str, str]]:
-        """The members of a time that is a structure, and those of the C structure."""
+        """Yield the pairs of members to copy between the time `plc` of the program and the time `c` of the message."""
         yield f"{plc}.DISEC", f"{c}.sec"
         yield f"{plc}.UDINANOSEC", f"{c}.nanosec"
 
@@ -118,7 +128,7 @@ MATIEC = Compiler(
     text_in="{0}.len = shmgen_text_in({0}.body, sizeof {0}.body, {1});".format,
     text_out="shmgen_text_out({1}, {2}, {0}.body, (size_t)({0}.len > 0 ? {0}.len : 0));".format,
 )
-"""A block's data is `data__`, each variable a structure of value and flags, and within it all is plain C."""
+"""The fragments for matiec. `data__` is a block's data; each variable is a C structure of value and flags."""
 STRUCPP = Compiler(
     title="OpenPLC",
     longest=254,
@@ -136,4 +146,4 @@ STRUCPP = Compiler(
     text_in="{} = {};".format,
     text_out="{{ const auto text = {0}.get(); shmgen_text_out({1}, {2}, text.c_str(), text.length()); }}".format,
 )
-"""A block is a class; each elementary value in it is wrapped, so that a debugger can force it."""
+"""The fragments for STruC++. A block is a class with wrapped elementary values, so that a debugger can force them."""

@@ -1,7 +1,7 @@
-"""Turns a Layout into the statements that copy a message between its C structure and the program's variable.
+"""Generate the C statements that copy a message between its C structure and the program's variable.
 
-Neither compiler lays a structure out as the region does, so each field goes by itself; of a sequence the elements that
-are valid.
+The compilers STruC++ and matiec do not store a structure with the layout of the region, so each field is copied
+separately. Only the valid elements of a sequence are copied.
 """
 
 from __future__ import annotations
@@ -18,7 +18,10 @@ _INDENT = "    "
 
 
 def copies(layout: Layout, layouts: Layouts, compiler: Compiler, plc: str, c: str, *, to_plc: bool) -> list[str]:
-    """From `c` to `plc`, or the other way round."""
+    """Return the C statements that copy a message between the C structure `c` and the program's variable `plc`.
+
+    If `to_plc` is true, the statements copy from `c` to `plc`, otherwise from `plc` to `c`.
+    """
     return list(_copies(layout, layouts, compiler, (plc, c), to_plc, 0))
 
 
@@ -34,7 +37,7 @@ def _copies(
         if slot.count is not None:
             index = f"i{depth}"
             limit = str(slot.count)
-            if slot.name in counted:  # what the program says has not been looked at yet
+            if slot.name in counted:  # the program's count is not yet checked
                 own = counted[slot.name]
                 limit = f"{limit} && {index} < {owners[1]}{c_member(own.name)}"
                 assert bound(own) == slot.count

@@ -1,4 +1,4 @@
-"""Reports what an open dialect cannot hold: SHM305, with the field."""
+"""Report SHM305 for each field that an open compiler, STruC++ or matiec, cannot represent."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ def check(layouts: Layouts, compiler: Compiler, key: str, report: Report) -> Non
                 span = slot.field.span.at(slot.field.name)
                 if not report.is_enough(span.path):
                     where = f"{layout.name.short}.{slot.name}"
-                    hint = f'{hint}, or leave "{key}" out of `targets` in shmgen.toml'
+                    hint = f'{hint}, or remove "{key}" from `targets` in shmgen.toml'
                     report.error("SHM305", f"{fault} {compiler.title}", span, field=where, hint=hint)
 
 
 def _faults(slot: Slot, layout: Layout, compiler: Compiler) -> Iterator[tuple[str, str]]:
     match slot.type:
         case String(wide=True):
-            yield "there is no WSTRING in", "make it a string in the definition"
+            yield "WSTRING does not exist in", "change the type to `string` in the definition"
         case String(capacity, _) if (capacity or 0) > compiler.longest:
             most = f"{compiler.longest} bytes"
-            yield f"{capacity} bytes are more than the {most} of a STRING in", f"bound it to {most} or fewer"
+            yield f"{capacity} bytes are more than {most}, the limit of a STRING in", f"lower the bound to {most}"
         case Clock() if layout.options.time == "LTIME":
-            yield "there is no LTIME in", 'say time = "TIME" or "struct" in shmgen.toml'
+            yield "LTIME does not exist in", 'set time = "TIME" or "struct" in shmgen.toml'

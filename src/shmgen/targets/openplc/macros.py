@@ -1,8 +1,9 @@
-"""Names in capitals that a member of a structure must not have, since a header turns them into something else.
+"""List names in capitals that a structure's member must not have, because a header defines them as macros.
 
-Both open compilers turn names into capitals, and their C and C++ meet the macros of the C library, of the compilers'
-own headers and of Linux. Found with `gcc -dM -E` (Debian 12, x86-64) on what shmgen includes, iec_std_lib.h of matiec
-and of OpenPLC v3, and the headers of STruC++ 0.6.1; without those that no field can be called.
+The open compilers STruC++ and matiec convert names to capitals. Their C and C++ code then collides with macros of the
+C library, of the compilers' headers and of Linux. The list was found with `gcc -dM -E` on Debian 12, x86-64.
+The sources are the headers that shmgen includes, iec_std_lib.h of matiec and of OpenPLC v3, and the headers of
+STruC++ 0.6.1. Macros whose names no field can have are omitted.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Turns layouts into one file of Structured Text for matiec, with the C that its blocks call, and a program.
+"""Generate one Structured Text file for matiec, with the C code of its blocks, and a program that calls the blocks.
 
-OpenPLC v3 takes C from lines `(*FILE:path text*)` of the file that is uploaded; to Beremiz they are comments, and its
-compiler is told the header's name.
+OpenPLC v3 reads C code from lines `(*FILE:path text*)` of the uploaded file. For Beremiz, these lines are comments:
+the user passes the header `<package>.h` with the C code to the C compiler instead.
 """
 
 from __future__ import annotations
@@ -22,13 +22,15 @@ NAMES = names.names("matiec")
 
 
 class Library(NamedTuple):
-    """`files` are the FILE lines; `program` is None in the file that holds no program."""
+    """The template data for the files `<package>.st` and `upload.st`.
+
+    `files` are lines such as `(*FILE:path text*)`, which contain the blocks' C code. Only `upload.st` has a `program`.
+    """
 
     package: str
     files: tuple[str, ...]
     structures: tuple[Structure, ...]
     blocks: tuple[Block, ...]
-    has_program: bool
     program: program.Program | None
 
 
@@ -38,7 +40,10 @@ class Header(NamedTuple):
 
 
 def plan(job: Job, report: Report) -> Iterator[Output]:
-    """`matiec/<package>.st`, `matiec/<package>.h`, and for what shmgen.toml names `matiec/upload.st`."""
+    """Yield `matiec/<package>.st` and `matiec/<package>.h`.
+
+    If shmgen.toml names topics, services or actions, also yield `matiec/upload.st`.
+    """
     limits.check(job.layouts, MATIEC, "matiec", report)
     if report.diagnostics:
         return
@@ -47,14 +52,14 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
     structures = [structure(layout, MATIEC) for layout in ordered(job.layouts)]
     if any(layout.options.time == "struct" for layout in ordered(job.layouts)):
         structures.insert(0, Structure(ST_TIME, "a ROS time or duration", SECONDS))
-    blocks = [_short(block) for block in whole]
+    blocks = [block._replace(body=(macro,)) if (macro := _body_macro(block)) else block for block in whole]
     files = tuple(f"(*FILE:c_blocks.h {_in_comment(line)} *)" for line in lines)
-    view = Library(job.package, files, tuple(structures), tuple(blocks), False, None)
+    view = Library(job.package, files, tuple(structures), tuple(blocks), None)
     yield Output(f"matiec/{job.package}.h", "matiec/header.h.j2", Header(job.package, lines))
     yield Output(f"matiec/{job.package}.st", "matiec/library.st.j2", view)
-    made = program.plan(job, MATIEC, whole)
-    if made:
-        view = view._replace(has_program=True, program=made)
+    plc_program = program.plan(job, MATIEC, whole)
+    if plc_program:
+        view = view._replace(structures=(*structures, *plc_program.structures), program=plc_program)
         yield Output("matiec/upload.st", "matiec/library.st.j2", view)
 
 
@@ -62,28 +67,26 @@ _TM = ("#ifdef _IEC_STD_LIB_H", "#define tm shmgen_tm", "#endif", "#ifdef _IEC_S
 
 
 LONGEST = 8000
-"""Characters of a body: iec2c reads one at one go into a buffer of 16 KiB."""
+"""The largest body in characters. iec2c reads a body at once into a buffer of 16 KiB."""
 
 
 def _body_macro(block: Block) -> str:
-    """The name under which a body that is too long stands in the header, or nothing."""
+    """Return the name of the C macro for a block's body. Return `""` if matiec accepts the body without a macro.
+
+    A body that is longer than LONGEST characters needs a macro.
+    """
     return f"SHMGEN_BODY_{block.name.upper()}" if sum(map(len, block.body)) > LONGEST else ""
 
 
-def _short(block: Block) -> Block:
-    macro = _body_macro(block)
-    return block._replace(body=(macro,)) if macro else block
-
-
 def _header(job: Job) -> Iterator[str]:
-    texts = embedded.printed(job)
+    texts = embedded.rendered_files(job)
     shared = embedded.protocol(job, texts)
     yield "#ifndef SHMGEN_BLOCKS_H"
     yield "#define SHMGEN_BLOCKS_H"
     yield "#ifndef _GNU_SOURCE"
     yield "#define _GNU_SOURCE"
     yield "#endif"
-    yield from _TM[:3]  # OpenPLC v3 includes this from a header that has called a type of its own `tm` by then
+    yield from _TM[:3]  # the header of OpenPLC v3 that includes this one has its own type `tm`
     yield from (f"#include <{name}>" for name in shared.includes)
     yield from _TM[3:]
     yield from shared.lines
@@ -99,5 +102,8 @@ def _long(block: Block) -> Iterator[str]:
 
 
 def _in_comment(line: str) -> str:
-    """A line of C that neither ends the comment nor begins another; none of it is in quotes with such a sign."""
+    """Return a line of C for a comment of Structured Text: it cannot end the comment or begin another one.
+
+    The function splits `(*` and `*)` by a blank. The C code contains neither of them in a string, so its meaning stays.
+    """
     return line.replace("(*", "( *").replace("*)", "* )")

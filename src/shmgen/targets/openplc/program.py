@@ -1,8 +1,8 @@
-"""Turns topics, services and actions into the program that calls their blocks, its task, and the structures that other
-programs use.
+"""Generate the program that calls all blocks, its task, and the global structures that other programs use.
 
-Neither open compiler calls a block that is global, so that the blocks are the program's own; what a program for CODESYS
-reads and writes as `GVL_Ros.robot_pose.Msg` is here a member of a global structure, under the same name.
+The open compilers STruC++ and matiec cannot call a global block, so the blocks are variables of the program. The user's
+programs use the same names as in CODESYS, such as `GVL_Ros.robot_pose.Msg`. In CODESYS, `GVL_Ros` is a variable list
+that contains the block `robot_pose`. Here, both are structures.
 """
 
 from __future__ import annotations
@@ -24,7 +24,11 @@ TASK = "RosTask"
 
 
 class Instance(NamedTuple):
-    """A block under its topic's name; the lines before and behind its call copy between it and the structure."""
+    """A block that the program calls for the topic, service or action `name`. `block` is the block's type.
+
+    The lines in `call` call the block with inputs from the global structure. The lines in `behind` copy the block's
+    outputs to the global structure.
+    """
 
     name: str
     block: str
@@ -33,7 +37,11 @@ class Instance(NamedTuple):
 
 
 class Program(NamedTuple):
-    """`structures` are the types of the `variables`, which are global; `own` is the user's, called behind ours."""
+    """The template data for the program and its global variables.
+
+    `structures` are the types of `variables`. `own` are files with the user's own programs, which the task calls after
+    shmgen's program.
+    """
 
     name: str
     structures: tuple[Structure, ...]
@@ -46,7 +54,10 @@ class Program(NamedTuple):
 
 
 def blocks(job: Job, compiler: Compiler) -> tuple[Block, ...]:
-    """A pair for each message that was asked for, but for the parts of services and actions, which have their own."""
+    """Return the publisher and subscriber block of each requested message, then the service and action blocks.
+
+    Messages that only services and actions use get no publisher and subscriber block, except if a topic has their type.
+    """
     called = parts(job.layouts) - {topic.type for topic in job.topics}
     carried = [one for one in ordered(job.layouts) if one.requested and one.name not in called]
     known = Blocks(job, compiler)
@@ -55,7 +66,7 @@ def blocks(job: Job, compiler: Compiler) -> tuple[Block, ...]:
 
 
 def plan(job: Job, compiler: Compiler, blocks: tuple[Block, ...]) -> Program | None:
-    """None where shmgen.toml lists no topic, service or action."""
+    """Return the program that calls `blocks`, or None if shmgen.toml lists no topic, service or action."""
     if not job.uses:
         return None
     known = {block.name: block for block in blocks}
@@ -67,7 +78,7 @@ def plan(job: Job, compiler: Compiler, blocks: tuple[Block, ...]) -> Program | N
         structures[stored.name] = stored
         members.append(Variable(names.topic(use.name), stored.name, use.comment))
         instances.append(_instance(block, use))
-    every = Structure("ST_Ros", "what the topics, services and actions carry", tuple(members))
+    every = Structure("ST_Ros", "the inputs and outputs of all topics, services and actions", tuple(members))
     lists = [one for layout in ordered(job.layouts) if (one := _constants(layout, compiler))]
     return Program(
         names.PROGRAM,
@@ -79,8 +90,8 @@ def plan(job: Job, compiler: Compiler, blocks: tuple[Block, ...]) -> Program | N
     )
 
 
-_HELD = {"xEnable", "sTopic", "sService", "sAction", "udiDepth"}
-"""Inputs that the call gives."""
+_BLOCK_ONLY = {"xEnable", "sTopic", "sService", "sAction", "udiDepth"}
+"""The inputs that the generated call sets."""
 _WHEN = {
     "Msg": "{0}.xNewData",
     "Request": "{0}.xExecute",
@@ -89,33 +100,37 @@ _WHEN = {
     "Feedback": "{0}.xNewFeedback",
     "Result": "{0}.xDone OR {0}.xAborted OR {0}.xError",
 }
-"""When a message that a block puts out can be new."""
+"""The condition under which each message output of a block can be new."""
 
 
 def _stored(block: Block) -> Structure:
-    """The structure with a block's outputs and those inputs that are the user's."""
-    kept = [variable for variable in (*block.inputs, *block.outputs) if variable.name not in _HELD]
-    return Structure(f"ST_Of_{block.name}", f"inputs and outputs of {block.name}", tuple(kept))
+    """Return the structure that other programs use instead of a block: its outputs and the user's inputs."""
+    user_variables = [variable for variable in (*block.inputs, *block.outputs) if variable.name not in _BLOCK_ONLY]
+    return Structure(f"ST_Of_{block.name}", f"inputs and outputs of {block.name}", tuple(user_variables))
 
 
 def _instance(block: Block, use: Use) -> Instance:
     name = names.topic(use.name)
-    held = f"{names.GLOBALS}.{name}"
+    global_name = f"{names.GLOBALS}.{name}"
     call = ["xEnable := TRUE,", *use.inputs]
-    inputs = [f"{one.name} := {held}.{one.name}" for one in block.inputs if one.name not in _HELD]
+    inputs = [f"{one.name} := {global_name}.{one.name}" for one in block.inputs if one.name not in _BLOCK_ONLY]
     if inputs:
         call[-1] = call[-1].removesuffix(");") + ","
         call += [f"{one}," for one in inputs[:-1]] + [f"{inputs[-1]});"]
     behind = []
     for one in (variable.name for variable in block.outputs):
-        line = f"{held}.{one} := {name}.{one};"
+        line = f"{global_name}.{one} := {name}.{one};"
         when = _WHEN.get(one, "").format(name)
         behind += [f"IF {when} THEN", f"    {line}", "END_IF;"] if when else [line]
     return Instance(name, block.name, tuple(call), tuple(behind))
 
 
 def _constants(layout: Layout, compiler: Compiler) -> tuple[Structure, Variable] | None:
-    """A structure whose members begin as the constants, for the dialects have no list that is a namespace."""
+    """Return a structure whose members are the constants of a message, and a global variable of this structure.
+
+    The variable has the name that the variable list of the constants has in CODESYS, so `GVL_pkg_Name.CONSTANT` works
+    in both. The open compilers have no named variable lists. Return None if the message has no constants.
+    """
     members = constants(layout, compiler)
     if not members:
         return None

@@ -1,12 +1,13 @@
-"""Turns layouts into a library of OpenPLC v4 (`.stlib`, JSON with C++ in it), and a program that uses it.
+"""Generate a library for OpenPLC v4 (`.stlib`, JSON with C++ code), and a program that uses the library.
 
-The library holds one chunk for each type and block, which says what it needs; a program gets those that it reaches. The
-form is that of STruC++ 0.6.1, src/library/library-manifest.ts.
+The library contains a chunk for each type and block. Each chunk lists its dependencies, and a program includes only
+the chunks that it needs. STruC++ 0.6.1 defines the format in src/library/library-manifest.ts.
 """
 
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
@@ -17,17 +18,16 @@ from shmgen.targets.openplc import embedded, limits, names, program
 from shmgen.targets.openplc.blocks import Block, Variable
 from shmgen.targets.openplc.compiler import STRUCPP
 from shmgen.targets.openplc.names import whole
-from shmgen.targets.openplc.spelling import cpp_type, cpp_value, manifest_type
 from shmgen.targets.openplc.types import SECONDS, Structure, ordered, structure
 from shmgen.targets.st.names import ST_TIME, st_type
 
 NAMES = names.capital_names("OpenPLC")
 PROTOCOL = "SHMGEN_PROTOCOL"
-"""The chunk that every block needs."""
+"""The chunk that every block requires."""
 
 
 class Library(NamedTuple):
-    """The text of the file."""
+    """The template data for the library file: its complete text."""
 
     text: str
 
@@ -37,24 +37,29 @@ class Program(NamedTuple):
 
 
 def plan(job: Job, report: Report) -> Iterator[Output]:
-    """`openplc/<package>.stlib`, and for what shmgen.toml names `openplc/PRG_Ros.st`."""
+    """Yield the library `openplc/<package>.stlib`, and a program if shmgen.toml names a topic, service or action.
+
+    The program is `openplc/PRG_Ros.st`.
+    """
     limits.check(job.layouts, STRUCPP, "openplc", report)
     if report.diagnostics:
         return
     blocks = program.blocks(job, STRUCPP)
-    made = program.plan(job, STRUCPP, blocks)
-    yield Output(f"openplc/{job.package}.stlib", "openplc/library.stlib.j2", Library(_library(job, blocks, made)))
-    if made:
-        yield Output(f"openplc/{names.PROGRAM}.st", "openplc/program_file.st.j2", Program(made))
+    plc_program = program.plan(job, STRUCPP, blocks)
+    yield Output(
+        f"openplc/{job.package}.stlib", "openplc/library.stlib.j2", Library(_library(job, blocks, plc_program))
+    )
+    if plc_program:
+        yield Output(f"openplc/{names.PROGRAM}.st", "openplc/program_file.st.j2", Program(plc_program))
 
 
-def _library(job: Job, blocks: tuple[Block, ...], made: program.Program | None) -> str:
+def _library(job: Job, blocks: tuple[Block, ...], plc_program: program.Program | None) -> str:
     layouts = ordered(job.layouts)
-    texts = embedded.printed(job)
+    texts = embedded.rendered_files(job)
     protocol = embedded.protocol(job, texts)
     own = [Structure(ST_TIME, "", SECONDS)] if any(layout.options.time == "struct" for layout in layouts) else []
     messages = {structure(layout, STRUCPP): embedded.message(layout, texts) for layout in layouts}
-    every = {**dict.fromkeys(own, ()), **messages, **dict.fromkeys(made.structures if made else (), ())}
+    every = {**dict.fromkeys(own, ()), **messages, **dict.fromkeys(plc_program.structures if plc_program else (), ())}
     known = {one.name.upper() for one in every}
     chunks = [_chunk(job.package, PROTOCOL, "type", protocol.lines, (), ())]
     for one, lines in every.items():
@@ -109,14 +114,14 @@ def _type(one: Structure) -> dict[str, object]:
 
 
 def _member(variable: Variable) -> dict[str, str]:
-    return {"name": variable.name.upper(), "type": manifest_type(variable.type)}
+    return {"name": variable.name.upper(), "type": _manifest_type(variable.type)}
 
 
 def _structure(one: Structure) -> Iterator[str]:
     name = one.name.upper()
     yield f"struct {name} {{"
     for member in one.members:
-        yield f"    {cpp_type(member.type)} {member.name.upper()}{{{cpp_value(member)}}};"
+        yield f"    {_cpp_type(member.type)} {member.name.upper()}{{{_cpp_value(member)}}};"
     yield "};"
     yield f"using IEC_{name} = {name};"
 
@@ -126,7 +131,7 @@ def _class(block: Block) -> Iterator[str]:
     yield f"class {name} {{"
     yield "public:"
     for variable in (*block.inputs, *block.outputs, *block.locals):
-        yield f"    {cpp_type(variable.type)} {variable.name.upper()}{{{cpp_value(variable)}}};"
+        yield f"    {_cpp_type(variable.type)} {variable.name.upper()}{{{_cpp_value(variable)}}};"
     yield "    IEC_BOOL ENO{true};"
     yield f"    {name}();"
     yield "    void operator()();"
@@ -140,3 +145,50 @@ def _body(block: Block) -> Iterator[str]:
     yield f"void {name}::operator()() {{"
     yield from (f"    {line}" for line in block.body)
     yield "}"
+
+
+# --- Types and initial values as STruC++ spells them ------------------------------------------------
+
+_ARRAY = re.compile(r"ARRAY\[0\.\.(\d+)\] OF (.+)")
+_TEXT = re.compile(r"STRING\((\d+)\)")
+_ELEMENTARY = re.compile("BOOL|BYTE|[DL]?WORD|U?[SDL]?INT|L?REAL|TIME")
+
+
+def _cpp_type(spelled: str) -> str:
+    """Return the C++ type: `ARRAY[0..2] OF LREAL` -> `Array1D<IEC_LREAL, 0, 2>`."""
+    if array := _ARRAY.fullmatch(spelled):
+        return f"Array1D<{_cpp_type(array[2])}, 0, {array[1]}>"
+    if text := _TEXT.fullmatch(spelled):
+        return f"IECStringVar<{text[1]}>"
+    if spelled == "STRING":
+        return "IECStringVar<254>"
+    return f"IEC_{spelled}" if _ELEMENTARY.fullmatch(spelled) else spelled.upper()
+
+
+def _manifest_type(spelled: str) -> str:
+    """Return the type in the manifest: `STRING(80)` -> `STRING`, `ARRAY[0..2] OF LREAL` -> `__INLINE_ARRAY_LREAL`."""
+    if array := _ARRAY.fullmatch(spelled):
+        return f"__INLINE_ARRAY_{_manifest_type(array[2])}"
+    return spelled.partition("(")[0].upper()
+
+
+def _cpp_value(variable: Variable) -> str:
+    """Return the initial value of a variable as C++ text for the braces of its declaration, or `""` without a value."""
+    value = variable.value
+    if array := _ARRAY.fullmatch(variable.type):
+        values = value.strip("[]").split(", ") if value else []
+        # Each literal has an explicit type: C++ rejects a list whose literals have different types.
+        return ", ".join(f"IEC_{array[2]}({_literal(one, array[2])})" for one in values)
+    return _literal(value, variable.type) if value else ""
+
+
+def _literal(value: str, type_: str) -> str:
+    if value in ("TRUE", "FALSE"):
+        return value.lower()
+    if type_ == "TIME":
+        return f"INT64_C({value.removeprefix('T#').removesuffix('s')}000000000)"
+    if type_ == "REAL":
+        return f"{value}f"
+    if type_ in ("ULINT", "LWORD"):
+        return f"{value}ULL"
+    return f"{value}LL" if type_ == "LINT" else value

@@ -1,4 +1,7 @@
-"""Turns Layouts into the structures of an open dialect: members without gaps, with the definition's defaults."""
+"""Generate a message's structure for an open compiler, STruC++ or matiec.
+
+The structure has no padding members. Its members have the defaults of the definition.
+"""
 
 from __future__ import annotations
 
@@ -16,11 +19,11 @@ SECONDS = (
     Variable("diSec", "DINT", "negative for a duration before zero"),
     Variable("udiNanosec", "UDINT", "0..999999999, always counted upwards"),
 )
-"""Of ST_shmgen_Time."""
+"""The members of ST_shmgen_Time."""
 
 
 class Structure(NamedTuple):
-    """`doc` is one line."""
+    """A structure of Structured Text to generate. `doc` is its comment, one line."""
 
     name: str
     doc: str
@@ -28,17 +31,17 @@ class Structure(NamedTuple):
 
 
 def ordered(layouts: Layouts) -> tuple[Layout, ...]:
-    """By name, but for those that others hold, which come before."""
-    found: dict[TypeName, Layout] = {}
+    """Return the layouts sorted by name, except that a message comes after the messages that it contains."""
+    by_name: dict[TypeName, Layout] = {}
 
     def put(name: TypeName) -> None:
         for inner in sorted(layouts[name].dependencies):
             put(inner)
-        found.setdefault(name, layouts[name])
+        by_name.setdefault(name, layouts[name])
 
     for name in sorted(layouts):
         put(name)
-    return tuple(found.values())
+    return tuple(by_name.values())
 
 
 def structure(layout: Layout, compiler: Compiler) -> Structure:
@@ -51,7 +54,7 @@ def _member(slot: Slot, layout: Layout, compiler: Compiler) -> Variable:
     if slot.role is Role.FILLER:
         comment = "the message has no fields"
     elif slot.role is Role.COUNT and slot.field:
-        comment = f"how many of {member(slot.field.name)} are valid"
+        comment = f"number of valid elements in {member(slot.field.name)}"
     elif slot.field:
         comment = slot.field.doc.partition("\n")[0]
         if slot.field.unit and f"[{slot.field.unit}]" not in comment:
@@ -61,7 +64,11 @@ def _member(slot: Slot, layout: Layout, compiler: Compiler) -> Variable:
 
 
 def _value(slot: Slot, layout: Layout) -> str:
-    """The default; a text's is left to the program, and what no open compiler reads is none."""
+    """Return the initial value of a structure's member, from the default in the definition, as Structured Text.
+
+    Return `""` if there is no default, if the field is a string, or if a compiler would reject the value. For strings,
+    the generated program sets the defaults.
+    """
     default = slot.field.default if slot.field else None
     if slot.role is Role.COUNT:
         return str(len(default)) if isinstance(default, tuple) and default else ""
@@ -77,13 +84,19 @@ def _value(slot: Slot, layout: Layout) -> str:
 
 
 def _is_small(value: float) -> bool:
-    """Whether both compilers read it: matiec makes a REAL of each literal."""
+    """Return True if both compilers accept a floating-point literal of this value.
+
+    matiec converts each literal to a REAL of 32 bits, so a value outside the range of a REAL is not accepted.
+    """
     return value == 0 or (math.isfinite(value) and 1e-37 < abs(value) < 1e38)
 
 
 def constants(layout: Layout, compiler: Compiler) -> tuple[Variable, ...]:
-    """As members that begin with the value. Texts, and numbers that have no literal there, are left out."""
-    found = []
+    """Return the constants of a message as variables with initial values.
+
+    Strings are omitted, and numbers that have no literal which both compilers accept.
+    """
+    variables = []
     for constant in layout.message.constants:
         type_, value = constant.type, constant.value
         if isinstance(type_, String) or (isinstance(value, float) and not _is_small(value)):
@@ -91,5 +104,5 @@ def constants(layout: Layout, compiler: Compiler) -> tuple[Variable, ...]:
         spelled = literal(value, type_, layout.options)
         if spelled and " " not in spelled:
             comment = ascii_text(constant.doc.partition("\n")[0])
-            found.append(Variable(member(constant.name), compiler.spelled(type_, layout.options), comment, spelled))
-    return tuple(found)
+            variables.append(Variable(member(constant.name), compiler.spelled(type_, layout.options), comment, spelled))
+    return tuple(variables)

@@ -1,1 +1,1 @@
-"""PLCopen XML, which holds the Structured Text for import into an IDE."""
+"""PLCopen XML with the generated Structured Text, for import into an IDE."""

@@ -1,16 +1,17 @@
-"""Turns the generated Structured Text into PLCopen XML for *Project > Import PLCopenXML*, and a script that imports it.
+"""Generate PLCopen XML from the Structured Text for *Project > Import PLCopenXML*, and a script that imports it.
 
-The format is the TC6 XML 2.0 that exports of CODESYS hold, with what CODESYS writes into `addData`; the shape of what
-is here is held to records of such exports (tests/targets/codesys_exports.toml). CODESYS prefers a declaration in plain
-text (`interfaceasplaintext`) to the structured one: only that keeps comments, pragmas and the base type of an
-enumeration. Both are here: the structured one is what the target st planned, the text is what it printed.
+The format is TC6 XML 2.0 with the `addData` elements of CODESYS. Tests compare the output with records of
+CODESYS exports (tests/targets/codesys_exports.toml). CODESYS prefers a declaration in plain text
+(`interfaceasplaintext`) to the structured declaration. Only the plain text keeps comments, pragmas and the base type
+of an enumeration. The XML contains both: the structured declaration from the target st's plan, and the text from
+the rendered files of st.
 """
 
 from __future__ import annotations
 
 import functools
-import hashlib
 import re
+import uuid
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
@@ -21,35 +22,39 @@ from shmgen.targets.st import objects, reader
 from shmgen.targets.st.names import PRG_TOPICS
 
 NAMES = None
-"""All are those that the target st made."""
+"""None, because the target st creates and checks all names."""
 
 LIBRARIES = (
     ("SysShm", "SysShm", True),
     ("SysSemProcess", "SysSemProcess", True),
     ("SysTypes2 Interfaces", "SysTypes", False),
 )
-"""Title and namespace of the libraries that FB_ShmRegion uses, and whether exports name them by a placeholder."""
+"""Title and namespace of each library that FB_ShmRegion uses, and True if exports use a placeholder for the library."""
 FOLDER = "ROS"
-"""The folder of the application that holds them all; below it one for each package, as below `st/`."""
+"""The application's folder for all generated objects, with a subfolder for each package, as in `st/`."""
 TASK = "RosTask"
 PRIORITY = "10"
-"""0 is the highest of CODESYS, 31 the lowest; a new project's own task has 1, and control goes before talk."""
+"""The priority of the task. In CODESYS, 0 is the highest priority and 31 the lowest.
+
+The task of a new project has priority 1. Control takes precedence over communication.
+"""
 
 
 class Variable(NamedTuple):
-    """`type` and `value` are pieces of XML, as PLCopen spells types and values; `number` that of an enumeration."""
+    """The template data for a variable or for a name of an enumeration.
+
+    `type` and `value` are PLCopen XML. `number` is the value of a name of an enumeration.
+    """
 
     name: str
     type: str
-    has_value: bool
     value: str
     number: str
-    has_comment: bool
     comment: str
 
 
 class Section(NamedTuple):
-    """Of a unit; `tag` is inputVars and so on. Data types and lists have one, without a tag, for their variables."""
+    """A group of variables of one kind in a unit. `tag` is the XML tag of the kind, such as inputVars."""
 
     tag: str
     is_constant: bool
@@ -62,7 +67,10 @@ class Attribute(NamedTuple):
 
 
 class Head(NamedTuple):
-    """What all objects have; `text` is the declaration in Structured Text. The `id` is what folders name them by."""
+    """The data that data types, lists and units have in common.
+
+    `text` is the declaration in Structured Text. A folder refers to an object by its `id`.
+    """
 
     name: str
     id: str
@@ -70,21 +78,18 @@ class Head(NamedTuple):
     attributes: tuple[Attribute, ...]
     text: str
 
-    @property
-    def has_attributes(self) -> bool:
-        return bool(self.attributes)
-
 
 class DataType(NamedTuple):
-    """A structure, an enumeration over the type `base` with its `values`, or another name for `base`."""
+    """The template data for a data type: a structure, an enumeration over the type `base`, or an alias of `alias`.
+
+    `members` are the members of a structure, or the names and numbers of an enumeration.
+    """
 
     head: Head
-    sections: tuple[Section, ...]
-    values: tuple[Variable, ...]
-    is_enum: bool
+    members: tuple[Variable, ...]
     base: str
+    alias: str
     initial: str
-    is_alias: bool
     methods: tuple[()] = ()
 
 
@@ -93,17 +98,16 @@ class GlobalList(NamedTuple):
 
     head: Head
     is_constant: bool
-    sections: tuple[Section, ...]
+    variables: tuple[Variable, ...]
     methods: tuple[()] = ()
 
 
 class Unit(NamedTuple):
-    """A block, a program, or a method, which has no `kind` and no methods."""
+    """The template data for a block, a program, or a method. A method has an empty `kind` and no methods."""
 
     head: Head
     kind: str
     is_private: bool
-    has_return: bool
     returns: str
     sections: tuple[Section, ...]
     body: str
@@ -111,7 +115,10 @@ class Unit(NamedTuple):
 
 
 class Library(NamedTuple):
-    """`name` as the library manager shows it, `title` without version and company, `resolution` with them."""
+    """The template data for a library of CODESYS that the generated code needs.
+
+    `name` is the name in the library manager. `resolution` is the library's title with its version and company.
+    """
 
     name: str
     title: str
@@ -121,16 +128,19 @@ class Library(NamedTuple):
 
 
 class Folder(NamedTuple):
-    """A folder of the IDE: that of a package."""
+    """A folder of the IDE with the objects of one package."""
 
     name: str
     objects: tuple[DataType | GlobalList | Unit, ...]
 
 
 class Project(NamedTuple):
-    """The XML file and the script; the interval in seconds for PLCopen, in milliseconds for CODESYS.
+    """The template data for the XML file and the import script.
 
-    `folders` and the objects of the `loose` one lie in `folder`; each is in `data_types`, `lists` or `units` too.
+    `data_types`, `lists` and `units` together contain all objects. In the IDE, the folder named `folder` contains all
+    objects: most objects are in its subfolders, `folders`. The objects outside a subfolder are in `loose`, as one
+    Folder without a name; `loose` is empty if there are none. `seconds` and `milliseconds` are the interval of the
+    task, for PLCopen and for CODESYS. `library_manager` is the id of the IDE's object with the list of libraries.
     """
 
     data_types: tuple[DataType, ...]
@@ -146,27 +156,29 @@ class Project(NamedTuple):
     priority: str = PRIORITY
     program: str = PRG_TOPICS
     folder: str = FOLDER
+    library_manager: str = ""
 
 
 def plan(job: Job, report: Report) -> Iterator[Output]:
-    """`plcopen/` of what the target st planned and printed, and of the interval of the task."""
+    """Yield the XML file and the import script in `plcopen/`, from the rendered files of the target st."""
     folders: dict[str, list[DataType | GlobalList | Unit]] = {}
-    for printed in sorted(job.printed["st"], key=lambda printed: printed.output.path):
-        _, *below, _ = printed.output.path.split("/")
-        folders.setdefault("/".join(below), []).append(_stored(stored_object(printed), printed.text.rstrip("\n")))
+    for file in sorted(job.rendered["st"], key=lambda file: file.output.path):
+        _, *below, _ = file.output.path.split("/")
+        folders.setdefault("/".join(below), []).append(_stored(stored_object(file), file.text.rstrip("\n")))
     loose = tuple(folders.pop("", ()))
-    found = [*(one for objects in folders.values() for one in objects), *loose]
+    all_objects = [*(one for objects in folders.values() for one in objects), *loose]
     interval = job.options.task_interval
     view = Project(
-        data_types=tuple(one for one in found if isinstance(one, DataType)),
-        lists=tuple(one for one in found if isinstance(one, GlobalList)),
-        units=tuple(one for one in found if isinstance(one, Unit)),
+        data_types=tuple(one for one in all_objects if isinstance(one, DataType)),
+        lists=tuple(one for one in all_objects if isinstance(one, GlobalList)),
+        units=tuple(one for one in all_objects if isinstance(one, Unit)),
         folders=tuple(Folder(name, tuple(objects)) for name, objects in folders.items()),
         loose=(Folder("", loose),) if loose else (),
         libraries=tuple(_libraries()),
         has_task=any(one.head.name == PRG_TOPICS for one in loose),
         seconds=f"{interval / 1000:f}".rstrip("0").rstrip("."),
         milliseconds=str(interval),
+        library_manager=_id("Library Manager"),
     )
     yield Output("plcopen/shmgen.xml", "plcopen/project.xml.j2", view)
     yield Output("plcopen/import_shmgen.py", "plcopen/import_shmgen.py.j2", view)
@@ -178,106 +190,100 @@ def _libraries() -> Iterator[Library]:
         yield Library(f"#{title}" if is_placeholder else resolution, title, namespace, resolution, is_placeholder)
 
 
-def stored_object(printed: RenderedFile) -> objects.DataType | objects.GlobalList | objects.Unit:
-    """As it was planned. The text of blocks, which is written by hand in the templates, is cut as an IDE stores it."""
-    match printed.output.view:
+def stored_object(file: RenderedFile) -> objects.DataType | objects.GlobalList | objects.Unit:
+    """Return the Structured Text object that a file of the target st contains.
+
+    The object of a generated data type or list is known from the plan of the file. Any other file is parsed.
+    """
+    match file.output.view:
         case objects.Dut() | objects.Gvl() as view:
             return view.object
         case _:
-            return reader.read(printed.output.path.rpartition("/")[2].removesuffix(".st"), printed.text)
+            return reader.read(file.output.path.rpartition("/")[2].removesuffix(".st"), file.text)
 
 
-def _stored(found: objects.DataType | objects.GlobalList | objects.Unit, text: str) -> DataType | GlobalList | Unit:
-    match found:
+def _stored(item: objects.DataType | objects.GlobalList | objects.Unit, text: str) -> DataType | GlobalList | Unit:
+    match item:
         case objects.DataType():
-            return _data_type(found, text)
+            return _data_type(item, text)
         case objects.GlobalList():
-            return _list(found, text)
+            return _list(item, text)
         case _:
-            return _unit(found)
+            return _unit(item)
 
 
-def _data_type(found: objects.DataType, text: str) -> DataType:
-    members = _variables(found.members)
+def _data_type(data_type: objects.DataType, text: str) -> DataType:
     return DataType(
-        _head(found.name, found.head, text),
-        (Section("", False, members),),
-        members,
-        is_enum=bool(found.base),
-        base=_type(found.base or found.alias) if found.base or found.alias else "",
-        initial=_text(found.initial),
-        is_alias=bool(found.alias),
+        _head(data_type.name, data_type.head, text),
+        _variables(data_type.members),
+        base=_type(data_type.base),
+        alias=_type(data_type.alias),
+        initial=_text(data_type.initial),
     )
 
 
-def _list(found: objects.GlobalList, text: str) -> GlobalList:
-    is_constant = found.variables.constant
-    section = Section("", is_constant, _variables(found.variables.variables))
-    return GlobalList(_head(found.name, found.head, text), is_constant, (section,))
+def _list(global_list: objects.GlobalList, text: str) -> GlobalList:
+    section = global_list.variables
+    return GlobalList(_head(global_list.name, global_list.head, text), section.constant, _variables(section.variables))
 
 
 _KINDS = {"FUNCTION_BLOCK": "functionBlock", "PROGRAM": "program", "METHOD": ""}
 _TAGS = {"VAR_INPUT": "inputVars", "VAR_OUTPUT": "outputVars", "VAR": "localVars"}
 
 
-def _unit(found: objects.Unit, within: str = "") -> Unit:
+def _unit(unit: objects.Unit, within: str = "") -> Unit:
     sections = [
-        Section(_TAGS[section.keyword], section.constant, _variables(section.variables)) for section in found.sections
+        Section(_TAGS[section.keyword], section.constant, _variables(section.variables)) for section in unit.sections
     ]
     return Unit(
-        _head(found.name, found.head, found.declaration, within),
-        kind=_KINDS[found.keyword],
-        is_private=found.access == "PRIVATE",
-        has_return=bool(found.returns),
-        returns=_type(found.returns) if found.returns else "",
+        _head(unit.name, unit.head, unit.declaration, within),
+        kind=_KINDS[unit.keyword],
+        is_private=unit.access == "PRIVATE",
+        returns=_type(unit.returns),
         sections=tuple(sections),
-        body=_text(found.body),
-        methods=tuple(_unit(method, f"{found.name}.") for method in found.methods),
+        body=_text(unit.body),
+        methods=tuple(_unit(method, f"{unit.name}.") for method in unit.methods),
     )
 
 
-_OURS = bytes.fromhex("6a9c1f0e5d3b5f639c557e1f6d2b8a40")
-"""Drawn once. An object's id is made of this and of its name, so that it is the same each time."""
+_OURS = uuid.UUID("6a9c1f0e-5d3b-5f63-9c55-7e1f6d2b8a40")
+"""The fixed namespace of ids. An id depends only on this value and the object's name, so each run creates equal ids."""
 
 
 def _head(name: str, head: objects.Head, text: str, within: str = "") -> Head:
-    attributes = tuple(Attribute(_text(found.name), _text(found.value)) for found in head.attributes)
+    attributes = tuple(Attribute(_text(attribute.name), _text(attribute.value)) for attribute in head.attributes)
     return Head(name, _id(within + name), _text("\n".join(head.comment)), attributes, _text(text))
 
 
 def _id(name: str) -> str:
-    """As `uuid.uuid5` makes it (RFC 9562, 5.5); that module takes long to load."""
-    made = int.from_bytes(hashlib.sha1(_OURS + name.encode(), usedforsecurity=False).digest()[:16], "big")
-    digits = f"{made & ~(0xF << 76) & ~(3 << 62) | 5 << 76 | 2 << 62:032x}"
-    return "-".join((digits[:8], digits[8:12], digits[12:16], digits[16:20], digits[20:]))
+    """Return a UUID for the object `name`, the same in every run."""
+    return str(uuid.uuid5(_OURS, name))
 
 
-def _variables(found: Iterable[objects.Variable]) -> tuple[Variable, ...]:
-    return tuple(map(_variable, found))
+def _variables(variables: Iterable[objects.Variable]) -> tuple[Variable, ...]:
+    return tuple(map(_variable, variables))
 
 
-@functools.lru_cache(4096)  # most stand in many blocks
-def _variable(found: objects.Variable) -> Variable:
+@functools.lru_cache(4096)  # the same variables occur in many blocks
+def _variable(variable: objects.Variable) -> Variable:
     return Variable(
-        found.name,
-        _type(found.type) if found.type else "",
-        bool(found.value),
-        _value(found.value),
-        _text(found.value) if isinstance(found.value, str) else "",
-        bool(found.comment),
-        _text(found.comment),
+        variable.name,
+        _type(variable.type),
+        _value(variable.value) if variable.value else "",
+        _text(variable.value) if isinstance(variable.value, str) else "",
+        _text(variable.comment),
     )
 
 
 _ELEMENTARY = re.compile("BOOL|BYTE|[DL]?WORD|U?[SDL]?INT|L?REAL|TIME|DATE|TOD|DT")
-"""Those with an element of their own in TC6 2.01; LTIME and CODESYS's own are `derived`."""
+"""The types with an XML element of their own in TC6 2.01. LTIME and the types of CODESYS are `derived`."""
 _STRING = re.compile(r"(W?STRING)\((\d+)\)")
 _ARRAY = re.compile(r"ARRAY\[([-\d., ]+)\] OF (.+)")
 
 
 @functools.cache
 def _type(spelled: str) -> str:
-    """`ARRAY[0..2] OF LREAL` as PLCopen spells it."""
+    """Return a type such as `ARRAY[0..2] OF LREAL` as PLCopen XML, or `""` if there is no type."""
     if array := _ARRAY.fullmatch(spelled):
         bounds = (dimension.strip().partition("..") for dimension in array[1].split(","))
         dimensions = "".join(f'<dimension lower="{lower}" upper="{upper}" />' for lower, _, upper in bounds)
@@ -288,20 +294,24 @@ def _type(spelled: str) -> str:
         return f'<{string[1].lower()} length="{string[2]}" />'
     if _ELEMENTARY.fullmatch(spelled):
         return f"<{spelled} />"
-    assert re.fullmatch(r"[\w.]+", spelled), f"not a type: {spelled}"
-    return f'<derived name="{spelled}" />'
+    assert re.fullmatch(r"[\w.]*", spelled), f"not a type: {spelled}"
+    return f'<derived name="{spelled}" />' if spelled else ""
 
 
 def _value(spelled: str | tuple[str, ...]) -> str:
-    """`1.0`, or the elements of an array, as PLCopen spells them."""
+    """Return an initial value as PLCopen XML. For an array, `spelled` has the value of each element."""
     if isinstance(spelled, str):
         return f'<simpleValue value="{_text(spelled)}" />'
     return f"<arrayValue>{''.join(f'<value>{_value(element)}</value>' for element in spelled)}</arrayValue>"
 
 
-@functools.lru_cache(4096)  # most names and comments are those of many blocks
+@functools.lru_cache(4096)  # the same names and comments occur in many blocks
 def _text(text: str) -> str:
-    """For an element or an attribute. XML 1.0 has no way to write most control characters; Structured Text has none."""
-    assert text.isascii(), "generated Structured Text is ASCII"
+    """Escape text for an XML element or attribute.
+
+    The text must not contain control characters, because XML 1.0 cannot represent most of them. Structured Text has
+    none.
+    """
+    assert re.sub(r"\w", "", text).isascii(), "only names of an imported project are beyond ASCII"
     assert text.replace("\n", "").isprintable(), "and has no control characters"
     return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;").replace('"', "&quot;")

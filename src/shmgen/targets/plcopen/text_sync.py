@@ -1,7 +1,7 @@
-"""Lays the generated Structured Text out as cds-text-sync takes it in its text-first mode: one object a file.
+"""Write the generated Structured Text in the layout of cds-text-sync's text-first mode: one file for each object.
 
-A block or program has its declaration, a line that tells where the code begins, and the code; a method is a file beside
-it. Data types and lists are printed as the target st prints them.
+The file of a block or program contains the declaration, a line that marks the beginning of the code, and the code.
+Each method is a separate file beside the block. Data types and lists are rendered as in the target st.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from shmgen.targets.st.objects import Unit
 from shmgen.targets.st.text import MADE
 
 NAMES = None
-"""All are those that the target st made."""
+"""None, because the target st creates and checks all names."""
 
 
 def plan(job: Job, report: Report) -> Iterator[Output]:
-    """`cds_text_sync/` with the folders of `st/`."""
-    for printed in job.printed["st"]:
-        path = "cds_text_sync" + printed.output.path.removeprefix("st")
-        match stored_object(printed):
+    """Yield a file for each object in `cds_text_sync/`, which has the same subfolders as `st/`."""
+    for file in job.rendered["st"]:
+        path = "cds_text_sync" + file.output.path.removeprefix("st")
+        match stored_object(file):
             case Unit() as unit:
                 yield Output(path, "plcopen/unit.st.j2", unit)
                 for method in unit.methods:
                     declared = method._replace(declaration=f"{MADE}\n{method.declaration}")
                     yield Output(f"{path.removesuffix('st')}{method.name}.st", "plcopen/unit.st.j2", declared)
             case _:
-                yield Output(path, printed.output.template, printed.output.view)
+                yield Output(path, file.output.template, file.output.view)

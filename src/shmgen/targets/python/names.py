@@ -1,6 +1,6 @@
-"""Names that Python accepts.
+"""Map names to names that Python accepts.
 
-The keywords are those of the language reference, section "Keywords" (3.10 to 3.14 agree).
+The keywords come from the language reference, section "Keywords". The lists of Python 3.10 to 3.14 are equal.
 """
 
 from __future__ import annotations
@@ -12,30 +12,30 @@ from shmgen.targets.naming import ClaimedName, Names, file_stem, words
 
 
 def python_member(name: str) -> str:
-    """A field or a class in Python: `from` -> `from_`."""
+    """Return a valid Python name for a field or a class: `from` -> `from_`."""
     return name + "_" if name in PYTHON_RESERVED else name
 
 
 def python_class(name: TypeName) -> str:
-    """`Pose`; a ROS 1 message `struct` -> `struct_`, because a module refers to Python's own."""
+    """Return the class name, such as `Pose`. Names that a generated module uses are escaped: `str` -> `str_`."""
     return name.name + "_" if name.name in PYTHON_RESERVED or name.name in PYTHON_USED else name.name
 
 
 def module(name: TypeName) -> str:
-    """The file of a message, without its ending: `_joint_state`."""
+    """Return the module name of a message, such as `_joint_state`."""
     return f"_{file_stem(name)}"
 
 
 def classes(layout: Layout) -> list[str]:
-    """Those of a message: itself, and what publishes it and subscribes to it where it was asked for."""
+    """Return the class names of a message: the message and, if requested, its publisher and subscriber."""
     name = python_class(layout.name)
     return [name, f"{name}Publisher", f"{name}Subscriber"] if layout.requested else [name]
 
 
-def _made(layout: Layout, root: str) -> Iterator[ClaimedName]:
+def _claims(layout: Layout, root: str) -> Iterator[ClaimedName]:
     package = python_member(layout.name.package)
     space = f"{package}.{layout.name.kind}"
-    yield ClaimedName("package", package, of=layout.name.package)
+    yield ClaimedName("package", package, owner=layout.name.package)
     for name in classes(layout):
         yield ClaimedName("class", name, space)
     yield ClaimedName("file", f"{module(layout.name)}.py", space)
@@ -46,17 +46,11 @@ PYTHON_RESERVED = words("""
     if import in is lambda nonlocal not or pass raise return try while with yield
     __debug__ self
 """)
-"""`self` too: a generated method takes the fields as keyword arguments beside it."""
+"""The names to escape. `self` is included, because a generated method takes fields as keyword arguments."""
 
 PYTHON_USED = words("""
-    bool bytearray bytes ctypes float int memoryview runtime staticmethod str struct typing values
+    bool float int runtime str typing
 """)
-"""What a generated module refers to by a bare name."""
+"""The builtins and modules that a generated module uses by name."""
 
-PYTHON_STORED = words("""
-    _anonymous_ _align_ _as_parameter_ _b_base_ _b_needsfree_ _check_counts _decode _digest_ _encode _fields_
-    _layout_ _names_ _objects _pack_ _regions_ _set_defaults _swappedbytes_ _type_name_
-""")
-"""Attributes that ctypes and the generated classes have for themselves, and that all begin with an underscore."""
-
-NAMES = Names("Python", member=python_member, constant=python_member, made=_made)
+NAMES = Names("Python", member=python_member, constant=python_member, claims=_claims)

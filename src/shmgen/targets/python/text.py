@@ -1,4 +1,4 @@
-"""The user's words as Python text that stays where it is printed: docstrings and literals."""
+"""Convert the user's text to docstrings and literals that cannot change the surrounding Python code."""
 
 from __future__ import annotations
 
@@ -8,11 +8,15 @@ from collections.abc import Iterator, Sequence
 from shmgen.core.model import Default, Message, ros_type
 
 _RUFF_WIDTH = 88
-"""Characters; what ruff and black allow a line unless they are told otherwise."""
+"""The default line length of ruff and black, in characters."""
 
 
 def documentation(message: Message) -> Iterator[str]:
-    """The rest of the comment's first paragraph, the fields with shape, bound and unit, and the definition."""
+    """Yield the lines of a generated class's docstring, except its first line.
+
+    The lines are the rest of the first paragraph of the message's comment, the fields with type and unit, and the text
+    of the definition.
+    """
     yield from in_docstring(message.doc).partition("\n\n")[0].split("\n")[1:]
     fields = message.fields
     if fields:
@@ -29,7 +33,7 @@ def documentation(message: Message) -> Iterator[str]:
 
 
 def in_docstring(text: str) -> str:
-    """Text that cannot end the docstring it stands in, nor begin an escape."""
+    """Escape text that would end the surrounding docstring or begin an escape sequence."""
     lines = text.split("\n")
     cleaned = "\n".join(line if line.isprintable() else "".join(map(_printable, line)) for line in lines)
     return cleaned.replace("\\", "\\\\").replace('"', '\\"' if '"""' in cleaned or cleaned.endswith('"') else '"')
@@ -52,12 +56,15 @@ def literal(value: Default) -> str:
 
 
 def import_lines(module: str, names: Sequence[str]) -> list[str]:
-    """As ruff and black break it."""
+    """Return import lines, wrapped in the style of ruff and black."""
     line = f"from {module} import {', '.join(names)}"
     return [line] if len(line) <= _RUFF_WIDTH else [f"from {module} import (", *(f"    {name}," for name in names), ")"]
 
 
 def sort_key(name: str) -> tuple[bool, bool, list[tuple[bool, int, str]]]:
-    """As ruff sorts modules and `__all__`: constants, classes, the rest, and 8 before 16."""
+    """Return a key for the order in which ruff sorts modules and `__all__`.
+
+    The order is constants, classes, other names. Numbers sort by value: 8 before 16.
+    """
     parts = [(part.isdigit(), int(part) if part.isdigit() else 0, part) for part in re.split(r"(\d+)", name) if part]
     return not name.isupper(), not name[0].isupper(), parts

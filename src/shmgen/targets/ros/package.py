@@ -1,10 +1,9 @@
-"""Writes a ROS package that starts `shmgen bridge` for the topics and services of shmgen.toml."""
+"""Generate a ROS package that starts `shmgen bridge` for the topics and services of shmgen.toml."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import replace
 from itertools import chain
 from typing import NamedTuple
 
@@ -17,7 +16,7 @@ _PARTS = {"msg": ("",), "srv": ("_Request", "_Response"), "action": ("_Goal", "_
 
 
 class Package(NamedTuple):
-    """`dependencies` are packages of messages."""
+    """The template data for a ROS package. `dependencies` are the ROS packages whose messages the bridge transfers."""
 
     name: str
     version: str
@@ -26,17 +25,20 @@ class Package(NamedTuple):
 
 
 class Text(NamedTuple):
-    """A file that is handed on as it is."""
+    """The template data for a file whose `text` the template inserts unchanged."""
 
     text: str
 
 
 def described(target: str, job: Job, report: Report) -> Package | None:
-    """The package of a target. Reports SHM504 where there is nothing to carry."""
+    """Return the name, version and dependencies of the ROS package that a target generates.
+
+    If shmgen.toml has no topic, service or action, report SHM504 and return None.
+    """
     carried = {used.type.package for used in job.uses}
     if not carried:
-        hint = "list [[topics]] or [[services]] in shmgen.toml"
-        report.error("SHM504", f"the target {target} has nothing to carry", Span("shmgen.toml"), hint=hint)
+        hint = "add [[topics]], [[services]] or [[actions]] to shmgen.toml"
+        report.error("SHM504", f"the target {target} needs a topic, service or action", Span("shmgen.toml"), hint=hint)
         return None
     options = job.options
     version = options.distribution.partition(" ")[2]
@@ -49,9 +51,10 @@ def described(target: str, job: Job, report: Report) -> Package | None:
 
 
 class Starting(NamedTuple):
-    """A target whose package starts `shmgen bridge`. `files` are the paths in it, each with its template.
+    """A target that generates a ROS package which starts `shmgen bridge`.
 
-    The user's names stand in copies of the definitions alone.
+    `files` maps each path in the package to its template, as pairs. `NAMES` is None, because only the copied
+    definitions contain the user's names.
     """
 
     key: str
@@ -59,9 +62,11 @@ class Starting(NamedTuple):
     NAMES: None = None
 
     def plan(self, job: Job, report: Report) -> Iterator[Output]:
-        """`<key>/<name>/`. Reports SHM504 where there is nothing to carry.
+        """Yield the files of the ROS package, in `<key>/<package name>/`.
 
-        What the bridge needs of shmgen.toml comes along; `path` becomes a folder of the package, with the definitions.
+        If shmgen.toml has no topic, service or action, report SHM504. The package contains the bridge's settings from
+        shmgen.toml. If the user has definitions, the package also contains copies of these definitions, and `path` in
+        its settings names their folder.
         """
         package = described(self.key, job, report)
         if package is None:
@@ -70,8 +75,8 @@ class Starting(NamedTuple):
         for file, template in self.files:
             yield Output(f"{root}/{file.format(package.name)}", f"ros/{template}", package)
         definitions = dict(_definitions(job.layouts))
-        said = {key: value for key, value in job.options.configuration.items() if key not in _ELSEWHERE}
-        configuration = toml.dumps({"path": ["msgs"], **said} if definitions else said)
+        options = {key: value for key, value in job.options.configuration.items() if key not in _ELSEWHERE}
+        configuration = toml.dumps({"path": ["msgs"], **options} if definitions else options)
         yield Output(f"{root}/config/shmgen.toml", "ros/shmgen.toml.j2", Text(configuration.rstrip("\n")))
         for path, text in definitions.items():
             yield Output(f"{root}/config/msgs/{path}", "ros/text.j2", Text(text.rstrip("\n")))
@@ -88,7 +93,7 @@ ROS1 = Starting(
         ("launch/bridge.launch", "bridge.launch.j2"),
     ),
 )
-"""A catkin package."""
+"""The target for a catkin package."""
 ROS2 = Starting(
     "ros2",
     (
@@ -101,34 +106,34 @@ ROS2 = Starting(
         ("config/bridge.yaml", "bridge.yaml.j2"),
     ),
 )
-"""An ament_python package."""
+"""The target for an ament_python package."""
 
 
 def beside(root: str, *targets: Iterator[Output]) -> Iterator[Output]:
-    """What other targets write, below `root`/include."""
+    """Yield the planned files of other targets, moved to the folder `<root>/include`."""
     for output in chain(*targets):
-        yield replace(output, path=f"{root}/include/{output.path.partition('/')[2]}")
+        yield output._replace(path=f"{root}/include/{output.path.partition('/')[2]}")
 
 
 def default_name(package: str) -> str:
-    """`shm_msgs` -> `shm_msgs_bridge`, within REP 144."""
+    """Return the default name of the generated ROS package, which follows REP 144: `shm_msgs` -> `shm_msgs_bridge`."""
     words = re.findall("[a-z0-9]+", package.lower())
     return "_".join([*words, "bridge"])
 
 
 _ELSEWHERE = ("path", "messages", "targets")
-"""Folders and files of the project, and what only `generate` asks for."""
+"""The keys to omit from the copy of shmgen.toml: folders of the project, and settings for `generate` only."""
 
 
 def _definitions(layouts: Layouts) -> Iterator[tuple[str, str]]:
-    """Path and text of each file that is not of a built-in store."""
-    found: dict[tuple[str, str, str], dict[str, Message]] = {}
+    """Yield the path and the text of each definition file to copy. Built-in definitions are not copied."""
+    by_definition: dict[tuple[str, str, str], dict[str, Message]] = {}
     for name, layout in layouts.items():
         for part in _PARTS[name.kind]:
             if name.name.endswith(part) and not layout.message.origin.startswith("built-in"):
                 bare = name.name.removesuffix(part)
-                found.setdefault((name.package, name.kind, bare), {})[part] = layout.message
-    for (package, kind, bare), parts in sorted(found.items()):
+                by_definition.setdefault((name.package, name.kind, bare), {})[part] = layout.message
+    for (package, kind, bare), parts in sorted(by_definition.items()):
         if parts.keys() != set(_PARTS[kind]):
             continue
         first, *others = (parts[part] for part in _PARTS[kind])

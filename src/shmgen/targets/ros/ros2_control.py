@@ -1,4 +1,4 @@
-"""Writes an ament_cmake package of ROS 2, `ros2_control/<name>/`: a PLC as a SystemInterface."""
+"""Generate an ament_cmake package for ROS 2, `ros2_control/<name>/`: a PLC as a SystemInterface."""
 
 from __future__ import annotations
 
@@ -25,14 +25,18 @@ _FILES = (
     ("launch/control.launch.py", "control.launch.py.j2"),
 )
 _RUNTIME = ("shmgen_control.hpp", "shmgen_fields.hpp")
-"""Written by hand, in templates/ros2_control."""
+"""Handwritten headers in templates/ros2_control."""
 _KINDS = {Scalar.BOOL: "boolean", **{kind: kind.value for kind in Scalar if kind.value[-2:] in ("t8", "16", "32")},
           Scalar.FLOAT64: "float64"}  # fmt: skip
-"""What a double holds exactly; int64 and uint64 are not among them."""
+"""The types that a double represents exactly. int64 and uint64 are therefore excluded."""
 
 
 class Number(NamedTuple):
-    """A number in a message, or all of an array: `dimensions` are arguments of a Dimension each."""
+    """A number in a message, or all numbers at the same place in the elements of arrays.
+
+    `dimensions` has an entry for each array that contains the number, outermost first. An entry contains the arguments
+    of the C++ class `Dimension`. `length` is the product of the lengths of these arrays.
+    """
 
     path: str
     kind: str
@@ -42,7 +46,7 @@ class Number(NamedTuple):
 
 
 class Region(NamedTuple):
-    """A topic; `way` is a class of shmgen_control.hpp."""
+    """The template data for a topic. `way` is the C++ class that transfers the topic: Commands or States."""
 
     way: str
     list: str
@@ -53,7 +57,7 @@ class Region(NamedTuple):
 
 
 class Interface(NamedTuple):
-    """One of a component in the URDF."""
+    """A command or state interface of a joint or gpio in the URDF. It carries the number `field` of `topic`."""
 
     way: str
     name: str
@@ -62,7 +66,7 @@ class Interface(NamedTuple):
 
 
 class Component(NamedTuple):
-    """A joint or a gpio."""
+    """A component in the URDF: a joint or a gpio."""
 
     tag: str
     name: str
@@ -79,7 +83,7 @@ class System(NamedTuple):
 
 
 def plan(job: Job, report: Report) -> Iterator[Output]:
-    """Reports SHM504 where there is nothing to carry."""
+    """Yield the files of the package. If shmgen.toml has no topic, service or action, report SHM504."""
     about = package.described("ros2_control", job, report)
     if about is None:
         return
@@ -116,28 +120,33 @@ def _numbers(
         if slot.count is not None:
             counter = offset + counters[slot.name].offset if slot.name in counters else -1
             path, dimensions = f"{path}[]", (*around, f"{slot.count}, {slot.element_size}, {counter}")
-        held = length * (slot.count or 1)
+        total = length * (slot.count or 1)
         if isinstance(slot.type, Ref):
-            yield from _numbers(layouts[slot.type.name], layouts, f"{path}.", at, dimensions, held)
+            yield from _numbers(layouts[slot.type.name], layouts, f"{path}.", at, dimensions, total)
         elif kind := _KINDS.get(slot.type) if isinstance(slot.type, Scalar) else None:
-            yield Number(path, kind, str(at), dimensions, held)
+            yield Number(path, kind, str(at), dimensions, total)
 
 
 def _components(regions: tuple[Region, ...]) -> Iterator[Component]:
-    """A joint for each element of `position[]` and its like, a gpio for what comes with each, and one for the rest."""
-    found: dict[tuple[str, str], list[Interface]] = {}
+    """Yield the joints and gpios of the URDF, with an interface for each number in `regions`.
+
+    Arrays of joint values, such as `position[]`, become joints: `joint1` has the first element of each of these arrays.
+    Other arrays of the same length become gpios: `axis1` has the first element of each. The gpio `plc` has all numbers
+    outside arrays.
+    """
+    by_component: dict[tuple[str, str], list[Interface]] = {}
     plain = [(region, number) for region in regions for number in region.numbers if "." not in number.path]
     size = max((number.length for _, number in plain if number.path in _OF_JOINTS), default=0)
     for region, number in plain:
         way, name = "command" if region.way == "Commands" else "state", number.path.removesuffix("[]")
         if not number.dimensions:
-            found.setdefault(("gpio", "plc"), []).append(Interface(way, name, region.name, name))
+            by_component.setdefault(("gpio", "plc"), []).append(Interface(way, name, region.name, name))
         elif number.length == size:
             tag = "joint" if number.path in _OF_JOINTS else "gpio"
             for index in range(size):
                 key = tag, f"{'joint' if tag == 'joint' else 'axis'}{index + 1}"
-                found.setdefault(key, []).append(Interface(way, name, region.name, f"{name}[{index}]"))
-    for (tag, name), interfaces in sorted(found.items(), key=lambda item: item[0][0] == "gpio"):
+                by_component.setdefault(key, []).append(Interface(way, name, region.name, f"{name}[{index}]"))
+    for (tag, name), interfaces in sorted(by_component.items(), key=lambda item: item[0][0] == "gpio"):
         yield Component(tag, name, tuple(sorted(interfaces)))
 
 

@@ -1,4 +1,4 @@
-"""Writes an ament_cmake package of ROS 2, `ros2_cpp/<name>/`: a node in C++ that is the bridge."""
+"""Generate an ament_cmake package for ROS 2, `ros2_cpp/<name>/`: the bridge as a node in C++."""
 
 from __future__ import annotations
 
@@ -24,12 +24,16 @@ _FILES = (
 )
 _RUNTIME = ("shmgen_node.hpp", "shmgen_peers.hpp", "shmgen_service_sides.hpp", "shmgen_side.hpp",
             "shmgen_topic_sides.hpp")  # fmt: skip
-"""Written by hand, in templates/cpp_ros."""
+"""Handwritten headers in templates/cpp_ros."""
 _OF_THE_USE = ("topic", "service", "type", "direction", "server")
 
 
 class Use(NamedTuple):
-    """`way` is a function of shmgen_node.hpp, `types` its arguments as a template, `options` calls of Carried."""
+    """A topic, service or action that the node transfers, as a C++ function call.
+
+    `way` is the function in shmgen_node.hpp, and `types` are its template arguments. `options` is C++ code that sets
+    options of the class Carried.
+    """
 
     way: str
     types: str
@@ -38,7 +42,7 @@ class Use(NamedTuple):
 
 
 class Node(NamedTuple):
-    """The source of the node. `diagnostics` is in seconds."""
+    """The template data for the node's source. `diagnostics` is the interval of its diagnostic messages in seconds."""
 
     package: package.Package
     diagnostics: str
@@ -47,7 +51,7 @@ class Node(NamedTuple):
 
 
 def plan(job: Job, report: Report) -> Iterator[Output]:
-    """Reports SHM504 where there is nothing to carry."""
+    """Yield the files of the package. If shmgen.toml has no topic, service or action, report SHM504."""
     about = package.described("ros2_cpp", job, report)
     if about is None:
         return
@@ -65,11 +69,11 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
 
 
 def _uses(job: Job) -> Iterator[Use]:
-    said = job.options.configuration  # whose values are checked
-    for topic, table in zip(job.topics, said.get("topics", ()), strict=True):
+    document = job.options.configuration  # the values are already checked
+    for topic, table in zip(job.topics, document.get("topics", ()), strict=True):
         way = "to_plc" if topic.to_plc else "from_plc"
         yield Use(way, f"<{qualified(topic.type, job.package)}>", topic.name, _options(table))
-    for service, table in zip(job.services, said.get("services", ()), strict=True):
+    for service, table in zip(job.services, document.get("services", ()), strict=True):
         types = f"<{qualified(service.type, job.package)}, {ROS2.type_name(service.type, '')}>"
         yield Use("plc_serves" if service.on_plc else "plc_calls", types, service.name, _options(table))
     for action in job.actions:

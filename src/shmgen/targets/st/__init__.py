@@ -1,1 +1,1 @@
-"""Structured Text: DUTs, constants, and a pair of function blocks for each message."""
+"""Structured Text: DUTs, lists of constants, and a pair of function blocks for each message."""

@@ -1,4 +1,4 @@
-"""Turns services and actions into blocks that call and serve them: `FB_std_srvs_SetBool_Client`, `…_Server`."""
+"""Generate the client and server blocks of services and actions, such as `FB_std_srvs_SetBool_Client`."""
 
 from __future__ import annotations
 
@@ -12,51 +12,48 @@ from shmgen.targets.st.counts import Check, checks
 
 
 class Carried(NamedTuple):
-    """What one region carries: the structure, and the list with its constants."""
+    """The Structured Text names of one message in a region: its structure, and the list of its constants.
+
+    `variable` is the block's variable with a sample, and `suffix` the end of the region's name.
+    """
 
     dut: str
     gvl: str
+    variable: str
+    suffix: str
 
 
-class Service(NamedTuple):
-    """A client or a server, which looks at its counts if `fits`; the last three are names in each `gvl`."""
+class Calls(NamedTuple):
+    """The template data for the client or server block of a service or an action.
 
-    name: str
-    title: str
-    request: Carried
-    reply: Carried
-    response: str
-    fits: bool
-    checks: tuple[Check, ...]
-    type_name: str = names.GVL_TYPE_NAME
-    digest: str = names.GVL_DIGEST
-    size: str = names.GVL_SIZE
+    `end` is the variable with the block's FB_ShmClient or FB_ShmServer.
+    `response`, `goal`, `feedback` and `result` are structure names, `""` if the service or action has no such message.
+    If `fits` is true, the block checks counts in the requests or replies that it receives. If `fits_progress` is true,
+    the client of an action also checks counts in the progress messages.
 
-
-class Action(NamedTuple):
-    """The same for an action; `goal`, `feedback` and `result` are the structures of its three parts.
-
-    `fits` is of what ends or begins a goal, `fits_progress` of what a client hears meanwhile.
+    `type_name`, `digest` and `size` are the names of constants. The list `gvl` of each region contains them.
     """
 
     name: str
     title: str
-    command: Carried
-    progress: Carried
-    outcome: Carried
-    goal: str
-    feedback: str
-    result: str
+    end: str
+    request: Carried
+    reply: Carried
     fits: bool
-    fits_progress: bool
     checks: tuple[Check, ...]
+    response: str = ""
+    progress: Carried | None = None
+    goal: str = ""
+    feedback: str = ""
+    result: str = ""
+    fits_progress: bool = False
     type_name: str = names.GVL_TYPE_NAME
     digest: str = names.GVL_DIGEST
     size: str = names.GVL_SIZE
 
 
 def plan(layouts: Layouts) -> Iterator[Output]:
-    """Nothing where no service and no action was asked for."""
+    """Yield the files with the blocks of all services and actions. If there are none, yield nothing."""
     services, actions = list(interfaces.services(layouts)), list(interfaces.actions(layouts))
     if services or actions:
         yield from common.by_hand("FB_ShmClient", "FB_ShmServer")
@@ -67,7 +64,7 @@ def plan(layouts: Layouts) -> Iterator[Output]:
 
 
 def parts(layouts: Layouts) -> frozenset[TypeName]:
-    """The messages that travel in the regions of those services and actions, not as topics."""
+    """Return the names of all messages that the regions of services and actions contain."""
     services = [name.part(ending) for name in interfaces.services(layouts) for ending in _OF_SERVICE]
     actions = [name.part(ending) for name in interfaces.actions(layouts) for ending in _OF_ACTION]
     return frozenset(services + actions)
@@ -78,32 +75,36 @@ _OF_ACTION = ("_Goal", "_Result", "_Feedback", "_Command", "_Progress", "_Outcom
 
 
 def _service(name: TypeName, layouts: Layouts) -> Iterator[Output]:
-    request, reply = _carried(name.part("_Request"), layouts), _carried(name.part("_Reply"), layouts)
+    request = _carried(name.part("_Request"), layouts, "Request", "-request")
+    reply = _carried(name.part("_Reply"), layouts, "_Reply", "-response")
     response = names.st_type(name.part("_Response"), layouts[name.part("_Response")].options)
-    for block, template, read in (
-        (names.client_block(name), "client", "_Reply"),
-        (names.server_block(name), "server", "_Request"),
+    for block, template, end, read in (
+        (names.client_block(name), "client", "_fbClient", "_Reply"),
+        (names.server_block(name), "server", "_fbServer", "_Request"),
     ):
         own = checks(layouts[name.part(read)], layouts, "Fits", read)
-        view = Service(block, name.short, request, reply, response, bool(own), own)
+        view = Calls(block, name.short, end, request, reply, bool(own), own, response)
         yield Output(f"st/{name.package}/{block}.st", f"st/{template}.st.j2", view)
 
 
 def _action(name: TypeName, layouts: Layouts) -> Iterator[Output]:
-    command, progress, outcome = (_carried(name.part(part), layouts) for part in ("_Command", "_Progress", "_Outcome"))
+    command, progress, outcome = (
+        _carried(name.part(part), layouts, part, suffix)
+        for part, suffix in (("_Command", "-goal"), ("_Progress", "-feedback"), ("_Outcome", "-result"))
+    )
     goal, feedback, result = (
         names.st_type(name.part(part), layouts[name.part(part)].options) for part in ("_Goal", "_Feedback", "_Result")
     )
-    for block, template, read, heard in (
-        (names.action_client_block(name), "action_client", "_Outcome", ("_Progress",)),
-        (names.action_server_block(name), "action_server", "_Command", ()),
+    for block, template, end, read, received in (
+        (names.action_client_block(name), "action_client", "_fbClient", "_Outcome", ("_Progress",)),
+        (names.action_server_block(name), "action_server", "_fbServer", "_Command", ()),
     ):
         own = checks(layouts[name.part(read)], layouts, "Fits", read)
-        also = tuple(it for part in heard for it in checks(layouts[name.part(part)], layouts, "FeedbackFits", part))
-        parts = (command, progress, outcome, goal, feedback, result)
-        view = Action(block, name.short, *parts, bool(own), bool(also), (*own, *also))
+        also = tuple(it for part in received for it in checks(layouts[name.part(part)], layouts, "FeedbackFits", part))
+        parts = ("", progress, goal, feedback, result)
+        view = Calls(block, name.short, end, command, outcome, bool(own), (*own, *also), *parts, bool(also))
         yield Output(f"st/{name.package}/{block}.st", f"st/{template}.st.j2", view)
 
 
-def _carried(name: TypeName, layouts: Layouts) -> Carried:
-    return Carried(names.st_type(name, layouts[name].options), names.gvl(name))
+def _carried(name: TypeName, layouts: Layouts, variable: str, suffix: str) -> Carried:
+    return Carried(names.st_type(name, layouts[name].options), names.gvl(name), variable, suffix)

@@ -1,6 +1,7 @@
-"""Writes the region of abi.py in Structured Text, and adds the blocks and enumerations written by hand.
+"""Generate the files in `st/shmgen/`, which all messages share: the header of a region, constants, and shared blocks.
 
-All of it is common to a project's messages and stands in `st/shmgen/`.
+The byte layout of the headers comes from `core/abi.py`. The blocks and enumerations are handwritten, in
+`templates/st/`.
 """
 
 from __future__ import annotations
@@ -8,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from shmgen.core import abi
-from shmgen.core.abi import Number, Word
+from shmgen.core.abi import HeaderField, Number
 from shmgen.core.model import Output
 from shmgen.targets.st.names import GVL_REGION, ST_TIME
 from shmgen.targets.st.objects import (
@@ -25,19 +26,22 @@ from shmgen.targets.st.objects import (
 from shmgen.targets.st.text import MADE, uncommented
 
 TYPES = {"dw": "DWORD", "ui": "UINT", "udi": "UDINT", "lw": "LWORD", "aby": "ARRAY[0..{last}] OF BYTE"}
-"""What the prefix of a name says."""
+"""The IEC type for each name prefix."""
 _HEADER = (
     f"// The first {abi.HEADER_SIZE} bytes of a region, ABI {abi.ABI}. "
-    "Every word lies at a multiple of its own size, so that pack_mode 8",
-    "// leaves no gap and the compiler reads and writes each with one access.",
+    "The comment of a member begins with its offset, a multiple of its",
+    "// size: pack_mode 8 adds no gap, and the compiler reads and writes each member with one access.",
     MADE,
 )
-_SLOT = (f"// What stands before the payload in each slot of a region, {abi.SLOT_HEADER} bytes.", MADE)
-_NUMBERS = (f"// What both ends of a region must know, ABI {abi.ABI}; all ..._MS are milliseconds.", MADE)
+_SLOT = (f"// The header of each slot in a region, {abi.SLOT_HEADER} bytes before the payload.", MADE)
+_NUMBERS = (f"// The constants of the protocol, ABI {abi.ABI}. Names that end with _MS are in milliseconds.", MADE)
 
 
 def plan(*, locks: bool, struct_time: bool) -> Iterator[Output]:
-    """`locks`: regions have a lock; `struct_time`: times are structures."""
+    """Yield the files that all messages share.
+
+    If `locks` is true, regions have a lock. If `struct_time` is true, a structure represents a time.
+    """
     yield words("ST_ShmHeader", _HEADER, abi.HEADER, abi.HEADER_SIZE)
     yield words("ST_ShmSlot", _SLOT, abi.SLOT, abi.SLOT_HEADER)
     yield numbers(abi.NUMBERS, locks)
@@ -45,42 +49,56 @@ def plan(*, locks: bool, struct_time: bool) -> Iterator[Output]:
 
 
 def by_hand(*names: str) -> Iterator[Output]:
-    """Objects that stand in templates/st/ as they are."""
+    """Yield the handwritten files `templates/st/<name>.st`, unchanged."""
     for name in names:
         yield Output(f"st/shmgen/{name}.st", f"st/{name}.st", None)
 
 
-def words(name: str, doc: tuple[str, ...], found: Sequence[Word], size: int) -> Output:
-    """A structure of `size` bytes with these words."""
+def words(name: str, doc: tuple[str, ...], fields: Sequence[HeaderField], size: int) -> Output:
+    """Return the file of the structure `name` of `size` bytes, whose members are the header fields `fields`.
+
+    `doc` contains the comment lines at the start of the file.
+    """
     members = [
-        Variable(word.st, _type(word), "", f"{word.offset:>3}  {word.meaning}") for word in abi.tiled(found, size)
+        Variable(word.st, _type(word), "", f"{word.offset:>3}: {word.meaning}")
+        for word in abi.with_reserved(fields, size)
     ]
     stored = DataType(name, Head(uncommented(doc), (Attribute("pack_mode", "8"),)), _plain(members))
-    return Output(f"st/shmgen/{name}.st", "st/dut.st.j2", Dut(stored, doc, _columns(members)))
+    return Output(f"st/shmgen/{name}.st", "st/dut.st.j2", Dut(stored, doc, columns(members)))
 
 
-def numbers(found: Sequence[Number], locks: bool) -> Output:
-    """The list of what a PLC needs of these, and LOCKS."""
-    constants = [Variable(number.name, number.st, _value(number), number.meaning) for number in found if number.st]
-    constants.append(Variable("LOCKS", "BOOL", str(locks).upper(), 'FALSE: sync = "sequence", no semaphore at all'))
+def numbers(constants: Sequence[Number], locks: bool) -> Output:
+    """Return the file with the list of the protocol's constants that a PLC needs.
+
+    The additional constant LOCKS has the value of `locks`.
+    """
+    variables = [Variable(number.name, number.st, _value(number), number.meaning) for number in constants if number.st]
+    variables.append(
+        Variable(
+            "LOCKS",
+            "BOOL",
+            str(locks).upper(),
+            'TRUE: a semaphore locks each region; FALSE: sync = "sequence" in shmgen.toml',
+        )
+    )
     head = Head(uncommented(_NUMBERS), (Attribute("qualified_only"),))
-    stored = GlobalList(GVL_REGION, head, Variables("VAR_GLOBAL", True, _plain(constants)))
-    return Output(f"st/shmgen/{GVL_REGION}.st", "st/gvl.st.j2", Gvl(stored, _NUMBERS, _columns(constants)))
+    stored = GlobalList(GVL_REGION, head, Variables("VAR_GLOBAL", True, _plain(variables)))
+    return Output(f"st/shmgen/{GVL_REGION}.st", "st/gvl.st.j2", Gvl(stored, _NUMBERS, columns(variables)))
 
 
-def _plain(found: Sequence[Variable]) -> tuple[Variable, ...]:
-    return tuple(variable._replace(comment=variable.comment.strip()) for variable in found)
+def _plain(variables: Sequence[Variable]) -> tuple[Variable, ...]:
+    return tuple(variable._replace(comment=variable.comment.strip()) for variable in variables)
 
 
-def _columns(found: Sequence[Variable]) -> tuple[Line, ...]:
-    """Name, declaration and comment, lined up."""
-    width = max(len(variable.name) for variable in found)
-    codes = [f"{it.name:<{width}} : {it.type}{f' := {it.value}' if it.value else ''};" for it in found]
+def columns(variables: Sequence[Variable]) -> tuple[Line, ...]:
+    """Return declaration lines with name, type and comment in aligned columns."""
+    width = max(len(variable.name) for variable in variables)
+    codes = [f"{it.name:<{width}} : {it.type}{f' := {it.value}' if it.value else ''};" for it in variables]
     column = max(map(len, codes))
-    return tuple(Line(f"{code:<{column}}  // {it.comment}") for code, it in zip(codes, found, strict=True))
+    return tuple(Line(f"{code:<{column}}  // {it.comment}") for code, it in zip(codes, variables, strict=True))
 
 
-def _type(word: Word) -> str:
+def _type(word: HeaderField) -> str:
     prefix = word.st[: next(place for place, char in enumerate(word.st) if char.isupper())]
     return TYPES[prefix].format(last=word.length - 1)
 

@@ -1,6 +1,7 @@
-"""The method by which a reading block sees that no count in a sample is above its bound.
+"""Generate the method with which a block rejects a received sample if one of the sample's counts exceeds its bound.
 
-Whoever writes the sample, a peer in C or damage, may have written 9 of 8, and a loop to it would leave the array.
+A faulty peer or damaged memory can contain a count of 9 for an array of 8 elements. A loop up to this count would
+access memory outside the array.
 """
 
 from __future__ import annotations
@@ -16,7 +17,10 @@ _INDENT = "    "
 
 
 class Check(NamedTuple):
-    """A method called `name`, of what is in the variable `of`; finished lines."""
+    """A method of a block that checks the counts in a message. `of` is the variable that contains the message.
+
+    `variables` and `lines` are finished lines of Structured Text.
+    """
 
     name: str
     of: str
@@ -25,7 +29,10 @@ class Check(NamedTuple):
 
 
 def checks(layout: Layout, layouts: Layouts, name: str, of: str) -> tuple[Check, ...]:
-    """One, or none where there is nothing to check."""
+    """Return the method `name`, which checks the counts in the variable `of`, as a tuple with one element.
+
+    Return an empty tuple if the message has no counts.
+    """
     if not holds_counts(layout, layouts):
         return ()
     lines = (f"{name} := TRUE;", *_refusals(layout, layouts, of, name, 1))
@@ -34,7 +41,11 @@ def checks(layout: Layout, layouts: Layouts, name: str, of: str) -> tuple[Check,
 
 
 def _refusals(layout: Layout, layouts: Layouts, owner: str, name: str, depth: int) -> Iterator[str]:
-    """Of this message and those held by value, then, where these are in order, of the elements that are valid."""
+    """Yield statements that set the result of the method `name` to FALSE if a count exceeds its bound.
+
+    The statements first check the counts outside arrays, including nested messages. Only if these counts are valid, the
+    statements check the elements of arrays up to the count.
+    """
     conditions = list(_too_many(layout, layouts, owner))
     loops = list(_loops(layout, layouts, owner, name, depth))
     if not conditions:

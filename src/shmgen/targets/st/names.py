@@ -1,9 +1,9 @@
-"""Names that Structured Text accepts, and the types of IEC 61131-3.
+"""Map names to names that Structured Text accepts, and types to types of IEC 61131-3.
 
-The words are the keywords, elementary types, standard functions and function blocks of IEC 61131-3 edition 3, the
-instruction list operators of edition 2, and what the CODESYS and TwinCAT help adds under "Keywords" and under compiler
-error C0543. Not verified on a real CODESYS: the lists are rather too long than too short, because a name escaped in
-vain compiles and one left out does not.
+The reserved words include the keywords, elementary types, standard functions and function blocks of IEC 61131-3
+edition 3. The instruction list operators come from edition 2. Further words come from the CODESYS and TwinCAT help,
+from "Keywords" and from compiler error C0543. The list is not verified with a real CODESYS. The list is
+rather too long than too short: an unnecessary escape compiles, but a missing escape does not.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from shmgen.targets.naming import ClaimedName, Names, words
 GVL_SIZE = "SHM_SIZE"
 GVL_DIGEST = "SHM_DIGEST"
 GVL_TYPE_NAME = "SHM_TYPE_NAME"
-"""The generator's own constants beside those of the message."""
+"""The constants that shmgen adds to a message's own constants."""
 GVL_REGION = "GVL_Shm"
-"""The list of what both ends of a region must know."""
+"""The list of the protocol's constants."""
 GVL_TOPICS = "GVL_Ros"
 PRG_TOPICS = "PRG_Ros"
-"""The list with a block for each topic, and the program that calls them."""
+"""The list with a block for each topic, service and action, and the program that calls the blocks."""
 ST_TIME = "ST_shmgen_Time"
-"""A ROS time or duration where `time = "struct"`."""
+"""The structure for a ROS time or duration if `time = "struct"`."""
 
 
 _USUAL = TypeOptions()
@@ -33,25 +33,30 @@ _USUAL = TypeOptions()
 
 @functools.cache
 def st_member(name: str) -> str:
-    """A field or a constant in Structured Text: `step` -> `step_`.
+    """Return the name of a field or a constant in Structured Text: `step` -> `step_`.
 
-    CODESYS keeps two underscores in a row to itself, so a row of them becomes one.
+    CODESYS reserves consecutive underscores, so a sequence of underscores becomes one.
     """
     single = _single_underscores(name)
     return single + "_" if single.upper() in ST_RESERVED else single
 
 
 def st_type(name: TypeName, options: TypeOptions = _USUAL) -> str:
-    """`ST_geometry_msgs_Pose`. The package is always there: 54 bare names occur in more than one ROS package.
+    """Return the structure's name, such as `ST_geometry_msgs_Pose`.
 
-    What was imported from a PLC project has the name that it has there.
+    The name includes the package, because 54 message names occur in more than one ROS package.
+    A type that was imported from a PLC project keeps its name from the project.
     """
     own = dict(options.own).get(name, "") if options.own else ""
     return own if own and _is_usable(own) else _st("ST", name)
 
 
 def own_member(plc: str, options: TypeOptions) -> tuple[str, str]:
-    """Name and type of a member as an imported PLC project has them; empty where it has none that is usable."""
+    """Return the name and the type that a field had in the PLC project from which the user imported the definition.
+
+    `plc` is the note in the field's comment, such as `rSpeed : REAL`. If the name or the type is missing or unusable,
+    return `""` in its place.
+    """
     name, _, type_ = plc.partition(" : ")
     if options.names == "ros" or not name or not _is_usable(name):
         return "", ""
@@ -59,64 +64,73 @@ def own_member(plc: str, options: TypeOptions) -> tuple[str, str]:
 
 
 def _is_usable(name: str) -> bool:
-    """As the name of a PLC that has it: whatever we know of words that others reserve, that one does not."""
+    """Return True if the name of a type or member from an imported PLC project can be used in generated code.
+
+    The project's PLC already accepts the name, so only words that all PLCs reserve are rejected.
+    """
     return "__" not in name and name.upper() not in _RESERVED_BY_ALL
 
 
 _OWN_TYPE = re.compile(
-    r"(?:ARRAY\[-?\d+\.\.-?\d+(?:, -?\d+\.\.-?\d+)*\] OF )*(?:[A-Za-z]\w*(?:\.[A-Za-z]\w*)?|W?STRING\(\d+\))"
+    r"(?:ARRAY\[-?\d+\.\.-?\d+(?:, -?\d+\.\.-?\d+)*\] OF )*(?:[^\W\d_]\w*(?:\.[^\W\d_]\w*)?|W?STRING\(\d+\))"
 )
-"""Nothing else of a comment gets into code."""
+"""The types that shmgen copies from an imported project into code.
+
+The pattern keeps all other text of a comment out of the code.
+"""
 
 
 def gvl(name: TypeName) -> str:
-    """The list that holds a message's constants, a namespace of its own: `GVL_geometry_msgs_Pose`."""
+    """Return the name of the list of a message's constants: `GVL_geometry_msgs_Pose`.
+
+    Programs write this name before each constant, so messages may have constants of the same name.
+    """
     return _st("GVL", name)
 
 
 def publisher_block(name: TypeName) -> str:
-    """`FB_geometry_msgs_Pose_Publisher`."""
+    """Return the publisher block's name: `FB_geometry_msgs_Pose_Publisher`."""
     return _st("FB", name) + "_Publisher"
 
 
 def subscriber_block(name: TypeName) -> str:
-    """`FB_geometry_msgs_Pose_Subscriber`."""
+    """Return the subscriber block's name: `FB_geometry_msgs_Pose_Subscriber`."""
     return _st("FB", name) + "_Subscriber"
 
 
 def client_block(name: TypeName) -> str:
-    """`FB_std_srvs_SetBool_Client`."""
+    """Return the client block's name: `FB_std_srvs_SetBool_Client`."""
     return _st("FB", name) + "_Client"
 
 
 def server_block(name: TypeName) -> str:
-    """`FB_std_srvs_SetBool_Server`."""
+    """Return the server block's name: `FB_std_srvs_SetBool_Server`."""
     return _st("FB", name) + "_Server"
 
 
 def action_client_block(name: TypeName) -> str:
-    """`FB_example_interfaces_Fibonacci_ActionClient`."""
+    """Return the action client block's name: `FB_example_interfaces_Fibonacci_ActionClient`."""
     return _st("FB", name) + "_ActionClient"
 
 
 def action_server_block(name: TypeName) -> str:
-    """`FB_example_interfaces_Fibonacci_ActionServer`."""
+    """Return the action server block's name: `FB_example_interfaces_Fibonacci_ActionServer`."""
     return _st("FB", name) + "_ActionServer"
 
 
 def st_topic(name: str) -> str:
-    """The block of a topic in the list of them: `/robot/pose` -> `robot_pose`."""
+    """Return the name of a topic's block in the variable list `GVL_Ros`: `/robot/pose` -> `robot_pose`."""
     return st_member(name.removeprefix("/").replace("/", "_"))
 
 
 def iec_type(slot: Slot, options: TypeOptions) -> str:
-    """The type of a member as Structured Text spells it: `ARRAY[0..35] OF LREAL`."""
+    """Return a member's type in Structured Text, such as `ARRAY[0..35] OF LREAL`."""
     element = iec_element(slot.type, options)
     return element if slot.count is None else f"ARRAY[0..{slot.count - 1}] OF {element}"
 
 
 def iec_element(type_: Element, options: TypeOptions) -> str:
-    """`LREAL`, `STRING(80)`, `TIME`, `ST_geometry_msgs_Point`."""
+    """Return an element's type in Structured Text, such as `LREAL`, `STRING(80)` or `ST_geometry_msgs_Point`."""
     match type_:
         case Scalar.BOOL:
             return options.bool
@@ -133,7 +147,7 @@ def iec_element(type_: Element, options: TypeOptions) -> str:
             assert_never(type_)
 
 
-def _made(layout: Layout, package: str) -> Iterator[ClaimedName]:
+def _claims(layout: Layout, package: str) -> Iterator[ClaimedName]:
     yield ClaimedName("type", st_type(layout.name, layout.options))
 
 
@@ -183,7 +197,10 @@ _CONVERSIONS = frozenset(
     for target in _ELEMENTARY_TYPES
 )
 ST_RESERVED = _ELEMENTARY_TYPES | _KEYWORDS | _OPERATORS | _STANDARD_FUNCTIONS | _CODESYS | _CONVERSIONS
-"""In capitals; Structured Text ignores case. Words such as `__NEW` cannot be met: their underscores become one."""
+"""All reserved words, in capitals, because Structured Text ignores case.
+
+Words with consecutive underscores, such as `__NEW`, are not listed: st_member() reduces the underscores to one.
+"""
 _OF_EDITION_3 = words("""
     LTIME LDATE LTIME_OF_DAY LTOD LDATE_AND_TIME LDT CHAR WCHAR
     ABSTRACT CLASS CONTINUE FINAL FROM INTERFACE INTERNAL INTERVAL METHOD NAMESPACE NULL ON OVERLAP OVERRIDE PRIORITY
@@ -195,7 +212,7 @@ NAMES = Names(
     "Structured Text",
     member=st_member,
     constant=st_member,
-    made=_made,
+    claims=_claims,
     fold=str.upper,
     own=(ST_TIME,),
     own_constants=(GVL_TYPE_NAME, GVL_SIZE, GVL_DIGEST),

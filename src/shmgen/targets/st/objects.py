@@ -1,6 +1,6 @@
-"""What an IDE stores of Structured Text: data types, lists of variables, blocks and programs with their methods.
+"""Define the Structured Text objects that an IDE stores: data types, variable lists, blocks and programs with methods.
 
-The target st plans these and prints them; who comes after it takes them as they are.
+The target st plans and renders these objects. The targets that convert the output of st use the same objects.
 """
 
 from __future__ import annotations
@@ -9,28 +9,28 @@ from typing import NamedTuple
 
 
 class Attribute(NamedTuple):
-    """`{attribute 'name' := 'value'}`, or without a value."""
+    """An attribute pragma: `{attribute 'name' := 'value'}`, or `{attribute 'name'}` if `value` is empty."""
 
     name: str
     value: str = ""
 
     @property
     def text(self) -> str:
-        """As Structured Text spells it."""
+        """The pragma in Structured Text."""
         return f"{{attribute '{self.name}' := '{self.value}'}}" if self.value else f"{{attribute '{self.name}'}}"
 
 
 class Head(NamedTuple):
-    """What stands above an object: its comment, lines without `//`, and its attributes."""
+    """The head of an object: the lines of its comment without `//`, and its attributes."""
 
     comment: tuple[str, ...]
     attributes: tuple[Attribute, ...] = ()
 
 
 class Variable(NamedTuple):
-    """`name : type := value;`, a member of a structure, or a name of an enumeration, which has no type.
+    """A declaration of a variable, a structure's member or an enumeration's name: `name : type := value;`.
 
-    The value of an array is a tuple, that of each element.
+    The name of an enumeration has no type. The value of an array is a tuple with the value of each element.
     """
 
     name: str
@@ -40,7 +40,7 @@ class Variable(NamedTuple):
 
 
 class Variables(NamedTuple):
-    """One section; `keyword` is VAR, VAR_INPUT, VAR_OUTPUT or VAR_GLOBAL."""
+    """One section of variables. `keyword` is VAR, VAR_INPUT, VAR_OUTPUT or VAR_GLOBAL."""
 
     keyword: str
     constant: bool
@@ -48,12 +48,12 @@ class Variables(NamedTuple):
 
     @property
     def text(self) -> str:
-        """`VAR_GLOBAL CONSTANT`."""
+        """The first line of the section, such as `VAR_GLOBAL CONSTANT`."""
         return f"{self.keyword} CONSTANT" if self.constant else self.keyword
 
 
 class DataType(NamedTuple):
-    """A structure, an enumeration over the type `base`, or another name for the type `alias`."""
+    """A structure, an enumeration over the type `base`, or an alias of the type `alias`."""
 
     name: str
     head: Head
@@ -72,7 +72,10 @@ class GlobalList(NamedTuple):
 
 
 class Unit(NamedTuple):
-    """A FUNCTION_BLOCK, PROGRAM or METHOD. Its text is `declaration`, `body`, and END_ with `keyword`."""
+    """A function block, a program or a method. `keyword` is FUNCTION_BLOCK, PROGRAM or METHOD.
+
+    The text in the file consists of `declaration`, `body`, and a last line such as END_METHOD.
+    """
 
     keyword: str
     name: str
@@ -85,18 +88,18 @@ class Unit(NamedTuple):
     methods: tuple[Unit, ...] = ()
 
 
-# --- as they are printed --------------------------------------------------------------------------------
+# --- Views for the templates ----------------------------------------------------------------------------
 
 
 class Line(NamedTuple):
-    """A declaration with the comment beside it, and the comment lines that stand above it."""
+    """A line with a declaration and the comment beside it. `above` contains the comment lines above the line."""
 
     text: str
     above: tuple[str, ...] = ()
 
 
 class Dut(NamedTuple):
-    """A structure; `doc` are comment lines."""
+    """The template data for a structure. `doc` contains comment lines."""
 
     object: DataType
     doc: tuple[str, ...]
@@ -104,13 +107,12 @@ class Dut(NamedTuple):
 
 
 class Gvl(NamedTuple):
-    """A list of variables, the generator's and, below a gap, the user's; `doc` are comment lines."""
+    """The template data for a variable list. `doc` contains comment lines.
+
+    A blank line separates shmgen's variables (`generated`) from the user's (`declared`).
+    """
 
     object: GlobalList
     doc: tuple[str, ...]
     generated: tuple[Line, ...]
     declared: tuple[Line, ...] = ()
-
-    @property
-    def has_gap(self) -> bool:
-        return bool(self.declared)

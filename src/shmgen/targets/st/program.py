@@ -1,6 +1,6 @@
-"""The list of the blocks of topics, services and actions, and the program that calls them.
+"""Generate the list with the blocks of all topics, services and actions, and the program that calls the blocks.
 
-These are `st/GVL_Ros.st` and `st/PRG_Ros.st`.
+The files are `st/GVL_Ros.st` and `st/PRG_Ros.st`.
 """
 
 from __future__ import annotations
@@ -9,20 +9,23 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from shmgen.core.model import Action, Output, Service, Topic
-from shmgen.targets.st import names
-from shmgen.targets.st.objects import Attribute, GlobalList, Gvl, Head, Line, Variable, Variables
+from shmgen.targets.st import common, names
+from shmgen.targets.st.objects import Attribute, GlobalList, Gvl, Head, Variable, Variables
 from shmgen.targets.st.text import MADE, uncommented
 
 
 class Instance(NamedTuple):
-    """A block; `inputs` are the lines that its call gives it."""
+    """A block in the variable list `GVL_Ros`. `inputs` are the inputs of its call, as lines of Structured Text."""
 
     name: str
     inputs: tuple[str, ...]
 
 
 class Program(NamedTuple):
-    """What calls the blocks in the list `gvl`, and the programs `behind` them."""
+    """The template data for the program that calls all blocks in the variable list `gvl`.
+
+    After the blocks, the program calls the programs in `behind`.
+    """
 
     name: str
     gvl: str
@@ -31,26 +34,30 @@ class Program(NamedTuple):
 
 
 def plan(topics: Sequence[Topic], services: Sequence[Service], actions: Sequence[Action]) -> Iterator[Output]:
-    """Nothing where there is none of them."""
-    found = uses(topics, services, actions)
-    if found:
+    """Yield the files `st/GVL_Ros.st` and `st/PRG_Ros.st`, or nothing if there is no topic, service or action."""
+    all_uses = uses(topics, services, actions)
+    if all_uses:
         doc = (
             f"// A block for each topic, service and action of shmgen.toml. {names.PRG_TOPICS} calls them; "
             "programs of your own",
-            "// read and write what they carry.",
+            "// read and write the inputs and outputs of the blocks.",
             MADE,
         )
-        variables = tuple(Variable(names.st_topic(use.name), use.block, "", use.comment) for use in found)
+        variables = tuple(Variable(names.st_topic(use.name), use.block, "", use.comment) for use in all_uses)
         head = Head(uncommented(doc), (Attribute("qualified_only"),))
         stored = GlobalList(names.GVL_TOPICS, head, Variables("VAR_GLOBAL", False, variables))
-        yield Output(f"st/{names.GVL_TOPICS}.st", "st/gvl.st.j2", Gvl(stored, doc, _lines(found)))
-        instances = tuple(Instance(names.st_topic(use.name), ("xEnable := TRUE,", *use.inputs)) for use in found)
+        yield Output(f"st/{names.GVL_TOPICS}.st", "st/gvl.st.j2", Gvl(stored, doc, common.columns(variables)))
+        instances = tuple(Instance(names.st_topic(use.name), ("xEnable := TRUE,", *use.inputs)) for use in all_uses)
         view = Program(names.PRG_TOPICS, names.GVL_TOPICS, instances)
         yield Output(f"st/{names.PRG_TOPICS}.st", "st/program.st.j2", view)
 
 
 class Use(NamedTuple):
-    """A topic, service or action, and its block; `inputs` name it in the call. `order`: what comes to the PLC first."""
+    """A topic, service or action of shmgen.toml, with the function block that transfers its data.
+
+    `inputs` are lines of Structured Text: the inputs with which the program calls the block. The program calls the
+    blocks in the order of `order`: first the blocks that receive data for the PLC.
+    """
 
     order: bool
     name: str
@@ -60,7 +67,7 @@ class Use(NamedTuple):
 
 
 def uses(topics: Sequence[Topic], services: Sequence[Service], actions: Sequence[Action]) -> list[Use]:
-    """In the order of their calls."""
+    """Return all topics, services and actions in the order in which the program calls their blocks."""
     return sorted([*map(_topic, topics), *map(_service, services), *map(_action, actions)], key=lambda use: use.order)
 
 
@@ -80,10 +87,3 @@ def _action(action: Action) -> Use:
     block = names.action_server_block(action.type) if action.on_plc else names.action_client_block(action.type)
     comment = f"{action.name}, {action.type}"
     return Use(not action.on_plc, action.name, block, comment, (f"sAction := '{action.name}');",))
-
-
-def _lines(uses: Sequence[Use]) -> tuple[Line, ...]:
-    """In columns."""
-    named = [(names.st_topic(use.name), use) for use in uses]
-    width, column = max(len(name) for name, _ in named), max(len(use.block) for use in uses) + 1
-    return tuple(Line(f"{name:<{width}} : {use.block + ';':<{column}}  // {use.comment}") for name, use in named)

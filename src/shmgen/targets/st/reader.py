@@ -1,8 +1,8 @@
-"""Takes what is written by hand in `templates/st` apart into what an IDE stores: declarations, bodies, methods.
+"""Parse the handwritten files in `templates/st` into the objects that an IDE stores, such as blocks and methods.
 
-Those files are the source of their blocks, and the text in them is what an IDE shall show, so it is cut and not written
-a second time. The style is strict, one declaration a line and comments with `//`; anything else is an error. Nothing of
-the user's but identifiers stands in them; what holds the words of a definition comes as data (objects.py).
+The text in an IDE must match these files, so the text is extracted, not written a second time. The files follow a
+strict style: one declaration per line, and comments with `//`. Any other line is an error. The files contain no text
+from definitions except identifiers. Objects with text from definitions are never parsed (objects.py).
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from shmgen.targets.st.objects import Attribute, DataType, GlobalList, Head, Uni
 
 
 class NotInStyle(Exception):
-    """A line that is not written as those in templates/st are."""
+    """A line does not follow the style of the files in templates/st."""
 
 
 def read(name: str, text: str) -> DataType | GlobalList | Unit:
-    """The one object in the file `name`.st. Raises NotInStyle."""
+    """Parse the file `name`.st and return its one object. Raises NotInStyle if a line is not in the strict style."""
     whole = text.splitlines()
     head, lines = _head(whole)
     if lines[0].startswith("TYPE"):
@@ -53,13 +53,13 @@ def _expect(true: object, what: str, lines: list[str]) -> None:
 
 
 def _head(lines: list[str]) -> tuple[Head, list[str]]:
-    """The comment and the attributes, and the lines from the first that is neither."""
+    """Return the comment and attributes at the top, and the remaining lines."""
     comment, attributes = [], []
     for number, line in enumerate(lines):
         if line.startswith("//"):
             comment.append(line[2:].strip())
-        elif found := _ATTRIBUTE.fullmatch(line):
-            attributes.append(Attribute(found[1], found[2] or ""))
+        elif match := _ATTRIBUTE.fullmatch(line):
+            attributes.append(Attribute(match[1], match[2] or ""))
         elif line:
             return Head(tuple(comment), tuple(attributes)), lines[number:]
     raise NotInStyle("nothing but comments")
@@ -70,24 +70,24 @@ def _data_type(name: str, head: Head, lines: list[str]) -> DataType:
     _expect((lines[0], end) == (f"TYPE {name} :", "END_TYPE"), f"TYPE {name} : and END_TYPE", [lines[0]])
     if (opened, closed) == ("STRUCT", "END_STRUCT"):
         return DataType(name, head, tuple(_variables(lines[2:-2], _VARIABLE)))
-    found = _ENUM_END.fullmatch(closed)
-    _expect(opened == "(" and found, "a structure or an enumeration", [opened])
-    assert found
-    return DataType(name, head, tuple(_variables(lines[2:-2], _ENUM_NAME)), found["base"], found["initial"] or "")
+    match = _ENUM_END.fullmatch(closed)
+    _expect(opened == "(" and match, "a structure or an enumeration", [opened])
+    assert match
+    return DataType(name, head, tuple(_variables(lines[2:-2], _ENUM_NAME)), match["base"], match["initial"] or "")
 
 
 def _section(lines: list[str]) -> tuple[Variables, list[str]]:
-    """VAR..., its variables, END_VAR; and the lines behind."""
-    found = _SECTION.fullmatch(lines[0])
-    _expect(found and "END_VAR" in lines, "a section of variables", lines)
-    assert found
+    """Return the section from VAR to END_VAR, and the lines after the section."""
+    match = _SECTION.fullmatch(lines[0])
+    _expect(match and "END_VAR" in lines, "a section of variables", lines)
+    assert match
     end = lines.index("END_VAR")
     variables = tuple(_variables(lines[1:end], _VARIABLE))
-    return Variables(found["keyword"], bool(found["constant"]), variables), lines[end + 1 :]
+    return Variables(match["keyword"], bool(match["constant"]), variables), lines[end + 1 :]
 
 
 def _variables(lines: Iterable[str], pattern: re.Pattern[str]) -> Iterator[Variable]:
-    """The comment of one stands beside it, or in the lines above."""
+    """Yield the variables with their comments. A comment stands beside its variable or in the lines above."""
     above: list[str] = []
     for line in map(str.strip, lines):
         if line.startswith("//"):
@@ -101,33 +101,33 @@ def _variables(lines: Iterable[str], pattern: re.Pattern[str]) -> Iterator[Varia
             above = []
 
 
-@functools.lru_cache(4096)  # most stand in many blocks
+@functools.lru_cache(4096)  # the same lines occur in many blocks
 def _variable(line: str, pattern: re.Pattern[str]) -> Variable:
-    """With the comment beside it."""
-    found = pattern.fullmatch(line)
-    _expect(found, "a declaration", [line])
-    assert found
-    name, type_, value, comment = found.group("name", "type", "value", "comment")
+    """Return the variable in a line, with the comment beside it."""
+    match = pattern.fullmatch(line)
+    _expect(match, "a declaration", [line])
+    assert match
+    name, type_, value, comment = match.group("name", "type", "value", "comment")
     return Variable(name, type_, value or "", (comment or "").strip())
 
 
 def _units(lines: list[str]) -> Iterator[Unit]:
-    """The block or program, then its methods."""
+    """Split the lines of a handwritten file of Structured Text: yield its block or program, then each method."""
     while lines := list(dropwhile(lambda line: not line, lines)):
         head, rest = _head(lines)
-        found = _UNIT.fullmatch(rest[0])
-        _expect(found and f"END_{found['keyword']}" in rest, "a whole block, program or method", rest)
-        assert found
+        match = _UNIT.fullmatch(rest[0])
+        _expect(match and f"END_{match['keyword']}" in rest, "a whole block, program or method", rest)
+        assert match
         sections, body = [], rest[1:]
         while body[0].startswith("VAR"):
             section, body = _section(body)
             sections.append(section)
-        end = body.index(f"END_{found['keyword']}")
+        end = body.index(f"END_{match['keyword']}")
         yield Unit(
-            found["keyword"],
-            found["name"],
-            found["access"] or "",
-            found["returns"] or "",
+            match["keyword"],
+            match["name"],
+            match["access"] or "",
+            match["returns"] or "",
             head,
             tuple(sections),
             declaration="\n".join(lines[: len(lines) - len(body)]),

@@ -1,7 +1,7 @@
-"""Turns layouts into Structured Text for CODESYS: a DUT, a list of constants and a pair of blocks for each message.
+"""Generate Structured Text for CODESYS: a DUT, a list of constants and a pair of blocks for each message.
 
-Services and actions get such a pair too (calls.py), and what shmgen.toml lists a block each and a program that calls
-them (program.py). What is common to all is in common.py.
+Services and actions also get a pair of blocks (calls.py). Each topic, service and action of shmgen.toml gets a block,
+and a program calls these blocks (program.py). The files that all messages share are in common.py.
 """
 
 from __future__ import annotations
@@ -30,11 +30,14 @@ from shmgen.targets.st.objects import Attribute, DataType, Dut, GlobalList, Gvl,
 from shmgen.targets.st.text import MADE, WIDTH, ascii_text, comment_lines, literal, uncommented
 
 _WIDEST_COLUMN = 56
-"""Where comments begin at the latest; a longer declaration pushes only its own."""
+"""The last column, in characters, where aligned comments begin. A longer declaration shifts only its own comment."""
 
 
 class Block(NamedTuple):
-    """A publisher or a subscriber, which `fits` checks for; the last three are names in `gvl`."""
+    """The template data for a publisher or subscriber block. If `fits` is true, the block checks counts.
+
+    `is_writer` is TRUE or FALSE. `type_name`, `digest` and `size` are the names of constants in the list `gvl`.
+    """
 
     name: str
     title: str
@@ -42,13 +45,15 @@ class Block(NamedTuple):
     gvl: str
     fits: bool
     checks: tuple[counts.Check, ...]
+    is_writer: str
+    end: str = "_fbRegion"
     type_name: str = names.GVL_TYPE_NAME
     digest: str = names.GVL_DIGEST
     size: str = names.GVL_SIZE
 
 
 def plan(job: Job, report: Report) -> Iterator[Output]:
-    """`st/<package>/` one POU a file, `st/shmgen/`, and what calls the blocks."""
+    """Yield one file for each POU in `st/<package>/`, the shared files in `st/shmgen/`, and the program."""
     layouts = job.layouts
     struct_time = any(layout.options.time == "struct" for layout in layouts.values())
     yield from common.plan(locks=job.options.regions.sync == "lock", struct_time=struct_time)
@@ -80,7 +85,10 @@ def _dut(layout: Layout) -> Dut:
 
 
 def _imported(layout: Layout, doc: tuple[str, ...]) -> Dut | None:
-    """An enumeration or an alias of a PLC project, which is a message with the one field `value` to ROS."""
+    """Return the enumeration or alias from which `shmgen import` created this message, or None for other messages.
+
+    ROS has neither enumerations nor aliases, so `shmgen import` writes a message with the single field `value`.
+    """
     (slot, *others), options = layout.slots, layout.options
     name, _, kind = layout.message.plc.partition(" : ")
     if others or name != names.st_type(layout.name, options) or slot.field is None:
@@ -104,7 +112,7 @@ def _imported(layout: Layout, doc: tuple[str, ...]) -> Dut | None:
 
 
 _COUNTING = frozenset({"BYTE", "WORD", "DWORD", "LWORD", *(it.iec for it in Scalar if it.range)})
-"""What an enumeration can be over."""
+"""The types that can be the base of an enumeration."""
 
 
 def _gvl(layout: Layout) -> Gvl:
@@ -120,8 +128,12 @@ def _gvl(layout: Layout) -> Gvl:
 def _pair(layout: Layout, layouts: Layouts) -> Iterator[Output]:
     name = layout.name
     checks = counts.checks(layout, layouts, "Fits", "_pMsg^")
-    for block, template in ((names.publisher_block(name), "publisher"), (names.subscriber_block(name), "subscriber")):
-        view = Block(block, str(name), names.st_type(name, layout.options), names.gvl(name), bool(checks), checks)
+    for block, template, is_writer in (
+        (names.publisher_block(name), "publisher", "TRUE"),
+        (names.subscriber_block(name), "subscriber", "FALSE"),
+    ):
+        dut, gvl = names.st_type(name, layout.options), names.gvl(name)
+        view = Block(block, str(name), dut, gvl, bool(checks), checks, is_writer)
         yield Output(f"st/{name.package}/{block}.st", f"st/{template}.st.j2", view)
 
 
@@ -135,9 +147,9 @@ def _doc(layout: Layout) -> Iterator[str]:
 
 
 class _Declaration(NamedTuple):
-    """`name : type := value;` with its comment lines, before it is lined up with its neighbours.
+    """A declaration `name : type := value;` with its comment lines, before its columns are aligned.
 
-    A value of several is that of an array, `[1, 2]`.
+    The value of an array is a tuple with the value of each element, which becomes `[1, 2]`.
     """
 
     name: str
@@ -159,7 +171,10 @@ def _declaration(name: str, type_: str, value: str | tuple[str, ...] | None = No
 
 
 def _aligned(declarations: Sequence[_Declaration]) -> tuple[Line, ...]:
-    """Colons and short comments in columns; a comment of several lines, or too long a one, goes above."""
+    """Return the lines of the declarations, with aligned colons and aligned short comments.
+
+    A long comment stands above its declaration.
+    """
     name_width = max((len(declaration.name) for declaration in declarations), default=0)
     rows = [(declaration.code(name_width), declaration.comment) for declaration in declarations]
     fitting = [code for code, lines in rows if _fits(code, lines)]
@@ -189,7 +204,7 @@ def _member(slot: Slot, layout: Layout) -> _Declaration:
             assert slot.field is not None
             default = slot.field.default
             count = str(len(default)) if isinstance(default, tuple) and default else None
-            return _declaration(name, type_, count, f"how many of {names.st_member(slot.field.name)} are valid")
+            return _declaration(name, type_, count, f"number of valid elements in {names.st_member(slot.field.name)}")
         case Role.DATA:
             value = _initial(slot, layout)
             return _declaration(name, type_, value, _comment(slot, layout, value is None))
@@ -198,7 +213,7 @@ def _member(slot: Slot, layout: Layout) -> _Declaration:
 
 
 def _initial(slot: Slot, layout: Layout) -> str | tuple[str, ...] | None:
-    """None where the definition has no default, or Structured Text no literal for it."""
+    """Return a field's default as literals, or None if there is no default or a value has no literal."""
     assert slot.field is not None
     default = slot.field.default
     if default is None or default == () or not isinstance(slot.type, Scalar | String):
@@ -210,7 +225,10 @@ def _initial(slot: Slot, layout: Layout) -> str | tuple[str, ...] | None:
 
 
 def _comment(slot: Slot, layout: Layout, without_value: bool) -> str:
-    """The comment of the definition, the unit unless it stands there, and a default that no initialiser gives."""
+    """Return the comment of a member: the comment of the field and its unit. For a time, add the unit of its number.
+
+    If `without_value` is true, the declaration has no initial value, so the comment contains the default.
+    """
     field = slot.field
     assert field is not None
     parts = [field.doc] if field.doc else []
@@ -218,7 +236,7 @@ def _comment(slot: Slot, layout: Layout, without_value: bool) -> str:
         parts.append(f"[{field.unit}]")
     lines = [" ".join(parts)] if parts else []
     if isinstance(slot.type, Clock) and layout.options.time == "TIME":
-        lines.append("ms, those of the ROS time modulo 2**32" if slot.type is Clock.TIME else "ms")
+        lines.append("ROS time in ms since 1970, modulo 2**32" if slot.type is Clock.TIME else "ms")
     default = field.default
     if without_value and default:
         lines.append(f"default: {list(default) if isinstance(default, tuple) else default}")
@@ -232,20 +250,23 @@ def _generated(layout: Layout) -> tuple[_Declaration, ...]:
     name = str(layout.name)
     return (
         _declaration(names.GVL_TYPE_NAME, f"STRING({len(name)})", f"'{name}'"),
-        _declaration(names.GVL_SIZE, "UDINT", str(layout.size), "bytes of one message"),
-        _declaration(names.GVL_DIGEST, "LWORD", f"16#{layout.digest:016X}", "of the layout"),
+        _declaration(names.GVL_SIZE, "UDINT", str(layout.size), "size of one message in bytes"),
+        _declaration(names.GVL_DIGEST, "LWORD", f"16#{layout.digest:016X}", "layout digest"),
     )
 
 
 def _constants(layout: Layout) -> tuple[list[_Declaration], list[Line]]:
-    """And, as comments, what has no literal (an infinity)."""
+    """Return the declarations of a message's constants, and a comment for each constant without a declaration.
+
+    A constant such as an infinity gets no declaration, because Structured Text has no literal for its value.
+    """
     remarks: list[Line] = []
     declarations = []
     for constant in layout.message.constants:
         type_ = constant.type
         if isinstance(type_, String):
             length = text_length(str(constant.value), type_, layout.options.encoding)
-            type_ = String(max(1, length), type_.wide)  # STRING(0) is none
+            type_ = String(max(1, length), type_.wide)  # STRING(0) does not exist
         value = literal(constant.value, type_, layout.options)
         name = names.st_member(constant.name)
         if value is None:

@@ -1,1 +1,1 @@
-"""Looks for what is wrong with regions and their users, and removes what nobody uses."""
+"""Finds problems of regions and their processes, and removes files that no process uses."""

@@ -1,4 +1,4 @@
-"""Which files of a topic to remove, or why not to."""
+"""Decides which files of a topic `shmgen clean` may remove, and removes them."""
 
 from __future__ import annotations
 
@@ -12,18 +12,19 @@ from shmgen.runtime import region_name
 from shmgen.runtime.errors import PermissionDenied, RegionMissing
 from shmgen.runtime.region import header as h
 from shmgen.runtime.region.access import opened
-from shmgen.runtime.region.looks import foreign, peek, retire
+from shmgen.runtime.region.checks import not_a_region_error, read_header_of, retire
 from shmgen.runtime.region.names import event_name, region_file, semaphore_file
 
 _WATCH = 0.25
-"""Seconds within which a PLC that runs counts its heartbeat up, also with a slow task."""
+"""Seconds within which a running PLC increments its heartbeat, even if its task is slow."""
 
 
 def leftovers(topic: str) -> list[str]:
-    """The files of a topic, the region last: who is killed while removing them leaves what is known by its magic.
+    """Return the files of a topic that `shmgen clean` should remove: its semaphores, then its region.
 
-    A region whose maker died before it wrote the header counts, and semaphores without a region. Raises
-    RegionMissing, PermissionDenied, and RegionUnusable for a file that is none of ours.
+    The region is last, so that shmgen still recognizes the remaining files if removal is interrupted. The list includes
+    a region whose creator died before writing the header, and semaphores without a region. Raises RegionMissing if
+    there are no files, PermissionDenied, and RegionUnusable if the file is not a region of shmgen.
     """
     name = region_name(topic)
     files = [file for file in (semaphore_file(event_name(name)), semaphore_file(name)) if os.path.lexists(file)]
@@ -35,23 +36,26 @@ def leftovers(topic: str) -> list[str]:
             raise missing(topic) from None
         return files
     if header.magic != h.MAGIC and not _unfinished(header):
-        raise foreign(region_file(name), header)
+        raise not_a_region_error(region_file(name), header)
     return [*files, region_file(name)]
 
 
 def in_use(topic: str, processes: Processes) -> str:
-    """Who needs the files: a living writer, or a process that has them mapped. Nothing if nobody does."""
+    """Return a phrase that names the living writer, or else the processes that have the files open.
+
+    Return `""` if no process uses the topic.
+    """
     name, hidden = region_name(topic), ""
     try:
         with View(name) as view:
             header = view.header()
             if view.is_read():
-                hidden = "a process of another user or in another container has it open"
+                hidden = "a process of another user or in another container uses it"
             if view.claimed():
                 writer = view.writer(header.writer)
-                return f"process {writer} {_named(writer)}publishes on it"
+                return f"process {writer} {_named(writer)}publishes to it"
             if header.writer == h.PLC and _beats(view, header.heartbeat):
-                return "a PLC publishes on it"
+                return "a PLC publishes to it"
     except RegionMissing:
         pass
     device = os.stat(FOLDER).st_dev
@@ -63,34 +67,46 @@ def in_use(topic: str, processes: Processes) -> str:
             if mapping.name in names and mapping.device == device and not mapping.removed
         }
     )
-    return ", ".join(f"process {pid} {_named(pid)}has it open" for pid in pids) or hidden
+    return ", ".join(f"process {pid} {_named(pid)}uses it" for pid in pids) or hidden
 
 
 def remove(files: list[str]) -> None:
-    """Tells those who have the region open, as PLCs that read it may. Raises PermissionDenied."""
+    """Remove the files. Mark a region as removed first, so that processes that have the region open notice.
+
+    A PLC that only reads may still have the region open, because in_use() cannot detect this PLC. Raises
+    PermissionDenied if this user may not remove a file.
+    """
     for file in files:
         try:
-            if not _retired(file):
+            if not _retire(file):
                 os.unlink(file)
         except FileNotFoundError:
             continue
         except PermissionError:
             owner = os.lstat(file).st_uid
             raise PermissionDenied(
-                f"{file} belongs to user {owner}, and in sticky {FOLDER} only the owner and root may remove it: "
+                f"{file} belongs to user {owner}; only the owner and root may remove files in {FOLDER}: "
                 "run this with sudo"
             ) from None
 
 
-def _retired(file: str) -> bool:
-    """Whether it was a region, whose name is gone now: who was told may have made a new one under it already."""
+def _retire(file: str) -> bool:
+    """Mark a region as removed and remove its file. Return True if both succeeded.
+
+    If the result is True, the caller must not remove the path again: another process may already have created a new
+    region at this path.
+    """
     with suppress(PermissionError), opened(file, os.O_RDWR) as region:
-        return peek(region.fileno()).magic == h.MAGIC and retire(file, region.fileno())
+        return read_header_of(region.fileno()).magic == h.MAGIC and retire(file, region.fileno())
     return False
 
 
 def _unfinished(header: h.Header) -> bool:
-    """Empty, all zeros, or our header but for the magic, which comes last."""
+    """Return True if a header is incomplete because the creator of the region died while writing the header.
+
+    The creator writes the magic last. The header of a dead creator is therefore all zeros, or complete except for the
+    magic.
+    """
     return header.magic == 0 and (header.header_size == h.HEADER_SIZE or not any(header[1:]))
 
 

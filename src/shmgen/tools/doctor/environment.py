@@ -1,4 +1,4 @@
-"""Problems of the processes and the machine around the regions: what is held, hidden, full or apart."""
+"""Finds problems around the regions, such as processes that use removed regions, and a full /dev/shm."""
 
 from __future__ import annotations
 
@@ -11,80 +11,95 @@ from shmgen.live.processes import Processes, called
 from shmgen.live.regions import closed, topic_of
 from shmgen.runtime.region.names import region_file, region_name
 from shmgen.tools.doctor import orphan_semaphores
-from shmgen.tools.doctor.permissions import join
+from shmgen.tools.doctor.permissions import advice_to_join
 from shmgen.tools.doctor.problem import Problem
 from shmgen.tools.doctor.snapshot import own_device, semaphore
 
 
-def of_strays(processes: Processes, names: Collection[str], asked: Collection[str]) -> Iterator[Problem]:
-    """Processes that hold on to a removed region or semaphore, or to one in another /dev/shm.
+def of_strays(processes: Processes, names: Collection[str], requested: Collection[str]) -> Iterator[Problem]:
+    """Yield a problem for each process that still uses a removed region or semaphore, or a region in another /dev/shm.
 
-    `names` are the regions there are and those that are meant to be, `asked` those that a person asks for. What is
-    in another /dev/shm is a fault only if it is one of these and somebody, here or there, is alone with it:
-    containers that share no region have each their own, as they should.
+    `names` are the existing and the configured regions; `requested` are the regions that the user named. A container
+    whose regions are private has its own /dev/shm on purpose. A region in another /dev/shm is therefore a problem only
+    if `names` contains the region, and one of these conditions is true:
+
+    * `requested` contains the region.
+    * Exactly one process in this /dev/shm, or exactly one process in the other, maps the region.
     """
     ours = own_device()
-    pairs = {(found.pid, found.device, found.name) for found in processes.mappings}
-    for found in processes.mappings:
-        region = found.name.removeprefix("sem.")
+    pairs = {(mapping.pid, mapping.device, mapping.name) for mapping in processes.mappings}
+    for mapping in processes.mappings:
+        region = mapping.name.removeprefix("sem.")
         if not _is_name(region):
             continue
-        topic, who = topic_of(region), f"process {found.pid} ({called(found.pid)})"
-        file = f"/dev/shm/{found.name}"
-        if found.semaphore:
-            if found.removed and found.device == ours and region in names and semaphore(region):
-                message = f"{who} locks with a semaphore that was removed, so its lock excludes no other process"
-                yield Problem(topic, message, f"restart process {found.pid}", file, found.pid)
+        topic, who = topic_of(region), f"process {mapping.pid} ({called(mapping.pid)})"
+        file = f"/dev/shm/{mapping.name}"
+        if mapping.semaphore:
+            if mapping.removed and mapping.device == ours and region in names and semaphore(region):
+                message = f"{who} uses a semaphore that was removed, so its lock excludes no other process"
+                yield Problem(topic, message, f"restart process {mapping.pid}", file, mapping.pid)
             continue
-        likely = region in names or (found.pid, found.device, f"sem.{region}") in pairs
-        sure = found.is_region()
-        if not (likely if sure is None else sure):
+        likely = region in names or (mapping.pid, mapping.device, f"sem.{region}") in pairs
+        is_region = mapping.is_region()
+        if not (likely if is_region is None else is_region):
             continue
-        if found.device != ours:
-            here, there = (len(_holders(processes, device, region)) for device in (ours, found.device))
-            if region not in names or not (1 in (here, there) or region in asked):
+        if mapping.device != ours:
+            here, there = (len(_holders(processes, device, region)) for device in (ours, mapping.device))
+            if region not in names or not (1 in (here, there) or region in requested):
                 continue
-            message = f"{who} has this region in a /dev/shm of its own, so neither side sees the other"
-            hint = "start its container with the host's: `--ipc=host`, or `-v /dev/shm:/dev/shm`"
-            yield Problem(topic, message, hint, file, found.pid)
-        elif found.removed:
-            message = f"{who} still holds a region that was removed; nobody else sees what it writes there"
-            yield Problem(topic, message, f"restart process {found.pid}", file, found.pid)
+            message = f"{who} has this region in another /dev/shm, so neither side sees the other"
+            hint = "start its container with `--ipc=host`, or `-v /dev/shm:/dev/shm`"
+            yield Problem(topic, message, hint, file, mapping.pid)
+        elif mapping.removed:
+            message = f"{who} still uses a region that was removed; no other process receives its samples"
+            yield Problem(topic, message, f"restart process {mapping.pid}", file, mapping.pid)
 
 
 def _holders(processes: Processes, device: int, name: str) -> set[int]:
-    """The processes that map that region of that /dev/shm."""
-    return {found.pid for found in processes.mappings if (found.device, found.name) == (device, name)}
+    """Return the pids of the processes that map a region in the /dev/shm with this device number."""
+    return {mapping.pid for mapping in processes.mappings if (mapping.device, mapping.name) == (device, name)}
 
 
 def _is_name(region: str) -> bool:
-    """Whether a topic can be called so: the names of files are anybody's, and some are there to deceive."""
+    """Return True if a topic can have a region of this name.
+
+    Any user can create files in /dev/shm, so a name may be misleading.
+    """
     with suppress(ValueError):
         return region_name(topic_of(region)) == region
     return False
 
 
 def of_machine(processes: Processes) -> Iterator[Problem]:
-    """What holds for all regions: this container's /dev/shm, the kernel's rules, and what cannot be seen."""
+    """Yield problems that concern all regions, such as the size of /dev/shm, and files that this user cannot read."""
     for name in closed():
-        yield Problem(topic_of(name), "this may be a region, but this user cannot read it", *join(region_file(name)))
+        with suppress(FileNotFoundError):  # removed meanwhile
+            hint = advice_to_join(os.lstat(file := region_file(name)))
+            yield Problem(topic_of(name), "this file may be a region, but this user cannot read it", hint, file)
     for file in orphan_semaphores.semaphores(processes):
-        message = "somebody was killed while making a semaphore; nothing uses this file"
+        message = "a process was killed while it created a semaphore, and left this unused file"
         yield Problem("", message, f"`rm {file}`; `shmgen clean --all` removes it too", file, note=True)
+    yield from _of_folder()
     size = os.statvfs("/dev/shm")
     total, free = size.f_blocks * size.f_frsize, size.f_bavail * size.f_frsize
     if free < total // 20:
-        message = f"/dev/shm is nearly full: {free >> 10} of {total >> 10} KiB are left"
+        message = f"/dev/shm is nearly full: {free >> 10} of {total >> 10} KiB are free"
         yield Problem("", message, "see `ls -lS /dev/shm`; docker: `--shm-size`", "/dev/shm")
     if _in_container() and (_own_mount() or total <= 64 << 20):
-        message = (
-            f"this is a container with a /dev/shm of its own ({total >> 20} MiB): it shares no region with the host"
-        )
-        hint = "to share them start it with `--ipc=host`, or `-v /dev/shm:/dev/shm`"
+        message = f"this container has its own /dev/shm ({total >> 20} MiB), so it shares no regions with the host"
+        hint = "to share regions, start the container with `--ipc=host`, or `-v /dev/shm:/dev/shm`"
         yield Problem("", message, hint, "/dev/shm", note=True)
     if processes.hidden and os.geteuid() != 0:
-        message = f"{counted(processes.hidden, 'process')} of other users could not be looked into"
-        yield Problem("", message, "`sudo shmgen doctor` sees who maps what", note=True)
+        message = f"{counted(processes.hidden, 'process')} of other users could not be inspected"
+        yield Problem("", message, "run `sudo shmgen doctor` to inspect them too", note=True)
+
+
+def _of_folder() -> Iterator[Problem]:
+    mode = os.stat("/dev/shm").st_mode & 0o7777
+    if mode & 0o1777 != 0o1777:
+        who = "other users can remove its files" if mode & 0o777 == 0o777 else "other users cannot create regions"
+        message = f"the mode of /dev/shm is {mode:04o} instead of 1777, so {who}"
+        yield Problem("", message, "`sudo chmod 1777 /dev/shm`; in a container, mount it with mode=1777", "/dev/shm")
 
 
 def _in_container() -> bool:
@@ -96,7 +111,10 @@ def _in_container() -> bool:
 
 
 def _own_mount() -> bool:
-    """Docker and podman call the tmpfs that a container gets for itself `shm`; the host's is called otherwise."""
+    """Return True if /dev/shm belongs to this container only.
+
+    Docker and podman mount a container's own tmpfs from the source `shm`. The host's /dev/shm has another source.
+    """
     with suppress(OSError), open("/proc/mounts", encoding="utf-8", errors="replace") as file:
         return any(line.split()[:2] == ["shm", "/dev/shm"] for line in file)
     return False

@@ -1,4 +1,4 @@
-"""What is wrong with a region or with the machine, which file and which process it is, and what to do next."""
+"""A problem of a region or of the machine, with the file, the process and the next step."""
 
 from __future__ import annotations
 
@@ -10,7 +10,11 @@ from shmgen.runtime.region.access import name_of_group, name_of_user
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """`file` and `process` (a pid) are None where none is at fault. A note is no fault, only good to know."""
+    """A finding about a region or the machine, with the next step as its `hint`.
+
+    If `note` is true, the finding is information, not a fault. `file` is the path of the faulty file, and `process` the
+    pid of the faulty process. Either is None if there is none.
+    """
 
     topic: str
     message: str
@@ -21,5 +25,5 @@ class Problem:
 
 
 def owner(status: os.stat_result) -> str:
-    """`root:robot, mode 660`."""
+    """Return owner, group and mode as text, such as `root:robot, mode 660`."""
     return f"{name_of_user(status.st_uid)}:{name_of_group(status.st_gid)}, mode {status.st_mode & 0o7777:o}"

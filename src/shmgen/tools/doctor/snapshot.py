@@ -1,4 +1,4 @@
-"""Takes down what `doctor` judges by: a region, its semaphore and the processes around it."""
+"""Collects the evidence for `shmgen doctor`: each region, its semaphore and the processes that map it."""
 
 from __future__ import annotations
 
@@ -19,19 +19,22 @@ from shmgen.runtime.region.names import semaphore_file
 
 _WATCH = 0.25
 _WATCH_LOCK = 1.05
-"""Seconds between the two looks; the second where a lock seems stuck: a PLC may hold it for a second and live."""
+"""Seconds between the two reads of a header. If a lock seems stuck, _WATCH_LOCK: a PLC may hold a lock for 1 s."""
 
 SIZES = (16, 32)
-"""Bytes: sem_t of 32-bit and of 64-bit processes, with glibc and with musl."""
+"""Sizes in bytes of sem_t in 32-bit and in 64-bit processes, with glibc and with musl."""
 _WAITS = 1
-"""Bits below the value in glibc's sem_t of 32-bit processes, which have no atomic word for value and waiters both."""
+"""Number of bits below the value in the sem_t of 32-bit glibc.
+
+32-bit processes have no atomic word that is large enough for both the value and the number of waiters.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Semaphore:
-    """The file of a POSIX semaphore: its value, and the bitness of its maker.
+    """The state of a semaphore, read from its file: its value, and the bitness of the process that created it.
 
-    `value` is None where this user may not read it, and of what is no semaphore.
+    `value` is None if this user cannot read the file, or if the file is not a semaphore.
     """
 
     value: int | None
@@ -41,7 +44,7 @@ class Semaphore:
 
 @dataclass(frozen=True, slots=True)
 class Peer:
-    """A process that maps the region; `bits` None if they cannot be seen."""
+    """A process that maps the region. `bits` is 32 or 64, or None if this user cannot inspect the process."""
 
     pid: int
     name: str
@@ -52,8 +55,8 @@ class Peer:
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
-    """What the folder's configuration says of a topic: None and nothing where it says nothing."""
+class Expected:
+    """The type, depth and permissions that the configuration gives a topic. An absent setting has its default here."""
 
     type: str = ""
     depth: int | None = None
@@ -62,7 +65,11 @@ class Wanted:
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """One region at two looks, `seconds` apart; `layout` is what its type looks like by the folder's configuration."""
+    """The state of a region in which `shmgen doctor` looks for problems: files, processes, and two headers.
+
+    The header was read twice, `seconds` apart: first as `before`, then as `after`. `layout` is the layout that the
+    configuration of the current folder gives the region's type.
+    """
 
     name: str
     status: os.stat_result
@@ -71,10 +78,10 @@ class Evidence:
     semaphores: tuple[Semaphore | None, Semaphore | None]
     seconds: float
     claimed: bool
-    """A process publishes: `writer`, by the record lock; else that is who has left its name there."""
+    """True if the process `writer` publishes, by its record lock. Otherwise `writer` is the last recorded writer."""
     writer: int
     peers: tuple[Peer, ...]
-    wanted: Wanted
+    expected: Expected
     layout: Known | None
 
     @property
@@ -83,9 +90,12 @@ class Evidence:
 
 
 def gather(
-    names: Sequence[str], processes: Processes, topics: Mapping[str, Wanted], layouts: Mapping[str, Known]
+    names: Sequence[str], processes: Processes, topics: Mapping[str, Expected], layouts: Mapping[str, Known]
 ) -> list[Evidence]:
-    """Looks at all regions twice. One that vanishes meanwhile, or cannot be read, is left out."""
+    """Read the header of each region twice, and return the evidence about each region.
+
+    Skip regions that disappear meanwhile or that cannot be read.
+    """
     with ExitStack() as stack:
         views: list[View] = []
         for name in names:
@@ -109,7 +119,7 @@ def gather(
                 claimed=(claimed := view.claimed()),
                 writer=view.writer(after.writer) if claimed else after.writer,
                 peers=_peers(view, processes),
-                wanted=topics.get(topic_of(view.name), Wanted()),
+                expected=topics.get(topic_of(view.name), Expected()),
                 layout=layouts.get(header.type_name),
             )
             for view, (header, lock) in zip(views, first, strict=True)
@@ -118,14 +128,17 @@ def gather(
 
 
 def semaphore(name: str) -> Semaphore | None:
-    """The semaphore's file, read as a file: to open it as a semaphore takes the right to write. None: there is none."""
+    """Return the state of a region's semaphore, or None if there is none.
+
+    Read the file directly, because sem_open() requires permission to write.
+    """
     file = semaphore_file(name)
     value = None
     try:
         status = os.lstat(file)
-        with suppress(PermissionError, RegionUnusable), opened(file, os.O_RDONLY) as found:
-            status = os.fstat(found.fileno())
-            word = int.from_bytes(found.read(4), "little")
+        with suppress(PermissionError, RegionUnusable), opened(file, os.O_RDONLY) as opened_file:
+            status = os.fstat(opened_file.fileno())
+            word = int.from_bytes(opened_file.read(4), "little")
             value = {SIZES[0]: word >> _WAITS, SIZES[1]: word}.get(status.st_size)
     except FileNotFoundError:
         return None
@@ -133,14 +146,14 @@ def semaphore(name: str) -> Semaphore | None:
 
 
 def own_device() -> int:
-    """The number of this /dev/shm, as stat and /proc/PID/maps have it."""
+    """Return the device number of /dev/shm, as in stat and /proc/PID/maps."""
     return os.stat(FOLDER).st_dev
 
 
 def _seems_stuck(view: View, header: Header, before: Semaphore | None) -> bool:
     now = semaphore(view.name)
-    taken = before is not None and before.value == 0 and now is not None and now.value == 0
-    return taken and view.header().lock_count == header.lock_count
+    is_held = before is not None and before.value == 0 and now is not None and now.value == 0
+    return is_held and view.header().lock_count == header.lock_count
 
 
 def _peers(view: View, processes: Processes) -> tuple[Peer, ...]:

@@ -1,4 +1,4 @@
-"""Messages as lines of a table: one value a column, for spreadsheets and plots."""
+"""Formats messages as lines of CSV, for spreadsheets and plots: one value in each column."""
 
 from __future__ import annotations
 
@@ -10,21 +10,24 @@ from typing import Any
 
 from shmgen.core.escape import legible
 from shmgen.runtime import Message
-from shmgen.tools.messages.format import as_line, ros_name, spelled, tree_of
+from shmgen.tools.messages.format import as_line, elements, field, ros_name, spelled, tree_of
 
 
 def titles(value: Any, within: str = "") -> list[str]:
-    """What _cells() gives of such a value: `position.x`, `flags[0]`; of a sequence one title."""
+    """Return the column titles of a value, such as `position.x` and `flags[0]`. A sequence is one column."""
     return [name for name, _ in _cells(value, within)]
 
 
 def row(value: Any) -> list[str]:
-    """Nothing in it is obeyed by a terminal. Raises CountExceeded."""
+    """Return the values of one CSV line, one for each column, without control characters.
+
+    Raises CountExceeded if the count of a sequence is damaged.
+    """
     return [_text(cell) for _, cell in _cells(value, "")]
 
 
 def line(cells: list[str]) -> str:
-    """With commas, and quotes where they are needed."""
+    """Join cells with commas, with quotes if needed."""
     out = io.StringIO()
     csv.writer(out, lineterminator="").writerow(cells)
     return out.getvalue()
@@ -33,10 +36,9 @@ def line(cells: list[str]) -> str:
 def _cells(value: Any, within: str) -> Iterator[tuple[str, Any]]:
     match value:
         case Message():
-            for member in value._names_:
-                name = ros_name(member)
-                inner, fixed = getattr(value, member), _is_fixed(value, member)
-                if isinstance(inner, (ctypes.Array, list)) and not fixed:
+            for step in value._steps_:
+                name, inner = ros_name(step.name), field(value, step.name)
+                if step.count_at >= 0:  # a sequence stays in one column, because its length changes
                     yield _below(within, name), inner
                 else:
                     yield from _cells(inner, _below(within, name))
@@ -44,15 +46,10 @@ def _cells(value: Any, within: str) -> Iterator[tuple[str, Any]]:
             for name, inner in value._asdict().items():
                 yield _below(within, name), inner
         case ctypes.Array() | list():
-            for index, inner in enumerate(value):
+            for index, inner in enumerate(elements(value)):
                 yield from _cells(inner, f"{within}[{index}]")
         case _:
             yield within, value
-
-
-def _is_fixed(message: Message, member: str) -> bool:
-    """Whether it always has as many elements: a sequence has a count, and stays in one column."""
-    return getattr(type(message).__dict__.get(member), "count_at", None) is None
 
 
 def _below(within: str, name: str) -> str:

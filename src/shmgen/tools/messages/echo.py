@@ -1,4 +1,4 @@
-"""What `shmgen echo` prints of samples: all or one field, if they are wanted at all."""
+"""Filters and formats samples for `shmgen echo`: whole messages or one field."""
 
 from __future__ import annotations
 
@@ -10,10 +10,18 @@ from shmgen.tools.messages import csv, format, paths
 
 
 class Printer:
-    """For the samples of one topic, whose type may be another one when its region is made anew."""
+    """Formats the samples of one topic for `shmgen echo`.
+
+    The type of the samples may change, because a region may be recreated with another type.
+    """
 
     def __init__(self, form: Literal["yaml", "json", "csv"], field: str | None, only: str | None, full: bool) -> None:
-        """`full`: of arrays all elements; JSON and CSV have them anyway."""
+        """Store which samples to print, and how.
+
+        Only the samples that fulfil the condition `only` are printed, or all samples without `only`. `field` is the
+        path of the field to print; without `field`, whole messages are printed. `full` prints all elements of arrays in
+        YAML. JSON and CSV always have all elements.
+        """
         self._form, self._field, self._only = form, field, only
         self._most = None if full else format.SHORT
         self._kind: type[Message] | None = None
@@ -22,13 +30,18 @@ class Printer:
         self._holds: Callable[[Message], bool] = lambda message: True
 
     def text(self, message: Message) -> str | None:
-        """None for one that is not wanted. Raises CountExceeded, and ValueError for a wrong path or condition."""
+        """Return the text to print for a message, or None if there is nothing to print.
+
+        There is nothing to print if the message does not fulfil the condition `only`. There is nothing to print either
+        if `field` names an element that a sequence of this message does not have. Raises CountExceeded if a count is
+        damaged, and ValueError if `field` or `only` is invalid for the type of the message.
+        """
         if type(message) is not self._kind:
             self._take(type(message))
         if not self._holds(message) or (value := self._get(message)) is None:
             return None
         titles, self._titles = self._titles, ""
-        return titles + self._shown(value)
+        return titles + self._format(value)
 
     def _take(self, kind: type[Message]) -> None:
         self._kind = kind
@@ -39,7 +52,7 @@ class Printer:
         if self._form == "csv":
             self._titles = csv.line(csv.titles(self._get(kind()), self._field or "")) + "\n"
 
-    def _shown(self, value: Any) -> str:
+    def _format(self, value: Any) -> str:
         if self._form == "csv":
             return csv.line(csv.row(value))
         if self._form == "json":

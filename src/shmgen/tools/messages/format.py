@@ -1,4 +1,4 @@
-"""A message as YAML as `ros2 topic echo` prints it, or as a line of JSON."""
+"""Formats a message as YAML like `ros2 topic echo`, or as a line of JSON."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import ctypes
 import json
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from functools import cache
 from typing import Any
 
 from shmgen.core.escape import escaped
@@ -14,22 +15,28 @@ from shmgen.runtime import CountExceeded, Message
 from shmgen.targets.python.names import python_member
 
 SHORT = 32
-"""So many elements of an array are shown unless all are asked for."""
+"""Default number of array elements to print."""
 
 
 def yaml(message: Message, most: int | None = SHORT) -> str:
-    """YAML 1.2; of each array the first `most` elements, then how many there are in all. Raises CountExceeded."""
+    """Return a message as YAML 1.2. Cut arrays after `most` elements and append the full length.
+
+    Raises CountExceeded if the count of a sequence is damaged.
+    """
     tree = tree_of(message, most)
     return "".join(f"{line}\n" for line in _lines(tree)) if tree else "{}\n"
 
 
 def as_json(message: Message, most: int | None = None) -> str:
-    """One line, numbers that JSON does not know as "NaN", "Infinity" and "-Infinity". Raises CountExceeded."""
+    """Return a message as one line of JSON. NaN and infinity become "NaN", "Infinity" and "-Infinity".
+
+    Raises CountExceeded if the count of a sequence is damaged.
+    """
     return as_line(spelled(tree_of(message, most)))
 
 
 def value_as_yaml(value: Any, most: int | None = SHORT) -> str:
-    """The same of what is found within a message, by its path."""
+    """Return a value inside a message as YAML. Cut arrays after `most` elements and append the full length."""
     tree = tree_of(value, most)
     if isinstance(tree, dict):
         return "".join(f"{line}\n" for line in _lines(tree)) or "{}\n"
@@ -38,29 +45,67 @@ def value_as_yaml(value: Any, most: int | None = SHORT) -> str:
 
 
 def as_line(value: Any, indent: int | None = None) -> str:
-    """JSON that a terminal shows and does not obey: what is not printable is written by its number."""
+    """Return a value as JSON, by default on one line. Escape control characters: a terminal would obey them."""
     lines = json.dumps(value, ensure_ascii=False, indent=indent).split("\n")
     return "\n".join(line if line.isprintable() else "".join(map(_in_json, line)) for line in lines)
 
 
 def ros_name(attribute: str) -> str:
-    """The field that a generated class shows under that name: `from_` is `from`."""
+    """Return the ROS name of an attribute of a generated class: `from_` -> `from`."""
     bare = attribute.removesuffix("_")
     return bare if python_member(bare) == attribute else attribute
 
 
 def tree_of(value: Any, most: int | None) -> Any:
-    """Nested dicts, lists and scalars. Raises CountExceeded."""
+    """Convert a value to nested dicts, lists and scalars.
+
+    Raises CountExceeded if the count of a sequence is damaged.
+    """
     match value:
         case Message():
-            return {ros_name(name): _part(getattr(value, name), most, ros_name(name)) for name in value._names_}
+            return {ros_name(name): _part(field(value, name), most, ros_name(name)) for name in value._names_}
         case tuple() if hasattr(value, "_asdict"):
             return value._asdict()
         case ctypes.Array() | list() | tuple():
-            items = [_part(item, most, f"[{index}]") for index, item in enumerate(value[:most])]
+            items = [_part(item, most, f"[{index}]") for index, item in enumerate(elements(value, most))]
             return items if most is None or len(value) <= most else [*items, f"... {len(value)} in all"]
         case _:
             return value
+
+
+def field(message: Message, name: str) -> Any:
+    """Return the value of the field `name` for printing. A float32 is rounded to its fewest digits."""
+    value = getattr(message, name)
+    return shortest(value) if name in _float32_fields(type(message)) else value
+
+
+def elements(values: Any, most: int | None = None) -> Sequence[Any]:
+    """Return the first `most` elements of an array for printing. A float32 is rounded to its fewest digits."""
+    few: Sequence[Any] = values[:most]
+    return [shortest(value) for value in few] if _is_float32(values) else few
+
+
+def element(values: Any, index: int) -> Any:
+    """Return one element of an array for printing. A float32 is rounded to its fewest digits."""
+    return shortest(values[index]) if _is_float32(values) else values[index]
+
+
+def _is_float32(values: Any) -> bool:
+    return getattr(values, "_type_", None) is ctypes.c_float
+
+
+def shortest(value: float) -> float:
+    """Return the decimal number with the fewest digits that is the same float32.
+
+    For example, 0.009999999776482582 becomes 0.01.
+    """
+    near = (float(f"{value:.{digits}g}") for digits in range(1, 10))
+    return next((number for number in near if ctypes.c_float(number).value == value), value)
+
+
+@cache
+def _float32_fields(kind: type[Message]) -> frozenset[str]:
+    return frozenset(name for name, type_, *_ in getattr(kind, "_fields_", ()) if type_ is ctypes.c_float)
 
 
 def _part(value: Any, most: int | None, name: str) -> Any:
@@ -104,7 +149,7 @@ def _flow(value: Any) -> str:
 
 _PLAIN = re.compile(r"[A-Za-z_/]([\w /.-]*[\w/.-])?", re.ASCII)
 _WORDS = {"true", "false", "yes", "no", "on", "off", "y", "n", "null"}
-"""What YAML 1.1 or 1.2 take for something else than text."""
+"""Words that YAML 1.1 or 1.2 do not read as text."""
 _SHORT = {"\n": "\\n", "\r": "\\r", "\t": "\\t", "\b": "\\b", "\f": "\\f"}
 
 
@@ -125,7 +170,7 @@ def _in_json(sign: str) -> str:
 
 
 def spelled(tree: Any) -> Any:
-    """The same with words for the numbers that JSON does not know."""
+    """Replace NaN and infinity in nested dicts and lists by words, because JSON has no such numbers."""
     match tree:
         case dict():
             return {name: spelled(value) for name, value in tree.items()}

@@ -1,4 +1,4 @@
-"""Reads what a person types, YAML or JSON, as a message; every complaint names the field."""
+"""Parses YAML or JSON from a user into a message. Every error names the field."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from types import SimpleNamespace
 from typing import Any
 
 from shmgen.core.diagnostics import closest
-from shmgen.runtime import Clock, Clocks, Elements, Message, OutOfRange, Time, values
+from shmgen.runtime import Message, OutOfRange, Time
+from shmgen.runtime.messages.numbers import boolean
+from shmgen.runtime.messages.steps import CODES, Step
+from shmgen.runtime.messages.times import CLOCKS
 from shmgen.targets.python.names import python_member
 from shmgen.tools.messages.format import ros_name
 
@@ -18,7 +21,10 @@ _CLOCK = ("sec", "nanosec")
 
 
 def parse(text: str) -> Any:
-    """The value of a JSON document, or of a YAML one. Raises ValueError with the line at fault, and OutOfRange."""
+    """Parse a JSON or YAML document.
+
+    Raises ValueError with the invalid line, and OutOfRange if a number is too large for float64.
+    """
     try:
         return _parsed(text)
     except RecursionError:
@@ -52,7 +58,8 @@ def _parsed(text: str) -> Any:
     except YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         place = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
-        raise ValueError(f"{place}{getattr(error, 'problem', None) or error}; this is neither YAML nor JSON") from None
+        hint = "write YAML or JSON, in quotes: '{x: 1.0}'"
+        raise ValueError(f"{place}{getattr(error, 'problem', None) or error}\n  hint: {hint}") from None
 
 
 def _float(text: str) -> float:
@@ -60,55 +67,50 @@ def _float(text: str) -> float:
 
 
 def _finite(value: float, text: str) -> float:
-    """Infinity where nobody wrote it was a number too large for any float."""
+    """Return the number that the user wrote as `text`. Raises OutOfRange if it is too large for float64."""
     if math.isinf(value):
         raise OutOfRange("", f"{text} is too large for float64; infinity is written .inf")
     return value
 
 
 def build(kind: type[Message], data: Any) -> Message:
-    """A message with the values of `data`; where it is silent, the definition's defaults; a time may be `now`.
+    """Build a message from the values of `data`. Missing fields get the defaults of the definition.
 
-    Raises OutOfRange, StringTooLong and CountExceeded with the path of the field.
+    A time may be `now`. Raises OutOfRange, StringTooLong and CountExceeded with the path of the field.
     """
-    message = bytearray(kind())
-    late: list[tuple[int, int, memoryview]] = []
-    kind._encode(_object(kind, {} if data is None else data, ""), message, 0, late)
-    for offset, room, array in late:
-        message[offset : offset + room] = bytes(array).ljust(room, b"\0")
-    return kind.from_buffer_copy(message)
+    return kind._from_object(_object(kind, {} if data is None else data, ""))
 
 
 def _object(kind: type[Message], data: Any, path: str) -> SimpleNamespace:
-    """An object with the attributes of the message, for the encoder, which checks the values themselves."""
+    """Return an object with the attributes of the message. The encoder checks the values later."""
     fields = _fields(data, [ros_name(name) for name in kind._names_], path, kind._type_name_)
     default = kind()
-    made = SimpleNamespace(**{name: getattr(default, name) for name in kind._names_})
+    values = SimpleNamespace(**{name: getattr(default, name) for name in kind._names_})
+    steps = {step.name: step for step in kind._steps_}
     for name, value in fields.items():
-        attribute = python_member(name)
-        here = f"{path}.{name}" if path else name
-        setattr(made, attribute, _value(kind.__dict__[attribute], getattr(default, attribute), value, here))
-    return made
+        attribute, here = python_member(name), f"{path}.{name}" if path else name
+        setattr(values, attribute, _value(steps[attribute], value, here))
+    return values
 
 
-def _value(member: Any, default: Any, data: Any, path: str) -> Any:
-    match member:
-        case Elements() if issubclass(member.kind, Message):
-            return [_object(member.kind, item, f"{path}[{index}]") for index, item in enumerate(_list(data, path))]
-        case Elements() if isinstance(data, list):
-            return [_number(item) for item in data]
-        case Clocks():
-            return [_clock(item, f"{path}[{index}]") for index, item in enumerate(_list(data, path))]
-        case Clock():
-            return _clock(data, path)
-        case _ if isinstance(default, Message):
-            return _object(type(default), data, path)
-        case _ if isinstance(default, bool):
-            return values.boolean(data, path)
-        case _ if isinstance(default, float):
-            return _number(data)
-        case _:
-            return data
+def _value(step: Step, data: Any, path: str) -> Any:
+    if not step.length:
+        return _element(step.kind, data, path)
+    if step.kind in CODES:
+        return [_number(item) for item in data] if isinstance(data, list) else data
+    if step.kind in CLOCKS or not isinstance(step.kind, str):
+        return [_element(step.kind, item, f"{path}[{index}]") for index, item in enumerate(_list(data, path))]
+    return data
+
+
+def _element(kind: Any, data: Any, path: str) -> Any:
+    if not isinstance(kind, str):
+        return _object(kind, data, path)
+    if kind in CLOCKS:
+        return _clock(data, path)
+    if kind == "bool":
+        return boolean(data, path)
+    return _number(data) if kind.startswith("float") else data
 
 
 def _clock(data: Any, path: str) -> Time:
@@ -129,7 +131,9 @@ def _list(data: Any, path: str) -> list[Any]:
 
 def _fields(data: Any, known: tuple[str, ...] | list[str], path: str, owner: str) -> dict[str, Any]:
     if not isinstance(data, dict):
-        raise OutOfRange(path, f"{data!r:.40} is {type(data).__name__}, not the fields of {owner}: {', '.join(known)}")
+        hint = f"write `{{{known[0]}: ...}}`, with a blank after the colon" if known else "write `{{}}`"
+        fields = ", ".join(known)
+        raise OutOfRange(path, f"{data!r:.40} is {type(data).__name__}, not the fields of {owner}: {fields}; {hint}")
     for name in data:
         if name not in known:
             close = closest(str(name), known)

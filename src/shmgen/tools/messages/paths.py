@@ -1,4 +1,4 @@
-"""Values inside a message, as a person names them: `pose.position.x`, `points[2]`, and conditions."""
+"""Evaluates paths, such as `pose.position.x` and `points[2]`, and conditions on the fields of a message."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from shmgen.core.diagnostics import closest
 from shmgen.core.model import Clock, Layout, Layouts, Ref, Role, Scalar
 from shmgen.runtime import Message
 from shmgen.targets.python.names import python_member
-from shmgen.tools.messages.format import ros_name
+from shmgen.tools.messages.format import element, field, ros_name
 
 Getter = Callable[[Message], Any]
 
@@ -21,16 +21,17 @@ _INDEX = re.compile(r"\[(\d+)\]")
 
 
 def getter(kind: type[Message], path: str) -> Getter:
-    """The value at `path` of a message; None where a sequence has no such element now.
+    """Return a function that reads the value at `path` of a message.
 
-    Raises ValueError for a path that no message of the kind has, with what was meant.
+    The function returns None if a sequence has no such element now. Raises ValueError with a suggestion if no message
+    of this type can have the path.
     """
     steps: list[str | int] = []
     for part in path.split("."):
-        found = _STEP.fullmatch(part)
-        if found is None:
+        match = _STEP.fullmatch(part)
+        if match is None:
             raise ValueError(f"{path}: {part!r} is not a field; write pose.position.x, or points[2].x")
-        steps += [found[1], *map(int, _INDEX.findall(found[2]))]
+        steps += [match[1], *map(int, _INDEX.findall(match[2]))]
     _check(kind(), steps, path)
 
     def get(message: Message) -> Any:
@@ -39,9 +40,10 @@ def getter(kind: type[Message], path: str) -> Getter:
             if isinstance(step, int):
                 if step >= len(value):
                     return None
-                value = value[step]
+                value = element(value, step)
             else:
-                value = getattr(value, python_member(step))
+                member = python_member(step)
+                value = field(value, member) if isinstance(value, Message) else getattr(value, member)
         return value
 
     return get
@@ -51,9 +53,9 @@ def _check(value: Any, steps: list[str | int], path: str) -> None:
     for step in steps:
         if isinstance(step, int):
             if not isinstance(value, (ctypes.Array, list, tuple)) or hasattr(value, "_fields"):
-                raise ValueError(f"{path}: [{step}] follows something that is not an array")
+                raise ValueError(f"{path}: [{step}] is applied to a field that is not an array")
             if len(value) <= step:
-                return  # a sequence, empty in a new message
+                return  # a sequence, which is empty in a new message
             value = value[step]
         else:
             names = _names(value)
@@ -71,7 +73,10 @@ def _names(value: Any) -> list[str]:
 
 
 def leaves(layout: Layout, layouts: Layouts, within: str = "", *, numbers: bool = False) -> Iterator[str]:
-    """The paths of all fields, those of messages in it opened; `numbers`: only of what can be plotted."""
+    """Yield the paths of all fields, including the fields of nested messages.
+
+    If `numbers` is True, yield only single numbers and times, which can be plotted.
+    """
     for slot in layout.slots:
         if slot.role is not Role.DATA:
             continue
@@ -91,18 +96,21 @@ _FUNCTIONS = {"abs": abs, "len": len, "max": max, "min": min, "sum": sum, "any":
 
 
 def condition(kind: type[Message], text: str) -> Callable[[Message], bool]:
-    """Whether a message fulfils `position.x > 1 and name == "a"`; fields bare, or as of `m`, as in ROS 2.
+    """Return a function that evaluates a condition on a message, such as `position.x > 1 and name == "a"`.
 
-    Only arithmetic, comparisons, fields, elements and a few functions: nothing of it can do anything. An element that
-    is not there fulfils nothing. Raises ValueError.
+    Fields may have the prefix `m.`, as in ROS 2. Only arithmetic, comparisons, fields, elements and a few functions are
+    allowed, so that a condition has no side effects. If an element is missing, the condition is false. Raises
+    ValueError if the condition is invalid.
     """
     try:
         tree = ast.parse(text, mode="eval")
     except (SyntaxError, ValueError):
-        raise ValueError(f"{text!r} is not a condition; write it as position.x > 1 and name == 'a'") from None
+        raise ValueError(
+            f"{text!r} is not a condition; write a condition such as position.x > 1 and name == 'a'"
+        ) from None
     for node in ast.walk(tree):
         if not isinstance(node, _ALLOWED):
-            raise ValueError(f"{text!r}: {type(node).__name__} cannot stand in a condition")
+            raise ValueError(f"{text!r}: {type(node).__name__} is not allowed in a condition")
         name = node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
         if name.startswith("_"):
             raise ValueError(f"{text!r}: {name} is not a field")
@@ -111,8 +119,9 @@ def condition(kind: type[Message], text: str) -> Callable[[Message], bool]:
         if isinstance(node, ast.Attribute):
             node.attr = python_member(node.attr)
     code = compile(tree, "condition", "eval")
+    used = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
     members = {ros_name(name): name for name in kind._names_}
-    if unknown := sorted(_free(tree) - members.keys() - _FUNCTIONS.keys() - {"m"}):
+    if unknown := sorted(used - members.keys() - _FUNCTIONS.keys() - {"m"}):
         close = closest(unknown[0], members)
         there = f"it has {', '.join(members)}"
         raise ValueError(f"{text!r}: no field {unknown[0]}; {f'did you mean {close}?' if close else there}")
@@ -127,7 +136,3 @@ def condition(kind: type[Message], text: str) -> Callable[[Message], bool]:
             raise ValueError(f"{text!r}: {error}") from None
 
     return holds
-
-
-def _free(tree: ast.AST) -> set[str]:
-    return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}

@@ -1,4 +1,4 @@
-"""Publishes a person's values, once or at a rate."""
+"""Publishes values that a user types, once or repeatedly."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from shmgen.runtime.errors import RegionMissing
 from shmgen.tools.messages import parse
 
 HEARTBEAT = 0.05
-"""Seconds between two signs of life while there is nothing to publish."""
+"""Seconds between two heartbeats while no sample is due."""
 
 
 def publish(
     topic: str, request: str, data: Any, registry: ClassRegistry, rate: float, count: int | None
 ) -> Generator[Message, None, None]:
-    """Publishes `rate` times a second, `count` times or without end, and yields each sample published.
+    """Publish the values in `data` `rate` times a second, `count` times or without end. Yield each published sample.
 
-    The depth is that of the region that is there, else that of [[topics]], else 1. Raises Rejected, ValueRejected
-    and ValueError before the region is touched, and what a Publisher raises.
+    The depth is the depth of the existing region, else the depth in [[topics]], else 1. Raises Rejected, ValueRejected
+    and ValueError before the region is opened, and the errors of Publisher.
     """
     digest, depth = _expected(topic, request, registry)
     kind = registry.message(request, digest)
@@ -37,13 +37,17 @@ def publish(
             number += 1
             if number == count:
                 return
-            due = max(due + 1 / rate, time.monotonic())  # after a pause no burst
+            due = max(due + 1 / rate, time.monotonic())  # no burst after a pause
             _sleep_until(due, writer.heartbeat)
-            message = parse.build(kind, data)  # anew: a stamp may be `now`
+            message = parse.build(kind, data)  # build again, because a stamp may be `now`
 
 
 def _expected(topic: str, request: str, registry: ClassRegistry) -> tuple[int | None, int]:
-    """The digest wanted, if the region holds that type, and the depth."""
+    """Return the digest and the depth with which to publish.
+
+    They are those of the topic's region if the region contains messages of the type `request`. If the region is missing
+    or has another type, the digest is None, and the depth comes from shmgen.toml.
+    """
     with suppress(RegionMissing), View(region_name(topic)) as view:
         header = view.header()
         package, _, bare = header.type_name.partition("/")

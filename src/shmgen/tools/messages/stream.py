@@ -1,4 +1,4 @@
-"""Follows a topic: the samples that come, from its region of now and from those that follow it."""
+"""Follows a topic: yields the samples of its region, and after a removal the samples of the next region."""
 
 from __future__ import annotations
 
@@ -14,36 +14,36 @@ from shmgen.runtime.errors import RegionMissing, RegionUnusable
 from shmgen.runtime.region import header as h
 
 POLL = 1e-3
-"""Seconds between two looks."""
+"""Seconds between two polls of a region."""
 _POLL_MISSING = 0.05
 
 Tell = Callable[[str], None]
-"""Takes a note for whoever sits at the terminal."""
+"""A function that receives a note for the user at the terminal."""
 
 
 def messages(topic: str, registry: ClassRegistry, timeout: float | None, tell: Tell) -> Generator[Message, None, None]:
-    """Each message, the newest that is there already first; ends only by an error, or when it is closed.
+    """Yield all messages of a topic, beginning with the newest existing message, until the caller closes the generator.
 
-    Waits for a region that does not exist yet, and for the next one when it is removed. Raises TimeoutError
-    after `timeout` seconds without a sample, and what a Subscriber and ClassRegistry.message() raise.
+    Wait for the region if it does not exist yet, and for a new region after a removal. Raises TimeoutError after
+    `timeout` seconds without a sample, and the errors of Subscriber and ClassRegistry.message().
     """
-    with closing(regions(topic, registry, timeout, tell, passive=False)) as found:
-        for view, reader in found:
+    with closing(regions(topic, registry, timeout, tell, passive=False)) as followed_regions:
+        for view, reader in followed_regions:
             try:
-                for taken in looks(topic, view, reader, timeout):
-                    for sample in taken:
+                for samples in looks(topic, view, reader, timeout):
+                    for sample in samples:
                         yield sample.message
             finally:
                 if reader.missed:
-                    tell(f"{topic}: {counted(reader.missed, 'sample')} overwritten before they could be read here")
+                    tell(f"{topic}: {counted(reader.missed, 'sample')} overwritten before this program could read them")
 
 
 def regions(
     topic: str, registry: ClassRegistry | None, timeout: float | None, tell: Tell, *, passive: bool = True
 ) -> Generator[tuple[View, Subscriber[Message]], None, None]:
-    """The topic's region and what reads it, and after its end the next; without `registry` messages have no fields.
+    """Yield a view of the topic's region and a subscriber for it. After a removal, yield the same for the next region.
 
-    Raises as messages().
+    Without `registry`, messages have no fields. Raises the errors of messages().
     """
     while True:
         with appeared(topic, timeout, tell) as view:
@@ -57,26 +57,29 @@ def regions(
 def looks(
     topic: str, view: View, reader: Subscriber[Message], timeout: float | None
 ) -> Iterator[list[Sample[Message]]]:
-    """What has come, each millisecond, also nothing, until the region is removed. Raises TimeoutError."""
-    heard = time.monotonic()
+    """Yield the new samples of a region each millisecond, until the region is removed. The list may be empty.
+
+    Raises TimeoutError after `timeout` seconds without a sample.
+    """
+    last_sample_at = time.monotonic()
     while not view.removed:
-        taken = reader.samples()
-        yield taken
-        if taken:
-            heard = time.monotonic()
+        samples = reader.samples()
+        yield samples
+        if samples:
+            last_sample_at = time.monotonic()
         else:
-            _give_up(topic, heard, timeout, "no sample")
+            _give_up(topic, last_sample_at, timeout, "no sample")
             time.sleep(POLL)
 
 
 def appeared(topic: str, timeout: float | None, tell: Tell) -> View:
-    """The topic's region, as soon as there is one with a header.
+    """Wait for the topic's region to exist with a header, and return the region.
 
-    Raises TimeoutError, PermissionDenied, and RegionUnusable for what is no region or a damaged one.
+    Raises TimeoutError, PermissionDenied, and RegionUnusable if the file is damaged or not a region.
     """
     name = region_name(topic)
     begun = time.monotonic()
-    told = False
+    is_waiting_shown = False
     while True:
         try:
             view = View(name)
@@ -91,9 +94,9 @@ def appeared(topic: str, timeout: float | None, tell: Tell) -> View:
                     raise
                 return view
             view.close()
-        if not told:
+        if not is_waiting_shown:
             tell(f"{missing(topic)}\nwaiting for it")
-            told = True
+            is_waiting_shown = True
         _give_up(topic, begun, timeout, "no region")
         time.sleep(_POLL_MISSING)
 

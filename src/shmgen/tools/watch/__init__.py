@@ -1,1 +1,1 @@
-"""Prints rates, lists and curves of live topics."""
+"""Displays lists, rates, bandwidths and delays of live topics."""

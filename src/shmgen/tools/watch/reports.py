@@ -1,4 +1,4 @@
-"""The rate, the bandwidth and the delay of a topic, from the numbers and stamps of its samples."""
+"""Computes the rate, bandwidth and delay of a topic from the numbers and stamps of its samples."""
 
 from __future__ import annotations
 
@@ -18,19 +18,18 @@ from shmgen.runtime import Header, Message, Sample
 from shmgen.runtime.region.header import steps
 from shmgen.tools.messages import stream
 from shmgen.tools.messages.paths import Getter, getter
-from shmgen.tools.watch.plot import number
 
 R = TypeVar("R")
 
 _PERIOD = 1.0
-"""Seconds from one report to the next."""
+"""Seconds between two reports."""
 _WRITER = "the writer's stamp"
 
 
 class Seen(NamedTuple):
-    """A sample's number, when it was written, or came if its writer has no clock, and how old it was when it came.
+    """A received sample: its number, the time at which it was written, and its age on arrival. Times are in seconds.
 
-    In seconds; `age` is None where there is no stamp.
+    `at` is the writer's stamp, or the time of arrival if the writer has no clock. `age` is None if there is no stamp.
     """
 
     number: int
@@ -39,7 +38,11 @@ class Seen(NamedTuple):
 
 
 class Window(NamedTuple):
-    """The newest samples of a region, how many were overwritten unseen, and by whose stamp their ages are."""
+    """The newest samples of a region, from which a report is computed.
+
+    `missed` counts samples that were overwritten before this process read them. The ages of the samples are computed
+    from a stamp; `by` is the name of this stamp.
+    """
 
     topic: str
     seen: Sequence[Seen]
@@ -50,9 +53,9 @@ class Window(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Rate:
-    """Samples a second, and the seconds between samples that followed each other, over the newest `window` seen.
+    """The rate of a topic: samples a second, and the seconds between two samples, over the last `window` samples.
 
-    `missed` is how many were overwritten before they could be looked at here; they count in `rate`.
+    `missed` counts samples that were overwritten before this process read them. `rate` includes missed samples.
     """
 
     rate: float
@@ -71,7 +74,7 @@ class Rate:
 
 @dataclass(frozen=True, slots=True)
 class Bandwidth:
-    """Bytes a second, and bytes of one sample: all of a topic are alike, and so is the memory they take."""
+    """The bandwidth of a topic: bytes a second, and bytes of one sample. All samples have the same size."""
 
     rate: float
     samples: float
@@ -86,7 +89,10 @@ class Bandwidth:
 
 @dataclass(frozen=True, slots=True)
 class Delay:
-    """Seconds from a sample's stamp to when it was seen here, over the newest `window`; `by` says whose stamp."""
+    """The delay of a topic: seconds from the stamp of a sample to its arrival here, over the last `window` samples.
+
+    `by` is the name of the stamp, such as `header.stamp`.
+    """
 
     mean: float
     shortest: float
@@ -110,20 +116,21 @@ def reports(
     timeout: float | None,
     tell: stream.Tell,
 ) -> Generator[R, None, None]:
-    """What `make`, one of the three below, says each second in which something came; ends only by an error, or closed.
+    """Yield a report about a topic after each second with new samples, until an error occurs.
 
-    Samples are seen each millisecond, so no arrival is known better. `registry` is for delays. Raises as
-    stream.messages(), and ValueError where a delay has no stamp to go by.
+    `make` is the function rate, bandwidth or delay, which computes the report from the last `window` samples. Samples
+    are polled each millisecond, which limits the precision of arrival times. Only delays need `registry`. Raises the
+    errors of stream.messages(), and ValueError if a delay has no stamp.
     """
-    with closing(stream.regions(topic, registry, timeout, tell)) as found:
-        for view, reader in found:
+    with closing(stream.regions(topic, registry, timeout, tell)) as followed_regions:
+        for view, reader in followed_regions:
             header, (by, stamp) = sound(view), _stamp(reader.message_type)
-            reader.samples()  # what is there was not seen coming
+            reader.samples()  # skip existing samples: their arrival time is unknown
             seen: deque[Seen] = deque(maxlen=window)
             due, fresh = time.monotonic() + _PERIOD, False
-            for taken in stream.looks(topic, view, reader, timeout):
+            for samples in stream.looks(topic, view, reader, timeout):
                 now = time.time()
-                for sample in taken:
+                for sample in samples:
                     written = stamp(sample)
                     seen.append(Seen(sample.number, sample.stamp / 1e9 or now, now - written if written else None))
                     fresh = True
@@ -135,7 +142,7 @@ def reports(
 
 
 def rate(window: Window) -> Rate | None:
-    """None as long as there are not two samples some time apart."""
+    """Compute the rate, or return None if there are not yet two samples with different times."""
     seen, slots = window.seen, window.header.slots
     first, last = seen[0], seen[-1]
     if last.at <= first.at:
@@ -147,13 +154,16 @@ def rate(window: Window) -> Rate | None:
 
 
 def bandwidth(window: Window) -> Bandwidth | None:
-    """None as rate()."""
-    size, found = window.header.payload_size, rate(window)
-    return Bandwidth(found.rate * size, found.rate, size) if found else None
+    """Compute the bandwidth, or return None if there are not yet two samples with different times."""
+    size, report = window.header.payload_size, rate(window)
+    return Bandwidth(report.rate * size, report.rate, size) if report else None
 
 
 def delay(window: Window) -> Delay | None:
-    """By `header.stamp` or `stamp`, else by the writer's stamp; None where the former was never set."""
+    """Compute the delay from `header.stamp` or `stamp`, else from the writer's stamp.
+
+    Return None if the message's stamp was never set. Raises ValueError if there is no stamp.
+    """
     ages = [one.age for one in window.seen if one.age is not None]
     if not ages and window.by == _WRITER:
         raise ValueError(f"{window.topic}: its type has no stamp, and its writer has no clock")
@@ -172,8 +182,17 @@ def _stamped(get: Getter, sample: Sample[Message]) -> float | None:
     return number(get(sample.message))
 
 
+def number(value: object) -> float | None:
+    """Return a number, a bool, or a time in seconds as a float; return None for other types."""
+    if isinstance(value, (bool, int, float)):
+        return float(value)
+    if hasattr(value, "sec") and hasattr(value, "nanosec"):
+        return float(value.sec + value.nanosec / 1e9)
+    return None
+
+
 def _moments(values: Collection[float]) -> tuple[float, float, float, float]:
-    """Mean, least, most, standard deviation."""
+    """Return mean, minimum, maximum and standard deviation."""
     mean = math.fsum(values) / len(values)
     return mean, min(values), max(values), math.sqrt(math.fsum((one - mean) ** 2 for one in values) / len(values))
 
@@ -184,7 +203,7 @@ def _spread(report: Rate | Delay) -> str:
 
 
 def _bytes(number: float) -> str:
-    """`12.3 kB`."""
+    """Return a size with a suitable unit, such as `12.30 kB`."""
     for unit in ("B", "kB", "MB"):
         if number < 1000:
             return f"{number:.0f} B" if unit == "B" else f"{number:.2f} {unit}"

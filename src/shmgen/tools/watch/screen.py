@@ -1,4 +1,4 @@
-"""Shows tables that come one after the other as a live screen with keys, or as plain text in a pipe."""
+"""Shows the table of `shmgen top` on a live screen, with updates and keys."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from types import FrameType
 
 from shmgen.core.plural import counted
 from shmgen.live.regions import unlisted
-from shmgen.tools.watch import top
+from shmgen.tools.watch import overview
 
 _ENTER = "\x1b[?1049h\x1b[?25l"
-"""The other screen, without a cursor: what stood there before comes back."""
+"""Escape codes that switch to the alternate screen and hide the cursor. _LEAVE restores the previous content."""
 _LEAVE = "\x1b[?25h\x1b[?1049l"
 _HOME = "\x1b[H"
 _TO_END_OF_LINE = "\x1b[K"
@@ -29,19 +29,19 @@ _KEYS = "q quit   s sort by next column   r reverse"
 
 
 def can_draw() -> bool:
-    """Whether there is a terminal that can be drawn on."""
+    """Return True if standard input and output are a terminal that can draw."""
     return sys.stdout.isatty() and sys.stdin.isatty() and os.environ.get("TERM", "dumb") != "dumb"
 
 
 def run(interval: float) -> None:
-    """Draws until `q`."""
-    past: top.Past = {}
+    """Show a table of all regions, with an update every `interval` seconds, until the user presses `q`."""
+    past: overview.Past = {}
     widths: dict[str, int] = {}
     column, reverse = 0, False
     with _screen():
-        rows = top.look(past)
+        rows = overview.look(past)
         while True:
-            _draw(top.ordered(rows, top.COLUMNS[column], reverse), top.COLUMNS[column], widths)
+            _draw(overview.ordered(rows, overview.COLUMNS[column], reverse), overview.COLUMNS[column], widths)
             due = time.monotonic() + interval
             while (left := due - time.monotonic()) > 0:
                 for key in _keys(left):
@@ -49,30 +49,30 @@ def run(interval: float) -> None:
                         case "q" | "\x04":
                             return
                         case "s":
-                            column = (column + 1) % len(top.COLUMNS)
+                            column = (column + 1) % len(overview.COLUMNS)
                         case "r":
                             reverse = not reverse
-                _draw(top.ordered(rows, top.COLUMNS[column], reverse), top.COLUMNS[column], widths)
-            rows = top.look(past)
+                _draw(overview.ordered(rows, overview.COLUMNS[column], reverse), overview.COLUMNS[column], widths)
+            rows = overview.look(past)
 
 
-def _draw(rows: list[top.TopicRow], column: str, widths: dict[str, int]) -> None:
+def _draw(rows: list[overview.Row], column: str, widths: dict[str, int]) -> None:
     width, height = shutil.get_terminal_size()
-    title, *lines = top.table(rows, column, width, widths)
-    wider = [name.upper() for name in top.COLUMNS if name.upper() not in title]
+    title, *lines = overview.table(rows, column, width, widths)
+    wider = [name.upper() for name in overview.COLUMNS if name.upper() not in title]
     notes = [*filter(None, [unlisted(rows)]), *([f"a wider terminal shows {', '.join(wider)}"] if wider else [])]
     head = f"shmgen top   {time.strftime('%H:%M:%S')}   {counted(len(rows), 'region')}   {_KEYS}"
     room = height - 3 - len(notes)
     if len(lines) > room:
         notes.insert(0, f"... {len(lines) - room + 1} more")
-    shown = [head[:width], "", _REVERSE + title[:width].ljust(width) + _NORMAL]
-    shown += [line[:width] for line in [*lines[: height - 3 - len(notes)], *notes]]
-    sys.stdout.write(_HOME + "\r\n".join(line + _TO_END_OF_LINE for line in shown) + _TO_END_OF_SCREEN)
+    screen_lines = [head[:width], "", _REVERSE + title[:width].ljust(width) + _NORMAL]
+    screen_lines += [line[:width] for line in [*lines[: height - 3 - len(notes)], *notes]]
+    sys.stdout.write(_HOME + "\r\n".join(line + _TO_END_OF_LINE for line in screen_lines) + _TO_END_OF_SCREEN)
     sys.stdout.flush()
 
 
 def _keys(timeout: float) -> str:
-    """What was pressed within `timeout` seconds; Ctrl-D at the end of the input. Arrows and the like are nothing."""
+    """Return the keys pressed within `timeout` seconds, or Ctrl-D if the input ended. Ignore arrow keys."""
     if select.select([sys.stdin], [], [], timeout)[0]:
         pressed = os.read(sys.stdin.fileno(), 64).decode(errors="replace") or "\x04"
         return "" if pressed.startswith("\x1b") else pressed
@@ -81,7 +81,10 @@ def _keys(timeout: float) -> str:
 
 @contextmanager
 def _screen() -> Iterator[None]:
-    """The terminal as keys need it, and as it was afterwards, also after SIGTERM and the end of an ssh session."""
+    """Set the terminal to read single keys, and restore the previous state at the end.
+
+    SIGTERM and the end of an ssh session restore the terminal too.
+    """
 
     def leave(number: int, frame: FrameType | None) -> None:
         sys.exit(128 + number)

@@ -3,5 +3,5 @@
 try:
     import shmgen.runtime  # noqa: F401
 except ModuleNotFoundError as missing:
-    said = f"{__name__} needs {missing.name}: install shmgen, or shmgen-runtime alone, into this Python"
-    raise ModuleNotFoundError(said, name=missing.name) from None
+    message = f"{__name__} needs {missing.name}: install shmgen, or shmgen-runtime alone, into this Python"
+    raise ModuleNotFoundError(message, name=missing.name) from None

@@ -11,31 +11,30 @@
 #include "shm_service/cell_msgs/action/move_outcome_shm.h"
 #include "shm_service/cell_msgs/action/move_progress_shm.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+SHMGEN_BEGIN_DECLS
 
 SHMGEN_STATIC_ASSERT(offsetof(shm_cell_msgs_Move_Outcome, goal) == 0, "shm_cell_msgs_Move_Outcome begins with a number");
 SHMGEN_STATIC_ASSERT(offsetof(shm_cell_msgs_Move_Outcome, status) == 4, "shm_cell_msgs_Move_Outcome goes on with a status");
 SHMGEN_STATIC_ASSERT(offsetof(shm_cell_msgs_Move_Progress, goal) == 0, "shm_cell_msgs_Move_Progress begins with a number");
 SHMGEN_STATIC_ASSERT(offsetof(shm_cell_msgs_Move_Progress, status) == 4, "shm_cell_msgs_Move_Progress goes on with a status");
 
+/* Return the types and checks of the messages that clients and servers exchange. */
 static inline shmgen_interface shmgen_interface_of_shm_cell_msgs_Move_action(void)
 {
-    shmgen_interface made;
-    memset(&made, 0, sizeof made);
-    made.request = shmgen_part_of(shmgen_type_of_shm_cell_msgs_Move_Command(), shmgen_check_shm_cell_msgs_Move_Command, shmgen_receive_shm_cell_msgs_Move_Command);
-    made.response = shmgen_part_of(shmgen_type_of_shm_cell_msgs_Move_Outcome(), shmgen_check_shm_cell_msgs_Move_Outcome, shmgen_receive_shm_cell_msgs_Move_Outcome);
-    made.progress = shmgen_part_of(shmgen_type_of_shm_cell_msgs_Move_Progress(), shmgen_check_shm_cell_msgs_Move_Progress, shmgen_receive_shm_cell_msgs_Move_Progress);
-    return made;
+    shmgen_interface parts;
+    memset(&parts, 0, sizeof parts);
+    parts.request = shmgen_part_of(shmgen_type_of_shm_cell_msgs_Move_Command(), shmgen_check_shm_cell_msgs_Move_Command, shmgen_receive_shm_cell_msgs_Move_Command);
+    parts.response = shmgen_part_of(shmgen_type_of_shm_cell_msgs_Move_Outcome(), shmgen_check_shm_cell_msgs_Move_Outcome, shmgen_receive_shm_cell_msgs_Move_Outcome);
+    parts.progress = shmgen_part_of(shmgen_type_of_shm_cell_msgs_Move_Progress(), shmgen_check_shm_cell_msgs_Move_Progress, shmgen_receive_shm_cell_msgs_Move_Progress);
+    return parts;
 }
 
-/* Calls that this does not name take its `end`, as shmgen_client_step(&client.end). */
+/* A client. Pass its member `end` to all other calls: shmgen_client_step(&client.end). */
 typedef struct shm_cell_msgs_Move_action_client {
     shmgen_client end;
 } shm_cell_msgs_Move_action_client;
 
-/* Opens the regions or makes them; `options` may be NULL. */
+/* Open or create the regions. `options` may be NULL. */
 static inline shmgen_status shm_cell_msgs_Move_action_client_open(
     shm_cell_msgs_Move_action_client *self, const char *name, const shmgen_options *options)
 {
@@ -43,7 +42,8 @@ static inline shmgen_status shm_cell_msgs_Move_action_client_open(
     return shmgen_client_open(&self->end, name, &carries, options);
 }
 
-/* The same for a cycle that must not wait: call shmgen_client_step(&client.end) in each until it is SHMGEN_OK. */
+/* Start to open the regions without waiting: call shmgen_client_step(&client.end) in each cycle until it returns
+ * SHMGEN_OK. */
 static inline shmgen_status shm_cell_msgs_Move_action_client_start(
     shm_cell_msgs_Move_action_client *self, const char *name, const shmgen_options *options)
 {
@@ -51,17 +51,18 @@ static inline shmgen_status shm_cell_msgs_Move_action_client_start(
     return shmgen_client_start(&self->end, name, &carries, options);
 }
 
+/* Close the client and release its claim. The regions stay. */
 static inline void shm_cell_msgs_Move_action_client_close(shm_cell_msgs_Move_action_client *self)
 {
     shmgen_client_close(&self->end);
 }
 
-/* Calls that this does not name take its `end`, as shmgen_server_step(&server.end). */
+/* A server. Pass its member `end` to all other calls: shmgen_server_step(&server.end). */
 typedef struct shm_cell_msgs_Move_action_server {
     shmgen_server end;
 } shm_cell_msgs_Move_action_server;
 
-/* Opens the regions or makes them; `options` may be NULL. */
+/* Open or create the regions. `options` may be NULL. */
 static inline shmgen_status shm_cell_msgs_Move_action_server_open(
     shm_cell_msgs_Move_action_server *self, const char *name, const shmgen_options *options)
 {
@@ -69,7 +70,8 @@ static inline shmgen_status shm_cell_msgs_Move_action_server_open(
     return shmgen_server_open(&self->end, name, &carries, options);
 }
 
-/* The same for a cycle that must not wait: call shmgen_server_step(&server.end) in each until it is SHMGEN_OK. */
+/* Start to open the regions without waiting: call shmgen_server_step(&server.end) in each cycle until it returns
+ * SHMGEN_OK. */
 static inline shmgen_status shm_cell_msgs_Move_action_server_start(
     shm_cell_msgs_Move_action_server *self, const char *name, const shmgen_options *options)
 {
@@ -77,87 +79,89 @@ static inline shmgen_status shm_cell_msgs_Move_action_server_start(
     return shmgen_server_start(&self->end, name, &carries, options);
 }
 
+/* Close the server and release its claim. The regions stay. */
 static inline void shm_cell_msgs_Move_action_server_close(shm_cell_msgs_Move_action_server *self)
 {
     shmgen_server_close(&self->end);
 }
 
-/* Sends it and does not wait, whether anybody serves or not; then poll. What was sent before is given up. */
+/* Send a request without waiting, even if no server runs, and abandon the former request. Then poll for the
+ * response. */
 static inline shmgen_status shm_cell_msgs_Move_action_client_send(shm_cell_msgs_Move_action_client *self, const shm_cell_msgs_Move_Command *request)
 {
     return shmgen_client_send(&self->end, request, 0);
 }
 
-/* The response, once: SHMGEN_OK, or SHMGEN_NOTHING_NEW until it is there. Does not wait. */
+/* Receive the response once, without waiting. Return SHMGEN_NOTHING_NEW until the response has arrived. */
 static inline shmgen_status shm_cell_msgs_Move_action_client_poll(shm_cell_msgs_Move_action_client *self, shm_cell_msgs_Move_Outcome *response)
 {
     return shmgen_client_poll(&self->end, response, sizeof *response, 0);
 }
 
-/* The same as soon as it is there, or SHMGEN_NOTHING_NEW after `timeout` ns. */
+/* Wait for the response. SHMGEN_NOTHING_NEW: no response arrived within `timeout` ns. */
 static inline shmgen_status shm_cell_msgs_Move_action_client_wait(
     shm_cell_msgs_Move_action_client *self, shm_cell_msgs_Move_Outcome *response, int64_t timeout)
 {
     return shmgen_client_wait(&self->end, response, sizeof *response, timeout);
 }
 
-/* Waits for a server and sends the goal, all within `timeout` ns. SHMGEN_NO_SERVER: nothing was sent. */
+/* Wait for a server and send the goal, all within `timeout` ns. SHMGEN_NO_SERVER: nothing was sent. */
 static inline shmgen_status shm_cell_msgs_Move_action_client_send_goal(
     shm_cell_msgs_Move_action_client *self, const shm_cell_msgs_Move_Command *command, int64_t timeout)
 {
     return shmgen_client_send_within(&self->end, command, timeout);
 }
 
-/* The newest word of the goal, once, also behind its end: its status, and unless that is ACCEPTED feedback. */
+/* Receive the newest progress message of the goal once, even after the goal has ended. The message contains the
+ * status of the goal and its feedback; with the status ACCEPTED there is no feedback. */
 static inline shmgen_status shm_cell_msgs_Move_action_client_progress(shm_cell_msgs_Move_action_client *self, shm_cell_msgs_Move_Progress *progress)
 {
     return shmgen_client_progress(&self->end, progress, sizeof *progress, 0);
 }
 
-/* Asks the server to cancel the goal; its response says how it ended. */
+/* Request that the server cancels the goal. The response then contains the final status of the goal. */
 static inline shmgen_status shm_cell_msgs_Move_action_client_cancel(shm_cell_msgs_Move_action_client *self)
 {
     return shmgen_client_cancel(&self->end, 0);
 }
 
-/* The newest request that has not been taken, as soon as there is one, or SHMGEN_NOTHING_NEW after `timeout` ns, 0 = one
- * look that does not wait. What was taken before is over. Look often: that shows a PLC that the server lives. */
+/* Wait for a new request and take the newest. A request taken before can then no longer be answered.
+ * SHMGEN_NOTHING_NEW: no request arrived within `timeout` ns; 0 means one try without a wait. Call this function
+ * often: each call sends the heartbeat that a client in a PLC checks. */
 static inline shmgen_status shm_cell_msgs_Move_action_server_take(
     shm_cell_msgs_Move_action_server *self, shm_cell_msgs_Move_Command *request, int64_t timeout)
 {
     return shmgen_server_wait(&self->end, request, sizeof *request, timeout);
 }
 
-/* Whether the client has asked to cancel the goal, or sent a newer one. */
+/* Return true if the client has requested to cancel the goal, or has sent a newer goal. */
 static inline bool shm_cell_msgs_Move_action_server_is_cancel_requested(shm_cell_msgs_Move_action_server *self)
 {
     return shmgen_server_is_cancel_requested(&self->end, 0);
 }
 
-/* Says that the goal was accepted. `timeout` in ns is for a lock, here and below; 0 = one try. SHMGEN_CALL_OVER, here and
- * below: the goal has ended, or a newer one has come, and nothing was sent. */
+/* Report that the goal was accepted. Here and below, `timeout` in ns is for the lock; 0 means one try.
+ * SHMGEN_CALL_OVER: nothing was sent, because the goal has ended or a newer goal has arrived. */
 static inline shmgen_status shm_cell_msgs_Move_action_server_accept(shm_cell_msgs_Move_action_server *self, int64_t timeout)
 {
     return shmgen_server_accept(&self->end, timeout);
 }
 
-/* Sends feedback; number and status of `progress` are set here. */
+/* Send feedback. This function sets the number and the status of `progress`. */
 static inline shmgen_status shm_cell_msgs_Move_action_server_feedback(
     shm_cell_msgs_Move_action_server *self, shm_cell_msgs_Move_Progress *progress, int64_t timeout)
 {
     return shmgen_server_feedback(&self->end, progress, timeout);
 }
 
-/* Ends the goal: SHMGEN_GOAL_SUCCEEDED, _CANCELED, _ABORTED or _REJECTED; `outcome` may be NULL, its number and status are
- * set here. */
+/* End the goal with SHMGEN_GOAL_SUCCEEDED, _CANCELED, _ABORTED or _REJECTED. `outcome` may be NULL; this function
+ * sets its number and status. */
 static inline shmgen_status shm_cell_msgs_Move_action_server_end(
     shm_cell_msgs_Move_action_server *self, int8_t status, shm_cell_msgs_Move_Outcome *outcome, int64_t timeout)
 {
     return shmgen_server_end(&self->end, status, outcome, timeout);
 }
 
-#ifdef __cplusplus
-}
-#endif
+SHMGEN_END_DECLS
 
 #endif

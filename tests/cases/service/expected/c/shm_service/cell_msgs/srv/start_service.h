@@ -10,28 +10,27 @@
 #include "shm_service/cell_msgs/srv/start_reply_shm.h"
 #include "shm_service/cell_msgs/srv/start_request_shm.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+SHMGEN_BEGIN_DECLS
 
 SHMGEN_STATIC_ASSERT(offsetof(shm_cell_msgs_Start_Reply, call) == 0, "shm_cell_msgs_Start_Reply begins with a number");
 SHMGEN_STATIC_ASSERT(offsetof(shm_cell_msgs_Start_Reply, status) == 4, "shm_cell_msgs_Start_Reply goes on with a status");
 
+/* Return the types and checks of the messages that clients and servers exchange. */
 static inline shmgen_interface shmgen_interface_of_shm_cell_msgs_Start(void)
 {
-    shmgen_interface made;
-    memset(&made, 0, sizeof made);
-    made.request = shmgen_part_of(shmgen_type_of_shm_cell_msgs_Start_Request(), shmgen_check_shm_cell_msgs_Start_Request, shmgen_receive_shm_cell_msgs_Start_Request);
-    made.response = shmgen_part_of(shmgen_type_of_shm_cell_msgs_Start_Reply(), shmgen_check_shm_cell_msgs_Start_Reply, shmgen_receive_shm_cell_msgs_Start_Reply);
-    return made;
+    shmgen_interface parts;
+    memset(&parts, 0, sizeof parts);
+    parts.request = shmgen_part_of(shmgen_type_of_shm_cell_msgs_Start_Request(), shmgen_check_shm_cell_msgs_Start_Request, shmgen_receive_shm_cell_msgs_Start_Request);
+    parts.response = shmgen_part_of(shmgen_type_of_shm_cell_msgs_Start_Reply(), shmgen_check_shm_cell_msgs_Start_Reply, shmgen_receive_shm_cell_msgs_Start_Reply);
+    return parts;
 }
 
-/* Calls that this does not name take its `end`, as shmgen_client_step(&client.end). */
+/* A client. Pass its member `end` to all other calls: shmgen_client_step(&client.end). */
 typedef struct shm_cell_msgs_Start_client {
     shmgen_client end;
 } shm_cell_msgs_Start_client;
 
-/* Opens the regions or makes them; `options` may be NULL. */
+/* Open or create the regions. `options` may be NULL. */
 static inline shmgen_status shm_cell_msgs_Start_client_open(
     shm_cell_msgs_Start_client *self, const char *name, const shmgen_options *options)
 {
@@ -39,7 +38,8 @@ static inline shmgen_status shm_cell_msgs_Start_client_open(
     return shmgen_client_open(&self->end, name, &carries, options);
 }
 
-/* The same for a cycle that must not wait: call shmgen_client_step(&client.end) in each until it is SHMGEN_OK. */
+/* Start to open the regions without waiting: call shmgen_client_step(&client.end) in each cycle until it returns
+ * SHMGEN_OK. */
 static inline shmgen_status shm_cell_msgs_Start_client_start(
     shm_cell_msgs_Start_client *self, const char *name, const shmgen_options *options)
 {
@@ -47,17 +47,18 @@ static inline shmgen_status shm_cell_msgs_Start_client_start(
     return shmgen_client_start(&self->end, name, &carries, options);
 }
 
+/* Close the client and release its claim. The regions stay. */
 static inline void shm_cell_msgs_Start_client_close(shm_cell_msgs_Start_client *self)
 {
     shmgen_client_close(&self->end);
 }
 
-/* Calls that this does not name take its `end`, as shmgen_server_step(&server.end). */
+/* A server. Pass its member `end` to all other calls: shmgen_server_step(&server.end). */
 typedef struct shm_cell_msgs_Start_server {
     shmgen_server end;
 } shm_cell_msgs_Start_server;
 
-/* Opens the regions or makes them; `options` may be NULL. */
+/* Open or create the regions. `options` may be NULL. */
 static inline shmgen_status shm_cell_msgs_Start_server_open(
     shm_cell_msgs_Start_server *self, const char *name, const shmgen_options *options)
 {
@@ -65,7 +66,8 @@ static inline shmgen_status shm_cell_msgs_Start_server_open(
     return shmgen_server_open(&self->end, name, &carries, options);
 }
 
-/* The same for a cycle that must not wait: call shmgen_server_step(&server.end) in each until it is SHMGEN_OK. */
+/* Start to open the regions without waiting: call shmgen_server_step(&server.end) in each cycle until it returns
+ * SHMGEN_OK. */
 static inline shmgen_status shm_cell_msgs_Start_server_start(
     shm_cell_msgs_Start_server *self, const char *name, const shmgen_options *options)
 {
@@ -73,62 +75,65 @@ static inline shmgen_status shm_cell_msgs_Start_server_start(
     return shmgen_server_start(&self->end, name, &carries, options);
 }
 
+/* Close the server and release its claim. The regions stay. */
 static inline void shm_cell_msgs_Start_server_close(shm_cell_msgs_Start_server *self)
 {
     shmgen_server_close(&self->end);
 }
 
-/* Sends it and does not wait, whether anybody serves or not; then poll. What was sent before is given up. */
+/* Send a request without waiting, even if no server runs, and abandon the former request. Then poll for the
+ * response. */
 static inline shmgen_status shm_cell_msgs_Start_client_send(shm_cell_msgs_Start_client *self, const shm_cell_msgs_Start_Request *request)
 {
     return shmgen_client_send(&self->end, request, 0);
 }
 
-/* The response, once: SHMGEN_OK, or SHMGEN_NOTHING_NEW until it is there. Does not wait. */
+/* Receive the response once, without waiting. Return SHMGEN_NOTHING_NEW until the response has arrived. */
 static inline shmgen_status shm_cell_msgs_Start_client_poll(shm_cell_msgs_Start_client *self, shm_cell_msgs_Start_Reply *response)
 {
     return shmgen_client_poll(&self->end, response, sizeof *response, 0);
 }
 
-/* The same as soon as it is there, or SHMGEN_NOTHING_NEW after `timeout` ns. */
+/* Wait for the response. SHMGEN_NOTHING_NEW: no response arrived within `timeout` ns. */
 static inline shmgen_status shm_cell_msgs_Start_client_wait(
     shm_cell_msgs_Start_client *self, shm_cell_msgs_Start_Reply *response, int64_t timeout)
 {
     return shmgen_client_wait(&self->end, response, sizeof *response, timeout);
 }
 
-/* Waits for a server, sends the request and waits for the response, all within `timeout` ns. SHMGEN_NO_SERVER: nothing was
- * sent. SHMGEN_CALL_TIMEOUT: the server may still do it. SHMGEN_CALL_FAILED: it says that it cannot. */
+/* Wait for a server, send the request and wait for the response, all within `timeout` ns. SHMGEN_NO_SERVER: nothing
+ * was sent. SHMGEN_CALL_TIMEOUT: the server may still execute the request. SHMGEN_CALL_FAILED: the server reports a
+ * failure. */
 static inline shmgen_status shm_cell_msgs_Start_client_call(
     shm_cell_msgs_Start_client *self, const shm_cell_msgs_Start_Request *request, shm_cell_msgs_Start_Reply *response, int64_t timeout)
 {
     return shmgen_client_call(&self->end, request, response, sizeof *response, timeout);
 }
 
-/* The newest request that has not been taken, as soon as there is one, or SHMGEN_NOTHING_NEW after `timeout` ns, 0 = one
- * look that does not wait. What was taken before is over. Look often: that shows a PLC that the server lives. */
+/* Wait for a new request and take the newest. A request taken before can then no longer be answered.
+ * SHMGEN_NOTHING_NEW: no request arrived within `timeout` ns; 0 means one try without a wait. Call this function
+ * often: each call sends the heartbeat that a client in a PLC checks. */
 static inline shmgen_status shm_cell_msgs_Start_server_take(
     shm_cell_msgs_Start_server *self, shm_cell_msgs_Start_Request *request, int64_t timeout)
 {
     return shmgen_server_wait(&self->end, request, sizeof *request, timeout);
 }
 
-/* Answers what was taken last; number and status of `reply` are set here. `timeout` in ns is for a lock; 0 = one try.
- * SHMGEN_CALL_OVER: it was answered, and nothing was sent. */
+/* Respond to the request taken last. This function sets the number and the status of `reply`. `timeout` in ns is for
+ * the lock; 0 means one try. SHMGEN_CALL_OVER: nothing was sent, because the request was answered before or a newer
+ * request has arrived. */
 static inline shmgen_status shm_cell_msgs_Start_server_reply(
     shm_cell_msgs_Start_server *self, shm_cell_msgs_Start_Reply *reply, int64_t timeout)
 {
     return shmgen_server_end(&self->end, SHMGEN_REPLY_DONE, reply, timeout);
 }
 
-/* Tells the client that the call failed. */
+/* Report to the client that the call failed. */
 static inline shmgen_status shm_cell_msgs_Start_server_fail(shm_cell_msgs_Start_server *self, int64_t timeout)
 {
     return shmgen_server_end(&self->end, SHMGEN_REPLY_FAILED, NULL, timeout);
 }
 
-#ifdef __cplusplus
-}
-#endif
+SHMGEN_END_DECLS
 
 #endif

@@ -18,7 +18,7 @@ class MoveActionClient(
 ):
     """Sends goals to an action of type cell_msgs/action/Move, one at a time.
 
-    `send_goal(goal, timeout)`, then `feedback`, `cancel` and `poll`, none of which waits, or `result(timeout)`.
+    Call `send_goal(goal, timeout)`, then `feedback`, `cancel` and `poll`, which do not wait, or `result(timeout)`.
     """
 
     command_publisher = Move_CommandPublisher
@@ -29,8 +29,8 @@ class MoveActionClient(
 class MoveActionServer(runtime.ActionServer[Move_Goal]):
     """Serves cell_msgs/action/Move, one goal at a time.
 
-    `serve(handler)` calls `handler(goal)` for each goal, which sends Move_Feedback and ends the goal with a
-    Move_Result, or with any objects that have their attributes; `take` and `wait` are its parts.
+    `serve(handler)` calls `handler(goal)` for each goal. The handler publishes Move_Feedback and ends the goal with a
+    Move_Result. Any object with the same attributes works too. `take` and `wait` return one goal each.
     """
 
     command_subscriber = Move_CommandSubscriber

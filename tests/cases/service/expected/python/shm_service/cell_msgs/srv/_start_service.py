@@ -28,8 +28,8 @@ class StartClient(runtime.ServiceClient[Start_Request, Start_Response]):
 class StartServer(runtime.ServiceServer[Start_Request]):
     """Serves cell_msgs/srv/Start, one call at a time.
 
-    `serve(handler)` answers with what `handler(request)` returns, a Start_Response or any object with its
-    attributes; `take`, `wait`, `reply` and `fail` are its parts.
+    `serve(handler)` answers each request with the return value of `handler(request)`: a Start_Response, or any object
+    with the same attributes. `take` and `wait` return one call each; `reply` and `fail` answer it.
     """
 
     request_subscriber = Start_RequestSubscriber

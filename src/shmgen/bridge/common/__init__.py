@@ -1,0 +1,1 @@
+"""Code that all backends share, and the watchdog of the bridge process."""

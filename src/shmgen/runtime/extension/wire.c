@@ -1,0 +1,406 @@
+/* Convert messages to and from the serialization of ROS: XCDR1 of OMG's DDS-XTypes in either byte order, or ROS 1. No
+ * serialized data can cause an access outside of the structure or of the data. */
+#include "table.h"
+
+#include <string.h>
+
+/* The state of one call. `room` is the size of `bytes`. */
+typedef struct Wire {
+    const Table *self;
+    unsigned char *payload, *bytes; /* `bytes` starts after the head */
+    size_t at, room;
+    bool is_ros1, swaps;
+    Py_ssize_t stamp_at; /* offset of the time that `stamp` replaces; -1 = none */
+    int64_t stamp[2];
+} Wire;
+
+static bool encode_fields(Wire *wire, const Step *step, const Step *end, const unsigned char *message);
+static bool decode_fields(Wire *wire, const Step *step, const Step *end, unsigned char *message);
+
+/* --- bytes --------------------------------------------------------------------------------------------------- */
+
+/* Copy `count` numbers of `size` bytes, and swap their bytes if the byte order differs. */
+static void copy(const Wire *wire, unsigned char *into, const unsigned char *from, size_t size, size_t count)
+{
+    if (!wire->swaps || size == 1) {
+        memcpy(into, from, size * count);
+        return;
+    }
+    for (; count > 0; count--, into += size, from += size)
+        for (size_t index = 0; index < size; index++)
+            into[index] = from[size - 1 - index];
+}
+
+/* Skip the padding before a number. When writing, set the padding to zero. */
+static bool align(Wire *wire, size_t size, bool writes)
+{
+    const size_t pad = wire->is_ros1 ? 0 : (size - wire->at % size) % size;
+    if (pad > wire->room - wire->at)
+        return false;
+    if (writes)
+        memset(wire->bytes + wire->at, 0, pad);
+    wire->at += pad;
+    return true;
+}
+
+static bool put(Wire *wire, const void *from, size_t size, size_t count)
+{
+    if (size * count > wire->room - wire->at)
+        return false;
+    copy(wire, wire->bytes + wire->at, from, size, count);
+    wire->at += size * count;
+    return true;
+}
+
+static bool take(Wire *wire, void *into, size_t size, size_t count)
+{
+    if (size * count > wire->room - wire->at)
+        return false;
+    copy(wire, into, wire->bytes + wire->at, size, count);
+    wire->at += size * count;
+    return true;
+}
+
+static bool put_u32(Wire *wire, uint32_t number)
+{
+    return align(wire, 4, true) && put(wire, &number, sizeof number, 1);
+}
+
+static bool take_u32(Wire *wire, uint32_t *number)
+{
+    return align(wire, 4, false) && take(wire, number, sizeof *number, 1);
+}
+
+static bool is_ascii(const unsigned char *text, size_t length)
+{
+    for (size_t index = 0; index < length; index++)
+        if (text[index] == 0 || text[index] > 127)
+            return false;
+    return true;
+}
+
+/* --- to ROS -------------------------------------------------------------------------------------------------- */
+
+static bool put_time(Wire *wire, const Step *step, const unsigned char *from, Py_ssize_t index)
+{
+    const bool is_ros1 = wire->is_ros1, is_signed = !is_ros1 || step->is_duration;
+    const int64_t most_nanos = is_ros1 && step->is_duration ? INT32_MAX : UINT32_MAX;
+    int64_t parts[2];
+    uint32_t words[2];
+    parts_from(step, from, &parts[0], &parts[1]);
+    if (from - wire->payload == wire->stamp_at && parts[0] == 0 && parts[1] == 0)
+        memcpy(parts, wire->stamp, sizeof parts);
+    if (parts[0] < (is_signed ? INT32_MIN : 0) || parts[0] > (is_signed ? INT32_MAX : UINT32_MAX) || parts[1] < 0 ||
+        parts[1] > most_nanos)
+        return refuse(wire->self, step, index, "ROS cannot hold this time");
+    words[0] = (uint32_t)parts[0];
+    words[1] = (uint32_t)parts[1];
+    return align(wire, 4, true) && put(wire, words, 4, 2);
+}
+
+static bool put_string(Wire *wire, const Step *step, const unsigned char *from)
+{
+    const size_t ends = !wire->is_ros1;
+    size_t length = strnlen((const char *)from, step->size);
+    PyObject *text = NULL;
+    const char *data = (const char *)from;
+    bool is_complete;
+    if (!is_ascii(from, length)) {
+        Py_ssize_t bytes = 0;
+        text = text_from(step, from);
+        data = text != NULL ? PyUnicode_AsUTF8AndSize(text, &bytes) : NULL;
+        length = (size_t)bytes;
+    }
+    is_complete = data != NULL && put_u32(wire, (uint32_t)(length + ends)) && put(wire, data, 1, length) &&
+           put(wire, "", 1, ends);
+    Py_XDECREF(text);
+    return is_complete;
+}
+
+/* Write a wide string with four bytes per unit, as in rosidl's code for Fast DDS. */
+static bool put_wide_string(Wire *wire, const Step *step, const unsigned char *from)
+{
+    PyObject *text = text_from(step, from);
+    PyObject *units = text != NULL ? PyUnicode_AsEncodedString(text, "utf-16-le", NULL) : NULL;
+    const unsigned char *data = units != NULL ? (const unsigned char *)PyBytes_AsString(units) : NULL;
+    const size_t length = units != NULL ? (size_t)PyBytes_Size(units) / 2 : 0;
+    bool is_complete = data != NULL && put_u32(wire, (uint32_t)length);
+    for (size_t index = 0; is_complete && index < length; index++) {
+        const uint32_t unit = (uint32_t)data[2 * index] | (uint32_t)data[2 * index + 1] << 8;
+        is_complete = put(wire, &unit, sizeof unit, 1);
+    }
+    Py_XDECREF(text);
+    Py_XDECREF(units);
+    return is_complete;
+}
+
+static bool put_elements(Wire *wire, const Step *step, const unsigned char *from, size_t count)
+{
+    const Py_ssize_t first = step->length != 0 ? 0 : -1;
+    if (step->what == NUMBERS) {
+        const size_t start = wire->at;
+        if (count != 0 && !(align(wire, step->size, true) && put(wire, from, step->size, count)))
+            return false;
+        if (step->code == '?') /* a PLC may have written any byte */
+            for (size_t at = start; at < wire->at; at++)
+                wire->bytes[at] = wire->bytes[at] != 0;
+        return true;
+    }
+    for (size_t index = 0; index < count; index++, from += step->size) {
+        const Py_ssize_t place = first < 0 ? -1 : (Py_ssize_t)index;
+        const bool is_complete = step->what == CLOCKS ? put_time(wire, step, from, place)
+                          : step->what == MESSAGES
+                              ? encode_fields(wire, step + 1, step + 1 + step->inner, from) ||
+                                    (PyErr_Occurred() != NULL && add_path(wire->self, step, place))
+                          : step->code == 'w' ? put_wide_string(wire, step, from)
+                                              : put_string(wire, step, from);
+        if (!is_complete)
+            return false;
+    }
+    return true;
+}
+
+static bool encode_fields(Wire *wire, const Step *step, const Step *end, const unsigned char *message)
+{
+    if (step == end) /* a message without fields */
+        return wire->is_ros1 || put(wire, "", 1, 1);
+    for (; step < end; step += 1 + step->inner) {
+        size_t count = step->length != 0 ? step->length : 1;
+        if (step->count_at >= 0) {
+            uint32_t elements;
+            memcpy(&elements, message + step->count_at, sizeof elements);
+            if (elements > step->length)
+                return refuse_count(wire->self, step, elements);
+            if (!put_u32(wire, elements))
+                return false;
+            count = elements;
+        }
+        if (!put_elements(wire, step, message + step->at, count))
+            return false;
+    }
+    return true;
+}
+
+/* Return the maximum size in bytes of some steps in the serialization of ROS, including padding. */
+size_t wire_most(const Step *step, const Step *end)
+{
+    size_t most = 1;
+    for (; step < end; step += 1 + step->inner) {
+        const size_t each = step->what == MESSAGES  ? wire_most(step + 1, step + 1 + step->inner)
+                            : step->what == NUMBERS ? step->size
+                                                    : 2 * step->size + 12; /* padding, length or two numbers, UTF-8 */
+        most += 16 + (step->length != 0 ? step->length : 1) * each;
+    }
+    return most;
+}
+
+/* to_wire(payload, is ROS 1, is big-endian, offset of the stamp or -1, seconds, nanoseconds): return the serialized
+ * message. The seconds and nanoseconds replace the stamp if it is zero. */
+PyObject *table_to_wire(PyObject *object, PyObject *arguments)
+{
+    const Table *self = (Table *)object;
+    Wire wire = {.self = self, .room = self->wire_most};
+    codec_buffer view;
+    PyObject *payload, *result = NULL;
+    unsigned char *buffer;
+    int is_ros1, is_big;
+    long long seconds, nanos;
+    size_t head;
+    if (!PyArg_ParseTuple(arguments, "OppnLL", &payload, &is_ros1, &is_big, &wire.stamp_at, &seconds, &nanos) ||
+        PyObject_GetBuffer(payload, &view, PyBUF_SIMPLE) != 0)
+        return NULL;
+    head = is_ros1 ? 0 : 4;
+    buffer = (size_t)view.len == self->size ? PyMem_Malloc(head + self->wire_most) : NULL;
+    if (buffer != NULL) {
+        const unsigned char words[4] = {0, !is_big, 0, 0};
+        memcpy(buffer, words, head);
+        wire.payload = view.buf;
+        wire.bytes = buffer + head;
+        wire.is_ros1 = is_ros1;
+        wire.swaps = is_big;
+        wire.stamp[0] = seconds;
+        wire.stamp[1] = nanos;
+        if (encode_fields(&wire, self->steps, self->steps + self->count, wire.payload))
+            result = PyBytes_FromStringAndSize((char *)buffer, (Py_ssize_t)(head + wire.at));
+    } else if ((size_t)view.len == self->size) {
+        PyErr_NoMemory();
+    }
+    PyMem_Free(buffer);
+    PyBuffer_Release(&view);
+    if (result == NULL && PyErr_Occurred() == NULL)
+        PyErr_SetString(PyExc_ValueError, "as many bytes as the message has");
+    return result;
+}
+
+/* --- from ROS ------------------------------------------------------------------------------------------------ */
+
+static bool refuse_end(const Wire *wire, const Step *step, Py_ssize_t index)
+{
+    return refuse(wire->self, step, index, "the bytes end within it");
+}
+
+static bool take_time(Wire *wire, const Step *step, unsigned char *into, Py_ssize_t index)
+{
+    const bool is_ros1 = wire->is_ros1;
+    uint32_t words[2];
+    int64_t seconds, nanos;
+    PyObject *time;
+    bool fits;
+    if (!align(wire, 4, false) || !take(wire, words, 4, 2))
+        return refuse_end(wire, step, index);
+    seconds = is_ros1 && !step->is_duration ? (int64_t)words[0] : (int64_t)(int32_t)words[0];
+    nanos = is_ros1 && step->is_duration ? (int64_t)(int32_t)words[1] : (int64_t)words[1];
+    if (put_parts(step, into, seconds, nanos))
+        return true;
+    time = PyObject_CallFunction(wire->self->tools[TIME], "LL", (long long)seconds, (long long)nanos);
+    fits = time != NULL && put_by_python(wire->self, step, into, time, index);
+    Py_XDECREF(time);
+    return fits;
+}
+
+static bool put_decoded(Wire *wire, const Step *step, unsigned char *into, PyObject *text, Py_ssize_t index)
+{
+    size_t cuts = 0;
+    bool fits;
+    if (text == NULL) {
+        if (!PyErr_ExceptionMatches(PyExc_UnicodeDecodeError))
+            return false;
+        PyErr_Clear();
+        return refuse(wire->self, step, index, "the bytes are no text");
+    }
+    fits = put_text(step, into, text, &cuts) || put_by_python(wire->self, step, into, text, index);
+    Py_DECREF(text);
+    return fits;
+}
+
+static bool take_wide(Wire *wire, const Step *step, unsigned char *into, Py_ssize_t index)
+{
+    uint32_t length, unit = 0;
+    unsigned char *units;
+    int little = -1;
+    bool is_complete = true;
+    PyObject *text;
+    if (!take_u32(wire, &length) || length > (wire->room - wire->at) / 4)
+        return refuse_end(wire, step, index);
+    units = PyMem_Malloc(2 * (size_t)length + 1);
+    if (units == NULL)
+        return PyErr_NoMemory() != NULL;
+    for (size_t place = 0; is_complete && place < length; place++) {
+        is_complete = take(wire, &unit, sizeof unit, 1) && unit <= UINT16_MAX;
+        units[2 * place] = (unsigned char)unit;
+        units[2 * place + 1] = (unsigned char)(unit >> 8);
+    }
+    if (is_complete) {
+        text = PyUnicode_DecodeUTF16((char *)units, (Py_ssize_t)(2 * (size_t)length), "strict", &little);
+        is_complete = put_decoded(wire, step, into, text, index);
+    } else {
+        refuse(wire->self, step, index, "the bytes are no text");
+    }
+    PyMem_Free(units);
+    return is_complete;
+}
+
+static bool take_string(Wire *wire, const Step *step, unsigned char *into, Py_ssize_t index)
+{
+    const size_t ends = !wire->is_ros1;
+    const unsigned char *text;
+    uint32_t length;
+    if (!take_u32(wire, &length) || length > wire->room - wire->at)
+        return refuse_end(wire, step, index);
+    text = wire->bytes + wire->at;
+    if (length < ends || (ends && text[length - 1] != 0))
+        return refuse(wire->self, step, index, "the text does not end in NUL");
+    wire->at += length;
+    length -= (uint32_t)ends;
+    if (length < step->size && step->code != 'w' && is_ascii(text, length)) {
+        memcpy(into, text, length);
+        return true;
+    }
+    return put_decoded(wire, step, into, PyUnicode_DecodeUTF8((const char *)text, length, "strict"), index);
+}
+
+static bool take_numbers(Wire *wire, const Step *step, unsigned char *into, size_t count)
+{
+    if (count != 0 && !(align(wire, step->size, false) && take(wire, into, step->size, count)))
+        return refuse_end(wire, step, -1);
+    for (size_t index = 0; step->code == '?' && index < count; index++)
+        if (into[index] > 1)
+            return refuse(wire->self, step, step->length != 0 ? (Py_ssize_t)index : -1, "the byte is no bool");
+    return true;
+}
+
+static bool take_elements(Wire *wire, const Step *step, unsigned char *into, size_t count)
+{
+    if (step->what == NUMBERS)
+        return take_numbers(wire, step, into, count);
+    for (size_t index = 0; index < count; index++, into += step->size) {
+        const Py_ssize_t place = step->length != 0 ? (Py_ssize_t)index : -1;
+        const bool is_complete = step->what == CLOCKS ? take_time(wire, step, into, place)
+                          : step->what == MESSAGES
+                              ? decode_fields(wire, step + 1, step + 1 + step->inner, into) ||
+                                    (PyErr_Occurred() != NULL && add_path(wire->self, step, place))
+                          : step->code == 'w' ? take_wide(wire, step, into, place)
+                                              : take_string(wire, step, into, place);
+        if (!is_complete)
+            return false;
+    }
+    return true;
+}
+
+static bool decode_fields(Wire *wire, const Step *step, const Step *end, unsigned char *message)
+{
+    unsigned char filler;
+    if (step == end) /* a message without fields */
+        return wire->is_ros1 || take(wire, &filler, 1, 1);
+    for (; step < end; step += 1 + step->inner) {
+        size_t count = step->length != 0 ? step->length : 1;
+        if (step->count_at >= 0) {
+            uint32_t elements;
+            if (!take_u32(wire, &elements))
+                return refuse_end(wire, step, -1);
+            if (elements > step->length)
+                return refuse_count(wire->self, step, elements);
+            memcpy(message + step->count_at, &elements, sizeof elements);
+            count = elements;
+        }
+        if (!take_elements(wire, step, message + step->at, count))
+            return false;
+    }
+    return true;
+}
+
+/* from_wire(data, is ROS 1): return the payload as a bytearray. */
+PyObject *table_from_wire(PyObject *object, PyObject *arguments)
+{
+    const Table *self = (Table *)object;
+    Wire wire = {.self = self};
+    codec_buffer view;
+    PyObject *data, *result;
+    int is_ros1;
+    size_t head;
+    bool is_complete;
+    if (!PyArg_ParseTuple(arguments, "Op", &data, &is_ros1) || PyObject_GetBuffer(data, &view, PyBUF_SIMPLE) != 0)
+        return NULL;
+    result = PyByteArray_FromStringAndSize(NULL, (Py_ssize_t)self->size);
+    head = is_ros1 ? 0 : 4;
+    is_complete = result != NULL && (size_t)view.len >= head;
+    if (is_complete) {
+        const unsigned char *bytes = view.buf;
+        wire.is_ros1 = is_ros1;
+        wire.bytes = (unsigned char *)view.buf + head;
+        wire.room = (size_t)view.len - head;
+        wire.payload = (unsigned char *)PyByteArray_AsString(result);
+        wire.swaps = !is_ros1 && bytes[1] == 0;
+        memset(wire.payload, 0, self->size);
+        is_complete = (is_ros1 || (bytes[0] == 0 && bytes[1] <= 1)) &&
+               decode_fields(&wire, self->steps, self->steps + self->count, wire.payload) &&
+               wire.room - wire.at <= (is_ros1 ? 0u : 3u);
+    }
+    PyBuffer_Release(&view);
+    if (is_complete)
+        return result;
+    Py_XDECREF(result);
+    if (PyErr_Occurred() == NULL)
+        PyErr_SetString(PyExc_ValueError, "the bytes are no such message: another encoding, or another length");
+    return NULL;
+}

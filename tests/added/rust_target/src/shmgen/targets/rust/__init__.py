@@ -1,0 +1,1 @@
+"""Rust: `#[repr(C)]` structures that assert every offset."""

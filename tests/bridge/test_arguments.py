@@ -1,0 +1,138 @@
+"""ROS's own arguments, where no ROS reads them: the same rules, and nothing is ignored silently."""
+
+from __future__ import annotations
+
+import os
+import threading
+from pathlib import Path
+
+import pytest
+
+from shmgen.bridge.common.arguments import parse, with_parameters
+from shmgen.config import Config
+from shmgen.config.bridging import TransferOptions
+from shmgen.config.entries import TopicEntry
+from shmgen.core.diagnostics import Span
+
+
+@pytest.mark.parametrize(
+    ("words", "names"),
+    [
+        ("", {"/a": "/a", "b/c": "/b/c", "~/d": "/bridge/d"}),
+        ("-r __ns:=/cell1", {"/a": "/a", "b": "/cell1/b", "~/d": "/cell1/bridge/d"}),
+        ("-r __node:=cell_4", {"~/d": "/cell_4/d"}),
+        ("-r /a:=/other/a -r b:=/c", {"/a": "/other/a", "b": "/c", "/b": "/c"}),
+        ("-r __ns:=/x -r a:=y", {"a": "/x/y", "/a": "/a"}),
+        ("-r bridge:/a:=/b --remap other:/c:=/d", {"/a": "/b", "/c": "/c"}),
+        ("-p use_sim_time:=true --log-level debug", {"/a": "/a"}),
+    ],
+)
+def test_names_follow_the_rules_of_ros_2(words: str, names: dict[str, str]) -> None:
+    given = parse(("--ros-args", *words.split()), "bridge")
+    assert {name: given.resolve(name) for name in names} == names
+    assert given.use_sim_time == ("use_sim_time" in words)
+    assert given.ignored == (["--log-level debug"] if "log-level" in words else [])
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        ("--ros-args --bogus", "'--bogus' is not known"),
+        ("--ros-args -r", "-r needs a value"),
+        ("--ros-args -r a", "'a' is not a remapping: write from:=to"),
+        (
+            "--ros-args -p speed:=5",
+            "parameter 'speed:=5' is not known; without ROS there are use_sim_time, rate, stale",
+        ),
+        ("--ros-args -p use_sim_time:=yes", "parameter use_sim_time is true or false, not 'yes'"),
+        ("--ros-args --params-file nowhere", "--params-file nowhere: No such file"),
+        ("__name:=x", "ROS's own follow --ros-args"),
+    ],
+)
+def test_what_is_not_known_is_refused_by_name(words: str, why: str) -> None:
+    with pytest.raises(ValueError, match=why):
+        parse(tuple(words.split()), "bridge")
+
+
+def test_a_file_of_parameters_as_launch_writes_it(tmp_path: Path) -> None:
+    file = tmp_path / "launch_params"
+    file.write_text("/**:\n  ros__parameters:\n    use_sim_time: true\n    other: 5\n")
+    given = parse(("--ros-args", "--params-file", str(file)), "bridge")
+    assert (given.use_sim_time, given.ignored) == (True, ["parameter other"])
+
+
+@pytest.mark.parametrize(
+    ("words", "parameters"),
+    [
+        ("-p bridge:rate:=5 -p other:rate:=50", {"rate": "5"}),
+        ("-p other:speed:=50", {}),
+        ("-p x:rate:=5 -p bridge:stale:=2 -r __node:=x", {"rate": "5"}),
+        ("-p bridge:rate:=5 -r __ns:=/cell1", {}),
+    ],
+)
+def test_a_parameter_with_a_node_name_is_for_that_node_only(words: str, parameters: dict[str, str]) -> None:
+    """The expected values are those of rclpy in Jazzy, for the names that both accept."""
+    assert parse(("--ros-args", *words.split()), "bridge").parameters == parameters
+
+
+FILE = """\
+/**:
+  ros__parameters:
+    rate: 1.0   # for all nodes
+    qos_overrides:
+      /a: 5
+bridge:
+  ros__parameters:
+    rate: 2.0
+cell1:
+  bridge:
+    ros__parameters:
+
+      rate: 3.0
+"/*/bridge":
+    ros__parameters:
+        stale: 4.0
+/**/bridge:
+  ros__parameters: {use_sim_time: true}
+other:
+  ros__parameters:
+    rate: 6.0
+    speed: 7
+"""
+
+
+@pytest.mark.parametrize(("space", "parameters"), [("/", {"rate": "2.0"}), ("/cell1", {"rate": "3.0", "stale": "4.0"})])
+def test_a_file_has_parameters_of_several_nodes(space: str, parameters: dict[str, str], tmp_path: Path) -> None:
+    """The file is a pipe, which can be read once only: a shell passes `<(command)` that way."""
+    pipe = tmp_path / "parameters"
+    os.mkfifo(pipe)
+    writer = threading.Thread(target=pipe.write_text, args=(FILE,), daemon=True)
+    writer.start()
+    parsed = parse(("--ros-args", "--params-file", str(pipe), "-r", f"__ns:={space}"), "bridge")
+    assert parsed.parameters == parameters
+    assert parsed.ignored == ["parameter qos_overrides./a", "parameter {use_sim_time: true}"]
+
+
+def test_rclpy_reports_unknown_arguments_itself() -> None:
+    words = ("--ros-args", "--bogus", "-p", "speed:=5", "-p", "use_sim_time:=yes", "-p", "rate:=5")
+    assert parse(words, "bridge", is_strict=False).parameters == {"rate": "5"}
+
+
+def entry(**options: float) -> TopicEntry:
+    return TopicEntry("/a", "std_msgs/String", "to_plc", 1, Span("shmgen.toml"), TransferOptions(**options))  # type: ignore[arg-type]
+
+
+def test_rate_and_stale_apply_to_topics_without_these_keys(tmp_path: Path) -> None:
+    file = tmp_path / "launch_params"
+    file.write_text("/**:\n  ros__parameters:\n    rate: 5.0\n    stale: 0.5\n")
+    config = Config(tmp_path, topics=(entry(), entry(rate=2.0)))
+    words = ("--ros-args", "--params-file", str(file), "-p", "bridge:rate:=50")
+    with_both = with_parameters(config, parse(words, "bridge").parameters)
+    assert [(one.carried.rate, one.carried.stale) for one in with_both.topics] == [(50.0, 0.5), (2.0, 0.5)]
+    assert with_parameters(config, {}) == config
+
+
+@pytest.mark.parametrize("rule", ["rate:=fast", "rate:=-5", "rate:=20000", "stale:=0", "stale:=nan"])
+def test_a_rate_or_stale_out_of_range_is_refused(rule: str, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=f"parameter {rule.partition(':')[0]} is a number from "):
+        with_parameters(Config(tmp_path, topics=(entry(),)), parse(("--ros-args", "-p", rule), "bridge").parameters)

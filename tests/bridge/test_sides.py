@@ -1,0 +1,243 @@
+"""All topics of a bridge together: a fault of one does not concern the others, and a reload changes all or none."""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from shmgen.bridge.backend import RosPublisher, RosSubscription
+from shmgen.bridge.common.counters import Counters
+from shmgen.bridge.common.support import UndoSteps
+from shmgen.bridge.sides import Sides, _Carried
+from shmgen.bridge.topics import FromPlc
+from shmgen.config import load
+from shmgen.core.diagnostics import Report
+from shmgen.live.classes import publisher
+from shmgen.live.session import Session
+from shmgen.runtime import Time
+
+from ..support.ros1 import wait_for
+from .test_blocked import Blocked, blocked  # noqa: F401
+from .test_routes import soon
+
+
+def side(name: str, beat: Any, told: list[str]) -> Any:
+    stopping = threading.Event()
+    counters = Counters(name, told.append)
+    made = SimpleNamespace(beat=beat, counters=counters, stop=lambda: True, end=SimpleNamespace(close=lambda: None))
+    return _Carried(None, made, stopping)  # type: ignore[arg-type]
+
+
+def test_a_side_that_raises_does_not_stop_the_heartbeats_of_the_others() -> None:
+    told: list[str] = []
+    beats: list[int] = []
+    alive: list[int] = []
+
+    def fail() -> None:
+        raise KeyError("odd")
+
+    sides = Sides(told.append, lambda: alive.append(1))
+    sides._carried = {1: side("/a", fail, told), 2: side("/b", lambda: beats.append(1), told)}
+    try:
+        soon(lambda: len(beats) > 3 and len(alive) > 3)
+    finally:
+        sides.stop()
+    assert told == ["/a: KeyError: 'odd'"]
+
+
+class Ros(UndoSteps):
+    """A Backend. It rejects the topics in `rejected` once; `late` has what was sent through a closed end."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.rejected: list[str] = []
+        self.sinks: dict[str, Any] = {}
+        self.sent: list[tuple[str, bool]] = []
+        self.late: list[str] = []
+        self.pause = 0.0
+
+    def publisher(self, wire: Any) -> RosPublisher:
+        self._check(wire.name)
+        destroyed = threading.Event()
+
+        def send(message: Any) -> None:
+            time.sleep(self.pause)
+            if destroyed.is_set():
+                self.late.append(wire.name)
+            self.sent.append((wire.name, message.data))
+
+        self.undo.append(destroyed.set)
+        return RosPublisher(lambda: SimpleNamespace(data=False), send)
+
+    def subscribe(self, wire: Any, sink: Any) -> RosSubscription:
+        self._check(wire.name)
+        self.sinks[wire.name] = sink
+        self.undo.append(lambda: self.sinks.pop(wire.name))
+        return RosSubscription(lambda: SimpleNamespace(data=False))
+
+    def now(self) -> Time:
+        return Time(1, 2)
+
+    def _check(self, topic: str) -> None:
+        if topic in self.rejected:
+            self.rejected.remove(topic)
+            raise ValueError(f"{topic}: not installed")
+
+
+class Stage:
+    """Sides with a backend in this process, and the configuration of their topics."""
+
+    def __init__(self, folder: Path, space: str) -> None:
+        self.folder, self.space = folder, space
+        self.told: list[str] = []
+        self.ros, self.sides = Ros(), Sides(self.told.append)
+
+    def session(self, **topics: str) -> Session:
+        """Topics by their names; each has keys of shmgen.toml, separated by semicolons."""
+        text = "".join(
+            f'[[topics]]\ntopic = "{self.space}/{name}"\ntype = "std_msgs/Bool"\n{keys.replace("; ", chr(10))}\n'
+            for name, keys in topics.items()
+        )
+        (self.folder / "shmgen.toml").write_text(text)
+        return Session(load(self.folder / "shmgen.toml", "shmgen.toml", Report()))
+
+    def begin(self, **topics: str) -> None:
+        self.sides.open(self.session(**topics))
+        self.sides.start(self.ros)  # type: ignore[arg-type]
+
+    def change(self, **topics: str) -> None:
+        self.sides.change(self.session(**topics), self.ros)  # type: ignore[arg-type]
+
+    def counters(self) -> dict[str, str]:
+        return {side.about.name.removeprefix(f"{self.space}/"): str(side.counters) for side in self.sides}
+
+    def take(self, name: str) -> None:
+        self.ros.sinks[f"{self.space}/{name}"].take(SimpleNamespace(data=True))
+
+
+@pytest.fixture
+def stage(tmp_path: Path, space: str) -> Iterator[Stage]:
+    made = Stage(tmp_path, space)
+    yield made
+    made.sides.close()
+
+
+def test_a_reload_keeps_what_did_not_change_and_all_counters(stage: Stage) -> None:
+    stage.begin(a="", b="", c="")
+    untouched = next(iter(stage.sides))
+    for name in "abc":
+        stage.take(name)
+    stage.change(a="", b="stale = 3")
+    assert next(iter(stage.sides)) is untouched
+    for name in "ab":
+        stage.take(name)
+    stage.change(a="", b="stale = 3", c="")
+    stage.take("c")
+    assert stage.counters() == {"a": "2 passed", "b": "2 passed", "c": "2 passed"}
+    assert f"{stage.space}/c: removed from shmgen.toml, no longer carried: 1 passed" in stage.told
+
+
+def test_a_reload_counts_every_sample_of_a_topic_that_changes(stage: Stage) -> None:
+    stage.begin(a='direction = "from_plc"; depth = 8')
+    stop, sent = threading.Event(), 0
+    (kind,) = {side.route.kind for side in stage.sides if isinstance(side, FromPlc)}
+
+    def write() -> None:
+        nonlocal sent
+        while not stop.wait(0.001):
+            writer.publish(kind(data=True))
+            sent += 1
+
+    with publisher(kind, f"{stage.space}/a", 8) as writer:
+        thread = threading.Thread(target=write)
+        thread.start()
+        for stale in range(3, 8):
+            stage.change(a=f'direction = "from_plc"; depth = 8; stale = {stale}')
+        stop.set()
+        thread.join()
+        (counters,) = (side.counters for side in stage.sides)
+        soon(lambda: counters.passed + counters.missed >= sent)
+    assert counters.passed + counters.missed == sent
+    assert counters.passed
+
+
+@pytest.mark.parametrize("rejected", ["b", "new"])
+def test_a_reload_that_ros_rejects_changes_nothing(stage: Stage, rejected: str) -> None:
+    stage.begin(a="", b="", c="")
+    for name in "abc":
+        stage.take(name)
+    stage.ros.rejected.append(f"{stage.space}/{rejected}")
+    with pytest.raises(ValueError, match="not installed"):
+        stage.change(a="", b="stale = 3", new="")
+    for name in "abc":
+        stage.take(name)
+    assert stage.counters() == {"a": "2 passed", "b": "2 passed", "c": "2 passed"}
+    assert set(stage.ros.sinks) == {f"{stage.space}/{name}" for name in "abc"}
+
+
+def test_a_topic_that_a_rejected_reload_wanted_to_change_is_closed_by_its_removal(stage: Stage) -> None:
+    stage.begin(a="", b="")
+    kind = stage.session(b="").message("std_msgs/Bool")
+    stage.ros.rejected.append(f"{stage.space}/new")
+    with pytest.raises(ValueError, match="not installed"):
+        stage.change(a="", b="stale = 3", new="")
+    stage.change(a="")
+    with publisher(kind, f"{stage.space}/b", 1) as writer:  # RegionInUse if the bridge still has it open
+        writer.publish(kind())
+
+
+def test_nothing_is_sent_through_an_end_that_a_reload_took_back(stage: Stage) -> None:
+    """The message under way is finished first, however long ROS takes for it, and the others are counted."""
+    out = 'direction = "from_plc"; depth = 32'
+    stage.begin(a=out, b="")
+    kind = stage.session(a=out, b="").message("std_msgs/Bool")
+    stage.ros.pause = 0.7
+    with publisher(kind, f"{stage.space}/a", 32) as writer:
+        for _ in range(4):
+            writer.publish(kind())
+        soon(lambda: stage.sides._counters and next(iter(stage.sides)).counters.newest)
+        stage.change(b="")
+    time.sleep(1.5)
+    assert not stage.ros.late
+    (counters,) = (one for (_, name), one in stage.sides._counters.items() if name.endswith("/a"))
+    assert counters.passed + counters.missed == 4
+
+
+def test_a_stop_ends_a_reload(stage: Stage) -> None:
+    stage.begin(a="")
+    stage.ros._check = lambda topic: time.sleep(1000)  # type: ignore[method-assign]
+    stop = threading.Event()
+    threading.Timer(0.3, stop.set).start()
+    begun = time.monotonic()
+    stage.sides.change(stage.session(a="", b=""), stage.ros, stop.is_set)  # type: ignore[arg-type]
+    assert time.monotonic() - begun < 3
+
+
+def test_a_file_that_is_being_written_is_read_again(blocked: Callable[..., Blocked]) -> None:  # noqa: F811
+    """And an empty one is rejected: nothing is closed, and counters go on."""
+    one = blocked("close", "free")
+    file = one.folder / "shmgen.toml"
+    text = file.read_text()
+    one.bridge.wait_for_line("^running")
+    one.publish("out")
+    one.bridge.counted("1 passed")
+    before = one.heartbeat()
+    file.write_text("")
+    one.process.send_signal(signal.SIGHUP)
+    one.bridge.wait_for_line("was not reloaded: no topic, service or action is listed")
+    wait_for(lambda: one.heartbeat() != before, "a heartbeat")
+    file.write_text("")
+    one.process.send_signal(signal.SIGHUP)
+    time.sleep(0.1)
+    file.write_text(text + f'[[topics]]\ntopic = "{one.topics["in"]}2"\ntype = "std_msgs/Bool"\n')
+    one.bridge.wait_for_line("was read again: topics: 4")
+    one.publish("out")
+    one.bridge.counted("2 passed")
+    assert not [line for line in one.bridge.lines if "topics: 0" in line]

@@ -1,0 +1,305 @@
+"""The ends of the calls chaos: clients and servers of a service and of an action, in Python and in the soft PLC.
+
+Each runs in a process of its own until it is killed. A response is a function of its request, so a client sees at once
+when it gets the response to another. Ends report what they see as entries of a kind and a number; see `Stage.report`.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import struct
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from types import ModuleType, SimpleNamespace
+from typing import Any, TypeAlias
+
+from shmgen import runtime
+from tests.support.plc_calls import Calls
+
+SLACK = 0.5
+"""Seconds that a call may last beyond its time, on a machine with much else to do."""
+CYCLE = 0.0002
+"""Seconds."""
+FIRST = 300, 0.3
+"""Cycles that a server works on a client's first request, for a fresh region to begin meanwhile; and its time limit."""
+ENTRY = struct.Struct("<cI")
+
+
+@dataclass
+class Stage:
+    """What the ends of one version share; `client_fault` and `server_fault` are endings of names of faulty blocks."""
+
+    calls: Calls
+    srv: ModuleType
+    action: ModuleType
+    name: str
+    reports: int
+    client_fault: str = ""
+    server_fault: str = ""
+
+    def report(self, kind: bytes, value: int) -> None:
+        """Report a served request (s), an old one (o), or how a call ended (r, w, f, t, n, c, e, l)."""
+        os.write(self.reports, ENTRY.pack(kind, value & 0xFFFFFFFF))
+
+    def newest(self, half: str) -> int:
+        """Return the number of the newest request, which is old for a server that starts now; 0 if there is none."""
+        with suppress(runtime.RegionMissing):
+            return runtime.read_header(f"{runtime.region_name(self.name)}-{half}").newest
+        return 0
+
+    def report_taken(self, number: int, old: int) -> None:
+        self.report(b"s" if is_later(number, old) else b"o", number)
+
+
+Work: TypeAlias = Callable[[Stage, random.Random], None]
+
+
+def is_later(number: int, than: int) -> bool:
+    """Return whether a request was sent after another; numbers wrap around."""
+    return than == 0 or 0 < (number - than) % 2**32 < 2**31
+
+
+def answer_to(question: int) -> int:
+    return 3 * question + 1
+
+
+def reached_for(target: int) -> int:
+    return target * 2654435761 & 0xFFFFFFFF
+
+
+def position_for(target: int) -> int:
+    return target ^ 0x5A5A5A5A
+
+
+# --- a service ---------------------------------------------------------------------------------------------
+
+
+def serve(stage: Stage, dice: random.Random) -> None:
+    old = stage.newest("request")
+    with stage.srv.AskServer(stage.name) as server:
+        while True:
+            call = server.wait(0.2)
+            if call is None:
+                continue
+            stage.report_taken(call.number, old)
+            time.sleep(call.request.cycles * CYCLE)
+            if call.request.fail:
+                server.fail(call)
+            else:
+                answer = answer_to(call.request.question)
+                server.reply(call, SimpleNamespace(answer=answer, copies=[answer] * 16))
+
+
+def plc_serve(stage: Stage, dice: random.Random) -> None:
+    server = stage.calls.server(stage.name, stage.server_fault)
+    job = stage.calls.plc.block("FB_Answer")
+    old = stage.newest("request")
+    while True:
+        if server.xBusy or server.xError:  # not open yet: a request until then is old as well
+            old = stage.newest("request")
+        before = server.xExecute
+        server(xDone=job.xDone, xFailed=job.xError)
+        if server.xExecute and not before:
+            stage.report_taken(server.udiCall, old)
+            job.Request.question, job.Request.cycles = server.Request.question, server.Request.cycles
+            job.Request.fail = server.Request.fail
+        job(xExecute=server.xExecute)
+        if job.xDone:
+            server.Response.answer = job.Response.answer
+            for index in range(16):
+                server.Response.copies[index] = job.Response.copies[index]
+        time.sleep(CYCLE)
+
+
+def ask(stage: Stage, dice: random.Random) -> None:
+    """Wait for a server before a request is sent, or send it whether there is a server or not."""
+    cycles, timeout = FIRST
+    with stage.srv.AskClient(stage.name) as client:
+        while True:
+            question, begin = dice.getrandbits(60), time.monotonic()
+            request = SimpleNamespace(question=question, cycles=cycles, fail=dice.random() < 0.05, more=0)
+            kind = b"t"
+            with suppress(runtime.CallTimeout):
+                try:
+                    response = client.call(request, timeout) if dice.random() < 0.6 else _poll(client, request, timeout)
+                    kind = b"r" if _is_own(response, question) else b"w"
+                except runtime.CallFailed:
+                    kind = b"f"
+                except runtime.NoServer:
+                    kind = b"n"
+            _report_end(stage, kind, question, begin, timeout)
+            cycles, timeout = _cycles(dice), _timeout(dice)
+            time.sleep(dice.uniform(0.0, 0.002))
+
+
+def plc_ask(stage: Stage, dice: random.Random) -> None:
+    client = stage.calls.client(stage.name, stage.client_fault)()
+    cycles, timeout = FIRST
+    while True:
+        question, begin = dice.getrandbits(60), time.monotonic()
+        request, cancel = client.Request, dice.random() < 0.1
+        request.question, request.cycles, request.fail = question, cycles, dice.random() < 0.05
+        client(xExecute=True, tTimeout=int(timeout * 1000), xCancel=False)
+        while client.xBusy:
+            time.sleep(CYCLE)
+            client(xCancel=cancel and client.udiCall != 0 and dice.random() < 0.1)
+        kind = b"r" if client.xDone and _is_own(client.Response, question) else b"w"
+        _report_end(stage, kind if client.xDone else _unsuccessful(client), question, begin, timeout)
+        client(xExecute=False)
+        cycles, timeout = _cycles(dice), _timeout(dice)
+
+
+# --- an action ---------------------------------------------------------------------------------------------
+
+
+def act(stage: Stage, dice: random.Random) -> None:
+    """Reject goals with a stride of 0; end a cancelled goal as canceled."""
+    old = stage.newest("goal")
+    with stage.action.CountActionServer(stage.name) as server:
+        while True:
+            goal = server.wait(0.2)
+            if goal is None:
+                continue
+            stage.report_taken(goal.number, old)
+            target = goal.request.target
+            if goal.request.stride == 0:
+                goal.reject()
+                continue
+            goal.accept()
+            for _ in range(goal.request.stride - 1):
+                goal.publish_feedback(SimpleNamespace(position=position_for(target)))
+                time.sleep(CYCLE)
+                if goal.is_cancel_requested:
+                    break
+            if goal.is_cancel_requested:
+                goal.canceled(SimpleNamespace(reached=reached_for(target)))
+            else:
+                goal.succeed(SimpleNamespace(reached=reached_for(target)))
+
+
+def plc_act(stage: Stage, dice: random.Random) -> None:
+    server = stage.calls.action_server(stage.name)
+    old, left = stage.newest("goal"), 0
+    while True:
+        if server.xBusy or server.xError:
+            old = stage.newest("goal")
+        before, busy = server.xExecute, server.xExecute and left > 0
+        rejects = server.xExecute and server.Goal.stride == 0
+        server(
+            xDone=server.xExecute and not busy and not rejects,
+            xReject=rejects,
+            xAborted=busy and server.xCancel,
+        )
+        left -= 1
+        if server.xExecute and not before:
+            stage.report_taken(server.udiGoal, old)
+            left = server.Goal.stride - 1
+            server.Feedback.position = position_for(server.Goal.target)
+            server.Result.reached = reached_for(server.Goal.target)
+        time.sleep(CYCLE)
+
+
+def send_goals(stage: Stage, dice: random.Random) -> None:
+    stride, timeout = FIRST
+    with stage.action.CountActionClient(stage.name) as client:
+        while True:
+            target, begin = dice.getrandbits(32), time.monotonic()
+            kind = b"t"
+            with suppress(runtime.CallTimeout):
+                try:
+                    client.send_goal(SimpleNamespace(target=target, stride=stride, more=0), timeout)
+                    kind = _follow(client, target, begin + timeout, dice)
+                except runtime.NoServer:
+                    kind = b"n"
+            _report_end(stage, kind, target, begin, timeout)
+            stride, timeout = _stride(dice), _timeout(dice)
+            time.sleep(dice.uniform(0.0, 0.002))
+
+
+def _follow(client: Any, target: int, deadline: float, dice: random.Random) -> bytes:
+    """Return how the goal ended: r, f, c, w for the feedback or the result of another goal, or t."""
+    cancels = dice.random() < 0.1
+    while time.monotonic() < deadline:
+        feedback, outcome = client.feedback(), client.poll()
+        if feedback is not None and feedback.position != position_for(target):
+            return b"w"
+        if outcome is not None:
+            return _kind_of(outcome, target)
+        if cancels and dice.random() < 0.1:
+            client.cancel()
+            cancels = False
+        time.sleep(CYCLE)
+    return b"t"
+
+
+def _kind_of(outcome: Any, target: int) -> bytes:
+    if outcome.status == outcome.SUCCEEDED:
+        return b"r" if outcome.result.reached == reached_for(target) else b"w"
+    return b"c" if outcome.status == outcome.CANCELED else b"f"
+
+
+def plc_send_goals(stage: Stage, dice: random.Random) -> None:
+    client = stage.calls.action_client(stage.name)()
+    stride, timeout = FIRST
+    while True:
+        target, begin = dice.getrandbits(32), time.monotonic()
+        cancels, kind = dice.random() < 0.1, b""
+        client.Goal.target, client.Goal.stride = target, stride
+        client(xExecute=True, tTimeout=int(timeout * 1000), xCancel=False)
+        while client.xBusy:
+            time.sleep(CYCLE)
+            client(xCancel=cancels and client.udiGoal != 0 and dice.random() < 0.1)
+            if client.xNewFeedback and client.Feedback.position != position_for(target):
+                kind = b"w"
+        if client.xDone:
+            kind = kind or (b"r" if client.Result.reached == reached_for(target) else b"w")
+        _report_end(stage, kind or _unsuccessful(client), target, begin, 60.0)  # feedback restarts the time limit
+        client(xExecute=False)
+        stride, timeout = _stride(dice), _timeout(dice)
+
+
+# --- what clients share ------------------------------------------------------------------------------------
+
+
+def _timeout(dice: random.Random) -> float:
+    """Return a time limit in seconds."""
+    return dice.choice((0.003, 0.03, 0.3))
+
+
+def _cycles(dice: random.Random) -> int:
+    return dice.choice((0, 0, 0, 1, 3, 10, 30))
+
+
+def _stride(dice: random.Random) -> int:
+    """Return the cycles of a goal; 0 for one that the server rejects."""
+    return 0 if dice.random() < 0.05 else max(1, _cycles(dice))
+
+
+def _poll(client: Any, request: Any, timeout: float) -> Any:
+    client.send(request)
+    end = time.monotonic() + timeout
+    while time.monotonic() < end:
+        if response := client.poll():
+            return response
+        time.sleep(CYCLE)
+    client.cancel()
+    raise runtime.CallTimeout
+
+
+def _is_own(response: Any, question: int) -> bool:
+    return bool(response.answer == answer_to(question)) and all(copy == response.answer for copy in response.copies)
+
+
+def _unsuccessful(client: Any) -> bytes:
+    """Return how a PLC's call ended that got no response: c, f, t or e."""
+    return b"c" if client.xAborted else {"CALL_FAILED": b"f", "CALL_TIMEOUT": b"t"}.get(client.eErrorID, b"e")
+
+
+def _report_end(stage: Stage, kind: bytes, value: int, begin: float, timeout: float) -> None:
+    late = time.monotonic() - begin - timeout
+    if late > SLACK:
+        stage.report(b"l", int(late * 1000))
+    stage.report(kind, value)

@@ -1,0 +1,153 @@
+"""Every pair of public calls of a publisher and of a subscriber, in two threads, while the end loses its region.
+
+python -m tests.runtime.thread_matrix TOPIC [FOLDER WITH THE EXTENSION]
+"""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+if len(sys.argv) > 2:
+    import shmgen
+
+    shmgen.__path__.insert(0, sys.argv[2])
+
+from shmgen import runtime
+from shmgen.runtime import engine, region_name
+from tests.runtime.messages import PosePublisher, PoseSubscriber, pose
+from tests.support.plc_demo import Memory, semaphore
+
+Call = Callable[[Any], object]
+PAUSE = 0.002
+PLC = 0xFFFFFFFF
+
+
+def lend(end: Any) -> None:
+    with end.borrow() as message:
+        assert message is None or message.position.x >= 0
+
+
+def fill(end: Any) -> None:
+    with end.loan() as message:
+        message.position.x = 1.0
+
+
+ARGUMENTS: dict[str, Call] = {
+    "publish": lambda end: end.publish(pose(1)),
+    "loan": fill,
+    "borrow": lend,
+    "read_into": lambda end: end.read_into(pose(0)),
+    "is_stale": lambda end: end.is_stale(0),
+    "ready": lambda end: end.ready(PAUSE),
+    "wait": lambda end: end.wait(PAUSE),
+    "wait_async": lambda end: asyncio.run(end.wait_async(PAUSE)),
+    "ready_async": lambda end: asyncio.run(end.ready_async(PAUSE)),
+}
+"""How a call is made that takes arguments, or returns what must be used; all others are made or read as they stand."""
+
+
+def calls_of(kind: type) -> dict[str, Call]:
+    """The public calls and properties of a class."""
+
+    def plain(name: str) -> Call:
+        if isinstance(getattr(kind, name), property):
+            return lambda end: getattr(end, name)
+        return lambda end: getattr(end, name)()
+
+    names = [name for name in dir(kind) if not name.startswith("_") and name != "message_type"]
+    return {name: ARGUMENTS.get(name) or plain(name) for name in names}
+
+
+def removed(topic: str, end: Any) -> None:
+    """As another end does that finds the file removed."""
+    memory = Memory(topic)
+    (Path("/dev/shm") / region_name(topic)).unlink()
+    memory["retired"] = 1
+
+
+def claimed(topic: str, end: Any) -> None:
+    Memory(topic)["writer"] = PLC
+
+
+def closed(topic: str, end: Any) -> None:
+    end.close()
+
+
+EVENTS = (removed, claimed, closed)
+ROUNDS = {PosePublisher: 5 if engine.IN_C else 1, PoseSubscriber: 1}
+"""How often each event is tried: memory that a publisher in C unmaps is often mapped again at once, which hides it."""
+
+
+def repeat(call: Call, end: Any, stop: threading.Event, failed: list[BaseException]) -> None:
+    while not stop.is_set():
+        try:
+            call(end)
+        except runtime.ShmError:
+            time.sleep(0)
+        except BaseException as error:
+            failed.append(error)
+            return
+
+
+def run(kind: type, pair: tuple[Call, Call], event: Callable[[str, Any], None], topic: str) -> list[BaseException]:
+    """Hold the lock when the event comes, so that a publisher waits for it in the region's memory.
+
+    A subscriber sleeps on the event of a PLC, which it touches after it wakes as well.
+    """
+    failed: list[BaseException] = []
+    stop = threading.Event()
+    with (PosePublisher if kind is PoseSubscriber else PoseSubscriber)(topic) as other:
+        end = kind(topic, lock_timeout=0.05 if kind is PosePublisher else 0.0)
+        threads = [threading.Thread(target=repeat, args=(call, end, stop, failed)) for call in pair]
+        if kind is PoseSubscriber:
+            other.publish(pose(2))
+            Memory(topic)["writer"] = PLC
+        lock = semaphore(topic)
+        lock.acquire()
+        for thread in threads:
+            thread.start()
+        time.sleep(PAUSE)
+        with suppress(runtime.ShmError):
+            event(topic, end)
+        lock.release()
+        time.sleep(PAUSE)
+        stop.set()
+        for thread in threads:
+            thread.join()
+        end.close()
+    for file in Path("/dev/shm").glob(f"*{region_name(topic)}*"):
+        file.unlink()
+    return failed
+
+
+def pairs() -> Iterator[tuple[type, tuple[str, str]]]:
+    for kind in (PosePublisher, PoseSubscriber):
+        for pair in itertools.combinations_with_replacement(calls_of(kind), 2):
+            yield kind, pair
+
+
+def main() -> None:
+    topic = sys.argv[1]
+    assert len(sys.argv) == 2 or engine.engine.__file__.startswith(sys.argv[2])
+    count = 0
+    for number, (kind, names) in enumerate(pairs()):
+        calls = calls_of(kind)
+        for turn, event in itertools.product(range(ROUNDS[kind]), EVENTS):
+            name = f"{topic}/n{number}_{event.__name__}{turn}"
+            print(kind.__name__, *names, event.__name__, file=sys.stderr)
+            failed = run(kind, (calls[names[0]], calls[names[1]]), event, name)
+            assert not failed, (kind.__name__, names, event.__name__, failed)
+        count += 1
+    print(count)
+
+
+if __name__ == "__main__":
+    main()
