@@ -292,7 +292,7 @@ SAID = {
         "`udiDepth` is 1 to {MAX_DEPTH}",
     ],
     "docs/protocol.md": [
-        "unchanged for {DEAD_MS} ms", "16#{LAST:08X} comes `slots`", "is unchanged, {WAKE_MS} ms at a time",
+        "unchanged for {DEAD_MS} ms", "The number after 16#{LAST:08X} is", "is unchanged, {WAKE_MS} ms at a time",
     ],
 }  # fmt: skip
 

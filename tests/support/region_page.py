@@ -16,7 +16,7 @@ def tables(
 ) -> Iterator[list[str]]:
     """Yield each table as a list of lines, including its head."""
     yield _words("offset", header)
-    yield _words("in a slot", slot)
+    yield _words("offset in a slot", slot)
     rows = [f"| `{it.name}` | {_spelled(it)} | {it.meaning} |" for it in numbers]
     yield ["| name | value | meaning |", "|---|---|---|", *rows]
 

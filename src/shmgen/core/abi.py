@@ -60,61 +60,47 @@ NUMBERS = (
     Number("ABI", ABI, "UINT", "version of the protocol"),
     Number("HEADER_SIZE", HEADER_SIZE, "UINT", "bytes before slot 0"),
     Number("SLOT_HEADER", SLOT_HEADER, "UDINT", "bytes before the payload of a slot"),
-    Number("SLOT_STEP", SLOT_STEP, "UDINT", "bytes; divides the size of each slot"),
+    Number("SLOT_STEP", SLOT_STEP, "UDINT", "bytes; the size of each slot is a multiple"),
     Number("LANES", LANES, "UDINT", "arrays of slots in a region; each writer uses only one lane"),
-    Number("PAGE", PAGE, "UDINT", "bytes; divides the size of each region"),
+    Number("PAGE", PAGE, "UDINT", "bytes; the size of each region is a multiple"),
     Number("PLC", PLC, "UDINT", "id of every PLC: a PLC cannot determine its process id"),
-    Number("LAST", LAST, "UDINT", "largest sample number; the next number is the header field `slots`"),
+    Number("LAST", LAST, "UDINT", "largest sample number"),
     Number(
         "RESTART_GAP",
         RESTART_GAP,
         "UDINT",
-        "samples; a larger gap means that the numbers restarted, not that samples were missed",
+        "samples; a gap of this size or more means that the numbers restarted",
     ),
     Number(
         "FORGET",
         FORGET,
         "UDINT",
-        "samples between two resets of the other lane's `completed` to 0: the old number would later look new",
+        "samples between two resets of the other lane's `completed`, whose old number would later look new",
     ),
-    Number("LEFT_OUT", LEFT_OUT, "UDINT", "most sample numbers that a takeover leaves unused"),
+    Number("LEFT_OUT", LEFT_OUT, "UDINT", "most sample numbers that a takeover skips"),
     Number("MAX_DEPTH", MAX_DEPTH, "UDINT", "largest depth, in samples"),
     Number("MAX_TYPE_NAME", MAX_TYPE_NAME, "UDINT", "bytes of a type name, without the terminating 0"),
     Number("MAX_NAME", MAX_NAME, "UDINT", "most characters of a region's name: STRING(80) minus '-event'"),
-    Number(
-        "MAX_CALL_NAME", MAX_CALL_NAME, "", "most characters of a service or action name: MAX_NAME minus '-response'"
-    ),
-    Number(
-        "WRITER_LOCK",
-        WRITER_LOCK,
-        "",
-        "offset of the byte that a writer locks (record lock) while it has the region open",
-    ),
-    Number(
-        "REPAIR_LOCK",
-        REPAIR_LOCK,
-        "",
-        "offset of the byte that is locked while the header is written, the lock recovered or the file removed",
-    ),
-    Number(
-        "READER_LOCK",
-        READER_LOCK,
-        "",
-        "offset of the byte that each reader locks, shared, while it has the region open",
-    ),
+    Number("MAX_CALL_NAME", MAX_CALL_NAME, "", "most characters of a service or action: MAX_NAME minus '-response'"),
+    Number("WRITER_LOCK", WRITER_LOCK, "", "byte under the record lock of the writer"),
+    Number("REPAIR_LOCK", REPAIR_LOCK, "", "byte under a record lock during creation, lock recovery and removal"),
+    Number("READER_LOCK", READER_LOCK, "", "byte under the shared record lock of all readers"),
     Number("RETRY_MS", RETRY_MS, "UDINT", "interval at which a PLC retries to open a region"),
     Number("CLAIM_MS", CLAIM_MS, "UDINT", "a writer whose heartbeat is unchanged for this long counts as dead"),
-    Number("CONFIRM_MS", CONFIRM_MS, "UDINT", "an id in `writer` owns the topic if unchanged after this time"),
+    Number(
+        "CONFIRM_MS",
+        CONFIRM_MS,
+        "UDINT",
+        "a new writer owns the topic if its id in `writer` is unchanged after this time",
+    ),
     Number("RECOVER_MS", RECOVER_MS, "UDINT", "a lock with the same holder for this long is stuck"),
     Number("DEAD_MS", DEAD_MS, "", "a lock whose holder no longer exists is stuck after this time"),
     Number("LOCK_MS", LOCK_MS, "", "default timeout for the lock"),
-    Number("WAKE_MS", WAKE_MS, "", "longest single sleep of a waiting reader, and so the delay of a lost wake-up"),
-    Number("POLL_MS", POLL_MS, "", "interval of a reader that polls because no writer wakes it"),
-    Number("HEARTBEAT_MS", HEARTBEAT_MS, "", "a waiting server increments its heartbeat at least this often"),
-    Number(
-        "PEER_MS", PEER_MS, "", "a peer that creates a file and has not set its size and group after this time is dead"
-    ),
-    Number("REMOVED_MS", REMOVED_MS, "", "interval at which an endpoint checks whether its region was removed"),
+    Number("WAKE_MS", WAKE_MS, "", "longest sleep of a waiting reader, and delay of a lost wake-up"),
+    Number("POLL_MS", POLL_MS, "", "interval of a polling reader"),
+    Number("HEARTBEAT_MS", HEARTBEAT_MS, "", "longest interval between two heartbeats of a waiting server"),
+    Number("PEER_MS", PEER_MS, "", "a creator that has not set its file's size and group after this time is dead"),
+    Number("REMOVED_MS", REMOVED_MS, "", "interval of the checks for a removed region"),
 )
 """The constants of the protocol. Those whose names end with _MS are in milliseconds."""
 
@@ -159,18 +145,28 @@ class HeaderField(NamedTuple):
 
 _PLC = f"16#{PLC:08X} = a PLC"
 HEADER = (
-    HeaderField(0, "u32", "magic", "dwMagic", CREATOR, f"16#{MAGIC:08X}, 'SHMG'; written last, 0 = being created"),
-    HeaderField(4, "u16", "abi", "uiAbi", CREATOR, f"protocol version {ABI}"),
-    HeaderField(6, "u16", "header_size", "uiHeaderSize", CREATOR, f"{HEADER_SIZE} bytes"),
+    HeaderField(0, "u32", "magic", "dwMagic", CREATOR, f"16#{MAGIC:08X}, 'SHMG'; written last, 0 = not created yet"),
+    HeaderField(4, "u16", "abi", "uiAbi", CREATOR, f"version of the protocol: {ABI}"),
+    HeaderField(6, "u16", "header_size", "uiHeaderSize", CREATOR, f"size of this header: {HEADER_SIZE} bytes"),
     HeaderField(8, "u64", "digest", "lwDigest", CREATOR, "layout digest of the message"),
     HeaderField(16, "u32", "payload_size", "udiPayloadSize", CREATOR, "bytes of one message"),
     HeaderField(
-        20, "u32", "slot_size", "udiSlotSize", CREATOR, f"{SLOT_HEADER} + payload_size, rounded up to {SLOT_STEP}"
+        20,
+        "u32",
+        "slot_size",
+        "udiSlotSize",
+        CREATOR,
+        f"{SLOT_HEADER} + payload_size, rounded up to a multiple of {SLOT_STEP} bytes",
     ),
-    HeaderField(24, "u32", "writer", "udiWriter", "writer", f"writer's process id; {_PLC}, 0 = none yet"),
+    HeaderField(24, "u32", "writer", "udiWriter", "writer", f"writer's process id; {_PLC}, 0 = no writer"),
     HeaderField(28, "u32", "slots", "udiSlots", CREATOR, "slots in each of the two lanes: a power of two, at least 2"),
     HeaderField(
-        32, f"char[{MAX_TYPE_NAME + 1}]", "type_name", "abyTypeName", CREATOR, "'geometry_msgs/msg/Pose', then 0 bytes"
+        32,
+        f"char[{MAX_TYPE_NAME + 1}]",
+        "type_name",
+        "abyTypeName",
+        CREATOR,
+        "such as 'geometry_msgs/msg/Pose', then 0 bytes",
     ),
     HeaderField(
         128,
@@ -178,7 +174,7 @@ HEADER = (
         "completed0",
         "udiCompleted0",
         "writer",
-        "number of the newest sample completed in lane 0, 0 = none yet",
+        "number of the newest sample in lane 0, 0 = none yet",
     ),
     HeaderField(
         132,
@@ -186,7 +182,7 @@ HEADER = (
         "completed1",
         "udiCompleted1",
         "writer",
-        "number of the newest sample completed in lane 1, 0 = none yet",
+        "number of the newest sample in lane 1, 0 = none yet",
     ),
     HeaderField(
         136,
@@ -205,19 +201,21 @@ HEADER = (
         "retired",
         "udiRetired",
         "remover",
-        "1 = removed or replaced: close the region and open its name again",
+        "1 = removed or replaced; each end closes the region",
     ),
     HeaderField(
         148,
         "u32",
         "ordered",
         "udiOrdered",
-        "a program on x86",
+        "a process on x86",
         "1 = this machine (x86) keeps the order of stores and loads",
     ),
-    HeaderField(152, "u32", "heartbeat", "udiHeartbeat", "writer", "incremented in each cycle, with or without data"),
+    HeaderField(
+        152, "u32", "heartbeat", "udiHeartbeat", "writer", "incremented while the writer runs, also without samples"
+    ),
     HeaderField(156, "u32", "lock_holder", "udiLockHolder", "lock holder", f"holder's process id; {_PLC}, 0 = free"),
-    HeaderField(160, "u32", "recoveries", "udiRecoveries", "recoverer", "how often a stuck lock was recovered"),
+    HeaderField(160, "u32", "recoveries", "udiRecoveries", "recoverer", "number of recoveries of a stuck lock"),
     HeaderField(
         164,
         "u32",
