@@ -40,7 +40,7 @@ def generated(folder: Path, type_: str) -> dict[str, str]:
 @pytest.mark.family("[Client]")
 def test_every_input_and_output_is_explained(counted: dict[str, str], role: str) -> None:
     page = (REPOSITORY / "docs" / "structured-text.md").read_text()
-    table = page.partition(f"\n| {role} | | |\n")[2].partition("\n\n")[0]
+    table = page.partition(f"\n| {role} | name | meaning |\n")[2].partition("\n\n")[0]
     (block, *_) = parse(counted[f"FB_cell_msgs_{ROLES[role]}_{role}"])
     sides = interface(block)
     for section, word in (("InputDeclarations", "in"), ("OutputDeclarations", "out")):
