@@ -1,9 +1,12 @@
-"""ROS's bytes by the walker in C, by that in Python, by rosbags and by genpy's rules are the same, and back."""
+"""ROS's bytes by the walker in C, by that in Python, by rosbags and by genpy are the same, and back."""
 
 from __future__ import annotations
 
+import pickle
 import random
+import re
 import struct
+import subprocess
 import time
 from types import SimpleNamespace
 
@@ -17,12 +20,13 @@ from shmgen.bridge.codec.cdr import codec
 from shmgen.bridge.codec.direct import Transcoder, WireFormat
 from shmgen.bridge.plan import closure
 from shmgen.config import Config
-from shmgen.core.model import Role, Schema, TypeOptions
+from shmgen.core.model import Role, Schema, TypeOptions, ros_type
 from shmgen.live.session import Session
 from shmgen.runtime import CountExceeded, OutOfRange, StringTooLong, Time, engine
 from shmgen.runtime.messages import wire
 
-from ..support import build, counts, schemas
+from ..conftest import REPOSITORY
+from ..support import build, counts, ros1, schemas
 
 OPTIONS = [
     TypeOptions(),
@@ -31,19 +35,24 @@ OPTIONS = [
 ]
 
 
-@given(schema=schemas.schemas(), options=st.sampled_from(OPTIONS), seed=st.integers(0, 2**32))
-@settings(max_examples=schemas.examples(40), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_any_message_goes_as_the_long_way(schema, options, seed, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("any")
+def classes_of(schema, options, folder):
+    """The layouts of a schema, and a class for each."""
     layouts = build.layouts_of(schema, options)
     package = f"transcoded_{folder.name}"
     build.put(build.texts_of(layouts, "python", package), folder)
+    return layouts, {name: build.classes(folder, package, name)[0] for name in layouts}
+
+
+@given(schema=schemas.schemas(), options=st.sampled_from(OPTIONS), seed=st.integers(0, 2**32))
+@settings(max_examples=schemas.examples(40), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_any_message_goes_as_the_long_way(schema, options, seed, tmp_path_factory):
+    layouts, kinds = classes_of(schema, options, tmp_path_factory.mktemp("any"))
     slots = [slot for layout in layouts.values() for slot in layout.slots]
     # No wstring, and rosbags makes a byte of an empty message for ROS 1 too.
     has_no_ros1 = any(slot.role is Role.FILLER or getattr(slot.type, "wide", False) for slot in slots)
     definitions = Schema(tuple(one.message for one in layouts.values()))
     for layout in layouts.values():
-        kind, _, _ = build.classes(folder, package, layout.name)
+        kind = kinds[layout.name]
         messages = closure(definitions, layout.name)
         long, ros1, both = codec(messages), as_ros1(messages), Both(kind)
         draw = random.Random(seed)
@@ -73,6 +82,47 @@ def test_any_message_goes_as_the_long_way(schema, options, seed, tmp_path_factor
             assert both.from_wire(sent, ros1=True) == bytes(kind._from_object(back))
             for damaged in spoiled(sent, draw):
                 both.from_wire(damaged, ros1=True)
+
+
+@given(schema=schemas.schemas(), options=st.sampled_from(OPTIONS), seed=st.integers(0, 2**32))
+@settings(max_examples=schemas.examples(20), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_genpy_reads_and_writes_any_message_alike(genpy, schema, options, seed, tmp_path_factory):
+    layouts, kinds = classes_of(schema, options, tmp_path_factory.mktemp("genpy"))
+    definitions = Schema(tuple(one.message for one in layouts.values()))
+    draw = random.Random(seed)
+    for name, layout in layouts.items():
+        messages, both = closure(definitions, name), Both(kinds[name])
+        if any("wstring" in ros_type(field.type) for message in messages for field in message.fields):
+            continue  # ROS 1 has none
+        drawn = [schemas.random_message(layout, layouts, draw) for _ in range(schemas.messages(3))]
+        samples = [bytes(both.kind._from_object(message)) for message in drawn]
+        sent = [both.to_wire(sample, ros1=True) for sample in samples]
+        held = [index for index, data in enumerate(sent) if isinstance(data, bytes)]  # the others are before 1970
+        for index, (message, written) in zip(held, genpy(messages, [sent[index] for index in held]), strict=True):
+            assert written == sent[index], layout.message
+            assert bytes(both.kind._from_object(message)) == samples[index], layout.message
+            assert both.from_wire(written, ros1=True) == samples[index]
+
+
+@pytest.fixture(scope="module")
+def genpy():
+    """Returns what genpy reads and writes for serialized messages of a type; it runs in a Python that has it."""
+    command = [ros1.python(), "tests/support/genpy_peer.py"]
+    with subprocess.Popen(command, cwd=REPOSITORY, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as peer:
+
+        def convert(messages, samples):
+            own, *others = [(message.name.short, definition(message)) for message in reversed(messages)]
+            text = f"\n{'=' * 80}\n".join([own[1], *(f"MSG: {name}\n{text}" for name, text in others)])
+            pickle.dump((own[0], text, samples), peer.stdin)
+            peer.stdin.flush()
+            return pickle.load(peer.stdout)
+
+        yield convert
+
+
+def definition(message):
+    """As ROS 1 takes it, without bounds."""
+    return "".join(f"{re.sub('<=[0-9]+', '', ros_type(field.type))} {field.name}\n" for field in message.fields)
 
 
 class Both:
