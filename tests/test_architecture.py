@@ -67,7 +67,7 @@ ONLY_IN = {
     "textual_serve": {"view"},
     "rosidl_parser": {"definitions"},
     "posix_ipc": {"runtime"},
-    "ruamel": {"tools"},
+    "ruamel": {"bridge", "tools"},
     "rospy": {"bridge"},
     "rcl_interfaces": {"bridge"},
     "rclpy": {"bridge"},

@@ -93,7 +93,7 @@ cell1:
     ros__parameters:
         stale: 4.0
 /**/bridge:
-  ros__parameters: {use_sim_time: true}
+  ros__parameters: {use_sim_time: true, "speed": 7}
 other:
   ros__parameters:
     rate: 6.0
@@ -109,8 +109,28 @@ def test_a_file_has_parameters_of_several_nodes(space: str, parameters: dict[str
     writer = threading.Thread(target=pipe.write_text, args=(FILE,), daemon=True)
     writer.start()
     parsed = parse(("--ros-args", "--params-file", str(pipe), "-r", f"__ns:={space}"), "bridge")
-    assert parsed.parameters == parameters
-    assert parsed.ignored == ["parameter qos_overrides./a", "parameter {use_sim_time: true}"]
+    assert parsed.parameters == {**parameters, "use_sim_time": "true"}
+    assert parsed.ignored == ["parameter qos_overrides./a", "parameter speed"]
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("/**:\n  ros__parameters: {rate: 10\n", "params, line 3, column 1: expected ',' or '}'"),
+        ("/**:\n\tros__parameters:\n", "params, line 2, column 1: found character"),
+        ("bridge:\n  rate: 5\n", "params: bridge/rate is not in ros__parameters"),
+        ("rate", "params: rate is not in ros__parameters"),
+    ],
+)
+def test_a_file_that_has_no_parameters_is_refused_with_its_place(text: str, why: str, tmp_path: Path) -> None:
+    (tmp_path / "params").write_text(text)
+    with pytest.raises(ValueError, match=why):
+        parse(("--ros-args", "--params-file", str(tmp_path / "params")), "bridge")
+
+
+def test_an_empty_file_has_no_parameters(tmp_path: Path) -> None:
+    (tmp_path / "params").write_text("# none\n")
+    assert not parse(("--ros-args", "--params-file", str(tmp_path / "params")), "bridge").parameters
 
 
 def test_rclpy_reports_unknown_arguments_itself() -> None:

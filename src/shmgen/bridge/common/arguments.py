@@ -20,8 +20,6 @@ PARAMETERS = ("use_sim_time", "rate", "stale")
 _WITHOUT_EFFECT = ("--log-level", "--log-config-file", "--log-file-name", "-e", "--enclave")
 """Arguments of rcl that take a value and have no effect in a backend without ROS."""
 _FLAG = re.compile("--(enable|disable)-(rosout|stdout|external-lib)-logs")
-_KEY = re.compile(r"""^( *)(["']?)([^\s#-].*?)\2:(?: +([^#\s].*?))?(?: +#.*)? *$""", re.MULTILINE)
-"""Matches a line of a parameter file: the indentation, a quotation mark, the key and the value."""
 
 
 @dataclass(slots=True)
@@ -112,7 +110,7 @@ def _set(arguments: Arguments, rule: str, parameters: list[_Parameter]) -> list[
         elif rule:
             faults.append(f"parameter {rule!r} is not known; without ROS there are {', '.join(PARAMETERS)}")
         else:
-            arguments.ignored.append(f"parameter {name or value}")
+            arguments.ignored.append(f"parameter {name}")
     return faults
 
 
@@ -148,19 +146,32 @@ def _parameter(rule: str) -> _Parameter:
 
 
 def _read(path: str) -> Iterator[_Parameter]:
-    """Yield the parameters in a parameter file, one in a line. Raises ValueError if the file cannot be read."""
+    """Yield the parameters in a parameter file. Raises ValueError if the file cannot be read."""
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import YAMLError
+
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        tree = YAML(typ="base", pure=True).load(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
         raise ValueError(f"--params-file {path}: {error.strerror}") from None
-    keys = list[tuple[int, str]]()
-    for indent, _, key, value in _KEY.findall(text):
-        while keys and keys[-1][0] >= len(indent):
-            keys.pop()
-        keys.append((len(indent), key))
-        if value:
-            node, _, name = "\n".join(key for _, key in keys).partition("\nros__parameters")
-            yield _Parameter(node.replace("\n", "/"), name[1:].replace("\n", "."), value)
+    except YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        place = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
+        raise ValueError(f"--params-file {path}{place}: {getattr(error, 'problem', None) or error}") from None
+    for keys, value in _leaves(tree or {}):
+        if "ros__parameters" not in keys:
+            raise ValueError(f"--params-file {path}: {'/'.join(keys) or value} is not in ros__parameters of a node")
+        start = keys.index("ros__parameters")
+        yield _Parameter("/".join(keys[:start]), ".".join(keys[start + 1 :]), str(value))
+
+
+def _leaves(tree: Any, keys: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """Yield each value in nested mappings that is not a mapping, with the keys that lead to the value."""
+    if not isinstance(tree, dict):
+        yield keys, tree
+        return
+    for key, value in tree.items():
+        yield from _leaves(value, (*keys, str(key)))
 
 
 def with_parameters(config: Config, parameters: Mapping[str, str]) -> Config:
