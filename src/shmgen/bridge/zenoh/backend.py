@@ -22,6 +22,7 @@ from zenoh.handlers import RingChannel
 from shmgen.bridge.backend import (
     QUEUE,
     Answer,
+    Backend,
     MessageSink,
     NoAnswer,
     Node,
@@ -37,14 +38,12 @@ from shmgen.bridge.codec.direct import WireFormat
 from shmgen.bridge.common.counters import Counters, describe
 from shmgen.bridge.common.support import (
     SHUTDOWN_TIMEOUT,
-    UndoSteps,
     await_server,
     domain_without_ros,
     end_at_once,
     from_bytes,
     join_all,
     remember_bounded,
-    wall_clock,
 )
 from shmgen.bridge.ros2 import actions as ros2_actions
 from shmgen.bridge.zenoh.graph import Graph, Place, attachment, open_session, parse_attachment, quality
@@ -61,11 +60,10 @@ def connect(node: Node) -> Zenoh:
     return Zenoh(Graph(open_session(os.environ, node.largest, node.log), name, domain, node.log))
 
 
-class Zenoh(UndoSteps):
+class Zenoh(Backend):
     """The bridge's node in a ROS 2 graph of rmw_zenoh, with the interface of a Backend."""
 
     actions = ros2_actions
-    now = staticmethod(wall_clock)
 
     def __init__(self, graph: Graph) -> None:
         super().__init__()
@@ -87,12 +85,12 @@ class Zenoh(UndoSteps):
             out = self._session.declare_publisher(key, **how)
         numbers, lock = itertools.count(1), threading.Lock()
         peers = self._graph.peers("MS", place, self._graph.identity(place))
-        gid, hide = self._graph.show("MP", place, quality(best_effort, wire.latch, 1 if wire.latch else wire.queue))
-        self._until_undone(out.undeclare, peers.close, hide)
+        token = self._graph.show("MP", place, quality(best_effort, wire.latch, 1 if wire.latch else wire.queue))
+        self._until_undone(out.undeclare, peers.close, token.withdraw)
 
         def send(data: bytes) -> None:
             with lock:  # sends in the order of the numbers
-                out.put(data, attachment=attachment(next(numbers), gid))
+                out.put(data, attachment=attachment(next(numbers), token.gid))
 
         encode = wire.direct.encoder_from_sample(WireFormat.CDR, self.now) if wire.direct else None
         send_payload = (lambda payload: send(encode(payload))) if encode else None
@@ -125,8 +123,8 @@ class Zenoh(UndoSteps):
             subscriber = self._session.declare_subscriber(key, ring)
         stop = self._empty(subscriber, take, wire.name)
         peers = self._graph.peers("MP", place, identity, sink.set_incompatible_peer)
-        _, hide = self._graph.show("MS", place, quality(wire.qos == "best_effort", wire.latch, wire.queue))
-        self._until_undone(stop, peers.close, hide)
+        token = self._graph.show("MS", place, quality(wire.qos == "best_effort", wire.latch, wire.queue))
+        self._until_undone(stop, peers.close, token.withdraw)
         return RosSubscription(cdr.new, lambda: peers.has_compatible)
 
     def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
@@ -160,15 +158,15 @@ class Zenoh(UndoSteps):
         queryable = self._session.declare_queryable(key, RingChannel(QUEUE), complete=True)
         stop = self._empty(queryable, take, wire.name)
         peers = self._graph.peers("SC", place, self._graph.identity(place), refuse_peer)
-        _, hide = self._graph.show("SS", place, quality())
-        self._until_undone(stop, peers.close, hide)
+        token = self._graph.show("SS", place, quality())
+        self._until_undone(stop, peers.close, token.withdraw)
 
     def client(self, wire: ServiceWire) -> RosClient:
         request, response = codec(wire.request), codec(wire.response)
         place = Place(wire.name, wire.type, service_hash(wire.request, wire.response))
         servers = self._graph.peers("SS", place, self._graph.identity(place))
-        gid, hide = self._graph.show("SC", place, quality())
-        self._until_undone(servers.close, hide)
+        token = self._graph.show("SC", place, quality())
+        self._until_undone(servers.close, token.withdraw)
         key, numbers = self._graph.key(place), itertools.count(1)
         how = {"target": zenoh.QueryTarget.ALL_COMPLETE, "consolidation": zenoh.ConsolidationMode.NONE}
 
@@ -182,7 +180,7 @@ class Zenoh(UndoSteps):
             if not self.alive():
                 raise NoAnswer("the bridge stops")
             why, left = "the server has left", max(0.001, deadline - time.monotonic())
-            beside = attachment(next(numbers), gid)
+            beside = attachment(next(numbers), token.gid)
             payload = request.encode(message)
             for reply in self._session.get(key, payload=payload, attachment=beside, timeout=left, **how):
                 if reply.ok is not None:

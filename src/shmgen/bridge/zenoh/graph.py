@@ -109,6 +109,13 @@ class Place(NamedTuple):
         return f"{self.name.replace('/', '%')}/{type_name(self.type)}"
 
 
+class Token(NamedTuple):
+    """The liveliness token of an endpoint: the gid of the endpoint, and the function that withdraws the token."""
+
+    gid: bytes
+    withdraw: Callable[[], None]
+
+
 class Graph:
     """Announces the bridge's node and its publishers, servers and so on in a ROS domain, by liveliness tokens.
 
@@ -120,19 +127,15 @@ class Graph:
         self.session, self.log = session, log
         self._domain, self._node = domain, node
         self._numbers = itertools.count()
-        _, self._token = self._declared("NN", "")
+        self._token = self._declare("NN", "")
 
     def key(self, place: Place) -> str:
         """Return the zenoh key of a topic or service. The hash `*` makes the key match all definitions of the type."""
         return f"{self._domain}/{place.name.strip('/')}/{type_name(place.type)}/{place.hash}"
 
-    def show(self, kind: str, place: Place, qos: str) -> tuple[bytes, Callable[[], None]]:
-        """Publish the liveliness token of a publisher (MP), subscription (MS), server (SS) or client (SC).
-
-        Return the gid of the endpoint, and a function that withdraws the token.
-        """
-        key, token = self._declared(kind, f"/{place.mangled}/{place.hash}/{qos}")
-        return endpoint_gid(key), token.undeclare
+    def show(self, kind: str, place: Place, qos: str) -> Token:
+        """Publish the liveliness token of a publisher (MP), subscription (MS), server (SS) or client (SC)."""
+        return self._declare(kind, f"/{place.mangled}/{place.hash}/{qos}")
 
     def identity(self, place: Place, accepts_other: bool = False) -> Identity:
         """Return the check that compares the type hashes of peers with the hash of this topic or service."""
@@ -152,10 +155,10 @@ class Graph:
         tokens = f"@ros2_lv/{self._domain}/*/*/*/{kind}/*/*/*/{place.mangled}/*/**"
         return Peers(self.session, tokens, identity, on_incompatible)
 
-    def _declared(self, kind: str, rest: str) -> tuple[str, Any]:
+    def _declare(self, kind: str, rest: str) -> Token:
         place = f"@ros2_lv/{self._domain}/{self.session.zid()}/0/{next(self._numbers)}"
         key = f"{place}/{kind}/%/{self._node}{rest}"
-        return key, self.session.liveliness().declare_token(key)
+        return Token(endpoint_gid(key), self.session.liveliness().declare_token(key).undeclare)
 
 
 class Peers:
