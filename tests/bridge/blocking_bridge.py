@@ -13,9 +13,8 @@ from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
-from shmgen.bridge.backend import RosPublisher, RosSubscription
+from shmgen.bridge.backend import Backend, RosClient, RosPublisher, RosSubscription
 from shmgen.bridge.common import choice
-from shmgen.bridge.common.support import UndoSteps, wall_clock
 from shmgen.cli.main import main
 
 call, held, trigger = sys.argv[1], sys.argv[2] == "held", Path(sys.argv[3])
@@ -30,11 +29,8 @@ def block(name: str, topic: str = "") -> None:
         library.pthread_mutex_lock(mutex)
 
 
-class Blocking(UndoSteps):
-    """A Backend."""
-
-    actions = None
-    now = staticmethod(wall_clock)
+class Blocking(Backend):
+    """A Backend with topics only."""
 
     def __init__(self, report: Callable[[str], None]) -> None:
         super().__init__()
@@ -52,6 +48,12 @@ class Blocking(UndoSteps):
     def subscribe(self, wire: Any, sink: Any) -> RosSubscription:
         block("create", wire.name)
         return RosSubscription(lambda: SimpleNamespace(data=False))
+
+    def serve(self, wire: Any, answer: Any, refuse: Any) -> None:
+        raise NotImplementedError
+
+    def client(self, wire: Any) -> RosClient:
+        raise NotImplementedError
 
     def alive(self) -> bool:
         block("discover")

@@ -12,9 +12,8 @@ from typing import Any
 
 import pytest
 
-from shmgen.bridge.backend import RosPublisher, RosSubscription
+from shmgen.bridge.backend import Backend, RosClient, RosPublisher, RosSubscription
 from shmgen.bridge.common.counters import Counters
-from shmgen.bridge.common.support import UndoSteps
 from shmgen.bridge.sides import Sides, _Carried
 from shmgen.bridge.topics import FromPlc
 from shmgen.config import load
@@ -52,7 +51,7 @@ def test_a_side_that_raises_does_not_stop_the_heartbeats_of_the_others() -> None
     assert told == ["/a: KeyError: 'odd'"]
 
 
-class Ros(UndoSteps):
+class Ros(Backend):
     """A Backend. It rejects the topics in `rejected` once; `late` has what was sent through a closed end."""
 
     def __init__(self) -> None:
@@ -85,6 +84,15 @@ class Ros(UndoSteps):
     def now(self) -> Time:
         return Time(1, 2)
 
+    def serve(self, wire: Any, answer: Any, refuse: Any) -> None:
+        raise NotImplementedError
+
+    def client(self, wire: Any) -> RosClient:
+        raise NotImplementedError
+
+    def close(self) -> None:
+        raise NotImplementedError
+
     def _check(self, topic: str) -> None:
         if topic in self.rejected:
             self.rejected.remove(topic)
@@ -110,10 +118,10 @@ class Stage:
 
     def begin(self, **topics: str) -> None:
         self.sides.open(self.session(**topics))
-        self.sides.start(self.ros)  # type: ignore[arg-type]
+        self.sides.start(self.ros)
 
     def change(self, **topics: str) -> None:
-        self.sides.change(self.session(**topics), self.ros)  # type: ignore[arg-type]
+        self.sides.change(self.session(**topics), self.ros)
 
     def counters(self) -> dict[str, str]:
         return {side.about.name.removeprefix(f"{self.space}/"): str(side.counters) for side in self.sides}

@@ -79,6 +79,8 @@ def ended_well(done: Result) -> None:
 def test_a_bridge(folder: Path, counted: Counter[str], monkeypatch: pytest.MonkeyPatch) -> None:
     made = SimpleNamespace(header=SimpleNamespace(stamp=Time()), x=0.0, parts=[], name="")
     backend = SimpleNamespace(
+        name="",
+        publish_log=lambda text: None,
         publisher=lambda wire, *_: RosPublisher(lambda: made, lambda message: None),
         subscribe=lambda wire, callback, *_: RosSubscription(lambda: made),
         serve=lambda wire, answer, *_: None,

@@ -9,9 +9,11 @@ functions are thread-safe.
 from __future__ import annotations
 
 import threading
+import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, cast
 
 from shmgen.bridge.codec.direct import DirectPath
 from shmgen.core.model import Message, TypeName
@@ -304,39 +306,58 @@ class Actions(Protocol):
         """Create a client of the action, even if there is no server yet."""
 
 
-class Backend(Protocol):
+class Backend(ABC):
     """The bridge's node in a ROS graph, which creates publishers, subscriptions, clients and servers.
 
-    `undo` is a list of functions, a separate list in each thread. For each publisher, subscription, client or server
-    that the backend creates, it appends the function that removes this publisher, subscription, client or server. The
-    methods that create them raise ValueError if this ROS lacks the type or has another definition of it.
+    The methods that create them raise ValueError if this ROS lacks the type or has another definition of it.
     """
 
     actions: Actions
+    name = ""
+    """The name of the node if ROS has parsed its arguments, or else `""`."""
+
+    def __init__(self) -> None:
+        self._of_thread = threading.local()
 
     @property
-    def undo(self) -> list[Callable[[], None]]: ...
+    def undo(self) -> list[Callable[[], None]]:
+        """The functions that remove the publishers, servers and so on that the current thread has created.
+
+        A thread may assign a new list.
+        """
+        return cast(list[Callable[[], None]], self._of_thread.__dict__.setdefault("undo", []))
 
     @undo.setter
-    def undo(self, steps: list[Callable[[], None]]) -> None: ...
+    def undo(self, steps: list[Callable[[], None]]) -> None:
+        self._of_thread.undo = steps
 
+    @abstractmethod
     def publisher(self, wire: Wire) -> RosPublisher:
         """Create a publisher of the topic."""
 
+    @abstractmethod
     def subscribe(self, wire: Wire, sink: MessageSink) -> RosSubscription:
         """Subscribe to the topic, and pass each message to `sink`, in order."""
 
+    @abstractmethod
     def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
         """Offer the service to ROS. `answer` runs in a thread where it may block."""
 
+    @abstractmethod
     def client(self, wire: ServiceWire) -> RosClient:
         """Create a client of the service, even if there is no server yet."""
 
     def now(self) -> Time:
-        """Return the ROS time: the time of the wall clock, or of a simulated clock."""
+        """Return the ROS time: by default the time of the wall clock."""
+        return Time(*divmod(time.time_ns(), 10**9))
 
     def alive(self) -> bool:
-        """Return True until ROS shuts down the bridge's node."""
+        """Return True until ROS shuts down the bridge's node: by default always."""
+        return True
 
+    def publish_log(self, text: str) -> None:  # noqa: B027 most graphs have no topic for log lines
+        """Publish a log line of the bridge in the ROS graph. Do nothing by default."""
+
+    @abstractmethod
     def close(self) -> None:
         """Leave the graph within 0.5 s, even if peers do not respond."""

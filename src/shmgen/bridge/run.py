@@ -105,14 +105,14 @@ def run(config: Config, arguments: tuple[str, ...], show: Log, log: Log, load: C
         node = Node(name, config.bridge.domain, log_to_all, signals.stop.is_set, arguments, _largest(session), space)
         backend: Backend | None = module.connect(node)
         if backend is not None:
-            sinks += [backend.publish_log] if hasattr(backend, "publish_log") else []
+            sinks.append(backend.publish_log)
             try:
                 if ros_arguments.use_sim_time and not has_ros:
                     clock = SimulatedClock("/clock", log)
                     backend.now = clock.now  # type: ignore[method-assign]
                     backend.subscribe(plan.clock(session), clock)
                 sides.start(backend, signals.stop.is_set)
-                report = _reports(session, backend, sides, getattr(backend, "name", name), log)
+                report = _reports(session, backend, sides, backend.name or name, log)
                 show("running")
                 _notify("READY=1")
                 reload = partial(_reload, config, load_with_parameters, node, sides, backend, signals.stop)

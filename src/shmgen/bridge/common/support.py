@@ -1,4 +1,4 @@
-"""Helpers that backends share: the DDS domain, decoding, waiting for a server, and the removal of endpoints."""
+"""Helpers that backends share: the DDS domain, decoding, and waiting for a server or for threads."""
 
 from __future__ import annotations
 
@@ -7,12 +7,11 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterable
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 from shmgen.bridge.backend import MessageSink, NoAnswer, Node, Wire
 from shmgen.bridge.codec.direct import WireFormat
 from shmgen.config.keys import MAX_DOMAIN
-from shmgen.runtime import Time
 
 _POLL_INTERVAL = 0.01
 """Seconds between two checks for a server."""
@@ -23,25 +22,6 @@ _MOST_PEERS = 1000
 
 T = TypeVar("T")
 V = TypeVar("V")
-
-
-class UndoSteps:
-    """Keeps for each thread a list of functions that remove the publishers, servers and so on that it created."""
-
-    def __init__(self) -> None:
-        self._of_thread = threading.local()
-
-    @property
-    def undo(self) -> list[Callable[[], None]]:
-        """The list of the current thread: functions that remove the ROS publishers, servers and so on that it created.
-
-        A thread may assign a new list.
-        """
-        return cast(list[Callable[[], None]], self._of_thread.__dict__.setdefault("undo", []))
-
-    @undo.setter
-    def undo(self, steps: list[Callable[[], None]]) -> None:
-        self._of_thread.undo = steps
 
 
 def domain_without_ros(node: Node, backend: str) -> int:
@@ -106,11 +86,6 @@ def join_all(threads: Iterable[threading.Thread]) -> bool:
     for thread in waiting:
         thread.join(max(0.0, deadline - time.monotonic()))
     return not any(thread.is_alive() for thread in waiting)
-
-
-def wall_clock() -> Time:
-    """Return the system time, for backends without a ROS clock."""
-    return Time(*divmod(time.time_ns(), 10**9))
 
 
 def end_at_once() -> None:

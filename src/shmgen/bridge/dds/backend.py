@@ -17,6 +17,7 @@ from cyclonedds.qos import Policy, Qos
 
 from shmgen.bridge.backend import (
     Answer,
+    Backend,
     MessageSink,
     Node,
     Refuse,
@@ -30,7 +31,7 @@ from shmgen.bridge.codec.cdr import Codec, codec
 from shmgen.bridge.codec.direct import WireFormat
 from shmgen.bridge.codec.type_identity import TAKES_OURS, Identity
 from shmgen.bridge.common import qos
-from shmgen.bridge.common.support import UndoSteps, domain_without_ros, from_bytes, wall_clock
+from shmgen.bridge.common.support import domain_without_ros, from_bytes
 from shmgen.bridge.dds import services
 from shmgen.bridge.dds.dropped import Dropped
 from shmgen.bridge.dds.entities import Ends, Peers, Subscription, is_acknowledged, matches, quality, send
@@ -72,14 +73,13 @@ def connect(node: Node) -> Graph:
     return Graph(ends, dropped, lambda: chosen(ends, node, domain, joined, os.environ))
 
 
-class Graph(UndoSteps):
+class Graph(Backend):
     """The bridge's participant in a DDS domain, with the interface of a Backend.
 
     `ros2 topic info -v` shows its node as `_CREATED_BY_BARE_DDS_APP_`.
     """
 
     actions = ros2_actions
-    now = staticmethod(wall_clock)
 
     def __init__(self, ends: Ends, dropped: Dropped, choose: Callable[[], ServiceTransport]) -> None:
         super().__init__()
@@ -173,10 +173,6 @@ class Graph(UndoSteps):
     def _transport(self) -> ServiceTransport:
         self._services = self._services or self._choose()
         return self._services
-
-    def alive(self) -> bool:
-        """Return True always: in DDS nobody can shut down a node."""
-        return True
 
     def close(self) -> None:
         """Leave the DDS domain."""

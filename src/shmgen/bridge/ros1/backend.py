@@ -18,6 +18,7 @@ from rospy.impl import registration, tcpros_pubsub
 
 from shmgen.bridge.backend import (
     Answer,
+    Backend,
     MessageSink,
     NoAnswer,
     Node,
@@ -29,7 +30,7 @@ from shmgen.bridge.backend import (
     Wire,
 )
 from shmgen.bridge.codec.direct import WireFormat
-from shmgen.bridge.common.support import SHUTDOWN_TIMEOUT, UndoSteps
+from shmgen.bridge.common.support import SHUTDOWN_TIMEOUT
 from shmgen.bridge.ros1 import actions as ros1_actions
 from shmgen.bridge.ros1 import types
 from shmgen.runtime import Time
@@ -54,7 +55,7 @@ def connect(node: Node) -> Ros1 | None:
     return None if node.stopping() else Ros1()
 
 
-class Ros1(UndoSteps):
+class Ros1(Backend):
     """The bridge's node in ROS 1, with the interface of a Backend. rospy allows one node in a process."""
 
     actions = ros1_actions

@@ -29,6 +29,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from shmgen.bridge.backend import (
     Answer,
+    Backend,
     MessageSink,
     NoAnswer,
     Node,
@@ -42,7 +43,7 @@ from shmgen.bridge.backend import (
 from shmgen.bridge.codec.cdr import Codec, codec
 from shmgen.bridge.codec.type_identity import TAKES_OURS, Identity
 from shmgen.bridge.common import qos
-from shmgen.bridge.common.support import SHUTDOWN_TIMEOUT, UndoSteps, await_server, end_at_once, join_all
+from shmgen.bridge.common.support import SHUTDOWN_TIMEOUT, await_server, end_at_once, join_all
 from shmgen.bridge.ros2 import actions as ros2_actions
 from shmgen.bridge.ros2 import types
 from shmgen.bridge.ros2.peers import Peers
@@ -73,7 +74,7 @@ def connect(node: Node) -> Ros2:
         raise ValueError(f"ros2: {type(error).__name__}: {error}") from error
 
 
-class Ros2(UndoSteps):
+class Ros2(Backend):
     """The bridge's node in ROS 2, with the interface of a Backend."""
 
     actions = ros2_actions

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import queue
 import threading
-import time
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -12,6 +11,7 @@ from typing import Any
 
 from shmgen.bridge.backend import (
     Answer,
+    Backend,
     MessageSink,
     NoAnswer,
     Node,
@@ -23,9 +23,7 @@ from shmgen.bridge.backend import (
     Wire,
 )
 from shmgen.bridge.codec.cdr import Codec, codec
-from shmgen.bridge.common.support import UndoSteps
 from shmgen.bridge.ros2 import actions as ros2_actions
-from shmgen.runtime import Time
 
 _SHUTDOWN_TIMEOUT = 0.3
 """Seconds that each thread of a node gets to end."""
@@ -74,7 +72,7 @@ class Inlet:
             self._sink.take(self._codec.decode(data))
 
 
-class Memory(UndoSteps):
+class Memory(Backend):
     """A Backend. The bridge builds actions from its topics and services in the way of ROS 2."""
 
     actions = ros2_actions
@@ -147,9 +145,6 @@ class Memory(UndoSteps):
             return answered.decode(answered.encode(response))
 
         return RosClient(made.new, call)
-
-    def now(self) -> Time:
-        return Time(*divmod(time.time_ns(), 10**9))
 
     def alive(self) -> bool:
         return not self._closed.is_set()
