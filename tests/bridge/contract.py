@@ -33,7 +33,7 @@ from shmgen.bridge.backend import (
     ServiceWire,
     Wire,
 )
-from shmgen.bridge.codec.direct import DirectPath, direct_codec
+from shmgen.bridge.codec.direct import Transcoder, direct_codec
 from shmgen.bridge.common import choice
 from shmgen.bridge.plan import closure
 from shmgen.config import Config
@@ -86,7 +86,7 @@ class Scene:
         """The class that has its bytes."""
         return self._session.message(type_)
 
-    def short(self, type_: str) -> DirectPath | None:
+    def short(self, type_: str) -> Transcoder | None:
         return direct_codec(self.kind(type_), ("header", "stamp"))
 
     def service(self) -> ServiceWire:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from shmgen.bridge.codec.type_identity import Identity
-from shmgen.bridge.ros2.peers import Peers
+from shmgen.bridge.common.peers import Peers
 from shmgen.core.model import TypeName
 
 OURS, OTHER = "RIHS01_" + "1" * 64, "RIHS01_" + "2" * 64
@@ -22,14 +22,14 @@ def graph() -> Iterator[dict[bytes, str]]:
 
 def peers(graph: Iterator[dict[bytes, str]], met: list[str], accepts_other: bool = False) -> Peers:
     identity = Identity("/t", TypeName("p", "msg", "T"), OURS, lambda line: None, accepts_other)
-    return Peers(identity, lambda: next(graph), met.append)
+    return Peers(identity, met.append, lambda: next(graph))
 
 
 def test_a_stranger_that_has_gone_counts_until_all_is_taken(graph: Iterator[dict[bytes, str]]) -> None:
     met: list[str] = []
     made = peers(graph, met)
     made.look()
-    assert (made.refusal(), made.refusal(FRIEND), met) == ("", "", [""])
+    assert (made.refusal(), made.refusal(FRIEND), met) == ("", "", [])
     for is_there in (True, False):  # it has come, and has gone
         made.look()
         assert OTHER in made.refusal()

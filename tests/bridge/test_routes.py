@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator
+from copy import deepcopy
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -62,7 +63,7 @@ class Line:
         """Joins what looks like a ROS."""
         self.side.start(
             SimpleNamespace(  # type: ignore[arg-type]
-                publisher=lambda wire: RosPublisher(message, send or self.sent.append),
+                publisher=lambda wire: RosPublisher(message, send or (lambda sent: self.sent.append(deepcopy(sent)))),
                 subscribe=lambda wire, callback: RosSubscription(message),
                 now=lambda: Time(77, 5),
             )

@@ -8,6 +8,7 @@ import re
 import struct
 import subprocess
 import time
+from functools import partial
 from types import SimpleNamespace
 
 import pytest
@@ -209,16 +210,16 @@ def test_messages_of_ros_there_and_back(session, name, ros1):
 @pytest.mark.parametrize("wire_format", WireFormat)
 def test_an_unset_stamp_becomes_now(session, wire_format):
     kind = session.message("geometry_msgs/PoseStamped")
-    encode = Transcoder(kind, wire_format, ("header", "stamp")).encode
+    encode = partial(Transcoder(kind, ("header", "stamp")).encode, wire_format=wire_format)
     now = Time(1_700_000_000, 123_456_789)
     unset, set_ = kind(), kind()
     set_.header.stamp = recent = Time(int(time.time()) - 5, 5_000_000)
     at = 4 if wire_format is WireFormat.CDR else 0
-    assert struct.unpack_from("<iI", encode(bytes(unset), lambda: now), at) == now
-    assert struct.unpack_from("<iI", encode(bytes(set_), lambda: now), at) == recent
+    assert struct.unpack_from("<iI", encode(bytes(unset), now=lambda: now), at) == now
+    assert struct.unpack_from("<iI", encode(bytes(set_), now=lambda: now), at) == recent
     assert struct.unpack_from("<iI", encode(bytes(unset)), at) == (0, 0)
     with pytest.raises(ZeroDivisionError):
-        encode(bytes(unset), lambda: 1 // 0)
+        encode(bytes(unset), now=lambda: 1 // 0)
 
 
 FRAME = {"frame_id": "a"}

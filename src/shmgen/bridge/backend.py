@@ -15,7 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol, cast
 
-from shmgen.bridge.codec.direct import DirectPath
+from shmgen.bridge.codec.direct import Transcoder
 from shmgen.core.model import Message, TypeName
 from shmgen.runtime import Time
 
@@ -77,7 +77,7 @@ class Wire:
     depth: int = 1
     sample_size: int = 0
     accepts_other: bool = False
-    direct: DirectPath | None = None
+    direct: Transcoder | None = None
 
     @property
     def type(self) -> TypeName:
@@ -180,9 +180,9 @@ class RosPublisher:
 
     `new()` creates an empty message, `send(message)` publishes a message that `new` created. Lists in the message may
     hold any objects with the attributes of the element's type, such as shmgen's own classes. `send` waits for no
-    subscriber, and raises nothing if there is none. If `keeps` is True, ROS keeps a reference to the message, and the
-    caller must not change a message after `send`. `send_payload` publishes the bytes of a sample. If `send_payload`
-    raises ValueRejected, the caller decodes the sample and uses `send`.
+    subscriber, and raises nothing if there is none. The caller may change a message after `send`. `send_payload`
+    publishes the bytes of a sample. If `send_payload` raises ValueRejected, the caller decodes the sample and uses
+    `send`.
     `acknowledged(seconds)` waits until all reliable subscribers have all messages. It returns False after a timeout.
     `acknowledged` is None if this ROS has no acknowledgements. `qos_problem()` returns the reason why a subscriber has
     incompatible QoS, or `""` if all subscribers match.
@@ -190,7 +190,6 @@ class RosPublisher:
 
     new: Callable[[], Any]
     send: Callable[[Any], None]
-    keeps: bool = True
     send_payload: Callable[[bytes], None] | None = None
     acknowledged: Callable[[float], bool] | None = None
     qos_problem: Callable[[], str] = lambda: ""

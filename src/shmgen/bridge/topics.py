@@ -231,11 +231,10 @@ class FromPlc(Side):
         try:
             lost = self._window.wait() if self._window else 0
             if not _send_payload(outlet, sample):
-                message = outlet.new() if outlet.keeps else self._message
-                self.route.kind._decode(bytes(sample), 0, message)
+                self.route.kind._decode(bytes(sample), 0, self._message)
                 if self.route.topic.carried.stamp == "now":
-                    self._stamp(message)
-                outlet.send(message)
+                    self._stamp(self._message)
+                outlet.send(self._message)
             self.counters.passed += 1 - lost
             if lost:
                 self.counters.lose(lost)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
-from dataclasses import dataclass
+from contextlib import suppress
 from enum import Enum
 from functools import partial
 from typing import Any
@@ -25,21 +25,24 @@ class WireFormat(Enum):
 
 
 class Transcoder:
-    """Converts the samples of one message class to serialized ROS messages of one wire format, and back."""
+    """Converts the samples of one message class to serialized ROS messages, and back."""
 
-    def __init__(
-        self, kind: type[Message], wire_format: WireFormat = WireFormat.CDR, stamp: tuple[str, ...] = ()
-    ) -> None:
+    def __init__(self, kind: type[Message], stamp: tuple[str, ...] = ()) -> None:
         """Prepare the conversion of samples of the class `kind`. `stamp` is the path to the field with the time stamp.
 
         If this field is zero, `encode` replaces it by the current time.
         """
-        self._ros1, table = wire_format is WireFormat.ROS1, codec(kind)
+        table = codec(kind)
         self._to_wire = table.to_wire if table else partial(wire.to_wire, kind)
         self._from_wire = table.from_wire if table else partial(wire.from_wire, kind)
-        self._stamp = _part_of(kind, stamp)
+        self._kind, self._stamp = kind, _part_of(kind, stamp)
 
-    def encode(self, payload: bytes | bytearray, now: Callable[[], Time] = Time) -> bytes:
+    def encode(
+        self,
+        payload: bytes | bytearray,
+        wire_format: WireFormat = WireFormat.CDR,
+        now: Callable[[], Time] = Time,
+    ) -> bytes:
         """Return the serialized message for `payload`, the bytes of a sample. `now` gives the time for an unset stamp.
 
         Raises ValueRejected if a value is invalid.
@@ -47,56 +50,25 @@ class Transcoder:
         at, time = -1, Time()
         if self._stamp and not any(payload[self._stamp]):
             at, time = self._stamp.start, now()
-        data: bytes = self._to_wire(payload, self._ros1, False, at, *time)
+        data: bytes = self._to_wire(payload, wire_format is WireFormat.ROS1, False, at, *time)
         return data
 
-    def decode(self, data: bytes) -> bytearray:
-        """Convert `data`, a serialized message, to the bytes of a sample.
+    def decode(self, data: bytes, wire_format: WireFormat) -> Message | None:
+        """Convert `data`, a serialized message, to a sample. Return None if the conversion fails.
 
-        Raises ValueError if the bytes are not a message of this type, ValueRejected if the message does not fit.
+        The caller then decodes the bytes to a ROS message, which raises an error that names the fault.
         """
-        payload: bytearray = self._from_wire(data, self._ros1)
-        return payload
+        with suppress(ValueError):
+            return self._kind.from_buffer(self._from_wire(data, wire_format is WireFormat.ROS1))
+        return None
 
 
-@dataclass(frozen=True, slots=True)
-class DirectPath:
-    """Creates functions that convert a topic's samples to serialized messages and back.
-
-    `kind` is the class of the samples. `stamp` is the field path to the time stamp. The ROS time replaces a zero time
-    stamp.
-    """
-
-    kind: type[Message]
-    stamp: tuple[str, ...] = ()
-
-    def decoder_to_sample(self, wire_format: WireFormat) -> Callable[[bytes], Message | None]:
-        """Return a function that converts a serialized message to a sample.
-
-        The function returns None if the conversion fails. The caller then decodes the bytes to a ROS message, which
-        raises an error that names the fault.
-        """
-        decode, make = Transcoder(self.kind, wire_format).decode, self.kind.from_buffer
-
-        def message(data: bytes) -> Message | None:
-            try:
-                return make(decode(data))
-            except ValueError:
-                return None
-
-        return message
-
-    def encoder_from_sample(self, wire_format: WireFormat, now: Callable[[], Time]) -> Callable[[bytes], bytes]:
-        """Return a function that serializes the bytes of a sample. It raises ValueRejected if a value is invalid."""
-        return partial(Transcoder(self.kind, wire_format, self.stamp).encode, now=now)
-
-
-def direct_codec(kind: type[Message], stamp: tuple[str, ...]) -> DirectPath | None:
+def direct_codec(kind: type[Message], stamp: tuple[str, ...]) -> Transcoder | None:
     """Return the direct conversion of samples to ROS bytes, or None for large messages such as images.
 
     For large messages the direct conversion would not be faster.
     """
-    return None if ctypes.sizeof(kind) >= _LARGE else DirectPath(kind, stamp)
+    return None if ctypes.sizeof(kind) >= _LARGE else Transcoder(kind, stamp)
 
 
 def _part_of(kind: Any, path: tuple[str, ...]) -> slice | None:

@@ -7,14 +7,20 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterable
+from concurrent.futures import Future, TimeoutError
+from contextlib import suppress
 from typing import Any, TypeVar
 
 from shmgen.bridge.backend import MessageSink, NoAnswer, Node, Wire
 from shmgen.bridge.codec.direct import WireFormat
+from shmgen.bridge.common.counters import Counters, describe
 from shmgen.config.keys import MAX_DOMAIN
+from shmgen.runtime import Time
 
 _POLL_INTERVAL = 0.01
 """Seconds between two checks for a server."""
+_SERVER_POLL_INTERVAL = 0.1
+"""Seconds between two checks that the server of a call is still present."""
 SHUTDOWN_TIMEOUT = 0.4
 """Seconds that all threads of a backend together have to finish at shutdown."""
 _MOST_PEERS = 1000
@@ -41,20 +47,46 @@ def from_bytes(
     If the bytes cannot be decoded, the function calls `sink.reject`. If the type has a direct conversion from ROS bytes
     to sample bytes, the function uses it instead of `decode`.
     """
-    decode_directly = wire.direct.decoder_to_sample(wire_format) if wire.direct else None
 
     def take(data: bytes) -> None:
         if len(data) > wire.largest:
             sink.reject(f"{len(data):,} bytes, and more than {wire.largest:,} do not fit its region")
             return
         try:
-            message = (decode_directly and decode_directly(data)) or decode(data)
+            message = (wire.direct and wire.direct.decode(data, wire_format)) or decode(data)
         except ValueError as error:
             sink.reject(str(error))
             return
         sink.take(message)
 
     return take
+
+
+def payload_sender(
+    wire: Wire, wire_format: WireFormat, now: Callable[[], Time], send: Callable[[bytes], None]
+) -> Callable[[bytes], None] | None:
+    """Return a function that converts a sample and passes the bytes to `send`, or None without a direct conversion."""
+    if (direct := wire.direct) is None:
+        return None
+    return lambda payload: send(direct.encode(payload, wire_format, now))
+
+
+def guarded(function: Callable[..., None], name: str, log: Callable[[str], None], *passes: type[Exception]) -> Any:
+    """Return `function` without its exceptions: they are logged, so that one bad message does not stop a topic.
+
+    `name` begins each log line. The exceptions in `passes` are raised as usual.
+    """
+    faults = Counters(name, log)
+
+    def run(*arguments: Any) -> None:
+        try:
+            function(*arguments)
+        except passes:
+            raise
+        except Exception as error:
+            faults.log_rate_limited(describe(error))
+
+    return run
 
 
 def remember_bounded(values: dict[T, V], peer: T, value: V) -> None:
@@ -78,6 +110,17 @@ def await_server(is_connected: Callable[[], bool], timeout: float) -> float:
             raise NoAnswer(f"no server within {timeout:g} s")
         time.sleep(_POLL_INTERVAL)
     return deadline
+
+
+def await_answer(answer: Future[T], timeout: float, deadline: float, end_reason: Callable[[], str] = lambda: "") -> T:
+    """Wait for the answer to a call. Raises NoAnswer at the deadline, or if `end_reason` returns a reason earlier."""
+    while True:
+        with suppress(TimeoutError):
+            return answer.result(max(0.0, min(_SERVER_POLL_INTERVAL, deadline - time.monotonic())))
+        if why := end_reason():
+            raise NoAnswer(why)
+        if time.monotonic() >= deadline:
+            raise NoAnswer(f"no answer within {timeout:g} s")
 
 
 def join_all(threads: Iterable[threading.Thread]) -> bool:

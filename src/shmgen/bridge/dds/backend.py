@@ -31,10 +31,11 @@ from shmgen.bridge.codec.cdr import Codec, codec
 from shmgen.bridge.codec.direct import WireFormat
 from shmgen.bridge.codec.type_identity import TAKES_OURS, Identity
 from shmgen.bridge.common import qos
-from shmgen.bridge.common.support import domain_without_ros, from_bytes
+from shmgen.bridge.common.peers import Peers
+from shmgen.bridge.common.support import domain_without_ros, from_bytes, payload_sender
 from shmgen.bridge.dds import services
 from shmgen.bridge.dds.dropped import Dropped
-from shmgen.bridge.dds.entities import Ends, Peers, Subscription, is_acknowledged, matches, quality, send
+from shmgen.bridge.dds.entities import Ends, Subscription, is_acknowledged, matches, quality, refusal, send, update_peer
 from shmgen.bridge.dds.network import confine, network, sockets
 from shmgen.bridge.dds.service_pair import ServiceTransport
 from shmgen.bridge.dds.service_transport import chosen
@@ -92,27 +93,21 @@ class Graph(Backend):
         """Create a publisher of the topic. Raises ValueError if the type contains a `wstring`."""
         cdr = codec(wire.messages)
         identity = Identity(wire.name, wire.type, cdr.type_hash, self._ends.log, then=TAKES_OURS)
-        peers = Peers(identity)
+        matched = partial(update_peer, Peers(identity))
         name, kind = topic_name(wire.name), structure(wire.messages)
         own = qos.ours(wire)
-        writer = self._ends.writer(name, kind, _quality(own, wire, cdr), peers.matched)
+        writer = self._ends.writer(name, kind, _quality(own, wire, cdr), matched)
         self.undo.append(writer.__del__)
         for handle in matches(writer):  # peers that matched before the writer was returned
-            peers.matched(writer, handle)
-        encode = wire.direct.encoder_from_sample(WireFormat.CDR, self.now) if wire.direct else None
-        send_payload = (lambda payload: send(writer, encode(payload))) if encode else None
+            matched(writer, handle)
+        send_payload = payload_sender(wire, WireFormat.CDR, self.now, partial(send, writer))
         acknowledged = partial(is_acknowledged, writer)
 
         def qos_problem() -> str:
             return qos.problem(own, self._ends.peers_qos(name, publishes=False), publishes=True)
 
         return RosPublisher(
-            cdr.new,
-            lambda message: send(writer, cdr.encode(message)),
-            False,
-            send_payload,
-            acknowledged,
-            qos_problem,
+            cdr.new, lambda message: send(writer, cdr.encode(message)), send_payload, acknowledged, qos_problem
         )
 
     def subscribe(self, wire: Wire, sink: MessageSink) -> RosSubscription:
@@ -137,10 +132,11 @@ class Graph(Backend):
 
         def create(policies: qos.Qos) -> tuple[tuple[Any, Peers], qos.Qos, Callable[[], None]]:
             peers = Peers(identity, sink.set_incompatible_peer)
+            matched = partial(update_peer, peers)
 
             def take(sample: Any) -> None:
                 with turn:
-                    if why := peers.refusal(reader, sample):
+                    if why := refusal(peers, reader, sample):
                         sink.refuse(why)
                     else:
                         deliver(sample.cdr)
@@ -149,9 +145,9 @@ class Graph(Backend):
                 unheard()
                 reader.__del__()
 
-            reader = self._ends.reader(name, structure(wire.messages), _quality(policies, wire, cdr), peers.matched)
+            reader = self._ends.reader(name, structure(wire.messages), _quality(policies, wire, cdr), matched)
             for handle in matches(reader):  # peers that matched before the reader was returned
-                peers.matched(reader, handle)
+                matched(reader, handle)
             unheard = self._ends.topics.add(Subscription(reader, take, name, wire.queue, lose))
             return (reader, peers), policies, undo
 

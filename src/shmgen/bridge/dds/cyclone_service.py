@@ -11,7 +11,7 @@ from cyclonedds.sub import DataReader
 
 from shmgen.bridge.backend import QUEUE
 from shmgen.bridge.common import qos
-from shmgen.bridge.dds.entities import Ends, ReaderThread, Subscription, matches, quality, send, user_data_of
+from shmgen.bridge.dds.entities import Ends, ReaderThread, Subscription, key_of, matches, quality, send, user_data_of
 from shmgen.bridge.dds.service_pair import Direction, OnPeerDiscovered, Pair, ReceivedCall
 
 
@@ -30,11 +30,11 @@ class CyclonePair(Pair):
     def _matched_now(self, entity: Any, handle: int, is_there: bool) -> None:
         if is_there:
             with suppress(LookupError):
-                self._user_data_of(_key(handle), isinstance(entity, DataReader))
+                self._user_data_of(key_of(handle), isinstance(entity, DataReader))
 
     def _matched(self, is_writer: bool) -> list[Hashable]:
         with suppress(DDSException):  # the bridge has closed the entities
-            return [_key(handle) for handle in matches(self._ours[is_writer])]
+            return [key_of(handle) for handle in matches(self._ours[is_writer])]
         return []
 
     def _read_user_data(self, peer: Hashable, is_writer: bool) -> list[str]:
@@ -52,7 +52,7 @@ class CyclonePair(Pair):
 
     def listen(self, callback: Callable[[ReceivedCall], None], name: str) -> None:
         def take(sample: Any) -> None:
-            sender = _key(sample.sample_info.publication_handle)
+            sender = key_of(sample.sample_info.publication_handle)
             callback(ReceivedCall(sample.cdr, self._user_data_of(sender, True), sender))
 
         self._thread = ReaderThread(self._ends)
@@ -73,11 +73,6 @@ class Cyclone:
 
     def leave(self) -> None:
         """Do nothing, because Ends.close() leaves the domain."""
-
-
-def _key(handle: int) -> int:
-    """Return the handle as an unsigned number. Cyclone's Python binding sometimes reports it as negative."""
-    return handle % 2**64
 
 
 def _quality(side: Direction) -> Any:

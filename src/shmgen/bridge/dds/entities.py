@@ -9,7 +9,7 @@ import ctypes
 import threading
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication, BuiltinTopicDcpsSubscription
@@ -30,10 +30,9 @@ from cyclonedds.qos import Policy, Qos
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
-from shmgen.bridge.codec.type_identity import Identity
 from shmgen.bridge.common import qos
-from shmgen.bridge.common.counters import Counters, describe
-from shmgen.bridge.common.support import join_all, remember_bounded
+from shmgen.bridge.common.peers import Peers
+from shmgen.bridge.common.support import guarded, join_all
 from shmgen.bridge.dds.types import sample
 
 Matched = Callable[[Any, int, bool], None]
@@ -176,6 +175,18 @@ class Subscription:
     queue: int = _BATCH
     lose: Callable[[int], None] = lambda count: None
 
+    def take(self) -> None:
+        """Take the present samples and pass them to the callback."""
+        try:
+            samples = self.reader.take(max(self.queue, _BATCH))
+        except DDSException:  # the reader was removed meanwhile
+            return
+        if len(samples) >= self.queue > _BATCH:
+            self.lose(1)
+        for received in samples:
+            if not isinstance(received, InvalidSample):  # a notice that the writer has left
+                self.callback(received)
+
 
 class ReaderThread:
     """A thread that takes the samples of many readers and calls the callback of each reader.
@@ -198,7 +209,8 @@ class ReaderThread:
             self.thread = threading.Thread(target=self._run, args=(self._readers,), name=subscription.name, daemon=True)
             self._ends.threads.append(self)
             self.thread.start()
-        return self._readers.add(subscription.reader, subscription, Counters(subscription.name, self._ends.log))
+        callback = guarded(subscription.callback, subscription.name, self._ends.log)
+        return self._readers.add(replace(subscription, callback=callback))
 
     def stop(self) -> None:
         """Stop the thread after it has taken the present samples. Thread-safe."""
@@ -208,24 +220,10 @@ class ReaderThread:
     def _run(self, readers: _ReaderSet) -> None:
         with suppress(DDSException):  # the entities were deleted during a callback
             while not readers.stopped:
-                for subscription, faults in readers.wait_for_samples():
-                    self._take(subscription, faults)
+                for subscription in readers.wait_for_samples():
+                    subscription.take()
         self._ends.threads.remove(self)
         readers.close()
-
-    def _take(self, subscription: Subscription, faults: Counters) -> None:
-        try:
-            samples = subscription.reader.take(max(subscription.queue, _BATCH))
-        except DDSException:  # the reader was removed meanwhile
-            return
-        if len(samples) >= subscription.queue > _BATCH:
-            subscription.lose(1)
-        for received in samples:
-            try:
-                if not isinstance(received, InvalidSample):  # a notice that the writer has left
-                    subscription.callback(received)
-            except Exception as error:  # one bad message must not stop the topic
-                faults.log_rate_limited(describe(error))
 
 
 class _ReaderSet(WaitSet):  # type: ignore[misc]
@@ -236,21 +234,18 @@ class _ReaderSet(WaitSet):  # type: ignore[misc]
 
     def __init__(self, participant: DomainParticipant) -> None:
         super().__init__(participant)
-        self._added: dict[int | None, tuple[Subscription, Counters]] = {}
+        self._added: dict[int | None, Subscription] = {}
         self._triggered = (ctypes.c_void_p * 0)()
         self.stopped = False  # duplicates _stop, because reading a condition releases the GIL
         self._stop = GuardCondition(participant)
         self.attach(self._stop)
 
-    def add(self, reader: DataReader, *what: Any) -> Callable[[], None]:
-        """Add a reader, and return a function that removes the reader. Both functions are thread-safe.
-
-        `what` is the tuple that `wait_for_samples` returns if the reader has new samples.
-        """
-        condition = ReadCondition(reader, _ANY)
+    def add(self, subscription: Subscription) -> Callable[[], None]:
+        """Add a subscription, and return a function that removes the subscription. Both functions are thread-safe."""
+        condition = ReadCondition(subscription.reader, _ANY)
         self.attach(condition)
         place = ctypes.addressof(self.attached[-1][1])
-        self._added[place] = what
+        self._added[place] = subscription
 
         def remove() -> None:
             del self._added[place]
@@ -265,7 +260,7 @@ class _ReaderSet(WaitSet):  # type: ignore[misc]
         with suppress(DDSException):
             self._stop.set(True)
 
-    def wait_for_samples(self) -> list[tuple[Subscription, Counters]]:
+    def wait_for_samples(self) -> list[Subscription]:
         """Wait until a reader has new samples or stop() is called. Return the subscriptions with new samples."""
         if len(self._triggered) < len(self.attached):
             self._triggered = (ctypes.c_void_p * len(self.attached))()
@@ -273,60 +268,36 @@ class _ReaderSet(WaitSet):  # type: ignore[misc]
         if count < 0:
             raise DDSException(count, "while waiting for samples")
         subscriptions = map(self._added.get, self._triggered[:count])
-        return [what for what in subscriptions if what]  # None: the stop condition, or a reader being added or removed
+        return [one for one in subscriptions if one]  # None: the stop condition, or a reader being added or removed
 
     def close(self) -> None:
         for entity in (*(entity for entity, _ in self.attached), self):
             entity.__del__()
 
 
-class Peers:
-    """Checks for each peer of a reader or writer whether it uses a compatible type."""
+def update_peer(peers: Peers, entity: Any, handle: int, is_there: bool = True) -> None:
+    """Add the peer `handle` of a reader or writer to `peers`. If `is_there` is False, remove the peer, which has left.
 
-    def __init__(self, identity: Identity, on_incompatible: Callable[[str], None] = lambda why: None) -> None:
-        """Prepare the check of peers by `identity`, which compares their type hashes.
+    Cyclone calls this function before it delivers the first sample of a new peer.
+    """
+    if not is_there:
+        peers.remove(key_of(handle))
+        return
+    with suppress(LookupError):  # the peer has left meanwhile
+        peers.add(key_of(handle), type_hash_of(user_data_of(entity, handle)))
 
-        After each change of the matched peers, `on_incompatible` is called with the reason why a peer is incompatible,
-        or with `""` if all are compatible.
-        """
-        self._identity = identity
-        self._on_incompatible = on_incompatible
-        self._known: dict[int, str] = {}
-        self._incompatible_peers: dict[int, str] = {}
 
-    def matched(self, entity: Any, handle: int, is_there: bool = True) -> None:
-        """Check the type of the peer `handle` if `is_there` is True. If it is False, forget the peer, which has left.
+def refusal(peers: Peers, reader: DataReader, sample: Any) -> str:
+    """Return why a sample of an incompatible peer must be refused, or `""` if the sample may pass."""
+    handle = sample.sample_info.publication_handle
+    if not peers.knows(key_of(handle)):
+        update_peer(peers, reader, handle)
+    return peers.refusal(key_of(handle))
 
-        Cyclone calls this method before it delivers the first sample of a new peer.
-        """
-        if not is_there:
-            self._incompatible_peers.pop(handle % 2**64, None)
-        elif why := self._remember(entity, handle):
-            self._incompatible_peers[handle % 2**64] = why
-        self._on_incompatible(self.incompatible_peer)
 
-    @property
-    def incompatible_peer(self) -> str:
-        """The reason why a present peer is incompatible, or `""` if all are compatible."""
-        return next(iter(tuple(self._incompatible_peers.values())), "")
-
-    def refusal(self, reader: DataReader, sample: Any) -> str:
-        """Return why a sample of an incompatible peer must be refused, or `""` if the sample may pass."""
-        handle = sample.sample_info.publication_handle
-        known = self._known.get(handle % 2**64)
-        return self._remember(reader, handle) if known is None else known
-
-    def _remember(self, entity: Any, handle: int) -> str:
-        why = self._compare(entity, handle)
-        remember_bounded(self._known, handle % 2**64, why)
-        return why
-
-    def _compare(self, entity: Any, handle: int) -> str:
-        try:
-            words = user_data_of(entity, handle)
-        except LookupError:
-            return "a peer left before its type could be compared"
-        return self._identity.refusal(user_data_entry(words, "typehash").partition("=")[2])
+def key_of(handle: int) -> int:
+    """Return a handle as an unsigned number. Cyclone's Python binding sometimes reports it as negative."""
+    return handle % 2**64
 
 
 def _policies(end: Qos) -> qos.Qos:
@@ -360,6 +331,11 @@ def user_data_entry(words: Iterable[str], key: str) -> str:
     `words` are the parts of a peer's user data.
     """
     return next((word for word in words if word.startswith(f"{key}=")), "")
+
+
+def type_hash_of(words: Iterable[str]) -> str:
+    """Return the type hash in the user data of a peer, or `""` if it is missing."""
+    return user_data_entry(words, "typehash").partition("=")[2]
 
 
 def is_acknowledged(writer: DataWriter, seconds: float) -> bool:

@@ -11,20 +11,19 @@ server. If the bridge uses Cyclone for services, nothing passes between the brid
 from __future__ import annotations
 
 import itertools
-import queue
 import struct
 import threading
 import time
 import uuid
 from collections.abc import Callable
-from contextlib import suppress
+from concurrent.futures import Future
 from typing import Any
 
 from shmgen.bridge.backend import Answer, NoAnswer, Refuse, RosClient, ServiceWire
 from shmgen.bridge.codec.cdr import codec
 from shmgen.bridge.codec.type_identity import Identity, type_name
-from shmgen.bridge.common.support import await_server
-from shmgen.bridge.dds.entities import user_data_entry
+from shmgen.bridge.common.support import await_answer, await_server
+from shmgen.bridge.dds.entities import type_hash_of, user_data_entry
 from shmgen.bridge.dds.service_pair import Direction, Pair, ReceivedCall, ServiceTransport
 from shmgen.bridge.dds.types import reply_name, request_name, structure
 from shmgen.core.model import Message
@@ -46,8 +45,6 @@ A lost reply would lose the result of a goal.
 """
 _READER_POLL_INTERVAL = 0.01
 """Seconds between two checks for the client's reader."""
-_SERVER_POLL_INTERVAL = 0.1
-"""Seconds between two checks that the server of a call is still present."""
 
 _INCOMPATIBLE = "a peer is not on rmw_cyclonedds: no messages pass between it and the bridge"
 _HINT = "start it with RMW_IMPLEMENTATION=rmw_cyclonedds_cpp, or the bridge with --backend ros2"
@@ -133,7 +130,7 @@ class _Server(_Half):
         self.pair.listen(self._on_received, self._name)
 
     def _on_peer(self, words: list[str], is_writer: bool) -> None:
-        if is_writer and (why := self._request_identity.refusal(_hash(words))):
+        if is_writer and (why := self._request_identity.refusal(type_hash_of(words))):
             self._refuse(why)
         elif is_writer and not self._transport.inline and not self._id(words):
             self._report_incompatible()
@@ -141,7 +138,7 @@ class _Server(_Half):
     def _on_received(self, received: ReceivedCall) -> None:
         if self._closed:
             return
-        if why := self._request_identity.refusal(_hash(received.words)):
+        if why := self._request_identity.refusal(type_hash_of(received.words)):
             self._refuse(why)
         elif not self._id(received.words) and not self._transport.inline:
             self._refuse(_INCOMPATIBLE)
@@ -190,7 +187,7 @@ class _Client(_Half):
         super().__init__(transport, wire, log, lambda why: None)
         self._guid = uuid.uuid4().int & (2**64 - 1)
         self._numbers = itertools.count(1)
-        self._waiting: dict[bytes, queue.SimpleQueue[bytes | NoAnswer]] = {}
+        self._waiting: dict[bytes, Future[bytes]] = {}
         self._sending = threading.Lock()
         """Held until the identity of the sent call is registered."""
         self.pair = transport.pair(self._responses, self._requests, self._on_peer)
@@ -207,24 +204,18 @@ class _Client(_Half):
         deadline = await_server(self.is_connected, timeout)
         servers = self.pair.peers(is_writer=False)
         inline = self._inline(list(servers.values()))
-        answer: queue.SimpleQueue[bytes | NoAnswer] = queue.SimpleQueue()
+        answer: Future[bytes] = Future()
         with self._sending:
             call = self._send(self.request.encode(message), inline)
             self._waiting[call] = answer
+
+        def end_reason() -> str:
+            return "" if servers.keys() & self.pair.peers(is_writer=False).keys() else "the server has left"
+
         try:
-            while True:
-                with suppress(queue.Empty):
-                    received = answer.get(timeout=max(0.0, min(_SERVER_POLL_INTERVAL, deadline - time.monotonic())))
-                    break
-                if not servers.keys() & self.pair.peers(is_writer=False).keys():
-                    raise NoAnswer("the server has left")
-                if time.monotonic() >= deadline:
-                    raise NoAnswer(f"no answer within {timeout:g} s")
+            return self.response.decode(await_answer(answer, timeout, deadline, end_reason))
         finally:
-            del self._waiting[call]
-        if isinstance(received, NoAnswer):
-            raise received
-        return self.response.decode(received)
+            self._waiting.pop(call, None)
 
     def _inline(self, servers: list[list[str]]) -> bool:
         """Return True if requests to these servers must carry the identity of the call inline.
@@ -235,7 +226,7 @@ class _Client(_Half):
         if incompatible and not self._transport.inline:
             raise NoAnswer(_INCOMPATIBLE)
         for words in servers:
-            if why := self._request_identity.refusal(_hash(words)):
+            if why := self._request_identity.refusal(type_hash_of(words)):
                 raise NoAnswer(why)
         if incompatible and len(incompatible) < len(servers):
             raise NoAnswer(_BOTH)
@@ -252,17 +243,15 @@ class _Client(_Half):
     def _on_received(self, received: ReceivedCall) -> None:
         call, answer = _split(received.cdr) if self._id(received.words) else (received.call, received.cdr)
         with self._sending:
-            caller = self._waiting.get(call)
-        if caller:
-            caller.put(NoAnswer(why) if (why := self._response_identity.refusal(_hash(received.words))) else answer)
+            caller = self._waiting.pop(call, None)
+        if caller and (why := self._response_identity.refusal(type_hash_of(received.words))):
+            caller.set_exception(NoAnswer(why))
+        elif caller:
+            caller.set_result(answer)
 
 
 def _direction(topic: str, messages: tuple[Message, ...], words: str) -> Direction:
     return Direction(topic, type_name(messages[-1].name), structure(messages, of_call=True), words)
-
-
-def _hash(words: list[str]) -> str:
-    return user_data_entry(words, "typehash").partition("=")[2]
 
 
 def _split(cdr: bytes) -> tuple[bytes, bytes]:

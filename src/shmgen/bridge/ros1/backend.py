@@ -7,7 +7,9 @@ import socket
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import Future
 from contextlib import suppress
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -30,7 +32,7 @@ from shmgen.bridge.backend import (
     Wire,
 )
 from shmgen.bridge.codec.direct import WireFormat
-from shmgen.bridge.common.support import SHUTDOWN_TIMEOUT
+from shmgen.bridge.common.support import SHUTDOWN_TIMEOUT, await_answer, from_bytes, payload_sender
 from shmgen.bridge.ros1 import actions as ros1_actions
 from shmgen.bridge.ros1 import types
 from shmgen.runtime import Time
@@ -73,27 +75,27 @@ class Ros1(Backend):
         def send(message: Any) -> None:
             into = io.BytesIO()
             message.serialize(into)
-            publisher.publish(raw(into.getvalue()))
+            publish(into.getvalue())
 
-        if not wire.direct or not types.means(kind, wire.messages):
-            return RosPublisher(kind, send, keeps=False)
-        encode = wire.direct.encoder_from_sample(WireFormat.ROS1, self.now)
-        return RosPublisher(kind, send, False, lambda payload: publisher.publish(raw(encode(payload))))
+        def publish(data: bytes) -> None:
+            publisher.publish(raw(data))
+
+        return RosPublisher(kind, send, payload_sender(_checked(wire, kind), WireFormat.ROS1, self.now, publish))
 
     def subscribe(self, wire: Wire, sink: MessageSink) -> RosSubscription:
         kind = types.message(wire.messages)
-        decode = (
-            wire.direct.decoder_to_sample(WireFormat.ROS1) if wire.direct and types.means(kind, wire.messages) else None
-        )
 
-        def take(message: Any) -> None:
+        def decode(data: bytes) -> Any:
             try:
-                sink.take((decode and decode(message.data)) or kind().deserialize(message.data))
+                return kind().deserialize(data)
             except genpy.DeserializationError as error:
-                sink.reject(str(error))
+                raise ValueError(str(error)) from None
 
+        deliver = from_bytes(_checked(wire, kind), decode, WireFormat.ROS1, sink)
         # Without a queue_size rospy delivers every message that a socket received.
-        subscription = rospy.Subscriber(wire.name, types.raw(kind), take, tcp_nodelay=True)
+        subscription = rospy.Subscriber(
+            wire.name, types.raw(kind), lambda message: deliver(message.data), tcp_nodelay=True
+        )
         self.undo.append(subscription.unregister)
         return RosSubscription(kind, lambda: subscription.get_num_connections() > 0)
 
@@ -131,6 +133,11 @@ class Ros1(Backend):
         leaving.join(SHUTDOWN_TIMEOUT)  # a service that is answering a call delays rospy for seconds
 
 
+def _checked(wire: Wire, kind: Any) -> Wire:
+    """Return `wire`, without its direct conversion if the class `kind` has another definition."""
+    return wire if types.means(kind, wire.messages) else replace(wire, direct=None)
+
+
 def _remove_zero_sleeps() -> None:
     """Change rospy so that it does not sleep for zero seconds after each queued message.
 
@@ -149,21 +156,16 @@ def _within(seconds: float, call: Callable[[], Any]) -> Any:
 
     Calls of rospy have no timeout, so the thread of an unanswered call keeps waiting.
     """
-    result: list[Any] = []
-    failure: list[Exception] = []
+    answer: Future[Any] = Future()
 
     def run() -> None:
         try:
-            result.append(call())
+            answer.set_result(call())
         except Exception as error:
-            failure.append(error)
+            answer.set_exception(NoAnswer(str(error)))
 
-    thread = threading.Thread(target=run, daemon=True)
-    thread.start()
-    thread.join(seconds)
-    if result:
-        return result[0]
-    raise NoAnswer(str(failure[0]) if failure else f"no answer within {seconds:g} s")
+    threading.Thread(target=run, daemon=True).start()
+    return await_answer(answer, seconds, time.monotonic() + seconds)
 
 
 def _await_master(node: Node) -> bool:

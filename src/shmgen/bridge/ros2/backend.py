@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import atexit
 import threading
-import time
 from collections.abc import Callable, Iterable
+from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import rclpy
@@ -41,12 +40,21 @@ from shmgen.bridge.backend import (
     Wire,
 )
 from shmgen.bridge.codec.cdr import Codec, codec
+from shmgen.bridge.codec.direct import WireFormat
 from shmgen.bridge.codec.type_identity import TAKES_OURS, Identity
 from shmgen.bridge.common import qos
-from shmgen.bridge.common.support import SHUTDOWN_TIMEOUT, await_server, end_at_once, join_all
+from shmgen.bridge.common.peers import Peers
+from shmgen.bridge.common.support import (
+    SHUTDOWN_TIMEOUT,
+    await_answer,
+    await_server,
+    end_at_once,
+    from_bytes,
+    guarded,
+    join_all,
+)
 from shmgen.bridge.ros2 import actions as ros2_actions
 from shmgen.bridge.ros2 import types
-from shmgen.bridge.ros2.peers import Peers
 from shmgen.bridge.ros2.topics import Inlet
 from shmgen.bridge.ros2.waiter import Ours, Waiter
 from shmgen.core.model import Message
@@ -58,8 +66,6 @@ _OVERRIDES = QoSOverridingOptions(
 """The QoS policies that ROS parameters such as `qos_overrides.TOPIC.publisher.reliability` may set."""
 _ROSOUT_DEPTH = 100
 """The number of log lines that a late subscriber of /rosout receives."""
-_SERVER_POLL_INTERVAL = 0.1
-"""Seconds between two checks that the server of a call is still present."""
 
 
 def connect(node: Node) -> Ros2:
@@ -124,7 +130,6 @@ class Ros2(Backend):
         return RosPublisher(
             cdr.new,
             lambda message: send(cdr.encode(message)),
-            keeps=False,
             acknowledged=acknowledged,
             qos_problem=qos_problem,
         )
@@ -132,8 +137,8 @@ class Ros2(Backend):
     def subscribe(self, wire: Wire, sink: MessageSink) -> RosSubscription:
         kind, cdr = types.message(wire.messages), _codec(wire.messages)
         identity = Identity(wire.name, wire.type, cdr.type_hash, self._log, wire.accepts_other)
+        deliver = from_bytes(replace(wire, direct=None), cdr.decode, WireFormat.CDR, sink)
         find = self._node.get_publishers_info_by_topic
-
         name = self._node.resolve_topic_name(wire.name)
         is_fixed = f"qos_overrides.{name}.subscription.reliability" in self._node._parameter_overrides
 
@@ -149,8 +154,8 @@ class Ros2(Backend):
                 event_callbacks=_when_matched(SubscriptionEventCallbacks, lambda event: inlet.look()),
                 qos_overriding_options=None if is_adopted else _OVERRIDES,
             )
-            peers = Peers(identity, lambda: _hashes(find(name)), sink.set_incompatible_peer)
-            inlet = Inlet(subscription, cdr, sink, peers, _rmw().startswith("rmw_fastrtps"))
+            peers = Peers(identity, sink.set_incompatible_peer, lambda: _hashes(find(name)))
+            inlet = Inlet(subscription, deliver, sink, peers, _rmw().startswith("rmw_fastrtps"))
             undo = self._wait(subscription, "subscription", inlet.take, wire.name)
             return subscription, _policies(subscription), undo
 
@@ -189,8 +194,8 @@ class Ros2(Backend):
                 if why := peers.refusal():
                     refuse(why)
                 elif wire.at_once:
-                    work = self._guarded(partial(reply, rosidl_request, request_id), wire.name)
-                    threading.Thread(target=work, daemon=True).start()
+                    work = guarded(reply, wire.name, self._log)
+                    threading.Thread(target=work, args=(rosidl_request, request_id), daemon=True).start()
                 else:
                     reply(rosidl_request, request_id)
 
@@ -224,22 +229,28 @@ class Ros2(Backend):
         def servers() -> set[bytes]:
             return {bytes(end.endpoint_gid) for end in listed(request_topic, no_mangle=True)}
 
+        def end_reason(known: set[bytes]) -> str:
+            if self._closing.is_set():
+                return "the bridge stops"
+            return "" if known & servers() else "the server has left"
+
         def is_connected() -> bool:
             return self._closing.is_set() or client.service_is_ready()
 
         def call(message: Any, timeout: float) -> Any:
             deadline = await_server(is_connected, timeout)
-            if self._closing.is_set():
-                raise NoAnswer("the bridge stops")
+            known = servers()
+            if why := end_reason(known):
+                raise NoAnswer(why)
             check()
-            known, is_answered = servers(), threading.Event()
+            answer: Future[Any] = Future()
             future = client.call_async(_rosidl(request, message, kind.Request))
-            future.add_done_callback(lambda future: is_answered.set())
-            while not is_answered.wait(_SERVER_POLL_INTERVAL):
-                is_over, is_alone = time.monotonic() >= deadline, not known & servers()
-                if self._closing.is_set() or is_over or is_alone:
-                    client.remove_pending_request(future)
-                    raise NoAnswer("the server has left" if is_alone else f"no answer within {timeout:g} s")
+            future.add_done_callback(answer.set_result)
+            try:
+                await_answer(answer, timeout, deadline, lambda: end_reason(known))
+            except NoAnswer:
+                client.remove_pending_request(future)
+                raise
             check()
             return response.decode(serialize_message(future.result()))
 
@@ -280,7 +291,8 @@ class Ros2(Backend):
 
         Return a function that stops this thread and destroys the entity.
         """
-        waiter = Waiter(entity, kind, self._guarded(take, name), self._node.context, name)
+        guarded_take = guarded(take, name, self._log, InvalidHandle)
+        waiter = Waiter(entity, kind, guarded_take, self._node.context, name)
         self._waiters.append(waiter)
 
         def undo() -> None:
@@ -291,21 +303,10 @@ class Ros2(Backend):
 
         return undo
 
-    def _guarded(self, work: Callable[[], None], name: str) -> Callable[[], None]:
-        def guarded() -> None:
-            try:
-                work()
-            except InvalidHandle:
-                raise
-            except Exception as error:  # one bad message must not stop the topic
-                self._log(f"{name}: {type(error).__name__}: {error}")
-
-        return guarded
-
     def _peers(self, wire: ServiceWire, messages: tuple[Message, ...], cdr: Codec, find: Any, topic: str) -> Peers:
         """Return the peers of `topic`, the DDS topic that carries the requests or the replies of a service."""
         identity = Identity(wire.name, messages[-1].name, cdr.type_hash, self._log)
-        return Peers(identity, lambda: _hashes(find(topic, no_mangle=True)))
+        return Peers(identity, hashes=lambda: _hashes(find(topic, no_mangle=True)))
 
     def _spin(self) -> None:
         while not self._closing.is_set():

@@ -2,29 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
-from shmgen.bridge.backend import MessageSink
-from shmgen.bridge.codec.cdr import Codec
-from shmgen.bridge.ros2.peers import Peers
+from shmgen.bridge.backend import ErrorSink
+from shmgen.bridge.common.peers import Peers
 
 
 class Inlet:
-    """Takes the messages of a ROS 2 subscription, decodes them, and passes them to a sink.
+    """Takes the messages of a ROS 2 subscription, and refuses those of incompatible publishers.
 
     The graph announces the type hash of each publisher. Since Kilted each message names its publisher. Before Kilted,
     all messages of a topic are refused while any publisher has another definition. Calls of take() must not overlap.
     """
 
-    def __init__(self, subscription: Any, cdr: Codec, sink: MessageSink, peers: Peers, names_senders: bool) -> None:
-        """Prepare to take the messages of `subscription`. `cdr` decodes messages, and `peers` checks their publishers.
+    def __init__(
+        self, subscription: Any, deliver: Callable[[bytes], None], errors: ErrorSink, peers: Peers, names_senders: bool
+    ) -> None:
+        """Prepare to pass the messages of `subscription` to `deliver`. `peers` checks their publishers.
 
         `names_senders` is True if the GID in a message identifies the publisher in the ROS graph.
         """
         self._handle = subscription.handle
         self._kind = subscription.msg_type
-        self._decode = cdr.decode
-        self._sink = sink
+        self._deliver, self._errors = deliver, errors
         self._peers = peers
         self._names_senders = names_senders
         self._numbers: list[int] = []
@@ -37,16 +38,10 @@ class Inlet:
             self.look()
         while (received := handle.take_message(kind, True)) is not None:
             data, about = received
-            why = self._refusal(about)
-            if why:
-                self._sink.refuse(why)
-                continue
-            try:
-                message = self._decode(data)
-            except ValueError as error:
-                self._sink.reject(str(error))
-                continue
-            self._sink.take(message)
+            if why := self._refusal(about):
+                self._errors.refuse(why)
+            else:
+                self._deliver(data)
         self._peers.forget()
 
     def look(self, *event: Any) -> None:
@@ -65,7 +60,7 @@ class Inlet:
         count = self._handle.get_publisher_count()
         if not is_next or count != self._publishers or (sender and not self._peers.knows(sender)):
             self.look()
-        return self._peers.refusal(sender)
+        return self._peers.refusal(sender or None)
 
     def _follows(self, number: int | None) -> bool:
         """Return True if no message was lost between the last message of a publisher and the message `number`.
@@ -84,7 +79,7 @@ class Inlet:
         else:
             before = max((before for before in numbers if before < number), default=0)
             if before:
-                self._sink.lose(number - before - 1)
+                self._errors.lose(number - before - 1)
                 numbers.remove(before)
                 numbers.append(number)
             else:  # a new publisher has replaced one that left

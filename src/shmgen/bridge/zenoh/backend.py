@@ -35,14 +35,16 @@ from shmgen.bridge.backend import (
 )
 from shmgen.bridge.codec.cdr import codec
 from shmgen.bridge.codec.direct import WireFormat
-from shmgen.bridge.common.counters import Counters, describe
+from shmgen.bridge.common.peers import Peers
 from shmgen.bridge.common.support import (
     SHUTDOWN_TIMEOUT,
     await_server,
     domain_without_ros,
     end_at_once,
     from_bytes,
+    guarded,
     join_all,
+    payload_sender,
     remember_bounded,
 )
 from shmgen.bridge.ros2 import actions as ros2_actions
@@ -84,17 +86,16 @@ class Zenoh(Backend):
         else:
             out = self._session.declare_publisher(key, **how)
         numbers, lock = itertools.count(1), threading.Lock()
-        peers = self._graph.peers("MS", place, self._graph.identity(place))
+        end_watch = self._graph.watch("MS", place, Peers(self._graph.identity(place)))
         token = self._graph.show("MP", place, quality(best_effort, wire.latch, 1 if wire.latch else wire.queue))
-        self._until_undone(out.undeclare, peers.close, token.withdraw)
+        self._until_undone(out.undeclare, end_watch, token.withdraw)
 
         def send(data: bytes) -> None:
             with lock:  # sends in the order of the numbers
                 out.put(data, attachment=attachment(next(numbers), token.gid))
 
-        encode = wire.direct.encoder_from_sample(WireFormat.CDR, self.now) if wire.direct else None
-        send_payload = (lambda payload: send(encode(payload))) if encode else None
-        return RosPublisher(cdr.new, lambda message: send(cdr.encode(message)), False, send_payload)
+        send_payload = payload_sender(wire, WireFormat.CDR, self.now, send)
+        return RosPublisher(cdr.new, lambda message: send(cdr.encode(message)), send_payload)
 
     def subscribe(self, wire: Wire, sink: MessageSink) -> RosSubscription:
         """Subscribe to all publishers of the topic and type. Refuse and count messages of other definitions."""
@@ -122,9 +123,10 @@ class Zenoh(Backend):
         else:
             subscriber = self._session.declare_subscriber(key, ring)
         stop = self._empty(subscriber, take, wire.name)
-        peers = self._graph.peers("MP", place, identity, sink.set_incompatible_peer)
+        peers = Peers(identity, sink.set_incompatible_peer)
+        end_watch = self._graph.watch("MP", place, peers)
         token = self._graph.show("MS", place, quality(wire.qos == "best_effort", wire.latch, wire.queue))
-        self._until_undone(stop, peers.close, token.withdraw)
+        self._until_undone(stop, end_watch, token.withdraw)
         return RosSubscription(cdr.new, lambda: peers.has_compatible)
 
     def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
@@ -157,16 +159,17 @@ class Zenoh(Backend):
 
         queryable = self._session.declare_queryable(key, RingChannel(QUEUE), complete=True)
         stop = self._empty(queryable, take, wire.name)
-        peers = self._graph.peers("SC", place, self._graph.identity(place), refuse_peer)
+        end_watch = self._graph.watch("SC", place, Peers(self._graph.identity(place), refuse_peer))
         token = self._graph.show("SS", place, quality())
-        self._until_undone(stop, peers.close, token.withdraw)
+        self._until_undone(stop, end_watch, token.withdraw)
 
     def client(self, wire: ServiceWire) -> RosClient:
         request, response = codec(wire.request), codec(wire.response)
         place = Place(wire.name, wire.type, service_hash(wire.request, wire.response))
-        servers = self._graph.peers("SS", place, self._graph.identity(place))
+        servers = Peers(self._graph.identity(place))
+        end_watch = self._graph.watch("SS", place, servers)
         token = self._graph.show("SC", place, quality())
-        self._until_undone(servers.close, token.withdraw)
+        self._until_undone(end_watch, token.withdraw)
         key, numbers = self._graph.key(place), itertools.count(1)
         how = {"target": zenoh.QueryTarget.ALL_COMPLETE, "consolidation": zenoh.ConsolidationMode.NONE}
 
@@ -219,7 +222,7 @@ class Zenoh(Backend):
 
         Return a function that removes the entity and stops the thread.
         """
-        ring, faults = entity.handler, Counters(name, self._log)
+        ring, take = entity.handler, guarded(take, name, self._log)
 
         def run() -> None:
             while True:
@@ -227,10 +230,7 @@ class Zenoh(Backend):
                     received = ring.recv()
                 except zenoh.ZError:  # the entity was removed
                     return
-                try:
-                    take(received)
-                except Exception as error:  # one bad message must not stop the topic
-                    faults.log_rate_limited(describe(error))
+                take(received)
 
         thread = threading.Thread(target=run, name=name, daemon=True)
         self._threads.append(thread)

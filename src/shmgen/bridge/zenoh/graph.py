@@ -18,6 +18,7 @@ from zenoh.handlers import Callback
 
 from shmgen.bridge.backend import QUEUE
 from shmgen.bridge.codec.type_identity import Identity, type_name
+from shmgen.bridge.common.peers import Peers
 from shmgen.core.model import TypeName
 
 _DEFAULT = """{
@@ -141,61 +142,28 @@ class Graph:
         """Return the check that compares the type hashes of peers with the hash of this topic or service."""
         return Identity(*place, self.log, accepts_other)
 
-    def peers(
-        self,
-        kind: str,
-        place: Place,
-        identity: Identity,
-        on_incompatible: Callable[[str], None] = lambda why: None,
-    ) -> Peers:
-        """Watch all peers of a kind (MP, MS, SS or SC, as in `show`) at a topic or service.
+    def watch(self, kind: str, place: Place, peers: Peers) -> Callable[[], None]:
+        """Add all peers of a kind (MP, MS, SS or SC, as in `show`) at a topic or service to `peers`.
 
-        `on_incompatible` is called with the reason why a peer is incompatible, and with `""` once all are compatible.
+        Return a function that ends the watch.
         """
+
+        def update(token: Any) -> None:
+            key = str(token.key_expr)
+            if token.kind == zenoh.SampleKind.PUT:
+                peers.add(key, key.split("/")[_HASH])
+            else:
+                peers.remove(key)
+
         tokens = f"@ros2_lv/{self._domain}/*/*/*/{kind}/*/*/*/{place.mangled}/*/**"
-        return Peers(self.session, tokens, identity, on_incompatible)
+        declare = self.session.liveliness().declare_subscriber
+        stop: Callable[[], None] = declare(tokens, Callback(update, indirect=False), history=True).undeclare
+        return stop
 
     def _declare(self, kind: str, rest: str) -> Token:
         place = f"@ros2_lv/{self._domain}/{self.session.zid()}/0/{next(self._numbers)}"
         key = f"{place}/{kind}/%/{self._node}{rest}"
         return Token(endpoint_gid(key), self.session.liveliness().declare_token(key).undeclare)
-
-
-class Peers:
-    """The present peers of a topic or service, known from their tokens. Reading the attributes is thread-safe."""
-
-    def __init__(self, session: Any, tokens: str, identity: Identity, on_incompatible: Callable[[str], None]) -> None:
-        """Watch the peers whose tokens match the key expression `tokens`. `identity` compares their type hashes.
-
-        `on_incompatible` is called with the reason why a peer is incompatible, and with `""` once all are compatible.
-        """
-        self._identity, self._on_incompatible = identity, on_incompatible
-        self._refusals: dict[str, str] = {}
-        self._reported = ""
-        subscriber = session.liveliness().declare_subscriber(
-            tokens, Callback(self._update, indirect=False), history=True
-        )
-        self.close: Callable[[], None] = subscriber.undeclare
-
-    def _update(self, token: Any) -> None:
-        key = str(token.key_expr)
-        if token.kind == zenoh.SampleKind.PUT:
-            self._refusals[key] = self._identity.refusal(key.split("/")[_HASH])
-        else:
-            self._refusals.pop(key, None)
-        if self.incompatible_peer != self._reported:
-            self._reported = self.incompatible_peer
-            self._on_incompatible(self._reported)
-
-    @property
-    def has_compatible(self) -> bool:
-        """True if any present peer uses a compatible type."""
-        return not all(tuple(self._refusals.values()))
-
-    @property
-    def incompatible_peer(self) -> str:
-        """The reason why a present peer is incompatible, or `""` if all are compatible."""
-        return next(filter(None, tuple(self._refusals.values())), "")
 
 
 def quality(best_effort: bool = False, latch: bool = False, depth: int = QUEUE) -> str:
