@@ -9,6 +9,9 @@ stops and kills peers and the master of ROS 1 or the router of zenoh.
 The chaos does not touch the topics CALM, whose heartbeats must never pause for LONGEST. At the end, each message must
 be in exactly one counter of the bridge, all topics must work again without help, and memory and open descriptors must
 not have grown. If a heartbeat pauses for too long, the stacks of the bridge's threads are kept.
+
+With `--strangers`, a second bridge sends another definition to a quiet topic, offers best effort to a topic that is
+reliable, and reads messages of 1 MiB that the first bridge carries.
 """
 
 from __future__ import annotations
@@ -28,6 +31,7 @@ from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from math import nan
 from pathlib import Path
 from types import SimpleNamespace
@@ -58,9 +62,12 @@ WRITTEN = ("calm", "anew")
 """Topics from the PLC that are written here; the region of the second is removed again and again."""
 TYPE = "geometry_msgs/PoseStamped"
 OTHER = "geometry_msgs/Point"
+IMAGE, BOOL = "sensor_msgs/Image", "std_msgs/Bool"
+LARGE = 2**20
+"""Bytes of a large message."""
+STRANGERS = {"strange": "q0", "best_effort": "strict", "large_reader": "large"}
+"""Each topic of the second bridge, and the topic of the first bridge that it is in ROS."""
 FILL = "soak_fills_it"
-SHM = 48
-"""MiB of the /dev/shm that the rig has for itself."""
 SETTLE = 4.0
 STACKS = 20_000
 """Characters of stacks that are shown."""
@@ -97,8 +104,9 @@ class Verdict:
 class Stage:
     """The ROS graph, the bridge and its peers. All names begin with `space`."""
 
-    def __init__(self, graph: Ros, space: str, seconds: float) -> None:
-        self.graph, self.space, self.seconds = graph, space, seconds
+    def __init__(self, graph: Ros, space: str, seconds: float, strangers: str = "") -> None:
+        """Start everything. If `strangers` is the name of a backend, start a second bridge with that backend."""
+        self.graph, self.space, self.seconds, self.strangers = graph, space, seconds, strangers
         self.stop = threading.Event()
         self.sent: Counter[str] = Counter()
         action = graph.folder / "msgs" / "test_msgs" / "action" / "Fibonacci.action"
@@ -109,14 +117,21 @@ class Stage:
         graph.start = start  # type: ignore[method-assign]
         loaded = load(graph.folder / "shmgen.toml", "shmgen.toml", Report())
         self.session = Session(loaded)
-        kinds = self.session.classes([TYPE, OTHER])
+        kinds = self.session.classes([TYPE, OTHER, *([IMAGE] if strangers else [])])
         self.kind = kinds["geometry_msgs/msg/PoseStamped"]
         with publisher(kinds["geometry_msgs/msg/Point"], self.topic("layout"), 3):
             self.other_layout = file_of(self.topic("layout")).read_bytes()
         (graph.folder / "echo.toml").write_text(self._config([name for name in RATES if name in CALM]))
         self.source = peer(graph, "source", space, str(seconds))
         self.echo, self.caller = self.start_echo(), peer(graph, "caller", space)
-        self.players = [threading.Thread(target=work, daemon=True) for work in (self._write, self._ask, self._seek)]
+        works = [self._write, self._ask, self._seek]
+        if strangers:
+            strange = self._start_strangers()
+            works += [
+                partial(self._write_large, kinds["sensor_msgs/msg/Image"]),
+                partial(self._write_strange, *strange),
+            ]
+        self.players = [threading.Thread(target=work, daemon=True) for work in works]
 
     def topic(self, name: str) -> str:
         return f"{self.space}/{name}"
@@ -149,14 +164,13 @@ class Stage:
         return lambda command, more=None, **streams: start(command, {**(more or {}), "PYTHONPATH": path}, **streams)
 
     def _config(self, names: list[str], services: bool = False) -> str:
-        entries = [(name, "to_plc") for name in names] + [
-            (f"{name}_back", "from_plc") for name in names if name in RATES
-        ]
-        entries += [(name, "from_plc") for name in WRITTEN] if services else []
-        topics = "".join(
-            f'[[topics]]\ntopic = "{self.topic(name)}"\ntype = "{TYPE}"\ndirection = "{way}"\ndepth = 64\n'
-            for name, way in entries
-        )
+        back = [f"{name}_back" for name in names if name in RATES] + [*WRITTEN] * services
+        topics = self._topics(*((name, TYPE, "to_plc", "depth = 64") for name in names))
+        topics += self._topics(*((name, TYPE, "from_plc", "depth = 64") for name in back))
+        if self.strangers and services:
+            topics += self._topics(
+                ("large", IMAGE, "from_plc", "depth = 4"), ("strict", BOOL, "to_plc", 'qos = "reliable"')
+            )
         calls = "".join(
             f'[[{kind}s]]\n{kind} = "{self.topic(name)}"\ntype = "{type_}"\nserver = "{server}"\ntimeout = 0.2\n'
             for kind, name, type_, server in (
@@ -166,10 +180,58 @@ class Stage:
                 ("action", "seek", "test_msgs/Fibonacci", "ros"),
             )
         )
-        head = (
-            f'source = "{self.graph.source}"\npath = ["msgs"]\n[bounds]\ntest_msgs = 8\n[bridge]\ndiagnostics = 0.5\n'
+        return (
+            self._head("msgs") + "test_msgs = 8\n[bridge]\ndiagnostics = 0.5\n" + topics + (calls if services else "")
         )
-        return head + topics + (calls if services else "")
+
+    def _head(self, folder: str) -> str:
+        return f'source = "{self.graph.source}"\npath = ["{folder}"]\n[bounds]\n"sensor_msgs/Image.data" = {LARGE}\n'
+
+    def _topics(self, *entries: tuple[str, str, str, str]) -> str:
+        return "".join(
+            f'[[topics]]\ntopic = "{self.topic(name)}"\ntype = "{type_}"\ndirection = "{way}"\n{more}\n'
+            for name, type_, way, more in entries
+        )
+
+    def _start_strangers(self) -> tuple[Any, Any]:
+        """Start a second bridge, for which geometry_msgs/PoseStamped has other fields. Return its class and Bool's."""
+        folder = self.graph.folder / "strange"
+        file = folder / "geometry_msgs" / "msg" / "PoseStamped.msg"
+        file.parent.mkdir(parents=True)
+        file.write_text("float64 x\n")
+        (self.graph.folder / "strange.toml").write_text(
+            self._head("strange")
+            + self._topics(
+                ("strange", TYPE, "from_plc", ""),
+                ("best_effort", BOOL, "from_plc", 'qos = "best_effort"'),
+                ("large_reader", IMAGE, "to_plc", "depth = 4"),
+            )
+        )
+        remapped = [word for old, new in STRANGERS.items() for word in ("-r", f"{self.topic(old)}:={self.topic(new)}")]
+        command = [sys.executable, "-m", "shmgen", "bridge", "--backend", self.strangers, "-c", "strange.toml"]
+        self.graph.start([*command, "--ros-args", *remapped], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        kinds = Session(load(self.graph.folder / "strange.toml", "strange.toml", Report())).classes([TYPE, BOOL])
+        return kinds["geometry_msgs/msg/PoseStamped"], kinds["std_msgs/msg/Bool"]
+
+    def _write_large(self, kind: Any) -> None:
+        """Publish messages of 1 MiB at 5 Hz."""
+        image = kind(data=bytes(LARGE))
+        with publisher(kind, self.topic("large"), 4) as writer:
+            while not self.stop.wait(0.2):
+                with suppress(ShmError):  # the lock
+                    writer.publish(image)
+                    self.sent["large"] += 1
+
+    def _write_strange(self, strange: Any, plain: Any) -> None:
+        """Publish what the second bridge sends to the first one."""
+        with (
+            publisher(strange, self.topic("strange"), 1) as first,
+            publisher(plain, self.topic("best_effort"), 1) as second,
+        ):
+            while not self.stop.wait(0.05):
+                with suppress(ShmError):  # the lock
+                    first.publish(strange())
+                    second.publish(plain())
 
     def _write(self) -> None:
         """Publish on two topics at 50 Hz. The region of the second topic is recreated every two seconds."""
@@ -309,9 +371,9 @@ MISHAPS: tuple[Callable[[Stage, random.Random], None], ...] = (*_OFTEN, *_OFTEN,
 """A reload is the rarest: it reads all definitions."""
 
 
-def run(graph: Ros, space: str, seconds: float, seed: int, longest: float) -> Verdict:
+def run(graph: Ros, space: str, seconds: float, seed: int, longest: float, strangers: str = "") -> Verdict:
     """Run the bridge with random faults for `seconds`, then wait some seconds and check the results."""
-    dice, verdict, stage = random.Random(seed), Verdict(), Stage(graph, space, seconds)
+    dice, verdict, stage = random.Random(seed), Verdict(), Stage(graph, space, seconds, strangers)
     pid = stage.bridge.process.pid
     for player in stage.players:
         player.start()
@@ -378,6 +440,18 @@ def judge(stage: Stage, verdict: Verdict) -> None:
         verdict.counted.update(counts)
         if sum(counts.values()) != sent and not counts.get("lost"):
             verdict.complaints.append(f"{name}: {sent} sent, and {counts}")
+    if stage.strangers:
+        patterns = [
+            rf"{stage.topic('q0')}( .* 0 passed, [1-9]\d* refused|: a peer does not match the type)",
+            rf"{stage.topic('large')} .*[1-9]\d* passed",
+        ]
+        if stage.strangers != "zenoh":  # zenoh delivers best effort to reliable subscribers
+            patterns.append(rf"{stage.topic('strict')}: a publisher is best effort")
+        verdict.complaints += [
+            f"no line {pattern}"
+            for pattern in patterns
+            if not any(re.search(pattern, line) for line in stage.bridge.lines)
+        ]
 
 
 def main() -> None:
@@ -386,17 +460,19 @@ def main() -> None:
     parser.add_argument("--backend", choices=("ros1", "ros2", "dds", "zenoh"), default="dds")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--longest", type=float, default=LONGEST, help="of a gap, for machines that are busy")
+    parser.add_argument("--shm", type=int, default=48, help="MiB of the /dev/shm that the rig has for itself")
+    parser.add_argument("--strangers", action="store_true", help="add incompatible peers and messages of 1 MiB")
     parser.add_argument("--own", action="store_true", help="is said by itself: /dev/shm and the network are its own")
     given = parser.parse_args()
     if not given.own:
-        mount = f"mount -t tmpfs -o size={SHM}m,mode=1777 none /dev/shm"
+        mount = f"mount -t tmpfs -o size={given.shm}m,mode=1777 none /dev/shm"
         begin = f'{mount}; ip link set lo up multicast on; exec "$@"'
         own = ["unshare", "-mn", "--propagation", "private", "sh", "-c", begin, "sh"]
         sys.exit(subprocess.call([*own, sys.executable, "-m", __spec__.name, *sys.argv[1:], "--own"]))
     with tempfile.TemporaryDirectory() as folder:
         graph = made(given.backend, Path(folder))
         try:
-            verdict = run(graph, "/soak", given.seconds, given.seed, given.longest)
+            verdict = run(graph, "/soak", given.seconds, given.seed, given.longest, given.backend * given.strangers)
         finally:
             graph.close()
     print(f"{given.backend}: {verdict}")
