@@ -19,6 +19,7 @@ from typing import Any
 import pytest
 
 from shmgen.bridge.backend import Node, RosPublisher, RosSubscription
+from shmgen.runtime import Time
 
 from ..conftest import REPOSITORY
 from ..support import pages, ros1, ros2, zenoh
@@ -244,7 +245,7 @@ def hoarding(module: ModuleType, backend: Any) -> None:
 
 
 def of_yesterday(module: ModuleType, backend: Any) -> None:
-    backend.now = lambda: module.Time(0, 0)
+    backend.now = lambda: Time(0, 0)
 
 
 BROKEN = {
