@@ -253,7 +253,7 @@ def test_where_ours_is_another(graph: Graph, space: str, tmp_path: Path, monkeyp
             assert peer.ask(do="connected", topic=f"{space}/{name}") == 1, name
             peer.ask(do="publish", topic=f"{space}/{name}", messages=[{"x": 1.5}] * 2)
         wait_for(lambda: len(came["same"]) == len(came["accepted"]) == 2, "what is the same")
-        wait_for(lambda: all(takers[name].told for name in OTHERS), "refusals", lambda: str(told))
+        wait_for(lambda: all(takers[name].logged for name in OTHERS), "refusals", lambda: str(told))
         wait_for(lambda: len(told) >= 2 * len(OTHERS) + 2, "a word on subscribers", lambda: str(told))
     finally:
         ours.close()

@@ -23,19 +23,13 @@ _GOAL_POLL_INTERVAL = 0.005
 _LIVENESS_INTERVAL = 0.2
 """The interval in seconds at which the bridge checks whether the PLC is alive."""
 _HEARTBEAT_INTERVAL = 1.0
-"""The heartbeat interval in seconds of a goal without feedback.
-
-Without a heartbeat, the PLC's function block stops the goal after its tTimeout.
-"""
+"""The heartbeat interval in seconds of a goal without feedback, so that the PLC's tTimeout does not stop the goal."""
 _CANCEL_TIMEOUT = 0.2
 """The time limit in seconds for a cancel request when the bridge stops. The end of an aborted goal gets half of it."""
 
 
 class PlcActionServer(Side):
-    """Carries an action of the PLC: ROS sends goals, and the PLC executes them, one at a time.
-
-    A new goal aborts the old goal.
-    """
+    """Carries an action of the PLC, which executes one goal of ROS at a time. A new goal aborts the old one."""
 
     def __init__(self, route: CallRoute, counters: Counters, stopping: threading.Event) -> None:
         super().__init__(route.about, counters, stopping)
@@ -112,10 +106,7 @@ class PlcActionServer(Side):
         return _GOAL_POLL_INTERVAL
 
     def _is_accepted(self, client: ActionClient[Any, Any, Any]) -> bool:
-        """Wait until the PLC accepts or rejects the goal that was just sent. Return True if the PLC accepts this goal.
-
-        Raises NoAnswer, and cancels the goal, if the timeout of the action expires or the bridge stops.
-        """
+        """Return True if the PLC accepts the sent goal. Raises NoAnswer, and cancels the goal, after the timeout."""
         timeout = self._route.entry.timeout
         deadline = time.monotonic() + timeout
         self._outcome = None
@@ -131,10 +122,7 @@ class PlcActionServer(Side):
         return False
 
     def _follow(self, client: ActionClient[Any, Any, Any]) -> None:
-        """Forward to ROS the feedback and the result of the running goal that the PLC has sent since the last call.
-
-        If the PLC is no longer alive, abort the goal.
-        """
+        """Forward new feedback and the result to ROS. If the PLC is no longer alive, abort the goal."""
         assert self._goal
         outcome = self._outcome or client.poll()
         if feedback := client.feedback():
@@ -250,10 +238,7 @@ class PlcActionClient(Side):
             self.counters.reject(str(error))
 
     def _finish(self, goal: ServedGoal[Any], status: int, result: Any, why: str) -> None:
-        """Send the result of the goal to the PLC. If `result` is None, abort the goal for the reason `why`.
-
-        Raises ShmError if the region fails. The caller may then try once more.
-        """
+        """Send the result to the PLC, or abort the goal for the reason `why`. Raises ShmError if the region fails."""
         if result is None:
             goal.abort()
             self.counters.fail(f"goal aborted: {why}")

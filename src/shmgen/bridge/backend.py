@@ -22,10 +22,7 @@ from shmgen.runtime import Time
 QUEUE = 1000
 """The maximum queue length in messages. It covers 1 s of a topic at 1 kHz, because Python may pause that long."""
 LARGEST = 2**16
-"""The smallest size limit in bytes of a serialized message.
-
-The limit exceeds the size of a sample so that the bridge receives and counts messages that do not fit.
-"""
+"""The smallest size limit in bytes of a message. It exceeds a sample's size, so that longer messages are counted."""
 _SLACK = 4
 """The size limit of a large serialized message, as a multiple of the size of its sample in the region."""
 _MEMORY = 2**26
@@ -165,10 +162,7 @@ class ErrorSink(Protocol):
 
 
 class MessageSink(ErrorSink, Protocol):
-    """The interface by which a backend passes on the messages of a topic.
-
-    The backend calls `take` from any thread, but never from two threads at once.
-    """
+    """The interface by which a backend passes on the messages of a topic, from one thread at a time."""
 
     def take(self, message: Any) -> None:
         """Receive one message of the topic from the backend."""
@@ -225,10 +219,7 @@ class RosClient:
 
 
 Answer = Callable[[Any, Any], None]
-"""A callback that reads the first argument, the request, and fills the second, the response.
-
-It raises NoAnswer if the PLC did not answer. The ROS client then gets an error, if its ROS can report errors.
-"""
+"""A callback that reads a request and fills a response. It raises NoAnswer if the PLC did not answer."""
 
 
 Refuse = Callable[[str], None]
@@ -251,17 +242,11 @@ class Goal(Protocol):
         """Send a feedback message to the client of this goal. `fill` fills the empty message."""
 
     def end(self, status: int, fill: Fill) -> None:
-        """Send the result to the client of this goal. `fill` fills the empty message. Later calls have no effect.
-
-        `status` is SUCCEEDED, CANCELED or ABORTED.
-        """
+        """Send the result and `status` (SUCCEEDED, CANCELED or ABORTED) to the client. Later calls have no effect."""
 
 
 class Worker(Protocol):
-    """The PLC's side of an action: executes the goals of ROS clients.
-
-    The backend calls each method in a thread that the method may block.
-    """
+    """The PLC's side of an action: executes the goals of ROS clients. Each method may block its thread."""
 
     def begin(self, goal: Goal) -> bool:
         """Start the goal. Return True if the goal is accepted. An accepted goal may already have ended."""
@@ -293,10 +278,7 @@ class RosActionClient(Protocol):
 
 
 class Actions(Protocol):
-    """Creates servers and clients of actions, which consist of topics and services of ROS 1 or ROS 2.
-
-    Both methods raise ValueError if this ROS lacks the type or has another definition of it.
-    """
+    """Creates servers and clients of actions. Both methods raise ValueError as the methods of Backend do."""
 
     def serve(self, backend: Backend, wire: ActionWire, worker: Worker, errors: ErrorSink) -> object:
         """Offer the action to ROS. `worker` executes the goals that clients send."""
@@ -320,10 +302,7 @@ class Backend(ABC):
 
     @property
     def undo(self) -> list[Callable[[], None]]:
-        """The functions that remove the publishers, servers and so on that the current thread has created.
-
-        A thread may assign a new list.
-        """
+        """The functions that remove what the current thread has created. A thread may assign a new list."""
         return cast(list[Callable[[], None]], self._of_thread.__dict__.setdefault("undo", []))
 
     @undo.setter

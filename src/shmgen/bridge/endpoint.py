@@ -59,10 +59,7 @@ class RegionEndpoint(Generic[T]):
         return end
 
     def count_missed(self, total: int) -> int:
-        """Return how many samples the subscriber missed since the last call.
-
-        `total` is the number of missed samples since the subscriber was opened.
-        """
+        """Return how many samples were missed since the last call. `total` counts since the subscriber was opened."""
         with self._lock:
             new, self._counted_missed = total - self._counted_missed, total
         return new
@@ -73,10 +70,7 @@ class RegionEndpoint(Generic[T]):
             self._counters.log_rate_limited(describe(error))
 
     def discard_after(self, error: Exception) -> bool:
-        """Close the publisher, subscriber, client or server if `error` means that its region is lost, and return True.
-
-        It is then opened again in the background. Return False for any other error.
-        """
+        """Return True if `error` means that the region is lost, and reopen it in the background. Else return False."""
         if not isinstance(error, _LOST):
             return False
         if self._shut():
@@ -140,22 +134,13 @@ class Side(ABC):
 
     @abstractmethod
     def start(self, backend: Backend) -> None:
-        """Connect this topic, service or action to ROS and start to carry it.
-
-        Raises ValueError if ROS lacks the type or has another definition of it.
-        """
+        """Connect to ROS and start. Raises ValueError if ROS lacks the type or has another definition of it."""
 
     def beat(self) -> None:  # noqa: B027 most sides have none to send
-        """Send a heartbeat to the PLC. The bridge calls this method ten times a second, so it must not block.
-
-        Do nothing by default: clients have no heartbeat, and the thread of each server sends the server's heartbeat.
-        """
+        """Send a heartbeat to the PLC, ten times a second and without blocking. By default there is none to send."""
 
     def stop(self) -> bool:
-        """Stop sending to ROS and to the PLC while ROS is still connected. The caller first sets the event `stopping`.
-
-        Return False if a ROS call is still running.
-        """
+        """Stop sending while ROS is still connected; `stopping` is set. Return False if a ROS call is still running."""
         return True
 
 

@@ -34,10 +34,7 @@ class PlcTopic(Protocol):
 
 
 class Listener:
-    """A thread that waits for samples of many topics from the PLC and lets each topic forward its samples.
-
-    If one topic fails or blocks, the other topics continue.
-    """
+    """A thread that lets topics from the PLC forward their samples. If one fails or blocks, the others continue."""
 
     def __init__(self, stopping: threading.Event) -> None:
         self._stopping = stopping
@@ -91,10 +88,7 @@ class Listener:
                 self._update_readers()
 
     def _update_readers(self) -> None:
-        """Update the list of open subscribers. The thread does so every 0.1 s.
-
-        An update for each sample would cost one system call per region.
-        """
+        """Update the open subscribers every 0.1 s. An update for each sample would cost a system call per region."""
         self._readers = {}
         for topic in tuple(self._topics):
             if time.monotonic() >= self._retry_at.get(topic, 0.0):
@@ -133,10 +127,7 @@ class Listener:
             self._stopping.wait(_LOCK_INTERVAL)
 
     def _is_replaced(self, current: tuple[PlcTopic, float]) -> bool:
-        """Return True if a new thread has replaced this thread because a topic blocked it.
-
-        The new thread then continues with this topic as well.
-        """
+        """Return True if a new thread has replaced this one, which a topic blocked. The new thread gets this topic."""
         with self._lock:
             if self._current is current:
                 self._current = None

@@ -36,10 +36,7 @@ class About:
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """The plan for one topic: its entry in shmgen.toml, its ROS side `wire`, and the class `kind` of its samples.
-
-    `stamp` is the attribute path to the message's time stamp, or empty if the message has no time stamp.
-    """
+    """The plan for one topic. `kind` is the class of its samples, `stamp` the path to its time stamp, or empty."""
 
     topic: TopicEntry
     wire: Wire
@@ -69,10 +66,7 @@ class Route:
 
 @dataclass(frozen=True, slots=True)
 class CallRoute:
-    """The plan for carrying one service or action: its entry in shmgen.toml, and its ROS side `wire`.
-
-    `kinds` maps the suffix of each part, such as `_Request` or `_Goal`, to the class of the part.
-    """
+    """The plan for one service or action. `kinds` maps the suffix of each part, such as `_Goal`, to its class."""
 
     entry: Service | Action
     wire: Any
@@ -143,11 +137,7 @@ def actions(session: Session) -> list[CallRoute]:
 def _resolve(
     session: Session, find: Callable[..., Iterable[Any]], **options: Any
 ) -> tuple[list[Any], Schema, Layouts, Mapping[str, type[Message]]]:
-    """Return the topics, services or actions of shmgen.toml, as `find` resolves them, and the messages of all.
-
-    The messages are returned as schema, layouts and classes. `find` is a function of generator/resolve.py. Raises
-    Rejected if an entry of shmgen.toml has errors.
-    """
+    """Return what `find` finds in shmgen.toml, and all messages as schema, layouts and classes. Raises Rejected."""
     types, report = _types(session), Report()
     layouts = session.layouts(types)
     entries = list(find(session.config, layouts, report))

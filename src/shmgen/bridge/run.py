@@ -44,10 +44,7 @@ class NothingListed(ValueError):
 
 
 class _Signals:
-    """Events that are set when the process receives a signal.
-
-    `stop` is for SIGINT and SIGTERM, `counters` for SIGUSR1, and `reload` for SIGHUP.
-    """
+    """Events that signals set: `stop` by SIGINT and SIGTERM, `counters` by SIGUSR1, and `reload` by SIGHUP."""
 
     def __init__(self) -> None:
         self.stop, self.counters, self.reload = (threading.Event() for _ in range(3))
@@ -58,10 +55,7 @@ class _Signals:
         watchdog.limit_signals((signal.SIGINT, signal.SIGTERM))
 
     def beat(self) -> None:
-        """Report to the watchdog that the bridge is alive.
-
-        After a stop signal, do nothing, because each stop step has its own time limit.
-        """
+        """Report to the watchdog that the bridge is alive. After a stop signal, each step has its own time limit."""
         if not self.stop.is_set():
             watchdog.reset()
 
@@ -172,10 +166,7 @@ def _largest(session: Session) -> int:
 
 
 def _reports(session: Session, backend: Backend, sides: Sides, name: str, log: Log) -> Callable[[], None]:
-    """Return a function that publishes the diagnostics when they are due.
-
-    If diagnostics are off, the function does nothing.
-    """
+    """Return a function that publishes the diagnostics when they are due, or that does nothing if they are off."""
     config = session.config
     period = config.bridge.diagnostics
     if not period:

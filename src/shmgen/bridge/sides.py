@@ -96,10 +96,7 @@ class Sides:
         self._create(self._routes(session), is_over)
 
     def start(self, backend: Backend, is_over: Callable[[], bool] = lambda: False) -> None:
-        """Connect all topics, services and actions to ROS. If `is_over` returns True, return at once.
-
-        Raises ValueError if ROS lacks a type or has another definition of it.
-        """
+        """Connect everything to ROS. Raises ValueError if ROS lacks a type or has another definition of it."""
         self._connect(list(self._carried.values()), backend, is_over)
 
     def change(self, session: Session, backend: Backend, is_over: Callable[[], bool] = lambda: False) -> None:
@@ -189,10 +186,7 @@ class Sides:
         return _Carried(route, side, stopping)
 
     def _connect(self, sides: list[_Carried], backend: Backend, is_over: Callable[[], bool]) -> None:
-        """Connect topics, services and actions to ROS one after another, in a thread.
-
-        If ROS blocks the thread, continue in a new thread. Raises the last error if one of them failed.
-        """
+        """Connect sides to ROS in a thread, or in a new one if ROS blocks it. Raises the last error if one failed."""
         waiting, failed = list(sides), list[Exception]()
         while waiting and not is_over():
             thread = threading.Thread(target=_start, args=(backend, waiting, failed), name="start", daemon=True)
@@ -238,10 +232,7 @@ class Sides:
 
 
 def _start(backend: Backend, waiting: list[_Carried], failed: list[Exception]) -> None:
-    """Connect the topics, services and actions in `waiting` to ROS, one after another.
-
-    Return early if a new thread replaced this thread. Add errors to `failed`.
-    """
+    """Connect the sides in `waiting` until a new thread replaces this one. Add errors to `failed`."""
     while waiting:
         one = waiting[0]
         one.undo = backend.undo = []

@@ -171,10 +171,7 @@ class FromPlc(Side):
         self._listener.add(self)
 
     def beat(self) -> None:
-        """Check whether the PLC is alive.
-
-        The bridge calls this method ten times a second, but sends no heartbeat for a topic from the PLC.
-        """
+        """Check whether the PLC is alive. A topic from the PLC sends no heartbeat."""
         self._listener.replace_blocked()
         limit = self.route.topic.carried.stale
         reader = self.end.current
@@ -273,10 +270,7 @@ class FromPlc(Side):
 
 
 def _send_payload(outlet: RosPublisher, sample: Message) -> bool:
-    """Send the bytes of the sample to ROS. Return False if the bytes are invalid or ROS cannot send bytes.
-
-    The caller then decodes the sample, which raises an error that names an invalid field.
-    """
+    """Send the bytes of the sample. Return False if ROS cannot: decoding the sample then names an invalid field."""
     if outlet.send_payload is None:
         return False
     try:

@@ -128,11 +128,7 @@ def _definitions(messages: tuple[Message, ...], unit: str) -> dict[str, Any]:
 
 
 def _has_numbers_in_elements(type_: FieldType, known: Mapping[TypeName, Message]) -> bool:
-    """Return True if the type is a list of messages that _converted() must convert before rosbags can encode the list.
-
-    This is so if the messages contain arrays of numbers, which rosbags requires as ndarrays, or if they are empty,
-    because rosbags requires a filler field in an empty message.
-    """
+    """Return True if the type is a list of messages that _converted() must convert for rosbags."""
     if not isinstance(type_, (Array, Sequence)) or not isinstance(type_.element, Ref):
         return False
     return _has_numbers(type_.element, known)
@@ -150,10 +146,7 @@ def _has_numbers(type_: FieldType, known: Mapping[TypeName, Message]) -> bool:
 
 
 def _converted(value: Any, type_: FieldType, known: Mapping[TypeName, Message], kinds: Mapping[str, Any]) -> Any:
-    """Convert a field's value to the form that rosbags can encode.
-
-    A message becomes an object of rosbags's class, and an array of numbers becomes an ndarray.
-    """
+    """Convert a field's value to the form that rosbags can encode: objects of rosbags's classes, and ndarrays."""
     match type_:
         case Ref(name):
             kind, fields = kinds[str(name)], known[name].fields

@@ -49,10 +49,7 @@ class Identity:
         self._lock = threading.Lock()
 
     def refusal(self, announced: str) -> str:
-        """Return why a peer with the type hash `announced` is incompatible, or `""` if it matches. Log each hash once.
-
-        A peer without a type hash is assumed to match.
-        """
+        """Return why the type hash `announced` is incompatible, or `""`. A peer without one is assumed to match."""
         if announced == self._ours:
             return ""
         if not announced.startswith("RIHS01_") or announced == _NONE:

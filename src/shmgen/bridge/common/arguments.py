@@ -1,7 +1,4 @@
-"""Parses the command-line arguments of a ROS 2 node for backends without ROS.
-
-Supports remapping, the node name, the namespace, and the parameters of the bridge.
-"""
+"""Parses the command line and the parameter files of a ROS 2 node for backends without ROS."""
 
 from __future__ import annotations
 
@@ -175,10 +172,7 @@ def _leaves(tree: Any, keys: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, 
 
 
 def with_parameters(config: Config, parameters: Mapping[str, str]) -> Config:
-    """Return `config`, in which topics without the keys `rate` and `stale` get the ROS parameters of these names.
-
-    `parameters` maps the names of ROS parameters to their values. Raises ValueError if a value is invalid.
-    """
+    """Return `config` with the parameters `rate` and `stale` for topics without these keys. Raises ValueError."""
     topics = list(config.topics)
     for key in keys_of("topics"):
         if key.name in PARAMETERS and (text := parameters.get(key.name)):

@@ -16,10 +16,7 @@ _PACKAGES = {"yaml": "pyyaml"}
 
 
 def chosen(key: str) -> tuple[str, str]:
-    """Choose the backend. Return its key, such as `ros2`, and the reason for the choice.
-
-    Raises BackendMissing if no backend is installed.
-    """
+    """Return the key of a backend, such as `ros2`, and the reason. Raises BackendMissing if none is installed."""
     if key != "auto":
         return key, "as configured"
     version = os.environ.get("ROS_VERSION", "")

@@ -66,10 +66,7 @@ class Counters:
         self.newest = time.monotonic()
 
     def reject(self, why: str, who: str = "") -> None:
-        """Count and log a message that is invalid or does not fit.
-
-        `who` is `" by ROS"` if ROS rejected the message; the log line contains this text.
-        """
+        """Count and log a message that is invalid or does not fit. `who` is `" by ROS"` if ROS rejected it."""
         self.rejected += 1
         self.log_rate_limited(f"rejected{who}: {why}")
 

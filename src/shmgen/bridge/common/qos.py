@@ -33,11 +33,7 @@ class AdoptingSubscription:
         create: Callable[[Qos], tuple[Any, Qos, Callable[[], None]]],
         offered: Callable[[], list[Qos]],
     ) -> None:
-        """Create the subscription to the topic `wire` by calling `create` with the QoS of shmgen.toml.
-
-        `create` returns the subscription, its QoS, and a function that removes it. `offered` returns the QoS of each
-        publisher.
-        """
+        """Call `create`, which returns a subscription, its QoS and its removal. `offered` returns the peers' QoS."""
         self._is_open = wire.qos == "auto"
         self._create, self._offered = create, offered
         self.end, self._own, self._undo = create(ours(wire))
@@ -47,10 +43,7 @@ class AdoptingSubscription:
         self._undo()
 
     def qos_problem(self) -> str:
-        """Return why nothing passes between this subscription and a publisher, or `""` if all publishers match.
-
-        Before the comparison, adopt best effort if shmgen.toml sets no QoS and a publisher offers only best effort.
-        """
+        """Return why a publisher does not match, or `""`. First adopt best effort if a publisher offers only that."""
         offered = self._offered()
         if self._is_open and self._own.reliable and not all(publisher.reliable for publisher in offered):
             self._undo()

@@ -90,20 +90,14 @@ def guarded(function: Callable[..., None], name: str, log: Callable[[str], None]
 
 
 def remember_bounded(values: dict[T, V], peer: T, value: V) -> None:
-    """Set `values[peer]` to `value`. If `values` then has more than 1000 peers, remove the oldest.
-
-    The limit bounds the memory of a bridge that runs for months while peers connect and disconnect.
-    """
+    """Set `values[peer]` to `value`. Remove the oldest of more than 1000 peers, so that memory stays bounded."""
     values[peer] = value
     if len(values) > _MOST_PEERS:
         del values[next(iter(values))]
 
 
 def await_server(is_connected: Callable[[], bool], timeout: float) -> float:
-    """Wait for a server and return the deadline of the call on the monotonic clock, in seconds.
-
-    Raises NoAnswer if no server appears within `timeout` seconds.
-    """
+    """Return the deadline of a call on the monotonic clock. Raises NoAnswer if no server appears before it."""
     deadline = time.monotonic() + timeout
     while not is_connected():
         if time.monotonic() >= deadline:
@@ -132,10 +126,7 @@ def join_all(threads: Iterable[threading.Thread]) -> bool:
 
 
 def end_at_once() -> None:
-    """End the process at once with status 0, without running destructors. Register this function with atexit.
-
-    Use it if a thread is still inside a ROS library, whose destructors would crash the process.
-    """
+    """End the process with status 0: destructors would crash while a thread is still inside a ROS library."""
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(0)

@@ -26,10 +26,7 @@ _STDERR = 2
 
 
 def reset(seconds: float = STALL_LIMIT) -> None:
-    """Restart the watchdog. The process exits with status 1 if neither `reset` nor `cancel` is called within `seconds`.
-
-    The timer runs in faulthandler's thread, which needs no GIL. It prints the stacks of all threads before the exit.
-    """
+    """Restart the watchdog. After `seconds`, it prints all stacks and exits with status 1, and it needs no GIL."""
     faulthandler.dump_traceback_later(seconds, exit=True, file=_STDERR)
 
 
@@ -39,10 +36,7 @@ def cancel() -> None:
 
 
 def limit_signals(numbers: tuple[signal.Signals, ...]) -> None:
-    """Limit the process to STOP_LIMIT seconds after one of these signals, until `signals_handled` is called.
-
-    The kernel ends the process with SIGALRM, and faulthandler prints all stacks. Python's signal handlers still run.
-    """
+    """Limit the process to STOP_LIMIT seconds after a signal. Then SIGALRM ends it, with the stacks printed."""
     if ALARM is not None:
         faulthandler.register(signal.SIGALRM, file=_STDERR, all_threads=True, chain=True)
         for number in numbers:

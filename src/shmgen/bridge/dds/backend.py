@@ -75,10 +75,7 @@ def connect(node: Node) -> Graph:
 
 
 class Graph(Backend):
-    """The bridge's participant in a DDS domain, with the interface of a Backend.
-
-    `ros2 topic info -v` shows its node as `_CREATED_BY_BARE_DDS_APP_`.
-    """
+    """A participant in a DDS domain as a Backend. `ros2 topic info -v` names it `_CREATED_BY_BARE_DDS_APP_`."""
 
     actions = ros2_actions
 
@@ -178,10 +175,7 @@ class Graph(Backend):
 
 
 def _configure(domain: int, config: str, log: Callable[[str], None]) -> Dropped:
-    """Create the domain with the configuration `config`, once in a process. Return the reader of its log lines.
-
-    If two settings conflict, Cyclone uses the later one.
-    """
+    """Create the domain, once in a process. If two settings conflict, Cyclone uses the later one."""
     if domain not in _CONFIGURED:
         dropped = Dropped(log)
         with dropped.listens():

@@ -108,10 +108,7 @@ class Ends:
         )
 
     def _topic(self, name: str, kind: type[Any]) -> Topic:
-        """Return the DDS topic `name`, which is created once.
-
-        If a topic were deleted and created again, Cyclone would read freed memory.
-        """
+        """Return the DDS topic `name`, created once. If it were created again, Cyclone would read freed memory."""
         return self._topics_by_name.get((name, kind)) or self._topics_by_name.setdefault(
             (name, kind), Topic(self.participant, name, kind)
         )
@@ -200,10 +197,7 @@ class ReaderThread:
         self._readers: _ReaderSet | None = None
 
     def add(self, subscription: Subscription) -> Callable[[], None]:
-        """Add the reader of a subscription. Return a function that removes the reader.
-
-        A callback that runs in this thread must call neither add() nor the returned function.
-        """
+        """Add a reader, and return a function that removes it. A callback in this thread must call neither."""
         if not self._readers:
             self._readers = _ReaderSet(self._ends.participant)
             self.thread = threading.Thread(target=self._run, args=(self._readers,), name=subscription.name, daemon=True)
@@ -227,10 +221,7 @@ class ReaderThread:
 
 
 class _ReaderSet(WaitSet):  # type: ignore[misc]
-    """Waits for samples of many readers and returns the readers that have some.
-
-    Cyclone's own wait set returns only the number of these readers.
-    """
+    """Waits for samples of many readers. Cyclone's own wait set returns only the number of readers with samples."""
 
     def __init__(self, participant: DomainParticipant) -> None:
         super().__init__(participant)
@@ -326,10 +317,7 @@ def user_data_of(entity: Any, handle: int) -> list[str]:
 
 
 def user_data_entry(words: Iterable[str], key: str) -> str:
-    """Return the entry with the key `key`, such as `clientid=1.2` for `clientid`, or `""` if it is missing.
-
-    `words` are the parts of a peer's user data.
-    """
+    """Return the entry with the key `key`, such as `clientid=1.2`, in a peer's user data, or `""`."""
     return next((word for word in words if word.startswith(f"{key}=")), "")
 
 
@@ -339,10 +327,7 @@ def type_hash_of(words: Iterable[str]) -> str:
 
 
 def is_acknowledged(writer: DataWriter, seconds: float) -> bool:
-    """Wait until all reliable readers have acknowledged all samples. Return False after `seconds`.
-
-    Cyclone's own method raises an exception at a timeout.
-    """
+    """Return True if all reliable readers acknowledge all samples within `seconds`, where Cyclone's method raises."""
     return bool(writer._wait_for_acks(writer._ref, int(seconds * 1e9)) == 0)
 
 

@@ -16,10 +16,7 @@ OnPeerDiscovered = Callable[[list[str], bool], None]
 
 
 class Direction(NamedTuple):
-    """The requests or the responses of a service: DDS topic, type name, Cyclone's structure, and user data.
-
-    `words` is the user data that the bridge announces.
-    """
+    """The requests or responses of a service: DDS topic, type name, Cyclone's structure, and the bridge's user data."""
 
     topic: str
     type_name: str
@@ -50,10 +47,7 @@ class Pair(ABC):
         self._lock = threading.Lock()
 
     def peers(self, is_writer: bool) -> dict[Hashable, list[str]]:
-        """Return the writers of this service in other programs if `is_writer` is True, or else the readers.
-
-        Each peer has the list of the `key=value` entries in its user data.
-        """
+        """Return each peer of this service with its user data: writers if `is_writer` is True, or else readers."""
         present = {}
         for peer in self._matched(is_writer):
             with suppress(LookupError):  # the peer has left meanwhile
@@ -61,10 +55,7 @@ class Pair(ABC):
         return present
 
     def _user_data_of(self, peer: Hashable, is_writer: bool) -> list[str]:
-        """Return the `key=value` entries of a peer's user data, which is read once. Report a new peer to `on_peer`.
-
-        Raises LookupError if the peer left before its user data could be read.
-        """
+        """Return a peer's user data, which is read once. Report a new peer. Raises LookupError if the peer has left."""
         with self._lock:
             if peer in self._words:
                 return self._words[peer]

@@ -39,10 +39,7 @@ _GUID = 16
 _REPLY_READER = 2.0
 """Maximum seconds that a reply waits for the discovery of its client's reader. rmw_cyclonedds waits 0.1 s."""
 _REPLY_READER_AT_ONCE = 20.0
-"""Maximum seconds that a reply waits in its own thread, where it delays no other reply.
-
-A lost reply would lose the result of a goal.
-"""
+"""Maximum seconds that a reply waits in its own thread, for example the result of a goal, which must not be lost."""
 _READER_POLL_INTERVAL = 0.01
 """Seconds between two checks for the client's reader."""
 
@@ -107,10 +104,7 @@ class _Half:
         self.pair.close()
 
     def _id(self, words: list[str]) -> str:
-        """Return the client's or server's identity from the peer's user data.
-
-        Return `""` for a peer that sends an identity inline with each call instead.
-        """
+        """Return the identity in a peer's user data, or `""` if the peer sends an identity inline with each call."""
         return user_data_entry(words, self.peer_key)
 
     def _report_incompatible(self) -> None:
@@ -218,10 +212,7 @@ class _Client(_Half):
             self._waiting.pop(call, None)
 
     def _inline(self, servers: list[list[str]]) -> bool:
-        """Return True if requests to these servers must carry the identity of the call inline.
-
-        Raises NoAnswer if any server is incompatible, or if the servers require different forms.
-        """
+        """Return True if the servers require inline identities. Raises NoAnswer if they differ or are incompatible."""
         incompatible = [words for words in servers if not self._id(words)]
         if incompatible and not self._transport.inline:
             raise NoAnswer(_INCOMPATIBLE)
@@ -255,10 +246,7 @@ def _direction(topic: str, messages: tuple[Message, ...], words: str) -> Directi
 
 
 def _split(cdr: bytes) -> tuple[bytes, bytes]:
-    """Split a received request or reply into the identity of the call and the message.
-
-    Raises ValueError if the bytes are big-endian.
-    """
+    """Split a request or reply into the call's identity and the message. Raises ValueError if it is big-endian."""
     if cdr[1] != 1:
         raise ValueError("a call from a big-endian machine")
     start = _ENCAPSULATION + _CALL.size

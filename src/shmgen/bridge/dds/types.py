@@ -34,10 +34,7 @@ from shmgen.core.type_hash import FILLER, TIMES
 CALL = {"client_guid_": types.uint64, "sequence_number_": types.int64}
 """Fields that rmw_cyclonedds puts before a request and its reply to identify the call (`cdds_request_header`)."""
 _LARGEST_BOUND = 65535
-"""Maximum bound of a sequence in Cyclone's Python binding.
-
-A sequence with a larger bound is declared unbounded, which does not change its bytes.
-"""
+"""Maximum bound of a sequence in Cyclone's Python. A larger bound is omitted, which does not change the bytes."""
 _TIME = {"sec_": types.int32, "nanosec_": types.uint32}
 
 

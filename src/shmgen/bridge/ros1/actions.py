@@ -44,10 +44,7 @@ _LISTED_AFTER_END = 5.0
 _SERVER_TIMEOUT = 3.0
 """Seconds without a `status` message, or without the goal in it, after which the server counts as gone."""
 _RESEND_INTERVAL = 0.2
-"""Seconds until a goal that no `status` message lists is sent again.
-
-rospy drops a message if the subscriber is not connected yet.
-"""
+"""Seconds until an unlisted goal is sent again. rospy drops a message if the subscriber is not connected yet."""
 _POLL_INTERVAL = 0.02
 """Seconds between two checks of a goal."""
 
@@ -122,11 +119,7 @@ class _Server:
         self._show()
 
     def _cancel(self, selection: Any) -> None:
-        """Cancel the goals that a client selects. `selection` is an actionlib_msgs/GoalID.
-
-        A selection with an id cancels one goal. A selection with a time stamp cancels all goals up to that time. A
-        selection with neither cancels all goals.
-        """
+        """Cancel the goal with the id of `selection`, all goals up to its time, or all goals if it has neither."""
         with self._lock:
             goals = [goal for goal in self._goals.values() if goal.ended is None]
         for goal in goals:
@@ -259,10 +252,7 @@ class _Client:
 
 
 class _ActionTopics:
-    """The five topics of a ROS 1 action, with message types such as `FooActionGoal`.
-
-    ROS 1 generates these types from the .action file, so their definitions are created here as text.
-    """
+    """The five topics of a ROS 1 action, with types as ROS 1 generates them from the .action file."""
 
     def __init__(self, wire: ActionWire) -> None:
         name = wire.type.name

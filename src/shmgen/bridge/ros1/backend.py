@@ -139,10 +139,7 @@ def _checked(wire: Wire, kind: Any) -> Wire:
 
 
 def _remove_zero_sleeps() -> None:
-    """Change rospy so that it does not sleep for zero seconds after each queued message.
-
-    On Linux the sleep takes 60 us, and all topics from the PLC would wait for it.
-    """
+    """Change rospy not to sleep for zero seconds after a message: this takes 60 us and delays all topics."""
     tcpros_pubsub.time = SimpleNamespace(sleep=_sleep)
 
 
@@ -152,10 +149,7 @@ def _sleep(seconds: float) -> None:
 
 
 def _within(seconds: float, call: Callable[[], Any]) -> Any:
-    """Return the result of `call`, which runs in a new thread. Raises NoAnswer after `seconds`, or if the call fails.
-
-    Calls of rospy have no timeout, so the thread of an unanswered call keeps waiting.
-    """
+    """Return the result of `call`. Raises NoAnswer if it fails, or after `seconds`; its thread then keeps waiting."""
     answer: Future[Any] = Future()
 
     def run() -> None:
@@ -182,10 +176,7 @@ def _await_master(node: Node) -> bool:
 
 
 def _watch_master(node: Node) -> None:
-    """Watch the master until shutdown. If a restarted master does not know this node, register everything again.
-
-    rospy registers a publisher, subscriber or service only once.
-    """
+    """Register everything again with a restarted master, because rospy registers only once."""
     away = False
     due = 0.0
     while not rospy.is_shutdown():

@@ -1,7 +1,4 @@
-"""Find or create the Python classes of ROS 1 types. If a class is not installed, genpy generates it without catkin.
-
-In both cases genmsg computes the md5 sums, so ROS 1 compares types as usual.
-"""
+"""Finds the Python classes of ROS 1 types, or generates them without catkin. genmsg computes all md5 sums."""
 
 from __future__ import annotations
 
@@ -23,10 +20,7 @@ _RULE = "\n" + "=" * 80 + "\n"
 
 
 def message(messages: tuple[Message, ...]) -> Any:
-    """Return the ROS 1 class for the last of `messages`. The other messages are its dependencies.
-
-    Raises ValueError if genmsg cannot read its definition.
-    """
+    """Return the class for the last of `messages`. Raises ValueError if genmsg cannot read its definition."""
     type_name = messages[-1].name.short
     return genpy.message.get_message_class(type_name) or _generate_class(type_name, messages)
 
@@ -56,10 +50,7 @@ def raw(kind: Any) -> Any:
 
 
 def means(kind: Any, messages: tuple[Message, ...]) -> bool:
-    """Return True if the class `kind` has the md5 sum of the last of `messages`, so that both mean the same type.
-
-    An installed class may have other fields than shmgen's definition.
-    """
+    """Return True if `kind` has the md5 sum of the last of `messages`. An installed class may have other fields."""
     context = genmsg.MsgContext.create_default()
     try:
         specs = [_known(context, message, message.text) for message in messages]

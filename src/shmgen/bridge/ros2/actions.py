@@ -129,11 +129,7 @@ class _Server:
         response.goals_canceling = [_info(goal) for goal in canceled]
 
     def _selected_goals(self, info: Any) -> tuple[list[_Served], int]:
-        """Return the goals that a client asks to cancel, and the return code for `info`, its action_msgs/CancelGoal.
-
-        A request with an id selects one goal. A request with a time stamp selects all goals up to that time. A request
-        with neither selects all goals.
-        """
+        """Return the goals that a request selects by id, by time or, with neither, all; and the return code."""
         key, until = bytes(info.goal_id.uuid), (info.stamp.sec, info.stamp.nanosec)
         with self._lock:
             goals = list(self._goals.values())

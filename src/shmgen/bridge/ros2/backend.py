@@ -215,10 +215,7 @@ class Ros2(Backend):
         )
 
         def check() -> None:
-            """Raise NoAnswer if a server of this service uses an incompatible type.
-
-            An answer does not identify its server. The check therefore includes servers that left since the last check.
-            """
+            """Raise NoAnswer if a server, also one that left since the last check, uses an incompatible type."""
             for peers in ends:
                 peers.look()
                 why = peers.refusal()
@@ -287,10 +284,7 @@ class Ros2(Backend):
         rclpy.try_shutdown()
 
     def _wait(self, entity: Any, kind: Any, take: Callable[[], None], name: str) -> Callable[[], None]:
-        """Start a thread that calls `take` each time data arrives at `entity`, a subscription or a service.
-
-        Return a function that stops this thread and destroys the entity.
-        """
+        """Call `take` in a thread when data arrives at `entity`. Return a function that destroys the entity."""
         guarded_take = guarded(take, name, self._log, InvalidHandle)
         waiter = Waiter(entity, kind, guarded_take, self._node.context, name)
         self._waiters.append(waiter)
@@ -320,10 +314,7 @@ class Ros2(Backend):
 
 
 def _when_matched(callbacks: Any, on_match: Callable[..., None]) -> Any:
-    """Return event callbacks that call `on_match` when a peer matches. ROS 2 before Iron has no such event.
-
-    ROS 2 before Iron has no type hashes either.
-    """
+    """Return event callbacks that call `on_match` for a new peer. ROS 2 before Iron has no such event."""
     try:
         return callbacks(matched=on_match)
     except TypeError:

@@ -63,10 +63,7 @@ class Inlet:
         return self._peers.refusal(sender or None)
 
     def _follows(self, number: int | None) -> bool:
-        """Return True if no message was lost between the last message of a publisher and the message `number`.
-
-        Each publisher numbers its messages from 1. Count a gap in the numbers as lost messages.
-        """
+        """Return True if `number` follows a publisher's last message. Count a gap in the numbers as lost messages."""
         if number is None:
             return True
         numbers = self._numbers

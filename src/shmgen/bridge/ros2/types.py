@@ -26,10 +26,7 @@ from shmgen.core.type_hash import FILLER, TIMES
 
 
 def message(messages: tuple[Message, ...]) -> Any:
-    """Return the installed class of the last of `messages`. The other messages are its dependencies.
-
-    Raises ValueError if a type is missing or has other fields.
-    """
+    """Return the installed class of the last of `messages`. Raises ValueError if a type is missing or differs."""
     for definition in messages:
         _compare(_installed(definition.name), definition)
     return _installed(messages[-1].name)

@@ -204,10 +204,7 @@ class Zenoh(Backend):
             atexit.register(end_at_once)
 
     def _until_undone(self, *ends: Callable[[], object]) -> None:
-        """Register functions that the bridge calls when it removes a publisher, subscription, server or client.
-
-        Each function refers to an entity of zenoh. Without the reference, zenoh would remove the entity at once.
-        """
+        """Register functions that remove an entity. The references also keep zenoh from removing the entity at once."""
 
         def undo() -> None:
             for end in ends:
@@ -218,10 +215,7 @@ class Zenoh(Backend):
         self.undo.append(undo)
 
     def _empty(self, entity: Any, take: Callable[[Any], None], name: str) -> Callable[[], None]:
-        """Start a thread that calls `take` with each message that arrives at `entity`, in order.
-
-        Return a function that removes the entity and stops the thread.
-        """
+        """Call `take` in a thread with each message at `entity`, in order. Return a function that ends this."""
         ring, take = entity.handler, guarded(take, name, self._log)
 
         def run() -> None:

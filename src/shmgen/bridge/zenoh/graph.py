@@ -78,10 +78,7 @@ def attachment(number: int, writer: bytes) -> bytes:
 
 
 def parse_attachment(sample: Any) -> tuple[int, bytes]:
-    """Return the sequence number and the writer's name in the attachment of a sample.
-
-    Return 0 and `b""` if the attachment is missing or is not from ROS 2.
-    """
+    """Return the sequence number and the writer's name of a sample, or 0 and `b""` without an attachment of ROS 2."""
     data = sample.attachment.to_bytes() if sample.attachment is not None else b""
     if data.startswith(_LABEL):
         return int.from_bytes(data[len(_LABEL) : len(_LABEL) + 8], "little", signed=True), data[-16:]
@@ -118,10 +115,7 @@ class Token(NamedTuple):
 
 
 class Graph:
-    """Announces the bridge's node and its publishers, servers and so on in a ROS domain, by liveliness tokens.
-
-    rmw_zenoh defines the text of the tokens. The tokens end with the session.
-    """
+    """Announces the bridge's node and endpoints in a ROS domain, by the liveliness tokens of rmw_zenoh."""
 
     def __init__(self, session: Any, node: str, domain: int, log: Callable[[str], None]) -> None:
         """Publish the liveliness token of the node. `node` is its namespace and name, such as `%cell1/bridge`."""
