@@ -200,8 +200,7 @@ class PlcActionClient(Side):
     ) -> None:
         """Forward feedback and the result to the PLC until the goal ends or the bridge stops.
 
-        If the PLC sends a newer goal or disappears, cancel the goal and wait for its end. The wait is limited by the
-        timeout of the action.
+        If the PLC sends a newer goal or disappears, cancel the goal, and wait for its end up to the action's timeout.
         """
         canceling: threading.Thread | None = None
         until, last_heartbeat = inf, -inf

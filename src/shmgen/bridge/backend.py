@@ -176,10 +176,9 @@ class RosPublisher:
     hold any objects with the attributes of the element's type, such as shmgen's own classes. `send` waits for no
     subscriber, and raises nothing if there is none. The caller may change a message after `send`. `send_payload`
     publishes the bytes of a sample. If `send_payload` raises ValueRejected, the caller decodes the sample and uses
-    `send`.
-    `acknowledged(seconds)` waits until all reliable subscribers have all messages. It returns False after a timeout.
-    `acknowledged` is None if this ROS has no acknowledgements. `qos_problem()` returns the reason why a subscriber has
-    incompatible QoS, or `""` if all subscribers match.
+    `send`. `acknowledged(seconds)` waits until all reliable subscribers have all messages. It returns False after a
+    timeout. `acknowledged` is None if this ROS has no acknowledgements. `qos_problem()` returns the reason why a
+    subscriber has incompatible QoS, or `""` if all subscribers match.
     """
 
     new: Callable[[], Any]
@@ -301,12 +300,12 @@ class Backend(ABC):
         self._of_thread = threading.local()
 
     @property
-    def undo(self) -> list[Callable[[], None]]:
+    def undo(self) -> list[Callable[[], object]]:
         """The functions that remove what the current thread has created. A thread may assign a new list."""
-        return cast(list[Callable[[], None]], self._of_thread.__dict__.setdefault("undo", []))
+        return cast(list[Callable[[], object]], self._of_thread.__dict__.setdefault("undo", []))
 
     @undo.setter
-    def undo(self, steps: list[Callable[[], None]]) -> None:
+    def undo(self, steps: list[Callable[[], object]]) -> None:
         self._of_thread.undo = steps
 
     @abstractmethod

@@ -43,7 +43,7 @@ class Reporter:
             "rate [Hz]": f"{rate:.1f}",
             "passed": counters.passed,
             **{name.replace("_", " "): getattr(counters, name) for name in SHOWN},
-            "lock misses": side.end.lock_misses,
+            "lock misses": getattr(side.end.current, "lock_misses", 0),
             "age [s]": "-" if counters.age is None else f"{counters.age:.3f}",
             "last complaint": counters.complaint or "-",
         }

@@ -27,11 +27,9 @@ T = TypeVar("T", bound=Closable)
 class RegionEndpoint(Generic[T]):
     """Opens the bridge's publisher, subscriber, client or server in a background thread, and reopens it. Thread-safe.
 
-    If its region is removed, the runtime reopens the region. If another writer or another layout has taken the region,
-    the endpoint is closed, and the background thread tries to open it again.
-
-    `current` is the open publisher, subscriber, client or server, or None while none is open. `unavailable_reason` is
-    the reason why none is open. `attempted` is set after the first attempt.
+    The runtime reopens a removed region. This class reopens after another writer or layout took the region. `current`
+    is the open endpoint or None; `unavailable_reason` is the reason for None. `attempted` is set after the first
+    attempt.
     """
 
     def __init__(self, create: Callable[[], T], counters: Counters) -> None:
@@ -46,11 +44,6 @@ class RegionEndpoint(Generic[T]):
         self._closed = threading.Event()
         self._logged_reason = ""
         self._open_in_background()
-
-    @property
-    def lock_misses(self) -> int:
-        """The number of times that a region's lock was not free in time."""
-        return getattr(self.current, "lock_misses", 0)
 
     def require(self) -> T:
         """Return the open publisher, subscriber, client or server. Raises NoAnswer if none is open."""
@@ -148,10 +141,9 @@ class WorkerThread(Generic[T]):
     """A thread that calls the function `step` until the bridge stops."""
 
     def __init__(self, step: Callable[[T | None], float], end: RegionEndpoint[T], stopping: threading.Event) -> None:
-        """Prepare a thread that calls `step` until `stopping` is set.
+        """Prepare a thread that calls `step` until `stopping` is set, which a long step checks every 0.1 s.
 
-        `step` receives the publisher, subscriber, client or server that `end` has open, or None, and returns the delay
-        in seconds until its next call. A long step has to check `stopping` every 0.1 s.
+        `step` receives what `end` has open, or None, and returns the delay in seconds until its next call.
         """
         self._step, self._end, self._stopping = step, end, stopping
         self._thread = threading.Thread(target=self._run, daemon=True)

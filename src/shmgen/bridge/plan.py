@@ -180,11 +180,14 @@ def closure(schema: Schema, name: TypeName) -> tuple[Definition, ...]:
 
 def check(route: Route, message: Any) -> None:
     """Raise ValueError if `message`, an empty ROS message, differs from shmgen's definition of the topic's type."""
-    if why := _misfit(route.kind, message):
+    try:
+        data = bytes(route.kind._from_object(message))
+        route.kind._decode(bytes(len(data)), 0, message)
+    except (ValueRejected, AttributeError) as error:
         raise ValueError(
-            f"{route.topic.topic}: {route.wire.type.short} of this ROS differs from shmgen's definition: {why}\n"
+            f"{route.topic.topic}: {route.wire.type.short} of this ROS differs from shmgen's definition: {error}\n"
             '  hint: set source = "..." in shmgen.toml to the ROS that runs here, generate, rebuild both sides'
-        )
+        ) from None
 
 
 def _types(session: Session) -> tuple[str, ...]:
@@ -192,15 +195,6 @@ def _types(session: Session) -> tuple[str, ...]:
     config = session.config
     entries: tuple[TopicEntry | ServiceEntry | ActionEntry, ...] = (*config.topics, *config.services, *config.actions)
     return tuple(entry.type for entry in entries)
-
-
-def _misfit(kind: type[Message], message: Any) -> str:
-    try:
-        data = bytes(kind._from_object(message))
-        kind._decode(bytes(len(data)), 0, message)
-    except (ValueRejected, AttributeError) as error:
-        return str(error)
-    return ""
 
 
 def _stamp(message: Definition) -> tuple[str, ...]:

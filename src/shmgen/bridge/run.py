@@ -66,11 +66,10 @@ class _Signals:
 
 
 def run(config: Config, arguments: tuple[str, ...], show: Log, log: Log, load: Callable[[], Config]) -> None:
-    """Run the bridge until SIGINT, SIGTERM, or until ROS shuts down the node.
+    """Run the bridge until SIGINT, SIGTERM, or until ROS shuts down the node. `load` reads shmgen.toml again.
 
-    `show` prints results. `log` logs messages for the user. `load` reads shmgen.toml again. Raises Rejected if the
-    configuration has errors, BackendMissing if no backend is installed, and ValueError if ROS has another definition
-    of a type.
+    Raises Rejected if the configuration has errors, BackendMissing if no backend is installed, and ValueError if ROS
+    has another definition of a type.
     """
     signals = _Signals()
     backend_name, why = choice.chosen(config.bridge.backend)
@@ -125,10 +124,9 @@ def run(config: Config, arguments: tuple[str, ...], show: Log, log: Log, load: C
 
 
 def _arguments(config: Config, backend: str, has_ros: bool, words: tuple[str, ...], log: Log) -> Arguments:
-    """Return the parsed ROS arguments of the command line. Raises ValueError if an argument is wrong.
+    """Return the parsed ROS arguments. Raises ValueError if an argument is wrong. Log those without effect.
 
-    If `has_ros` is True, rospy or rclpy parses the same arguments, so that unknown arguments are accepted here. If it
-    is False, log the arguments that have no effect without ROS.
+    If `has_ros` is True, rospy or rclpy parses the arguments too, so unknown arguments are accepted here.
     """
     try:
         parsed = parse(words, config.bridge.node, is_strict=not has_ros)
@@ -231,8 +229,7 @@ def _reload(
 ) -> str:
     """Read shmgen.toml again and switch to the new configuration. Return the lines to log.
 
-    If the reload fails, the bridge continues with the previous configuration. Raises Rejected or ValueError as `run`
-    does, and NothingListed if shmgen.toml lists nothing to carry.
+    Raises Rejected or ValueError as `run` does, and NothingListed. The previous configuration then stays.
     """
     config = _load_settled(load, stop)
     require_entries(config)

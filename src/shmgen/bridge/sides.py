@@ -1,7 +1,4 @@
-"""Owns all topics, services and actions that a bridge carries. If one fails, the others continue.
-
-One thread sends all heartbeats.
-"""
+"""Owns all topics, services and actions of a bridge. Each fails on its own. One thread sends all heartbeats."""
 
 from __future__ import annotations
 
@@ -36,15 +33,12 @@ _END_LIMIT = 1.0
 
 @dataclass(slots=True, eq=False)
 class _Carried:
-    """A topic, service or action that the bridge carries: `side`, with its route and the functions to remove it.
-
-    The functions in `undo` remove it from ROS. `undo` is None until the side is connected to ROS.
-    """
+    """A side with its route, and the functions that remove it from ROS, or None until it is connected to ROS."""
 
     route: Route | CallRoute
     side: Side
     stopping: threading.Event
-    undo: list[Callable[[], None]] | None = None
+    undo: list[Callable[[], object]] | None = None
 
     @property
     def name(self) -> tuple[type, str]:
@@ -62,10 +56,7 @@ class _Carried:
 
 @dataclass(slots=True)
 class Sides:
-    """All sides of a bridge, the topics, services and actions of shmgen.toml, in the order of that file.
-
-    `beaten` is the time of the last complete round of heartbeats, by the monotonic clock.
-    """
+    """The topics, services and actions of shmgen.toml. `beaten` is the time of the last round of heartbeats."""
 
     log: Callable[[str], None]
     report_alive: Callable[[], None] = lambda: None
@@ -88,10 +79,9 @@ class Sides:
         return iter([one.side for one in self._carried.values()])
 
     def open(self, session: Session, is_over: Callable[[], bool] = lambda: False) -> None:
-        """Open the regions of all topics, services and actions. Return after one attempt for each region.
+        """Try once to open each region; the bridge retries in the background. Raises Rejected.
 
-        If a region does not open, the bridge retries in the background. If `is_over` returns True, return at once.
-        Raises Rejected if the configuration has errors.
+        If `is_over` returns True, return at once.
         """
         self._create(self._routes(session), is_over)
 
@@ -100,10 +90,9 @@ class Sides:
         self._connect(list(self._carried.values()), backend, is_over)
 
     def change(self, session: Session, backend: Backend, is_over: Callable[[], bool] = lambda: False) -> None:
-        """Switch to a new configuration. Unchanged topics, services and actions continue, and all counters stay.
+        """Switch to a new configuration. Unchanged sides continue, and all counters stay. Raises Rejected.
 
-        If ROS rejects one of them, restore the previous configuration and raise the error. Raises Rejected if the
-        configuration has errors.
+        If ROS rejects a side, restore the previous configuration and raise the error.
         """
         routes = {route.key: route for route in self._routes(session)}
         before = dict(self._carried)
@@ -157,10 +146,9 @@ class Sides:
         is_over: Callable[[], bool],
         ends: Mapping[Any, Any] = MappingProxyType({}),
     ) -> list[_Carried]:
-        """Create a side for each route. A side carries one topic, service or action.
+        """Create a side for each route, and wait until each has tried to open its region, or `is_over` returns True.
 
-        Wait until each side has tried to open its region, or until `is_over` returns True. `ends` maps the key of a
-        route to an open endpoint that the new side takes over.
+        `ends` maps the key of a route to an open endpoint that the new side takes over.
         """
         sides = [self._side(route, ends.get(route.key)) for route in routes]
         self._carried = {**self._carried, **{one.route.key: one for one in sides}}
@@ -204,10 +192,9 @@ class Sides:
             raise failed[-1]
 
     def _end(self, sides: Iterable[_Carried], handed_over: Collection[RegionEndpoint[Any]] = ()) -> None:
-        """Stop topics, services and actions and close their regions, except the endpoints in `handed_over`.
+        """Stop sides and close their regions, except `handed_over`, so that no sample is lost.
 
-        These endpoints stay open, so that no sample is lost. If a ROS call blocks one of the sides for more than 1 s,
-        it ends later, in its own thread.
+        A side that a ROS call blocks for more than 1 s ends later, in its own thread.
         """
         ending = list(sides)
         self._carried = {key: one for key, one in self._carried.items() if one not in ending}

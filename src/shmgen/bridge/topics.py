@@ -134,8 +134,7 @@ class ToPlc(Side):
 class FromPlc(Side):
     """Carries a topic from the PLC to ROS. Its thread sleeps until the PLC writes a sample.
 
-    Topics share `listener` and its thread. A topic that may block the thread gets a separate listener: a topic with
-    `rate`, or a topic with large messages, which waits for its subscribers.
+    Topics share the thread of `listener`, except topics that may block it: with `rate`, or with large messages.
     """
 
     def __init__(

@@ -1,7 +1,4 @@
-"""Encodes and decodes messages in the ROS 2 wire format (XCDR1 of OMG's DDS-XTypes, little-endian).
-
-The library rosbags compiles a codec for each type. Its message classes have the attribute names of rclpy's classes.
-"""
+"""Encodes and decodes messages in the ROS 2 wire format (XCDR1, little-endian), with codecs of rosbags."""
 
 from __future__ import annotations
 
@@ -49,8 +46,7 @@ class Codec:
 def codec(messages: tuple[Message, ...], wide_unit: Literal[2, 4] = 4) -> Codec:
     """Return the codec for the type of the last of `messages`. The other messages are its dependencies.
 
-    `wide_unit` is the size of a UTF-16 unit of a `wstring` in bytes: 4 in rosidl's code for Fast DDS, 2 in
-    rmw_cyclonedds.
+    `wide_unit` is the size in bytes of a unit of a `wstring`: 4 in code for Fast DDS, 2 in rmw_cyclonedds.
     """
     from rosbags.serde import SerdeError
     from rosbags.typesys.store import Typestore

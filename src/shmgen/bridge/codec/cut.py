@@ -9,10 +9,7 @@ from shmgen.runtime.messages.strings import TEXTS, encode_text
 
 
 def cut(message: Any, kind: type[Message]) -> None:
-    """Shorten the sequences and strings of `message`, in place, to the bounds of `kind`, the class of its samples.
-
-    Fixed arrays stay unchanged, because a fixed array of another length is an error of the sender.
-    """
+    """Shorten the sequences and strings of `message` to the bounds of `kind`. Fixed arrays stay as they are."""
     for step in kind._steps_:
         value = getattr(message, step.name)
         if step.count_at >= 0 and len(value) > step.length:

@@ -28,10 +28,7 @@ class Transcoder:
     """Converts the samples of one message class to serialized ROS messages, and back."""
 
     def __init__(self, kind: type[Message], stamp: tuple[str, ...] = ()) -> None:
-        """Prepare the conversion of samples of the class `kind`. `stamp` is the path to the field with the time stamp.
-
-        If this field is zero, `encode` replaces it by the current time.
-        """
+        """Prepare the conversion. `stamp` is the path to the time stamp. If it is zero, `encode` fills it in."""
         table = codec(kind)
         self._to_wire = table.to_wire if table else partial(wire.to_wire, kind)
         self._from_wire = table.from_wire if table else partial(wire.from_wire, kind)
@@ -43,10 +40,7 @@ class Transcoder:
         wire_format: WireFormat = WireFormat.CDR,
         now: Callable[[], Time] = Time,
     ) -> bytes:
-        """Return the serialized message for `payload`, the bytes of a sample. `now` gives the time for an unset stamp.
-
-        Raises ValueRejected if a value is invalid.
-        """
+        """Return the message for `payload`, the bytes of a sample. Raises ValueRejected if a value is invalid."""
         at, time = -1, Time()
         if self._stamp and not any(payload[self._stamp]):
             at, time = self._stamp.start, now()
@@ -54,20 +48,14 @@ class Transcoder:
         return data
 
     def decode(self, data: bytes, wire_format: WireFormat) -> Message | None:
-        """Convert `data`, a serialized message, to a sample. Return None if the conversion fails.
-
-        The caller then decodes the bytes to a ROS message, which raises an error that names the fault.
-        """
+        """Convert a message to a sample. Return None on failure: the caller's own decoder then raises an error."""
         with suppress(ValueError):
             return self._kind.from_buffer(self._from_wire(data, wire_format is WireFormat.ROS1))
         return None
 
 
 def direct_codec(kind: type[Message], stamp: tuple[str, ...]) -> Transcoder | None:
-    """Return the direct conversion of samples to ROS bytes, or None for large messages such as images.
-
-    For large messages the direct conversion would not be faster.
-    """
+    """Return the direct conversion, or None for large messages such as images, which would not become faster."""
     return None if ctypes.sizeof(kind) >= _LARGE else Transcoder(kind, stamp)
 
 

@@ -1,7 +1,4 @@
-"""Compares the type hash of a peer with the bridge's own type hash.
-
-Serialized bytes do not contain their type. Without this check, a float32 could be read as an int32, a wrong number.
-"""
+"""Compares the type hashes of peers with the bridge's, because serialized bytes do not contain their type."""
 
 from __future__ import annotations
 

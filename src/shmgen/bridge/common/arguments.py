@@ -93,11 +93,7 @@ def parse(words: tuple[str, ...], node: str, is_strict: bool = True) -> Argument
 
 
 def _set(arguments: Arguments, rule: str, parameters: list[_Parameter]) -> list[str]:
-    """Store in `arguments` the values of those `parameters` that are for this node. Return a list of faults.
-
-    `rule` is the command-line argument with the parameter, or `""` if the parameters are from a file. An unknown
-    parameter is a fault in an argument, and is ignored in a file.
-    """
+    """Store the `parameters` for this node, and return the faults. Unknown ones of a file, without `rule`, are none."""
     faults = []
     for _, name, value in (one for one in parameters if arguments.is_for_node(one.node)):
         if name == "use_sim_time" and value.lower() not in ("true", "false"):

@@ -10,10 +10,7 @@ from shmgen.bridge.common.support import remember_bounded
 
 
 class Peers:
-    """The present peers of a topic or service, each with the reason why it is incompatible. Thread-safe.
-
-    Messages of a peer may still wait in a queue after the peer has left, so peers that have left are remembered too.
-    """
+    """The present peers of a topic or service, and those that left while messages may still wait. Thread-safe."""
 
     def __init__(
         self,
@@ -21,10 +18,9 @@ class Peers:
         on_incompatible: Callable[[str], None] = lambda why: None,
         hashes: Callable[[], Mapping[bytes, str]] = dict,
     ) -> None:
-        """Prepare the check of peers by `identity`, which compares their type hashes.
+        """Compare type hashes by `identity`. `hashes` returns the type hash of each peer in the graph, for `look`.
 
         `on_incompatible` is called with the reason why a peer is incompatible, and with `""` once all are compatible.
-        `hashes` returns the type hash of each peer in the graph, for `look`.
         """
         self._identity, self._on_incompatible, self._hashes = identity, on_incompatible, hashes
         self._present: dict[Hashable, str] = {}
@@ -60,10 +56,7 @@ class Peers:
         return peer in self._present or peer in self._departed
 
     def refusal(self, peer: Hashable = None) -> str:
-        """Return why a message of `peer` must be refused, or `""` if the message may pass.
-
-        If `peer` is None, the sender is unknown: refuse the message if any peer is incompatible.
-        """
+        """Return why a message of `peer` must be refused, or `""`. If the sender is unknown, any peer may be it."""
         if peer is None:
             return self.incompatible_peer or _first(self._departed)
         unknown = "" if self._identity.accepts_other else "a peer left before its type could be compared"

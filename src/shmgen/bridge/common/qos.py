@@ -52,10 +52,9 @@ class AdoptingSubscription:
 
 
 def problem(own: Qos, peers: Iterable[Qos], publishes: bool) -> str:
-    """Return why nothing passes between the bridge and a peer of the topic, or `""` if all peers match.
+    """Return why nothing passes between the bridge and a peer, and the line to set, or `""` if all match.
 
-    `own` is the QoS of the bridge. If `publishes` is True, the bridge publishes and the peers subscribe. The text
-    contains the line to set in shmgen.toml.
+    `own` is the QoS of the bridge. If `publishes` is True, the bridge publishes and the peers subscribe.
     """
     for peer in peers:
         offered, requested = (own, peer) if publishes else (peer, own)

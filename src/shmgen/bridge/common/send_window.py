@@ -16,13 +16,10 @@ _POLL_INTERVAL = 0.1
 
 
 class SendWindow:
-    """Delays the sending of large messages until slow subscribers have received enough of the earlier messages.
+    """Delays large messages until slow subscribers have received enough of the earlier messages.
 
-    The caller calls `wait` before each send. While the queue may be full, `wait` blocks, and unsent samples stay in
-    their region.
-
-    If `wait` times out because a subscriber is slow, later calls return at once until the subscribers have acknowledged
-    all messages. Meanwhile, `wait` returns 1 for each message that may be lost.
+    Call `wait` before each send. While the queue may be full, `wait` blocks, and unsent samples stay in their region.
+    After a timeout, `wait` returns 1 for each message that may be lost, until all messages are acknowledged.
     """
 
     def __init__(self, acknowledged: Callable[[float], bool], queue: int, is_over: Callable[[], bool]) -> None:

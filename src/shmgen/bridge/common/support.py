@@ -42,10 +42,9 @@ def domain_without_ros(node: Node, backend: str) -> int:
 def from_bytes(
     wire: Wire, decode: Callable[[bytes], Any], wire_format: WireFormat, sink: MessageSink
 ) -> Callable[[bytes], None]:
-    """Return a function that decodes the bytes of a message and passes the message to `sink`.
+    """Return a function that decodes the bytes of a message and passes the message to `sink`, or rejects it.
 
-    If the bytes cannot be decoded, the function calls `sink.reject`. If the type has a direct conversion from ROS bytes
-    to sample bytes, the function uses it instead of `decode`.
+    If the type has a direct conversion, the function uses it instead of `decode`.
     """
 
     def take(data: bytes) -> None:
@@ -72,10 +71,7 @@ def payload_sender(
 
 
 def guarded(function: Callable[..., None], name: str, log: Callable[[str], None], *passes: type[Exception]) -> Any:
-    """Return `function` without its exceptions: they are logged, so that one bad message does not stop a topic.
-
-    `name` begins each log line. The exceptions in `passes` are raised as usual.
-    """
+    """Return `function` with its exceptions logged, except those in `passes`: one bad message must not stop a topic."""
     faults = Counters(name, log)
 
     def run(*arguments: Any) -> None:

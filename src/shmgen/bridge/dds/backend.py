@@ -1,7 +1,4 @@
-"""The backend dds: a node in a ROS 2 graph without an installed ROS, through Cyclone DDS.
-
-Names, QoS, type hashes and services match those of rmw_cyclonedds.
-"""
+"""The backend dds: a node in a ROS 2 graph through Cyclone DDS, with the names and QoS of rmw_cyclonedds."""
 
 from __future__ import annotations
 
@@ -33,12 +30,12 @@ from shmgen.bridge.codec.type_identity import TAKES_OURS, Identity
 from shmgen.bridge.common import qos
 from shmgen.bridge.common.peers import Peers
 from shmgen.bridge.common.support import domain_without_ros, from_bytes, payload_sender
-from shmgen.bridge.dds import services
 from shmgen.bridge.dds.dropped import Dropped
 from shmgen.bridge.dds.entities import Ends, Subscription, is_acknowledged, matches, quality, refusal, send, update_peer
 from shmgen.bridge.dds.network import confine, network, sockets
 from shmgen.bridge.dds.service_pair import ServiceTransport
 from shmgen.bridge.dds.service_transport import chosen
+from shmgen.bridge.dds.services import Client, Server
 from shmgen.bridge.dds.types import structure, topic_name
 from shmgen.bridge.ros2 import actions as ros2_actions
 
@@ -46,10 +43,7 @@ _TOLERANT = (
     '<CycloneDDS><Domain Id="any"><Compatibility><IgnoreTypeInformation>1.15</IgnoreTypeInformation></Compatibility>'
     "</Domain></CycloneDDS>"
 )
-"""Makes Cyclone ignore the type information of Fast DDS 3 (vendor 1.15; ROS 2 Kilted).
-
-Cyclone treats that information as invalid and would refuse to match. The type hash is compared instead.
-"""
+"""Makes Cyclone ignore the type information of Fast DDS 3 (Kilted), which it would reject. The type hash decides."""
 _CONFIGURED: dict[int, tuple[Domain, Dropped]] = {}
 """The configured domains of this process, by number."""
 
@@ -150,18 +144,18 @@ class Graph(Backend):
 
         subscription = qos.AdoptingSubscription(wire, create, lambda: self._ends.peers_qos(name, publishes=True))
         self._dropped.calls[name] = reject, fail
-        self.undo += [lambda: self._dropped.forget(name), subscription.undo]
+        self.undo += [lambda: self._dropped.calls.pop(name, None), subscription.undo]
         return RosSubscription(cdr.new, lambda: bool(matches(subscription.end[0])), subscription.qos_problem)
 
     def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
         """Offer the service. Raises ValueError if the type contains a `wstring`."""
-        self.undo.append(services.serve(self._transport(), wire, self._ends.log, answer, refuse))
+        self.undo.append(Server(self._transport(), wire, self._ends.log, refuse, answer).close)
 
     def client(self, wire: ServiceWire) -> RosClient:
         """Create a client of the service. Raises ValueError if the type contains a `wstring`."""
-        caller, close = services.client(self._transport(), wire, self._ends.log)
-        self.undo.append(close)
-        return caller
+        client = Client(self._transport(), wire, self._ends.log)
+        self.undo.append(client.close)
+        return RosClient(client.request.new, client.call, client.is_connected)
 
     def _transport(self) -> ServiceTransport:
         self._services = self._services or self._choose()

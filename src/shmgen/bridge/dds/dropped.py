@@ -63,10 +63,6 @@ class Dropped:
         finally:
             stderr.value = before
 
-    def forget(self, topic: str) -> None:
-        """Remove the callbacks of a DDS topic."""
-        self.calls.pop(topic, None)
-
     def _run(self, source: int) -> None:
         with open(source, encoding="utf-8", errors="replace") as lines:
             for line in map(str.rstrip, lines):

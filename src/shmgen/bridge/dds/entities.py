@@ -1,7 +1,4 @@
-"""Creates Cyclone's readers and writers. One thread reads all topics, and each service has a thread of its own.
-
-A waiting thread costs less than a Cyclone listener: Python creates a thread state for each message of a listener.
-"""
+"""Creates Cyclone's readers and writers, and threads that read, which cost less than Cyclone's listeners."""
 
 from __future__ import annotations
 
@@ -188,8 +185,7 @@ class Subscription:
 class ReaderThread:
     """A thread that takes the samples of many readers and calls the callback of each reader.
 
-    Ten samples that arrive together wake the thread once, and no threads compete for the GIL. Exceptions of the
-    callbacks are logged at a limited rate.
+    Ten samples that arrive together wake the thread once, and no threads compete for the GIL.
     """
 
     def __init__(self, ends: Ends) -> None:
@@ -267,10 +263,7 @@ class _ReaderSet(WaitSet):  # type: ignore[misc]
 
 
 def update_peer(peers: Peers, entity: Any, handle: int, is_there: bool = True) -> None:
-    """Add the peer `handle` of a reader or writer to `peers`. If `is_there` is False, remove the peer, which has left.
-
-    Cyclone calls this function before it delivers the first sample of a new peer.
-    """
+    """Add the peer `handle` of a reader or writer to `peers`, before its first sample. If it has left, remove it."""
     if not is_there:
         peers.remove(key_of(handle))
         return

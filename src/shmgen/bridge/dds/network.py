@@ -97,13 +97,10 @@ def sockets() -> set[int]:
 
 
 def confine(before: set[int]) -> None:
-    """Limit new UDP sockets of this process to packets from this machine.
-
-    `before` contains the file descriptors of the sockets that were already open; these sockets stay unchanged.
+    """Limit new UDP sockets, which are not in `before`, to packets from this machine. Raises OSError.
 
     Cyclone binds its sockets to all interfaces. A kernel filter therefore drops packets that did not arrive on `lo`.
-    Packets between processes of one machine always arrive on `lo`, whatever address they use. Raises OSError if the
-    kernel rejects the filter.
+    Packets between processes of one machine always arrive on `lo`, whatever address they use.
     """
     only_lo = (
         (_LOAD, 0, 0, _INTERFACE),

@@ -19,7 +19,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any
 
-from shmgen.bridge.backend import Answer, NoAnswer, Refuse, RosClient, ServiceWire
+from shmgen.bridge.backend import Answer, NoAnswer, Refuse, ServiceWire
 from shmgen.bridge.codec.cdr import codec
 from shmgen.bridge.codec.type_identity import Identity, type_name
 from shmgen.bridge.common.support import await_answer, await_server
@@ -46,30 +46,6 @@ _READER_POLL_INTERVAL = 0.01
 _INCOMPATIBLE = "a peer is not on rmw_cyclonedds: no messages pass between it and the bridge"
 _HINT = "start it with RMW_IMPLEMENTATION=rmw_cyclonedds_cpp, or the bridge with --backend ros2"
 _BOTH = "there are servers on rmw_cyclonedds and on rmw_fastrtps, and each would misread the other's requests"
-
-
-def serve(
-    transport: ServiceTransport, wire: ServiceWire, log: Callable[[str], None], answer: Answer, refuse: Refuse
-) -> Callable[[], None]:
-    """Offer the service to ROS. Return a function that removes the service.
-
-    The service's thread calls `answer` for one request after another.
-    Raises ValueError if the type contains a `wstring`.
-    """
-    server = _Server(transport, wire, log, refuse)
-    server.start(answer)
-    return server.close
-
-
-def client(
-    transport: ServiceTransport, wire: ServiceWire, log: Callable[[str], None]
-) -> tuple[RosClient, Callable[[], None]]:
-    """Return a client of the service, and a function that removes this client.
-
-    Raises ValueError if the type contains a `wstring`.
-    """
-    service_client = _Client(transport, wire, log)
-    return RosClient(service_client.request.new, service_client.call, service_client.is_connected), service_client.close
 
 
 class _Half:
@@ -114,13 +90,17 @@ class _Half:
             self._log(f"{self._name}: {_INCOMPATIBLE}; {self._transport.why}{_HINT}")
 
 
-class _Server(_Half):
+class Server(_Half):
+    """A service that the bridge offers. One thread calls `answer` for one request after another."""
+
     own_key, peer_key = "serviceid", "clientid"
 
-    def start(self, answer: Answer) -> None:
-        """Receive requests. `answer` fills the response to each request."""
+    def __init__(
+        self, transport: ServiceTransport, wire: ServiceWire, log: Callable[[str], None], refuse: Refuse, answer: Answer
+    ) -> None:
+        super().__init__(transport, wire, log, refuse)
         self._answer = answer
-        self.pair = self._transport.pair(self._requests, self._responses, self._on_peer)
+        self.pair = transport.pair(self._requests, self._responses, self._on_peer)
         self.pair.listen(self._on_received, self._name)
 
     def _on_peer(self, words: list[str], is_writer: bool) -> None:
@@ -174,7 +154,9 @@ class _Server(_Half):
         return not received.call[_GUID - 1] & _READER or received.call[:_GUID] in hearing
 
 
-class _Client(_Half):
+class Client(_Half):
+    """A client of a service, with the functions of a RosClient."""
+
     own_key, peer_key = "clientid", "serviceid"
 
     def __init__(self, transport: ServiceTransport, wire: ServiceWire, log: Callable[[str], None]) -> None:

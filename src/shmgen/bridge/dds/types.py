@@ -1,8 +1,7 @@
-"""Names and types for DDS: the topic names of ROS 2, and the structures that Cyclone requires.
+"""Names and types for DDS: the topic names of ROS 2, and the structures by which Cyclone knows a type.
 
-A structure describes a type to Cyclone. Cyclone does not convert the bytes of a message, because the codec in cdr.py
-encodes and decodes them. Sources of the names: the ROS 2 design article *Topic and Service name mapping to DDS*, and
-rosidl_generator_dds_idl.
+The codec in cdr.py converts the bytes of a message. Sources of the names: the ROS 2 design article *Topic and Service
+name mapping to DDS*, and rosidl_generator_dds_idl.
 """
 
 from __future__ import annotations

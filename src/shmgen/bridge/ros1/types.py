@@ -83,11 +83,7 @@ def _generate_class(name: str, messages: tuple[Message, ...]) -> Any:
 
 
 def _definition(message: Message) -> str:
-    """Return the definition installed with ROS 1, or the text of `message` if none is installed.
-
-    The installed definition has precedence, because only the Header of ROS 1 has the field `seq`. This field changes
-    the md5 sum of each type with a Header.
-    """
+    """Return the definition installed with ROS 1, whose Header has the field `seq`, or else the text of `message`."""
     installed = genpy.message.get_message_class(message.name.short)
     return str(installed._full_text.partition(_RULE)[0]) if installed else message.text
 

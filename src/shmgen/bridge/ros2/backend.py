@@ -1,7 +1,7 @@
-"""The backend ros2: topics and services through rclpy.
+"""The backend ros2: topics and services through rclpy. Topics pass as bytes.
 
-Topics pass as bytes. Each subscription and each server has its own thread, because an answer may take long. The
-executor of rclpy handles only rare events: parameters, the clock, and answers to the bridge's own calls.
+Each subscription and each server has its own thread, because an answer may take long. The executor of rclpy handles
+only rare events: parameters, the clock, and answers to the bridge's own calls.
 """
 
 from __future__ import annotations
@@ -127,12 +127,7 @@ class Ros2(Backend):
         def qos_problem() -> str:
             return qos.problem(own, map(_policies, listed(publisher.topic_name)), publishes=True)
 
-        return RosPublisher(
-            cdr.new,
-            lambda message: send(cdr.encode(message)),
-            acknowledged=acknowledged,
-            qos_problem=qos_problem,
-        )
+        return RosPublisher(cdr.new, lambda message: send(cdr.encode(message)), None, acknowledged, qos_problem)
 
     def subscribe(self, wire: Wire, sink: MessageSink) -> RosSubscription:
         kind, cdr = types.message(wire.messages), _codec(wire.messages)

@@ -19,10 +19,7 @@ class Inlet:
     def __init__(
         self, subscription: Any, deliver: Callable[[bytes], None], errors: ErrorSink, peers: Peers, names_senders: bool
     ) -> None:
-        """Prepare to pass the messages of `subscription` to `deliver`. `peers` checks their publishers.
-
-        `names_senders` is True if the GID in a message identifies the publisher in the ROS graph.
-        """
+        """Prepare `take`. `names_senders` is True if the GID in a message identifies the publisher in the graph."""
         self._handle = subscription.handle
         self._kind = subscription.msg_type
         self._deliver, self._errors = deliver, errors
@@ -51,10 +48,7 @@ class Inlet:
         self._publishers = count
 
     def _refusal(self, about: Any) -> str:
-        """Return why a message must be refused, or `""` if it may pass. `about` is rclpy's information on the message.
-
-        If its publisher may be new, first read the present publishers from the graph.
-        """
+        """Return why a message must be refused, or `""`. If its publisher may be new, first look at the graph."""
         is_next = self._follows(about.get("publication_sequence_number"))
         sender = (about.get("publisher_gid") or {}).get("data", b"") if self._names_senders else b""
         count = self._handle.get_publisher_count()

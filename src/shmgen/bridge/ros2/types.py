@@ -1,7 +1,4 @@
-"""Imports the installed Python classes of ROS 2 types, and compares their fields with the definitions.
-
-Topics pass as bytes, encoded and decoded by cdr.py. Only rclpy's services use objects of the classes.
-"""
+"""Imports the installed classes of ROS 2 types, which rclpy's services need, and compares their fields."""
 
 from __future__ import annotations
 

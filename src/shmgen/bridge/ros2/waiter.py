@@ -1,8 +1,7 @@
 """A thread that takes the messages of one subscription or service, in order.
 
-For every message, rclpy's executors build a wait set of all entities of the node and then take one message. The
-messages of one topic would delay the messages of all others. Here each entity has its own wait set, as in
-rclpy.wait_for_message.
+For every message, rclpy's executors build a wait set of all entities of the node and take one message. Here each entity
+has its own wait set, as in rclpy.wait_for_message, so that no topic delays another topic.
 """
 
 from __future__ import annotations

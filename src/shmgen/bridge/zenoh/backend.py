@@ -35,6 +35,7 @@ from shmgen.bridge.backend import (
 )
 from shmgen.bridge.codec.cdr import codec
 from shmgen.bridge.codec.direct import WireFormat
+from shmgen.bridge.codec.type_identity import Identity
 from shmgen.bridge.common.peers import Peers
 from shmgen.bridge.common.support import (
     SHUTDOWN_TIMEOUT,
@@ -86,7 +87,7 @@ class Zenoh(Backend):
         else:
             out = self._session.declare_publisher(key, **how)
         numbers, lock = itertools.count(1), threading.Lock()
-        end_watch = self._graph.watch("MS", place, Peers(self._graph.identity(place)))
+        end_watch = self._graph.watch("MS", place, Peers(Identity(*place, self._log)))
         token = self._graph.show("MP", place, quality(best_effort, wire.latch, 1 if wire.latch else wire.queue))
         self._until_undone(out.undeclare, end_watch, token.withdraw)
 
@@ -101,7 +102,7 @@ class Zenoh(Backend):
         """Subscribe to all publishers of the topic and type. Refuse and count messages of other definitions."""
         cdr = codec(wire.messages)
         place = Place(wire.name, wire.type, cdr.type_hash)
-        identity = self._graph.identity(place, wire.accepts_other)
+        identity = Identity(*place, self._log, wire.accepts_other)
         deliver = from_bytes(wire, cdr.decode, WireFormat.CDR, sink)
         newest: dict[bytes, int] = {}
 
@@ -159,14 +160,14 @@ class Zenoh(Backend):
 
         queryable = self._session.declare_queryable(key, RingChannel(QUEUE), complete=True)
         stop = self._empty(queryable, take, wire.name)
-        end_watch = self._graph.watch("SC", place, Peers(self._graph.identity(place), refuse_peer))
+        end_watch = self._graph.watch("SC", place, Peers(Identity(*place, self._log), refuse_peer))
         token = self._graph.show("SS", place, quality())
         self._until_undone(stop, end_watch, token.withdraw)
 
     def client(self, wire: ServiceWire) -> RosClient:
         request, response = codec(wire.request), codec(wire.response)
         place = Place(wire.name, wire.type, service_hash(wire.request, wire.response))
-        servers = Peers(self._graph.identity(place))
+        servers = Peers(Identity(*place, self._log))
         end_watch = self._graph.watch("SS", place, servers)
         token = self._graph.show("SC", place, quality())
         self._until_undone(end_watch, token.withdraw)

@@ -17,7 +17,7 @@ import zenoh
 from zenoh.handlers import Callback
 
 from shmgen.bridge.backend import QUEUE
-from shmgen.bridge.codec.type_identity import Identity, type_name
+from shmgen.bridge.codec.type_identity import type_name
 from shmgen.bridge.common.peers import Peers
 from shmgen.core.model import TypeName
 
@@ -132,15 +132,8 @@ class Graph:
         """Publish the liveliness token of a publisher (MP), subscription (MS), server (SS) or client (SC)."""
         return self._declare(kind, f"/{place.mangled}/{place.hash}/{qos}")
 
-    def identity(self, place: Place, accepts_other: bool = False) -> Identity:
-        """Return the check that compares the type hashes of peers with the hash of this topic or service."""
-        return Identity(*place, self.log, accepts_other)
-
     def watch(self, kind: str, place: Place, peers: Peers) -> Callable[[], None]:
-        """Add all peers of a kind (MP, MS, SS or SC, as in `show`) at a topic or service to `peers`.
-
-        Return a function that ends the watch.
-        """
+        """Add all peers of a kind (as in `show`) at a topic or service to `peers`. Return a function that ends this."""
 
         def update(token: Any) -> None:
             key = str(token.key_expr)
