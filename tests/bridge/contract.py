@@ -238,6 +238,18 @@ def a_message_is_as_it_was_when_it_was_sent(scene: Scene) -> None:
     assert [one.data for one in line.taken] == ["first", "second"]
 
 
+def a_message_that_is_far_too_long_is_rejected(scene: Scene) -> None:
+    """By the receiver, or already by the sender as in Cyclone; the next one passes."""
+    line = scene.line()
+    try:
+        line.outlet.send(line.text("x" * (line.wire.largest + 1)))
+    except Exception as error:
+        line.others.append(error)
+    line.outlet.send(line.text("next"))
+    until(lambda: line.taken and line.others)
+    assert [one.data for one in line.taken] == ["next"]
+
+
 def one_at_a_time_is_handed_over(scene: Scene) -> None:
     """Whoever sends, from however many threads."""
     line = scene.line()
@@ -563,6 +575,7 @@ CHECKS: tuple[Callable[[Scene], None], ...] = (
     the_short_way_leads_to_the_same,
     lists_may_hold_objects_of_any_class,
     a_message_is_as_it_was_when_it_was_sent,
+    a_message_that_is_far_too_long_is_rejected,
     one_at_a_time_is_handed_over,
     nobody_has_to_listen,
     what_is_latched_reaches_who_comes_late,

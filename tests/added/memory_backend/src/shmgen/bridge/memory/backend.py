@@ -53,7 +53,7 @@ class Inlet:
 
     def __init__(self, wire: Wire, codec_: Codec, sink: MessageSink) -> None:
         self.waiting: queue.Queue[bytes | None] = queue.Queue(wire.queue)
-        self._codec, self._sink = codec_, sink
+        self._codec, self._sink, self._largest = codec_, sink, wire.largest
         self.thread = threading.Thread(target=self._run, daemon=True)
         self.thread.start()
 
@@ -69,7 +69,10 @@ class Inlet:
 
     def _run(self) -> None:
         while (data := self.waiting.get()) is not None:
-            self._sink.take(self._codec.decode(data))
+            if len(data) > self._largest:
+                self._sink.reject(f"{len(data)} bytes do not fit the region")
+            else:
+                self._sink.take(self._codec.decode(data))
 
 
 class Memory(Backend):
