@@ -35,14 +35,14 @@ def _size(context: click.Context, parameter: click.Parameter, value: str | None)
 
 @click.command()
 @click.argument("topics", nargs=-1, metavar="[TOPIC]...", shell_complete=common.topics)
-@click.option("-a", "--all", "everything", is_flag=True, help="All regions, including those created later.")
+@click.option("-a", "--all", "everything", is_flag=True, help="Record all topics, including topics created later.")
 @click.option(
     "-o",
     "--output",
     type=click.Path(path_type=Path),
     help="Folder to create for the bag.  [default: named by date and time]",
 )
-@click.option("--max-size", metavar="SIZE", callback=_size, help="Start a new file after this size: 500M, 2G.")
+@click.option("--max-size", metavar="SIZE", callback=_size, help="Start a new file at this size, such as 500M or 2G.")
 @click.option("--max-duration", type=click.FloatRange(0.1), metavar="SECONDS", help="Start a new file after this time.")
 @click.option("-d", "--duration", type=click.FloatRange(0.1), metavar="SECONDS", help="Stop after this time.")
 @click.option("-q", "--quiet", is_flag=True, help="Print no progress.")
@@ -58,12 +58,12 @@ def record(
     quiet: bool,
     source: options.Source,
 ) -> None:
-    """Record live regions into a ROS 2 bag (MCAP).
+    """Record topics in shared memory into a ROS 2 bag (MCAP).
 
-    Records until Ctrl-C or SIGTERM, for `ros2 bag`, Foxglove, PlotJuggler and `shmgen play`. Read-only: nothing is
-    written to a region and no lock is taken. Waits for regions that do not exist yet. Services and actions are
-    recorded as their regions. The bag stays readable after SIGKILL or on a full disk. Exits with 1 if something could
-    not be recorded.
+    The recorder runs until Ctrl-C or SIGTERM. `ros2 bag`, Foxglove, PlotJuggler and `shmgen play` can read the bag. The
+    recorder does not write to the shared memory and holds no lock. If a topic does not exist yet, the recorder waits.
+    The requests and responses of services and actions are recorded as topics. The bag stays readable after SIGKILL or
+    on a full disk. The exit code is 1 if a topic could not be recorded.
     """
     from shmgen.bag.folder import Bag
     from shmgen.bag.record import Recorder
@@ -102,21 +102,21 @@ def record(
 @click.option("-r", "--rate", type=click.FloatRange(0.001, 1000), default=1.0, show_default=True, help="Speed factor.")
 @click.option("-l", "--loop", is_flag=True, help="Repeat until Ctrl-C.")
 @click.option(
-    "--start", type=click.FloatRange(0), default=0.0, metavar="SECONDS", help="Start this far into the recording."
+    "--start", type=click.FloatRange(0), default=0.0, metavar="SECONDS", help="Skip this many seconds of the recording."
 )
-@click.option("--topics", "chosen", multiple=True, metavar="TOPIC", help="Play this topic only; may be repeated.")
+@click.option("--topics", "chosen", multiple=True, metavar="TOPIC", help="Play only this topic; may be repeated.")
 @click.option("-q", "--quiet", is_flag=True, help="Print no progress.")
 @options.source_options
 @common.report_errors
 def play(
     path: Path, rate: float, loop: bool, start: float, chosen: tuple[str, ...], quiet: bool, source: options.Source
 ) -> None:
-    """Publish the samples of a bag at their recorded pace.
+    """Publish the samples of a bag at the recorded intervals.
 
-    BAG is a folder or an .mcap file from `shmgen record` or `ros2 bag`; a truncated file is played up to its end.
-    Replaces the robot or the PLC in a test. Stop the replaced publisher first, because a topic has one publisher.
-    Services and actions are played only if --topics names them. A bag whose layouts differ from your configuration is
-    rejected.
+    BAG is a folder or an .mcap file from `shmgen record` or `ros2 bag`; a truncated file is played up to its end. In a
+    test, a bag replaces the robot or the PLC. Stop the replaced publisher first, because a topic has one publisher.
+    The command plays services and actions only if --topics names them. The command rejects a bag if its message
+    layouts differ from your shmgen.toml.
     """
     from shmgen.bag.play import Player
 

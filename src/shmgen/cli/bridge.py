@@ -24,10 +24,11 @@ from shmgen.core.diagnostics import Diagnostic, Rejected, Span
 def bridge(backend: str | None, ros_arguments: tuple[str, ...], source: options.Source) -> None:
     """Connect ROS topics, services and actions to shared memory.
 
-    Runs the entries of shmgen.toml until Ctrl-C or SIGTERM. Backends: ros2 (rclpy), ros1 (rospy), dds and zenoh. The
-    backends dds and zenoh join a ROS 2 graph through cyclonedds or eclipse-zenoh, without ROS. The value auto selects
-    the ROS whose setup was sourced, otherwise an installed backend.
-    Prints its counters on SIGUSR1 and at exit, and reads shmgen.toml again on SIGHUP.
+    The bridge carries the topics, services and actions of shmgen.toml until Ctrl-C or SIGTERM. The backends are ros2
+    (rclpy), ros1 (rospy), dds and zenoh. The backends dds and zenoh connect to ROS 2 nodes through the Python packages
+    cyclonedds or eclipse-zenoh, without an installed ROS. The value auto selects the ROS whose setup was sourced,
+    otherwise an installed backend. On SIGUSR1 and at exit, the bridge prints its counters. On SIGHUP, the bridge reads
+    shmgen.toml again.
     """
     from shmgen.bridge.backend import BackendMissing
     from shmgen.bridge.common import watchdog

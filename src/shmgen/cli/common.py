@@ -106,7 +106,13 @@ def _source(context: click.Context) -> options.Source:
 
 topic = click.argument("topic", shell_complete=topics)
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-count = click.option("-n", "--count", type=click.IntRange(1), help="Stop after this many.")
+
+
+def count(unit: str) -> Callable[[F], F]:
+    """Return the option -n, which stops a command after a number of samples, reports or tables."""
+    return click.option("-n", "--count", type=click.IntRange(1), help=f"Stop after this many {unit}.")
+
+
 timeout = click.option(
     "--timeout", type=click.FloatRange(0), help="Exit with 1 after this many seconds without a sample."
 )

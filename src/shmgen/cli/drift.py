@@ -32,7 +32,7 @@ def _report(command: F) -> F:
             type=options.Word([severity.name.lower() for severity in reversed(Severity)]),
             default="cosmetic",
             show_default=True,
-            help="Lowest severity that makes the exit code 1; anything below is printed as a note.",
+            help="Lowest severity that sets exit code 1; shmgen prints lower severities as notes.",
         ),
         click.option("--json", "form", flag_value="json", help="Print JSON; the same as --format json."),
         click.option(
@@ -41,7 +41,7 @@ def _report(command: F) -> F:
             type=options.Word(["text", "json", "github"]),
             default="text",
             show_default=True,
-            help="Output format; github prints workflow annotations.",
+            help="Output format; github prints annotations for GitHub workflows.",
         ),
     ):
         command = option(command)
@@ -51,17 +51,18 @@ def _report(command: F) -> F:
 @click.command()
 @_output
 @options.targets("Check this target only; may be repeated. `shmgen generate --help` lists the targets.")
-@click.option("--diff", "with_diff", is_flag=True, help="Print what generate would change, as a patch.")
+@click.option("--diff", "with_diff", is_flag=True, help="Print the changes of `shmgen generate` as a patch.")
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing if the files are up to date.")
 @_report
 @options.source_options
 def check(
     output: Path, target: tuple[str, ...], with_diff: bool, quiet: bool, form: str, fail_on: str, source: options.Source
 ) -> None:
-    """Check that definitions, generated files and layout.lock agree. Writes nothing.
+    """Check that definitions, generated files and layout.lock agree.
 
-    Exits with 0 if `shmgen generate` would change nothing, otherwise 1. Severities: breaking (bytes moved or mean
-    something else, rebuild both sides), compatible (comments, new constants) and cosmetic (text only).
+    The command writes no file. The exit code is 0 if `shmgen generate` would change nothing, otherwise 1. A change is
+    breaking (a field moved or changed its meaning: rebuild the PLC program and all others), compatible (comments, new
+    constants) or cosmetic (only the text of files).
     """
     from shmgen.cli import requested
     from shmgen.core.write import current
@@ -108,8 +109,8 @@ def check(
 def diff(old: str, new: str, output: Path, form: str, fail_on: str) -> None:
     """Compare the message layouts of two git revisions.
 
-    OLD and NEW are each a git revision, a layout.lock file or its folder. Exits with 1 if anything of the severity
-    given by --fail-on, or above, changed.
+    OLD and NEW are each a git revision, a layout.lock file, or the folder of a layout.lock. The exit code is 1 after a
+    change of at least the severity of --fail-on.
     """
     from shmgen.drift import revisions
     from shmgen.drift.compare import compare
@@ -132,12 +133,12 @@ def diff(old: str, new: str, output: Path, form: str, fail_on: str) -> None:
     "--from",
     "origin",
     metavar="REQUIREMENT",
-    help="What pip installs in CI, such as 'shmgen[idl] @ git+https://HOST/shmgen'.  [default: this shmgen's origin]",
+    help="Requirement for pip in CI, such as 'shmgen[idl] @ git+https://HOST/shmgen'.  [default: this shmgen's origin]",
 )
 def init(hook: bool, ci: bool, origin: str | None) -> None:
     """Write shmgen.toml for the packages in the current folder.
 
-    Asks no questions and leaves existing files as they are.
+    The command asks no questions and changes no existing file.
     """
     import shlex
 

@@ -17,12 +17,12 @@ from shmgen.cli import common, options
 @options.source_options
 @common.report_errors
 def doctor(topic: str | None, as_json: bool, source: options.Source) -> None:
-    """Diagnose live regions, and print how to fix each fault.
+    """Find faults in the shared memory of topics, and print remedies.
 
-    Checks all regions, or those of TOPIC: owner, mode, writer, lock, semaphore, layout and depth. Layout and depth
-    are compared with shmgen.toml and generated/layout.lock of the current folder. Also checks the bitness of
-    processes that map a region, and finds processes that still use a removed region. Exits with 1 if there is a
-    fault; notes do not count.
+    A region is the shared memory of one topic. The command checks the owner, mode, writer, lock, semaphore, layout and
+    depth of all regions, or of TOPIC. Layout and depth must match shmgen.toml and generated/layout.lock in the current
+    folder. The command also reports 32-bit processes that share a region with 64-bit processes, and processes that
+    still use a removed region. The exit code is 1 if the command finds a fault.
     """
     from shmgen.tools.doctor import doctor as tool
     from shmgen.tools.messages import format
@@ -35,17 +35,19 @@ def doctor(topic: str | None, as_json: bool, source: options.Source) -> None:
 @click.command()
 @click.argument("topics", nargs=-1, metavar="[TOPIC]...", shell_complete=common.topics)
 @click.option(
-    "--all", "everything", is_flag=True, help="All regions, and semaphores left half-created by a killed process."
+    "--all", "everything", is_flag=True, help="Remove all regions, and incomplete semaphores of killed processes."
 )
 @click.option(
-    "--force", is_flag=True, help="Also regions in use: their processes then keep files that nobody else can see."
+    "--force",
+    is_flag=True,
+    help="Also remove regions in use. Their processes then exchange no samples with new processes.",
 )
-@click.option("--dry-run", is_flag=True, help="Print what would be removed, and remove nothing.")
+@click.option("--dry-run", is_flag=True, help="Print the files to remove, and remove nothing.")
 @common.report_errors
 def clean(topics: tuple[str, ...], everything: bool, force: bool, dry_run: bool) -> None:
-    """Remove regions and their semaphores from /dev/shm.
+    """Remove the shared memory and semaphores of topics from /dev/shm.
 
-    Refuses regions that have a live writer or that a process has open; exits with 1 after a refusal.
+    The command refuses to remove a region that a process uses, and then exits with 1.
     """
     from shmgen.live import processes, regions
     from shmgen.runtime import RegionMissing, ShmError
@@ -90,16 +92,19 @@ def clean(topics: tuple[str, ...], everything: bool, force: bool, dry_run: bool)
 
 @click.command()
 @common.topic
-@click.option("--once", is_flag=True, help="Print one sample, the newest if there is one already.")
-@common.count
+@click.option("--once", is_flag=True, help="Print the newest sample, or wait for the first sample, and exit.")
+@common.count("samples")
 @common.timeout
 @common.json_option
-@click.option("--csv", "as_csv", is_flag=True, help="Print CSV with a header line.")
+@click.option("--csv", "as_csv", is_flag=True, help="Print CSV with a line of field names.")
 @click.option(
-    "--field", metavar="PATH", shell_complete=common.fields, help="Print this field only: pose.position.x, points[2]."
+    "--field",
+    metavar="PATH",
+    shell_complete=common.fields,
+    help="Print only this field, such as pose.position.x or points[2].",
 )
-@click.option("--filter", "only", metavar="CONDITION", help="Print only samples that match: position.x > 1.")
-@click.option("-f", "--full", is_flag=True, help="Print arrays in full, not only the first 32 elements.")
+@click.option("--filter", "only", metavar="CONDITION", help="Print only samples that match, such as position.x > 1.")
+@click.option("-f", "--full", is_flag=True, help="Print all elements of arrays, not only the first 32.")
 @options.source_options
 @common.report_errors
 def echo(
@@ -116,9 +121,10 @@ def echo(
 ) -> None:
     """Print the samples of a topic as YAML, JSON or CSV.
 
-    The region's header names the type, so nothing needs to be generated. Your own messages are found through -I or
-    shmgen.toml, and their bounds in shmgen.toml or generated/layout.lock. Waits for a region that does not exist yet. A
-    sample with a count above its bound is reported instead of printed, and the exit code is then 1.
+    The command needs no generated code, because the shared memory contains the name of the type. Definitions of your
+    own messages are read from the folders of -I or shmgen.toml, and their bounds from shmgen.toml or
+    generated/layout.lock. If the topic does not exist yet, the command waits. If a sequence in a sample has more
+    elements than its bound, the command reports an error and exits with 1.
     """
     from shmgen.runtime import CountExceeded, RegionUnusable
     from shmgen.tools.messages import echo as tool
@@ -154,8 +160,8 @@ def echo(
 @click.argument("type_name", metavar="TYPE", shell_complete=common.types)
 @click.argument("values", default="{}", metavar="[VALUES]")
 @click.option("-r", "--rate", type=click.FloatRange(0.001, 10000), default=1.0, show_default=True, help="Rate in Hz.")
-@click.option("--once", is_flag=True, help="Publish one sample, which stays in the region.")
-@common.count
+@click.option("--once", is_flag=True, help="Publish one sample, which stays readable after the command ends.")
+@common.count("samples")
 @options.source_options
 @common.report_errors
 def pub(
@@ -163,7 +169,7 @@ def pub(
 ) -> None:
     """Publish VALUES, in YAML or JSON, on a topic.
 
-    Fields left out get their default; a time may be `now`.
+    Omitted fields get their default values. A time may be `now`.
 
     \b
     shmgen pub /robot/pose geometry_msgs/Pose '{position: {x: 1.0}}' -r 10
@@ -197,8 +203,8 @@ def call(service: str, type_name: str, values: str, timeout: float, as_json: boo
     \b
     shmgen call /cell/start std_srvs/SetBool '{data: true}'
 
-    VALUES is the request, in YAML or JSON. Waits for a server that has not started yet. A service has one client at a
-    time, so this fails while the PLC or a bridge is its client.
+    VALUES is the request, in YAML or JSON. If the server has not started yet, the command waits. A service has one
+    client at a time, so the command fails if the PLC or a bridge is the client.
     """  # noqa: D301 click's own sign
     from shmgen.tools.messages import call as tool
     from shmgen.tools.messages import format, parse
@@ -216,14 +222,14 @@ def call(service: str, type_name: str, values: str, timeout: float, as_json: boo
     "-d", "--delay", type=click.FloatRange(0.1), default=1.0, show_default=True, help="Seconds between updates."
 )
 @click.option("--once", is_flag=True, help="Print one table.")
-@common.count
+@common.count("tables")
 @common.json_option
 @common.report_errors
 def top(delay: float, once: bool, count: int | None, as_json: bool) -> None:
-    """Show all regions in a live table.
+    """Show all topics in shared memory in a live table.
 
-    The columns are writer, rate, age, lock and missed samples. Keys: q quits, s sorts by the next column, r reverses
-    the order. In a pipe, prints one table after the other.
+    The columns include the writer, rate, age and missed samples of each topic. Press q to quit, s to sort by the next
+    column, and r to reverse the order. If the output is a pipe, the command prints one table after the other.
     """
     from shmgen.live.regions import unlisted
     from shmgen.tools.messages.format import as_line

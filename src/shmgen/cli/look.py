@@ -14,7 +14,7 @@ import click
 from shmgen.cli import common, options
 
 _window = click.option(
-    "-w", "--window", type=click.IntRange(2), default=10_000, show_default=True, help="Window size, in samples."
+    "-w", "--window", type=click.IntRange(2), default=10_000, show_default=True, help="Number of samples to measure."
 )
 
 
@@ -22,7 +22,7 @@ _window = click.option(
 @common.json_option
 @common.report_errors
 def topics(as_json: bool) -> None:
-    """List live regions: type, writer, readers, depth and age."""
+    """List topics in shared memory, with type, writer and readers."""
     from shmgen.live import processes
     from shmgen.live.regions import unlisted
     from shmgen.tools.messages.format import as_line
@@ -43,7 +43,7 @@ def topics(as_json: bool) -> None:
 @common.json_option
 @common.report_errors
 def info(topic: str, as_json: bool) -> None:
-    """Print details of a topic: type, size, samples, writer, readers."""
+    """Print the type, size, samples, writer and readers of a topic."""
     from shmgen.tools.messages.format import as_line
     from shmgen.tools.watch import overview as tool
 
@@ -57,10 +57,10 @@ def _report(name: str, measure: str, summary: str, add_options: Callable[[Any], 
     `name` is the name of the command. `measure` is the name of a function in tools.watch.reports.
     """
 
-    @click.command(name, help=f"{summary}\n\nPrints once a second.")
+    @click.command(name, help=f"{summary}\n\nThe command prints one report per second.")
     @common.topic
     @_window
-    @common.count
+    @common.count("reports")
     @common.timeout
     @common.json_option
     @add_options
@@ -86,7 +86,7 @@ def _report(name: str, measure: str, summary: str, add_options: Callable[[Any], 
     return command
 
 
-_AGE = "The age is measured from header.stamp, or from the writer's own time stamp if the message has no header.stamp."
+_AGE = "The age is the time since header.stamp, or since the writer's time stamp if the message has no header."
 hz = _report("hz", "rate", "Print the rate of a topic, and the time between samples.", lambda command: command)
 bw = _report("bw", "bandwidth", "Print the bandwidth of a topic.", lambda command: command)
 delay = _report("delay", "delay", f"Print the age of samples on arrival.\n\n{_AGE}", options.source_options)
@@ -99,12 +99,12 @@ _SHELLS = {
 }
 
 
-@click.command(epilog="\b\nTo turn it on:\n" + "\n".join(f"  {line}" for line in _SHELLS.values()))
+@click.command(epilog="\b\nTo enable completion:\n" + "\n".join(f"  {line}" for line in _SHELLS.values()))
 @click.argument("shell", type=options.Word(list(_SHELLS)))
 def completion(shell: str) -> None:
     """Print the completion script of a shell.
 
-    Completes commands, options, live topics, types and fields.
+    The script completes commands, options, topics, types and fields.
     """
     from click.shell_completion import get_completion_class
 

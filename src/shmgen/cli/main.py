@@ -184,12 +184,12 @@ def _linux_only(name: str) -> click.Command:
     help="Show the version and exit.",
 )
 def cli() -> None:
-    """Generate code that connects softPLCs and ROS through shared memory.
+    """Generate code that connects soft PLCs and ROS through shared memory.
 
     \b
-    shmgen list                         list the messages that can be generated
+    shmgen list                         list the available messages
     shmgen show geometry_msgs/Pose      print the byte layout of a message
     shmgen generate geometry_msgs/Pose  generate Python, Structured Text and C
     shmgen bridge                       connect ROS topics to shared memory
-    shmgen doctor                       diagnose the live regions of this machine
+    shmgen doctor                       find faults in the shared memory of topics
     """  # noqa: D301 click's own sign

@@ -27,13 +27,13 @@ if TYPE_CHECKING:
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE|FOLDER...")
 @click.option("-p", "--package", help="Name of the message package.  [default: name of the first file, with _msgs]")
 @options.output_folder("Folder in which to create the package.", "msgs")
-@click.option("--skip", is_flag=True, help="Leave out types that cannot be messages, and write the rest.")
+@click.option("--skip", is_flag=True, help="Omit types that cannot be messages, and write the others.")
 def import_(files: tuple[Path, ...], package: str | None, output: Path, skip: bool) -> None:
-    """Create message definitions from the DUTs of a PLC project.
+    """Create ROS message definitions from data types of a PLC project.
 
-    Reads PLCopen XML, .TcDUT and .st files. Names, comments and bytes are kept: Structured Text generated from the
-    definitions has the imported types again. The bytes are compared with the .tmc file of a TwinCAT project. After an
-    error nothing is written.
+    The command reads PLCopen XML, .TcDUT and .st files. The definitions keep names, comments and layouts, so that
+    Structured Text generated from the definitions contains the same types. If a TwinCAT project has a .tmc file, the
+    command compares the layouts with this file. After an error, the command writes no file.
     """
     from shmgen.plc import messages, sources
 
@@ -83,16 +83,16 @@ def _outcome(row: Row, package: str) -> str:
 
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path, file_okay=False), default=Path("selftest"))
-@click.option("--openplc", is_flag=True, help="Write for OpenPLC v4 and matiec instead of CODESYS.")
-@click.option("--write", is_flag=True, help="Only write the PLC's side. Use this on the machine of the IDE.")
+@click.option("--openplc", is_flag=True, help="Write files for OpenPLC v4 and matiec instead of CODESYS.")
+@click.option("--write", is_flag=True, help="Only write the PLC program. Use this option on the machine of the IDE.")
 @click.option(
-    "--wait", type=click.FloatRange(0), default=600.0, show_default=True, help="Seconds for each step by hand."
+    "--wait", type=click.FloatRange(0), default=600.0, show_default=True, help="Seconds to wait for each manual step."
 )
 def selftest(folder: Path, openplc: bool, write: bool, wait: float) -> None:
-    """Test how a PLC's runtime treats regions, and print a report.
+    """Test how a PLC handles shared memory, and print a report.
 
-    Writes the PLC's side, PRG_ShmSelfTest, into FOLDER, then runs the Linux side. The results are explained in
-    docs/guarantees.md. Exits with 1 if a result differs from the expected result.
+    The command writes the PLC program PRG_ShmSelfTest into FOLDER, and then exchanges samples with the running PLC.
+    docs/guarantees.md explains the results. The exit code is 1 if a result differs from the expected result.
     """
     from shmgen import config
     from shmgen.generator.render import template_folder

@@ -25,7 +25,11 @@ from shmgen.core.diagnostics import Diagnostic, Rejected, Span
     help="Port of the page; 0 selects a free one.",
 )
 @click.option("--open", "opens", is_flag=True, help="Open the page in the browser.")
-@click.option("--allow-write", is_flag=True, help="Allow publishing by hand. Off by default: samples move machines.")
+@click.option(
+    "--allow-write",
+    is_flag=True,
+    help="Allow to publish samples by hand. Off by default, because a sample may move a machine.",
+)
 @options.source_options
 @common.report_errors
 def view(
@@ -37,13 +41,14 @@ def view(
     allow_write: bool,
     source: options.Source,
 ) -> None:
-    """Show live regions in the browser or in the terminal.
+    """Show topics in shared memory in the browser or in the terminal.
 
     \b
     shmgen view --terminal /arm/pose position.x position.y   plot fields
 
-    Shows a table, fields, plots and memory. Serves a page on 127.0.0.1 and prints its address; the token in the
-    address is required for access. Needs the extra `view` (`pip install '.[view]'` in a checkout) and no internet.
+    The page shows all topics, and the fields, plots and bytes of one topic. The command serves the page on 127.0.0.1
+    and prints the address, which contains the token required for access. The command requires the extra `view` (`pip
+    install '.[view]'` in a checkout), but no internet.
     """  # noqa: D301 click's own sign
     try:
         import textual  # noqa: F401
