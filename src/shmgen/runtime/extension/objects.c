@@ -524,6 +524,8 @@ static PyObject *numbers_from(const Table *self, Step *step, const unsigned char
         return list_from(self, step, from, count, like);
     if (PyBytes_CheckExact(like))
         return PyBytes_FromStringAndSize((const char *)from, bytes);
+    if (PyByteArray_CheckExact(like))
+        return PyByteArray_FromStringAndSize((const char *)from, bytes);
     if (!PyTuple_CheckExact(like))
         return array_from(self, step, from, bytes, like);
     list = list_from(self, step, from, count, like);
