@@ -41,10 +41,10 @@ class Transcoder:
         now: Callable[[], Time] = Time,
     ) -> bytes:
         """Return the message for `payload`, the bytes of a sample. Raises ValueRejected if a value is invalid."""
-        at, time = -1, Time()
+        at, seconds, nanos = -1, 0, 0
         if self._stamp and not any(payload[self._stamp]):
-            at, time = self._stamp.start, now()
-        data: bytes = self._to_wire(payload, wire_format is WireFormat.ROS1, False, at, *time)
+            at, (seconds, nanos) = self._stamp.start, now()
+        data: bytes = self._to_wire(payload, wire_format is WireFormat.ROS1, False, at, seconds, nanos)
         return data
 
     def decode(self, data: bytes, wire_format: WireFormat) -> Message | None:
