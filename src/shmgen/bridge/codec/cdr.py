@@ -72,10 +72,9 @@ def codec(messages: tuple[Message, ...], wide_unit: Literal[2, 4] = 4) -> Codec:
                 definition = store.get_msgdef(str(top))
                 read = definition.deserialize_cdr_le if data[1] else definition.deserialize_cdr_be
                 return _texts(read(bytes(data[4:]), 0, definition.cls, store)[0], Ref(top), known)
-            message = store.deserialize_cdr(data, str(top))
+            return store.deserialize_cdr(data, str(top))
         except (SerdeError, struct.error, IndexError) as error:
             raise ValueError(str(error)) from error
-        return message
 
     # Decode an empty message: this takes a third of the time of creating one. Arrays of a bytearray are writable.
     blank = encode(_empty(Ref(top), known, kinds))
