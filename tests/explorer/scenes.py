@@ -104,7 +104,7 @@ FULL = [
     _scene("two wait, one works", "p=1 ms=1000", "writer n=4 every=5", "waiter n=4", "waiter n=4 busy=5"),
     _scene("two wait, one leaves", "p=2 ms=1000", "writer n=4 every=5", "waiter n=4 all=1", "waiter n=4 leave=2"),
     _scene("three wait", "p=1 ms=1000", "writer n=3 every=5", *["waiter n=3 all=1"] * 3),
-    _scene("two wait for a PLC", "p=1 ms=4000", "plc_writer n=6", *["waiter n=3 all=1"] * 2),
+    _scene("two wait for a PLC", "p=1 ms=1000", "plc_writer n=3", *["waiter n=2 all=1"] * 2),
     _scene("two wait for a PLC with a short cycle", "p=1 ms=1000", "plc_writer n=8 every=25",
            *["waiter n=3 all=1"] * 2),
     # Numbers.
@@ -179,6 +179,7 @@ LARGE = [
     _scene("one waits, larger", "p=3 b=2 ms=1000", "writer n=3", "waiter n=3"),
     _scene("two wait for a burst, larger", "p=3 ms=1000", "writer n=2", *["waiter n=2"] * 2),
     _scene("two wait, with store buffers", "p=2 b=2 ms=1000", "writer n=2", *["waiter n=2"] * 2),
+    _scene("two wait for a PLC, larger", "p=1 ms=4000", "plc_writer n=6", *["waiter n=3 all=1"] * 2),
     _scene("three wait for a burst", "p=2 ms=1000", "writer n=2", *["waiter n=2"] * 3),
     *(_takes_over(name, "with store buffers", "p=1 s=1 c=1 b=1", 1) for name in _TAKEOVERS),
     *(_takes_over(name, "beside a reader of all", "p=1 s=1", 2, _LOOKS + " next=1") for name in _TAKEOVERS),
