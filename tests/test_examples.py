@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import zlib
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -87,6 +89,19 @@ BUILT = {"ros2_cpp": "rclcpp", "ros2_control": "hardware_interface"}
 SLOW = {"ros1_cpp", *BUILT}  # roscpp and rclcpp take their time to compile
 
 
+def run_and_kill_the_rest(command: list[str | Path], environment: dict[str, str]) -> tuple[int, str]:
+    """Run a command and kill the processes that it leaves, or the next run would find their regions in use."""
+    with subprocess.Popen(
+        command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
+    ) as process:
+        try:
+            output, _ = process.communicate(timeout=240)
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+    return process.returncode, output
+
+
 @pytest.mark.parametrize(
     "example",
     [
@@ -112,9 +127,9 @@ def test_example(example: str) -> None:
     if example in BUILT:
         environment |= rclcpp.environment(BUILT[example])  # or skips
     command = [sys.executable, REPOSITORY / "examples" / example / "demo.py"]
-    result = subprocess.run(command, env=environment, capture_output=True, text=True, check=False, timeout=240)
-    assert result.returncode == 0, result.stdout + result.stderr
-    assert SAYS[example] in result.stdout
+    status, output = run_and_kill_the_rest(command, environment)
+    assert status == 0, output
+    assert SAYS[example] in output
     assert left_behind(example) == []
 
 
