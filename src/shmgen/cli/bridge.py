@@ -51,7 +51,7 @@ def bridge(backend: str | None, ros_arguments: tuple[str, ...], source: options.
     except (BackendMissing, ShmError, OSError, ValueError) as error:
         hint = "correct this argument, setting or variable, and start the bridge again"
         raise Rejected([common.diagnostic(error, place, hint)]) from error
-    watchdog.reset(watchdog.STOP_LIMIT)  # a library may block while Python ends
+    watchdog.exit_at_once()
 
 
 COMMANDS = (bridge,)
