@@ -3,7 +3,7 @@
 layout.lock names every generated file with its SHA-256. If a file's text is held elsewhere, `expected/` has no copy of
 the file, and the expected layout.lock names the place instead of the SHA-256: the template that shmgen copies,
 `cases/pose`, another file of the case, or `generated/`. A change in a header for C therefore changes no file here.
-Publishers and subscribers of most cases, and messages of some, are held by their SHA-256 alone.
+Most cases hold only the number of such files in each folder. Publishers and subscribers of most cases, and messages of some, are held by their SHA-256 alone.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import re
 import shutil
 import subprocess
 import sys
+from collections import Counter
 from functools import cache
 from pathlib import Path
 
@@ -34,6 +35,11 @@ COPIED = {
     for path in (REPOSITORY / "templates" / folder).iterdir()
     if path.suffix != ".j2"
 }
+
+HELD_ELSEWHERE = re.compile(r'^"(.+)/[^/]+" = "(copied from templates|as in cases/pose)"\n', re.MULTILINE)
+
+WITH_NAMES_OF_COPIES = ("everything", "ros_cpp")
+"""Cases that name each file whose text is held elsewhere. They have all targets that copy files."""
 
 OF_OTHER_TARGETS = ("ros", "ros_cpp", "topics")
 """Cases that generate neither Python nor headers, which are alike in all others."""
@@ -134,7 +140,16 @@ def without_copies(case: str, texts: dict[str, str]) -> dict[str, str]:
         texts[LOCK],
         flags=re.MULTILINE,
     )
+    if case not in WITH_NAMES_OF_COPIES:
+        lock = with_numbers_of_copies(lock)
     return {path: text for path, text in texts.items() if path not in held and not is_hashed(case, path)} | {LOCK: lock}
+
+
+def with_numbers_of_copies(lock: str) -> str:
+    """Replace the lines of files whose text is held elsewhere by their number in each folder."""
+    copies = Counter(HELD_ELSEWHERE.findall(lock))
+    lines = (f'"{folder}" = "{number} files {place}"\n' for (folder, place), number in copies.items())
+    return HELD_ELSEWHERE.sub("", lock) + "".join(lines)
 
 
 def is_hashed(case: str, path: str) -> bool:
