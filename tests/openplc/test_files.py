@@ -142,9 +142,11 @@ def test_a_topic_and_a_service_are_as_expected(tmp_path: Path, update_golden: bo
     build.put({"shmgen.toml": CELL.partition("[[actions]]")[0], **DEFINITIONS}, tmp_path)
     texts = pipeline.generate(config.load(tmp_path / "shmgen.toml", "shmgen.toml", Report()), [])
     open_plc.read(texts["matiec/upload.st"])
+    upload, word, program = texts["matiec/upload.st"].partition("PROGRAM")
+    assert texts["openplc/PRG_Ros.st"].endswith(word + program)
     found = {
         "PRG_Ros.st": texts["openplc/PRG_Ros.st"],
-        "upload.st": re.sub(r"(?m)^\(\*FILE:.*\n", "", texts["matiec/upload.st"]),
+        "upload.st": re.sub(r"(?m)^\(\*FILE:.*\n", "", upload),
         "library.txt": as_text(json.loads(texts["openplc/shm_msgs.stlib"])),
     }
     if update_golden:
