@@ -16,6 +16,8 @@ from .scenes import FULL, LARGE, QUICK, SCENES, Scene
 pytestmark = pytest.mark.skipif(bool(missing()), reason=f"not here: {', '.join(missing())}: the ends are not explored")
 SECONDS = 200.0
 """Of the processor, at most; most scenes take less than one."""
+ONE_FOR_EACH_SCENE = list({fault.scene: fault for fault in reversed(FAULTS) if not fault.reason}.values())
+"""The first fault that each scene finds; `make explore` plants all."""
 
 
 @pytest.fixture(scope="session")
@@ -65,7 +67,7 @@ def test_what_is_found_can_be_replayed(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("fault", [fault for fault in FAULTS if not fault.reason], ids=lambda fault: fault.name)
+@pytest.mark.parametrize("fault", ONE_FOR_EACH_SCENE, ids=lambda fault: fault.name)
 def test_a_planted_fault_is_found(fault: Fault, tmp_path: Path) -> None:
     program = build(tmp_path, fault.planted(generated(tmp_path)))
     verdict, _ = explore(program, SCENES[fault.scene].arguments, SECONDS)
