@@ -13,6 +13,7 @@ import pytest
 
 from shmgen import runtime
 from shmgen.runtime import engine
+from shmgen.runtime.region import header as h
 
 from ..conftest import REPOSITORY
 from ..support import machine, sanitizers
@@ -27,7 +28,7 @@ PROGRAM = """
 
     from shmgen import runtime
     from tests.runtime.messages import PosePublisher, pose
-    from tests.support.plc_demo import Memory
+    from tests.support.region_of import region_of
 
     def publish():
         error = runtime.LockTimeout()
@@ -40,13 +41,13 @@ PROGRAM = """
 
     publisher = PosePublisher({topic!r}, lock_timeout=0.3, reopen=False)
     publisher.publish(pose(1))
-    memory = Memory({topic!r})
+    words = region_of({topic!r}).words
     lock = posix_ipc.Semaphore({semaphore!r})
     lock.acquire()
     waiting = threading.Thread(target=publish)
     waiting.start()
     time.sleep(0.1)
-    memory[{word!r}] = {value}
+    words[{word}] = {value}
     try:
         publisher.heartbeat()
     except runtime.ShmError as error:
@@ -58,7 +59,7 @@ PROGRAM = """
 
 @pytest.mark.usefixtures("each_engine")
 @pytest.mark.parametrize(
-    ("word", "value", "error"), [("retired", 1, "RegionRetired"), ("writer", 0xFFFFFFFF, "ClaimLost")]
+    ("word", "value", "error"), [(h.RETIRED, 1, "RegionRetired"), (h.WRITER, 0xFFFFFFFF, "ClaimLost")]
 )
 def test_heartbeat_leaves_the_memory_to_a_thread_that_waits_for_the_lock(topic, word, value, error):
     semaphore = f"/{runtime.region_name(topic)}"

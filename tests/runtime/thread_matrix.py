@@ -15,6 +15,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import posix_ipc
+
 if len(sys.argv) > 2:
     import shmgen
 
@@ -22,8 +24,9 @@ if len(sys.argv) > 2:
 
 from shmgen import runtime
 from shmgen.runtime import engine, region_name
+from shmgen.runtime.region import header as h
 from tests.runtime.messages import PosePublisher, PoseSubscriber, pose
-from tests.support.plc_demo import Memory, semaphore
+from tests.support.region_of import region_of
 
 Call = Callable[[Any], object]
 PAUSE = 0.002
@@ -68,13 +71,13 @@ def calls_of(kind: type) -> dict[str, Call]:
 
 def removed(topic: str, end: Any) -> None:
     """As another end does that finds the file removed."""
-    memory = Memory(topic)
+    words = region_of(topic).words
     (Path("/dev/shm") / region_name(topic)).unlink()
-    memory["retired"] = 1
+    words[h.RETIRED] = 1
 
 
 def claimed(topic: str, end: Any) -> None:
-    Memory(topic)["writer"] = PLC
+    region_of(topic).words[h.WRITER] = PLC
 
 
 def closed(topic: str, end: Any) -> None:
@@ -109,8 +112,8 @@ def run(kind: type, pair: tuple[Call, Call], event: Callable[[str, Any], None], 
         threads = [threading.Thread(target=repeat, args=(call, end, stop, failed)) for call in pair]
         if kind is PoseSubscriber:
             other.publish(pose(2))
-            Memory(topic)["writer"] = PLC
-        lock = semaphore(topic)
+            region_of(topic).words[h.WRITER] = PLC
+        lock = posix_ipc.Semaphore(f"/{region_name(topic)}")
         lock.acquire()
         for thread in threads:
             thread.start()
