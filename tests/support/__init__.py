@@ -6,8 +6,6 @@ import warnings
 from importlib import import_module
 from typing import Any
 
-import pytest
-
 
 def import_or_skip(name: str, *, reason: str = "") -> Any:
     """Import a third party's module. Whatever exception its import raises, skip the test or file with the cause.
@@ -23,4 +21,6 @@ def import_or_skip(name: str, *, reason: str = "") -> Any:
         is_absent = isinstance(error, ModuleNotFoundError) and error.name == name.partition(".")[0]
         cause = next(iter(str(error).strip().splitlines()), "")
         broken = f"{name} cannot be imported: {type(error).__name__}: {cause}"
+        import pytest  # the programs of tests import this package, and start faster without pytest
+
         pytest.skip((reason or f"no {name}: pip install {name}") if is_absent else broken, allow_module_level=True)
