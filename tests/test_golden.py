@@ -2,8 +2,9 @@
 
 layout.lock names every generated file with its SHA-256. If a file's text is held elsewhere, `expected/` has no copy of
 the file, and the expected layout.lock names the place instead of the SHA-256: the template that shmgen copies,
-`cases/pose`, another file of the case, or `generated/`. A change in a header for C therefore changes no file here.
-Most cases hold only the number of such files in each folder. Publishers and subscribers of most cases, and messages of some, are held by their SHA-256 alone.
+`cases/pose`, another file of the case, or `generated/`. A change in a header for C therefore changes no file here. Most
+cases hold only the number of such files in each folder. Publishers and subscribers of most cases, and messages of some,
+are held by their SHA-256 alone.
 """
 
 from __future__ import annotations
