@@ -20,14 +20,12 @@ from hypothesis import HealthCheck, settings
 
 from shmgen.core.plural import counted
 
-from .support import machine
+from .support import REPOSITORY as REPOSITORY
+from .support import SHARED, machine
 
 if TYPE_CHECKING:
     from tests.support.plc_calls import Calls
     from tests.support.plc_demo import Clock, Demo
-
-REPOSITORY = Path(__file__).parents[1]
-SHARED = REPOSITORY.parent / "shared"
 
 # The machine may be busy, so how long an example takes says nothing about it. The examples are the same in each run, so
 # that no commit is red over the fault of another; `make fuzz` and `make fuzz-walkers` draw new ones.

@@ -19,7 +19,7 @@ with atheris.instrument_imports(include=["shmgen"]):
     from shmgen.targets.st import target as st  # noqa: F401
     from tests.support import foreign
 
-from tests.conftest import REPOSITORY, SHARED
+from tests.support import REPOSITORY, SHARED
 from tests.support.definitions import KINDS, SOURCES, TOKENS, Fuzzed, generated, read
 
 SLOW = 10

@@ -18,8 +18,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from random import Random
 
-from tests.conftest import REPOSITORY, SHARED
-from tests.support import foreign
+from tests.support import REPOSITORY, SHARED, foreign
 from tests.support.definitions import Fuzzed, from_files, from_grammar, generated, read
 from tests.support.guard import within
 

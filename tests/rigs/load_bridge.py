@@ -23,8 +23,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..conftest import REPOSITORY
-from ..support import rclcpp, ros2, zenoh
+from ..support import REPOSITORY, rclcpp, ros2, zenoh
 from ..support.dds import Domain
 from ..support.ros1 import Graph
 

@@ -24,7 +24,7 @@ from pathlib import Path
 from shmgen.generator.render import render
 from shmgen.targets.c import region
 
-from ..conftest import REPOSITORY
+from ..support import REPOSITORY
 from ..support.machine import NAME, PATIENCE
 
 PACKAGES = (

@@ -24,7 +24,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
-from tests.conftest import REPOSITORY
+from tests.support import REPOSITORY
 from tests.support.mutation_worker import CODE, Worker
 from tests.support.mutations import Mutant, mutants_of
 

@@ -31,7 +31,7 @@ from xml.sax.saxutils import escape
 
 import pyte
 
-from ..conftest import REPOSITORY
+from ..support import REPOSITORY
 from ..view.browser import Page
 from . import fbd
 

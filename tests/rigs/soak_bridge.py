@@ -46,8 +46,7 @@ from shmgen.runtime import ShmError
 from shmgen.runtime.region import header as h
 
 from ..bridge.contract import FIBONACCI
-from ..conftest import REPOSITORY
-from ..support import zenoh
+from ..support import REPOSITORY, zenoh
 from ..support.ros1 import Graph, wait_for
 from ..support.standby import Onlooker, a_plc_writes, file_of, made_anew, words_of
 from .load_bridge import RATES, Ros, busy, made, peer

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import warnings
 from importlib import import_module
+from pathlib import Path
 from typing import Any
+
+REPOSITORY = Path(__file__).parents[2]
+SHARED = REPOSITORY.parent / "shared"
 
 
 def import_or_skip(name: str, *, reason: str = "") -> Any:

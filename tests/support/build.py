@@ -18,7 +18,7 @@ from shmgen.core.model import Layouts, Schema, TypeName, TypeOptions
 from shmgen.generator import bounds, layout, pipeline
 from shmgen.targets import TARGETS, Job
 
-from ..conftest import REPOSITORY
+from . import REPOSITORY
 
 MAX_REGION = 2**26
 

@@ -9,8 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ..conftest import REPOSITORY
-from . import import_or_skip
+from . import REPOSITORY, import_or_skip
 from .ros1 import Bridge
 
 LOOPBACK = """<CycloneDDS><Domain Id="any">

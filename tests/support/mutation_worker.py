@@ -22,7 +22,7 @@ from typing import Any
 
 import pytest
 
-from tests.conftest import REPOSITORY, SHARED
+from tests.support import REPOSITORY, SHARED
 from tests.support.mutations import Mutant
 
 CODE = Path("src") / "shmgen"

@@ -9,8 +9,8 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from ..conftest import REPOSITORY
 from ..softplc import compile_st
+from . import REPOSITORY
 from .plc_demo import ready
 
 WORD = '    HeaderField(180, "u32", "refused", "udiRefused", "readers", "samples they refused"),\n'

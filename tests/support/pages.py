@@ -6,7 +6,7 @@ import re
 import shutil
 from pathlib import Path
 
-from ..conftest import REPOSITORY
+from . import REPOSITORY
 
 _PLACE = re.compile(r"`([\w./-]+/[\w.-]+\.\w+)`")
 _LINKED = re.compile(r"\((\.\./tests/added/\w+\.md)\)")

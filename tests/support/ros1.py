@@ -23,7 +23,7 @@ from typing import Any
 
 import pytest
 
-from ..conftest import REPOSITORY
+from . import REPOSITORY
 
 LIMIT = 90.0
 """The time limit in seconds for an expected event."""

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from ..conftest import REPOSITORY
+from . import REPOSITORY
 from .dds import LOOPBACK
 from .ros1 import Bridge, Peer
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from ..conftest import REPOSITORY
+from . import REPOSITORY
 
 
 def environment(folder: Path) -> dict[str, str]:

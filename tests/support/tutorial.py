@@ -9,7 +9,7 @@ from shmgen import config
 from shmgen.core.diagnostics import Report
 from shmgen.generator import pipeline
 
-from ..conftest import REPOSITORY
+from . import REPOSITORY
 
 
 def project(page: str, folder: Path, topic: str) -> tuple[str, dict[str, str], dict[str, str]]:

@@ -16,7 +16,7 @@ from typing import Any
 
 from shmgen.live import processes
 
-from ..conftest import REPOSITORY
+from . import REPOSITORY
 from .ros1 import Bridge, Peer, free_port, wait_for
 
 ROUTER = """
