@@ -127,8 +127,10 @@ SLEEPER = """
             pass
 
     def system_call():
-        file = Path(f"/proc/self/task/{{sleeper.native_id}}/syscall")
-        return file.read_text().split()[:2] if file.exists() else []
+        try:
+            return Path(f"/proc/self/task/{{sleeper.native_id}}/syscall").read_text().split()[:2]
+        except OSError:  # the thread ended
+            return []
 
     still_asleep = 0
     for _ in range(20):
