@@ -95,7 +95,7 @@ COMMANDS = [
         "give the package's folder demo_msgs/ instead of its folder msg/",
     ),
     ("generate sensor_msgs/JointState", "SHM101", "one bound for all sequences: default = N under [bounds]"),
-    ("echo /a --field", "Usage: shmgen echo [OPTIONS] TOPIC", "Option '--field' requires an argument."),
+    ("echo /a --field", "echo [OPTIONS] TOPIC", "Option '--field' requires an argument."),
     ("pub /a geometry_msgs/Pose x=1", "error[SHM704]", "hint: write `{position: ...}`, with a blank after the colon"),
     ("generate", "SHM504", "name one, `shmgen generate geometry_msgs/Pose`"),
     ("pub /a std_msgs/Float64 '{dta: 1}' --once", "dta: error[SHM704]: no such field", "did you mean data?"),
