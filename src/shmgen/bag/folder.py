@@ -19,9 +19,10 @@ _VERSION = 9
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """A topic in a bag: its name, its type with the text of the definition, and metadata.
+    """A topic in a bag, with its ROS type.
 
-    `metadata` has the keys that shmgen and rosbag2 define. `type_hash` is the hash of the type by REP 2016.
+    `number` identifies the channel in the bag. `text` is the definition of the type, `type_hash` its hash by REP 2016.
+    `metadata` has the keys that shmgen and rosbag2 define.
     """
 
     number: int
@@ -36,7 +37,7 @@ class Bag:
     """A bag open for writing. Not thread-safe."""
 
     def __init__(self, folder: Path, most: int | None = None, longest: float | None = None) -> None:
-        """Create the folder of a bag. A new file begins if a file exceeds `most` bytes or `longest` seconds.
+        """Create the folder of a bag. put() begins a new file after `most` bytes or `longest` seconds; None: no limit.
 
         Raises OSError if the folder exists or cannot be created.
         """
@@ -58,7 +59,7 @@ class Bag:
         return [file.path for file in self._files]
 
     def add(self, channel: Channel) -> None:
-        """Add a channel. Call this before put() with messages of the channel."""
+        """Add a channel. Call this before the first put() of a chunk that contains messages of the channel."""
         self._channels[channel.number] = channel
         self._schemas.setdefault((channel.type, channel.text), len(self._schemas) + 1)
 
@@ -98,7 +99,7 @@ class Bag:
             self._open = None
 
     def say(self, notes: Mapping[str, str] | None = None) -> None:
-        """Write the bag's metadata.yaml, which lists its files and topics. If `notes` are given, add them.
+        """Write the bag's metadata.yaml, which lists its files and topics, and add `notes`, if given.
 
         The replacement is atomic: a reader finds either the old or the new file. Raises OSError if writing fails.
         """

@@ -57,7 +57,7 @@ class Kind:
 
     @cached_property
     def definitions(self) -> tuple[Definition, ...]:
-        """The definitions that a reader of the bag needs: first of all nested messages, then of the message."""
+        """The definitions that a reader of the bag needs: of all nested messages, and last of the message itself."""
         laid_out = tuple(layout.message for layout in self.layouts.values())
         return closure(Schema(laid_out), self.layout.name)
 
@@ -97,10 +97,10 @@ class Kind:
 
 
 def kind_of(registry: ClassRegistry, request: str, digest: int | None) -> Kind:
-    """Return the Kind of a message type. Its layout must have the given digest; None accepts any digest.
+    """Return the Kind of the message `request` whose layout has this digest. None accepts any digest.
 
-    Raises Rejected if the type is unknown, LayoutMismatch if no layout has the digest, and ValueError if `request` is
-    ambiguous.
+    Raises Rejected if the type is unknown, LayoutMismatch if no layout has the digest, and ValueError if `request`
+    names several messages.
     """
     return Kind(registry.session_of(request, digest), request)
 

@@ -49,9 +49,10 @@ _END = _record(DATA_END, bytes(4)) + _record(FOOTER, bytes(20)) + MAGIC
 
 @dataclass(slots=True)
 class Chunk:
-    """Messages that are written to a file together. File.put() writes a Chunk.
+    """Messages that File.put() writes together.
 
-    `parts` are the encoded messages, and `size` is their size in bytes. `index` maps the number of each channel to the
+    `parts` are the encoded records, `size` is their size in bytes, and `messages` is the number of messages. `first`
+    and `last` are the times of recording of the first and last message. `index` maps the number of each channel to the
     index entries of its messages.
     """
 
@@ -63,7 +64,10 @@ class Chunk:
     index: dict[int, bytearray] = field(default_factory=dict)
 
     def add(self, channel: int, sequence: int, logged: int, published: int, data: bytes) -> None:
-        """Append a message. Times are in ns since 1970; `logged` never decreases."""
+        """Append a message. `logged` is the time of recording, `published` the writer's stamp, both in ns since 1970.
+
+        `logged` must not be less than in the previous call.
+        """
         entry = self.index.get(channel)
         if entry is None:
             entry = self.index[channel] = bytearray()
@@ -142,7 +146,7 @@ class File:
             self.counts[number] = self.counts.get(number, 0) + len(entries) // _ENTRY.size
 
     def close(self, metadata: Mapping[str, Mapping[str, str]]) -> None:
-        """Write the summary and the named `metadata`, and close the file.
+        """Write the summary and a record for each name in `metadata`, and close the file.
 
         Raises OSError if writing fails; the chunks in the file stay readable.
         """
@@ -160,7 +164,10 @@ class File:
         self._whole += len(data)
 
     def _pwrite(self, data: bytes) -> None:
-        """Write `data` over the records that end the file. If writing fails, write these end records again."""
+        """Write `data` over the records that end the file.
+
+        If writing fails, restore these end records and raise the OSError.
+        """
         view, at = memoryview(data), self._whole
         try:
             while view:

@@ -23,7 +23,7 @@ from shmgen.runtime.region.names import HALVES
 _HEARTBEAT = 0.05
 """Seconds between two heartbeats while no message is due."""
 _APART = 10**9
-"""Largest difference in ns between the writer's stamp and the recorder's. Beyond it, only the recorder's counts."""
+"""Largest plausible difference in ns between stamp and time of recording. If exceeded, the stamp is ignored."""
 
 Tell = Callable[[str], None]
 
@@ -45,10 +45,13 @@ class Player:
     def __init__(self, path: Path, registry: ClassRegistry, topics: Collection[str] | None, tell: Tell) -> None:
         """Read the whole bag and check all topics, then open all regions.
 
-        If `topics` is None, play all topics except those of services and actions. Raises Unreadable if the bag cannot
-        be read, and ValueError if there is nothing to play. Raises LayoutMismatch with the differing fields, or
-        Rejected, if a type does not match. Opening raises the errors of Publisher; the other errors occur before a
-        region is touched.
+        If `topics` is None, play all topics except those of services and actions. Before a region is opened, raises:
+
+        * Unreadable, if the bag cannot be read.
+        * ValueError, if there is nothing to play.
+        * LayoutMismatch with the differing fields, or Rejected, if a type does not match.
+
+        Opening a region raises the errors of Publisher.
         """
         self._path, self._tell = path, tell
         channels, self.first, self.last, self.total = _looked_through(path)
@@ -87,8 +90,8 @@ class Player:
         """Publish all messages from `start` seconds on, `rate` times as fast as recorded.
 
         After each message, yield its position in the bag in seconds. A message with a value that does not fit is
-        skipped and counted in `refused`. Raises ValueError if the bag is shorter than `start`, and the other errors of
-        Publisher.publish().
+        skipped and counted in `refused`. Raises ValueError if the bag is shorter than `start`, and the errors of
+        Publisher.publish() except ValueRejected.
         """
         length = (self.last - self.first) / 1e9
         if start > length or not self.total:
@@ -167,7 +170,7 @@ def _identity(channel: Channel) -> tuple[str | None, ...]:
 
 
 def _is_chosen(topic: str, topics: Collection[str] | None) -> bool:
-    """Return True if the user chose to play the topic: if `topics` contains the topic, or its service or action.
+    """Return True if `topics` contains the topic, or the service or action that uses the topic.
 
     None chooses all topics except the parts of services and actions.
     """
@@ -226,7 +229,7 @@ def _differences(channel: Channel, registry: ClassRegistry) -> Iterator[str]:
 def _depth(channel: Channel, topic: str, registry: ClassRegistry) -> int:
     """Return the depth with which to publish a channel of a bag.
 
-    It is the depth of the existing region, else the recorded depth, else the depth in shmgen.toml, else 1.
+    Prefer the depth of the existing region, then the recorded depth, then the depth in shmgen.toml, then 1.
     """
     try:
         with View(region_name(topic)) as view:

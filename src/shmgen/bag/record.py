@@ -95,7 +95,7 @@ class Recorder:
         return Figures(len(now.keys() | self._done.keys()), samples, missed, damaged, self._bag.size)
 
     def never_seen(self, topics: Iterable[str]) -> list[str]:
-        """Return those of the given topics, services and actions for which no region existed during the recording."""
+        """Return the names in `topics` (topics, services, actions) that had no region during the whole recording."""
         seen = {region_name(topic) for topic in (*self._done, *(one.topic for one in self._sources.values()))}
         return [
             topic for topic in topics if seen.isdisjoint(_names(topic)) and not self._refused.keys() & _names(topic)
@@ -160,9 +160,10 @@ class Recorder:
                 self._refuse(name, error)
 
     def _open(self, name: str, first: bool) -> None:
-        """Start to record a region. If `first`, begin with its newest sample, otherwise with its oldest.
+        """Start to record a region. Do nothing for a refused region, or if the header is not complete.
 
-        `first` is True for a region that existed when the recording began.
+        If `first` is True, the region existed before the recording: begin with the newest sample. Otherwise, begin with
+        the oldest sample.
         """
         if _inode(name) == self._refused.get(name, 0):
             return
@@ -218,14 +219,14 @@ class Recorder:
 def bag_topic(topic: str) -> str:
     """Return a topic name that ROS allows: `/cell/start-request` -> `/cell/start/_request`.
 
-    `ros2 topic list` hides such names.
+    `ros2 topic list` hides topics with a leading `_` in a part of the name.
     """
     full, dash, half = topic.partition("-")
     return f"{full}/_{half}" if dash else topic
 
 
 def _names(topic: str) -> list[str]:
-    """Return the names of all regions that a recorded name means: a topic, and the parts of a service or an action."""
+    """Return the names of all regions that `topic` may stand for: a topic, or the parts of a service or an action."""
     halves = [] if "-" in topic else [f"{topic}-{half}" for half in HALVES]
     return [region_name(one) for one in (topic, *halves)]
 

@@ -30,7 +30,7 @@ from shmgen.runtime.errors import LayoutMismatch
 class ClassRegistry:
     """Finds or makes the Python class of a message by its name and its digest.
 
-    The layout comes from the configuration in force, or from layout.lock if only layout.lock has the digest.
+    The layout comes from the current configuration, or from layout.lock if only layout.lock has the digest.
     """
 
     def __init__(self, session: Session, lock: Path | None) -> None:
@@ -42,7 +42,7 @@ class ClassRegistry:
         return self.session.config
 
     def depth_of(self, topic: str) -> int:
-        """Return the depth of a topic in shmgen.toml, or 1 if the topic is not there."""
+        """Return the depth of a topic in shmgen.toml, or 1 if shmgen.toml does not list the topic."""
         bare = topic.lstrip("/")
         return next((entry.depth for entry in self.config.topics if entry.topic.lstrip("/") == bare), 1)
 
@@ -55,10 +55,11 @@ class ClassRegistry:
         return self.session_of(request, digest, part_of).message(request, part_of)
 
     def session_of(self, request: str, digest: int | None = None, part_of: str = "") -> Session:
-        """Return the session, the layouts of one configuration, in which the message `request` has this digest.
+        """Return the session (the layouts of one configuration) in which the message `request` has this digest.
 
-        If `digest` is None, any digest matches. Raises Rejected if the type is unknown or has no layout. Raises
-        LayoutMismatch, which lists all known digests, if no layout has this digest.
+        If `digest` is None, any digest matches. `part_of` names the service or action that contains the message. Raises
+        Rejected if the type is unknown or has no layout. If no layout has this digest, raises LayoutMismatch, which
+        lists all known digests.
         """
         tried: list[config_of_lock.Known] = []
         rejected: Rejected | None = None
@@ -79,8 +80,8 @@ class ClassRegistry:
     def known(self) -> tuple[dict[str, config_of_lock.Known], tuple[Diagnostic, ...]]:
         """Return the layouts of all messages that shmgen.toml and layout.lock name, by message name. Raises Rejected.
 
-        If both files name a message, its layout comes from shmgen.toml. The second value contains the diagnostics of a
-        damaged layout.lock, which is then ignored.
+        If both files name a message, its layout comes from shmgen.toml. A damaged layout.lock is ignored, and the
+        second value then contains its diagnostics.
         """
         wrong: tuple[Diagnostic, ...] = ()
         try:

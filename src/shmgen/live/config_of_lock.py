@@ -15,14 +15,14 @@ from shmgen.core.model import TypeOptions
 from shmgen.core.plural import counted
 
 LOCK = Path("generated", "layout.lock")
-"""Path of the file that `shmgen generate` writes, from the folder of shmgen.toml."""
+"""Default path of layout.lock, relative to the folder of shmgen.toml."""
 
 
 @dataclass(frozen=True, slots=True)
 class Known:
     """The layout of a message according to shmgen.toml or layout.lock, for comparisons.
 
-    It has the digest, the size of the payload in bytes, and the name of the file.
+    `size` is the size of the message in bytes, and `origin` is the name of the file.
     """
 
     digest: int
@@ -34,7 +34,10 @@ class Known:
 
 
 def read(file: Path) -> dict[str, Any]:
-    """Return the content of layout.lock, or an empty result if the file is missing. Raises Rejected: SHM408."""
+    """Return the content of layout.lock, or `{}` if the file is missing.
+
+    Raises Rejected (SHM408) if the file is damaged.
+    """
     try:
         lock = toml.loads(files.read_file(file).decode())
         layouts(lock, str(file))
@@ -84,7 +87,7 @@ _STRING = re.compile(r"w?string<=(\d+)")
 def _slot(line: str) -> tuple[str, str, str, str, str]:
     """Split a line of layout.lock, such as `44 name string<=80[8]`, into offset, name, type, count and role.
 
-    The role is the use of these bytes, such as data or padding.
+    The role is `""` for the data of a field, otherwise a word such as `count` or `padding`.
     """
     match = _SLOT.fullmatch(line)
     if match is None:

@@ -13,7 +13,10 @@ from shmgen.runtime import ShmError
 
 
 def find(registry: ClassRegistry, digest: int) -> tuple[Session, str] | None:
-    """Return the session and the name of the message whose layout has this digest, or None. Raises Rejected."""
+    """Return the name of the message whose layout has this digest, and the Session with this layout, or None.
+
+    Raises Rejected if the definitions of the configuration cannot be read, or its messages have no layout.
+    """
     for name in dict.fromkeys(_likely(registry, digest)):
         with suppress(Rejected, ShmError, ValueError):
             return registry.session_of(name, digest), name

@@ -33,7 +33,10 @@ class Mapping:
         return self.name.startswith("sem.")
 
     def is_region(self) -> bool | None:
-        """Return True if the file begins with the magic number of a region, None if this user may not read the file."""
+        """Return True if the file begins with the magic number of a region, otherwise False.
+
+        Return None if this user may not read the file.
+        """
         for place in self._places():
             with suppress(OSError):
                 descriptor = os.open(place, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
@@ -45,7 +48,8 @@ class Mapping:
     def _places(self) -> Iterator[str]:
         """Yield paths in /proc by which the mapped file may be opened.
 
-        Only root can open the first path. The others are the descriptors of the process and the name in its /dev/shm.
+        Only root can open the first path. The other paths are descriptors of the process, and the name in /dev/shm as
+        the process sees that folder.
         """
         yield f"/proc/{self.pid}/map_files/{self.addresses}"
         yield from _descriptors(self.pid, (self.device, self.inode))

@@ -25,7 +25,7 @@ _SLOT = struct.Struct("<QI")
 
 
 class View:
-    """A region that a tool inspects: opened read-only and never locked, so that nothing disturbs writer and readers."""
+    """A region that a tool inspects: opened read-only and never locked, so that the tool does not disturb its users."""
 
     __slots__ = ("_file", "name")
 
@@ -66,11 +66,11 @@ class View:
         return os.pread(self._file.fileno(), size, start)
 
     def claimed(self) -> bool:
-        """Return True if a process is the writer, which holds a record lock. A PLC never holds a record lock."""
+        """Return True if a process holds the record lock of the writer. A PLC that writes holds no such lock."""
         return byte_is_locked(self._file.fileno(), WRITER_LOCK)
 
     def is_read(self) -> bool:
-        """Return True if a process has the region open as a reader, which holds a record lock."""
+        """Return True if a process holds the record lock of a reader. A PLC that reads holds no such lock."""
         return byte_is_locked(self._file.fileno(), READER_LOCK)
 
     def writer(self, recorded: int) -> int:
@@ -108,7 +108,7 @@ def live() -> list[str]:
 
 
 def closed() -> list[str]:
-    """List the files that may be regions but that this user may not read. Each of them has a semaphore."""
+    """List the names of probable regions that this user may not read: unreadable files with a region's semaphore."""
     with_semaphore = [name for name in _files() if os.path.lexists(semaphore_file(name))]
     return [name for name in with_semaphore if is_denied(region_file(name), os.O_RDONLY)]
 
@@ -150,7 +150,10 @@ def topic_of(name: str) -> str:
 
 
 def resolve_topic(topic: str) -> list[str]:
-    """Return the topics that the user means by `topic`: this topic, or those of a service or action with this name."""
+    """Return the existing topics for a name: this topic, or the topics of the service or action with this name.
+
+    If none exists, return `[topic]`.
+    """
     halves = [] if "-" in topic or _exists(topic) else [f"{topic}-{half}" for half in HALVES]
     return [half for half in halves if _exists(half)] or [topic]
 
@@ -165,7 +168,7 @@ def missing(topic: str) -> RegionMissing:
 
 
 def damage(header: h.Header) -> str:
-    """Return the first fault in a header, or `""` if it has none. The numbers of a damaged header must not be used."""
+    """Return the first fault in a header, or `""` if the header is valid. Do not use the values of a damaged header."""
     if header.magic == 0:
         return "its header is not complete yet"
     if (header.abi, header.header_size) != (h.ABI, h.HEADER_SIZE):
@@ -182,7 +185,7 @@ def damage(header: h.Header) -> str:
 
 
 def sound(view: View) -> h.Header:
-    """Return the header of a region after checking it. Raises RegionUnusable if it is damaged or incomplete."""
+    """Return the header of a region. Raises RegionUnusable if the header is damaged or incomplete."""
     header = view.header()
     if why := damage(header):
         topic = topic_of(view.name)

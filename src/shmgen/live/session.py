@@ -28,7 +28,7 @@ class Session:
     def __init__(self, config: Config, name: str = "shmgen.toml", source_of: Session | None = None) -> None:
         """Create a session for `config`, whose name in error messages is `name`.
 
-        If the session `source_of` has a configuration with the same `source`, take over its definitions.
+        If the configuration of the session `source_of` has the same `source`, reuse the definitions of `source_of`.
         """
         self.config = config
         self.name = name

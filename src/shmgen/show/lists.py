@@ -13,7 +13,7 @@ from shmgen.targets.st.names import iec_element
 
 
 def type_table(options: TypeOptions) -> str:
-    """Return a table of the types to which each ROS type is converted: ROS, IEC 61131-3, C, bytes."""
+    """Return a text table with the IEC 61131-3 type, the C type and the size in bytes of each ROS type."""
     lines = [("ROS", "IEC 61131-3", "C", "bytes")]
     for scalar in Scalar:
         also = {Scalar.UINT8: "uint8, char, byte", Scalar.INT8: "int8 (ROS 1: byte)"}.get(scalar, scalar.value)
@@ -36,10 +36,10 @@ def type_table(options: TypeOptions) -> str:
 
 
 def inventory(entries: list[Item], machine: bool, default: int | None = None) -> str:
-    """Return the list of available messages as text, with the size, the missing bounds or the errors of each.
+    """Return a text with one line for each message: its size, the fields that need a bound, or its errors.
 
-    If `machine` is true, return the list as JSON. `default` is the value of the key `default` in [bounds]: the number
-    of elements of a sequence without a bound of its own. None means that the key is missing.
+    If `machine` is true, return JSON instead. `default` is the key `default` of [bounds] in shmgen.toml: the maximum
+    number of elements of a sequence without a bound of its own. None means that the key is missing.
     """
     if machine:
         data = [

@@ -1,4 +1,4 @@
-"""Draw the memory of one Layout: 8 bytes in a line, one colour for each field."""
+"""Draw the memory of a message as SVG: 8 bytes in a line, one colour for each field."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ _ELLIPSIS = "\u2026"
 _COLOURS = 8
 _CELL, _LINE, _LEFT, _TOP = 74, 34, 64, 84
 _CHARACTER = 7
-"""Pixels: a byte's width, a line's height, the margins; a character's width in the drawing's font."""
+"""Lengths in pixels: width of a byte, height of a line, left and top margin, and width of a character."""
 
 
 @dataclass(frozen=True, slots=True)
 class Box:
     """A rectangle of the drawing, in pixels: the bytes of one field in one line.
 
-    `style` is a class of the drawing's style sheet.
+    `style` is a class of the drawing's style sheet. `label` is the text in the rectangle, `title` the tooltip.
     """
 
     x: int
@@ -57,7 +57,10 @@ class MemoryMap:
 
 
 def plan(layout: Layout, layouts: Layouts) -> Output:
-    """Plan a drawing of a message's memory. Nested messages appear as their fields, and long arrays are shortened."""
+    """Return the template and the data for a drawing of a message's memory.
+
+    Draw nested messages, which `layouts` contains, as their fields. Shorten long arrays.
+    """
     leaves = [row for row in rows(layout, layouts) if not _is_inside_array(row) and not _has_rows_below(row)]
     fields = dict.fromkeys(_field(row) for row in leaves if row.role in ("data", "count"))
     styles = {field: f"c{index % _COLOURS}" for index, field in enumerate(fields)}
@@ -85,10 +88,10 @@ def plan(layout: Layout, layouts: Layouts) -> Output:
 
 
 def _box(row: Row, line: tuple[int, int], y: int, style: str) -> Box:
-    """Return the rectangle for a field in one line of the drawing.
+    """Return the rectangle for the bytes of `row` in one line of the drawing. The line begins at `y` pixels.
 
-    `row` is the field, or a count or padding. The line of the drawing shows the lines of memory from `line[0]` to
-    `line[1]`.
+    `row` is a field, count or padding. `line` contains the numbers of the first and the last 8-byte group of memory
+    that the line shows. `style` is the class in the style sheet.
     """
     first, last = line
     start = max(row.offset, first * BYTES_PER_LINE)
@@ -109,22 +112,22 @@ def _is_inside_array(row: Row) -> bool:
 
 
 def _has_rows_below(row: Row) -> bool:
-    """Return True for a nested message, which appears as its fields."""
+    """Return True for a single nested message, which is drawn as its fields. An array is drawn as one field."""
     return row.nested and "[" not in row.ros
 
 
 def _field(row: Row) -> str:
-    """Return the name of the message's own field to which a row belongs.
+    """Return the name of the outermost field to which a row belongs, such as `position` for `position.x`.
 
-    A row of a nested message belongs to the outer field, and a count belongs to its sequence.
+    A count belongs to its sequence.
     """
     return row.path.partition(".")[0].removesuffix("_count" if row.role == "count" else "")
 
 
 def _lines(leaves: list[Row], size: int) -> list[tuple[int, int]]:
-    """Return the first and the last row of memory that each line of the drawing shows. A row has 8 bytes.
+    """Return the numbers of the first and the last 8-byte group of memory that each line of the drawing shows.
 
-    A line normally shows one row. In a long array, one line shows all rows except the first and the last.
+    A line normally shows one group. A long array gets three lines: the first group, all inner groups, the last group.
     """
     spans = [(-(-row.offset // BYTES_PER_LINE), (row.offset + row.size) // BYTES_PER_LINE) for row in leaves]
     long = {first: stop for first, stop in spans if stop - first > MAX_LINES}
@@ -141,9 +144,9 @@ def _lines(leaves: list[Row], size: int) -> list[tuple[int, int]]:
 
 
 def _label(row: Row, line: int, pixels: int) -> str:
-    """Return the label of a field in the line of memory `line`, or `""` if the line gets no label.
+    """Return the label of a field in the 8-byte group number `line`, or `""` if the group gets no label.
 
-    The first line of a field has a label. If the name was truncated there, the second line repeats the label.
+    The first group of a field has a label. If the label was truncated there, the second group repeats the label.
     """
     begins = row.offset // BYTES_PER_LINE
     head = min(row.size, BYTES_PER_LINE - row.offset % BYTES_PER_LINE)

@@ -18,7 +18,8 @@ from shmgen.targets.st.names import iec_type
 class Row:
     """A row of the table: a field, count or padding, with its offset from the start of the whole message.
 
-    `depth` is the number of nested messages around the field.
+    `path` also contains the names of the outer fields, such as `position.x`. `depth` is the number of outer fields.
+    `role` is the value of a Role, and `ros` and `iec` are the types. `nested` is True if the type is a message.
     """
 
     offset: int
@@ -98,7 +99,7 @@ def _known(layouts: Layouts) -> dict[TypeName, Message]:
 def _place(message: Message) -> list[str]:
     """Return the line `read from PATH` if the definition is outside the project, otherwise no line.
 
-    The line follows the line `from ORIGIN`, because ORIGIN does not contain the path of such a definition.
+    table() prints this line below `from ORIGIN`, because ORIGIN does not contain the path of such a definition.
     """
     return [f"read from {message.span.path}"] if os.path.isabs(message.span.path) else []
 

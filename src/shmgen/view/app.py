@@ -106,7 +106,7 @@ class Regions(Screen[None]):
 
 
 def tail(text: str, widest: int) -> str:
-    """Return a text, shortened to `widest` characters if it is longer. Keep the end, because names differ there."""
+    """Return a text, shortened to its last `widest` characters if it is longer: names differ at their end."""
     return text if len(text) <= widest else f"…{text[1 - widest :]}"
 
 
@@ -147,7 +147,7 @@ class Viewer(App[None]):
     def __init__(
         self, registry: ClassRegistry, *, allow_write: bool, topic: str | None = None, fields: Sequence[str] = ()
     ) -> None:
-        """Prepare to show all regions, or first the region of `topic` with curves of its `fields`.
+        """Prepare to show the table of all regions. If `topic` is given, show it first, with curves of `fields`.
 
         `allow_write` lets the user publish samples.
         """
@@ -160,7 +160,7 @@ class Viewer(App[None]):
             self.open(self._first, self._fields)
 
     def open(self, topic: str, fields: Sequence[str] = ()) -> None:
-        """Show one region with curves of these fields, or a notice of the error."""
+        """Show the screen of one region, with curves of these fields. If that fails, show a notice of the error."""
         try:
             source = Source(topic, self.registry)
         except (ShmError, Rejected, ValueError, OSError) as error:

@@ -75,7 +75,7 @@ class Curves(PlotextPlot):
 def round_ticks(least: float, most: float) -> list[float]:
     """Return at most eight round numbers between `least` and `most`, or none if the range is empty or infinite.
 
-    The ticks that plotext chooses may read -0.00.
+    Without this function, plotext would choose the ticks, and might label one of them -0.00.
     """
     span = most - least
     if not 1e-300 < span < math.inf:

@@ -67,7 +67,7 @@ class Memory(ScrollView):
         return Strip(segments).crop(int(across), int(across) + self.size.width).extend_cell_length(self.size.width)
 
     def _at(self, offset: int) -> int | None:
-        """Return the index of the field or gap that contains a byte, or None if there is none."""
+        """Return the index in `_stretches` of the field or gap that contains the byte at `offset`, or None."""
         index = bisect_right(self._starts, offset) - 1
         if index < 0:
             return None

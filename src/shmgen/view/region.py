@@ -29,9 +29,9 @@ from shmgen.view.source import Source
 _LOOK, _DRAW = 0.05, 0.25
 """Seconds between two reads of the region, and between two redraws of the screen."""
 _SHORT = 8
-"""Number of array elements in the line of a closed array."""
+"""Number of elements in the line of an array that is collapsed in the tree."""
 _PAGE = 100
-"""Number of elements that an opened array shows at first. Enter on its last line adds as many again."""
+"""Number of elements that an array shows when it is expanded. Enter on its last line adds the same number."""
 
 
 class Item(NamedTuple):
@@ -45,9 +45,9 @@ class Item(NamedTuple):
 
 
 class Fields(Tree[Item]):
-    """A tree of the newest message's fields with their values. A message is open at first, an array is closed.
+    """A tree of the newest message's fields with their values. At first, messages are expanded and arrays collapsed.
 
-    The elements of an array get lines only when the user opens the array.
+    The elements of an array get lines only when the user expands the array.
     """
 
     def __init__(self, topic: str) -> None:
@@ -66,13 +66,13 @@ class Fields(Tree[Item]):
         self._grow(self.root, kind(), "")
 
     def show_more(self, path: str) -> None:
-        """Add another page of elements to an opened array."""
+        """Let the next show_values() add another page of elements to the array at `path`."""
         self._most[path] += _PAGE
 
     def show_values(self, message: Message, is_drawn: Callable[[str], bool]) -> None:
-        """Write the values of `message` into the visible lines. Give an opened array a line for each element.
+        """Write the values of `message` into the visible lines. Adjust expanded arrays to their number of elements.
 
-        A line gets a mark if the field has a curve: if `is_drawn` returns True for its path.
+        If `is_drawn` returns True for the path of a field, the field has a curve, and its line gets a mark.
         """
         for path, node in list(self._arrays.items()):
             if path in self._arrays and node.is_expanded:  # removed if an enclosing array became shorter
@@ -215,7 +215,11 @@ class RegionScreen(Screen[None]):
         self._source.close()
 
     def on_tree_node_selected(self, event: Tree.NodeSelected[Item]) -> None:
-        """Toggle the curve of the selected number, or show more elements. Ignore arrays: the tree opens them."""
+        """Start or stop the curve of a number whose line the user selected.
+
+        If the line is the last line of a long array, show more elements of the array instead. Ignore messages and
+        arrays: the tree itself expands and collapses them.
+        """
         item = event.node.data
         if item is None or event.node.allow_expand:
             return
@@ -263,7 +267,7 @@ class RegionScreen(Screen[None]):
 
     @work(thread=True, exclusive=True)
     def _publish(self, text: str) -> None:
-        """Publish one sample in a thread, because taking over a topic from a PLC takes 1 s."""
+        """Publish the sample in `text`. This runs in a thread, because taking over a topic from a PLC takes 1 s."""
         try:
             result = self._source.publish(text)
         except (ShmError, Rejected, ValueError, OSError) as error:

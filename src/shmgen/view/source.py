@@ -57,7 +57,7 @@ class _Values:
 
 
 class Source:
-    """Reads one region for the screens, and opens the new region if the region is recreated. Only publish() writes."""
+    """Reads the region of a topic for the screens, and reopens a recreated region. Only publish() writes."""
 
     def __init__(self, topic: str, registry: ClassRegistry) -> None:
         """Open the region. Raises RegionMissing, PermissionDenied, RegionUnusable, Rejected and LayoutMismatch."""
@@ -84,10 +84,10 @@ class Source:
         return self._view.header()
 
     def look(self) -> bool:
-        """Read all new samples. Return False if there are none.
+        """Read all new samples. Return False if there are none, or if the header of the region is damaged.
 
-        If the region was removed, open the new region of the topic. If that fails, raises the errors of the
-        constructor.
+        If the region was removed, open the new region of the topic. Raises the errors of the constructor if this region
+        cannot be opened.
         """
         assert self._view is not None
         if self._view.removed:
