@@ -19,7 +19,7 @@ _FORMAT_VERSION = "3"
 """Version of the entry format; an older shmgen in the same folder may have written another format."""
 _MAX_ENTRIES = 20
 _TICK = 20_000_000
-"""Longest time in ns that a file's timestamp may lag behind the clock: two jiffies of the slowest Linux."""
+"""Longest time in ns that a file's timestamp may lag behind the clock: two timer interrupts at 100 Hz."""
 _SUFFIXES = (".msg", ".srv", ".action", ".idl")
 _PIECE = 1 << 16
 """Number of bytes per read; most files are shorter."""
@@ -64,9 +64,10 @@ def store(
 ) -> None:
     """Store the output of a command, with fingerprints of the files that the output depends on.
 
-    `folders` are searched for definitions; `files` are all other files that were or might have been read. Nothing is
-    stored if a file has changed since the command `began`, in ns since 1970. Files in `written` are exempt: their
-    fingerprints are those of the text that the command wrote.
+    * `folders` are searched for definitions. `files` are all other paths that the command has read or tried to read.
+    * `began` is the start of the command, in ns since 1970. If a file has changed since, nothing is stored.
+    * `written` maps the paths of files that the command wrote to their texts. These files may have changed since
+      `began`; their fingerprints are computed from the texts.
     """
     if not hasattr(os, "geteuid"):  # Windows: cache.py stores nothing there
         return
@@ -141,7 +142,7 @@ def _hash_of_file(path: str) -> str:
 
 
 def _latest_ctime(watched: Iterable[str]) -> int:
-    """Return the newest `ctime` of the files in ns since 1970. Any program can set `mtime`, but not `ctime`."""
+    """Return the newest `ctime` of the files in ns since 1970. Programs can set `mtime` at will, but not `ctime`."""
     times = [0]
     for line in watched:
         try:
@@ -152,7 +153,10 @@ def _latest_ctime(watched: Iterable[str]) -> int:
 
 
 def _definitions(folder: str) -> Iterator[str]:
-    """Yield all paths in and below a folder that the package shmgen.definitions may read. Enter each folder once."""
+    """Yield the _fingerprint() lines of all paths in and below a folder that shmgen.definitions may read.
+
+    Enter each folder once, because symbolic links may form a loop.
+    """
     seen: set[tuple[int, int]] = set()
     for place, inner, names in os.walk(folder, followlinks=True):
         state = os.stat(place)

@@ -23,7 +23,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def report_errors(command: F) -> F:
-    """Wrap the function of a command: print its errors as diagnostics, and let a signal end the command in order.
+    """Wrap the function of a command: convert its errors to diagnostics, and clean up if a signal ends the command.
 
     Ctrl-C ends the command with exit code 0, as in `ros2 topic`. SIGTERM ends the command with exit code 143. In both
     cases, no lock stays held.
@@ -164,9 +164,10 @@ _HINTS = {
 def diagnostic(error: Exception, place: str = "command line", value_hint: str = _HINTS["SHM704"]) -> Diagnostic:
     """Convert an error to a diagnostic. The text of the error has the form `PLACE: MESSAGE; HINT`.
 
-    The text after `; ` is a hint only if it contains a command in backquotes or begins with `did you mean`. The hint
-    may also be a line `  hint: HINT` of its own; all other lines are details. If the text has no place, `place` is
-    used. If an invalid value has no hint, `value_hint` is used.
+    * Without a place in the text, `place` is used.
+    * The text after `; ` is a hint only if it contains a command in backquotes or begins with `did you mean`.
+    * The hint may also be a line `  hint: HINT`; all other lines are details.
+    * Without a hint, `value_hint` is used for an invalid value, and a hint for the error's code otherwise.
     """
     code = next(_CODES[kind.__name__] for kind in type(error).__mro__ if kind.__name__ in _CODES)
     if isinstance(error, OSError) and error.strerror:

@@ -25,7 +25,7 @@ _output = options.output_folder("Folder of the generated files.")
 
 
 def _report(command: F) -> F:
-    """Add the options --format, --json and --fail-on to a command. It receives their values as `form` and `fail_on`."""
+    """Add --format and --json (both set the parameter `form`) and --fail-on (parameter `fail_on`) to a command."""
     for option in (
         click.option(
             "--fail-on",

@@ -121,7 +121,7 @@ def generate(
 
 
 def _summary(output: Path, total: int, skipped: Sequence[str], changed: Sequence[str] = (), removed: int = 0) -> str:
-    """Return the text that `generate` prints at its end: numbers of files, and the messages that were left out."""
+    """Return the text that `generate` prints at its end: numbers of files, changed files, and skipped messages."""
     removed_text = f", {removed} removed" if removed else ""
     lines = [f"{output}: {counted(len(changed), 'file')} written, {total - len(changed)} unchanged{removed_text}"]
     lines += [f"  {output / path}" for path in changed]
@@ -132,7 +132,7 @@ def _summary(output: Path, total: int, skipped: Sequence[str], changed: Sequence
 
 
 def _write_depfile(file: Path, read: Iterable[Path]) -> dict[str, str]:
-    """Write a dependency file for make, as compilers do. Return {path: text} if the file was changed."""
+    """Write a dependency file for make, with `read` as inputs. Return {path: text} if the file changed, else {}."""
     target, *names = (
         re.sub("([ #])", r"\\\1", path.absolute().as_posix().replace("$", "$$"))
         for path in (file.with_suffix(""), *read)

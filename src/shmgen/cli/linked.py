@@ -47,7 +47,7 @@ def configured(config: Config, folders: Iterable[Path], opened: Library) -> Conf
 
 
 def check(text: str, locks: Sequence[Path]) -> None:
-    """Raise Rejected (SHM401) if a message has another layout in the new layout.lock `text` than in `locks`."""
+    """Raise Rejected (SHM401) if a message has another layout in layout.lock `text` than in one of `locks`."""
     ours = lockfile.read(text, lockfile.LOCK, Report()) if locks else lockfile.Lock()
     mismatches: list[Diagnostic] = []
     for file in locks:

@@ -54,7 +54,8 @@ def info(topic: str, as_json: bool) -> None:
 def _report(name: str, measure: str, summary: str, add_options: Callable[[Any], Any]) -> click.Command:
     """Return a command that prints the rate, bandwidth or delay of a topic once a second.
 
-    `name` is the name of the command. `measure` is the name of a function in tools.watch.reports.
+    `name` is the name of the command, and `measure` the name of a function in tools.watch.reports. `add_options` is a
+    decorator that adds more options to the command, or returns the command unchanged.
     """
 
     @click.command(name, help=f"{summary}\n\nThe command prints one report per second.")

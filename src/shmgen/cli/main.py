@@ -25,7 +25,7 @@ def main() -> None:
     with click.Context(cli, color=color).scope():  # for messages after the command has ended
         try:
             if isinstance(sys.stdout, io.TextIOWrapper):
-                # Replace characters that the terminal cannot show instead of failing. This call flushes: see _full.
+                # Replace characters that the terminal cannot show, instead of failing. Flushes: see _output_full().
                 sys.stdout.reconfigure(errors="replace")
             if cache_key := check_cache.static_key():
                 _run_and_cache(cache_key, color)
@@ -96,7 +96,7 @@ GROUPS = {
     "PLC": {"import": "plc", "selftest": "plc"},
     "Setup": {"init": "drift", "schema": "generate", "completion": "look"},
 }
-"""Group in the help -> command -> module of `shmgen.cli` with the command."""
+"""The commands of each group in the help, and the module of `shmgen.cli` that contains the command."""
 _MODULES = {name: module for group in GROUPS.values() for name, module in group.items()}
 
 
@@ -156,7 +156,7 @@ _LIVE_MODULES = ("bridge", "live", "look", "bag", "view")
 
 
 def _linux_only(name: str) -> click.Command:
-    """Return a command that replaces the command `name` on a machine without /dev/shm, and only reports this reason."""
+    """Return a substitute for the command `name` on a machine without /dev/shm. It only reports that reason."""
     message = f"`shmgen {name}` works on regions in /dev/shm, which only Linux has"
     hint = "run it on the Linux machine where the PLC runs"
 

@@ -47,13 +47,13 @@ def _without_cache(context: click.Context, parameter: click.Parameter, value: bo
 
 
 def output_folder(help: str, default: str = "generated") -> Callable[[F], F]:
-    """Return the option -o, for a folder."""
+    """Return the option -o with this help text. Its value is a folder."""
     kind = click.Path(path_type=Path, file_okay=False)
     return click.option("-o", "--output", type=kind, default=Path(default), show_default=True, help=help)
 
 
 def targets(help: str) -> Callable[[F], F]:
-    """Return the option -t, which names a target and may be repeated."""
+    """Return the option -t with this help text. Its value is a target, and the option may be repeated."""
     return click.option("-t", "--target", multiple=True, type=Word(KEYS), metavar="TARGET", help=help)
 
 
@@ -68,7 +68,7 @@ class Source(NamedTuple):
         return self.file or configuration.find(Path.cwd())
 
     def load(self) -> Config:
-        """Load the configuration. Raises Rejected if a key is invalid."""
+        """Load the configuration, and put the folders of -I first in `path`. Raises Rejected if a key is invalid."""
         path, config = self.file_used(), Config(Path.cwd())
         if path:
             config = configuration.load(path, str(path if self.file else path.name), Report())

@@ -23,7 +23,7 @@ def configured(config: Config) -> list[str]:
 
 
 def read_lock(output: Path, lock_bytes: bytes | None) -> tuple[lockfile.Lock, dict[str, Span]]:
-    """Parse the layout.lock of an earlier run, without its messages. Return its content, and the place of each request.
+    """Parse the layout.lock of an earlier run, without its messages. Return its content, and the line of each request.
 
     `lock_bytes` is the content of layout.lock, or None if the file is missing; the result is then empty. Raises
     Rejected if the file is damaged (SHM408).
@@ -42,8 +42,9 @@ def texts(
 ) -> dict[str, str]:
     """Generate the requested messages. Return the text of each generated file by path.
 
-    Raises Rejected. Each diagnostic points at the request that caused it, in shmgen.toml or in the layout.lock of an
-    earlier run.
+    `earlier` contains the requests of an earlier run, and `output` is the folder of its layout.lock. `opened` is the
+    library of definitions, if the caller has one. Raises Rejected. Each diagnostic points at the request that caused
+    the error, in shmgen.toml or in the layout.lock of an earlier run.
     """
     requests = dict.fromkeys(requests)
     if not requests:
@@ -77,8 +78,8 @@ def remember(
 ) -> None:
     """Store in the cache that this command had nothing to do and printed `output`.
 
-    `files` are the paths of the generated files. Nothing is stored if a definition is requested by path or comes from a
-    sourced ROS, because its file may then be anywhere.
+    `files` are the paths of the generated files. `began` and `written` are those of check_cache.store(). Nothing is
+    stored if a definition is requested by path or comes from a sourced ROS, because its file may then be anywhere.
     """
     anywhere = config.source == "env" or any(Path(request).suffix for request in requests)
     if not anywhere:

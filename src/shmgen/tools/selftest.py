@@ -55,7 +55,7 @@ class NotMeasured(Exception):
 class Partner:
     """The Linux side of the self-test: sends commands to the PLC program and receives its answers.
 
-    `tell` shows a line to the user if he must do something in the IDE.
+    `tell` shows the user a step to do in the IDE, and `wait` is the time in seconds to wait for this step.
     """
 
     def __init__(self, session: Session, wait: float, tell: Callable[[str], object]) -> None:
@@ -78,7 +78,7 @@ class Partner:
                     os.unlink(file)
 
     def wait_for(self, is_expected: Callable[[Any], bool], seconds: float) -> Any:
-        """Return the first answer for which `is_expected` returns True, or None after `seconds`."""
+        """Return the PLC's first answer for which `is_expected` returns True, or None after `seconds`."""
         until = time.monotonic() + seconds
         while time.monotonic() < until:
             answer = self.answers.wait(0.05)
@@ -296,7 +296,7 @@ CHECKS: dict[str, Callable[[Partner], Found]] = {
 def _results_of(partner: Partner, what: int) -> Any:
     """Send the command number `what` to the PLC program, and return the results of the command.
 
-    The commands call the Sys functions of CODESYS. Raises NotMeasured if the PLC has no such functions, as OpenPLC.
+    The commands call the Sys functions of CODESYS. Raises NotMeasured if the PLC has no such functions, like OpenPLC.
     """
     answer = partner.ask(what)
     if not answer.pointer_size:

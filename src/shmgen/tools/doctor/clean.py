@@ -22,9 +22,9 @@ _WATCH = 0.25
 def leftovers(topic: str) -> list[str]:
     """Return the files of a topic that `shmgen clean` should remove: its semaphores, then its region.
 
-    The region is last, so that shmgen still recognizes the remaining files if removal is interrupted. The list includes
+    The region is last, because `shmgen clean --all` finds the rest of an interrupted removal by it. The list includes
     a region whose creator died before writing the header, and semaphores without a region. Raises RegionMissing if
-    there are no files, PermissionDenied, and RegionUnusable if the file is not a region of shmgen.
+    there are no files, PermissionDenied, and RegionUnusable if the region's file is not a region of shmgen.
     """
     name = region_name(topic)
     files = [file for file in (semaphore_file(event_name(name)), semaphore_file(name)) if os.path.lexists(file)]

@@ -24,7 +24,7 @@ from shmgen.tools.doctor.snapshot import Evidence, Expected, gather
 
 @dataclass(frozen=True, slots=True)
 class Examination:
-    """The result of an examination: the examined regions, and the findings. It is healthy if no finding is a fault."""
+    """The examined regions, and the findings. `healthy` is True if all findings are notes and none is a fault."""
 
     regions: tuple[Evidence, ...]
     findings: tuple[Problem, ...]

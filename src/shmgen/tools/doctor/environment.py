@@ -24,7 +24,7 @@ def of_strays(processes: Processes, names: Collection[str], requested: Collectio
     if `names` contains the region, and one of these conditions is true:
 
     * `requested` contains the region.
-    * Exactly one process in this /dev/shm, or exactly one process in the other, maps the region.
+    * Exactly one process maps the region in this /dev/shm, or exactly one maps the region in the other /dev/shm.
     """
     ours = own_device()
     pairs = {(mapping.pid, mapping.device, mapping.name) for mapping in processes.mappings}
@@ -63,7 +63,7 @@ def _holders(processes: Processes, device: int, name: str) -> set[int]:
 def _is_name(region: str) -> bool:
     """Return True if a topic can have a region of this name.
 
-    Any user can create files in /dev/shm, so a name may be misleading.
+    Other programs also create files in /dev/shm, and their names need not belong to a topic.
     """
     with suppress(ValueError):
         return region_name(topic_of(region)) == region

@@ -73,7 +73,10 @@ def _access(region: Evidence) -> Iterator[Problem]:
 
 
 def of_places(names: Iterable[str]) -> Iterator[Problem]:
-    """Yield a problem for each file under the name of a region or semaphore that is no regular file or no region."""
+    """Yield a problem for each region or semaphore that is not a regular file, or not a file of shmgen.
+
+    `names` are the names of the regions.
+    """
     for name in names:
         with suppress(ShmError):
             if (header := read_header(name)).foreign:
@@ -117,7 +120,7 @@ def _files(name: str) -> tuple[str, ...]:
 
 
 def advice_to_join(status: os.stat_result) -> str:
-    """Return the owner, group and mode of a file, and advice for a user who cannot open the file."""
+    """Return a text with the owner, group and mode of a file, and advice for a user who cannot open the file."""
     return f"it is {owner(status)}: {way_in(status)}"
 
 

@@ -13,7 +13,7 @@ class Problem:
     """A finding about a region or the machine, with the next step as its `hint`.
 
     If `note` is true, the finding is information, not a fault. `file` is the path of the faulty file, and `process` the
-    pid of the faulty process. Either is None if there is none.
+    pid of the faulty process. None means that no single file or process is faulty.
     """
 
     topic: str

@@ -19,14 +19,14 @@ from shmgen.runtime.region.names import semaphore_file
 
 _WATCH = 0.25
 _WATCH_LOCK = 1.05
-"""Seconds between the two reads of a header. If a lock seems stuck, _WATCH_LOCK: a PLC may hold a lock for 1 s."""
+"""Seconds between two reads of a header, usually and if a lock seems stuck. A PLC may hold a lock for 1 s."""
 
 SIZES = (16, 32)
 """Sizes in bytes of sem_t in 32-bit and in 64-bit processes, with glibc and with musl."""
 _WAITS = 1
-"""Number of bits below the value in the sem_t of 32-bit glibc.
+"""Number of bits below the value of the semaphore in the first word of a sem_t of 32-bit glibc.
 
-32-bit processes have no atomic word that is large enough for both the value and the number of waiters.
+This bit is set while processes wait. In 64-bit processes, the value has a 32-bit word of its own.
 """
 
 
@@ -94,7 +94,8 @@ def gather(
 ) -> list[Evidence]:
     """Read the header of each region twice, and return the evidence about each region.
 
-    Skip regions that disappear meanwhile or that cannot be read.
+    `topics` contains the expected state by topic, and `layouts` the configured layout by type name. Skip regions that
+    disappear meanwhile or that cannot be read.
     """
     with ExitStack() as stack:
         views: list[View] = []

@@ -14,7 +14,7 @@ from shmgen.tools.messages.format import as_line, elements, field, ros_name, spe
 
 
 def titles(value: Any, within: str = "") -> list[str]:
-    """Return the column titles of a value, such as `position.x` and `flags[0]`. A sequence is one column."""
+    """Return the column titles of a value at the path `within`, such as `flags[0]`. A sequence is one column."""
     return [name for name, _ in _cells(value, within)]
 
 

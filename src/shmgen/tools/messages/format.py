@@ -57,7 +57,7 @@ def ros_name(attribute: str) -> str:
 
 
 def tree_of(value: Any, most: int | None) -> Any:
-    """Convert a value to nested dicts, lists and scalars.
+    """Convert a value to nested dicts, lists and scalars. Cut arrays after `most` elements; None keeps all elements.
 
     Raises CountExceeded if the count of a sequence is damaged.
     """
@@ -74,19 +74,19 @@ def tree_of(value: Any, most: int | None) -> Any:
 
 
 def field(message: Message, name: str) -> Any:
-    """Return the value of the field `name` for printing. A float32 is rounded to its fewest digits."""
+    """Return the value of the field `name` for printing. Shorten a float32 as shortest() does."""
     value = getattr(message, name)
     return shortest(value) if name in _float32_fields(type(message)) else value
 
 
 def elements(values: Any, most: int | None = None) -> Sequence[Any]:
-    """Return the first `most` elements of an array for printing. A float32 is rounded to its fewest digits."""
+    """Return the first `most` elements of an array for printing. Shorten a float32 as shortest() does."""
     few: Sequence[Any] = values[:most]
     return [shortest(value) for value in few] if _is_float32(values) else few
 
 
 def element(values: Any, index: int) -> Any:
-    """Return one element of an array for printing. A float32 is rounded to its fewest digits."""
+    """Return one element of an array for printing. Shorten a float32 as shortest() does."""
     return shortest(values[index]) if _is_float32(values) else values[index]
 
 

@@ -67,7 +67,7 @@ def _float(text: str) -> float:
 
 
 def _finite(value: float, text: str) -> float:
-    """Return the number that the user wrote as `text`. Raises OutOfRange if it is too large for float64."""
+    """Return `value`, which was parsed from `text`. Raises OutOfRange if the number is too large for float64."""
     if math.isinf(value):
         raise OutOfRange("", f"{text} is too large for float64; infinity is written .inf")
     return value
@@ -82,7 +82,7 @@ def build(kind: type[Message], data: Any) -> Message:
 
 
 def _object(kind: type[Message], data: Any, path: str) -> SimpleNamespace:
-    """Return an object with the attributes of the message. The encoder checks the values later."""
+    """Return an object with the attributes of a message, filled from `data`. The encoder checks the values later."""
     fields = _fields(data, [ros_name(name) for name in kind._names_], path, kind._type_name_)
     default = kind()
     values = SimpleNamespace(**{name: getattr(default, name) for name in kind._names_})

@@ -73,7 +73,7 @@ def _names(value: Any) -> list[str]:
 
 
 def leaves(layout: Layout, layouts: Layouts, within: str = "", *, numbers: bool = False) -> Iterator[str]:
-    """Yield the paths of all fields, including the fields of nested messages.
+    """Yield the paths of all fields, including the fields of nested messages. Each path begins with `within`.
 
     If `numbers` is True, yield only single numbers and times, which can be plotted.
     """

@@ -20,7 +20,7 @@ HEARTBEAT = 0.05
 def publish(
     topic: str, request: str, data: Any, registry: ClassRegistry, rate: float, count: int | None
 ) -> Generator[Message, None, None]:
-    """Publish the values in `data` `rate` times a second, `count` times or without end. Yield each published sample.
+    """Publish the values in `data`, `rate` times a second. Yield each published message. Stop after `count`, if given.
 
     The depth is the depth of the existing region, else the depth in [[topics]], else 1. Raises Rejected, ValueRejected
     and ValueError before the region is opened, and the errors of Publisher.
@@ -45,8 +45,8 @@ def publish(
 def _expected(topic: str, request: str, registry: ClassRegistry) -> tuple[int | None, int]:
     """Return the digest and the depth with which to publish.
 
-    They are those of the topic's region if the region contains messages of the type `request`. If the region is missing
-    or has another type, the digest is None, and the depth comes from shmgen.toml.
+    If the topic has a region with messages of the type `request`, return the digest and the depth of the region.
+    Otherwise, the digest is None, and the depth comes from shmgen.toml.
     """
     with suppress(RegionMissing), View(region_name(topic)) as view:
         header = view.header()

@@ -41,9 +41,9 @@ def messages(topic: str, registry: ClassRegistry, timeout: float | None, tell: T
 def regions(
     topic: str, registry: ClassRegistry | None, timeout: float | None, tell: Tell, *, passive: bool = True
 ) -> Generator[tuple[View, Subscriber[Message]], None, None]:
-    """Yield a view of the topic's region and a subscriber for it. After a removal, yield the same for the next region.
+    """Yield a view and a subscriber of the topic's region. If the region is removed, wait for the next one and repeat.
 
-    Without `registry`, messages have no fields. Raises the errors of messages().
+    Without `registry`, messages have no fields. `passive` is passed to Subscriber. Raises the errors of messages().
     """
     while True:
         with appeared(topic, timeout, tell) as view:

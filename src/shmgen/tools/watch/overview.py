@@ -31,7 +31,7 @@ _WIDTHS = {"rate": len("1000.0/s"), "age": len("999.9 ms"), "lock": len("1000.0/
 _NARROWEST = 12
 """Characters that a type or a writer keeps before columns are dropped."""
 _LOOKS = 6
-"""Number of headers from which a rate is computed: the rate of a slow topic must not flicker to 0."""
+"""Number of headers from which a rate is computed. With fewer, the rate of a slow topic would flicker to 0."""
 _TRIES = 5
 
 
@@ -83,8 +83,8 @@ Past = dict[str, deque[_Look]]
 def look(past: Past | None = None, processes: Processes | None = None) -> list[Row]:
     """Read the headers of all regions and return a row for each. Without `processes`, the rows list no readers.
 
-    `past` contains the headers that earlier calls have read. look() adds the present headers. From the differences,
-    look() computes the rates.
+    `past` contains the headers that earlier calls have read. look() computes the rates from the differences between
+    these and the current headers, and adds the current headers to `past`.
     """
     past = {} if past is None else past
     names, rows = live(), []
@@ -97,7 +97,7 @@ def look(past: Past | None = None, processes: Processes | None = None) -> list[R
 
 
 def one(topic: str) -> tuple[Row, bool]:
-    """Return the row of a topic, and True if this user cannot inspect some processes, so that readers may be missing.
+    """Return the row of a topic, and True if its readers may be incomplete: this user cannot inspect some processes.
 
     Raises RegionMissing and PermissionDenied.
     """
@@ -174,7 +174,7 @@ def writer_of(view: View, header: h.Header, earlier: h.Header | None) -> str:
 
 
 def ordered(rows: Sequence[Row], column: str, reverse: bool) -> list[Row]:
-    """Return the rows sorted by a column: texts ascending and numbers descending, or in reverse.
+    """Return the rows sorted by a column: texts ascending and numbers descending. `reverse` swaps both directions.
 
     Rows with an unknown value come last.
     """
@@ -191,9 +191,10 @@ def table(
     widths_before: dict[str, int] | None = None,
     columns: Sequence[str] = COLUMNS,
 ) -> list[str]:
-    """Return lines of aligned columns, the titles first. A `*` marks the column `sorted_by`.
+    """Return lines of aligned columns, the titles first. A `*` marks the column `sorted_by`. Fit lines to `width`.
 
-    No column becomes narrower than in earlier tables, so that nothing jumps. `widths_before` stores the earlier widths.
+    `widths_before` stores the widths of earlier tables. No column becomes narrower than before, so that no text jumps
+    on the screen.
     """
     mark = "" if sorted_by is None else " "
     titles = [f"{name.upper()}{'*' if name == sorted_by else mark}" for name in columns]
