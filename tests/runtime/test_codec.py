@@ -20,7 +20,7 @@ from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from shmgen.config import Config
@@ -29,7 +29,7 @@ from shmgen.generator import pipeline
 from shmgen.runtime import CountExceeded, OutOfRange, engine
 from shmgen.runtime.messages import walker
 from tests.conftest import REPOSITORY
-from tests.support import build, import_or_skip, schemas
+from tests.support import build, c_structs, import_or_skip, schemas
 
 from .messages import WHY_NOT
 
@@ -250,6 +250,27 @@ def test_any_message_goes_both_ways(schema, options, seed, tmp_path_factory):
                 assert ways.decode(data, into), layout.message
                 ways.decode(draw.randbytes(ways.size), into)
             ways.decode(data, schemas.random_message(layout, layouts, draw))
+    build.forget(package)
+
+
+@pytest.mark.skipif(not shutil.which("gcc"), reason="gcc is not installed")
+@given(schema=schemas.schemas(), options=st.sampled_from(OPTIONS), seed=st.integers(0, 2**32))
+@settings(max_examples=schemas.examples(8), suppress_health_check=list(HealthCheck), phases=[Phase.generate])
+def test_the_structures_of_gcc_hold_the_values_of_the_walker(schema, options, seed, tmp_path_factory):
+    """A failing schema is not shrunk, because each attempt runs gcc."""
+    folder = tmp_path_factory.mktemp("gcc")
+    layouts, package = build.layouts_of(schema, options), f"compiled_{folder.name}"
+    for language in ("python", "c"):
+        build.put(build.texts_of(layouts, language, package), folder)
+    library, draw = c_structs.read_back(folder, package, layouts), random.Random(seed)
+    for layout in layouts.values():
+        kind, _, _ = build.classes(folder, package, layout.name)
+        for _ in range(schemas.messages(4)):
+            message = constructible(schemas.random_message(layout, layouts, draw))
+            data, _ = Ways(kind).python(message)
+            walker.decode(kind, data, message)
+            seen = c_structs.seen_by_c(library, layout, data)
+            assert seen == c_structs.leaves(message, layout, layouts), layout.message
     build.forget(package)
 
 
