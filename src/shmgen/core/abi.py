@@ -63,7 +63,7 @@ NUMBERS = (
     Number("SLOT_STEP", SLOT_STEP, "UDINT", "bytes; the size of each slot is a multiple"),
     Number("LANES", LANES, "UDINT", "arrays of slots in a region; each writer uses only one lane"),
     Number("PAGE", PAGE, "UDINT", "bytes; the size of each region is a multiple"),
-    Number("PLC", PLC, "UDINT", "id of every PLC: a PLC cannot determine its process id"),
+    Number("PLC", PLC, "UDINT", "common process id of all PLCs, which cannot determine their own"),
     Number("LAST", LAST, "UDINT", "largest sample number"),
     Number(
         "RESTART_GAP",
@@ -80,8 +80,8 @@ NUMBERS = (
     Number("LEFT_OUT", LEFT_OUT, "UDINT", "most sample numbers that a takeover skips"),
     Number("MAX_DEPTH", MAX_DEPTH, "UDINT", "largest depth, in samples"),
     Number("MAX_TYPE_NAME", MAX_TYPE_NAME, "UDINT", "bytes of a type name, without the terminating 0"),
-    Number("MAX_NAME", MAX_NAME, "UDINT", "most characters of a region's name: STRING(80) minus '-event'"),
-    Number("MAX_CALL_NAME", MAX_CALL_NAME, "", "most characters of a service or action: MAX_NAME minus '-response'"),
+    Number("MAX_NAME", MAX_NAME, "UDINT", "maximum length of a region's name: STRING(80) minus '-event'"),
+    Number("MAX_CALL_NAME", MAX_CALL_NAME, "", "length limit of service and action names: MAX_NAME minus '-response'"),
     Number("WRITER_LOCK", WRITER_LOCK, "", "byte under the record lock of the writer"),
     Number("REPAIR_LOCK", REPAIR_LOCK, "", "byte under a record lock during creation, lock recovery and removal"),
     Number("READER_LOCK", READER_LOCK, "", "byte under the shared record lock of all readers"),
@@ -190,11 +190,9 @@ HEADER = (
         "turn",
         "udiTurn",
         "writer",
-        "changed by each takeover; bit 1 is the writer's lane; odd = a takeover is in progress",
+        "changes at each takeover; bit 0 = a takeover is in progress; bit 1 = the writer's lane",
     ),
-    HeaderField(
-        140, "u32", "left", "udiLeft", "writer", "the writer's samples have later numbers than `left`; 0 = not set"
-    ),
+    HeaderField(140, "u32", "left", "udiLeft", "writer", "number after which the writer's samples begin; 0 = not set"),
     HeaderField(
         144,
         "u32",
@@ -224,7 +222,7 @@ HEADER = (
         "a waiting reader",
         "1 = a reader waits; the writer stores 0 and wakes all readers",
     ),
-    HeaderField(168, "u32", "lock_count", "udiLockCount", "lock holder", "incremented at each acquisition"),
+    HeaderField(168, "u32", "lock_count", "udiLockCount", "lock holder", "incremented at each acquisition of the lock"),
     HeaderField(172, "u32", "missed", "udiMissed", "readers", "samples that readers missed, for diagnosis"),
     HeaderField(176, "u32", "bell", "udiBell", "writer", "sample number at which the writer last woke readers"),
 )

@@ -56,15 +56,15 @@ SHMGEN_BEGIN_DECLS
 #define SHMGEN_SLOT_STEP 64                     /* bytes; the size of each slot is a multiple */
 #define SHMGEN_LANES 2                          /* arrays of slots in a region; each writer uses only one lane */
 #define SHMGEN_PAGE 4096                        /* bytes; the size of each region is a multiple */
-#define SHMGEN_PLC UINT32_C(0xFFFFFFFF)         /* id of every PLC: a PLC cannot determine its process id */
+#define SHMGEN_PLC UINT32_C(0xFFFFFFFF)         /* common process id of all PLCs, which cannot determine their own */
 #define SHMGEN_LAST UINT32_C(0xFFFFFFFF)        /* largest sample number */
 #define SHMGEN_RESTART_GAP UINT32_C(0x80000000) /* samples; a gap of this size or more means that the numbers restarted */
 #define SHMGEN_FORGET UINT32_C(0x10000000)      /* samples between two resets of the other lane's `completed`, whose old number would later look new */
 #define SHMGEN_LEFT_OUT 2                       /* most sample numbers that a takeover skips */
 #define SHMGEN_MAX_DEPTH 65535                  /* largest depth, in samples */
 #define SHMGEN_MAX_TYPE_NAME 95                 /* bytes of a type name, without the terminating 0 */
-#define SHMGEN_MAX_NAME 74                      /* most characters of a region's name: STRING(80) minus '-event' */
-#define SHMGEN_MAX_CALL_NAME 65                 /* most characters of a service or action: MAX_NAME minus '-response' */
+#define SHMGEN_MAX_NAME 74                      /* maximum length of a region's name: STRING(80) minus '-event' */
+#define SHMGEN_MAX_CALL_NAME 65                 /* length limit of service and action names: MAX_NAME minus '-response' */
 #define SHMGEN_WRITER_LOCK 0                    /* byte under the record lock of the writer */
 #define SHMGEN_REPAIR_LOCK 1                    /* byte under a record lock during creation, lock recovery and removal */
 #define SHMGEN_READER_LOCK 2                    /* byte under the shared record lock of all readers */
@@ -103,15 +103,15 @@ typedef struct SHMGEN_PACKED shmgen_region {
     char type_name[96];      /* 32: such as 'geometry_msgs/msg/Pose', then 0 bytes */
     uint32_t completed0;     /* 128: number of the newest sample in lane 0, 0 = none yet */
     uint32_t completed1;     /* 132: number of the newest sample in lane 1, 0 = none yet */
-    uint32_t turn;           /* 136: changed by each takeover; bit 1 is the writer's lane; odd = a takeover is in progress */
-    uint32_t left;           /* 140: the writer's samples have later numbers than `left`; 0 = not set */
+    uint32_t turn;           /* 136: changes at each takeover; bit 0 = a takeover is in progress; bit 1 = the writer's lane */
+    uint32_t left;           /* 140: number after which the writer's samples begin; 0 = not set */
     uint32_t retired;        /* 144: 1 = removed or replaced; each end closes the region */
     uint32_t ordered;        /* 148: 1 = this machine (x86) keeps the order of stores and loads */
     uint32_t heartbeat;      /* 152: incremented while the writer runs, also without samples */
     uint32_t lock_holder;    /* 156: holder's process id; 0xFFFFFFFF = a PLC, 0 = free */
     uint32_t recoveries;     /* 160: number of recoveries of a stuck lock */
     uint32_t armed;          /* 164: 1 = a reader waits; the writer stores 0 and wakes all readers */
-    uint32_t lock_count;     /* 168: incremented at each acquisition */
+    uint32_t lock_count;     /* 168: incremented at each acquisition of the lock */
     uint32_t missed;         /* 172: samples that readers missed, for diagnosis */
     uint32_t bell;           /* 176: sample number at which the writer last woke readers */
     uint8_t reserved180[12]; /* 180: 0 */
