@@ -25,21 +25,21 @@ _LIVENESS_INTERVAL = 0.2
 _HEARTBEAT_INTERVAL = 1.0
 """The heartbeat interval in seconds of a goal without feedback, so that the PLC's tTimeout does not stop the goal."""
 _CANCEL_TIMEOUT = 0.2
-"""The time limit in seconds for a cancel request when the bridge stops. The end of an aborted goal gets half of it."""
+"""The time limit in seconds for a cancel request when the bridge stops. The report of an abort to ROS gets half."""
 
 
 class PlcActionServer(Side):
-    """Carries an action of the PLC, which executes one goal of ROS at a time. A new goal aborts the old one."""
+    """Carries an action that the PLC serves: the PLC executes goals of ROS clients. A new goal aborts the old goal."""
 
     def __init__(self, route: CallRoute, counters: Counters, stopping: threading.Event) -> None:
         super().__init__(route.about, counters, stopping)
         self._route = route
         self.end = RegionEndpoint(self._open_client, counters)
         self._lock = threading.Lock()
-        """Held while a goal begins, is canceled, or is followed."""
+        """Held while a goal starts, is canceled, or is checked for feedback and a result."""
         self._goal: Goal | None = None
         self._goal_region: tuple[Any, int] = None, 0
-        """The client that sent the goal, and its `reopen_count`: after a reopening, no result of the goal arrives."""
+        """The client that sent the goal, and its `reopen_count` then. If the count changes, no result can arrive."""
         self._outcome: Any = None
         self._due = 0.0
         self._loop = WorkerThread(self._step, self.end, stopping)
@@ -155,7 +155,7 @@ class PlcActionServer(Side):
 
 
 class PlcActionClient(Side):
-    """Carries an action of ROS: the PLC sends goals, and ROS executes them. Each action has its own thread."""
+    """Carries an action that ROS serves: ROS executes the goals of the PLC. Each action has its own thread."""
 
     def __init__(self, route: CallRoute, counters: Counters, stopping: threading.Event) -> None:
         super().__init__(route.about, counters, stopping)
@@ -169,7 +169,7 @@ class PlcActionClient(Side):
         self._loop.start()
 
     def stop(self) -> bool:
-        """Stop the thread of this action, which cancels the running goal. Return False if the thread has not ended."""
+        """Wait 0.2 s for the thread to cancel the running goal and end. Return False if the thread is still running."""
         return self._loop.stop()
 
     def _step(self, plc: ActionServer[Any] | None) -> float:
@@ -200,7 +200,7 @@ class PlcActionClient(Side):
     ) -> None:
         """Forward feedback and the result to the PLC until the goal ends or the bridge stops.
 
-        If the PLC sends a newer goal or disappears, cancel the goal, and wait for its end up to the action's timeout.
+        If the PLC sends a newer goal or disappears, cancel `goal`, and wait for its result up to the action's timeout.
         """
         canceling: threading.Thread | None = None
         until, last_heartbeat = inf, -inf
@@ -251,7 +251,7 @@ class PlcActionClient(Side):
 
 
 class _News:
-    """Stores the feedback and the outcome of a goal until the thread that waits for them reads them. A GoalObserver."""
+    """A GoalObserver that stores the feedback and the result of a goal until another thread reads them."""
 
     def __init__(self) -> None:
         self.arrived = threading.Event()

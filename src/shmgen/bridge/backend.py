@@ -22,7 +22,7 @@ from shmgen.runtime import Time
 QUEUE = 1000
 """The maximum queue length in messages. It covers 1 s of a topic at 1 kHz, because Python may pause that long."""
 LARGEST = 2**16
-"""The smallest size limit in bytes of a message. It exceeds a sample's size, so that longer messages are counted."""
+"""The minimum of a message's size limit in bytes. It exceeds the sample's size: longer messages arrive, and count."""
 _SLACK = 4
 """The size limit of a large serialized message, as a multiple of the size of its sample in the region."""
 _MEMORY = 2**26
@@ -43,7 +43,7 @@ class Node:
 
     `log` logs a line for the user. `stopping` returns True once the bridge has to stop. `arguments` are the ROS
     arguments of the command line, such as `__name:=x` or `--ros-args -r __node:=x`. `largest` is the size limit in
-    bytes of the largest serialized message of all topics, services and actions.
+    bytes of serialized messages: the maximum of the limits of all topics, services and actions.
     """
 
     name: str
@@ -59,12 +59,12 @@ class Node:
 class Wire:
     """The ROS side of a topic: the settings from which a backend creates a publisher or a subscription.
 
-    `messages` are the original definitions: dependencies first, the topic's type last. Unbounded fields stay unbounded
-    in ROS, even if shmgen.toml bounds them. `latch` keeps the newest message for late subscribers (ROS 2: transient
-    local). With the QoS `auto`, a subscription adopts best effort if a publisher offers only best effort. `depth` is
-    the number of samples in the region, and `sample_size` the size of a sample in bytes. `direct` converts samples to
-    ROS bytes directly; it is None if the topic has no direct path. `accepts_other` accepts messages of a peer with
-    another type hash.
+    * `messages`: the ROS definitions, dependencies first, the topic's type last. Bounds of shmgen.toml do not apply.
+    * `qos`: with `auto`, a subscription adopts best effort if a publisher offers only best effort.
+    * `latch`: True to keep the newest message for late subscribers (ROS 2: transient local).
+    * `depth`: the number of newest samples that the region keeps. `sample_size`: the size of a sample in bytes.
+    * `accepts_other`: True to accept messages of a peer whose type hash differs from the bridge's.
+    * `direct`: converts samples to serialized ROS messages and back, or None if the topic has no direct conversion.
     """
 
     name: str
@@ -110,8 +110,9 @@ def largest(sample_size: int) -> int:
 class ServiceWire:
     """The ROS side of a service: the settings from which a backend creates a server or a client.
 
-    `request` and `response` are the definitions of these messages, each after its dependencies. If `at_once` is True,
-    each call runs in its own thread, so that a call that never ends delays no other call.
+    `request` holds the definitions of all messages that the request contains, and the request itself as the last one.
+    `response` holds the same for the response. If `at_once` is True, each call runs in its own thread, so that a call
+    that never ends delays no other call.
     """
 
     name: str
@@ -129,8 +130,8 @@ class ServiceWire:
 class ActionWire:
     """The ROS side of an action: the settings from which a backend creates a server or a client.
 
-    `goal`, `result` and `feedback` are the definitions of these messages, each after its dependencies. `sample_size` is
-    the size in bytes of the largest sample of the action.
+    `goal`, `result` and `feedback` each hold several definitions: first the messages that the goal (result, feedback)
+    contains, and the goal itself last. `sample_size` is the size in bytes of the largest sample of the action.
     """
 
     name: str
@@ -172,13 +173,13 @@ class MessageSink(ErrorSink, Protocol):
 class RosPublisher:
     """The functions by which the bridge publishes on a ROS topic.
 
-    `new()` creates an empty message, `send(message)` publishes a message that `new` created. Lists in the message may
-    hold any objects with the attributes of the element's type, such as shmgen's own classes. `send` waits for no
-    subscriber, and raises nothing if there is none. The caller may change a message after `send`. `send_payload`
-    publishes the bytes of a sample. If `send_payload` raises ValueRejected, the caller decodes the sample and uses
-    `send`. `acknowledged(seconds)` waits until all reliable subscribers have all messages. It returns False after a
-    timeout. `acknowledged` is None if this ROS has no acknowledgements. `qos_problem()` returns the reason why a
-    subscriber has incompatible QoS, or `""` if all subscribers match.
+    * `new()` creates an empty message. Its lists accept any objects with the attributes of the element's type.
+    * `send(message)` publishes a message from `new`, without waiting for subscribers. The message can then be reused.
+    * `send_payload(bytes)` publishes the bytes of a sample. If the function raises ValueRejected, decode the sample and
+      use `send`. None if the backend or the topic has no direct conversion.
+    * `acknowledged(seconds)` waits until all reliable subscribers have all messages, and returns False after a timeout.
+      None if this ROS has no acknowledgements.
+    * `qos_problem()` returns the reason why a subscriber has incompatible QoS, or `""` if all subscribers match.
     """
 
     new: Callable[[], Any]
@@ -192,9 +193,10 @@ class RosPublisher:
 class RosSubscription:
     """The functions of a subscription to a ROS topic, whose messages a MessageSink receives.
 
-    `new()` creates an empty message. `is_connected()` returns True if a publisher is connected. The bridge calls
-    `qos_problem()` twice a second. This function adopts the QoS of the publishers if shmgen.toml permits that, and
-    returns the reason why a present peer still has incompatible QoS, or `""` if all peers match.
+    * `new()` creates an empty message.
+    * `is_connected()` returns True if a publisher is connected.
+    * `qos_problem()`, which the bridge calls twice a second, adopts the QoS of the publishers if shmgen.toml permits
+      that. It returns the reason why a publisher still has incompatible QoS, or `""` if all publishers match.
     """
 
     new: Callable[[], Any]
@@ -206,10 +208,10 @@ class RosSubscription:
 class RosClient:
     """The functions by which the bridge calls a ROS service.
 
-    `new()` creates an empty request; `call(request, timeout in seconds)` returns the response. Calls may overlap.
-    `is_connected()` returns True if a server is available. While the bridge stops, it always returns True, so that no
-    thread waits for a server. `call` raises NoAnswer if no server is available, if the timeout expires, or if the
-    server fails or disappears.
+    * `new()` creates an empty request.
+    * `call(request, timeout in seconds)` returns the response. Calls of several threads may overlap. It raises NoAnswer
+      if no server is available, if the timeout expires, or if the server fails or disappears.
+    * `is_connected()` returns True if a server is available, or if the bridge stops, so that no thread waits longer.
     """
 
     new: Callable[[], Any]
@@ -248,7 +250,7 @@ class Worker(Protocol):
     """The PLC's side of an action: executes the goals of ROS clients. Each method may block its thread."""
 
     def begin(self, goal: Goal) -> bool:
-        """Start the goal. Return True if the goal is accepted. An accepted goal may already have ended."""
+        """Start the goal. Return True if the PLC accepts the goal, which may already have ended by then."""
 
     def cancel(self, goal: Goal) -> bool:
         """Start to cancel the goal, which ends later. Return False if the goal cannot be canceled."""
@@ -261,35 +263,38 @@ class GoalObserver(Protocol):
         """Receive a feedback message of the goal from the backend."""
 
     def end(self, status: int, result: Any, why: str = "") -> None:
-        """Receive the result of the goal, once. If `result` is None, `why` is the reason."""
+        """Receive the final status and the result of the goal, once. If `result` is None, `why` is the reason."""
 
 
 class RosActionClient(Protocol):
     """A client of a ROS action: sends goals that the ROS server executes."""
 
     def send(self, fill: Fill, timeout: float, follower: GoalObserver) -> Callable[[], threading.Thread] | None:
-        """Send a goal that `fill` fills. Return a function that cancels this goal, or None if the server rejected it.
+        """Let `fill` fill an empty goal, and send the goal. Return None if the server rejects the goal.
 
-        The returned function sends the cancel request in a thread, and returns that thread. `follower` receives the
-        feedback and the result. Raises NoAnswer if the server does not accept the goal within `timeout` seconds; the
-        goal is then canceled.
+        If the server accepts the goal, return a function that cancels the goal: it sends the cancel request in a new
+        thread, and returns this thread. `follower` receives the feedback and the result. Raises NoAnswer, and cancels
+        the goal, if the server does not answer within `timeout` seconds.
         """
 
 
 class Actions(Protocol):
-    """Creates servers and clients of actions. Both methods raise ValueError as the methods of Backend do."""
+    """Creates servers and clients of actions.
+
+    Both methods raise ValueError if ROS lacks the action type, or if its definition of the type differs from shmgen's.
+    """
 
     def serve(self, backend: Backend, wire: ActionWire, worker: Worker, errors: ErrorSink) -> object:
-        """Offer the action to ROS. `worker` executes the goals that clients send."""
+        """Offer the action to ROS. `worker` executes the goals that ROS clients send."""
 
     def action_client(self, backend: Backend, wire: ActionWire, errors: ErrorSink) -> RosActionClient:
-        """Create a client of the action, even if there is no server yet."""
+        """Create a client of the action, even if no server is available yet."""
 
 
 class Backend(ABC):
     """The bridge's node in a ROS graph, which creates publishers, subscriptions, clients and servers.
 
-    The methods that create them raise ValueError if this ROS lacks the type or has another definition of it.
+    Each creating method raises ValueError if ROS lacks the type, or if the definition in ROS differs from shmgen's.
     """
 
     actions: Actions
@@ -301,7 +306,10 @@ class Backend(ABC):
 
     @property
     def undo(self) -> list[Callable[[], object]]:
-        """The functions that remove what the current thread has created. A thread may assign a new list."""
+        """The functions that remove the ROS publishers, subscriptions, clients and servers of the current thread.
+
+        A thread may assign a new list, to collect only the functions for what it creates from then on.
+        """
         return cast(list[Callable[[], object]], self._of_thread.__dict__.setdefault("undo", []))
 
     @undo.setter
@@ -318,11 +326,14 @@ class Backend(ABC):
 
     @abstractmethod
     def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
-        """Offer the service to ROS. `answer` runs in a thread where it may block."""
+        """Offer the service to ROS. `answer` fills the response to each request, and may block its thread.
+
+        `refuse` receives the reason if an incompatible client gets no response.
+        """
 
     @abstractmethod
     def client(self, wire: ServiceWire) -> RosClient:
-        """Create a client of the service, even if there is no server yet."""
+        """Create a client of the service, even if no server is available yet."""
 
     def now(self) -> Time:
         """Return the ROS time: by default the time of the wall clock."""

@@ -27,9 +27,9 @@ T = TypeVar("T", bound=Closable)
 class RegionEndpoint(Generic[T]):
     """Opens the bridge's publisher, subscriber, client or server in a background thread, and reopens it. Thread-safe.
 
-    The runtime reopens a removed region. This class reopens after another writer or layout took the region. `current`
-    is the open endpoint or None; `unavailable_reason` is the reason for None. `attempted` is set after the first
-    attempt.
+    The runtime reopens a removed region. This class reopens a region that another writer or layout has taken over.
+    * `current`: the open publisher, subscriber, client or server, or None. `unavailable_reason`: the reason for None.
+    * `attempted`: an event that is set after the first attempt to open the region.
     """
 
     def __init__(self, create: Callable[[], T], counters: Counters) -> None:
@@ -58,12 +58,12 @@ class RegionEndpoint(Generic[T]):
         return new
 
     def report(self, error: Exception) -> None:
-        """Log an error of the publisher, subscriber, client or server. If its region is lost, reopen it."""
+        """Log an error of the publisher, subscriber, client or server. Reopen the region if `error` means its loss."""
         if not self.discard_after(error):
             self._counters.log_rate_limited(describe(error))
 
     def discard_after(self, error: Exception) -> bool:
-        """Return True if `error` means that the region is lost, and reopen it in the background. Else return False."""
+        """Return True if `error` means that the region is lost, and reopen the region in the background."""
         if not isinstance(error, _LOST):
             return False
         if self._shut():
@@ -127,13 +127,19 @@ class Side(ABC):
 
     @abstractmethod
     def start(self, backend: Backend) -> None:
-        """Connect to ROS and start. Raises ValueError if ROS lacks the type or has another definition of it."""
+        """Connect to ROS and start. Raises ValueError if ROS has no definition like shmgen's of the message type."""
 
     def beat(self) -> None:  # noqa: B027 most sides have none to send
-        """Send a heartbeat to the PLC, ten times a second and without blocking. By default there is none to send."""
+        """Send a heartbeat to the PLC. The bridge calls this method ten times a second, and it must not block.
+
+        By default, send nothing.
+        """
 
     def stop(self) -> bool:
-        """Stop sending while ROS is still connected; `stopping` is set. Return False if a ROS call is still running."""
+        """Stop sending, while ROS is still connected. Return False if a ROS call is still running.
+
+        The caller has set the event `stopping`.
+        """
         return True
 
 
@@ -141,9 +147,10 @@ class WorkerThread(Generic[T]):
     """A thread that calls the function `step` until the bridge stops."""
 
     def __init__(self, step: Callable[[T | None], float], end: RegionEndpoint[T], stopping: threading.Event) -> None:
-        """Prepare a thread that calls `step` until `stopping` is set, which a long step checks every 0.1 s.
+        """Prepare a thread that calls `step` until `stopping` is set.
 
-        `step` receives what `end` has open, or None, and returns the delay in seconds until its next call.
+        `step` receives the open region endpoint of `end`, or None while the region is not open. It returns the delay in
+        seconds until its next call. A long step should check `stopping` itself every 0.1 s.
         """
         self._step, self._end, self._stopping = step, end, stopping
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -152,7 +159,7 @@ class WorkerThread(Generic[T]):
         self._thread.start()
 
     def stop(self) -> bool:
-        """Wait at most 0.2 s for the thread. Return True if it has ended. The caller first sets `stopping`."""
+        """Wait at most 0.2 s for the thread. Return True if the thread has ended. The caller first sets `stopping`."""
         if self._thread.ident is not None:  # the thread was started
             self._thread.join(2 * POLL_INTERVAL)
         return not self._thread.is_alive()

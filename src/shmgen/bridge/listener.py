@@ -34,7 +34,7 @@ class PlcTopic(Protocol):
 
 
 class Listener:
-    """A thread that lets topics from the PLC forward their samples. If one fails or blocks, the others continue."""
+    """A thread in which topics from the PLC forward samples to ROS. If a topic fails or blocks, the others continue."""
 
     def __init__(self, stopping: threading.Event) -> None:
         self._stopping = stopping
@@ -49,7 +49,7 @@ class Listener:
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def add(self, topic: PlcTopic) -> None:
-        """Start to read the topic, within 0.1 s."""
+        """Add a topic. The thread begins to read its samples within 0.1 s."""
         self._topics.append(topic)
         if self._thread.ident is None:
             self._thread.start()
@@ -88,7 +88,7 @@ class Listener:
                 self._update_readers()
 
     def _update_readers(self) -> None:
-        """Update the open subscribers every 0.1 s. An update for each sample would cost a system call per region."""
+        """Collect the open subscribers of all topics in `_readers`. This takes a system call per topic."""
         self._readers = {}
         for topic in tuple(self._topics):
             if time.monotonic() >= self._retry_at.get(topic, 0.0):
@@ -127,7 +127,10 @@ class Listener:
             self._stopping.wait(_LOCK_INTERVAL)
 
     def _is_replaced(self, current: tuple[PlcTopic, float]) -> bool:
-        """Return True if a new thread has replaced this one, which a topic blocked. The new thread gets this topic."""
+        """Return True if a new thread has replaced this thread, because the topic in `current` blocked this thread.
+
+        In this case, hand the topic to the new thread.
+        """
         with self._lock:
             if self._current is current:
                 self._current = None

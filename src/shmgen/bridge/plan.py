@@ -36,7 +36,9 @@ class About:
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """The plan for one topic. `kind` is the class of its samples, `stamp` the path to its time stamp, or empty."""
+    """The plan for one topic. `kind` is the class of its samples. `stamp` is the path to the time stamp, such as
+    `("header", "stamp")`, or empty.
+    """
 
     topic: TopicEntry
     wire: Wire
@@ -137,7 +139,10 @@ def actions(session: Session) -> list[CallRoute]:
 def _resolve(
     session: Session, find: Callable[..., Iterable[Any]], **options: Any
 ) -> tuple[list[Any], Schema, Layouts, Mapping[str, type[Message]]]:
-    """Return what `find` finds in shmgen.toml, and all messages as schema, layouts and classes. Raises Rejected."""
+    """Return the entries that `find` selects from shmgen.toml, and the schema, layouts and classes of all messages.
+
+    The classes are empty if there is no entry. `options` are for the classes. Raises Rejected if an entry has errors.
+    """
     types, report = _types(session), Report()
     layouts = session.layouts(types)
     entries = list(find(session.config, layouts, report))
@@ -146,7 +151,7 @@ def _resolve(
 
 
 def renamed(route: Route | CallRoute, resolve: Callable[[str], str]) -> Any:
-    """Return the route with the name in ROS that `resolve` gives. The region keeps the name from shmgen.toml."""
+    """Return `route` with its ROS name replaced by `resolve(name)`. The region keeps the name from shmgen.toml."""
     return replace(route, wire=replace(route.wire, name=resolve(route.wire.name)))
 
 
@@ -163,7 +168,7 @@ def diagnostics(session: Session) -> Wire:
 
 
 def largest(session: Session) -> int:
-    """Return the size limit in bytes of the largest serialized message. Raises Rejected if a type has errors."""
+    """Return the largest size limit in bytes of all serialized messages. Raises Rejected if a type has errors."""
     layouts = session.layouts(_types(session)).values()
     return backend.largest(max((layout.size for layout in layouts), default=0))
 

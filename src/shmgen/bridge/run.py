@@ -55,7 +55,7 @@ class _Signals:
         watchdog.limit_signals((signal.SIGINT, signal.SIGTERM))
 
     def beat(self) -> None:
-        """Report to the watchdog that the bridge is alive. After a stop signal, each step has its own time limit."""
+        """Restart the watchdog. Do nothing after a stop signal, because each shutdown step then sets its own limit."""
         if not self.stop.is_set():
             watchdog.reset()
 
@@ -66,10 +66,11 @@ class _Signals:
 
 
 def run(config: Config, arguments: tuple[str, ...], show: Log, log: Log, load: Callable[[], Config]) -> None:
-    """Run the bridge until SIGINT, SIGTERM, or until ROS shuts down the node. `load` reads shmgen.toml again.
+    """Run the bridge until SIGINT, SIGTERM, or until ROS shuts down the node.
 
-    Raises Rejected if the configuration has errors, BackendMissing if no backend is installed, and ValueError if ROS
-    has another definition of a type.
+    `arguments` are the ROS arguments. `show` prints a line, `log` logs a line, and `load` reads shmgen.toml again.
+    Raises Rejected if the configuration has errors, and BackendMissing if no backend is installed. Raises ValueError
+    if ROS lacks a type, or if the definition in ROS differs from shmgen's.
     """
     signals = _Signals()
     backend_name, why = choice.chosen(config.bridge.backend)
@@ -124,9 +125,10 @@ def run(config: Config, arguments: tuple[str, ...], show: Log, log: Log, load: C
 
 
 def _arguments(config: Config, backend: str, has_ros: bool, words: tuple[str, ...], log: Log) -> Arguments:
-    """Return the parsed ROS arguments. Raises ValueError if an argument is wrong. Log those without effect.
+    """Return `words`, the ROS arguments, parsed. Raises ValueError if an argument is wrong.
 
-    If `has_ros` is True, rospy or rclpy parses the arguments too, so unknown arguments are accepted here.
+    If `has_ros` is True, accept unknown arguments, because rospy or rclpy parses the arguments too. If `has_ros` is
+    False, log the arguments that have no effect.
     """
     try:
         parsed = parse(words, config.bridge.node, is_strict=not has_ros)
@@ -138,7 +140,7 @@ def _arguments(config: Config, backend: str, has_ros: bool, words: tuple[str, ..
 
 
 def _end_within_limit(step: Callable[[], None]) -> None:
-    """Run `step`, a part of the shutdown. If a library blocks it, the watchdog ends the process with exit status 1."""
+    """Call `step`, a part of the shutdown. If it takes more than 2 s, the watchdog ends the process with status 1."""
     watchdog.reset(watchdog.STOP_LIMIT)
     step()
 
@@ -164,7 +166,10 @@ def _largest(session: Session) -> int:
 
 
 def _reports(session: Session, backend: Backend, sides: Sides, name: str, log: Log) -> Callable[[], None]:
-    """Return a function that publishes the diagnostics when they are due, or that does nothing if they are off."""
+    """Return a function that publishes the diagnostics when they are due.
+
+    If diagnostics are off in shmgen.toml or cannot be published, return a function that does nothing.
+    """
     config = session.config
     period = config.bridge.diagnostics
     if not period:
@@ -197,7 +202,10 @@ def _watch(
     log: Log,
     reload: Callable[[], str],
 ) -> None:
-    """Check QoS, publish diagnostics, and handle signals until the bridge stops or ROS shuts down the node."""
+    """Check QoS, call `report` and handle signals until the bridge stops or ROS shuts down the node.
+
+    `report` publishes the diagnostics. `reload` reads shmgen.toml again and returns lines to log.
+    """
     for turn in count():
         if signals.stop.wait(BEAT):
             return
@@ -229,7 +237,8 @@ def _reload(
 ) -> str:
     """Read shmgen.toml again and switch to the new configuration. Return the lines to log.
 
-    Raises Rejected or ValueError as `run` does, and NothingListed. The previous configuration then stays.
+    Raises Rejected or ValueError as run() does, and NothingListed. After an error, the bridge continues with the
+    previous configuration.
     """
     config = _load_settled(load, stop)
     require_entries(config)
@@ -273,7 +282,7 @@ def _notify(state: str) -> None:
 
 
 def _leave(backend: Backend) -> None:
-    """Close the backend. If the ROS library blocks for more than 0.5 s, end the process without waiting for it."""
+    """Close the backend. If the ROS library blocks for more than 0.5 s, end the process at most 0.25 s later."""
     thread = threading.Thread(target=backend.close, daemon=True)
     thread.start()
     thread.join(_SHUTDOWN_TIMEOUT)

@@ -14,7 +14,7 @@ from shmgen.runtime import Closed, ServiceClient, ServiceServer, ValueRejected
 
 
 class PlcServiceServer(Side):
-    """Carries a service of the PLC: ROS calls, and the PLC answers. Simultaneous calls run one after another."""
+    """Carries a service that the PLC offers: ROS calls, and the PLC answers. Simultaneous calls run one by one."""
 
     def __init__(self, route: CallRoute, counters: Counters, stopping: threading.Event) -> None:
         super().__init__(route.about, counters, stopping)
@@ -42,7 +42,7 @@ class PlcServiceServer(Side):
 
 
 class PlcServiceClient(Side):
-    """Carries a service of ROS: the PLC calls, and ROS answers. Each service has its own thread."""
+    """Carries a service that ROS offers: the PLC calls, and ROS answers. Each service has its own thread."""
 
     def __init__(self, route: CallRoute, counters: Counters, stopping: threading.Event) -> None:
         super().__init__(route.about, counters, stopping)

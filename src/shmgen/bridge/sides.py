@@ -26,14 +26,14 @@ from shmgen.runtime import can_wait_for_many
 BEAT = 0.1
 """The heartbeat interval in seconds. The PLC's blocks consider a writer dead after 1 s without a heartbeat."""
 _START_LIMIT = 5.0
-"""The maximum time in seconds that ROS may take to connect one side before the bridge connects the next side."""
+"""The maximum time in seconds that ROS may take to connect one topic, service or action before the next one."""
 _END_LIMIT = 1.0
-"""The maximum time in seconds that a reload waits until one side has stopped."""
+"""The maximum time in seconds that a reload waits until one topic, service or action has stopped."""
 
 
 @dataclass(slots=True, eq=False)
 class _Carried:
-    """A side with its route, and the functions that remove it from ROS, or None until it is connected to ROS."""
+    """A carried topic, service or action. `undo` lists functions that remove `side` from ROS: None until connected."""
 
     route: Route | CallRoute
     side: Side
@@ -45,7 +45,7 @@ class _Carried:
         return _name(self.route)
 
     def end(self, closes: bool = True) -> None:
-        """Stop the topic, service or action and remove it from ROS. Close its regions, except if `closes` is False."""
+        """Stop the topic, service or action and remove it from ROS. If `closes` is True, also close its regions."""
         while not self.side.stop():
             time.sleep(POLL_INTERVAL)
         for undo in reversed(self.undo or []):
@@ -56,7 +56,11 @@ class _Carried:
 
 @dataclass(slots=True)
 class Sides:
-    """The topics, services and actions of shmgen.toml. `beaten` is the time of the last round of heartbeats."""
+    """The topics, services and actions that the bridge carries. One of them is called a side.
+
+    `beaten` is the time of the last round of heartbeats. Parameters `is_over` are functions: once `is_over()` returns
+    True, because the bridge has to stop, a method waits no longer.
+    """
 
     log: Callable[[str], None]
     report_alive: Callable[[], None] = lambda: None
@@ -67,9 +71,9 @@ class Sides:
     _stopping: threading.Event = field(default_factory=threading.Event)
     _listener: Listener | None = None
     _carried: dict[Any, _Carried] = field(default_factory=dict)
-    """The sides by the key of their route. Replace the dictionary, never change it, because other threads read it."""
+    """The sides by the key of their route. Assign a new dictionary for each change, because other threads read it."""
     _counters: dict[tuple[type, str], Counters] = field(default_factory=dict)
-    """The counters of all names, also of removed ones. A topic that is added again continues its old counters."""
+    """The counters of all names, also of removed topics. A topic that is added again continues its old counters."""
 
     def __post_init__(self) -> None:
         self._listener = Listener(self._stopping) if can_wait_for_many() else None
@@ -79,20 +83,25 @@ class Sides:
         return iter([one.side for one in self._carried.values()])
 
     def open(self, session: Session, is_over: Callable[[], bool] = lambda: False) -> None:
-        """Try once to open each region; the bridge retries in the background. Raises Rejected.
+        """Create all topics, services and actions, and wait for the first attempt to open each region.
 
-        If `is_over` returns True, return at once.
+        The bridge repeats failed attempts in the background. If `is_over()` becomes True, return without waiting.
+        Raises Rejected if shmgen.toml has errors.
         """
         self._create(self._routes(session), is_over)
 
     def start(self, backend: Backend, is_over: Callable[[], bool] = lambda: False) -> None:
-        """Connect everything to ROS. Raises ValueError if ROS lacks a type or has another definition of it."""
+        """Connect all topics, services and actions to ROS, or stop early once `is_over()` returns True.
+
+        Raises ValueError if ROS lacks a message type, or if its definition of a type differs from shmgen's.
+        """
         self._connect(list(self._carried.values()), backend, is_over)
 
     def change(self, session: Session, backend: Backend, is_over: Callable[[], bool] = lambda: False) -> None:
-        """Switch to a new configuration. Unchanged sides continue, and all counters stay. Raises Rejected.
+        """Switch to the configuration of `session`. Unchanged topics, services and actions continue.
 
-        If ROS rejects a side, restore the previous configuration and raise the error.
+        All counters stay. If ROS rejects a new topic, service or action, restore the previous configuration and raise
+        the error. Raises Rejected if the new configuration has errors. See start() for `is_over`.
         """
         routes = {route.key: route for route in self._routes(session)}
         before = dict(self._carried)
@@ -146,9 +155,10 @@ class Sides:
         is_over: Callable[[], bool],
         ends: Mapping[Any, Any] = MappingProxyType({}),
     ) -> list[_Carried]:
-        """Create a side for each route, and wait until each has tried to open its region, or `is_over` returns True.
+        """Create the topic, service or action of each route, and wait until each has tried once to open its region.
 
-        `ends` maps the key of a route to an open endpoint that the new side takes over.
+        Stop waiting once `is_over()` returns True. `ends` maps the key of a route to an already open region endpoint
+        that the new topic takes over.
         """
         sides = [self._side(route, ends.get(route.key)) for route in routes]
         self._carried = {**self._carried, **{one.route.key: one for one in sides}}
@@ -174,7 +184,10 @@ class Sides:
         return _Carried(route, side, stopping)
 
     def _connect(self, sides: list[_Carried], backend: Backend, is_over: Callable[[], bool]) -> None:
-        """Connect sides to ROS in a thread, or in a new one if ROS blocks it. Raises the last error if one failed."""
+        """Connect `sides` (topics, services and actions) to ROS, one after another, in a thread.
+
+        If ROS blocks the thread for 5 s, continue with the next one in a new thread. Raises the last error, if any.
+        """
         waiting, failed = list(sides), list[Exception]()
         while waiting and not is_over():
             thread = threading.Thread(target=_start, args=(backend, waiting, failed), name="start", daemon=True)
@@ -192,9 +205,10 @@ class Sides:
             raise failed[-1]
 
     def _end(self, sides: Iterable[_Carried], handed_over: Collection[RegionEndpoint[Any]] = ()) -> None:
-        """Stop sides and close their regions, except `handed_over`, so that no sample is lost.
+        """Stop `sides` (topics, services and actions) and close their regions.
 
-        A side that a ROS call blocks for more than 1 s ends later, in its own thread.
+        Keep the regions in `handed_over` open, so that no sample is lost. Wait at most 1 s for each of `sides`. If a
+        ROS call blocks longer, a background thread completes the stop.
         """
         ending = list(sides)
         self._carried = {key: one for key, one in self._carried.items() if one not in ending}
@@ -219,7 +233,10 @@ class Sides:
 
 
 def _start(backend: Backend, waiting: list[_Carried], failed: list[Exception]) -> None:
-    """Connect the sides in `waiting` until a new thread replaces this one. Add errors to `failed`."""
+    """Connect each topic, service or action in `waiting` to ROS, and remove it from the list. Add errors to `failed`.
+
+    Return early if the caller has removed the first entry meanwhile, because a new thread then does the rest.
+    """
     while waiting:
         one = waiting[0]
         one.undo = backend.undo = []
@@ -233,7 +250,7 @@ def _start(backend: Backend, waiting: list[_Carried], failed: list[Exception]) -
 
 
 def _uses_same_region(old: Route | CallRoute, new: Route | CallRoute) -> bool:
-    """Return True if both routes are topics with the same region, so that `new` can take over the region from `old`."""
+    """Return True if both routes are topics with the same region. `new` can then take over the open region of `old`."""
     return isinstance(old, Route) and isinstance(new, Route) and old.region_key == new.region_key
 
 

@@ -21,7 +21,7 @@ from shmgen.runtime.messages.times import set_clock
 
 
 class ToPlc(Side):
-    """Carries a topic from ROS to the PLC. A MessageSink that also counts messages that the backend lost."""
+    """Carries a topic from ROS to the PLC. Implements MessageSink: the backend passes messages and errors to it."""
 
     def __init__(
         self,
@@ -30,14 +30,14 @@ class ToPlc(Side):
         stopping: threading.Event,
         end: RegionEndpoint[Publisher[Message]] | None = None,
     ) -> None:
-        """Open the region of the topic, or take over `end`, which has the same region open."""
+        """Open the region of the topic, or take over `end`, an open endpoint of the same region."""
         super().__init__(route.about, counters, stopping)
         self.route = route
         self.reject, self.refuse = counters.reject, counters.refuse
         self.set_incompatible_peer, self.lose = counters.set_incompatible_peer, counters.lose
         self._waiting: Any = None
         self._lock = threading.Lock()
-        """Held while the rate limiter's message is exchanged."""
+        """Held while `_waiting`, the message that waits for the rate limiter, is replaced."""
         self._has_message = threading.Event()
         self._subscription: RosSubscription | None = None
         topic = route.topic
@@ -60,13 +60,13 @@ class ToPlc(Side):
         self._has_message.set()
 
     def _exchange(self, message: Any) -> None:
-        """Store `message` for the rate limiter in place of the stored message. Count the replaced one as dropped."""
+        """Store `message` for the rate limiter. If another message is still stored, drop and count that message."""
         with self._lock:
             self.counters.rate_limited += self._waiting is not None
             self._waiting = message
 
     def beat(self) -> None:
-        """Send a heartbeat to the PLC. Skip the heartbeat if ROS has sent nothing for `stale` seconds."""
+        """Send a heartbeat to the PLC, except if ROS has sent nothing for the time `stale` of shmgen.toml."""
         if (region := self.end.current) is not None and not self._silence():
             try:
                 region.heartbeat()
@@ -134,7 +134,8 @@ class ToPlc(Side):
 class FromPlc(Side):
     """Carries a topic from the PLC to ROS. Its thread sleeps until the PLC writes a sample.
 
-    Topics share the thread of `listener`, except topics that may block it: with `rate`, or with large messages.
+    Most topics share the thread of `listener`. A topic with the key `rate` or with large messages may block a thread
+    for long, and therefore has its own.
     """
 
     def __init__(
@@ -145,7 +146,7 @@ class FromPlc(Side):
         listener: Listener | None = None,
         end: RegionEndpoint[Subscriber[Message]] | None = None,
     ) -> None:
-        """Open the region of the topic, or take over `end`, which has the same region open."""
+        """Open the region of the topic, or take over `end`, an open endpoint of the same region."""
         super().__init__(route.about, counters, stopping)
         self.route = route
         self._sending = threading.Lock()
@@ -269,7 +270,10 @@ class FromPlc(Side):
 
 
 def _send_payload(outlet: RosPublisher, sample: Message) -> bool:
-    """Send the bytes of the sample. Return False if ROS cannot: decoding the sample then names an invalid field."""
+    """Send the bytes of the sample. Return False if the topic has no direct conversion or a field is invalid.
+
+    The caller then decodes the sample, which raises an error that names the invalid field.
+    """
     if outlet.send_payload is None:
         return False
     try:

@@ -118,7 +118,8 @@ class CallClient(Generic[Q, A]):
         """Return True if a server is running.
 
         A server process holds a record lock and has stored its process id. A PLC holds no record lock. A PLC is
-        running if its heartbeat has changed since the previous check, at most 1 s ago.
+        running if its heartbeat has changed since the previous call of this method. If the previous call was more than
+        1 s ago, return False for a PLC, because the heartbeat may have changed long before.
         """
         end, now = self._reader, time.monotonic()
         end.check()

@@ -42,9 +42,10 @@ def domain_without_ros(node: Node, backend: str) -> int:
 def from_bytes(
     wire: Wire, decode: Callable[[bytes], Any], wire_format: WireFormat, sink: MessageSink
 ) -> Callable[[bytes], None]:
-    """Return a function that decodes the bytes of a message and passes the message to `sink`, or rejects it.
+    """Return a function that decodes a serialized ROS message and passes the message to `sink`.
 
-    If the type has a direct conversion, the function uses it instead of `decode`.
+    If the bytes are invalid or too long, the function calls `sink.reject`. If `wire` has a direct conversion, the
+    function first tries this conversion, and uses `decode` only if the conversion fails.
     """
 
     def take(data: bytes) -> None:
@@ -64,14 +65,20 @@ def from_bytes(
 def payload_sender(
     wire: Wire, wire_format: WireFormat, now: Callable[[], Time], send: Callable[[bytes], None]
 ) -> Callable[[bytes], None] | None:
-    """Return a function that converts a sample and passes the bytes to `send`, or None without a direct conversion."""
+    """Return a function that converts the bytes of a sample to a serialized ROS message, and passes this to `send`.
+
+    Return None if the topic has no direct conversion. `now` returns the ROS time, for an unset time stamp.
+    """
     if (direct := wire.direct) is None:
         return None
     return lambda payload: send(direct.encode(payload, wire_format, now))
 
 
 def guarded(function: Callable[..., None], name: str, log: Callable[[str], None], *passes: type[Exception]) -> Any:
-    """Return `function` with its exceptions logged, except those in `passes`: one bad message must not stop a topic."""
+    """Return a function that calls `function` and logs its exceptions, because one bad message must not stop a topic.
+
+    Exceptions of the types in `passes` are raised. `name` names the topic in the log.
+    """
     faults = Counters(name, log)
 
     def run(*arguments: Any) -> None:
@@ -86,14 +93,17 @@ def guarded(function: Callable[..., None], name: str, log: Callable[[str], None]
 
 
 def remember_bounded(values: dict[T, V], peer: T, value: V) -> None:
-    """Set `values[peer]` to `value`. Remove the oldest of more than 1000 peers, so that memory stays bounded."""
+    """Set `values[peer]` to `value`. If `values` then has more than 1000 peers, remove the oldest one."""
     values[peer] = value
     if len(values) > _MOST_PEERS:
         del values[next(iter(values))]
 
 
 def await_server(is_connected: Callable[[], bool], timeout: float) -> float:
-    """Return the deadline of a call on the monotonic clock. Raises NoAnswer if no server appears before it."""
+    """Wait for a server. Return the call's deadline: the time.monotonic() value `timeout` seconds from the beginning.
+
+    Raises NoAnswer if no server is connected at the deadline.
+    """
     deadline = time.monotonic() + timeout
     while not is_connected():
         if time.monotonic() >= deadline:
@@ -103,7 +113,10 @@ def await_server(is_connected: Callable[[], bool], timeout: float) -> float:
 
 
 def await_answer(answer: Future[T], timeout: float, deadline: float, end_reason: Callable[[], str] = lambda: "") -> T:
-    """Wait for the answer to a call. Raises NoAnswer at the deadline, or if `end_reason` returns a reason earlier."""
+    """Wait for the answer to a call. Raises NoAnswer at `deadline`, a value of time.monotonic().
+
+    Also raises NoAnswer as soon as `end_reason()` returns a reason. `timeout` is only for the text of the error.
+    """
     while True:
         with suppress(TimeoutError):
             return answer.result(max(0.0, min(_SERVER_POLL_INTERVAL, deadline - time.monotonic())))
@@ -122,7 +135,7 @@ def join_all(threads: Iterable[threading.Thread]) -> bool:
 
 
 def end_at_once() -> None:
-    """End the process with status 0: destructors would crash while a thread is still inside a ROS library."""
+    """End the process with status 0, without destructors. They crash if a thread is still inside a ROS library."""
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(0)

@@ -74,10 +74,11 @@ class Pair(ABC):
 
     @abstractmethod
     def send(self, cdr: bytes, call: bytes | None = None) -> bytes:
-        """Send `cdr`, a request or a reply. Return the inline identity of the call, or `b""` if the library has none.
+        """Send `cdr`, the bytes of a request or of a reply.
 
-        An inline identity is metadata of the sample. `call` is the inline identity of the request that a reply answers.
-        Omit `call` if `cdr` is a request, or if `cdr` itself contains the identity.
+        An inline identity identifies a call in the metadata of a sample, outside of the bytes. Return the inline
+        identity of the sent sample, or `b""` if the DDS library does not support inline identities. `call` is the
+        inline identity of the request that a reply answers. Omit `call` if `cdr` is a request, or contains an identity.
         """
 
     @abstractmethod

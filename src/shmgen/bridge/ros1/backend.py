@@ -134,7 +134,10 @@ class Ros1(Backend):
 
 
 def _checked(wire: Wire, kind: Any) -> Wire:
-    """Return `wire`, without its direct conversion if the class `kind` has another definition."""
+    """Return `wire`, but without its direct conversion if the ROS class `kind` differs from `wire`'s definition.
+
+    Such messages are then converted through message objects, which is slower.
+    """
     return wire if types.means(kind, wire.messages) else replace(wire, direct=None)
 
 

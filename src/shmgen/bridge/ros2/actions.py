@@ -44,7 +44,7 @@ _CANCEL_TIMEOUT = 2.0
 
 
 class _Served:
-    """A Goal that a ROS client sent."""
+    """A goal of a ROS client, for the PLC to execute. Implements the protocol `Goal` of backend.py."""
 
     def __init__(self, server: _Server, key: bytes, stamp: Time, request: Any) -> None:
         self.key, self.stamp, self.request = key, stamp, request

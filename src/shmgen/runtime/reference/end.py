@@ -56,9 +56,9 @@ class End:
         raise NotImplementedError
 
     def step(self) -> int | None:
-        """Take one step of the opening, without waiting.
+        """Open the endpoint up to the next wait, and return the reason for the wait, a constant of opening.py.
 
-        Return None when the endpoint is open. Otherwise return the reason to wait, for example opening.ADMIT.
+        Do not wait: the caller calls this method again later. Return None when the endpoint is open.
         """
         try:
             return next(self._steps, None)
@@ -242,9 +242,10 @@ class End:
         self._waiting = (me, 0.0)
 
     def _is_next(self, me: int) -> bool:
-        """Return False if another thread waits. Otherwise, register this thread as waiting.
+        """Register the thread `me` as the next one to begin a call, and return True.
 
-        The registration ends after 0.1 s, because an exception may interrupt a thread that waits.
+        If another thread is registered, return False. A registration expires after 0.1 s, because an exception may have
+        interrupted the registered thread.
         """
         thread, until = self._waiting
         now = time.monotonic()

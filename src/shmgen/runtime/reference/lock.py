@@ -41,14 +41,15 @@ class Lock:
         self._waited = False
 
     def acquire(self, left: float | None = None) -> bool:
-        """Wait for the lock until the timeout. Return True if this process now holds the lock.
+        """Wait for the lock. Return True if this process now holds the lock, or False after the timeout.
 
-        `left` is the remaining time in seconds of the caller's own timeout. On machines that need the lock (not x86),
-        `left` replaces the lock timeout. On x86, the shorter of the two applies.
-        Each holder increments `lock_count` and then stores its id in `lock_holder`. While both fields are unchanged,
-        the holder is the same. After the recovery time this holder is considered dead, and the caller takes the lock
-        over. On x86, access without the lock is safe. If an earlier call has already waited in vain for this holder,
-        the call then does not wait again.
+        `left` is the remaining time in seconds of the caller's own timeout, or None. Wait at most this long:
+        * On x86, where samples are safe without the lock: the lock timeout, or `left` if `left` is shorter. Do not wait
+          at all if an earlier call has waited in vain for the present holder.
+        * On other machines, which need the lock: `left`, or the lock timeout if `left` is None.
+
+        If `lock_holder` and `lock_count` in the header do not change for the recovery time, the holder is considered
+        dead or stuck. Then take the lock over from this holder.
         """
         self.release()  # still held if a second exception has interrupted the cleanup after a first
         if self._region.semaphore.acquire() or self._wait(left):

@@ -115,8 +115,8 @@ class Region:
     def close(self) -> None:
         """Close the file, the map and the semaphore. The region stays in /dev/shm for its other users.
 
-        A forked child may keep the file open, so this method releases the record locks explicitly. In a forked child it
-        does not release them, because they belong to the parent.
+        Release the record locks explicitly, because a forked child may keep the file open and with it the locks. In a
+        forked child, keep the record locks, because the locks belong to the parent.
         """
         if os.getpid() == self.pid and not self._file.closed:
             for byte in (WRITER_LOCK, READER_LOCK):
