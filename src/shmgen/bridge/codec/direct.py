@@ -27,7 +27,7 @@ class Transcoder:
     """Converts the samples of one message class to serialized ROS messages, and back."""
 
     def __init__(self, kind: type[Message], stamp: tuple[str, ...] = ()) -> None:
-        """Prepare the conversion. `stamp` is the path to the time stamp. If it is zero, `encode` fills it in."""
+        """Prepare the conversion. `stamp` is the path to the time stamp. encode() fills in a time stamp of zero."""
         table = codec(kind)
         self._to_wire = table.to_wire if table else partial(wire.to_wire, kind)
         self._from_wire = table.from_wire if table else partial(wire.from_wire, kind)
@@ -39,7 +39,10 @@ class Transcoder:
         wire_format: WireFormat = WireFormat.CDR,
         now: Callable[[], Time] = Time,
     ) -> bytes:
-        """Return the message for `payload`, the bytes of a sample. Raises ValueRejected if a value is invalid."""
+        """Return the serialized message for `payload`, the bytes of a sample. `now` returns the time for a zero stamp.
+
+        Raises ValueRejected if a value is invalid.
+        """
         at, seconds, nanos = -1, 0, 0
         if self._stamp and not any(payload[self._stamp]):
             at, (seconds, nanos) = self._stamp.start, now()
@@ -47,7 +50,7 @@ class Transcoder:
         return data
 
     def decode(self, data: bytes, wire_format: WireFormat) -> Message | None:
-        """Convert a message to a sample. Return None on failure: the caller's own decoder then raises an error."""
+        """Convert a serialized message to a sample. Return None on failure: the caller then uses another decoder."""
         try:  # suppress() would take as long as from_buffer()
             return self._kind.from_buffer(self._from_wire(data, wire_format is WireFormat.ROS1))
         except ValueError:
@@ -55,7 +58,7 @@ class Transcoder:
 
 
 def direct_codec(kind: type[Message], stamp: tuple[str, ...]) -> Transcoder | None:
-    """Return the direct conversion, or None for large messages such as images, which would not become faster."""
+    """Return the direct conversion of `kind`, or None for large messages such as images, where it saves no time."""
     return None if ctypes.sizeof(kind) >= _LARGE else Transcoder(kind, stamp)
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from shmgen.core.model import TypeName
 
 TAKES_OURS = "it will misread the bridge's messages; DDS cannot withhold them"
-"""The consequence for a subscriber with another definition, for the log."""
+"""The log text for a subscriber whose definition of the type differs from the bridge's."""
 _NONE = "RIHS01_" + "0" * 64
 """The type hash that some peers without support for type hashes announce."""
 
@@ -46,7 +46,7 @@ class Identity:
         self._lock = threading.Lock()
 
     def refusal(self, announced: str) -> str:
-        """Return why the type hash `announced` is incompatible, or `""`. A peer without one is assumed to match."""
+        """Return why the type hash `announced` is incompatible, or `""`. A peer without a type hash is compatible."""
         if announced == self._ours:
             return ""
         if not announced.startswith("RIHS01_") or announced == _NONE:

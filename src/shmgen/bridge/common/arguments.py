@@ -60,9 +60,10 @@ class _Parameter(NamedTuple):
 
 
 def parse(words: tuple[str, ...], node: str, is_strict: bool = True) -> Arguments:
-    """Parse the arguments after `--ros-args` by the rules of rcl, and read the parameter files.
+    """Parse the ROS arguments of a command line by the rules of rcl, and read the parameter files.
 
-    Raises ValueError if an argument is malformed, or if `is_strict` is set and an argument or parameter is unknown.
+    `words` is the command line. `node` is the name of the node if no argument renames the node. Raises ValueError if an
+    argument is malformed, or if `is_strict` is True and an argument or parameter is unknown.
     """
     arguments, unknown = Arguments(node), list[str]()
     rules = list[tuple[str, list[_Parameter]]]()
@@ -93,7 +94,10 @@ def parse(words: tuple[str, ...], node: str, is_strict: bool = True) -> Argument
 
 
 def _set(arguments: Arguments, rule: str, parameters: list[_Parameter]) -> list[str]:
-    """Store the `parameters` for this node, and return the faults. Unknown ones of a file, without `rule`, are none."""
+    """Store the `parameters` that are for this node in `arguments`, and return error texts.
+
+    `rule` is the argument that sets the parameters, or `""` for a file. A file may contain unknown parameters.
+    """
     faults = []
     for _, name, value in (one for one in parameters if arguments.is_for_node(one.node)):
         if name == "use_sim_time" and value.lower() not in ("true", "false"):
@@ -168,7 +172,10 @@ def _leaves(tree: Any, keys: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, 
 
 
 def with_parameters(config: Config, parameters: Mapping[str, str]) -> Config:
-    """Return `config` with the parameters `rate` and `stale` for topics without these keys. Raises ValueError."""
+    """Return `config` with the parameters `rate` and `stale` in all topics without these keys.
+
+    Raises ValueError if a parameter is not a number in the range of its key.
+    """
     topics = list(config.topics)
     for key in keys_of("topics"):
         if key.name in PARAMETERS and (text := parameters.get(key.name)):

@@ -66,7 +66,7 @@ class Counters:
         self.newest = time.monotonic()
 
     def reject(self, why: str, who: str = "") -> None:
-        """Count and log a message that is invalid or does not fit. `who` is `" by ROS"` if ROS rejected it."""
+        """Count and log a message that is invalid or too long. `who` is `" by ROS"` if ROS rejected the message."""
         self.rejected += 1
         self.log_rate_limited(f"rejected{who}: {why}")
 
@@ -85,7 +85,7 @@ class Counters:
         self.incompatible_peer = reason
 
     def report_qos(self, problem: str) -> None:
-        """Store the reason why the QoS of a peer does not match, and log a new reason once."""
+        """Store the reason why the QoS of a peer does not match, or `""` if it does. Log a new reason once."""
         if problem and problem != self.qos_problem:
             self.log(problem)
         self.qos_problem = problem
@@ -100,7 +100,7 @@ class Counters:
         self.write_log(f"{self.topic}: {text}")
 
     def log_rate_limited(self, text: str) -> None:
-        """Log a fault, at most once in 5 s. The next log line gives the number of suppressed lines."""
+        """Log a fault, at most once in 5 s. A logged line contains the number of lines suppressed before it."""
         self.complaint = text
         now = time.monotonic()
         if now - self._last_logged_at < _LOG_INTERVAL:

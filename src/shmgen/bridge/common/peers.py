@@ -10,7 +10,7 @@ from shmgen.bridge.common.support import remember_bounded
 
 
 class Peers:
-    """The present peers of a topic or service, and those that left while messages may still wait. Thread-safe."""
+    """The present peers of a topic or service, and former peers with messages still in the queue. Thread-safe."""
 
     def __init__(
         self,
@@ -18,9 +18,10 @@ class Peers:
         on_incompatible: Callable[[str], None] = lambda why: None,
         hashes: Callable[[], Mapping[bytes, str]] = dict,
     ) -> None:
-        """Compare type hashes by `identity`. `hashes` returns the type hash of each peer in the graph, for `look`.
+        """Compare the type hashes of peers by `identity`.
 
-        `on_incompatible` is called with the reason why a peer is incompatible, and with `""` once all are compatible.
+        * `on_incompatible` is called with the reason why a peer is incompatible, and with `""` once all are compatible.
+        * `hashes`, for look(), returns the type hash of each peer in the graph.
         """
         self._identity, self._on_incompatible, self._hashes = identity, on_incompatible, hashes
         self._present: dict[Hashable, str] = {}
@@ -49,14 +50,17 @@ class Peers:
                 self.add(peer, announced)
 
     def forget(self) -> None:
-        """Forget the peers that have left. Call this method when no message of theirs waits in the queue."""
+        """Forget the peers that have left. Call this method when the queue is empty, and so has no message of them."""
         self._departed.clear()
 
     def knows(self, peer: Hashable) -> bool:
         return peer in self._present or peer in self._departed
 
     def refusal(self, peer: Hashable = None) -> str:
-        """Return why a message of `peer` must be refused, or `""`. If the sender is unknown, any peer may be it."""
+        """Return why a message of `peer` must be refused, or `""`.
+
+        If the sender is unknown, `peer` is None. Then refuse the message if any peer is incompatible.
+        """
         if peer is None:
             return self.incompatible_peer or _first(self._departed)
         unknown = "" if self._identity.accepts_other else "a peer left before its type could be compared"

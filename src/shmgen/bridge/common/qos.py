@@ -33,7 +33,10 @@ class AdoptingSubscription:
         create: Callable[[Qos], tuple[Any, Qos, Callable[[], None]]],
         offered: Callable[[], list[Qos]],
     ) -> None:
-        """Call `create`, which returns a subscription, its QoS and its removal. `offered` returns the peers' QoS."""
+        """Create the subscription. `offered()` returns the QoS of all publishers of the topic.
+
+        `create` receives the QoS to request, and returns the subscription, its QoS and a function that removes it.
+        """
         self._is_open = wire.qos == "auto"
         self._create, self._offered = create, offered
         self.end, self._own, self._undo = create(ours(wire))
@@ -52,9 +55,10 @@ class AdoptingSubscription:
 
 
 def problem(own: Qos, peers: Iterable[Qos], publishes: bool) -> str:
-    """Return why nothing passes between the bridge and a peer, and the line to set, or `""` if all match.
+    """Return a text: why no message passes between the bridge and a peer, and the line to set in shmgen.toml.
 
-    `own` is the QoS of the bridge. If `publishes` is True, the bridge publishes and the peers subscribe.
+    Return `""` if all peers match. `own` is the bridge's QoS. If `publishes` is True, the bridge publishes and the
+    peers subscribe, or else the other way round.
     """
     for peer in peers:
         offered, requested = (own, peer) if publishes else (peer, own)

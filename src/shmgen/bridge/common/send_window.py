@@ -20,6 +20,7 @@ class SendWindow:
 
     Call `wait` before each send. While the queue may be full, `wait` blocks, and unsent samples stay in their region.
     After a timeout, `wait` returns 1 for each message that may be lost, until all messages are acknowledged.
+    `acknowledged(seconds)` is the function of RosPublisher, and `queue` the length of the queue in messages.
     """
 
     def __init__(self, acknowledged: Callable[[float], bool], queue: int, is_over: Callable[[], bool]) -> None:

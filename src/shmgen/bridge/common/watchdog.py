@@ -26,7 +26,10 @@ _STDERR = 2
 
 
 def reset(seconds: float = STALL_LIMIT) -> None:
-    """Restart the watchdog. After `seconds`, it prints all stacks and exits with status 1, and it needs no GIL."""
+    """Restart the watchdog. `seconds` after its last restart, it prints all stacks and ends the process with status 1.
+
+    This also works while a library holds the GIL.
+    """
     faulthandler.dump_traceback_later(seconds, exit=True, file=_STDERR)
 
 
@@ -36,7 +39,7 @@ def cancel() -> None:
 
 
 def limit_signals(numbers: tuple[signal.Signals, ...]) -> None:
-    """Limit the process to STOP_LIMIT seconds after a signal. Then SIGALRM ends it, with the stacks printed."""
+    """Let SIGALRM print all stacks and end the process 2 s after one of these signals. See signals_handled()."""
     if ALARM is not None:
         faulthandler.register(signal.SIGALRM, file=_STDERR, all_threads=True, chain=True)
         for number in numbers:
@@ -49,7 +52,7 @@ def signals_handled() -> None:
 
 
 def exit_at_once() -> NoReturn:
-    """End the process with status 0. A ROS library may block for seconds, or forever, if Python ends in order."""
+    """End the process with status 0, without Python's cleanup. In this cleanup, a ROS library may block for ever."""
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(0)

@@ -69,7 +69,7 @@ def connect(node: Node) -> Graph:
 
 
 class Graph(Backend):
-    """A participant in a DDS domain as a Backend. `ros2 topic info -v` names it `_CREATED_BY_BARE_DDS_APP_`."""
+    """The Backend for DDS: a participant in a domain. `ros2 topic info -v` names it `_CREATED_BY_BARE_DDS_APP_`."""
 
     actions = ros2_actions
 
@@ -169,7 +169,7 @@ class Graph(Backend):
 
 
 def _configure(domain: int, config: str, log: Callable[[str], None]) -> Dropped:
-    """Create the domain, once in a process. If two settings conflict, Cyclone uses the later one."""
+    """Create the Cyclone domain, once in a process, and return the object that reads its log lines."""
     if domain not in _CONFIGURED:
         dropped = Dropped(log)
         with dropped.listens():

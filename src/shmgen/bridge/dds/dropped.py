@@ -38,7 +38,7 @@ class Dropped:
 
     @contextmanager
     def listens(self) -> Iterator[None]:
-        """Replace C's `stderr` with a pipe while a Cyclone domain is created, so that its log lines can be read.
+        """Replace C's `stderr` with a pipe inside the `with` block, which creates a Cyclone domain.
 
         This works with glibc only, where `stderr` is a variable. With another C library, Cyclone's log lines go to
         stderr and are not counted. If creating the domain fails, its log lines are reported before the exception.

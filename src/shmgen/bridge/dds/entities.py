@@ -89,12 +89,15 @@ class Ends:
         }
 
     def writer(self, topic: str, kind: type[Any], quality: Qos, matched: Matched | None = None) -> DataWriter:
-        """Create a writer for samples of the structure `kind`."""
+        """Create a writer for samples of the structure `kind`. `matched` is called for peers that match or leave."""
         listener = self._watch(topic, "offers", matched)
         return DataWriter(self.participant, self._topic(topic, kind), quality, listener)
 
     def reader(self, topic: str, kind: type[Any], quality: Qos, matched: Matched | None = None) -> DataReader:
-        """Create a reader for samples of the structure `kind`. Each sample holds the received bytes as `cdr`."""
+        """Create a reader for samples of the structure `kind`, whose attribute `cdr` holds the received bytes.
+
+        `matched` is called for peers that match or leave.
+        """
         has_service = Policy.DurabilityService in quality
         without_service = quality - Qos(quality[Policy.DurabilityService]) if has_service else quality
         return DataReader(
@@ -157,10 +160,10 @@ class Ends:
 
 @dataclass(frozen=True, slots=True)
 class Subscription:
-    """A reader and the callback for its samples, which is called in order.
+    """A reader, and the callback that receives its samples in order.
 
-    Cyclone does not report lost samples. If the reader's queue is full, at least one sample was probably lost, and
-    `lose(1)` is called. Short queues of 64 samples or fewer are not checked, because they can be full without a loss.
+    Cyclone does not report lost samples. If the reader's queue is full, take() assumes that one sample was lost, and
+    calls `lose(1)`. Queues of 64 samples or fewer are not checked, because a short queue is often full without a loss.
     """
 
     reader: DataReader
@@ -193,7 +196,7 @@ class ReaderThread:
         self._readers: _ReaderSet | None = None
 
     def add(self, subscription: Subscription) -> Callable[[], None]:
-        """Add a reader, and return a function that removes it. A callback in this thread must call neither."""
+        """Add a reader, and return a function that removes the reader. Do not call these functions in a callback."""
         if not self._readers:
             self._readers = _ReaderSet(self._ends.participant)
             self.thread = threading.Thread(target=self._run, args=(self._readers,), name=subscription.name, daemon=True)
@@ -217,7 +220,7 @@ class ReaderThread:
 
 
 class _ReaderSet(WaitSet):  # type: ignore[misc]
-    """Waits for samples of many readers. Cyclone's own wait set returns only the number of readers with samples."""
+    """Waits for samples of many readers and finds these readers. Cyclone's own wait set returns only their number."""
 
     def __init__(self, participant: DomainParticipant) -> None:
         super().__init__(participant)
@@ -263,7 +266,7 @@ class _ReaderSet(WaitSet):  # type: ignore[misc]
 
 
 def update_peer(peers: Peers, entity: Any, handle: int, is_there: bool = True) -> None:
-    """Add the peer `handle` of a reader or writer to `peers`, before its first sample. If it has left, remove it."""
+    """Add the peer `handle` of `entity`, a reader or writer, to `peers`. Remove the peer if `is_there` is False."""
     if not is_there:
         peers.remove(key_of(handle))
         return
@@ -280,7 +283,7 @@ def refusal(peers: Peers, reader: DataReader, sample: Any) -> str:
 
 
 def key_of(handle: int) -> int:
-    """Return a handle as an unsigned number. Cyclone's Python binding sometimes reports it as negative."""
+    """Return a handle as an unsigned number. Cyclone's Python binding reports some handles as negative numbers."""
     return handle % 2**64
 
 
@@ -320,7 +323,7 @@ def type_hash_of(words: Iterable[str]) -> str:
 
 
 def is_acknowledged(writer: DataWriter, seconds: float) -> bool:
-    """Return True if all reliable readers acknowledge all samples within `seconds`, where Cyclone's method raises."""
+    """Return True if all reliable readers acknowledge all samples within `seconds`. Cyclone's own method raises."""
     return bool(writer._wait_for_acks(writer._ref, int(seconds * 1e9)) == 0)
 
 

@@ -39,8 +39,8 @@ class Network:
 def network(environment: Mapping[str, str], largest: int) -> Network:
     """Return the network settings from the environment.
 
-    Use ROS_LOCALHOST_ONLY, ROS_AUTOMATIC_DISCOVERY_RANGE and ROS_STATIC_PEERS. CYCLONEDDS_URI overrides them. Cyclone
-    drops a message of more than `largest` bytes at its first fragment and logs the drop on stderr.
+    Use ROS_LOCALHOST_ONLY, ROS_AUTOMATIC_DISCOVERY_RANGE and ROS_STATIC_PEERS. CYCLONEDDS_URI overrides all three.
+    Cyclone drops a message of more than `largest` bytes at its first fragment and logs the drop on stderr.
     """
     discovery_range = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "")
     peers = [peer.strip() for peer in environment.get("ROS_STATIC_PEERS", "").split(";") if peer.strip()]

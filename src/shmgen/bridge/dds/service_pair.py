@@ -12,11 +12,14 @@ from typing import Any, NamedTuple, Protocol
 from shmgen.bridge.common.support import remember_bounded
 
 OnPeerDiscovered = Callable[[list[str], bool], None]
-"""A callback for each new peer: the parts of its user data, and True if the peer is a writer that we read."""
+"""A callback for each new peer: the parts of its user data, and True if the peer is a writer, False if a reader."""
 
 
 class Direction(NamedTuple):
-    """The requests or responses of a service: DDS topic, type name, Cyclone's structure, and the bridge's user data."""
+    """The DDS topic of a service's requests, or of its responses.
+
+    `kind` is Cyclone's structure of a sample. `words` is the user data of the bridge's reader or writer on this topic.
+    """
 
     topic: str
     type_name: str
@@ -55,7 +58,7 @@ class Pair(ABC):
         return present
 
     def _user_data_of(self, peer: Hashable, is_writer: bool) -> list[str]:
-        """Return a peer's user data, which is read once. Report a new peer. Raises LookupError if the peer has left."""
+        """Return a peer's user data, which is read once. Call `on_peer` for a new peer. Raises LookupError if gone."""
         with self._lock:
             if peer in self._words:
                 return self._words[peer]
@@ -94,12 +97,15 @@ class ServiceTransport(Protocol):
     """A DDS library by which the bridge serves and calls services."""
 
     inline: bool
-    """True if the library can send the identity of a call beside the bytes, as rmw_fastrtps does."""
+    """True if the library can send the identity of a call as metadata of a sample, as rmw_fastrtps does."""
     why: str
-    """A hint that enables inline identities: the beginning of a sentence, or `""`."""
+    """The beginning of a sentence: what the user can do to enable inline identities. `""` if there is no advice."""
 
     def pair(self, reads: Direction, writes: Direction, on_peer: OnPeerDiscovered) -> Pair:
-        """Create a reader and a writer for one service that the bridge serves or calls. Raises ValueError on errors."""
+        """Create a reader of the topic `reads` and a writer of the topic `writes`, for one service.
+
+        `on_peer` is called for each new peer. Raises ValueError if the library cannot create the two.
+        """
 
     def leave(self) -> None:
         """Leave the domain permanently, without waiting."""

@@ -91,7 +91,7 @@ class _Half:
 
 
 class Server(_Half):
-    """A service that the bridge offers. One thread calls `answer` for one request after another."""
+    """A service that the bridge offers. `answer` handles the requests one by one, or in parallel with `at_once`."""
 
     own_key, peer_key = "serviceid", "clientid"
 
@@ -194,7 +194,10 @@ class Client(_Half):
             self._waiting.pop(call, None)
 
     def _inline(self, servers: list[list[str]]) -> bool:
-        """Return True if the servers require inline identities. Raises NoAnswer if they differ or are incompatible."""
+        """Return True if the servers require inline identities. `servers` has the user data of each server.
+
+        Raises NoAnswer if a server is incompatible, or if only some of the servers require inline identities.
+        """
         incompatible = [words for words in servers if not self._id(words)]
         if incompatible and not self._transport.inline:
             raise NoAnswer(_INCOMPATIBLE)
@@ -228,7 +231,7 @@ def _direction(topic: str, messages: tuple[Message, ...], words: str) -> Directi
 
 
 def _split(cdr: bytes) -> tuple[bytes, bytes]:
-    """Split a request or reply into the call's identity and the message. Raises ValueError if it is big-endian."""
+    """Split `cdr`, a request or reply, into the call's identity and the message. Raises ValueError if big-endian."""
     if cdr[1] != 1:
         raise ValueError("a call from a big-endian machine")
     start = _ENCAPSULATION + _CALL.size

@@ -59,7 +59,7 @@ class _Taker:
 
 
 class _Served:
-    """A Goal that a ROS client sent. `goal_id` is its actionlib_msgs/GoalID."""
+    """A goal of a ROS client, for the PLC to execute. Implements the protocol `Goal` of backend.py."""
 
     def __init__(self, server: _Server, message: Any) -> None:
         self.request = message.goal
@@ -119,7 +119,7 @@ class _Server:
         self._show()
 
     def _cancel(self, selection: Any) -> None:
-        """Cancel the goal with the id of `selection`, all goals up to its time, or all goals if it has neither."""
+        """Cancel the goals that `selection`, a GoalID, selects: by id, up to a time, or all if both are empty."""
         with self._lock:
             goals = [goal for goal in self._goals.values() if goal.ended is None]
         for goal in goals:
@@ -160,7 +160,7 @@ class _Server:
 
 
 class _Sent:
-    """A goal that the bridge sent, and its observer. `seen` is the monotonic time of its last status, in seconds."""
+    """A goal that the bridge sent, and its observer. `seen_at` is the monotonic time of its last status, in seconds."""
 
     def __init__(self, observer: GoalObserver) -> None:
         self.observer = observer

@@ -142,7 +142,7 @@ def _checked(wire: Wire, kind: Any) -> Wire:
 
 
 def _remove_zero_sleeps() -> None:
-    """Change rospy not to sleep for zero seconds after a message: this takes 60 us and delays all topics."""
+    """Remove rospy's sleeps of zero seconds after each message. Each sleep takes 60 us and delays all topics."""
     tcpros_pubsub.time = SimpleNamespace(sleep=_sleep)
 
 
@@ -152,7 +152,7 @@ def _sleep(seconds: float) -> None:
 
 
 def _within(seconds: float, call: Callable[[], Any]) -> Any:
-    """Return the result of `call`. Raises NoAnswer if it fails, or after `seconds`; its thread then keeps waiting."""
+    """Return the result of `call`, which runs in a thread. Raises NoAnswer if `call` fails or takes over `seconds`."""
     answer: Future[Any] = Future()
 
     def run() -> None:

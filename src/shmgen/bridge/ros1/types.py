@@ -20,7 +20,10 @@ _RULE = "\n" + "=" * 80 + "\n"
 
 
 def message(messages: tuple[Message, ...]) -> Any:
-    """Return the class for the last of `messages`. Raises ValueError if genmsg cannot read its definition."""
+    """Return the class for the last of `messages`; the others are its dependencies. Prefer an installed class.
+
+    Raises ValueError if no class is installed and genmsg cannot read the definition.
+    """
     type_name = messages[-1].name.short
     return genpy.message.get_message_class(type_name) or _generate_class(type_name, messages)
 
@@ -50,7 +53,7 @@ def raw(kind: Any) -> Any:
 
 
 def means(kind: Any, messages: tuple[Message, ...]) -> bool:
-    """Return True if `kind` has the md5 sum of the last of `messages`. An installed class may have other fields."""
+    """Return True if the ROS class `kind` has the same definition, by md5 sum, as the last of `messages`."""
     context = genmsg.MsgContext.create_default()
     try:
         specs = [_known(context, message, message.text) for message in messages]
@@ -60,7 +63,7 @@ def means(kind: Any, messages: tuple[Message, ...]) -> bool:
 
 
 def service(wire: ServiceWire) -> Any:
-    """Return the service class that rospy requires. Raises ValueError if genmsg cannot read the definition."""
+    """Return the installed class of the service, or a generated one. Raises ValueError if genmsg cannot generate it."""
     name = wire.type.short
     if installed := genpy.message.get_service_class(name):
         return installed

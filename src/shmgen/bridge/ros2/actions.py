@@ -129,7 +129,10 @@ class _Server:
         response.goals_canceling = [_info(goal) for goal in canceled]
 
     def _selected_goals(self, info: Any) -> tuple[list[_Served], int]:
-        """Return the goals that a request selects by id, by time or, with neither, all; and the return code."""
+        """Return the running goals that a cancel request selects, and the return code of CancelGoal.
+
+        A request selects goals by id, up to a time, or all goals if id and time are zero.
+        """
         key, until = bytes(info.goal_id.uuid), (info.stamp.sec, info.stamp.nanosec)
         with self._lock:
             goals = list(self._goals.values())
@@ -143,7 +146,7 @@ class _Server:
         return [goal for goal in older if not goal.ended.is_set()], _NONE
 
     def _forget(self) -> None:
-        """Forget the oldest ended goals, so that at most 16 remain. ROS 2 forgets them after a timeout."""
+        """Forget the oldest ended goals, to keep at most 16 with the next one. rcl_action instead has a timeout."""
         ended = [key for key, goal in self._goals.items() if goal.ended.is_set()]
         for key in ended[: max(0, len(ended) - _MAX_ENDED_GOALS + 1)]:
             del self._goals[key]
@@ -226,7 +229,7 @@ class ActionInterface:
         def message(
             ending: str, dependencies: Iterable[Message], fields: Mapping[str, FieldType]
         ) -> tuple[Message, ...]:
-            """Return the dependencies without duplicates, followed by the message itself."""
+            """Return the dependencies without duplicates, followed by a message with these `fields`."""
             return (*dict.fromkeys(dependencies), create_message(wire.type.part(ending), fields))
 
         def part(messages: tuple[Message, ...]) -> Ref:

@@ -253,7 +253,7 @@ class Ros2(Backend):
         return Time(stamp.sec, stamp.nanosec)
 
     def publish_log(self, text: str) -> None:
-        """Publish a warning on /rosout. The executor's thread publishes it, because publishing may block."""
+        """Publish a warning on /rosout, in the executor's thread, because publishing may block."""
 
         def publish() -> None:
             with suppress(Exception):  # logging the exception would lead here again
@@ -342,7 +342,7 @@ def _codec(messages: tuple[Message, ...]) -> Codec:
 
 
 def _profile(policies: qos.Qos, depth: int) -> QoSProfile:
-    """Return the QoS profile of rclpy. A latched publisher has depth 1: a late subscriber gets the newest only."""
+    """Return rclpy's QoS profile for `policies` and a queue of `depth` messages."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=max(depth, 1),

@@ -10,10 +10,10 @@ from shmgen.bridge.common.peers import Peers
 
 
 class Inlet:
-    """Takes the messages of a ROS 2 subscription, and refuses those of incompatible publishers.
+    """Takes the messages of a ROS 2 subscription, and refuses the messages of incompatible publishers.
 
     The graph announces the type hash of each publisher. Since Kilted each message names its publisher. Before Kilted,
-    all messages of a topic are refused while any publisher has another definition. Calls of take() must not overlap.
+    all messages of a topic are refused while any publisher is incompatible. Calls of take() must not overlap.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class Inlet:
         self._publishers = count
 
     def _refusal(self, about: Any) -> str:
-        """Return why a message must be refused, or `""`. If its publisher may be new, first look at the graph."""
+        """Return why a message must be refused, or `""`. If a publisher may be new, first call look()."""
         is_next = self._follows(about.get("publication_sequence_number"))
         sender = (about.get("publisher_gid") or {}).get("data", b"") if self._names_senders else b""
         count = self._handle.get_publisher_count()

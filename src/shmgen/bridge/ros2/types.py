@@ -23,7 +23,7 @@ from shmgen.core.type_hash import FILLER, TIMES
 
 
 def message(messages: tuple[Message, ...]) -> Any:
-    """Return the installed class of the last of `messages`. Raises ValueError if a type is missing or differs."""
+    """Return the installed class of the last of `messages`. Raises ValueError if a type differs or is missing."""
     for definition in messages:
         _compare(_installed(definition.name), definition)
     return _installed(messages[-1].name)

@@ -37,10 +37,10 @@ class Ours(CallbackGroup):  # type: ignore[misc, unused-ignore]
 
 
 class Waiter:
-    """A thread that calls `take` when data arrives, and at least once a second. `take` must take all messages.
+    """A thread that calls `take` when data arrives, and at least once a second. `take` must take all waiting messages.
 
-    The thread also handles the events of a subscription. With Fast DDS each message wakes the thread that waits for
-    events. If the executor waited for events, it would cost more time than all other work.
+    The thread also handles the events of a subscription, because with Fast DDS each message wakes the thread that waits
+    for events. To wake rclpy's executor as well for each message would cost more time than all other work.
     """
 
     def __init__(

@@ -99,7 +99,7 @@ class Zenoh(Backend):
         return RosPublisher(cdr.new, lambda message: send(cdr.encode(message)), send_payload)
 
     def subscribe(self, wire: Wire, sink: MessageSink) -> RosSubscription:
-        """Subscribe to all publishers of the topic and type. Refuse and count messages of other definitions."""
+        """Subscribe to all publishers of the topic and type. Refuse and count messages of incompatible publishers."""
         cdr = codec(wire.messages)
         place = Place(wire.name, wire.type, cdr.type_hash)
         identity = Identity(*place, self._log, wire.accepts_other)
@@ -195,7 +195,7 @@ class Zenoh(Backend):
         return RosClient(request.new, call, is_connected)
 
     def alive(self) -> bool:
-        """Return True until close(): in zenoh nobody can shut down a node."""
+        """Return True until close() is called. With zenoh, no other program can shut down the node."""
         return not self._session.is_closed()
 
     def close(self) -> None:
@@ -205,7 +205,7 @@ class Zenoh(Backend):
             atexit.register(end_at_once)
 
     def _until_undone(self, *ends: Callable[[], object]) -> None:
-        """Register functions that remove an entity. The references also keep zenoh from removing the entity at once."""
+        """Register `ends`, functions that remove an entity. Without these references, zenoh would remove it at once."""
 
         def undo() -> None:
             for end in ends:
@@ -216,7 +216,7 @@ class Zenoh(Backend):
         self.undo.append(undo)
 
     def _empty(self, entity: Any, take: Callable[[Any], None], name: str) -> Callable[[], None]:
-        """Call `take` in a thread with each message at `entity`, in order. Return a function that ends this."""
+        """Call `take` in a thread with each message of `entity`, in order. Return a function that removes `entity`."""
         ring, take = entity.handler, guarded(take, name, self._log)
 
         def run() -> None:

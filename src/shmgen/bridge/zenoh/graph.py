@@ -129,11 +129,14 @@ class Graph:
         return f"{self._domain}/{place.name.strip('/')}/{type_name(place.type)}/{place.hash}"
 
     def show(self, kind: str, place: Place, qos: str) -> Token:
-        """Publish the liveliness token of a publisher (MP), subscription (MS), server (SS) or client (SC)."""
+        """Publish the liveliness token of a publisher (`kind` MP), subscription (MS), server (SS) or client (SC)."""
         return self._declare(kind, f"/{place.mangled}/{place.hash}/{qos}")
 
     def watch(self, kind: str, place: Place, peers: Peers) -> Callable[[], None]:
-        """Add all peers of a kind (as in `show`) at a topic or service to `peers`. Return a function that ends this."""
+        """Keep `peers` equal to the present peers of a topic or service. Return a function that stops the updates.
+
+        `kind` is the kind of these peers, as in show().
+        """
 
         def update(token: Any) -> None:
             key = str(token.key_expr)
