@@ -41,7 +41,7 @@ class ServedGoal(Generic[Goal]):
 
     @property
     def is_cancel_requested(self) -> bool:
-        """True if the client has requested a cancel or sent a newer goal.
+        """True if the client has requested a cancel or sent a newer goal, or if the goal has ended.
 
         Read this property often: each read sends the server's heartbeat.
         """
@@ -179,7 +179,7 @@ class ActionServer(CallEnd, Generic[Goal]):
         return self._name
 
     def _look(self, timeout: float = 0.0) -> None:
-        """Wait at most `timeout` seconds for a command of the client, and carry it out: start or cancel a goal.
+        """Wait at most `timeout` seconds for a command of the client to start or cancel a goal, and obey the command.
 
         A new goal is stored in `_waiting`, and its number in `_calls.number`.
         """

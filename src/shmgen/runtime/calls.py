@@ -118,8 +118,8 @@ class CallClient(Generic[Q, A]):
         """Return True if a server is running.
 
         A server process holds a record lock and has stored its process id. A PLC holds no record lock. A PLC is
-        running if its heartbeat has changed since the previous call of this method. If the previous call was more than
-        1 s ago, return False for a PLC, because the heartbeat may have changed long before.
+        running if its heartbeat has changed since the previous call of this method, provided that the previous call was
+        at most 1 s ago.
         """
         end, now = self._reader, time.monotonic()
         end.check()
@@ -140,7 +140,7 @@ class CallServer(Generic[Q, A]):
     def __init__(self, requests: Subscriber[Q], responses: Publisher[A]) -> None:
         """Serve the requests in the region of `requests`, and publish the responses by `responses`.
 
-        The caller has marked all old requests as read: see skip_stale().
+        The caller must first mark all old requests as read: see skip_stale().
         """
         self.number = 0
         self._requests, self._reader = requests, requests.engine_end
@@ -177,10 +177,10 @@ class CallServer(Generic[Q, A]):
         self.number, self._answered, self._begun_at = number, 0, self._position()
 
     def is_usable(self, request: Message, refuse: Callable[[], object]) -> bool:
-        """Return True if all counts of the request are within their bounds. If one is not, refuse the request.
+        """Return True if all counts of the request are within their bounds.
 
-        To refuse the request, log the reason by the logger `shmgen`, call `refuse`, which sends a failure to the
-        client, and return False.
+        If a count exceeds its bound, log the reason by the logger `shmgen`, call `refuse`, which sends a failure to
+        the client, and return False.
         """
         try:
             request._check_counts()
@@ -191,7 +191,7 @@ class CallServer(Generic[Q, A]):
         return True
 
     def awaits(self, number: int) -> bool:
-        """Return True if request `number` is pending: begin() received it last, and no response to it was published.
+        """Return True if request `number` is pending: the last begin() was for this request, and no response was sent.
 
         A signal handler may interrupt this server between the publication of the response and the assignment that
         records the response as published. Therefore also check whether the response region has a new sample.

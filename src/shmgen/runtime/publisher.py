@@ -56,7 +56,7 @@ class Publisher(Endpoint, Generic[M]):
         self._end = end  # assigned last: a second call of __init__ is refused, and the first endpoint stays usable
 
     def _begin(self, topic: str, **options: Any) -> Any:
-        """Begin to open the region, without waiting, and return the engine's writer. open_all() completes this."""
+        """Begin to open the region, without waiting, and return the engine's writer. finish() completes the opening."""
         kind = self.message_type
         of = settings_for("publisher", kind, topic, codec=engine.codec(kind), **options)
         self._topic = topic

@@ -75,7 +75,7 @@ def refusal(of: Settings, status: int, pid: int, number: int) -> ShmError:
 
 
 def not_open_error(of: Settings, status: int, pid: int) -> ShmError:
-    """Return the error for a call on a publisher or subscriber that is not open. `pid` is the process that made it."""
+    """Return the error for a call on a publisher or subscriber that is not open and that process `pid` has created."""
     if status == Status.IN_FORKED_CHILD:
         return InForkedChild(
             f"{of.topic}: this {of.word} belongs to process {pid}, from which this one was forked; "
@@ -119,7 +119,7 @@ def claim_lost(topic: str, who: str) -> ClaimLost:
 
 
 def lock_timeout(topic: str, holder: int) -> LockTimeout:
-    """Return the error for a lock that was not free in time, on a machine that needs it. `holder` is a process id."""
+    """Return the error for a lock that was not free in time. `holder` is the id of the process that holds the lock."""
     return LockTimeout(
         f"{topic}: the lock was not free in time, held by process {holder}; nothing was published. See `shmgen doctor`"
     )

@@ -69,7 +69,7 @@ class Subscriber(Endpoint, Generic[M]):
         self._end = end
 
     def _begin(self, topic: str, **options: Any) -> Any:
-        """Begin to open the region, without waiting, and return the engine's reader. open_all() completes this."""
+        """Begin to open the region, without waiting, and return the engine's reader. finish() completes the opening."""
         kind = self.message_type
         of = settings_for("subscriber", kind, topic, codec=engine.codec(kind), **options)
         self._closing: list[Callable[[], object]] = []

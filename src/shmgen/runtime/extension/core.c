@@ -61,7 +61,7 @@ static bool await_guard(const CallGuard *guard, bool sleepers)
     return true;
 }
 
-/* Wait for a turn and take it. Return false with an exception. */
+/* Wait until no other call changes the endpoint, and acquire the guard. Return false with an exception set. */
 static bool acquire_guard(CallGuard *guard)
 {
     if (!await_guard(guard, false))
@@ -72,7 +72,7 @@ static bool acquire_guard(CallGuard *guard)
 
 /* --- the writer and the reader ------------------------------------------------------------------------------- */
 
-/* A Writer or a Reader. A call takes the buffer `room`, so a second call inside of the first allocates another
+/* A Writer or a Reader. A call takes the member `buffer`, so a second call inside of the first allocates another
  * buffer. */
 typedef struct End {
     PyObject_HEAD
@@ -131,7 +131,7 @@ static shmgen_status take_step(End *self)
 }
 
 /* Return true if the caller must repeat a call that ended with `*status`: the region was removed, and is open again or
- * about to be. Take all steps of reopening that do not wait. The caller must have the turn. Threads that sleep on the
+ * about to be. Take all steps of reopening that do not wait. The caller must hold the guard. Threads that sleep on the
  * removed region must return first, which takes up to SHMGEN_WAKE_MS. */
 static bool is_reopening(End *self, shmgen_status *status)
 {
@@ -156,7 +156,7 @@ static bool log_recreated(const End *self, uint32_t status)
     return logged != NULL;
 }
 
-/* End a turn, and log the first reopening of the region, which runs Python code. */
+/* Release the guard, and log the first reopening of the region, which runs Python code. */
 static bool release_guard(End *self)
 {
     self->guard.is_held = false;
@@ -375,7 +375,7 @@ static shmgen_status begin(End *self, int64_t limit, void **payload)
     return shmgen_publisher_begin(&self->p, limit, payload);
 }
 
-/* Write a message, with the late arrays in place of the bytes that they replace. */
+/* Write the message `data`, and copy the deferred arrays over the bytes that they replace. */
 static shmgen_status write_pieces(
     End *self, const unsigned char *data, const codec_deferred *deferred, size_t count, int64_t limit)
 {
@@ -459,8 +459,8 @@ static PyObject *writer_publish(PyObject *object, PyObject *const *arguments, Py
     Py_RETURN_NONE;
 }
 
-/* Call a function that may lose the topic and unmap the region. It needs a turn, because another thread may wait
- * for the lock in that memory. It does not wait while the region is being reopened. */
+/* Call `call`, which may lose the topic and unmap the region. Hold the guard, because another thread may wait for the
+ * lock in the unmapped memory. Do not wait while the region is being reopened. */
 static PyObject *call_guarded(End *self, shmgen_status (*call)(shmgen_publisher *))
 {
     shmgen_status status;

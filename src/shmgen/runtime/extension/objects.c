@@ -49,7 +49,7 @@ static bool is_deferred(const Step *step)
     return step->what == NUMBERS && step->size * step->length >= CODEC_LATE_FROM;
 }
 
-/* Set all bytes to zero, except those of late arrays. */
+/* Set all bytes to zero, except the bytes of deferred arrays. */
 static void clear(const Step *step, const Step *end, unsigned char *start, size_t base, size_t *done)
 {
     for (; step < end; step += 1 + step->inner) {

@@ -116,8 +116,8 @@ bool is_table(PyObject *object);
 /* Both functions run Python code of the message, which may call the functions again. False means that an exception is
  * set. */
 
-/* Encode a message into `into`, except the late arrays, which `late` returns (up to CODEC_MOST_LATE). `cuts` is the
- * number of truncated strings. After a failure there are no late arrays. */
+/* Encode a message into `into`, except large arrays, which `deferred` returns (up to CODEC_MOST_DEFERRED). `count` is
+ * their number, and `cuts` the number of truncated strings. After a failure `count` is 0. */
 bool codec_encode(PyObject *table, PyObject *message, unsigned char *into, codec_deferred *deferred, size_t *count,
                   size_t *cuts);
 void codec_release(codec_deferred *deferred, size_t count);

@@ -14,7 +14,7 @@ class InPlace:
     """A read-only view of a message in a region.
 
     Arrays of numbers are read-only memoryviews; all other fields are as in a message. A writer may change the data at
-    any time. Reading a field raises CountExceeded if the writer is changing its count.
+    any time. Reading a sequence raises CountExceeded if the writer has just stored a count above the bound.
     """
 
     __slots__ = ("_at", "_map", "_message")

@@ -29,7 +29,7 @@ class Message(TabledStructure):
     _layout_ = "ms"
     """The layout that `_pack_` implies.
 
-    CPython from 3.14 on warns if it is missing, and from 3.19 on raises an error.
+    CPython from 3.14 on warns if `_layout_` is missing, and from 3.19 on raises an error.
     """
     _type_name_: ClassVar[str]
     _digest_: ClassVar[int]

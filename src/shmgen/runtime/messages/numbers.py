@@ -67,8 +67,8 @@ def encode_numbers(kind: str, value: Any, length: int, fixed: bool, path: str) -
     """Return the bytes of an array whose elements are the numbers in `value`.
 
     If `value` is a buffer with elements of type `kind` (bytes, array.array, ndarray, ctypes array), use its bytes
-    without a copy. Convert any other sequence element by element. Raises CountExceeded, or OutOfRange with a path such
-    as `data[17]`.
+    without a copy. Convert any other sequence element by element. Raises CountExceeded as check_length() does, or
+    OutOfRange with a path such as `data[17]`.
     """
     size, code = STRUCTS[kind].size, CODES[kind]
     data = None if isinstance(value, (list, tuple)) else _buffer(value, code, size)
@@ -121,7 +121,7 @@ def decode_numbers(data: Any, kind: str, like: Any) -> Any:
 
 
 def elements(value: Any, length: int, fixed: bool, path: str) -> list[Any]:
-    """Return the elements of any sequence as a list.
+    """Return the elements of the sequence `value` as a list. `path` names the field in errors.
 
     Raises OutOfRange if `value` is no sequence, and CountExceeded as check_length() does.
     """
@@ -181,7 +181,7 @@ def _buffer(value: Any, code: str, size: int) -> memoryview | None:
 
 
 def _flat(value: Any, length: int, fixed: bool, path: str) -> list[Any]:
-    """Return the elements of any sequence as a list of Python objects. A matrix is read row by row."""
+    """Return the elements of any sequence as a list of Python objects. A matrix is read row by row. See elements()."""
     if getattr(value, "ndim", 1) > 1 and hasattr(value, "ravel"):
         value = value.ravel()
     if not hasattr(value, "tolist") or getattr(value, "ndim", 1) == 0:

@@ -16,7 +16,7 @@ _ALL = 2**31 - 1
 
 
 def ring(map: mmap.mmap) -> None:
-    """Wake all readers that wait for a new sample of the mapped region. They sleep on its header field `bell`."""
+    """Wake all readers that wait for a new sample of the mapped region. Such readers sleep on the field `bell`."""
     if _FUTEX is not None:
         word = ctypes.c_uint32.from_buffer(map, 4 * h.BELL)
         ctypes.CDLL(None).syscall(ctypes.c_long(_FUTEX), ctypes.byref(word), _WAKE, _ALL, None, None, 0)

@@ -1,4 +1,4 @@
-"""The base class of Writer and Reader: it opens in steps, closes once, and runs one call at a time."""
+"""The base class of Writer and Reader: opens a region in steps that do not wait, and runs one call at a time."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class End:
     region: Region
     lock: Lock
     borrowed = 0
-    """The number of the borrowed sample, or 0. While a sample is borrowed, machines that need the lock hold it."""
+    """The number of the borrowed sample, or 0. If this machine needs the lock, the lock is held until give_back()."""
     reopen_count = 0
     lost = False
     """True if the region was removed and is being reopened."""
@@ -209,7 +209,7 @@ class End:
             log_recreated(self.of, Status.REGION_RETIRED)
 
     def _call_alone(self, work: Callable[..., T], *arguments: Any) -> T:
-        """Call `work`, and make the calls of other threads wait for its end.
+        """Call `work`, and make the calls of other threads wait until `work` returns.
 
         Raises Reentered if this thread is already inside a call. A signal handler may raise at any time, even during
         _release_call(). Therefore _release_call() is called once more after an exception.

@@ -1,6 +1,6 @@
 """Opens or creates the region of a topic, in steps that do not wait (docs/protocol.md, "Create and remove").
 
-Each generator yields a reason to wait (ADMIT to CONFIRM) if it has to wait for a peer. Its next step checks again.
+Each generator yields a reason to wait (ADMIT to CONFIRM) instead of waiting for a peer, and then checks again.
 """
 
 from __future__ import annotations
@@ -238,8 +238,8 @@ def _replaced(of: Settings, file: io.FileIO, writes: bool) -> Generator[int, Non
 def _complete_header(fd: int, map: mmap.mmap, ours: h.Header) -> Generator[int, None, None]:
     """Write the header of a new region, in which the magic number is still 0. Write the magic number last.
 
-    A record lock lets one process at a time do so. A PLC may write a header of another layout at the same time.
-    Therefore the caller checks the header again.
+    A record lock lets one process at a time write the header. A PLC needs no record lock, and may write a header of
+    another layout at the same time. Therefore the caller checks the header again.
     """
     deadline = time.monotonic() + PEER_TIMEOUT
     try:

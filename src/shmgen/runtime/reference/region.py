@@ -103,7 +103,7 @@ class Region:
     def find(self, number: int) -> int:
         """Return the offset in bytes of the slot with the complete sample `number`, or 0 if no slot has this sample.
 
-        Search both lanes, the two halves of the region's slots. At most one of them has the sample.
+        Search both lanes, the two halves of the region's slots. At most one lane has the sample.
         """
         slots = (self.slot(number, lane) for lane in range(abi.LANES))
         return next((slot for slot in slots if self.is_whole(number, slot)), 0)

@@ -136,7 +136,7 @@ class Writer(End):
     def _lose(self) -> None:
         """Close this writer and raise ClaimLost, because another writer has claimed the topic.
 
-        Another writer may do so after 1 s without a heartbeat.
+        Another writer may claim the topic after 1 s without a heartbeat of this writer.
         """
         who = describe_writer(self.region.file, self.region.words[h.WRITER])
         lost = claim_lost(self.of.topic, who)

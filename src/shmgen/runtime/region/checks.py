@@ -145,7 +145,7 @@ def leads_to(path: str, file: int) -> bool:
 
 
 def retire(path: str, file: int) -> bool:
-    """Mark a region as retired and remove its name. Return False if another process is doing so.
+    """Mark a region as retired and remove its name. Return False if another process is retiring the region.
 
     Publishers and subscribers that find the mark leave the region. PLCs find the mark as well; they have the region
     open without a record lock.
@@ -159,7 +159,7 @@ def retire(path: str, file: int) -> bool:
 
 
 def log_replaced(topic: str, word: str, is_depth: bool) -> None:
-    """Log that a publisher or subscriber has replaced a region of another depth or layout. Its samples are lost.
+    """Log that a publisher or subscriber has replaced a region of another layout, or another depth if `is_depth`.
 
     `word` is "publisher" or "subscriber".
     """
@@ -175,7 +175,7 @@ def log_replaced(topic: str, word: str, is_depth: bool) -> None:
 
 
 def region_in_use_error(topic: str, who: str) -> RegionInUse:
-    """Return the error for a writer of a topic that already has the writer `who`."""
+    """Return the error for a second writer of a topic. `who` is the text for the first writer."""
     return RegionInUse(f"{topic}: {who} publishes already; one writer a topic: stop that one first")
 
 

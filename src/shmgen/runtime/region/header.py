@@ -88,7 +88,7 @@ class Header(_Words):
 
     @property
     def foreign(self) -> bool:
-        """True if another program has created the file. A magic number of 0 gives False: it may become a region."""
+        """True if another program has created the file. False for a magic number of 0: the file may become a region."""
         return self.magic not in (0, MAGIC)
 
     def __str__(self) -> str:
@@ -103,8 +103,8 @@ class Header(_Words):
 def header_for(type_name: str, digest: int, payload_size: int, depth: int) -> Header:
     """Return the header of a new region.
 
-    `depth` is how many samples a slow reader can still read. Raises ValueError if the depth is not in 1 .. 65535, or
-    if the type name has more than 95 bytes.
+    `depth` is the number of newest samples that the region keeps for slow readers. Raises ValueError if the depth is
+    not in 1 .. 65535, or if the type name has more than 95 bytes.
     """
     if len(type_name.encode()) > abi.MAX_TYPE_NAME:
         raise ValueError(f"type {type_name} is longer than the {abi.MAX_TYPE_NAME} bytes a region has for its name")

@@ -59,10 +59,10 @@ def describe_writer(file: int, writer: int) -> str:
 def holder(file: int, byte: int, preferred: int) -> int | None:
     """Return the id of the process that holds the record lock on `byte` of the open file descriptor `file`.
 
-    Return None if no process holds the lock, or if /proc hides the process because it belongs to another user or
-    container. A process that has inherited the open file (a child of a fork that Python did not see) holds the lock as
-    well. If several processes hold the lock, return `preferred`, the id in the region's header, if it
-    is among them.
+    Return None if no process holds the lock, or if /proc hides the process because the process belongs to another user
+    or container. A process that has inherited the open file (a child of a fork that Python did not see) holds the lock
+    as well. If several processes hold the lock, and `preferred`, the id in the region's header, is one of them, return
+    `preferred`.
     """
     holders = list(_holders(os.fstat(file), byte))
     return preferred if preferred in holders else next(iter(holders), None)

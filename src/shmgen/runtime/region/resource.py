@@ -106,7 +106,7 @@ class CallEnd(Closable):
         """Open each region of the service or action: `write` opens a publisher, `read` opens a subscriber."""
 
     def close(self) -> None:
-        """Close the client or server, so that another process can take its part. The regions stay in /dev/shm."""
+        """Close this client or server. Another process can then open its own. The regions stay in /dev/shm."""
         for region in self._regions:
             region.close()
 
@@ -117,9 +117,9 @@ class CallEnd(Closable):
 
     @property
     def engine_end(self) -> Any:
-        """The reader of responses (client) or requests (server) that a notifier watches.
+        """The engine's reader, which a notifier watches: for responses (in a client) or requests (in a server).
 
-        It belongs to the engine, the code in C or Python that accesses the region.
+        The engine is the code in C or Python that accesses the region.
         """
         return self._calls.incoming.engine_end
 
@@ -133,10 +133,10 @@ class End(Protocol):
 
 
 def close_after_fork(resource: Any) -> Any:
-    """Register an endpoint, file or map to be closed in a forked child, and return it.
+    """Register `resource`, an endpoint, file or map, to be closed in each forked child. Return `resource`.
 
-    A child inherits the open file and with it the parent's claim on the topic. The claim would then outlive the
-    parent. Endpoints that the parent is still opening are closed in the child as well.
+    A child inherits the open file and with it the parent's claim on the topic, so the claim would outlive the parent.
+    The child also closes endpoints that the parent is still opening.
     """
     _closed_after_fork.add(resource)
     return resource

@@ -18,9 +18,11 @@ _MOST_SPIN = 0.001
 
 
 class Settings(NamedTuple):
-    """The settings of a publisher or subscriber, in the order in which the engine in C takes them.
+    """The settings of a publisher or subscriber, in the order in which the engine in C reads them.
 
-    If `lock_ns` is -1, the default timeout applies. If `mode` is 0 or `group` is "", shmgen.toml decides.
+    * `kind`, `codec`, `size`: the message class, its table for the engine in C or None, and its size in bytes.
+    * `lock_ns`: the lock timeout, or -1 for the default. `mode`, `group`: 0 and "" if not set.
+    * `sequence`: True for a region without a lock. The other options are parameters of Publisher and Subscriber.
     """
 
     topic: str
