@@ -1,8 +1,8 @@
 """The interface of the backends, which connect the bridge to ROS: `ros1/`, `ros2/`, `dds/` and `zenoh/` implement it.
 
 A backend is a module with a function `connect(node) -> Backend | None`. The function returns None if `node.stopping()`
-became true before the backend could join a ROS graph. It raises BackendMissing if a library is not installed. A backend
-has no access to regions. It receives and returns messages of any class that has the attributes of the ROS message. All
+became true before the backend could join a ROS graph, and raises BackendMissing if a library is not installed. Backends
+have no access to regions. They receive and return messages of any class that has the attributes of the ROS message. All
 functions are thread-safe.
 """
 
@@ -130,8 +130,8 @@ class ServiceWire:
 class ActionWire:
     """The ROS side of an action: the settings from which a backend creates a server or a client.
 
-    `goal`, `result` and `feedback` each hold several definitions: first the messages that the goal (result, feedback)
-    contains, and the goal itself last. `sample_size` is the size in bytes of the largest sample of the action.
+    `goal` holds the definitions of all messages that the goal contains, and the goal itself as the last one. `result`
+    and `feedback` hold the same for these messages. `sample_size` is the size in bytes of the action's largest sample.
     """
 
     name: str

@@ -49,7 +49,7 @@ class Listener:
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def add(self, topic: PlcTopic) -> None:
-        """Add a topic. The thread begins to read its samples within 0.1 s."""
+        """Add a topic. The thread begins to read the topic's samples within 0.1 s."""
         self._topics.append(topic)
         if self._thread.ident is None:
             self._thread.start()

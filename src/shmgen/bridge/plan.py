@@ -68,7 +68,7 @@ class Route:
 
 @dataclass(frozen=True, slots=True)
 class CallRoute:
-    """The plan for one service or action. `kinds` maps the suffix of each part, such as `_Goal`, to its class."""
+    """The plan for one service or action. `kinds` maps the suffix of a message type, such as `_Goal`, to the class."""
 
     entry: Service | Action
     wire: Any
@@ -76,7 +76,7 @@ class CallRoute:
 
     @property
     def key(self) -> tuple[Any, ...]:
-        """The values that identify this service or action. A reload restarts it only if one of them has changed."""
+        """The values that identify this service or action. A reload restarts it only if a value has changed."""
         digests = tuple(kind._digest_ for kind in self.kinds.values())
         return self.entry.name, self.entry.type, self.entry.on_plc, self.entry.timeout, digests
 

@@ -140,7 +140,7 @@ def _arguments(config: Config, backend: str, has_ros: bool, words: tuple[str, ..
 
 
 def _end_within_limit(step: Callable[[], None]) -> None:
-    """Call `step`, a part of the shutdown. If it takes more than 2 s, the watchdog ends the process with status 1."""
+    """Call `step`, a part of the shutdown. After 2 s, the watchdog ends the process with status 1."""
     watchdog.reset(watchdog.STOP_LIMIT)
     step()
 
@@ -269,7 +269,7 @@ def _load_settled(load: Callable[[], Config], stop: threading.Event) -> Config:
 
 
 def require_entries(config: Config) -> None:
-    """Check the configuration. Raises NothingListed if it has no topic, service or action."""
+    """Check the configuration. Raises NothingListed if `config` has no topic, service or action."""
     if not (config.topics or config.services or config.actions):
         raise NothingListed("no topic, service or action is listed")
 

@@ -21,7 +21,7 @@ from shmgen.runtime.messages.times import set_clock
 
 
 class ToPlc(Side):
-    """Carries a topic from ROS to the PLC. Implements MessageSink: the backend passes messages and errors to it."""
+    """Carries a topic from ROS to the PLC. Implements MessageSink, which receives the backend's messages and errors."""
 
     def __init__(
         self,

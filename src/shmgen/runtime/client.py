@@ -104,7 +104,7 @@ class ServiceClient(CallEnd, Generic[Request, Response]):
         return await self._calls.wait_async(self.poll, timeout)
 
     def cancel(self) -> None:
-        """Abandon the request of the last send(). The server may still handle it; the client discards the response."""
+        """Abandon the request of the last send(). If the server still sends a response, the client discards it."""
         with self._one_at_a_time:
             self._calls.number = 0
 

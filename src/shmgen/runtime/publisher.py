@@ -40,7 +40,7 @@ class Publisher(Endpoint, Generic[M]):
     ) -> None:
         """Open or create the region, and claim the topic. The claim takes 1 s if the previous writer was a PLC.
 
-        `depth` is the number of samples that a slow reader can still fetch. Publisher and subscriber need the same
+        `depth` is the number of newest samples that slow readers can still read. Publisher and subscriber need the same
         depth. `lock_timeout` is the longest time in seconds that a call waits for the lock, at most 1.
         The default is 0.01 s on x86. Other machines need the lock: by default a call waits until its holder releases
         the lock or is considered dead, 1.1 s at most.

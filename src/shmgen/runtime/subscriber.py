@@ -80,7 +80,7 @@ class Subscriber(Endpoint, Generic[M]):
         return close_after_fork(engine.Reader(of))
 
     def read(self) -> M | None:
-        """Return the newest sample, or None if it was read already.
+        """Return the newest sample, or None if this sample was read already.
 
         Also return None if this machine needs the lock (not x86) and the lock is not free in time.
         """

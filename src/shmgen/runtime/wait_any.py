@@ -25,7 +25,7 @@ def open_all(pairs: Iterable[tuple[type[E], str]], **options: Any) -> list[E]:
     """Open all pairs of (class, topic) concurrently and return the opened publishers and subscribers in order.
 
     The call takes as long as the slowest opening. `options` are the keyword arguments of each class.
-    If one publisher or subscriber cannot be opened, close all and raise its error.
+    If a publisher or subscriber cannot be opened, close all of them and raise the error of the first such opening.
     """
     begun: list[tuple[E, Any]] = []
     try:

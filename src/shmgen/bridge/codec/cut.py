@@ -1,4 +1,4 @@
-"""Truncates a message that is too long for its region: shortens its sequences and strings."""
+"""Shortens the sequences and strings of a message that is too long for its region."""
 
 from __future__ import annotations
 

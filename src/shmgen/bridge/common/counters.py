@@ -85,7 +85,7 @@ class Counters:
         self.incompatible_peer = reason
 
     def report_qos(self, problem: str) -> None:
-        """Store the reason why the QoS of a peer does not match, or `""` if it does. Log a new reason once."""
+        """Store `problem`, the reason why a peer's QoS does not match, or `""` if all match. Log a new reason once."""
         if problem and problem != self.qos_problem:
             self.log(problem)
         self.qos_problem = problem

@@ -50,7 +50,7 @@ class Peers:
                 self.add(peer, announced)
 
     def forget(self) -> None:
-        """Forget the peers that have left. Call this method when the queue is empty, and so has no message of them."""
+        """Forget the peers that have left. Call this method when no message is in the queue."""
         self._departed.clear()
 
     def knows(self, peer: Hashable) -> bool:

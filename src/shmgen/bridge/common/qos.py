@@ -25,7 +25,7 @@ def ours(wire: Wire) -> Qos:
 
 
 class AdoptingSubscription:
-    """A subscription that can adopt the QoS of a publisher: it is removed and created again with the new QoS."""
+    """A subscription that is removed and created again to adopt the QoS of a publisher."""
 
     def __init__(
         self,

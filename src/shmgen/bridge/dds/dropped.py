@@ -1,8 +1,9 @@
 """Counts the messages that Cyclone drops, and forwards Cyclone's other log lines to the bridge's log.
 
 Cyclone's Python binding offers no status, statistic or log callback for dropped messages: Cyclone only writes log lines
-to C's `stderr`. A domain keeps the `stderr` of its creation, so this module sets `stderr` to a pipe while the domain is
-created, and reads the pipe. Each line that it forwards gets a prefix, because the line may contain text from a peer.
+to C's `stderr`. A domain always writes to the file that was `stderr` when the domain was created. Therefore this module
+sets `stderr` to a pipe during the creation, and reads the pipe. Forwarded lines get a prefix, because the text may come
+from a peer.
 """
 
 from __future__ import annotations

@@ -318,7 +318,7 @@ def user_data_entry(words: Iterable[str], key: str) -> str:
 
 
 def type_hash_of(words: Iterable[str]) -> str:
-    """Return the type hash in the user data of a peer, or `""` if it is missing."""
+    """Return the type hash in the user data of a peer, or `""` if the user data has none."""
     return user_data_entry(words, "typehash").partition("=")[2]
 
 

@@ -44,7 +44,7 @@ _CONNECT_TIMEOUT = 0.5
 
 
 def connect(node: Node) -> Ros1 | None:
-    """Wait until the master at ROS_MASTER_URI answers, and join its graph. Return None if the bridge stops first."""
+    """Wait for the master at ROS_MASTER_URI, and join the ROS graph. Return None if the bridge stops first."""
     if not _await_master(node):
         return None
     _remove_zero_sleeps()

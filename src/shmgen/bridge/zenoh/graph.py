@@ -47,7 +47,7 @@ _ROUTER = "`ros2 run rmw_zenoh_cpp rmw_zenohd`, or with ZENOH_CONFIG_OVERRIDE='m
 def open_session(environment: Mapping[str, str], largest: int, log: Callable[[str], None]) -> Any:
     """Open a session from the environment variables of rmw_zenoh, by default to the router of this machine.
 
-    If the router is missing, the session keeps looking for it. The session does not receive messages of more than
+    If there is no router, the session keeps looking for one. The session does not receive messages of more than
     `largest` bytes. Raises ValueError if the configuration is invalid or the session cannot be opened.
     """
     uri = environment.get("ZENOH_SESSION_CONFIG_URI", "")

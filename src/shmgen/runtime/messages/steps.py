@@ -74,6 +74,6 @@ def steps_of(name: str, body: dict[str, Any]) -> tuple[Step, ...]:
 def has_table(kind: Any) -> bool:
     """Return True if the class has a table of its fields, as each generated class has.
 
-    A class with its own `_fields_` has none.
+    A class that defines `_fields_` itself has no table.
     """
     return hasattr(kind, "_size_")

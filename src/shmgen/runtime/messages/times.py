@@ -87,7 +87,7 @@ def decode_clock(kind: str, data: bytes | bytearray | memoryview) -> Time | Dura
 
 
 def set_clock(target: Any, clock: Time | Duration) -> Any:
-    """Set a time object of ROS in place and return it: `sec` and `nanosec`, or `secs` and `nsecs` of ROS 1.
+    """Set `target`, a time object of ROS, to the time `clock`, and return `target`.
 
     If the object is an immutable Time or Duration of shmgen, return `clock` instead.
     """

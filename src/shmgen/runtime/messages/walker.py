@@ -1,7 +1,7 @@
 """Encode any object with the attributes of a message into bytes, and decode bytes into attributes.
 
-The extension in C (table.c, objects.c) does the same for usual values. For each unusual value it calls a function in
-TOOLS, so that all error messages are in this package.
+The extension in C (table.c, objects.c) does the same for usual values. For each unusual value, the extension calls a
+function in TOOLS, so that all error messages are in this package.
 """
 
 from __future__ import annotations
@@ -194,7 +194,7 @@ def _model(kind: Any, like: Any) -> Any:
 
 
 def inside(path: str, call: Any, *arguments: Any) -> Any:
-    """Call `call` with the arguments. If it raises ValueRejected, prepend `path` to the path in the error."""
+    """Call `call` with the arguments. If `call` raises ValueRejected, prepend `path` to the path in the error."""
     try:
         return call(*arguments)
     except ValueRejected as error:

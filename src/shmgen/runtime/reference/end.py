@@ -119,7 +119,7 @@ class End:
         return self.lock.misses
 
     def close(self) -> None:
-        """Close the region as soon as another thread's call has ended."""
+        """Close the region. If another thread is inside a call on this endpoint, first wait until this call returns."""
         closed = not_open_error(self.of, Status.CLOSED, self.pid)
         if self._caller.get(_BY) == get_ident():  # a signal handler has interrupted a call of this thread
             self._release(closed)

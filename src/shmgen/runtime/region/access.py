@@ -38,7 +38,7 @@ class RegionOptions(NamedTuple):
     sync: str = "lock"
 
     def but(self, mode: int | None, group: str | int | None) -> RegionOptions:
-        """Return these options with the given mode and group. None keeps the value of these options."""
+        """Return these options with another mode and group. An argument of None keeps the present value."""
         return self._replace(mode=self.mode if mode is None else mode, group=self.group if group is None else group)
 
 
@@ -70,7 +70,7 @@ class Access(NamedTuple):
             ) from None
 
     def correct(self, file: int, path: str) -> None:
-        """Set the mode and group of an existing file that this user owns, if they differ.
+        """Correct the mode and group of an existing file, if this user owns the file.
 
         The creator of the file may have been killed before it set the mode, or may have used another mode.
         """
@@ -182,7 +182,7 @@ def name_of_group(gid: int) -> str:
 
 
 def _known(status: os.stat_result) -> bool:
-    """Return True if the owner of the file is this user, a system service, or a user whose own group has this user."""
+    """Return True if the owner of the file is this user, a system service, or a user whose own group includes us."""
     if status.st_uid < _FIRST_PERSON or status.st_uid == os.geteuid():
         return True
     with suppress(KeyError):

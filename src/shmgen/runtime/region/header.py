@@ -32,7 +32,7 @@ _CODES = {"u8": "x", "char": "s", "u16": "H", "u32": "I", "u64": "Q"}
 
 
 def codes(words: Iterable[HeaderField], size: int) -> str:
-    """Return the format of `struct` for these fields, which occupy `size` bytes. Reserved fields give no value."""
+    """Return the format of `struct` for the header fields `words`, padded to `size` bytes. Padding gives no value."""
     all_fields = abi.with_reserved(words, size)
     return "<" + "".join(f"{word.length if word.length > 1 else ''}{_CODES[word.element]}" for word in all_fields)
 

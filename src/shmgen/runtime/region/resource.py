@@ -145,7 +145,7 @@ def close_after_fork(resource: Any) -> Any:
 def finish(ends: Iterable[End]) -> None:
     """Complete the opening of all endpoints concurrently. Raises the error of the first that cannot be opened.
 
-    If a signal handler raises, the endpoints that are not open yet are closed, so that they keep no claim.
+    After an exception, also of a signal handler, close the endpoints that are not open yet, so that no claim remains.
     """
     waiting: dict[End, int | None] = dict.fromkeys(ends)
     try:
