@@ -127,7 +127,7 @@ class Side(ABC):
 
     @abstractmethod
     def start(self, backend: Backend) -> None:
-        """Connect to ROS and start. Raises ValueError if ROS has no definition like shmgen's of the message type."""
+        """Connect to ROS and start. Raises ValueError if ROS lacks the type, or defines it otherwise than shmgen."""
 
     def beat(self) -> None:  # noqa: B027 most sides have none to send
         """Send a heartbeat to the PLC. The bridge calls this method ten times a second, and it must not block.

@@ -141,7 +141,10 @@ def _has_numbers(type_: FieldType, known: Mapping[TypeName, Message]) -> bool:
 
 
 def _converted(value: Any, type_: FieldType, known: Mapping[TypeName, Message], kinds: Mapping[str, Any]) -> Any:
-    """Convert a field's value to the form that rosbags can encode: objects of rosbags's classes, and ndarrays."""
+    """Convert a field's value to the form that rosbags can encode: objects of rosbags's classes, and ndarrays.
+
+    `known` maps the name of a message type to its definition, and `kinds` to its class in rosbags.
+    """
     match type_:
         case Ref(name):
             kind, fields = kinds[str(name)], known[name].fields

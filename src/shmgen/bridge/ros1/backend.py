@@ -152,7 +152,7 @@ def _sleep(seconds: float) -> None:
 
 
 def _within(seconds: float, call: Callable[[], Any]) -> Any:
-    """Return the result of `call`, which runs in a thread. Raises NoAnswer if `call` fails or takes over `seconds`."""
+    """Return the result of `call`, which runs in a thread. Raises NoAnswer if `call` fails, or after `seconds`."""
     answer: Future[Any] = Future()
 
     def run() -> None:

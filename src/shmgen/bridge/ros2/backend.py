@@ -293,7 +293,7 @@ class Ros2(Backend):
         return undo
 
     def _peers(self, wire: ServiceWire, messages: tuple[Message, ...], cdr: Codec, find: Any, topic: str) -> Peers:
-        """Return the peers of `topic`, the DDS topic that carries the requests or the replies of a service."""
+        """Return the peers of `topic`, the DDS topic of a service's requests or replies, that `find(topic)` returns."""
         identity = Identity(wire.name, messages[-1].name, cdr.type_hash, self._log)
         return Peers(identity, hashes=lambda: _hashes(find(topic, no_mangle=True)))
 

@@ -30,9 +30,9 @@ _UNPACK = {kind: packed.unpack_from for kind, packed in STRUCTS.items()}
 
 
 def encode(kind: Any, message: Any, into: bytearray | memoryview, at: int = 0) -> int:
-    """Write a message into the zeroed bytes `into`, starting at byte `at`. Return the number of truncated strings.
+    """Write `message` into the zeroed bytes `into`, starting at byte `at`, in the layout of the class `kind`.
 
-    Raises ValueRejected if a value does not fit.
+    Return the number of truncated strings. Raises ValueRejected if a value does not fit.
     """
     truncated = 0
     for step in kind._steps_:
@@ -112,7 +112,7 @@ def sequence(step: Step, value: Any) -> list[Any]:
 
 
 def decode(kind: Any, data: bytes | bytearray | memoryview, message: Any, at: int = 0) -> None:
-    """Set the attributes of a message from `data`, starting at byte `at`.
+    """Set the attributes of `message` from `data`, the bytes of a message of class `kind`, starting at byte `at`.
 
     Raises CountExceeded if a count is above its bound.
     """

@@ -43,7 +43,7 @@ class RegionOptions(NamedTuple):
 
 
 class Access(NamedTuple):
-    """The mode and group id that a file must have. None means the default for a new file."""
+    """The mode and group id that a file must have. None is the default for a new file, and keeps an existing value."""
 
     mode: int | None
     gid: int | None
