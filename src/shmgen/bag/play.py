@@ -51,7 +51,7 @@ class Player:
         * ValueError, if there is nothing to play.
         * LayoutMismatch with the differing fields, or Rejected, if a type does not match.
 
-        Opening a region raises the errors of Publisher.
+        Opening a region raises the errors of Publisher. `tell` receives lines for the user.
         """
         self._path, self._tell = path, tell
         channels, self.first, self.last, self.total = _looked_through(path)
@@ -89,9 +89,9 @@ class Player:
     def play(self, rate: float = 1.0, start: float = 0.0) -> Iterator[float]:
         """Publish all messages from `start` seconds on, `rate` times as fast as recorded.
 
-        After each message, yield its position in the bag in seconds. A message with a value that does not fit is
-        skipped and counted in `refused`. Raises ValueError if the bag is shorter than `start`, and the errors of
-        Publisher.publish() except ValueRejected.
+        After each message, yield the seconds from the bag's earliest message to this message. A message with a value
+        that does not fit is skipped and counted in `refused`. Raises ValueError if the bag is shorter than `start`, and
+        the errors of Publisher.publish() except ValueRejected.
         """
         length = (self.last - self.first) / 1e9
         if start > length or not self.total:

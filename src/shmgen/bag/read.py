@@ -49,7 +49,7 @@ class Message:
 
 
 class _Short(Exception):
-    """The file ends before the end of a record, so it is truncated."""
+    """The file ends within a record: the file is truncated."""
 
 
 def messages(path: Path) -> Iterator[Channel | Message]:

@@ -256,7 +256,7 @@ def _undisturbed() -> Iterator[None]:
 
 
 class _Writer:
-    """The thread that writes the bag. The disk may stall for seconds, and recording must not wait for it."""
+    """The thread that writes the bag. The disk may stall for seconds, and the recorder must not wait for the disk."""
 
     def __init__(self, bag: Bag) -> None:
         self._bag = bag

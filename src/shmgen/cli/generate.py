@@ -181,7 +181,7 @@ def show(type_name: str, as_json: bool, as_svg: bool, source: options.Source) ->
 
 
 def _of_digest(digest: int, source: options.Source) -> Layouts:
-    """Return the layouts of the message with this digest, and of the messages that it contains.
+    """Return the layout of the message with this digest, and the layouts of its nested messages.
 
     The message is searched for in live regions, shmgen.toml, layout.lock and all available definitions.
     """

@@ -28,7 +28,7 @@ from shmgen.runtime.errors import LayoutMismatch
 
 
 class ClassRegistry:
-    """Finds or makes the Python class of a message by its name and its digest.
+    """Finds or makes the Python class for the name and the digest of a message.
 
     The layout comes from the current configuration, or from layout.lock if only layout.lock has the digest.
     """
@@ -113,7 +113,10 @@ def subscriber(
     history: bool = False,
     reopen: bool = True,
 ) -> Subscriber[Message]:
-    """Open the region of a topic for reading messages of the class `kind`. Raises the errors of Subscriber."""
+    """Open the region of a topic for reading messages of the class `kind`.
+
+    The other parameters and the errors are those of Subscriber.
+    """
     end: type[Subscriber[Message]] = type("LiveSubscriber", (Subscriber,), {"message_type": kind})
     return end(topic, depth=depth, passive=passive, history=history, reopen=reopen)
 
@@ -121,9 +124,10 @@ def subscriber(
 def watcher(
     view: View, kind: type[Message] | None = None, *, passive: bool = True, history: bool = False
 ) -> Subscriber[Message]:
-    """Open the region of `view` for reading. Without `kind`, messages are plain bytes with a number and a stamp.
+    """Open the region of `view` for reading messages of the class `kind`. Without `kind`, a message has no fields.
 
-    Raises RegionUnusable if the region is damaged, else the errors of Subscriber.
+    `passive` and `history` are those of Subscriber. Raises RegionUnusable if the region is damaged, and the errors of
+    Subscriber.
     """
     header = sound(view)
     kind = kind or _without_fields(header)
@@ -131,7 +135,10 @@ def watcher(
 
 
 def publisher(kind: type[Message], topic: str, depth: int, *, reopen: bool = True) -> Publisher[Message]:
-    """Open the region of a topic for writing messages of the class `kind`. Raises the errors of Publisher."""
+    """Open the region of a topic for writing messages of the class `kind`.
+
+    The other parameters and the errors are those of Publisher.
+    """
     end: type[Publisher[Message]] = type("LivePublisher", (Publisher,), {"message_type": kind})
     return end(topic, depth=depth, reopen=reopen)
 
@@ -175,7 +182,7 @@ def action_server(kinds: Mapping[str, type[Message]]) -> type[ActionServer[Any]]
 
 
 def _without_fields(header: Header) -> type[Message]:
-    """Make a message class for a region of unknown layout. Its only field contains all bytes of the payload.
+    """Make a message class for a region of unknown layout. The only field, `bytes`, contains the whole payload.
 
     Reading such a message takes no lock.
     """

@@ -48,7 +48,7 @@ class View:
     def stamp(self, number: int, header: h.Header) -> int | None:
         """Return the time at which sample `number` was written, in ns since 1970.
 
-        Return 0 if the writer has no clock, and None if the sample was overwritten.
+        Return 0 if the writer stored no time, and None if the sample was overwritten.
         """
         slot = self.slot(number, header)
         return _SLOT.unpack(self.read(slot, _SLOT.size))[0] if slot else None
@@ -87,7 +87,7 @@ class View:
 
     @property
     def removed(self) -> bool:
-        """True if the file was removed from /dev/shm. A process that still has it open receives no new samples."""
+        """True if the file was removed from /dev/shm. A process with the removed file open gets no new samples."""
         return self.status.st_nlink == 0
 
     def close(self) -> None:

@@ -69,7 +69,8 @@ class Session:
     def layout(self, request: str, part_of: str = "") -> Layout:
         """Return the layout of the message `request`. Raises ValueError if the request stands for several messages.
 
-        `part_of` names the service or action of the message, so that all of its messages are laid out together.
+        `part_of` names the service or action to which the message belongs, if any. All messages of a service or action
+        are laid out together.
         """
         layouts = self.layouts([part_of or request]).values()
         matches = [one for one in layouts if (str(one.name) == request if part_of else one.requested)]

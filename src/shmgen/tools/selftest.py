@@ -296,7 +296,7 @@ CHECKS: dict[str, Callable[[Partner], Found]] = {
 def _results_of(partner: Partner, what: int) -> Any:
     """Send the command number `what` to the PLC program, and return the results of the command.
 
-    The commands call the Sys functions of CODESYS. Raises NotMeasured if the PLC has no such functions, like OpenPLC.
+    The commands call the Sys functions of CODESYS. Raises NotMeasured if the PLC lacks these functions, like OpenPLC.
     """
     answer = partner.ask(what)
     if not answer.pointer_size:

@@ -47,7 +47,7 @@ Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
 class Page(Server):
-    """The web server of `shmgen view`: textual-serve behind an access check. `tell` receives each address to print."""
+    """The web server of `shmgen view`: textual-serve behind an access check. `tell` prints a line for the user."""
 
     def __init__(self, command: str, listening: socket.socket, tell: Callable[[str], None]) -> None:
         self._host = f"{HOST}:{listening.getsockname()[1]}"

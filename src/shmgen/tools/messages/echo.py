@@ -16,11 +16,11 @@ class Printer:
     """
 
     def __init__(self, form: Literal["yaml", "json", "csv"], field: str | None, only: str | None, full: bool) -> None:
-        """Store which samples to print, and how.
+        """Store the samples and fields to print, and the output format `form`.
 
-        Only the samples that fulfil the condition `only` are printed, or all samples without `only`. `field` is the
-        path of the field to print; without `field`, whole messages are printed. `full` prints all elements of arrays in
-        YAML. JSON and CSV always have all elements.
+        * `only` is a condition such as `position.x > 1`, which a sample must fulfil. None prints all samples.
+        * `field` is the path of the field to print. None prints the whole message.
+        * `full` prints all elements of arrays in YAML. JSON and CSV always have all elements.
         """
         self._form, self._field, self._only = form, field, only
         self._most = None if full else format.SHORT

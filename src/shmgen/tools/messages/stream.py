@@ -41,7 +41,7 @@ def messages(topic: str, registry: ClassRegistry, timeout: float | None, tell: T
 def regions(
     topic: str, registry: ClassRegistry | None, timeout: float | None, tell: Tell, *, passive: bool = True
 ) -> Generator[tuple[View, Subscriber[Message]], None, None]:
-    """Yield a view and a subscriber of the topic's region. If the region is removed, wait for the next one and repeat.
+    """Yield a view and a subscriber of the topic's region. If the region is removed, repeat with the next region.
 
     Without `registry`, messages have no fields. `passive` is passed to Subscriber. Raises the errors of messages().
     """

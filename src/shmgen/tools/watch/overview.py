@@ -83,8 +83,8 @@ Past = dict[str, deque[_Look]]
 def look(past: Past | None = None, processes: Processes | None = None) -> list[Row]:
     """Read the headers of all regions and return a row for each. Without `processes`, the rows list no readers.
 
-    `past` contains the headers that earlier calls have read. look() computes the rates from the differences between
-    these and the current headers, and adds the current headers to `past`.
+    `past` contains the headers that earlier calls have read. look() adds the current headers to `past`, and computes
+    the rates from the differences between the earlier and the current headers.
     """
     past = {} if past is None else past
     names, rows = live(), []

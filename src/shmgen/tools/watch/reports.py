@@ -38,10 +38,10 @@ class Seen(NamedTuple):
 
 
 class Window(NamedTuple):
-    """The newest samples of a region, from which a report is computed.
+    """The newest samples of a region, `seen`, from which a report is computed.
 
-    `missed` counts samples that were overwritten before this process read them. The ages of the samples are computed
-    from a stamp; `by` is the name of this stamp.
+    `missed` counts samples that were overwritten before this process read them. `by` is the name of the stamp from
+    which the ages of the samples were computed, such as `header.stamp`.
     """
 
     topic: str
