@@ -1,8 +1,8 @@
 """The version of the table of fields that each generated Python class contains (docs/layout.md).
 
-A new kind of number needs a change in eight files:
+A new scalar type needs a change in eight files:
 
-* core/model.py: the `Scalar` and its IEC type
+* core/model.py: the `Scalar`, its size, range and IEC type
 * core/type_hash.py: its number
 * runtime/messages/steps.py and runtime/extension/table.c: its codes
 * runtime/messages/fields.py: its name in ctypes
