@@ -168,7 +168,7 @@ class Stage:
         topics += self._topics(*((name, TYPE, "from_plc", "depth = 64") for name in back))
         if self.strangers and services:
             topics += self._topics(
-                ("large", IMAGE, "from_plc", "depth = 4"), ("strict", BOOL, "to_plc", 'qos = "reliable"')
+                ("large", IMAGE, "from_plc", "depth = 2"), ("strict", BOOL, "to_plc", 'qos = "reliable"')
             )
         calls = "".join(
             f'[[{kind}s]]\n{kind} = "{self.topic(name)}"\ntype = "{type_}"\nserver = "{server}"\ntimeout = 0.2\n'
@@ -203,19 +203,24 @@ class Stage:
             + self._topics(
                 ("strange", TYPE, "from_plc", ""),
                 ("best_effort", BOOL, "from_plc", 'qos = "best_effort"'),
-                ("large_reader", IMAGE, "to_plc", "depth = 4"),
+                ("large_reader", IMAGE, "to_plc", ""),
             )
         )
         remapped = [word for old, new in STRANGERS.items() for word in ("-r", f"{self.topic(old)}:={self.topic(new)}")]
         command = [sys.executable, "-m", "shmgen", "bridge", "--backend", self.strangers, "-c", "strange.toml"]
-        self.graph.start([*command, "--ros-args", *remapped], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        override = getattr(self.graph, "environment", {}).get("ZENOH_CONFIG_OVERRIDE", "")
+        no_shm = {
+            "ZENOH_CONFIG_OVERRIDE": f"{override};transport/shared_memory/enabled=false"
+        }  # a small /dev/shm is full
+        with (folder / "log").open("w") as log:
+            self.graph.start([*command, "--ros-args", *remapped], no_shm, stdout=log, stderr=log)
         kinds = Session(load(self.graph.folder / "strange.toml", "strange.toml", Report())).classes([TYPE, BOOL])
         return kinds["geometry_msgs/msg/PoseStamped"], kinds["std_msgs/msg/Bool"]
 
     def _write_large(self, kind: Any) -> None:
         """Publish messages of 1 MiB at 5 Hz."""
         image = kind(data=bytes(LARGE))
-        with publisher(kind, self.topic("large"), 4) as writer:
+        with publisher(kind, self.topic("large"), 2) as writer:
             while not self.stop.wait(0.2):
                 with suppress(ShmError):  # the lock
                     writer.publish(image)
