@@ -306,10 +306,7 @@ class Backend(ABC):
 
     @property
     def undo(self) -> list[Callable[[], object]]:
-        """The functions that remove the ROS publishers, subscriptions, clients and servers of the current thread.
-
-        A thread may assign a new list, to collect only the functions for what it creates from then on.
-        """
+        """The functions that remove all that this thread has created in ROS. A thread may assign an empty list."""
         return cast(list[Callable[[], object]], self._of_thread.__dict__.setdefault("undo", []))
 
     @undo.setter

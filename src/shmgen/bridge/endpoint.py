@@ -130,16 +130,10 @@ class Side(ABC):
         """Connect to ROS and start. Raises ValueError if ROS lacks the type, or defines it otherwise than shmgen."""
 
     def beat(self) -> None:  # noqa: B027 most sides have none to send
-        """Send a heartbeat to the PLC. The bridge calls this method ten times a second, and it must not block.
-
-        By default, send nothing.
-        """
+        """Send a heartbeat to the PLC, without blocking. Called ten times a second. By default, send nothing."""
 
     def stop(self) -> bool:
-        """Stop sending, while ROS is still connected. Return False if a ROS call is still running.
-
-        The caller has set the event `stopping`.
-        """
+        """Stop sending, while ROS is connected and `stopping` is set. Return False if a ROS call is still running."""
         return True
 
 

@@ -127,10 +127,7 @@ class Listener:
             self._stopping.wait(_LOCK_INTERVAL)
 
     def _is_replaced(self, current: tuple[PlcTopic, float]) -> bool:
-        """Return True if a new thread has replaced this thread, because the topic in `current` blocked this thread.
-
-        In this case, hand the topic to the new thread.
-        """
+        """Return True, and hand over the topic in `current`, if a new thread has replaced this thread."""
         with self._lock:
             if self._current is current:
                 self._current = None

@@ -36,9 +36,7 @@ class About:
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """The plan for one topic. `kind` is the class of its samples. `stamp` is the path to the time stamp, such as
-    `("header", "stamp")`, or empty.
-    """
+    """The plan for one topic. `kind` is the sample class. `stamp` is the path to the time stamp field, or empty."""
 
     topic: TopicEntry
     wire: Wire

@@ -166,10 +166,7 @@ def _largest(session: Session) -> int:
 
 
 def _reports(session: Session, backend: Backend, sides: Sides, name: str, log: Log) -> Callable[[], None]:
-    """Return a function that publishes the diagnostics when they are due.
-
-    If diagnostics are off in shmgen.toml or cannot be published, return a function that does nothing.
-    """
+    """Return a function that publishes diagnostics when they are due, or that does nothing if diagnostics are off."""
     config = session.config
     period = config.bridge.diagnostics
     if not period:

@@ -233,10 +233,7 @@ class Sides:
 
 
 def _start(backend: Backend, waiting: list[_Carried], failed: list[Exception]) -> None:
-    """Connect each topic, service or action in `waiting` to ROS, and remove it from the list. Add errors to `failed`.
-
-    Return early if the caller has removed the first entry meanwhile, because a new thread then does the rest.
-    """
+    """Connect each entry of `waiting` to ROS, and remove it, until a new thread takes over. Add errors to `failed`."""
     while waiting:
         one = waiting[0]
         one.undo = backend.undo = []

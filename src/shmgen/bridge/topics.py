@@ -270,10 +270,7 @@ class FromPlc(Side):
 
 
 def _send_payload(outlet: RosPublisher, sample: Message) -> bool:
-    """Send the bytes of the sample. Return False if the topic has no direct conversion or a field is invalid.
-
-    The caller then decodes the sample, which raises an error that names the invalid field.
-    """
+    """Send the bytes of the sample. Return False if the topic has no direct conversion or a field is invalid."""
     if outlet.send_payload is None:
         return False
     try:

@@ -172,9 +172,9 @@ def _leaves(tree: Any, keys: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, 
 
 
 def with_parameters(config: Config, parameters: Mapping[str, str]) -> Config:
-    """Return `config` with the parameters `rate` and `stale` in all topics without these keys.
+    """Return `config` with `rate` and `stale` of `parameters` in all topics without these keys.
 
-    Raises ValueError if a parameter is not a number in the range of its key.
+    Raises ValueError if a parameter is not a number in the range of the key.
     """
     topics = list(config.topics)
     for key in keys_of("topics"):

@@ -16,10 +16,7 @@ _PACKAGES = {"yaml": "pyyaml"}
 
 
 def chosen(key: str) -> tuple[str, str]:
-    """Return the key of the backend to use, such as `ros2`, and the reason. `key` is from shmgen.toml, or `auto`.
-
-    Raises BackendMissing if `key` is `auto` and no backend is installed.
-    """
+    """Return the key of the backend to use, and the reason. Raises BackendMissing if no backend is installed."""
     if key != "auto":
         return key, "as configured"
     version = os.environ.get("ROS_VERSION", "")

@@ -75,10 +75,7 @@ def payload_sender(
 
 
 def guarded(function: Callable[..., None], name: str, log: Callable[[str], None], *passes: type[Exception]) -> Any:
-    """Return a function that calls `function` and logs its exceptions, because one bad message must not stop a topic.
-
-    Exceptions of the types in `passes` are raised. `name` names the topic in the log.
-    """
+    """Return `function` wrapped to log its exceptions, except the types in `passes`. Log lines begin with `name`."""
     faults = Counters(name, log)
 
     def run(*arguments: Any) -> None:
@@ -100,10 +97,7 @@ def remember_bounded(values: dict[T, V], peer: T, value: V) -> None:
 
 
 def await_server(is_connected: Callable[[], bool], timeout: float) -> float:
-    """Wait for a server. Return the call's deadline: the time.monotonic() value `timeout` seconds from the beginning.
-
-    Raises NoAnswer if no server is connected at the deadline.
-    """
+    """Wait for a server. Return the deadline of the call by time.monotonic(). Raises NoAnswer at the deadline."""
     deadline = time.monotonic() + timeout
     while not is_connected():
         if time.monotonic() >= deadline:

@@ -26,10 +26,7 @@ _STDERR = 2
 
 
 def reset(seconds: float = STALL_LIMIT) -> None:
-    """Restart the watchdog. `seconds` after its last restart, it prints all stacks and ends the process with status 1.
-
-    This also works while a library holds the GIL.
-    """
+    """Restart the watchdog. After `seconds`, it prints all stacks and exits with status 1, even if the GIL is held."""
     faulthandler.dump_traceback_later(seconds, exit=True, file=_STDERR)
 
 

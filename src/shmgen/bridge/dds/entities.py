@@ -94,10 +94,7 @@ class Ends:
         return DataWriter(self.participant, self._topic(topic, kind), quality, listener)
 
     def reader(self, topic: str, kind: type[Any], quality: Qos, matched: Matched | None = None) -> DataReader:
-        """Create a reader for samples of the structure `kind`, whose attribute `cdr` holds the received bytes.
-
-        `matched` is called for peers that match or leave.
-        """
+        """Create a reader for samples of the structure `kind`, with the received bytes as `cdr`. See writer()."""
         has_service = Policy.DurabilityService in quality
         without_service = quality - Qos(quality[Policy.DurabilityService]) if has_service else quality
         return DataReader(

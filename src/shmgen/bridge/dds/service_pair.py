@@ -102,10 +102,7 @@ class ServiceTransport(Protocol):
     """The beginning of a sentence: what the user can do to enable inline identities. `""` if there is no advice."""
 
     def pair(self, reads: Direction, writes: Direction, on_peer: OnPeerDiscovered) -> Pair:
-        """Create a reader of the topic `reads` and a writer of the topic `writes`, for one service.
-
-        `on_peer` is called for each new peer. Raises ValueError if the library cannot create the two.
-        """
+        """Create a reader of `reads` and a writer of `writes`. `on_peer` is called for new peers. Raises ValueError."""
 
     def leave(self) -> None:
         """Leave the domain permanently, without waiting."""

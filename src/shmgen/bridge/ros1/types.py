@@ -20,10 +20,7 @@ _RULE = "\n" + "=" * 80 + "\n"
 
 
 def message(messages: tuple[Message, ...]) -> Any:
-    """Return the class for the last of `messages`; the others are its dependencies. Prefer an installed class.
-
-    Raises ValueError if no class is installed and genmsg cannot read the definition.
-    """
+    """Return the installed or generated class of the last of `messages`. Raises ValueError if generating it fails."""
     type_name = messages[-1].name.short
     return genpy.message.get_message_class(type_name) or _generate_class(type_name, messages)
 

@@ -129,10 +129,7 @@ class _Server:
         response.goals_canceling = [_info(goal) for goal in canceled]
 
     def _selected_goals(self, info: Any) -> tuple[list[_Served], int]:
-        """Return the running goals that a cancel request selects, and the return code of CancelGoal.
-
-        A request selects goals by id, up to a time, or all goals if id and time are zero.
-        """
+        """Return the running goals that a cancel request selects (by id, by time, or all), and its return code."""
         key, until = bytes(info.goal_id.uuid), (info.stamp.sec, info.stamp.nanosec)
         with self._lock:
             goals = list(self._goals.values())

@@ -133,10 +133,7 @@ class Graph:
         return self._declare(kind, f"/{place.mangled}/{place.hash}/{qos}")
 
     def watch(self, kind: str, place: Place, peers: Peers) -> Callable[[], None]:
-        """Keep `peers` equal to the present peers of a topic or service. Return a function that stops the updates.
-
-        `kind` is the kind of these peers, as in show().
-        """
+        """Keep `peers` equal to the peers of `kind` (see show) at `place`. Return a function that stops the updates."""
 
         def update(token: Any) -> None:
             key = str(token.key_expr)

@@ -159,10 +159,7 @@ def retire(path: str, file: int) -> bool:
 
 
 def log_replaced(topic: str, word: str, is_depth: bool) -> None:
-    """Log that a publisher or subscriber has replaced a region of another layout, or another depth if `is_depth`.
-
-    `word` is "publisher" or "subscriber".
-    """
+    """Log that a publisher or subscriber (`word`) has replaced a region of another layout, or depth if `is_depth`."""
     import logging  # takes longer to load than the rest of the runtime
 
     cause, advice = "layout", "Generate both sides from the same definitions and options."
