@@ -22,7 +22,7 @@ from shmgen.runtime import Time
 QUEUE = 1000
 """The maximum queue length in messages. It covers 1 s of a topic at 1 kHz, because Python may pause that long."""
 LARGEST = 2**16
-"""The minimum of a message's size limit in bytes. It exceeds the sample's size: longer messages arrive, and count."""
+"""The minimum size limit of a message in bytes: high, to receive and count messages too long for the region."""
 _SLACK = 4
 """The size limit of a large serialized message, as a multiple of the size of its sample in the region."""
 _MEMORY = 2**26

@@ -26,7 +26,7 @@ from shmgen.runtime import can_wait_for_many
 BEAT = 0.1
 """The heartbeat interval in seconds. The PLC's blocks consider a writer dead after 1 s without a heartbeat."""
 _START_LIMIT = 5.0
-"""The maximum time in seconds that ROS may take to connect one topic, service or action before the next one."""
+"""The time in seconds after which the bridge no longer waits for ROS to connect one topic, service or action."""
 _END_LIMIT = 1.0
 """The maximum time in seconds that a reload waits until one topic, service or action has stopped."""
 

@@ -43,7 +43,7 @@ _TOLERANT = (
     '<CycloneDDS><Domain Id="any"><Compatibility><IgnoreTypeInformation>1.15</IgnoreTypeInformation></Compatibility>'
     "</Domain></CycloneDDS>"
 )
-"""Makes Cyclone ignore the type information of Fast DDS 3 (Kilted), which it would reject. The type hash decides."""
+"""Makes Cyclone ignore the type information of Fast DDS 3 (Kilted), which Cyclone would reject. Type hashes decide."""
 _CONFIGURED: dict[int, tuple[Domain, Dropped]] = {}
 """The configured domains of this process, by number."""
 

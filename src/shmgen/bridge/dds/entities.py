@@ -38,11 +38,11 @@ Matched = Callable[[Any, int, bool], None]
 _MAX_BLOCKING_TIME = 10_000_000
 """Maximum nanoseconds that a write may block. Keep-last writers were never observed to block."""
 _BATCH = 64
-"""Number of samples to take from a reader in one call, or the length of its queue if that is larger."""
+"""Number of samples to take from a reader in one call. If the reader's queue is longer, its length is taken instead."""
 _FOREVER = 2**63 - 1
 _ANY = SampleState.Any | ViewState.Any | InstanceState.Any
 _QOS_LOCK = threading.Lock()
-"""Held while the QoS of a peer is read. Cyclone's Python binding reads it into a buffer that all threads share."""
+"""Held while the QoS of a peer is read, because Cyclone's Python binding reads into a buffer that all threads share."""
 _DURABILITY, _RELIABILITY = 2, 11
 """Numbers of two policies in dds_qos_policy_id_t."""
 _POLICIES = {4: "deadline", 8: "liveliness", 23: "data representation", 24: "type"}

@@ -42,7 +42,7 @@ _STATUS_INTERVAL = 0.2
 _LISTED_AFTER_END = 5.0
 """Seconds that the topic `status` lists a goal after its end, as in actionlib."""
 _SERVER_TIMEOUT = 3.0
-"""Seconds without a `status` message, or without the goal in it, after which the server counts as gone."""
+"""Seconds without a `status` message, or with none that lists the goal, after which the server counts as gone."""
 _RESEND_INTERVAL = 0.2
 """Seconds until an unlisted goal is sent again. rospy drops a message if the subscriber is not connected yet."""
 _POLL_INTERVAL = 0.02

@@ -32,8 +32,8 @@ _DEFAULT = """{
 _BATCH = 8192
 """Maximum bytes of one batch, the unit that a receiver reads.
 
-A queued message keeps its whole batch buffer allocated, even if it arrived alone. With zenoh's default of 65535 bytes,
-the queues after a network outage took 64 MiB more memory, and large messages were not faster.
+A queued message keeps its whole batch buffer allocated, even if the batch has no other message. With zenoh's default of
+65535 bytes, the queues after a network outage took 64 MiB more memory, and large messages were not faster.
 """
 _ATTACHMENT = struct.Struct("<qqB16s")
 """Sequence number of the writer, nanoseconds since 1970, length of the writer's name, and the name."""

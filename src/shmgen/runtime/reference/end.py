@@ -23,7 +23,7 @@ _BY = "by"
 _POLL = abi.POLL_MS / 1000
 """Seconds between two checks whether another thread's call has ended, and until a removed region is reopened."""
 _REGISTERED = 0.1
-"""Seconds for which a thread that waits for a call to end keeps others from beginning one."""
+"""Seconds for which a thread that waits for a call to end keeps other threads from beginning a call."""
 _CHECKED = abi.REMOVED_MS / 1000
 """Seconds between two checks whether the region was removed."""
 

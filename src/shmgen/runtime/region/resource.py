@@ -175,7 +175,7 @@ _closed_after_fork: weakref.WeakSet[Any] = weakref.WeakSet()
 
 def _in_child() -> None:
     for resource in list(_closed_after_fork):
-        with suppress(BufferError):  # a map that is in use: its region closes both
+        with suppress(BufferError):  # a map that is in use: its region closes the map
             getattr(resource, "close_in_child", resource.close)()
 
 
